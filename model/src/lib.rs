@@ -1,0 +1,1 @@
+//! Single-step neural renderer: network, bridge matching, training, inference, LPIPS

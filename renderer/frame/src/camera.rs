@@ -1,0 +1,81 @@
+//! A pinhole camera. Camera space is OpenGL's: +x right, +y up, the view along -z. Pixel centres lie at +0.5.
+
+use glam::{Affine3A, Mat3A, Vec2, Vec3A};
+use serde::{Deserialize, Serialize};
+
+/// Pinhole camera of one frame; `camera_to_world` is rigid (no scale).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Camera space (OpenGL axes) to world space, metres.
+    pub camera_to_world: Affine3A,
+    /// Focal length in pixels along x.
+    pub fl_x: f32,
+    /// Focal length in pixels along y.
+    pub fl_y: f32,
+    /// Principal point, pixels from the left edge of the image.
+    pub cx: f32,
+    /// Principal point, pixels from the top edge of the image.
+    pub cy: f32,
+    /// Image width in pixels.
+    pub width: usize,
+    /// Image height in pixels.
+    pub height: usize,
+}
+
+impl Camera {
+    /// A camera at `eye` looking at `target`; `vertical_fov` in radians, principal point in the middle.
+    /// `up` must not be parallel to the view direction; if it is, another axis is taken.
+    pub fn look_at(eye: Vec3A, target: Vec3A, up: Vec3A, vertical_fov: f32, width: usize, height: usize) -> Self {
+        let back = (eye - target).normalize_or(Vec3A::Z);
+        let right = up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
+        let rotation = Mat3A::from_cols(right, back.cross(right), back);
+        let focal = 0.5 * height as f32 / (0.5 * vertical_fov).tan();
+        Self {
+            camera_to_world: Affine3A { matrix3: rotation, translation: eye },
+            fl_x: focal,
+            fl_y: focal,
+            cx: 0.5 * width as f32,
+            cy: 0.5 * height as f32,
+            width,
+            height,
+        }
+    }
+
+    /// Camera position in world space.
+    pub fn position(&self) -> Vec3A {
+        self.camera_to_world.translation
+    }
+
+    /// Direction (camera space, z = -1, not normalised) through the image point `pixel` (pixels from the top left).
+    pub fn direction_cam(&self, pixel: Vec2) -> Vec3A {
+        Vec3A::new((pixel.x - self.cx) / self.fl_x, (self.cy - pixel.y) / self.fl_y, -1.0)
+    }
+
+    /// Unit direction in world space through the image point `pixel`.
+    pub fn ray_direction(&self, pixel: Vec2) -> Vec3A {
+        (self.camera_to_world.matrix3 * self.direction_cam(pixel)).normalize()
+    }
+
+    /// Image point and planar depth (metres along -z) of a world-space point; `None` behind or in the camera plane.
+    pub fn project(&self, p_world: Vec3A) -> Option<(Vec2, f32)> {
+        let p_cam = self.world_to_camera().transform_point3a(p_world);
+        let depth = -p_cam.z;
+        (depth > 0.0).then(|| (Vec2::new(self.cx + self.fl_x * p_cam.x / depth, self.cy - self.fl_y * p_cam.y / depth), depth))
+    }
+
+    /// World-space point at planar depth `depth` metres behind the image point `pixel`.
+    pub fn unproject(&self, pixel: Vec2, depth: f32) -> Vec3A {
+        self.camera_to_world.transform_point3a(self.direction_cam(pixel) * depth)
+    }
+
+    /// World space to camera space.
+    pub fn world_to_camera(&self) -> Affine3A {
+        self.camera_to_world.inverse()
+    }
+
+    /// The same view at another resolution (intrinsics scaled).
+    pub fn resized(&self, width: usize, height: usize) -> Self {
+        let (sx, sy) = (width as f32 / self.width as f32, height as f32 / self.height as f32);
+        Self { fl_x: self.fl_x * sx, fl_y: self.fl_y * sy, cx: self.cx * sx, cy: self.cy * sy, width, height, ..*self }
+    }
+}

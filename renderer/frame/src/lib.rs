@@ -1,0 +1,27 @@
+//! The contract between the path tracer, the neural renderer and the files: what a channel means, where a camera looks,
+//! how an environment is oriented, and which colour curve turns radiance into a picture.
+//!
+//! It is *not* a renderer: nothing here traces a ray through geometry. Whatever both sides need of a frame
+//! (split-sum shading, screen-space occlusion, keyframe warping) lives here once, so that the baseline and the network see the same numbers.
+#![forbid(unsafe_code)]
+
+pub mod camera;
+pub mod channel;
+pub mod color;
+pub mod environment;
+pub mod error;
+pub mod exr;
+pub mod file;
+pub mod frame;
+pub mod hdr;
+pub mod ibl;
+pub mod image;
+pub mod screen_space;
+pub mod transforms;
+pub mod warp;
+
+pub use camera::Camera;
+pub use environment::Environment;
+pub use error::{Error, Result};
+pub use frame::{Frame, FrameInfo};
+pub use image::Image;

@@ -1,0 +1,1 @@
+//! CPU path tracer: compiled scenes, Disney materials, environment light, G-buffers, film
