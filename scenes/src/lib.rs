@@ -3,6 +3,9 @@
 //! It is *not* a renderer: the result, [`LoadedScene`], is plain data (meshes, materials, textures, cameras) that a renderer compiles.
 #![forbid(unsafe_code)]
 
+pub mod description;
 pub mod loaded;
+pub mod shapes;
+pub mod sky;
 
 pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot};
