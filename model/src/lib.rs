@@ -1,1 +1,4 @@
 //! Single-step neural renderer: network, bridge matching, training, inference, LPIPS
+
+pub mod kernels;
+pub mod ops;

@@ -1,0 +1,44 @@
+//! The operations of [`crate::ops`] composed of burn's own, for every device and element type.
+use crate::ops::Stride;
+use burn::tensor::ops::ConvOptions;
+use burn::tensor::{Tensor, activation, module};
+
+/// See [`crate::ops::conv`].
+pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
+    let x = if stride == Stride::Up { up2(x) } else { x };
+    let step = if stride == Stride::Two { 2 } else { 1 };
+    let half = w.dims()[0] / 2;
+    let options = ConvOptions::new([step, step], [half, half], [1, 1], 1);
+    let y = module::conv2d(x.permute([0, 3, 1, 2]), w.permute([3, 2, 0, 1]), Some(b), options).permute([0, 2, 3, 1]);
+    if silu { activation::silu(y) } else { y }
+}
+
+/// See [`crate::ops::decode`].
+pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
+    conv(Tensor::cat(vec![up2(x), skip], 3), w, b, Stride::One, true)
+}
+
+/// See [`crate::ops::linear`].
+pub fn linear(x: Tensor<3>, w: Tensor<2>, b: Tensor<1>, silu: bool) -> Tensor<3> {
+    let ([batch, n, ci], co) = (x.dims(), w.dims()[1]);
+    let y = x.reshape([batch * n, ci]).matmul(w).add(b.reshape([1, co])).reshape([batch, n, co]);
+    if silu { activation::silu(y) } else { y }
+}
+
+/// See [`crate::ops::attention`].
+pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tensor<3> {
+    let [batch, n, channels] = q.dims();
+    let width = channels / heads;
+    let split = |t: Tensor<3>| {
+        let tokens = t.dims()[1];
+        t.reshape([batch, tokens, heads, width]).swap_dims(1, 2)
+    };
+    let scores = split(q).matmul(split(k).swap_dims(2, 3)).mul_scalar(1.0 / (width as f32).sqrt());
+    activation::softmax(scores, 3).matmul(split(v)).swap_dims(1, 2).reshape([batch, n, channels])
+}
+
+/// `[b, h, w, c]` to `[b, 2h, 2w, c]`, each pixel repeated 2 x 2 times.
+pub fn up2(x: Tensor<4>) -> Tensor<4> {
+    let [b, h, w, c] = x.dims();
+    x.reshape([b, h, 1, w, 1, c]).expand([b, h, 2, w, 2, c]).reshape([b, 2 * h, 2 * w, c])
+}

@@ -1,0 +1,83 @@
+//! The layers the compact network is made of, on channels-last tensors.
+//!
+//! Pictures are `[batch, height, width, channels]` (NHWC), sequences `[batch, tokens, channels]`, convolution weights
+//! `[k, k, channels in, channels out]` (HWIO). Everything is differentiable with respect to every tensor.
+//! On the CPU in f32 the work is done by [`crate::kernels`]; any other device or element type takes the same operations composed
+//! of burn's own ([`crate::kernels::portable`]). Both give the same numbers up to rounding.
+use crate::kernels::portable;
+use burn::tensor::Tensor;
+
+/// Where a convolution puts its output pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Stride {
+    /// As many pixels out as in.
+    One,
+    /// Every second pixel, starting with the first: `ceil(height / 2)` by `ceil(width / 2)`.
+    Two,
+    /// The picture is enlarged two-fold (each pixel becomes 2 x 2 equal ones) and then convolved.
+    Up,
+}
+
+impl Stride {
+    /// Height (or width) of the output for a height (or width) of the input.
+    pub fn output(self, size: usize) -> usize {
+        match self {
+            Self::One => size,
+            Self::Two => size.div_ceil(2),
+            Self::Up => 2 * size,
+        }
+    }
+}
+
+/// Convolution with zero padding of `k / 2`, and SiLU after it if `silu`.
+///
+/// `x` `[b, h, w, ci]`, `w` `[k, k, ci, co]` with `k` 1 or 3, `b` `[co]`; the result is `[b, stride.output(h), stride.output(w), co]`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
+    check_conv("conv", x.dims(), w.dims(), b.dims());
+    portable::conv(x, w, b, stride, silu)
+}
+
+/// Entry of a decoder stage: `silu(conv3x3(concat(up2(x), skip)))`, where `up2` repeats each pixel 2 x 2 times.
+///
+/// `x` `[b, h, w, cu]`, `skip` `[b, 2h, 2w, cs]`, `w` `[3, 3, cu + cs, co]`, `b` `[co]`; the result is `[b, 2h, 2w, co]`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
+    let ([batch, height, width, cu], [sb, sh, sw, cs]) = (x.dims(), skip.dims());
+    assert!([sb, sh, sw] == [batch, 2 * height, 2 * width], "decode: skip {:?} is not twice {:?}", skip.dims(), x.dims());
+    check_conv("decode", [batch, sh, sw, cu + cs], w.dims(), b.dims());
+    assert!(w.dims()[0] == 3, "decode: weights {:?} are not 3 x 3", w.dims());
+    portable::decode(x, skip, w, b)
+}
+
+/// `x w + b`, and SiLU after it if `silu`. `x` `[b, n, ci]`, `w` `[ci, co]`, `b` `[co]`; the result is `[b, n, co]`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn linear(x: Tensor<3>, w: Tensor<2>, b: Tensor<1>, silu: bool) -> Tensor<3> {
+    let ([batch, n, _], [ci, co]) = (x.dims(), w.dims());
+    check_conv("linear", [batch, 1, n, x.dims()[2]], [1, 1, ci, co], b.dims());
+    portable::linear(x, w, b, silu)
+}
+
+/// Scaled dot-product attention (Vaswani et al. 2017) over `heads` equal slices of the channels.
+///
+/// `q` `[b, n, c]`, `k` and `v` `[b, m, c]`, `c` a multiple of `heads`; the result is `[b, n, c]`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tensor<3> {
+    let ([batch, _, channels], [kb, m, kc]) = (q.dims(), k.dims());
+    assert!(kb == batch && kc == channels && v.dims() == [kb, m, kc], "attention: {:?}, {:?}, {:?}", q.dims(), k.dims(), v.dims());
+    assert!(heads > 0 && channels % heads == 0, "attention: {channels} channels in {heads} heads");
+    portable::attention(q, k, v, heads)
+}
+
+fn check_conv(name: &str, x: [usize; 4], w: [usize; 4], b: [usize; 1]) {
+    assert!(matches!(w[0], 1 | 3) && w[1] == w[0], "{name}: weights {w:?} are neither 1 x 1 nor 3 x 3");
+    assert!(w[2] == x[3] && w[3] == b[0], "{name}: input {x:?}, weights {w:?} and bias {b:?} do not fit");
+}
