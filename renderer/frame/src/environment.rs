@@ -1,12 +1,21 @@
 //! The environment: an equirectangular map of scene-linear radiance around the scene.
 
-use crate::image::Rgb;
+mod dominant;
+mod tokens;
+
+pub use dominant::DominantLight;
+pub use tokens::token_direction;
+
+use crate::image::{Image, Rgb};
 use glam::{Vec2, Vec3A};
+use rayon::prelude::*;
+use std::f32::consts::{PI, TAU};
 
 /// Equirectangular environment map with the orientation and gain it is used with.
 ///
 /// Direction of map coordinates (u, v): `d = (sin phi sin theta, cos theta, -cos phi sin theta)`, `phi = 2 pi u`, `theta = pi v`;
-/// u runs to the right and wraps, v runs down. Texel centres lie at half-integers. Values between texel centres are bilinear.
+/// u runs to the right and wraps, v runs down. Texel centres lie at half-integers. Values between texel centres are bilinear;
+/// beyond the first and last row the neighbour is the same row half a turn away, so radiance is continuous across the poles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Environment {
     /// Scene-linear radiance; every value finite and >= 0.
@@ -23,23 +32,136 @@ impl Environment {
         Self { map: Rgb::filled(1, 1, radiance), rotation: 0.0, intensity: 1.0 }
     }
 
-    /// Map coordinates (each 0..=1) of a world-space unit direction, rotation applied.
-    pub fn uv(&self, _direction: Vec3A) -> Vec2 {
-        todo!()
+    /// Whether every texel holds the same value, so that one look-up answers for all directions.
+    pub fn is_constant(&self) -> bool {
+        self.map.pixels.windows(2).all(|pair| pair[0] == pair[1])
+    }
+
+    /// Map coordinates (each 0..=1) of a world-space direction (unit length not needed), rotation applied.
+    #[inline]
+    pub fn uv(&self, direction: Vec3A) -> Vec2 {
+        // Turning by -rotation about +Y raises the azimuth: phi is measured from -Z towards +X, against the sense of +Y.
+        let turns = (direction.x.atan2(-direction.z) + self.rotation) * (1.0 / TAU);
+        // The arc tangent keeps its accuracy near the poles, where an arc cosine of y loses half the digits.
+        let theta = (direction.x * direction.x + direction.z * direction.z).sqrt().atan2(direction.y);
+        Vec2::new(turns - turns.floor(), theta * (1.0 / PI))
     }
 
     /// World-space unit direction of map coordinates, rotation applied; inverse of [`Self::uv`].
-    pub fn direction(&self, _uv: Vec2) -> Vec3A {
-        todo!()
+    #[inline]
+    pub fn direction(&self, uv: Vec2) -> Vec3A {
+        let (sin_phi, cos_phi) = (TAU * uv.x - self.rotation).sin_cos();
+        let (sin_theta, cos_theta) = (PI * uv.y).sin_cos();
+        Vec3A::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta)
     }
 
-    /// Radiance from a world-space unit direction: bilinear, times `intensity`.
-    pub fn radiance(&self, _direction: Vec3A) -> [f32; 3] {
-        todo!()
+    /// Radiance from a world-space direction: bilinear, times `intensity`.
+    #[inline]
+    pub fn radiance(&self, direction: Vec3A) -> [f32; 3] {
+        self.radiance_uv(self.uv(direction))
     }
 
-    /// Area-averaged copy of the map at `width x height` (rotation and intensity kept).
-    pub fn downsampled(&self, _width: usize, _height: usize) -> Self {
-        todo!()
+    /// Radiance at map coordinates as [`Self::uv`] returns them: bilinear, times `intensity`. An empty map is black.
+    #[inline]
+    pub fn radiance_uv(&self, uv: Vec2) -> [f32; 3] {
+        let (width, height) = (self.map.width, self.map.height);
+        match self.map.pixels.len() {
+            0 => return [0.0; 3],
+            1 => return self.map.pixels[0].map(|value| value * self.intensity),
+            _ => {}
+        }
+        let y = uv.y * height as f32 - 0.5;
+        let row = y.floor();
+        let t = y - row;
+        let a = self.row_value(row as isize, uv.x);
+        let b = self.row_value(row as isize + 1, uv.x);
+        let a = a + (b - a) * t;
+        debug_assert!(width > 0);
+        (a * self.intensity).to_array()
     }
+
+    /// The map at row `row` (-1 ..= height), linear along `u`.
+    #[inline]
+    fn row_value(&self, row: isize, u: f32) -> Vec3A {
+        let (width, height) = (self.map.width, self.map.height);
+        // Past a pole the map continues half a turn away.
+        let (row, u) = if row < 0 {
+            (0, u + 0.5)
+        } else if row as usize >= height {
+            (height - 1, u + 0.5)
+        } else {
+            (row as usize, u)
+        };
+        let x = u * width as f32 - 0.5;
+        let column = x.floor();
+        let t = x - column;
+        let wrap = |i: isize| {
+            if i < 0 {
+                (i + width as isize) as usize
+            } else if i as usize >= width {
+                i as usize - width
+            } else {
+                i as usize
+            }
+        };
+        let left = wrap(column as isize);
+        let right = if left + 1 == width { 0 } else { left + 1 };
+        let texels = &self.map.pixels[row * width..(row + 1) * width];
+        let (a, b) = (Vec3A::from_array(texels[left]), Vec3A::from_array(texels[right]));
+        a + (b - a) * t
+    }
+
+    /// Solid angle in steradians of one texel of row `row`; all texels of a map sum to 4 pi.
+    pub fn texel_solid_angle(&self, row: usize) -> f32 {
+        let band = |row: usize| (std::f64::consts::PI * row as f64 / self.map.height as f64).cos();
+        (std::f64::consts::TAU / self.map.width as f64 * (band(row) - band(row + 1))) as f32
+    }
+
+    /// World-space unit direction of the centre of a texel.
+    pub fn texel_direction(&self, column: usize, row: usize) -> Vec3A {
+        let (width, height) = (self.map.width as f32, self.map.height as f32);
+        self.direction(Vec2::new((column as f32 + 0.5) / width, (row as f32 + 0.5) / height))
+    }
+
+    /// Area-averaged copy of the map at `width x height` (rotation and intensity kept). Weights are solid angles, so the total
+    /// energy is unchanged; an axis longer than the map's own repeats texels.
+    pub fn downsampled(&self, width: usize, height: usize) -> Self {
+        let source = &self.map;
+        if (width, height) == (source.width, source.height) || source.pixels.is_empty() || width == 0 || height == 0 {
+            return self.clone();
+        }
+        let columns = overlaps(source.width, width, |x| x);
+        let rows = overlaps(source.height, height, |y| 1.0 - (std::f64::consts::PI * y).cos());
+        let mut pixels = vec![[0.0; 3]; width * height];
+        pixels.par_chunks_mut(width).zip(&rows).for_each(|(out, (first_row, row_weights))| {
+            for (pixel, (first_column, column_weights)) in out.iter_mut().zip(&columns) {
+                let mut sum = Vec3A::ZERO;
+                for (dy, wy) in row_weights.iter().enumerate() {
+                    let start = (first_row + dy) * source.width + first_column;
+                    let texels = &source.pixels[start..start + column_weights.len()];
+                    let line: Vec3A = texels.iter().zip(column_weights).map(|(t, w)| Vec3A::from_array(*t) * *w).sum();
+                    sum += line * *wy;
+                }
+                *pixel = sum.to_array();
+            }
+        });
+        Self { map: Image { width, height, pixels }, ..*self }
+    }
+}
+
+/// For each of `to` equal cells of 0..=1: the first of `from` equal cells it overlaps, and the share of its measure in each.
+/// `measure` is increasing on 0..=1.
+fn overlaps(from: usize, to: usize, measure: impl Fn(f64) -> f64) -> Vec<(usize, Vec<f32>)> {
+    (0..to)
+        .map(|cell| {
+            // Borders in integers over from * to: exact, so neighbouring cells neither overlap nor leave gaps.
+            let (low, high) = (cell * from, (cell + 1) * from);
+            let (first, last) = (low / to, high.div_ceil(to));
+            let at = |i: usize| measure(i as f64 / (from * to) as f64);
+            let whole = at(high) - at(low);
+            let weights =
+                (first..last).map(|i| ((at(((i + 1) * to).min(high)) - at((i * to).max(low))) / whole) as f32).collect();
+            (first, weights)
+        })
+        .collect()
 }
