@@ -1,7 +1,11 @@
 //! The scene file: plain serde data with units and ranges in the docs. JSON in, JSON out; unknown fields are errors.
 
+use crate::error::{Error, Result};
+use glam::{Affine3A, EulerRot, Mat3A, Quat, Vec3, Vec3A};
+use renderflow_frame::Camera;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// A whole sequence: camera path, light, materials, objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -34,6 +38,52 @@ fn one() -> u32 {
     1
 }
 
+impl Scene {
+    /// Reads and validates a scene file.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it cannot be read, [`Error::Json`] with line and column, [`Error::Invalid`] with every violation.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
+        Self::from_json(path, &text)
+    }
+
+    /// Parses and validates the text of a scene file; `path` stands in errors only.
+    ///
+    /// # Errors
+    /// As [`Scene::read`].
+    pub fn from_json(path: &Path, text: &str) -> Result<Self> {
+        let scene: Self = serde_json::from_str(text).map_err(|e| {
+            let (line, column) = (e.line(), e.column());
+            let full = e.to_string();
+            let place = format!(" at line {line} column {column}");
+            let reason = full.strip_suffix(&place).unwrap_or(&full).to_owned();
+            Error::Json { path: path.into(), line, column, reason }
+        })?;
+        scene.validate().map_err(|e| match e {
+            Error::Invalid { problems, .. } => Error::Invalid { file: Some(path.into()), problems },
+            other => other,
+        })?;
+        Ok(scene)
+    }
+
+    /// Compact JSON with the fields in the order of this file and every default written out: equal scenes, equal bytes.
+    /// Validate first: values that are not finite become `null`.
+    pub fn canonical_json(&self) -> String {
+        serde_json::to_string(self).expect("a scene is numbers, strings, lists and structs: all of them have a JSON form")
+    }
+
+    /// BLAKE3 of [`Scene::canonical_json`], 64 hexadecimal digits.
+    pub fn hash(&self) -> String {
+        blake3::hash(self.canonical_json().as_bytes()).to_hex().to_string()
+    }
+
+    /// Camera of `frame`, counted from 0.
+    pub fn camera(&self, frame: u32) -> Camera {
+        self.camera.at(frame, self.resolution)
+    }
+}
+
 /// Camera of every frame. World is +Y up, metres.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields, tag = "type")]
@@ -60,6 +110,30 @@ pub enum CameraPath {
         /// Vertical field of view in degrees, 1..=170.
         vertical_fov: f32,
     },
+}
+
+impl CameraPath {
+    /// Camera of `frame`, counted from 0, for an image of `resolution` pixels (width, height).
+    pub fn at(&self, frame: u32, resolution: [u32; 2]) -> Camera {
+        let (eye, target, up, fov) = match self {
+            Self::Orbit { target, distance, elevation, azimuth, degrees_per_frame, vertical_fov } => {
+                // The angle in f64: frame 100_000 of an orbit is as exact as frame 1.
+                let turn = f64::from(*azimuth) + f64::from(frame) * f64::from(*degrees_per_frame);
+                let (sin, cos) = turn.rem_euclid(360.0).to_radians().sin_cos();
+                let (rise, reach) = f64::from(*elevation).to_radians().sin_cos();
+                let offset = glam::DVec3::new(reach * sin, rise, reach * cos) * f64::from(*distance);
+                let target = Vec3A::from(*target);
+                ((target.as_dvec3() + offset).as_vec3a(), target, Vec3A::Y, *vertical_fov)
+            }
+            Self::Poses { poses, vertical_fov } => {
+                let last = poses.len().saturating_sub(1);
+                let held = Pose { eye: [0.0, 0.0, 1.0], target: [0.0; 3], up: up() };
+                let pose = poses.get(last.min(frame as usize)).unwrap_or(&held);
+                (pose.eye.into(), pose.target.into(), Vec3A::from(pose.up).normalize_or(Vec3A::Y), *vertical_fov)
+            }
+        };
+        Camera::look_at(eye, target, up, fov.to_radians(), resolution[0] as usize, resolution[1] as usize)
+    }
 }
 
 /// Eye and target of a camera.
@@ -191,6 +265,30 @@ pub struct Transform {
 impl Default for Transform {
     fn default() -> Self {
         Self { translation: [0.0; 3], rotation: [0.0; 3], scale: [1.0; 3] }
+    }
+}
+
+impl Transform {
+    /// Object to world, with the object turned by `spin` degrees about its own +Y axis and moved by `shift` metres first.
+    fn matrix(&self, shift: Vec3, spin: f64) -> Affine3A {
+        let [x, y, z] = self.rotation.map(f32::to_radians);
+        // x first: the matrix is Rz Ry Rx.
+        let turn = Quat::from_euler(EulerRot::ZYX, z, y, x) * Quat::from_rotation_y(spin.rem_euclid(360.0).to_radians() as f32);
+        let matrix3 = Mat3A::from_quat(turn) * Mat3A::from_diagonal(Vec3::from(self.scale));
+        Affine3A { matrix3, translation: Vec3A::from(self.translation) + Vec3A::from(shift) }
+    }
+}
+
+impl Object {
+    /// Object to world at `frame`, counted from 0: scale, spin, rotation, translation.
+    pub fn transform_at(&self, frame: u32) -> Affine3A {
+        let motion = self.motion.clone().unwrap_or_default();
+        self.transform.matrix(Vec3::from(motion.translation) * frame as f32, f64::from(motion.spin) * f64::from(frame))
+    }
+
+    /// Does the object's placement change from frame to frame?
+    pub fn moves(&self) -> bool {
+        self.motion.as_ref().is_some_and(|m| m.translation != [0.0; 3] || m.spin != 0.0)
     }
 }
 

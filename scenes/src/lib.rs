@@ -4,8 +4,17 @@
 #![forbid(unsafe_code)]
 
 pub mod description;
+pub mod error;
+pub mod load;
 pub mod loaded;
+mod noise;
+pub mod schema;
 pub mod shapes;
 pub mod sky;
+mod tangents;
+mod texture;
+pub mod validate;
 
+pub use description::Scene;
+pub use error::{Error, Problem, Result};
 pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot};

@@ -1,0 +1,309 @@
+//! From a [`Scene`] to a [`LoadedScene`].
+
+use super::{mesh, model};
+use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene};
+use crate::error::{Error, Result};
+use crate::texture::{self, Meaning};
+use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, tangents};
+use glam::{Affine2, Affine3A};
+use renderflow_frame::Environment;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+
+/// Validates `scene` and loads what it refers to; relative paths start at `base_folder`, the folder of the scene file.
+///
+/// # Errors
+/// [`Error::Invalid`] as [`Scene::validate`]; for a file that cannot be read, the place in the scene, the file and the place in it.
+pub fn load(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
+    scene.validate()?;
+    let mut report = LoadReport::default();
+    let environment = environment(scene, base_folder, &mut report)?;
+    let mut build = Build { report, ..Build::new(scene, base_folder) };
+    build.described_materials()?;
+    for (index, object) in scene.objects.iter().enumerate() {
+        build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
+    }
+    build.prepare_normal_maps();
+    build.mirror();
+    Ok(LoadedScene {
+        name: scene.name.clone(),
+        seed: scene.seed,
+        hash: scene.hash(),
+        meshes: build.meshes,
+        instances: build.instances,
+        materials: build.materials,
+        textures: build.textures,
+        environment,
+        cameras: (0..scene.frames).map(|frame| scene.camera(frame)).collect(),
+        report: build.report,
+    })
+}
+
+fn environment(scene: &Scene, base: &Path, report: &mut LoadReport) -> Result<Environment> {
+    let light = &scene.environment;
+    let place = |e: Error| e.at("/environment/source");
+    let mut environment = Environment::constant([0.0; 3]);
+    match &light.source {
+        EnvironmentSource::Constant(radiance) => environment = Environment::constant(*radiance),
+        EnvironmentSource::File(file) => {
+            let path = base.join(file);
+            let loaded = renderflow_frame::hdr::read(&path).map_err(|e| place(e.into()))?;
+            if loaded.repaired > 0 {
+                let what = "texels that were NaN, infinite or negative became 0";
+                report.notes.push(format!("{}: {} {what}", path.display(), loaded.repaired));
+            }
+            report.repaired_texels = loaded.repaired;
+            environment.map = loaded.map;
+        }
+        EnvironmentSource::Builtin(name) => {
+            let problem = crate::Problem {
+                pointer: "/environment/source/builtin".into(),
+                reason: format!("no environment is named {name:?}"),
+            };
+            return Err(Error::Invalid { file: None, problems: vec![problem] });
+        }
+        EnvironmentSource::Sky(sky) => environment.map = crate::sky::render(sky, SKY_WIDTH, SKY_WIDTH / 2),
+    }
+    environment.rotation = light.rotation.rem_euclid(360.0).to_radians();
+    environment.intensity = light.intensity;
+    Ok(environment)
+}
+
+/// Columns of a map made from parameters.
+const SKY_WIDTH: usize = 1024;
+
+/// A model file in the scene: where its meshes and materials begin in the lists of the scene.
+struct Placed {
+    parts: Vec<model::Part>,
+    first_mesh: usize,
+    /// `None` when nobody needed the file's own materials.
+    first_material: Option<usize>,
+}
+
+struct Build<'a> {
+    scene: &'a Scene,
+    base: &'a Path,
+    meshes: Vec<Mesh>,
+    instances: Vec<Instance>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    report: LoadReport,
+    shapes: HashMap<String, usize>,
+    models: HashMap<PathBuf, Placed>,
+    images: HashMap<(PathBuf, Meaning), usize>,
+    material_names: Names,
+    instance_names: Names,
+    default_material: Option<usize>,
+}
+
+impl<'a> Build<'a> {
+    fn new(scene: &'a Scene, base: &'a Path) -> Self {
+        Self {
+            scene,
+            base,
+            meshes: vec![],
+            instances: vec![],
+            materials: vec![],
+            textures: vec![],
+            report: LoadReport::default(),
+            shapes: HashMap::new(),
+            models: HashMap::new(),
+            images: HashMap::new(),
+            material_names: Names::new(scene.materials.iter().map(|m| &m.name)),
+            // A part of a model must not take the name of a later object.
+            instance_names: Names::new(scene.objects.iter().map(|o| &o.name)),
+            default_material: None,
+        }
+    }
+
+    /// Materials of the description come first, in its order, so that their ids are known without loading.
+    fn described_materials(&mut self) -> Result<()> {
+        for (i, described) in self.scene.materials.iter().enumerate() {
+            let material = self.described(described).map_err(|e| e.at(format!("/materials/{i}")))?;
+            self.materials.push(material);
+        }
+        Ok(())
+    }
+
+    fn described(&mut self, described: &Described) -> Result<Material> {
+        let mut slot = |file: &Option<String>, meaning| -> Result<Option<TextureSlot>> {
+            file.as_ref().map(|file| self.image(&described.name, file, meaning)).transpose()
+        };
+        Ok(Material {
+            name: described.name.clone(),
+            base_color: described.base_color,
+            metallic: described.metallic,
+            roughness: described.roughness,
+            specular: described.specular,
+            base_color_texture: slot(&described.base_color_texture, Meaning::Color)?,
+            metallic_roughness_texture: slot(&described.metallic_roughness_texture, Meaning::Data)?,
+            normal_texture: slot(&described.normal_texture, Meaning::Normal)?.map(|s| (s, 1.0)),
+            emissive: [0.0; 3],
+        })
+    }
+
+    fn image(&mut self, user: &str, file: &str, meaning: Meaning) -> Result<TextureSlot> {
+        let path = self.base.join(file);
+        let key = (path.clone(), meaning);
+        let texture = match self.images.get(&key) {
+            Some(&known) => known,
+            None => {
+                let failed = |reason| Error::Texture { user: format!("material {user:?}"), path: path.clone(), reason };
+                let bytes = std::fs::read(&path).map_err(|e| failed(format!("cannot read: {e}")))?;
+                let image = texture::decode(&bytes, meaning).map_err(failed)?;
+                self.textures.push(Texture { name: file.into(), image, wrap: Default::default() });
+                self.images.insert(key, self.textures.len() - 1);
+                self.textures.len() - 1
+            }
+        };
+        Ok(TextureSlot { texture, uv_transform: Affine2::IDENTITY })
+    }
+
+    fn object(&mut self, index: usize, object: &Object) -> Result<()> {
+        let frames = if object.moves() { self.scene.frames } else { 1 };
+        let placements: Vec<Affine3A> = (0..frames).map(|f| object.transform_at(f)).collect();
+        let own = object.material.as_ref().and_then(|name| self.scene.materials.iter().position(|m| m.name == *name));
+        let object_id = index as u32 + 1;
+        match &object.geometry {
+            Geometry::Shape(shape) => {
+                let key = serde_json::to_string(shape).unwrap_or_default();
+                let mesh = match self.shapes.get(&key) {
+                    Some(&known) => known,
+                    None => {
+                        let made = crate::shapes::mesh(shape);
+                        self.shapes.insert(key, self.meshes.len());
+                        self.add_mesh(made)
+                    }
+                };
+                let material = own.unwrap_or_else(|| self.default_material());
+                self.instances.push(Instance { name: object.name.clone(), mesh, material, object_id, transforms: placements });
+            }
+            Geometry::File(file) => {
+                let path = self.base.join(file);
+                if !self.models.contains_key(&path) {
+                    let placed = self.add_model(&path, file)?;
+                    self.models.insert(path.clone(), placed);
+                }
+                self.instantiate(&path, object, own, object_id, &placements);
+            }
+        }
+        Ok(())
+    }
+
+    fn instantiate(&mut self, path: &Path, object: &Object, own: Option<usize>, object_id: u32, placements: &[Affine3A]) {
+        let placed = &self.models[path];
+        let single = placed.parts.len() == 1;
+        let parts: Vec<_> = placed
+            .parts
+            .iter()
+            .map(|part| {
+                let theirs = part.material.and_then(|m| placed.first_material.map(|first| first + m));
+                (part.name.clone(), placed.first_mesh + part.mesh, own.or(theirs), part.transform)
+            })
+            .collect();
+        for (part, mesh, material, transform) in parts {
+            let name = if single { object.name.clone() } else { self.instance_names.unique(&format!("{}/{part}", object.name)) };
+            let material = material.unwrap_or_else(|| self.default_material());
+            let transforms = placements.iter().map(|&p| p * transform).collect();
+            self.instances.push(Instance { name, mesh, material, object_id, transforms });
+        }
+    }
+
+    fn add_mesh(&mut self, mut made: Mesh) -> usize {
+        self.report.dropped_triangles += mesh::clean(&mut made);
+        self.meshes.push(made);
+        self.meshes.len() - 1
+    }
+
+    fn add_model(&mut self, path: &Path, file: &str) -> Result<Placed> {
+        // Materials and textures are read only when an object wants them.
+        let wanted = self.scene.objects.iter().any(|o| o.material.is_none() && o.geometry == Geometry::File(file.into()));
+        let loaded = model::read(path, wanted)?;
+        let (first_mesh, first_material) = (self.meshes.len(), self.materials.len());
+        for mesh in loaded.meshes {
+            self.add_mesh(mesh);
+        }
+        let shift = self.textures.len();
+        let moved = |slot: Option<TextureSlot>| slot.map(|s| TextureSlot { texture: s.texture + shift, ..s });
+        for material in loaded.materials {
+            let name = self.material_names.unique(&material.name);
+            self.materials.push(Material {
+                name,
+                base_color_texture: moved(material.base_color_texture),
+                metallic_roughness_texture: moved(material.metallic_roughness_texture),
+                normal_texture: material.normal_texture.and_then(|(slot, scale)| moved(Some(slot)).map(|s| (s, scale))),
+                ..material
+            });
+        }
+        self.textures.extend(loaded.textures);
+        self.report.blend_as_opaque += loaded.report.blend_as_opaque;
+        self.report.mask_as_opaque += loaded.report.mask_as_opaque;
+        self.report.notes.extend(loaded.report.notes.into_iter().map(|note| format!("{file}: {note}")));
+        Ok(Placed { parts: loaded.parts, first_mesh, first_material: wanted.then_some(first_material) })
+    }
+
+    fn default_material(&mut self) -> usize {
+        if let Some(known) = self.default_material {
+            return known;
+        }
+        let name = self.material_names.unique("default");
+        self.materials.push(Material { name, ..Material::default() });
+        self.default_material = Some(self.materials.len() - 1);
+        self.materials.len() - 1
+    }
+
+    /// Tangents for the meshes that a normal map is applied to, and only for them.
+    fn prepare_normal_maps(&mut self) {
+        let mut told = HashSet::new();
+        for instance in &self.instances {
+            let material = &self.materials[instance.material];
+            if material.normal_texture.is_some()
+                && !tangents::generate(&mut self.meshes[instance.mesh])
+                && told.insert((instance.mesh, instance.material))
+            {
+                let note = format!(
+                    "{}: the normal map of {:?} is not applied: the mesh has no texture coordinates",
+                    instance.name, material.name
+                );
+                self.report.notes.push(note);
+            }
+        }
+    }
+
+    /// Instances with a mirroring transform get a mesh with reversed winding.
+    fn mirror(&mut self) {
+        let mut copies = HashMap::new();
+        for instance in &mut self.instances {
+            if instance.transforms[0].matrix3.determinant() < 0.0 {
+                instance.mesh = *copies.entry(instance.mesh).or_insert_with(|| {
+                    self.meshes.push(mesh::mirrored(&self.meshes[instance.mesh]));
+                    self.meshes.len() - 1
+                });
+            }
+        }
+    }
+}
+
+/// Names given so far, each with how often it was asked for.
+struct Names(HashMap<String, usize>);
+
+impl Names {
+    fn new<'a>(taken: impl Iterator<Item = &'a String>) -> Self {
+        Self(taken.map(|name| (name.clone(), 1)).collect())
+    }
+
+    /// `name`, or `name#2`, `name#3`, ... when it is taken; the result is taken afterwards.
+    fn unique(&mut self, name: &str) -> String {
+        let Some(count) = self.0.get(name).copied() else {
+            self.0.insert(name.into(), 1);
+            return name.into();
+        };
+        let (n, free) = (count + 1..)
+            .map(|n| (n, format!("{name}#{n}")))
+            .find(|(_, s)| !self.0.contains_key(s))
+            .expect("some number is free");
+        self.0.insert(name.into(), n);
+        self.0.insert(free.clone(), 1);
+        free
+    }
+}

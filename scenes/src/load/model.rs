@@ -1,0 +1,201 @@
+//! Model files: what glTF and OBJ have in common, and a scene around a single model.
+
+use crate::description::{
+    CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform,
+};
+use crate::error::{Error, Result};
+use crate::shapes::Shape;
+use crate::{LoadReport, Material, Mesh, Texture};
+use glam::{Affine3A, Vec3A};
+use std::path::Path;
+
+/// Formats of model files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// glTF 2.0, `.gltf` or `.glb`.
+    Gltf,
+    /// Wavefront `.obj`.
+    Obj,
+}
+
+impl Format {
+    /// Format by the ending of the file name, in capitals or not; `None` for any other.
+    pub fn of(path: impl AsRef<Path>) -> Option<Self> {
+        let ending = path.as_ref().extension()?.to_str()?.to_ascii_lowercase();
+        match ending.as_str() {
+            "gltf" | "glb" => Some(Self::Gltf),
+            "obj" => Some(Self::Obj),
+            _ => None,
+        }
+    }
+}
+
+/// A mesh of a model, placed in the model's own space.
+pub(crate) struct Part {
+    pub name: String,
+    /// Index into [`Model::meshes`].
+    pub mesh: usize,
+    /// Index into [`Model::materials`]; `None` = the default material.
+    pub material: Option<usize>,
+    /// Mesh space to model space.
+    pub transform: Affine3A,
+}
+
+/// A model file as read, before repairs.
+#[derive(Default)]
+pub(crate) struct Model {
+    pub meshes: Vec<Mesh>,
+    pub parts: Vec<Part>,
+    /// Empty when materials were not asked for.
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    pub report: LoadReport,
+}
+
+/// Reads a model file; materials and textures only `with_materials`.
+pub(crate) fn read(path: &Path, with_materials: bool) -> Result<Model> {
+    match Format::of(path) {
+        Some(_) => Err(Error::model(path, "", format!("model files cannot be read yet (materials: {with_materials})"))),
+        None => Err(Error::model(path, "", "not a .gltf, .glb or .obj file")),
+    }
+}
+
+/// How a single model is shown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelView {
+    /// Image size in pixels, width then height.
+    pub resolution: [u32; 2],
+    /// Frames of the sequence.
+    pub frames: u32,
+    /// Degrees the camera turns from a frame to the next.
+    pub degrees_per_frame: f32,
+    /// Degrees about +Y at frame 0; 0 = camera on the +Z side.
+    pub azimuth: f32,
+    /// Seed of the sequence.
+    pub seed: u64,
+    /// Light where no environment file is given.
+    pub environment: EnvironmentSource,
+    /// Put a grey ground plane under the model?
+    pub ground: bool,
+}
+
+impl Default for ModelView {
+    fn default() -> Self {
+        Self {
+            resolution: [256, 256],
+            frames: 17,
+            degrees_per_frame: 3.6,
+            azimuth: 30.0,
+            seed: 0,
+            environment: EnvironmentSource::Constant([1.0; 3]),
+            ground: true,
+        }
+    }
+}
+
+/// Degrees above the horizon of the camera around a single model.
+const ELEVATION: f32 = 20.0;
+/// Its vertical field of view, degrees.
+const FIELD_OF_VIEW: f32 = 40.0;
+/// Edge of the ground plane in radii of the model's bounding sphere: reaches the lower edge of the picture.
+const GROUND_EDGE: f32 = 10.0;
+/// Space left around the bounding sphere in the picture.
+const MARGIN: f32 = 1.1;
+
+/// A scene around the model file `model`: scaled to a bounding sphere of 1 metre radius, resting on a grey ground plane,
+/// an orbiting camera that sees all of it, lit by the map `environment` or else by `view.environment`.
+///
+/// The paths in the scene are absolute, so it can be saved in any folder.
+///
+/// # Errors
+/// When the model cannot be read or has no triangle.
+pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView) -> Result<Scene> {
+    let (center, radius, lowest) = bounds(model)?;
+    let scale = 1.0 / radius;
+    // The centre of the sphere above the origin, the lowest vertex in the plane y = 0.
+    let height = (center.y - lowest) * scale;
+    let moved = Vec3A::new(-center.x * scale, -lowest * scale, -center.z * scale);
+    let name = model.file_stem().map_or_else(|| "model".into(), |s| s.to_string_lossy().into_owned());
+    let absolute = |path: &Path| -> Result<String> {
+        Ok(std::path::absolute(path).map_err(Error::io(path, "find"))?.to_string_lossy().into_owned())
+    };
+    // The sphere fits the narrower direction of the picture.
+    let aspect = (view.resolution[0] as f32 / view.resolution[1].max(1) as f32).min(1.0);
+    let half_angle = ((0.5 * FIELD_OF_VIEW).to_radians().tan() * aspect).atan();
+    let mut objects = vec![Object {
+        name: name.clone(),
+        geometry: Geometry::File(absolute(model)?),
+        material: None,
+        transform: Transform { translation: moved.to_array(), scale: [scale; 3], ..Transform::default() },
+        motion: None,
+    }];
+    let mut materials = vec![];
+    if view.ground {
+        materials.push(Described {
+            name: "ground".into(),
+            base_color: [0.5; 3],
+            metallic: 0.0,
+            roughness: 0.6,
+            specular: 0.5,
+            base_color_texture: None,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+        });
+        objects.push(Object {
+            name: if name == "ground" { "ground plane".into() } else { "ground".into() },
+            geometry: Geometry::Shape(Shape::Plane { size: GROUND_EDGE }),
+            material: Some("ground".into()),
+            transform: Transform::default(),
+            motion: None,
+        });
+    }
+    let source = match environment {
+        Some(path) => EnvironmentSource::File(absolute(path)?),
+        None => view.environment.clone(),
+    };
+    let scene = Scene {
+        version: crate::validate::VERSION,
+        name,
+        seed: view.seed,
+        resolution: view.resolution,
+        frames: view.frames,
+        camera: CameraPath::Orbit {
+            target: [0.0, height, 0.0],
+            distance: MARGIN / half_angle.sin(),
+            elevation: ELEVATION,
+            azimuth: view.azimuth,
+            degrees_per_frame: view.degrees_per_frame,
+            vertical_fov: FIELD_OF_VIEW,
+        },
+        environment: EnvironmentLight { source, rotation: 0.0, intensity: 1.0 },
+        materials,
+        objects,
+    };
+    scene.validate()?;
+    Ok(scene)
+}
+
+/// Centre and radius of a sphere around all triangles of a model file, and the height of its lowest vertex.
+fn bounds(path: &Path) -> Result<(Vec3A, f32, f32)> {
+    let mut model = read(path, false)?;
+    model.meshes.iter_mut().for_each(|m| {
+        super::mesh::clean(m);
+    });
+    let corners = || {
+        model.parts.iter().flat_map(|part| {
+            let mesh = &model.meshes[part.mesh];
+            let used = mesh.triangles.iter().flatten();
+            used.map(move |&i| part.transform.transform_point3a(mesh.positions[i as usize].into()))
+        })
+    };
+    let (low, high) = corners().fold((Vec3A::INFINITY, Vec3A::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    if low.x > high.x {
+        return Err(Error::model(path, "", "the model has no triangle to render"));
+    }
+    let center = 0.5 * low + 0.5 * high;
+    let radius = corners().map(|p| p.distance(center)).fold(0.0, f32::max);
+    if !(center.is_finite() && radius.is_normal()) {
+        return Err(Error::model(path, "", format!("the model has no usable size: it reaches from {low} to {high}")));
+    }
+    Ok((center, radius, low.y))
+}

@@ -1,0 +1,107 @@
+//! Tangents for normal maps, where a file brings none.
+//!
+//! The method is that of MikkTSpace (Mikkelsen 2008, "Simulation of Wrinkled Surfaces Revisited"), which glTF 2.0 asks for
+//! (section 3.7.2.1): the direction in which u grows on each triangle, projected into the plane of the vertex normal, summed over
+//! the triangles of a vertex with the corner angle as weight. Triangles with mirrored coordinates never share a tangent with others.
+
+use crate::Mesh;
+use glam::{Vec3, Vec4};
+
+/// Gives `mesh` a tangent for every vertex; does nothing when it has tangents already.
+/// Flat-shaded meshes get a normal for every corner first. Vertices between mirrored and unmirrored coordinates are split.
+///
+/// Returns false, and leaves the mesh alone, when there are no texture coordinates.
+pub(crate) fn generate(mesh: &mut Mesh) -> bool {
+    if !mesh.tangents.is_empty() {
+        return true;
+    }
+    if mesh.uvs.is_empty() {
+        return false;
+    }
+    if mesh.normals.is_empty() {
+        unweld(mesh);
+    }
+    split_mirrored(mesh);
+    let mut sums = vec![Vec3::ZERO; mesh.positions.len()];
+    let mut signs = vec![1.0_f32; mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        let (direction, sign) = u_direction(mesh, *triangle);
+        let corners = triangle.map(|i| mesh.positions[i as usize]);
+        for k in 0..3 {
+            let vertex = triangle[k] as usize;
+            let n = mesh.normals[vertex];
+            let flat = |v: Vec3| (v - n * n.dot(v)).normalize_or_zero();
+            let (a, b) = (flat(corners[(k + 1) % 3] - corners[k]), flat(corners[(k + 2) % 3] - corners[k]));
+            let angle = a.dot(b).clamp(-1.0, 1.0).acos();
+            sums[vertex] += flat(direction) * angle;
+            if sign != 0.0 {
+                signs[vertex] = sign;
+            }
+        }
+    }
+    mesh.tangents = sums
+        .iter()
+        .zip(&signs)
+        .zip(&mesh.normals)
+        .map(|((sum, &w), n)| {
+            // Coordinates without area have no direction: any unit vector across the normal is as good.
+            sum.try_normalize().unwrap_or_else(|| n.any_orthonormal_vector()).extend(w)
+        })
+        .collect::<Vec<Vec4>>();
+    true
+}
+
+/// Direction of growing u on a triangle (unnormalised in size, exact in direction), and glTF's handedness: `w` of
+/// `bitangent = cross(normal, tangent) * w`. The bitangent points to where v falls, because v runs down the image
+/// and the green of a glTF normal map points up. Both are 0 where the coordinates have no area.
+fn u_direction(mesh: &Mesh, triangle: [u32; 3]) -> (Vec3, f32) {
+    let [a, b, c] = triangle.map(|i| i as usize);
+    let (e1, e2) = (mesh.positions[b] - mesh.positions[a], mesh.positions[c] - mesh.positions[a]);
+    let (d1, d2) = (mesh.uvs[b] - mesh.uvs[a], mesh.uvs[c] - mesh.uvs[a]);
+    let area = d1.perp_dot(d2);
+    if area == 0.0 {
+        return (Vec3::ZERO, 0.0);
+    }
+    let direction = (e1 * d2.y - e2 * d1.y) * area.signum();
+    (direction.normalize_or_zero(), -area.signum())
+}
+
+/// Own vertices for every triangle, with its geometric normal.
+fn unweld(mesh: &mut Mesh) {
+    let order: Vec<usize> = mesh.triangles.iter().flatten().map(|&i| i as usize).collect();
+    mesh.positions = order.iter().map(|&i| mesh.positions[i]).collect();
+    mesh.uvs = order.iter().map(|&i| mesh.uvs[i]).collect();
+    mesh.normals = mesh
+        .positions
+        .chunks_exact(3)
+        .flat_map(|p| [(p[1] - p[0]).cross(p[2] - p[0]).try_normalize().unwrap_or(Vec3::Y); 3])
+        .collect();
+    mesh.triangles = (0..mesh.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+}
+
+/// Copies the vertices that mirrored triangles share with others, so that each vertex has one handedness.
+fn split_mirrored(mesh: &mut Mesh) {
+    let mut seen = vec![0.0_f32; mesh.positions.len()];
+    let mut copies = std::collections::HashMap::new();
+    for t in 0..mesh.triangles.len() {
+        let (_, sign) = u_direction(mesh, mesh.triangles[t]);
+        if sign == 0.0 {
+            continue;
+        }
+        for k in 0..3 {
+            let vertex = mesh.triangles[t][k];
+            let first = &mut seen[vertex as usize];
+            if *first == 0.0 {
+                *first = sign;
+            } else if *first != sign {
+                mesh.triangles[t][k] = *copies.entry(vertex).or_insert_with(|| {
+                    let i = vertex as usize;
+                    mesh.positions.push(mesh.positions[i]);
+                    mesh.normals.push(mesh.normals[i]);
+                    mesh.uvs.push(mesh.uvs[i]);
+                    (mesh.positions.len() - 1) as u32
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! Validation of a [`Scene`]: ranges, names and references. Every violation is reported, not only the first.
+
+use crate::description::{CameraPath, EnvironmentSource, Geometry, Scene, Transform};
+use crate::error::{Error, Problem, Result};
+use serde_json::Value;
+use std::collections::HashMap;
+use std::ops::RangeInclusive;
+
+/// Format version written and read.
+pub const VERSION: u32 = 1;
+/// Most pixels along an edge.
+pub const MAX_RESOLUTION: u32 = 16384;
+/// Most frames of a sequence.
+pub const MAX_FRAMES: u32 = 100_000;
+/// Largest coordinate, metres: beyond it single precision is coarser than 6 centimetres.
+pub const MAX_COORDINATE: f32 = 1e6;
+/// Smallest size of a scale factor or of a distance.
+pub const MIN_SIZE: f32 = 1e-6;
+/// Largest radiance, gain or angle taken from a file (half floats end at 65504; this leaves room for the sun).
+pub const MAX_VALUE: f32 = 1e9;
+
+impl Scene {
+    /// Checks ranges, references and uniqueness of names; finite values too, for scenes built in memory.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] with every violation and its JSON pointer.
+    pub fn validate(&self) -> Result<()> {
+        let mut check = Check::default();
+        check.scene(self);
+        if check.problems.is_empty() { Ok(()) } else { Err(Error::Invalid { file: None, problems: check.problems }) }
+    }
+}
+
+#[derive(Default)]
+struct Check {
+    problems: Vec<Problem>,
+}
+
+impl Check {
+    fn say(&mut self, pointer: impl Into<String>, reason: impl Into<String>) {
+        self.problems.push(Problem { pointer: pointer.into(), reason: reason.into() });
+    }
+
+    /// `NaN` is in no range, so this is the check for finite values too.
+    fn range(&mut self, pointer: impl Into<String>, value: f32, range: RangeInclusive<f32>) {
+        if !range.contains(&value) {
+            self.say(pointer, format!("{value} is outside {}..={}", range.start(), range.end()));
+        }
+    }
+
+    fn vector(&mut self, pointer: &str, value: [f32; 3], range: RangeInclusive<f32>) {
+        for (i, v) in value.into_iter().enumerate() {
+            self.range(format!("{pointer}/{i}"), v, range.clone());
+        }
+    }
+
+    fn position(&mut self, pointer: &str, value: [f32; 3]) {
+        self.vector(pointer, value, -MAX_COORDINATE..=MAX_COORDINATE);
+    }
+
+    fn angle(&mut self, pointer: impl Into<String>, degrees: f32) {
+        self.range(pointer, degrees, -MAX_VALUE..=MAX_VALUE);
+    }
+
+    fn name(&mut self, pointer: String, name: &str) {
+        if name.trim().is_empty() {
+            self.say(pointer, "is empty");
+        } else if name.chars().any(char::is_control) {
+            self.say(pointer, "contains a control character");
+        }
+    }
+
+    fn path(&mut self, pointer: String, path: &str) {
+        if path.trim().is_empty() {
+            self.say(pointer, "is an empty path");
+        } else if path.contains('\0') {
+            self.say(pointer, "contains a NUL character");
+        }
+    }
+
+    fn unique<'a>(&mut self, list: &str, names: impl Iterator<Item = &'a str>) {
+        let mut seen = HashMap::new();
+        for (i, name) in names.enumerate() {
+            if let Some(first) = seen.insert(name, i) {
+                self.say(format!("/{list}/{i}/name"), format!("{name:?} is the name of /{list}/{first} too"));
+                seen.insert(name, first);
+            }
+        }
+    }
+
+    fn scene(&mut self, scene: &Scene) {
+        if scene.version != VERSION {
+            self.say("/version", format!("{} is not a version this program reads (it reads {VERSION})", scene.version));
+        }
+        self.name("/name".into(), &scene.name);
+        for (i, edge) in scene.resolution.into_iter().enumerate() {
+            if !(1..=MAX_RESOLUTION).contains(&edge) {
+                self.say(format!("/resolution/{i}"), format!("{edge} is outside 1..={MAX_RESOLUTION}"));
+            }
+        }
+        if !(1..=MAX_FRAMES).contains(&scene.frames) {
+            self.say("/frames", format!("{} is outside 1..={MAX_FRAMES}", scene.frames));
+        }
+        self.camera(&scene.camera);
+        self.environment(scene);
+        self.materials(scene);
+        self.objects(scene);
+    }
+
+    fn camera(&mut self, camera: &CameraPath) {
+        let fov = match camera {
+            CameraPath::Orbit { target, distance, elevation, azimuth, degrees_per_frame, vertical_fov } => {
+                self.position("/camera/target", *target);
+                self.range("/camera/distance", *distance, MIN_SIZE..=MAX_COORDINATE);
+                self.range("/camera/elevation", *elevation, -89.0..=89.0);
+                self.angle("/camera/azimuth", *azimuth);
+                self.angle("/camera/degrees_per_frame", *degrees_per_frame);
+                vertical_fov
+            }
+            CameraPath::Poses { poses, vertical_fov } => {
+                if poses.is_empty() {
+                    self.say("/camera/poses", "is empty; at least one pose is needed");
+                }
+                for (i, pose) in poses.iter().enumerate() {
+                    self.position(&format!("/camera/poses/{i}/eye"), pose.eye);
+                    self.position(&format!("/camera/poses/{i}/target"), pose.target);
+                    self.position(&format!("/camera/poses/{i}/up"), pose.up);
+                    if pose.eye == pose.target {
+                        self.say(format!("/camera/poses/{i}/target"), "is the same point as eye");
+                    }
+                    if pose.up == [0.0; 3] {
+                        self.say(format!("/camera/poses/{i}/up"), "has no direction");
+                    }
+                }
+                vertical_fov
+            }
+        };
+        self.range("/camera/vertical_fov", *fov, 1.0..=170.0);
+    }
+
+    fn environment(&mut self, scene: &Scene) {
+        let light = &scene.environment;
+        self.angle("/environment/rotation", light.rotation);
+        self.range("/environment/intensity", light.intensity, 0.0..=MAX_VALUE);
+        match &light.source {
+            EnvironmentSource::File(path) => self.path("/environment/source/file".into(), path),
+            EnvironmentSource::Builtin(name) => self.name("/environment/source/builtin".into(), name),
+            EnvironmentSource::Sky(sky) => self.parameters("/environment/source/sky", sky),
+            EnvironmentSource::Constant(radiance) => self.vector("/environment/source/constant", *radiance, 0.0..=MAX_VALUE),
+        }
+    }
+
+    fn materials(&mut self, scene: &Scene) {
+        self.unique("materials", scene.materials.iter().map(|m| m.name.as_str()));
+        for (i, material) in scene.materials.iter().enumerate() {
+            let at = |field: &str| format!("/materials/{i}/{field}");
+            self.name(at("name"), &material.name);
+            self.vector(&at("base_color"), material.base_color, 0.0..=1.0);
+            self.range(at("metallic"), material.metallic, 0.0..=1.0);
+            self.range(at("roughness"), material.roughness, 0.0..=1.0);
+            self.range(at("specular"), material.specular, 0.0..=1.0);
+            for (field, texture) in [
+                ("base_color_texture", &material.base_color_texture),
+                ("metallic_roughness_texture", &material.metallic_roughness_texture),
+                ("normal_texture", &material.normal_texture),
+            ] {
+                if let Some(path) = texture {
+                    self.path(at(field), path);
+                }
+            }
+        }
+    }
+
+    fn objects(&mut self, scene: &Scene) {
+        self.unique("objects", scene.objects.iter().map(|o| o.name.as_str()));
+        for (i, object) in scene.objects.iter().enumerate() {
+            let at = |field: &str| format!("/objects/{i}/{field}");
+            self.name(at("name"), &object.name);
+            match &object.geometry {
+                Geometry::File(path) => {
+                    self.path(at("geometry/file"), path);
+                    if crate::load::Format::of(path).is_none() {
+                        self.say(at("geometry/file"), format!("{path:?} is not a .gltf, .glb or .obj file"));
+                    }
+                }
+                Geometry::Shape(shape) => self.parameters(&at("geometry/shape"), shape),
+            }
+            if let Some(name) = &object.material
+                && !scene.materials.iter().any(|m| m.name == *name)
+            {
+                self.say(at("material"), format!("no material is named {name:?}"));
+            }
+            self.transform(&at("transform"), &object.transform);
+            if let Some(motion) = &object.motion {
+                let furthest = MAX_COORDINATE / scene.frames.max(1) as f32;
+                self.vector(&at("motion/translation"), motion.translation, -furthest..=furthest);
+                self.angle(at("motion/spin"), motion.spin);
+            }
+        }
+    }
+
+    fn transform(&mut self, pointer: &str, transform: &Transform) {
+        self.position(&format!("{pointer}/translation"), transform.translation);
+        for (i, degrees) in transform.rotation.into_iter().enumerate() {
+            self.angle(format!("{pointer}/rotation/{i}"), degrees);
+        }
+        for (i, factor) in transform.scale.into_iter().enumerate() {
+            if !(MIN_SIZE..=MAX_COORDINATE).contains(&factor.abs()) {
+                let reason = format!("{factor} is outside {MIN_SIZE}..={MAX_COORDINATE} in size");
+                self.say(format!("{pointer}/scale/{i}"), reason);
+            }
+        }
+    }
+
+    /// Parameters of a shape or a sky: finite and of a sane size. Their own ranges are clamped where they are used.
+    fn parameters(&mut self, pointer: &str, parameters: &impl serde::Serialize) {
+        match serde_json::to_value(parameters) {
+            Ok(value) => self.numbers(pointer, &value),
+            Err(e) => self.say(pointer, e.to_string()),
+        }
+    }
+
+    fn numbers(&mut self, pointer: &str, value: &Value) {
+        match value {
+            // JSON has no NaN and no infinity: serde writes them as null.
+            Value::Null => self.say(pointer, "is not a finite number"),
+            Value::Number(n) if n.is_f64() => {
+                let v = n.as_f64().unwrap_or(f64::NAN);
+                if v.is_nan() || v.abs() > f64::from(MAX_VALUE) {
+                    self.say(pointer, format!("{v} is outside -{MAX_VALUE}..={MAX_VALUE}"));
+                }
+            }
+            Value::Array(items) => {
+                for (i, item) in items.iter().enumerate() {
+                    self.numbers(&format!("{pointer}/{i}"), item);
+                }
+            }
+            Value::Object(fields) => {
+                for (name, field) in fields {
+                    self.numbers(&format!("{pointer}/{name}"), field);
+                }
+            }
+            _ => {}
+        }
+    }
+}
