@@ -72,7 +72,13 @@ pub fn linear(x: Tensor<3>, w: Tensor<2>, b: Tensor<1>, silu: bool) -> Tensor<3>
 /// When the shapes do not fit each other.
 pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tensor<3> {
     let ([batch, _, channels], [kb, m, kc]) = (q.dims(), k.dims());
-    assert!(kb == batch && kc == channels && v.dims() == [kb, m, kc], "attention: {:?}, {:?}, {:?}", q.dims(), k.dims(), v.dims());
+    assert!(
+        kb == batch && kc == channels && v.dims() == [kb, m, kc],
+        "attention: {:?}, {:?}, {:?}",
+        q.dims(),
+        k.dims(),
+        v.dims()
+    );
     assert!(heads > 0 && channels % heads == 0, "attention: {channels} channels in {heads} heads");
     portable::attention(q, k, v, heads)
 }

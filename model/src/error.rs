@@ -1,0 +1,88 @@
+//! Errors of networks, weights and training.
+
+use std::path::PathBuf;
+
+/// What went wrong, with the file or the option it went wrong in.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused; the message names the file and what was tried.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// "read", "write", ...
+        action: &'static str,
+        /// The cause.
+        source: std::io::Error,
+    },
+    /// A weights file, checkpoint or log that is not what it should be.
+    #[error("{}: {reason}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// One tensor of a weights file does not fit the network its configuration describes.
+    #[error("{}: tensor {tensor}: {reason}", path.display())]
+    Tensor {
+        /// The weights file.
+        path: PathBuf,
+        /// Name of the tensor.
+        tensor: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// An option outside its range, or options that contradict each other.
+    #[error("{option}: {reason}")]
+    Config {
+        /// Name of the option, as in the configuration file.
+        option: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Training data that cannot be used.
+    #[error("{place}: {reason}")]
+    Data {
+        /// Which clip and frame.
+        place: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The loss or a gradient became NaN or infinite; nothing of that step was kept.
+    #[error("step {step}: {what} is not finite; lower the learning rate or inspect the data of this step")]
+    Diverged {
+        /// Step that failed.
+        step: u64,
+        /// "loss" or the name of a parameter.
+        what: String,
+    },
+    /// This build carries no trained weights.
+    #[error("this build carries no trained weights: train some (`renderflow train`) and pass the file")]
+    NoShippedWeights,
+    /// From reading or writing frames and files.
+    #[error(transparent)]
+    Frame(#[from] renderflow_frame::Error),
+}
+
+/// Result with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// For `map_err`: an I/O error with its file and what was tried.
+    pub fn io(path: impl Into<PathBuf>, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Io { path, action, source }
+    }
+
+    /// A format error at `path`.
+    pub fn malformed(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
+        Self::Malformed { path: path.into(), reason: reason.into() }
+    }
+
+    /// A configuration error about `option`.
+    pub fn config(option: &'static str, reason: impl Into<String>) -> Self {
+        Self::Config { option, reason: reason.into() }
+    }
+}
