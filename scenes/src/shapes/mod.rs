@@ -1,0 +1,396 @@
+//! Parametric shapes and their meshes.
+//!
+//! Every shape is centred on its bounding box and, with its default-like parameters, about one metre in size. All but
+//! [`Shape::Plane`] and [`Shape::Disc`] are closed solids: each edge belongs to two triangles and normals point outwards.
+
+mod builder;
+mod generate;
+mod random;
+
+use crate::Mesh;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A parametric shape, about 1 metre in size, centred at the origin; +Y is its upright axis.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields, tag = "family")]
+pub enum Shape {
+    /// A square in the plane y = 0, facing +y (open).
+    Plane {
+        /// Edge length, metres, 0.01..=10000.
+        size: f32,
+    },
+    /// A round plate in the plane y = 0, facing +y (open).
+    Disc {
+        /// Metres, 0.01..=10000.
+        radius: f32,
+    },
+    /// A box, sharp or with rounded edges.
+    Box {
+        /// Edge lengths along x, y, z, metres, each 0.01..=10000.
+        size: [f32; 3],
+        /// Radius of the rounded edges, metres, 0..=half the shortest edge; 0 = sharp.
+        #[serde(default)]
+        bevel: f32,
+    },
+    /// A sphere.
+    Sphere {
+        /// Metres, 0.01..=1000.
+        radius: f32,
+    },
+    /// An upright cylinder, its rims rounded by `bevel`.
+    Cylinder {
+        /// Metres, 0.01..=1000.
+        radius: f32,
+        /// Metres, 0.01..=1000.
+        height: f32,
+        /// Radius of the rounded rims, metres, 0..=the smaller of `radius` and half the height.
+        #[serde(default)]
+        bevel: f32,
+    },
+    /// An upright cone, or a frustum when the top has a radius.
+    Cone {
+        /// Radius at the bottom, metres, 0.01..=1000.
+        radius: f32,
+        /// Radius at the top, metres, 0..=1000; 0 = pointed.
+        #[serde(default)]
+        top_radius: f32,
+        /// Metres, 0.01..=1000.
+        height: f32,
+    },
+    /// An upright cylinder with half spheres on both ends.
+    Capsule {
+        /// Metres, 0.01..=1000.
+        radius: f32,
+        /// Whole height, metres, at least twice the radius, ..=1000.
+        height: f32,
+    },
+    /// A ring lying flat.
+    Torus {
+        /// From the centre to the middle of the tube, metres, 0.01..=1000.
+        radius: f32,
+        /// Radius of the tube, metres, 0.005..=0.95 of `radius`.
+        tube: f32,
+    },
+    /// A (p, q) knot about a ring lying flat.
+    TorusKnot {
+        /// Turns about the ring's axis, 1..=7.
+        p: u32,
+        /// Turns about the ring's tube, 1..=7, without a common factor with `p`.
+        q: u32,
+        /// From the centre to the middle of the ring, metres, 0.05..=100; the path keeps within 0.4 of it.
+        radius: f32,
+        /// Radius of the rope, metres, 0.005..=0.3 of `radius`.
+        tube: f32,
+    },
+    /// Superellipsoid |(|x|^(2/e) + |z|^(2/e))|^(e/n) + |y|^(2/n) = 1 (Barr 1981): box-like below 1, round at 1, pinched above.
+    Superellipsoid {
+        /// Extent along x, y, z, metres, each 0.01..=1000.
+        size: [f32; 3],
+        /// Exponent n of the upright profile, 0.2..=2.5.
+        vertical: f32,
+        /// Exponent e of the horizontal section, 0.2..=2.5.
+        horizontal: f32,
+    },
+    /// A turned body: radii at equal steps of height, joined by a smooth curve.
+    Lathe {
+        /// Radii from bottom to top, metres, 2..=16 of them, each 0.01..=100.
+        radii: Vec<f32>,
+        /// Metres, 0.05..=100.
+        height: f32,
+        /// Thickness of the wall of a hollow vessel, metres, 0..=0.5 of the smallest radius; 0 = solid.
+        #[serde(default)]
+        wall: f32,
+    },
+    /// An upright pipe.
+    Pipe {
+        /// Outer radius, metres, 0.01..=1000.
+        radius: f32,
+        /// Inner radius, metres, 0.05..=0.95 of `radius`.
+        inner_radius: f32,
+        /// Metres, 0.01..=1000.
+        height: f32,
+    },
+    /// A regular polygon or a star drawn upwards, turning and narrowing on its way.
+    Prism {
+        /// Corners of the polygon or points of the star, 3..=24.
+        sides: u32,
+        /// Radius of the corners, metres, 0.01..=1000.
+        radius: f32,
+        /// Metres, 0.01..=1000.
+        height: f32,
+        /// Radius of the notches between corners as a share of `radius`, 0.2..=1; absent = a plain polygon.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        star: Option<f32>,
+        /// Turn of the top against the bottom, degrees, -360..=360.
+        #[serde(default)]
+        twist: f32,
+        /// Size of the top as a share of the bottom, 0.1..=1.5; 1 when absent.
+        #[serde(default = "one")]
+        taper: f32,
+    },
+    /// A gear wheel lying flat, with a round hole.
+    Gear {
+        /// Teeth, 5..=48.
+        teeth: u32,
+        /// Radius to the tips, metres, 0.05..=100.
+        radius: f32,
+        /// Depth of the teeth as a share of `radius`, 0.03..=0.4.
+        depth: f32,
+        /// Radius of the hole as a share of `radius`, 0.05..=0.5, less than `1 - depth` by 0.05.
+        hole: f32,
+        /// Thickness of the wheel, metres, 0.01..=100.
+        height: f32,
+    },
+    /// A helical spring standing upright.
+    Spring {
+        /// From the axis to the middle of the wire, metres, 0.05..=100.
+        radius: f32,
+        /// Radius of the wire, metres, 0.005..=0.6 of `radius`.
+        tube: f32,
+        /// Turns, 0.5..=12.
+        turns: f32,
+        /// Height between the ends of the wire, metres, 0.05..=100; turns closer than the wire is thick run into one another.
+        height: f32,
+    },
+    /// A boulder: a sphere displaced by seeded fractal noise.
+    Rock {
+        /// Mean radius, metres, 0.01..=1000.
+        radius: f32,
+        /// Displacement as a share of the radius, 0..=0.6.
+        roughness: f32,
+        /// Bumps across the boulder, 0.3..=6.
+        frequency: f32,
+        /// Which boulder.
+        #[serde(default)]
+        seed: u32,
+        /// Flat facets instead of a smooth surface.
+        #[serde(default)]
+        facets: bool,
+    },
+    /// A round arch standing on two pillars.
+    Arch {
+        /// Outer width, metres, 0.05..=100.
+        width: f32,
+        /// Whole height, metres, at least half the width, ..=100.
+        height: f32,
+        /// Extent along z, metres, 0.01..=100.
+        depth: f32,
+        /// Thickness of pillars and vault, metres, 0.01..=0.45 of the width.
+        thickness: f32,
+    },
+    /// A solid flight of stairs climbing towards +x.
+    Stairs {
+        /// Steps, 2..=24.
+        steps: u32,
+        /// Extent along x, y, z, metres, each 0.05..=100.
+        size: [f32; 3],
+    },
+    /// Gielis' supershape (2003): superformula r(a) = (|cos(m a / 4)|^k + |sin(m a / 4)|^k)^(-1/n) across and upright.
+    Supershape {
+        /// Lobes around the upright axis, 0..=16.
+        lobes: u32,
+        /// Lobes from pole to pole, 0..=16.
+        vertical_lobes: u32,
+        /// Exponent n, 0.3..=20.
+        n: f32,
+        /// Exponent k, 0.3..=20.
+        k: f32,
+        /// Largest extent, metres, 0.01..=1000.
+        size: f32,
+    },
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// Names of the families as scene files write them, in the order of [`Shape`].
+pub const FAMILIES: [&str; 19] = [
+    "plane",
+    "disc",
+    "box",
+    "sphere",
+    "cylinder",
+    "cone",
+    "capsule",
+    "torus",
+    "torus_knot",
+    "superellipsoid",
+    "lathe",
+    "pipe",
+    "prism",
+    "gear",
+    "spring",
+    "rock",
+    "arch",
+    "stairs",
+    "supershape",
+];
+
+/// Triangles of `shape`, centred on its bounding box, with unit normals and texture coordinates, at most about 20,000.
+///
+/// `shape` should have passed [`Shape::validate`]; parameters out of range give an odd or empty mesh, never a panic.
+pub fn mesh(shape: &Shape) -> Mesh {
+    generate::mesh(shape)
+}
+
+impl Shape {
+    /// Name of the family, as in [`FAMILIES`].
+    pub fn family(&self) -> &'static str {
+        match self {
+            Self::Plane { .. } => "plane",
+            Self::Disc { .. } => "disc",
+            Self::Box { .. } => "box",
+            Self::Sphere { .. } => "sphere",
+            Self::Cylinder { .. } => "cylinder",
+            Self::Cone { .. } => "cone",
+            Self::Capsule { .. } => "capsule",
+            Self::Torus { .. } => "torus",
+            Self::TorusKnot { .. } => "torus_knot",
+            Self::Superellipsoid { .. } => "superellipsoid",
+            Self::Lathe { .. } => "lathe",
+            Self::Pipe { .. } => "pipe",
+            Self::Prism { .. } => "prism",
+            Self::Gear { .. } => "gear",
+            Self::Spring { .. } => "spring",
+            Self::Rock { .. } => "rock",
+            Self::Arch { .. } => "arch",
+            Self::Stairs { .. } => "stairs",
+            Self::Supershape { .. } => "supershape",
+        }
+    }
+
+    /// Whether the mesh encloses a volume.
+    pub fn is_solid(&self) -> bool {
+        !matches!(self, Self::Plane { .. } | Self::Disc { .. })
+    }
+
+    /// Parameters out of their documented range: (JSON pointer below the shape, message such as `-1 is outside 0..=1`).
+    pub fn validate(&self) -> Vec<(String, String)> {
+        let mut faults = Faults::default();
+        match self {
+            Self::Plane { size } => faults.range("size", *size, 0.01, 1e4),
+            Self::Disc { radius } => faults.range("radius", *radius, 0.01, 1e4),
+            Self::Box { size, bevel } => {
+                faults.ranges("size", size, 0.01, 1e4);
+                faults.range("bevel", *bevel, 0.0, 0.5 * size.iter().copied().fold(f32::INFINITY, f32::min));
+            }
+            Self::Sphere { radius } => faults.range("radius", *radius, 0.01, 1e3),
+            Self::Cylinder { radius, height, bevel } => {
+                faults.range("radius", *radius, 0.01, 1e3);
+                faults.range("height", *height, 0.01, 1e3);
+                faults.range("bevel", *bevel, 0.0, radius.min(0.5 * height));
+            }
+            Self::Cone { radius, top_radius, height } => {
+                faults.range("radius", *radius, 0.01, 1e3);
+                faults.range("top_radius", *top_radius, 0.0, 1e3);
+                faults.range("height", *height, 0.01, 1e3);
+            }
+            Self::Capsule { radius, height } => {
+                faults.range("radius", *radius, 0.01, 500.0);
+                faults.range("height", *height, 2.0 * radius, 1e3);
+            }
+            Self::Torus { radius, tube } => {
+                faults.range("radius", *radius, 0.01, 1e3);
+                faults.range("tube", *tube, 0.005, 0.95 * radius);
+            }
+            Self::TorusKnot { p, q, radius, tube } => {
+                faults.range("p", *p as f32, 1.0, 7.0);
+                faults.range("q", *q as f32, 1.0, 7.0);
+                if greatest_common_divisor(*p, *q) > 1 {
+                    faults.0.push(("/q".into(), format!("{q} shares a factor with p = {p}: the curve would be walked twice")));
+                }
+                faults.range("radius", *radius, 0.05, 100.0);
+                faults.range("tube", *tube, 0.005, 0.3 * radius);
+            }
+            Self::Superellipsoid { size, vertical, horizontal } => {
+                faults.ranges("size", size, 0.01, 1e3);
+                faults.range("vertical", *vertical, 0.2, 2.5);
+                faults.range("horizontal", *horizontal, 0.2, 2.5);
+            }
+            Self::Lathe { radii, height, wall } => {
+                if !(2..=16).contains(&radii.len()) {
+                    faults.0.push(("/radii".into(), format!("{} radii, outside 2..=16", radii.len())));
+                }
+                faults.ranges("radii", radii, 0.01, 100.0);
+                faults.range("height", *height, 0.05, 100.0);
+                let smallest = radii.iter().copied().fold(100.0, f32::min);
+                faults.range("wall", *wall, 0.0, 0.5 * smallest.min(*height));
+            }
+            Self::Pipe { radius, inner_radius, height } => {
+                faults.range("radius", *radius, 0.01, 1e3);
+                faults.range("inner_radius", *inner_radius, 0.05 * radius, 0.95 * radius);
+                faults.range("height", *height, 0.01, 1e3);
+            }
+            Self::Prism { sides, radius, height, star, twist, taper } => {
+                faults.range("sides", *sides as f32, 3.0, 24.0);
+                faults.range("radius", *radius, 0.01, 1e3);
+                faults.range("height", *height, 0.01, 1e3);
+                faults.range("star", star.unwrap_or(1.0), 0.2, 1.0);
+                faults.range("twist", *twist, -360.0, 360.0);
+                faults.range("taper", *taper, 0.1, 1.5);
+            }
+            Self::Gear { teeth, radius, depth, hole, height } => {
+                faults.range("teeth", *teeth as f32, 5.0, 48.0);
+                faults.range("radius", *radius, 0.05, 100.0);
+                faults.range("depth", *depth, 0.03, 0.4);
+                faults.range("hole", *hole, 0.05, (0.95 - depth).min(0.5));
+                faults.range("height", *height, 0.01, 100.0);
+            }
+            Self::Spring { radius, tube, turns, height } => {
+                faults.range("radius", *radius, 0.05, 100.0);
+                faults.range("tube", *tube, 0.005, 0.6 * radius);
+                faults.range("turns", *turns, 0.5, 12.0);
+                faults.range("height", *height, 0.05, 100.0);
+            }
+            Self::Rock { radius, roughness, frequency, .. } => {
+                faults.range("radius", *radius, 0.01, 1e3);
+                faults.range("roughness", *roughness, 0.0, 0.6);
+                faults.range("frequency", *frequency, 0.3, 6.0);
+            }
+            Self::Arch { width, height, depth, thickness } => {
+                faults.range("width", *width, 0.05, 100.0);
+                faults.range("height", *height, 0.5 * width, 100.0);
+                faults.range("depth", *depth, 0.01, 100.0);
+                faults.range("thickness", *thickness, 0.01, 0.45 * width);
+            }
+            Self::Stairs { steps, size } => {
+                faults.range("steps", *steps as f32, 2.0, 24.0);
+                faults.ranges("size", size, 0.05, 100.0);
+            }
+            Self::Supershape { lobes, vertical_lobes, n, k, size } => {
+                faults.range("lobes", *lobes as f32, 0.0, 16.0);
+                faults.range("vertical_lobes", *vertical_lobes as f32, 0.0, 16.0);
+                faults.range("n", *n, 0.3, 20.0);
+                faults.range("k", *k, 0.3, 20.0);
+                faults.range("size", *size, 0.01, 1e3);
+            }
+        }
+        faults.0
+    }
+}
+
+fn greatest_common_divisor(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+}
+
+/// Collects (pointer, message) pairs of values outside their range.
+#[derive(Default)]
+pub(crate) struct Faults(pub Vec<(String, String)>);
+
+impl Faults {
+    /// Notes `value` when it is not in `low..=high` (NaN included).
+    pub fn range(&mut self, field: &str, value: f32, low: f32, high: f32) {
+        if !(low..=high).contains(&value) {
+            self.0.push((format!("/{field}"), format!("{value} is outside {low}..={high}")));
+        }
+    }
+
+    /// As [`Self::range`] for each element.
+    pub fn ranges(&mut self, field: &str, values: &[f32], low: f32, high: f32) {
+        for (index, &value) in values.iter().enumerate() {
+            self.range(&format!("{field}/{index}"), value, low, high);
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Random parameters of each family, all inside their documented ranges.
