@@ -1,1 +1,29 @@
-//! CPU path tracer: compiled scenes, Disney materials, environment light, G-buffers, film
+//! CPU path tracer: compiled scenes, Disney materials, environment light, G-buffers, film.
+//!
+//! [`RenderScene::compile`] takes a loaded scene apart into what rays need; [`render`] path-traces a frame with its G-buffer,
+//! [`render_gbuffer`] traces camera rays alone, and [`ibl::render`] shades them with the split sum.
+//!
+//! It is *not* a scene format (see `renderflow-scenes`) and writes no files (see `renderflow-frame`).
+
+pub mod accel;
+pub mod camera;
+mod compile;
+mod error;
+pub mod features;
+pub mod film;
+mod integrator;
+mod interaction;
+pub mod light;
+pub mod material;
+pub mod ray;
+pub mod sampler;
+mod schedule;
+mod stats;
+mod texture;
+
+pub use camera::Filter;
+pub use compile::RenderScene;
+pub use error::{Error, Result};
+pub use integrator::{Settings, ibl, render, render_gbuffer, render_with_stats};
+pub use schedule::Progress;
+pub use stats::Stats;

@@ -1,0 +1,166 @@
+//! Camera rays and motion: what the pinhole camera of the contract needs inside a renderer.
+
+use crate::ray::Ray;
+use glam::{DVec2, DVec3, Vec2, Vec3A};
+use renderflow_frame::Camera;
+use serde::{Deserialize, Serialize};
+
+/// Pixel filter, always importance sampled: a sample counts fully for its own pixel and for no other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// The pixel's own square. Coverage is then the exact share of the pixel, a pixel without geometry equals the environment behind
+    /// it, and no two pixels see the same point, which a network or a denoiser would have to undo.
+    #[default]
+    Box,
+    /// Blackman-Harris of 1.5 pixels width (the common choice for final pictures): softer edges.
+    BlackmanHarris,
+}
+
+impl Filter {
+    /// Distance from the pixel centre within which all samples lie, pixels.
+    pub fn radius(self) -> f32 {
+        match self {
+            Filter::Box => 0.5,
+            Filter::BlackmanHarris => 0.75,
+        }
+    }
+
+    /// Offset from the pixel centre for two uniform numbers, pixels.
+    #[inline]
+    pub fn sample(self, u: [f32; 2]) -> Vec2 {
+        match self {
+            Filter::Box => Vec2::new(u[0] - 0.5, u[1] - 0.5),
+            Filter::BlackmanHarris => Vec2::new(blackman_harris(u[0]), blackman_harris(u[1])) * (2.0 * 0.75),
+        }
+    }
+}
+
+/// Inverse of the cumulative four-term Blackman-Harris window on -1/2..1/2.
+fn blackman_harris(u: f32) -> f32 {
+    const A: [f32; 4] = [0.35875, 0.48829, 0.14128, 0.01168];
+    let tau = std::f32::consts::TAU;
+    let cumulative = |x: f32| {
+        // Window: a0 + a1 cos(2 pi x) + a2 cos(4 pi x) + a3 cos(6 pi x), centred at 0; its integral is a0.
+        let sines = A[1] * (tau * x).sin() + A[2] / 2.0 * (2.0 * tau * x).sin() + A[3] / 3.0 * (3.0 * tau * x).sin();
+        x + 0.5 + sines / (tau * A[0])
+    };
+    // Bisection: 24 halvings reach single precision, and the camera ray that follows costs several times more.
+    let (mut low, mut high) = (-0.5f32, 0.5f32);
+    for _ in 0..24 {
+        let middle = 0.5 * (low + high);
+        if cumulative(middle) < u { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+/// The ray of `camera` through the image point `pixel`.
+#[inline]
+pub fn ray(camera: &Camera, pixel: Vec2) -> Ray {
+    Ray::new(camera.position(), camera.ray_direction(pixel))
+}
+
+/// Projects in double precision, so that motion of a still point under a still camera is exactly 0 and sub-pixel motion is not
+/// drowned by the roundings of two projections.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Projector {
+    rotation: [DVec3; 3],
+    position: DVec3,
+    focal: DVec2,
+    principal: DVec2,
+}
+
+impl Projector {
+    pub fn new(camera: &Camera) -> Self {
+        let m = camera.camera_to_world.matrix3;
+        Self {
+            rotation: [m.x_axis, m.y_axis, m.z_axis].map(|a| a.as_dvec3()),
+            position: camera.position().as_dvec3(),
+            focal: DVec2::new(camera.fl_x.into(), camera.fl_y.into()),
+            principal: DVec2::new(camera.cx.into(), camera.cy.into()),
+        }
+    }
+
+    /// Image point of a world-space point, `None` behind the camera.
+    pub fn project(&self, p_world: DVec3) -> Option<DVec2> {
+        let d = p_world - self.position;
+        let [x, y, z] = self.rotation.map(|axis| axis.dot(d));
+        (z < 0.0).then(|| self.principal + DVec2::new(self.focal.x * x, -self.focal.y * y) / -z)
+    }
+
+    /// Bounds (low, high; pixels, possibly infinite) of what can be seen of a triangle, `None` when it is behind the camera.
+    pub fn bounds(&self, corners: [Vec3A; 3]) -> Option<(DVec2, DVec2)> {
+        let p = corners.map(|c| {
+            let d = c.as_dvec3() - self.position;
+            DVec3::from_array(self.rotation.map(|axis| axis.dot(d)))
+        });
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        let mut include = |point: DVec2| {
+            low = low.min(point);
+            high = high.max(point);
+        };
+        for (a, b) in [(p[0], p[1]), (p[1], p[2]), (p[2], p[0])] {
+            if a.z < 0.0 {
+                include(self.principal + DVec2::new(self.focal.x * a.x, -self.focal.y * a.y) / -a.z);
+            }
+            if (a.z < 0.0) != (b.z < 0.0) {
+                // The edge runs through the camera plane: its image runs to infinity on the side where it crosses. A crossing
+                // (nearly) straight above or through the eye may run to either side.
+                let c = a.lerp(b, a.z / (a.z - b.z));
+                let margin = 1e-9 * (a.abs() + b.abs()).max_element();
+                let far = |v: f64| if v > margin { f64::INFINITY } else { f64::NEG_INFINITY };
+                for tie in [-margin, margin] {
+                    include(DVec2::new(far(c.x + tie), far(tie - c.y)));
+                }
+            }
+        }
+        (low.x <= high.x).then_some((low, high))
+    }
+
+    /// A world-space direction in camera space.
+    pub fn direction_to_camera(&self, d: Vec3A) -> Vec3A {
+        let d = d.as_dvec3();
+        let [x, y, z] = self.rotation.map(|axis| axis.dot(d));
+        DVec3::new(x, y, z).as_vec3a()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blackman_harris_has_the_window_s_variance() {
+        let n = 10_000;
+        let (mut mean, mut variance) = (0.0f64, 0.0f64);
+        for i in 0..n {
+            let x = f64::from(Filter::BlackmanHarris.sample([(i as f32 + 0.5) / n as f32, 0.5]).x);
+            assert!(x.abs() <= 0.75);
+            mean += x / f64::from(n);
+            variance += x * x / f64::from(n);
+        }
+        // Numeric integral of x^2 w(x) / integral of w(x), width 1.5.
+        let (mut top, mut bottom) = (0.0f64, 0.0f64);
+        for i in 0..n {
+            let x = (f64::from(i) + 0.5) / f64::from(n) - 0.5;
+            let c = |k: f64| (k * std::f64::consts::TAU * x).cos();
+            let w = 0.35875 + 0.48829 * c(1.0) + 0.14128 * c(2.0) + 0.01168 * c(3.0);
+            top += w * (1.5 * x) * (1.5 * x);
+            bottom += w;
+        }
+        assert!(mean.abs() < 1e-4, "{mean}");
+        assert!((variance - top / bottom).abs() < 1e-4, "{variance} {}", top / bottom);
+    }
+
+    #[test]
+    fn projector_agrees_with_the_camera() {
+        let camera = Camera::look_at(Vec3A::new(3.0, 2.0, 5.0), Vec3A::new(0.1, 0.2, 0.3), Vec3A::Y, 0.7, 320, 200);
+        let projector = Projector::new(&camera);
+        for p in [Vec3A::ZERO, Vec3A::new(0.5, -0.3, 1.0), Vec3A::new(-1.0, 0.4, -7.0)] {
+            let (expected, _) = camera.project(p).expect("in front");
+            let found = projector.project(p.as_dvec3()).expect("in front").as_vec2();
+            assert!((expected - found).length() < 1e-3, "{expected} {found}");
+        }
+        assert!(projector.project(DVec3::new(6.0, 4.0, 10.0)).is_none());
+    }
+}

@@ -1,0 +1,96 @@
+//! The film: mean and variance of the samples of one pixel.
+//!
+//! Every sample belongs to exactly one pixel (the filter is importance sampled, never splatted), so pixels stay independent: that is
+//! what makes the picture independent of threads and tiles, and what denoisers expect.
+
+use glam::{DVec3, Vec3A};
+
+/// Running sums of one pixel. Double precision: at 65536 samples of a bright sun, single-precision sums lose the dim samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PixelStatistics {
+    count: u64,
+    sum: DVec3,
+    sum_of_squares: DVec3,
+}
+
+impl PixelStatistics {
+    /// Adds one finite sample of radiance.
+    #[inline]
+    pub fn push(&mut self, radiance: Vec3A) {
+        let value = radiance.as_dvec3();
+        self.count += 1;
+        self.sum += value;
+        self.sum_of_squares += value * value;
+    }
+
+    /// Adds the samples of `other`, as if they had been pushed here.
+    pub fn merge(&mut self, other: &Self) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.sum_of_squares += other.sum_of_squares;
+    }
+
+    /// Samples so far.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Mean radiance, 0 without samples.
+    pub fn mean(&self) -> [f32; 3] {
+        (self.sum / self.count.max(1) as f64).as_vec3().to_array()
+    }
+
+    /// Variance of the mean, as if samples were independent: with low-discrepancy samples an upper estimate. 0 below two samples.
+    pub fn variance_of_mean(&self) -> [f32; 3] {
+        if self.count < 2 {
+            return [0.0; 3];
+        }
+        let n = self.count as f64;
+        let spread = (self.sum_of_squares - self.sum * self.sum / n).max(DVec3::ZERO);
+        (spread / (n * (n - 1.0))).as_vec3().to_array()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mean_and_variance_match_the_textbook() {
+        let mut film = PixelStatistics::default();
+        for v in [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0] {
+            film.push(Vec3A::splat(v));
+        }
+        // Sample variance 32/7, divided by 8 samples.
+        assert_eq!(film.mean(), [5.0; 3]);
+        assert!((film.variance_of_mean()[1] - 32.0 / 56.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn merging_equals_pushing() {
+        let values: Vec<Vec3A> = (0..64).map(|i| Vec3A::new(i as f32, 1.0 / (i + 1) as f32, 1e4)).collect();
+        let (mut whole, mut left, mut right) = <(PixelStatistics, PixelStatistics, PixelStatistics)>::default();
+        values.iter().for_each(|&v| whole.push(v));
+        values[..20].iter().for_each(|&v| left.push(v));
+        values[20..].iter().for_each(|&v| right.push(v));
+        left.merge(&right);
+        assert_eq!(left.count(), whole.count());
+        for c in 0..3 {
+            assert!((left.mean()[c] - whole.mean()[c]).abs() <= 1e-6 * whole.mean()[c]);
+            assert!(
+                (left.variance_of_mean()[c] - whole.variance_of_mean()[c]).abs() <= 1e-5 * whole.variance_of_mean()[c].max(1e-6)
+            );
+        }
+    }
+
+    #[test]
+    fn a_bright_sample_does_not_swallow_dim_ones() {
+        let mut film = PixelStatistics::default();
+        film.push(Vec3A::splat(1e7));
+        for _ in 1..65536 {
+            film.push(Vec3A::splat(0.25));
+        }
+        let exact = (1e7 + 0.25 * 65535.0) / 65536.0;
+        assert!((f64::from(film.mean()[0]) - exact).abs() < 1e-4);
+    }
+}

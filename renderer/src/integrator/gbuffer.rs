@@ -1,0 +1,201 @@
+//! What camera rays see first: the G-buffer at pixel centres, guides over the pixel, and which pixels can see geometry at all.
+
+use crate::accel::Scratch;
+use crate::camera::{Filter, Projector};
+use crate::compile::RenderScene;
+use crate::features::Features;
+use crate::interaction::Interaction;
+use crate::ray::Ray;
+use crate::stats::Stats;
+use glam::{DVec2, Vec2, Vec3A};
+use renderflow_frame::ibl::IblTables;
+
+/// Base colour and world-space shading normal of a camera ray's first hit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FirstHit {
+    albedo: Vec3A,
+    ns: Vec3A,
+}
+
+impl FirstHit {
+    pub fn new(surface: &Interaction) -> Self {
+        Self { albedo: surface.surface.base_color, ns: surface.ns }
+    }
+}
+
+/// First hit of a guide ray.
+pub(super) fn first_hit<F: Features>(
+    scene: &RenderScene,
+    ray: &Ray,
+    scratch: &mut Scratch,
+    stats: &mut Stats,
+) -> Option<FirstHit> {
+    stats.camera_rays += 1;
+    let hit = scene.accel.closest(ray, scratch)?;
+    Some(FirstHit::new(&Interaction::new::<F>(scene, ray, &hit)))
+}
+
+/// Filtered guides of one pixel, premultiplied by coverage.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Guides {
+    pub coverage: f32,
+    pub albedo: Vec3A,
+    /// World space until [`Self::finish`], camera space after.
+    pub normal: Vec3A,
+    hits: u32,
+}
+
+impl Guides {
+    pub fn add(&mut self, first: Option<FirstHit>) {
+        if let Some(first) = first {
+            self.hits += 1;
+            self.albedo += first.albedo;
+            self.normal += first.ns;
+        }
+    }
+
+    /// Divides by the number of rays, hits or not. The mean normal is turned to camera space once, since turning is linear.
+    pub fn finish(&mut self, rays: u32, projector: &Projector) {
+        let share = 1.0 / rays as f32;
+        self.coverage = self.hits as f32 / rays as f32;
+        // Rounding of long sums must not leave the range the channels promise.
+        self.albedo = (self.albedo * share).min(Vec3A::splat(self.coverage));
+        self.normal = projector.direction_to_camera(self.normal * share);
+    }
+}
+
+/// The G-buffer of one pixel, from the ray through its centre.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Centre {
+    pub albedo: [f32; 3],
+    pub normal: [f32; 3],
+    pub depth: f32,
+    pub material: [f32; 3],
+    pub irradiance: [f32; 3],
+    pub motion: [f32; 2],
+    pub motion_prev: [f32; 2],
+    pub object_id: u32,
+    pub material_id: u32,
+}
+
+impl Centre {
+    /// The environment is seen.
+    pub const MISS: Self = Self {
+        albedo: [0.0; 3],
+        normal: [0.0; 3],
+        depth: f32::INFINITY,
+        material: [0.0; 3],
+        irradiance: [0.0; 3],
+        motion: [0.0; 2],
+        motion_prev: [0.0; 2],
+        object_id: 0,
+        material_id: 0,
+    };
+}
+
+/// The cameras that motion vectors refer to.
+pub(super) struct Views {
+    current: Projector,
+    next: Option<(usize, Projector)>,
+    previous: Option<(usize, Projector)>,
+}
+
+impl Views {
+    pub fn new(scene: &RenderScene) -> Self {
+        let at = |frame: usize| (frame, Projector::new(scene.camera_at(frame)));
+        let frame = scene.frame();
+        Self {
+            current: at(frame).1,
+            next: (frame + 1 < scene.frames()).then(|| at(frame + 1)),
+            previous: frame.checked_sub(1).map(at),
+        }
+    }
+}
+
+/// Traces the ray through the centre of pixel (x, y).
+pub(super) fn centre<F: Features>(
+    scene: &RenderScene,
+    views: &Views,
+    tables: Option<&IblTables>,
+    x: usize,
+    y: usize,
+    scratch: &mut Scratch,
+    stats: &mut Stats,
+) -> Centre {
+    let camera = scene.camera();
+    let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+    let ray = crate::camera::ray(camera, pixel);
+    stats.camera_rays += 1;
+    let Some(hit) = scene.accel.closest(&ray, scratch) else { return Centre::MISS };
+    let surface = Interaction::new::<F>(scene, &ray, &hit);
+    let instance = &scene.instances[surface.instance as usize];
+
+    // Both ends are projected from the same corners, so that what does not move has exactly no motion.
+    let here = views.current.project(scene.point_at(hit.primitive, hit.weights, scene.frame()));
+    let towards = |view: &Option<(usize, Projector)>| {
+        let motion = view.as_ref().and_then(|(frame, projector)| {
+            let there = projector.project(scene.point_at(hit.primitive, hit.weights, *frame))?;
+            Some(there - here?)
+        });
+        motion.filter(|m: &DVec2| m.is_finite()).unwrap_or(DVec2::ZERO).as_vec2().to_array()
+    };
+    Centre {
+        albedo: surface.surface.base_color.to_array(),
+        normal: views.current.direction_to_camera(surface.ns).normalize().to_array(),
+        // The unnormalised camera direction has length 1 along the view, so its length converts distance to planar depth.
+        depth: hit.t / camera.direction_cam(pixel).length(),
+        material: [surface.surface.roughness, surface.surface.metallic, surface.surface.specular],
+        irradiance: tables.map_or([0.0; 3], |t| t.irradiance(surface.ns)),
+        motion: towards(&views.next),
+        motion_prev: towards(&views.previous),
+        object_id: instance.object_id,
+        material_id: instance.material as u32 + 1,
+    }
+}
+
+/// Which pixels may see geometry: a superset, found by projecting every triangle's bounds. All others see the environment alone.
+pub(super) struct Visible {
+    width: usize,
+    seen: Vec<bool>,
+}
+
+impl Visible {
+    /// Projects all triangles onto the image, each widened by the pixel filter and a hundredth of a pixel for rounding.
+    pub fn new(scene: &RenderScene, filter: Filter) -> Self {
+        let (width, height) = (scene.camera().width, scene.camera().height);
+        let projector = Projector::new(scene.camera());
+        let reach = f64::from(filter.radius()) + 0.01;
+        // The pixels whose centre is within reach of an interval.
+        let pixels = |low: f64, high: f64, n: usize| {
+            let first = (low - reach - 0.5).ceil().clamp(0.0, n as f64) as usize;
+            let end = ((high + reach - 0.5).floor() + 1.0).clamp(0.0, n as f64) as usize;
+            first..end
+        };
+        // Differences along each row: +1 where a bound begins, -1 where it ends.
+        let mut edges = vec![0i32; (width + 1) * height];
+        for corners in scene.corners() {
+            let Some((low, high)) = projector.bounds(corners) else { continue };
+            let columns = pixels(low.x, high.x, width);
+            if columns.is_empty() {
+                continue;
+            }
+            for y in pixels(low.y, high.y, height) {
+                edges[y * (width + 1) + columns.start] += 1;
+                edges[y * (width + 1) + columns.end] -= 1;
+            }
+        }
+        let mut seen = Vec::with_capacity(width * height);
+        for row in edges.chunks_exact(width + 1) {
+            let mut open = 0;
+            seen.extend(row[..width].iter().map(|edge| {
+                open += edge;
+                open > 0
+            }));
+        }
+        Self { width, seen }
+    }
+
+    pub fn at(&self, x: usize, y: usize) -> bool {
+        self.seen[y * self.width + x]
+    }
+}

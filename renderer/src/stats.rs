@@ -1,0 +1,32 @@
+//! What a render did, counted where it happened and added up a tile at a time.
+
+use serde::{Deserialize, Serialize};
+use std::ops::AddAssign;
+
+/// Counts of one render.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stats {
+    /// Camera samples of the beauty.
+    pub samples: u64,
+    /// Rays from the camera: samples, guide samples and pixel centres.
+    pub camera_rays: u64,
+    /// Rays that continue a path.
+    pub bounce_rays: u64,
+    /// Rays towards the environment.
+    pub shadow_rays: u64,
+    /// Camera rays not traced because their pixel can see nothing but the environment.
+    pub skipped_rays: u64,
+    /// Samples whose radiance was NaN or infinite; each contributed 0 to its pixel.
+    pub non_finite_samples: u64,
+}
+
+impl AddAssign for Stats {
+    fn add_assign(&mut self, other: Self) {
+        self.samples += other.samples;
+        self.camera_rays += other.camera_rays;
+        self.bounce_rays += other.bounce_rays;
+        self.shadow_rays += other.shadow_rays;
+        self.skipped_rays += other.skipped_rays;
+        self.non_finite_samples += other.non_finite_samples;
+    }
+}
