@@ -1,0 +1,42 @@
+//! Schlick's Fresnel reflectance and its averages.
+
+use glam::Vec3A;
+
+/// Schlick's weight `(1 - cos)^5` for `cos_d` in 0..=1.
+#[inline]
+pub(super) fn schlick_weight(cos_d: f32) -> f32 {
+    let m = (1.0 - cos_d).clamp(0.0, 1.0);
+    let m2 = m * m;
+    m2 * m2 * m
+}
+
+/// Fresnel reflectance `f0 + (f90 - f0) (1 - cos)^5` (Schlick 1994); `cos_d` is the cosine between a direction and the half vector.
+#[inline]
+pub fn schlick(f0: Vec3A, f90: f32, cos_d: f32) -> Vec3A {
+    f0 + (Vec3A::splat(f90) - f0) * schlick_weight(cos_d)
+}
+
+/// Reflectance of a dielectric at grazing incidence: 1 for every ordinary dielectric, fading to 0 below `f0` = 0.02.
+///
+/// Schlick's formula reflects everything at grazing incidence even where `f0 = 0`, that is where the coat has the refractive
+/// index of air and cannot reflect at all. No solid has an `f0` below 0.02, so the fade only makes `specular = 0` mean
+/// "no specular lobe", which then also costs nothing (Lagarde and de Rousiers 2014, section 3.1.2, use the same threshold).
+#[inline]
+pub fn f90(f0: f32) -> f32 {
+    (50.0 * f0).min(1.0)
+}
+
+/// Cosine-weighted hemispherical mean of [`schlick`]: `(20 f0 + f90) / 21`.
+#[inline]
+fn mean(f0: f32, f90: f32) -> f32 {
+    (20.0 * f0 + f90) * (1.0 / 21.0)
+}
+
+/// Colour of the light that leaves a rough surface after two or more reflections, relative to a surface that absorbs nothing
+/// (Fdez-Aguera 2019, Turquin 2019: the geometric series over bounces, each losing the mean Fresnel reflectance).
+/// `mean_albedo` is the cosine-weighted mean directional albedo of one reflection with Fresnel reflectance 1.
+#[inline]
+pub(super) fn multiple_scattering(f0: f32, f90: f32, mean_albedo: f32) -> f32 {
+    let f = mean(f0, f90);
+    f * f * mean_albedo / (1.0 - f * (1.0 - mean_albedo))
+}
