@@ -25,8 +25,6 @@ pub struct Interaction {
     pub ns: Vec3A,
     /// Material at this point.
     pub surface: Surface,
-    /// Index of the triangle.
-    pub primitive: u32,
     /// Index of the instance.
     pub instance: u32,
     offset: f32,
@@ -89,7 +87,7 @@ impl Interaction {
                 surface.metallic = (surface.metallic * value.z).clamp(0.0, 1.0);
             }
         }
-        Self { p, n, ns, surface, primitive: hit.primitive, instance: triangle.instance, offset }
+        Self { p, n, ns, surface, instance: triangle.instance, offset }
     }
 
     /// A ray that leaves the surface on the viewer's side.

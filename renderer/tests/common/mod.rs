@@ -1,0 +1,144 @@
+//! Scenes made in memory, shared by the tests and the benchmark.
+#![allow(dead_code)] // Every test file uses its own part of this.
+
+use glam::{Affine3A, Vec2, Vec3, Vec3A};
+use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_renderer::{RenderScene, Settings, Stats, render_with_stats};
+use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
+use std::sync::atomic::AtomicBool;
+
+/// A sphere of radius 1 about the origin with `2 * rings` segments.
+pub fn sphere(rings: u32, smooth: bool) -> Mesh {
+    let segments = 2 * rings;
+    let mut mesh = Mesh { name: "sphere".into(), ..Mesh::default() };
+    for i in 0..=rings {
+        let theta = std::f64::consts::PI * f64::from(i) / f64::from(rings);
+        for j in 0..=segments {
+            let phi = std::f64::consts::TAU * f64::from(j % segments) / f64::from(segments);
+            let p = Vec3::new((theta.sin() * phi.cos()) as f32, theta.cos() as f32, (theta.sin() * phi.sin()) as f32);
+            // The poles are one point each: sin(pi) is not exactly 0.
+            let p = if i == 0 || i == rings { Vec3::new(0.0, if i == 0 { 1.0 } else { -1.0 }, 0.0) } else { p };
+            mesh.positions.push(p);
+            mesh.uvs.push(Vec2::new(j as f32 / segments as f32, i as f32 / rings as f32));
+            if smooth {
+                mesh.normals.push(p.normalize());
+            }
+        }
+    }
+    let row = segments + 1;
+    for i in 0..rings {
+        for j in 0..segments {
+            let (a, b, c, d) = (i * row + j, i * row + j + 1, (i + 1) * row + j, (i + 1) * row + j + 1);
+            if i > 0 {
+                mesh.triangles.push([a, b, c]);
+            }
+            if i + 1 < rings {
+                mesh.triangles.push([b, d, c]);
+            }
+        }
+    }
+    mesh
+}
+
+/// A square of edge `size` in the plane y = 0, facing +y.
+pub fn plane(size: f32) -> Mesh {
+    let h = 0.5 * size;
+    Mesh {
+        name: "plane".into(),
+        positions: vec![Vec3::new(-h, 0.0, -h), Vec3::new(h, 0.0, -h), Vec3::new(h, 0.0, h), Vec3::new(-h, 0.0, h)],
+        normals: vec![Vec3::Y; 4],
+        uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
+        triangles: vec![[0, 2, 1], [0, 3, 2]],
+        ..Mesh::default()
+    }
+}
+
+/// A material without specular reflection.
+pub fn diffuse(base_color: [f32; 3]) -> Material {
+    Material { name: "diffuse".into(), base_color, roughness: 1.0, specular: 0.0, ..Material::default() }
+}
+
+pub fn instance(mesh: usize, material: usize, transform: Affine3A) -> Instance {
+    let name = format!("object {mesh} {material} {transform:?}");
+    Instance { name, mesh, material, object_id: mesh as u32 + 1, transforms: vec![transform] }
+}
+
+/// A scene of `parts`, each with its own mesh and material, seen by `camera` under `environment`.
+pub fn scene(parts: Vec<(Mesh, Material, Affine3A)>, environment: Environment, camera: Camera) -> LoadedScene {
+    let mut scene = LoadedScene {
+        name: "test".into(),
+        seed: 1,
+        hash: String::new(),
+        meshes: Vec::new(),
+        instances: Vec::new(),
+        materials: Vec::new(),
+        textures: Vec::new(),
+        environment,
+        cameras: vec![camera],
+        report: LoadReport::default(),
+    };
+    for (i, (mesh, material, transform)) in parts.into_iter().enumerate() {
+        scene.meshes.push(mesh);
+        scene.materials.push(material);
+        scene.instances.push(instance(i, i, transform));
+    }
+    scene
+}
+
+pub fn camera(eye: [f32; 3], target: [f32; 3], degrees: f32, width: usize, height: usize) -> Camera {
+    Camera::look_at(eye.into(), target.into(), Vec3A::Y, degrees.to_radians(), width, height)
+}
+
+pub fn compile(scene: &LoadedScene) -> RenderScene {
+    RenderScene::compile(scene).expect("the scene is consistent")
+}
+
+pub fn render(scene: &RenderScene, spp: u32) -> (Frame, Stats) {
+    render_with(scene, &Settings { spp, ..Settings::default() })
+}
+
+pub fn render_with(scene: &RenderScene, settings: &Settings) -> (Frame, Stats) {
+    render_with_stats(scene, settings, &|_, _| (), &AtomicBool::new(false)).expect("settings in range")
+}
+
+/// A sky with a gradient and a small bright sun, 64 x 32.
+pub fn sunny() -> Environment {
+    let mut environment = Environment::constant([0.0; 3]);
+    environment.map = renderflow_frame::Image::from_fn(64, 32, |x, y| {
+        let sky = 0.2 + 0.8 * (1.0 - y as f32 / 32.0);
+        let sun = if (20..22).contains(&x) && (6..8).contains(&y) { 200.0 } else { 0.0 };
+        [0.6 * sky + sun, 0.8 * sky + sun, sky + 0.8 * sun]
+    });
+    environment
+}
+
+/// Every channel is finite (depth may be +inf) and within its range.
+pub fn check_frame(frame: &Frame) {
+    let n = frame.width * frame.height;
+    for (name, image) in [
+        ("beauty", &frame.beauty),
+        ("raw", &frame.raw),
+        ("variance", &frame.variance),
+        ("guide_albedo", &frame.guide_albedo),
+        ("guide_normal", &frame.guide_normal),
+        ("irradiance", &frame.irradiance),
+    ] {
+        if let Some(image) = image {
+            assert_eq!(image.pixels.len(), n, "{name}");
+            assert!(image.pixels.iter().flatten().all(|v| v.is_finite() && (*v >= 0.0 || name == "guide_normal")), "{name}");
+        }
+    }
+    for i in 0..n {
+        let hit = frame.depth.pixels[i].is_finite();
+        assert!(frame.depth.pixels[i] > 0.0, "depth {}", frame.depth.pixels[i]);
+        let normal = Vec3A::from_array(frame.normal.pixels[i]);
+        assert!((normal.length() - if hit { 1.0 } else { 0.0 }).abs() < 1e-4, "normal {normal}");
+        assert!(frame.albedo.pixels[i].iter().chain(&frame.material.pixels[i]).all(|v| (0.0..=1.0).contains(v)));
+        assert!((0.0..=1.0).contains(&frame.alpha.pixels[i]));
+        assert_eq!(frame.object_id.pixels[i] != 0, hit);
+        assert_eq!(frame.material_id.pixels[i] != 0, hit);
+    }
+    for image in [&frame.motion, &frame.motion_prev].into_iter().flatten() {
+        assert!(image.pixels.iter().flatten().all(|v| v.is_finite()));
+    }
+}
