@@ -37,6 +37,11 @@ impl Environment {
         self.map.pixels.windows(2).all(|pair| pair[0] == pair[1])
     }
 
+    /// Another map with this one's rotation and intensity.
+    pub fn with_map(&self, map: Rgb) -> Self {
+        Self { map, ..*self }
+    }
+
     /// Map coordinates (each 0..=1) of a world-space direction (unit length not needed), rotation applied.
     #[inline]
     pub fn uv(&self, direction: Vec3A) -> Vec2 {
@@ -145,7 +150,7 @@ impl Environment {
                 *pixel = sum.to_array();
             }
         });
-        Self { map: Image { width, height, pixels }, ..*self }
+        self.with_map(Image { width, height, pixels })
     }
 }
 
