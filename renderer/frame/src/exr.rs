@@ -1,20 +1,275 @@
 //! Frame files: one single-part, scan-line, ZIP16 OpenEXR file a frame, channels by the table in [`crate::channel`].
 
-use crate::{Frame, Result};
+mod attributes;
+mod open;
+
+use crate::channel::{Access, Field, LAYERS, Layer as TableLayer, Storage};
+use crate::file::write_atomic;
+use crate::image::{Image, Rgb};
+use crate::{Error, Frame, Result};
+use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
+use ::exr::math::Vec2;
+use ::exr::meta::attribute::{EnvironmentMap, IntegerBounds};
+use ::exr::meta::header::{Header, LayerAttributes};
+use ::exr::prelude::{Compression, LineOrder, ReadChannels, ReadLayers, WritableImage};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use std::io::Cursor;
 use std::path::Path;
+
+/// First bytes of every OpenEXR file.
+pub(crate) const SIGNATURE: [u8; 4] = ::exr::meta::magic_number::BYTES;
+
+/// Largest finite half float.
+const HALF_MAX: f32 = 65504.0;
 
 /// Writes a frame; half-float values beyond 65504 are clamped. Returns how many were.
 ///
+/// The same frame gives the same bytes. No layer `name` is set: with one, Blender shows a single output instead of the channels' layers.
+///
 /// # Errors
-/// When a channel holds NaN, or the file cannot be written (nothing is left behind).
-pub fn write(_path: &Path, _frame: &Frame) -> Result<usize> {
-    todo!()
+/// When a channel holds NaN, or an infinity where depth's +inf is not meant; when a picture's size is not the frame's;
+/// when the file cannot be written (nothing is left behind).
+pub fn write(path: &Path, frame: &Frame) -> Result<usize> {
+    let (bytes, clamped) = encode(path, frame)?;
+    write_atomic(path, &bytes)?;
+    Ok(clamped)
+}
+
+/// [`write`] into memory; `name` stands for the path in errors. Returns the bytes and how many values were clamped.
+///
+/// # Errors
+/// As [`write`], but for writing the file.
+pub fn encode(name: &Path, frame: &Frame) -> Result<(Vec<u8>, usize)> {
+    let malformed = |reason: String| Error::malformed(name, reason);
+    if frame.width == 0 || frame.height == 0 {
+        return Err(malformed(format!("a frame of {} x {} pixels has nothing to write", frame.width, frame.height)));
+    }
+    let mut clamped = 0;
+    let mut channels = Vec::new();
+    for layer in LAYERS {
+        channels.extend(layer_channels(frame, layer, &mut clamped).map_err(malformed)?);
+    }
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: ::exr::image::Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let size = Vec2(frame.width, frame.height);
+    let layer = Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(channels.into()));
+    let mut image = ExrImage::from_layer(layer);
+    attributes::write(&frame.info, &mut image.attributes, &mut image.layer_data.attributes).map_err(malformed)?;
+    let mut bytes = Cursor::new(Vec::new());
+    image.write().to_buffered(&mut bytes).map_err(|e| malformed(e.to_string()))?;
+    let mut bytes = bytes.into_inner();
+    attributes::sort(&mut bytes).ok_or_else(|| malformed("the header written is not a valid one".into()))?;
+    Ok((bytes, clamped))
 }
 
 /// Reads a frame written by [`write`]; optional channels may be absent.
 ///
 /// # Errors
-/// When the file is missing, is no OpenEXR, or lacks a channel; the message names it.
-pub fn read(_path: &Path) -> Result<Frame> {
-    todo!()
+/// When the file is missing, is no OpenEXR, lacks a channel or holds NaN; the message names it.
+pub fn read(path: &Path) -> Result<Frame> {
+    decode(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+}
+
+/// [`read`] from memory; `name` stands for the path in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
+    let malformed = |reason: String| Error::malformed(name, reason);
+    let meta = open::meta_data(name, bytes)?;
+    let [header] = &meta.headers[..] else {
+        return Err(malformed(format!("a frame file has one part, this one has {}", meta.headers.len())));
+    };
+    check_pixel_grid(header).map_err(malformed)?;
+    let info = attributes::read(header).map_err(malformed)?;
+    // One thread: in the crate's own pool a panic on damaged data would end the program.
+    let reader = ::exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
+    let image = open::guarded(name, || reader.all_attributes().non_parallel().from_buffered(Cursor::new(bytes)))?;
+    let mut channels = image.layer_data.channel_data.list.into_vec();
+    let mut frame = Frame { width: image.layer_data.size.0, height: image.layer_data.size.1, info, ..Frame::default() };
+    for layer in LAYERS {
+        read_layer(&mut frame, layer, &mut channels).map_err(malformed)?;
+    }
+    Ok(frame)
+}
+
+/// Reads the root channels `R`, `G`, `B` of any OpenEXR file, half or float, whoever wrote it. Values are as stored: NaN is possible.
+///
+/// # Errors
+/// When the file is missing or damaged, lacks a channel, or covers a part of its display window only.
+pub fn read_rgb(path: &Path) -> Result<Rgb> {
+    decode_rgb(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+}
+
+/// [`read_rgb`] from memory; `name` stands for the path in errors.
+///
+/// # Errors
+/// As [`read_rgb`].
+pub fn decode_rgb(name: &Path, bytes: &[u8]) -> Result<Rgb> {
+    decode_rgb_header(name, bytes).map(|(picture, _)| picture)
+}
+
+/// As [`decode_rgb`] for an environment map: refuses cube maps.
+pub(crate) fn decode_environment(name: &Path, bytes: &[u8]) -> Result<Rgb> {
+    let (picture, header) = decode_rgb_header(name, bytes)?;
+    match header.own_attributes.environment_map {
+        Some(EnvironmentMap::Cube) => Err(Error::malformed(name, "a cube map; only equirectangular maps are supported")),
+        _ => Ok(picture),
+    }
+}
+
+fn decode_rgb_header(name: &Path, bytes: &[u8]) -> Result<(Rgb, Header)> {
+    let malformed = |reason: String| Error::malformed(name, reason);
+    let meta = open::meta_data(name, bytes)?;
+    let has = |header: &Header, channel: &str| header.channels.list.iter().any(|c| c.name == *channel);
+    let Some(header) = meta.headers.iter().find(|header| ["R", "G", "B"].iter().all(|c| has(header, c))) else {
+        let found = meta.headers.iter().flat_map(|header| &header.channels.list);
+        let found: Vec<String> = found.take(20).map(|c| c.name.to_string().chars().take(40).collect()).collect();
+        return Err(malformed(format!("no channels R, G, B; found {}", found.join(", "))));
+    };
+    check_pixel_grid(header).map_err(malformed)?;
+    let window = IntegerBounds { position: header.own_attributes.layer_position, size: header.layer_size };
+    if window != header.shared_attributes.display_window {
+        return Err(malformed("its data window is not its display window: a part of the picture only".into()));
+    }
+    let reader = ::exr::prelude::read().no_deep_data().largest_resolution_level().rgb_channels(
+        |size, _| Rgb::filled(size.width(), size.height(), [0.0; 3]),
+        |picture, at, (r, g, b): (f32, f32, f32)| picture.pixels[at.y() * picture.width + at.x()] = [r, g, b],
+    );
+    let reader = reader.first_valid_layer().all_attributes().non_parallel();
+    let image = open::guarded(name, || reader.from_buffered(Cursor::new(bytes)))?;
+    Ok((image.layer_data.channel_data.pixels, header.clone()))
+}
+
+fn check_pixel_grid(header: &Header) -> std::result::Result<(), String> {
+    match header.channels.list.iter().find(|c| c.sampling != Vec2(1, 1)) {
+        Some(channel) => Err(format!("channel {} is subsampled", channel.name)),
+        None => Ok(()),
+    }
+}
+
+/// The channels of one layer of the table, none when the frame lacks it.
+fn layer_channels(
+    frame: &Frame,
+    layer: &TableLayer,
+    clamped: &mut usize,
+) -> std::result::Result<Vec<AnyChannel<FlatSamples>>, String> {
+    let components: Vec<Vec<f32>> = match &layer.field {
+        Field::Id(access) => {
+            let ids = (access.get)(frame).map(|ids| sized(frame, layer, ids)).transpose()?;
+            return Ok(layer
+                .channel_names()
+                .zip(ids)
+                .map(|(name, ids)| AnyChannel::new(name.as_str(), FlatSamples::U32(ids.pixels.clone())))
+                .collect());
+        }
+        Field::Rgb(access) => split(frame, layer, access, |pixel: &[f32; 3], i| pixel[i])?,
+        Field::Vec2(access) => split(frame, layer, access, |pixel: &[f32; 2], i| pixel[i])?,
+        Field::Scalar(access) => split(frame, layer, access, |pixel: &f32, _| *pixel)?,
+    };
+    let mut channels = Vec::with_capacity(components.len());
+    for (name, mut values) in layer.channel_names().zip(components) {
+        check_values(&name, layer, frame.width, &values)?;
+        let samples = match layer.storage {
+            Storage::Half => {
+                for value in values.iter_mut().filter(|v| v.abs() > HALF_MAX) {
+                    *value = value.clamp(-HALF_MAX, HALF_MAX);
+                    *clamped += 1;
+                }
+                let mut halves = vec![f16::ZERO; values.len()];
+                halves.convert_from_f32_slice(&values);
+                FlatSamples::F16(halves)
+            }
+            Storage::Float | Storage::Uint => FlatSamples::F32(values),
+        };
+        channels.push(AnyChannel::new(name.as_str(), samples));
+    }
+    Ok(channels)
+}
+
+/// One vector a component of a layer; empty when the frame lacks it.
+fn split<P>(
+    frame: &Frame,
+    layer: &TableLayer,
+    access: &Access<Image<P>>,
+    component: impl Fn(&P, usize) -> f32,
+) -> std::result::Result<Vec<Vec<f32>>, String> {
+    let Some(image) = (access.get)(frame) else { return Ok(Vec::new()) };
+    let image = sized(frame, layer, image)?;
+    Ok((0..layer.components.len()).map(|i| image.pixels.iter().map(|pixel| component(pixel, i)).collect()).collect())
+}
+
+fn sized<'a, P>(frame: &Frame, layer: &TableLayer, image: &'a Image<P>) -> std::result::Result<&'a Image<P>, String> {
+    let pixels = frame.width * frame.height;
+    if (image.width, image.height, image.pixels.len()) != (frame.width, frame.height, pixels) {
+        return Err(format!(
+            "channel {} is {} x {} with {} pixels in a frame of {} x {}",
+            layer.channel_names().next().unwrap_or_default(),
+            image.width,
+            image.height,
+            image.pixels.len(),
+            frame.width,
+            frame.height
+        ));
+    }
+    Ok(image)
+}
+
+/// Refuses NaN, and infinities except +inf in depth (a miss).
+fn check_values(name: &str, layer: &TableLayer, width: usize, values: &[f32]) -> std::result::Result<(), String> {
+    let miss = layer.name == "depth";
+    match values.iter().position(|&v| !v.is_finite() && !(miss && v == f32::INFINITY)) {
+        Some(i) => Err(format!("channel {name} is {} at pixel ({}, {})", values[i], i % width, i / width)),
+        None => Ok(()),
+    }
+}
+
+/// Takes the channels of one layer of the table out of `channels` and stores them in `frame`.
+fn read_layer(
+    frame: &mut Frame,
+    layer: &TableLayer,
+    channels: &mut Vec<AnyChannel<FlatSamples>>,
+) -> std::result::Result<(), String> {
+    let mut found = Vec::new();
+    let mut missing = None;
+    for name in layer.channel_names() {
+        match channels.iter().position(|channel| channel.name == *name.as_str()) {
+            Some(at) => found.push((name, channels.swap_remove(at).sample_data)),
+            None => missing = Some(name),
+        }
+    }
+    if let Some(name) = missing {
+        // All or nothing: a layer with some of its channels is a damaged one.
+        return if layer.optional && found.is_empty() { Ok(()) } else { Err(format!("channel {name} is missing")) };
+    }
+    let (width, height) = (frame.width, frame.height);
+    if let Field::Id(access) = &layer.field {
+        for (name, samples) in found {
+            let FlatSamples::U32(pixels) = samples else { return Err(format!("channel {name} is not of type uint")) };
+            (access.set)(frame, Image { width, height, pixels });
+        }
+        return Ok(());
+    }
+    let mut values = Vec::with_capacity(found.len());
+    for (name, samples) in found {
+        let samples = match samples {
+            FlatSamples::F16(halves) => halves.to_f32_vec(),
+            FlatSamples::F32(floats) => floats,
+            FlatSamples::U32(_) => return Err(format!("channel {name} is not of type half or float")),
+        };
+        check_values(&name, layer, width, &samples)?;
+        values.push(samples);
+    }
+    match &layer.field {
+        Field::Rgb(access) => {
+            (access.set)(frame, Image::from_fn(width, height, |x, y| [0, 1, 2].map(|i| values[i][y * width + x])))
+        }
+        Field::Vec2(access) => {
+            (access.set)(frame, Image::from_fn(width, height, |x, y| [0, 1].map(|i| values[i][y * width + x])))
+        }
+        Field::Scalar(access) => (access.set)(frame, Image { width, height, pixels: values.swap_remove(0) }),
+        Field::Id(_) => {}
+    }
+    Ok(())
 }

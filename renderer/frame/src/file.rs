@@ -28,3 +28,23 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     temporary.persist(path).map_err(|e| Error::io(path, "rename")(e.error))?;
     Ok(())
 }
+
+/// Reads a JSON file.
+///
+/// # Errors
+/// When the file cannot be read, or does not hold a `T`; the message gives file, line and column.
+pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    // serde_json's message ends with "at line L column C".
+    serde_json::from_slice(&bytes).map_err(|error| Error::malformed(path, error.to_string()))
+}
+
+/// Writes a value as indented JSON by [`write_atomic`]. NaN and infinities would become `null`: check them before.
+///
+/// # Errors
+/// When the value has no JSON form (a map whose keys are not strings) or the file cannot be written.
+pub fn write_json<T: serde::Serialize + ?Sized>(path: &Path, value: &T) -> Result<()> {
+    let mut json = serde_json::to_vec_pretty(value).map_err(|error| Error::malformed(path, error.to_string()))?;
+    json.push(b'\n');
+    write_atomic(path, &json)
+}

@@ -1,7 +1,7 @@
 //! Reads and writes environment maps: Radiance `.hdr` and `.exr`.
 
-use crate::Result;
 use crate::image::Rgb;
+use crate::{Error, Result, exr, rgbe};
 use std::path::Path;
 
 /// An environment map as read, with what had to be repaired.
@@ -15,21 +15,41 @@ pub struct LoadedMap {
 
 /// Reads `.hdr` or `.exr` (by content). NaN, infinite and negative texels become 0 and are counted.
 ///
+/// `EXPOSURE` and `COLORCORR` lines of a `.hdr` are not applied, as in other renderers: maps are used in their stored units.
+///
 /// # Errors
-/// When the file is missing, truncated or neither format.
-pub fn read(_path: &Path) -> Result<LoadedMap> {
-    todo!()
+/// When the file is missing, truncated or neither format; when an `.exr` is no single equirectangular `R`, `G`, `B` picture.
+pub fn read(path: &Path) -> Result<LoadedMap> {
+    decode(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
 }
 
-/// Decodes a Radiance `.hdr` held in memory; `name` stands for the path in errors.
+/// Decodes a `.hdr` or `.exr` held in memory; `name` stands for the path in errors.
 ///
 /// # Errors
 /// As [`read`].
-pub fn decode(_name: &Path, _bytes: &[u8]) -> Result<LoadedMap> {
-    todo!()
+pub fn decode(name: &Path, bytes: &[u8]) -> Result<LoadedMap> {
+    let mut map = if bytes.starts_with(&exr::SIGNATURE) {
+        exr::decode_environment(name, bytes)?
+    } else if bytes.starts_with(rgbe::SIGNATURE) {
+        rgbe::decode(bytes).map_err(|reason| Error::malformed(name, reason))?
+    } else {
+        let reason = if bytes.is_empty() { "the file is empty" } else { "neither Radiance .hdr nor OpenEXR" };
+        return Err(Error::malformed(name, reason));
+    };
+    let mut repaired = 0;
+    for texel in &mut map.pixels {
+        if !texel.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            *texel = [0.0; 3];
+            repaired += 1;
+        }
+    }
+    Ok(LoadedMap { map, repaired })
 }
 
 /// Encodes as Radiance RGBE with run lengths: the same picture gives the same bytes on every machine.
-pub fn encode(_map: &Rgb) -> Vec<u8> {
-    todo!()
+///
+/// Components are rounded to the nearest of 8-bit mantissas that share an exponent; a decoded picture encodes to the same values again.
+/// NaN and negative components become 0, values beyond 1.7e38 that.
+pub fn encode(map: &Rgb) -> Vec<u8> {
+    rgbe::encode(map)
 }

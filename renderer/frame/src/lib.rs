@@ -16,6 +16,7 @@ pub mod frame;
 pub mod hdr;
 pub mod ibl;
 pub mod image;
+mod rgbe;
 pub mod screen_space;
 pub mod transforms;
 pub mod warp;

@@ -1,6 +1,12 @@
 //! `transforms.json`: cameras of a sequence in nerfstudio's keys, with the convention stated.
+//!
+//! Matrices are rows of camera-to-world in OpenGL axes and pixel centres lie at +0.5, which is nerfstudio's own convention; the world's up
+//! is +Y here and +Z there. `camera_angle_x` (radians) is what 3D Gaussian Splatting's loader asks for.
 
-use crate::{Camera, Result};
+use crate::file::{read_json, write_json};
+use crate::{Camera, Error, Result};
+use glam::{Affine3A, Mat3A, Vec3A};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// One sequence's cameras and where its frames are.
@@ -22,18 +28,187 @@ pub struct Sequence {
     pub environment_intensity: f32,
 }
 
+/// Axes of the matrices in the file.
+const CONVENTION: &str = "opengl_c2w";
+
+/// The file as it stands. Intrinsics stand at the top when all frames share them, otherwise in each frame (nerfstudio reads both).
+#[derive(Serialize, Deserialize)]
+struct File {
+    camera_model: String,
+    convention: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    camera_angle_x: Option<f64>,
+    #[serde(flatten)]
+    intrinsics: Intrinsics,
+    exposure: f32,
+    environment: EnvironmentEntry,
+    keyframes: Vec<usize>,
+    frames: Vec<FrameEntry>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct EnvironmentEntry {
+    file: String,
+    /// Radians about +Y.
+    rotation: f32,
+    intensity: f32,
+}
+
+#[derive(Serialize, Deserialize)]
+struct FrameEntry {
+    file_path: String,
+    #[serde(flatten)]
+    intrinsics: Intrinsics,
+    transform_matrix: [[f32; 4]; 4],
+}
+
+#[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Intrinsics {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fl_x: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fl_y: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cx: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cy: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    w: Option<usize>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    h: Option<usize>,
+}
+
+impl Intrinsics {
+    fn of(camera: &Camera) -> Self {
+        Self {
+            fl_x: Some(camera.fl_x),
+            fl_y: Some(camera.fl_y),
+            cx: Some(camera.cx),
+            cy: Some(camera.cy),
+            w: Some(camera.width),
+            h: Some(camera.height),
+        }
+    }
+}
+
 /// Writes `transforms.json`.
 ///
 /// # Errors
-/// When the file cannot be written.
-pub fn write(_path: &Path, _sequence: &Sequence) -> Result<()> {
-    todo!()
+/// When cameras and files differ in number, a matrix is not rigid, a keyframe is no frame, a number is not finite, or the file cannot be
+/// written.
+pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
+    let malformed = |reason: String| Error::malformed(path, reason);
+    if sequence.cameras.len() != sequence.files.len() {
+        return Err(malformed(format!("{} cameras for {} files", sequence.cameras.len(), sequence.files.len())));
+    }
+    check(sequence).map_err(malformed)?;
+    let first = sequence.cameras.first().map(Intrinsics::of).unwrap_or_default();
+    let shared = sequence.cameras.iter().all(|camera| Intrinsics::of(camera) == first);
+    let frames = sequence.cameras.iter().zip(&sequence.files).map(|(camera, file)| FrameEntry {
+        file_path: file.clone(),
+        intrinsics: if shared { Intrinsics::default() } else { Intrinsics::of(camera) },
+        transform_matrix: rows(camera.camera_to_world),
+    });
+    let file = File {
+        camera_model: "PINHOLE".into(),
+        convention: CONVENTION.into(),
+        camera_angle_x: sequence
+            .cameras
+            .first()
+            .filter(|_| shared)
+            .map(|c| 2.0 * (0.5 * c.width as f64 / f64::from(c.fl_x)).atan()),
+        intrinsics: if shared { first } else { Intrinsics::default() },
+        exposure: sequence.exposure,
+        environment: EnvironmentEntry {
+            file: sequence.environment.clone(),
+            rotation: sequence.environment_rotation,
+            intensity: sequence.environment_intensity,
+        },
+        keyframes: sequence.keyframes.clone(),
+        frames: frames.collect(),
+    };
+    write_json(path, &file)
 }
 
 /// Reads `transforms.json`.
 ///
 /// # Errors
-/// When the file cannot be read or lacks a key; the message names it.
-pub fn read(_path: &Path) -> Result<Sequence> {
-    todo!()
+/// When the file cannot be read or lacks a key (the message names it), or as in [`write`].
+pub fn read(path: &Path) -> Result<Sequence> {
+    let malformed = |reason: String| Error::malformed(path, reason);
+    let file: File = read_json(path)?;
+    if file.convention != CONVENTION {
+        return Err(malformed(format!("/convention is {:?}, only {CONVENTION:?} is read", file.convention)));
+    }
+    if file.camera_model != "PINHOLE" {
+        return Err(malformed(format!("/camera_model is {:?}, only \"PINHOLE\" is read", file.camera_model)));
+    }
+    let cameras = file.frames.iter().enumerate().map(|(index, frame)| camera(&file, frame, index));
+    let sequence = Sequence {
+        cameras: cameras.collect::<std::result::Result<_, _>>().map_err(malformed)?,
+        files: file.frames.iter().map(|frame| frame.file_path.clone()).collect(),
+        keyframes: file.keyframes,
+        exposure: file.exposure,
+        environment: file.environment.file,
+        environment_rotation: file.environment.rotation,
+        environment_intensity: file.environment.intensity,
+    };
+    check(&sequence).map_err(malformed)?;
+    Ok(sequence)
+}
+
+fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<Camera, String> {
+    let (own, common) = (&frame.intrinsics, &file.intrinsics);
+    let missing = |key: &str| format!("missing key {key}, neither at the top nor in /frames/{index}");
+    let rows = frame.transform_matrix;
+    if rows[3] != [0.0, 0.0, 0.0, 1.0] {
+        return Err(format!("/frames/{index}/transform_matrix: the last row is {:?}, not [0, 0, 0, 1]", rows[3]));
+    }
+    let column = |i: usize| Vec3A::new(rows[0][i], rows[1][i], rows[2][i]);
+    let rotation = Mat3A::from_cols(column(0), column(1), column(2));
+    Ok(Camera {
+        camera_to_world: Affine3A { matrix3: rotation, translation: column(3) },
+        fl_x: own.fl_x.or(common.fl_x).ok_or_else(|| missing("fl_x"))?,
+        fl_y: own.fl_y.or(common.fl_y).ok_or_else(|| missing("fl_y"))?,
+        cx: own.cx.or(common.cx).ok_or_else(|| missing("cx"))?,
+        cy: own.cy.or(common.cy).ok_or_else(|| missing("cy"))?,
+        width: own.w.or(common.w).ok_or_else(|| missing("w"))?,
+        height: own.h.or(common.h).ok_or_else(|| missing("h"))?,
+    })
+}
+
+fn rows(transform: Affine3A) -> [[f32; 4]; 4] {
+    glam::Mat4::from(transform).transpose().to_cols_array_2d()
+}
+
+fn check(sequence: &Sequence) -> std::result::Result<(), String> {
+    let finite = |key: &str, value: f32| if value.is_finite() { Ok(()) } else { Err(format!("{key} is {value}")) };
+    finite("/exposure", sequence.exposure)?;
+    finite("/environment/rotation", sequence.environment_rotation)?;
+    finite("/environment/intensity", sequence.environment_intensity)?;
+    for (index, camera) in sequence.cameras.iter().enumerate() {
+        if !camera.camera_to_world.is_finite() {
+            return Err(format!("/frames/{index}/transform_matrix holds NaN or infinity"));
+        }
+        // A scaled or mirrored matrix would give wrong depths and motion without a word.
+        let rotation = camera.camera_to_world.matrix3;
+        if !(rotation.transpose() * rotation).abs_diff_eq(Mat3A::IDENTITY, 1e-3) || rotation.determinant() < 0.0 {
+            return Err(format!("/frames/{index}/transform_matrix is not a rotation and a translation"));
+        }
+        for (key, value) in [("fl_x", camera.fl_x), ("fl_y", camera.fl_y)] {
+            finite(&format!("{key} of frame {index}"), value)?;
+            if value <= 0.0 {
+                return Err(format!("{key} of frame {index} is {value}, not above 0"));
+            }
+        }
+        finite(&format!("cx of frame {index}"), camera.cx)?;
+        finite(&format!("cy of frame {index}"), camera.cy)?;
+        if camera.width == 0 || camera.height == 0 {
+            return Err(format!("frame {index} is {} x {} pixels", camera.width, camera.height));
+        }
+    }
+    match sequence.keyframes.iter().find(|&&key| key >= sequence.cameras.len()) {
+        Some(key) => Err(format!("/keyframes: {key} is no frame, there are {}", sequence.cameras.len())),
+        None => Ok(()),
+    }
 }

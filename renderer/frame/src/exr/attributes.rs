@@ -1,0 +1,166 @@
+//! Header attributes of a frame file: [`FrameInfo`] out and in again, and the standard camera attributes for other tools.
+
+use crate::camera::Camera;
+use crate::{FrameInfo, channel};
+use ::exr::meta::attribute::{AttributeValue, Chromaticities, Matrix4x4, Text};
+use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
+use glam::{Mat4, Vec3, Vec4};
+
+const VERSION: &str = "renderflow/version";
+const CONVENTIONS: &str = "renderflow/conventions";
+const SCENE_HASH: &str = "renderflow/scene_hash";
+const SEED: &str = "renderflow/seed";
+const EXPOSURE: &str = "renderflow/exposure";
+const DENOISER: &str = "renderflow/denoiser";
+const CAMERA: &str = "renderflow/camera";
+const SPP: &str = "spp";
+
+/// UTF-8 as it is; the exr crate's own conversion would store Latin-1 and refuse the rest.
+fn text(value: &str) -> Text {
+    Text::from_slice_unchecked(value.as_bytes())
+}
+
+/// Fills the header from `info`.
+pub(super) fn write(
+    info: &FrameInfo,
+    image: &mut ImageAttributes,
+    layer: &mut LayerAttributes,
+) -> std::result::Result<(), String> {
+    image.chromaticities = Some(Chromaticities {
+        red: (0.64, 0.33).into(),
+        green: (0.30, 0.60).into(),
+        blue: (0.15, 0.06).into(),
+        white: (0.3127, 0.3290).into(),
+    });
+    layer.software_name = Some(text("RenderFlow"));
+    let mut set = |name: &str, value: AttributeValue| layer.other.insert(text(name), value);
+    let string = |value: &str| AttributeValue::Text(text(value));
+    set("colorInteropID", string("lin_rec709_scene"));
+    set(VERSION, string(env!("CARGO_PKG_VERSION")));
+    set(CONVENTIONS, string(&channel::conventions()));
+    set(SCENE_HASH, string(&info.scene_hash));
+    // A string, because OpenEXR has no 64-bit integer.
+    set(SEED, string(&info.seed.to_string()));
+    set(
+        SPP,
+        AttributeValue::I32(i32::try_from(info.spp).map_err(|_| format!("{} samples a pixel do not fit the header", info.spp))?),
+    );
+    if !info.exposure.is_finite() {
+        return Err(format!("exposure is {}", info.exposure));
+    }
+    set(EXPOSURE, AttributeValue::F32(info.exposure));
+    if let Some(denoiser) = &info.denoiser {
+        set(DENOISER, string(denoiser));
+    }
+    if let Some(camera) = &info.camera {
+        if !is_finite(camera) {
+            return Err("the camera holds NaN or infinity".into());
+        }
+        set(CAMERA, string(&serde_json::to_string(camera).map_err(|e| e.to_string())?));
+        layer.world_to_camera = Some(matrix(world_to_camera(camera)));
+        layer.world_to_normalized_device = Some(matrix(world_to_ndc(camera)));
+    }
+    Ok(())
+}
+
+/// Reads what [`write`] stored. Absent values are those of [`FrameInfo::default`]; malformed ones are errors.
+pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
+    let other = &header.own_attributes.other;
+    let string = |name: &str| match other.get(name.as_bytes()) {
+        None => Ok(None),
+        Some(AttributeValue::Text(value)) => match std::str::from_utf8(value.as_slice()) {
+            Ok(value) => Ok(Some(value.to_owned())),
+            Err(_) => Err(format!("header attribute {name} is not UTF-8")),
+        },
+        Some(_) => Err(format!("header attribute {name} is not a string")),
+    };
+    check_conventions(&string(CONVENTIONS)?.ok_or_else(|| format!("no frame file: header attribute {CONVENTIONS} is missing"))?)?;
+    Ok(FrameInfo {
+        camera: match string(CAMERA)? {
+            None => None,
+            Some(json) => {
+                let camera: Camera = serde_json::from_str(&json).map_err(|e| format!("header attribute {CAMERA}: {e}"))?;
+                Some(camera)
+            }
+        },
+        spp: match other.get(SPP.as_bytes()) {
+            None => 0,
+            Some(AttributeValue::I32(spp)) if *spp >= 0 => *spp as u32,
+            Some(_) => return Err(format!("header attribute {SPP} is not a count")),
+        },
+        seed: match string(SEED)? {
+            None => 0,
+            Some(seed) => seed.parse().map_err(|_| format!("header attribute {SEED} is not an unsigned integer"))?,
+        },
+        scene_hash: string(SCENE_HASH)?.unwrap_or_default(),
+        exposure: match other.get(EXPOSURE.as_bytes()) {
+            None => 0.0,
+            Some(AttributeValue::F32(exposure)) if exposure.is_finite() => *exposure,
+            Some(_) => return Err(format!("header attribute {EXPOSURE} is not a finite float")),
+        },
+        denoiser: string(DENOISER)?,
+    })
+}
+
+fn check_conventions(json: &str) -> std::result::Result<(), String> {
+    #[derive(serde::Deserialize)]
+    struct Version {
+        format: u32,
+    }
+    let found: Version = serde_json::from_str(json).map_err(|e| format!("header attribute {CONVENTIONS}: {e}"))?;
+    if found.format != channel::FORMAT {
+        return Err(format!("frame format {} is not the one read here ({})", found.format, channel::FORMAT));
+    }
+    Ok(())
+}
+
+fn is_finite(camera: &Camera) -> bool {
+    camera.camera_to_world.is_finite() && [camera.fl_x, camera.fl_y, camera.cx, camera.cy].iter().all(|v| v.is_finite())
+}
+
+/// World to OpenEXR's left-handed camera space: x right, y up, z along the view.
+fn world_to_camera(camera: &Camera) -> Mat4 {
+    Mat4::from_scale(Vec3::new(1.0, 1.0, -1.0)) * Mat4::from(camera.world_to_camera())
+}
+
+/// World to OpenEXR's normalised device coordinates: after division by w, (0, 0) is the image's top left corner and (1, 1) its bottom right;
+/// z, which readers are to discard, is 1 / depth.
+fn world_to_ndc(camera: &Camera) -> Mat4 {
+    let (width, height) = (camera.width as f32, camera.height as f32);
+    let projection = Mat4::from_cols(
+        Vec4::new(camera.fl_x / width, 0.0, 0.0, 0.0),
+        Vec4::new(0.0, -camera.fl_y / height, 0.0, 0.0),
+        Vec4::new(camera.cx / width, camera.cy / height, 0.0, 1.0),
+        Vec4::new(0.0, 0.0, 1.0, 0.0),
+    );
+    projection * world_to_camera(camera)
+}
+
+/// OpenEXR multiplies row vectors from the left and stores rows first: the same sixteen numbers as glam's columns.
+fn matrix(m: Mat4) -> Matrix4x4 {
+    m.to_cols_array()
+}
+
+/// Puts the attributes of a single-part file in order of their names, in place.
+///
+/// The exr crate keeps custom attributes in a hash map and writes them in its random order; the same frame must give the same bytes.
+/// Offsets in the file stay right because the header keeps its length.
+pub(super) fn sort(bytes: &mut [u8]) -> Option<()> {
+    // Magic number and version, then attributes (name, type, size, value) until an empty name.
+    const START: usize = 8;
+    let text_end = |from: usize| Some(from + bytes.get(from..)?.iter().position(|&b| b == 0)? + 1);
+    let mut attributes = Vec::new();
+    let mut at = START;
+    while *bytes.get(at)? != 0 {
+        let name_end = text_end(at)?;
+        let type_end = text_end(name_end)?;
+        let size = bytes.get(type_end..type_end + 4)?;
+        let end = type_end + 4 + u32::from_le_bytes(size.try_into().ok()?) as usize;
+        attributes.push(bytes.get(at..end)?.to_vec());
+        at = end;
+    }
+    // Whole attributes compare by name first: a name ends with 0, which sorts before everything.
+    attributes.sort_unstable();
+    bytes[START..at].copy_from_slice(&attributes.concat());
+    Some(())
+}

@@ -1,0 +1,243 @@
+//! Frame files: what is written comes back, other readers see the table's channels, and bad frames are refused.
+
+mod common;
+
+use glam::{Mat4, Vec3A, Vec4};
+use half::f16;
+use renderflow_frame::channel::{LAYERS, Storage};
+use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::{Error, Frame, exr};
+use std::path::Path;
+
+const NAME: &str = "frame.exr";
+
+fn encode(frame: &Frame) -> Result<(Vec<u8>, usize), Error> {
+    exr::encode(Path::new(NAME), frame)
+}
+
+fn decode(bytes: &[u8]) -> Result<Frame, Error> {
+    exr::decode(Path::new(NAME), bytes)
+}
+
+fn half(picture: &Rgb) -> Rgb {
+    picture.map(|p| p.map(|v| f16::from_f32(v).to_f32()))
+}
+
+/// The frame with its half channels rounded as the file rounds them.
+fn rounded(frame: &Frame) -> Frame {
+    let round2 = |picture: &Image<[f32; 2]>| picture.map(|p| p.map(|v| f16::from_f32(v).to_f32()));
+    Frame {
+        beauty: frame.beauty.as_ref().map(half),
+        alpha: frame.alpha.map(|&v| f16::from_f32(v).to_f32()),
+        raw: frame.raw.as_ref().map(half),
+        albedo: half(&frame.albedo),
+        normal: half(&frame.normal),
+        material: half(&frame.material),
+        irradiance: frame.irradiance.as_ref().map(half),
+        guide_albedo: frame.guide_albedo.as_ref().map(half),
+        guide_normal: frame.guide_normal.as_ref().map(half),
+        motion: frame.motion.as_ref().map(round2),
+        motion_prev: frame.motion_prev.as_ref().map(round2),
+        ..frame.clone()
+    }
+}
+
+fn without_options(frame: &Frame) -> Frame {
+    Frame {
+        beauty: None,
+        raw: None,
+        variance: None,
+        irradiance: None,
+        guide_albedo: None,
+        guide_normal: None,
+        motion: None,
+        motion_prev: None,
+        ..frame.clone()
+    }
+}
+
+#[test]
+fn a_frame_comes_back_with_its_header() {
+    // Sizes around the 16 rows of a ZIP block.
+    for (width, height) in [(1, 1), (5, 3), (32, 16), (33, 17), (70, 50)] {
+        let frame = common::frame(width, height);
+        for mut frame in [without_options(&frame), frame] {
+            for denoiser in [None, Some("débruiteur".to_owned())] {
+                frame.info.denoiser = denoiser;
+                let (bytes, clamped) = encode(&frame).unwrap();
+                assert_eq!(clamped, 0);
+                assert_eq!(decode(&bytes).unwrap(), rounded(&frame), "{width} x {height}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_header_without_a_camera_comes_back_too() {
+    let frame = Frame { info: Default::default(), ..common::frame(4, 4) };
+    assert_eq!(decode(&encode(&frame).unwrap().0).unwrap().info, frame.info);
+}
+
+/// Random cameras: text must not lose a bit of a float.
+#[test]
+fn cameras_come_back_bit_for_bit() {
+    let mut frame = common::frame(2, 2);
+    let mut state = 1u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f32::from_bits((state & 0x807f_ffff) | ((100 + (state >> 24) % 50) << 23))
+    };
+    for _ in 0..200 {
+        let mut camera = common::camera(2, 2);
+        camera.camera_to_world.translation = Vec3A::new(random(), random(), random());
+        camera.camera_to_world.matrix3.x_axis = Vec3A::new(random(), random(), random());
+        (camera.fl_x, camera.fl_y, camera.cx, camera.cy) = (random(), random(), random(), random());
+        frame.info.camera = Some(camera);
+        frame.info.exposure = random();
+        assert_eq!(decode(&encode(&frame).unwrap().0).unwrap().info, frame.info);
+    }
+}
+
+#[test]
+fn the_same_frame_gives_the_same_bytes() {
+    // Hash maps are seeded anew each time: twenty files would differ somewhere if any order came from one.
+    let frame = common::frame(20, 20);
+    let first = encode(&frame).unwrap().0;
+    assert!((0..20).all(|_| encode(&frame).unwrap().0 == first));
+}
+
+/// `openexr_read.py` asked OpenEXR's own reader what it sees in the file of `write_sample_frame`.
+#[test]
+fn openexr_sees_the_channels_of_the_table() {
+    let reference: serde_json::Value = serde_json::from_str(include_str!("references/openexr_read.json")).unwrap();
+    let mut expected = serde_json::Map::new();
+    for layer in LAYERS {
+        let storage = match layer.storage {
+            Storage::Half => "HALF",
+            Storage::Float => "FLOAT",
+            Storage::Uint => "UINT",
+        };
+        expected.extend(layer.channel_names().map(|name| (name, storage.into())));
+    }
+    assert_eq!(reference["channels"], serde_json::Value::Object(expected));
+    assert_eq!(reference["parts"], 1);
+    assert_eq!(reference["compression"], "ZIP_COMPRESSION");
+    assert_eq!(reference["lineOrder"], "INCREASING_Y");
+    assert_eq!(reference["has_name"], false);
+
+    // The values it read at pixel (7, 5), and the bytes it read them from.
+    let frame = rounded(&common::frame(24, 18));
+    let at = |channel: &str| reference["pixel_7_5"][channel].as_f64().unwrap();
+    assert_eq!(at("depth.Z") as f32, *frame.depth.at(7, 5));
+    assert_eq!(at("albedo.G") as f32, frame.albedo.at(7, 5)[1]);
+    assert_eq!(at("normal.Z") as f32, frame.normal.at(7, 5)[2]);
+    assert_eq!(at("variance.B") as f32, frame.variance.unwrap().at(7, 5)[2]);
+    assert_eq!(at("object_id.I") as u32, *frame.object_id.at(7, 5));
+    assert_eq!(at("material_id.I") as u32, *frame.material_id.at(7, 5));
+    assert_eq!(at("motion_prev.X") as f32, frame.motion_prev.unwrap().at(7, 5)[0]);
+}
+
+/// The matrices OpenEXR's reader found, applied as its documentation says: row vectors, z along the view, (0, 0) at the top left.
+#[test]
+fn standard_camera_attributes_project_as_the_camera_does() {
+    let reference: serde_json::Value = serde_json::from_str(include_str!("references/openexr_read.json")).unwrap();
+    // Rows of a matrix for row vectors are columns of glam's.
+    let matrix = |name: &str| {
+        let numbers: Vec<f32> = reference[name].as_array().unwrap().iter().map(|v| v.as_f64().unwrap() as f32).collect();
+        Mat4::from_cols_slice(&numbers)
+    };
+    let camera = common::camera(24, 18);
+    for p in [Vec3A::ZERO, Vec3A::new(0.2, 0.7, 0.1), Vec3A::new(-0.6, 0.3, -1.0)] {
+        let (pixel, depth) = camera.project(p).unwrap();
+        let cam = matrix("worldToCamera") * Vec4::from((p, 1.0));
+        assert!((cam.z - depth).abs() < 1e-5, "{cam} at depth {depth}");
+        assert!((cam.x / cam.z - (pixel.x - camera.cx) / camera.fl_x).abs() < 1e-5);
+        assert!((cam.y / cam.z - (camera.cy - pixel.y) / camera.fl_y).abs() < 1e-5);
+        let ndc = matrix("worldToNDC") * Vec4::from((p, 1.0));
+        assert!((ndc.x / ndc.w * 24.0 - pixel.x).abs() < 1e-4);
+        assert!((ndc.y / ndc.w * 18.0 - pixel.y).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn values_beyond_half_are_clamped_and_counted() {
+    let mut frame = common::frame(4, 4);
+    frame.raw.as_mut().unwrap().pixels[5] = [1e9, 65505.0, 65504.0];
+    frame.beauty.as_mut().unwrap().pixels[0][2] = -70000.0;
+    // Variance is a float channel: nothing to clamp.
+    frame.variance.as_mut().unwrap().pixels[3] = [1e30; 3];
+    let (bytes, clamped) = encode(&frame).unwrap();
+    assert_eq!(clamped, 3);
+    let read = decode(&bytes).unwrap();
+    assert_eq!(read.raw.unwrap().pixels[5], [65504.0; 3]);
+    assert_eq!(read.beauty.unwrap().pixels[0][2], -65504.0);
+    assert_eq!(read.variance.unwrap().pixels[3], [1e30; 3]);
+}
+
+#[test]
+fn nan_and_infinity_are_refused_by_channel_and_pixel() {
+    let cases: &[(fn(&mut Frame), &str)] = &[
+        (|f| f.normal.pixels[9][1] = f32::NAN, "channel normal.Y is NaN at pixel (4, 1)"),
+        (|f| f.beauty.as_mut().unwrap().pixels[0][0] = f32::INFINITY, "channel R is inf at pixel (0, 0)"),
+        (|f| f.alpha.pixels[14] = f32::NAN, "channel A is NaN at pixel (4, 2)"),
+        (|f| f.variance.as_mut().unwrap().pixels[1][2] = f32::INFINITY, "channel variance.B is inf at pixel (1, 0)"),
+        (|f| f.depth.pixels[6] = f32::NAN, "channel depth.Z is NaN at pixel (1, 1)"),
+        (|f| f.depth.pixels[6] = f32::NEG_INFINITY, "channel depth.Z is -inf at pixel (1, 1)"),
+        (|f| f.motion.as_mut().unwrap().pixels[4][0] = f32::NAN, "channel motion.X is NaN at pixel (4, 0)"),
+        (|f| f.info.exposure = f32::NAN, "exposure is NaN"),
+        (|f| f.info.camera.as_mut().unwrap().fl_x = f32::INFINITY, "camera holds NaN or infinity"),
+        (|f| f.info.spp = u32::MAX, "4294967295 samples"),
+        (|f| f.material = Image::filled(5, 2, [0.0; 3]), "channel material.R is 5 x 2"),
+        (|f| f.object_id.pixels.clear(), "channel object_id.I is 5 x 3 with 0 pixels"),
+        (|f| f.width = 0, "0 x 3"),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    for (spoil, expected) in cases {
+        let mut frame = common::frame(5, 3);
+        spoil(&mut frame);
+        let path = folder.path().join(NAME);
+        let error = exr::write(&path, &frame).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.starts_with(path.to_str().unwrap()), "{error:?} does not say {expected:?}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "something was left behind");
+}
+
+#[test]
+fn files_that_are_no_frames_are_refused() {
+    assert!(exr::read(Path::new("no/frame.exr")).unwrap_err().to_string().starts_with("no/frame.exr: cannot read: "));
+    assert!(decode(b"P6 1 1 255 abc").is_err());
+    if let Some(path) = common::asset("exr/TestImages/RgbRampsDiagonal.exr") {
+        let error = exr::read(&path).unwrap_err().to_string();
+        assert!(error.contains("renderflow/conventions is missing"), "{error}");
+        let picture = exr::read_rgb(&path).unwrap();
+        assert_eq!(picture.pixels.len(), picture.width * picture.height);
+    }
+    if let Some(path) = common::asset("exr/TestImages/GrayRampsHorizontal.exr") {
+        let error = exr::read_rgb(&path).unwrap_err().to_string();
+        assert!(error.contains("no channels R, G, B; found Y"), "{error}");
+    }
+}
+
+/// Renames a channel in the header: the reader must say which one it misses.
+#[test]
+fn a_missing_channel_is_named() {
+    let (bytes, _) = encode(&common::frame(3, 3)).unwrap();
+    for (channel, renamed) in [("depth.Z\0", "depth.Q\0"), ("raw.G\0", "raw.Q\0"), ("material_id.I\0", "material_id.Q\0")] {
+        let at = bytes.windows(channel.len()).position(|w| w == channel.as_bytes()).unwrap();
+        let mut bytes = bytes.clone();
+        bytes[at..at + renamed.len()].copy_from_slice(renamed.as_bytes());
+        let error = decode(&bytes).unwrap_err().to_string();
+        let name = channel.trim_end_matches('\0');
+        assert_eq!(error, format!("{NAME}: channel {name} is missing"));
+    }
+}
+
+#[test]
+fn another_format_is_refused() {
+    let (bytes, _) = encode(&common::frame(3, 3)).unwrap();
+    let find = b"{\"format\":1,";
+    let at = bytes.windows(find.len()).position(|w| w == find).unwrap();
+    let mut bytes = bytes;
+    bytes[at + find.len() - 2] = b'7';
+    assert!(decode(&bytes).unwrap_err().to_string().contains("frame format 7"));
+}
