@@ -91,7 +91,7 @@ impl Default for Material {
 }
 
 /// How texture coordinates outside 0..1 behave.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wrap {
     /// Fractional part.
     #[default]

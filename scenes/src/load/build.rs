@@ -202,9 +202,13 @@ impl<'a> Build<'a> {
             })
             .collect();
         for (part, mesh, material, transform) in parts {
+            let transforms: Vec<_> = placements.iter().map(|&p| p * transform).collect();
+            if !transforms.iter().all(|&t| super::invertible(t)) {
+                self.report.notes.push(format!("{}/{part} skipped: its transform flattens everything", object.name));
+                continue;
+            }
             let name = if single { object.name.clone() } else { self.instance_names.unique(&format!("{}/{part}", object.name)) };
             let material = material.unwrap_or_else(|| self.default_material());
-            let transforms = placements.iter().map(|&p| p * transform).collect();
             self.instances.push(Instance { name, mesh, material, object_id, transforms });
         }
     }
@@ -236,6 +240,7 @@ impl<'a> Build<'a> {
             });
         }
         self.textures.extend(loaded.textures);
+        self.report.dropped_triangles += loaded.report.dropped_triangles;
         self.report.blend_as_opaque += loaded.report.blend_as_opaque;
         self.report.mask_as_opaque += loaded.report.mask_as_opaque;
         self.report.notes.extend(loaded.report.notes.into_iter().map(|note| format!("{file}: {note}")));

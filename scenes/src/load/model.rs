@@ -55,7 +55,8 @@ pub(crate) struct Model {
 /// Reads a model file; materials and textures only `with_materials`.
 pub(crate) fn read(path: &Path, with_materials: bool) -> Result<Model> {
     match Format::of(path) {
-        Some(_) => Err(Error::model(path, "", format!("model files cannot be read yet (materials: {with_materials})"))),
+        Some(Format::Gltf) => super::gltf::read(path, with_materials),
+        Some(Format::Obj) => super::obj::read(path, with_materials),
         None => Err(Error::model(path, "", "not a .gltf, .glb or .obj file")),
     }
 }

@@ -1,0 +1,171 @@
+//! Buffers and accessors of a glTF file, every offset checked.
+//!
+//! The reader of the gltf crate is not used here: on malformed files (1.4) its offsets wrap around and its sparse values panic.
+
+use super::uri;
+use crate::error::{Error, Result};
+use gltf::accessor::{Accessor, DataType};
+use gltf::{Document, buffer};
+use std::path::Path;
+
+/// Most elements of an accessor that has no bytes behind it (all zeros, perhaps with sparse exceptions).
+const MAX_ZEROS: usize = 1 << 24;
+
+/// All buffers of a file, in memory.
+pub(super) struct Buffers<'a> {
+    path: &'a Path,
+    bytes: Vec<Vec<u8>>,
+}
+
+impl<'a> Buffers<'a> {
+    /// Reads every buffer: the binary chunk of a `.glb`, a data URI, or a file beside `path`.
+    pub(super) fn read(path: &'a Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Self> {
+        let bytes = document
+            .buffers()
+            .map(|buffer| {
+                let fail = |reason| Error::model(path, format!("/buffers/{}", buffer.index()), reason);
+                let mut bytes = match buffer.source() {
+                    buffer::Source::Uri(text) => uri::read(path, text).map_err(fail)?,
+                    buffer::Source::Bin => {
+                        blob.take().ok_or_else(|| fail("has no uri, and the file has no binary chunk".into()))?
+                    }
+                };
+                if bytes.len() < buffer.length() {
+                    return Err(fail(format!("holds {} bytes where byteLength says {}", bytes.len(), buffer.length())));
+                }
+                bytes.truncate(buffer.length());
+                Ok(bytes)
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self { path, bytes })
+    }
+
+    /// Bytes of a buffer view.
+    pub(super) fn view(&self, view: &buffer::View) -> Result<&[u8]> {
+        let bytes = &self.bytes[view.buffer().index()];
+        let range = view.offset().checked_add(view.length()).and_then(|end| bytes.get(view.offset()..end));
+        range.ok_or_else(|| {
+            let reason = format!(
+                "{} bytes from {} leave the {} bytes of buffer {}",
+                view.length(),
+                view.offset(),
+                bytes.len(),
+                view.buffer().index()
+            );
+            Error::model(self.path, format!("/bufferViews/{}", view.index()), reason)
+        })
+    }
+
+    /// `count` elements of `size` bytes each, `stride` apart, from byte `offset` of a view, without the gaps.
+    fn gather(
+        &self,
+        place: &str,
+        view: &buffer::View,
+        offset: usize,
+        stride: usize,
+        size: usize,
+        count: usize,
+    ) -> Result<Vec<u8>> {
+        if count == 0 {
+            return Ok(vec![]);
+        }
+        let fail = |reason| Err(Error::model(self.path, place, reason));
+        let bytes = self.view(view)?;
+        if stride < size {
+            return fail(format!("a stride of {stride} bytes is less than an element of {size}"));
+        }
+        let length = stride.checked_mul(count - 1).and_then(|l| l.checked_add(size));
+        let Some(used) = length.and_then(|l| offset.checked_add(l)).and_then(|end| bytes.get(offset..end)) else {
+            let reason =
+                format!("{count} elements of {size} bytes leave the {} bytes of buffer view {}", bytes.len(), view.index());
+            return fail(reason);
+        };
+        if stride == size {
+            return Ok(used.to_vec());
+        }
+        let mut packed = Vec::with_capacity(size * count);
+        used.chunks(stride).for_each(|element| packed.extend_from_slice(&element[..size]));
+        Ok(packed)
+    }
+
+    /// Bytes of all elements of `accessor`, tightly packed, sparse values put in.
+    fn packed(&self, accessor: &Accessor) -> Result<Vec<u8>> {
+        let place = format!("/accessors/{}", accessor.index());
+        let (size, count) = (accessor.size(), accessor.count());
+        let mut packed = match accessor.view() {
+            Some(view) => self.gather(&place, &view, accessor.offset(), view.stride().unwrap_or(size), size, count)?,
+            None if count <= MAX_ZEROS => vec![0; size * count],
+            None => return Err(Error::model(self.path, place, format!("{count} elements without data"))),
+        };
+        if let Some(sparse) = accessor.sparse() {
+            let place = format!("{place}/sparse");
+            let exceptions = sparse.count();
+            if exceptions > count {
+                return Err(Error::model(self.path, place, format!("{exceptions} sparse values for {count} elements")));
+            }
+            let (indices, values) = (sparse.indices(), sparse.values());
+            let width = indices.index_type().size();
+            let at = self.gather(&place, &indices.view(), indices.offset(), width, width, exceptions)?;
+            let with = self.gather(&place, &values.view(), values.offset(), size, size, exceptions)?;
+            for (index, value) in at.chunks_exact(width).zip(with.chunks_exact(size)) {
+                let index = little_endian(index) as usize;
+                let Some(element) = packed.chunks_exact_mut(size).nth(index) else {
+                    return Err(Error::model(self.path, place, format!("index {index} is not below {count}")));
+                };
+                element.copy_from_slice(value);
+            }
+        }
+        Ok(packed)
+    }
+
+    /// Elements of `N` numbers; integers become 0..=1 or -1..=1 where the accessor is normalised (glTF 2.0, section 3.6.2.2).
+    pub(super) fn floats<const N: usize>(&self, accessor: &Accessor, place: &str) -> Result<Vec<[f32; N]>> {
+        if accessor.dimensions().multiplicity() != N {
+            let reason = format!(
+                "accessor {} has {} components where {N} are needed",
+                accessor.index(),
+                accessor.dimensions().multiplicity()
+            );
+            return Err(Error::model(self.path, place, reason));
+        }
+        let packed = self.packed(accessor)?;
+        let width = accessor.data_type().size();
+        let one = match (accessor.normalized(), accessor.data_type()) {
+            (false, _) | (_, DataType::F32) => 1.0,
+            (_, DataType::I8) => 127.0,
+            (_, DataType::U8) => 255.0,
+            (_, DataType::I16) => 32767.0,
+            (_, DataType::U16) => 65535.0,
+            (_, DataType::U32) => u32::MAX as f32,
+        };
+        let component = |b: &[u8]| -> f32 {
+            let raw = match accessor.data_type() {
+                DataType::F32 => f32::from_bits(little_endian(b)),
+                DataType::I8 => f32::from(little_endian(b) as u8 as i8),
+                DataType::I16 => f32::from(little_endian(b) as u16 as i16),
+                DataType::U8 | DataType::U16 | DataType::U32 => little_endian(b) as f32,
+            };
+            // The lowest signed integer lies one step below -1.
+            if one == 1.0 { raw } else { (raw / one).max(-1.0) }
+        };
+        Ok(packed
+            .chunks_exact(width * N)
+            .map(|element| std::array::from_fn(|i| component(&element[i * width..(i + 1) * width])))
+            .collect())
+    }
+
+    /// Unsigned scalars of 8, 16 or 32 bits.
+    pub(super) fn indices(&self, accessor: &Accessor, place: &str) -> Result<Vec<u32>> {
+        let width = accessor.data_type().size();
+        if !matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::U32) || accessor.size() != width {
+            let reason = format!("accessor {} does not hold unsigned integers", accessor.index());
+            return Err(Error::model(self.path, place, reason));
+        }
+        Ok(self.packed(accessor)?.chunks_exact(width).map(little_endian).collect())
+    }
+}
+
+/// At most four bytes, lowest first.
+fn little_endian(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |number, &byte| (number << 8) | u32::from(byte))
+}

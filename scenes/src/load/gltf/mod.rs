@@ -1,0 +1,274 @@
+//! glTF 2.0: the default scene's node tree, triangles, metallic-roughness materials.
+
+mod access;
+mod material;
+mod uri;
+
+use super::model::{Model, Part};
+use crate::error::{Error, Result};
+use crate::{LoadReport, Mesh};
+use access::Buffers;
+use glam::{Affine3A, Mat3A, Mat4, Quat, Vec2, Vec3, Vec3A, Vec4};
+use gltf::json::validation::Validate;
+use gltf::{Document, Semantic, mesh::Mode, scene::Transform};
+use material::Materials;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Extensions that are read, beyond those that the gltf crate knows it can.
+const READ: [&str; 2] = ["KHR_mesh_quantization", "KHR_materials_specular"];
+/// Extensions that the gltf crate reads here (its cargo features).
+const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
+
+/// Reads a `.gltf` or `.glb` file; materials and textures only `with_materials`.
+pub(super) fn read(path: &Path, with_materials: bool) -> Result<Model> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let (document, blob) = parse(path, &bytes)?;
+    drop(bytes);
+    let buffers = Buffers::read(path, &document, blob)?;
+    let mut reader = Reader {
+        path,
+        buffers: &buffers,
+        model: Model::default(),
+        materials: with_materials.then(|| Materials::new(path, &document)),
+        meshes: HashMap::new(),
+        skipped: Skipped::default(),
+    };
+    reader.scene(&document)?;
+    let Reader { mut model, materials, skipped, .. } = reader;
+    skipped.tell(&mut model.report);
+    for extension in document.extensions_used() {
+        if !READ.contains(&extension) && !READ_BY_CRATE.contains(&extension) {
+            model.report.notes.push(format!("the extension {extension} is not read"));
+        }
+    }
+    if let Some(materials) = materials {
+        (model.materials, model.textures) = materials.finish(&buffers)?;
+    }
+    Ok(model)
+}
+
+/// The document, validated, and the binary chunk of a `.glb`.
+fn parse(path: &Path, bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>)> {
+    if bytes.starts_with(b"glTF") {
+        // The crate subtracts the header from this length unchecked (1.4).
+        let length = bytes.get(8..12).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        if length.is_none_or(|l| l < 12) {
+            return Err(Error::model(path, "", "the header of the binary glTF is broken"));
+        }
+    }
+    let gltf =
+        gltf::Gltf::from_slice_without_validation(bytes).map_err(|e| Error::model(path, "", format!("not glTF 2.0: {e}")))?;
+    let root = gltf.document.as_json();
+    let version = root.asset.version.split('.').next();
+    if version != Some("2") {
+        return Err(Error::model(path, "/asset/version", format!("{:?} is not 2.x", root.asset.version)));
+    }
+    let mut problems = vec![];
+    root.validate(root, gltf::json::Path::new, &mut |place, error| {
+        let place = place().to_string();
+        let read_here = place.starts_with("extensionsRequired") && READ.iter().any(|name| place.contains(name));
+        if !read_here {
+            problems.push((place, error));
+        }
+    });
+    if let Some((place, error)) = problems.first() {
+        // "meshes[0].primitives[1].indices" -> "/meshes/0/primitives/1/indices"
+        let pointer = format!("/{}", place.replace('[', "/").replace(']', "").replace('.', "/"));
+        let more = if problems.len() > 1 { format!(" (and {} more problems)", problems.len() - 1) } else { String::new() };
+        let reason = match error {
+            gltf::json::validation::Error::Unsupported => "a required extension that this program does not read".into(),
+            other => other.to_string(),
+        };
+        return Err(Error::model(path, pointer, format!("{reason}{more}")));
+    }
+    Ok((gltf.document, gltf.blob))
+}
+
+/// What was met and not rendered.
+#[derive(Default)]
+struct Skipped {
+    points_and_lines: usize,
+    colors: usize,
+    skins: usize,
+    morphs: usize,
+    collapsed: usize,
+    without_positions: usize,
+}
+
+impl Skipped {
+    fn tell(&self, report: &mut LoadReport) {
+        for (count, what) in [
+            (self.points_and_lines, "primitives of points or lines skipped"),
+            (self.without_positions, "primitives without positions skipped"),
+            (self.colors, "primitives with vertex colours, which are ignored"),
+            (self.skins, "skinned nodes shown as their meshes stand in the file"),
+            (self.morphs, "primitives with morph targets, which are ignored"),
+            (self.collapsed, "nodes skipped because their transform flattens everything"),
+        ] {
+            if count > 0 {
+                report.notes.push(format!("{count} {what}"));
+            }
+        }
+    }
+}
+
+/// A mesh of the model with its material.
+#[derive(Clone)]
+struct Primitive {
+    mesh: usize,
+    material: Option<usize>,
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    buffers: &'a Buffers<'a>,
+    model: Model,
+    materials: Option<Materials<'a>>,
+    /// Renderable primitives of each mesh read so far.
+    meshes: HashMap<usize, Vec<Primitive>>,
+    skipped: Skipped,
+}
+
+impl Reader<'_> {
+    /// Walks the default scene, else the first one, else every node that is no child.
+    fn scene(&mut self, document: &Document) -> Result<()> {
+        let nodes: Vec<gltf::Node> = document.nodes().collect();
+        let roots: Vec<usize> = match document.default_scene().or_else(|| document.scenes().next()) {
+            Some(scene) => scene.nodes().map(|n| n.index()).collect(),
+            None => {
+                let mut is_child = vec![false; nodes.len()];
+                nodes.iter().flat_map(|n| n.children()).for_each(|c| is_child[c.index()] = true);
+                (0..nodes.len()).filter(|&i| !is_child[i]).collect()
+            }
+        };
+        // A stack instead of recursion, and each node once: loops and shared children end here.
+        let mut visited = vec![false; nodes.len()];
+        let mut stack: Vec<(usize, Affine3A)> = roots.into_iter().rev().map(|i| (i, Affine3A::IDENTITY)).collect();
+        while let Some((index, parent)) = stack.pop() {
+            let place = format!("/nodes/{index}");
+            if std::mem::replace(&mut visited[index], true) {
+                return Err(Error::model(self.path, place, "the node has two parents, or is its own ancestor"));
+            }
+            let node = &nodes[index];
+            let transform = parent * local(node);
+            if !transform.is_finite() {
+                return Err(Error::model(self.path, place, "the transform is not finite"));
+            }
+            self.node(node, transform)?;
+            let children: Vec<usize> = node.children().map(|c| c.index()).collect();
+            stack.extend(children.into_iter().rev().map(|c| (c, transform)));
+        }
+        Ok(())
+    }
+
+    fn node(&mut self, node: &gltf::Node, transform: Affine3A) -> Result<()> {
+        let Some(mesh) = node.mesh() else { return Ok(()) };
+        if !super::invertible(transform) {
+            self.skipped.collapsed += 1;
+            return Ok(());
+        }
+        self.skipped.skins += usize::from(node.skin().is_some());
+        let primitives = match self.meshes.get(&mesh.index()) {
+            Some(known) => known.clone(),
+            None => {
+                let read = self.mesh(&mesh)?;
+                self.meshes.insert(mesh.index(), read.clone());
+                read
+            }
+        };
+        let name = node.name().or(mesh.name()).map_or_else(|| format!("node {}", node.index()), str::to_owned);
+        for Primitive { mesh, material } in primitives {
+            self.model.parts.push(Part { name: name.clone(), mesh, material, transform });
+        }
+        Ok(())
+    }
+
+    fn mesh(&mut self, mesh: &gltf::Mesh) -> Result<Vec<Primitive>> {
+        let mut result = vec![];
+        for primitive in mesh.primitives() {
+            if let Some(read) = self.primitive(mesh, &primitive)? {
+                self.model.meshes.push(read);
+                let material = match &mut self.materials {
+                    Some(materials) => Some(materials.index(&primitive.material(), &mut self.model.report)),
+                    None => None,
+                };
+                result.push(Primitive { mesh: self.model.meshes.len() - 1, material });
+            }
+        }
+        Ok(result)
+    }
+
+    /// Triangles of a primitive; `None` for points, lines and primitives without positions.
+    fn primitive(&mut self, mesh: &gltf::Mesh, primitive: &gltf::Primitive) -> Result<Option<Mesh>> {
+        let place = format!("/meshes/{}/primitives/{}", mesh.index(), primitive.index());
+        if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
+            self.skipped.points_and_lines += 1;
+            return Ok(None);
+        }
+        let Some(accessor) = primitive.get(&Semantic::Positions) else {
+            self.skipped.without_positions += 1;
+            return Ok(None);
+        };
+        self.skipped.colors += usize::from(primitive.get(&Semantic::Colors(0)).is_some());
+        self.skipped.morphs += usize::from(primitive.morph_targets().next().is_some());
+        let buffers = self.buffers;
+        let positions = buffers.floats::<3>(&accessor, &format!("{place}/attributes/POSITION"))?;
+        let order = match primitive.indices() {
+            Some(accessor) => buffers.indices(&accessor, &format!("{place}/indices"))?,
+            None => (0..positions.len() as u32).collect(),
+        };
+        let set = if self.materials.is_some() { Materials::texture_set(&primitive.material()) } else { 0 };
+        let vertices = positions.len();
+        Ok(Some(Mesh {
+            name: mesh.name().map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned),
+            normals: self.attribute::<3, Vec3>(primitive, Semantic::Normals, vertices, &place)?,
+            tangents: self.attribute::<4, Vec4>(primitive, Semantic::Tangents, vertices, &place)?,
+            uvs: self.attribute::<2, Vec2>(primitive, Semantic::TexCoords(set), vertices, &place)?,
+            positions: positions.into_iter().map(Vec3::from).collect(),
+            triangles: triangles(primitive.mode(), &order),
+        }))
+    }
+
+    /// An optional attribute with one value for each of `vertices`.
+    fn attribute<const N: usize, T: From<[f32; N]>>(
+        &self,
+        primitive: &gltf::Primitive,
+        semantic: Semantic,
+        vertices: usize,
+        place: &str,
+    ) -> Result<Vec<T>> {
+        let Some(accessor) = primitive.get(&semantic) else { return Ok(vec![]) };
+        let place = format!("{place}/attributes/{}", semantic.to_string());
+        let values = self.buffers.floats::<N>(&accessor, &place)?;
+        if values.len() != vertices {
+            return Err(Error::model(self.path, place, format!("{} values for {vertices} positions", values.len())));
+        }
+        Ok(values.into_iter().map(T::from).collect())
+    }
+}
+
+/// Node to parent. Quaternions are normalised; one of zero length turns nothing.
+fn local(node: &gltf::Node) -> Affine3A {
+    match node.transform() {
+        Transform::Matrix { matrix } => Affine3A::from_mat4(Mat4::from_cols_array_2d(&matrix)),
+        Transform::Decomposed { translation, rotation, scale } => {
+            let q = Vec4::from(rotation);
+            let turn = q.try_normalize().map_or(Quat::IDENTITY, Quat::from_vec4);
+            let matrix3 = Mat3A::from_quat(turn) * Mat3A::from_diagonal(Vec3::from(scale));
+            Affine3A { matrix3, translation: Vec3A::from(translation) }
+        }
+    }
+}
+
+/// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
+fn triangles(mode: Mode, order: &[u32]) -> Vec<[u32; 3]> {
+    let at = |i: usize| order[i];
+    let windows = order.len().saturating_sub(2);
+    match mode {
+        Mode::Triangles => order.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+        Mode::TriangleStrip => (0..windows).map(|i| [at(i), at(i + 1 + i % 2), at(i + 2 - i % 2)]).collect(),
+        Mode::TriangleFan => (0..windows).map(|i| [at(i + 1), at(i + 2), at(0)]).collect(),
+        Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => vec![],
+    }
+}

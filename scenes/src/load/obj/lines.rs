@@ -1,0 +1,197 @@
+//! Feeds tobj with lines it can take.
+//!
+//! tobj (4.0) fails on a whole file for one face out of range or vertex colours on some vertices only, and misaligns
+//! coordinates when only some faces of a group have them. Here each line is checked first, so that such things cost a
+//! face or an attribute, are counted, and errors know their line.
+
+use std::borrow::Cow;
+use std::io::{BufRead, Read, Result};
+
+/// What was left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct LeftOut {
+    /// Elements with fewer than three vertices.
+    pub points_and_lines: usize,
+    /// Faces with a vertex that does not exist, in triangles.
+    pub triangles: usize,
+    /// Faces whose texture coordinate or normal does not exist.
+    pub attributes: usize,
+    /// Vertices with a colour.
+    pub colors: usize,
+}
+
+/// The lines of an OBJ file, cleaned one by one as they are read.
+pub(super) struct Lines<'a> {
+    rest: std::slice::Split<'a, u8, fn(&u8) -> bool>,
+    cleaned: Vec<u8>,
+    used: usize,
+    /// Lines of the file read so far.
+    pub(super) line: usize,
+    /// Positions, texture coordinates, normals in the whole file, and up to this line.
+    total: [usize; 3],
+    so_far: [usize; 3],
+    /// Name of the object, and which attributes its last face had.
+    name: String,
+    attributes: Option<[bool; 2]>,
+    /// Names of materials asked for.
+    pub(super) materials: Vec<String>,
+    pub(super) left_out: LeftOut,
+}
+
+fn is_newline(byte: &u8) -> bool {
+    *byte == b'\n'
+}
+
+fn is_attribute(line: &[u8]) -> Option<usize> {
+    let line = line.trim_ascii_start();
+    [&b"v"[..], b"vt", b"vn"]
+        .iter()
+        .position(|key| line.starts_with(key) && line.get(key.len()).is_some_and(u8::is_ascii_whitespace))
+}
+
+impl<'a> Lines<'a> {
+    pub(super) fn new(text: &'a [u8]) -> Self {
+        let mut total = [0; 3];
+        text.split(|&b| b == b'\n').filter_map(is_attribute).for_each(|kind| total[kind] += 1);
+        Self {
+            rest: text.split(is_newline as fn(&u8) -> bool),
+            cleaned: vec![],
+            used: 0,
+            line: 0,
+            total,
+            so_far: [0; 3],
+            name: "unnamed".into(),
+            attributes: None,
+            materials: vec![],
+            left_out: LeftOut::default(),
+        }
+    }
+
+    /// The next line, with its continuations (a backslash at the end) joined.
+    fn next_line(&mut self) -> Option<Cow<'a, [u8]>> {
+        let mut line = Cow::Borrowed(self.rest.next()?);
+        self.line += 1;
+        while let Some(open) = line.trim_ascii_end().strip_suffix(b"\\").map(<[u8]>::len) {
+            let Some(more) = self.rest.next() else { break };
+            self.line += 1;
+            let owned = line.to_mut();
+            owned.truncate(open);
+            owned.push(b' ');
+            owned.extend_from_slice(more);
+        }
+        Some(line)
+    }
+
+    fn clean(&mut self, line: &[u8]) {
+        let text = String::from_utf8_lossy(line);
+        let mut words = text.split_whitespace();
+        match words.next() {
+            Some("v") => {
+                self.so_far[0] += 1;
+                let numbers: Vec<&str> = words.collect();
+                // x y z, or x y z w; what follows is a colour.
+                let kept = if numbers.len() == 4 { 4 } else { numbers.len().min(3) };
+                self.left_out.colors += usize::from(numbers.len() > 4);
+                self.cleaned.extend_from_slice(format!("v {}", numbers[..kept].join(" ")).as_bytes());
+            }
+            Some("vt") => {
+                self.so_far[1] += 1;
+                // One-dimensional textures have u only.
+                let numbers: Vec<&str> = words.take(2).collect();
+                let v = if numbers.len() == 1 { " 0" } else { "" };
+                self.cleaned.extend_from_slice(format!("vt {}{v}", numbers.join(" ")).as_bytes());
+            }
+            Some("f" | "fo") => self.face(words),
+            Some("l" | "p") => self.left_out.points_and_lines += 1,
+            Some("o" | "g") => {
+                let rest = text.trim_start().get(1..).unwrap_or_default().trim();
+                self.name = if rest.is_empty() { "unnamed".into() } else { rest.into() };
+                self.attributes = None;
+                self.cleaned.extend_from_slice(format!("o {}", self.name).as_bytes());
+            }
+            Some(key) => {
+                if key == "vn" {
+                    self.so_far[2] += 1;
+                } else if key == "usemtl" {
+                    self.materials.push(text.trim_start().get(6..).unwrap_or_default().trim().into());
+                }
+                self.cleaned.extend_from_slice(text.trim().as_bytes());
+            }
+            None => {}
+        }
+        self.cleaned.push(b'\n');
+    }
+
+    /// Writes a face with positive indices that all exist; leaves it as it is where the words are no indices (an error then).
+    fn face<'b>(&mut self, words: impl Iterator<Item = &'b str>) {
+        let words: Vec<&str> = words.take_while(|w| !w.starts_with('#')).collect();
+        let corners: Option<Vec<[Option<usize>; 3]>> = words.iter().map(|w| self.corner(w)).collect();
+        let Some(corners) = corners else {
+            self.cleaned.extend_from_slice(format!("f {}", words.join(" ")).as_bytes());
+            return;
+        };
+        if corners.len() < 3 {
+            self.left_out.points_and_lines += 1;
+            return;
+        }
+        if corners.iter().any(|c| c[0].is_none()) {
+            self.left_out.triangles += corners.len() - 2;
+            return;
+        }
+        // An attribute that one corner lacks is of no use to the face.
+        let has = [1, 2].map(|k| corners.iter().all(|c| c[k].is_some()));
+        let asked = |k: usize| words.iter().any(|w| w.split('/').nth(k).is_some_and(|s| !s.is_empty()));
+        self.left_out.attributes += usize::from((asked(1) && !has[0]) || (asked(2) && !has[1]));
+        if self.attributes.replace(has).is_some_and(|before| before != has) {
+            // A new object for tobj: its vertices have either all of an attribute or none.
+            self.cleaned.extend_from_slice(format!("o {}\n", self.name).as_bytes());
+        }
+        self.cleaned.push(b'f');
+        for corner in corners {
+            let number = |k: usize, used: bool| corner[k].filter(|_| used).map_or(String::new(), |i| i.to_string());
+            let corner = format!(" {}/{}/{}", number(0, true), number(1, has[0]), number(2, has[1]));
+            self.cleaned.extend_from_slice(corner.trim_end_matches('/').as_bytes());
+        }
+    }
+
+    /// Indices (from 1) of position, texture coordinate and normal; `None` inside for absent or out of range, outside for no number.
+    fn corner(&self, word: &str) -> Option<[Option<usize>; 3]> {
+        let mut result = [None; 3];
+        for (k, number) in word.split('/').enumerate() {
+            let slot = result.get_mut(k)?;
+            if number.is_empty() {
+                continue;
+            }
+            let index: i64 = number.parse().ok()?;
+            let absolute = if index < 0 { self.so_far[k] as i64 + 1 + index } else { index };
+            *slot = usize::try_from(absolute).ok().filter(|i| (1..=self.total[k]).contains(i));
+        }
+        Some(result)
+    }
+}
+
+impl Read for Lines<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
+        let available = self.fill_buf()?;
+        let count = available.len().min(buffer.len());
+        buffer[..count].copy_from_slice(&available[..count]);
+        self.consume(count);
+        Ok(count)
+    }
+}
+
+impl BufRead for Lines<'_> {
+    fn fill_buf(&mut self) -> Result<&[u8]> {
+        while self.used == self.cleaned.len() {
+            self.cleaned.clear();
+            self.used = 0;
+            let Some(line) = self.next_line() else { break };
+            self.clean(&line);
+        }
+        Ok(&self.cleaned[self.used..])
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.used = (self.used + count).min(self.cleaned.len());
+    }
+}
