@@ -1,0 +1,164 @@
+//! Weights files: safetensors with the network's configuration inside.
+
+use crate::config::NetworkConfig;
+use crate::network::Network;
+use crate::parameters::{self, Parameter};
+use crate::{Error, Result};
+use burn::tensor::Device;
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Key of the header entry in the file's metadata (a single one, so that the same weights give the same bytes).
+pub(crate) const HEADER: &str = "renderflow";
+
+/// What a weights file says about itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WeightsHeader {
+    /// The network.
+    pub network: NetworkConfig,
+    /// Steps of base training behind the weights; 0 = untrained.
+    pub steps: u64,
+    /// Steps of keyframe training; 0 = none.
+    #[serde(default)]
+    pub keyframe_steps: u64,
+    /// Seed of the training run.
+    pub seed: u64,
+}
+
+/// Number format of stored weights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Half precision: what ships.
+    #[default]
+    F16,
+    /// Single precision.
+    F32,
+}
+
+/// Encodes a weights file.
+///
+/// # Errors
+/// When a value is not finite; the message names the tensor.
+pub fn encode(header: &WeightsHeader, weights: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
+    let path = Path::new("weights to be written");
+    let mut blobs = Vec::with_capacity(weights.len());
+    for parameter in weights {
+        if let Some(value) = parameter.values.iter().find(|v| !v.is_finite() || v.abs() > f16::MAX.to_f32()) {
+            let reason = format!("value {value} cannot be stored");
+            return Err(Error::Tensor { path: path.into(), tensor: parameter.name.clone(), reason });
+        }
+        blobs.push(match precision {
+            Precision::F16 => parameter.values.iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect::<Vec<u8>>(),
+            Precision::F32 => parameter.values.iter().flat_map(|v| v.to_le_bytes()).collect(),
+        });
+    }
+    let dtype = match precision {
+        Precision::F16 => Dtype::F16,
+        Precision::F32 => Dtype::F32,
+    };
+    let header = serde_json::to_string(header).map_err(|e| Error::malformed(path, e.to_string()))?;
+    write_safetensors(
+        path,
+        &header,
+        weights.iter().zip(&blobs).map(|(p, blob)| (p.name.as_str(), dtype, p.shape.as_slice(), blob.as_slice())),
+    )
+}
+
+/// A safetensors file with one metadata entry.
+pub(crate) fn write_safetensors<'a>(
+    path: &Path,
+    header: &str,
+    tensors: impl Iterator<Item = (&'a str, Dtype, &'a [usize], &'a [u8])>,
+) -> Result<Vec<u8>> {
+    let mut views = Vec::new();
+    for (name, dtype, shape, bytes) in tensors {
+        let view = TensorView::new(dtype, shape.to_vec(), bytes).map_err(|e| Error::Tensor {
+            path: path.into(),
+            tensor: name.into(),
+            reason: e.to_string(),
+        })?;
+        views.push((name, view));
+    }
+    let metadata = HashMap::from([(HEADER.to_string(), header.to_string())]);
+    safetensors::serialize(views, Some(metadata)).map_err(|e| Error::malformed(path, e.to_string()))
+}
+
+/// Parses a safetensors file that carries this project's header.
+pub(crate) fn open<'a>(path: &Path, bytes: &'a [u8]) -> Result<(SafeTensors<'a>, String)> {
+    let malformed = |e: safetensors::SafeTensorError| Error::malformed(path, format!("not a safetensors file: {e}"));
+    let tensors = SafeTensors::deserialize(bytes).map_err(malformed)?;
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
+    let header = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER));
+    let header = header
+        .ok_or_else(|| Error::malformed(path, format!("no \"{HEADER}\" entry in the metadata: not weights of this program")))?;
+    Ok((tensors, header.clone()))
+}
+
+/// Values of one tensor as f32, its shape checked.
+pub(crate) fn read_tensor(path: &Path, tensors: &SafeTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+    let broken = |reason: String| Error::Tensor { path: path.into(), tensor: name.into(), reason };
+    let view = tensors.tensor(name).map_err(|_| broken("missing".into()))?;
+    if view.shape() != shape {
+        return Err(broken(format!("shape {:?} where {shape:?} is expected", view.shape())));
+    }
+    let values: Vec<f32> = match view.dtype() {
+        Dtype::F16 => {
+            let halves: Vec<f16> = view.data().chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]])).collect();
+            let mut out = vec![0.0; halves.len()];
+            halves.convert_to_f32_slice(&mut out);
+            out
+        }
+        Dtype::F32 => view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect(),
+        other => return Err(broken(format!("element type {other:?} where f16 or f32 is expected"))),
+    };
+    if values.iter().any(|v| !v.is_finite()) {
+        return Err(broken("holds NaN or infinity".into()));
+    }
+    Ok(values)
+}
+
+/// Decodes a weights file; `path` stands in errors.
+///
+/// # Errors
+/// When the bytes are no weights file, or a tensor is missing, superfluous or of another shape; the message names file and tensor.
+pub fn decode(path: &Path, bytes: &[u8], device: &Device) -> Result<(Network, WeightsHeader)> {
+    let (tensors, header) = open(path, bytes)?;
+    let header: WeightsHeader = serde_json::from_str(&header).map_err(|e| Error::malformed(path, format!("header: {e}")))?;
+    let network = Network::new(&header.network, 0, device)?;
+    let expected = parameters::export(&network);
+    let mut values = Vec::with_capacity(expected.len());
+    for parameter in &expected {
+        values.push(read_tensor(path, &tensors, &parameter.name, &parameter.shape)?);
+    }
+    if let Some(extra) = tensors.names().into_iter().find(|&name| expected.iter().all(|p| p.name != *name)) {
+        return Err(Error::Tensor {
+            path: path.into(),
+            tensor: extra.to_string(),
+            reason: "not part of the network its header describes".into(),
+        });
+    }
+    let values: Vec<&[f32]> = values.iter().map(Vec::as_slice).collect();
+    Ok((parameters::import(network, &values, device), header))
+}
+
+/// Reads a weights file.
+///
+/// # Errors
+/// As [`decode`], and when the file cannot be read.
+pub fn load(path: &Path, device: &Device) -> Result<(Network, WeightsHeader)> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    decode(path, &bytes, device)
+}
+
+/// Writes a weights file, beside its place and renamed.
+///
+/// # Errors
+/// As [`encode`], and when the file cannot be written.
+pub fn save(path: &Path, header: &WeightsHeader, weights: &[Parameter], precision: Precision) -> Result<()> {
+    Ok(renderflow_frame::file::write_atomic(path, &encode(header, weights, precision)?)?)
+}
