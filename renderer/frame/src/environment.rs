@@ -1,5 +1,6 @@
 //! The environment: an equirectangular map of scene-linear radiance around the scene.
 
+mod angle;
 mod dominant;
 mod tokens;
 
@@ -7,6 +8,7 @@ pub use dominant::DominantLight;
 pub use tokens::token_direction;
 
 use crate::image::{Image, Rgb};
+use angle::atan2;
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
@@ -46,9 +48,9 @@ impl Environment {
     #[inline]
     pub fn uv(&self, direction: Vec3A) -> Vec2 {
         // Turning by -rotation about +Y raises the azimuth: phi is measured from -Z towards +X, against the sense of +Y.
-        let turns = (direction.x.atan2(-direction.z) + self.rotation) * (1.0 / TAU);
+        let turns = (atan2(direction.x, -direction.z) + self.rotation) * (1.0 / TAU);
         // The arc tangent keeps its accuracy near the poles, where an arc cosine of y loses half the digits.
-        let theta = (direction.x * direction.x + direction.z * direction.z).sqrt().atan2(direction.y);
+        let theta = atan2((direction.x * direction.x + direction.z * direction.z).sqrt(), direction.y);
         Vec2::new(turns - turns.floor(), theta * (1.0 / PI))
     }
 

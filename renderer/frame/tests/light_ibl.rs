@@ -57,7 +57,10 @@ fn constant_environment_stays_constant() {
             let mut found = vec![tables.irradiance(d)];
             found.extend((0..=20).map(|i| tables.prefiltered(d, i as f32 / 20.0)));
             for value in found {
-                assert!((value[0] - 6.0).abs() < 1e-4 && (value[1] - 3.0).abs() < 5e-5 && (value[2] - 1.5).abs() < 5e-5, "{value:?}");
+                assert!(
+                    (value[0] - 6.0).abs() < 1e-4 && (value[1] - 3.0).abs() < 5e-5 && (value[2] - 1.5).abs() < 5e-5,
+                    "{value:?}"
+                );
             }
         }
         assert!((exposure(&env) * 3.0 * (0.2126 * 2.0 + 0.7152 + 0.0722 * 0.5) - 0.8).abs() < 1e-5);
@@ -87,11 +90,8 @@ fn linear_environment_has_known_moments() {
     let turned = |d: Vec3A| glam::Mat3A::from_rotation_y(0.8) * d;
     for level in 0..LEVELS {
         let roughness = level_roughness(level);
-        let mean = if level == 0 {
-            1.0
-        } else {
-            lobe_moment(f64::from(roughness), |c| c) / lobe_moment(f64::from(roughness), |_| 1.0)
-        };
+        let mean =
+            if level == 0 { 1.0 } else { lobe_moment(f64::from(roughness), |c| c) / lobe_moment(f64::from(roughness), |_| 1.0) };
         for d in directions(300) {
             let found = tables.prefiltered(turned(d), roughness);
             let expected = 2.0 + mean as f32 * slope.dot(d);
@@ -138,7 +138,7 @@ fn a_small_sun_is_neither_lost_nor_aliased() {
                 worst = worst.max((f64::from(tables.prefiltered(d, roughness)[0]) - expected).abs() / peak);
             }
             println!("texel ({column}, {row}) level {level}: worst {:.2} % of the peak", 100.0 * worst);
-            let tolerance = if level == 1 { 0.15 } else { 0.06 };
+            let tolerance = if level == 1 { 0.1 } else { 0.03 };
             assert!(worst < tolerance, "texel ({column}, {row}) level {level}: off by {worst} of the peak");
             // Every direction receives its part: the mean over the sphere is the sun's flux.
             let table = &tables.prefiltered_maps[level];

@@ -1,6 +1,7 @@
 //! The environment as a small grid of equal-area tiles around the view direction, for a network.
 
 use super::Environment;
+use super::angle::atan2;
 use crate::Camera;
 use glam::{Mat3A, Vec2, Vec3A};
 use rayon::prelude::*;
@@ -88,7 +89,7 @@ fn square_of(direction: Vec3A) -> Vec2 {
     let (x, y) = (direction.x.abs(), direction.y.abs());
     let r = (1.0 - direction.z.abs()).max(0.0).sqrt();
     // Azimuth in the first quadrant as a share of a right angle.
-    let phi = if x == 0.0 && y == 0.0 { 0.0 } else { y.atan2(x) * (2.0 * FRAC_1_PI) };
+    let phi = atan2(y, x) * (2.0 * FRAC_1_PI);
     let (mut along_y, mut along_x) = (phi * r, r - phi * r);
     // The half behind the camera is folded out past the diagonals.
     if direction.z > 0.0 {

@@ -56,8 +56,21 @@ impl Pyramid {
     pub fn new(environment: &Environment) -> Self {
         let (width, height) = (FINEST_WIDTH, FINEST_WIDTH / 2);
         let plain = Environment { rotation: 0.0, intensity: 1.0, ..environment.clone() };
-        let area = plain.downsampled(width.min(plain.map.width), height.min(plain.map.height));
-        let grid = Environment { map: Rgb::filled(width, height, [0.0; 3]), ..plain };
+        // Four texels a cell along each axis are as many as the place of a light inside its cell needs.
+        let plain = plain.downsampled(plain.map.width.min(4 * width), plain.map.height.min(4 * height));
+        let area = plain.downsampled(plain.map.width.min(width), plain.map.height.min(height));
+        // Where the energy inside a cell comes from, if the map is finer than the cells.
+        let moments =
+            (area.map.width == width && area.map.height == height && plain.map.pixels.len() > width * height).then(|| {
+                let columns = plain.map.width;
+                let moment = |i: usize| {
+                    let texel = Vec3A::from_array(plain.map.pixels[i]);
+                    (plain.texel_direction(i % columns, i / columns) * texel.element_sum()).to_array()
+                };
+                let pixels = (0..plain.map.pixels.len()).into_par_iter().map(moment).collect();
+                plain.with_map(Image { pixels, ..plain.map }).downsampled(width, height)
+            });
+        let grid = Environment { map: Rgb::filled(width, height, [0.0; 3]), rotation: 0.0, intensity: 1.0 };
         let finest: Vec<Cell> = (0..width * height)
             .into_par_iter()
             .map(|i| {
@@ -70,7 +83,9 @@ impl Pyramid {
                 };
                 let solid_angle = grid.texel_solid_angle(y);
                 let centre = grid.texel_direction(x, y);
-                Cell { energy: Vec3A::from_array(radiance) * solid_angle, source: centre, centre, solid_angle, size: 2.0 * PI / width as f32 }
+                let moment = moments.as_ref().and_then(|m| Vec3A::from_array(m.map.pixels[i]).try_normalize());
+                let energy = Vec3A::from_array(radiance) * solid_angle;
+                Cell { energy, source: moment.unwrap_or(centre), centre, solid_angle, size: 2.0 * PI / width as f32 }
             })
             .collect();
         let mut layers = vec![finest];
@@ -150,7 +165,7 @@ impl Pyramid {
             let distance = (cell.centre.distance(middle) - reach).max(0.0);
             if layer > 0 && cell.size > (OPENING * (lobe * lobe + distance * distance).sqrt()).min(largest) {
                 stack.extend([(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| (layer - 1, 2 * x + dx, 2 * y + dy)));
-            } else if layer == 0 {
+            } else if cell.source == cell.centre {
                 lists.whole.push(*cell);
             } else {
                 lists.split.push(*cell);
@@ -170,7 +185,7 @@ fn merge(children: [Cell; 4], size: f32) -> Cell {
     Cell { energy, source, centre, solid_angle, size }
 }
 
-/// Cells of one block's lobes: single texels, and merged ones whose energy and area have directions of their own.
+/// Cells of one block's lobes: those with one direction, and those whose energy and area have directions of their own.
 #[derive(Default)]
 struct Lists {
     whole: Vec<Cell>,
