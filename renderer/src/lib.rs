@@ -8,6 +8,7 @@
 pub mod accel;
 pub mod camera;
 mod compile;
+pub mod denoise;
 mod error;
 pub mod features;
 pub mod film;

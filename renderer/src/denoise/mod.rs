@@ -1,0 +1,168 @@
+//! Removes the noise that is left in a path-traced picture: Intel Open Image Denoise (OIDN), with the cargo feature `oidn`.
+//!
+//! The feature links a library that plain `cargo build` must not need, so without it [`Denoiser::new`] fails and says how to
+//! get it; all else is the same.
+
+#[cfg(feature = "oidn")]
+mod oidn;
+
+use renderflow_frame::image::Rgb;
+
+/// Largest radiance handed to the denoiser, the largest half float. One pixel of infinite or 1e30 radiance blows up OIDN's
+/// output by 1e17 and disturbs an eighth of the picture; at this bound it disturbs less than half a percent.
+pub const MAX_RADIANCE: f32 = 65504.0;
+
+/// Effort of the denoiser.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// Least time, for previews.
+    Fast,
+    /// Between the two.
+    Balanced,
+    /// Least error.
+    #[default]
+    High,
+}
+
+/// How to denoise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// Effort.
+    pub quality: Quality,
+    /// Trust the guides to be free of noise, and keep every detail of them.
+    pub clean_guides: bool,
+}
+
+/// Why a picture could not be denoised.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DenoiseError {
+    /// The program was built without OIDN.
+    #[error("this build has no denoiser: run `make oidn`, then build with `--features oidn`")]
+    NotBuilt,
+    /// OIDN reported an error.
+    #[error("Open Image Denoise: {0}")]
+    Oidn(String),
+    /// The library is of another major version than the one linked against.
+    #[error("Open Image Denoise 2 is needed, version {0} was found")]
+    Version(i32),
+    /// A guide has another size than the picture.
+    #[error("the {guide} guide is {}x{}, the picture {}x{}", .found[0], .found[1], .expected[0], .expected[1])]
+    GuideSize {
+        /// "albedo" or "normal".
+        guide: &'static str,
+        /// Width and height of the guide.
+        found: [usize; 2],
+        /// Width and height of the picture.
+        expected: [usize; 2],
+    },
+    /// A normal guide came without an albedo guide, which OIDN cannot use.
+    #[error("a normal guide needs an albedo guide beside it")]
+    NormalAlone,
+}
+
+/// A denoiser, kept between pictures: its network is built once for each picture size and set of guides.
+pub struct Denoiser {
+    #[cfg(feature = "oidn")]
+    filter: oidn::Filter,
+    clamped: u64,
+}
+
+impl Denoiser {
+    /// Opens OIDN on the CPU with default [`Options`].
+    ///
+    /// # Errors
+    /// [`DenoiseError::NotBuilt`] without the feature `oidn`; otherwise what OIDN reports.
+    pub fn new() -> Result<Self, DenoiseError> {
+        Self::with_options(Options::default())
+    }
+
+    /// Opens OIDN on the CPU.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    #[cfg_attr(not(feature = "oidn"), expect(unused_variables, reason = "there is nothing to configure"))]
+    pub fn with_options(options: Options) -> Result<Self, DenoiseError> {
+        #[cfg(feature = "oidn")]
+        return Ok(Self { filter: oidn::Filter::new(options)?, clamped: 0 });
+        #[cfg(not(feature = "oidn"))]
+        Err(DenoiseError::NotBuilt)
+    }
+
+    /// Denoises `color` (scene-linear radiance). Guides are of the same size: `guide_albedo` in 0..=1, `guide_normal` in -1..=1
+    /// in any space, zero where nothing is hit, filtered like the picture.
+    ///
+    /// The result is finite and >= 0 and depends on the input only, not on the number of threads. Radiance beyond
+    /// [`MAX_RADIANCE`] is clamped to it (see [`Self::clamped`]); NaN becomes 0.
+    ///
+    /// # Errors
+    /// When a guide has another size, when a normal guide comes alone, or what OIDN reports.
+    pub fn denoise(&mut self, color: &Rgb, guide_albedo: Option<&Rgb>, guide_normal: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
+        let expected = [color.width, color.height];
+        for (guide, picture) in [("albedo", guide_albedo), ("normal", guide_normal)] {
+            let found = picture.map_or(expected, |picture| [picture.width, picture.height]);
+            if found != expected {
+                return Err(DenoiseError::GuideSize { guide, found, expected });
+            }
+        }
+        if guide_albedo.is_none() && guide_normal.is_some() {
+            return Err(DenoiseError::NormalAlone);
+        }
+        if color.pixels.is_empty() {
+            return Ok(color.clone());
+        }
+        let (color, clamped) = bounded(color, 0.0, MAX_RADIANCE);
+        self.clamped += clamped;
+        let albedo = guide_albedo.map(|guide| bounded(guide, 0.0, 1.0).0);
+        let normal = guide_normal.map(|guide| bounded(guide, -1.0, 1.0).0);
+        let denoised = self.run(&color, albedo.as_ref(), normal.as_ref())?;
+        Ok(bounded(&denoised, 0.0, f32::MAX).0)
+    }
+
+    /// Values of all pictures so far that were clamped to [`MAX_RADIANCE`].
+    pub fn clamped(&self) -> u64 {
+        self.clamped
+    }
+
+    #[cfg(feature = "oidn")]
+    fn run(&mut self, color: &Rgb, albedo: Option<&Rgb>, normal: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
+        self.filter.run(color, albedo, normal)
+    }
+
+    #[cfg(not(feature = "oidn"))]
+    fn run(&mut self, _: &Rgb, _: Option<&Rgb>, _: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
+        Err(DenoiseError::NotBuilt)
+    }
+}
+
+/// `picture` with every value in `low..=high` (NaN becomes 0), and how many lay above.
+fn bounded(picture: &Rgb, low: f32, high: f32) -> (Rgb, u64) {
+    let mut above = 0;
+    let bounded = picture.map(|pixel| {
+        pixel.map(|value| {
+            above += u64::from(value > high);
+            if value.is_nan() { 0.0 } else { value.clamp(low, high) }
+        })
+    });
+    (bounded, above)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_bounded_and_counted() {
+        let picture = Rgb { width: 2, height: 1, pixels: vec![[f32::NAN, -1.0, f32::INFINITY], [1e30, 2.0, 65504.0]] };
+        let (bounded, above) = bounded(&picture, 0.0, MAX_RADIANCE);
+        assert_eq!(bounded.pixels, [[0.0, 0.0, MAX_RADIANCE], [MAX_RADIANCE, 2.0, MAX_RADIANCE]]);
+        assert_eq!(above, 2);
+    }
+
+    #[cfg(not(feature = "oidn"))]
+    #[test]
+    fn a_build_without_oidn_says_how_to_get_it() {
+        let message = Denoiser::new().err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(message.contains("make oidn") && message.contains("--features oidn"), "{message}");
+    }
+}

@@ -1,0 +1,224 @@
+//! The OIDN binding, on the raw functions of the crate `oidn`.
+//!
+//! Its safe interface sets a parameter `clean_aux` that OIDN ignores (the name is `cleanAux`) and rebuilds the filter for every
+//! picture.
+
+use super::{DenoiseError, Options, Quality};
+use oidn::sys;
+use renderflow_frame::image::Rgb;
+use std::ffi::{CStr, c_void};
+use std::mem::size_of;
+use std::ptr::{self, NonNull};
+
+const PIXEL: usize = size_of::<[f32; 3]>();
+
+/// An OIDN device with the filter last used.
+pub(super) struct Filter {
+    device: Device,
+    options: Options,
+    ready: Option<Ready>,
+}
+
+/// A filter and its buffers for one size and set of guides.
+struct Ready {
+    signature: Signature,
+    filter: NonNull<sys::OIDNFilterImpl>,
+    /// Colour, output, then albedo and normal where used.
+    buffers: Vec<Buffer>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Signature {
+    width: usize,
+    height: usize,
+    albedo: bool,
+    normal: bool,
+}
+
+struct Device(NonNull<sys::OIDNDeviceImpl>);
+struct Buffer {
+    handle: NonNull<sys::OIDNBufferImpl>,
+    bytes: usize,
+}
+
+// SAFETY: OIDN locks the device inside each call, and nothing it owns is bound to the thread that made it
+// (OIDN documentation, "Thread safety" and "Device").
+unsafe impl Send for Filter {}
+
+impl Filter {
+    pub fn new(options: Options) -> Result<Self, DenoiseError> {
+        // SAFETY: no preconditions; a failure returns null, which `NonNull` catches.
+        let device = unsafe { sys::oidnNewDevice(sys::OIDNDeviceType_OIDN_DEVICE_TYPE_CPU) };
+        let device = Device(NonNull::new(device).ok_or_else(last_error_without_device)?);
+        // Pinned threads would compete with rayon's for the same cores.
+        // SAFETY: the device is alive and not committed yet; the name is a C string.
+        unsafe { sys::oidnSetDeviceBool(device.0.as_ptr(), c"setAffinity".as_ptr(), false) };
+        // SAFETY: the device is alive.
+        unsafe { sys::oidnCommitDevice(device.0.as_ptr()) };
+        device.check()?;
+        // SAFETY: the device is alive and the name is a C string.
+        let version = unsafe { sys::oidnGetDeviceInt(device.0.as_ptr(), c"versionMajor".as_ptr()) };
+        if version != 2 {
+            return Err(DenoiseError::Version(version));
+        }
+        Ok(Self { device, options, ready: None })
+    }
+
+    /// Values are finite, guides of the picture's size.
+    pub fn run(&mut self, color: &Rgb, albedo: Option<&Rgb>, normal: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
+        let signature =
+            Signature { width: color.width, height: color.height, albedo: albedo.is_some(), normal: normal.is_some() };
+        let ready = match self.ready.take().filter(|ready| ready.signature == signature) {
+            Some(ready) => ready,
+            None => Ready::new(&self.device, self.options, signature)?,
+        };
+        let ready = self.ready.insert(ready);
+        let mut buffers = ready.buffers.iter();
+        let mut next = || buffers.next().ok_or_else(|| DenoiseError::Oidn("a buffer is missing".into()));
+        let (input, output) = (next()?, next()?);
+        input.write(&color.pixels);
+        for guide in [albedo, normal].into_iter().flatten() {
+            next()?.write(&guide.pixels);
+        }
+        // SAFETY: the filter is committed and its buffers live in `ready`.
+        unsafe { sys::oidnExecuteFilter(ready.filter.as_ptr()) };
+        self.device.check()?;
+        let mut denoised = Rgb::filled(color.width, color.height, [0.0; 3]);
+        output.read(&mut denoised.pixels);
+        self.device.check()?;
+        Ok(denoised)
+    }
+}
+
+impl Ready {
+    fn new(device: &Device, options: Options, signature: Signature) -> Result<Self, DenoiseError> {
+        // SAFETY: the device is alive and committed, the name is a C string.
+        let filter = unsafe { sys::oidnNewFilter(device.0.as_ptr(), c"RT".as_ptr()) };
+        let Some(filter) = NonNull::new(filter) else {
+            device.check()?;
+            return Err(DenoiseError::Oidn("the filter could not be made".into()));
+        };
+        let mut ready = Self { signature, filter, buffers: Vec::with_capacity(4) };
+        ready.attach(device, c"color")?;
+        ready.attach(device, c"output")?;
+        if signature.albedo {
+            ready.attach(device, c"albedo")?;
+        }
+        if signature.normal {
+            ready.attach(device, c"normal")?;
+        }
+        let quality = match options.quality {
+            Quality::Fast => sys::OIDNQuality_OIDN_QUALITY_FAST,
+            Quality::Balanced => sys::OIDNQuality_OIDN_QUALITY_BALANCED,
+            Quality::High => sys::OIDNQuality_OIDN_QUALITY_HIGH,
+        };
+        let filter = filter.as_ptr();
+        // SAFETY: the filter is alive, names are C strings, and the buffers attached outlive it (see `Drop`).
+        unsafe {
+            sys::oidnSetFilterBool(filter, c"hdr".as_ptr(), true);
+            sys::oidnSetFilterBool(filter, c"cleanAux".as_ptr(), options.clean_guides && signature.albedo);
+            sys::oidnSetFilterInt(filter, c"quality".as_ptr(), quality);
+            sys::oidnCommitFilter(filter);
+        }
+        device.check()?;
+        Ok(ready)
+    }
+
+    /// Makes a buffer for one picture and names it to the filter.
+    fn attach(&mut self, device: &Device, name: &CStr) -> Result<(), DenoiseError> {
+        let Signature { width, height, .. } = self.signature;
+        let buffer = Buffer::new(device, width * height * PIXEL)?;
+        // SAFETY: filter and buffer are alive; `width * height` pixels of three floats fill the buffer exactly; strides of 0
+        // mean densely packed.
+        unsafe {
+            sys::oidnSetFilterImage(
+                self.filter.as_ptr(),
+                name.as_ptr(),
+                buffer.handle.as_ptr(),
+                sys::OIDNFormat_OIDN_FORMAT_FLOAT3,
+                width,
+                height,
+                0,
+                0,
+                0,
+            );
+        }
+        self.buffers.push(buffer);
+        device.check()
+    }
+}
+
+impl Device {
+    /// The error pending on the device, if any; reading it clears it.
+    fn check(&self) -> Result<(), DenoiseError> {
+        read_error(self.0.as_ptr())
+    }
+}
+
+impl Buffer {
+    fn new(device: &Device, bytes: usize) -> Result<Self, DenoiseError> {
+        // SAFETY: the device is alive and committed; a failure returns null.
+        let handle = unsafe { sys::oidnNewBuffer(device.0.as_ptr(), bytes) };
+        match NonNull::new(handle) {
+            Some(handle) => Ok(Self { handle, bytes }),
+            None => {
+                device.check()?;
+                Err(DenoiseError::Oidn(format!("no memory for {bytes} bytes")))
+            }
+        }
+    }
+
+    fn write(&self, pixels: &[[f32; 3]]) {
+        assert_eq!(size_of_val(pixels), self.bytes, "picture and buffer differ in size");
+        // SAFETY: the buffer is alive and, as just checked, of the size of `pixels`, which OIDN only reads.
+        unsafe { sys::oidnWriteBuffer(self.handle.as_ptr(), 0, self.bytes, pixels.as_ptr().cast::<c_void>()) };
+    }
+
+    fn read(&self, pixels: &mut [[f32; 3]]) {
+        assert_eq!(size_of_val(pixels), self.bytes, "picture and buffer differ in size");
+        // SAFETY: the buffer is alive and, as just checked, of the size of `pixels`; any bit pattern is a float.
+        unsafe { sys::oidnReadBuffer(self.handle.as_ptr(), 0, self.bytes, pixels.as_mut_ptr().cast::<c_void>()) };
+    }
+}
+
+fn last_error_without_device() -> DenoiseError {
+    read_error(ptr::null_mut()).err().unwrap_or_else(|| DenoiseError::Oidn("no CPU device".into()))
+}
+
+/// Null reads the error of this thread, which is where failures to make a device end up.
+fn read_error(device: sys::OIDNDevice) -> Result<(), DenoiseError> {
+    let mut message = ptr::null();
+    // SAFETY: `device` is alive or null, both of which OIDN accepts; `message` is a valid place for a pointer.
+    let code = unsafe { sys::oidnGetDeviceError(device, &mut message) };
+    if code == sys::OIDNError_OIDN_ERROR_NONE {
+        return Ok(());
+    }
+    let text = if message.is_null() {
+        format!("error {code}")
+    } else {
+        // SAFETY: OIDN returned a C string that stays valid until the next call on this thread; it is copied here.
+        unsafe { CStr::from_ptr(message) }.to_string_lossy().into_owned()
+    };
+    Err(DenoiseError::Oidn(text))
+}
+
+impl Drop for Ready {
+    fn drop(&mut self) {
+        // SAFETY: the handle is ours and released once. The buffers follow; OIDN counts references.
+        unsafe { sys::oidnReleaseFilter(self.filter.as_ptr()) };
+    }
+}
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        // SAFETY: the handle is ours and released once.
+        unsafe { sys::oidnReleaseBuffer(self.handle.as_ptr()) };
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        // SAFETY: the handle is ours and released once; OIDN keeps the device alive while a filter or buffer refers to it.
+        unsafe { sys::oidnReleaseDevice(self.0.as_ptr()) };
+    }
+}
