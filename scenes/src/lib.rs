@@ -4,11 +4,13 @@
 #![forbid(unsafe_code)]
 
 pub mod description;
+mod draw;
 pub mod error;
 pub mod load;
 pub mod loaded;
 mod noise;
 pub mod schema;
+pub mod seed;
 pub mod shapes;
 pub mod sky;
 mod tangents;

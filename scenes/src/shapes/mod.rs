@@ -387,6 +387,13 @@ impl Faults {
         }
     }
 
+    /// Notes a list that is empty or longer than `most`.
+    pub fn count(&mut self, field: &str, length: usize, most: usize) {
+        if !(1..=most).contains(&length) {
+            self.0.push((format!("/{field}"), format!("{length} entries, outside 1..={most}")));
+        }
+    }
+
     /// As [`Self::range`] for each element.
     pub fn ranges(&mut self, field: &str, values: &[f32], low: f32, high: f32) {
         for (index, &value) in values.iter().enumerate() {
