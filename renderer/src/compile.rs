@@ -82,7 +82,7 @@ impl RenderScene {
         let features = FeatureSet {
             textures: used(&|m| m.base_color_texture.is_some() || m.metallic_roughness_texture.is_some()),
             normal_maps: used(&|m| m.normal_texture.is_some()),
-            flat_environment: scene.environment.map.pixels.windows(2).all(|p| p[0] == p[1]),
+            flat_environment: light.constant().is_some(),
             black_environment: light.is_black(),
         };
         let mut compiled = Self {

@@ -40,14 +40,15 @@ impl PixelStatistics {
         (self.sum / self.count.max(1) as f64).as_vec3().to_array()
     }
 
-    /// Variance of the mean, as if samples were independent: with low-discrepancy samples an upper estimate. 0 below two samples.
+    /// Variance of the mean, as if samples were independent: with low-discrepancy samples an upper estimate. 0 below two
+    /// samples; a variance beyond single precision (radiance above some 1e19) is its largest number.
     pub fn variance_of_mean(&self) -> [f32; 3] {
         if self.count < 2 {
             return [0.0; 3];
         }
         let n = self.count as f64;
         let spread = (self.sum_of_squares - self.sum * self.sum / n).max(DVec3::ZERO);
-        (spread / (n * (n - 1.0))).as_vec3().to_array()
+        (spread / (n * (n - 1.0))).min(DVec3::splat(f32::MAX.into())).as_vec3().to_array()
     }
 }
 

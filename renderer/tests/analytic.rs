@@ -1,0 +1,335 @@
+//! Pictures whose values are known on paper.
+
+mod common;
+
+use common::{camera, check_frame, compile, diffuse, plane, render, render_with, scene, sphere};
+use glam::{Affine3A, DVec3, Mat3A, Quat, Vec2, Vec3, Vec3A};
+use renderflow_frame::{Camera, Environment, Image};
+use renderflow_renderer::{Filter, Settings, render_gbuffer};
+use renderflow_scenes::loaded::{Texture, Wrap};
+use renderflow_scenes::{LoadedScene, Material, TextureSlot};
+
+const LIGHT: [f32; 3] = [0.5, 1.0, 2.0];
+
+fn lone_sphere(mesh: renderflow_scenes::Mesh, material: Material, environment: Environment) -> LoadedScene {
+    scene(vec![(mesh, material, Affine3A::IDENTITY)], environment, camera([0.0, 1.0, 4.0], [0.0; 3], 40.0, 32, 32))
+}
+
+/// The same radiance from everywhere, but one texel a trifle brighter: the scene is no longer "flat", and light sampling runs.
+fn nearly_flat(radiance: [f32; 3]) -> Environment {
+    let mut map = Image::filled(32, 16, radiance);
+    map.pixels[5 * 32 + 3] = radiance.map(|v| v * 1.0001);
+    Environment { map, rotation: 0.0, intensity: 1.0 }
+}
+
+/// A convex body sees no part of itself, so a diffuse one reflects exactly albedo x light.
+#[test]
+fn convex_diffuse_body_under_a_flat_sky() {
+    let albedo = [0.8, 0.5, 0.25];
+    for (name, environment, tolerance) in [("flat", Environment::constant(LIGHT), 1e-6), ("sampled", nearly_flat(LIGHT), 0.004)] {
+        let compiled = compile(&lone_sphere(sphere(24, false), diffuse(albedo), environment));
+        assert_eq!(compiled.features().flat_environment, name == "flat");
+        let (frame, stats) = render(&compiled, 64);
+        check_frame(&frame);
+        assert_eq!(stats.non_finite_samples, 0);
+        let beauty = frame.beauty.as_ref().expect("rendered");
+        let mut covered = 0;
+        for (pixel, &alpha) in beauty.pixels.iter().zip(&frame.alpha.pixels) {
+            for c in 0..3 {
+                // Coverage blends the body with the sky behind it.
+                let expected = LIGHT[c] * (alpha * albedo[c] + 1.0 - alpha);
+                let error = (pixel[c] / expected - 1.0).abs();
+                assert!(error < if name == "flat" { tolerance } else { 0.15 }, "{name}: {} for {expected}", pixel[c]);
+            }
+            covered += usize::from(alpha == 1.0);
+        }
+        assert!(covered > 100);
+        let mean = |c: usize| beauty.pixels.iter().map(|p| f64::from(p[c])).sum::<f64>();
+        let alpha: f64 = frame.alpha.pixels.iter().map(|&a| f64::from(a)).sum();
+        let n = beauty.pixels.len() as f64;
+        let expected = f64::from(LIGHT[0]) * (alpha * f64::from(albedo[0]) + n - alpha);
+        println!("{name}: mean off by {:.2e}", mean(0) / expected - 1.0);
+        assert!((mean(0) / expected - 1.0).abs() < f64::from(tolerance));
+    }
+}
+
+/// With half the light absorbed at every surface, a ray that wrongly meets the surface it left halves its sample. So a convex body
+/// under a flat sky has exactly no variance, at any size and anywhere.
+#[test]
+fn rays_never_meet_the_surface_they_leave() {
+    for (size, offset) in [(1.0, 0.0), (1e-5, 0.0), (1e-3, 0.1), (1e4, 0.0), (1.0, 100.0), (1.0, 3000.0)] {
+        let place = Affine3A::from_scale_rotation_translation(
+            Vec3::new(size, 0.7 * size, size),
+            Quat::from_rotation_z(0.4),
+            Vec3::splat(offset),
+        );
+        let (eye, target) = ([offset, offset + size, offset + 4.0 * size], [offset; 3]);
+        let parts = vec![(sphere(24, false), diffuse([0.5; 3]), place)];
+        let compiled = compile(&scene(parts, Environment::constant([1.0; 3]), camera(eye, target, 30.0, 32, 32)));
+        let (frame, stats) = render(&compiled, 256);
+        let variance = frame.variance.expect("rendered");
+        let mut hits = 0u32;
+        for (i, &alpha) in frame.alpha.pixels.iter().enumerate().filter(|(_, a)| **a == 1.0) {
+            hits += 256;
+            assert_eq!(frame.raw.as_ref().expect("rendered").pixels[i], [0.5; 3], "size {size} offset {offset} alpha {alpha}");
+            assert_eq!(variance.pixels[i], [0.0; 3]);
+        }
+        println!("size {size}, offset {offset}: {hits} paths, none met its own surface; {} bounce rays", stats.bounce_rays);
+        assert!(hits > 50_000);
+    }
+}
+
+/// Irradiance of a small sun on a plane, integrated here by brute force over the map's bilinear surface.
+#[test]
+fn diffuse_plane_under_a_small_sun() {
+    let mut environment = Environment::constant([0.0; 3]);
+    environment.map = Image::filled(128, 64, [0.0; 3]);
+    for (x, y) in [(40, 12), (41, 12), (40, 13), (41, 13)] {
+        environment.map.pixels[y * 128 + x] = [900.0, 800.0, 600.0];
+    }
+    environment.rotation = 0.3;
+    let mut irradiance = DVec3::ZERO;
+    let (nu, nv) = (2048, 1024);
+    for j in 0..nv / 2 {
+        let theta = std::f64::consts::PI * (f64::from(j) + 0.5) / f64::from(nv);
+        let solid_angle = theta.sin() * std::f64::consts::PI / f64::from(nv) * std::f64::consts::TAU / f64::from(nu);
+        for i in 0..nu {
+            let uv = Vec2::new((i as f32 + 0.5) / nu as f32, (j as f32 + 0.5) / nv as f32);
+            let radiance = Vec3::from_array(environment.radiance(environment.direction(uv))).as_dvec3();
+            irradiance += radiance * (theta.cos() * solid_angle);
+        }
+    }
+    let albedo = 0.6;
+    let expected = irradiance * f64::from(albedo) / std::f64::consts::PI;
+    let parts = vec![(plane(100.0), diffuse([albedo; 3]), Affine3A::IDENTITY)];
+    let compiled = compile(&scene(parts, environment, camera([0.0, 5.0, 5.0], [0.0; 3], 30.0, 16, 16)));
+    let (frame, stats) = render(&compiled, 256);
+    assert_eq!(stats.non_finite_samples, 0);
+    assert!(frame.alpha.pixels.iter().all(|&a| a == 1.0));
+    let beauty = frame.beauty.expect("rendered");
+    let mean = beauty.pixels.iter().fold(DVec3::ZERO, |s, &p| s + Vec3::from_array(p).as_dvec3()) / 256.0;
+    println!("plane under a sun: {mean}, expected {expected}");
+    assert!((mean / expected - 1.0).abs().max_element() < 0.003, "{mean} {expected}");
+    // Variance is honest: the pixels scatter about the truth by no more than it says.
+    let variance = frame.variance.expect("rendered");
+    let chi = |i: usize| (f64::from(beauty.pixels[i][1]) - expected.y).powi(2) / f64::from(variance.pixels[i][1]).max(1e-12);
+    let chi2 = (0..256).map(chi).sum::<f64>() / 256.0;
+    println!("mean squared error over claimed variance: {chi2:.3}");
+    assert!(chi2 < 1.3);
+}
+
+/// White surfaces under a white sky are as bright as the sky, however often light passes between them.
+#[test]
+fn white_interreflection_conserves_the_sky() {
+    let white = || diffuse([1.0; 3]);
+    let parts = vec![
+        (plane(4.0), white(), Affine3A::IDENTITY),
+        (sphere(16, false), white(), Affine3A::from_translation(Vec3::new(-0.9, 1.0, 0.0))),
+        (sphere(16, false), white(), Affine3A::from_translation(Vec3::new(1.15, 1.0, 0.0))),
+    ];
+    for environment in [Environment::constant([1.0; 3]), nearly_flat([1.0; 3])] {
+        let camera = camera([0.0, 2.0, 5.0], [0.0, 0.7, 0.0], 40.0, 24, 24);
+        let compiled = compile(&scene(parts.clone(), environment, camera));
+        let (frame, _) = render_with(&compiled, &Settings { spp: 256, max_bounces: 200, ..Settings::default() });
+        let beauty = frame.beauty.expect("rendered");
+        let mean = beauty.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / 576.0;
+        println!("white scene: mean {mean}");
+        assert!((mean - 1.0).abs() < 0.005, "{mean}");
+    }
+}
+
+#[test]
+fn gbuffer_of_a_sphere() {
+    let radius = 1.0;
+    let camera = camera([0.3, 1.1, 4.0], [0.0; 3], 40.0, 64, 48);
+    let parts = vec![(sphere(128, true), Material { base_color: [0.1, 0.2, 0.9], ..Material::default() }, Affine3A::IDENTITY)];
+    let compiled = compile(&scene(parts, Environment::constant([1.0; 3]), camera));
+    let frame = render_gbuffer(&compiled, &Settings::default()).expect("settings in range");
+    check_frame(&frame);
+    let to_camera = camera.camera_to_world.matrix3.transpose();
+    let (mut hits, mut worst_depth, mut worst_normal) = (0, 0.0f32, 0.0f32);
+    for y in 0..48 {
+        for x in 0..64 {
+            let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            let d = camera.ray_direction(pixel);
+            let b = camera.position().dot(d);
+            let discriminant = b * b - camera.position().length_squared() + radius * radius;
+            let depth = *frame.depth.at(x, y);
+            // The mesh is inscribed; within its sagitta (7.5e-5 along each of its two directions) of the silhouette either answer is right.
+            if discriminant < 4e-4 {
+                assert!(discriminant > -1e-4 || depth.is_infinite());
+                continue;
+            }
+            let p = camera.position() + d * (-b - discriminant.sqrt());
+            let expected = -camera.world_to_camera().transform_point3a(p).z;
+            worst_depth = worst_depth.max((depth - expected).abs() * discriminant.sqrt());
+            let normal = Vec3A::from_array(*frame.normal.at(x, y));
+            worst_normal = worst_normal.max((normal - to_camera * p).length() * discriminant.sqrt());
+            assert_eq!(*frame.albedo.at(x, y), [0.1, 0.2, 0.9]);
+            assert_eq!(*frame.material.at(x, y), [0.5, 0.0, 0.5]);
+            hits += 1;
+        }
+    }
+    println!(
+        "{hits} pixels: depth within {worst_depth:.1e} m, normal within {worst_normal:.1e} (both times the cosine at the surface)"
+    );
+    assert!(hits > 500);
+    assert!(worst_depth < 2e-4 && worst_normal < 5e-4);
+}
+
+/// Planar depth of a wall square to the view is one number, everywhere in the picture.
+#[test]
+fn depth_is_planar() {
+    let wall = Affine3A::from_rotation_x(std::f32::consts::FRAC_PI_2);
+    let parts = vec![(plane(100.0), Material::default(), wall)];
+    let compiled =
+        compile(&scene(parts, Environment::constant([1.0; 3]), camera([1.0, 2.0, 7.25], [1.0, 2.0, 0.0], 80.0, 33, 21)));
+    let frame = render_gbuffer(&compiled, &Settings::default()).expect("settings in range");
+    for (&depth, normal) in frame.depth.pixels.iter().zip(&frame.normal.pixels) {
+        assert!((depth / 7.25 - 1.0).abs() < 1e-6, "{depth}");
+        assert!(Vec3A::from_array(*normal).distance(Vec3A::Z) < 1e-6);
+    }
+}
+
+fn moving_scene() -> (LoadedScene, Vec<Camera>) {
+    let mut loaded = scene(
+        vec![(plane(6.0), Material::default(), Affine3A::IDENTITY), (sphere(16, true), Material::default(), Affine3A::IDENTITY)],
+        Environment::constant([1.0; 3]),
+        camera([0.0, 2.0, 6.0], [0.0, 0.5, 0.0], 40.0, 48, 36),
+    );
+    loaded.instances[1].transforms = (0..3)
+        .map(|f| {
+            let f = f as f32;
+            Affine3A::from_rotation_translation(Quat::from_rotation_y(0.3 * f), Vec3::new(0.2 * f, 1.0 + 0.1 * f, 0.0))
+        })
+        .collect();
+    loaded.cameras = (0..3).map(|f| camera([0.4 * f as f32, 2.0, 6.0], [0.0, 0.5, 0.0], 40.0, 48, 36)).collect();
+    let cameras = loaded.cameras.clone();
+    (loaded, cameras)
+}
+
+/// Depth says where a pixel's point is; carried along with its object and projected by the other camera, it must land where the
+/// motion vector says.
+#[test]
+fn motion_reprojects() {
+    let (loaded, cameras) = moving_scene();
+    let mut compiled = compile(&loaded);
+    let mut worst = 0.0f32;
+    for frame_index in 0..3usize {
+        compiled.set_frame(frame_index);
+        let frame = render_gbuffer(&compiled, &Settings::default()).expect("settings in range");
+        check_frame(&frame);
+        for (image, other) in [(&frame.motion, Some(frame_index + 1)), (&frame.motion_prev, frame_index.checked_sub(1))] {
+            let image = image.as_ref().expect("filled");
+            let Some(other) = other.filter(|&o| o < 3) else {
+                assert!(image.pixels.iter().all(|m| *m == [0.0; 2]), "no neighbour, no motion");
+                continue;
+            };
+            for y in 0..36 {
+                for x in 0..48 {
+                    let depth = *frame.depth.at(x, y);
+                    if depth.is_infinite() {
+                        assert_eq!(*image.at(x, y), [0.0; 2]);
+                        continue;
+                    }
+                    let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+                    let p = cameras[frame_index].unproject(pixel, depth);
+                    let instance = &loaded.instances[*frame.object_id.at(x, y) as usize - 1];
+                    let carried = instance.transform(other) * instance.transform(frame_index).inverse();
+                    let (there, _) = cameras[other].project(carried.transform_point3a(p)).expect("in front");
+                    worst = worst.max((pixel + Vec2::from_array(*image.at(x, y)) - there).length());
+                }
+            }
+        }
+    }
+    println!("motion within {worst:.1e} pixels");
+    assert!(worst < 1e-3, "{worst}");
+}
+
+#[test]
+fn nothing_moving_means_exactly_no_motion() {
+    let (mut loaded, cameras) = moving_scene();
+    loaded.cameras = vec![cameras[0]; 3];
+    loaded.instances[1].transforms.truncate(1);
+    let mut compiled = compile(&loaded);
+    compiled.set_frame(1);
+    let frame = render_gbuffer(&compiled, &Settings::default()).expect("settings in range");
+    for image in [frame.motion, frame.motion_prev] {
+        assert!(image.expect("filled").pixels.iter().all(|m| *m == [0.0; 2]));
+    }
+}
+
+/// What no ray hits shows the environment, averaged over the pixel.
+#[test]
+fn background_is_the_environment() {
+    let environment = common::sunny();
+    let view = camera([0.0, 1.0, 4.0], [0.0, 2.5, 0.0], 60.0, 24, 16);
+    let parts = vec![(plane(2.0), Material::default(), Affine3A::IDENTITY)];
+    for filter in [Filter::Box, Filter::BlackmanHarris] {
+        let compiled = compile(&scene(parts.clone(), environment.clone(), view));
+        let (frame, stats) = render_with(&compiled, &Settings { spp: 64, filter, ..Settings::default() });
+        assert!(stats.skipped_rays > 0, "the sky needs no rays");
+        let beauty = frame.beauty.as_ref().expect("rendered");
+        let mut sky = 0;
+        for y in 0..16 {
+            for x in 0..24 {
+                if *frame.alpha.at(x, y) > 0.0 {
+                    continue;
+                }
+                sky += 1;
+                let mut expected = DVec3::ZERO;
+                for i in 0..256 {
+                    let u = [(i % 16) as f32 / 16.0 + 1.0 / 32.0, (i / 16) as f32 / 16.0 + 1.0 / 32.0];
+                    let point = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + filter.sample(u);
+                    expected += Vec3::from_array(environment.radiance(view.ray_direction(point))).as_dvec3() / 256.0;
+                }
+                let found = Vec3::from_array(*beauty.at(x, y)).as_dvec3();
+                assert!(((found - expected) / expected).abs().max_element() < 0.02, "{x} {y}: {found} {expected}");
+            }
+        }
+        assert!(sky > 100);
+    }
+}
+
+/// Texture lookups reach the picture: a checker of two colours, the normal map's lean, and roughness and metal from their channels.
+#[test]
+fn textures_and_normal_maps_reach_the_gbuffer() {
+    let mut mesh = plane(2.0);
+    // u runs along +x, v along +z: the tangent is +x; bitangent n x t = -z, which is -v: handedness -1 for v growing along +z.
+    mesh.tangents = vec![glam::Vec4::new(1.0, 0.0, 0.0, 1.0); 4];
+    let slot = |texture| Some(TextureSlot { texture, uv_transform: glam::Affine2::IDENTITY });
+    let lean = Vec3::new(0.6, 0.0, 0.8);
+    let material = Material {
+        base_color: [0.5, 1.0, 1.0],
+        roughness: 0.8,
+        metallic: 1.0,
+        base_color_texture: slot(0),
+        metallic_roughness_texture: slot(1),
+        normal_texture: slot(2).map(|s| (s, 1.0)),
+        ..Material::default()
+    };
+    let mut loaded = scene(
+        vec![(mesh, material, Affine3A::IDENTITY)],
+        Environment::constant([1.0; 3]),
+        camera([0.0, 4.0, 0.001], [0.0; 3], 20.0, 16, 16),
+    );
+    let texture = |name: &str, pixels: Vec<[f32; 3]>| {
+        let image = Image { width: pixels.len(), height: 1, pixels };
+        Texture { name: name.into(), image, wrap: [Wrap::Clamp; 2] }
+    };
+    loaded.textures = vec![
+        texture("two colours", vec![[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.5, 0.0]]),
+        texture("rough metal", vec![[0.0, 0.5, 0.25]]),
+        texture("lean", vec![lean.to_array()]),
+    ];
+    let compiled = compile(&loaded);
+    assert!(compiled.features().textures && compiled.features().normal_maps);
+    let frame = render_gbuffer(&compiled, &Settings::default()).expect("settings in range");
+    check_frame(&frame);
+    assert_eq!(*frame.albedo.at(0, 8), [0.5, 0.0, 0.0]);
+    assert_eq!(*frame.albedo.at(15, 8), [0.0, 0.5, 0.0]);
+    let material = frame.material.at(8, 8);
+    assert!((material[0] - 0.4).abs() < 1e-6 && (material[1] - 0.25).abs() < 1e-6);
+    let world = Mat3A::from(loaded.cameras[0].camera_to_world.matrix3) * Vec3A::from_array(*frame.normal.at(8, 8));
+    assert!(world.distance(Vec3A::new(0.6, 0.8, 0.0)) < 1e-4, "{world}");
+}
