@@ -8,7 +8,7 @@ pub use dominant::DominantLight;
 pub use tokens::token_direction;
 
 use crate::image::{Image, Rgb};
-use angle::atan2;
+pub use angle::atan2;
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
@@ -51,7 +51,7 @@ impl Environment {
         let turns = (atan2(direction.x, -direction.z) + self.rotation) * (1.0 / TAU);
         // The arc tangent keeps its accuracy near the poles, where an arc cosine of y loses half the digits.
         let theta = atan2((direction.x * direction.x + direction.z * direction.z).sqrt(), direction.y);
-        Vec2::new(turns - turns.floor(), theta * (1.0 / PI))
+        Vec2::new((turns - floor(turns) as f32).clamp(0.0, 1.0), theta * (1.0 / PI))
     }
 
     /// World-space unit direction of map coordinates, rotation applied; inverse of [`Self::uv`].
@@ -78,8 +78,8 @@ impl Environment {
             _ => {}
         }
         let y = uv.y * height as f32 - 0.5;
-        let row = y.floor();
-        let t = y - row;
+        let row = floor(y);
+        let t = y - row as f32;
         let a = self.row_value(row as isize, uv.x);
         let b = self.row_value(row as isize + 1, uv.x);
         let a = a + (b - a) * t;
@@ -100,8 +100,8 @@ impl Environment {
             (row as usize, u)
         };
         let x = u * width as f32 - 0.5;
-        let column = x.floor();
-        let t = x - column;
+        let column = floor(x);
+        let t = x - column as f32;
         let wrap = |i: isize| {
             if i < 0 {
                 (i + width as isize) as usize
@@ -154,6 +154,13 @@ impl Environment {
         });
         self.with_map(Image { width, height, pixels })
     }
+}
+
+/// Largest integer not above `x`; without SSE 4.1, which plain builds may not assume, `f32::floor` is a function call.
+#[inline]
+fn floor(x: f32) -> i32 {
+    let toward_zero = x as i32;
+    toward_zero - i32::from(toward_zero as f32 > x)
 }
 
 /// For each of `to` equal cells of 0..=1: the first of `from` equal cells it overlaps, and the share of its measure in each.

@@ -1,24 +1,199 @@
 //! Carries a keyframe's picture to another camera: where a pixel's surface point stood in the keyframe, and whether it was seen there.
 
-use crate::Frame;
 use crate::image::{Image, Rgb};
+use crate::{Camera, Frame};
+use glam::{Affine3A, Mat3A, Vec2, Vec3A};
+use rayon::prelude::*;
+
+/// Depth in the keyframe may differ from the point's by this share ...
+const DEPTH_TOLERANCE: f32 = 0.01;
+/// ... plus this share of the depth's change over the footprint along the surface: shading normals are not the surface's own.
+const SLOPE_TOLERANCE: f32 = 0.5;
+/// Least cosine between the two world-space normals (30 degrees).
+const MIN_NORMAL_COSINE: f32 = 0.866;
+/// Taps that weigh less than this are left out: a camera that stands still reads one pixel, in spite of rounding.
+const LEAST_WEIGHT: f32 = 1.0 / 128.0;
+/// Largest factor by which a keyframe may raise or lower the start image, see [`ratio_fetch`].
+pub const MAX_RATIO: f32 = 16.0;
+/// Display-linear value added to both sides of a ratio, so that black stays finite.
+const RATIO_FLOOR: f32 = 0.01;
 
 /// Where each pixel of the current frame finds itself in a keyframe.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Correspondence {
-    /// Image point in the keyframe (pixels), meaningless where `valid` is 0.
+    /// Image point in the keyframe (pixels from its top left, centres at +0.5), (0, 0) where there is none.
     pub source: Image<[f32; 2]>,
     /// 1 where depth, normal and object id agree on the whole bilinear footprint, else 0.
     pub valid: Image<f32>,
 }
 
-/// Correspondence of `current` into `key` for static geometry, by depth and both cameras. `motion` holds, per pixel, the extra
-/// offset (pixels) of moving objects, if any.
-pub fn correspond(_current: &Frame, _key: &Frame, _motion: Option<&Image<[f32; 2]>>) -> Correspondence {
-    todo!()
+/// How objects moved between the current frame and the keyframe, see [`correspond`].
+pub type ObjectMotion<'a> = dyn Fn(u32) -> Option<Affine3A> + Sync + 'a;
+
+/// Correspondence of `current` into `key`, by depth and both cameras.
+///
+/// Motion vectors lead from one frame to the next only, a keyframe may be many frames away; so moving objects come as transforms:
+/// `object_motion` maps an object id of `current` to the rigid or affine map that takes the object's world-space points at the current
+/// frame to where they were at the keyframe. `None`, for all objects or for one, means it did not move.
+///
+/// A pixel is valid where its centre hit something, its point projects into the keyframe, and each tap of the bilinear footprint there
+/// shows the same object at the depth of the surface's plane (1 % and an allowance for slope) with a world-space normal within
+/// 30 degrees. Nothing is valid if either frame lacks its camera.
+pub fn correspond(current: &Frame, key: &Frame, object_motion: Option<&ObjectMotion<'_>>) -> Correspondence {
+    let (width, height) = (current.width, current.height);
+    let mut out = Correspondence { source: Image::filled(width, height, [0.0; 2]), valid: Image::filled(width, height, 0.0) };
+    let (Some(camera), Some(key_camera)) = (&current.info.camera, &key.info.camera) else { return out };
+    if key.width == 0 || key.height == 0 {
+        return out;
+    }
+    let view = KeyView { frame: key, camera: key_camera, world_to_key: key_camera.world_to_camera() };
+    let row = width.max(1);
+    (out.source.pixels.par_chunks_mut(row), out.valid.pixels.par_chunks_mut(row)).into_par_iter().enumerate().for_each(
+        |(y, (source, valid))| {
+            // Neighbouring pixels mostly show the same object: ask for its motion once.
+            let mut last: Option<(u32, Option<Affine3A>)> = None;
+            for x in 0..width {
+                let i = y * width + x;
+                let depth = current.depth.pixels[i];
+                if !depth.is_finite() {
+                    continue;
+                }
+                let id = current.object_id.pixels[i];
+                let motion = match last {
+                    Some((known, motion)) if known == id => motion,
+                    _ => object_motion.and_then(|motion| motion(id)),
+                };
+                last = Some((id, motion));
+                let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+                let mut p_world = camera.unproject(pixel, depth);
+                let mut n_world = camera.camera_to_world.matrix3 * Vec3A::from_array(current.normal.pixels[i]);
+                if let Some(motion) = motion {
+                    p_world = motion.transform_point3a(p_world);
+                    n_world = moved_normal(&motion.matrix3, n_world);
+                }
+                if let Some(point) = view.locate(p_world) {
+                    source[x] = point.to_array();
+                    valid[x] = f32::from(u8::from(view.shows(point, p_world, n_world, id)));
+                }
+            }
+        },
+    );
+    out
+}
+
+/// A normal carried by an affine map: by the inverse transpose, normalised; unchanged by a singular map.
+fn moved_normal(map: &Mat3A, n: Vec3A) -> Vec3A {
+    if map.determinant().abs() < 1e-12 { n } else { (map.inverse().transpose() * n).normalize_or(n) }
+}
+
+struct KeyView<'a> {
+    frame: &'a Frame,
+    camera: &'a Camera,
+    world_to_key: Affine3A,
+}
+
+impl KeyView<'_> {
+    /// Image point of a world-space point, if it lies in the picture.
+    fn locate(&self, p_world: Vec3A) -> Option<Vec2> {
+        let p = self.world_to_key.transform_point3a(p_world);
+        let depth = -p.z;
+        if depth.is_nan() || depth <= 0.0 {
+            return None;
+        }
+        let point = Vec2::new(self.camera.cx + self.camera.fl_x * p.x / depth, self.camera.cy - self.camera.fl_y * p.y / depth);
+        let inside =
+            point.x >= 0.0 && point.y >= 0.0 && point.x <= self.frame.width as f32 && point.y <= self.frame.height as f32;
+        inside.then_some(point)
+    }
+
+    /// Whether the keyframe shows this surface at `point`.
+    fn shows(&self, point: Vec2, p_world: Vec3A, n_world: Vec3A, id: u32) -> bool {
+        let p = self.world_to_key.transform_point3a(p_world);
+        let n = self.world_to_key.matrix3 * n_world;
+        let depth = -p.z;
+        footprint(point, self.frame.width, self.frame.height).into_iter().filter(|(_, weight)| *weight > 0.0).all(|(i, _)| {
+            let seen = self.frame.depth.pixels[i];
+            if self.frame.object_id.pixels[i] != id || !seen.is_finite() {
+                return false;
+            }
+            if Vec3A::from_array(self.frame.normal.pixels[i]).dot(n) < MIN_NORMAL_COSINE {
+                return false;
+            }
+            // Depth at the tap of the plane through the point.
+            let tap = Vec2::new((i % self.frame.width) as f32 + 0.5, (i / self.frame.width) as f32 + 0.5);
+            let along = n.dot(self.camera.direction_cam(tap));
+            let plane = if along.abs() > 1e-4 { n.dot(p) / along } else { depth };
+            let change = (plane - depth).abs().min(0.1 * depth);
+            let expected = depth + change.copysign(plane - depth);
+            (seen - expected).abs() <= DEPTH_TOLERANCE * depth + SLOPE_TOLERANCE * change
+        })
+    }
+}
+
+/// The four taps (index, weight) of a bilinear look-up at `point`, weights summing to 1; taps outside the picture repeat its border,
+/// taps of almost no weight get none.
+fn footprint(point: Vec2, width: usize, height: usize) -> [(usize, f32); 4] {
+    let at = (point - 0.5).max(Vec2::ZERO).min(Vec2::new(width as f32 - 1.0, height as f32 - 1.0));
+    let (x, y) = (at.x as usize, at.y as usize);
+    let (right, below) = ((x + 1).min(width - 1), (y + 1).min(height - 1));
+    let snap = |t: f32| {
+        if t < LEAST_WEIGHT {
+            0.0
+        } else if t > 1.0 - LEAST_WEIGHT {
+            1.0
+        } else {
+            t
+        }
+    };
+    let (s, t) = (snap(at.x - x as f32), snap(at.y - y as f32));
+    [
+        (y * width + x, (1.0 - s) * (1.0 - t)),
+        (y * width + right, s * (1.0 - t)),
+        (below * width + x, (1.0 - s) * t),
+        (below * width + right, s * t),
+    ]
+}
+
+/// Bilinear value of `picture` at an image point.
+fn sample(picture: &Rgb, point: [f32; 2]) -> Vec3A {
+    footprint(Vec2::from_array(point), picture.width, picture.height)
+        .into_iter()
+        .map(|(i, weight)| if weight > 0.0 { Vec3A::from_array(picture.pixels[i]) * weight } else { Vec3A::ZERO })
+        .sum()
 }
 
 /// Bilinear fetch of `picture` (of the keyframe) at each pixel's source; 0 where invalid.
-pub fn fetch(_picture: &Rgb, _correspondence: &Correspondence) -> Rgb {
-    todo!()
+pub fn fetch(picture: &Rgb, correspondence: &Correspondence) -> Rgb {
+    per_pixel(correspondence, |_, source, valid| if valid { sample(picture, source) } else { Vec3A::ZERO })
+}
+
+/// The current start image, corrected by how far the keyframe's truth was from its own start there:
+/// `(start + e) * (key_truth + e) / (key_start + e) - e`, the fraction bilinear and clamped to `1/16..=16`, the result at least 0.
+///
+/// Textures and reflections come from `current_start`, at full sharpness and in their new place; only what the start image lacks
+/// (shadows, bounced light) is carried over. `exposure` is the sequence's factor to display-linear; `e` is 0.01 there.
+/// The result is `current_start` where invalid, and exactly `key_truth` for an unmoved camera (inside the clamp).
+pub fn ratio_fetch(key_truth: &Rgb, key_start: &Rgb, current_start: &Rgb, correspondence: &Correspondence, exposure: f32) -> Rgb {
+    let floor = if exposure > 0.0 && exposure.is_finite() { RATIO_FLOOR / exposure } else { RATIO_FLOOR };
+    per_pixel(correspondence, |i, source, valid| {
+        let start = Vec3A::from_array(current_start.pixels[i]);
+        if !valid {
+            return start;
+        }
+        let ratio = (sample(key_truth, source) + floor) / (sample(key_start, source) + floor);
+        let ratio = ratio.clamp(Vec3A::splat(1.0 / MAX_RATIO), Vec3A::splat(MAX_RATIO));
+        ((start + floor) * ratio - floor).max(Vec3A::ZERO)
+    })
+}
+
+/// A picture of `f(index, source, valid)`.
+fn per_pixel(correspondence: &Correspondence, f: impl Fn(usize, [f32; 2], bool) -> Vec3A + Sync) -> Rgb {
+    let Image { width, height, pixels: sources } = &correspondence.source;
+    let pixels = (sources, &correspondence.valid.pixels)
+        .into_par_iter()
+        .with_min_len(1024)
+        .enumerate()
+        .map(|(i, (source, valid))| f(i, *source, *valid > 0.0).to_array())
+        .collect();
+    Image { width: *width, height: *height, pixels }
 }

@@ -1,0 +1,210 @@
+//! Warping between cameras against exact reprojection of analytic scenes.
+
+mod light_scene;
+
+use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use light_scene::{Surface, point, render, trace};
+use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::warp::{Correspondence, MAX_RATIO, correspond, fetch, ratio_fetch};
+use renderflow_frame::{Camera, Frame};
+
+const SIZE: usize = 96;
+
+fn camera(eye: Vec3A) -> Camera {
+    Camera::look_at(eye, Vec3A::new(0.0, 0.3, 0.0), Vec3A::Y, 0.7, SIZE, SIZE)
+}
+
+fn scene() -> Vec<Surface> {
+    vec![
+        Surface::Plane(Vec3A::ZERO, Vec3A::Y),
+        Surface::Sphere(Vec3A::new(-0.5, 0.4, 0.0), 0.4),
+        Surface::Block(Vec3A::new(0.2, 0.0, -0.3), Vec3A::new(0.6, 0.7, 0.4)),
+    ]
+}
+
+/// A smooth picture painted on the world.
+fn paint(frame: &Frame, camera: &Camera) -> Rgb {
+    Rgb::from_fn(frame.width, frame.height, |x, y| {
+        let i = y * frame.width + x;
+        if frame.depth.pixels[i].is_finite() { colour(point(frame, camera, i)) } else { [0.0; 3] }
+    })
+}
+
+fn colour(p: Vec3A) -> [f32; 3] {
+    [2.0 + (2.0 * p.x).sin(), 2.0 + (2.0 * p.y + 1.0).cos(), 2.0 + (1.5 * p.z).sin()]
+}
+
+fn share(correspondence: &Correspondence, frame: &Frame) -> f32 {
+    let hit = frame.depth.pixels.iter().filter(|d| d.is_finite()).count();
+    correspondence.valid.pixels.iter().sum::<f32>() / hit as f32
+}
+
+#[test]
+fn a_still_camera_sees_itself_exactly() {
+    let view = camera(Vec3A::new(0.5, 1.2, 3.0));
+    let frame = render(&scene(), &view);
+    let c = correspond(&frame, &frame, None);
+    for (i, valid) in c.valid.pixels.iter().enumerate() {
+        assert_eq!(*valid > 0.0, frame.depth.pixels[i].is_finite(), "pixel {i}");
+    }
+    let noise = Rgb::from_fn(SIZE, SIZE, |x, y| [((x * 7 + y * 13) % 11) as f32, 1.0, 0.0]);
+    let start = Rgb::from_fn(SIZE, SIZE, |x, y| [((x * 5 + y * 3) % 7) as f32 + 1.0, 0.5, 2.0]);
+    let (fetched, ratio) = (fetch(&noise, &c), ratio_fetch(&noise, &start, &start, &c, 1.0));
+    for i in 0..SIZE * SIZE {
+        if c.valid.pixels[i] > 0.0 {
+            assert_eq!(fetched.pixels[i], noise.pixels[i]);
+            let (red, truth) = (ratio.pixels[i][0], noise.pixels[i][0]);
+            let clamped = truth * MAX_RATIO < start.pixels[i][0];
+            assert!(clamped || (red - truth).abs() < 1e-5 * (1.0 + truth), "{red} {truth}");
+        } else {
+            assert_eq!(fetched.pixels[i], [0.0; 3]);
+            assert_eq!(ratio.pixels[i], start.pixels[i]);
+        }
+    }
+}
+
+#[test]
+fn a_plane_reprojects_exactly() {
+    let plane = [Surface::Plane(Vec3A::ZERO, Vec3A::Y)];
+    let (now, then) = (camera(Vec3A::new(0.3, 1.5, 2.5)), camera(Vec3A::new(-0.3, 1.4, 2.6)));
+    let (current, key) = (render(&plane, &now), render(&plane, &then));
+    let c = correspond(&current, &key, None);
+    let picture = fetch(&paint(&key, &then), &c);
+    let mut inside = 0;
+    for i in 0..SIZE * SIZE {
+        if !current.depth.pixels[i].is_finite() {
+            assert_eq!(c.valid.pixels[i], 0.0);
+            continue;
+        }
+        let p = point(&current, &now, i);
+        let (expected, _) = then.project(p).expect("in front");
+        let margin = expected.min_element().min((Vec2::splat(SIZE as f32) - expected).min_element());
+        if margin < 0.0 {
+            assert_eq!(c.valid.pixels[i], 0.0, "outside the keyframe");
+        } else if margin > 1.0 {
+            inside += 1;
+            assert!(c.valid.pixels[i] > 0.0, "point {p} at {expected}");
+            assert!((Vec2::from_array(c.source.pixels[i]) - expected).length() < 1e-3);
+            // Far away a pixel covers more of the plane than the paint's period; bilinear colours hold near by.
+            let truth = colour(p);
+            let near = current.depth.pixels[i] < 4.5;
+            assert!(!near || (0..3).all(|k| (picture.pixels[i][k] - truth[k]).abs() < 0.02), "{:?} {truth:?}", picture.pixels[i]);
+        }
+    }
+    assert!(inside > 5000, "{inside}");
+}
+
+#[test]
+fn what_the_keyframe_did_not_see_is_invalid() {
+    let scene = scene();
+    let (now, then) = (camera(Vec3A::new(0.9, 1.0, 2.8)), camera(Vec3A::new(-0.9, 1.0, 2.8)));
+    let (current, key) = (render(&scene, &now), render(&scene, &then));
+    let c = correspond(&current, &key, None);
+    let picture = fetch(&paint(&key, &then), &c);
+    let (mut hidden, mut visible, mut kept) = (0, 0, 0);
+    for i in 0..SIZE * SIZE {
+        if !current.depth.pixels[i].is_finite() {
+            continue;
+        }
+        let p = point(&current, &now, i);
+        let d = (p - then.position()).normalize();
+        let (t, _, id) = trace(&scene, then.position(), d).expect("something is there");
+        let seen = id == current.object_id.pixels[i] && (t - p.distance(then.position())).abs() < 1e-3;
+        let inside = then.project(p).is_some_and(|(q, _)| q.min_element() > 1.0 && q.max_element() < SIZE as f32 - 1.0);
+        if !seen {
+            hidden += 1;
+            assert_eq!(c.valid.pixels[i], 0.0, "hidden point {p} passed as seen");
+        } else if inside {
+            visible += 1;
+            kept += usize::from(c.valid.pixels[i] > 0.0);
+        }
+        if c.valid.pixels[i] > 0.0 && current.depth.pixels[i] < 4.5 {
+            let truth = colour(p);
+            assert!((0..3).all(|k| (picture.pixels[i][k] - truth[k]).abs() < 0.08), "{:?} {truth:?}", picture.pixels[i]);
+        }
+    }
+    println!("{hidden} hidden, {kept} of {visible} visible points kept");
+    assert!(hidden > 300 && kept as f32 > 0.9 * visible as f32, "{hidden} hidden, {kept} of {visible} kept");
+}
+
+#[test]
+fn moving_objects_are_followed() {
+    let motion = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.4), Vec3::new(0.25, 0.0, 0.1));
+    let centre = Vec3A::new(-0.4, 0.4, 0.2);
+    // The sphere stood at `centre` moved by `motion` when the keyframe was taken.
+    let with_sphere = |c: Vec3A| vec![Surface::Plane(Vec3A::ZERO, Vec3A::Y), Surface::Sphere(c, 0.4)];
+    let view = camera(Vec3A::new(0.2, 1.0, 3.0));
+    let current = render(&with_sphere(centre), &view);
+    let key = render(&with_sphere(motion.transform_point3a(centre)), &view);
+    let follow = |id: u32| (id == 2).then_some(motion);
+    let c = correspond(&current, &key, Some(&follow));
+    let mut on_sphere = 0;
+    for i in 0..SIZE * SIZE {
+        if current.object_id.pixels[i] == 2 && c.valid.pixels[i] > 0.0 {
+            on_sphere += 1;
+            let (expected, _) = view.project(motion.transform_point3a(point(&current, &view, i))).expect("in front");
+            assert!((Vec2::from_array(c.source.pixels[i]) - expected).length() < 1e-3);
+        }
+    }
+    let all = current.object_id.pixels.iter().filter(|id| **id == 2).count();
+    assert!(on_sphere as f32 > 0.75 * all as f32, "{on_sphere} of {all}");
+    // Without the motion only the part of the sphere's place that both frames share could pass, and normals rule most of it out.
+    let still = correspond(&current, &key, None);
+    let wrong = (0..SIZE * SIZE).filter(|i| current.object_id.pixels[*i] == 2 && still.valid.pixels[*i] > 0.0).count();
+    assert!(wrong * 20 < all, "{wrong} of {all} pass without motion");
+}
+
+#[test]
+fn ratios_keep_texture_sharp() {
+    // Truth = texture x light; start = texture. The texture is finer than a warp could carry, the light is smooth.
+    let (now, then) = (camera(Vec3A::new(0.3, 1.2, 2.8)), camera(Vec3A::new(-0.1, 1.2, 2.9)));
+    let plane = [Surface::Plane(Vec3A::ZERO, Vec3A::Y)];
+    let (current, key) = (render(&plane, &now), render(&plane, &then));
+    let texture = |frame: &Frame, view: &Camera| {
+        Rgb::from_fn(SIZE, SIZE, |x, y| {
+            let i = y * SIZE + x;
+            let p = if frame.depth.pixels[i].is_finite() { point(frame, view, i) } else { Vec3A::ZERO };
+            [if (p.x * 40.0).sin() > 0.0 { 0.9 } else { 0.2 }; 3]
+        })
+    };
+    let lit = |frame: &Frame, view: &Camera, texture: &Rgb| {
+        Rgb::from_fn(SIZE, SIZE, |x, y| {
+            let i = y * SIZE + x;
+            let p = if frame.depth.pixels[i].is_finite() { point(frame, view, i) } else { Vec3A::ZERO };
+            texture.pixels[i].map(|t| t * (0.6 + 0.3 * p.x.sin()))
+        })
+    };
+    let (start_now, start_then) = (texture(&current, &now), texture(&key, &then));
+    let (truth_now, truth_then) = (lit(&current, &now, &start_now), lit(&key, &then, &start_then));
+    let c = correspond(&current, &key, None);
+    let (by_ratio, direct) = (ratio_fetch(&truth_then, &start_then, &start_now, &c, 1.0), fetch(&truth_then, &c));
+    let error = |picture: &Rgb| -> f32 {
+        let squares = (0..SIZE * SIZE).filter(|i| c.valid.pixels[*i] > 0.0);
+        squares.map(|i| (picture.pixels[i][0] - truth_now.pixels[i][0]).powi(2)).sum::<f32>().sqrt()
+    };
+    assert!(share(&c, &current) > 0.8);
+    println!("root of the squared error: ratio {}, direct {}", error(&by_ratio), error(&direct));
+    assert!(error(&by_ratio) < 0.1 * error(&direct), "{} {}", error(&by_ratio), error(&direct));
+}
+
+#[test]
+fn odd_input_is_invalid_not_a_crash() {
+    let view = camera(Vec3A::new(0.0, 1.0, 3.0));
+    let frame = render(&scene(), &view);
+    let mut without = frame.clone();
+    without.info.camera = None;
+    assert!(correspond(&frame, &without, None).valid.pixels.iter().all(|v| *v == 0.0));
+    let empty = Frame { info: frame.info.clone(), ..Frame::default() };
+    assert!(correspond(&frame, &empty, None).valid.pixels.iter().all(|v| *v == 0.0));
+    assert!(correspond(&empty, &frame, None).valid.pixels.is_empty());
+    // A keyframe behind the scene; a degenerate motion.
+    let behind = render(&scene(), &camera(Vec3A::new(0.0, 1.0, -3.0)));
+    let flat = |_: u32| Some(Affine3A::from_scale(Vec3::ZERO));
+    let c = correspond(&frame, &behind, Some(&flat));
+    assert!(c.source.pixels.iter().flatten().all(|v| v.is_finite()));
+    let zero = Image::filled(SIZE, SIZE, [0.0; 3]);
+    let c = correspond(&frame, &frame, None);
+    for exposure in [0.0, 1.0, f32::NAN, f32::INFINITY] {
+        assert!(ratio_fetch(&zero, &zero, &zero, &c, exposure).pixels.iter().flatten().all(|v| *v == 0.0));
+    }
+}
