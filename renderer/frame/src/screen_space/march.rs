@@ -1,0 +1,47 @@
+//! Visibility of a distant light by marching through the depth buffer.
+
+use super::Surface;
+use glam::Vec3A;
+
+/// Samples along the way.
+const STEPS: usize = 24;
+/// Length of the way in units of the pixel's depth.
+const LENGTH: f32 = 1.0;
+/// What lies deeper behind a depth sample than this share of the ray's depth is taken to have passed behind the occluder.
+const THICKNESS: f32 = 0.12;
+/// Start off the surface, and least depth in front of the ray that occludes, as shares of the depth.
+const BIAS: f32 = 0.002;
+
+/// Visibility (0..=1) from pixel (x, y) towards `light`, a camera-space unit direction.
+pub fn visibility(surface: &Surface, x: usize, y: usize, light: Vec3A, (_, step): (f32, f32)) -> f32 {
+    let camera = surface.camera;
+    let n = Vec3A::from_array(surface.normal[y * surface.width + x]);
+    if n.dot(light) <= 0.0 {
+        return 0.0;
+    }
+    let surface_point = surface.point(x, y);
+    let depth = -surface_point.z;
+    // One pixel's width on the surface: below it the buffer cannot tell the surface from itself.
+    let pixel = depth / camera.fl_x.min(camera.fl_y);
+    let p = surface_point + n * (BIAS * depth + pixel);
+    let mut clear = 1.0_f32;
+    for k in 0..STEPS {
+        let s = (k as f32 + step) / STEPS as f32;
+        let q = p + light * (pixel + s * s * (LENGTH * depth - pixel));
+        let ray_depth = -q.z;
+        if ray_depth <= BIAS * depth {
+            break;
+        }
+        let (at_x, at_y) = (camera.cx + camera.fl_x * q.x / ray_depth, camera.cy - camera.fl_y * q.y / ray_depth);
+        let Some((column, row)) = surface.pixel(at_x, at_y) else { break };
+        let behind = ray_depth - surface.depth[row * surface.width + column];
+        let (least, most) = (BIAS * ray_depth, THICKNESS * ray_depth);
+        // Fades in over the bias (the buffer is stepped) and out over the second half of the thickness (unknown).
+        let hit = ((behind - least) / least).min((most - behind) / (0.5 * most)).clamp(0.0, 1.0);
+        clear = clear.min(1.0 - hit);
+        if clear <= 0.0 {
+            break;
+        }
+    }
+    clear
+}
