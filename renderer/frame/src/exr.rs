@@ -36,10 +36,10 @@ pub fn write(path: &Path, frame: &Frame) -> Result<usize> {
     Ok(clamped)
 }
 
-/// [`write`] into memory; `name` stands for the path in errors. Returns the bytes and how many values were clamped.
+/// [`write()`] into memory; `name` stands for the path in errors. Returns the bytes and how many values were clamped.
 ///
 /// # Errors
-/// As [`write`], but for writing the file.
+/// As [`write()`], but for writing the file.
 pub fn encode(name: &Path, frame: &Frame) -> Result<(Vec<u8>, usize)> {
     let malformed = |reason: String| Error::malformed(name, reason);
     if frame.width == 0 || frame.height == 0 {
@@ -63,7 +63,7 @@ pub fn encode(name: &Path, frame: &Frame) -> Result<(Vec<u8>, usize)> {
     Ok((bytes, clamped))
 }
 
-/// Reads a frame written by [`write`]; optional channels may be absent.
+/// Reads a frame written by [`write()`]; optional channels may be absent.
 ///
 /// # Errors
 /// When the file is missing, is no OpenEXR, lacks a channel or holds NaN; the message names it.
@@ -219,7 +219,7 @@ fn sized<'a, P>(frame: &Frame, layer: &TableLayer, image: &'a Image<P>) -> std::
 /// Refuses NaN, and infinities except +inf in depth (a miss).
 fn check_values(name: &str, layer: &TableLayer, width: usize, values: &[f32]) -> std::result::Result<(), String> {
     let miss = layer.name == "depth";
-    match values.iter().position(|&v| !v.is_finite() && !(miss && v == f32::INFINITY)) {
+    match values.iter().position(|&v| !(v.is_finite() || miss && v == f32::INFINITY)) {
         Some(i) => Err(format!("channel {name} is {} at pixel ({}, {})", values[i], i % width, i / width)),
         None => Ok(()),
     }

@@ -133,7 +133,7 @@ pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
 /// Reads `transforms.json`.
 ///
 /// # Errors
-/// When the file cannot be read or lacks a key (the message names it), or as in [`write`].
+/// When the file cannot be read or lacks a key (the message names it), or as in [`write()`].
 pub fn read(path: &Path) -> Result<Sequence> {
     let malformed = |reason: String| Error::malformed(path, reason);
     let file: File = read_json(path)?;

@@ -176,7 +176,8 @@ fn values_beyond_half_are_clamped_and_counted() {
 
 #[test]
 fn nan_and_infinity_are_refused_by_channel_and_pixel() {
-    let cases: &[(fn(&mut Frame), &str)] = &[
+    type Spoil = fn(&mut Frame);
+    let cases: &[(Spoil, &str)] = &[
         (|f| f.normal.pixels[9][1] = f32::NAN, "channel normal.Y is NaN at pixel (4, 1)"),
         (|f| f.beauty.as_mut().unwrap().pixels[0][0] = f32::INFINITY, "channel R is inf at pixel (0, 0)"),
         (|f| f.alpha.pixels[14] = f32::NAN, "channel A is NaN at pixel (4, 2)"),
@@ -200,6 +201,25 @@ fn nan_and_infinity_are_refused_by_channel_and_pixel() {
         assert!(error.contains(expected) && error.starts_with(path.to_str().unwrap()), "{error:?} does not say {expected:?}");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "something was left behind");
+}
+
+/// Other people's files against OpenEXR's own reader (`openexr_rgb.py`).
+#[test]
+fn pixels_of_other_files_are_those_openexr_reads() {
+    let Some(folder) = common::asset("exr") else { return };
+    let reference: serde_json::Value = serde_json::from_str(include_str!("references/openexr_rgb.json")).unwrap();
+    for (name, expected) in reference.as_object().unwrap() {
+        let picture = exr::read_rgb(&folder.join(name)).unwrap();
+        assert_eq!(
+            (Some(picture.width as u64), Some(picture.height as u64)),
+            (expected["width"].as_u64(), expected["height"].as_u64())
+        );
+        for (at, rgb) in expected["pixels"].as_object().unwrap() {
+            let (x, y) = at.split_once(',').unwrap();
+            let read = picture.at(x.parse().unwrap(), y.parse().unwrap()).map(|v| serde_json::Value::from(f64::from(v)));
+            assert_eq!(&read[..], &rgb.as_array().unwrap()[..], "{name} at {at}");
+        }
+    }
 }
 
 #[test]
