@@ -159,12 +159,12 @@ impl Default for NetworkConfig {
             curve: Curve::Log,
             widths: [32, 64, 128],
             encoder_blocks: [1, 2, 2],
-            decoder_blocks: [1, 1, 2],
+            decoder_blocks: [1, 1, 1],
             token_width: 192,
             heads: 6,
             transformer_blocks: 4,
             mlp_ratio: 3,
-            condition_width: 128,
+            condition_width: 64,
             keyframes: None,
         }
     }

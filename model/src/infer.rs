@@ -36,7 +36,8 @@ pub struct NeuralRenderer {
 #[derive(Clone, Debug)]
 pub struct PreparedKeyframe {
     frame: Frame,
-    ratio: Rgb,
+    truth: Rgb,
+    start: Rgb,
 }
 
 /// A keyframe as seen from the frame to be rendered.
@@ -60,7 +61,8 @@ impl PreparedKeyframe {
         }
         let summary = EnvironmentSummary::new(environment);
         let features = Features::new(frame, camera, environment, &summary, tables, exposure);
-        Ok(Self { ratio: keyframe::log_ratio(&features), frame: with_camera(frame, camera) })
+        let (truth, start) = (keyframe::truth_picture(&features), keyframe::start_picture(&features));
+        Ok(Self { truth, start, frame: with_camera(frame, camera) })
     }
 }
 
@@ -277,8 +279,11 @@ fn carry(frame: &Frame, features: &Features, keyframes: &[Keyframe]) -> [Option<
         let candidates = keyframes.iter().filter(|key| side(key.distance));
         candidates.min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()))
     };
-    [nearest(&|d| d <= 0.0), nearest(&|d| d > 0.0)]
-        .map(|key| key.map(|key| keyframe::carry(frame, features, &key.prepared.frame, &key.prepared.ratio, key.distance)))
+    [nearest(&|d| d <= 0.0), nearest(&|d| d > 0.0)].map(|key| {
+        key.map(|Keyframe { prepared, distance }| {
+            keyframe::carry(frame, features, &prepared.frame, &prepared.truth, &prepared.start, *distance)
+        })
+    })
 }
 
 /// The picture of "warped keyframes, split sum in the holes" without any network: scene-linear radiance. The baseline that the

@@ -1,6 +1,6 @@
 //! Keyframes: their truth, carried to the current frame, becomes the start of a second bridge; a small network repairs it.
 //!
-//! What is carried is the ratio between a keyframe's truth and its own start picture, so that texture and view-dependent shading
+//! What is carried is the ratio between a keyframe's truth and its own split-sum picture, so that texture and view-dependent shading
 //! come from the current frame. The base network fills what no keyframe saw. Without keyframes nothing of this file runs.
 
 use crate::bridge::{MAX_RADIANCE, log_curve, log_curve_inverse};
@@ -26,10 +26,6 @@ pub const KEY_CHANNELS: usize = 5;
 pub const CHANNELS: usize = KEYS * KEY_CHANNELS;
 /// Frames that count as age 1.
 const AGE_UNIT: f32 = 16.0;
-/// Exposed radiance added to both sides of the ratio, so that black stays finite.
-const RATIO_FLOOR: f32 = 0.02;
-/// Largest logarithm of a carried ratio.
-const MAX_LOG_RATIO: f32 = 3.0;
 /// Logit of the blend before training: 0.98 for the carried picture.
 const TRUST: f32 = 4.0;
 
@@ -38,24 +34,16 @@ pub fn nearest(keyframes: &[usize], i: usize) -> [Option<usize>; KEYS] {
     [keyframes.iter().copied().filter(|&k| k <= i).max(), keyframes.iter().copied().filter(|&k| k > i).min()]
 }
 
-/// Exposed radiance of the split-sum picture and of the truth of one frame, from its stored features.
-fn start_and_truth(f: &Features, i: usize) -> ([f32; 3], [f32; 3]) {
-    let stored = &f.pixels[i * STORED..][..STORED];
-    (f.physical[i].base(Start::Ibl).start, [TARGET, TARGET + 1, TARGET + 2].map(|c| log_curve_inverse(stored[c])))
+/// Exposed split-sum picture of a frame.
+pub fn start_picture(f: &Features) -> Rgb {
+    let pixels = f.physical.iter().map(|p| p.base(Start::Ibl).start).collect();
+    Image { width: f.width, height: f.height, pixels }
 }
 
-/// Log ratio of truth to start over a keyframe, clamped; 0 where nothing is covered.
-pub fn log_ratio(f: &Features) -> Rgb {
-    let pixels = (0..f.width * f.height)
-        .map(|i| {
-            let (start, truth) = start_and_truth(f, i);
-            std::array::from_fn(|c| {
-                let ratio = ((truth[c] + RATIO_FLOOR) / (start[c] + RATIO_FLOOR)).ln();
-                if f.physical[i].alpha > 0.0 && ratio.is_finite() { ratio.clamp(-MAX_LOG_RATIO, MAX_LOG_RATIO) } else { 0.0 }
-            })
-        })
-        .collect();
-    Image { width: f.width, height: f.height, pixels }
+/// Exposed truth of a frame; 0 where it has no beauty.
+pub fn truth_picture(f: &Features) -> Rgb {
+    let truth = |stored: &[f32]| [TARGET, TARGET + 1, TARGET + 2].map(|c| log_curve_inverse(stored[c]));
+    Image { width: f.width, height: f.height, pixels: f.pixels.chunks_exact(STORED).map(truth).collect() }
 }
 
 /// A keyframe as the current frame sees it.
@@ -69,29 +57,19 @@ pub struct Carried {
     pub age: f32,
 }
 
-/// Carries a keyframe's log ratio (see [`log_ratio`]) to the current frame. `distance` in frames.
-pub fn carry(frame: &Frame, features: &Features, key: &Frame, key_ratio: &Rgb, distance: f32) -> Carried {
+/// Carries a keyframe to the current frame by [`warp::ratio_fetch`]. `truth` and `start` are the keyframe's exposed pictures,
+/// `distance` is in frames.
+pub fn carry(frame: &Frame, features: &Features, key: &Frame, truth: &Rgb, start: &Rgb, distance: f32) -> Carried {
     let correspondence = warp::correspond(frame, key, None);
-    let ratio = warp::fetch(key_ratio, &correspondence);
-    let count = features.width * features.height;
-    let mut radiance = vec![[0.0; 3]; count];
-    let mut valid = vec![0.0; count];
-    for i in 0..count {
-        let validity = correspondence.valid.pixels[i];
-        if features.physical[i].alpha > 0.0 && validity > 0.0 && ratio.pixels[i].iter().all(|v| v.is_finite()) {
-            let start = features.physical[i].base(Start::Ibl).start;
-            radiance[i] = std::array::from_fn(|c| {
-                (ratio.pixels[i][c].exp() * (start[c] + RATIO_FLOOR) - RATIO_FLOOR).clamp(0.0, MAX_RADIANCE)
-            });
-            valid[i] = validity.clamp(0.0, 1.0);
-        }
+    // All pictures are exposed already.
+    let mut radiance = warp::ratio_fetch(truth, start, &start_picture(features), &correspondence, 1.0);
+    let mut valid = correspondence.valid;
+    for (i, radiance) in radiance.pixels.iter_mut().enumerate() {
+        let usable = features.physical[i].alpha > 0.0 && radiance.iter().all(|v| v.is_finite());
+        valid.pixels[i] = if usable { valid.pixels[i].clamp(0.0, 1.0) } else { 0.0 };
+        *radiance = if valid.pixels[i] > 0.0 { radiance.map(|v| v.clamp(0.0, MAX_RADIANCE)) } else { [0.0; 3] };
     }
-    let (width, height) = (features.width, features.height);
-    Carried {
-        radiance: Image { width, height, pixels: radiance },
-        valid: Image { width, height, pixels: valid },
-        age: age(distance),
-    }
+    Carried { radiance, valid, age: age(distance) }
 }
 
 fn age(distance: f32) -> f32 {
@@ -151,7 +129,10 @@ pub fn store(clip: &Clip, features: &[Features], i: usize) -> Result<StoredKeys>
         return Err(broken(format!("keyframe {k} of {} frames", features.len())));
     }
     let carried = nearest(&clip.keyframes, i).map(|key| {
-        key.map(|k| carry(&clip.frames[i], &features[i], &clip.frames[k], &log_ratio(&features[k]), k as f32 - i as f32))
+        key.map(|k| {
+            let (truth, start) = (truth_picture(&features[k]), start_picture(&features[k]));
+            carry(&clip.frames[i], &features[i], &clip.frames[k], &truth, &start, k as f32 - i as f32)
+        })
     });
     Ok(StoredKeys::new(features[i].width, features[i].height, &carried))
 }
