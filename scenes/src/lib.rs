@@ -9,6 +9,7 @@ pub mod error;
 pub mod load;
 pub mod loaded;
 mod noise;
+pub mod procedural;
 pub mod schema;
 pub mod seed;
 pub mod shapes;
