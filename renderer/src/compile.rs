@@ -173,7 +173,7 @@ impl RenderScene {
         self.triangles.len()
     }
 
-    /// Triangles left out because a placed corner is not finite or farther than 1e12 m from the origin.
+    /// Triangles left out because a placed corner is not finite, farther than 1e12 m from the origin, or equal to another.
     pub fn dropped_triangles(&self) -> usize {
         self.dropped_triangles
     }
@@ -246,8 +246,9 @@ impl RenderScene {
 
             for (in_mesh, triangle) in mesh.triangles.iter().enumerate() {
                 let p = triangle.map(|v| positions[v as usize]);
-                // Comparing so that NaN fails too.
-                if !p.iter().all(|v| v.abs().max_element() <= MAX_COORDINATE && v.is_finite()) {
+                // Two equal corners leave nothing to hit; a transform that flattens everything to a point makes thousands of them.
+                let flat = p[0] == p[1] || p[1] == p[2] || p[2] == p[0];
+                if flat || !p.iter().all(|v| v.is_finite() && v.abs().max_element() <= MAX_COORDINATE) {
                     self.dropped_triangles += 1;
                     continue;
                 }
