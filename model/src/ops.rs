@@ -4,7 +4,7 @@
 //! `[k, k, channels in, channels out]` (HWIO). Everything is differentiable with respect to every tensor.
 //! On the CPU in f32 the work is done by [`crate::kernels`]; any other device or element type takes the same operations composed
 //! of burn's own ([`crate::kernels::portable`]). Both give the same numbers up to rounding.
-use crate::kernels::portable;
+use crate::kernels::{self, portable};
 use burn::tensor::Tensor;
 
 /// Where a convolution puts its output pixels.
@@ -37,7 +37,11 @@ impl Stride {
 /// When the shapes do not fit each other.
 pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
     check_conv("conv", x.dims(), w.dims(), b.dims());
-    portable::conv(x, w, b, stride, silu)
+    if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
+        kernels::conv(x, w, b, stride, silu)
+    } else {
+        portable::conv(x, w, b, stride, silu)
+    }
 }
 
 /// Entry of a decoder stage: `silu(conv3x3(concat(up2(x), skip)))`, where `up2` repeats each pixel 2 x 2 times.
@@ -51,7 +55,11 @@ pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tens
     assert!([sb, sh, sw] == [batch, 2 * height, 2 * width], "decode: skip {:?} is not twice {:?}", skip.dims(), x.dims());
     check_conv("decode", [batch, sh, sw, cu + cs], w.dims(), b.dims());
     assert!(w.dims()[0] == 3, "decode: weights {:?} are not 3 x 3", w.dims());
-    portable::decode(x, skip, w, b)
+    if kernels::fits(&x.device(), &[x.dtype(), skip.dtype(), w.dtype(), b.dtype()]) {
+        kernels::decode(x, skip, w, b)
+    } else {
+        portable::decode(x, skip, w, b)
+    }
 }
 
 /// `x w + b`, and SiLU after it if `silu`. `x` `[b, n, ci]`, `w` `[ci, co]`, `b` `[co]`; the result is `[b, n, co]`.
@@ -61,7 +69,12 @@ pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tens
 pub fn linear(x: Tensor<3>, w: Tensor<2>, b: Tensor<1>, silu: bool) -> Tensor<3> {
     let ([batch, n, _], [ci, co]) = (x.dims(), w.dims());
     check_conv("linear", [batch, 1, n, x.dims()[2]], [1, 1, ci, co], b.dims());
-    portable::linear(x, w, b, silu)
+    if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
+        let pixels = x.reshape([batch, 1, n, ci]);
+        kernels::conv(pixels, w.reshape([1, 1, ci, co]), b, Stride::One, silu).reshape([batch, n, co])
+    } else {
+        portable::linear(x, w, b, silu)
+    }
 }
 
 /// Scaled dot-product attention (Vaswani et al. 2017) over `heads` equal slices of the channels.

@@ -1,2 +1,118 @@
 //! Convolution for the CPU: implicit matrix products on channels-last pictures, without an im2col buffer.
+//!
+//! All work is a small tile of outputs kept in registers ([`tile`]), filled from lists of input pixels and packed weights
+//! ([`gather`], [`gradient`]). It exists in AVX-512, in AVX2 and, as their portable twin, in plain Rust; all three return the same bits, for
+//! any number of threads. [`crate::ops`] chooses between them and [`portable`], the composition of burn's own operations that
+//! serves every other device and element type.
+//!
+//! Weights are packed anew in each call to `[outputs / block][tap][inputs][block]`, with a block of two vectors. The
+//! gradient of the input is the same gather over the transposed lattice; that of the weights sums over pixels instead of channels.
 pub mod portable;
+
+mod buffer;
+mod convolve;
+mod extension;
+mod gather;
+mod gradient;
+mod taps;
+mod tile;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+pub(crate) use extension::{conv, decode};
+
+use burn::backend::DispatchDevice;
+use burn::tensor::{DType, Device};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// An implementation of the kernels that this processor can run.
+#[derive(Clone, Copy, Debug)]
+enum Kernel {
+    #[cfg(target_arch = "x86_64")]
+    Avx512(x86::Avx512),
+    #[cfg(target_arch = "x86_64")]
+    Avx2(x86::Avx2),
+    Scalar,
+}
+
+/// Names of the implementations, to force one in a test or a measurement.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Choice {
+    /// The best that the processor has.
+    Automatic,
+    /// [`portable`].
+    Composed,
+    /// Plain Rust.
+    Scalar,
+    /// AVX2 with fused multiply-add.
+    Avx2,
+    /// AVX-512.
+    Avx512,
+}
+
+static FORCED: AtomicU8 = AtomicU8::new(Choice::Automatic as u8);
+
+/// Makes the whole process use one implementation; `false` (and no change) if the processor lacks it.
+#[doc(hidden)]
+pub fn force(choice: Choice) -> bool {
+    let available = match choice {
+        Choice::Avx2 => avx2().is_some(),
+        Choice::Avx512 => avx512().is_some(),
+        _ => true,
+    };
+    if available {
+        FORCED.store(choice as u8, Ordering::Relaxed);
+    }
+    available
+}
+
+impl Kernel {
+    /// The implementation in use; `None` for [`portable`].
+    fn active() -> Option<Self> {
+        let forced = FORCED.load(Ordering::Relaxed);
+        match forced {
+            _ if forced == Choice::Composed as u8 => None,
+            _ if forced == Choice::Scalar as u8 => Some(Self::Scalar),
+            _ if forced == Choice::Avx2 as u8 => avx2(),
+            _ if forced == Choice::Avx512 as u8 => avx512(),
+            // Only there is the fused multiply-add of the plain version an instruction.
+            _ => avx512().or_else(avx2).or(cfg!(target_arch = "aarch64").then_some(Self::Scalar)),
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn avx512() -> Option<Kernel> {
+    static FOUND: OnceLock<Option<x86::Avx512>> = OnceLock::new();
+    FOUND.get_or_init(x86::Avx512::detect).map(Kernel::Avx512)
+}
+
+#[cfg(target_arch = "x86_64")]
+fn avx2() -> Option<Kernel> {
+    static FOUND: OnceLock<Option<x86::Avx2>> = OnceLock::new();
+    FOUND.get_or_init(x86::Avx2::detect).map(Kernel::Avx2)
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn avx512() -> Option<Kernel> {
+    None
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn avx2() -> Option<Kernel> {
+    None
+}
+
+/// Whether the kernels can take tensors of these element types on this device.
+pub(crate) fn fits(device: &Device, types: &[DType]) -> bool {
+    let on_cpu = match device.as_dispatch() {
+        DispatchDevice::Flex(_) => true,
+        DispatchDevice::Autodiff(inner) => matches!(**inner, DispatchDevice::Flex(_)),
+        #[allow(unreachable_patterns)] // Other devices exist only with their cargo features.
+        _ => false,
+    };
+    on_cpu && types.iter().all(|t| *t == DType::F32) && Kernel::active().is_some()
+}

@@ -84,7 +84,7 @@ impl Conv {
 
 #[derive(Debug)]
 enum Layer {
-    Conv(Conv),
+    Conv(Box<Conv>),
     Pool(MaxPoolOptions<2>),
     Fire { parts: Box<Fire>, tap: bool },
 }
@@ -110,7 +110,7 @@ impl Network {
             layers.push(match step {
                 Step::Conv(shape) => {
                     tap_channels.push(shape.channels[1]);
-                    Layer::Conv(Conv::read(weights, &shape.index.to_string(), &shape, device)?)
+                    Layer::Conv(Box::new(Conv::read(weights, &shape.index.to_string(), &shape, device)?))
                 }
                 Step::Pool { ceil } => {
                     let mut options = MaxPoolOptions::new([3, 3]).with_stride([2, 2]);

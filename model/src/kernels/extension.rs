@@ -1,0 +1,314 @@
+//! The kernels as operations of burn's CPU backend, with their gradients.
+use super::Kernel;
+use super::convolve::{Convolution, Wanted};
+use super::gather::{Finish, Size};
+use crate::ops::Stride;
+use burn::backend::autodiff::NodeId;
+use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
+use burn::backend::autodiff::grads::Gradients as Tape;
+use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Autodiff, Backend, Dispatch, Flex, TensorMetadata, backend_extension};
+use burn::tensor::{Bytes, DType, Shape, Tensor};
+use burn_flex::{FlexTensor, Layout};
+
+/// Runs an expression with the [`Tile`] of the kernel in use.
+macro_rules! with_tile {
+    ($tile:ident => $call:expr) => {
+        match Kernel::active() {
+            #[cfg(target_arch = "x86_64")]
+            Some(Kernel::Avx512($tile)) => $call,
+            #[cfg(target_arch = "x86_64")]
+            Some(Kernel::Avx2($tile)) => $call,
+            _ => {
+                let $tile = super::tile::Scalar;
+                $call
+            }
+        }
+    };
+}
+
+/// Which operation, apart from its tensors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kind {
+    stride: Stride,
+    /// There is a second picture.
+    decode: bool,
+    silu: bool,
+}
+
+/// Convolutions on channels-last tensors. Pictures, weights and bias as in [`crate::ops`].
+#[backend_extension(Flex, Autodiff)]
+pub trait ConvolutionBackend: Backend {
+    /// See [`crate::ops::conv`]; differentiable.
+    fn nhwc_conv(
+        x: FloatTensor<Self>,
+        w: FloatTensor<Self>,
+        b: FloatTensor<Self>,
+        stride: Stride,
+        silu: bool,
+    ) -> FloatTensor<Self>;
+
+    /// See [`crate::ops::decode`]; differentiable.
+    fn nhwc_decode(
+        x: FloatTensor<Self>,
+        skip: FloatTensor<Self>,
+        w: FloatTensor<Self>,
+        b: FloatTensor<Self>,
+    ) -> FloatTensor<Self>;
+
+    /// The activated output of either, and the sums before the activation. `skip` is any tensor if there is no second picture.
+    fn nhwc_with_sums(
+        x: FloatTensor<Self>,
+        skip: FloatTensor<Self>,
+        w: FloatTensor<Self>,
+        b: FloatTensor<Self>,
+        kind: Kind,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+
+    /// Gradients of x, skip, weights and bias of either; those not wanted are empty. `sums` is any tensor if there is no activation.
+    #[allow(clippy::too_many_arguments, clippy::type_complexity)] // The extension macro takes no structs of borrowed tensors.
+    fn nhwc_backward(
+        x: FloatTensor<Self>,
+        skip: FloatTensor<Self>,
+        w: FloatTensor<Self>,
+        sums: FloatTensor<Self>,
+        gradient: FloatTensor<Self>,
+        kind: Kind,
+        wanted: Wanted,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+}
+
+/// [`crate::ops::conv`] by the kernels.
+pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
+    Tensor::from_dispatch(Dispatch::nhwc_conv(x.into_dispatch(), w.into_dispatch(), b.into_dispatch(), stride, silu))
+}
+
+/// [`crate::ops::decode`] by the kernels.
+pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
+    Tensor::from_dispatch(Dispatch::nhwc_decode(x.into_dispatch(), skip.into_dispatch(), w.into_dispatch(), b.into_dispatch()))
+}
+
+fn tensor(values: Vec<f32>, shape: Shape) -> FlexTensor {
+    FlexTensor::new(Bytes::from_elems(values), Layout::contiguous(shape), DType::F32)
+}
+
+/// Floats of a contiguous tensor; [`super::fits`] lets only 32-bit floats come here.
+fn floats(t: &FlexTensor) -> &[f32] {
+    t.as_slice::<f32>().expect("contiguous 32-bit floats")
+}
+
+fn size(t: &FlexTensor) -> Size {
+    let [batch, height, width, channels] = t.shape().dims();
+    Size { batch, height, width, channels }
+}
+
+/// A point-wise convolution sees no neighbours, so its pixels may be laid out anew, in rows of a length that makes good tasks.
+fn regroup(size: Size) -> Size {
+    let pixels = size.batch * size.height * size.width;
+    match (8..=128).rev().find(|width| pixels % width == 0) {
+        Some(width) => Size { batch: 1, height: pixels / width, width, channels: size.channels },
+        None => size,
+    }
+}
+
+fn convolution<'a>(x: &'a FlexTensor, skip: &'a FlexTensor, w: &'a FlexTensor, kind: Kind) -> Convolution<'a> {
+    let [kernel, _, _, outputs] = w.shape().dims();
+    let pointwise = kernel == 1 && kind.stride == Stride::One;
+    Convolution {
+        x: floats(x),
+        size: if pointwise { regroup(size(x)) } else { size(x) },
+        stride: kind.stride,
+        skip: kind.decode.then(|| (floats(skip), size(skip))),
+        weights: floats(w),
+        kernel,
+        outputs,
+    }
+}
+
+fn forward(
+    x: FlexTensor,
+    skip: FlexTensor,
+    w: FlexTensor,
+    b: FlexTensor,
+    kind: Kind,
+    finish: Finish,
+) -> (FlexTensor, Option<FlexTensor>) {
+    let [x, skip, w, b] = [x, skip, w, b].map(|t| t.to_contiguous());
+    let convolution = convolution(&x, &skip, &w, kind);
+    let [batch, height, width, _] = x.shape().dims();
+    let out = Shape::new([batch, kind.stride.output(height), kind.stride.output(width), convolution.outputs]);
+    let (y, activated) = with_tile!(tile => convolution.forward(tile, floats(&b), finish));
+    (tensor(y, out.clone()), activated.map(|a| tensor(a, out)))
+}
+
+impl ConvolutionBackend for Flex {
+    fn nhwc_conv(x: FlexTensor, w: FlexTensor, b: FlexTensor, stride: Stride, silu: bool) -> FlexTensor {
+        let finish = if silu { Finish::Silu } else { Finish::Plain };
+        forward(x.clone(), x, w, b, Kind { stride, decode: false, silu }, finish).0
+    }
+
+    fn nhwc_decode(x: FlexTensor, skip: FlexTensor, w: FlexTensor, b: FlexTensor) -> FlexTensor {
+        forward(x, skip, w, b, DECODE, Finish::Silu).0
+    }
+
+    fn nhwc_with_sums(x: FlexTensor, skip: FlexTensor, w: FlexTensor, b: FlexTensor, kind: Kind) -> (FlexTensor, FlexTensor) {
+        let (sums, activated) = forward(x, skip, w, b, kind, Finish::SiluAndSums);
+        (activated.unwrap_or_else(|| sums.clone()), sums)
+    }
+
+    fn nhwc_backward(
+        x: FlexTensor,
+        skip: FlexTensor,
+        w: FlexTensor,
+        sums: FlexTensor,
+        gradient: FlexTensor,
+        kind: Kind,
+        wanted: Wanted,
+    ) -> (FlexTensor, FlexTensor, FlexTensor, FlexTensor) {
+        let [x, skip, w, sums, gradient] = [x, skip, w, sums, gradient].map(|t| t.to_contiguous());
+        let convolution = convolution(&x, &skip, &w, kind);
+        let sums = kind.silu.then(|| floats(&sums));
+        let found = with_tile!(tile => convolution.backward(tile, sums, floats(&gradient), wanted));
+        let like = |wanted: bool, values: Vec<f32>, shape: Shape| tensor(values, if wanted { shape } else { Shape::new([0]) });
+        (
+            like(wanted.x, found.x, x.shape()),
+            like(wanted.skip, found.skip, skip.shape()),
+            like(wanted.weights, found.weights, w.shape()),
+            like(wanted.bias, found.bias, Shape::new([convolution.outputs])),
+        )
+    }
+}
+
+const DECODE: Kind = Kind { stride: Stride::Up, decode: true, silu: true };
+
+/// What the backward pass needs: the inputs (through the checkpointer), the sums if there was an activation.
+#[derive(Clone, Debug)]
+struct Kept<B: Backend> {
+    x: NodeId,
+    skip: Option<NodeId>,
+    w: NodeId,
+    sums: Option<FloatTensor<B>>,
+    kind: Kind,
+}
+
+impl<B: ConvolutionBackend> Kept<B> {
+    /// Gradients of x, skip, weights and bias, given that of the output.
+    fn gradients(self, gradient: FloatTensor<B>, wanted: Wanted, checkpointer: &mut Checkpointer) -> [FloatTensor<B>; 4] {
+        let x: FloatTensor<B> = checkpointer.retrieve_node_output(self.x);
+        let w: FloatTensor<B> = checkpointer.retrieve_node_output(self.w);
+        let skip = match self.skip {
+            Some(id) => checkpointer.retrieve_node_output(id),
+            None => x.clone(),
+        };
+        let sums = self.sums.unwrap_or_else(|| gradient.clone());
+        let (x, skip, w, b) = B::nhwc_backward(x, skip, w, sums, gradient, self.kind, wanted);
+        [x, skip, w, b]
+    }
+}
+
+#[derive(Debug)]
+struct ConvBackward;
+
+impl<B: ConvolutionBackend> Backward<B, 3> for ConvBackward {
+    type State = Kept<B>;
+
+    fn backward(self, ops: Ops<Self::State, 3>, tape: &mut Tape, checkpointer: &mut Checkpointer) {
+        let [x, w, b] = ops.parents;
+        let wanted = Wanted { x: x.is_some(), skip: false, weights: w.is_some(), bias: b.is_some() };
+        let [dx, _, dw, db] = ops.state.gradients(tape.consume::<B>(&ops.node), wanted, checkpointer);
+        for (node, gradient) in [(x, dx), (w, dw), (b, db)] {
+            if let Some(node) = node {
+                tape.register::<B>(node.id, gradient);
+            }
+        }
+    }
+}
+
+#[derive(Debug)]
+struct DecodeBackward;
+
+impl<B: ConvolutionBackend> Backward<B, 4> for DecodeBackward {
+    type State = Kept<B>;
+
+    fn backward(self, ops: Ops<Self::State, 4>, tape: &mut Tape, checkpointer: &mut Checkpointer) {
+        let [x, skip, w, b] = &ops.parents;
+        let wanted = Wanted { x: x.is_some(), skip: skip.is_some(), weights: w.is_some(), bias: b.is_some() };
+        let gradients = ops.state.gradients(tape.consume::<B>(&ops.node), wanted, checkpointer);
+        for (node, gradient) in ops.parents.into_iter().zip(gradients) {
+            if let Some(node) = node {
+                tape.register::<B>(node.id, gradient);
+            }
+        }
+    }
+}
+
+impl<B: ConvolutionBackend, C: CheckpointStrategy> ConvolutionBackend for Autodiff<B, C> {
+    fn nhwc_conv(
+        x: FloatTensor<Self>,
+        w: FloatTensor<Self>,
+        b: FloatTensor<Self>,
+        stride: Stride,
+        silu: bool,
+    ) -> FloatTensor<Self> {
+        match ConvBackward.prepare::<C>([x.node(), w.node(), b.node()]).compute_bound().stateful() {
+            OpsKind::Tracked(mut prepared) => {
+                let (x_id, w_id) = (prepared.checkpoint(&x), prepared.checkpoint(&w));
+                let (x, w, b) = (x.into_primitive(), w.into_primitive(), b.into_primitive());
+                let kind = Kind { stride, decode: false, silu };
+                let (y, sums) = if silu {
+                    let (y, sums) = B::nhwc_with_sums(x.clone(), x, w, b, kind);
+                    (y, Some(sums))
+                } else {
+                    (B::nhwc_conv(x, w, b, stride, false), None)
+                };
+                prepared.finish(Kept { x: x_id, skip: None, w: w_id, sums, kind }, y)
+            }
+            OpsKind::UnTracked(prepared) => {
+                prepared.finish(B::nhwc_conv(x.into_primitive(), w.into_primitive(), b.into_primitive(), stride, silu))
+            }
+        }
+    }
+
+    fn nhwc_decode(
+        x: FloatTensor<Self>,
+        skip: FloatTensor<Self>,
+        w: FloatTensor<Self>,
+        b: FloatTensor<Self>,
+    ) -> FloatTensor<Self> {
+        match DecodeBackward.prepare::<C>([x.node(), skip.node(), w.node(), b.node()]).compute_bound().stateful() {
+            OpsKind::Tracked(mut prepared) => {
+                let [x_id, skip_id, w_id] = [&x, &skip, &w].map(|t| prepared.checkpoint(t));
+                let [x, skip, w, b] = [x, skip, w, b].map(|t| t.into_primitive());
+                let (y, sums) = B::nhwc_with_sums(x, skip, w, b, DECODE);
+                prepared.finish(Kept { x: x_id, skip: Some(skip_id), w: w_id, sums: Some(sums), kind: DECODE }, y)
+            }
+            OpsKind::UnTracked(prepared) => {
+                let [x, skip, w, b] = [x, skip, w, b].map(|t| t.into_primitive());
+                prepared.finish(B::nhwc_decode(x, skip, w, b))
+            }
+        }
+    }
+
+    fn nhwc_with_sums(
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: Kind,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        unreachable!("only the differentiable operations are called from outside")
+    }
+
+    fn nhwc_backward(
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: Kind,
+        _: Wanted,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+        unreachable!("gradients of gradients are not offered")
+    }
+}

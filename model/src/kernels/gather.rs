@@ -1,0 +1,258 @@
+//! Convolution as a gather: every output pixel sums input pixels times weights, tile by tile, without an im2col buffer.
+use super::buffer;
+use super::taps::Lattice;
+use super::tile::{Output, Start, Term, Tile};
+use rayon::prelude::*;
+
+/// Size of a batch of channels-last pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Pictures.
+    pub batch: usize,
+    /// Rows of each.
+    pub height: usize,
+    /// Columns of each.
+    pub width: usize,
+    /// Floats in a pixel.
+    pub channels: usize,
+}
+
+impl Size {
+    /// Floats in all.
+    pub fn len(&self) -> usize {
+        self.batch * self.height * self.width * self.channels
+    }
+}
+
+/// A picture that is read, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Source<'a> {
+    /// Its floats.
+    pub values: &'a [f32],
+    /// Its size.
+    pub size: Size,
+    /// Which of its pixels an output pixel reads.
+    pub lattice: Lattice,
+    /// Channel of the weights that its first channel meets.
+    pub first: usize,
+}
+
+/// Convolution weights `[kernel, kernel, inputs, outputs]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Weights<'a> {
+    /// Their floats.
+    pub values: &'a [f32],
+    /// Rows and columns of the kernel.
+    pub kernel: usize,
+    /// Input channels.
+    pub inputs: usize,
+    /// Output channels.
+    pub outputs: usize,
+    /// The gather goes from outputs to inputs (a gradient).
+    pub transposed: bool,
+}
+
+impl Weights<'_> {
+    /// Weight of kernel element `tap` between channel `from` of what is read and channel `to` of what is written.
+    #[inline(always)]
+    fn at(&self, tap: usize, from: usize, to: usize) -> f32 {
+        let (input, output) = if self.transposed { (to, from) } else { (from, to) };
+        self.values[(tap * self.inputs + input) * self.outputs + output]
+    }
+}
+
+/// What happens to a finished output pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// Nothing.
+    Plain,
+    /// SiLU in place.
+    Silu,
+    /// SiLU into a second output; the first keeps the sums for the gradient.
+    SiluAndSums,
+}
+
+/// One pair of row and column taps of one source.
+struct PackedTerm {
+    source: usize,
+    dy: isize,
+    dx: isize,
+    /// Place of its weights in a block.
+    start: usize,
+}
+
+/// Weights of the output pixels with one pair of lattice remainders: `[block][term][channel][block width]`, zero beyond the last output.
+struct Packed {
+    terms: Vec<PackedTerm>,
+    block: usize,
+    values: Vec<f32>,
+}
+
+fn pack(sources: &[Source], weights: Weights, outputs: usize, first: usize, wide: usize, py: usize, px: usize) -> Packed {
+    let (mut terms, mut summed, mut block) = (vec![], vec![], 0);
+    for (index, source) in sources.iter().enumerate() {
+        for &(dy, rows) in source.lattice.taps[py] {
+            for &(dx, columns) in source.lattice.taps[px] {
+                terms.push(PackedTerm { source: index, dy, dx, start: block });
+                let list: Vec<usize> = rows.iter().flat_map(|r| columns.iter().map(move |c| r * weights.kernel + c)).collect();
+                summed.push(list);
+                block += source.size.channels * wide;
+            }
+        }
+    }
+    let mut values = vec![0.0; outputs.div_ceil(wide) * block];
+    if block > 0 {
+        values.par_chunks_mut(block).enumerate().for_each(|(i, values)| {
+            let columns = wide.min(outputs - i * wide);
+            for (term, list) in terms.iter().zip(&summed) {
+                let source = &sources[term.source];
+                for (k, row) in values[term.start..][..source.size.channels * wide].chunks_exact_mut(wide).enumerate() {
+                    for (j, value) in row[..columns].iter_mut().enumerate() {
+                        *value = list.iter().map(|&tap| weights.at(tap, source.first + k, first + i * wide + j)).sum();
+                    }
+                }
+            }
+        });
+    }
+    Packed { terms, block, values }
+}
+
+/// A tile of output pixels in one row and the pieces of input it reads.
+struct Block {
+    /// Which packed weights.
+    pass: usize,
+    /// First pixel's place in the chunk of output rows, in pixels.
+    pixel: usize,
+    rows: usize,
+    pieces: std::ops::Range<usize>,
+}
+
+/// Input of one term of one block.
+struct Piece {
+    term: usize,
+    start: usize,
+    /// Copied, because it reaches beyond the picture's edge.
+    copied: bool,
+}
+
+/// What a worker keeps from chunk to chunk.
+#[derive(Default)]
+struct Plan {
+    blocks: Vec<Block>,
+    pieces: Vec<Piece>,
+    /// Pixels of the blocks at the left and right edges, with zeros for those outside.
+    edges: Vec<f32>,
+}
+
+impl Plan {
+    /// Lays out the tiles of output row `row` (counted through the batch), the `nth` of the chunk.
+    fn add_row(&mut self, sources: &[Source], packed: &[Packed], out: Size, most: usize, row: usize, nth: usize) {
+        let (picture, y) = (row / out.height, row % out.height);
+        let spread = sources[0].lattice.spread;
+        let (r, py) = (y / spread, y % spread);
+        for px in 0..spread.min(out.width) {
+            let pass = py * spread + px;
+            let columns = (out.width - px).div_ceil(spread);
+            for c in (0..columns).step_by(most) {
+                let rows = most.min(columns - c);
+                let first = self.pieces.len();
+                for (index, term) in packed[pass].terms.iter().enumerate() {
+                    let Source { size, lattice: Lattice { step, .. }, values, .. } = sources[term.source];
+                    let sy = (r * step) as isize + term.dy;
+                    if sy < 0 || sy >= size.height as isize {
+                        continue;
+                    }
+                    let line = (picture * size.height + sy as usize) * size.width;
+                    let x = (c * step) as isize + term.dx;
+                    let last = x + ((rows - 1) * step) as isize;
+                    if x >= 0 && last < size.width as isize {
+                        self.pieces.push(Piece { term: index, start: (line + x as usize) * size.channels, copied: false });
+                        continue;
+                    }
+                    self.pieces.push(Piece { term: index, start: self.edges.len(), copied: true });
+                    for i in 0..rows {
+                        let x = x + (i * step) as isize;
+                        if x >= 0 && x < size.width as isize {
+                            self.edges.extend_from_slice(&values[(line + x as usize) * size.channels..][..size.channels]);
+                        } else {
+                            self.edges.resize(self.edges.len() + size.channels, 0.0);
+                        }
+                    }
+                }
+                let pixel = nth * out.width + c * spread + px;
+                self.blocks.push(Block { pass, pixel, rows, pieces: first..self.pieces.len() });
+            }
+        }
+    }
+}
+
+/// Sums `sources` into pictures of size `out`; `first` is the channel of the weights that the first channel written meets.
+/// Returns the output, and the activated one for [`Finish::SiluAndSums`].
+pub fn gather<T: Tile>(
+    tile: T,
+    sources: &[Source],
+    weights: Weights,
+    out: Size,
+    first: usize,
+    bias: &[f32],
+    finish: Finish,
+) -> (Vec<f32>, Option<Vec<f32>>) {
+    let (n, wide, spread) = (out.channels, 2 * T::LANES, sources[0].lattice.spread);
+    let packed: Vec<Packed> =
+        (0..spread * spread).map(|p| pack(sources, weights, n, first, wide, p / spread, p % spread)).collect();
+    let mut padded_bias = vec![0.0; n.next_multiple_of(wide)];
+    padded_bias[..bias.len()].copy_from_slice(bias);
+
+    // A chunk of rows shares each block of weights while that is in cache; small pictures still make 16 chunks or more.
+    let rows = out.batch * out.height;
+    let per_chunk = (128 / out.width.max(1)).clamp(1, (rows / 16).max(1));
+    let chunk_length = per_chunk * out.width * n;
+
+    let compute = |plan: &mut Plan, chunk: usize, values: &mut [f32]| {
+        plan.blocks.clear();
+        plan.pieces.clear();
+        plan.edges.clear();
+        let begin = chunk * per_chunk;
+        for (nth, row) in (begin..rows.min(begin + per_chunk)).enumerate() {
+            plan.add_row(sources, &packed, out, T::ROWS, row, nth);
+        }
+        let mut terms: Vec<Term> = Vec::with_capacity(16);
+        for (at, bias) in padded_bias.chunks_exact(wide).enumerate() {
+            let columns = wide.min(n - at * wide);
+            for block in &plan.blocks {
+                let Packed { terms: all, block: length, values: weights } = &packed[block.pass];
+                terms.clear();
+                terms.extend(plan.pieces[block.pieces.clone()].iter().map(|piece| {
+                    let term = &all[piece.term];
+                    let source = &sources[term.source];
+                    let k = source.size.channels;
+                    let (memory, a_row) =
+                        if piece.copied { (&plan.edges[..], k) } else { (source.values, source.lattice.step * k) };
+                    let b = &weights[at * length + term.start..][..k * wide];
+                    Term { a: &memory[piece.start..], a_row, a_step: 1, b, b_step: wide, k }
+                }));
+                let out = Output { values: &mut values[block.pixel * n + at * wide..], row: spread * n, columns };
+                tile.tile(block.rows, columns.div_ceil(T::LANES), &terms, Start::Row(bias), out);
+            }
+        }
+    };
+    match finish {
+        Finish::Plain => (buffer::fill(out.len(), chunk_length, Plan::default, compute), None),
+        Finish::Silu => {
+            let state = || (Plan::default(), Vec::new());
+            let activated = |(plan, sums): &mut (Plan, Vec<f32>), chunk: usize, values: &mut [f32]| {
+                sums.resize(values.len(), 0.0);
+                compute(plan, chunk, sums);
+                tile.silu(sums, values);
+            };
+            (buffer::fill(out.len(), chunk_length, state, activated), None)
+        }
+        Finish::SiluAndSums => {
+            let (sums, activated) = buffer::fill_two(out.len(), chunk_length, Plan::default, |plan, chunk, sums, activated| {
+                compute(plan, chunk, sums);
+                tile.silu(sums, activated);
+            });
+            (sums, Some(activated))
+        }
+    }
+}

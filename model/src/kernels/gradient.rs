@@ -1,0 +1,209 @@
+//! Gradients of a convolution with respect to its weights and bias.
+//!
+//! The work is cut by the problem's size alone and partial sums are added in a fixed order, so the result does not depend on the
+//! number of threads.
+use super::buffer;
+use super::gather::{Size, Source};
+use super::taps::inside;
+use super::tile::{Output, Start, Term, Tile};
+use rayon::prelude::*;
+
+/// Input channels of one task.
+const CHANNELS: usize = 32;
+/// Pixels whose inputs and gradients stay in the first two cache levels while all their products are formed.
+const PIXELS: usize = 192;
+/// Bytes of input and gradient that one core's cache holds.
+const CACHE: usize = 1 << 20;
+
+/// The part of a row that one term sums over.
+#[derive(Clone, Copy)]
+struct Segment {
+    /// First float in the source.
+    a: usize,
+    /// First float in the gradient.
+    b: usize,
+    pixels: usize,
+}
+
+/// Adds the gradient with respect to the weights `[kernel, kernel, inputs, outputs]` of `source`'s channels to `dw`.
+///
+/// `gradient` is that of the sums, of size `out`.
+pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, kernel: usize, inputs: usize, dw: &mut [f32]) {
+    let (channels, outputs) = (source.size.channels, out.channels);
+    if source.size.len() == 0 || out.len() == 0 {
+        return;
+    }
+    let wide = outputs.next_multiple_of(T::LANES);
+    let padded: Vec<f32>;
+    let gradient = if wide == outputs {
+        gradient
+    } else {
+        padded = buffer::fill(
+            out.len() / outputs * wide,
+            256 * wide,
+            || (),
+            |(), i, values| {
+                for (to, from) in values.chunks_exact_mut(wide).zip(gradient[i * 256 * outputs..].chunks_exact(outputs)) {
+                    to[..outputs].copy_from_slice(from);
+                }
+            },
+        );
+        &padded
+    };
+
+    let spread = source.lattice.spread;
+    // Each pair of row and column taps: lattice remainders, offsets, and the kernel elements that its sum belongs to.
+    let mut taps = vec![];
+    for py in 0..spread {
+        for px in 0..spread {
+            for &(dy, rows) in source.lattice.taps[py] {
+                for &(dx, columns) in source.lattice.taps[px] {
+                    let kernel: Vec<usize> = rows.iter().flat_map(|r| columns.iter().map(move |c| r * kernel + c)).collect();
+                    taps.push((py, px, dy, dx, kernel));
+                }
+            }
+        }
+    }
+    let lattice_rows = out.batch * out.height.div_ceil(spread);
+    let tasks = taps.len() * channels.div_ceil(CHANNELS);
+    let data = source.size.len() + out.len();
+    let chunks = chunk_count(tasks, 4 * taps.len() * channels * outputs, 4 * data, lattice_rows);
+
+    // [chunk][tap][channel][output]
+    let mut partial = vec![0.0_f32; chunks * taps.len() * channels * wide];
+    partial.par_chunks_mut(channels * wide).enumerate().for_each(|(i, sums)| {
+        let (chunk, (py, px, dy, dx, _)) = (i / taps.len(), &taps[i % taps.len()]);
+        let rows = chunk * lattice_rows / chunks..(chunk + 1) * lattice_rows / chunks;
+        let segments = list_segments(source, out, wide, rows, (*py, *px), (*dy, *dx));
+        sums.par_chunks_mut(CHANNELS * wide).enumerate().for_each(|(block, sums)| {
+            accumulate(tile, source, gradient, &segments, block * CHANNELS, wide, sums);
+        });
+    });
+
+    dw.par_chunks_mut(outputs).enumerate().for_each(|(i, row)| {
+        let (element, channel) = (i / inputs, i % inputs);
+        let Some(channel) = channel.checked_sub(source.first).filter(|c| *c < channels) else { return };
+        for chunk in 0..chunks {
+            for (t, (.., elements)) in taps.iter().enumerate() {
+                if elements.contains(&element) {
+                    let from = &partial[((chunk * taps.len() + t) * channels + channel) * wide..];
+                    row.iter_mut().zip(from).for_each(|(to, from)| *to += from);
+                }
+            }
+        }
+    });
+}
+
+/// Into how many chunks of rows the sum over pixels is cut: so that each chunk's data fits a cache, there are tasks for many
+/// cores, and the partial sums take no more than 32 MiB.
+fn chunk_count(tasks_per_chunk: usize, bytes_per_chunk: usize, data: usize, rows: usize) -> usize {
+    let wanted = (data / CACHE).max(32_usize.div_ceil(tasks_per_chunk));
+    wanted.min((32 << 20) / bytes_per_chunk.max(1)).clamp(1, 64).min(rows)
+}
+
+/// The stretches of pixels, of at most [`PIXELS`], that lattice rows `rows` give to one tap.
+fn list_segments(
+    source: &Source,
+    out: Size,
+    wide: usize,
+    rows: std::ops::Range<usize>,
+    (py, px): (usize, usize),
+    (dy, dx): (isize, isize),
+) -> Vec<Segment> {
+    let mut segments = vec![];
+    let (spread, step) = (source.lattice.spread, source.lattice.step);
+    let per_picture = out.height.div_ceil(spread);
+    if px >= out.width {
+        return segments;
+    }
+    let columns = inside((out.width - px).div_ceil(spread), source.size.width, step, dx);
+    for row in rows {
+        let (picture, r) = (row / per_picture, row % per_picture);
+        let (y, sy) = (r * spread + py, (r * step) as isize + dy);
+        if y >= out.height || sy < 0 || sy >= source.size.height as isize {
+            continue;
+        }
+        for c in columns.clone().step_by(PIXELS) {
+            let x = ((c * step) as isize + dx) as usize;
+            let a = ((picture * source.size.height + sy as usize) * source.size.width + x) * source.size.channels;
+            let b = ((picture * out.height + y) * out.width + c * spread + px) * wide;
+            segments.push(Segment { a, b, pixels: PIXELS.min(columns.end - c) });
+        }
+    }
+    segments
+}
+
+/// Adds the products over `segments` to `sums` `[channels, wide]`, whose first row is channel `first`.
+fn accumulate<T: Tile>(
+    tile: T,
+    source: &Source,
+    gradient: &[f32],
+    segments: &[Segment],
+    first: usize,
+    wide: usize,
+    sums: &mut [f32],
+) {
+    let (step, channels) = (source.lattice.step * source.size.channels, sums.len() / wide);
+    let b_step = source.lattice.spread * wide;
+    let mut terms: Vec<Term> = Vec::with_capacity(PIXELS);
+    let mut rest = segments;
+    while !rest.is_empty() {
+        let mut pixels = 0;
+        let count = rest.iter().take_while(|s| (pixels == 0 || pixels + s.pixels <= PIXELS, pixels += s.pixels).0).count();
+        let (group, later) = rest.split_at(count);
+        rest = later;
+        for n in (0..wide).step_by(2 * T::LANES) {
+            let columns = (2 * T::LANES).min(wide - n);
+            for c in (0..channels).step_by(T::ROWS) {
+                terms.clear();
+                terms.extend(group.iter().map(|s| Term {
+                    a: &source.values[s.a + first + c..],
+                    a_row: 1,
+                    a_step: step,
+                    b: &gradient[s.b + n..],
+                    b_step,
+                    k: s.pixels,
+                }));
+                let out = Output { values: &mut sums[c * wide + n..], row: wide, columns };
+                tile.tile(T::ROWS.min(channels - c), columns / T::LANES, &terms, Start::Output, out);
+            }
+        }
+    }
+}
+
+/// Gradient with respect to the bias: the sum over pixels.
+pub fn bias(gradient: &[f32], channels: usize) -> Vec<f32> {
+    const CHUNK: usize = 1024;
+    let mut total = vec![0.0; channels];
+    if channels == 0 {
+        return total;
+    }
+    let partial: Vec<Vec<f32>> = gradient
+        .par_chunks(CHUNK * channels)
+        .map(|pixels| {
+            let mut sums = vec![0.0_f32; channels];
+            for pixel in pixels.chunks_exact(channels) {
+                sums.iter_mut().zip(pixel).for_each(|(s, g)| *s += g);
+            }
+            sums
+        })
+        .collect();
+    for sums in partial {
+        total.iter_mut().zip(sums).for_each(|(t, s)| *t += s);
+    }
+    total
+}
+
+/// Gradient with respect to the sums, from that with respect to their SiLU.
+pub fn before_silu<T: Tile>(tile: T, sums: &[f32], gradient: &[f32]) -> Vec<f32> {
+    const CHUNK: usize = 1 << 14;
+    buffer::fill(
+        gradient.len(),
+        CHUNK,
+        || (),
+        |(), i, values| {
+            let range = i * CHUNK..i * CHUNK + values.len();
+            tile.silu_gradient(&sums[range.clone()], &gradient[range], values);
+        },
+    )
+}

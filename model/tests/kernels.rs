@@ -1,0 +1,245 @@
+//! The convolution kernels against burn's own operations, against each other, and against values that JAX computed in f64.
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use renderflow_model::kernels::{Choice, force};
+use renderflow_model::ops::{self, Stride};
+use std::sync::{Mutex, MutexGuard};
+
+/// `force` acts on the whole process, so tests that use it take turns.
+fn alone() -> MutexGuard<'static, ()> {
+    static TURN: Mutex<()> = Mutex::new(());
+    TURN.lock().unwrap_or_else(|e| e.into_inner())
+}
+
+fn noise(rng: &mut Pcg64Mcg, count: usize) -> Vec<f32> {
+    (0..count).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+/// One operation with its sizes: everything a run needs, made from a seed.
+#[derive(Clone, Copy, Debug)]
+enum Case {
+    Conv { batch: usize, height: usize, width: usize, inputs: usize, outputs: usize, kernel: usize, stride: Stride, silu: bool },
+    Decode { batch: usize, height: usize, width: usize, up: usize, skip: usize, outputs: usize },
+    Linear { batch: usize, tokens: usize, inputs: usize, outputs: usize, silu: bool },
+    Attention { batch: usize, queries: usize, keys: usize, channels: usize, heads: usize },
+}
+
+/// Output and the gradient of every input, in order.
+type Results = Vec<Vec<f32>>;
+
+fn leaf<const D: usize>(rng: &mut Pcg64Mcg, shape: [usize; D], device: &Device) -> Tensor<D> {
+    let values = noise(rng, shape.iter().product());
+    Tensor::from_data(TensorData::new(values, shape), device).require_grad()
+}
+
+fn floats<const D: usize>(t: Tensor<D>) -> Vec<f32> {
+    t.into_data().try_to_vec().expect("floats")
+}
+
+/// Weighs the output with fixed noise, so that every output element has another gradient.
+fn gradients<const D: usize>(rng: &mut Pcg64Mcg, y: Tensor<D>, device: &Device) -> burn::tensor::Gradients {
+    let weights = noise(rng, y.dims().iter().product());
+    (y.clone() * Tensor::from_data(TensorData::new(weights, y.dims()), device)).sum().backward()
+}
+
+fn run(case: Case) -> Results {
+    let device = Device::flex().autodiff();
+    let rng = &mut Pcg64Mcg::seed_from_u64(7);
+    macro_rules! collect {
+        ($y:expr, $($input:ident),+) => {{
+            let y = $y;
+            let found = gradients(rng, y.clone(), &device);
+            vec![floats(y.inner()), $(floats($input.grad(&found).expect("gradient"))),+]
+        }};
+    }
+    match case {
+        Case::Conv { batch, height, width, inputs, outputs, kernel, stride, silu } => {
+            let x = leaf(rng, [batch, height, width, inputs], &device);
+            let w = leaf(rng, [kernel, kernel, inputs, outputs], &device);
+            let b = leaf(rng, [outputs], &device);
+            collect!(ops::conv(x.clone(), w.clone(), b.clone(), stride, silu), x, w, b)
+        }
+        Case::Decode { batch, height, width, up, skip, outputs } => {
+            let x = leaf(rng, [batch, height, width, up], &device);
+            let s = leaf(rng, [batch, 2 * height, 2 * width, skip], &device);
+            let w = leaf(rng, [3, 3, up + skip, outputs], &device);
+            let b = leaf(rng, [outputs], &device);
+            collect!(ops::decode(x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b)
+        }
+        Case::Linear { batch, tokens, inputs, outputs, silu } => {
+            let x = leaf(rng, [batch, tokens, inputs], &device);
+            let w = leaf(rng, [inputs, outputs], &device);
+            let b = leaf(rng, [outputs], &device);
+            collect!(ops::linear(x.clone(), w.clone(), b.clone(), silu), x, w, b)
+        }
+        Case::Attention { batch, queries, keys, channels, heads } => {
+            let q = leaf(rng, [batch, queries, channels], &device);
+            let k = leaf(rng, [batch, keys, channels], &device);
+            let v = leaf(rng, [batch, keys, channels], &device);
+            collect!(ops::attention(q.clone(), k.clone(), v.clone(), heads), q, k, v)
+        }
+    }
+}
+
+fn run_with(choice: Choice, case: Case) -> Option<Results> {
+    force(choice).then(|| run(case))
+}
+
+fn cases() -> Vec<Case> {
+    let mut cases = vec![];
+    let shapes = [
+        // batch, height, width, inputs, outputs
+        (1, 1, 1, 1, 1),
+        (1, 1, 1, 3, 17),
+        (2, 1, 7, 5, 7),
+        (1, 9, 1, 16, 16),
+        (2, 2, 3, 33, 31),
+        (1, 9, 9, 5, 7),
+        (3, 5, 13, 12, 48),
+        (1, 16, 16, 88, 12),
+        (2, 17, 33, 32, 40),
+        (1, 3, 211, 4, 33),
+        (1, 20, 24, 70, 64),
+    ];
+    for (i, (batch, height, width, inputs, outputs)) in shapes.into_iter().enumerate() {
+        for kernel in [1, 3] {
+            for stride in [Stride::One, Stride::Two, Stride::Up] {
+                let silu = (i + kernel / 2) % 2 == 0;
+                cases.push(Case::Conv { batch, height, width, inputs, outputs, kernel, stride, silu });
+            }
+        }
+        cases.push(Case::Decode { batch, height, width, up: inputs, skip: outputs.div_ceil(2), outputs });
+        cases.push(Case::Linear { batch, tokens: height * width, inputs, outputs, silu: i % 2 == 0 });
+    }
+    for (batch, queries, keys, heads, width) in
+        [(1, 1, 1, 1, 1), (2, 5, 7, 2, 3), (1, 33, 17, 3, 16), (2, 64, 40, 2, 32), (1, 40, 70, 1, 48)]
+    {
+        cases.push(Case::Attention { batch, queries, keys, channels: heads * width, heads });
+    }
+    cases
+}
+
+/// Largest difference, relative to the largest value.
+fn difference(found: &[f32], expected: &[f32]) -> f32 {
+    assert_eq!(found.len(), expected.len());
+    let scale = expected.iter().fold(0.0_f32, |m, v| m.max(v.abs())).max(1e-6);
+    found.iter().zip(expected).fold(0.0_f32, |m, (f, e)| {
+        assert!(f.is_finite());
+        m.max((f - e).abs())
+    }) / scale
+}
+
+#[test]
+fn kernels_equal_the_composition_of_burn_operations() {
+    let _turn = alone();
+    let mut worst = 0.0_f32;
+    for case in cases() {
+        let expected = run_with(Choice::Composed, case).expect("always there");
+        for choice in [Choice::Avx512, Choice::Avx2, Choice::Scalar] {
+            let Some(found) = run_with(choice, case) else {
+                println!("{choice:?}: not on this processor");
+                continue;
+            };
+            for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                let difference = difference(found, expected);
+                assert!(difference < 1e-5, "{choice:?} {case:?}: result {i} differs by {difference:e}");
+                worst = worst.max(difference);
+            }
+        }
+    }
+    force(Choice::Automatic);
+    println!("largest relative difference {worst:e}");
+}
+
+#[test]
+fn instruction_sets_agree_bit_for_bit() {
+    let _turn = alone();
+    for case in cases() {
+        let expected = run_with(Choice::Scalar, case);
+        for choice in [Choice::Avx2, Choice::Avx512] {
+            let Some(found) = run_with(choice, case) else { continue };
+            assert!(Some(found) == expected, "{choice:?} {case:?}");
+        }
+    }
+    force(Choice::Automatic);
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let _turn = alone();
+    force(Choice::Automatic);
+    let large = [
+        Case::Conv { batch: 2, height: 40, width: 64, inputs: 48, outputs: 64, kernel: 3, stride: Stride::One, silu: true },
+        Case::Conv { batch: 1, height: 65, width: 63, inputs: 32, outputs: 64, kernel: 3, stride: Stride::Two, silu: false },
+        Case::Decode { batch: 2, height: 24, width: 20, up: 64, skip: 32, outputs: 32 },
+        Case::Linear { batch: 2, tokens: 1024, inputs: 96, outputs: 160, silu: true },
+        Case::Attention { batch: 2, queries: 256, keys: 160, channels: 128, heads: 4 },
+    ];
+    for case in large.into_iter().chain(cases().into_iter().step_by(5)) {
+        let with_threads = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| run(case))
+        };
+        let expected = with_threads(1);
+        for threads in [2, 3, 16] {
+            assert!(with_threads(threads) == expected, "{case:?} with {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn views_are_read_like_copies() {
+    let device = Device::flex();
+    let rng = &mut Pcg64Mcg::seed_from_u64(3);
+    let make = |rng: &mut Pcg64Mcg, shape: [usize; 4]| -> Tensor<4> {
+        Tensor::from_data(TensorData::new(noise(rng, shape.iter().product()), shape), &device)
+    };
+    let (wide, w) = (make(rng, [2, 7, 9, 20]), make(rng, [3, 3, 16, 8]));
+    let b = Tensor::<1>::zeros([8], &device);
+    let part = wide.slice([0..2, 1..6, 2..9, 3..19]);
+    let copy = Tensor::from_data(part.clone().into_data(), &device);
+    let of = |x: Tensor<4>| floats(ops::conv(x, w.clone(), b.clone(), Stride::One, true));
+    assert_eq!(of(part.clone()), of(copy.clone()));
+    assert_eq!(of(part.swap_dims(1, 2)), of(copy.swap_dims(1, 2)));
+}
+
+#[test]
+fn only_wanted_gradients_are_formed() {
+    let device = Device::flex().autodiff();
+    let rng = &mut Pcg64Mcg::seed_from_u64(5);
+    let frozen = |rng: &mut Pcg64Mcg, shape: [usize; 4]| -> Tensor<4> {
+        Tensor::from_data(TensorData::new(noise(rng, shape.iter().product()), shape), &device)
+    };
+    let (x, skip, w) = (frozen(rng, [1, 4, 4, 8]), frozen(rng, [1, 8, 8, 4]), frozen(rng, [3, 3, 12, 8]));
+    let b = leaf(rng, [8], &device);
+    let y = ops::decode(x.clone(), skip, w.clone(), b.clone());
+    let found = gradients(rng, y, &device);
+    assert!(x.grad(&found).is_none() && w.grad(&found).is_none());
+    assert_eq!(b.grad(&found).expect("gradient").dims(), [8]);
+}
+
+#[test]
+fn empty_pictures_and_batches_pass_through() {
+    let device = Device::flex();
+    let (w, b) = (Tensor::<4>::zeros([3, 3, 4, 8], &device), Tensor::<1>::zeros([8], &device));
+    for shape in [[0, 4, 4, 4], [1, 0, 4, 4], [1, 4, 0, 4]] {
+        let y = ops::conv(Tensor::zeros(shape, &device), w.clone(), b.clone(), Stride::One, true);
+        assert_eq!(y.dims(), [shape[0], shape[1], shape[2], 8]);
+    }
+}
+
+#[test]
+fn extreme_values_stay_what_silu_makes_of_them() {
+    let device = Device::flex();
+    let values = [0.0, -0.0, 1e-30, 20.0, -20.0, 88.0, -88.0, 1e30, -1e30, f32::MAX, f32::MIN];
+    let x = Tensor::<3>::from_data(TensorData::new(values.try_to_vec(), [1, values.len(), 1]), &device);
+    let one = Tensor::<2>::ones([1, 1], &device);
+    let y = floats(ops::linear(x, one, Tensor::zeros([1], &device), true));
+    for (y, v) in y.iter().zip(values) {
+        let expected = f64::from(v) / (1.0 + (-f64::from(v)).exp());
+        // Below -87 the result is a denormal or less; a large negative input times e^-87 remains small against it.
+        let tolerance = 3e-7 * expected.abs() + 2e-38 * f64::from(v).abs();
+        assert!((f64::from(*y) - expected).abs() <= tolerance, "silu({v}) = {y}, expected {expected}");
+    }
+}
