@@ -29,6 +29,8 @@ pub struct Clip {
     pub environment: Environment,
     /// Factor from radiance to display-linear.
     pub exposure: f32,
+    /// Number of each frame in its sequence, ascending; distances to keyframes are counted in them.
+    pub numbers: Vec<usize>,
     /// Indices of keyframes, ascending; used by the keyframe stage.
     pub keyframes: Vec<usize>,
 }
@@ -86,8 +88,9 @@ impl StoredFrame {
 /// [`Error::Data`] when lengths disagree, a frame has no beauty, or nothing is covered in the whole clip.
 pub fn prepare(clip: &Clip, keys: bool) -> Result<Vec<StoredFrame>> {
     let broken = |reason: String| Error::Data { place: clip.name.clone(), reason };
-    if clip.frames.is_empty() || clip.cameras.len() != clip.frames.len() {
-        return Err(broken(format!("{} frames with {} cameras", clip.frames.len(), clip.cameras.len())));
+    if clip.frames.is_empty() || clip.cameras.len() != clip.frames.len() || clip.numbers.len() != clip.frames.len() {
+        let (frames, cameras, numbers) = (clip.frames.len(), clip.cameras.len(), clip.numbers.len());
+        return Err(broken(format!("{frames} frames with {cameras} cameras and {numbers} numbers")));
     }
     if !(clip.exposure.is_finite() && clip.exposure > 0.0) {
         return Err(broken(format!("exposure {} is not a positive number", clip.exposure)));

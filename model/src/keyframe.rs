@@ -131,7 +131,7 @@ pub fn store(clip: &Clip, features: &[Features], i: usize) -> Result<StoredKeys>
     let carried = nearest(&clip.keyframes, i).map(|key| {
         key.map(|k| {
             let (truth, start) = (truth_picture(&features[k]), start_picture(&features[k]));
-            carry(&clip.frames[i], &features[i], &clip.frames[k], &truth, &start, k as f32 - i as f32)
+            carry(&clip.frames[i], &features[i], &clip.frames[k], &truth, &start, clip.numbers[k] as f32 - clip.numbers[i] as f32)
         })
     });
     Ok(StoredKeys::new(features[i].width, features[i].height, &carried))

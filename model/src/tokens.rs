@@ -15,17 +15,15 @@ pub const TOKEN_FEATURES: usize = 10;
 /// Longest side of the grid on which the environment is read.
 const COLUMNS: usize = 256;
 const ROWS: usize = 128;
-/// Cosine of the half angle of the cone that counts as the dominant light: 12 degrees.
-const LIGHT_CONE: f32 = 0.978_147_6;
 
 /// An environment read once on a regular grid, world space; every frame of a sequence shares it.
 #[derive(Clone, Debug)]
 pub struct EnvironmentSummary {
     /// Unit direction, radiance, solid angle.
     texels: Vec<(Vec3A, [f32; 3], f32)>,
-    /// Unit direction of the dominant light, world space.
+    /// Unit direction of the dominant light, world space: the one whose visibility the screen-space features give.
     pub light_direction: Vec3A,
-    /// Luminance times solid angle of the dominant light: what a surface facing it receives.
+    /// Luminance of the irradiance that the dominant light gives a surface facing it.
     pub light_irradiance: f32,
 }
 
@@ -51,8 +49,8 @@ impl EnvironmentSummary {
                 texels.push((direction, radiance, solid_angle));
             }
         }
-        let (light_direction, light_irradiance) = dominant_light(&texels);
-        Self { texels, light_direction, light_irradiance }
+        let (light, _) = environment.split_dominant();
+        Self { texels, light_direction: light.direction, light_irradiance: luminance(light.irradiance) }
     }
 
     /// Tokens of the frame seen by `camera`, `[TOKENS][TOKEN_FEATURES]`, row-major from the top, columns from the left with the view
@@ -103,22 +101,6 @@ fn cell_centre(column: usize, row: usize) -> Vec3A {
     let y = 1.0 - 2.0 * (row as f32 + 0.5) / GRID as f32;
     let r = (1.0 - y * y).sqrt();
     Vec3A::new(phi.sin() * r, y, -phi.cos() * r)
-}
-
-/// The cone around the brightest texel: its mean direction and its luminance times solid angle.
-fn dominant_light(texels: &[(Vec3A, [f32; 3], f32)]) -> (Vec3A, f32) {
-    let mut peak = (0.0, Vec3A::Y);
-    for &(direction, radiance, _) in texels {
-        if luminance(radiance) > peak.0 {
-            peak = (luminance(radiance), direction);
-        }
-    }
-    let (mut sum, mut irradiance) = (Vec3A::ZERO, 0.0);
-    for &(direction, radiance, solid_angle) in texels.iter().filter(|texel| texel.0.dot(peak.1) > LIGHT_CONE) {
-        sum += direction * luminance(radiance) * solid_angle;
-        irradiance += luminance(radiance) * solid_angle;
-    }
-    (sum.try_normalize().unwrap_or(peak.1), irradiance)
 }
 
 /// The tokens of the mirrored picture: columns reversed and the x components of directions negated.

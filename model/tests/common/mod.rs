@@ -76,7 +76,15 @@ pub fn clip(frames: usize, size: usize) -> Clip {
     let exposure = ibl::exposure(&environment);
     let cameras: Vec<Camera> = (0..frames).map(|i| camera(0.06 * i as f32, size)).collect();
     let frames = cameras.iter().map(|camera| with_truth(camera, &environment, &tables)).collect::<Vec<_>>();
-    Clip { name: "analytic".into(), keyframes: vec![0, frames.len() - 1], frames, cameras, environment, exposure }
+    Clip {
+        name: "analytic".into(),
+        keyframes: vec![0, frames.len() - 1],
+        numbers: (0..frames.len()).collect(),
+        frames,
+        cameras,
+        environment,
+        exposure,
+    }
 }
 
 fn with_truth(camera: &Camera, environment: &Environment, tables: &IblTables) -> Frame {
@@ -103,7 +111,8 @@ pub fn tiny() -> NetworkConfig {
 pub fn psnr(a: &Rgb, b: &Rgb, frame: &Frame, exposure: f32) -> f32 {
     let (mut sum, mut count) = (0.0f64, 0.0);
     for i in (0..a.pixels.len()).filter(|&i| frame.alpha.pixels[i] > 0.0) {
-        let (x, y) = (renderflow_frame::color::display(a.pixels[i], exposure), renderflow_frame::color::display(b.pixels[i], exposure));
+        let (x, y) =
+            (renderflow_frame::color::display(a.pixels[i], exposure), renderflow_frame::color::display(b.pixels[i], exposure));
         for c in 0..3 {
             sum += f64::from(x[c] - y[c]).powi(2);
             count += 1.0;
