@@ -12,6 +12,7 @@ use std::path::Path;
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Format version; this program writes and reads 1.
+    #[schemars(range(min = 1, max = 1))]
     pub version: u32,
     /// Name for messages and manifests.
     pub name: String,
@@ -19,9 +20,11 @@ pub struct Scene {
     #[serde(default)]
     pub seed: u64,
     /// Image size in pixels, width then height, each 1..=16384.
+    #[schemars(inner(range(min = 1, max = 16384)))]
     pub resolution: [u32; 2],
-    /// Frames of the sequence, at least 1.
+    /// Frames of the sequence, 1..=100000.
     #[serde(default = "one")]
+    #[schemars(range(min = 1, max = 100_000))]
     pub frames: u32,
     /// Where the camera is in each frame.
     pub camera: CameraPath,
@@ -93,21 +96,26 @@ pub enum CameraPath {
         /// Point looked at, metres.
         target: [f32; 3],
         /// Metres from `target`, > 0.
+        #[schemars(range(min = 1e-6, max = 1e6))]
         distance: f32,
         /// Degrees above the horizon, -89..=89.
+        #[schemars(range(min = -89, max = 89))]
         elevation: f32,
         /// Degrees about +Y at frame 0; 0 = camera on the +Z side.
         azimuth: f32,
         /// Degrees about +Y from a frame to the next; 3.6 turns once in 100 frames.
         degrees_per_frame: f32,
         /// Vertical field of view in degrees, 1..=170.
+        #[schemars(range(min = 1, max = 170))]
         vertical_fov: f32,
     },
     /// One pose a frame; the last is held when there are fewer than frames.
     Poses {
         /// At least one pose.
+        #[schemars(length(min = 1))]
         poses: Vec<Pose>,
         /// Vertical field of view in degrees, 1..=170.
+        #[schemars(range(min = 1, max = 170))]
         vertical_fov: f32,
     },
 }
@@ -164,6 +172,7 @@ pub struct EnvironmentLight {
     pub rotation: f32,
     /// Gain, >= 0.
     #[serde(default = "unit")]
+    #[schemars(range(min = 0))]
     pub intensity: f32,
 }
 
@@ -193,15 +202,19 @@ pub struct Material {
     pub name: String,
     /// Linear Rec.709, 0..=1.
     #[serde(default = "grey")]
+    #[schemars(inner(range(min = 0, max = 1)))]
     pub base_color: [f32; 3],
     /// 0..=1.
     #[serde(default)]
+    #[schemars(range(min = 0, max = 1))]
     pub metallic: f32,
     /// 0..=1.
     #[serde(default = "half")]
+    #[schemars(range(min = 0, max = 1))]
     pub roughness: f32,
     /// 0..=1; 0.5 means 4% at normal incidence.
     #[serde(default = "half")]
+    #[schemars(range(min = 0, max = 1))]
     pub specular: f32,
     /// Image multiplied with `base_color`, decoded from sRGB; relative to the scene file.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -2,7 +2,6 @@
 
 use crate::description::{CameraPath, EnvironmentSource, Geometry, Scene, Transform};
 use crate::error::{Error, Problem, Result};
-use serde_json::Value;
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 
@@ -144,8 +143,13 @@ impl Check {
         self.range("/environment/intensity", light.intensity, 0.0..=MAX_VALUE);
         match &light.source {
             EnvironmentSource::File(path) => self.path("/environment/source/file".into(), path),
-            EnvironmentSource::Builtin(name) => self.name("/environment/source/builtin".into(), name),
-            EnvironmentSource::Sky(sky) => self.parameters("/environment/source/sky", sky),
+            EnvironmentSource::Builtin(name) => {
+                if !crate::sky::names().contains(&name.as_str()) {
+                    let known = crate::sky::names().join(", ");
+                    self.say("/environment/source/builtin", format!("no environment is named {name:?}; there are {known}"));
+                }
+            }
+            EnvironmentSource::Sky(sky) => self.parameters("/environment/source/sky", sky.validate()),
             EnvironmentSource::Constant(radiance) => self.vector("/environment/source/constant", *radiance, 0.0..=MAX_VALUE),
         }
     }
@@ -183,7 +187,7 @@ impl Check {
                         self.say(at("geometry/file"), format!("{path:?} is not a .gltf, .glb or .obj file"));
                     }
                 }
-                Geometry::Shape(shape) => self.parameters(&at("geometry/shape"), shape),
+                Geometry::Shape(shape) => self.parameters(&at("geometry/shape"), shape.validate()),
             }
             if let Some(name) = &object.material
                 && !scene.materials.iter().any(|m| m.name == *name)
@@ -212,35 +216,10 @@ impl Check {
         }
     }
 
-    /// Parameters of a shape or a sky: finite and of a sane size. Their own ranges are clamped where they are used.
-    fn parameters(&mut self, pointer: &str, parameters: &impl serde::Serialize) {
-        match serde_json::to_value(parameters) {
-            Ok(value) => self.numbers(pointer, &value),
-            Err(e) => self.say(pointer, e.to_string()),
-        }
-    }
-
-    fn numbers(&mut self, pointer: &str, value: &Value) {
-        match value {
-            // JSON has no NaN and no infinity: serde writes them as null.
-            Value::Null => self.say(pointer, "is not a finite number"),
-            Value::Number(n) if n.is_f64() => {
-                let v = n.as_f64().unwrap_or(f64::NAN);
-                if v.is_nan() || v.abs() > f64::from(MAX_VALUE) {
-                    self.say(pointer, format!("{v} is outside -{MAX_VALUE}..={MAX_VALUE}"));
-                }
-            }
-            Value::Array(items) => {
-                for (i, item) in items.iter().enumerate() {
-                    self.numbers(&format!("{pointer}/{i}"), item);
-                }
-            }
-            Value::Object(fields) => {
-                for (name, field) in fields {
-                    self.numbers(&format!("{pointer}/{name}"), field);
-                }
-            }
-            _ => {}
+    /// What a shape or a sky says about its own parameters: pointers below it, and reasons.
+    fn parameters(&mut self, pointer: &str, problems: Vec<(String, String)>) {
+        for (below, reason) in problems {
+            self.say(format!("{pointer}/{}", below.trim_start_matches('/')), reason);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{mesh, model};
 use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene};
-use crate::error::{Error, Result};
+use crate::error::{Error, Problem, Result};
 use crate::texture::{self, Meaning};
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, tangents};
 use glam::{Affine2, Affine3A};
@@ -56,21 +56,23 @@ fn environment(scene: &Scene, base: &Path, report: &mut LoadReport) -> Result<En
             environment.map = loaded.map;
         }
         EnvironmentSource::Builtin(name) => {
-            let problem = crate::Problem {
-                pointer: "/environment/source/builtin".into(),
-                reason: format!("no environment is named {name:?}"),
-            };
-            return Err(Error::Invalid { file: None, problems: vec![problem] });
+            environment.map = crate::sky::builtin(name).ok_or_else(|| {
+                let known = crate::sky::names().join(", ");
+                let pointer = "/environment/source/builtin".into();
+                let problem = Problem { pointer, reason: format!("no environment is named {name:?}; there are {known}") };
+                Error::Invalid { file: None, problems: vec![problem] }
+            })?;
         }
-        EnvironmentSource::Sky(sky) => environment.map = crate::sky::render(sky, SKY_WIDTH, SKY_WIDTH / 2),
+        EnvironmentSource::Sky(sky) => {
+            // The size of the named maps: a map and its parameters written out give the same light.
+            let [width, height] = crate::sky::LIBRARY_SIZE;
+            environment.map = crate::sky::render(sky, width, height);
+        }
     }
     environment.rotation = light.rotation.rem_euclid(360.0).to_radians();
     environment.intensity = light.intensity;
     Ok(environment)
 }
-
-/// Columns of a map made from parameters.
-const SKY_WIDTH: usize = 1024;
 
 /// A model file in the scene: where its meshes and materials begin in the lists of the scene.
 struct Placed {

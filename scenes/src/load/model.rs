@@ -88,7 +88,7 @@ impl Default for ModelView {
             degrees_per_frame: 3.6,
             azimuth: 30.0,
             seed: 0,
-            environment: EnvironmentSource::Constant([1.0; 3]),
+            environment: EnvironmentSource::Builtin("clear_afternoon".into()),
             ground: true,
         }
     }
