@@ -12,7 +12,7 @@ use crate::Camera;
 use crate::environment::Environment;
 use crate::ibl::Shading;
 use crate::image::{Image, Rgb};
-use glam::{Vec2, Vec3A};
+use glam::Vec3A;
 use rayon::prelude::*;
 
 /// Occlusion read off the depth buffer; 1 where nothing is covered.
@@ -35,24 +35,47 @@ struct Surface<'a> {
     camera: &'a Camera,
     width: usize,
     height: usize,
-    /// Planar depth, +inf where nothing is known.
-    depth: &'a [f32],
-    normal: &'a [[f32; 3]],
+    /// Points at the pixels' centres, computed once: each is read some hundred times. Pixels without a depth hold [`NOWHERE`].
+    points: Vec<Vec3A>,
+    normals: &'a [[f32; 3]],
 }
 
-impl Surface<'_> {
-    /// Camera-space point at the centre of pixel (x, y), which has a finite depth.
+/// Stands for a pixel without a known depth: infinitely far ahead.
+const NOWHERE: Vec3A = Vec3A::new(0.0, 0.0, f32::NEG_INFINITY);
+
+impl<'a> Surface<'a> {
+    fn new(shading: &'a Shading, camera: &'a Camera) -> Self {
+        let (width, height) = (shading.depth.width, shading.depth.height);
+        let (scale_x, scale_y) = (1.0 / camera.fl_x, 1.0 / camera.fl_y);
+        let point = |(i, depth): (usize, &f32)| {
+            let (x, y) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+            if depth.is_finite() {
+                Vec3A::new((x - camera.cx) * scale_x * depth, (camera.cy - y) * scale_y * depth, -depth)
+            } else {
+                NOWHERE
+            }
+        };
+        let points = shading.depth.pixels.par_iter().with_min_len(1024).enumerate().map(point).collect();
+        Self { camera, width, height, points, normals: &shading.normal.pixels }
+    }
+
+    /// Whether pixel `i` has a depth.
     #[inline]
-    fn point(&self, x: usize, y: usize) -> Vec3A {
-        self.camera.direction_cam(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)) * self.depth[y * self.width + x]
+    fn known(&self, i: usize) -> bool {
+        self.points[i].z.is_finite()
+    }
+
+    #[inline]
+    fn normal(&self, i: usize) -> Vec3A {
+        Vec3A::from_array(self.normals[i])
     }
 
     /// Index of the pixel that holds an image point.
     #[inline]
-    fn pixel(&self, x: f32, y: f32) -> Option<(usize, usize)> {
+    fn pixel(&self, x: f32, y: f32) -> Option<usize> {
         // Negative values are caught here: the cast would round them to 0.
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
-        inside.then_some((x as usize, y as usize))
+        inside.then(|| y as usize * self.width + x as usize)
     }
 }
 
@@ -75,8 +98,7 @@ impl Sample {
 /// When a picture of `shading` has another size than its `depth`.
 pub fn features(shading: &Shading, camera: &Camera, environment: &Environment) -> ScreenSpace {
     let (width, height) = (shading.depth.width, shading.depth.height);
-    let surface =
-        Surface { camera, width, height, depth: &shading.depth.pixels, normal: &shading.normal.pixels };
+    let surface = Surface::new(shading, camera);
     let (direction, share) = environment.dominant_direction();
     let light = (share > 0.0).then(|| camera.world_to_camera().matrix3 * direction);
 
@@ -84,12 +106,13 @@ pub fn features(shading: &Shading, camera: &Camera, environment: &Environment) -
     let mut raw = vec![Sample::OPEN; width * height];
     raw.par_chunks_mut(row).enumerate().for_each(|(y, samples)| {
         for (x, sample) in samples.iter_mut().enumerate() {
-            if !surface.depth[y * width + x].is_finite() {
+            let i = y * width + x;
+            if !surface.known(i) {
                 continue;
             }
             let phase = phase(x, y);
-            let (occlusion, bent) = horizon::occlusion(&surface, x, y, phase);
-            let visibility = light.map_or(1.0, |light| march::visibility(&surface, x, y, light, phase));
+            let (occlusion, bent) = horizon::occlusion(&surface, i, phase);
+            let visibility = light.map_or(1.0, |light| march::visibility(&surface, i, light, phase));
             *sample = Sample { occlusion, visibility, bent };
         }
     });
@@ -109,8 +132,8 @@ pub fn features(shading: &Shading, camera: &Camera, environment: &Environment) -
         .for_each(|(y, (occlusion, bent, visibility))| {
             for x in 0..width {
                 let i = y * width + x;
-                let n = Vec3A::from_array(surface.normal[i]);
-                if !surface.depth[i].is_finite() {
+                let n = surface.normal(i);
+                if !surface.known(i) {
                     // Covered by something too thin to have a depth anywhere near: open, bent towards its own normal.
                     bent[x] = n.to_array();
                     continue;

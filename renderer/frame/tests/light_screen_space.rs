@@ -15,7 +15,8 @@ const SIZE: usize = 128;
 /// A dim sky with a small bright sun.
 fn sunny(direction: Vec3A) -> Environment {
     let plain = Environment { map: Rgb::filled(256, 128, [0.0; 3]), rotation: 0.0, intensity: 1.0 };
-    let map = Rgb::from_fn(256, 128, |x, y| [if plain.texel_direction(x, y).angle_between(direction) < 0.05 { 500.0 } else { 0.3 }; 3]);
+    let map =
+        Rgb::from_fn(256, 128, |x, y| [if plain.texel_direction(x, y).angle_between(direction) < 0.05 { 500.0 } else { 0.3 }; 3]);
     Environment { map, ..plain }
 }
 
@@ -47,7 +48,12 @@ fn an_open_plane_is_unoccluded() {
         let up = camera.world_to_camera().matrix3 * Vec3A::Y;
         for i in 0..SIZE * SIZE {
             let covered = frame.depth.pixels[i].is_finite();
-            assert!(found.occlusion.pixels[i] > 0.995 && found.occlusion.pixels[i] <= 1.0, "{}", found.occlusion.pixels[i]);
+            assert!(
+                found.occlusion.pixels[i] > 0.99 && found.occlusion.pixels[i] <= 1.0,
+                "{} at depth {}",
+                found.occlusion.pixels[i],
+                frame.depth.pixels[i]
+            );
             assert!(found.light_visibility.pixels[i] > 0.999, "shadow on an open plane: {}", found.light_visibility.pixels[i]);
             let bent = Vec3A::from_array(found.bent_normal.pixels[i]);
             if covered {
@@ -111,38 +117,44 @@ fn still_life() -> Vec<Surface> {
 #[test]
 fn occlusion_and_shadow_follow_traced_rays() {
     let scene = still_life();
-    let camera = view(Vec3A::new(0.9, 1.5, 2.6), Vec3A::new(0.0, 0.25, 0.0));
-    let frame = render(&scene, &camera);
     let sun = Vec3A::new(-0.6, 0.7, 0.5).normalize();
     let environment = sunny(sun);
-    let found = features(&shaded(&frame, &camera, &environment), &camera, &environment);
-    let (mut count, mut error, mut flat_error, mut bias, mut shadow_hits, mut bent_error, mut normal_error) = (0, 0.0, 0.0, 0.0, 0, 0.0, 0.0);
-    let mut mean = 0.0;
-    for i in (0..SIZE * SIZE).step_by(3) {
-        if !frame.depth.pixels[i].is_finite() {
-            continue;
+    let mut count = 0;
+    // Sums of absolute differences; the `plain` ones are of no occlusion, the normal, and no shadow.
+    let (mut error, mut plain, mut bias, mut bent_error, mut bent_plain) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut shadow_right, mut shadow_plain) = (0, 0);
+    for eye in [Vec3A::new(0.9, 1.5, 2.6), Vec3A::new(-2.2, 0.7, 1.5), Vec3A::new(-0.4, 2.4, -1.6)] {
+        let camera = view(eye, Vec3A::new(0.0, 0.25, 0.0));
+        let frame = render(&scene, &camera);
+        let found = features(&shaded(&frame, &camera, &environment), &camera, &environment);
+        for i in (0..SIZE * SIZE).step_by(5) {
+            if !frame.depth.pixels[i].is_finite() {
+                continue;
+            }
+            let n = camera.camera_to_world.matrix3 * Vec3A::from_array(frame.normal.pixels[i]);
+            let p = point(&frame, &camera, i) + n * 1e-3;
+            let open: Vec<Vec3A> = hemisphere(n, 256).filter(|d| trace(&scene, p, *d).is_none()).collect();
+            let truth = open.len() as f32 / 256.0;
+            count += 1;
+            error += (found.occlusion.pixels[i] - truth).abs();
+            bias += found.occlusion.pixels[i] - truth;
+            plain += 1.0 - truth;
+            if let Some(bent) = open.iter().sum::<Vec3A>().try_normalize() {
+                bent_error += bent.angle_between(camera.camera_to_world.matrix3 * Vec3A::from_array(found.bent_normal.pixels[i]));
+                bent_plain += bent.angle_between(n);
+            }
+            let lit = n.dot(sun) > 0.0 && trace(&scene, p, sun).is_none();
+            shadow_right += usize::from((found.light_visibility.pixels[i] > 0.5) == lit);
+            shadow_plain += usize::from((n.dot(sun) > 0.0) == lit);
         }
-        let n = camera.camera_to_world.matrix3 * Vec3A::from_array(frame.normal.pixels[i]);
-        let p = point(&frame, &camera, i) + n * 1e-3;
-        let open: Vec<Vec3A> = hemisphere(n, 256).filter(|d| trace(&scene, p, *d).is_none()).collect();
-        let truth = open.len() as f32 / 256.0;
-        count += 1;
-        mean += truth;
-        error += (found.occlusion.pixels[i] - truth).abs();
-        bias += found.occlusion.pixels[i] - truth;
-        flat_error += 1.0 - truth;
-        if let Some(bent) = open.iter().sum::<Vec3A>().try_normalize() {
-            bent_error += bent.angle_between(camera.camera_to_world.matrix3 * Vec3A::from_array(found.bent_normal.pixels[i]));
-            normal_error += bent.angle_between(n);
-        }
-        let lit = n.dot(sun) > 0.0 && trace(&scene, p, sun).is_none();
-        shadow_hits += usize::from((found.light_visibility.pixels[i] > 0.5) == lit);
     }
     let n = count as f32;
-    let (error, flat_error, agreement) = (error / n, flat_error / n, shadow_hits as f32 / n);
-    println!("occlusion {error:.4} off on average (bias {:.4}, no occlusion {flat_error:.4}), bent normal {:.4} rad (normal {:.4}), shadow agrees on {agreement:.4}", bias / n, bent_error / n, normal_error / n);
-    assert!(error < 0.5 * flat_error && bent_error < 0.7 * normal_error, "{error} against {flat_error}");
-    assert!(agreement > 0.93, "{agreement}");
+    let (shadow_right, shadow_plain) = (shadow_right as f32 / n, shadow_plain as f32 / n);
+    println!("occlusion off by {:.4} (bias {:.4}; without any: {:.4})", error / n, bias / n, plain / n);
+    println!("bent normal off by {:.4} rad (normal: {:.4})", bent_error / n, bent_plain / n);
+    println!("shadow right on {shadow_right:.4} (n.l alone: {shadow_plain:.4})");
+    assert!(error < 0.5 * plain && bent_error < 0.65 * bent_plain);
+    assert!(1.0 - shadow_right < 0.5 * (1.0 - shadow_plain));
 }
 
 #[test]

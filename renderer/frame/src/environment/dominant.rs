@@ -2,7 +2,6 @@
 
 use super::Environment;
 use crate::color::luminance;
-use crate::image::Image;
 use glam::Vec3A;
 use rayon::prelude::*;
 
@@ -22,85 +21,134 @@ pub struct DominantLight {
     pub share: f32,
 }
 
+/// Where the light may be, and how bright its surroundings are.
+struct Peak {
+    /// World-space unit direction of the brightest cell.
+    axis: Vec3A,
+    /// Mean luminance (of the map) over the hemisphere about the axis, outside the cone.
+    surroundings: f32,
+}
+
 impl Environment {
     /// World-space unit direction of the dominant light and its share of a facing surface's irradiance
     /// (0 for a constant map; then the direction is +Y).
     pub fn dominant_direction(&self) -> (Vec3A, f32) {
-        let (light, _) = self.split_dominant();
+        let light = self.dominant_light();
         (light.direction, light.share)
     }
 
-    /// Splits the environment into its dominant light and the rest; both together give the environment's energy.
-    ///
-    /// The light is what rises above the mean luminance of the hemisphere about the brightest direction, inside a cone of
-    /// 12 degrees about it; its direction is the luminance-weighted mean of that part.
-    pub fn split_dominant(&self) -> (DominantLight, Environment) {
+    /// The dominant light: what rises above the mean luminance of the hemisphere about the brightest direction, inside a cone of
+    /// 12 degrees about it; its direction is the luminance-weighted mean of that part. Its irradiance and share are 0 in a constant
+    /// or black map.
+    pub fn dominant_light(&self) -> DominantLight {
         let none = DominantLight { direction: Vec3A::Y, irradiance: [0.0; 3], angular_radius: 0.0, share: 0.0 };
-        if self.is_constant() {
-            return (none, self.clone());
-        }
-        // The peak of a map averaged to a few degrees: one hot texel must not outshine the sun's whole disc.
-        let coarse = self.downsampled(self.map.width.min(128), self.map.height.min(64));
-        let peak = (0..coarse.map.pixels.len())
-            .fold(0, |best, i| if luminance(coarse.map.pixels[i]) > luminance(coarse.map.pixels[best]) { i } else { best });
-        let axis = coarse.texel_direction(peak % coarse.map.width, peak / coarse.map.width);
-
-        // Luminance that is not the light's: the mean over the hemisphere outside the cone.
-        let (mut around, mut weight) = (0.0_f64, 0.0_f64);
-        for row in 0..coarse.map.height {
-            let solid_angle = f64::from(coarse.texel_solid_angle(row));
-            for column in 0..coarse.map.width {
-                let c = coarse.texel_direction(column, row).dot(axis);
-                if c > 0.0 && c < CONE.cos() {
-                    around += solid_angle * f64::from(luminance(*coarse.map.at(column, row)));
-                    weight += solid_angle;
-                }
-            }
-        }
-        let threshold = (around / weight.max(1e-12)) as f32;
-
-        // Move the excess from the map to the light, row by row in order.
-        let mut rest = self.map.clone();
-        let width = self.map.width;
-        let sums: Vec<(Vec3A, Vec3A, f32)> = rest
-            .pixels
-            .par_chunks_mut(width)
-            .enumerate()
-            .map(|(row, texels)| {
-                let solid_angle = self.texel_solid_angle(row);
-                let (mut moment, mut energy, mut facing) = (Vec3A::ZERO, Vec3A::ZERO, 0.0);
-                for (column, texel) in texels.iter_mut().enumerate() {
-                    let direction = self.texel_direction(column, row);
-                    let c = direction.dot(axis);
-                    let bright = luminance(*texel);
-                    if c > 0.0 {
-                        facing += bright * solid_angle * c;
-                    }
-                    if c > CONE.cos() && bright > threshold {
-                        let excess = Vec3A::from_array(*texel) * (1.0 - threshold / bright);
-                        moment += direction * ((bright - threshold) * solid_angle);
-                        energy += excess * solid_angle;
-                        *texel = (Vec3A::from_array(*texel) - excess).max(Vec3A::ZERO).to_array();
+        let Some(peak) = self.peak() else { return none };
+        // Row by row, summed in order: the same bits for any number of threads.
+        let rows: Vec<(Vec3A, Vec3A)> = (0..self.map.height)
+            .into_par_iter()
+            .map(|row| {
+                let (mut moment, mut energy) = (Vec3A::ZERO, Vec3A::ZERO);
+                if self.row_meets_cone(row, peak.axis) {
+                    let solid_angle = self.texel_solid_angle(row);
+                    for (column, texel) in self.map.pixels[row * self.map.width..][..self.map.width].iter().enumerate() {
+                        let direction = self.texel_direction(column, row);
+                        let excess = peak.excess(*texel, direction) * solid_angle;
+                        moment += direction * luminance(excess.to_array());
+                        energy += excess;
                     }
                 }
-                (moment, energy, facing)
+                (moment, energy)
             })
             .collect();
-        let (moment, energy, facing) =
-            sums.iter().fold((Vec3A::ZERO, Vec3A::ZERO, 0.0), |sum, row| (sum.0 + row.0, sum.1 + row.1, sum.2 + row.2));
+        let (moment, energy) = rows.iter().fold((Vec3A::ZERO, Vec3A::ZERO), |sum, row| (sum.0 + row.0, sum.1 + row.1));
         let bright = luminance(energy.to_array());
-        let Some(direction) = moment.try_normalize() else { return (none, self.clone()) };
-        if bright.is_nan() || bright <= 0.0 || facing <= 0.0 {
-            return (none, self.clone());
-        }
+        let Some(direction) = moment.try_normalize() else { return none };
         // A uniform disc of radius rho has a mean cosine of (1 + cos rho) / 2 about its axis.
         let mean_cosine = (moment.length() / bright).min(1.0);
-        let light = DominantLight {
+        // The rest of what a surface facing the light receives is that of the surroundings.
+        let facing = bright * mean_cosine;
+        DominantLight {
             direction,
             irradiance: (energy * (mean_cosine * self.intensity)).to_array(),
             angular_radius: (2.0 * mean_cosine - 1.0).clamp(-1.0, 1.0).acos(),
-            share: (bright * mean_cosine / facing).clamp(0.0, 1.0),
-        };
-        (light, Environment { map: Image { pixels: rest.pixels, ..rest }, ..*self })
+            share: facing / (facing + self.facing_irradiance(&peak)),
+        }
+    }
+
+    /// Splits the environment into its dominant light and the rest; both together give the environment's energy.
+    pub fn split_dominant(&self) -> (DominantLight, Environment) {
+        let light = self.dominant_light();
+        let Some(peak) = self.peak().filter(|_| light.share > 0.0) else { return (light, self.clone()) };
+        let mut rest = self.map.clone();
+        rest.pixels.par_chunks_mut(rest.width).enumerate().filter(|(row, _)| self.row_meets_cone(*row, peak.axis)).for_each(
+            |(row, texels)| {
+                for (column, texel) in texels.iter_mut().enumerate() {
+                    let excess = peak.excess(*texel, self.texel_direction(column, row));
+                    *texel = (Vec3A::from_array(*texel) - excess).max(Vec3A::ZERO).to_array();
+                }
+            },
+        );
+        (light, self.with_map(rest))
+    }
+
+    fn peak(&self) -> Option<Peak> {
+        if self.is_constant() {
+            return None;
+        }
+        // Cells of a few degrees: one hot texel must not outshine the sun's whole disc.
+        let coarse = self.coarse();
+        let brightest = (0..coarse.map.pixels.len())
+            .fold(0, |best, i| if luminance(coarse.map.pixels[i]) > luminance(coarse.map.pixels[best]) { i } else { best });
+        let axis = coarse.texel_direction(brightest % coarse.map.width, brightest / coarse.map.width);
+        let (mut around, mut weight) = (0.0_f64, 0.0_f64);
+        coarse.for_each_cell(|direction, solid_angle, bright| {
+            let c = direction.dot(axis);
+            if c > 0.0 && c < CONE.cos() {
+                around += f64::from(solid_angle) * f64::from(bright);
+                weight += f64::from(solid_angle);
+            }
+        });
+        Some(Peak { axis, surroundings: (around / weight.max(1e-12)) as f32 })
+    }
+
+    /// Luminance that a surface facing the peak receives from all but the light (map units).
+    fn facing_irradiance(&self, peak: &Peak) -> f32 {
+        let mut sum = 0.0_f64;
+        self.coarse().for_each_cell(|direction, solid_angle, bright| {
+            let c = direction.dot(peak.axis);
+            let bright = if c > CONE.cos() { bright.min(peak.surroundings) } else { bright };
+            sum += f64::from(bright * solid_angle * c.max(0.0));
+        });
+        sum as f32
+    }
+
+    fn coarse(&self) -> Self {
+        self.downsampled(self.map.width.min(128), self.map.height.min(64))
+    }
+
+    fn for_each_cell(&self, mut f: impl FnMut(Vec3A, f32, f32)) {
+        for row in 0..self.map.height {
+            let solid_angle = self.texel_solid_angle(row);
+            for column in 0..self.map.width {
+                f(self.texel_direction(column, row), solid_angle, luminance(*self.map.at(column, row)));
+            }
+        }
+    }
+
+    fn row_meets_cone(&self, row: usize, axis: Vec3A) -> bool {
+        let theta = std::f32::consts::PI * (row as f32 + 0.5) / self.map.height as f32;
+        (theta - axis.y.clamp(-1.0, 1.0).acos()).abs() < CONE + 0.01
+    }
+}
+
+impl Peak {
+    /// The part of a texel's radiance that belongs to the light.
+    fn excess(&self, texel: [f32; 3], direction: Vec3A) -> Vec3A {
+        let bright = luminance(texel);
+        if direction.dot(self.axis) > CONE.cos() && bright > self.surroundings {
+            Vec3A::from_array(texel) * (1.0 - self.surroundings / bright)
+        } else {
+            Vec3A::ZERO
+        }
     }
 }

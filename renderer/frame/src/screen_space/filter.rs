@@ -12,8 +12,8 @@ const SAME_PLANE: f32 = 0.01;
 
 /// Mean of `raw` around (x, y) over pixels of the same surface, itself at least.
 pub fn average(surface: &Surface, raw: &[Sample], x: usize, y: usize) -> Sample {
-    let n = Vec3A::from_array(surface.normal[y * surface.width + x]);
-    let p = surface.point(x, y);
+    let here = y * surface.width + x;
+    let (n, p) = (surface.normal(here), surface.points[here]);
     let tolerance = SAME_PLANE * -p.z;
     let mut sum = Sample { occlusion: 0.0, visibility: 0.0, bent: Vec3A::ZERO };
     let mut total = 0.0;
@@ -22,12 +22,9 @@ pub fn average(surface: &Surface, raw: &[Sample], x: usize, y: usize) -> Sample 
         for (dx, wx) in TAPS {
             let Some(column) = x.checked_add_signed(dx).filter(|column| *column < surface.width) else { continue };
             let i = row * surface.width + column;
-            let own = dx == 0 && dy == 0;
-            let same = own
-                || surface.depth[i].is_finite()
-                    && Vec3A::from_array(surface.normal[i]).dot(n) > SAME_NORMAL
-                    && (surface.point(column, row) - p).dot(n).abs() < tolerance;
-            if same {
+            let same =
+                surface.known(i) && surface.normal(i).dot(n) > SAME_NORMAL && (surface.points[i] - p).dot(n).abs() < tolerance;
+            if same || i == here {
                 let weight = wx * wy;
                 let sample = &raw[i];
                 sum.occlusion += sample.occlusion * weight;

@@ -7,27 +7,30 @@ use std::f32::consts::{FRAC_PI_2, PI};
 /// Slices a pixel; the pattern and its filter make 16 times as many.
 const SLICES: usize = 3;
 /// Depth samples on each side of a slice.
-const STEPS: usize = 10;
+const STEPS: usize = 12;
 /// Reach of occluders in units of the pixel's depth. The whole environment lights the scene, so large occluders count from afar.
-const RADIUS: f32 = 0.5;
+const RADIUS: f32 = 0.7;
 /// Share of the radius over which occlusion fades out.
-const FADE: f32 = 0.4;
+const FADE: f32 = 0.2;
 /// How far a horizon falls back (share of the way, per sample) when what lies behind its occluder is seen again:
 /// depth tells nothing of thickness, and this lets light pass behind thin things.
-const THIN: f32 = 0.1;
+const THIN: f32 = 0.03;
+
+/// Least sine over the tangent plane of what can occlude.
+const ABOVE: f32 = 0.01;
 
 /// Visible share of the cosine-weighted hemisphere and the (unnormalised) cosine-weighted mean open direction in camera space.
-pub fn occlusion(surface: &Surface, x: usize, y: usize, (turn, step): (f32, f32)) -> (f32, Vec3A) {
-    let i = y * surface.width + x;
-    let p = surface.point(x, y);
+pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32)) -> (f32, Vec3A) {
+    let p = surface.points[i];
     let depth = -p.z;
     let v = -p.normalize();
     // A filtered normal may face away; the horizons are taken about the nearest one that does not.
-    let n = Vec3A::from_array(surface.normal[i]);
+    let n = surface.normal(i);
     let n = (n + v * (1e-3 - n.dot(v)).max(0.0)).normalize_or(v);
     let radius = RADIUS * depth;
 
-    let (mut open, mut weight, mut bent) = (0.0, 0.0, Vec3A::ZERO);
+    // Over all slices the open hemisphere's moment is 2 pi / 3 along n; a slice stands for pi / SLICES.
+    let (mut open, mut weight, mut bent) = (0.0, 0.0, n * (2.0 / 3.0 * SLICES as f32));
     for slice in 0..SLICES {
         let (sin, cos) = ((slice as f32 + turn) * PI / SLICES as f32).sin_cos();
         // In the slice's plane: v, and the tangent `t` on the side of (cos, sin).
@@ -40,27 +43,55 @@ pub fn occlusion(surface: &Surface, x: usize, y: usize, (turn, step): (f32, f32)
             continue;
         }
         let tilt = flat.dot(t).atan2(flat.dot(v));
-        let right = horizon(surface, p, v, radius, (cos, sin), step, (tilt + FRAC_PI_2).min(PI).cos());
-        let left = horizon(surface, p, v, radius, (-cos, -sin), step, (tilt - FRAC_PI_2).max(-PI).cos());
+        let right = horizon(surface, (p, n, v), radius, (cos, sin), step, (tilt + FRAC_PI_2).min(PI).cos());
+        let left = horizon(surface, (p, n, v), radius, (-cos, -sin), step, (tilt - FRAC_PI_2).max(-PI).cos());
         // Angles from v, left negative, kept inside the normal's hemisphere.
         let h0 = (-left.acos()).max(tilt - FRAC_PI_2);
         let h1 = right.acos().min(tilt + FRAC_PI_2);
         let (sin_n, cos_n) = tilt.sin_cos();
-        // Integrals over the open arc of cos(a - n) |sin a| da, times 1, cos a and sin a.
-        let arc = |h: f32| 0.25 * (cos_n - (2.0 * h - tilt).cos() + 2.0 * h * sin_n);
-        let along_v = |h: f32| (4.0 * cos_n - (3.0 * h - tilt).cos() - 3.0 * (h + tilt).cos()) / 12.0;
-        let along_t = |h: f32| (6.0 * (h - tilt).sin() - (3.0 * h - tilt).sin() - 3.0 * (h + tilt).sin() + 8.0 * sin_n) / 12.0;
-        open += length * (arc(h0) + arc(h1));
-        bent += (v * (along_v(h0) + along_v(h1)) + t * (along_t(h0) + along_t(h1))) * length;
-        // A slice's unoccluded value, so that few slices of a tilted normal still give 1 in the open.
-        let (free0, free1) = (tilt - FRAC_PI_2, tilt + FRAC_PI_2);
-        weight += length * (arc(free0) + arc(free1));
+        let (left, right) = (Arc::new(h0, sin_n, cos_n), Arc::new(h1, sin_n, cos_n));
+        open += length * (left.area + right.area);
+        // The slice's unoccluded values are known: few slices of a tilted normal still give 1, and the normal, in the open.
+        weight += length * (cos_n + tilt * sin_n);
+        let lost_v = 2.0 / 3.0 * cos_n - left.along_v - right.along_v;
+        let lost_t = 4.0 / 3.0 * sin_n - left.along_t - right.along_t;
+        bent -= (v * lost_v + t * lost_t) * length;
     }
     if weight > 1e-6 { ((open / weight).clamp(0.0, 1.0), bent) } else { (1.0, n) }
 }
 
-/// Cosine from `v` of the highest occluder towards (`cos`, `sin`) in the picture (+y up), at least `lowest`.
-fn horizon(surface: &Surface, p: Vec3A, v: Vec3A, radius: f32, (cos, sin): (f32, f32), step: f32, lowest: f32) -> f32 {
+/// Integrals from 0 to a horizon h of cos(a - n) |sin a| da, times 1, cos a and sin a (a from `v`, n the tilt of the normal).
+struct Arc {
+    area: f32,
+    along_v: f32,
+    along_t: f32,
+}
+
+impl Arc {
+    fn new(h: f32, sin_n: f32, cos_n: f32) -> Self {
+        // Double and triple angles by products: this runs a million times a frame.
+        let (s1, c1) = h.sin_cos();
+        let (s2, c2) = (2.0 * s1 * c1, c1 * c1 - s1 * s1);
+        let (s3, c3) = (s2 * c1 + c2 * s1, c2 * c1 - s2 * s1);
+        let (cos_2h_n, cos_3h_n, sin_3h_n) = (c2 * cos_n + s2 * sin_n, c3 * cos_n + s3 * sin_n, s3 * cos_n - c3 * sin_n);
+        let (cos_h_plus_n, sin_h_plus_n, sin_h_n) = (c1 * cos_n - s1 * sin_n, s1 * cos_n + c1 * sin_n, s1 * cos_n - c1 * sin_n);
+        Self {
+            area: 0.25 * (cos_n - cos_2h_n + 2.0 * h * sin_n),
+            along_v: (4.0 * cos_n - cos_3h_n - 3.0 * cos_h_plus_n) / 12.0,
+            along_t: (6.0 * sin_h_n - sin_3h_n - 3.0 * sin_h_plus_n + 8.0 * sin_n) / 12.0,
+        }
+    }
+}
+
+/// Cosine from `v` of the highest occluder of the point `p` with normal `n` towards (`cos`, `sin`) in the picture (+y up), at least `lowest`.
+fn horizon(
+    surface: &Surface,
+    (p, n, v): (Vec3A, Vec3A, Vec3A),
+    radius: f32,
+    (cos, sin): (f32, f32),
+    step: f32,
+    lowest: f32,
+) -> f32 {
     let camera = surface.camera;
     let depth = -p.z;
     // The reach in pixels, of a segment parallel to the picture.
@@ -75,18 +106,19 @@ fn horizon(surface: &Surface, p: Vec3A, v: Vec3A, radius: f32, (cos, sin): (f32,
         // Denser near the pixel, the first one at least one pixel away.
         let s = (k as f32 + step) / STEPS as f32;
         let s = 1.0 / pixels + s * s * (1.0 - 1.0 / pixels);
-        let Some((x, y)) = surface.pixel(start_x + reach_x * s, start_y + reach_y * s) else { break };
-        if !surface.depth[y * surface.width + x].is_finite() {
+        let Some(under) = surface.pixel(start_x + reach_x * s, start_y + reach_y * s) else { break };
+        if !surface.known(under) {
             continue;
         }
-        let to = surface.point(x, y) - p;
+        let to = surface.points[under] - p;
         let distance2 = to.length_squared();
         if distance2 < 1e-12 * depth * depth {
             continue;
         }
         let distance = distance2.sqrt();
         let cosine = to.dot(v) / distance;
-        if cosine > highest {
+        // Samples snap to pixel centres, off the slice; on the surface's own plane that must not read as occlusion.
+        if cosine > highest && to.dot(n) > ABOVE * distance {
             let fade = ((radius - distance) / (FADE * radius)).clamp(0.0, 1.0);
             highest += (cosine - highest) * fade;
         } else {

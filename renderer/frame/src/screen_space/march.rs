@@ -12,18 +12,17 @@ const THICKNESS: f32 = 0.12;
 /// Start off the surface, and least depth in front of the ray that occludes, as shares of the depth.
 const BIAS: f32 = 0.002;
 
-/// Visibility (0..=1) from pixel (x, y) towards `light`, a camera-space unit direction.
-pub fn visibility(surface: &Surface, x: usize, y: usize, light: Vec3A, (_, step): (f32, f32)) -> f32 {
+/// Visibility (0..=1) from pixel `i` towards `light`, a camera-space unit direction.
+pub fn visibility(surface: &Surface, i: usize, light: Vec3A, (_, step): (f32, f32)) -> f32 {
     let camera = surface.camera;
-    let n = Vec3A::from_array(surface.normal[y * surface.width + x]);
+    let n = surface.normal(i);
     if n.dot(light) <= 0.0 {
         return 0.0;
     }
-    let surface_point = surface.point(x, y);
-    let depth = -surface_point.z;
+    let depth = -surface.points[i].z;
     // One pixel's width on the surface: below it the buffer cannot tell the surface from itself.
     let pixel = depth / camera.fl_x.min(camera.fl_y);
-    let p = surface_point + n * (BIAS * depth + pixel);
+    let p = surface.points[i] + n * (BIAS * depth + pixel);
     let mut clear = 1.0_f32;
     for k in 0..STEPS {
         let s = (k as f32 + step) / STEPS as f32;
@@ -33,8 +32,9 @@ pub fn visibility(surface: &Surface, x: usize, y: usize, light: Vec3A, (_, step)
             break;
         }
         let (at_x, at_y) = (camera.cx + camera.fl_x * q.x / ray_depth, camera.cy - camera.fl_y * q.y / ray_depth);
-        let Some((column, row)) = surface.pixel(at_x, at_y) else { break };
-        let behind = ray_depth - surface.depth[row * surface.width + column];
+        let Some(under) = surface.pixel(at_x, at_y) else { break };
+        // Minus infinity where nothing is known: no occluder.
+        let behind = ray_depth + surface.points[under].z;
         let (least, most) = (BIAS * ray_depth, THICKNESS * ray_depth);
         // Fades in over the bias (the buffer is stepped) and out over the second half of the thickness (unknown).
         let hit = ((behind - least) / least).min((most - behind) / (0.5 * most)).clamp(0.0, 1.0);
