@@ -1,0 +1,185 @@
+//! Scene files: what is refused and how it is said, the schema, the hash, cameras and motion.
+
+mod common;
+
+use common::{empty_scene, grey};
+use glam::{Vec2, Vec3A};
+use renderflow_scenes::description::{CameraPath, Geometry, Motion, Object, Pose, Transform};
+use renderflow_scenes::shapes::Shape;
+use renderflow_scenes::{Error, Scene, load, schema};
+use std::path::{Path, PathBuf};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).into()
+}
+
+/// Regenerate with `RENDERFLOW_UPDATE=1 cargo test -p renderflow-scenes schema`.
+#[test]
+fn schema_file_is_current() {
+    let path = folder().join("schema.json");
+    let current = serde_json::to_string_pretty(&schema::json_schema()).unwrap() + "\n";
+    if std::env::var_os("RENDERFLOW_UPDATE").is_some() {
+        std::fs::write(&path, &current).unwrap();
+    }
+    assert!(std::fs::read_to_string(&path).unwrap() == current, "scenes/schema.json is not what the types say");
+}
+
+#[test]
+fn examples_load() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder().join("examples")).unwrap() {
+        let path = entry.unwrap().path();
+        let scene = Scene::read(&path).unwrap_or_else(|e| panic!("{e}"));
+        let loaded = load::load(&scene, path.parent().unwrap()).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(loaded.cameras.len(), scene.frames as usize);
+        assert_eq!(loaded.instances.len(), scene.objects.len());
+        assert_eq!(loaded.report.dropped_triangles, 0, "{}: {:?}", path.display(), loaded.report);
+        assert_eq!(loaded.hash, scene.hash());
+        count += 1;
+    }
+    assert!(count >= 3);
+}
+
+#[test]
+fn every_violation_is_reported_with_its_pointer() {
+    let text = r#"{
+        "version": 2, "name": " ", "resolution": [0, 20000], "frames": 0,
+        "camera": { "type": "orbit", "target": [0, 1e9, 0], "distance": 0, "elevation": 90, "azimuth": 0,
+                    "degrees_per_frame": 3.6, "vertical_fov": 180 },
+        "environment": { "source": { "builtin": "nowhere" }, "intensity": -1 },
+        "materials": [ { "name": "a", "roughness": 1.4 }, { "name": "a", "base_color": [0, 2, 0], "normal_texture": "" } ],
+        "objects": [
+            { "name": "x", "geometry": { "file": "chair.fbx" }, "material": "b" },
+            { "name": "x", "geometry": { "shape": { "family": "sphere", "radius": -1 } }, "transform": { "scale": [1, 0, 1] } }
+        ]
+    }"#;
+    let error = Scene::from_json(Path::new("scene.json"), text).unwrap_err();
+    let names = renderflow_scenes::sky::names().join(", ");
+    let expected = [
+        "/version: 2 is not a version this program reads (it reads 1)",
+        "/name: is empty",
+        "/resolution/0: 0 is outside 1..=16384",
+        "/resolution/1: 20000 is outside 1..=16384",
+        "/frames: 0 is outside 1..=100000",
+        "/camera/target/1: 1000000000 is outside -1000000..=1000000",
+        "/camera/distance: 0 is outside 0.000001..=1000000",
+        "/camera/elevation: 90 is outside -89..=89",
+        "/camera/vertical_fov: 180 is outside 1..=170",
+        "/environment/intensity: -1 is outside 0..=1000000000",
+        &format!("/environment/source/builtin: no environment is named \"nowhere\"; there are {names}"),
+        "/materials/1/name: \"a\" is the name of /materials/0 too",
+        "/materials/0/roughness: 1.4 is outside 0..=1",
+        "/materials/1/base_color/1: 2 is outside 0..=1",
+        "/materials/1/normal_texture: is an empty path",
+        "/objects/1/name: \"x\" is the name of /objects/0 too",
+        "/objects/0/geometry/file: \"chair.fbx\" is not a .gltf, .glb or .obj file",
+        "/objects/0/material: no material is named \"b\"",
+        "/objects/1/geometry/shape/radius: -1 is outside 0.01..=1000",
+        "/objects/1/transform/scale/1: 0 is outside 0.000001..=1000000 in size",
+    ]
+    .map(|line| format!("scene.json {line}"));
+    assert_eq!(error.to_string().lines().collect::<Vec<_>>(), expected.iter().map(String::as_str).collect::<Vec<_>>());
+}
+
+#[test]
+fn broken_json_names_line_and_column() {
+    let read = |text| Scene::from_json(Path::new("a/scene.json"), text).unwrap_err().to_string();
+    assert_eq!(read("{\n  \"version\": 1,\n  \"nam\": \"x\"\n}").split(": unknown").next(), Some("a/scene.json:3:7"));
+    assert!(read("{\"version\": \"one\"}").starts_with("a/scene.json:1:17: invalid type: string \"one\", expected u32"));
+    assert!(read("{").starts_with("a/scene.json:1:1: EOF"));
+    let missing = Scene::read(Path::new("nowhere/scene.json")).unwrap_err().to_string();
+    assert!(missing.starts_with("nowhere/scene.json: cannot read: "), "{missing}");
+}
+
+#[test]
+fn values_that_are_not_finite_are_refused_in_built_scenes() {
+    let mut scene = empty_scene();
+    scene.environment.rotation = f32::NAN;
+    scene.environment.source = renderflow_scenes::description::EnvironmentSource::Constant([0.0, f32::INFINITY, 1.0]);
+    scene.materials.push(renderflow_scenes::description::Material { metallic: f32::NAN, ..grey("a") });
+    let Err(Error::Invalid { problems, file: None }) = scene.validate() else { panic!("must be refused") };
+    let pointers: Vec<_> = problems.iter().map(|p| p.pointer.as_str()).collect();
+    assert_eq!(pointers, ["/environment/rotation", "/environment/source/constant/1", "/materials/0/metallic"]);
+    assert!(load::load(&scene, Path::new("")).is_err());
+}
+
+#[test]
+fn canonical_json_reads_back_equal() {
+    let mut state = 12345_u32;
+    let mut random = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        // Any finite number of the size that scenes hold.
+        f32::from_bits((state >> 9) | 0x3f80_0000) - 1.5
+    };
+    for _ in 0..500 {
+        let mut scene = empty_scene();
+        let mut material = grey("m");
+        material.base_color = std::array::from_fn(|_| random().abs());
+        scene.materials.push(material);
+        scene.objects.push(Object {
+            name: "o".into(),
+            geometry: Geometry::Shape(Shape::Sphere { radius: 1.0 }),
+            material: Some("m".into()),
+            transform: Transform { translation: std::array::from_fn(|_| random() * 1e3), ..Default::default() },
+            motion: None,
+        });
+        let text = scene.canonical_json();
+        let back = Scene::from_json(Path::new("memory"), &text).unwrap();
+        assert_eq!(back, scene);
+        assert_eq!(back.hash(), scene.hash());
+        assert_eq!(scene.hash().len(), 64);
+    }
+    // What defaults say and what is written out is one scene.
+    let terse = std::fs::read_to_string(folder().join("examples/single_sphere.json")).unwrap();
+    let scene = Scene::from_json(Path::new("x"), &terse).unwrap();
+    let spelled: Scene = serde_json::from_str(&scene.canonical_json()).unwrap();
+    assert_eq!(spelled.hash(), scene.hash());
+}
+
+#[test]
+fn orbits_turn_and_keep_their_target_in_the_middle() {
+    let scene = empty_scene();
+    let at = |frame| scene.camera(frame);
+    // Azimuth 0 is the +Z side, and the orbit closes after 100 frames of 3.6 degrees.
+    let first = at(0).position();
+    assert!((first - Vec3A::new(0.0, 3.0 * 20_f32.to_radians().sin(), 3.0 * 20_f32.to_radians().cos())).length() < 1e-6);
+    // A quarter turn about +Y takes +Z to +X.
+    assert!(at(25).position().x > 2.8 && at(25).position().z.abs() < 1e-5);
+    assert!((at(100).position() - first).length() < 1e-5);
+    // After 999 turns only the rounding of 3.6 to single precision is left: 0.0095 degrees.
+    assert!((at(99_900).position() - first).length() < 6e-4);
+    for frame in [0, 13, 57] {
+        let (pixel, depth) = at(frame).project(Vec3A::ZERO).unwrap();
+        assert!(pixel.distance(Vec2::new(4.0, 4.0)) < 1e-4 && (depth - 3.0).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn the_last_pose_is_held() {
+    let pose = |x| Pose { eye: [x, 0.0, 5.0], target: [x, 0.0, 0.0], up: [0.0, 1.0, 0.0] };
+    let scene = Scene { camera: CameraPath::Poses { poses: vec![pose(0.0), pose(1.0)], vertical_fov: 40.0 }, ..empty_scene() };
+    assert_eq!([0, 1, 2, 9].map(|f| scene.camera(f).position().x), [0.0, 1.0, 1.0, 1.0]);
+}
+
+#[test]
+fn placement_scales_then_turns_then_moves() {
+    let object = Object {
+        name: "o".into(),
+        geometry: Geometry::Shape(Shape::Sphere { radius: 1.0 }),
+        material: None,
+        transform: Transform { translation: [10.0, 0.0, 0.0], rotation: [90.0, 0.0, 90.0], scale: [1.0, 2.0, 1.0] },
+        motion: Some(Motion { translation: [0.0, 0.5, 0.0], spin: 90.0 }),
+    };
+    let close = |frame, p: [f32; 3], q: [f32; 3]| {
+        let found = object.transform_at(frame).transform_point3a(p.into());
+        assert!((found - Vec3A::from(q)).length() < 1e-5, "frame {frame}: {p:?} -> {found}, not {q:?}");
+    };
+    // +y doubled, turned about x to +z, which a turn about z leaves alone.
+    close(0, [0.0, 1.0, 0.0], [10.0, 0.0, 2.0]);
+    // +x is left alone by the turn about x, then turned about z to +y.
+    close(0, [1.0, 0.0, 0.0], [10.0, 1.0, 0.0]);
+    // After two frames: half a turn about the object's own +y, and a metre up.
+    close(2, [1.0, 0.0, 0.0], [10.0, 0.0, 0.0]);
+    close(2, [0.0, 1.0, 0.0], [10.0, 1.0, 2.0]);
+    assert!(object.moves());
+}

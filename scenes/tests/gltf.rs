@@ -1,0 +1,300 @@
+//! glTF features, one by one, in small files written here.
+
+mod common;
+
+use base64::Engine;
+use common::{grey, load_model, model_scene};
+use glam::{Vec2, Vec3};
+use renderflow_scenes::loaded::Wrap;
+use renderflow_scenes::{LoadedScene, Result, load};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+fn data_uri(kind: &str, bytes: &[u8]) -> String {
+    format!("data:{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes))
+}
+
+fn bytes(numbers: &[f32]) -> Vec<u8> {
+    numbers.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+/// A folder with `model.gltf` in it; the folder lives as long as the value.
+struct File(tempfile::TempDir);
+
+impl File {
+    fn new(document: &Value) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("model.gltf"), document.to_string()).unwrap();
+        Self(folder)
+    }
+
+    fn path(&self) -> PathBuf {
+        self.0.path().join("model.gltf")
+    }
+
+    fn load(&self) -> Result<LoadedScene> {
+        load::load(&model_scene(&self.path(), None), Path::new(""))
+    }
+
+    /// What loading says, without the folder's name.
+    fn error(&self) -> String {
+        let message = self.load().expect_err("must be refused").to_string();
+        message.replace(self.0.path().to_str().unwrap(), "FOLDER")
+    }
+}
+
+/// A document with one buffer; each view is one accessor: (component type, type, count, normalised, bytes).
+fn document(accessors: &[(u32, &str, usize, bool, Vec<u8>)]) -> Value {
+    let mut buffer = vec![];
+    let (mut views, mut entries) = (vec![], vec![]);
+    for (component, kind, count, normalized, data) in accessors {
+        buffer.resize(buffer.len().next_multiple_of(4), 0);
+        views.push(json!({ "buffer": 0, "byteOffset": buffer.len(), "byteLength": data.len() }));
+        let view = views.len() - 1;
+        entries.push(
+            json!({ "bufferView": view, "componentType": component, "type": kind, "count": count, "normalized": normalized }),
+        );
+        buffer.extend_from_slice(data);
+    }
+    json!({
+        "asset": { "version": "2.0" },
+        "buffers": [{ "byteLength": buffer.len(), "uri": data_uri("application/octet-stream", &buffer) }],
+        "bufferViews": views,
+        "accessors": entries,
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+        "nodes": [{ "mesh": 0 }],
+        "scenes": [{ "nodes": [0] }],
+        "scene": 0,
+    })
+}
+
+/// Corners of the unit square in the plane z = 0, in the order of a strip.
+const STRIP: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
+const FLOAT: u32 = 5126;
+
+fn square() -> Value {
+    let mut file = document(&[(FLOAT, "VEC3", 4, false, bytes(&STRIP)), (FLOAT, "VEC2", 4, false, bytes(&[0.5; 8]))]);
+    file["meshes"][0]["primitives"][0]["mode"] = json!(5);
+    file
+}
+
+/// Sum of the triangles' vector areas in the world.
+fn vector_area(scene: &LoadedScene) -> Vec3 {
+    let mut sum = Vec3::ZERO;
+    for instance in &scene.instances {
+        let mesh = &scene.meshes[instance.mesh];
+        for t in &mesh.triangles {
+            let [a, b, c] = t.map(|i| instance.transform(0).transform_point3(mesh.positions[i as usize]));
+            sum += 0.5 * (b - a).cross(c - a);
+        }
+    }
+    sum
+}
+
+#[test]
+fn strips_fans_and_lists_face_the_same_way() {
+    assert_eq!(vector_area(&File::new(&square()).load().unwrap()), Vec3::Z);
+    // A fan around the first corner, and a list with 8-bit indices.
+    let mut fan = document(&[(FLOAT, "VEC3", 4, false, bytes(&STRIP)), (5121, "SCALAR", 4, false, vec![0, 1, 3, 2])]);
+    fan["meshes"][0]["primitives"][0]["indices"] = json!(1);
+    fan["meshes"][0]["primitives"][0]["mode"] = json!(6);
+    assert_eq!(vector_area(&File::new(&fan).load().unwrap()), Vec3::Z);
+    let mut list = document(&[(FLOAT, "VEC3", 4, false, bytes(&STRIP)), (5121, "SCALAR", 6, false, vec![0, 1, 2, 2, 1, 3])]);
+    list["meshes"][0]["primitives"][0]["indices"] = json!(1);
+    assert_eq!(vector_area(&File::new(&list).load().unwrap()), Vec3::Z);
+}
+
+#[test]
+fn mirrored_nodes_keep_the_outside_outside() {
+    let mut file = square();
+    // A square facing +z, mirrored in x, still faces +z; mirrored in z it faces -z.
+    file["nodes"] = json!([{ "mesh": 0, "scale": [-2, 1, 1] }, { "mesh": 0, "scale": [1, 1, -1], "translation": [5, 0, 0] }]);
+    file["scenes"][0]["nodes"] = json!([0]);
+    assert_eq!(vector_area(&File::new(&file).load().unwrap()), 2.0 * Vec3::Z);
+    file["scenes"][0]["nodes"] = json!([1]);
+    assert_eq!(vector_area(&File::new(&file).load().unwrap()), -Vec3::Z);
+    // Both nodes together share one mesh (and its one reversed copy).
+    file["scenes"][0]["nodes"] = json!([0, 1]);
+    let scene = File::new(&file).load().unwrap();
+    assert_eq!((scene.instances.len(), scene.instances[0].mesh == scene.instances[1].mesh), (2, true));
+}
+
+#[test]
+fn child_nodes_follow_their_parents() {
+    let mut file = square();
+    // A column-major matrix: quarter turn about z, then 3 along x; the child moves 1 along its own x.
+    let matrix = json!([0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 3, 0, 0, 1]);
+    file["nodes"] = json!([{ "children": [1], "matrix": matrix }, { "mesh": 0, "translation": [1, 0, 0] }]);
+    let scene = File::new(&file).load().unwrap();
+    let corner = scene.instances[0].transform(0).transform_point3(Vec3::X);
+    assert!(corner.distance(Vec3::new(3.0, 2.0, 0.0)) < 1e-6, "{corner}");
+}
+
+#[test]
+fn integers_are_normalised_and_quantised_positions_read() {
+    // 16-bit positions (KHR_mesh_quantization) as plain integers, 8-bit texture coordinates and normals as fractions.
+    let positions: Vec<u8> = [0_i16, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let mut file = document(&[
+        (5122, "VEC3", 3, false, positions[..18].to_vec()),
+        (5121, "VEC2", 3, true, vec![0, 255, 51, 0, 0, 0]),
+        (5120, "VEC3", 3, true, vec![0, 0, 127, 0, 0, 127, 0, 0, 127]),
+    ]);
+    file["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0, "TEXCOORD_0": 1, "NORMAL": 2 });
+    file["extensionsUsed"] = json!(["KHR_mesh_quantization"]);
+    file["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
+    let scene = File::new(&file).load().unwrap();
+    let mesh = &scene.meshes[0];
+    assert_eq!(mesh.uvs[..2], [Vec2::new(0.0, 1.0), Vec2::new(0.2, 0.0)]);
+    assert_eq!(mesh.normals, [Vec3::Z; 3]);
+    assert_eq!(mesh.positions[1], Vec3::new(0.0, 2.0, 0.0));
+}
+
+/// A square with a material that looks up one image in TEXCOORD_1.
+fn textured(image: Value) -> Value {
+    let uvs = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0];
+    let mut file = document(&[
+        (FLOAT, "VEC3", 4, false, bytes(&STRIP)),
+        (FLOAT, "VEC2", 4, false, bytes(&[0.5; 8])),
+        (FLOAT, "VEC2", 4, false, bytes(&uvs)),
+    ]);
+    file["meshes"][0]["primitives"][0] =
+        json!({ "mode": 5, "material": 0, "attributes": { "POSITION": 0, "TEXCOORD_0": 1, "TEXCOORD_1": 2 } });
+    file["images"] = json!([image]);
+    file["samplers"] = json!([{ "wrapS": 33071, "wrapT": 33648 }]);
+    file["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+    file["materials"] = json!([{
+        "name": "painted",
+        "alphaMode": "BLEND",
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "texCoord": 1 }, "baseColorFactor": [0.5, 1, 1, 1], "metallicFactor": 0.25 },
+        "normalTexture": { "index": 0, "texCoord": 1, "scale": 0.5, "extensions": { "KHR_texture_transform": { "offset": [0.5, 0] } } },
+        "emissiveFactor": [1, 0, 0],
+        "extensions": { "KHR_materials_ior": { "ior": 1.25 }, "KHR_materials_emissive_strength": { "emissiveStrength": 3 } },
+    }]);
+    file
+}
+
+/// 2 x 1 pixels, 16 bits a channel.
+fn png16() -> Vec<u8> {
+    let picture = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(2, 1, vec![0_u16, 32768, 65535, 65535, 0, 0]).unwrap();
+    let mut out = std::io::Cursor::new(vec![]);
+    image::DynamicImage::ImageRgb16(picture).write_to(&mut out, image::ImageFormat::Png).unwrap();
+    out.into_inner()
+}
+
+#[test]
+fn materials_textures_and_their_options_arrive() {
+    let scene = File::new(&textured(json!({ "uri": data_uri("image/png", &png16()) }))).load().unwrap();
+    let material = &scene.materials[0];
+    assert_eq!((material.name.as_str(), material.base_color, material.metallic), ("painted", [0.5, 1.0, 1.0], 0.25));
+    // F0 of an index of 1.25 is 1/81, in units of 0.08.
+    assert!((material.specular - 1.0 / 81.0 / 0.08).abs() < 1e-6);
+    assert_eq!(material.emissive, [3.0, 0.0, 0.0]);
+    assert_eq!(scene.report.blend_as_opaque, 1);
+    let color = &scene.textures[material.base_color_texture.as_ref().unwrap().texture];
+    assert_eq!(color.wrap, [Wrap::Clamp, Wrap::Mirror]);
+    // sRGB 32768/65535 is 0.2140482 linear (IEC 61966-2-1).
+    assert!((color.image.pixels[0][1] - 0.214_048_2).abs() < 1e-6 && color.image.pixels[0][2] == 1.0);
+    let (slot, scale) = material.normal_texture.as_ref().unwrap();
+    assert_eq!((*scale, slot.uv_transform.translation), (0.5, Vec2::new(0.5, 0.0)));
+    assert_eq!(scene.textures[slot.texture].image.pixels[1], [1.0, -1.0, -1.0]);
+    // The coordinates are those of TEXCOORD_1, and the normal map brought tangents: u grows along x, green points to smaller v.
+    let mesh = &scene.meshes[0];
+    assert_eq!(mesh.uvs[3], Vec2::ONE);
+    assert!(mesh.tangents.iter().all(|t| t.truncate().distance(Vec3::X) < 1e-6 && t.w == -1.0), "{:?}", mesh.tangents);
+}
+
+#[test]
+fn a_texture_that_is_missing_or_broken_is_named() {
+    let file = File::new(&textured(json!({ "uri": "oak%20wood.png" })));
+    let expected = "/objects/0 (model): material \"painted\", /images/0: cannot use texture FOLDER/oak wood.png: cannot read FOLDER/oak wood.png: ";
+    assert!(file.error().starts_with(expected), "{}", file.error());
+    // In grey, nobody wants the texture.
+    assert!(load_model(&file.path()).is_ok());
+    let broken = File::new(&textured(json!({ "uri": data_uri("image/png", b"no picture") })));
+    assert!(broken.error().ends_with("model.gltf: neither PNG nor JPEG"), "{}", broken.error());
+    let elsewhere = File::new(&textured(json!({ "uri": "https://example.org/a.png" })));
+    assert!(
+        elsewhere.error().ends_with("\"https://example.org/a.png\" is not a path relative to the file"),
+        "{}",
+        elsewhere.error()
+    );
+}
+
+#[test]
+fn errors_name_the_place_in_the_file() {
+    let error = |change: &dyn Fn(&mut Value)| {
+        let mut file = square();
+        change(&mut file);
+        File::new(&file).error().replace("/objects/0 (model): FOLDER/model.gltf ", "")
+    };
+    let buffer = error(&|f| f["buffers"][0]["byteLength"] = json!(1000));
+    assert_eq!(buffer, "/buffers/0: holds 80 bytes where byteLength says 1000");
+    let missing = error(&|f| f["buffers"][0]["uri"] = json!("gone.bin"));
+    assert!(missing.starts_with("/buffers/0: cannot read FOLDER/gone.bin: "), "{missing}");
+    let count = error(&|f| f["accessors"][0]["count"] = json!(4_000_000_000_u32));
+    assert_eq!(count, "/accessors/0: 4000000000 elements of 12 bytes leave the 48 bytes of buffer view 0");
+    let view = error(&|f| f["bufferViews"][0]["byteOffset"] = json!(u64::MAX));
+    assert!(view.starts_with("/bufferViews/0: 48 bytes from 18446744073709551615 leave the 80 bytes of buffer 0"), "{view}");
+    let loops = error(&|f| f["nodes"] = json!([{ "mesh": 0, "children": [1] }, { "children": [0] }]));
+    assert_eq!(loops, "/nodes/0: the node has two parents, or is its own ancestor");
+    let extension = error(&|f| f["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]));
+    assert!(extension.contains("KHR_draco_mesh_compression") && extension.contains("required extension"), "{extension}");
+    let lengths = error(&|f| {
+        f["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(1);
+        f["accessors"][1]["count"] = json!(3);
+    });
+    assert_eq!(lengths, "/meshes/0/primitives/0/attributes/TEXCOORD_0: 3 values for 4 positions");
+    let zeros = error(&|f| {
+        let exceptions =
+            json!({ "count": 1, "indices": { "bufferView": 0, "componentType": 5121 }, "values": { "bufferView": 0 } });
+        f["accessors"][0] = json!({ "componentType": FLOAT, "type": "VEC3", "count": 4_000_000_000_u32, "sparse": exceptions });
+    });
+    assert_eq!(zeros, "/accessors/0: 4000000000 elements without data");
+}
+
+#[test]
+fn triangles_that_cannot_be_rendered_are_dropped_and_counted() {
+    // NaN, an index out of range, no area; one good triangle.
+    let mut positions = STRIP.to_vec();
+    positions.extend([f32::NAN, 0.0, 0.0, f32::INFINITY, 0.0, 0.0]);
+    let order = [0, 1, 4, 0, 1, 5, 0, 1, 9, 1, 1, 2, 0, 1, 2];
+    let mut file = document(&[(FLOAT, "VEC3", 6, false, bytes(&positions)), (5121, "SCALAR", 15, false, order.to_vec())]);
+    file["meshes"][0]["primitives"][0]["indices"] = json!(1);
+    let scene = File::new(&file).load().unwrap();
+    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (4, 1));
+    assert!(scene.meshes[0].positions.iter().all(|p| p.is_finite()));
+}
+
+#[test]
+fn points_lines_and_flat_nodes_are_skipped_and_noted() {
+    let mut file = square();
+    let attributes = json!({ "POSITION": 0, "COLOR_0": 0 });
+    file["meshes"] = json!([{ "primitives": [{ "attributes": attributes, "mode": 5 }, { "attributes": attributes, "mode": 0 }, { "attributes": attributes, "mode": 1 }] }]);
+    file["nodes"] = json!([{ "mesh": 0 }, { "mesh": 0, "scale": [1, 0, 1] }]);
+    file["scenes"][0]["nodes"] = json!([0, 1]);
+    let scene = File::new(&file).load().unwrap();
+    assert_eq!(scene.instances.len(), 1);
+    let notes = scene.report.notes.join("\n");
+    for expected in [
+        "2 primitives of points or lines skipped",
+        "1 primitives with vertex colours",
+        "1 nodes skipped because their transform flattens",
+    ] {
+        assert!(notes.contains(expected), "{expected:?} is not in\n{notes}");
+    }
+}
+
+#[test]
+fn parts_share_an_object_and_have_names_of_their_own() {
+    let mut file = square();
+    file["nodes"] = json!([{ "mesh": 0, "name": "leg" }, { "mesh": 0, "name": "leg", "translation": [2, 0, 0] }]);
+    file["scenes"][0]["nodes"] = json!([0, 1]);
+    let written = File::new(&file);
+    let mut scene = model_scene(&written.path(), Some(grey("grey")));
+    let mut second = scene.objects[0].clone();
+    (second.name, second.transform.translation) = ("model/leg".into(), [0.0, 3.0, 0.0]);
+    scene.objects.push(second);
+    let loaded = load::load(&scene, Path::new("")).unwrap();
+    let names: Vec<_> = loaded.instances.iter().map(|i| (i.name.as_str(), i.object_id, i.mesh)).collect();
+    assert_eq!(names, [("model/leg#2", 1, 0), ("model/leg#3", 1, 0), ("model/leg/leg", 2, 0), ("model/leg/leg#2", 2, 0)]);
+}
