@@ -199,3 +199,67 @@ impl Visible {
         self.seen[y * self.width + x]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Affine3A, Vec3};
+    use renderflow_frame::{Camera, Environment};
+    use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
+
+    /// Pixels said to see only the environment must not see a triangle anywhere within the filter, and most that do see only
+    /// the environment should be said to.
+    #[test]
+    fn unseen_pixels_see_nothing() {
+        let (mut skipped, mut empty) = (0, 0);
+        for seed in 0..24u32 {
+            let mut state = seed;
+            let mut random = || {
+                state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+                (state >> 8) as f32 / (1 << 24) as f32 * 2.0 - 1.0
+            };
+            // Triangles in front of, behind, and through the camera's plane; some very long.
+            let size = if seed % 3 == 0 { 8.0 } else { 0.5 };
+            let positions = (0..9)
+                .map(|i| if i % 3 == 0 { Vec3::ZERO } else { size * Vec3::new(random(), random(), random()) })
+                .collect::<Vec<_>>();
+            let place = |i: usize, r: Vec3| positions[i] + 3.0 * r;
+            let centres = [0, 1, 2].map(|_| Vec3::new(random(), random(), random()));
+            let positions: Vec<Vec3> = (0..9).map(|i| place(i, centres[i / 3])).collect();
+            let mesh = Mesh { positions, triangles: vec![[0, 1, 2], [3, 4, 5], [6, 7, 8]], ..Mesh::default() };
+            let instance =
+                Instance { name: String::new(), mesh: 0, material: 0, object_id: 1, transforms: vec![Affine3A::IDENTITY] };
+            let eye = Vec3A::new(random(), random(), random());
+            let scene = RenderScene::compile(&LoadedScene {
+                name: String::new(),
+                seed: 0,
+                hash: String::new(),
+                meshes: vec![mesh],
+                instances: vec![instance],
+                materials: vec![Material::default()],
+                textures: vec![],
+                environment: Environment::constant([1.0; 3]),
+                cameras: vec![Camera::look_at(eye, Vec3A::ZERO, Vec3A::Y, 1.0, 24, 16)],
+                report: LoadReport::default(),
+            })
+            .expect("consistent");
+            for filter in [Filter::Box, Filter::BlackmanHarris] {
+                let visible = Visible::new(&scene, filter);
+                let mut scratch = Scratch::default();
+                for (x, y) in (0..24 * 16).map(|i| (i % 24, i / 24)) {
+                    let mut hit = false;
+                    for i in 0..81u8 {
+                        let u = [f32::from(i % 9) / 8.0, f32::from(i / 9) / 8.0];
+                        let point = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + filter.sample(u);
+                        hit |= scene.accel.occluded(&crate::camera::ray(scene.camera(), point), &mut scratch);
+                    }
+                    empty += usize::from(!hit);
+                    skipped += usize::from(!visible.at(x, y));
+                    assert!(visible.at(x, y) || !hit, "seed {seed}: pixel {x} {y} sees a triangle");
+                }
+            }
+        }
+        println!("{skipped} of {empty} pixels without geometry need no rays");
+        assert!(10 * skipped > 5 * empty);
+    }
+}
