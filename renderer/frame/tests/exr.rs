@@ -159,6 +159,36 @@ fn standard_camera_attributes_project_as_the_camera_does() {
     }
 }
 
+/// What is written now is what OpenEXR's reader was shown then: a change here needs the reference made anew.
+#[test]
+fn the_reference_is_of_what_is_written_now() {
+    let reference: serde_json::Value = serde_json::from_str(include_str!("references/openexr_read.json")).unwrap();
+    let (bytes, _) = encode(&common::frame(24, 18)).unwrap();
+    let meta = ::exr::meta::MetaData::read_from_buffered(&bytes[..], true).unwrap();
+    let header = &meta.headers[0];
+    let channels = header.channels.list.iter().map(|c| {
+        let storage = match c.sample_type {
+            ::exr::meta::attribute::SampleType::F16 => "HALF",
+            ::exr::meta::attribute::SampleType::F32 => "FLOAT",
+            ::exr::meta::attribute::SampleType::U32 => "UINT",
+        };
+        (c.name.to_string(), storage.into())
+    });
+    assert_eq!(reference["channels"], serde_json::Value::Object(channels.collect()));
+    let own = &header.own_attributes;
+    for (name, matrix) in [("worldToCamera", own.world_to_camera), ("worldToNDC", own.world_to_normalized_device)] {
+        for (now, then) in matrix.unwrap().iter().zip(reference[name].as_array().unwrap()) {
+            assert!((f64::from(*now) - then.as_f64().unwrap()).abs() < 1e-5, "{name}");
+        }
+    }
+    assert_eq!(own.layer_name, None);
+    for (name, then) in reference["attributes"].as_object().unwrap() {
+        if let Some(::exr::meta::attribute::AttributeValue::Text(now)) = own.other.get(name.as_bytes()) {
+            assert_eq!(now.to_string(), then.as_str().unwrap());
+        }
+    }
+}
+
 #[test]
 fn values_beyond_half_are_clamped_and_counted() {
     let mut frame = common::frame(4, 4);

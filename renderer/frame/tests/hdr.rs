@@ -66,6 +66,9 @@ fn extreme_values_stay_finite_and_survive_a_second_round() {
     assert_eq!(hdr::encode(&decoded), bytes);
     // 1.7e38 is within half a step of the largest value of the format, 255 * 2^119.
     assert!((decoded.pixels[1][0] / 1.7e38 - 1.0).abs() < 1.0 / 256.0);
+    // 0.999 = 255.74 / 256 rounds to 256, which is a mantissa of 128 one exponent up.
+    let almost = Rgb::filled(1, 1, [0.999, 0.25, 0.0]);
+    assert_eq!(decode(&hdr::encode(&almost)).unwrap().map.pixels, [[1.0, 0.25, 0.0]]);
     assert_eq!(decoded.pixels[8], [0.0; 3]);
     assert_eq!(decoded.pixels[9], [0.0; 3]);
 }
