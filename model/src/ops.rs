@@ -92,11 +92,15 @@ pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tens
         k.dims(),
         v.dims()
     );
-    assert!(heads > 0 && channels % heads == 0, "attention: {channels} channels in {heads} heads");
-    portable::attention(q, k, v, heads)
+    assert!(heads > 0 && channels > 0 && channels % heads == 0, "attention: {channels} channels in {heads} heads");
+    if m > 0 && kernels::fits(&q.device(), &[q.dtype(), k.dtype(), v.dtype()]) {
+        kernels::attention(q, k, v, heads)
+    } else {
+        portable::attention(q, k, v, heads)
+    }
 }
 
 fn check_conv(name: &str, x: [usize; 4], w: [usize; 4], b: [usize; 1]) {
     assert!(matches!(w[0], 1 | 3) && w[1] == w[0], "{name}: weights {w:?} are neither 1 x 1 nor 3 x 3");
-    assert!(w[2] == x[3] && w[3] == b[0], "{name}: input {x:?}, weights {w:?} and bias {b:?} do not fit");
+    assert!(w[2] == x[3] && w[3] == b[0] && w[2] > 0 && w[3] > 0, "{name}: input {x:?}, weights {w:?} and bias {b:?} do not fit");
 }

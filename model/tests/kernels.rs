@@ -28,9 +28,12 @@ enum Case {
 /// Output and the gradient of every input, in order.
 type Results = Vec<Vec<f32>>;
 
+fn tensor<const D: usize>(rng: &mut Pcg64Mcg, shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::from_data(TensorData::new(noise(rng, shape.iter().product()), shape), device)
+}
+
 fn leaf<const D: usize>(rng: &mut Pcg64Mcg, shape: [usize; D], device: &Device) -> Tensor<D> {
-    let values = noise(rng, shape.iter().product());
-    Tensor::from_data(TensorData::new(values, shape), device).require_grad()
+    tensor(rng, shape, device).require_grad()
 }
 
 fn floats<const D: usize>(t: Tensor<D>) -> Vec<f32> {
@@ -39,8 +42,8 @@ fn floats<const D: usize>(t: Tensor<D>) -> Vec<f32> {
 
 /// Weighs the output with fixed noise, so that every output element has another gradient.
 fn gradients<const D: usize>(rng: &mut Pcg64Mcg, y: Tensor<D>, device: &Device) -> burn::tensor::Gradients {
-    let weights = noise(rng, y.dims().iter().product());
-    (y.clone() * Tensor::from_data(TensorData::new(weights, y.dims()), device)).sum().backward()
+    let weights = tensor(rng, y.dims(), device);
+    (y * weights).sum().backward()
 }
 
 fn run(case: Case) -> Results {
@@ -188,14 +191,103 @@ fn results_do_not_depend_on_the_number_of_threads() {
     }
 }
 
+/// The generator of references/convolution.py.
+struct Numbers(u64);
+
+impl Numbers {
+    fn take(&mut self, count: usize) -> Vec<f32> {
+        let next = |_| {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.0 >> 57) as f32 - 64.0) / 64.0
+        };
+        (0..count).map(next).collect()
+    }
+
+    fn tensor<const D: usize>(&mut self, shape: &serde_json::Value, device: &Device) -> Tensor<D> {
+        let shape: Vec<usize> = serde_json::from_value(shape.clone()).expect("shape");
+        let shape: [usize; D] = shape.try_into().expect("dimensions");
+        Tensor::from_data(TensorData::new(self.take(shape.iter().product()), shape), device).require_grad()
+    }
+
+    /// Largest difference from a stored summary, relative to its largest element (for the sum, times the root of the count).
+    fn difference(&mut self, found: &[f32], expected: &serde_json::Value) -> f64 {
+        let some: Vec<f64> = serde_json::from_value(expected["some"].clone()).expect("elements");
+        let scale = some.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let step = (found.len() / 8).max(1);
+        let elements = found.iter().step_by(step).zip(&some).map(|(f, e)| (f64::from(*f) - e).abs()).fold(0.0, f64::max);
+        let sum: f64 = found.iter().zip(self.take(found.len())).map(|(f, w)| f64::from(*f) * f64::from(w)).sum();
+        let sum = (sum - expected["sum"].as_f64().expect("sum")).abs() / (found.len() as f64).sqrt();
+        elements.max(sum) / scale
+    }
+}
+
+#[test]
+fn results_equal_those_of_jax_in_double_precision() {
+    let _turn = alone();
+    let reference: serde_json::Value = serde_json::from_str(include_str!("references/convolution.json")).expect("reference");
+    let device = Device::flex().autodiff();
+    let mut worst = 0.0_f64;
+    for choice in [Choice::Automatic, Choice::Composed, Choice::Scalar, Choice::Avx2, Choice::Avx512] {
+        if !force(choice) {
+            continue;
+        }
+        for case in reference["cases"].as_array().expect("cases") {
+            let (name, shapes) = (case["name"].as_str().expect("name"), &case["shapes"]);
+            let numbers = &mut Numbers(1);
+            macro_rules! compare {
+                ($y:expr, $($input:ident),+) => {{
+                    let y = $y;
+                    let weights = Tensor::from_data(TensorData::new(numbers.take(y.dims().iter().product()), y.dims()), &device);
+                    let found = (y.clone() * weights).sum().backward();
+                    let mut difference = numbers.difference(&floats(y.inner()), &case["output"]);
+                    let mut gradients = case["gradients"].as_array().expect("gradients").iter();
+                    $(
+                        let gradient = floats($input.grad(&found).expect("gradient"));
+                        difference = difference.max(numbers.difference(&gradient, gradients.next().expect("stored")));
+                    )+
+                    assert!(difference < 1e-5, "{choice:?} {name}: {difference:e}");
+                    worst = worst.max(difference);
+                }};
+            }
+            let words: Vec<&str> = name.split(' ').collect();
+            match words[..] {
+                ["conv", _, stride, finish] => {
+                    let (x, w) = (numbers.tensor(&shapes[0], &device), numbers.tensor(&shapes[1], &device));
+                    let b = numbers.tensor(&shapes[2], &device);
+                    let stride = [("one", Stride::One), ("two", Stride::Two), ("up", Stride::Up)]
+                        .into_iter()
+                        .find_map(|(name, value)| (name == stride).then_some(value))
+                        .expect("stride");
+                    compare!(ops::conv(x.clone(), w.clone(), b.clone(), stride, finish == "silu"), x, w, b);
+                }
+                ["decode"] => {
+                    let (x, s) = (numbers.tensor(&shapes[0], &device), numbers.tensor(&shapes[1], &device));
+                    let (w, b) = (numbers.tensor(&shapes[2], &device), numbers.tensor(&shapes[3], &device));
+                    compare!(ops::decode(x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b);
+                }
+                ["linear"] => {
+                    let (x, w) = (numbers.tensor(&shapes[0], &device), numbers.tensor(&shapes[1], &device));
+                    let b = numbers.tensor(&shapes[2], &device);
+                    compare!(ops::linear(x.clone(), w.clone(), b.clone(), true), x, w, b);
+                }
+                ["attention", heads] => {
+                    let (q, k) = (numbers.tensor(&shapes[0], &device), numbers.tensor(&shapes[1], &device));
+                    let v = numbers.tensor(&shapes[2], &device);
+                    compare!(ops::attention(q.clone(), k.clone(), v.clone(), heads.parse().expect("heads")), q, k, v);
+                }
+                _ => panic!("unknown case {name}"),
+            }
+        }
+    }
+    force(Choice::Automatic);
+    println!("largest relative difference {worst:e}");
+}
+
 #[test]
 fn views_are_read_like_copies() {
     let device = Device::flex();
     let rng = &mut Pcg64Mcg::seed_from_u64(3);
-    let make = |rng: &mut Pcg64Mcg, shape: [usize; 4]| -> Tensor<4> {
-        Tensor::from_data(TensorData::new(noise(rng, shape.iter().product()), shape), &device)
-    };
-    let (wide, w) = (make(rng, [2, 7, 9, 20]), make(rng, [3, 3, 16, 8]));
+    let (wide, w) = (tensor(rng, [2, 7, 9, 20], &device), tensor(rng, [3, 3, 16, 8], &device));
     let b = Tensor::<1>::zeros([8], &device);
     let part = wide.slice([0..2, 1..6, 2..9, 3..19]);
     let copy = Tensor::from_data(part.clone().into_data(), &device);
@@ -208,10 +300,8 @@ fn views_are_read_like_copies() {
 fn only_wanted_gradients_are_formed() {
     let device = Device::flex().autodiff();
     let rng = &mut Pcg64Mcg::seed_from_u64(5);
-    let frozen = |rng: &mut Pcg64Mcg, shape: [usize; 4]| -> Tensor<4> {
-        Tensor::from_data(TensorData::new(noise(rng, shape.iter().product()), shape), &device)
-    };
-    let (x, skip, w) = (frozen(rng, [1, 4, 4, 8]), frozen(rng, [1, 8, 8, 4]), frozen(rng, [3, 3, 12, 8]));
+    let (x, skip) = (tensor(rng, [1, 4, 4, 8], &device), tensor(rng, [1, 8, 8, 4], &device));
+    let w = tensor(rng, [3, 3, 12, 8], &device);
     let b = leaf(rng, [8], &device);
     let y = ops::decode(x.clone(), skip, w.clone(), b.clone());
     let found = gradients(rng, y, &device);
@@ -233,7 +323,7 @@ fn empty_pictures_and_batches_pass_through() {
 fn extreme_values_stay_what_silu_makes_of_them() {
     let device = Device::flex();
     let values = [0.0, -0.0, 1e-30, 20.0, -20.0, 88.0, -88.0, 1e30, -1e30, f32::MAX, f32::MIN];
-    let x = Tensor::<3>::from_data(TensorData::new(values.try_to_vec(), [1, values.len(), 1]), &device);
+    let x = Tensor::<3>::from_data(TensorData::new(values.to_vec(), [1, values.len(), 1]), &device);
     let one = Tensor::<2>::ones([1, 1], &device);
     let y = floats(ops::linear(x, one, Tensor::zeros([1], &device), true));
     for (y, v) in y.iter().zip(values) {
@@ -241,5 +331,104 @@ fn extreme_values_stay_what_silu_makes_of_them() {
         // Below -87 the result is a denormal or less; a large negative input times e^-87 remains small against it.
         let tolerance = 3e-7 * expected.abs() + 2e-38 * f64::from(v).abs();
         assert!((f64::from(*y) - expected).abs() <= tolerance, "silu({v}) = {y}, expected {expected}");
+    }
+}
+
+/// Prints medians, composed against kernels alternating; see the module documentation of `renderflow_model::kernels`.
+#[test]
+#[ignore = "a measurement: cargo test --release -p renderflow-model --test kernels -- --ignored --nocapture"]
+fn measure_against_the_composition() {
+    use std::time::Instant;
+    const ROUNDS: usize = 9;
+    let _turn = alone();
+    let conv = |batch, size, inputs, outputs, kernel, stride| Case::Conv {
+        batch,
+        height: size,
+        width: size,
+        inputs,
+        outputs,
+        kernel,
+        stride,
+        silu: true,
+    };
+    let cases = [
+        conv(4, 128, 64, 64, 3, Stride::One),
+        conv(1, 256, 32, 32, 3, Stride::One),
+        conv(8, 16, 128, 128, 3, Stride::One),
+        conv(1, 256, 32, 64, 3, Stride::Two),
+        conv(1, 128, 64, 32, 3, Stride::Up),
+        conv(1, 128, 64, 64, 1, Stride::One),
+        Case::Decode { batch: 1, height: 64, width: 64, up: 64, skip: 64, outputs: 64 },
+        Case::Linear { batch: 1, tokens: 1024, inputs: 256, outputs: 1024, silu: true },
+        Case::Attention { batch: 1, queries: 1024, keys: 1024, channels: 256, heads: 8 },
+    ];
+    for case in cases {
+        let mut times = [Choice::Composed, Choice::Avx2, Choice::Avx512].map(|choice| (choice, vec![], vec![]));
+        for round in 0..ROUNDS + 2 {
+            for (choice, forward, both) in &mut times {
+                if !force(*choice) {
+                    continue;
+                }
+                let (f, b) = time(case);
+                if round >= 2 {
+                    forward.push(f);
+                    both.push(b);
+                }
+            }
+        }
+        println!("{case:?}");
+        for (choice, mut forward, mut both) in times {
+            let median = |times: &mut Vec<f64>| {
+                times.sort_by(f64::total_cmp);
+                times.get(ROUNDS / 2).map_or(f64::NAN, |t| 1e3 * t)
+            };
+            println!("  {choice:?}: forward {:.2} ms, with gradients {:.2} ms", median(&mut forward), median(&mut both));
+        }
+    }
+    force(Choice::Automatic);
+
+    /// Seconds of the operation without a tape, and with the gradients of all inputs.
+    fn time(case: Case) -> (f64, f64) {
+        let rng = &mut Pcg64Mcg::seed_from_u64(1);
+        macro_rules! timed {
+            ($op:expr, $(($input:ident, $shape:expr)),+) => {{
+                let device = Device::flex();
+                $(let $input = tensor(rng, $shape, &device);)+
+                let begin = Instant::now();
+                let y = $op($($input.clone()),+);
+                let forward = begin.elapsed().as_secs_f64();
+                drop(y);
+                let device = Device::flex().autodiff();
+                $(let $input = leaf(rng, $shape, &device);)+
+                let begin = Instant::now();
+                let found = $op($($input.clone()),+).sum().backward();
+                $(drop($input.grad(&found));)+
+                (forward, begin.elapsed().as_secs_f64())
+            }};
+        }
+        match case {
+            Case::Conv { batch, height, width, inputs, outputs, kernel, stride, silu } => timed!(
+                |x, w, b| ops::conv(x, w, b, stride, silu),
+                (x, [batch, height, width, inputs]),
+                (w, [kernel, kernel, inputs, outputs]),
+                (b, [outputs])
+            ),
+            Case::Decode { batch, height, width, up, skip, outputs } => timed!(
+                ops::decode,
+                (x, [batch, height, width, up]),
+                (s, [batch, 2 * height, 2 * width, skip]),
+                (w, [3, 3, up + skip, outputs]),
+                (b, [outputs])
+            ),
+            Case::Linear { batch, tokens, inputs, outputs, silu } => {
+                timed!(|x, w, b| ops::linear(x, w, b, silu), (x, [batch, tokens, inputs]), (w, [inputs, outputs]), (b, [outputs]))
+            }
+            Case::Attention { batch, queries, keys, channels, heads } => timed!(
+                |q, k, v| ops::attention(q, k, v, heads),
+                (q, [batch, queries, channels]),
+                (k, [batch, keys, channels]),
+                (v, [batch, keys, channels])
+            ),
+        }
     }
 }

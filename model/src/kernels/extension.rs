@@ -1,5 +1,6 @@
 //! The kernels as operations of burn's CPU backend, with their gradients.
 use super::Kernel;
+use super::attention::Attention;
 use super::convolve::{Convolution, Wanted};
 use super::gather::{Finish, Size};
 use crate::ops::Stride;
@@ -37,9 +38,9 @@ pub struct Kind {
     silu: bool,
 }
 
-/// Convolutions on channels-last tensors. Pictures, weights and bias as in [`crate::ops`].
+/// Convolutions on channels-last tensors, and attention. Pictures, weights and bias as in [`crate::ops`].
 #[backend_extension(Flex, Autodiff)]
-pub trait ConvolutionBackend: Backend {
+pub trait CpuKernels: Backend {
     /// See [`crate::ops::conv`]; differentiable.
     fn nhwc_conv(
         x: FloatTensor<Self>,
@@ -57,7 +58,19 @@ pub trait ConvolutionBackend: Backend {
         b: FloatTensor<Self>,
     ) -> FloatTensor<Self>;
 
-    /// The activated output of either, and the sums before the activation. `skip` is any tensor if there is no second picture.
+    /// See [`crate::ops::attention`]; differentiable.
+    fn token_attention(q: FloatTensor<Self>, k: FloatTensor<Self>, v: FloatTensor<Self>, heads: usize) -> FloatTensor<Self>;
+
+    /// Gradients of q, k and v.
+    fn token_attention_backward(
+        q: FloatTensor<Self>,
+        k: FloatTensor<Self>,
+        v: FloatTensor<Self>,
+        gradient: FloatTensor<Self>,
+        heads: usize,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+
+    /// The activated output of either convolution, and the sums before the activation. `skip` is any tensor if there is no second picture.
     fn nhwc_with_sums(
         x: FloatTensor<Self>,
         skip: FloatTensor<Self>,
@@ -89,6 +102,11 @@ pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tens
     Tensor::from_dispatch(Dispatch::nhwc_decode(x.into_dispatch(), skip.into_dispatch(), w.into_dispatch(), b.into_dispatch()))
 }
 
+/// [`crate::ops::attention`] by the kernels.
+pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tensor<3> {
+    Tensor::from_dispatch(Dispatch::token_attention(q.into_dispatch(), k.into_dispatch(), v.into_dispatch(), heads))
+}
+
 fn tensor(values: Vec<f32>, shape: Shape) -> FlexTensor {
     FlexTensor::new(Bytes::from_elems(values), Layout::contiguous(shape), DType::F32)
 }
@@ -106,7 +124,7 @@ fn size(t: &FlexTensor) -> Size {
 /// A point-wise convolution sees no neighbours, so its pixels may be laid out anew, in rows of a length that makes good tasks.
 fn regroup(size: Size) -> Size {
     let pixels = size.batch * size.height * size.width;
-    match (8..=128).rev().find(|width| pixels % width == 0) {
+    match (8..=128).rev().find(|width| pixels.is_multiple_of(*width)) {
         Some(width) => Size { batch: 1, height: pixels / width, width, channels: size.channels },
         None => size,
     }
@@ -142,7 +160,31 @@ fn forward(
     (tensor(y, out.clone()), activated.map(|a| tensor(a, out)))
 }
 
-impl ConvolutionBackend for Flex {
+fn attention_of(q: &FlexTensor, k: &FlexTensor, heads: usize) -> Attention {
+    let ([batch, queries, channels], [_, keys, _]) = (q.shape().dims(), k.shape().dims());
+    Attention { batch, queries, keys, channels, heads }
+}
+
+impl CpuKernels for Flex {
+    fn token_attention(q: FlexTensor, k: FlexTensor, v: FlexTensor, heads: usize) -> FlexTensor {
+        let [q, k, v] = [q, k, v].map(|t| t.to_contiguous());
+        let attention = attention_of(&q, &k, heads);
+        tensor(with_tile!(tile => attention.forward(tile, floats(&q), floats(&k), floats(&v))), q.shape())
+    }
+
+    fn token_attention_backward(
+        q: FlexTensor,
+        k: FlexTensor,
+        v: FlexTensor,
+        gradient: FlexTensor,
+        heads: usize,
+    ) -> (FlexTensor, FlexTensor, FlexTensor) {
+        let [q, k, v, gradient] = [q, k, v, gradient].map(|t| t.to_contiguous());
+        let attention = attention_of(&q, &k, heads);
+        let [dq, dk, dv] = with_tile!(tile => attention.backward(tile, floats(&q), floats(&k), floats(&v), floats(&gradient)));
+        (tensor(dq, q.shape()), tensor(dk, k.shape()), tensor(dv, v.shape()))
+    }
+
     fn nhwc_conv(x: FlexTensor, w: FlexTensor, b: FlexTensor, stride: Stride, silu: bool) -> FlexTensor {
         let finish = if silu { Finish::Silu } else { Finish::Plain };
         forward(x.clone(), x, w, b, Kind { stride, decode: false, silu }, finish).0
@@ -192,7 +234,7 @@ struct Kept<B: Backend> {
     kind: Kind,
 }
 
-impl<B: ConvolutionBackend> Kept<B> {
+impl<B: CpuKernels> Kept<B> {
     /// Gradients of x, skip, weights and bias, given that of the output.
     fn gradients(self, gradient: FloatTensor<B>, wanted: Wanted, checkpointer: &mut Checkpointer) -> [FloatTensor<B>; 4] {
         let x: FloatTensor<B> = checkpointer.retrieve_node_output(self.x);
@@ -210,7 +252,7 @@ impl<B: ConvolutionBackend> Kept<B> {
 #[derive(Debug)]
 struct ConvBackward;
 
-impl<B: ConvolutionBackend> Backward<B, 3> for ConvBackward {
+impl<B: CpuKernels> Backward<B, 3> for ConvBackward {
     type State = Kept<B>;
 
     fn backward(self, ops: Ops<Self::State, 3>, tape: &mut Tape, checkpointer: &mut Checkpointer) {
@@ -228,7 +270,7 @@ impl<B: ConvolutionBackend> Backward<B, 3> for ConvBackward {
 #[derive(Debug)]
 struct DecodeBackward;
 
-impl<B: ConvolutionBackend> Backward<B, 4> for DecodeBackward {
+impl<B: CpuKernels> Backward<B, 4> for DecodeBackward {
     type State = Kept<B>;
 
     fn backward(self, ops: Ops<Self::State, 4>, tape: &mut Tape, checkpointer: &mut Checkpointer) {
@@ -243,7 +285,49 @@ impl<B: ConvolutionBackend> Backward<B, 4> for DecodeBackward {
     }
 }
 
-impl<B: ConvolutionBackend, C: CheckpointStrategy> ConvolutionBackend for Autodiff<B, C> {
+#[derive(Debug)]
+struct AttentionBackward;
+
+impl<B: CpuKernels> Backward<B, 3> for AttentionBackward {
+    type State = ([NodeId; 3], usize);
+
+    fn backward(self, ops: Ops<Self::State, 3>, tape: &mut Tape, checkpointer: &mut Checkpointer) {
+        let gradient = tape.consume::<B>(&ops.node);
+        let (inputs, heads) = ops.state;
+        let [q, k, v]: [FloatTensor<B>; 3] = inputs.map(|id| checkpointer.retrieve_node_output(id));
+        let (dq, dk, dv) = B::token_attention_backward(q, k, v, gradient, heads);
+        for (node, gradient) in ops.parents.into_iter().zip([dq, dk, dv]) {
+            if let Some(node) = node {
+                tape.register::<B>(node.id, gradient);
+            }
+        }
+    }
+}
+
+impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
+    fn token_attention(q: FloatTensor<Self>, k: FloatTensor<Self>, v: FloatTensor<Self>, heads: usize) -> FloatTensor<Self> {
+        match AttentionBackward.prepare::<C>([q.node(), k.node(), v.node()]).compute_bound().stateful() {
+            OpsKind::Tracked(mut prepared) => {
+                let inputs = [&q, &k, &v].map(|t| prepared.checkpoint(t));
+                let y = B::token_attention(q.into_primitive(), k.into_primitive(), v.into_primitive(), heads);
+                prepared.finish((inputs, heads), y)
+            }
+            OpsKind::UnTracked(prepared) => {
+                prepared.finish(B::token_attention(q.into_primitive(), k.into_primitive(), v.into_primitive(), heads))
+            }
+        }
+    }
+
+    fn token_attention_backward(
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: usize,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+        unreachable!("gradients of gradients are not offered")
+    }
+
     fn nhwc_conv(
         x: FloatTensor<Self>,
         w: FloatTensor<Self>,

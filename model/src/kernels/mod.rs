@@ -1,4 +1,4 @@
-//! Convolution for the CPU: implicit matrix products on channels-last pictures, without an im2col buffer.
+//! Convolution and attention for the CPU: implicit matrix products on channels-last pictures, without an im2col buffer.
 //!
 //! All work is a small tile of outputs kept in registers ([`tile`]), filled from lists of input pixels and packed weights
 //! ([`gather`], [`gradient`]). It exists in AVX-512, in AVX2 and, as their portable twin, in plain Rust; all three return the same bits, for
@@ -7,8 +7,14 @@
 //!
 //! Weights are packed anew in each call to `[outputs / block][tap][inputs][block]`, with a block of two vectors. The
 //! gradient of the input is the same gather over the transposed lattice; that of the weights sums over pixels instead of channels.
+//!
+//! Convolution 3 x 3, 64 to 64 channels, 128 x 128 pixels, batch of 4, with SiLU, against the composition: 6.7-6.9 times as fast
+//! forward and 5.7-5.9 times with all gradients in AVX-512, 3.5 and 3.2 times in AVX2. Two runs of `measure_against_the_composition`
+//! in `tests/kernels.rs` (variants alternating in one process, medians of 9, glibc's allocator) on four busy Zen 5 cores; the
+//! fused enlargement (16-19 times forward) and stride 2 gain most, small deep layers and point-wise products least (3 times).
 pub mod portable;
 
+mod attention;
 mod buffer;
 mod convolve;
 mod extension;
@@ -19,7 +25,7 @@ mod tile;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use extension::{conv, decode};
+pub(crate) use extension::{attention, conv, decode};
 
 use burn::backend::DispatchDevice;
 use burn::tensor::{DType, Device};

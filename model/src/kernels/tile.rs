@@ -163,7 +163,7 @@ fn exp(x: f32) -> f32 {
     let shifted = x.mul_add(std::f32::consts::LOG2_E, ROUND);
     let n = shifted - ROUND;
     // ln 2 in two parts, so that x - n ln 2 stays exact.
-    let r = n.mul_add(2.121_944_4e-4, n.mul_add(-0.693_359_375, x));
+    let r = n.mul_add(2.121_944_4e-4, n.mul_add(-355.0 / 512.0, x));
     let p = 1.987_569_1e-4_f32
         .mul_add(r, 1.398_2e-3)
         .mul_add(r, 8.333_452e-3)
