@@ -25,7 +25,8 @@ pub struct Mesh {
 pub struct Instance {
     /// Name, unique in the scene.
     pub name: String,
-    /// Index into [`LoadedScene::meshes`].
+    /// Index into [`LoadedScene::meshes`]. Where the transform mirrors, that mesh has reversed winding already, so that triangles
+    /// are counter-clockwise from outside in the world; `w` of tangents is to be multiplied with the sign of the determinant.
     pub mesh: usize,
     /// Index into [`LoadedScene::materials`]. Material ids in files are this + 1.
     pub material: usize,

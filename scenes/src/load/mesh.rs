@@ -14,12 +14,16 @@ pub(crate) fn clean(mesh: &mut Mesh) -> usize {
             *p = Vec3::ZERO;
         }
     }
-    for list_is_wrong_length in [
-        (mesh.normals.len() != mesh.positions.len()).then(|| mesh.normals.clear()),
-        (mesh.uvs.len() != mesh.positions.len()).then(|| mesh.uvs.clear()),
-        (mesh.tangents.len() != mesh.positions.len()).then(|| mesh.tangents.clear()),
-    ] {
-        let _ = list_is_wrong_length;
+    // An attribute that not every vertex has cannot be looked up.
+    let vertices = mesh.positions.len();
+    if mesh.normals.len() != vertices {
+        mesh.normals.clear();
+    }
+    if mesh.uvs.len() != vertices {
+        mesh.uvs.clear();
+    }
+    if mesh.tangents.len() != vertices {
+        mesh.tangents.clear();
     }
     for uv in &mut mesh.uvs {
         if !uv.is_finite() {
@@ -62,10 +66,9 @@ fn mend_normals(mesh: &mut Mesh) {
 }
 
 /// The mesh with reversed winding, for instances whose transform mirrors: seen in the world, triangles stay counter-clockwise
-/// from outside, and `cross(normal, tangent) * w` computed in the world is the mirrored bitangent.
+/// from outside. Tangents stay as they are: who moves them to the world multiplies `w` with the sign of the determinant.
 pub(crate) fn mirrored(mesh: &Mesh) -> Mesh {
     let mut copy = mesh.clone();
     copy.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-    copy.tangents.iter_mut().for_each(|t| t.w = -t.w);
     copy
 }

@@ -1,0 +1,215 @@
+//! OBJ and MTL features, one by one, in small files written here; and scenes around a single model.
+
+mod common;
+
+use common::{asset, empty_scene, load_model, model_scene};
+use glam::{Vec2, Vec3, Vec3A};
+use renderflow_scenes::description::EnvironmentSource;
+use renderflow_scenes::load::{self, ModelView};
+use renderflow_scenes::{LoadedScene, Result, Scene};
+use std::path::{Path, PathBuf};
+
+struct Files(tempfile::TempDir);
+
+impl Files {
+    fn new(files: &[(&str, &str)]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            std::fs::write(folder.path().join(name), text).unwrap();
+        }
+        Self(folder)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn load(&self) -> Result<LoadedScene> {
+        load::load(&model_scene(&self.path("model.obj"), None), Path::new(""))
+    }
+
+    fn error(&self) -> String {
+        self.load().expect_err("must be refused").to_string().replace(self.0.path().to_str().unwrap(), "FOLDER")
+    }
+}
+
+const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+
+fn obj(faces: &str) -> Files {
+    Files::new(&[("model.obj", &format!("{SQUARE}{faces}"))])
+}
+
+#[test]
+fn quads_and_relative_indices_become_triangles() {
+    for faces in ["f 1 2 3 4", "f -4 -3 -2 -1", "f 1 2 3 \\\n 4", "f 1// 2// 3// 4//"] {
+        let scene = obj(faces).load().unwrap();
+        assert_eq!(scene.meshes[0].triangles, [[0, 1, 2], [0, 2, 3]], "{faces}");
+        assert_eq!(scene.report.notes, [""; 0], "{faces}");
+    }
+}
+
+#[test]
+fn texture_coordinates_run_down() {
+    let scene = obj("vt 0 0\nvt 0.25 1 0\nvn 0 0 2\nf 1/1/1 2/2/1 3/1/1").load().unwrap();
+    assert_eq!(scene.meshes[0].uvs[..2], [Vec2::new(0.0, 1.0), Vec2::new(0.25, 0.0)]);
+    assert_eq!(scene.meshes[0].normals, [Vec3::Z; 3]);
+}
+
+#[test]
+fn what_does_not_exist_costs_a_face_not_the_file() {
+    let scene = obj("f 1 2 9\nf 1 2 3\nf 0 1 2\nl 1 2\np 1\nf 1 2\nf 1/7 2/7 3/7\n").load().unwrap();
+    assert_eq!(scene.report.dropped_triangles, 2);
+    assert_eq!(scene.meshes[0].triangles.len(), 2);
+    let expected = [
+        "model.obj: 3 points and lines skipped",
+        "model.obj: 1 faces whose texture coordinates or normals do not exist are shown without",
+    ];
+    let notes: Vec<String> =
+        scene.report.notes.iter().map(|n| format!("model.obj{}", n.split("model.obj").nth(1).unwrap())).collect();
+    assert_eq!(notes, expected);
+}
+
+#[test]
+fn faces_with_and_without_normals_keep_what_they_have() {
+    let scene = obj("vn 0 0 1\nf 1//1 2//1 3//1\nf 1 3 4\n").load().unwrap();
+    let normals: Vec<usize> = scene.meshes.iter().map(|m| m.normals.len()).collect();
+    assert_eq!(normals, [3, 0]);
+}
+
+#[test]
+fn not_a_number_is_dropped_and_counted() {
+    let scene = obj("v nan 0 0\nv inf 0 0\nf 1 2 3\nf 1 2 5\nf 1 2 6\n").load().unwrap();
+    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (2, 1));
+}
+
+#[test]
+fn errors_name_the_line() {
+    assert_eq!(
+        obj("f 1 2 3\n\nf a b c\n").error(),
+        "/objects/0 (model): FOLDER/model.obj line 7: face parse error (not an OBJ file?)"
+    );
+    assert!(obj("v 1 2\n").error().contains("model.obj line 5: position parse error"));
+}
+
+const PAINTED: &str = "mtllib paint.mtl\nusemtl red\nf 1 2 3\nusemtl shiny\nf 1 3 4\n";
+
+fn painted(library: &str) -> Files {
+    Files::new(&[("model.obj", &format!("{SQUARE}{PAINTED}")), ("paint.mtl", library)])
+}
+
+#[test]
+fn materials_become_principled() {
+    let scene = painted(
+        "newmtl red\nKd 0.8 0.1 0.05\nNs 98\nillum 1\nKs 1 1 1\nnewmtl shiny\nKd 0.5\nPr 0.125\nPm 1\nKs 0.25 0.25 0.25\nd 0.5\nnewmtl unused\nmap_Kd gone.png\n",
+    )
+    .load()
+    .unwrap();
+    let red = &scene.materials[scene.instances[0].material];
+    // alpha^2 = 2 / (98 + 2), roughness = alpha^(1/2).
+    assert_eq!((red.name.as_str(), red.base_color, red.specular, red.metallic), ("red", [0.8, 0.1, 0.05], 0.0, 0.0));
+    assert!((red.roughness - 0.02_f32.powf(0.25)).abs() < 1e-6);
+    let shiny = &scene.materials[scene.instances[1].material];
+    assert_eq!((shiny.base_color, shiny.roughness, shiny.metallic), ([0.5; 3], 0.125, 1.0));
+    assert!((shiny.specular - 0.25).abs() < 1e-6);
+    assert_eq!(scene.report.blend_as_opaque, 1);
+}
+
+#[test]
+fn a_missing_library_is_noted_and_a_missing_texture_is_an_error() {
+    let scene = Files::new(&[("model.obj", &format!("{SQUARE}{PAINTED}"))]).load().unwrap();
+    assert!(scene.instances.iter().all(|i| scene.materials[i.material].name == "default"));
+    let notes = scene.report.notes.join("\n");
+    assert!(notes.contains("the material library") && notes.contains("paint.mtl cannot be read"), "{notes}");
+    assert!(notes.contains("no library defines the material \"shiny\""), "{notes}");
+    let error = painted("newmtl red\nmap_Kd wood.png\n").error();
+    assert!(
+        error.starts_with("/objects/0 (model): material \"red\": cannot use texture FOLDER/wood.png: cannot read: "),
+        "{error}"
+    );
+    let broken = painted("newmtl red\nKd 1 x 1\n").error();
+    assert_eq!(broken, "/objects/0 (model): FOLDER/paint.mtl line 2: material parse error");
+}
+
+/// The bounding sphere of the model has radius 1, rests on the ground and lies inside the picture in every frame.
+#[test]
+fn a_single_model_is_scaled_placed_and_framed() {
+    for name in ["gltf/pbr/Suzanne/Suzanne.gltf", "gltf/pbr/Avocado/Avocado.gltf", "obj/spot/spot_triangulated.obj"] {
+        let Some(path) = asset(name) else { return };
+        for resolution in [[96, 64], [64, 96]] {
+            let view = ModelView { resolution, frames: 25, degrees_per_frame: 14.4, ..ModelView::default() };
+            let scene = load::describe_model(&path, None, &view).unwrap();
+            assert!(Path::new(scene_file(&scene)).is_absolute());
+            // Geometry is enough here: in grey, no texture is decoded.
+            let mut grey = scene.clone();
+            grey.objects[0].material = Some("ground".into());
+            let loaded = load::load(&grey, Path::new("")).unwrap();
+            let model = loaded.instances.iter().filter(|i| i.object_id == 1);
+            let points: Vec<Vec3A> = model
+                .flat_map(|i| {
+                    let mesh = &loaded.meshes[i.mesh];
+                    mesh.triangles.iter().flatten().map(|&v| i.transform(0).transform_point3a(mesh.positions[v as usize].into()))
+                })
+                .collect();
+            let (low, high) = points.iter().fold((Vec3A::INFINITY, Vec3A::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+            let center = 0.5 * (low + high);
+            let radius = points.iter().map(|p| p.distance(center)).fold(0.0, f32::max);
+            assert!((radius - 1.0).abs() < 1e-3 && low.y.abs() < 1e-3, "{name}: radius {radius}, lowest {low}");
+            for camera in &loaded.cameras {
+                for &p in &points {
+                    let (pixel, _) = camera.project(p).unwrap();
+                    let inside =
+                        pixel.x > 0.0 && pixel.y > 0.0 && pixel.x < resolution[0] as f32 && pixel.y < resolution[1] as f32;
+                    assert!(inside, "{name}: {p} at {pixel}");
+                }
+            }
+        }
+    }
+    let error = load::describe_model(Path::new("gone.glb"), None, &ModelView::default()).unwrap_err().to_string();
+    assert!(error.starts_with("gone.glb: cannot read: "), "{error}");
+    let empty = Files::new(&[("model.obj", "v 0 0 0\n")]);
+    let error = load::describe_model(&empty.path("model.obj"), None, &ModelView::default()).unwrap_err().to_string();
+    assert!(error.ends_with("model.obj: the model has no triangle to render"), "{error}");
+}
+
+fn scene_file(scene: &Scene) -> &str {
+    match &scene.objects[0].geometry {
+        renderflow_scenes::description::Geometry::File(path) => path,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn environments_load_from_files_names_and_parameters() {
+    let mut scene = empty_scene();
+    (scene.environment.rotation, scene.environment.intensity) = (-90.0, 2.0);
+    let light = load::load(&scene, Path::new("")).unwrap().environment;
+    assert!((light.rotation - 1.5 * std::f32::consts::PI).abs() < 1e-6 && light.intensity == 2.0);
+    assert_eq!(light.radiance(Vec3A::X), [2.0; 3]);
+    // A name and its parameters are the same map.
+    let (name, sky) = &renderflow_scenes::sky::library()[0];
+    scene.environment.source = EnvironmentSource::Builtin(name.to_string());
+    let named = load::load(&scene, Path::new("")).unwrap().environment;
+    scene.environment.source = EnvironmentSource::Sky(sky.clone());
+    assert!(named == load::load(&scene, Path::new("")).unwrap().environment && named.map.width > 1);
+    scene.environment.source = EnvironmentSource::File("gone.hdr".into());
+    let error = load::load(&scene, Path::new("somewhere")).unwrap_err().to_string();
+    assert!(error.starts_with("/environment/source: somewhere/gone.hdr: cannot "), "{error}");
+    if let Some(path) = asset("hdri/studio_small_03_1k.hdr") {
+        scene.environment.source = EnvironmentSource::File(path.file_name().unwrap().to_str().unwrap().into());
+        let loaded = load::load(&scene, path.parent().unwrap()).unwrap();
+        assert_eq!((loaded.environment.map.width, loaded.environment.map.height), (1024, 512));
+    }
+}
+
+#[test]
+fn normal_maps_need_texture_coordinates() {
+    let Some(path) = asset("gltf/pbr/TwoSidedPlane/TwoSidedPlane_Normal.png") else { return };
+    let Some(model) = asset("obj/sphere.obj") else { return };
+    let mut scene = model_scene(&model, Some(common::grey("bumpy")));
+    scene.materials[0].normal_texture = Some(path.to_str().unwrap().into());
+    let loaded = load::load(&scene, Path::new("")).unwrap();
+    let has_uvs = !loaded.meshes[0].uvs.is_empty();
+    assert_eq!(loaded.meshes[0].tangents.is_empty(), !has_uvs);
+    assert_eq!(loaded.report.notes.iter().any(|n| n.contains("is not applied")), !has_uvs);
+    assert!(load_model(&model).unwrap().meshes[0].tangents.is_empty(), "nobody wants tangents without a normal map");
+}
