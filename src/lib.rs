@@ -1,1 +1,11 @@
-//! RenderFlow.
+//! RenderFlow: from a seed to an evaluated neural image.
+//!
+//! This package is the only one that knows every part: it renders sequences to folders ([`truth`], [`dataset`]), trains on them,
+//! and compares what the network makes of a G-buffer with path-traced truth ([`evaluate`]). The command line is in [`cli`].
+#![forbid(unsafe_code)]
+
+pub mod cli;
+pub mod dataset;
+pub mod evaluate;
+pub mod progress;
+pub mod truth;

@@ -1,1 +1,6 @@
-fn main() {}
+//! The `renderflow` command.
+#![forbid(unsafe_code)]
+
+fn main() -> std::process::ExitCode {
+    renderflow::cli::main()
+}

@@ -43,8 +43,10 @@ fn check(shape: &Shape) {
     for &triangle in &m.triangles {
         let [a, b, c] = corners(&m, triangle);
         let area = (b - a).cross(c - a);
-        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
-        assert!(area.length() > 1e-6 * longest * longest, "{shape:?}: degenerate triangle {a} {b} {c}");
+        let sides = [a.distance(b), b.distance(c), c.distance(a)];
+        let (long, short) = (sides.iter().copied().fold(0.0, f64::max), sides.iter().copied().fold(f64::INFINITY, f64::min));
+        // Needles are fine, three corners in a line are not.
+        assert!(area.length() > 1e-4 * long * short && short > 0.0, "{shape:?}: degenerate triangle {a} {b} {c}");
         let shading: DVec3 = triangle.iter().map(|&i| m.normals[i as usize].as_dvec3()).sum();
         assert!(shading.dot(area) > 0.0, "{shape:?}: normals look inwards at {a}");
         for k in 0..3 {
@@ -62,7 +64,7 @@ fn check(shape: &Shape) {
 #[test]
 fn random_shapes_of_every_family_are_closed_outward_and_well_formed() {
     FAMILIES.par_iter().for_each(|family| {
-        for i in 0..24 {
+        for i in 0..16 {
             let shape = Shape::random_of(family, &mut Seed::root(9).child(family, i).rng());
             assert_eq!(shape.family(), *family);
             check(&shape);

@@ -7,20 +7,18 @@ use rand_pcg::Pcg64;
 
 /// An orbit whose distance lets the objects fill the view of `resolution`.
 pub(super) fn orbit(rng: &mut Pcg64, layout: &Layout, resolution: [u32; 2], degrees_per_frame: f32) -> CameraPath {
-    let (low, high) = layout.bounds();
-    let middle = 0.5 * (low + high);
+    let (centre, sphere) = layout.bounding_sphere();
     let vertical_fov = rng.between(30.0, 55.0);
     // The narrower of the two angles of view has to hold the sphere about the objects.
     let aspect = resolution[0].max(1) as f32 / resolution[1].max(1) as f32;
     let half = (0.5 * vertical_fov).to_radians();
     let narrow = half.min((half.tan() * aspect).atan());
-    let sphere = 0.5 * (high - low).length();
-    // Below 1 the corners of the bounding box leave the view, which seldom hold anything.
+    // Below 1 the outermost objects may touch the border of the picture.
     let distance = Pcg64::tidy(sphere / narrow.sin() * rng.between(0.75, 1.0));
     // Always outside the sphere, however wide the view.
     let distance = distance.max(Pcg64::tidy(1.1 * sphere + 0.1));
     CameraPath::Orbit {
-        target: [middle.x, 0.8 * middle.y, middle.z].map(Pcg64::tidy),
+        target: centre.to_array().map(Pcg64::tidy),
         distance,
         elevation: rng.between(8.0, 45.0),
         azimuth: rng.between(0.0, 360.0),

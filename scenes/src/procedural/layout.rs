@@ -115,7 +115,7 @@ impl Candidate {
     fn new(shape: Shape, rotation: [f32; 3], scale: f32) -> Self {
         let turn = Mat3::from_euler(EulerRot::ZYX, rotation[2].to_radians(), rotation[1].to_radians(), rotation[0].to_radians());
         let (mut radius, mut low, mut high) = (0.0f32, 0.0f32, 0.0f32);
-        for &p in &shapes::mesh(&shape).positions {
+        for &p in &shapes::points(&shape) {
             let q = turn * p * scale;
             radius = radius.max(q.x.hypot(q.z));
             (low, high) = (low.min(q.y), high.max(q.y));
@@ -125,7 +125,9 @@ impl Candidate {
             Shape::Box { size, bevel } => 0.5 * size[0].min(size[2]) - bevel,
             Shape::Cylinder { radius, bevel, .. } => radius - bevel,
             Shape::Cone { top_radius, .. } => *top_radius,
-            Shape::Prism { radius, star: None, sides, taper, .. } => radius * taper * (std::f32::consts::PI / *sides as f32).cos(),
+            Shape::Prism { radius, star: None, sides, taper, .. } => {
+                radius * taper * (std::f32::consts::PI / *sides as f32).cos()
+            }
             _ => 0.0,
         };
         // Rounded outwards, so that nothing sinks into its neighbour or the floor.
@@ -136,11 +138,7 @@ impl Candidate {
 
     fn at(self, spot: Vec2, height: f32, stacked: bool) -> Placed {
         let lift = ((height + self.below) * 1e4).ceil() / 1e4;
-        let transform = Transform {
-            translation: [spot.x, lift, spot.y],
-            rotation: self.rotation,
-            scale: [self.scale; 3],
-        };
+        let transform = Transform { translation: [spot.x, lift, spot.y], rotation: self.rotation, scale: [self.scale; 3] };
         Placed {
             shape: self.shape,
             transform,
@@ -161,7 +159,9 @@ fn solid(rng: &mut Pcg64) -> Candidate {
     let tilt = match shape {
         // A gear, ring or pipe also stands on its rim, long things lie, a boulder lies anyhow.
         Shape::Gear { .. } | Shape::Torus { .. } | Shape::Pipe { .. } | Shape::TorusKnot { .. } if rng.chance(0.4) => [90.0, 0.0],
-        Shape::Cylinder { .. } | Shape::Capsule { .. } | Shape::Spring { .. } | Shape::Lathe { wall: 0.0, .. } if rng.chance(0.3) => {
+        Shape::Cylinder { .. } | Shape::Capsule { .. } | Shape::Spring { .. } | Shape::Lathe { wall: 0.0, .. }
+            if rng.chance(0.3) =>
+        {
             [90.0, 0.0]
         }
         Shape::Rock { .. } | Shape::Supershape { .. } | Shape::Superellipsoid { .. } if rng.chance(0.5) => {
@@ -252,16 +252,20 @@ impl Layout {
         None
     }
 
-    /// Corners of a box around every object during the whole sequence, metres.
-    pub fn bounds(&self) -> (Vec3, Vec3) {
-        let (mut low, mut high) = (Vec3::new(f32::INFINITY, 0.0, f32::INFINITY), Vec3::new(f32::NEG_INFINITY, 0.1, f32::NEG_INFINITY));
-        for object in &self.objects {
-            for spot in object.path {
-                low = low.min(Vec3::new(spot.x - object.radius, 0.0, spot.y - object.radius));
-                high = high.max(Vec3::new(spot.x + object.radius, object.top, spot.y + object.radius));
-            }
-        }
-        (low, high)
+    /// Centre and radius of a sphere about every object during the whole sequence, metres.
+    pub fn bounding_sphere(&self) -> (Vec3, f32) {
+        let places = || self.objects.iter().flat_map(|o| o.path.map(|spot| (o, spot)));
+        let low = places().map(|(o, spot)| spot - o.radius).fold(Vec2::INFINITY, Vec2::min);
+        let high = places().map(|(o, spot)| spot + o.radius).fold(Vec2::NEG_INFINITY, Vec2::max);
+        let middle = 0.5 * (low + high);
+        // Tall things are few: look a little below half the height.
+        let top = self.objects.iter().map(|o| o.top).fold(0.1, f32::max);
+        let centre = Vec3::new(middle.x, 0.4 * top, middle.y);
+        let reach = |(o, spot): (&Placed, Vec2)| {
+            let rise = (o.top - centre.y).abs().max(centre.y);
+            (spot.distance(middle) + o.radius).hypot(rise)
+        };
+        (centre, places().map(reach).fold(0.1, f32::max))
     }
 }
 

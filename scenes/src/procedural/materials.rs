@@ -71,7 +71,13 @@ pub(super) fn material(rng: &mut Pcg64, name: &str) -> Material {
         // Ceramic and plaster: near white; glazed or dull.
         2 => {
             let color = near(rng, [0.82, 0.81, 0.78], 0.1, 0.04);
-            plain(name, color, 0.0, if rng.chance(0.5) { rng.between(0.05, 0.25) } else { rng.between(0.5, 1.0) }, rng.between(0.4, 0.7))
+            plain(
+                name,
+                color,
+                0.0,
+                if rng.chance(0.5) { rng.between(0.05, 0.25) } else { rng.between(0.5, 1.0) },
+                rng.between(0.4, 0.7),
+            )
         }
         // Wood, stone, clay.
         3 => {

@@ -3,13 +3,24 @@
 use super::Shape;
 use super::builder::Builder;
 use crate::{Mesh, noise};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Faces meeting at less than this many degrees are shaded smoothly.
 const CREASE: f64 = 40.0;
 
 pub(super) fn mesh(shape: &Shape) -> Mesh {
+    let (builder, crease) = build(shape);
+    builder.finish(shape.family(), crease)
+}
+
+/// Positions of [`mesh`] without its faces and normals.
+pub(super) fn points(shape: &Shape) -> Vec<Vec3> {
+    build(shape).0.finish_points()
+}
+
+/// The surface of `shape` and the angle in degrees below which it is shaded smoothly.
+fn build(shape: &Shape) -> (Builder, f64) {
     let mut b = Builder::default();
     let mut crease = CREASE;
     match shape {
@@ -74,7 +85,7 @@ pub(super) fn mesh(shape: &Shape) -> Mesh {
             crease = 60.0;
         }
     }
-    b.finish(shape.family(), crease)
+    (b, crease)
 }
 
 /// Unit direction of spherical coordinates: u turns about +Y from +Z, v climbs from the south to the north pole.

@@ -235,6 +235,11 @@ pub fn mesh(shape: &Shape) -> Mesh {
     generate::mesh(shape)
 }
 
+/// The positions of [`mesh`], each once: enough to find where a shape fits, in a third of the time.
+pub(crate) fn points(shape: &Shape) -> Vec<glam::Vec3> {
+    generate::points(shape)
+}
+
 impl Shape {
     /// Name of the family, as in [`FAMILIES`].
     pub fn family(&self) -> &'static str {

@@ -50,14 +50,7 @@ impl Atmosphere {
     pub fn new(sun: DVec3, turbidity: f64, albedo: DVec3, mean: f64) -> Self {
         // Turbidity is the optical depth of air and haze over that of air alone, upwards and at 550 nm.
         let mie = (turbidity - 1.0).max(0.0) * RAYLEIGH.y * RAYLEIGH_HEIGHT / MIE_HEIGHT;
-        let mut sky = Self {
-            mie,
-            sun,
-            table: Vec::new(),
-            scale: 1.0,
-            sun_irradiance: DVec3::ZERO,
-            sky_irradiance: DVec3::ZERO,
-        };
+        let mut sky = Self { mie, sun, table: Vec::new(), scale: 1.0, sun_irradiance: DVec3::ZERO, sky_irradiance: DVec3::ZERO };
         let multiple = sky.multiple_scattering(albedo);
         sky.table = (0..ELEVATIONS * AZIMUTHS)
             .map(|i| {

@@ -151,12 +151,7 @@ pub(super) fn disc(axis: DVec3, radius: f64, radiance: impl Fn(DVec3) -> DVec3 +
 }
 
 /// A flat emitter with the given centre and half-extent vectors (perpendicular); `profile(a, b)` is its radiance at a, b in -1..=1.
-pub(super) fn flat(
-    centre: DVec3,
-    half_u: DVec3,
-    half_v: DVec3,
-    profile: impl Fn(f64, f64) -> DVec3 + Sync + 'static,
-) -> Emitter {
+pub(super) fn flat(centre: DVec3, half_u: DVec3, half_v: DVec3, profile: impl Fn(f64, f64) -> DVec3 + Sync + 'static) -> Emitter {
     let normal = half_u.cross(half_v).normalize_or(DVec3::Y);
     let axis = centre.normalize_or(DVec3::Y);
     let cells = 96;

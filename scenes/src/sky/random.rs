@@ -125,8 +125,7 @@ fn studio(rng: &mut Pcg64) -> Sky {
 fn interior(rng: &mut Pcg64) -> Sky {
     let size = [rng.between(3.0, 12.0), rng.between(2.4, 5.0), rng.between(3.0, 12.0)];
     let level = rng.between(0.3, 0.75);
-    let light = rng.log(4.0, 15.0);
-    let windows = (0..1 + rng.below(4))
+    let mut windows: Vec<Window> = (0..1 + rng.below(4))
         .map(|_| {
             let wall = [Wall::North, Wall::East, Wall::South, Wall::West, Wall::Ceiling][rng.below(5) as usize];
             let face = match wall {
@@ -139,9 +138,16 @@ fn interior(rng: &mut Pcg64) -> Sky {
                 let play = 0.48 * (face[k] - extent[k]);
                 rng.between(-play, play)
             });
-            Window { wall, offset, size: extent, radiance: tint(rng, light, 0.25) }
+            Window { wall, offset, size: extent, radiance: tint(rng, 1.0, 0.25) }
         })
         .collect();
+    // Large windows let in more light than small ones; the room's mean radiance is drawn and the windows' follows.
+    let faces = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]);
+    let open: f32 = windows.iter().map(|w| w.size[0] * w.size[1]).sum();
+    let light = (rng.log(0.3, 1.5) * (1.0 - level) * faces / open).clamp(1.0, 40.0);
+    for window in &mut windows {
+        window.radiance = window.radiance.map(|v| Pcg64::tidy(v * light));
+    }
     Sky::Interior {
         size,
         eye_height: Pcg64::tidy(rng.between(0.3, 0.6) * size[1]),

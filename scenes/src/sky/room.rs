@@ -21,7 +21,8 @@ fn lamp(lamp: &Lamp) -> Emitter {
     let [width, height] = lamp.size.map(|s| 0.5 * f64::from(s));
     let radiance = rgb(lamp.color) * f64::from(lamp.power);
     let (softness, shape) = (f64::from(lamp.softness), lamp.shape);
-    let fade = move |x: f64| if softness > 0.0 { 1.0 - smoothstep(1.0 - softness, 1.0, x.abs()) } else { f64::from(x.abs() <= 1.0) };
+    let fade =
+        move |x: f64| if softness > 0.0 { 1.0 - smoothstep(1.0 - softness, 1.0, x.abs()) } else { f64::from(x.abs() <= 1.0) };
     flat(centre, right * width, up * height, move |a, b| {
         radiance
             * match shape {

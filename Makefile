@@ -1,0 +1,44 @@
+# RenderFlow. `make demo` and `make test` do all set-up on a fresh Debian or Ubuntu with Rust and Python's pip.
+.PHONY: demo test test-full bench oidn build lint hdri clean
+
+# Where OIDN was fetched (or cannot be), the same rules serve: the feature is on exactly when the library is there.
+OIDN_LIBRARY := .oidn/pyoidn/oidn/lib/libOpenImageDenoise.so
+FEATURES = $(if $(wildcard $(OIDN_LIBRARY)),--features oidn)
+CARGO = cargo
+RENDERFLOW = target/release/renderflow
+
+build: oidn
+	$(CARGO) build --release $(FEATURES)
+
+# Pipeline on one held-out scene; ends with a table and demo-out/report.html.
+demo: build
+	$(RENDERFLOW) demo --out demo-out
+
+lint:
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --release --workspace --all-targets $(FEATURES) -- -D warnings
+	@if command -v cargo-deny >/dev/null; then cargo deny check; else echo "skipped: cargo deny is not installed"; fi
+
+test: oidn
+	$(MAKE) lint
+	$(CARGO) test --release --workspace $(FEATURES)
+
+# What takes longer, or needs packages from the Python registry.
+test-full: test
+	$(CARGO) test --release --workspace $(FEATURES) -- --ignored
+	sh tests/python/run.sh
+
+bench: build
+	$(CARGO) bench --workspace $(FEATURES)
+
+# Fetches Intel Open Image Denoise; without it everything works and pictures stay noisy.
+oidn:
+	@sh scripts/fetch_oidn.sh || echo "warning: OIDN could not be fetched; building without it"
+
+# The maps of hdri/ again, bit for bit.
+hdri: build
+	$(RENDERFLOW) hdri --out hdri
+
+clean:
+	$(CARGO) clean
+	rm -rf demo-out

@@ -1,0 +1,253 @@
+//! The command line: one file a subcommand.
+
+mod check;
+mod compose;
+mod dataset;
+mod demo;
+mod evaluate;
+mod hdri;
+mod infer;
+mod render;
+mod train;
+mod weights;
+
+use crate::truth::{DenoiseMode, Interrupted};
+use anyhow::{Context, Result};
+use clap::{Args, Parser, Subcommand};
+use renderflow_model::infer::NeuralRenderer;
+use renderflow_model::lpips::{Backbone, Lpips, WEIGHTS_VARIABLE, weights_folder};
+use renderflow_scenes::LoadReport;
+use renderflow_scenes::description::{EnvironmentSource, Scene};
+use renderflow_scenes::load::{self, ModelView};
+use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Exit code of work that was interrupted and can be resumed.
+const INTERRUPTED: u8 = 75;
+
+/// From a seed to an evaluated neural image: path-traced ground truth, a single-step neural renderer, and their comparison.
+#[derive(Parser)]
+#[command(version, about, long_about = None, after_help = "Exit codes: 0 done, 1 failed, 2 usage, 75 interrupted and resumable.")]
+struct Cli {
+    /// Threads to use; all cores by default. Results do not depend on it.
+    #[arg(long, global = true)]
+    threads: Option<usize>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// The whole pipeline on one sequence: truth, IBL, neural with and without keyframes, table and report.html
+    Demo(demo::Demo),
+    /// Path-trace a scene or a model file: one EXR (and PNG) a frame
+    Render(render::Render),
+    /// Write a procedurally composed scene as JSON
+    Compose(compose::Compose),
+    /// Say whether scenes, models, maps, frames and weights can be read
+    Check(check::Check),
+    /// Plan and render datasets
+    #[command(subcommand)]
+    Dataset(dataset::DatasetCommand),
+    /// Train the compact network on a dataset
+    Train(train::Train),
+    /// Render the frames of a sequence folder with the network
+    Infer(infer::Infer),
+    /// Compare network and baselines with the truth of a dataset
+    Evaluate(evaluate::Evaluate),
+    /// Make the skies and studios of hdri/ again
+    Hdri(hdri::Hdri),
+    /// Print the JSON Schema of scene files
+    Schema,
+    /// Describe a weights file
+    Weights(weights::Weights),
+}
+
+/// Parses the command line and runs it.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.downcast_ref::<Interrupted>().is_some() || error.root_cause().is::<Interrupted>() => {
+            eprintln!("{error:#}");
+            ExitCode::from(INTERRUPTED)
+        }
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: Cli) -> Result<()> {
+    if let Some(threads) = cli.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
+    }
+    let cancel = cancel_flag()?;
+    match cli.command {
+        Command::Demo(command) => command.run(&cancel),
+        Command::Render(command) => command.run(&cancel),
+        Command::Compose(command) => command.run(),
+        Command::Check(command) => command.run(),
+        Command::Dataset(command) => command.run(&cancel),
+        Command::Train(command) => command.run(&cancel),
+        Command::Infer(command) => command.run(&cancel),
+        Command::Evaluate(command) => command.run(&cancel),
+        Command::Hdri(command) => command.run(),
+        Command::Schema => {
+            println!("{}", serde_json::to_string_pretty(&renderflow_scenes::schema::json_schema())?);
+            Ok(())
+        }
+        Command::Weights(command) => command.run(),
+    }
+}
+
+/// Set by the first interrupt or termination signal; the second one ends the process.
+fn cancel_flag() -> Result<Arc<AtomicBool>> {
+    let cancel = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&cancel);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::SeqCst) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        eprintln!("stopping after the current step; once more to stop at once");
+    })
+    .context("cannot listen for interrupts")?;
+    Ok(cancel)
+}
+
+/// Flags of everything that path-traces.
+#[derive(Args, Clone, Debug)]
+struct TraceArgs {
+    /// Samples a pixel
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..))]
+    spp: u32,
+    /// Scattering events of a path
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    max_bounces: u32,
+    /// Denoise with OIDN: where available, or else fail, or not at all
+    #[arg(long, value_enum, default_value_t)]
+    denoise: DenoiseMode,
+}
+
+/// A model file or scene to work on, in place of a composed one.
+#[derive(Args, Clone, Debug)]
+struct SceneArgs {
+    /// Scene (.json) or model (.gltf, .glb, .obj); a model is set on a ground plane
+    #[arg(long)]
+    scene: Option<PathBuf>,
+    /// Environment map (.hdr, .exr) or the name of a built-in one
+    #[arg(long)]
+    hdri: Option<String>,
+    /// Degrees to turn the environment about +Y
+    #[arg(long)]
+    hdri_rotation: Option<f32>,
+}
+
+/// Weights in a file, or those inside the program.
+fn network(weights: Option<&Path>) -> Result<NeuralRenderer> {
+    Ok(match weights {
+        Some(path) => NeuralRenderer::load(path)?,
+        None => NeuralRenderer::shipped()?,
+    })
+}
+
+/// LPIPS where its weights are found; otherwise a line that says how to get them.
+fn lpips() -> Result<Option<Lpips>> {
+    let location = weights_folder();
+    match Lpips::load(&location.folder, Backbone::Alex) {
+        Ok(lpips) => Ok(Some(lpips)),
+        Err(error) if location.named => Err(error.into()),
+        Err(_) => {
+            eprintln!(
+                "LPIPS: n/a (no weights; set {WEIGHTS_VARIABLE} to a folder with {}, layout in model/README.md)",
+                Backbone::Alex.file_name()
+            );
+            Ok(None)
+        }
+    }
+}
+
+/// The folder relative paths of a file start from.
+fn parent(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+impl SceneArgs {
+    /// The scene to work on and the folder its paths start from: a file, or a composed one with light that training never sees.
+    fn describe(&self, seed: u64, resolution: Option<u32>, frames: Option<u32>) -> Result<(Scene, PathBuf)> {
+        let (mut scene, base) = match &self.scene {
+            None => {
+                let options = ComposeOptions { seed, split: Split::Test, ..ComposeOptions::default() };
+                let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
+                (compose(&ComposeOptions { resolution, frames: frames.unwrap_or(options.frames), ..options }), PathBuf::from("."))
+            }
+            Some(path) if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) => (Scene::read(path)?, parent(path)),
+            Some(path) => {
+                let options = ModelView::default();
+                let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
+                let options = ModelView { resolution, frames: frames.unwrap_or(options.frames), ..options };
+                (load::describe_model(path, None, &options)?, PathBuf::from("."))
+            }
+        };
+        if let Some(resolution) = resolution {
+            scene.resolution = [resolution; 2];
+        }
+        if let Some(frames) = frames {
+            scene.frames = frames;
+        }
+        if let Some(hdri) = &self.hdri {
+            let builtin = renderflow_scenes::sky::library().iter().any(|(name, _)| *name == hdri.as_str());
+            scene.environment.source = if builtin {
+                EnvironmentSource::Builtin(hdri.clone())
+            } else {
+                let path = std::path::absolute(hdri).with_context(|| format!("{hdri}: no such path"))?;
+                EnvironmentSource::File(path.to_string_lossy().into_owned())
+            };
+        }
+        if let Some(rotation) = self.hdri_rotation {
+            scene.environment.rotation = rotation;
+        }
+        Ok((scene, base))
+    }
+}
+
+/// Prints what loading had to decide; silent when it had nothing to.
+fn print_report(report: &LoadReport) {
+    let counted = [
+        (report.blend_as_opaque, "materials with alpha blending, rendered as opaque"),
+        (report.mask_as_opaque, "materials with an alpha mask, rendered as opaque"),
+        (report.dropped_triangles, "triangles dropped (not finite, out of range or without area)"),
+        (report.repaired_texels, "texels of the environment were not finite or negative and are black"),
+    ];
+    for (count, what) in counted.iter().filter(|(count, _)| *count > 0) {
+        eprintln!("note: {count} {what}");
+    }
+    for note in &report.notes {
+        eprintln!("note: {note}");
+    }
+}
+
+/// Pools of environments.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum SplitArg {
+    Train,
+    Val,
+    Test,
+}
+
+impl From<SplitArg> for Split {
+    fn from(split: SplitArg) -> Self {
+        match split {
+            SplitArg::Train => Self::Train,
+            SplitArg::Val => Self::Val,
+            SplitArg::Test => Self::Test,
+        }
+    }
+}

@@ -1,0 +1,59 @@
+use super::{SceneArgs, TraceArgs};
+use crate::dataset::folder::frame_file;
+use crate::evaluate::report;
+use crate::progress::Progress;
+use crate::truth::{SequenceJob, TruthSettings};
+use anyhow::Result;
+use clap::Args;
+use renderflow_frame::{color, exr, file};
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+/// Path-traces a scene or a model: an EXR with beauty and G-buffer, and a PNG, for every frame. Finished frames are kept.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  renderflow render --scene scene.json --out out\n  renderflow render --scene model.glb --hdri sky.hdr --frames 1 --out out"
+)]
+pub struct Render {
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    trace: TraceArgs,
+    /// Pixels along both sides; a scene file keeps its own without it
+    #[arg(long)]
+    resolution: Option<u32>,
+    /// Frames; a scene file keeps its own without it
+    #[arg(long)]
+    frames: Option<u32>,
+    /// Distance of keyframes
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    keyframe_gap: u32,
+    /// Seed of the composed scene, where --scene is not given
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder to write to
+    #[arg(long)]
+    out: PathBuf,
+}
+
+impl Render {
+    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+        let (scene, base) = self.scene.describe(self.seed, self.resolution, self.frames)?;
+        let settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
+        let progress = Progress::new("render", u64::from(scene.frames) * 1000);
+        let job = SequenceJob { scene, base, out: self.out.clone(), keyframe_gap: self.keyframe_gap, frame_step: 1 };
+        let loaded = job.run(&settings, &progress, cancel)?;
+        progress.finish();
+        super::print_report(&loaded.report);
+        for index in 0..loaded.cameras.len() {
+            let path = self.out.join(frame_file(index));
+            let frame = exr::read(&path)?;
+            if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {
+                let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
+                file::write_atomic(&path.with_extension("png"), &report::png(&picture)?)?;
+            }
+            println!("{}", path.display());
+        }
+        Ok(())
+    }
+}

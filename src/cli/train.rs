@@ -1,0 +1,116 @@
+use crate::dataset::Dataset;
+use crate::progress::Progress;
+use crate::truth::Interrupted;
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+use renderflow_model::config::{KeyframeConfig, Start};
+use renderflow_model::train::{self, Config, Stage};
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+/// Trains the compact network on a dataset: first its base, then, on the frozen base, the keyframe stage. Checkpoints as it goes;
+/// run again with the same options, it resumes.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  renderflow train --data data/train --minutes 45 --out runs/base\n  \
+renderflow train --data data/train --minutes 15 --base runs/base/weights.safetensors --out runs/keyframes")]
+pub struct Train {
+    /// A split of a dataset
+    #[arg(long)]
+    data: PathBuf,
+    /// Folder for checkpoint, log.jsonl and weights.safetensors
+    #[arg(long)]
+    out: PathBuf,
+    /// Every option as JSON (as printed by --print-config); flags win over it
+    #[arg(long)]
+    config: Option<PathBuf>,
+    /// Train the keyframe stage on this base
+    #[arg(long)]
+    base: Option<PathBuf>,
+    /// Start point of the bridge
+    #[arg(long, value_enum)]
+    start: Option<StartArg>,
+    /// Optimiser steps
+    #[arg(long)]
+    steps: Option<u64>,
+    /// Minutes over all resumptions; the learning rate anneals to this end
+    #[arg(long)]
+    minutes: Option<f64>,
+    /// Seed of initial weights and batches
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Memory for training data, MiB
+    #[arg(long)]
+    cache_mib: Option<usize>,
+    /// Print the configuration and stop
+    #[arg(long)]
+    print_config: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum StartArg {
+    Ibl,
+    Albedo,
+    AlbedoIrradiance,
+}
+
+impl Train {
+    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+        let config = self.config()?;
+        if self.print_config {
+            println!("{}", serde_json::to_string_pretty(&config)?);
+            return Ok(());
+        }
+        let dataset = Dataset::open(&self.data)?;
+        let loading = Progress::new("loading", dataset.sequences.len() as u64);
+        let training = Progress::new("training", 1000);
+
+        let summary = train::run(
+            &config,
+            &dataset,
+            &|progress| match progress {
+                train::Progress::Loading { done, .. } => loading.set(*done as u64),
+                train::Progress::Step(record) => {
+                    training.message(format!(
+                        "step {} loss {:.5} display {:.2} dB, {:.1} images/s, {:.0} s left",
+                        record.step, record.loss, record.display_psnr, record.images_per_second, record.eta
+                    ));
+                    training.set((1000.0 * record.share) as u64);
+                }
+            },
+            cancel,
+        )?;
+        if !summary.finished {
+            return Err(Interrupted.into());
+        }
+        training.finish();
+        println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+        Ok(())
+    }
+
+    fn config(&self) -> Result<Config> {
+        let mut config: Config = match &self.config {
+            Some(path) => renderflow_frame::file::read_json(path)?,
+            None => Config::default(),
+        };
+        config.output = self.out.clone();
+        if let Some(start) = self.start {
+            config.network.start = match start {
+                StartArg::Ibl => Start::Ibl,
+                StartArg::Albedo => Start::Albedo,
+                StartArg::AlbedoIrradiance => Start::AlbedoIrradiance,
+            };
+        }
+        if let Some(base) = &self.base {
+            config.stage = Stage::Keyframes { base: base.clone(), network: KeyframeConfig::default() };
+        }
+        config.steps = self.steps.unwrap_or(config.steps);
+        config.minutes = self.minutes.or(config.minutes);
+        config.seed = self.seed.unwrap_or(config.seed);
+        config.cache_mib = self.cache_mib.unwrap_or(config.cache_mib);
+        if config.minutes.is_some() && self.steps.is_none() {
+            // Time decides.
+            config.steps = u64::MAX;
+        }
+        Ok(config)
+    }
+}

@@ -1,0 +1,8 @@
+//! Datasets: a plan that fits in a page, folders of sequences made from it, and their reader.
+
+pub mod folder;
+pub mod plan;
+pub mod render;
+
+pub use folder::{Dataset, SequenceFolder};
+pub use plan::{Plan, Shard};

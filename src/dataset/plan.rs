@@ -1,0 +1,129 @@
+//! A dataset plan: everything needed to make the same dataset again, byte for byte, anywhere.
+
+use anyhow::{Context, Result, ensure};
+use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
+use renderflow_scenes::{description::Scene, seed::Seed};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Counts, sizes and the seed of a dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// Format version, 1.
+    pub version: u32,
+    /// Root of the seed tree.
+    pub seed: u64,
+    /// Which environments and seeds the sequences draw from.
+    pub split: Split,
+    /// Number of sequences; one scene each.
+    pub sequences: u32,
+    /// Frames of a sequence.
+    pub frames: u32,
+    /// Only frames 0, step, 2 step, ... are rendered; 1 = all. Training wants many scenes more than many frames of one.
+    pub frame_step: u32,
+    /// Camera turn from a frame to the next, degrees.
+    pub degrees_per_frame: f32,
+    /// Width and height in pixels.
+    pub resolution: [u32; 2],
+    /// Samples a pixel of the truth.
+    pub spp: u32,
+    /// Scattering events of a path.
+    pub max_bounces: u32,
+    /// Frames 0, gap, 2 gap, ... are keyframes.
+    pub keyframe_gap: u32,
+}
+
+impl Plan {
+    /// Reads and checks a plan file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let plan: Self = renderflow_frame::file::read_json(path)?;
+        plan.check().with_context(|| format!("{}", path.display()))?;
+        Ok(plan)
+    }
+
+    /// Ranges of every field.
+    pub fn check(&self) -> Result<()> {
+        ensure!(self.version == 1, "/version: {} is not 1", self.version);
+        ensure!(self.sequences >= 1, "/sequences: must be at least 1");
+        ensure!(self.frames >= 1, "/frames: must be at least 1");
+        ensure!(self.spp >= 1, "/spp: must be at least 1");
+        ensure!(self.max_bounces >= 1, "/max_bounces: must be at least 1");
+        ensure!(self.frame_step >= 1, "/frame_step: must be at least 1");
+        ensure!(self.keyframe_gap >= 1, "/keyframe_gap: must be at least 1");
+        ensure!(self.degrees_per_frame.is_finite(), "/degrees_per_frame: must be finite");
+        for (axis, size) in self.resolution.iter().enumerate() {
+            ensure!((1..=16384).contains(size), "/resolution/{axis}: {size} is outside 1..=16384");
+        }
+        Ok(())
+    }
+
+    /// Folder name of sequence `index`.
+    pub fn sequence_name(index: u32) -> String {
+        format!("seq-{index:06}")
+    }
+
+    /// The scene of sequence `index`; depends on the plan's seed and `index` only.
+    pub fn scene(&self, index: u32) -> Scene {
+        compose(&ComposeOptions {
+            seed: Seed::root(self.seed).child("sequence", u64::from(index)).u64(),
+            resolution: self.resolution,
+            frames: self.frames,
+            degrees_per_frame: self.degrees_per_frame,
+            split: self.split,
+            ..ComposeOptions::default()
+        })
+    }
+}
+
+/// Part `index` of `count`, both counted from 1: sequences whose number is `index - 1` modulo `count`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// From 1.
+    pub index: u32,
+    /// At least 1.
+    pub count: u32,
+}
+
+impl Shard {
+    /// Whether this shard makes sequence `sequence`.
+    pub fn owns(self, sequence: u32) -> bool {
+        sequence % self.count == self.index - 1
+    }
+}
+
+impl std::str::FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (index, count) = text.split_once('/').ok_or("write i/n, for example 1/4")?;
+        let number = |s: &str| s.parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
+        let shard = Self { index: number(index)?, count: number(count)? };
+        if shard.index == 0 || shard.index > shard.count {
+            return Err(format!("shard {text}: i runs from 1 to n"));
+        }
+        Ok(shard)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_sequence_has_exactly_one_shard() {
+        for count in 1..=7 {
+            for sequence in 0..50 {
+                assert_eq!((1..=count).filter(|&index| Shard { index, count }.owns(sequence)).count(), 1);
+            }
+        }
+    }
+
+    #[test]
+    fn shard_syntax() {
+        assert_eq!("3/7".parse(), Ok(Shard { index: 3, count: 7 }));
+        for bad in ["0/7", "8/7", "7", "a/b", "1/0", ""] {
+            assert!(bad.parse::<Shard>().is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! Peak signal-to-noise ratio of display values in 0..=1.
+
+use renderflow_frame::Image;
+use renderflow_frame::image::Rgb;
+
+/// PSNR in dB over the whole picture: `-10 log10(mean squared error)` with peak 1. Equal pictures give +inf.
+pub fn psnr(a: &Rgb, b: &Rgb) -> f64 {
+    decibel(a.pixels.iter().zip(&b.pixels).map(|(a, b)| squared_error(a, b)))
+}
+
+/// PSNR in dB over the pixels where `mask` is above 0; `None` when there are none.
+pub fn psnr_masked(a: &Rgb, b: &Rgb, mask: &Image<f32>) -> Option<f64> {
+    let inside = || mask.pixels.iter().zip(a.pixels.iter().zip(&b.pixels)).filter(|(m, _)| **m > 0.0);
+    inside().next()?;
+    Some(decibel(inside().map(|(_, (a, b))| squared_error(a, b))))
+}
+
+fn squared_error(a: &[f32; 3], b: &[f32; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0
+}
+
+fn decibel(errors: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = errors.fold((0.0, 0usize), |(sum, count), e| (sum + e, count + 1));
+    -10.0 * (sum / count.max(1) as f64).log10()
+}

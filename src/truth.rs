@@ -1,0 +1,224 @@
+//! Ground truth of a sequence: path tracing, denoising, G-buffers, one EXR a frame, resumable.
+
+use crate::dataset::folder::frame_file;
+use crate::progress::Progress;
+use anyhow::{Context, Result, bail};
+use renderflow_frame::{Frame, exr, file, hdr, transforms};
+use renderflow_renderer::denoise::Denoiser;
+use renderflow_renderer::{RenderScene, Settings, render_with_stats};
+use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
+use renderflow_scenes::{LoadedScene, load};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// The user stopped the work; what is finished is kept, the same command goes on (exit code 75).
+#[derive(Debug)]
+pub struct Interrupted;
+
+impl std::fmt::Display for Interrupted {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("interrupted; run the same command again to go on")
+    }
+}
+
+impl std::error::Error for Interrupted {}
+
+/// Whether beauty is denoised.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum DenoiseMode {
+    /// OIDN where it is there; otherwise one warning and the raw picture.
+    #[default]
+    Auto,
+    /// OIDN, or an error that says how to get it.
+    Oidn,
+    /// The raw picture.
+    None,
+}
+
+/// How truth is rendered. One denoiser serves all frames.
+pub struct TruthSettings {
+    /// Samples a pixel.
+    pub spp: u32,
+    /// Scattering events of a path.
+    pub max_bounces: u32,
+    denoiser: Option<Mutex<Denoiser>>,
+}
+
+impl TruthSettings {
+    /// Opens the denoiser as `mode` asks.
+    pub fn new(spp: u32, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
+        let denoiser = match mode {
+            DenoiseMode::None => None,
+            DenoiseMode::Oidn => Some(Denoiser::new()?),
+            DenoiseMode::Auto => match Denoiser::new() {
+                Ok(denoiser) => Some(denoiser),
+                Err(error) => {
+                    eprintln!("warning: pictures stay noisy: {error}");
+                    None
+                }
+            },
+        };
+        Ok(Self { spp, max_bounces, denoiser: denoiser.map(Mutex::new) })
+    }
+
+    /// As [`Self::new`], without the warning: for rows beside a truth that has warned already.
+    pub fn quiet(spp: u32, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
+        match mode {
+            DenoiseMode::Auto if Denoiser::new().is_err() => Self::new(spp, max_bounces, DenoiseMode::None),
+            mode => Self::new(spp, max_bounces, mode),
+        }
+    }
+
+    /// Name of the denoiser in use.
+    pub fn denoiser_name(&self) -> Option<String> {
+        self.denoiser.as_ref().map(|_| "oidn".to_owned())
+    }
+
+    /// Path-traces and denoises the current frame of `scene`.
+    pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &AtomicBool) -> Result<Frame> {
+        let settings = Settings { spp: self.spp, max_bounces: self.max_bounces, ..Settings::default() };
+        let rendered = render_with_stats(scene, &settings, progress, cancel);
+        if cancel.load(Ordering::Relaxed) {
+            return Err(Interrupted.into());
+        }
+        let (mut frame, stats) = rendered?;
+        if stats.non_finite_samples > 0 {
+            eprintln!("warning: {} samples were not finite and count as black", stats.non_finite_samples);
+        }
+        if let (Some(denoiser), Some(raw)) = (&self.denoiser, &frame.raw) {
+            let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            frame.beauty = Some(denoiser.denoise(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref())?);
+            frame.info.denoiser = self.denoiser_name();
+        }
+        Ok(frame)
+    }
+}
+
+/// One sequence to render into a folder.
+pub struct SequenceJob {
+    /// The scene.
+    pub scene: Scene,
+    /// Folder that relative paths in `scene` start from.
+    pub base: PathBuf,
+    /// Folder to write to.
+    pub out: PathBuf,
+    /// Frames 0, gap, 2 gap, ... are keyframes.
+    pub keyframe_gap: u32,
+    /// Only frames 0, step, 2 step, ... are rendered.
+    pub frame_step: u32,
+}
+
+/// Seconds spent on each frame of truth, kept beside the frames.
+#[derive(Default, Serialize, Deserialize)]
+struct Timing {
+    seconds: Vec<Option<f64>>,
+}
+
+/// File with the seconds of each frame of truth.
+const TIMING: &str = "timing.json";
+
+/// Seconds of the frames of truth in `folder` whose making was timed.
+pub fn seconds(folder: &Path) -> Vec<f64> {
+    let timing: Option<Timing> = file::read_json(&folder.join(TIMING)).ok();
+    timing.map(|t| t.seconds.into_iter().flatten().collect()).unwrap_or_default()
+}
+
+impl SequenceJob {
+    /// Numbers of the frames to render, of a sequence of `frames`.
+    fn numbers(&self, frames: usize) -> impl Iterator<Item = usize> {
+        (0..frames).step_by(self.frame_step.max(1) as usize)
+    }
+
+    /// Renders what is missing; 1000 units of `progress` a frame. Returns the loaded scene.
+    pub fn run(&self, settings: &TruthSettings, progress: &Progress, cancel: &AtomicBool) -> Result<LoadedScene> {
+        let loaded = load::load(&self.scene, &self.base)?;
+        self.write_descriptions(&loaded)?;
+        let frames = loaded.cameras.len();
+        let timing_path = self.out.join(TIMING);
+        let mut timing: Timing = if timing_path.is_file() { file::read_json(&timing_path)? } else { Timing::default() };
+        timing.seconds.resize(frames, None);
+        let mut compiled: Option<RenderScene> = None;
+        for index in self.numbers(frames) {
+            let path = self.out.join(frame_file(index));
+            if path.is_file() {
+                self.check_resumed(&path, &loaded, settings)?;
+                progress.resume(1000);
+                continue;
+            }
+            let scene = match &mut compiled {
+                Some(scene) => scene,
+                none => none.insert(RenderScene::compile(&loaded)?),
+            };
+            let started = Instant::now();
+            scene.set_frame(index);
+            let before = progress.position();
+            let frame = settings.frame(scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel)?;
+            progress.set(before + 1000);
+            timing.seconds[index] = Some(started.elapsed().as_secs_f64());
+            let clamped = exr::write(&path, &frame)?;
+            if clamped > 0 {
+                eprintln!("warning: {}: {clamped} values beyond 65504 were clamped", path.display());
+            }
+            file::write_json(&timing_path, &timing)?;
+        }
+        Ok(loaded)
+    }
+
+    /// A frame that is already there must be of this scene at these settings, or the sequence would be a mixture.
+    fn check_resumed(&self, path: &Path, loaded: &LoadedScene, settings: &TruthSettings) -> Result<()> {
+        let info = exr::read(path)?.info;
+        if info.scene_hash != loaded.hash || info.spp != settings.spp || info.denoiser != settings.denoiser_name() {
+            bail!(
+                "{}: is of another scene or other settings ({} spp, denoiser {}); remove the folder or choose another",
+                path.display(),
+                info.spp,
+                info.denoiser.as_deref().unwrap_or("none")
+            );
+        }
+        Ok(())
+    }
+
+    fn write_descriptions(&self, loaded: &LoadedScene) -> Result<()> {
+        let environment = &loaded.environment;
+        let numbers: Vec<usize> = self.numbers(loaded.cameras.len()).collect();
+        let sequence = transforms::Sequence {
+            cameras: numbers.iter().map(|&n| loaded.cameras[n]).collect(),
+            files: numbers.iter().map(|&n| frame_file(n)).collect(),
+            keyframes: (0..numbers.len()).filter(|&i| numbers[i].is_multiple_of(self.keyframe_gap.max(1) as usize)).collect(),
+            exposure: renderflow_frame::ibl::exposure(environment),
+            environment: "env.hdr".into(),
+            environment_rotation: environment.rotation,
+            environment_intensity: environment.intensity,
+        };
+        file::write_atomic(&self.out.join("env.hdr"), &hdr::encode(&environment.map))?;
+        transforms::write(&self.out.join("transforms.json"), &sequence)?;
+        Ok(file::write_json(&self.out.join("scene.json"), &with_absolute_paths(&self.scene, &self.base)?)?)
+    }
+}
+
+/// The scene with every file named in full, so that its copy beside the frames still finds them.
+fn with_absolute_paths(scene: &Scene, base: &Path) -> Result<Scene> {
+    let mut scene = scene.clone();
+    let mut files: Vec<&mut String> = Vec::new();
+    if let EnvironmentSource::File(path) = &mut scene.environment.source {
+        files.push(path);
+    }
+    for material in &mut scene.materials {
+        files.extend(&mut material.base_color_texture);
+        files.extend(&mut material.metallic_roughness_texture);
+        files.extend(&mut material.normal_texture);
+    }
+    for object in &mut scene.objects {
+        if let Geometry::File(path) = &mut object.geometry {
+            files.push(path);
+        }
+    }
+    for file in files {
+        let full = std::path::absolute(base.join(&*file)).with_context(|| file.clone())?;
+        *file = full.to_string_lossy().into_owned();
+    }
+    Ok(scene)
+}

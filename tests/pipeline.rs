@@ -1,0 +1,150 @@
+//! The pipeline through the binary, small: determinism over shards, threads and resume, and the demo's outputs.
+
+mod common;
+
+use common::{files, renderflow, succeed};
+use std::path::Path;
+
+fn plan(folder: &Path) -> String {
+    let plan = folder.join("plan.json");
+    succeed(&[
+        "dataset",
+        "plan",
+        "--seed",
+        "11",
+        "--sequences",
+        "3",
+        "--frames",
+        "2",
+        "--resolution",
+        "32",
+        "--spp",
+        "4",
+        "--keyframe-gap",
+        "1",
+        "--out",
+        plan.to_str().unwrap(),
+    ]);
+    plan.to_str().unwrap().to_owned()
+}
+
+/// Dataset files that must not differ: all but the clock's.
+fn dataset(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    files(folder).into_iter().filter(|(name, _)| !name.ends_with("timing.json")).collect()
+}
+
+#[test]
+fn shards_threads_and_resume_give_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = plan(folder.path());
+    let render = |out: &str, shard: &str, threads: &str| {
+        let out = folder.path().join(out);
+        succeed(&[
+            "dataset",
+            "render",
+            "--plan",
+            &plan,
+            "--out",
+            out.to_str().unwrap(),
+            "--shard",
+            shard,
+            "--threads",
+            threads,
+            "--denoise",
+            "none",
+        ]);
+        out
+    };
+    let whole = render("whole", "1/1", "3");
+    render("parts", "2/2", "1");
+    let parts = render("parts", "1/2", "2");
+    let expected = dataset(&whole);
+    assert!(expected.iter().any(|(name, _)| name == "manifest-train.json"));
+    assert_eq!(expected.iter().filter(|(name, _)| name.ends_with(".exr")).count(), 6);
+    assert!(dataset(&parts) == expected, "shards differ from the whole");
+    // A frame lost, everything else kept: the same command makes it again.
+    let lost = parts.join("train/seq-000001/frame.0001.exr");
+    std::fs::remove_file(&lost).unwrap();
+    render("parts", "1/1", "2");
+    assert!(dataset(&parts) == expected, "resumed differs from the whole");
+}
+
+#[test]
+fn frames_of_other_settings_are_not_mixed_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let render = |spp: &str| {
+        renderflow(&[
+            "render",
+            "--frames",
+            "1",
+            "--resolution",
+            "16",
+            "--spp",
+            spp,
+            "--denoise",
+            "none",
+            "--out",
+            out.to_str().unwrap(),
+        ])
+    };
+    assert!(render("2").status.success());
+    let second = render("3");
+    assert_eq!(second.status.code(), Some(1));
+    assert!(common::stderr(&second).contains("other settings"), "{}", common::stderr(&second));
+}
+
+#[test]
+fn demo_prints_a_table_and_writes_a_self_contained_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("demo");
+    let run = || {
+        succeed(&[
+            "demo",
+            "--resolution",
+            "64",
+            "--frames",
+            "5",
+            "--keyframe-gap",
+            "4",
+            "--spp",
+            "8",
+            "--path-traced",
+            "1",
+            "--out",
+            out.to_str().unwrap(),
+        ])
+    };
+    let text = run();
+    for row in [
+        "IBL (split sum)",
+        "neural ",
+        "neural + keyframes",
+        "keyframes warped",
+        "path traced, 1 spp",
+        "truth: path traced, 8 spp",
+    ] {
+        assert!(text.contains(row), "{row} missing in\n{text}");
+    }
+    let report = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(report.matches("data:image/png;base64,").count() >= 3 * (1 + 2 * 5));
+    assert!(!report.contains("http://") && !report.contains("https://"), "the report must not load anything");
+    // Again from the stored truth: the same scores, seconds aside.
+    let scores = |name: &str| {
+        let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join(name)).unwrap()).unwrap();
+        json["prefilter_seconds"] = 0.into();
+        json["scores"].as_array_mut().unwrap().iter_mut().for_each(|s| s["seconds"] = 0.into());
+        json
+    };
+    let first = scores("scores.json");
+    run();
+    assert_eq!(first, scores("scores.json"));
+}
+
+#[test]
+fn every_subcommand_shows_an_example() {
+    for command in ["demo", "render", "compose", "check", "train", "infer", "evaluate", "hdri", "weights"] {
+        let help = succeed(&[command, "--help"]);
+        assert!(help.contains("Example"), "{command}: {help}");
+    }
+}
