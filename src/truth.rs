@@ -3,11 +3,12 @@
 use crate::dataset::folder::frame_file;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
+use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{RenderScene, Settings, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
-use renderflow_scenes::{LoadedScene, load};
+use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -192,11 +193,20 @@ impl SequenceJob {
             environment: "env.hdr".into(),
             environment_rotation: environment.rotation,
             environment_intensity: environment.intensity,
+            tracks: tracks(loaded, &numbers),
         };
         file::write_atomic(&self.out.join("env.hdr"), &hdr::encode(&environment.map))?;
         transforms::write(&self.out.join("transforms.json"), &sequence)?;
         Ok(file::write_json(&self.out.join("scene.json"), &with_absolute_paths(&self.scene, &self.base)?)?)
     }
+}
+
+/// Transforms of the moving objects at the frames `numbers`.
+fn tracks(loaded: &LoadedScene, numbers: &[usize]) -> Tracks {
+    let moving = loaded.instances.iter().filter(|instance| instance.transforms.len() > 1);
+    // All instances of an object move alike, and only differences between frames count: any of them tells.
+    let track = |instance: &Instance| (instance.object_id, numbers.iter().map(|&n| instance.transform(n)).collect());
+    Tracks { objects: moving.map(track).collect() }
 }
 
 /// The scene with every file named in full, so that its copy beside the frames still finds them.

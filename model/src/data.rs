@@ -14,6 +14,7 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use renderflow_frame::color::linear_to_srgb;
 use renderflow_frame::ibl::IblTables;
+use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Camera, Environment, Frame};
 
 /// One sequence as it was rendered: consecutive frames under one environment.
@@ -31,6 +32,8 @@ pub struct Clip {
     pub exposure: f32,
     /// Number of each frame in its sequence, ascending; distances to keyframes are counted in them.
     pub numbers: Vec<usize>,
+    /// Transforms of the objects that move.
+    pub tracks: Tracks,
     /// Indices of keyframes, ascending; used by the keyframe stage.
     pub keyframes: Vec<usize>,
 }

@@ -13,6 +13,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use renderflow_frame::ibl::IblTables;
 use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -47,6 +48,8 @@ pub struct Keyframe<'a> {
     pub prepared: &'a PreparedKeyframe,
     /// Frames from the current frame to the keyframe; negative before it, 0 = this frame is the keyframe.
     pub distance: f32,
+    /// How objects moved from the current frame to the keyframe.
+    pub movement: Movement<'a>,
 }
 
 impl PreparedKeyframe {
@@ -280,8 +283,8 @@ fn carry(frame: &Frame, features: &Features, keyframes: &[Keyframe]) -> [Option<
         candidates.min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()))
     };
     [nearest(&|d| d <= 0.0), nearest(&|d| d > 0.0)].map(|key| {
-        key.map(|Keyframe { prepared, distance }| {
-            keyframe::carry(frame, features, &prepared.frame, &prepared.truth, &prepared.start, *distance)
+        key.map(|Keyframe { prepared, distance, movement }| {
+            keyframe::carry(frame, features, &prepared.frame, &prepared.truth, &prepared.start, *distance, *movement)
         })
     })
 }

@@ -16,6 +16,7 @@ use burn::module::Module;
 use burn::tensor::{Tensor, activation};
 use half::f16;
 use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Frame, warp};
 
 /// Keyframes used for one frame: the nearest before and the nearest after.
@@ -59,8 +60,8 @@ pub struct Carried {
 
 /// Carries a keyframe to the current frame by [`warp::ratio_fetch`]. `truth` and `start` are the keyframe's exposed pictures,
 /// `distance` is in frames.
-pub fn carry(frame: &Frame, features: &Features, key: &Frame, truth: &Rgb, start: &Rgb, distance: f32) -> Carried {
-    let correspondence = warp::correspond(frame, key, None);
+pub fn carry(frame: &Frame, features: &Features, key: &Frame, truth: &Rgb, start: &Rgb, distance: f32, movement: Movement) -> Carried {
+    let correspondence = warp::correspond(frame, key, Some(&|id| movement.of(id)));
     // All pictures are exposed already.
     let mut radiance = warp::ratio_fetch(truth, start, &start_picture(features), &correspondence, 1.0);
     let mut valid = correspondence.valid;
@@ -130,8 +131,9 @@ pub fn store(clip: &Clip, features: &[Features], i: usize) -> Result<StoredKeys>
     }
     let carried = nearest(&clip.keyframes, i).map(|key| {
         key.map(|k| {
+            let distance = clip.numbers[k] as f32 - clip.numbers[i] as f32;
             let (truth, start) = (truth_picture(&features[k]), start_picture(&features[k]));
-            carry(&clip.frames[i], &features[i], &clip.frames[k], &truth, &start, clip.numbers[k] as f32 - clip.numbers[i] as f32)
+            carry(&clip.frames[i], &features[i], &clip.frames[k], &truth, &start, distance, clip.tracks.between(i, k))
         })
     });
     Ok(StoredKeys::new(features[i].width, features[i].height, &carried))

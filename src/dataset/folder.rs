@@ -105,6 +105,7 @@ impl ClipSource for Dataset {
             name: folder.name(),
             frames,
             numbers: folder.numbers.clone(),
+            tracks: folder.sequence.tracks.clone(),
             cameras: folder.sequence.cameras.clone(),
             environment: folder.environment.clone(),
             exposure: folder.sequence.exposure,

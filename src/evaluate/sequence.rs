@@ -230,10 +230,15 @@ pub fn prepare_keyframes(folder: &SequenceFolder, tables: &IblTables) -> Result<
 }
 
 /// The keyframes as seen from stored frame `index`: all of them, with their distance in frames.
-pub fn keyframes_for<'a>(folder: &SequenceFolder, prepared: &'a [PreparedKeyframe], index: usize) -> Vec<Keyframe<'a>> {
+pub fn keyframes_for<'a>(folder: &'a SequenceFolder, prepared: &'a [PreparedKeyframe], index: usize) -> Vec<Keyframe<'a>> {
     let here = folder.numbers[index] as f32;
     let keys = folder.sequence.keyframes.iter().zip(prepared);
-    keys.map(|(&key, prepared)| Keyframe { prepared, distance: folder.numbers[key] as f32 - here }).collect()
+    keys.map(|(&key, prepared)| Keyframe {
+        prepared,
+        distance: folder.numbers[key] as f32 - here,
+        movement: folder.sequence.tracks.between(index, key),
+    })
+    .collect()
 }
 
 /// Samples a pixel and median seconds of the truth of these sequences.

@@ -79,7 +79,7 @@ pub fn clip(frames: usize, size: usize) -> Clip {
     Clip {
         name: "analytic".into(),
         keyframes: vec![0, frames.len() - 1],
-        numbers: (0..frames.len()).collect(),
+        numbers: (0..frames.len()).collect(), tracks: Default::default(),
         frames,
         cameras,
         environment,

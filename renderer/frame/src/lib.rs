@@ -18,6 +18,7 @@ pub mod ibl;
 pub mod image;
 mod rgbe;
 pub mod screen_space;
+pub mod tracks;
 pub mod transforms;
 pub mod warp;
 

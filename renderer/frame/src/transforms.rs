@@ -4,9 +4,11 @@
 //! is +Y here and +Z there. `camera_angle_x` (radians) is what 3D Gaussian Splatting's loader asks for.
 
 use crate::file::{read_json, write_json};
+use crate::tracks::Tracks;
 use crate::{Camera, Error, Result};
 use glam::{Affine3A, Mat3A, Vec3A};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// One sequence's cameras and where its frames are.
@@ -26,6 +28,8 @@ pub struct Sequence {
     pub environment_rotation: f32,
     /// Gain of the environment.
     pub environment_intensity: f32,
+    /// Transforms of the objects that move, one a frame.
+    pub tracks: Tracks,
 }
 
 /// Axes of the matrices in the file.
@@ -44,7 +48,13 @@ struct File {
     environment: EnvironmentEntry,
     keyframes: Vec<usize>,
     frames: Vec<FrameEntry>,
+    /// Object id to rows of object-to-world, one matrix a frame; only objects that move.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    object_transforms: BTreeMap<u32, Vec<Matrix>>,
 }
+
+/// Rows of a 4x4 matrix.
+type Matrix = [[f32; 4]; 4];
 
 #[derive(Serialize, Deserialize)]
 struct EnvironmentEntry {
@@ -59,7 +69,7 @@ struct FrameEntry {
     file_path: String,
     #[serde(flatten)]
     intrinsics: Intrinsics,
-    transform_matrix: [[f32; 4]; 4],
+    transform_matrix: Matrix,
 }
 
 #[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -126,6 +136,9 @@ pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
         },
         keyframes: sequence.keyframes.clone(),
         frames: frames.collect(),
+        object_transforms: (sequence.tracks.objects.iter())
+            .map(|(&id, track)| (id, track.iter().map(|&transform| rows(transform)).collect()))
+            .collect(),
     };
     write_json(path, &file)
 }
@@ -152,6 +165,11 @@ pub fn read(path: &Path) -> Result<Sequence> {
         environment: file.environment.file,
         environment_rotation: file.environment.rotation,
         environment_intensity: file.environment.intensity,
+        tracks: Tracks {
+            objects: (file.object_transforms.into_iter())
+                .map(|(id, track)| (id, track.into_iter().map(affine).collect()))
+                .collect(),
+        },
     };
     check(&sequence).map_err(malformed)?;
     Ok(sequence)
@@ -164,10 +182,8 @@ fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<
     if rows[3] != [0.0, 0.0, 0.0, 1.0] {
         return Err(format!("/frames/{index}/transform_matrix: the last row is {:?}, not [0, 0, 0, 1]", rows[3]));
     }
-    let column = |i: usize| Vec3A::new(rows[0][i], rows[1][i], rows[2][i]);
-    let rotation = Mat3A::from_cols(column(0), column(1), column(2));
     Ok(Camera {
-        camera_to_world: Affine3A { matrix3: rotation, translation: column(3) },
+        camera_to_world: affine(rows),
         fl_x: own.fl_x.or(common.fl_x).ok_or_else(|| missing("fl_x"))?,
         fl_y: own.fl_y.or(common.fl_y).ok_or_else(|| missing("fl_y"))?,
         cx: own.cx.or(common.cx).ok_or_else(|| missing("cx"))?,
@@ -177,8 +193,13 @@ fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<
     })
 }
 
-fn rows(transform: Affine3A) -> [[f32; 4]; 4] {
+fn rows(transform: Affine3A) -> Matrix {
     glam::Mat4::from(transform).transpose().to_cols_array_2d()
+}
+
+fn affine(rows: Matrix) -> Affine3A {
+    let column = |i: usize| Vec3A::new(rows[0][i], rows[1][i], rows[2][i]);
+    Affine3A { matrix3: Mat3A::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
 
 fn check(sequence: &Sequence) -> std::result::Result<(), String> {
@@ -205,6 +226,14 @@ fn check(sequence: &Sequence) -> std::result::Result<(), String> {
         finite(&format!("cy of frame {index}"), camera.cy)?;
         if camera.width == 0 || camera.height == 0 {
             return Err(format!("frame {index} is {} x {} pixels", camera.width, camera.height));
+        }
+    }
+    for (id, track) in &sequence.tracks.objects {
+        if track.len() != sequence.cameras.len() {
+            return Err(format!("/object_transforms/{id}: {} matrices for {} frames", track.len(), sequence.cameras.len()));
+        }
+        if let Some(index) = track.iter().position(|transform| !transform.is_finite()) {
+            return Err(format!("/object_transforms/{id}/{index} holds NaN or infinity"));
         }
     }
     match sequence.keyframes.iter().find(|&&key| key >= sequence.cameras.len()) {

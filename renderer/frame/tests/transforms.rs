@@ -2,7 +2,8 @@
 
 mod common;
 
-use glam::{Vec2, Vec3A};
+use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use renderflow_frame::tracks::Tracks;
 use renderflow_frame::transforms::{self, Sequence};
 use renderflow_frame::{Camera, Error};
 use serde_json::Value;
@@ -14,6 +15,8 @@ fn sequence() -> Sequence {
             .camera_to_world,
         ..common::camera(256, 192)
     };
+    let moved =
+        |i: usize| Affine3A::from_rotation_translation(Quat::from_rotation_y(0.1 * i as f32), Vec3::new(0.2, 0.0, i as f32));
     Sequence {
         cameras: (0..20).map(camera).collect(),
         files: (0..20).map(|i| format!("frame.{i:04}.exr")).collect(),
@@ -22,6 +25,7 @@ fn sequence() -> Sequence {
         environment: "env.hdr".into(),
         environment_rotation: -1.234_567_9,
         environment_intensity: 0.1,
+        tracks: Tracks { objects: [(3, (0..20).map(moved).collect())].into() },
     }
 }
 
@@ -54,7 +58,7 @@ fn a_sequence_comes_back_exactly_with_shared_and_with_own_intrinsics() {
         assert_eq!(json["frames"][3].get("fl_x").is_some(), own);
         assert_eq!(transforms::read(&path).unwrap(), sequence);
     }
-    let empty = Sequence { cameras: vec![], files: vec![], keyframes: vec![], ..sequence };
+    let empty = Sequence { cameras: vec![], files: vec![], keyframes: vec![], tracks: Tracks::default(), ..sequence };
     transforms::write(&path, &empty).unwrap();
     assert_eq!(transforms::read(&path).unwrap(), empty);
 }
@@ -142,6 +146,7 @@ fn a_sequence_that_could_not_be_read_is_not_written() {
     let path = folder.path().join("transforms.json");
     let mut cases = vec![Sequence { exposure: f32::NAN, ..sequence() }, Sequence { keyframes: vec![20], ..sequence() }];
     cases.push(Sequence { files: vec![], ..sequence() });
+    cases.push(Sequence { tracks: Tracks { objects: [(3, vec![Affine3A::IDENTITY])].into() }, ..sequence() });
     let mut mirrored = sequence();
     mirrored.cameras[1].camera_to_world.matrix3.x_axis *= -1.0;
     cases.push(mirrored);

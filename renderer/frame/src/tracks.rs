@@ -1,0 +1,54 @@
+//! Where moving objects are in each frame of a sequence, so that a keyframe many frames away can be carried along with them.
+
+use glam::Affine3A;
+use std::collections::BTreeMap;
+
+/// Object-to-world transforms of the objects that move, one for every stored frame; objects that are not in it stand still.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tracks {
+    /// By object id.
+    pub objects: BTreeMap<u32, Vec<Affine3A>>,
+}
+
+impl Tracks {
+    /// Movement of every object from stored frame `from` to stored frame `to`.
+    pub fn between(&self, from: usize, to: usize) -> Movement<'_> {
+        Movement { tracks: Some(self), from, to }
+    }
+}
+
+/// How objects moved between two frames; by default nothing did.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Movement<'a> {
+    tracks: Option<&'a Tracks>,
+    from: usize,
+    to: usize,
+}
+
+impl Movement<'_> {
+    /// The map that takes world-space points of object `id` from where they were to where they went; `None` = it did not move.
+    /// A transform that cannot be inverted, or a frame without one, counts as not moving: such an object shows nothing.
+    pub fn of(&self, id: u32) -> Option<Affine3A> {
+        let track = self.tracks?.objects.get(&id)?;
+        let map = *track.get(self.to)? * track.get(self.from)?.inverse();
+        map.is_finite().then_some(map)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Quat, Vec3, Vec3A};
+
+    #[test]
+    fn points_move_with_their_object() {
+        let place = |t: f32| Affine3A::from_rotation_translation(Quat::from_rotation_y(t), Vec3::new(t, 0.0, 2.0 * t));
+        let tracks = Tracks { objects: BTreeMap::from([(7, vec![place(0.1), place(0.5), place(1.2)])]) };
+        let p_object = Vec3A::new(0.3, -0.2, 0.9);
+        let moved = tracks.between(2, 0).of(7).unwrap().transform_point3a(place(1.2).transform_point3a(p_object));
+        assert!(moved.abs_diff_eq(place(0.1).transform_point3a(p_object), 1e-5));
+        assert_eq!(tracks.between(0, 2).of(1), None);
+        assert_eq!(tracks.between(0, 9).of(7), None);
+        assert_eq!(Movement::default().of(7), None);
+    }
+}
