@@ -69,9 +69,6 @@ fn main() {
             best_wall = best_wall.max(stats.samples as f64 / wall / 1e6);
             best_processor = best_processor.max(stats.samples as f64 / processor / 1e6);
             std::hint::black_box(&frame);
-            if best_wall > 0.0 && wall.is_finite() && processor.is_finite() && repeats == 1 {
-                println!("  {stats:?}");
-            }
         }
         println!(
             "  {best_wall:.2} Msamples/s by wall clock on {threads} threads, {best_processor:.2} per processor second ({:.2} on four free cores)",

@@ -5,7 +5,7 @@
 //! (`glam::Vec4`, so the code is safe and portable), and triangles are tested with the watertight test of Woop, Benthin and Wald
 //! (2013): two triangles that share an edge compute bit-identical, opposite edge functions, so no ray passes between them.
 
-use crate::ray::Ray;
+use crate::ray::{Ray, Shear};
 use glam::{Vec3A, Vec4};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
@@ -285,8 +285,6 @@ impl Leaf {
         Candidates { mask, t, weights: [u * inverse, v * inverse, w * inverse] }
     }
 }
-
-use crate::ray::Shear;
 
 /// Collapses a BVH2 into the four-wide tree.
 struct Collapse<'a> {
