@@ -66,14 +66,14 @@ pub(super) fn layout(root: &Seed, [fewest, most]: [u32; 2]) -> Layout {
     let mut objects: Vec<Placed> = Vec::new();
     for (index, candidate) in candidates.into_iter().enumerate() {
         let aside = occluder && index == 0;
-        if !aside && rng.chance(0.25) {
-            if let Some(below) = objects.iter().position(|o| o.shelf >= candidate.radius && !o.stacked) {
-                objects[below].stacked = true;
-                let [x, z] = [objects[below].transform.translation[0], objects[below].transform.translation[2]];
-                let height = objects[below].top;
-                objects.push(candidate.at(Vec2::new(x, z), height, true));
-                continue;
-            }
+        let carrier = (!aside && rng.chance(0.25))
+            .then(|| objects.iter().position(|o| o.shelf >= candidate.radius && !o.stacked))
+            .flatten();
+        if let Some(below) = carrier {
+            objects[below].stacked = true;
+            let (spot, height) = (objects[below].path[0], objects[below].top);
+            objects.push(candidate.at(spot, height, true));
+            continue;
         }
         let place = loop {
             let spot = (0..40).map(|_| spot(&mut rng, reach, aside)).find(|&spot| {

@@ -90,9 +90,9 @@ fn check_window(faults: &mut Faults, at: &str, window: &Window, room: [f32; 3]) 
         Wall::East | Wall::West => [room[2], room[1]],
         Wall::Ceiling => [room[0], room[2]],
     };
-    for k in 0..2 {
-        faults.range(&format!("{at}/size/{k}"), window.size[k], 0.05, face[k]);
-        let play = 0.5 * (face[k] - window.size[k]).max(0.0);
+    for (k, face) in face.into_iter().enumerate() {
+        faults.range(&format!("{at}/size/{k}"), window.size[k], 0.05, face);
+        let play = 0.5 * (face - window.size[k]).max(0.0);
         faults.range(&format!("{at}/offset/{k}"), window.offset[k], -play, play);
     }
     faults.ranges(&format!("{at}/radiance"), &window.radiance, 0.0, 1e4);
