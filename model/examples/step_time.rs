@@ -29,19 +29,17 @@ fn main() {
 
     let stage = BaseStage { config: config.clone() };
     let settings = StepSettings { learning_rate: 1e-4, weight_decay: 0.01, clip_norm: 1.0, ema_decay: 0.999 };
-    let mut seconds: Vec<[f64; 4]> = Vec::new();
+    let mut seconds: Vec<[f64; 3]> = Vec::new();
     for step in 0..12 {
         let start = Instant::now();
         let batch = Batch::draw(&config, &[&frame], 128, 8, [0.7, 0.1, 0.1, 0.1], &mut step_rng(1, step));
         let drawn = start.elapsed().as_secs_f64();
-        let loss = stage.loss(&model, batch, LossWeights::default(), &device);
-        let forward = start.elapsed().as_secs_f64();
-        let mut gradients = loss.total.backward();
-        let collected = parameters::gradients(&model, &mut gradients);
+        let (_, mut gradients) = stage.gradients(&model, batch, LossWeights::default(), &device);
         let backward = start.elapsed().as_secs_f64();
+        let collected = parameters::gradients(&model, &mut gradients);
         optimizer.step(&collected, settings).expect("finite gradients");
         model = parameters::import(model, &optimizer.values(), &device);
-        seconds.push([drawn, forward - drawn, backward - forward, start.elapsed().as_secs_f64() - backward]);
+        seconds.push([drawn, backward - drawn, start.elapsed().as_secs_f64() - backward]);
     }
     let median = |part: usize| {
         let mut values: Vec<f64> = seconds[2..].iter().map(|s| 1e3 * s[part]).collect();
@@ -49,18 +47,18 @@ fn main() {
         values[values.len() / 2]
     };
     println!(
-        "step, 8 crops of 128x128 (medians of 10): batch {:.0} ms (overlapped in training), forward and loss {:.0} ms, backward {:.0} ms, optimiser {:.0} ms",
+        "step, 8 crops of 128x128 (medians of 10): batch {:.0} ms (overlapped in training), forward and backward {:.0} ms, optimiser {:.0} ms",
         median(0),
         median(1),
-        median(2),
-        median(3)
+        median(2)
     );
 
     let plain = Device::flex();
     let network = Network::new(&config, 1, &plain).expect("the default configuration is valid");
     for size in [128, 256, 512] {
         let x = vec![0.1f32; size * size * config.pixel_channels()];
-        let tensor = || Tensor::<4>::from_data(TensorData::new(x.clone(), [1, size / 2, size / 2, 4 * config.pixel_channels()]), &plain);
+        let tensor =
+            || Tensor::<4>::from_data(TensorData::new(x.clone(), [1, size / 2, size / 2, 4 * config.pixel_channels()]), &plain);
         let tokens = Tensor::<3>::zeros([1, TOKENS, TOKEN_FEATURES], &plain);
         let time = Tensor::<3>::zeros([1, 1, 1], &plain);
         let mut best = f64::INFINITY;

@@ -2,7 +2,6 @@
 //! (RenderFlow, section "Latent-Space Bridge-Matching Training", with the pixel space in place of a latent one).
 
 use crate::config::Curve;
-use burn::tensor::Tensor;
 use renderflow_frame::color::{linear_to_srgb, srgb_to_linear};
 
 /// Noise of the Brownian bridge, in units of z.
@@ -12,11 +11,15 @@ pub const TIMES: [f32; 4] = [0.0, 0.25, 0.5, 0.75];
 /// Largest exposed radiance that is represented; brighter is clamped (the half-float limit).
 pub const MAX_RADIANCE: f32 = 65504.0;
 
+/// Clamps to what the curves and half floats represent; NaN becomes 0.
+fn representable(x: f32) -> f32 {
+    if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) }
+}
+
 /// `log1p(8 x) / log1p(8)`: 0 at 0, 1 at 1; expects exposed radiance >= 0, clamps to 0..=65504, NaN becomes 0.
 pub fn log_curve(x: f32) -> f32 {
     const SCALE: f32 = 0.455_119_6; // 1 / ln 9
-    // `max` and `min` return the other operand for NaN.
-    (8.0 * x.max(0.0).min(MAX_RADIANCE)).ln_1p() * SCALE
+    (8.0 * representable(x)).ln_1p() * SCALE
 }
 
 /// Inverse of [`log_curve`].
@@ -30,7 +33,7 @@ impl Curve {
     pub fn encode(self, x: f32) -> f32 {
         match self {
             Self::Log => 2.0 * log_curve(x) - 1.0,
-            Self::Srgb => 2.0 * linear_to_srgb(x.max(0.0).min(MAX_RADIANCE)) - 1.0,
+            Self::Srgb => 2.0 * linear_to_srgb(representable(x)) - 1.0,
         }
     }
 
@@ -40,37 +43,27 @@ impl Curve {
             Self::Log => log_curve_inverse(0.5 * (z + 1.0)),
             Self::Srgb => srgb_to_linear(0.5 * (z + 1.0)),
         };
-        x.max(0.0).min(MAX_RADIANCE)
+        representable(x)
     }
 
-    /// [`Self::encode`] on a tensor; expects values >= 0.
-    pub fn encode_tensor<const D: usize>(self, x: Tensor<D>) -> Tensor<D> {
+    /// Derivative of [`Self::encode`] at x > 0.
+    pub fn encode_slope(self, x: f32) -> f32 {
         match self {
-            Self::Log => x.mul_scalar(8.0).log1p().mul_scalar(2.0 / 9f32.ln()).sub_scalar(1.0),
-            Self::Srgb => srgb_tensor(x).mul_scalar(2.0).sub_scalar(1.0),
+            Self::Log => 2.0 * 8.0 / ((1.0 + 8.0 * x) * 9f32.ln()),
+            Self::Srgb => 2.0 * srgb_slope(x),
         }
     }
 
-    /// [`Self::decode`] on a tensor, clamped below at 0.
-    pub fn decode_tensor<const D: usize>(self, z: Tensor<D>) -> Tensor<D> {
-        match self {
-            Self::Log => z.add_scalar(1.0).clamp(0.0, 10.1).mul_scalar(0.5 * 9f32.ln()).exp().sub_scalar(1.0).mul_scalar(0.125),
-            Self::Srgb => {
-                let s = z.add_scalar(1.0).mul_scalar(0.5).clamp(0.0, 120.0);
-                let power = s.clone().clamp_min(0.040_45).add_scalar(0.055).div_scalar(1.055).powf_scalar(2.4);
-                let linear = s.clone().div_scalar(12.92);
-                power.mask_where(s.lower_equal_scalar(0.040_45), linear)
-            }
-        }
+    /// Derivative of [`Self::decode`] at z; 0 where it is clamped.
+    pub fn decode_slope(self, z: f32) -> f32 {
+        let x = self.decode(z);
+        if x > 0.0 && x < MAX_RADIANCE { 1.0 / self.encode_slope(x) } else { 0.0 }
     }
 }
 
-/// sRGB transfer function of values >= 0, continued above 1.
-pub fn srgb_tensor<const D: usize>(x: Tensor<D>) -> Tensor<D> {
-    // The power branch is clamped before the power: its slope at 0 is infinite and would turn a masked gradient into NaN.
-    let power = x.clone().clamp_min(0.003_130_8).powf_scalar(1.0 / 2.4).mul_scalar(1.055).sub_scalar(0.055);
-    let linear = x.clone().mul_scalar(12.92);
-    power.mask_where(x.lower_equal_scalar(0.003_130_8), linear)
+/// Derivative of the sRGB transfer function at x > 0.
+pub fn srgb_slope(x: f32) -> f32 {
+    if x <= 0.003_130_8 { 12.92 } else { 1.055 / 2.4 * x.powf(1.0 / 2.4 - 1.0) }
 }
 
 /// `z_t = (1 - t) z_0 + t z_1 + sigma sqrt(t (1 - t)) noise`, for one value.

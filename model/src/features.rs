@@ -78,11 +78,11 @@ impl Physical {
     pub fn base(&self, start: Start) -> BasePixel {
         let f0 = ibl::f0(self.albedo, self.metallic, self.specular);
         let mut base = BasePixel { alpha: self.alpha, ..BasePixel::default() };
-        for c in 0..3 {
+        for (c, f0) in f0.into_iter().enumerate() {
             let diffuse = self.albedo[c] * (1.0 - self.metallic);
             base.lit[c] = self.alpha * (diffuse * self.irradiance[c]);
-            base.specular[c] = self.alpha * (self.prefiltered[c] * (f0[c] * self.brdf[0] + self.brdf[1]));
-            base.tint[c] = self.alpha * (self.albedo[c] + f0[c]);
+            base.specular[c] = self.alpha * (self.prefiltered[c] * (f0 * self.brdf[0] + self.brdf[1]));
+            base.tint[c] = self.alpha * (self.albedo[c] + f0);
             base.rest[c] = (1.0 - self.alpha) * self.background[c];
             base.start[c] = base.rest[c]
                 + match start {

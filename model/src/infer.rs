@@ -317,8 +317,8 @@ pub fn warp_only(
         for key in carried.iter().flatten() {
             let weight = key.valid.pixels[i] / (key.age + 1.0 / 16.0);
             total += weight;
-            for c in 0..3 {
-                sum[c] += weight * config.curve.encode(key.radiance.pixels[i][c]);
+            for (sum, radiance) in sum.iter_mut().zip(key.radiance.pixels[i]) {
+                *sum += weight * config.curve.encode(radiance);
             }
         }
         if p.alpha == 0.0 {

@@ -56,10 +56,14 @@ fn other_starts_begin_at_their_picture() {
     for start in [Start::Albedo, Start::AlbedoIrradiance] {
         let out = render(&NeuralRenderer::untrained(&NetworkConfig { start, ..tiny() }, 3).unwrap(), &clip, 0, &[]);
         for (i, value) in out.pixels.iter().enumerate().filter(|(i, _)| clip.frames[0].alpha.pixels[*i] > 0.0) {
-            for c in 0..3 {
+            for (c, value) in value.iter().enumerate() {
                 let light = if start == Start::Albedo { 1.0 / clip.exposure } else { shading.irradiance.pixels[i][c] };
                 let expected = shading.albedo.pixels[i][c] * light;
-                assert!((value[c] - expected).abs() <= 2e-6 * expected.max(1.0), "{start:?} pixel {i}: {} instead of {expected}", value[c]);
+                assert!(
+                    (value - expected).abs() <= 2e-6 * expected.max(1.0),
+                    "{start:?} pixel {i}: {} instead of {expected}",
+                    value
+                );
             }
         }
     }
@@ -74,9 +78,8 @@ fn the_background_is_the_environment_whatever_the_weights() {
         let out = render(&disturbed(&NetworkConfig { start, ..tiny() }), &clip, 0, &[]);
         let mut seen = 0;
         for (i, value) in out.pixels.iter().enumerate().filter(|(i, _)| clip.frames[0].alpha.pixels[*i] == 0.0) {
-            for c in 0..3 {
-                let expected = shading.background.pixels[i][c];
-                assert!((value[c] - expected).abs() <= 3e-7 * expected, "pixel {i}: {} instead of {expected}", value[c]);
+            for (value, expected) in value.iter().zip(shading.background.pixels[i]) {
+                assert!((value - expected).abs() <= 3e-7 * expected, "pixel {i}: {} instead of {expected}", value);
             }
             seen += 1;
         }
@@ -101,7 +104,7 @@ fn threads_and_repetition_change_no_bit() {
     let renderer = disturbed(&config);
     let tables = IblTables::new(&clip.environment);
     let key = PreparedKeyframe::new(&clip.frames[0], &clip.cameras[0], &clip.environment, &tables, clip.exposure).unwrap();
-    let picture = || render(&renderer, &clip, 1, &[Keyframe { prepared: &key, distance: -1.0 }]);
+    let picture = || render(&renderer, &clip, 1, &[Keyframe { prepared: &key, distance: -1.0, movement: Default::default() }]);
     let first = picture();
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -119,7 +122,9 @@ fn an_untrained_keyframe_stage_shows_the_carried_truth() {
     let keys: Vec<PreparedKeyframe> = [0, 4]
         .map(|k| PreparedKeyframe::new(&clip.frames[k], &clip.cameras[k], &clip.environment, &tables, clip.exposure).unwrap())
         .into();
-    let seen = |i: usize| [0, 1].map(|k| Keyframe { prepared: &keys[k], distance: 4.0 * k as f32 - i as f32 });
+    let seen = |i: usize| {
+        [0, 1].map(|k| Keyframe { prepared: &keys[k], distance: 4.0 * k as f32 - i as f32, movement: Default::default() })
+    };
     let truth = |i: usize| clip.frames[i].beauty.as_ref().unwrap();
     assert_eq!(&render(&renderer, &clip, 4, &seen(4)), truth(4), "a keyframe is returned as it is");
     let psnr = |picture: &Rgb| common::psnr(picture, truth(2), &clip.frames[2], clip.exposure);
@@ -133,9 +138,7 @@ fn several_euler_steps_stay_close_to_one_before_training() {
     let tables = IblTables::new(&clip.environment);
     let renderer = NeuralRenderer::untrained(&tiny(), 3).unwrap();
     let run = |steps| {
-        renderer
-            .render_steps(&clip.frames[0], &clip.cameras[0], &clip.environment, &tables, clip.exposure, &[], steps)
-            .unwrap()
+        renderer.render_steps(&clip.frames[0], &clip.cameras[0], &clip.environment, &tables, clip.exposure, &[], steps).unwrap()
     };
     // Every step predicts the start picture, so the path does not move.
     assert_eq!(run(1), run(4));
@@ -147,7 +150,7 @@ fn keyframes_for_weights_without_a_stage_are_an_error() {
     let tables = IblTables::new(&clip.environment);
     let key = PreparedKeyframe::new(&clip.frames[0], &clip.cameras[0], &clip.environment, &tables, clip.exposure).unwrap();
     let renderer = NeuralRenderer::untrained(&tiny(), 3).unwrap();
-    let keys = [Keyframe { prepared: &key, distance: -1.0 }];
+    let keys = [Keyframe { prepared: &key, distance: -1.0, movement: Default::default() }];
     let result = renderer.render(&clip.frames[1], &clip.cameras[1], &clip.environment, &tables, clip.exposure, &keys);
     assert!(matches!(result, Err(Error::Config { option: "keyframes", .. })), "{result:?}");
     let result = renderer.render(&clip.frames[1], &clip.cameras[1], &clip.environment, &tables, f32::NAN, &[]);

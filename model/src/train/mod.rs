@@ -18,7 +18,7 @@ use crate::weights::{self, Precision, WeightsHeader};
 use crate::{Error, Result};
 use burn::tensor::Device;
 use checkpoint::CheckpointHeader;
-use loss::LossWeights;
+use loss::{Loss, LossWeights};
 use optimizer::{Optimizer, StepSettings};
 use pool::{Pool, PoolSettings};
 use rand::RngExt;
@@ -364,13 +364,9 @@ impl Trainer<'_> {
         meter: &mut Meter,
     ) -> Result<O::Model> {
         let config = self.config;
-        let loss = objective.loss(&model, batch, config.loss, &self.device);
-        let mut gradients = loss.total.backward();
-        let scalar = |t: burn::tensor::Tensor<1>| parameters::to_vec(t.without_autodiff()).first().copied().unwrap_or(f32::NAN);
-        let values = [loss.total, loss.bridge, loss.display, loss.gradient].map(scalar);
-        let diverged = |what: String| Error::Diverged { step: optimizer.steps, what };
-        if values.iter().any(|v| !v.is_finite()) {
-            return Err(diverged("loss".into()));
+        let (loss, mut gradients) = objective.gradients(&model, batch, config.loss, &self.device);
+        if !loss.total.is_finite() {
+            return Err(Error::Diverged { step: optimizer.steps, what: "loss".into() });
         }
         let collected = parameters::gradients(&model, &mut gradients);
         let settings = StepSettings {
@@ -381,7 +377,7 @@ impl Trainer<'_> {
         };
         let step = optimizer.steps;
         let norm = optimizer.step(&collected, settings).map_err(|what| Error::Diverged { step, what })?;
-        meter.add(values, norm);
+        meter.add(loss, norm);
         Ok(parameters::import(model, &optimizer.values(), &self.device))
     }
 
@@ -430,10 +426,10 @@ impl Default for Meter {
 }
 
 impl Meter {
-    fn add(&mut self, values: [f32; 4], norm: f32) {
+    fn add(&mut self, loss: Loss, norm: f32) {
         self.steps += 1;
         self.norm += f64::from(norm);
-        for (sum, value) in self.sums.iter_mut().zip(values) {
+        for (sum, value) in self.sums.iter_mut().zip([loss.total, loss.bridge, loss.display, loss.gradient]) {
             *sum += f64::from(value);
         }
     }

@@ -79,7 +79,8 @@ pub fn clip(frames: usize, size: usize) -> Clip {
     Clip {
         name: "analytic".into(),
         keyframes: vec![0, frames.len() - 1],
-        numbers: (0..frames.len()).collect(), tracks: Default::default(),
+        numbers: (0..frames.len()).collect(),
+        tracks: Default::default(),
         frames,
         cameras,
         environment,
