@@ -167,7 +167,7 @@ fn placement_scales_then_turns_then_moves() {
         name: "o".into(),
         geometry: Geometry::Shape(Shape::Sphere { radius: 1.0 }),
         material: None,
-        transform: Transform { translation: [10.0, 0.0, 0.0], rotation: [90.0, 0.0, 90.0], scale: [1.0, 2.0, 1.0] },
+        transform: Transform { translation: [10.0, 0.0, 0.0], rotation: [90.0, 0.0, 180.0], scale: [1.0, 2.0, 1.0] },
         motion: Some(Motion { translation: [0.0, 0.5, 0.0], spin: 90.0 }),
     };
     let close = |frame, p: [f32; 3], q: [f32; 3]| {
@@ -176,10 +176,10 @@ fn placement_scales_then_turns_then_moves() {
     };
     // +y doubled, turned about x to +z, which a turn about z leaves alone.
     close(0, [0.0, 1.0, 0.0], [10.0, 0.0, 2.0]);
-    // +x is left alone by the turn about x, then turned about z to +y.
-    close(0, [1.0, 0.0, 0.0], [10.0, 1.0, 0.0]);
+    // +x is left alone by the turn about x, then turned about z to -x.
+    close(0, [1.0, 0.0, 0.0], [9.0, 0.0, 0.0]);
     // After two frames: half a turn about the object's own +y, and a metre up.
-    close(2, [1.0, 0.0, 0.0], [10.0, 0.0, 0.0]);
+    close(2, [1.0, 0.0, 0.0], [11.0, 1.0, 0.0]);
     close(2, [0.0, 1.0, 0.0], [10.0, 1.0, 2.0]);
     assert!(object.moves());
 }

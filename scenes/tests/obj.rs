@@ -78,8 +78,11 @@ fn faces_with_and_without_normals_keep_what_they_have() {
 
 #[test]
 fn not_a_number_is_dropped_and_counted() {
-    let scene = obj("v nan 0 0\nv inf 0 0\nf 1 2 3\nf 1 2 5\nf 1 2 6\n").load().unwrap();
-    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (2, 1));
+    let scene = obj("v nan 0 0\nv inf 0 0\nv -1.#IND 0 0\nf 1 2 3\nf 1 2 5\nf 1 2 6\nf 1 2 7\n").load().unwrap();
+    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (3, 1));
+    if let Some(path) = asset("obj/edge/tinyobjloader/test-nan.obj") {
+        assert!(load_model(&path).unwrap().report.dropped_triangles > 0);
+    }
 }
 
 #[test]

@@ -84,7 +84,9 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>)> {
             problems.push((place, error));
         }
     });
-    if let Some((place, error)) = problems.first() {
+    // A file that needs an extension looks broken without it: say the cause, not the consequences.
+    let cause = problems.iter().find(|(_, e)| matches!(e, validation::Error::Unsupported)).or(problems.first());
+    if let Some((place, error)) = cause {
         // "meshes[0].primitives[1].indices" -> "/meshes/0/primitives/1/indices"
         let pointer = format!("/{}", place.replace('[', "/").replace(']', "").replace('.', "/").replace('"', ""));
         let more = if problems.len() > 1 { format!(" (and {} more problems)", problems.len() - 1) } else { String::new() };

@@ -5,7 +5,7 @@
 //! face or an attribute, are counted, and errors know their line.
 
 use std::borrow::Cow;
-use std::io::{BufRead, Read, Result};
+use std::io::{BufRead, Read, Result, Write};
 
 /// What was left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,6 +49,12 @@ fn is_attribute(line: &[u8]) -> Option<usize> {
         .position(|key| line.starts_with(key) && line.get(key.len()).is_some_and(u8::is_ascii_whitespace))
 }
 
+/// The ways in which C libraries print what is not a number (`-nan(ind)`, `1.#QNAN`, `-1.#IND`) become one that Rust reads.
+fn number(word: &str) -> &str {
+    let odd = || word.contains('#') || word.to_ascii_lowercase().trim_start_matches(['-', '+']).starts_with("nan");
+    if word.parse::<f32>().is_err() && odd() { "nan" } else { word }
+}
+
 impl<'a> Lines<'a> {
     pub(super) fn new(text: &'a [u8]) -> Self {
         let mut total = [0; 3];
@@ -88,18 +94,19 @@ impl<'a> Lines<'a> {
         match words.next() {
             Some("v") => {
                 self.so_far[0] += 1;
-                let numbers: Vec<&str> = words.collect();
+                let given = text.split_whitespace().count() - 1;
                 // x y z, or x y z w; what follows is a colour.
-                let kept = if numbers.len() == 4 { 4 } else { numbers.len().min(3) };
-                self.left_out.colors += usize::from(numbers.len() > 4);
-                self.cleaned.extend_from_slice(format!("v {}", numbers[..kept].join(" ")).as_bytes());
+                self.left_out.colors += usize::from(given > 4);
+                self.numbers("v", words.take(if given == 4 { 4 } else { 3 }));
             }
             Some("vt") => {
                 self.so_far[1] += 1;
                 // One-dimensional textures have u only.
-                let numbers: Vec<&str> = words.take(2).collect();
-                let v = if numbers.len() == 1 { " 0" } else { "" };
-                self.cleaned.extend_from_slice(format!("vt {}{v}", numbers.join(" ")).as_bytes());
+                self.numbers("vt", words.chain(["0"]).take(2));
+            }
+            Some("vn") => {
+                self.so_far[2] += 1;
+                self.numbers("vn", words.take(3));
             }
             Some("f" | "fo") => self.face(words),
             Some("l" | "p") => self.left_out.points_and_lines += 1,
@@ -110,9 +117,7 @@ impl<'a> Lines<'a> {
                 self.cleaned.extend_from_slice(format!("o {}", self.name).as_bytes());
             }
             Some(key) => {
-                if key == "vn" {
-                    self.so_far[2] += 1;
-                } else if key == "usemtl" {
+                if key == "usemtl" {
                     self.materials.push(text.trim_start().get(6..).unwrap_or_default().trim().into());
                 }
                 self.cleaned.extend_from_slice(text.trim().as_bytes());
@@ -120,6 +125,14 @@ impl<'a> Lines<'a> {
             None => {}
         }
         self.cleaned.push(b'\n');
+    }
+
+    fn numbers<'b>(&mut self, key: &str, words: impl Iterator<Item = &'b str>) {
+        self.cleaned.extend_from_slice(key.as_bytes());
+        for word in words {
+            self.cleaned.push(b' ');
+            self.cleaned.extend_from_slice(number(word).as_bytes());
+        }
     }
 
     /// Writes a face with positive indices that all exist; leaves it as it is where the words are no indices (an error then).
@@ -148,9 +161,15 @@ impl<'a> Lines<'a> {
         }
         self.cleaned.push(b'f');
         for corner in corners {
-            let number = |k: usize, used: bool| corner[k].filter(|_| used).map_or(String::new(), |i| i.to_string());
-            let corner = format!(" {}/{}/{}", number(0, true), number(1, has[0]), number(2, has[1]));
-            self.cleaned.extend_from_slice(corner.trim_end_matches('/').as_bytes());
+            // Writing to memory cannot fail.
+            let [Some(v), vt, vn] = corner else { continue };
+            let _ = write!(self.cleaned, " {v}");
+            match (vt.filter(|_| has[0]), vn.filter(|_| has[1])) {
+                (Some(vt), Some(vn)) => drop(write!(self.cleaned, "/{vt}/{vn}")),
+                (Some(vt), None) => drop(write!(self.cleaned, "/{vt}")),
+                (None, Some(vn)) => drop(write!(self.cleaned, "//{vn}")),
+                (None, None) => {}
+            }
         }
     }
 
