@@ -68,13 +68,14 @@ fn sizes_are_checked_before_allocation() {
     let (bytes, _) = exr::encode(Path::new("frame.exr"), &common::frame(20, 20)).unwrap();
     let at = |name: &str| bytes.windows(name.len()).position(|w| w == name.as_bytes()).unwrap() + name.len() + 4;
     let (data, display) = (at("dataWindow\0box2i\0"), at("displayWindow\0box2i\0"));
-    for (right, bottom) in [(99_999, 19), (19, 99_999), (60_000, 60_000), (16_000, 16_000), (i32::MAX - 1, i32::MAX - 1)] {
+    for (right, bottom) in [(99_999, 19), (19, 99_999), (60_000, 60_000), (16_000, 16_000), (1 << 29, 1 << 29)] {
         let mut huge = bytes.clone();
         for window in [data, display] {
             huge[window + 8..window + 12].copy_from_slice(&i32::to_le_bytes(right));
             huge[window + 12..window + 16].copy_from_slice(&i32::to_le_bytes(bottom));
         }
         let error = exr::decode(Path::new("frame.exr"), &huge).expect_err("a hollow file was accepted").to_string();
-        assert!(["is outside", "cannot be in", "invalid"].iter().any(|reason| error.contains(reason)), "{error}");
+        // The reasons of this crate's own check, which stands before any decoding.
+        assert!(error.contains("is outside") || error.contains("cannot be in"), "{error}");
     }
 }
