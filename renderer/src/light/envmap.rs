@@ -4,7 +4,8 @@ use super::LightSample;
 use super::distribution::{Grid, sample_linear};
 use glam::{Vec3A, Vec4};
 use renderflow_frame::Environment;
-use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use renderflow_frame::environment::atan2;
+use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// Importance sampling of an [`Environment`].
 ///
@@ -240,7 +241,7 @@ impl Map {
         let (sin_phi, cos_phi) = (phi - self.rotation).sin_cos();
         let wi = Vec3A::new(sin_phi * sin, band.sign * (1.0 - 2.0 * q), -cos_phi * sin);
 
-        let angle = 2.0 * q.sqrt().asin() / PI;
+        let angle = 2.0 * FRAC_1_PI * atan2(q.sqrt(), (1.0 - q).sqrt());
         let v = if band.sign > 0.0 { angle } else { 1.0 - angle };
         let place = self.place_in(cell.column, s, cell.row, v, t);
         let pdf = self.pdf(&place);
@@ -257,7 +258,7 @@ impl Map {
     #[inline]
     fn place(&self, wi: Vec3A) -> Place {
         let r2 = wi.x * wi.x + wi.z * wi.z;
-        let v = r2.sqrt().atan2(wi.y) * FRAC_1_PI;
+        let v = atan2(r2.sqrt(), wi.y) * FRAC_1_PI;
         let row = ((v * self.height as f32 + 0.5) as usize).min(self.height);
         let band = self.bands[row];
         let y = band.sign * wi.y;
@@ -265,7 +266,7 @@ impl Map {
         let q = if y > 0.0 { 0.5 * r2 / (1.0 + y) } else { 0.5 * (1.0 - y) };
         let t = ((q - band.start) / band.extent).clamp(0.0, 1.0);
 
-        let turns = (wi.x.atan2(-wi.z) + self.rotation) * (1.0 / TAU);
+        let turns = (atan2(wi.x, -wi.z) + self.rotation) * (1.0 / TAU);
         let x = (turns - turns.floor()) * self.width as f32 - 0.5;
         let x = if x < 0.0 { x + self.width as f32 } else { x };
         let column = (x as usize).min(self.width - 1);

@@ -1,69 +1,87 @@
 //! Burley's principled material (2012) in its energy-conserving form.
 //!
-//! Three lobes, each reciprocal: single-scattering GGX with Schlick's Fresnel; its multiple-scattering compensation (Kulla and
-//! Conty 2017); and a Lambertian base under the dielectric coat, which receives what the coat does not reflect (Kelemen and
-//! Szirmay-Kalos 2001). With base colour 1 the dielectric and the conductor each reflect exactly what they receive.
+//! - Conductor: single-scattering GGX with Schlick's Fresnel, times `1 + F0 (1 - E(wo)) / E(wo)` for the light that leaves after
+//!   several reflections (Turquin 2019). `E` is the directional albedo at reflectance 1. Kulla and Conty's separate lobe (2017)
+//!   is reciprocal where this factor is not, but for smooth metals it is hard to draw (weights in the thousands at grazing view),
+//!   and it needs a second look-up and a second lobe for every metal; paths are only ever traced from the camera.
+//! - Dielectric: single-scattering GGX over a Lambertian base that receives, reciprocally, what the coat lets through (Kelemen
+//!   and Szirmay-Kalos 2001).
+//!
+//! With base colour 1 the dielectric and the conductor each reflect exactly what they receive. `metallic` blends the two.
 //!
 //! The base is Lambertian and not Burley's diffuse: that one shapes the loss through the coat by hand (its Fresnel factors),
 //! which the coupling above already does from the coat's own albedo, and its retro-reflection adds energy at grazing view.
 
 use super::albedo::{Albedo, Row};
-use super::fresnel::{f90, multiple_scattering, schlick};
+use super::fresnel::{f90, schlick};
 use super::ggx::{Ggx, alpha};
 use super::{BsdfEval, BsdfSample, Surface};
 use glam::Vec3A;
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// The scattering function of one surface point.
 #[derive(Clone, Copy)]
 pub struct Bsdf {
-    /// Radiance factor of the base, before the coat's losses.
-    diffuse: Vec3A,
+    /// BSDF of the base, before what the coat takes from it.
+    base: Vec3A,
+    /// Whether `base` is not black.
+    has_base: bool,
     /// `None` when nothing reflects specularly: then the material is Lambertian and the GGX code is never reached.
     coat: Option<Coat>,
 }
 
-/// The GGX lobe of coat and conductor together, and what it takes from the base.
+/// The GGX lobe of coat and conductor together, and what the coat takes from the base.
 #[derive(Clone, Copy)]
 struct Coat {
     ggx: Ggx,
     row: Row,
+    /// Reflectance at normal and at grazing incidence of the dielectric alone.
+    f0_dielectric: f32,
+    f90_dielectric: f32,
+    /// Colour of the conductor, and its share.
+    f0_metal: Vec3A,
+    metallic: f32,
+}
+
+/// What depends on `wo` alone.
+#[derive(Clone, Copy)]
+struct Outgoing {
+    /// Fresnel reflectances of the GGX lobe, shares and compensation applied.
     f0: Vec3A,
-    f90: f32,
-    /// Factor of `(1 - e(wo)) (1 - e(wi))` in the multiple-scattering lobe.
-    multiple: Vec3A,
-    /// Albedo of the dielectric coat alone is `a e + b b + c`.
-    dielectric: [f32; 3],
+    f90: Vec3A,
+    /// Share of `wo`'s light that the coat lets through.
+    transmitted: f32,
+    /// Probability of drawing the GGX lobe.
+    share: f32,
 }
 
 impl Coat {
     /// What the dielectric coat lets through to the base.
     #[inline]
     fn transmitted(&self, albedo: Albedo) -> f32 {
-        let [a, b, c] = self.dielectric;
-        (1.0 - (a * albedo.e + b * albedo.b + c)).max(0.0)
+        1.0 - (self.f0_dielectric * (albedo.e - albedo.b) + self.f90_dielectric * albedo.b)
     }
 
-    /// Base and multiple scattering: the part that is drawn by the cosine. BSDF value without the cosine.
     #[inline]
-    fn broad(&self, diffuse: Vec3A, o: Albedo, i: Albedo) -> Vec3A {
-        self.multiple * ((1.0 - o.e) * (1.0 - i.e)) + diffuse * (self.transmitted(o) * self.transmitted(i))
+    fn outgoing(&self, base: Vec3A, has_base: bool, cos: f32) -> Outgoing {
+        let albedo = self.row.at(cos);
+        let compensation = Vec3A::ONE + self.f0_metal * ((1.0 - albedo.e) / albedo.e);
+        let metal = compensation * self.metallic;
+        let f0 = metal * self.f0_metal + Vec3A::splat(self.f0_dielectric * (1.0 - self.metallic));
+        let f90 = metal + Vec3A::splat(self.f90_dielectric * (1.0 - self.metallic));
+        if !has_base {
+            return Outgoing { f0, f90, transmitted: 0.0, share: 1.0 };
+        }
+        // Each lobe by the light it reflects towards `wo` under a white sky.
+        let transmitted = self.transmitted(albedo);
+        let single = (f0 * (albedo.e - albedo.b) + f90 * albedo.b).max_element();
+        let diffuse = base.max_element() * transmitted * self.transmitted(self.row.mean) * PI;
+        Outgoing { f0, f90, transmitted, share: single / (single + diffuse) }
     }
 
-    /// Probability of drawing the GGX lobe: its share of the light reflected towards `wo` under a white sky.
+    /// GGX value (times cosine) and density.
     #[inline]
-    fn share(&self, diffuse: Vec3A, o: Albedo) -> f32 {
-        let single = self.f0 * (o.e - o.b) + Vec3A::splat(self.f90 * o.b);
-        let multiple = self.multiple * ((1.0 - o.e) * (1.0 - self.row.mean.e));
-        let base = diffuse * (self.transmitted(o) * self.transmitted(self.row.mean));
-        let single = single.max_element();
-        let broad = (multiple + base).max_element() * std::f32::consts::PI;
-        if broad > 0.0 { single / (single + broad) } else { 1.0 }
-    }
-
-    /// Single-scattering value (times cosine) and density.
-    #[inline]
-    fn single(&self, wo: Vec3A, wi: Vec3A) -> (Vec3A, f32) {
+    fn specular(&self, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> (Vec3A, f32) {
         let h = wo + wi;
         let len2 = h.length_squared();
         // Two opposite directions on the horizon: no half vector, and no energy.
@@ -72,8 +90,21 @@ impl Coat {
         }
         let d = self.ggx.distribution(h, len2);
         // For unit directions the cosine to the half vector is half the length of their sum.
-        let fresnel = schlick(self.f0, self.f90, 0.5 * len2.sqrt());
+        let fresnel = schlick(outgoing.f0, outgoing.f90, 0.5 * len2.sqrt());
         (fresnel * (d * self.ggx.visibility_cos(wo.z, wi.z)), self.ggx.pdf(wo.z, d))
+    }
+
+    /// Value (times cosine) and density of all lobes.
+    #[inline]
+    fn eval(&self, base: Vec3A, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> BsdfEval {
+        let (specular, pdf) = self.specular(outgoing, wo, wi);
+        // A conductor has no base: its second look-up is skipped.
+        if outgoing.share == 1.0 {
+            return BsdfEval { f_cos: specular, pdf };
+        }
+        let through = outgoing.transmitted * self.transmitted(self.row.at(wi.z));
+        let cosine_pdf = wi.z * FRAC_1_PI;
+        BsdfEval { f_cos: specular + base * (through * wi.z), pdf: outgoing.share * pdf + (1.0 - outgoing.share) * cosine_pdf }
     }
 }
 
@@ -81,32 +112,26 @@ impl Bsdf {
     /// Prepares the lobes that `surface` has. Parameters beyond their range are taken at its end.
     #[inline]
     pub fn new(surface: &Surface) -> Self {
-        let base = surface.base_color.clamp(Vec3A::ZERO, Vec3A::ONE);
+        let color = surface.base_color.clamp(Vec3A::ZERO, Vec3A::ONE);
         let metallic = surface.metallic.clamp(0.0, 1.0);
         let roughness = surface.roughness.clamp(0.0, 1.0);
         let f0_dielectric = 0.08 * surface.specular.clamp(0.0, 1.0);
-        let f90_dielectric = f90(f0_dielectric);
-        let diffuse = base * ((1.0 - metallic) * FRAC_1_PI);
+        let base = color * ((1.0 - metallic) * FRAC_1_PI);
+        let has_base = base != Vec3A::ZERO;
         if metallic == 0.0 && f0_dielectric == 0.0 {
-            return Self { diffuse, coat: None };
+            return Self { base, has_base, coat: None };
         }
-
-        let row = Row::new(roughness);
-        let mean = row.mean;
-        let multiple_dielectric = multiple_scattering(f0_dielectric, f90_dielectric, mean.e);
-        let multiple_metal = Vec3A::from(base.to_array().map(|f0| multiple_scattering(f0, 1.0, mean.e)));
-        let multiple = multiple_metal * metallic + Vec3A::splat(multiple_dielectric * (1.0 - metallic));
         let coat = Coat {
             ggx: Ggx::new(alpha(roughness)),
-            row,
-            f0: base * metallic + Vec3A::splat(f0_dielectric * (1.0 - metallic)),
-            f90: metallic + f90_dielectric * (1.0 - metallic),
-            multiple: multiple * (FRAC_1_PI / (1.0 - mean.e).max(1e-6)),
-            dielectric: [f0_dielectric - multiple_dielectric, f90_dielectric - f0_dielectric, multiple_dielectric],
+            row: Row::new(roughness),
+            f0_dielectric,
+            f90_dielectric: f90(f0_dielectric),
+            f0_metal: color,
+            metallic,
         };
         // The coat's mean transmittance normalises the base: what enters leaves again where the base is white.
-        let diffuse = diffuse / coat.transmitted(mean).max(1e-6);
-        Self { diffuse, coat: Some(coat) }
+        let base = base / coat.transmitted(coat.row.mean);
+        Self { base, has_base, coat: Some(coat) }
     }
 
     /// Value (times cosine) and density for two directions; zero when either lies on or below the shading horizon.
@@ -115,15 +140,10 @@ impl Bsdf {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return BsdfEval::default();
         }
-        let cosine_pdf = wi.z * FRAC_1_PI;
-        let Some(coat) = &self.coat else {
-            return BsdfEval { f_cos: self.diffuse * wi.z, pdf: cosine_pdf };
-        };
-        let o = coat.row.at(wo.z);
-        let i = coat.row.at(wi.z);
-        let share = coat.share(self.diffuse, o);
-        let (single, single_pdf) = coat.single(wo, wi);
-        BsdfEval { f_cos: single + coat.broad(self.diffuse, o, i) * wi.z, pdf: share * single_pdf + (1.0 - share) * cosine_pdf }
+        match &self.coat {
+            None => BsdfEval { f_cos: self.base * wi.z, pdf: if self.has_base { wi.z * FRAC_1_PI } else { 0.0 } },
+            Some(coat) => coat.eval(self.base, &coat.outgoing(self.base, self.has_base, wo.z), wo, wi),
+        }
     }
 
     /// Density of [`Self::sample`], per steradian.
@@ -140,26 +160,19 @@ impl Bsdf {
             return None;
         }
         let Some(coat) = &self.coat else {
-            if self.diffuse == Vec3A::ZERO {
-                return None;
-            }
             let wi = cosine_hemisphere(u);
-            // f cos / pdf = (diffuse cos) / (cos / pi)
             let pdf = wi.z * FRAC_1_PI;
-            return (pdf > 0.0).then(|| BsdfSample { wi, weight: self.diffuse * std::f32::consts::PI, pdf });
+            return (self.has_base && pdf > 0.0).then(|| BsdfSample { wi, weight: self.base * PI, pdf });
         };
-        let o = coat.row.at(wo.z);
-        let share = coat.share(self.diffuse, o);
-        let wi = if u_lobe < share { coat.ggx.sample(wo, u)? } else { cosine_hemisphere(u) };
+        let outgoing = coat.outgoing(self.base, self.has_base, wo.z);
+        let wi = if u_lobe < outgoing.share { coat.ggx.sample(wo, u)? } else { cosine_hemisphere(u) };
         if wi.z <= 0.0 {
             return None;
         }
-        let i = coat.row.at(wi.z);
-        let (single, single_pdf) = coat.single(wo, wi);
-        let pdf = share * single_pdf + (1.0 - share) * (wi.z * FRAC_1_PI);
-        let f_cos = single + coat.broad(self.diffuse, o, i) * wi.z;
+        let BsdfEval { f_cos, pdf } = coat.eval(self.base, &outgoing, wo, wi);
         let weight = f_cos / pdf;
-        (pdf > 0.0 && weight.is_finite()).then_some(BsdfSample { wi, weight, pdf })
+        // So small a density is rounded beyond use; its draw does not happen in practice.
+        (pdf > 1e-30 && weight.is_finite()).then_some(BsdfSample { wi, weight, pdf })
     }
 }
 

@@ -1,4 +1,4 @@
-//! Schlick's Fresnel reflectance and its averages.
+//! Schlick's Fresnel reflectance.
 
 use glam::Vec3A;
 
@@ -12,8 +12,8 @@ pub(super) fn schlick_weight(cos_d: f32) -> f32 {
 
 /// Fresnel reflectance `f0 + (f90 - f0) (1 - cos)^5` (Schlick 1994); `cos_d` is the cosine between a direction and the half vector.
 #[inline]
-pub fn schlick(f0: Vec3A, f90: f32, cos_d: f32) -> Vec3A {
-    f0 + (Vec3A::splat(f90) - f0) * schlick_weight(cos_d)
+pub fn schlick(f0: Vec3A, f90: Vec3A, cos_d: f32) -> Vec3A {
+    f0 + (f90 - f0) * schlick_weight(cos_d)
 }
 
 /// Reflectance of a dielectric at grazing incidence: 1 for every ordinary dielectric, fading to 0 below `f0` = 0.02.
@@ -24,19 +24,4 @@ pub fn schlick(f0: Vec3A, f90: f32, cos_d: f32) -> Vec3A {
 #[inline]
 pub fn f90(f0: f32) -> f32 {
     (50.0 * f0).min(1.0)
-}
-
-/// Cosine-weighted hemispherical mean of [`schlick`]: `(20 f0 + f90) / 21`.
-#[inline]
-fn mean(f0: f32, f90: f32) -> f32 {
-    (20.0 * f0 + f90) * (1.0 / 21.0)
-}
-
-/// Colour of the light that leaves a rough surface after two or more reflections, relative to a surface that absorbs nothing
-/// (Fdez-Aguera 2019, Turquin 2019: the geometric series over bounces, each losing the mean Fresnel reflectance).
-/// `mean_albedo` is the cosine-weighted mean directional albedo of one reflection with Fresnel reflectance 1.
-#[inline]
-pub(super) fn multiple_scattering(f0: f32, f90: f32, mean_albedo: f32) -> f32 {
-    let f = mean(f0, f90);
-    f * f * mean_albedo / (1.0 - f * (1.0 - mean_albedo))
 }
