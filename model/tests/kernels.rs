@@ -6,10 +6,12 @@ use renderflow_model::kernels::{Choice, force};
 use renderflow_model::ops::{self, Stride};
 use std::sync::{Mutex, MutexGuard};
 
-/// `force` acts on the whole process, so tests that use it take turns.
+/// `force` acts on the whole process, so tests take turns, each beginning with the kernel that users get.
 fn alone() -> MutexGuard<'static, ()> {
     static TURN: Mutex<()> = Mutex::new(());
-    TURN.lock().unwrap_or_else(|e| e.into_inner())
+    let turn = TURN.lock().unwrap_or_else(|e| e.into_inner());
+    force(Choice::Automatic);
+    turn
 }
 
 fn noise(rng: &mut Pcg64Mcg, count: usize) -> Vec<f32> {
@@ -151,7 +153,6 @@ fn kernels_equal_the_composition_of_burn_operations() {
             }
         }
     }
-    force(Choice::Automatic);
     println!("largest relative difference {worst:e}");
 }
 
@@ -165,13 +166,11 @@ fn instruction_sets_agree_bit_for_bit() {
             assert!(Some(found) == expected, "{choice:?} {case:?}");
         }
     }
-    force(Choice::Automatic);
 }
 
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let _turn = alone();
-    force(Choice::Automatic);
     let large = [
         Case::Conv { batch: 2, height: 40, width: 64, inputs: 48, outputs: 64, kernel: 3, stride: Stride::One, silu: true },
         Case::Conv { batch: 1, height: 65, width: 63, inputs: 32, outputs: 64, kernel: 3, stride: Stride::Two, silu: false },
@@ -279,12 +278,12 @@ fn results_equal_those_of_jax_in_double_precision() {
             }
         }
     }
-    force(Choice::Automatic);
     println!("largest relative difference {worst:e}");
 }
 
 #[test]
 fn views_are_read_like_copies() {
+    let _turn = alone();
     let device = Device::flex();
     let rng = &mut Pcg64Mcg::seed_from_u64(3);
     let (wide, w) = (tensor(rng, [2, 7, 9, 20], &device), tensor(rng, [3, 3, 16, 8], &device));
@@ -298,6 +297,7 @@ fn views_are_read_like_copies() {
 
 #[test]
 fn only_wanted_gradients_are_formed() {
+    let _turn = alone();
     let device = Device::flex().autodiff();
     let rng = &mut Pcg64Mcg::seed_from_u64(5);
     let (x, skip) = (tensor(rng, [1, 4, 4, 8], &device), tensor(rng, [1, 8, 8, 4], &device));
@@ -311,6 +311,7 @@ fn only_wanted_gradients_are_formed() {
 
 #[test]
 fn empty_pictures_and_batches_pass_through() {
+    let _turn = alone();
     let device = Device::flex();
     let (w, b) = (Tensor::<4>::zeros([3, 3, 4, 8], &device), Tensor::<1>::zeros([8], &device));
     for shape in [[0, 4, 4, 4], [1, 0, 4, 4], [1, 4, 0, 4]] {
@@ -321,6 +322,7 @@ fn empty_pictures_and_batches_pass_through() {
 
 #[test]
 fn extreme_values_stay_what_silu_makes_of_them() {
+    let _turn = alone();
     let device = Device::flex();
     let values = [0.0, -0.0, 1e-30, 20.0, -20.0, 88.0, -88.0, 1e30, -1e30, f32::MAX, f32::MIN];
     let x = Tensor::<3>::from_data(TensorData::new(values.to_vec(), [1, values.len(), 1]), &device);
@@ -385,7 +387,6 @@ fn measure_against_the_composition() {
             println!("  {choice:?}: forward {:.2} ms, with gradients {:.2} ms", median(&mut forward), median(&mut both));
         }
     }
-    force(Choice::Automatic);
 
     /// Seconds of the operation without a tape, and with the gradients of all inputs.
     fn time(case: Case) -> (f64, f64) {

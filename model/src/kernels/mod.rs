@@ -29,7 +29,6 @@ pub(crate) use extension::{attention, conv, decode};
 
 use burn::backend::DispatchDevice;
 use burn::tensor::{DType, Device};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 /// An implementation of the kernels that this processor can run.
@@ -92,13 +91,13 @@ impl Kernel {
 
 #[cfg(target_arch = "x86_64")]
 fn avx512() -> Option<Kernel> {
-    static FOUND: OnceLock<Option<x86::Avx512>> = OnceLock::new();
+    static FOUND: std::sync::OnceLock<Option<x86::Avx512>> = std::sync::OnceLock::new();
     FOUND.get_or_init(x86::Avx512::detect).map(Kernel::Avx512)
 }
 
 #[cfg(target_arch = "x86_64")]
 fn avx2() -> Option<Kernel> {
-    static FOUND: OnceLock<Option<x86::Avx2>> = OnceLock::new();
+    static FOUND: std::sync::OnceLock<Option<x86::Avx2>> = std::sync::OnceLock::new();
     FOUND.get_or_init(x86::Avx2::detect).map(Kernel::Avx2)
 }
 
