@@ -98,8 +98,8 @@ impl Default for ModelView {
 const ELEVATION: f32 = 20.0;
 /// Its vertical field of view, degrees.
 const FIELD_OF_VIEW: f32 = 40.0;
-/// Edge of the ground plane in radii of the model's bounding sphere: reaches the lower edge of the picture.
-const GROUND_EDGE: f32 = 10.0;
+/// Edge of the ground plane in radii of the model's bounding sphere: far enough that its corners are lost near the horizon.
+const GROUND_EDGE: f32 = 60.0;
 /// Space left around the bounding sphere in the picture.
 const MARGIN: f32 = 1.1;
 
