@@ -128,6 +128,44 @@ fn what_the_keyframe_did_not_see_is_invalid() {
 }
 
 #[test]
+fn depth_and_normal_tests_stand_on_their_own() {
+    // All surfaces made one object: only depth and normals can tell them apart.
+    let scene = scene();
+    let (now, then) = (camera(Vec3A::new(0.9, 1.0, 2.8)), camera(Vec3A::new(-0.9, 1.0, 2.8)));
+    let one_object = |view: &Camera| {
+        let mut frame = render(&scene, view);
+        frame.object_id.pixels.fill(1);
+        frame
+    };
+    let (current, key) = (one_object(&now), one_object(&then));
+    let c = correspond(&current, &key, None);
+    let (mut hidden, mut passed) = (0, 0);
+    for i in (0..SIZE * SIZE).filter(|i| current.depth.pixels[*i].is_finite()) {
+        let p = point(&current, &now, i);
+        let (t, _, _) = trace(&scene, then.position(), (p - then.position()).normalize()).expect("something is there");
+        // Nearer than the tolerance of one per cent the depth buffer cannot tell.
+        if (t / p.distance(then.position()) - 1.0).abs() > 0.03 {
+            hidden += 1;
+            passed += usize::from(c.valid.pixels[i] > 0.0);
+        }
+    }
+    println!("{passed} of {hidden} hidden points pass");
+    assert!(hidden > 300 && passed == 0, "{passed} of {hidden} hidden points pass");
+
+    // The same frame with its normals turned by an angle below and above the threshold of 30 degrees.
+    for (angle, expected) in [(0.4_f32, true), (0.65, false)] {
+        let mut turned = current.clone();
+        for n in &mut turned.normal.pixels {
+            let normal = Vec3A::from_array(*n);
+            *n = normal.try_normalize().map_or(*n, |n| (n * angle.cos() + n.any_orthonormal_vector() * angle.sin()).to_array());
+        }
+        let c = correspond(&current, &turned, None);
+        let hit = (0..SIZE * SIZE).filter(|i| current.depth.pixels[*i].is_finite());
+        assert!(hit.into_iter().all(|i| (c.valid.pixels[i] > 0.0) == expected), "normals turned by {angle}");
+    }
+}
+
+#[test]
 fn moving_objects_are_followed() {
     let motion = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.4), Vec3::new(0.25, 0.0, 0.1));
     let centre = Vec3A::new(-0.4, 0.4, 0.2);
@@ -148,7 +186,7 @@ fn moving_objects_are_followed() {
     }
     let all = current.object_id.pixels.iter().filter(|id| **id == 2).count();
     assert!(on_sphere as f32 > 0.75 * all as f32, "{on_sphere} of {all}");
-    // Without the motion only the part of the sphere's place that both frames share could pass, and normals rule most of it out.
+    // Without the motion only the overlap of the two places could pass, and normals and depth rule it out.
     let still = correspond(&current, &key, None);
     let wrong = (0..SIZE * SIZE).filter(|i| current.object_id.pixels[*i] == 2 && still.valid.pixels[*i] > 0.0).count();
     assert!(wrong * 20 < all, "{wrong} of {all} pass without motion");
