@@ -108,7 +108,8 @@ impl EnvironmentLight {
         }
     }
 
-    /// Draws a direction; `u` in 0..1. `None` when the environment is black.
+    /// Draws a direction; `u` in 0..1. `None` when the environment is black, or when the draw falls exactly on the rim
+    /// of a light, where radiance and density vanish together.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
         match &self.kind {
