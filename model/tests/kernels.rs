@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use renderflow_model::kernels::{Choice, force};
 use renderflow_model::ops::{self, Stride};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{LazyLock, Mutex, MutexGuard};
 
 /// `force` acts on the whole process, so tests take turns, each beginning with the kernel that users get.
 fn alone() -> MutexGuard<'static, ()> {
@@ -87,8 +87,14 @@ fn run(case: Case) -> Results {
     }
 }
 
+/// On a single thread: cases this small would spend their time waiting for one another on a busy machine.
 fn run_with(choice: Choice, case: Case) -> Option<Results> {
-    force(choice).then(|| run(case))
+    static POOL: LazyLock<rayon::ThreadPool> = LazyLock::new(|| with_threads(1));
+    force(choice).then(|| POOL.install(|| run(case)))
+}
+
+fn with_threads(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
 }
 
 fn cases() -> Vec<Case> {
@@ -178,14 +184,11 @@ fn results_do_not_depend_on_the_number_of_threads() {
         Case::Linear { batch: 2, tokens: 1024, inputs: 96, outputs: 160, silu: true },
         Case::Attention { batch: 2, queries: 256, keys: 160, channels: 128, heads: 4 },
     ];
+    let (one, more) = (with_threads(1), [3, 16].map(with_threads));
     for case in large.into_iter().chain(cases().into_iter().step_by(5)) {
-        let with_threads = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            pool.install(|| run(case))
-        };
-        let expected = with_threads(1);
-        for threads in [3, 16] {
-            assert!(with_threads(threads) == expected, "{case:?} with {threads} threads");
+        let expected = one.install(|| run(case));
+        for pool in &more {
+            assert!(pool.install(|| run(case)) == expected, "{case:?} with {} threads", pool.current_num_threads());
         }
     }
 }
