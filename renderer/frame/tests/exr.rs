@@ -2,6 +2,7 @@
 
 mod common;
 
+use ::exr::prelude::{ReadChannels, ReadLayers};
 use glam::{Mat4, Vec3A, Vec4};
 use half::f16;
 use renderflow_frame::channel::{LAYERS, Storage};
@@ -182,6 +183,15 @@ fn the_reference_is_of_what_is_written_now() {
         }
     }
     assert_eq!(own.layer_name, None);
+    let reader = ::exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
+    let image = reader.all_attributes().from_buffered(std::io::Cursor::new(&bytes)).unwrap();
+    for channel in image.layer_data.channel_data.list {
+        let then = reference["pixel_7_5"][channel.name.to_string()].as_f64().unwrap();
+        match channel.sample_data {
+            ::exr::prelude::FlatSamples::U32(ids) => assert_eq!(f64::from(ids[5 * 24 + 7]), then),
+            samples => assert_eq!(samples.value_by_flat_index(5 * 24 + 7).to_f32(), then as f32, "{}", channel.name),
+        }
+    }
     for (name, then) in reference["attributes"].as_object().unwrap() {
         if let Some(::exr::meta::attribute::AttributeValue::Text(now)) = own.other.get(name.as_bytes()) {
             assert_eq!(now.to_string(), then.as_str().unwrap());
