@@ -23,6 +23,13 @@ const OZONE: DVec3 = DVec3::new(0.650e-3, 1.881e-3, 0.085e-3);
 const ELEVATIONS: usize = 64;
 const AZIMUTHS: usize = 32;
 
+/// Altitudes and sines of the table of optical depths; the sines lie within `SINE_RANGE` of the sun's at the eye.
+const ALTITUDES: usize = 40;
+const SINES: usize = 96;
+const SINE_RANGE: f64 = 0.25;
+/// Altitudes of the tables end here, km.
+const ATMOSPHERE: f64 = 60.0;
+
 /// Scattered light in one direction before the phase functions.
 #[derive(Clone, Copy, Default)]
 struct Scattered {
@@ -38,6 +45,8 @@ pub(super) struct Atmosphere {
     /// Unit direction of the sun.
     pub sun: DVec3,
     table: Vec<Scattered>,
+    /// Optical depth towards the sun by altitude and by the sine of the sun's elevation there ([`Atmosphere::sunlight`]).
+    depths: Vec<DVec3>,
     scale: f64,
     /// Irradiance of the sun on a surface that faces it.
     pub sun_irradiance: DVec3,
@@ -50,7 +59,22 @@ impl Atmosphere {
     pub fn new(sun: DVec3, turbidity: f64, albedo: DVec3, mean: f64) -> Self {
         // Turbidity is the optical depth of air and haze over that of air alone, upwards and at 550 nm.
         let mie = (turbidity - 1.0).max(0.0) * RAYLEIGH.y * RAYLEIGH_HEIGHT / MIE_HEIGHT;
-        let mut sky = Self { mie, sun, table: Vec::new(), scale: 1.0, sun_irradiance: DVec3::ZERO, sky_irradiance: DVec3::ZERO };
+        let mut sky = Self {
+            mie,
+            sun,
+            table: Vec::new(),
+            depths: Vec::new(),
+            scale: 1.0,
+            sun_irradiance: DVec3::ZERO,
+            sky_irradiance: DVec3::ZERO,
+        };
+        sky.depths = (0..ALTITUDES * SINES)
+            .map(|i| {
+                let r = PLANET + altitude(i / SINES, ALTITUDES).max(0.001);
+                let mu = sky.sine(i % SINES);
+                sky.sun_depth(r, mu)
+            })
+            .collect();
         let multiple = sky.multiple_scattering(albedo);
         sky.table = (0..ELEVATIONS * AZIMUTHS)
             .map(|i| {
@@ -126,15 +150,34 @@ impl Atmosphere {
         if visible == 0.0 {
             return DVec3::ZERO;
         }
-        let length = to_top(p, self.sun);
+        // Along any view the sun's elevation changes by the bend of the planet only: a narrow table holds all that is asked for.
+        let x = ((r - PLANET) / ATMOSPHERE).clamp(0.0, 1.0).sqrt() * (ALTITUDES - 1) as f64;
+        let y = ((mu - self.sun.y) / SINE_RANGE * 0.5 + 0.5).clamp(0.0, 1.0) * (SINES - 1) as f64;
+        let (i, j) = ((x as usize).min(ALTITUDES - 2), (y as usize).min(SINES - 2));
+        let at = |i: usize, j: usize| self.depths[i * SINES + j];
+        let low = at(i, j).lerp(at(i, j + 1), y - j as f64);
+        let high = at(i + 1, j).lerp(at(i + 1, j + 1), y - j as f64);
+        (-low.lerp(high, x - i as f64)).exp() * visible
+    }
+
+    /// Sine of the sun's elevation of table column `j`.
+    fn sine(&self, j: usize) -> f64 {
+        self.sun.y + SINE_RANGE * (2.0 * j as f64 / (SINES - 1) as f64 - 1.0)
+    }
+
+    /// Optical depth from radius `r` to the top along a direction whose sine of elevation is `mu`.
+    fn sun_depth(&self, r: f64, mu: f64) -> DVec3 {
+        let mu = mu.clamp(-1.0, 1.0);
+        let (p, d) = (DVec3::new(0.0, r, 0.0), DVec3::new((1.0 - mu * mu).sqrt(), mu, 0.0));
+        let length = to_top(p, d);
         let mut depth = DVec3::ZERO;
-        let steps = 24;
+        let steps = 40;
         for i in 0..steps {
             // Quadratic steps: air is dense near the start.
             let (t, dt) = quadratic_step(i, steps, length);
-            depth += self.extinction((p + self.sun * t).length()) * dt;
+            depth += self.extinction((p + d * t).length()) * dt;
         }
-        (-depth).exp() * visible
+        depth
     }
 
     /// Light scattered towards the eye from direction `d`.
@@ -202,12 +245,12 @@ impl Atmosphere {
 }
 
 /// Altitude in km of entry `level`; denser near the ground.
-fn altitude(level: i32, levels: i32) -> f64 {
-    60.0 * (f64::from(level) / f64::from(levels - 1)).powi(2)
+fn altitude(level: usize, levels: usize) -> f64 {
+    ATMOSPHERE * (level as f64 / (levels - 1) as f64).powi(2)
 }
 
 fn lookup(table: &[DVec3], height: f64) -> DVec3 {
-    let x = (height / 60.0).clamp(0.0, 1.0).sqrt() * (table.len() - 1) as f64;
+    let x = (height / ATMOSPHERE).clamp(0.0, 1.0).sqrt() * (table.len() - 1) as f64;
     let i = (x as usize).min(table.len() - 2);
     table[i].lerp(table[i + 1], x - i as f64)
 }

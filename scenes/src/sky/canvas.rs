@@ -102,10 +102,15 @@ impl Emitter {
         let texel = (PI / height as f64).hypot(TAU / width as f64);
         let reach = (self.bound + texel).min(PI).cos();
         let sub = ((16.0 * texel / self.bound).ceil() as usize).clamp(2, 48);
+        let axis_theta = self.axis.y.clamp(-1.0, 1.0).acos();
         let drawn: Vec<(usize, DVec3)> = (0..texels.len())
             .into_par_iter()
             .filter_map(|i| {
                 let (x, y) = (i % width, i / width);
+                // Most rows are too far away whatever the column.
+                if (PI * (y as f64 + 0.5) / height as f64 - axis_theta).abs() > self.bound + texel {
+                    return None;
+                }
                 let centre = direction((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
                 let value =
                     if centre.dot(self.axis) < reach { DVec3::ZERO } else { average(x, y, width, height, sub, &self.radiance) };
@@ -115,7 +120,7 @@ impl Emitter {
         let total: DVec3 = drawn.iter().map(|&(i, value)| value * solid_angle(i / width)).sum();
         let axis_texel = {
             let u = (self.axis.x.atan2(-self.axis.z) / TAU).rem_euclid(1.0);
-            let v = self.axis.y.clamp(-1.0, 1.0).acos() / PI;
+            let v = axis_theta / PI;
             ((v * height as f64) as usize).min(height - 1) * width + ((u * width as f64) as usize).min(width - 1)
         };
         for channel in 0..3 {
