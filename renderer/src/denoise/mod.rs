@@ -25,12 +25,21 @@ pub enum Quality {
 }
 
 /// How to denoise.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Effort.
     pub quality: Quality,
-    /// Trust the guides to be free of noise, and keep every detail of them.
+    /// Trust the guides to be free of noise, and keep every detail of them. About twice the time.
     pub clean_guides: bool,
+}
+
+impl Default for Options {
+    /// Least error: on three composed scenes (sun, studio, street at night; 160x160; 16, 64 and 256 samples a pixel; guides from
+    /// the same samples) high quality with `clean_guides` was best all nine times, by 0.2 to 0.8 dB over high without, which
+    /// equalled balanced, and by 0.4 to 1.0 dB over fast.
+    fn default() -> Self {
+        Self { quality: Quality::High, clean_guides: true }
+    }
 }
 
 /// Why a picture could not be denoised.
