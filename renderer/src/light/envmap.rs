@@ -72,8 +72,11 @@ impl EnvironmentLight {
     /// Builds the sampling tables, about 24 bytes a texel. Negative and NaN texels count as black.
     pub fn new(environment: &Environment) -> Self {
         let gain = |texel: &[f32; 3]| {
-            // Half of the largest float: sums of two products in the interpolation then stay finite.
-            Vec3A::from(texel.map(|value| (value * environment.intensity).max(0.0).min(0.5 * f32::MAX)))
+            Vec3A::from(texel.map(|value| {
+                let value = value * environment.intensity;
+                // Half of the largest float: sums of two products in the interpolation then stay finite.
+                if value > 0.0 { value.min(0.5 * f32::MAX) } else { 0.0 }
+            }))
         };
         let pixels = &environment.map.pixels;
         if environment.is_constant() {
