@@ -124,7 +124,7 @@ fn environment_counts(name: &str, environment: &Environment, seed: u64) -> Count
 
 /// The largest divisor of `n` that is at most `limit`.
 fn divisor(n: usize, limit: usize) -> usize {
-    (1..=limit.min(n)).rev().find(|k| n % k == 0).unwrap_or(1)
+    (1..=limit.min(n)).rev().find(|&k| n.is_multiple_of(k)).unwrap_or(1)
 }
 
 fn map(width: usize, height: usize, f: impl FnMut(usize, usize) -> [f32; 3]) -> Environment {
