@@ -5,7 +5,7 @@ use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
-use renderflow_renderer::denoise::Denoiser;
+use renderflow_renderer::denoise::{Denoiser, Options};
 use renderflow_renderer::{RenderScene, Settings, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
@@ -48,13 +48,17 @@ pub struct TruthSettings {
     denoiser: Option<Mutex<Denoiser>>,
 }
 
+/// From this many samples a pixel on, the guides are clean enough for the denoiser to trust them.
+const CLEAN_GUIDES: u32 = 16;
+
 impl TruthSettings {
     /// Opens the denoiser as `mode` asks.
     pub fn new(spp: u32, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
+        let open = || Denoiser::with_options(Options { clean_guides: spp >= CLEAN_GUIDES, ..Options::default() });
         let denoiser = match mode {
             DenoiseMode::None => None,
-            DenoiseMode::Oidn => Some(Denoiser::new()?),
-            DenoiseMode::Auto => match Denoiser::new() {
+            DenoiseMode::Oidn => Some(open()?),
+            DenoiseMode::Auto => match open() {
                 Ok(denoiser) => Some(denoiser),
                 Err(error) => {
                     eprintln!("warning: pictures stay noisy: {error}");
