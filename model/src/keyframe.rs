@@ -60,7 +60,15 @@ pub struct Carried {
 
 /// Carries a keyframe to the current frame by [`warp::ratio_fetch`]. `truth` and `start` are the keyframe's exposed pictures,
 /// `distance` is in frames.
-pub fn carry(frame: &Frame, features: &Features, key: &Frame, truth: &Rgb, start: &Rgb, distance: f32, movement: Movement) -> Carried {
+pub fn carry(
+    frame: &Frame,
+    features: &Features,
+    key: &Frame,
+    truth: &Rgb,
+    start: &Rgb,
+    distance: f32,
+    movement: Movement,
+) -> Carried {
     let correspondence = warp::correspond(frame, key, Some(&|id| movement.of(id)));
     // All pictures are exposed already.
     let mut radiance = warp::ratio_fetch(truth, start, &start_picture(features), &correspondence, 1.0);

@@ -9,9 +9,11 @@ use renderflow_model::{Clip, NetworkConfig};
 
 /// A blue-white gradient with a warm spot.
 pub fn sky() -> Environment {
-    let map = Rgb::from_fn(32, 16, |x, y| {
-        let up = 1.0 - y as f32 / 15.0;
-        let sun = if (9..11).contains(&x) && (4..6).contains(&y) { 20.0 } else { 0.0 };
+    let map = Rgb::from_fn(64, 32, |x, y| {
+        let up = 1.0 - y as f32 / 31.0;
+        // One texel is the brightest, so that mirroring the sky mirrors its dominant light.
+        let away = (x as f32 - 19.0).powi(2) + (y as f32 - 9.0).powi(2);
+        let sun = 20.0 * (-0.7 * away).exp();
         [0.3 + 0.3 * up + sun, 0.4 + 0.4 * up + 0.9 * sun, 0.5 + 0.7 * up + 0.7 * sun]
     });
     Environment { map, rotation: 0.3, intensity: 1.0 }
