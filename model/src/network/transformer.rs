@@ -120,3 +120,32 @@ impl Rotary {
         Tensor::cat(vec![first, second], 3).reshape([b, n, c])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameters::to_vec;
+
+    #[test]
+    fn rotary_products_depend_on_offsets_only() {
+        let device = Device::flex();
+        let (rows, columns, c, heads) = (4, 6, 16, 2);
+        let n = rows * columns;
+        let rotary = Rotary::new(rows, columns, c / heads, &device);
+        // The same vector everywhere, turned by its position.
+        let same = |seed: usize| {
+            let row: Vec<f32> = (0..c).map(|i| ((i * 7 + seed * 13) % 11) as f32 / 11.0 - 0.4).collect();
+            Tensor::<3>::from_data(TensorData::new(row.repeat(n), [1, n, c]), &device)
+        };
+        let (q, k) = (to_vec(rotary.turn(same(1), heads)), to_vec(rotary.turn(same(2), heads)));
+        let product = |a: usize, b: usize| (0..c / heads).map(|i| q[a * c + i] * k[b * c + i]).sum::<f32>();
+        let at = |row: usize, column: usize| row * columns + column;
+        for (row, column) in [(0, 0), (1, 2), (2, 3)] {
+            let moved = product(at(row, column), at(row + 1, column + 2));
+            assert!((moved - product(at(0, 0), at(1, 2))).abs() < 1e-5, "offset (1, 2) from ({row}, {column})");
+        }
+        let origin = |row: usize, column: usize| product(at(0, 0), at(row, column));
+        assert!((origin(1, 2) - origin(0, 2)).abs() > 1e-3, "rows are told apart");
+        assert!((origin(1, 2) - origin(1, 0)).abs() > 1e-3, "columns are told apart");
+    }
+}
