@@ -43,7 +43,7 @@ fn bad_value_in_scene() {
     let args = ["render", "--scene", scene.to_str().unwrap(), "--out", out.to_str().unwrap()];
     refused(&args, &["scene.json", "/materials/0/roughness", "1.4"], &out);
     std::fs::write(&scene, &text[..text.len() / 2]).unwrap();
-    refused(&args, &["scene.json", "line"], &out);
+    refused(&args, &["scene.json:", "EOF"], &out);
 }
 
 #[test]

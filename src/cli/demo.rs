@@ -97,13 +97,8 @@ impl Demo {
         file::write_atomic(&report_path, page.as_bytes())?;
         file::write_json(&self.out.join("scores.json"), &evaluation)?;
         for frame in &pictures {
-            let save = |name: &str, picture| -> Result<()> {
-                Ok(file::write_atomic(&self.out.join(format!("frame.{:04}.{name}.png", frame.frame)), &report::png(picture)?)?)
-            };
-            save("truth", &frame.truth)?;
-            for (method, picture) in &frame.methods {
-                save(&method.slug(), picture)?;
-            }
+            let path = self.out.join(format!("comparison.{:04}.png", frame.frame));
+            file::write_atomic(&path, &report::png(&report::montage(frame))?)?;
         }
         println!("peak memory {}\nreport: {}", peak_memory(), report_path.display());
         Ok(())

@@ -165,6 +165,16 @@ pub fn error_map(a: &Rgb, b: &Rgb) -> Rgb {
     Rgb { width: a.width, height: a.height, pixels: pixels.collect() }
 }
 
+/// The pictures of a frame side by side, truth first; below each its error map.
+pub fn montage(pictures: &FramePictures) -> Rgb {
+    let columns: Vec<&Rgb> = std::iter::once(&pictures.truth).chain(pictures.methods.iter().map(|(_, picture)| picture)).collect();
+    let errors: Vec<Rgb> = columns.iter().map(|picture| error_map(picture, &pictures.truth)).collect();
+    let (width, height) = (pictures.truth.width, pictures.truth.height);
+    Rgb::from_fn(width * columns.len(), 2 * height, |x, y| {
+        if y < height { *columns[x / width].at(x % width, y) } else { *errors[x / width].at(x % width, y - height) }
+    })
+}
+
 /// 8-bit PNG of display values in 0..=1.
 pub fn png(image: &Rgb) -> Result<Vec<u8>> {
     let bytes = image.pixels.iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect();

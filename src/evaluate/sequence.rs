@@ -44,22 +44,6 @@ impl Method {
             Self::PathTraced(spp) => format!("path traced, {spp} spp"),
         }
     }
-
-    /// Part of file names.
-    pub fn slug(self) -> String {
-        match self {
-            Self::Ibl => "ibl".into(),
-            Self::Neural => "neural".into(),
-            Self::Warp => "warp".into(),
-            Self::NeuralKeyframes => "neural-keyframes".into(),
-            Self::PathTraced(spp) => format!("pt{spp}"),
-        }
-    }
-
-    /// Whether the method reads keyframes, so that keyframes themselves are left out of its mean.
-    pub fn uses_keyframes(self) -> bool {
-        matches!(self, Self::Warp | Self::NeuralKeyframes)
-    }
 }
 
 /// Metrics of one method on one frame.
