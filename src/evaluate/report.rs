@@ -167,7 +167,8 @@ pub fn error_map(a: &Rgb, b: &Rgb) -> Rgb {
 
 /// The pictures of a frame side by side, truth first; below each its error map.
 pub fn montage(pictures: &FramePictures) -> Rgb {
-    let columns: Vec<&Rgb> = std::iter::once(&pictures.truth).chain(pictures.methods.iter().map(|(_, picture)| picture)).collect();
+    let columns: Vec<&Rgb> =
+        std::iter::once(&pictures.truth).chain(pictures.methods.iter().map(|(_, picture)| picture)).collect();
     let errors: Vec<Rgb> = columns.iter().map(|picture| error_map(picture, &pictures.truth)).collect();
     let (width, height) = (pictures.truth.width, pictures.truth.height);
     Rgb::from_fn(width * columns.len(), 2 * height, |x, y| {
