@@ -155,12 +155,25 @@ impl RenderScene {
 
     /// Split-sum tables of the environment, made on first use and kept.
     pub fn ibl_tables(&self) -> &IblTables {
-        self.tables.get_or_init(|| IblTables::new(&self.environment))
+        // Made before the cell is locked: making them runs on rayon, where a waiting thread may pick up work that asks for them.
+        match self.tables.get() {
+            Some(tables) => tables,
+            None => {
+                let made = IblTables::new(&self.environment);
+                self.tables.get_or_init(|| made)
+            }
+        }
     }
 
     /// Factor from scene radiance to display-linear, from the environment alone (see [`renderflow_frame::ibl::exposure`]).
     pub fn exposure(&self) -> f32 {
-        *self.exposure.get_or_init(|| renderflow_frame::ibl::exposure(&self.environment))
+        match self.exposure.get() {
+            Some(&exposure) => exposure,
+            None => {
+                let made = renderflow_frame::ibl::exposure(&self.environment);
+                *self.exposure.get_or_init(|| made)
+            }
+        }
     }
 
     /// What the scene needs of the integrator.

@@ -6,7 +6,6 @@
 use super::fresnel::schlick_weight;
 use super::ggx::{Ggx, MIN_ALPHA};
 use glam::Vec3A;
-use rayon::prelude::*;
 use std::sync::OnceLock;
 
 /// Nodes along the view, even in [`abscissa`].
@@ -97,7 +96,8 @@ impl Table {
     fn new() -> Self {
         let lowest_root = lowest_root();
         let root_step = (1.0 - lowest_root) / (ROUGHNESSES - 1) as f32;
-        let rows = (0..ROUGHNESSES).into_par_iter().map(|i| {
+        // One thread, some 10 ms: a rayon worker that waits here would pick up a tile, come back for the table and wait for itself.
+        let rows = (0..ROUGHNESSES).map(|i| {
             let alpha = (lowest_root + i as f32 * root_step).powi(8);
             let row = std::array::from_fn(|j| integrate(alpha, cosine(j as f32 / (COSINES - 1) as f32)));
             (row, mean(&row))

@@ -1,6 +1,5 @@
 //! The environment BRDF: what the split sum multiplies the prefiltered radiance with.
 
-use rayon::prelude::*;
 use std::f32::consts::TAU;
 use std::sync::OnceLock;
 
@@ -17,8 +16,8 @@ const QUADRATURE: usize = 24;
 pub fn environment_brdf(n_dot_v: f32, roughness: f32) -> [f32; 2] {
     static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
     let table = TABLE.get_or_init(|| {
+        // One thread: a rayon worker that waits here would pick up a row of pixels, come back for the table and wait for itself.
         (0..N_DOT_V_STEPS * ROUGHNESS_STEPS)
-            .into_par_iter()
             .map(|i| {
                 let (column, row) = (i % N_DOT_V_STEPS, i / N_DOT_V_STEPS);
                 integrate(grid_n_dot_v(column as f32), row as f32 / (ROUGHNESS_STEPS - 1) as f32)
