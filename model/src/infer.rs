@@ -186,15 +186,16 @@ impl NeuralRenderer {
 
     fn summary(&self, environment: &Environment) -> Arc<EnvironmentSummary> {
         // A poisoned lock only means that another thread panicked while holding a cache entry.
-        let mut cached = self.summary.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*cached {
-            Some((known, summary)) if known == environment => summary.clone(),
-            _ => {
-                let summary = Arc::new(EnvironmentSummary::new(environment));
-                *cached = Some((environment.clone(), summary.clone()));
-                summary
-            }
+        let lock = || self.summary.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, summary)) = &*lock()
+            && known == environment
+        {
+            return summary.clone();
         }
+        // Made without the lock: this runs on rayon, where a waiting thread may pick up another frame and come back here.
+        let summary = Arc::new(EnvironmentSummary::new(environment));
+        *lock() = Some((environment.clone(), summary.clone()));
+        summary
     }
 
     /// Exposed radiance predicted by the base network.

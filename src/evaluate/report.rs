@@ -98,7 +98,7 @@ fn curve(page: &mut String, evaluation: &Evaluation) -> Result<()> {
     let low = finite.iter().map(|s| s.2).fold(f64::INFINITY, f64::min).floor() - 1.0;
     let high = finite.iter().map(|s| s.2).fold(0.0, f64::max).ceil() + 1.0;
     let x = |frame: usize| left + (width - left - 10.0) * frame as f64 / last.max(1) as f64;
-    let y = |psnr: f64| (height - bottom) * (high - psnr) / (high - low) + 4.0;
+    let y = |psnr: f64| (height - bottom - 12.0) * (high - psnr) / (high - low) + 12.0;
     write!(
         page,
         "<h2>PSNR over the sequence</h2><svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"PSNR a frame\">"
