@@ -1,13 +1,17 @@
 //! A pinhole camera. Camera space is OpenGL's: +x right, +y up, the view along -z. Pixel centres lie at +0.5.
 
-use glam::{Affine3A, Mat3A, Vec2, Vec3A};
+use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3A};
 use serde::{Deserialize, Serialize};
 
 /// Pinhole camera of one frame; `camera_to_world` is rigid (no scale).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// Camera space (OpenGL axes) to world space, metres.
+    /// Camera space (OpenGL axes) to world space relative to [`Self::origin`], metres.
     pub camera_to_world: Affine3A,
+    /// The point of the world that all positions are counted from, metres: zero unless the sequence lies so far out that single
+    /// precision would lose its digits (see [`near_origin`]). All cameras and objects of a sequence share it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub origin: DVec3,
     /// Focal length in pixels along x.
     pub fl_x: f32,
     /// Focal length in pixels along y.
@@ -22,6 +26,16 @@ pub struct Camera {
     pub height: usize,
 }
 
+fn is_zero(v: &DVec3) -> bool {
+    *v == DVec3::ZERO
+}
+
+/// Where positions of a sequence are counted from, given a camera at `eye` that looks at something `reach` metres away: zero as
+/// long as single precision places the camera to a millionth of the reach, and else the camera itself.
+pub fn near_origin(eye: DVec3, reach: f64) -> DVec3 {
+    if eye.length() <= 16.0 * reach { DVec3::ZERO } else { eye }
+}
+
 impl Camera {
     /// A camera at `eye` looking at `target`; `vertical_fov` in radians, principal point in the middle.
     /// `up` must not be parallel to the view direction; if it is, another axis is taken.
@@ -32,6 +46,7 @@ impl Camera {
         let focal = 0.5 * height as f32 / (0.5 * vertical_fov).tan();
         Self {
             camera_to_world: Affine3A { matrix3: rotation, translation: eye },
+            origin: DVec3::ZERO,
             fl_x: focal,
             fl_y: focal,
             cx: 0.5 * width as f32,
@@ -41,9 +56,14 @@ impl Camera {
         }
     }
 
-    /// Camera position in world space.
+    /// Camera position, relative to [`Self::origin`].
     pub fn position(&self) -> Vec3A {
         self.camera_to_world.translation
+    }
+
+    /// Camera position in the world.
+    pub fn position_in_world(&self) -> DVec3 {
+        self.origin + self.position().as_dvec3()
     }
 
     /// Direction (camera space, z = -1, not normalised) through the image point `pixel` (pixels from the top left).
@@ -56,19 +76,19 @@ impl Camera {
         (self.camera_to_world.matrix3 * self.direction_cam(pixel)).normalize()
     }
 
-    /// Image point and planar depth (metres along -z) of a world-space point; `None` behind or in the camera plane.
+    /// Image point and planar depth (metres along -z) of a point relative to [`Self::origin`]; `None` behind or in the camera plane.
     pub fn project(&self, p_world: Vec3A) -> Option<(Vec2, f32)> {
         let p_cam = self.world_to_camera().transform_point3a(p_world);
         let depth = -p_cam.z;
         (depth > 0.0).then(|| (Vec2::new(self.cx + self.fl_x * p_cam.x / depth, self.cy - self.fl_y * p_cam.y / depth), depth))
     }
 
-    /// World-space point at planar depth `depth` metres behind the image point `pixel`.
+    /// Point, relative to [`Self::origin`], at planar depth `depth` metres behind the image point `pixel`.
     pub fn unproject(&self, pixel: Vec2, depth: f32) -> Vec3A {
         self.camera_to_world.transform_point3a(self.direction_cam(pixel) * depth)
     }
 
-    /// World space to camera space.
+    /// World space relative to [`Self::origin`] to camera space.
     pub fn world_to_camera(&self) -> Affine3A {
         self.camera_to_world.inverse()
     }

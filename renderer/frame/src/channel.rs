@@ -72,6 +72,19 @@ macro_rules! layer {
             field: Field::$kind(Access { get: |frame| frame.$field.as_ref(), set: |frame, value| frame.$field = Some(value) }),
         }
     };
+    (light $group:literal, $name:literal) => {
+        Layer {
+            name: $name,
+            components: &RGB,
+            storage: Storage::Half,
+            optional: true,
+            meaning: "share of raw by where the light entered; the groups there are sum to raw",
+            field: Field::Rgb(Access {
+                get: |frame| frame.light[$group].as_ref(),
+                set: |frame, value| frame.light[$group] = Some(value),
+            }),
+        }
+    };
     ($name:literal, $components:expr, $storage:ident, $kind:ident $field:ident, $meaning:literal) => {
         Layer {
             name: $name,
@@ -94,6 +107,14 @@ pub const LAYERS: &[Layer] = &[
     layer!("", ["A"], Half, Scalar alpha, "hit coverage, 0..1"),
     layer!("raw", RGB, Half, optional Rgb raw, "mean radiance before denoising, scene-linear"),
     layer!("variance", RGB, Float, optional Rgb variance, "variance of the mean of raw"),
+    layer!(light 0, "light.0"),
+    layer!(light 1, "light.1"),
+    layer!(light 2, "light.2"),
+    layer!(light 3, "light.3"),
+    layer!(light 4, "light.4"),
+    layer!(light 5, "light.5"),
+    layer!(light 6, "light.6"),
+    layer!(light 7, "light.7"),
     layer!("albedo", RGB, Half, Rgb albedo, "base colour, linear, 0..1, independent of the view; 0 at a miss"),
     layer!("normal", XYZ, Half, Rgb normal, "shading normal, camera space (+x right, +y up, +z to the viewer), unit length; 0 at a miss"),
     layer!("depth", ["Z"], Float, Scalar depth, "planar depth along -z, metres; +inf at a miss"),

@@ -3,6 +3,9 @@
 use crate::Camera;
 use crate::image::{Image, Rgb};
 
+/// Most groups the light can be split into.
+pub const LIGHT_GROUPS: usize = 8;
+
 /// What the header of a frame file holds besides pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameInfo {
@@ -38,6 +41,8 @@ pub struct Frame {
     pub raw: Option<Rgb>,
     /// Variance of the mean of `raw`.
     pub variance: Option<Rgb>,
+    /// Shares of `raw` by where the light entered, index = group; all `None` unless asked for.
+    pub light: [Option<Rgb>; LIGHT_GROUPS],
     /// Base colour at the pixel centre, linear, 0..=1, 0 at a miss.
     pub albedo: Rgb,
     /// Shading normal in camera space (OpenGL axes), unit length, 0 at a miss.

@@ -6,7 +6,7 @@
 use crate::file::{read_json, write_json};
 use crate::tracks::Tracks;
 use crate::{Camera, Error, Result};
-use glam::{Affine3A, Mat3A, Vec3A};
+use glam::{Affine3A, DVec3, Mat3A, Vec3A};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -47,6 +47,9 @@ struct File {
     exposure: f32,
     environment: EnvironmentEntry,
     keyframes: Vec<usize>,
+    /// Point that the reader counts positions from, where the sequence is far out; the matrices are in the world all the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    origin: Option<DVec3>,
     frames: Vec<FrameEntry>,
     /// Object id to rows of object-to-world, one matrix a frame; only objects that move.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -54,7 +57,7 @@ struct File {
 }
 
 /// Rows of a 4x4 matrix.
-type Matrix = [[f32; 4]; 4];
+type Matrix = [[f64; 4]; 4];
 
 #[derive(Serialize, Deserialize)]
 struct EnvironmentEntry {
@@ -112,12 +115,13 @@ pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
         return Err(malformed(format!("{} cameras for {} files", sequence.cameras.len(), sequence.files.len())));
     }
     check(sequence).map_err(malformed)?;
+    let origin = sequence.cameras.first().map_or(DVec3::ZERO, |camera| camera.origin);
     let first = sequence.cameras.first().map(Intrinsics::of).unwrap_or_default();
     let shared = sequence.cameras.iter().all(|camera| Intrinsics::of(camera) == first);
     let frames = sequence.cameras.iter().zip(&sequence.files).map(|(camera, file)| FrameEntry {
         file_path: file.clone(),
         intrinsics: if shared { Intrinsics::default() } else { Intrinsics::of(camera) },
-        transform_matrix: rows(camera.camera_to_world),
+        transform_matrix: rows(camera.camera_to_world, origin),
     });
     let file = File {
         camera_model: "PINHOLE".into(),
@@ -135,9 +139,10 @@ pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
             intensity: sequence.environment_intensity,
         },
         keyframes: sequence.keyframes.clone(),
+        origin: (origin != DVec3::ZERO).then_some(origin),
         frames: frames.collect(),
         object_transforms: (sequence.tracks.objects.iter())
-            .map(|(&id, track)| (id, track.iter().map(|&transform| rows(transform)).collect()))
+            .map(|(&id, track)| (id, track.iter().map(|&transform| rows(transform, origin)).collect()))
             .collect(),
     };
     write_json(path, &file)
@@ -156,6 +161,7 @@ pub fn read(path: &Path) -> Result<Sequence> {
     if file.camera_model != "PINHOLE" {
         return Err(malformed(format!("/camera_model is {:?}, only \"PINHOLE\" is read", file.camera_model)));
     }
+    let origin = file.origin.unwrap_or_default();
     let cameras = file.frames.iter().enumerate().map(|(index, frame)| camera(&file, frame, index));
     let sequence = Sequence {
         cameras: cameras.collect::<std::result::Result<_, _>>().map_err(malformed)?,
@@ -167,7 +173,7 @@ pub fn read(path: &Path) -> Result<Sequence> {
         environment_intensity: file.environment.intensity,
         tracks: Tracks {
             objects: (file.object_transforms.into_iter())
-                .map(|(id, track)| (id, track.into_iter().map(affine).collect()))
+                .map(|(id, track)| (id, track.into_iter().map(|rows| affine(rows, origin)).collect()))
                 .collect(),
         },
     };
@@ -183,7 +189,8 @@ fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<
         return Err(format!("/frames/{index}/transform_matrix: the last row is {:?}, not [0, 0, 0, 1]", rows[3]));
     }
     Ok(Camera {
-        camera_to_world: affine(rows),
+        camera_to_world: affine(rows, file.origin.unwrap_or_default()),
+        origin: file.origin.unwrap_or_default(),
         fl_x: own.fl_x.or(common.fl_x).ok_or_else(|| missing("fl_x"))?,
         fl_y: own.fl_y.or(common.fl_y).ok_or_else(|| missing("fl_y"))?,
         cx: own.cx.or(common.cx).ok_or_else(|| missing("cx"))?,
@@ -193,13 +200,24 @@ fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<
     })
 }
 
-fn rows(transform: Affine3A) -> Matrix {
-    glam::Mat4::from(transform).transpose().to_cols_array_2d()
+/// Rows of a matrix in the world, for a transform relative to `origin`.
+fn rows(transform: Affine3A, origin: DVec3) -> Matrix {
+    // The shortest decimal that reads back as the same single-precision number, not the 17 digits of its double.
+    let short = |v: f32| v.to_string().parse().unwrap_or(f64::from(v));
+    let mut rows = glam::Mat4::from(transform).transpose().to_cols_array_2d().map(|row| row.map(short));
+    if origin != DVec3::ZERO {
+        for (row, (shift, at)) in rows.iter_mut().zip(origin.to_array().into_iter().zip(transform.translation.to_array())) {
+            row[3] = shift + f64::from(at);
+        }
+    }
+    rows
 }
 
-fn affine(rows: Matrix) -> Affine3A {
-    let column = |i: usize| Vec3A::new(rows[0][i], rows[1][i], rows[2][i]);
-    Affine3A { matrix3: Mat3A::from_cols(column(0), column(1), column(2)), translation: column(3) }
+/// Inverse of [`rows`].
+fn affine(rows: Matrix, origin: DVec3) -> Affine3A {
+    let column = |i: usize| Vec3A::new(rows[0][i] as f32, rows[1][i] as f32, rows[2][i] as f32);
+    let translation = DVec3::new(rows[0][3], rows[1][3], rows[2][3]) - origin;
+    Affine3A { matrix3: Mat3A::from_cols(column(0), column(1), column(2)), translation: translation.as_vec3a() }
 }
 
 fn check(sequence: &Sequence) -> std::result::Result<(), String> {
@@ -208,7 +226,10 @@ fn check(sequence: &Sequence) -> std::result::Result<(), String> {
     finite("/environment/rotation", sequence.environment_rotation)?;
     finite("/environment/intensity", sequence.environment_intensity)?;
     for (index, camera) in sequence.cameras.iter().enumerate() {
-        if !camera.camera_to_world.is_finite() {
+        if camera.origin != sequence.cameras[0].origin {
+            return Err(format!("frame {index} counts positions from {}, frame 0 from {}", camera.origin, sequence.cameras[0].origin));
+        }
+        if !camera.camera_to_world.is_finite() || !camera.origin.is_finite() {
             return Err(format!("/frames/{index}/transform_matrix holds NaN or infinity"));
         }
         // A scaled or mirrored matrix would give wrong depths and motion without a word.

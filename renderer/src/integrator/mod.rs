@@ -167,6 +167,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings, beauty: bool) -> Frame 
         alpha: Image::filled(width, height, 0.0),
         raw: beauty.then(rgb),
         variance: beauty.then(rgb),
+        light: Default::default(),
         albedo: rgb(),
         normal: rgb(),
         depth: Image::filled(width, height, f32::INFINITY),

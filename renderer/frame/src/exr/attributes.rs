@@ -4,7 +4,7 @@ use crate::camera::Camera;
 use crate::{FrameInfo, channel};
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Matrix4x4, Text};
 use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
-use glam::{Mat4, Vec3, Vec4};
+use glam::{DVec3, Mat4, Vec3, Vec4};
 
 const VERSION: &str = "renderflow/version";
 const CONVENTIONS: &str = "renderflow/conventions";
@@ -115,12 +115,20 @@ fn check_conventions(json: &str) -> std::result::Result<(), String> {
 }
 
 fn is_finite(camera: &Camera) -> bool {
-    camera.camera_to_world.is_finite() && [camera.fl_x, camera.fl_y, camera.cx, camera.cy].iter().all(|v| v.is_finite())
+    camera.camera_to_world.is_finite()
+        && camera.origin.is_finite()
+        && [camera.fl_x, camera.fl_y, camera.cx, camera.cy].iter().all(|v| v.is_finite())
 }
 
 /// World to OpenEXR's left-handed camera space: x right, y up, z along the view.
 fn world_to_camera(camera: &Camera) -> Mat4 {
-    Mat4::from_scale(Vec3::new(1.0, 1.0, -1.0)) * Mat4::from(camera.world_to_camera())
+    let mut to_camera = Mat4::from(camera.world_to_camera());
+    if camera.origin != DVec3::ZERO {
+        // In double precision: far from the world's origin the translation is the difference of large numbers.
+        let turn = camera.camera_to_world.matrix3.transpose().as_dmat3();
+        to_camera.w_axis = (-(turn * camera.position_in_world())).as_vec3().extend(1.0);
+    }
+    Mat4::from_scale(Vec3::new(1.0, 1.0, -1.0)) * to_camera
 }
 
 /// World to OpenEXR's normalised device coordinates: after division by w, (0, 0) is the image's top left corner and (1, 1) its bottom right;

@@ -27,6 +27,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
         alpha: Image::from_fn(width, height, |x, _| if hit(x) { 1.0 } else { 0.0 }),
         raw: Some(ramp(3.5)),
         variance: Some(ramp(1e-7)),
+        light: std::array::from_fn(|group| Some(ramp(1.0 + group as f32))),
         albedo: material.clone(),
         normal: Image::from_fn(width, height, |x, _| if hit(x) { [0.6, 0.0, 0.8] } else { [0.0; 3] }),
         depth: Image::from_fn(width, height, |x, y| if hit(x) { 1.0 + (x + 3 * y) as f32 / 7.0 } else { f32::INFINITY }),
