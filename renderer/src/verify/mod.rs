@@ -7,6 +7,10 @@
 //! [`Ticker::expect`] once, [`Ticker::add`] as it goes, and returns early with what it has when [`Ticker::cancelled`].
 
 pub mod chi_square;
+pub mod determinism;
+pub mod film;
+pub mod sampler;
+mod scenes;
 
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -163,8 +167,7 @@ impl Check {
 
 /// All checks, in the order to run them.
 pub fn checks() -> Vec<Check> {
-    let parts: [&[Check]; 0] = [];
-    parts.concat()
+    [sampler::CHECKS, film::CHECKS, determinism::CHECKS].concat()
 }
 
 #[cfg(test)]
