@@ -6,10 +6,12 @@
 //! A new check is a function `fn(Effort, &Ticker) -> Vec<Outcome>` and a line in the `CHECKS` of its file. It calls
 //! [`Ticker::expect`] once, [`Ticker::add`] as it goes, and returns early with what it has when [`Ticker::cancelled`].
 
+pub mod analytic;
 pub mod chi_square;
 pub mod determinism;
 pub mod film;
 pub mod sampler;
+pub mod scale;
 mod scenes;
 
 use serde::{Deserialize, Serialize};
@@ -167,7 +169,7 @@ impl Check {
 
 /// All checks, in the order to run them.
 pub fn checks() -> Vec<Check> {
-    [sampler::CHECKS, film::CHECKS, determinism::CHECKS].concat()
+    [sampler::CHECKS, film::CHECKS, determinism::CHECKS, scale::CHECKS, analytic::CHECKS].concat()
 }
 
 #[cfg(test)]
