@@ -6,8 +6,23 @@ mod mesh;
 mod model;
 mod obj;
 
+use crate::Texture;
+use crate::error::{Error, Result};
+use crate::loaded::Encoding;
 pub use build::load;
+use std::path::Path;
+
 pub use model::{Format, ModelView, describe_model};
+
+/// Reads an image file (PNG or JPEG, by content) as a texture that repeats.
+///
+/// # Errors
+/// [`Error::Io`] when it cannot be read, [`Error::Model`] with what is wrong with its bytes.
+pub fn read_texture(path: &Path, encoding: Encoding) -> Result<Texture> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let name = path.to_string_lossy().into_owned();
+    crate::texture::decode(&bytes, name, encoding, Default::default()).map_err(|reason| Error::model(path, "", reason))
+}
 
 /// Can the transform be undone in single precision? Renderers need its inverse for normals and rays.
 fn invertible(transform: glam::Affine3A) -> bool {
