@@ -4,6 +4,7 @@ use clap::Args;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
+use std::panic::UnwindSafe;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
@@ -57,7 +58,7 @@ impl Check {
             scope.spawn(move || {
                 self.files.par_iter().enumerate().for_each_with(sender, |sender, (i, path)| {
                     // Nobody listens any more only when `tell` panicked.
-                    let _ = sender.send((i, inspect_guarded(path)));
+                    let _ = sender.send((i, guarded(|| inspect(path))));
                 });
             });
             let (mut waiting, mut next) = (BTreeMap::new(), 0);
@@ -72,9 +73,9 @@ impl Check {
     }
 }
 
-/// As [`inspect`]; a panic inside is a refusal, since it must not take the other files down.
-fn inspect_guarded(path: &Path) -> Inspected {
-    std::panic::catch_unwind(|| inspect(path)).unwrap_or_else(|payload| {
+/// Turns a panic into a refusal: it must not take the other files down.
+fn guarded(inspect: impl FnOnce() -> Inspected + UnwindSafe) -> Inspected {
+    std::panic::catch_unwind(inspect).unwrap_or_else(|payload| {
         let reason = super::panic_message(payload.as_ref());
         Inspected { kind: None, verdict: Err(anyhow!("internal error, please report it with the file: {reason}")) }
     })
@@ -151,6 +152,13 @@ mod tests {
         let error = anyhow!("a/b.json /frames: 0 is too few\na/b.json /name: empty");
         assert_eq!(reason(path, &error), "/frames: 0 is too few; /name: empty");
         assert_eq!(reason(path, &anyhow!("a/b.json.bak: no")), "a/b.json.bak: no");
+    }
+
+    #[test]
+    fn a_panic_is_a_refusal() {
+        let inspected = guarded(|| panic!("on purpose: {}", 7));
+        let text = line(Path::new("x"), &inspected);
+        assert!(text.starts_with("refused  x: internal error") && text.contains("on purpose: 7"), "{text}");
     }
 
     #[test]

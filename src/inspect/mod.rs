@@ -128,6 +128,9 @@ fn kind(path: &Path) -> Result<Kind> {
     if text.starts_with(b"{") {
         return json_kind(path, &ending);
     }
+    if Format::sniff(text) == Some(Format::Obj) {
+        return Ok(Kind::Obj);
+    }
     let by_ending = match ending.as_str() {
         "json" => Some(Kind::Scene),
         "gltf" | "glb" => Some(Kind::Gltf),
@@ -139,9 +142,6 @@ fn kind(path: &Path) -> Result<Kind> {
     };
     if let Some(kind) = by_ending {
         return Ok(kind);
-    }
-    if Format::sniff(&head) == Some(Format::Obj) {
-        return Ok(Kind::Obj);
     }
     if head.is_empty() {
         bail!("{}: the file is empty", path.display());

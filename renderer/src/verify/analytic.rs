@@ -99,8 +99,8 @@ fn rgb(v: DVec3) -> [f32; 3] {
 
 /// The same radiance from everywhere but for one texel that is a trifle brighter: no longer "flat", so that light sampling runs.
 fn nearly_flat(radiance: DVec3) -> Environment {
-    let mut environment = scenes::environment(32, 16, |_| rgb(radiance));
-    environment.map.pixels[5 * 32 + 3] = rgb(radiance * 1.0001);
+    let mut environment = scenes::environment(128, 64, |_| rgb(radiance));
+    environment.map.pixels[20 * 128 + 12] = rgb(radiance * 1.0001);
     environment
 }
 

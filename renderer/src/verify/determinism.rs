@@ -7,7 +7,7 @@ use crate::compile::RenderScene;
 use crate::integrator::{self, Settings};
 use crate::schedule::with_shuffled_tiles;
 use glam::{Affine3A, Vec3};
-use renderflow_frame::{Environment, Frame, Image};
+use renderflow_frame::{Environment, Frame};
 use renderflow_scenes::Material;
 use renderflow_scenes::shapes::Shape;
 
@@ -121,6 +121,7 @@ fn finish(worst: Result<Worst, String>, name: &str) -> Outcome {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use renderflow_frame::Image;
 
     #[test]
     fn one_changed_bit_is_seen() {
