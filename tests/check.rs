@@ -136,12 +136,12 @@ fn scenes() {
 fn models() {
     let folder = folder();
     let folder = folder.path();
-    let counts = ["instances 1", "vertices 3", "triangles 1", "dropped by loading 0"];
+    let counts = ["instances 1", "vertices 3", "triangles 1", "dropped without area 0"];
     accepted(&file(folder, "a.gltf", gltf(3)), &[&counts[..], &["gltf", "low (0 0 0)", "high (1 1 0)"]].concat());
     accepted(&file(folder, "a.glb", glb(&gltf(3))), &counts);
     accepted(&file(folder, "a.obj", TRIANGLE), &[&counts[..], &["obj", "low (0 0 -3)", "high (2 0 0)"]].concat());
     // One face without area is dropped and counted.
-    accepted(&file(folder, "flat.obj", format!("{TRIANGLE}f 1 1 2\n")), &["triangles 1", "dropped by loading 1"]);
+    accepted(&file(folder, "flat.obj", format!("{TRIANGLE}f 1 1 2\n")), &["triangles 1", "dropped without area 1"]);
 
     refused(&file(folder, "long.gltf", gltf(30)), &["gltf: ", "accessor"]);
     refused(&file(folder, "cut.glb", &glb(&gltf(3))[..100]), &["gltf: "]);

@@ -73,6 +73,15 @@ impl Texture {
         Self { name: name.into(), wrap, encoding, levels }
     }
 
+    /// Lowest alpha of the image, 0..=1; coarser levels and what lies between texels never go below it.
+    pub(crate) fn lowest_alpha(&self) -> f32 {
+        match self.levels.first().map(|level| &level.texels) {
+            Some(Texels::Bytes(t)) => t.iter().map(|t| t[3]).min().map_or(1.0, |a| f32::from(a) / 255.0),
+            Some(Texels::Words(t)) => t.iter().map(|t| t[3]).min().map_or(1.0, |a| f32::from(a) / 65535.0),
+            None => 1.0,
+        }
+    }
+
     /// Bytes of all texels.
     pub fn bytes(&self) -> usize {
         let level = |l: &Level| match &l.texels {

@@ -1,12 +1,24 @@
 //! Decodes PNG and JPEG images.
 
 use crate::loaded::{Encoding, Texture, Wrap};
+use glam::{Affine2, Mat2, Vec2};
 use std::io::Cursor;
+use std::path::Path;
 
 /// Largest edge of an image, pixels.
 const MAX_EDGE: u32 = 16384;
 /// Most bytes the decoder may take: keeps a few kilobytes of hostile PNG from filling the memory.
 const MAX_BYTES: u64 = 512 << 20;
+
+/// Bytes of an image file; the error says what is wrong, in words.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, String> {
+    let kind = std::fs::metadata(path).map_err(|e| format!("cannot read: {e}"))?;
+    // A pipe or a device would be read for ever.
+    if !kind.is_file() {
+        return Err("cannot read: not a regular file".into());
+    }
+    std::fs::read(path).map_err(|e| format!("cannot read: {e}"))
+}
 
 /// Decodes a PNG or JPEG (by content) and builds its mip levels. 8 and 16 bits a channel; grey becomes three equal channels.
 ///
@@ -35,4 +47,31 @@ pub(crate) fn decode(bytes: &[u8], name: String, encoding: Encoding, wrap: [Wrap
         let texels = picture.into_rgba8().pixels().map(|p| p.0).collect();
         Texture::from_rgba8(name, size, texels, encoding, wrap)
     })
+}
+
+/// KHR_texture_transform: scale, then a turn that looks counter-clockwise where v runs down, then the offset.
+/// (The README's own example, the lower left quadrant, holds with this sign only.)
+pub(crate) fn uv_transform(offset: [f32; 2], rotation: f32, scale: [f32; 2]) -> Affine2 {
+    let turn = Mat2::from_angle(-rotation);
+    let transform = Affine2 { matrix2: turn * Mat2::from_diagonal(Vec2::from(scale)), translation: Vec2::from(offset) };
+    if transform.is_finite() { transform } else { Affine2::IDENTITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The two examples of the extension's README, in its own words.
+    #[test]
+    fn texture_transform_examples() {
+        // "utilizes only the lower left quadrant of the source image, rotated clockwise 90 degrees"
+        let quadrant = uv_transform([0.0, 1.0], std::f32::consts::FRAC_PI_2, [0.5, 0.5]);
+        for corner in [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE] {
+            let uv = quadrant.transform_point2(corner);
+            assert!((-1e-6..=0.5 + 1e-6).contains(&uv.x) && (0.5 - 1e-6..=1.0 + 1e-6).contains(&uv.y), "{corner} -> {uv}");
+        }
+        // "inverts the T axis, effectively defining a bottom-left origin"
+        let flipped = uv_transform([0.0, 1.0], 0.0, [1.0, -1.0]);
+        assert!(flipped.transform_point2(Vec2::new(0.25, 0.25)).distance(Vec2::new(0.25, 0.75)) < 1e-6);
+    }
 }

@@ -6,6 +6,7 @@ use base64::Engine;
 use common::{asset, grey, load_model, model_scene};
 use glam::{Vec2, Vec3};
 use renderflow_scenes::loaded::Wrap;
+use renderflow_scenes::mipmap::{self, Texels};
 use renderflow_scenes::{LoadedScene, Result, load};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -193,10 +194,14 @@ fn materials_textures_and_their_options_arrive() {
     let color = &scene.textures[material.base_color_texture.as_ref().unwrap().texture];
     assert_eq!(color.wrap, [Wrap::Clamp, Wrap::Mirror]);
     // sRGB 32768/65535 is 0.2140482 linear (IEC 61966-2-1).
-    assert!((color.image.pixels[0][1] - 0.214_048_2).abs() < 1e-6 && color.image.pixels[0][2] == 1.0);
+    let Texels::Words(texels) = &color.levels[0].texels else { panic!("16 bits a channel") };
+    assert_eq!(texels[..], [[0, 32768, 65535, 65535], [65535, 0, 0, 65535]]);
+    assert!((mipmap::decode(color.encoding, 32768.0 / 65535.0) - 0.214_048_2).abs() < 1e-6);
     let (slot, scale) = material.normal_texture.as_ref().unwrap();
     assert_eq!((*scale, slot.uv_transform.translation), (0.5, Vec2::new(0.5, 0.0)));
-    assert_eq!(scene.textures[slot.texture].image.pixels[1], [1.0, -1.0, -1.0]);
+    let normal = &scene.textures[slot.texture];
+    assert_eq!([1.0, 0.0].map(|v| mipmap::decode(normal.encoding, v)), [1.0, -1.0]);
+    assert_eq!(normal.levels[0], color.levels[0]);
     // The coordinates are those of TEXCOORD_1, and the normal map brought tangents: u grows along x, green points to smaller v.
     let mesh = &scene.meshes[0];
     // (The mesh has no normals: each of its two triangles has corners of its own.)
@@ -266,7 +271,7 @@ fn triangles_that_cannot_be_rendered_are_dropped_and_counted() {
     let mut file = document(&[(FLOAT, "VEC3", 6, false, bytes(&positions)), (5121, "SCALAR", 15, false, order.to_vec())]);
     file["meshes"][0]["primitives"][0]["indices"] = json!(1);
     let scene = File::new(&file).load().unwrap();
-    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (4, 1));
+    assert_eq!((scene.report.triangles.dropped(), scene.meshes[0].triangles.len()), (4, 1));
     assert!(scene.meshes[0].positions.iter().all(|p| p.is_finite()));
 }
 

@@ -57,8 +57,8 @@ fn texture_coordinates_run_down() {
 
 #[test]
 fn what_does_not_exist_costs_a_face_not_the_file() {
-    let scene = obj("f 1 2 9\nf 1 2 3\nf 0 1 2\nl 1 2\np 1\nf 1 2\nf 1/7 2/7 3/7\n").load().unwrap();
-    assert_eq!(scene.report.dropped_triangles, 2);
+    let scene = obj("f 1 2 9\nf 1 2 3\nf 0 1 2\nl 1 2\np 1\nf 1 2\nf 1/7 3/7 4/7\n").load().unwrap();
+    assert_eq!(scene.report.triangles.dropped(), 2);
     assert_eq!(scene.meshes[0].triangles.len(), 2);
     let expected = [
         "model.obj: 3 points and lines skipped",
@@ -79,9 +79,9 @@ fn faces_with_and_without_normals_keep_what_they_have() {
 #[test]
 fn not_a_number_is_dropped_and_counted() {
     let scene = obj("v nan 0 0\nv inf 0 0\nv -1.#IND 0 0\nf 1 2 3\nf 1 2 5\nf 1 2 6\nf 1 2 7\n").load().unwrap();
-    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (3, 1));
+    assert_eq!((scene.report.triangles.dropped(), scene.meshes[0].triangles.len()), (3, 1));
     if let Some(path) = asset("obj/edge/tinyobjloader/test-nan.obj") {
-        assert!(load_model(&path).unwrap().report.dropped_triangles > 0);
+        assert!(load_model(&path).unwrap().report.triangles.dropped() > 0);
     }
 }
 

@@ -43,9 +43,15 @@ fn counts(loaded: &LoadedScene) -> Result<Counts> {
     found.add("meshes", loaded.meshes.len());
     found.add("vertices", loaded.meshes.iter().map(|m| m.positions.len()).sum::<usize>());
     found.add("triangles", meshes().map(|m| m.triangles.len()).sum::<usize>());
-    found.add("dropped_by_loading", loaded.report.dropped_triangles);
+    let dropped = loaded.report.triangles;
+    found.add("dropped_out_of_range", dropped.out_of_range);
+    found.add("dropped_not_finite", dropped.not_finite);
+    found.add("dropped_without_area", dropped.no_area);
+    found.add("dropped_duplicate", dropped.duplicate);
     found.add("dropped_by_compiling", compiled.dropped_triangles());
+    found.add("needles", dropped.needles);
     found.add("materials", loaded.materials.len());
+    found.add("alpha_masked", loaded.report.alpha_masked);
     found.add("blend_as_opaque", loaded.report.blend_as_opaque);
     found.add("textures", loaded.textures.len());
     found.add("texture_bytes", loaded.textures.iter().map(Texture::bytes).sum::<usize>());

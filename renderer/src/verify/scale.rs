@@ -75,7 +75,7 @@ fn picture(size: f64, offset: [f64; 3], effort: Effort, ticker: &Ticker<'_>) -> 
     let path = Path::new("still-life.json");
     let scene = Scene::from_json(path, &description(size, offset, effort.pick(48, 96))).map_err(|e| e.to_string())?;
     let loaded = load::load(&scene, Path::new(".")).map_err(|e| e.to_string())?;
-    let dropped = loaded.report.dropped_triangles;
+    let dropped = loaded.report.triangles.dropped();
     let compiled = RenderScene::compile(&loaded).map_err(|e| e.to_string())?;
     if dropped + compiled.dropped_triangles() > 0 {
         return Err(format!("{dropped} triangles dropped by loading, {} by compiling", compiled.dropped_triangles()));

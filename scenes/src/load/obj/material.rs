@@ -147,9 +147,6 @@ fn convert(material: &tobj::Material, textures: &mut Textures, notes: &mut Vec<S
         }
     }
     let emissive = material.emissive.unwrap_or_default().map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 });
-    if emissive != [0.0; 3] {
-        notes.push(format!("material {name:?} emits light, which is not rendered yet"));
-    }
     // A black factor would hide the texture; exporters that write one mean the texture alone.
     let factor = material.diffuse.unwrap_or([0.8; 3]);
     let base_color =
