@@ -7,7 +7,7 @@ use chi_square::{Counts, DirectionGrid, Random, assert_all, upper_gamma};
 use glam::{DVec3, Vec3A};
 use renderflow_frame::Environment;
 use renderflow_frame::image::Rgb;
-use renderflow_renderer::light::EnvironmentLight;
+use renderflow_renderer::light::{EnvironmentLight, Sampling};
 use renderflow_renderer::material::{Bsdf, Surface};
 
 const DRAWS: usize = 100_000;
@@ -203,7 +203,7 @@ fn environment_samples_agree_with_the_look_up() {
 }
 
 fn sampled(environment: &Environment) -> EnvironmentLight {
-    EnvironmentLight::new(environment).expect("finite rotation and intensity")
+    EnvironmentLight::with_sampling(environment, Sampling::Plain).expect("finite rotation and intensity")
 }
 
 fn light_maximum(environment: &Environment) -> f32 {

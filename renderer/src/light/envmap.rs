@@ -13,7 +13,7 @@ use std::f32::consts::{FRAC_1_PI, TAU};
 pub const MAX_RADIANCE: f32 = 1e32;
 /// Light whose brightest component is fainter than this is none: its inverse would not be finite.
 const MIN_RADIANCE: f32 = 1e-37;
-/// [`Sampling::Compensated`] in terms of [`Sampling::Less`].
+/// [`Sampling::Compensated`] in terms of [`Sampling::Less`]; of 0.5, 0.8 and 1 the last lowered the error most.
 const COMPENSATION: f32 = 1.0;
 
 /// What the density of light samples is proportional to. The estimate with multiple importance sampling has the same mean for all;
@@ -21,11 +21,15 @@ const COMPENSATION: f32 = 1.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Sampling {
     /// Radiance: positive wherever there is light.
-    #[default]
     Plain,
     /// Radiance above the mean of the sphere, 0 elsewhere (Karlik et al. 2019, "MIS Compensation", section 5.1). The faint
     /// directions are left to samples of the material, which is dense there: every material has a diffuse or specular lobe over
     /// the whole hemisphere. For mirror-like lobes nothing changes: their samples carry the weight either way.
+    ///
+    /// Measured at 16 samples a pixel (`examples/mis_compensation.rs`, 42 combinations of sky, scene and material): relMSE 0.915
+    /// times that of `Plain` in the geometric mean, 0.69 at best (room lit by a smooth sky through a window), 1.11 at worst (metal in
+    /// the same room); half of the mean instead of all of it gives 0.935.
+    #[default]
     Compensated,
     /// As `Compensated`, with this share of the mean (0..=1) instead of all of it; for measurements.
     Less(f32),

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use glam::{Vec2, Vec3A};
+use std::cmp::Ordering;
 
 /// A partition of directions into groups, in the environment's own frame: it turns with the map.
 ///
@@ -63,8 +64,12 @@ impl LightGroups {
         let d = self.rotation.rotate(Vec2::new(-wi.z, wi.x));
         let late = d.y < 0.0 || (d.y == 0.0 && d.x < 0.0);
         let passed = |&&(j, border): &&(usize, Vec2)| {
-            let beyond = border.perp_dot(d) >= 0.0;
-            if 2 * j <= sectors { late || beyond } else { late && beyond }
+            let beyond = || border.perp_dot(d) >= 0.0;
+            match (2 * j).cmp(&sectors) {
+                Ordering::Less => late || beyond(),
+                Ordering::Equal => late,
+                Ordering::Greater => late && beyond(),
+            }
         };
         first + BORDERS[sectors - 2][..sectors - 1].iter().filter(passed).count()
     }
