@@ -3,7 +3,7 @@
 use crate::accel::{Accel, MAX_COORDINATE, MAX_TRIANGLES};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
-use crate::light::EnvironmentLight;
+use crate::light::{EnvironmentLight, Sampling};
 use crate::material::Surface;
 use crate::texture::Sampled;
 use glam::{Affine3A, Vec3A};
@@ -79,7 +79,7 @@ impl RenderScene {
         let materials: Vec<_> = scene.materials.iter().map(compile_material).collect();
         // Only what some instance uses counts: an unused textured material must not slow the others down.
         let used = |f: &dyn Fn(&CompiledMaterial) -> bool| scene.instances.iter().any(|i| f(&materials[i.material]));
-        let light = EnvironmentLight::new(&scene.environment);
+        let light = EnvironmentLight::new(&scene.environment)?;
         let features = FeatureSet {
             textures: used(&|m| m.base_color_texture.is_some() || m.metallic_roughness_texture.is_some()),
             normal_maps: used(&|m| m.normal_texture.is_some()),
@@ -175,6 +175,15 @@ impl RenderScene {
                 *self.exposure.get_or_init(|| made)
             }
         }
+    }
+
+    /// Chooses what light samples of the environment follow; [`Self::compile`] takes the default.
+    ///
+    /// # Errors
+    /// Never after [`Self::compile`] accepted the environment.
+    pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
+        self.light = EnvironmentLight::with_sampling(&self.environment, sampling)?;
+        Ok(())
     }
 
     /// What the scene needs of the integrator.

@@ -7,7 +7,7 @@ use chi_square::{Counts, DirectionGrid, Random, assert_all, upper_gamma};
 use glam::{DVec3, Vec3A};
 use renderflow_frame::Environment;
 use renderflow_frame::image::Rgb;
-use renderflow_renderer::light::EnvironmentLight;
+use renderflow_renderer::light::{EnvironmentLight, Sampling};
 use renderflow_renderer::material::{Bsdf, Surface};
 
 const DRAWS: usize = 100_000;
@@ -86,7 +86,7 @@ fn incomplete_gamma_agrees_with_scipy() {
 
 /// Counts in cells of the map's own coordinates, found by the environment's look-up and not by the sampler's.
 fn environment_counts(name: &str, environment: &Environment, seed: u64) -> Counts {
-    let light = EnvironmentLight::new(environment);
+    let light = sampled(environment);
     let (width, height) = (environment.map.width, environment.map.height);
     // The density has its kinks at texel centres and is integrated on half texels; cells are groups of these.
     let (columns, rows) = (2 * width, 2 * height);
@@ -182,7 +182,7 @@ fn environments_are_drawn_from_their_density() {
 #[test]
 fn environment_samples_agree_with_the_look_up() {
     for (name, environment) in environments() {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         let largest = light_maximum(&environment);
         let mut random = Random::new(5);
         for _ in 0..20_000 {
@@ -202,6 +202,10 @@ fn environment_samples_agree_with_the_look_up() {
     }
 }
 
+fn sampled(environment: &Environment) -> EnvironmentLight {
+    EnvironmentLight::with_sampling(environment, Sampling::Plain).expect("finite rotation and intensity")
+}
+
 fn light_maximum(environment: &Environment) -> f32 {
     environment.map.pixels.iter().flatten().copied().fold(0.0, f32::max) * environment.intensity
 }
@@ -209,7 +213,7 @@ fn light_maximum(environment: &Environment) -> f32 {
 #[test]
 fn density_covers_all_light() {
     for (name, environment) in environments() {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         let largest = f64::from(light_maximum(&environment));
         let mut random = Random::new(6);
         for _ in 0..20_000 {
@@ -227,7 +231,7 @@ fn density_covers_all_light() {
 #[test]
 fn the_estimate_of_irradiance_is_unbiased() {
     for (name, environment) in environments() {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         let (m, n) = (1024_usize, 512_usize);
         // Average radiance over the sphere: the map integrated directly, and estimated from samples.
         let mut direct = 0.0;
@@ -261,9 +265,9 @@ fn black_environments_are_never_drawn() {
         Environment { intensity: 0.0, ..sun(16, 8, 3, 3, 5.0) },
         map(0, 0, |_, _| [1.0; 3]),
     ] {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         assert!(light.is_black() && light.sample([0.3, 0.6]).is_none());
         assert_eq!((light.pdf(Vec3A::Y), light.radiance(Vec3A::X)), (0.0, Vec3A::ZERO));
     }
-    assert!(!EnvironmentLight::new(&sun(16, 8, 3, 3, 5.0)).is_black());
+    assert!(!sampled(&sun(16, 8, 3, 3, 5.0)).is_black());
 }

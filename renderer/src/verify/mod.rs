@@ -13,6 +13,8 @@ pub mod film;
 pub mod sampler;
 pub mod scale;
 mod scenes;
+pub mod emitters;
+pub mod lights;
 
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -169,7 +171,16 @@ impl Check {
 
 /// All checks, in the order to run them.
 pub fn checks() -> Vec<Check> {
-    [sampler::CHECKS, film::CHECKS, determinism::CHECKS, scale::CHECKS, analytic::CHECKS].concat()
+    [
+        sampler::CHECKS,
+        film::CHECKS,
+        lights::CHECKS,
+        emitters::CHECKS,
+        determinism::CHECKS,
+        scale::CHECKS,
+        analytic::CHECKS,
+    ]
+    .concat()
 }
 
 #[cfg(test)]
