@@ -36,10 +36,10 @@ impl Interaction {
     #[inline]
     pub(crate) fn new<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit) -> Self {
         let wo = -ray.direction;
-        let corners = scene.accel.corners(hit);
+        let corners = scene.geometry.accel.corners(hit);
         let [b0, b1, b2] = hit.weights;
-        let triangle = &scene.triangles[hit.primitive as usize];
-        let instance = &scene.placed[triangle.instance as usize];
+        let triangle = &scene.geometry.triangles[hit.primitive as usize];
+        let instance = &scene.geometry.placed[triangle.instance as usize];
         let material = &scene.materials[instance.material];
 
         // Interpolated, not `ray.at(t)`: the error then depends on the triangle alone, not on how far away the ray began.
@@ -49,7 +49,7 @@ impl Interaction {
 
         // Surfaces are two-sided: turn both normals to the viewer, the shading normal by the side the geometric one says.
         let mut ns = if instance.smooth {
-            let [a, b, c] = triangle.vertices.map(|v| Vec3A::from_array(scene.normals[v as usize]));
+            let [a, b, c] = triangle.vertices.map(|v| Vec3A::from_array(scene.geometry.normals[v as usize]));
             (a * b0 + b * b1 + c * b2).try_normalize().unwrap_or(n)
         } else {
             n
@@ -59,8 +59,8 @@ impl Interaction {
         }
         let side = if ns.dot(n) < 0.0 { -1.0 } else { 1.0 };
 
-        let uv = if F::TEXTURES && !scene.uvs.is_empty() {
-            let [a, b, c] = triangle.vertices.map(|v| Vec2::from_array(scene.uvs[v as usize]));
+        let uv = if F::TEXTURES && !scene.geometry.uvs.is_empty() {
+            let [a, b, c] = triangle.vertices.map(|v| Vec2::from_array(scene.geometry.uvs[v as usize]));
             a * b0 + b * b1 + c * b2
         } else {
             Vec2::ZERO
@@ -71,7 +71,7 @@ impl Interaction {
             && instance.tangents
             && let Some((slot, strength)) = &material.normal_texture
         {
-            let [a, b, c] = triangle.vertices.map(|v| scene.tangents[v as usize]);
+            let [a, b, c] = triangle.vertices.map(|v| scene.geometry.tangents[v as usize]);
             let tangent = [0, 1, 2].map(|k| a[k] * b0 + b[k] * b1 + c[k] * b2);
             let handedness = if a[3] * b0 + b[3] * b1 + c[3] * b2 < 0.0 { -1.0 } else { 1.0 };
             ns = map_normal(ns, Vec3A::from_array(tangent), handedness, Vec3A::from_vec4(texture(slot)), *strength);

@@ -12,6 +12,7 @@ pub mod denoise;
 mod error;
 pub mod features;
 pub mod film;
+mod geometry;
 mod integrator;
 mod interaction;
 pub mod light;
