@@ -1,11 +1,12 @@
 //! Compiles a loaded scene: its geometry, material and light tables, and the features the scene needs.
 
-use crate::accel::{Accel, MAX_TRIANGLES};
+use crate::accel::{Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
-use crate::geometry::{Geometry, Wanted};
+use crate::geometry::{Builds, Geometry, Sharing, Wanted};
 use crate::light::EnvironmentLight;
 use crate::material::Surface;
+use crate::ray::Ray;
 use crate::texture::Sampled;
 use glam::Vec3A;
 use renderflow_frame::ibl::IblTables;
@@ -45,7 +46,15 @@ impl RenderScene {
     /// # Errors
     /// When the scene has no camera, refers to a mesh, material, texture or vertex it does not hold, or has more than 2^28 triangles.
     pub fn compile(scene: &LoadedScene) -> Result<Self> {
-        check(scene)?;
+        Self::compile_with(scene, Sharing::Automatic)
+    }
+
+    /// As [`Self::compile`], with another choice of what is flattened: for measurements, the picture is the same up to rounding.
+    ///
+    /// # Errors
+    /// As [`Self::compile`].
+    pub fn compile_with(scene: &LoadedScene, sharing: Sharing) -> Result<Self> {
+        check(scene, sharing)?;
         let materials: Vec<_> = scene.materials.iter().map(compile_material).collect();
         // Only what some instance uses counts: an unused textured material must not slow the others down.
         let used = |f: &dyn Fn(&CompiledMaterial) -> bool| scene.instances.iter().any(|i| f(&materials[i.material]));
@@ -61,7 +70,7 @@ impl RenderScene {
             tangents: materials.iter().map(|m| features.normal_maps && m.normal_texture.is_some()).collect(),
         };
         Ok(Self {
-            geometry: Geometry::new(scene.meshes.clone(), scene.instances.clone(), wanted),
+            geometry: Geometry::new(scene.meshes.clone(), scene.instances.clone(), wanted, sharing),
             materials,
             textures: scene.textures.iter().map(Sampled::new).collect(),
             light,
@@ -142,24 +151,36 @@ impl RenderScene {
         self.features
     }
 
-    /// Triangles in the tree, all instances together.
+    /// Triangles, all instances together.
     pub fn triangle_count(&self) -> usize {
         self.geometry.triangle_count()
     }
 
-    /// Triangles left out because a placed corner is not finite, farther than 1e12 m from the origin, or equal to another.
+    /// Triangles left out because a corner is not finite, farther than 1e12 m from the origin, or equal to another.
     pub fn dropped_triangles(&self) -> usize {
         self.geometry.dropped_triangles()
     }
 
-    /// How often the tree was built since [`Self::compile`], that one included.
-    pub fn builds(&self) -> usize {
+    /// How often each kind of tree was built since [`Self::compile`], that one included.
+    pub fn builds(&self) -> Builds {
         self.geometry.builds()
     }
 
-    /// The tree, for measurements.
-    pub fn accel(&self) -> &Accel {
-        &self.geometry.accel
+    /// Bytes of the trees and of the vertex attributes placed for them.
+    pub fn geometry_memory(&self) -> usize {
+        self.geometry.memory()
+    }
+
+    /// The nearest triangle along `ray` (relative to the scene's origin), for measurements.
+    #[inline]
+    pub fn closest(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
+        self.geometry.closest(ray, scratch)
+    }
+
+    /// Whether any triangle stands in the way of `ray` (relative to the scene's origin), for measurements.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray, scratch: &mut Scratch) -> bool {
+        self.geometry.occluded(ray, scratch)
     }
 }
 
@@ -179,14 +200,13 @@ fn compile_material(material: &Material) -> CompiledMaterial {
 }
 
 /// References that would lead out of the scene's arrays, and values outside their range.
-fn check(scene: &LoadedScene) -> Result<()> {
+fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
     if scene.cameras.is_empty() {
         return Err(Error::inconsistent("cameras", "there is none"));
     }
     let missing = |place: String, index: usize, count: usize| {
         Err(Error::inconsistent(place, format!("{index} does not exist, there are {count}")))
     };
-    let (mut triangles, mut vertices) = (0usize, 0usize);
     for (i, instance) in scene.instances.iter().enumerate() {
         if instance.mesh >= scene.meshes.len() {
             return missing(format!("instances/{i}/mesh"), instance.mesh, scene.meshes.len());
@@ -197,9 +217,8 @@ fn check(scene: &LoadedScene) -> Result<()> {
         if instance.transforms.is_empty() {
             return Err(Error::inconsistent(format!("instances/{i}/transforms"), "there is none"));
         }
-        triangles += scene.meshes[instance.mesh].triangles.len();
-        vertices += scene.meshes[instance.mesh].positions.len();
     }
+    let (triangles, vertices) = Geometry::flattened_size(&scene.meshes, &scene.instances, sharing);
     if triangles > MAX_TRIANGLES {
         return Err(Error::TooLarge { what: "triangles", count: triangles, limit: MAX_TRIANGLES });
     }

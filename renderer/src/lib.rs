@@ -26,6 +26,7 @@ mod texture;
 pub use camera::Filter;
 pub use compile::RenderScene;
 pub use error::{Error, Result};
+pub use geometry::{Builds, Sharing};
 pub use integrator::{Settings, ibl, render, render_gbuffer, render_with_stats};
 pub use schedule::Progress;
 pub use stats::Stats;
