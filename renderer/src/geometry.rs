@@ -411,6 +411,11 @@ impl Geometry {
         corners.iter().zip(hit.weights).map(|(&c, w)| c * f64::from(w)).sum()
     }
 
+    /// A mesh as it was given.
+    pub fn mesh(&self, index: usize) -> &Mesh {
+        &self.meshes[index]
+    }
+
     /// Instances of shared meshes at the current frame.
     fn placements(&self) -> Vec<Placement> {
         let all = self.instances.iter().zip(&self.object_of).zip(0u32..);

@@ -73,7 +73,7 @@ impl Interaction {
     /// A ray that leaves the surface on the viewer's side.
     #[inline]
     pub fn spawn(&self, direction: Vec3A) -> Ray {
-        Ray::new(self.p + self.n * self.offset, direction)
+        Ray::leaving(self.p, self.n, self.offset, direction)
     }
 }
 

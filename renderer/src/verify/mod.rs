@@ -1,0 +1,3 @@
+//! Checks of numerical stability as counts, shared by the tests and the `stress` command.
+
+pub mod geometry;
