@@ -1,63 +1,34 @@
-//! Compiles a loaded scene: world-space triangles and their tree, material and light tables, and the features the scene needs.
+//! Compiles a loaded scene: its geometry, material and light tables, and the features the scene needs.
 
-use crate::accel::{Accel, MAX_COORDINATE, MAX_TRIANGLES};
+use crate::accel::{Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
+use crate::geometry::{Builds, Geometry, Sharing, Wanted};
 use crate::light::{EnvironmentLight, Sampling};
 use crate::material::Surface;
+use crate::ray::Ray;
 use crate::texture::Sampled;
-use glam::{Affine3A, Vec3A};
+use glam::Vec3A;
 use renderflow_frame::ibl::IblTables;
 use renderflow_frame::{Camera, Environment};
 use renderflow_scenes::mipmap::{Level, Texels};
-use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, TextureSlot};
+use renderflow_scenes::{LoadedScene, Material, TextureSlot};
 use std::sync::OnceLock;
 
 /// A scene at one frame, ready to be rendered.
 pub struct RenderScene {
-    pub(crate) accel: Accel,
-    /// One a triangle of `accel`, in the order given to its builder.
-    pub(crate) triangles: Vec<PlacedTriangle>,
-    /// World-space unit shading normals, zero where a mesh has none; empty when no mesh has any.
-    pub(crate) normals: Vec<[f32; 3]>,
-    /// Empty when no material looks anything up.
-    pub(crate) uvs: Vec<[f32; 2]>,
-    /// World-space tangents with handedness; empty when no material has a normal map.
-    pub(crate) tangents: Vec<[f32; 4]>,
-    pub(crate) placed: Vec<PlacedInstance>,
+    pub(crate) geometry: Geometry,
     pub(crate) materials: Vec<CompiledMaterial>,
     pub(crate) textures: Vec<Sampled>,
     pub(crate) light: EnvironmentLight,
     pub(crate) environment: Environment,
-    pub(crate) instances: Vec<Instance>,
-    pub(crate) meshes: Vec<Mesh>,
     pub(crate) seed: u64,
     pub(crate) hash: String,
     cameras: Vec<Camera>,
     frame: usize,
     features: FeatureSet,
-    dropped_triangles: usize,
-    builds: usize,
     tables: OnceLock<IblTables>,
     exposure: OnceLock<f32>,
-}
-
-/// Where a triangle's attributes are.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlacedTriangle {
-    /// Indices into the world-space vertex arrays.
-    pub vertices: [u32; 3],
-    pub instance: u32,
-    /// Index into the triangles of the instance's mesh.
-    pub in_mesh: u32,
-}
-
-/// What shading needs of an instance.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlacedInstance {
-    pub material: usize,
-    pub smooth: bool,
-    pub tangents: bool,
 }
 
 /// A material with its constant part ready.
@@ -75,7 +46,15 @@ impl RenderScene {
     /// # Errors
     /// When the scene has no camera, refers to a mesh, material, texture or vertex it does not hold, or has more than 2^28 triangles.
     pub fn compile(scene: &LoadedScene) -> Result<Self> {
-        check(scene)?;
+        Self::compile_with(scene, Sharing::Automatic)
+    }
+
+    /// As [`Self::compile`], with another choice of what is flattened: for measurements, the picture is the same up to rounding.
+    ///
+    /// # Errors
+    /// As [`Self::compile`].
+    pub fn compile_with(scene: &LoadedScene, sharing: Sharing) -> Result<Self> {
+        check(scene, sharing)?;
         let materials: Vec<_> = scene.materials.iter().map(compile_material).collect();
         // Only what some instance uses counts: an unused textured material must not slow the others down.
         let used = |f: &dyn Fn(&CompiledMaterial) -> bool| scene.instances.iter().any(|i| f(&materials[i.material]));
@@ -86,40 +65,30 @@ impl RenderScene {
             flat_environment: light.constant().is_some(),
             black_environment: light.is_black(),
         };
-        let mut compiled = Self {
-            accel: Accel::build(&[]),
-            triangles: Vec::new(),
-            normals: Vec::new(),
-            uvs: Vec::new(),
-            tangents: Vec::new(),
-            placed: Vec::new(),
+        let wanted = Wanted {
+            uvs: features.textures || features.normal_maps,
+            tangents: materials.iter().map(|m| features.normal_maps && m.normal_texture.is_some()).collect(),
+        };
+        Ok(Self {
+            geometry: Geometry::new(scene.meshes.clone(), scene.instances.clone(), wanted, sharing),
             materials,
             textures: scene.textures.iter().map(Sampled::new).collect(),
             light,
             environment: scene.environment.clone(),
-            instances: scene.instances.clone(),
-            meshes: scene.meshes.clone(),
             seed: scene.seed,
             hash: scene.hash.clone(),
             cameras: scene.cameras.clone(),
             frame: 0,
             features,
-            dropped_triangles: 0,
-            builds: 0,
             tables: OnceLock::new(),
             exposure: OnceLock::new(),
-        };
-        compiled.build_geometry();
-        Ok(compiled)
+        })
     }
 
     /// Moves to `frame` (0 is the first; beyond the last the last pose is held). The tree is built again only if something moved.
     pub fn set_frame(&mut self, frame: usize) {
-        let moved = self.instances.iter().any(|i| i.transform(frame) != i.transform(self.frame));
         self.frame = frame;
-        if moved {
-            self.build_geometry();
-        }
+        self.geometry.set_frame(frame);
     }
 
     /// The current frame.
@@ -191,121 +160,37 @@ impl RenderScene {
         self.features
     }
 
-    /// Triangles in the tree, all instances together.
+    /// Triangles, all instances together.
     pub fn triangle_count(&self) -> usize {
-        self.triangles.len()
+        self.geometry.triangle_count()
     }
 
-    /// Triangles left out because a placed corner is not finite, farther than 1e12 m from the origin, or equal to another.
+    /// Triangles left out because a corner is not finite, farther than 1e12 m from the origin, or equal to another.
     pub fn dropped_triangles(&self) -> usize {
-        self.dropped_triangles
+        self.geometry.dropped_triangles()
     }
 
-    /// How often the tree was built since [`Self::compile`], that one included.
-    pub fn builds(&self) -> usize {
-        self.builds
+    /// How often each kind of tree was built since [`Self::compile`], that one included.
+    pub fn builds(&self) -> Builds {
+        self.geometry.builds()
     }
 
-    /// The tree, for measurements.
-    pub fn accel(&self) -> &Accel {
-        &self.accel
+    /// Bytes of the trees and of the vertex attributes placed for them.
+    pub fn geometry_memory(&self) -> usize {
+        self.geometry.memory()
     }
 
-    /// World-space point at `frame` of what is now at barycentric `weights` of triangle `primitive`.
-    pub(crate) fn point_at(&self, primitive: u32, weights: [f32; 3], frame: usize) -> glam::DVec3 {
-        let triangle = &self.triangles[primitive as usize];
-        let instance = &self.instances[triangle.instance as usize];
-        let mesh = &self.meshes[instance.mesh];
-        let transform = instance.transform(frame);
-        let corners = mesh.triangles[triangle.in_mesh as usize].map(|v| place(&transform, mesh.positions[v as usize]).as_dvec3());
-        corners.iter().zip(weights).map(|(&c, w)| c * f64::from(w)).sum()
+    /// The nearest triangle along `ray` (relative to the scene's origin), for measurements.
+    #[inline]
+    pub fn closest(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
+        self.geometry.closest(ray, scratch)
     }
 
-    /// World-space corners of every triangle in the tree.
-    pub(crate) fn corners(&self) -> impl Iterator<Item = [Vec3A; 3]> + '_ {
-        self.accel.triangles()
+    /// Whether any triangle stands in the way of `ray` (relative to the scene's origin), for measurements.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray, scratch: &mut Scratch) -> bool {
+        self.geometry.occluded(ray, scratch)
     }
-
-    /// Flattens all instances at the current frame and builds their tree.
-    fn build_geometry(&mut self) {
-        let textured = self.features.textures || self.features.normal_maps;
-        let any_normals = self.meshes.iter().any(|m| !m.normals.is_empty());
-        self.triangles.clear();
-        self.normals.clear();
-        self.uvs.clear();
-        self.tangents.clear();
-        self.placed.clear();
-        self.dropped_triangles = 0;
-        let mut corners: Vec<[Vec3A; 3]> = Vec::new();
-        let mut positions: Vec<Vec3A> = Vec::new();
-        let mut first = 0u32;
-        for (index, instance) in self.instances.iter().enumerate() {
-            let mesh = &self.meshes[instance.mesh];
-            let transform = instance.transform(self.frame);
-            let count = mesh.positions.len();
-            positions.clear();
-            positions.extend(mesh.positions.iter().map(|&p| place(&transform, p)));
-
-            let mapped = self.features.normal_maps && self.materials[instance.material].normal_texture.is_some();
-            let placed = PlacedInstance {
-                material: instance.material,
-                smooth: !mesh.normals.is_empty(),
-                tangents: mapped && !mesh.tangents.is_empty() && !mesh.uvs.is_empty(),
-            };
-            if any_normals {
-                append(&mut self.normals, place_normals(&transform, &mesh.normals), count, [0.0; 3]);
-            }
-            if textured {
-                append(&mut self.uvs, mesh.uvs.iter().map(|uv| uv.to_array()), count, [0.0; 2]);
-            }
-            if self.features.normal_maps {
-                let handedness = transform.matrix3.determinant().signum();
-                let tangents = mesh.tangents.iter().map(|t| {
-                    let d = (transform.matrix3 * Vec3A::new(t.x, t.y, t.z)).normalize_or_zero();
-                    [d.x, d.y, d.z, t.w * handedness]
-                });
-                append(&mut self.tangents, tangents, count, [0.0; 4]);
-            }
-
-            for (in_mesh, triangle) in mesh.triangles.iter().enumerate() {
-                let p = triangle.map(|v| positions[v as usize]);
-                // Two equal corners leave nothing to hit; a transform that flattens everything to a point makes thousands of them.
-                let flat = p[0] == p[1] || p[1] == p[2] || p[2] == p[0];
-                if flat || !p.iter().all(|v| v.is_finite() && v.abs().max_element() <= MAX_COORDINATE) {
-                    self.dropped_triangles += 1;
-                    continue;
-                }
-                corners.push(p);
-                let vertices = triangle.map(|v| first + v);
-                self.triangles.push(PlacedTriangle { vertices, instance: index as u32, in_mesh: in_mesh as u32 });
-            }
-            self.placed.push(placed);
-            first += count as u32;
-        }
-        self.accel = Accel::build(&corners);
-        self.builds += 1;
-    }
-}
-
-/// Object to world. One function, so that geometry and motion round alike and still points have exactly no motion.
-fn place(transform: &Affine3A, p: glam::Vec3) -> Vec3A {
-    transform.transform_point3a(p.into())
-}
-
-/// Normals are moved by the inverse transpose; where the transform flattens the mesh they become zero, and the flat normal is used.
-fn place_normals<'a>(transform: &Affine3A, normals: &'a [glam::Vec3]) -> impl Iterator<Item = [f32; 3]> + 'a {
-    // The cofactor matrix: the inverse transpose up to a factor, but without a division that could fail.
-    let m = transform.matrix3;
-    let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
-    let cofactors = [m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis)].map(|c| c * sign);
-    normals.iter().map(move |n| (cofactors[0] * n.x + cofactors[1] * n.y + cofactors[2] * n.z).normalize_or_zero().to_array())
-}
-
-/// Appends `values`, then `filler` up to `count` entries.
-fn append<T: Copy>(to: &mut Vec<T>, values: impl Iterator<Item = T>, count: usize, filler: T) {
-    let end = to.len() + count;
-    to.extend(values.take(count));
-    to.resize(end, filler);
 }
 
 fn compile_material(material: &Material) -> CompiledMaterial {
@@ -325,14 +210,13 @@ fn compile_material(material: &Material) -> CompiledMaterial {
 }
 
 /// References that would lead out of the scene's arrays, and values outside their range.
-fn check(scene: &LoadedScene) -> Result<()> {
+fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
     if scene.cameras.is_empty() {
         return Err(Error::inconsistent("cameras", "there is none"));
     }
     let missing = |place: String, index: usize, count: usize| {
         Err(Error::inconsistent(place, format!("{index} does not exist, there are {count}")))
     };
-    let (mut triangles, mut vertices) = (0usize, 0usize);
     for (i, instance) in scene.instances.iter().enumerate() {
         if instance.mesh >= scene.meshes.len() {
             return missing(format!("instances/{i}/mesh"), instance.mesh, scene.meshes.len());
@@ -343,9 +227,8 @@ fn check(scene: &LoadedScene) -> Result<()> {
         if instance.transforms.is_empty() {
             return Err(Error::inconsistent(format!("instances/{i}/transforms"), "there is none"));
         }
-        triangles += scene.meshes[instance.mesh].triangles.len();
-        vertices += scene.meshes[instance.mesh].positions.len();
     }
+    let (triangles, vertices) = Geometry::flattened_size(&scene.meshes, &scene.instances, sharing);
     if triangles > MAX_TRIANGLES {
         return Err(Error::TooLarge { what: "triangles", count: triangles, limit: MAX_TRIANGLES });
     }

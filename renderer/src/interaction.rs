@@ -11,10 +11,6 @@ use renderflow_scenes::TextureSlot;
 
 /// Smallest cosine between the shading normal and the viewer; a shading normal below is bent up to it.
 const MIN_COS_VIEW: f32 = 1e-3;
-/// New rays start this far off the surface, as a share of the largest coordinate of the triangle's corners: sixteen roundings of a
-/// number of that size, while interpolating a point and testing a triangle take fewer. There is no absolute length in it.
-const OFFSET: f32 = 16.0 * f32::EPSILON;
-
 /// A surface point seen from `wo`; both normals are on the viewer's side.
 #[derive(Clone, Copy, Debug)]
 pub struct Interaction {
@@ -36,45 +32,26 @@ impl Interaction {
     #[inline]
     pub(crate) fn new<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit) -> Self {
         let wo = -ray.direction;
-        let corners = scene.accel.corners(hit);
-        let [b0, b1, b2] = hit.weights;
-        let triangle = &scene.triangles[hit.primitive as usize];
-        let instance = &scene.placed[triangle.instance as usize];
-        let material = &scene.materials[instance.material];
-
-        // Interpolated, not `ray.at(t)`: the error then depends on the triangle alone, not on how far away the ray began.
-        let p = corners[0] * b0 + corners[1] * b1 + corners[2] * b2;
-        let mut n = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(wo);
-        let offset = OFFSET * corners.iter().fold(Vec3A::ZERO, |m, c| m.max(c.abs())).max_element();
+        let geometry = &scene.geometry;
+        let point = geometry.surface(hit);
+        let material = &scene.materials[point.material];
 
         // Surfaces are two-sided: turn both normals to the viewer, the shading normal by the side the geometric one says.
-        let mut ns = if instance.smooth {
-            let [a, b, c] = triangle.vertices.map(|v| Vec3A::from_array(scene.normals[v as usize]));
-            (a * b0 + b * b1 + c * b2).try_normalize().unwrap_or(n)
-        } else {
-            n
-        };
+        let mut n = point.n;
+        let mut ns = geometry.shading_normal(hit).unwrap_or(n);
         if n.dot(wo) < 0.0 {
             n = -n;
         }
         let side = if ns.dot(n) < 0.0 { -1.0 } else { 1.0 };
 
-        let uv = if F::TEXTURES && !scene.uvs.is_empty() {
-            let [a, b, c] = triangle.vertices.map(|v| Vec2::from_array(scene.uvs[v as usize]));
-            a * b0 + b * b1 + c * b2
-        } else {
-            Vec2::ZERO
-        };
+        let uv = if F::TEXTURES { geometry.uv(hit) } else { Vec2::ZERO };
         let texture =
             |slot: &TextureSlot| scene.textures[slot.texture].value(slot, Lookup { uv, footprint_log2: f32::NEG_INFINITY });
         if F::NORMAL_MAPS
-            && instance.tangents
             && let Some((slot, strength)) = &material.normal_texture
+            && let Some((tangent, handedness)) = geometry.tangent(hit)
         {
-            let [a, b, c] = triangle.vertices.map(|v| scene.tangents[v as usize]);
-            let tangent = [0, 1, 2].map(|k| a[k] * b0 + b[k] * b1 + c[k] * b2);
-            let handedness = if a[3] * b0 + b[3] * b1 + c[3] * b2 < 0.0 { -1.0 } else { 1.0 };
-            ns = map_normal(ns, Vec3A::from_array(tangent), handedness, Vec3A::from_vec4(texture(slot)), *strength);
+            ns = map_normal(ns, tangent, handedness, Vec3A::from_vec4(texture(slot)), *strength);
         }
         let ns = face_viewer(ns * side, n, wo);
 
@@ -90,13 +67,13 @@ impl Interaction {
                 surface.metallic = (surface.metallic * value.z).clamp(0.0, 1.0);
             }
         }
-        Self { p, n, ns, surface, instance: triangle.instance, offset }
+        Self { p: point.p, n, ns, surface, instance: point.instance, offset: point.offset }
     }
 
     /// A ray that leaves the surface on the viewer's side.
     #[inline]
     pub fn spawn(&self, direction: Vec3A) -> Ray {
-        Ray::new(self.p + self.n * self.offset, direction)
+        Ray::leaving(self.p, self.n, self.offset, direction)
     }
 }
 

@@ -31,7 +31,7 @@ pub(super) fn first_hit<F: Features>(
     stats: &mut Stats,
 ) -> Option<FirstHit> {
     stats.camera_rays += 1;
-    let hit = scene.accel.closest(ray, scratch)?;
+    let hit = scene.geometry.closest(ray, scratch)?;
     Some(FirstHit::new(&Interaction::new::<F>(scene, ray, &hit)))
 }
 
@@ -126,15 +126,15 @@ pub(super) fn centre<F: Features>(
     let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
     let ray = crate::camera::ray(camera, pixel);
     stats.camera_rays += 1;
-    let Some(hit) = scene.accel.closest(&ray, scratch) else { return Centre::MISS };
+    let Some(hit) = scene.geometry.closest(&ray, scratch) else { return Centre::MISS };
     let surface = Interaction::new::<F>(scene, &ray, &hit);
-    let instance = &scene.instances[surface.instance as usize];
+    let instance = &scene.geometry.instances[surface.instance as usize];
 
     // Both ends are projected from the same corners, so that what does not move has exactly no motion.
-    let here = views.current.project(scene.point_at(hit.primitive, hit.weights, scene.frame()));
+    let here = views.current.project(scene.geometry.point_at(&hit, scene.frame()));
     let towards = |view: &Option<(usize, Projector)>| {
         let motion = view.as_ref().and_then(|(frame, projector)| {
-            let there = projector.project(scene.point_at(hit.primitive, hit.weights, *frame))?;
+            let there = projector.project(scene.geometry.point_at(&hit, *frame))?;
             Some(there - here?)
         });
         motion.filter(|m: &DVec2| m.is_finite()).unwrap_or(DVec2::ZERO).as_vec2().to_array()
@@ -173,7 +173,7 @@ impl Visible {
         };
         // Differences along each row: +1 where a bound begins, -1 where it ends.
         let mut edges = vec![0i32; (width + 1) * height];
-        for corners in scene.corners() {
+        for corners in scene.geometry.covering() {
             let Some((low, high)) = projector.bounds(corners) else { continue };
             let columns = pixels(low.x, high.x, width);
             if columns.is_empty() {
@@ -252,7 +252,7 @@ mod tests {
                     for i in 0..81u8 {
                         let u = [f32::from(i % 9) / 8.0, f32::from(i / 9) / 8.0];
                         let point = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + filter.sample(u);
-                        hit |= scene.accel.occluded(&crate::camera::ray(scene.camera(), point), &mut scratch);
+                        hit |= scene.geometry.occluded(&crate::camera::ray(scene.camera(), point), &mut scratch);
                     }
                     empty += usize::from(!hit);
                     skipped += usize::from(!visible.at(x, y));

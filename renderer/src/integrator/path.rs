@@ -55,7 +55,7 @@ pub(super) fn sample<F: Features>(
     let (ray, _) = camera_ray(scene, settings, sampler, pixel, index);
     let hit = if seen {
         stats.camera_rays += 1;
-        scene.accel.closest(&ray, scratch)
+        scene.geometry.closest(&ray, scratch)
     } else {
         stats.skipped_rays += 1;
         None
@@ -112,7 +112,7 @@ fn gather<F: Features>(
                 // Not `> 0`: a NaN must reach the counter, not vanish here.
                 if contribution != Vec3A::ZERO {
                     stats.shadow_rays += 1;
-                    if !scene.accel.occluded(&surface.spawn(light.wi), scratch) {
+                    if !scene.geometry.occluded(&surface.spawn(light.wi), scratch) {
                         radiance += contribution;
                     }
                 }
@@ -151,14 +151,14 @@ fn gather<F: Features>(
             let contribution = environment();
             if contribution != Vec3A::ZERO {
                 stats.shadow_rays += 1;
-                if !scene.accel.occluded(&ray, scratch) {
+                if !scene.geometry.occluded(&ray, scratch) {
                     radiance += contribution;
                 }
             }
             break;
         }
         stats.bounce_rays += 1;
-        let Some(hit) = scene.accel.closest(&ray, scratch) else {
+        let Some(hit) = scene.geometry.closest(&ray, scratch) else {
             radiance += environment();
             break;
         };

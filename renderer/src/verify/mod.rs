@@ -9,12 +9,13 @@
 pub mod analytic;
 pub mod chi_square;
 pub mod determinism;
+pub mod emitters;
 pub mod film;
+pub mod geometry;
+pub mod lights;
 pub mod sampler;
 pub mod scale;
 mod scenes;
-pub mod emitters;
-pub mod lights;
 
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
