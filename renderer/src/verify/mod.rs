@@ -12,6 +12,7 @@ pub mod determinism;
 pub mod emitters;
 pub mod film;
 pub mod geometry;
+pub mod leaks;
 pub mod lights;
 pub mod sampler;
 pub mod scale;
@@ -177,6 +178,7 @@ pub fn checks() -> Vec<Check> {
         film::CHECKS,
         lights::CHECKS,
         emitters::CHECKS,
+        leaks::CHECKS,
         determinism::CHECKS,
         scale::CHECKS,
         analytic::CHECKS,

@@ -26,9 +26,9 @@ impl Part {
     }
 }
 
-/// A Lambertian material.
+/// A Lambertian material: diffuse reflection grows retro-reflective with roughness, and has no coat without specular.
 pub(super) fn diffuse(base_color: [f32; 3]) -> Material {
-    Material { base_color, roughness: 1.0, specular: 0.0, ..Material::default() }
+    Material { base_color, roughness: 0.0, specular: 0.0, ..Material::default() }
 }
 
 /// A metal.
