@@ -371,7 +371,7 @@ fn compare(case: &Case, frame: &Frame, image: &[[f32; 3]], noise: bool, bias: f6
         let systematic = (bias + ROUNDING) * paper[c].abs();
         let error = mean[c].abs() / (systematic + if noise { ERRORS * standard_error } else { 0.0 });
         // A NaN must win here.
-        if !(error <= verdict.error) {
+        if error.is_nan() || error > verdict.error {
             verdict.error = error;
             verdict.relative = [mean[c] / paper[c], standard_error / paper[c]];
         }

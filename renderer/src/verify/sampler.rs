@@ -61,7 +61,7 @@ fn uniform(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
 
 /// Which of `cells` equal parts of 0..1 a number is in.
 fn cell(v: f32, cells: usize) -> Option<usize> {
-    (0.0..1.0).contains(&v).then(|| (v * cells as f32) as usize)
+    (0.0..1.0).contains(&v).then_some((v * cells as f32) as usize)
 }
 
 fn pairs(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
