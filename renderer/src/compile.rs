@@ -3,7 +3,7 @@
 use crate::accel::{Accel, MAX_COORDINATE, MAX_TRIANGLES};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
-use crate::light::{EnvironmentLight, Sampling};
+use crate::light::{EnvironmentLight, Repairs, Sampling};
 use crate::material::Surface;
 use crate::texture::Sampled;
 use glam::{Affine3A, Vec3A};
@@ -184,6 +184,11 @@ impl RenderScene {
     pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
         self.light = EnvironmentLight::with_sampling(&self.environment, sampling)?;
         Ok(())
+    }
+
+    /// Components of the environment's texels that could not be used as they are.
+    pub fn environment_repairs(&self) -> Repairs {
+        self.light.repairs()
     }
 
     /// What the scene needs of the integrator.
