@@ -52,6 +52,8 @@ fn texels_that_are_no_radiance_are_counted() {
     for (intensity, limited) in [(1.0, 2), (100.0, 3), (1e-38, 1), (f32::MAX, 3 + grey_components(&broken))] {
         let light = EnvironmentLight::new(&Environment { intensity, ..broken.clone() }).expect("repaired");
         assert_eq!(light.repairs(), Repairs { black: 3, limited }, "intensity {intensity}");
+        let infinite = light.radiance(broken.texel_direction(50 % 16, 50 / 16)).x;
+        assert!((infinite / MAX_RADIANCE - 1.0).abs() < 1e-3, "intensity {intensity}: {infinite}");
         let mut random = Random::new(1);
         for _ in 0..2000 {
             let (radiance, pdf) = light.radiance_and_pdf(random.direction().as_vec3a());
