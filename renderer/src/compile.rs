@@ -4,7 +4,7 @@ use crate::accel::{Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
-use crate::light::{EnvironmentLight, Sampling};
+use crate::light::{EnvironmentLight, Repairs, Sampling};
 use crate::material::Surface;
 use crate::ray::Ray;
 use crate::texture::Sampled;
@@ -153,6 +153,11 @@ impl RenderScene {
     pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
         self.light = EnvironmentLight::with_sampling(&self.environment, sampling)?;
         Ok(())
+    }
+
+    /// Components of the environment's texels that could not be used as they are.
+    pub fn environment_repairs(&self) -> Repairs {
+        self.light.repairs()
     }
 
     /// What the scene needs of the integrator.

@@ -1,6 +1,8 @@
 //! Environment maps at their limits: what is refused, what is repaired and counted, one-texel suns, sizes of every kind.
 
-use glam::Vec3A;
+mod common;
+
+use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_frame::Environment;
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::light::{EnvironmentLight, MAX_RADIANCE, Repairs, Sampling};
@@ -50,6 +52,8 @@ fn texels_that_are_no_radiance_are_counted() {
     for (intensity, limited) in [(1.0, 2), (100.0, 3), (1e-38, 1), (f32::MAX, 3 + grey_components(&broken))] {
         let light = EnvironmentLight::new(&Environment { intensity, ..broken.clone() }).expect("repaired");
         assert_eq!(light.repairs(), Repairs { black: 3, limited }, "intensity {intensity}");
+        let infinite = light.radiance(broken.texel_direction(50 % 16, 50 / 16)).x;
+        assert!((infinite / MAX_RADIANCE - 1.0).abs() < 1e-3, "intensity {intensity}: {infinite}");
         let mut random = Random::new(1);
         for _ in 0..2000 {
             let (radiance, pdf) = light.radiance_and_pdf(random.direction().as_vec3a());
@@ -118,6 +122,40 @@ fn one_texel_lights_a_plane_by_its_reach() {
         // Compensation cuts off 4e-6 of the peak. The cosine over the reach differs from that at its centre by 1e-4 at most.
         println!("{sampling:?}: {mean} of {truth}, standard error {error}");
         assert!((mean - truth).abs() < 4.0 * error + 2e-4 * truth, "{sampling:?}: {mean} of {truth}, standard error {error}");
+    }
+}
+
+/// Leaving faint directions to samples of the material changes the noise of a picture, not its mean.
+#[test]
+fn compensated_pictures_have_the_mean_of_plain_ones() {
+    use common::{camera, compile, diffuse, plane, render, scene, sphere, sunny};
+    use renderflow_scenes::Material;
+    let lobes = [
+        diffuse([0.7; 3]),
+        Material { roughness: 0.05, ..Material::default() },
+        Material { metallic: 1.0, roughness: 0.5, ..diffuse([0.9; 3]) },
+    ];
+    for material in lobes {
+        let parts = vec![
+            (plane(4.0), material.clone(), Affine3A::IDENTITY),
+            (sphere(12, true), material, Affine3A::from_translation(Vec3::Y)),
+        ];
+        let view = camera([0.0, 2.5, 5.0], [0.0, 0.6, 0.0], 35.0, 16, 16);
+        let mut pictures = Vec::new();
+        for (seed, sampling) in [(1, Sampling::Plain), (2, Sampling::Compensated)] {
+            let mut loaded = scene(parts.clone(), sunny(), view);
+            loaded.seed = seed;
+            let mut compiled = compile(&loaded);
+            compiled.set_environment_sampling(sampling).expect("compiled already");
+            let (frame, _) = render(&compiled, 256);
+            let sum = |pixels: &[[f32; 3]]| pixels.iter().map(|p| f64::from(p[1])).sum::<f64>();
+            pictures.push((sum(&frame.raw.expect("rendered").pixels), sum(&frame.variance.expect("rendered").pixels)));
+        }
+        let [(a, va), (b, vb)] = pictures[..] else { unreachable!("two ways") };
+        // The variance of stratified samples is overestimated: this is less than the standard error it is called.
+        let errors = (a - b).abs() / (va + vb).sqrt();
+        println!("{a} {b}: {errors} standard errors");
+        assert!(errors < 4.0 && (a / b - 1.0).abs() < 0.01, "{a} {b}: {errors} standard errors");
     }
 }
 

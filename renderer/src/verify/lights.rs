@@ -133,7 +133,7 @@ pub fn environment_counts(name: &str, environment: &Environment, light: &Environ
 }
 
 /// Both ways to sample.
-const SAMPLINGS: [(&str, Sampling); 2] = [("plain", Sampling::Plain), ("compensated", Sampling::Less(1.0))];
+const SAMPLINGS: [(&str, Sampling); 2] = [("plain", Sampling::Plain), ("compensated", Sampling::Compensated)];
 
 /// Every environment as a light, both ways, with its name; environments that are refused are the worst of all.
 fn lights(refused: &mut Vec<String>) -> Vec<(String, Environment, EnvironmentLight)> {
