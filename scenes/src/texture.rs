@@ -25,6 +25,25 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, String> {
 /// # Errors
 /// What is wrong with the bytes, in words.
 pub(crate) fn decode(bytes: &[u8], name: String, encoding: Encoding, wrap: [Wrap; 2]) -> Result<Texture, String> {
+    let picture = picture(bytes)?;
+    let size = [picture.width() as usize, picture.height() as usize];
+    Ok(if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 {
+        let texels = picture.into_rgba16().pixels().map(|p| p.0).collect();
+        Texture::from_rgba16(name, size, texels, encoding, wrap)
+    } else {
+        let texels = picture.into_rgba8().pixels().map(|p| p.0).collect();
+        Texture::from_rgba8(name, size, texels, encoding, wrap)
+    })
+}
+
+/// Decodes a PNG or JPEG into 8 bits a channel; also whether it has an alpha channel.
+pub(crate) fn decode_rgba8(bytes: &[u8]) -> Result<(image::RgbaImage, bool), String> {
+    let picture = picture(bytes)?;
+    let has_alpha = picture.color().has_alpha();
+    Ok((picture.into_rgba8(), has_alpha))
+}
+
+fn picture(bytes: &[u8]) -> Result<image::DynamicImage, String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     match reader.format() {
         Some(image::ImageFormat::Png | image::ImageFormat::Jpeg) => {}
@@ -36,17 +55,10 @@ pub(crate) fn decode(bytes: &[u8], name: String, encoding: Encoding, wrap: [Wrap
     limits.max_alloc = Some(MAX_BYTES);
     reader.limits(limits);
     let picture = reader.decode().map_err(|e| e.to_string())?;
-    let size = [picture.width() as usize, picture.height() as usize];
-    if size.contains(&0) {
+    if picture.width() == 0 || picture.height() == 0 {
         return Err("the image has no pixels".into());
     }
-    Ok(if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 {
-        let texels = picture.into_rgba16().pixels().map(|p| p.0).collect();
-        Texture::from_rgba16(name, size, texels, encoding, wrap)
-    } else {
-        let texels = picture.into_rgba8().pixels().map(|p| p.0).collect();
-        Texture::from_rgba8(name, size, texels, encoding, wrap)
-    })
+    Ok(picture)
 }
 
 /// KHR_texture_transform: scale, then a turn that looks counter-clockwise where v runs down, then the offset.

@@ -70,8 +70,8 @@ fn tint(color: [f32; 3], result: &Material) -> Option<f32> {
     let (asked, base) = (hue(color)?, hue(result.base_color)?);
     let dot = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
     let share = (dot(asked, base) / dot(base, base)).clamp(0.0, 1.0);
-    let far = asked.iter().zip(base).any(|(a, b)| !((a - share * b).abs() <= 0.02));
-    (share.is_finite() && !far).then_some(share)
+    let near = asked.iter().zip(base).all(|(a, b)| (a - share * b).abs() <= 0.02);
+    (share.is_finite() && near).then_some(share)
 }
 
 /// The coat's width alpha = roughness^2 is Burley's alpha = mix(0.1, 0.001, gloss). His coat has a quarter of the strength.

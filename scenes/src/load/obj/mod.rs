@@ -2,6 +2,7 @@
 
 mod lines;
 mod material;
+mod texture;
 
 use super::model::{Model, Part};
 use crate::Mesh;
