@@ -21,6 +21,7 @@ pub mod sampler;
 mod schedule;
 mod stats;
 mod texture;
+pub mod verify;
 
 pub use camera::Filter;
 pub use compile::RenderScene;
