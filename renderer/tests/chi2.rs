@@ -8,13 +8,15 @@ use glam::{DVec3, Vec3A};
 use renderflow_frame::Environment;
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::light::{EnvironmentLight, Sampling};
-use renderflow_renderer::material::{Bsdf, Surface};
+use renderflow_renderer::material::{Mode, Surface};
 use renderflow_renderer::verify::lights;
+
+type Bsdf = renderflow_renderer::material::Bsdf<true>;
 
 const DRAWS: usize = 100_000;
 
 fn surface(metallic: f32, roughness: f32, specular: f32) -> Surface {
-    Surface { base_color: Vec3A::new(0.8, 0.4, 0.1), metallic, roughness, specular }
+    Surface { base_color: Vec3A::new(0.8, 0.4, 0.1), metallic, roughness, specular, ..Surface::default() }
 }
 
 fn view(cos: f32, phi: f32) -> Vec3A {
@@ -51,7 +53,7 @@ fn materials_are_drawn_from_their_density() {
         for roughness in [0.0_f32, 0.1, 0.3, 0.6, 1.0] {
             for (cos, phi) in [(1.0, 0.0), (0.8, 1.0), (0.4, 4.0), (0.1, 2.5)] {
                 let wo = view(cos, phi);
-                let bsdf = Bsdf::new(&surface(metallic, roughness, specular));
+                let bsdf = Bsdf::new(&surface(metallic, roughness, specular), Mode::Conserving);
                 // Cells as fine as the lobe.
                 let spread = f64::from(roughness.max(0.032)).powi(4);
                 let name = format!("metallic {metallic} specular {specular} roughness {roughness} cos {cos}");
@@ -65,8 +67,8 @@ fn materials_are_drawn_from_their_density() {
 
 #[test]
 fn a_wrong_density_is_refuted() {
-    let sampler = Bsdf::new(&surface(1.0, 0.30, 0.5));
-    let claimed = Bsdf::new(&surface(1.0, 0.31, 0.5));
+    let sampler = Bsdf::new(&surface(1.0, 0.30, 0.5), Mode::Conserving);
+    let claimed = Bsdf::new(&surface(1.0, 0.31, 0.5), Mode::Conserving);
     let counts = bsdf_counts("0.30 as 0.31".into(), &sampler, &claimed, view(0.8, 1.0), 0.02, 1);
     assert!(counts.p_value() < 1e-6, "{}", counts.p_value());
 }

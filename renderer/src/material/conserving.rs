@@ -225,7 +225,7 @@ impl<const FULL: bool> Conserving<FULL> {
         if let Some(coat) = &self.coat {
             (f_cos, pdf) = coat.specular(outgoing, wo, wi);
             // A conductor has no base: its second look-up is skipped.
-            if outgoing.lobes.ggx == 1.0 {
+            if !self.has_base && !(FULL && (self.has_sheen || self.clearcoat.is_some())) {
                 return BsdfEval { f_cos, pdf };
             }
         }

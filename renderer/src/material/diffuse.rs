@@ -63,6 +63,9 @@ impl<const FULL: bool> Diffuse<FULL> {
     #[inline]
     pub fn new(roughness: f32, subsurface: f32, moments: &Moments, coat: impl FnOnce() -> subsurface::Coat) -> Self {
         let [m0, m1, f0, f1, f2] = *moments;
+        if roughness == 0.0 && !(FULL && subsurface > 0.0) {
+            return Self { norm: m0.recip(), ..Self::BLACK };
+        }
         let (mut a, mut b) = (f0, f1);
         let mut c =
             [m0 - f0 + roughness * (1.5 * f0 - 0.5 * f2), m1 - f1 + 2.0 * roughness * f1, roughness * (1.5 * f2 - 0.5 * f0)];

@@ -69,12 +69,12 @@ impl Shapes {
 
     fn push(&mut self, index: usize) {
         let table = Table::get();
-        let (cosines, abscissa, row) = (&table.cosines[index], table.abscissa(index), &table.nodes[index]);
+        let (cosines, abscissa) = (&table.cosines[index], table.abscissa(index));
         let roughness = f64::from(table.roughness(index));
         let nodes: [Integrals; COSINES] = std::array::from_fn(|j| {
             let mut sums = [0.0_f64; 3];
             quadrature(cosines, abscissa, |i, s, cos, weight| {
-                let albedo = row[i].lerp(row[i + 1], s);
+                let albedo = table.value(index, i, s, cos as f32);
                 let excess = weight * (mean_shape(roughness, f64::from(cosines[j]), cos) - 1.0);
                 for (sum, k) in sums.iter_mut().zip([1.0, albedo.e - albedo.b, albedo.b]) {
                     *sum += excess * f64::from(k);
@@ -83,8 +83,8 @@ impl Shapes {
             sums.map(|v| v as f32)
         });
         let mut products = [[0.0_f64; 3]; 3];
-        quadrature(cosines, abscissa, |i, s, _, weight| {
-            let albedo = row[i].lerp(row[i + 1], s);
+        quadrature(cosines, abscissa, |i, s, cos, weight| {
+            let albedo = table.value(index, i, s, cos as f32);
             for (product, k) in products.iter_mut().zip([1.0, albedo.e - albedo.b, albedo.b]) {
                 for (m, value) in product.iter_mut().enumerate() {
                     *value += weight * f64::from(k * (nodes[i][m] + (nodes[i + 1][m] - nodes[i][m]) * s));

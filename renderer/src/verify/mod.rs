@@ -7,6 +7,7 @@
 //! [`Ticker::expect`] once, [`Ticker::add`] as it goes, and returns early with what it has when [`Ticker::cancelled`].
 
 pub mod analytic;
+pub mod bsdf;
 pub mod chi_square;
 pub mod determinism;
 pub mod emitters;
@@ -14,6 +15,7 @@ pub mod film;
 pub mod geometry;
 pub mod leaks;
 pub mod lights;
+pub mod materials;
 pub mod sampler;
 pub mod scale;
 mod scenes;
@@ -176,6 +178,7 @@ pub fn checks() -> Vec<Check> {
     [
         sampler::CHECKS,
         film::CHECKS,
+        materials::CHECKS,
         lights::CHECKS,
         emitters::CHECKS,
         leaks::CHECKS,
