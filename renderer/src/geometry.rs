@@ -86,7 +86,8 @@ pub(crate) struct SurfacePoint {
     pub material: usize,
     /// Index into the scene's instances.
     pub instance: u32,
-    /// Index into the triangles of the instance's mesh.
+    /// Index into the triangles of the instance's mesh; lights that are triangles are found by it.
+    #[allow(dead_code)]
     pub triangle: u32,
 }
 

@@ -13,9 +13,9 @@ use obvhs::bvh2::node::Bvh2Node;
 /// time (20 000 identical triangles: 12 s, a tree 20 000 deep).
 const MOST_IDENTICAL: u32 = 1000;
 
-/// Share of boxes in pairs (see [`pairing`]) below which obvhs is passed by. Nested boxes have 0, meshes and random triangles 0.2 and
-/// more.
-const LEAST_PAIRING: f32 = 0.02;
+/// Share of boxes in pairs (see [`pairing`]) below which obvhs is passed by. Nested boxes have 0.02, grids, rows and
+/// random boxes of any size 0.1 and more.
+const LEAST_PAIRING: f32 = 0.05;
 /// Boxes below which no slow build is slow enough to matter.
 const FEW: usize = 1 << 12;
 /// Neighbours along the Morton curve that [`pairing`] looks at on each side, and boxes and blocks of boxes that it samples.
