@@ -4,15 +4,16 @@ use crate::accel::{Candidate, Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
-use crate::light::{EnvironmentLight, Repairs, Sampling};
+use crate::light::{EmissiveTriangle, EnvironmentLight, LightSampler, Repairs, Sampling};
 use crate::material::Surface;
 use crate::ray::Ray;
-use crate::texture::Sampled;
+use crate::texture::{Lookup, Sampled};
 use glam::Vec3A;
 use renderflow_frame::ibl::IblTables;
 use renderflow_frame::{Camera, Environment};
+use renderflow_scenes::loaded::AlphaMask;
 use renderflow_scenes::mipmap::{Level, Texels};
-use renderflow_scenes::{LoadedScene, Material, TextureSlot};
+use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
 use std::sync::OnceLock;
 
 /// A scene at one frame, ready to be rendered.
@@ -20,7 +21,11 @@ pub struct RenderScene {
     pub(crate) geometry: Geometry,
     pub(crate) materials: Vec<CompiledMaterial>,
     pub(crate) textures: Vec<Sampled>,
-    pub(crate) light: EnvironmentLight,
+    pub(crate) lights: LightSampler,
+    /// Of each instance, the number of its first triangle among the emissive ones.
+    first_emitter: Vec<Option<u32>>,
+    /// Instance and triangle of every emissive triangle.
+    emitters: Vec<(u32, u32)>,
     pub(crate) environment: Environment,
     pub(crate) seed: u64,
     pub(crate) hash: String,
@@ -38,6 +43,12 @@ pub(crate) struct CompiledMaterial {
     pub base_color_texture: Option<TextureSlot>,
     pub metallic_roughness_texture: Option<TextureSlot>,
     pub normal_texture: Option<(TextureSlot, f32)>,
+    /// Radiance; zero where the surface does not emit.
+    pub emissive: Vec3A,
+    pub emissive_texture: Option<TextureSlot>,
+    /// `None` where nothing is cut out, whatever the file says.
+    pub alpha_mask: Option<AlphaMask>,
+    pub double_sided: bool,
 }
 
 impl RenderScene {
@@ -55,25 +66,34 @@ impl RenderScene {
     /// As [`Self::compile`].
     pub fn compile_with(scene: &LoadedScene, sharing: Sharing) -> Result<Self> {
         check(scene, sharing)?;
-        let materials: Vec<_> = scene.materials.iter().map(compile_material).collect();
+        let textures: Vec<Sampled> = scene.textures.iter().map(Sampled::new).collect();
+        let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(m, &textures)).collect();
         // Only what some instance uses counts: an unused textured material must not slow the others down.
         let used = |f: &dyn Fn(&CompiledMaterial) -> bool| scene.instances.iter().any(|i| f(&materials[i.material]));
         let light = EnvironmentLight::new(&scene.environment)?;
         let features = FeatureSet {
-            textures: used(&|m| m.base_color_texture.is_some() || m.metallic_roughness_texture.is_some()),
+            textures: used(&|m| {
+                let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture];
+                m.normal_texture.is_some() || slots.iter().any(|slot| slot.is_some())
+            }),
             normal_maps: used(&|m| m.normal_texture.is_some()),
             flat_environment: light.constant().is_some(),
             black_environment: light.is_black(),
+            layers: used(&|m| !m.surface.is_plain()),
+            emitters: used(&|m| m.emissive != Vec3A::ZERO),
+            cutouts: used(&|m| m.alpha_mask.is_some() || !m.double_sided),
         };
         let wanted = Wanted {
-            uvs: features.textures || features.normal_maps,
-            tangents: materials.iter().map(|m| features.normal_maps && m.normal_texture.is_some()).collect(),
+            uvs: features.textures,
+            tangents: materials.iter().map(|m| m.normal_texture.is_some() || m.surface.anisotropic > 0.0).collect(),
         };
-        Ok(Self {
+        let mut compiled = Self {
             geometry: Geometry::new(scene.meshes.clone(), scene.instances.clone(), wanted, sharing),
             materials,
-            textures: scene.textures.iter().map(Sampled::new).collect(),
-            light,
+            textures,
+            lights: LightSampler::new(light, []),
+            first_emitter: vec![None; scene.instances.len()],
+            emitters: Vec::new(),
             environment: scene.environment.clone(),
             seed: scene.seed,
             hash: scene.hash.clone(),
@@ -82,13 +102,53 @@ impl RenderScene {
             features,
             tables: OnceLock::new(),
             exposure: OnceLock::new(),
-        })
+        };
+        compiled.place_emitters();
+        Ok(compiled)
+    }
+
+    /// Finds the emissive triangles at the current frame.
+    fn place_emitters(&mut self) {
+        if !self.features.emitters {
+            return;
+        }
+        let mut triangles = Vec::new();
+        self.emitters.clear();
+        for (index, instance) in self.geometry.instances.iter().enumerate() {
+            let material = &self.materials[instance.material];
+            if material.emissive == Vec3A::ZERO {
+                continue;
+            }
+            self.first_emitter[index] = Some(self.emitters.len() as u32);
+            let (mesh, transform) = (self.geometry.mesh(instance.mesh), instance.transform(self.frame));
+            for (number, triangle) in mesh.triangles.iter().enumerate() {
+                let corners = triangle.map(|v| transform.transform_point3a(mesh.positions[v as usize].into()));
+                let mut radiance = material.emissive;
+                if let Some(slot) = &material.emissive_texture {
+                    let uvs = triangle.map(|v| mesh.uvs.get(v as usize).copied().unwrap_or_default());
+                    let area = (uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs();
+                    // The mean over the triangle, as a mip level knows it.
+                    let lookup = Lookup { uv: (uvs[0] + uvs[1] + uvs[2]) / 3.0, footprint_log2: 0.5 * area.log2() };
+                    radiance *= Vec3A::from_vec4(self.textures[slot.texture].value(slot, lookup));
+                }
+                let id = self.emitters.len() as u32;
+                triangles.push(EmissiveTriangle { corners, radiance, two_sided: material.double_sided, id });
+                self.emitters.push((index as u32, number as u32));
+            }
+        }
+        self.lights = LightSampler::new(self.lights.environment().clone(), triangles);
     }
 
     /// Moves to `frame` (0 is the first; beyond the last the last pose is held). The tree is built again only if something moved.
     pub fn set_frame(&mut self, frame: usize) {
+        let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
+        let emitters_moved = self.features.emitters
+            && self.geometry.instances.iter().any(|i| self.materials[i.material].emissive != Vec3A::ZERO && moved(i));
         self.frame = frame;
         self.geometry.set_frame(frame);
+        if emitters_moved {
+            self.place_emitters();
+        }
     }
 
     /// The current frame.
@@ -151,13 +211,14 @@ impl RenderScene {
     /// # Errors
     /// Never after [`Self::compile`] accepted the environment.
     pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
-        self.light = EnvironmentLight::with_sampling(&self.environment, sampling)?;
+        self.lights = LightSampler::new(EnvironmentLight::with_sampling(&self.environment, sampling)?, []);
+        self.place_emitters();
         Ok(())
     }
 
     /// Components of the environment's texels that could not be used as they are.
     pub fn environment_repairs(&self) -> Repairs {
-        self.light.repairs()
+        self.lights.environment().repairs()
     }
 
     /// What the scene needs of the integrator.
@@ -209,6 +270,34 @@ impl RenderScene {
         self.geometry.occluded_where(ray, scratch, accept)
     }
 
+    /// Instance and triangle of emitter `id`.
+    #[inline]
+    pub(crate) fn emitter(&self, id: u32) -> (u32, u32) {
+        self.emitters[id as usize]
+    }
+
+    /// Number, among the emissive triangles, of triangle `triangle` of an instance; `None` where it does not emit.
+    #[inline]
+    pub(crate) fn emitter_id(&self, instance: u32, triangle: u32) -> Option<u32> {
+        self.first_emitter[instance as usize].map(|first| first + triangle)
+    }
+
+    /// Value of a texture.
+    #[inline]
+    pub(crate) fn slot_value(&self, slot: &TextureSlot, lookup: Lookup) -> glam::Vec4 {
+        self.textures[slot.texture].value(slot, lookup)
+    }
+
+    /// BLAKE3 of the scene's description, hexadecimal.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Triangles that emit, whether or not they are ever drawn as lights.
+    pub fn emissive_triangles(&self) -> usize {
+        self.emitters.len()
+    }
+
     /// Indices of the instance that was hit, of the triangle in its mesh, and of its material.
     pub fn locate(&self, hit: &Hit) -> (u32, u32, usize) {
         let (instance, triangle) = self.geometry.locate(hit);
@@ -216,19 +305,35 @@ impl RenderScene {
     }
 }
 
-fn compile_material(material: &Material) -> CompiledMaterial {
+fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
     let range = |v: f32| v.clamp(0.0, 1.0);
+    let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
+    // A mask that cuts nothing must not make every ray ask.
+    let alpha_mask = material.alpha_mask.filter(|mask| {
+        let textured = material.base_color_texture.as_ref().is_some_and(|slot| textures[slot.texture].has_alpha());
+        textured || mask.factor < mask.cutoff
+    });
     CompiledMaterial {
         surface: Surface {
             base_color: Vec3A::from_array(material.base_color).clamp(Vec3A::ZERO, Vec3A::ONE),
             metallic: range(material.metallic),
             roughness: range(material.roughness),
             specular: range(material.specular),
-            ..Surface::default()
+            specular_tint: range(material.specular_tint),
+            anisotropic: range(material.anisotropic),
+            sheen: range(material.sheen),
+            sheen_tint: range(material.sheen_tint),
+            clearcoat: range(material.clearcoat),
+            clearcoat_gloss: range(material.clearcoat_gloss),
+            subsurface: range(material.subsurface),
         },
         base_color_texture: material.base_color_texture.clone(),
         metallic_roughness_texture: material.metallic_roughness_texture.clone(),
         normal_texture: material.normal_texture.clone(),
+        emissive,
+        emissive_texture: material.emissive_texture.clone().filter(|_| emissive != Vec3A::ZERO),
+        alpha_mask,
+        double_sided: material.double_sided,
     }
 }
 
@@ -274,14 +379,29 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
         }
     }
     for (i, material) in scene.materials.iter().enumerate() {
-        let slots = [&material.base_color_texture, &material.metallic_roughness_texture].into_iter().flatten();
+        let slots = [&material.base_color_texture, &material.metallic_roughness_texture, &material.emissive_texture];
+        let slots = slots.into_iter().flatten();
         for slot in slots.chain(material.normal_texture.as_ref().map(|(slot, _)| slot)) {
             if slot.texture >= scene.textures.len() {
                 return missing(format!("materials/{i}"), slot.texture, scene.textures.len());
             }
         }
-        let values = material.base_color.iter().chain([&material.metallic, &material.roughness, &material.specular]);
-        for &value in values {
+        if !material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            return Err(Error::inconsistent(format!("materials/{i}"), format!("emission {:?} is not finite", material.emissive)));
+        }
+        let scalars = [
+            material.metallic,
+            material.roughness,
+            material.specular,
+            material.specular_tint,
+            material.anisotropic,
+            material.sheen,
+            material.sheen_tint,
+            material.clearcoat,
+            material.clearcoat_gloss,
+            material.subsurface,
+        ];
+        for value in material.base_color.into_iter().chain(scalars) {
             if !(0.0..=1.0).contains(&value) {
                 return Err(Error::inconsistent(format!("materials/{i}"), format!("{value} is outside 0..=1")));
             }

@@ -87,7 +87,6 @@ pub(crate) struct SurfacePoint {
     /// Index into the scene's instances.
     pub instance: u32,
     /// Index into the triangles of the instance's mesh; lights that are triangles are found by it.
-    #[allow(dead_code)]
     pub triangle: u32,
 }
 
