@@ -306,6 +306,7 @@ fn compile_material(material: &Material) -> CompiledMaterial {
             metallic: range(material.metallic),
             roughness: range(material.roughness),
             specular: range(material.specular),
+            ..Surface::default()
         },
         base_color_texture: material.base_color_texture.clone(),
         metallic_roughness_texture: material.metallic_roughness_texture.clone(),

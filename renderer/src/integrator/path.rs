@@ -6,7 +6,7 @@ use crate::accel::Scratch;
 use crate::compile::RenderScene;
 use crate::features::Features;
 use crate::interaction::Interaction;
-use crate::material::Bsdf;
+use crate::material::{Bsdf, Mode};
 use crate::ray::Ray;
 use crate::sampler::PixelSampler;
 use crate::stats::Stats;
@@ -98,7 +98,7 @@ fn gather<F: Features>(
     for vertex in 1..=settings.max_bounces {
         let frame = ShadingFrame::new(surface.ns);
         let wo_local = frame.to_local(wo);
-        let bsdf = Bsdf::new(&surface.surface);
+        let bsdf = Bsdf::<false>::new(&surface.surface, Mode::Conserving);
 
         // Sample the environment and weigh the direction against scattering having found it.
         if !F::FLAT_ENVIRONMENT {
