@@ -131,7 +131,9 @@ fn published_values_equal_mitsubas() {
             for channel in 0..3 {
                 let (ours, expected) = (ours[channel], expected[channel]);
                 assert!(ours.is_finite(), "{}: {ours} for {wo:?} {wi:?}", entry.name);
-                worst = worst.max(((ours - expected).abs() - rounding).max(0.0) / (expected + 1e-6));
+                // Where a lobe was taken away, single precision rounds that lobe and not what is left.
+                let scale = expected + added[channel].abs() + 1e-6;
+                worst = worst.max(((ours - expected).abs() - rounding).max(0.0) / scale);
             }
         }
         println!("{:24} differs by {worst:.1e}; {untouched} of {} pairs needed no difference", entry.name, values.wo.len());

@@ -3,8 +3,8 @@
 Spheres, quads, the sky and the two small textures are written by the same formulae on both sides. The glTF model is read here from its
 buffers, without any scene library. Scene `fresnel` is rendered a second time as `fresnel_exact`, with `spec_tint` 0.
 Stored beside the blocks: the standard error of the block means as a share of them, from four independent renders.
-Run: DRJIT_LIBLLVM_PATH=... python tests/references/mitsuba_published.py FOLDER_OF_SUZANNE_GLTF [PICTURES]
-Writes mitsuba_published.json beside this file; with a second argument also one EXR a scene into that folder.
+Run: DRJIT_LIBLLVM_PATH=... python tests/references/mitsuba_published.py FOLDER_OF_SUZANNE_GLTF [PICTURES [SCENE...]]
+Writes mitsuba_published.json beside this file, scene by scene; with a second argument also one EXR a scene into that folder.
 """
 import json
 import math
@@ -149,21 +149,20 @@ def render(folder, scene, exact_fresnel=False):
     return numpy.stack([numpy.array(mitsuba.render(scene, spp=SPP, seed=s)) for s in range(RUNS)]).astype(float)
 
 
-result = {"mitsuba": mitsuba.__version__, "size": SIZE, "max_depth": 7, "spp": SPP * RUNS, "scenes": {}}
+target = HERE / "mitsuba_published.json"
+result = json.loads(target.read_text()) if target.exists() else {"scenes": {}}
+result |= {"mitsuba": mitsuba.__version__, "size": SIZE, "max_depth": 7, "spp": SPP * RUNS}
 scenes = json.loads((HERE / "published_scenes.json").read_text())
 with tempfile.TemporaryDirectory() as temporary:
     folder = pathlib.Path(temporary)
     write_textures(folder)
-    for name, scene in scenes.items():
-        for exact in [False, True] if name == "fresnel" else [False]:
-            runs = render(folder, scene, exact)
-            b = SIZE // BLOCKS
-            blocks = runs.reshape(RUNS, BLOCKS, b, BLOCKS, b, 3).mean((2, 4))
-            noise = float((blocks.std(0, ddof=1) / math.sqrt(RUNS) / blocks.mean(0)).mean())
-            label = name + "_exact" * exact
-            print(label, "noise of a block:", noise, file=sys.stderr)
-            result["scenes"][label] = {"noise": float(f"{noise:.2g}"), "blocks": numpy.round(blocks.mean(0), 5).tolist()}
-            if len(sys.argv) > 2:
-                mitsuba.Bitmap(runs.mean(0).astype(numpy.float32)).write(f"{sys.argv[2]}/{label}.exr")
-text = json.dumps(result, separators=(",", ":"))
-(HERE / "mitsuba_published.json").write_text(text.replace('"noise"', '\n"noise"') + "\n")
+    for label in sys.argv[3:] or [*scenes, "fresnel_exact"]:
+        runs = render(folder, scenes[label.removesuffix("_exact")], label.endswith("_exact"))
+        b = SIZE // BLOCKS
+        blocks = runs.reshape(RUNS, BLOCKS, b, BLOCKS, b, 3).mean((2, 4))
+        noise = float((blocks.std(0, ddof=1) / math.sqrt(RUNS) / blocks.mean(0)).mean())
+        print(label, "noise of a block:", noise, file=sys.stderr)
+        result["scenes"][label] = {"noise": float(f"{noise:.2g}"), "blocks": numpy.round(blocks.mean(0), 5).tolist()}
+        if len(sys.argv) > 2:
+            mitsuba.Bitmap(runs.mean(0).astype(numpy.float32)).write(f"{sys.argv[2]}/{label}.exr")
+        target.write_text(json.dumps(result, separators=(",", ":")).replace('"noise"', '\n"noise"') + "\n")
