@@ -17,10 +17,16 @@
 //! The same: smallest GGX alpha 0.001, anisotropic aspect, luminance (Rec.709), sheen, tints, and the diffuse lobe, whose 2015 split into
 //! `(1 - F/2)(1 - F/2)` and a retro-reflective part equals the product of 2012 exactly. `flatness` is Burley's `subsurface`.
 
+mod pictures;
+
 use glam::{DVec3, Vec3A};
+use pictures::{Description, Reference, blocks, compare};
+use renderflow_renderer::Settings;
 use renderflow_renderer::material::{Bsdf, Mode, Surface};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::path::Path;
 
 #[derive(Deserialize)]
 struct Values {
@@ -143,4 +149,54 @@ fn published_values_equal_mitsubas() {
     }
     assert!(values.materials.len() >= 14 && values.wo.len() >= 100);
     assert!(failures.is_empty(), "{failures:#?}");
+}
+
+/// Mean and largest relative difference of `name`'s blocks from Mitsuba's picture `label` of it.
+fn picture(name: &str, label: &str, assets: Option<&Path>, spp: u32) -> (f64, f64) {
+    let scenes: BTreeMap<String, Description> = serde_json::from_str(include_str!("references/published_scenes.json")).unwrap();
+    let reference: Reference = serde_json::from_str(include_str!("references/mitsuba_published.json")).unwrap();
+    let settings = Settings { spp, max_bounces: 6, bsdf: Mode::Published, ..Settings::default() };
+    let ours = blocks(&scenes[name], assets, reference.size, &settings);
+    compare(label, &ours, &reference.scenes[label])
+}
+
+#[test]
+fn spheres_on_a_plane_agree_with_mitsuba() {
+    let (mean, worst) = picture("plain", "plain", None, 256);
+    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+}
+
+#[test]
+fn interreflecting_room_agrees_with_mitsuba() {
+    let (mean, worst) = picture("room", "room", None, 256);
+    assert!(mean < 0.005 && worst < 0.03, "{mean} {worst}");
+}
+
+#[test]
+fn brushed_metal_and_lacquer_agree_with_mitsuba() {
+    let (mean, worst) = picture("brushed", "brushed", None, 256);
+    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+}
+
+#[test]
+fn textured_sphere_and_plane_agree_with_mitsuba() {
+    let (mean, worst) = picture("textured", "textured", None, 256);
+    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+}
+
+#[test]
+fn textured_model_agrees_with_mitsuba() {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf/pbr/Suzanne");
+    if !assets.exists() {
+        println!("skipped: {} is not there", assets.display());
+        return;
+    }
+    let (mean, worst) = picture("model", "model", Some(&assets), 256);
+    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+}
+
+#[test]
+fn grey_dielectrics_agree_with_mitsuba_and_differ_from_its_exact_fresnel_by_that_alone() {
+    let (mean, worst) = picture("fresnel", "fresnel", None, 256);
+    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
 }
