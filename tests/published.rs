@@ -16,6 +16,9 @@
 //! (alpha 0.001) it is wrong by up to 18 %. The test allows for that rounding, and for nothing else.
 //! The same: smallest GGX alpha 0.001, anisotropic aspect, luminance (Rec.709), sheen, tints, and the diffuse lobe, whose 2015 split into
 //! `(1 - F/2)(1 - F/2)` and a retro-reflective part equals the product of 2012 exactly. `flatness` is Burley's `subsurface`.
+//!
+//! The pictures use `spec_tint` 1 where a dielectric shows, so that difference 1 is 0, and no clearcoat (difference 3 is 40 % of that
+//! lobe and more, and held by the values alone).
 
 mod pictures;
 
@@ -26,7 +29,7 @@ use renderflow_renderer::material::{Bsdf, Mode, Surface};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 #[derive(Deserialize)]
 struct Values {
@@ -160,43 +163,68 @@ fn picture(name: &str, label: &str, assets: Option<&Path>, spp: u32) -> (f64, f6
     compare(label, &ours, &reference.scenes[label])
 }
 
+fn assert_close(name: &str, assets: Option<&Path>, spp: u32, limit: f64) {
+    let (mean, worst) = picture(name, name, assets, spp);
+    assert!(mean < limit && worst < 6.0 * limit, "{name}: mean {mean}, worst {worst}");
+}
+
 #[test]
 fn spheres_on_a_plane_agree_with_mitsuba() {
-    let (mean, worst) = picture("plain", "plain", None, 256);
-    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+    assert_close("plain", None, 64, 0.005);
 }
 
 #[test]
 fn interreflecting_room_agrees_with_mitsuba() {
-    let (mean, worst) = picture("room", "room", None, 256);
-    assert!(mean < 0.005 && worst < 0.03, "{mean} {worst}");
+    assert_close("room", None, 256, 0.005);
 }
 
 #[test]
 fn brushed_metal_and_lacquer_agree_with_mitsuba() {
-    let (mean, worst) = picture("brushed", "brushed", None, 256);
-    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+    assert_close("brushed", None, 64, 0.005);
 }
 
 #[test]
 fn textured_sphere_and_plane_agree_with_mitsuba() {
-    let (mean, worst) = picture("textured", "textured", None, 256);
-    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+    assert_close("textured", None, 64, 0.005);
+}
+
+fn model() -> Option<PathBuf> {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf/pbr/Suzanne");
+    if !assets.exists() {
+        println!("skipped: {} is not there", assets.display());
+        return None;
+    }
+    Some(assets)
 }
 
 #[test]
 fn textured_model_agrees_with_mitsuba() {
-    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf/pbr/Suzanne");
-    if !assets.exists() {
-        println!("skipped: {} is not there", assets.display());
-        return;
+    if let Some(assets) = model() {
+        assert_close("model", Some(&assets), 64, 0.005);
     }
-    let (mean, worst) = picture("model", "model", Some(&assets), 256);
-    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
 }
 
+/// Difference 1 in a picture: the same grey spheres with Schlick's Fresnel in both, then against Mitsuba's exact one. Schlick lies below
+/// the exact curve by up to 0.02 at 40 to 75 degrees for `F0` 0.02 to 0.08: Mitsuba's two pictures differ by 0.79 % in the mean and
+/// by 2.26 % in the darkest block, ours from its second by the same.
 #[test]
-fn grey_dielectrics_agree_with_mitsuba_and_differ_from_its_exact_fresnel_by_that_alone() {
-    let (mean, worst) = picture("fresnel", "fresnel", None, 256);
-    assert!(mean < 0.005 && worst < 0.02, "{mean} {worst}");
+fn grey_dielectrics_differ_from_mitsubas_exact_fresnel_by_that_alone() {
+    assert_close("fresnel", None, 64, 0.005);
+    let reference: Reference = serde_json::from_str(include_str!("references/mitsuba_published.json")).unwrap();
+    let (exact, _) = compare("Mitsuba, Schlick, and", &reference.scenes["fresnel"].blocks, &reference.scenes["fresnel_exact"]);
+    let (ours, _) = picture("fresnel", "fresnel_exact", None, 64);
+    assert!((ours - exact).abs() < 0.0015, "{ours} where Mitsuba's own differ by {exact}");
+}
+
+/// The same with noise far below the limit.
+#[test]
+#[ignore = "minutes"]
+fn pictures_agree_with_mitsuba_closely() {
+    for name in ["plain", "fresnel", "brushed", "textured"] {
+        assert_close(name, None, 2048, 0.0015);
+    }
+    assert_close("room", None, 4096, 0.0025);
+    if let Some(assets) = model() {
+        assert_close("model", Some(&assets), 2048, 0.0025);
+    }
 }

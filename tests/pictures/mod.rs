@@ -1,5 +1,6 @@
 //! Scenes that another renderer has rendered from the same description, and how far our picture of them is from its means.
 
+use glam::DVec3;
 use renderflow_renderer::material::Mode;
 use renderflow_renderer::{RenderScene, Settings, render};
 use renderflow_scenes::{description::Scene, load};
@@ -23,6 +24,7 @@ pub struct Description {
     pub spheres: Vec<Sphere>,
     pub quads: Vec<Quad>,
     pub model: Option<Model>,
+    #[allow(dead_code)] // Not every test says it in the scene.
     pub mode: Option<Mode>,
 }
 
@@ -99,15 +101,20 @@ fn quad(path: &Path, quad: &Quad) {
     std::fs::write(path, text).unwrap();
 }
 
-/// The scripts' sky.
+/// The scripts' sky in a unit direction.
+#[allow(dead_code)] // Not every test asks for it.
+pub fn sky_radiance(d: DVec3) -> DVec3 {
+    let glow = (8.0 * (d.dot(DVec3::new(0.6, 0.64, 0.48)) - 1.0)).exp();
+    let up = 0.5 + 0.5 * d.y;
+    DVec3::new(0.3 + 0.2 * up + 6.0 * glow, 0.3 + 0.4 * up + 5.0 * glow, 0.3 + 0.7 * up + 4.0 * glow)
+}
+
 fn sky(path: &Path) {
     let (width, height) = (1024, 512);
     let radiance = |x: usize, y: usize| {
         let (theta, phi) = (PI * (y as f64 + 0.5) / height as f64, 2.0 * PI * (x as f64 + 0.5) / width as f64);
-        let (dx, dy, dz) = (phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin());
-        let glow = (8.0 * (dx * 0.6 + dy * 0.64 + dz * 0.48 - 1.0)).exp();
-        let up = 0.5 + 0.5 * dy;
-        ((0.3 + 0.2 * up + 6.0 * glow) as f32, (0.3 + 0.4 * up + 5.0 * glow) as f32, (0.3 + 0.7 * up + 4.0 * glow) as f32)
+        let l = sky_radiance(DVec3::new(phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin()));
+        (l.x as f32, l.y as f32, l.z as f32)
     };
     exr::prelude::write_rgb_file(path, width, height, radiance).unwrap();
 }
@@ -128,7 +135,8 @@ pub fn blocks(description: &Description, assets: Option<&Path>, size: usize, set
     let mut objects = Vec::new();
     for (i, s) in description.spheres.iter().enumerate() {
         sphere(&folder.path().join(format!("sphere{i}.obj")), s);
-        objects.push(json!({"name": format!("sphere {i}"), "geometry": {"file": format!("sphere{i}.obj")}, "material": s.material}));
+        objects
+            .push(json!({"name": format!("sphere {i}"), "geometry": {"file": format!("sphere{i}.obj")}, "material": s.material}));
     }
     for (i, q) in description.quads.iter().enumerate() {
         quad(&folder.path().join(format!("quad{i}.obj")), q);
@@ -173,7 +181,8 @@ pub fn blocks(description: &Description, assets: Option<&Path>, size: usize, set
     if let Ok(pictures) = std::env::var("RENDERFLOW_TEST_PICTURES") {
         let name = format!("{}-{}.exr", std::thread::current().name().unwrap_or("picture"), description.eye[2]);
         let pixel = |x: usize, y: usize| beauty.pixels[y * size + x].into();
-        exr::prelude::write_rgb_file(Path::new(&pictures).join(name), size, size, |x, y| -> (f32, f32, f32) { pixel(x, y) }).unwrap();
+        exr::prelude::write_rgb_file(Path::new(&pictures).join(name), size, size, |x, y| -> (f32, f32, f32) { pixel(x, y) })
+            .unwrap();
     }
     let side = size / 8;
     let mean = |x: usize, y: usize| {

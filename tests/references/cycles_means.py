@@ -4,7 +4,7 @@
 distribution GGX (one scattering) in scenes of mode `published`, MULTI_GGX (compensated) in scenes of mode `conserving`.
 Blender is z up: (x, y, z) of the scene file becomes (x, -z, y). Its equirectangular maps start a quarter turn earlier.
 Two runs with different seeds give the standard error of a block's mean, as a share of it.
-Run: python tests/references/cycles_means.py [PICTURES]     (bpy 5.0.1, Python 3.11)
+Run: python tests/references/cycles_means.py [PICTURES [SCENE...]]     (bpy 5.0.1, Python 3.11)
 """
 import json
 import math
@@ -140,13 +140,16 @@ def render(path):
     return pixels.reshape(SIZE, SIZE, 4)[::-1, :, :3].astype(float)
 
 
-result = {"cycles": bpy.app.version_string, "size": SIZE, "spp": SPP * RUNS, "scenes": {}}
+target = HERE / "cycles_means.json"
+result = json.loads(target.read_text()) if target.exists() else {"scenes": {}}
+result |= {"cycles": bpy.app.version_string, "size": SIZE, "spp": SPP * RUNS}
+scenes = json.loads((HERE / "cycles_scenes.json").read_text())
 with tempfile.TemporaryDirectory() as temporary:
     folder = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else temporary)
-    for name, scene in json.loads((HERE / "cycles_scenes.json").read_text()).items():
+    for name in sys.argv[2:] or scenes:
         runs = []
         for seed in range(RUNS):
-            prepare(folder, scene)
+            prepare(folder, scenes[name])
             bpy.context.scene.cycles.seed = seed
             runs.append(render(folder / f"{name}{seed}.exr"))
         b = SIZE // BLOCKS
@@ -154,4 +157,4 @@ with tempfile.TemporaryDirectory() as temporary:
         noise = float((blocks.std(0, ddof=1) / math.sqrt(RUNS) / blocks.mean(0)).mean())
         print(name, "noise of a block:", noise, file=sys.stderr)
         result["scenes"][name] = {"noise": float(f"{noise:.2g}"), "blocks": numpy.round(blocks.mean(0), 5).tolist()}
-(HERE / "cycles_means.json").write_text(json.dumps(result, separators=(",", ":")).replace('"noise"', '\n"noise"') + "\n")
+        target.write_text(json.dumps(result, separators=(",", ":")).replace('"noise"', '\n"noise"') + "\n")
