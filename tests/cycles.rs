@@ -30,7 +30,7 @@ fn picture(name: &str) -> (Vec<Vec<[f64; 3]>>, Blocks) {
         };
     }
     let settings = Settings { spp: 256, max_bounces: 6, bsdf: scene.mode.unwrap(), ..Settings::default() };
-    (blocks(&scene, None, reference.size, &settings), reference.scenes.remove(name).unwrap())
+    (blocks(name, &scene, None, reference.size, &settings), reference.scenes.remove(name).unwrap())
 }
 
 #[test]

@@ -159,7 +159,7 @@ fn picture(name: &str, label: &str, assets: Option<&Path>, spp: u32) -> (f64, f6
     let scenes: BTreeMap<String, Description> = serde_json::from_str(include_str!("references/published_scenes.json")).unwrap();
     let reference: Reference = serde_json::from_str(include_str!("references/mitsuba_published.json")).unwrap();
     let settings = Settings { spp, max_bounces: 6, bsdf: Mode::Published, ..Settings::default() };
-    let ours = blocks(&scenes[name], assets, reference.size, &settings);
+    let ours = blocks(name, &scenes[name], assets, reference.size, &settings);
     compare(label, &ours, &reference.scenes[label])
 }
 

@@ -127,8 +127,15 @@ fn textures(folder: &Path) {
     image(|x, y| [0, 80 + 2 * x, 4 * y]).save(folder.join("layers.png")).unwrap();
 }
 
-/// Our means of 8 x 8 blocks. `assets` holds the model and its textures.
-pub fn blocks(description: &Description, assets: Option<&Path>, size: usize, settings: &Settings) -> Vec<Vec<[f64; 3]>> {
+/// Our means of 8 x 8 blocks. `assets` holds the model and its textures. The picture goes into the folder that the environment
+/// variable RENDERFLOW_TEST_PICTURES names, if it is set, as `name`.exr.
+pub fn blocks(
+    name: &str,
+    description: &Description,
+    assets: Option<&Path>,
+    size: usize,
+    settings: &Settings,
+) -> Vec<Vec<[f64; 3]>> {
     let folder = tempfile::tempdir().unwrap();
     sky(&folder.path().join("sky.exr"));
     textures(folder.path());
@@ -178,11 +185,12 @@ pub fn blocks(description: &Description, assets: Option<&Path>, size: usize, set
     let compiled = RenderScene::compile(&loaded).unwrap();
     let frame = render(&compiled, settings, &|_, _| (), &AtomicBool::new(false)).unwrap();
     let beauty = frame.beauty.or(frame.raw).unwrap();
-    if let Ok(pictures) = std::env::var("RENDERFLOW_TEST_PICTURES") {
-        let name = format!("{}-{}.exr", std::thread::current().name().unwrap_or("picture"), description.eye[2]);
-        let pixel = |x: usize, y: usize| beauty.pixels[y * size + x].into();
-        exr::prelude::write_rgb_file(Path::new(&pictures).join(name), size, size, |x, y| -> (f32, f32, f32) { pixel(x, y) })
-            .unwrap();
+    if let Some(folder) = std::env::var_os("RENDERFLOW_TEST_PICTURES") {
+        let pixel = |x: usize, y: usize| {
+            let [r, g, b] = beauty.pixels[y * size + x];
+            (r, g, b)
+        };
+        exr::prelude::write_rgb_file(Path::new(&folder).join(format!("{name}.exr")), size, size, pixel).unwrap();
     }
     let side = size / 8;
     let mean = |x: usize, y: usize| {
