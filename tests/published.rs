@@ -180,7 +180,7 @@ fn interreflecting_room_agrees_with_mitsuba() {
 
 #[test]
 fn brushed_metal_and_lacquer_agree_with_mitsuba() {
-    assert_close("brushed", None, 64, 0.005);
+    assert_close("brushed", None, 256, 0.005);
 }
 
 #[test]
