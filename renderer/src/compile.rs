@@ -1,6 +1,6 @@
 //! Compiles a loaded scene: its geometry, material and light tables, and the features the scene needs.
 
-use crate::accel::{Hit, MAX_TRIANGLES, Scratch};
+use crate::accel::{Candidate, Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
@@ -195,6 +195,24 @@ impl RenderScene {
     #[inline]
     pub fn occluded(&self, ray: &Ray, scratch: &mut Scratch) -> bool {
         self.geometry.occluded(ray, scratch)
+    }
+
+    /// As [`Self::closest`], of the triangles that `accept` accepts.
+    #[inline]
+    pub fn closest_where(&self, ray: &Ray, scratch: &mut Scratch, accept: impl Fn(&Candidate) -> bool) -> Option<Hit> {
+        self.geometry.closest_where(ray, scratch, accept)
+    }
+
+    /// As [`Self::occluded`], of the triangles that `accept` accepts.
+    #[inline]
+    pub fn occluded_where(&self, ray: &Ray, scratch: &mut Scratch, accept: impl Fn(&Candidate) -> bool) -> bool {
+        self.geometry.occluded_where(ray, scratch, accept)
+    }
+
+    /// Indices of the instance that was hit, of the triangle in its mesh, and of its material.
+    pub fn locate(&self, hit: &Hit) -> (u32, u32, usize) {
+        let (instance, triangle) = self.geometry.locate(hit);
+        (instance, triangle, self.geometry.material(hit))
     }
 }
 

@@ -84,10 +84,6 @@ impl Instances {
         self.placements = groups.iter().map(|group| placements[group[0] as usize]).collect();
     }
 
-    pub fn objects(&self) -> &[Accel] {
-        &self.objects
-    }
-
     pub fn placements(&self) -> &[Placement] {
         &self.placements
     }

@@ -37,11 +37,12 @@ fn has(extension: &Value, keys: &[&str]) -> bool {
 /// Disney's `specular` (F0 = 0.08 specular) and `specular_tint` of KHR_materials_ior and KHR_materials_specular, whose
 /// F0 = min(((ior - 1) / (ior + 1))^2 * colour, 1) * factor. Burley's F0 has the hue of the base colour or none.
 fn specular(material: &gltf::Material, result: &mut Material, report: &mut LoadReport) {
-    let ior = material.ior().unwrap_or(1.5);
+    // In double precision an index of 1.5 is a specular of exactly one half.
+    let ior = f64::from(material.ior().unwrap_or(1.5));
     let mut f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
     if let Some(extension) = material.specular() {
         let color = extension.specular_color_factor();
-        f0 = (f0 * luminance(color)).min(1.0) * extension.specular_factor();
+        f0 = (f0 * f64::from(luminance(color))).min(1.0) * f64::from(extension.specular_factor());
         if extension.specular_texture().is_some() || extension.specular_color_texture().is_some() {
             note(report, result, "the textures of KHR_materials_specular are not read");
         }
@@ -58,7 +59,7 @@ fn specular(material: &gltf::Material, result: &mut Material, report: &mut LoadR
     if !(0.0..=1.0001).contains(&specular) {
         note(report, result, format!("reflects {f0} at normal incidence; 0.08 is the most a dielectric can have here"));
     }
-    result.specular = if specular.is_nan() { 0.5 } else { specular.clamp(0.0, 1.0) };
+    result.specular = if specular.is_nan() { 0.5 } else { specular.clamp(0.0, 1.0) as f32 };
 }
 
 /// Share t for which 1 + t (base / luminance(base) - 1) is `color` / luminance(color); `None` where no share comes near.
