@@ -5,10 +5,11 @@ use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::light::EnvironmentLight;
 use crate::material::Surface;
+use crate::texture::Sampled;
 use glam::{Affine3A, Vec3A};
 use renderflow_frame::ibl::IblTables;
 use renderflow_frame::{Camera, Environment};
-use renderflow_scenes::loaded::Texture;
+use renderflow_scenes::mipmap::{Level, Texels};
 use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, TextureSlot};
 use std::sync::OnceLock;
 
@@ -25,7 +26,7 @@ pub struct RenderScene {
     pub(crate) tangents: Vec<[f32; 4]>,
     pub(crate) placed: Vec<PlacedInstance>,
     pub(crate) materials: Vec<CompiledMaterial>,
-    pub(crate) textures: Vec<Texture>,
+    pub(crate) textures: Vec<Sampled>,
     pub(crate) light: EnvironmentLight,
     pub(crate) environment: Environment,
     pub(crate) instances: Vec<Instance>,
@@ -93,7 +94,7 @@ impl RenderScene {
             tangents: Vec::new(),
             placed: Vec::new(),
             materials,
-            textures: scene.textures.clone(),
+            textures: scene.textures.iter().map(Sampled::new).collect(),
             light,
             environment: scene.environment.clone(),
             instances: scene.instances.clone(),
@@ -371,8 +372,11 @@ fn check(scene: &LoadedScene) -> Result<()> {
         }
     }
     for (i, texture) in scene.textures.iter().enumerate() {
-        let image = &texture.image;
-        if image.pixels.len() != image.width * image.height {
+        let complete = |level: &Level| match &level.texels {
+            Texels::Bytes(texels) => texels.len() == level.width * level.height,
+            Texels::Words(texels) => texels.len() == level.width * level.height,
+        };
+        if !texture.levels.iter().all(complete) {
             return Err(Error::inconsistent(format!("textures/{i}"), "size and texel count differ"));
         }
     }

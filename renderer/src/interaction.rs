@@ -5,8 +5,9 @@ use crate::compile::RenderScene;
 use crate::features::Features;
 use crate::material::Surface;
 use crate::ray::Ray;
-use crate::texture;
+use crate::texture::Lookup;
 use glam::{Vec2, Vec3A};
+use renderflow_scenes::TextureSlot;
 
 /// Smallest cosine between the shading normal and the viewer; a shading normal below is bent up to it.
 const MIN_COS_VIEW: f32 = 1e-3;
@@ -64,6 +65,8 @@ impl Interaction {
         } else {
             Vec2::ZERO
         };
+        let texture =
+            |slot: &TextureSlot| scene.textures[slot.texture].value(slot, Lookup { uv, footprint_log2: f32::NEG_INFINITY });
         if F::NORMAL_MAPS
             && instance.tangents
             && let Some((slot, strength)) = &material.normal_texture
@@ -71,18 +74,18 @@ impl Interaction {
             let [a, b, c] = triangle.vertices.map(|v| scene.tangents[v as usize]);
             let tangent = [0, 1, 2].map(|k| a[k] * b0 + b[k] * b1 + c[k] * b2);
             let handedness = if a[3] * b0 + b[3] * b1 + c[3] * b2 < 0.0 { -1.0 } else { 1.0 };
-            ns = map_normal(ns, Vec3A::from_array(tangent), handedness, texture::lookup(&scene.textures, slot, uv), *strength);
+            ns = map_normal(ns, Vec3A::from_array(tangent), handedness, Vec3A::from_vec4(texture(slot)), *strength);
         }
         let ns = face_viewer(ns * side, n, wo);
 
         let mut surface = material.surface;
         if F::TEXTURES {
             if let Some(slot) = &material.base_color_texture {
-                surface.base_color *= texture::lookup(&scene.textures, slot, uv);
+                surface.base_color *= Vec3A::from_vec4(texture(slot));
                 surface.base_color = surface.base_color.clamp(Vec3A::ZERO, Vec3A::ONE);
             }
             if let Some(slot) = &material.metallic_roughness_texture {
-                let value = texture::lookup(&scene.textures, slot, uv);
+                let value = texture(slot);
                 surface.roughness = (surface.roughness * value.y).clamp(0.0, 1.0);
                 surface.metallic = (surface.metallic * value.z).clamp(0.0, 1.0);
             }

@@ -8,6 +8,7 @@ mod draw;
 pub mod error;
 pub mod load;
 pub mod loaded;
+pub mod mipmap;
 mod noise;
 pub mod procedural;
 pub mod schema;

@@ -1,7 +1,9 @@
 //! The validated, fully loaded form of a scene: everything a renderer needs, nothing to look up any more.
 
-use glam::{Affine3A, Vec2, Vec3, Vec4};
-use renderflow_frame::{Camera, Environment, Image};
+use crate::mipmap::Level;
+use glam::{Affine3A, DVec3, Vec2, Vec3, Vec4};
+use renderflow_frame::{Camera, Environment};
+use std::sync::Arc;
 
 /// Triangles of one shape, in object space, metres.
 #[derive(Clone, Debug, Default)]
@@ -32,7 +34,7 @@ pub struct Instance {
     pub material: usize,
     /// Object id in files, >= 1. Instances that came from one object of the description share it.
     pub object_id: u32,
-    /// Object to world, one for every frame, or a single one for a static object.
+    /// Object to world relative to [`LoadedScene::origin`], one for every frame, or a single one for a static object.
     pub transforms: Vec<Affine3A>,
 }
 
@@ -65,14 +67,34 @@ pub struct Material {
     pub roughness: f32,
     /// 0..=1; 0.5 means F0 = 0.04.
     pub specular: f32,
+    /// 0..=1, share of the base colour's hue in the dielectric reflection.
+    pub specular_tint: f32,
+    /// 0..=1, stretch of highlights across the tangent.
+    pub anisotropic: f32,
+    /// 0..=1, grazing component of cloth.
+    pub sheen: f32,
+    /// 0..=1, share of the base colour's hue in the sheen.
+    pub sheen_tint: f32,
+    /// 0..=1, second specular layer.
+    pub clearcoat: f32,
+    /// 0..=1, gloss of that layer.
+    pub clearcoat_gloss: f32,
+    /// 0..=1, share of the diffuse shape that approximates subsurface scattering.
+    pub subsurface: f32,
     /// Linear RGB (sRGB already decoded), multiplies `base_color`.
     pub base_color_texture: Option<TextureSlot>,
     /// glTF layout: G = roughness, B = metallic; multiplies the factors.
     pub metallic_roughness_texture: Option<TextureSlot>,
     /// Tangent-space normal map, values decoded to -1..=1, with its scale.
     pub normal_texture: Option<(TextureSlot, f32)>,
-    /// Emitted radiance is not rendered yet; kept so that nothing is lost. Linear.
+    /// Emitted radiance, linear Rec.709, >= 0; emitted by the front, and by the back where double-sided.
     pub emissive: [f32; 3],
+    /// Linear RGB (sRGB already decoded), multiplies `emissive`.
+    pub emissive_texture: Option<TextureSlot>,
+    /// Where the surface is cut out; `None` = nowhere.
+    pub alpha_mask: Option<AlphaMask>,
+    /// Whether the surface exists seen from behind; a single-sided one lets rays pass from there, as glTF culls it.
+    pub double_sided: bool,
 }
 
 impl Default for Material {
@@ -83,12 +105,31 @@ impl Default for Material {
             metallic: 0.0,
             roughness: 0.5,
             specular: 0.5,
+            specular_tint: 0.0,
+            anisotropic: 0.0,
+            sheen: 0.0,
+            sheen_tint: 0.0,
+            clearcoat: 0.0,
+            clearcoat_gloss: 1.0,
+            subsurface: 0.0,
             base_color_texture: None,
             metallic_roughness_texture: None,
             normal_texture: None,
             emissive: [0.0; 3],
+            emissive_texture: None,
+            alpha_mask: None,
+            double_sided: true,
         }
     }
+}
+
+/// glTF's alpha mode MASK: the surface is there where `factor` times the alpha of the base colour's texture reaches `cutoff`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AlphaMask {
+    /// Smallest alpha that is there.
+    pub cutoff: f32,
+    /// 0..=1, multiplies the texture's alpha.
+    pub factor: f32,
 }
 
 /// How texture coordinates outside 0..1 behave.
@@ -103,15 +144,28 @@ pub enum Wrap {
     Clamp,
 }
 
-/// Texels ready for shading: linear colour, or raw data for normal and metallic-roughness maps.
+/// What the stored numbers of a texture mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Encoding {
+    /// RGB encoded with sRGB, linear alpha; decodes to linear Rec.709, 0..=1.
+    Srgb,
+    /// Numbers 0..=1.
+    Linear,
+    /// A tangent-space direction in RGB; decodes to -1..=1.
+    Normal,
+}
+
+/// An image with its mip levels, in the precision of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// File or glTF image it came from.
     pub name: String,
-    /// Three channels, decoded.
-    pub image: Image<[f32; 3]>,
     /// Wrap along u and v.
     pub wrap: [Wrap; 2],
+    /// Meaning of the texels.
+    pub encoding: Encoding,
+    /// From the image itself down to one texel, each half the size of the one before (rounded down, at least 1).
+    pub levels: Arc<[Level]>,
 }
 
 /// What loading had to decide or repair; all counts.
@@ -146,6 +200,8 @@ pub struct LoadedScene {
     pub materials: Vec<Material>,
     /// Textures.
     pub textures: Vec<Texture>,
+    /// The point of the world that transforms and cameras are counted from, metres (see [`renderflow_frame::camera::near_origin`]).
+    pub origin: DVec3,
     /// Light of the scene.
     pub environment: Environment,
     /// Camera of each frame; at least one.

@@ -1,49 +1,18 @@
-//! Decodes PNG and JPEG images to the floats a shader multiplies with.
+//! Decodes PNG and JPEG images.
 
-use renderflow_frame::Image;
-use renderflow_frame::color::srgb_to_linear;
+use crate::loaded::{Encoding, Texture, Wrap};
 use std::io::Cursor;
-use std::sync::LazyLock;
-
-/// What the numbers of an image mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Meaning {
-    /// Colour encoded with sRGB; becomes linear Rec.709, 0..=1.
-    Color,
-    /// Numbers; become 0..=1.
-    Data,
-    /// A tangent-space direction; 0..=1 becomes -1..=1.
-    Normal,
-}
-
-impl Meaning {
-    fn decode(self, value: f32) -> f32 {
-        match self {
-            Self::Color => srgb_to_linear(value),
-            Self::Data => value,
-            Self::Normal => 2.0 * value - 1.0,
-        }
-    }
-
-    /// All values of an 8-bit channel, decoded.
-    fn table8(self) -> [f32; 256] {
-        std::array::from_fn(|i| self.decode(i as f32 / 255.0))
-    }
-}
-
-/// sRGB of all 16-bit values: 65536 powers cost less than those of one small texture.
-static SRGB16: LazyLock<Vec<f32>> = LazyLock::new(|| (0..=u16::MAX).map(|i| srgb_to_linear(f32::from(i) / 65535.0)).collect());
 
 /// Largest edge of an image, pixels.
 const MAX_EDGE: u32 = 16384;
 /// Most bytes the decoder may take: keeps a few kilobytes of hostile PNG from filling the memory.
 const MAX_BYTES: u64 = 512 << 20;
 
-/// Decodes a PNG or JPEG (by content). 8 and 16 bits a channel; grey becomes three equal channels, alpha is dropped.
+/// Decodes a PNG or JPEG (by content) and builds its mip levels. 8 and 16 bits a channel; grey becomes three equal channels.
 ///
 /// # Errors
 /// What is wrong with the bytes, in words.
-pub(crate) fn decode(bytes: &[u8], meaning: Meaning) -> Result<Image<[f32; 3]>, String> {
+pub(crate) fn decode(bytes: &[u8], name: String, encoding: Encoding, wrap: [Wrap; 2]) -> Result<Texture, String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     match reader.format() {
         Some(image::ImageFormat::Png | image::ImageFormat::Jpeg) => {}
@@ -55,19 +24,15 @@ pub(crate) fn decode(bytes: &[u8], meaning: Meaning) -> Result<Image<[f32; 3]>, 
     limits.max_alloc = Some(MAX_BYTES);
     reader.limits(limits);
     let picture = reader.decode().map_err(|e| e.to_string())?;
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    if width == 0 || height == 0 {
+    let size = [picture.width() as usize, picture.height() as usize];
+    if size.contains(&0) {
         return Err("the image has no pixels".into());
     }
-    let pixels = if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 {
-        let decode = |v: u16| match meaning {
-            Meaning::Color => SRGB16[usize::from(v)],
-            other => other.decode(f32::from(v) / 65535.0),
-        };
-        picture.into_rgb16().pixels().map(|p| p.0.map(decode)).collect()
+    Ok(if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 {
+        let texels = picture.into_rgba16().pixels().map(|p| p.0).collect();
+        Texture::from_rgba16(name, size, texels, encoding, wrap)
     } else {
-        let table = meaning.table8();
-        picture.into_rgb8().pixels().map(|p| p.0.map(|v| table[usize::from(v)])).collect()
-    };
-    Ok(Image { width, height, pixels })
+        let texels = picture.into_rgba8().pixels().map(|p| p.0).collect();
+        Texture::from_rgba8(name, size, texels, encoding, wrap)
+    })
 }

@@ -235,7 +235,10 @@ fn check(sequence: &Sequence) -> std::result::Result<(), String> {
     finite("/environment/intensity", sequence.environment_intensity)?;
     for (index, camera) in sequence.cameras.iter().enumerate() {
         if camera.origin != sequence.cameras[0].origin {
-            return Err(format!("frame {index} counts positions from {}, frame 0 from {}", camera.origin, sequence.cameras[0].origin));
+            return Err(format!(
+                "frame {index} counts positions from {}, frame 0 from {}",
+                camera.origin, sequence.cameras[0].origin
+            ));
         }
         if !camera.camera_to_world.is_finite() || !camera.origin.is_finite() {
             return Err(format!("/frames/{index}/transform_matrix holds NaN or infinity"));

@@ -73,6 +73,7 @@ pub fn scene(parts: Vec<(Mesh, Material, Affine3A)>, environment: Environment, c
         instances: Vec::new(),
         materials: Vec::new(),
         textures: Vec::new(),
+        origin: glam::DVec3::ZERO,
         environment,
         cameras: vec![camera],
         report: LoadReport::default(),

@@ -3,7 +3,8 @@
 use super::{mesh, model};
 use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene};
 use crate::error::{Error, Problem, Result};
-use crate::texture::{self, Meaning};
+use crate::loaded::Encoding;
+use crate::texture;
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, tangents};
 use glam::{Affine2, Affine3A};
 use renderflow_frame::Environment;
@@ -33,6 +34,7 @@ pub fn load(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
         instances: build.instances,
         materials: build.materials,
         textures: build.textures,
+        origin: glam::DVec3::ZERO,
         environment,
         cameras: (0..scene.frames).map(|frame| scene.camera(frame)).collect(),
         report: build.report,
@@ -92,7 +94,7 @@ struct Build<'a> {
     report: LoadReport,
     shapes: HashMap<String, usize>,
     models: HashMap<PathBuf, Placed>,
-    images: HashMap<(PathBuf, Meaning), usize>,
+    images: HashMap<(PathBuf, Encoding), usize>,
     material_names: Names,
     instance_names: Names,
     default_material: Option<usize>,
@@ -128,8 +130,8 @@ impl<'a> Build<'a> {
     }
 
     fn described(&mut self, described: &Described) -> Result<Material> {
-        let mut slot = |file: &Option<String>, meaning| -> Result<Option<TextureSlot>> {
-            file.as_ref().map(|file| self.image(&described.name, file, meaning)).transpose()
+        let mut slot = |file: &Option<String>, encoding| -> Result<Option<TextureSlot>> {
+            file.as_ref().map(|file| self.image(&described.name, file, encoding)).transpose()
         };
         Ok(Material {
             name: described.name.clone(),
@@ -137,23 +139,22 @@ impl<'a> Build<'a> {
             metallic: described.metallic,
             roughness: described.roughness,
             specular: described.specular,
-            base_color_texture: slot(&described.base_color_texture, Meaning::Color)?,
-            metallic_roughness_texture: slot(&described.metallic_roughness_texture, Meaning::Data)?,
-            normal_texture: slot(&described.normal_texture, Meaning::Normal)?.map(|s| (s, 1.0)),
-            emissive: [0.0; 3],
+            base_color_texture: slot(&described.base_color_texture, Encoding::Srgb)?,
+            metallic_roughness_texture: slot(&described.metallic_roughness_texture, Encoding::Linear)?,
+            normal_texture: slot(&described.normal_texture, Encoding::Normal)?.map(|s| (s, 1.0)),
+            ..Material::default()
         })
     }
 
-    fn image(&mut self, user: &str, file: &str, meaning: Meaning) -> Result<TextureSlot> {
+    fn image(&mut self, user: &str, file: &str, encoding: Encoding) -> Result<TextureSlot> {
         let path = self.base.join(file);
-        let key = (path.clone(), meaning);
+        let key = (path.clone(), encoding);
         let texture = match self.images.get(&key) {
             Some(&known) => known,
             None => {
                 let failed = |reason| Error::Texture { user: format!("material {user:?}"), path: path.clone(), reason };
                 let bytes = std::fs::read(&path).map_err(|e| failed(format!("cannot read: {e}")))?;
-                let image = texture::decode(&bytes, meaning).map_err(failed)?;
-                self.textures.push(Texture { name: file.into(), image, wrap: Default::default() });
+                self.textures.push(texture::decode(&bytes, file.into(), encoding, Default::default()).map_err(failed)?);
                 self.images.insert(key, self.textures.len() - 1);
                 self.textures.len() - 1
             }

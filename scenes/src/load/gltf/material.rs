@@ -3,8 +3,8 @@
 use super::access::Buffers;
 use super::uri;
 use crate::error::{Error, Result};
-use crate::loaded::Wrap;
-use crate::texture::{self, Meaning};
+use crate::loaded::{Encoding, Wrap};
+use crate::texture;
 use crate::{LoadReport, Material, Texture, TextureSlot};
 use glam::{Affine2, Mat2, Vec2};
 use gltf::material::AlphaMode;
@@ -21,13 +21,13 @@ pub(super) struct Materials<'a> {
     pub(super) list: Vec<Material>,
     known: HashMap<Option<usize>, usize>,
     wanted: Vec<Wanted>,
-    found: HashMap<(usize, Meaning, [u8; 2]), usize>,
+    found: HashMap<(usize, Encoding, [u8; 2]), usize>,
 }
 
 /// A texture to decode.
 struct Wanted {
     image: usize,
-    meaning: Meaning,
+    encoding: Encoding,
     wrap: [Wrap; 2],
     user: String,
 }
@@ -35,7 +35,7 @@ struct Wanted {
 /// A texture reference as it stands in a material.
 struct Reference<'a> {
     texture: gltf::Texture<'a>,
-    meaning: Meaning,
+    encoding: Encoding,
     set: u32,
     uv_transform: Affine2,
 }
@@ -80,9 +80,9 @@ impl<'a> Materials<'a> {
             );
             report.notes.push(note);
         }
-        let mut slots: HashMap<Meaning, TextureSlot> = HashMap::new();
+        let mut slots: HashMap<Encoding, TextureSlot> = HashMap::new();
         for reference in references {
-            slots.insert(reference.meaning, self.slot(&reference, &name));
+            slots.insert(reference.encoding, self.slot(&reference, &name));
         }
         let pbr = material.pbr_metallic_roughness();
         let gain = material.emissive_strength().unwrap_or(1.0);
@@ -98,11 +98,12 @@ impl<'a> Materials<'a> {
             base_color: [r, g, b].map(unit),
             metallic: unit(pbr.metallic_factor()),
             roughness: unit(pbr.roughness_factor()),
-            base_color_texture: slots.remove(&Meaning::Color),
-            metallic_roughness_texture: slots.remove(&Meaning::Data),
-            normal_texture: slots.remove(&Meaning::Normal).map(|s| (s, if scale.is_finite() { scale } else { 1.0 })),
+            base_color_texture: slots.remove(&Encoding::Srgb),
+            metallic_roughness_texture: slots.remove(&Encoding::Linear),
+            normal_texture: slots.remove(&Encoding::Normal).map(|s| (s, if scale.is_finite() { scale } else { 1.0 })),
             emissive: emissive.map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }),
             name,
+            ..Material::default()
         }
     }
 
@@ -114,9 +115,9 @@ impl<'a> Materials<'a> {
             WrappingMode::Repeat => Wrap::Repeat,
         });
         let image = self.document.as_json().textures[reference.texture.index()].source.value();
-        let key = (image, reference.meaning, wrap.map(|w| w as u8));
+        let key = (image, reference.encoding, wrap.map(|w| w as u8));
         let texture = *self.found.entry(key).or_insert_with(|| {
-            self.wanted.push(Wanted { image, meaning: reference.meaning, wrap, user: user.into() });
+            self.wanted.push(Wanted { image, encoding: reference.encoding, wrap, user: user.into() });
             self.wanted.len() - 1
         });
         TextureSlot { texture, uv_transform: reference.uv_transform }
@@ -133,36 +134,34 @@ impl<'a> Materials<'a> {
         let fail = |path: &Path, reason| Error::Texture { user: user.clone(), path: path.into(), reason };
         // Through the JSON: the crate's `Image::source` panics on images without uri and without buffer view (1.4).
         let image = &self.document.as_json().images[wanted.image];
-        let decode = |bytes: &[u8]| texture::decode(bytes, wanted.meaning);
-        let (name, picture) = match (&image.buffer_view, &image.uri) {
+        let decode = |bytes: &[u8], name: String| texture::decode(bytes, name, wanted.encoding, wanted.wrap);
+        let texture = match (&image.buffer_view, &image.uri) {
             (Some(view), _) => {
                 let view = self.document.views().nth(view.value());
                 let view = view.ok_or_else(|| fail(self.path, "its buffer view does not exist".into()))?;
-                let picture = decode(buffers.view(&view)?).map_err(|e| fail(self.path, e))?;
-                (image.name.clone().unwrap_or_else(|| format!("image {}", wanted.image)), picture)
+                let name = image.name.clone().unwrap_or_else(|| format!("image {}", wanted.image));
+                decode(buffers.view(&view)?, name).map_err(|e| fail(self.path, e))?
             }
             (None, Some(text)) => {
                 let inside = text.starts_with("data:");
                 let file = if inside { self.path.into() } else { uri::file(self.path, text).map_err(|e| fail(self.path, e))? };
                 let bytes = uri::read(self.path, text).map_err(|e| fail(&file, e))?;
-                (
-                    if inside { format!("image {}", wanted.image) } else { text.clone() },
-                    decode(&bytes).map_err(|e| fail(&file, e))?,
-                )
+                let name = if inside { format!("image {}", wanted.image) } else { text.clone() };
+                decode(&bytes, name).map_err(|e| fail(&file, e))?
             }
             (None, None) => return Err(fail(self.path, "it has neither uri nor bufferView".into())),
         };
-        Ok(Texture { name, image: picture, wrap: wanted.wrap })
+        Ok(texture)
     }
 }
 
 /// Textures of a material that are rendered: base colour, then normal, then metallic-roughness.
 fn references<'a>(material: &gltf::Material<'a>) -> Vec<Reference<'a>> {
     let pbr = material.pbr_metallic_roughness();
-    let simple = |info: gltf::texture::Info<'a>, meaning| {
+    let simple = |info: gltf::texture::Info<'a>, encoding| {
         let transform = info.texture_transform();
         Reference {
-            meaning,
+            encoding,
             set: transform.as_ref().and_then(|t| t.tex_coord()).unwrap_or(info.tex_coord()),
             uv_transform: transform.map_or(Affine2::IDENTITY, |t| uv_transform(t.offset(), t.rotation(), t.scale())),
             texture: info.texture(),
@@ -178,14 +177,14 @@ fn references<'a>(material: &gltf::Material<'a>) -> Vec<Reference<'a>> {
         let rotation = transform.and_then(|t| t.get("rotation")).and_then(Value::as_f64).unwrap_or(0.0);
         let set = transform.and_then(|t| t.get("texCoord")).and_then(Value::as_u64).and_then(|s| u32::try_from(s).ok());
         Reference {
-            meaning: Meaning::Normal,
+            encoding: Encoding::Normal,
             set: set.unwrap_or(info.tex_coord()),
             uv_transform: uv_transform(pair("offset", [0.0; 2]), rotation as f32, pair("scale", [1.0; 2])),
             texture: info.texture(),
         }
     });
-    let color = pbr.base_color_texture().map(|info| simple(info, Meaning::Color));
-    let data = pbr.metallic_roughness_texture().map(|info| simple(info, Meaning::Data));
+    let color = pbr.base_color_texture().map(|info| simple(info, Encoding::Srgb));
+    let data = pbr.metallic_roughness_texture().map(|info| simple(info, Encoding::Linear));
     color.into_iter().chain(normal).chain(data).collect()
 }
 

@@ -2,8 +2,8 @@
 
 use super::super::model::Model;
 use crate::error::{Error, Result};
-use crate::loaded::Wrap;
-use crate::texture::{self, Meaning};
+use crate::loaded::{Encoding, Wrap};
+use crate::texture;
 use crate::{Material, Texture, TextureSlot};
 use glam::{Affine2, Mat2, Vec2};
 use renderflow_frame::color::luminance;
@@ -129,11 +129,11 @@ fn convert(material: &tobj::Material, textures: &mut Textures, notes: &mut Vec<S
     let extra = |key: &str| material.unknown_param.get(key);
     let number = |key: &str| extra(key).and_then(|v| v.split_whitespace().next()?.parse::<f32>().ok());
     let color_texture = match &material.diffuse_texture {
-        Some(words) => Some(textures.slot(name, words, Meaning::Color)?.0),
+        Some(words) => Some(textures.slot(name, words, Encoding::Srgb)?.0),
         None => None,
     };
     let normal_texture = match extra("norm") {
-        Some(words) => Some(textures.slot(name, words, Meaning::Normal)?),
+        Some(words) => Some(textures.slot(name, words, Encoding::Normal)?),
         None => None,
     };
     for (there, what) in [
@@ -164,6 +164,7 @@ fn convert(material: &tobj::Material, textures: &mut Textures, notes: &mut Vec<S
         metallic_roughness_texture: None,
         normal_texture,
         emissive,
+        ..Material::default()
     })
 }
 
@@ -184,23 +185,22 @@ fn specular(material: &tobj::Material) -> f32 {
 struct Textures<'a> {
     folder: &'a Path,
     list: Vec<Texture>,
-    known: HashMap<(PathBuf, Meaning, Wrap), usize>,
+    known: HashMap<(PathBuf, Encoding, Wrap), usize>,
 }
 
 impl Textures<'_> {
     /// Slot and bump factor of a texture statement (`-s 2 2 -clamp on wood.png`).
-    fn slot(&mut self, material: &str, words: &str, meaning: Meaning) -> Result<(TextureSlot, f32)> {
+    fn slot(&mut self, material: &str, words: &str, encoding: Encoding) -> Result<(TextureSlot, f32)> {
         let options = Options::parse(words);
         let path = self.folder.join(options.file.replace('\\', "/"));
         let wrap = if options.clamp { Wrap::Clamp } else { Wrap::Repeat };
-        let texture = match self.known.get(&(path.clone(), meaning, wrap)) {
+        let texture = match self.known.get(&(path.clone(), encoding, wrap)) {
             Some(&known) => known,
             None => {
                 let fail = |reason| Error::Texture { user: format!("material {material:?}"), path: path.clone(), reason };
                 let bytes = std::fs::read(&path).map_err(|e| fail(format!("cannot read: {e}")))?;
-                let image = texture::decode(&bytes, meaning).map_err(fail)?;
-                self.list.push(Texture { name: options.file.clone(), image, wrap: [wrap; 2] });
-                self.known.insert((path, meaning, wrap), self.list.len() - 1);
+                self.list.push(texture::decode(&bytes, options.file.clone(), encoding, [wrap; 2]).map_err(fail)?);
+                self.known.insert((path, encoding, wrap), self.list.len() - 1);
                 self.list.len() - 1
             }
         };
