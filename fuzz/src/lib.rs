@@ -2,6 +2,7 @@
 
 use renderflow_renderer::RenderScene;
 use renderflow_scenes::LoadedScene;
+use renderflow_scenes::mipmap::Texels;
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
@@ -40,10 +41,10 @@ pub fn put(path: &Path, bytes: &[u8]) {
     std::fs::write(path, bytes).expect("an input can be written");
 }
 
-/// An error must say which file it is about.
-pub fn names_file(error: impl std::fmt::Display, name: &str) {
+/// An error must say which file it is about: one of `names`.
+pub fn names_file(error: impl std::fmt::Display, names: &[&str]) {
     let message = error.to_string();
-    assert!(message.contains(name), "the message does not name {name}: {message}");
+    assert!(names.iter().any(|name| message.contains(name)), "the message names none of {names:?}: {message}");
 }
 
 /// What a renderer relies on in a loaded scene, and that it compiles.
@@ -65,10 +66,14 @@ pub fn check_scene(scene: &LoadedScene) {
         assert!(!instance.transforms.is_empty() && instance.transforms.iter().all(|t| t.is_finite()), "a transform is not finite");
     }
     for material in &scene.materials {
-        let values = material.base_color.iter().chain([&material.metallic, &material.roughness, &material.specular]);
-        assert!(values.clone().all(|v| (0.0..=1.0).contains(v)), "a material is out of range");
+        let m = material;
+        let base = [m.metallic, m.roughness, m.specular, m.specular_tint, m.anisotropic, m.subsurface];
+        let layers = [m.sheen, m.sheen_tint, m.clearcoat, m.clearcoat_gloss];
+        let values = m.base_color.into_iter().chain(base).chain(layers);
+        assert!(values.clone().all(|v| (0.0..=1.0).contains(&v)), "a material is out of range: {m:?}");
+        assert!(m.alpha_mask.is_none_or(|mask| mask.cutoff.is_finite() && (0.0..=1.0).contains(&mask.factor)), "{m:?}");
         assert!(material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0), "emission is out of range");
-        let slots = [&material.base_color_texture, &material.metallic_roughness_texture].into_iter().flatten();
+        let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture].into_iter().flatten();
         for slot in slots.chain(material.normal_texture.as_ref().map(|(slot, _)| slot)) {
             assert!(slot.texture < scene.textures.len(), "a texture does not exist");
             assert!(slot.uv_transform.is_finite(), "a coordinate transform is not finite");
@@ -76,9 +81,14 @@ pub fn check_scene(scene: &LoadedScene) {
         assert!(material.normal_texture.as_ref().is_none_or(|(_, scale)| scale.is_finite()), "a normal scale is not finite");
     }
     for texture in &scene.textures {
-        let image = &texture.image;
-        assert!(image.width > 0 && image.height > 0 && image.pixels.len() == image.width * image.height);
-        assert!(image.pixels.iter().flatten().all(|v| v.is_finite()), "a texel is not finite");
+        assert!(!texture.levels.is_empty(), "a texture has no texels");
+        for level in &*texture.levels {
+            let count = match &level.texels {
+                Texels::Bytes(texels) => texels.len(),
+                Texels::Words(texels) => texels.len(),
+            };
+            assert!(count > 0 && count == level.width * level.height, "a level's size is not its number of texels");
+        }
     }
     let texels = scene.environment.map.pixels.iter().flatten();
     assert!(texels.clone().all(|v| v.is_finite() && *v >= 0.0), "the environment is out of range");

@@ -17,15 +17,15 @@ fuzz_target!(
                 // What was accepted can be written again: the writer refuses NaN and wrong sizes in any channel.
                 exr::encode(name, &frame).expect("an accepted frame can be written");
             }
-            Err(error) => names_file(error, "input.exr"),
+            Err(error) => names_file(error, &["input.exr"]),
         }
         match exr::decode_rgb(name, bytes) {
             Ok(picture) => assert_eq!(picture.pixels.len(), picture.width * picture.height),
-            Err(error) => names_file(error, "input.exr"),
+            Err(error) => names_file(error, &["input.exr"]),
         }
         match hdr::decode(name, bytes) {
             Ok(loaded) => assert!(loaded.map.pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0)),
-            Err(error) => names_file(error, "input.exr"),
+            Err(error) => names_file(error, &["input.exr"]),
         }
     })
 );

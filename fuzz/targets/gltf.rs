@@ -43,7 +43,7 @@ fuzz_target!(
         put(&FOLDER.join("input.gltf"), &file);
         match scenes::model(&FOLDER, "input.gltf") {
             Ok(scene) => check_scene(&scene),
-            Err(error) => names_file(error, "input.gltf"),
+            Err(error) => names_file(error, &["input.gltf", "cannot use texture"]),
         }
     })
 );

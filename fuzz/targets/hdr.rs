@@ -20,7 +20,7 @@ fuzz_target!(
                 let once_more = hdr::decode(name, &hdr::encode(&again)).expect("an encoded map can be read").map;
                 assert!(again == once_more);
             }
-            Err(error) => names_file(error, "input.hdr"),
+            Err(error) => names_file(error, &["input.hdr"]),
         }
     })
 );

@@ -23,7 +23,7 @@ fuzz_target!(
         put(&FOLDER.join("m.mtl"), mtl);
         match scenes::model(&FOLDER, "input.obj") {
             Ok(scene) => check_scene(&scene),
-            Err(error) => names_file(error, "input.obj"),
+            Err(error) => names_file(error, &["input.obj", "m.mtl", "cannot use texture"]),
         }
     })
 );

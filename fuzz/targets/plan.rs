@@ -19,7 +19,7 @@ fuzz_target!(
                 let scene = plan.scene(plan.sequences - 1);
                 scene.validate().expect("a plan that was accepted makes valid scenes");
             }
-            Err(error) => names_file(format!("{error:#}"), "plan.json"),
+            Err(error) => names_file(format!("{error:#}"), &["plan.json"]),
         }
     })
 );

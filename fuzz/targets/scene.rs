@@ -13,7 +13,7 @@ fuzz_target!(
         let Ok(text) = std::str::from_utf8(bytes) else { return };
         let mut scene = match Scene::from_json(Path::new("scene.json"), text) {
             Ok(scene) => scene,
-            Err(error) => return names_file(error, "scene.json"),
+            Err(error) => return names_file(error, &["scene.json"]),
         };
         let again = Scene::from_json(Path::new("scene.json"), &scene.canonical_json()).expect("a scene written out can be read");
         assert_eq!(again, scene);

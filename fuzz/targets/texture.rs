@@ -14,7 +14,7 @@ fuzz_target!(
         put(&FOLDER.join("input.png"), bytes);
         match scenes::textures(&FOLDER, "input.png") {
             Ok(scene) => check_scene(&scene),
-            Err(error) => names_file(error, "input.png"),
+            Err(error) => names_file(error, &["input.png"]),
         }
     })
 );

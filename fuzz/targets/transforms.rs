@@ -20,6 +20,6 @@ fuzz_target!(
             }
             assert!(sequence.tracks.objects.values().flatten().all(|t| t.is_finite()));
         }
-        Err(error) => names_file(error, "transforms.json"),
+        Err(error) => names_file(error, &["transforms.json"]),
     })
 );

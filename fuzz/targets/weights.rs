@@ -14,6 +14,6 @@ fuzz_target!(
             let all = parameters::export(&network);
             assert!(all.iter().flat_map(|p| &p.values).all(|v| v.is_finite()));
         }
-        Err(error) => names_file(error, "input.safetensors"),
+        Err(error) => names_file(error, &["input.safetensors"]),
     })
 );
