@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::{empty_scene, grey};
+use common::{empty_scene, grey, load_model};
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::load;
+use serde_json::json;
 use std::io::Cursor;
 
 /// What loading `bytes` as a texture says.
@@ -35,4 +36,47 @@ fn a_jpeg_cut_off_behind_a_large_header_is_refused() {
     assert!(error.contains("t.jpg: 8192 x 8192 texels cannot be in"), "{error}");
     let error = texture_error(&jpeg_claiming(16384, 16384));
     assert!(error.contains("t.jpg: 16384 x 16384 is more than 67108864 texels"), "{error}");
+}
+
+/// What loading a glTF document says.
+fn model_error(document: &serde_json::Value) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.gltf");
+    std::fs::write(&path, document.to_string()).unwrap();
+    load_model(&path).expect_err("the model was accepted").to_string()
+}
+
+/// A kilobyte that asks for gigabytes of zeros.
+#[test]
+fn accessors_without_data_do_not_fill_the_memory() {
+    let primitive = json!({ "attributes": { "POSITION": 0, "NORMAL": 0 } });
+    let error = model_error(&json!({
+        "asset": { "version": "2.0" },
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": vec![primitive; 100] }],
+        "accessors": [{ "componentType": 5126, "count": 8_000_000, "type": "VEC3", "sparse": {
+            "count": 1,
+            "indices": { "bufferView": 0, "componentType": 5121 },
+            "values": { "bufferView": 0 }
+        } }],
+        "bufferViews": [{ "buffer": 0, "byteLength": 12 }],
+        "buffers": [{ "byteLength": 12, "uri": "data:,%00%00%00%00%00%00%00%00%00%00%00%00" }]
+    }));
+    assert!(error.ends_with("/accessors/0: 8000000 elements without data"), "{error}");
+}
+
+/// Six thousand primitives that all read the whole buffer.
+#[test]
+fn an_accessor_shared_by_too_many_primitives_is_refused() {
+    let primitive = json!({ "attributes": { "POSITION": 0 } });
+    let bytes = "%41".repeat(60_000);
+    let error = model_error(&json!({
+        "asset": { "version": "2.0" },
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": vec![primitive; 6_000] }],
+        "accessors": [{ "componentType": 5126, "count": 5_000, "type": "VEC3", "bufferView": 0 }],
+        "bufferViews": [{ "buffer": 0, "byteLength": 60_000 }],
+        "buffers": [{ "byteLength": 60_000, "uri": format!("data:,{bytes}") }]
+    }));
+    assert!(error.ends_with("/accessors/0: 5000 elements read again and again"), "{error}");
 }
