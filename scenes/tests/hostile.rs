@@ -7,6 +7,7 @@ use renderflow_scenes::description::Scene;
 use renderflow_scenes::load;
 use serde_json::json;
 use std::io::Cursor;
+use std::path::Path;
 
 /// What loading `bytes` as a texture says.
 fn texture_error(bytes: &[u8]) -> String {
@@ -79,4 +80,15 @@ fn an_accessor_shared_by_too_many_primitives_is_refused() {
         "buffers": [{ "byteLength": 60_000, "uri": format!("data:,{bytes}") }]
     }));
     assert!(error.ends_with("/accessors/0: 5000 elements read again and again"), "{error}");
+}
+
+/// A device as material library would be read for ever (`/dev/zero`).
+#[cfg(unix)]
+#[test]
+fn a_material_library_that_is_no_file_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.obj");
+    std::fs::write(&path, "mtllib /dev/null\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let scene = load::load(&common::model_scene(&path, None), Path::new("")).unwrap();
+    assert!(scene.report.notes.iter().any(|note| note.contains("not a regular file")), "{:?}", scene.report.notes);
 }
