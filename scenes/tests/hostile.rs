@@ -4,7 +4,7 @@ mod common;
 
 use common::{empty_scene, grey, load_model};
 use renderflow_scenes::description::Scene;
-use renderflow_scenes::load;
+use renderflow_scenes::{LoadedScene, load};
 use serde_json::json;
 use std::io::Cursor;
 use std::path::Path;
@@ -82,13 +82,29 @@ fn an_accessor_shared_by_too_many_primitives_is_refused() {
     assert!(error.ends_with("/accessors/0: 5000 elements read again and again"), "{error}");
 }
 
+/// An OBJ file, loaded with its materials.
+fn obj(text: &[u8]) -> Result<LoadedScene, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.obj");
+    std::fs::write(&path, text).unwrap();
+    load::load(&common::model_scene(&path, None), Path::new("")).map_err(|e| e.to_string())
+}
+
+/// Went to the parser unchecked, whose index arithmetic overflowed.
+#[test]
+fn a_face_with_an_empty_fourth_index_is_checked() {
+    let scene = obj(b"v 1 0 0\nvn 0 0 1\nf 1//-11/").unwrap();
+    assert!(scene.meshes.iter().all(|mesh| mesh.triangles.is_empty()));
+    let scene = obj(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//-11/ 2//1/ 3//6148914691236517205/\n").unwrap();
+    assert_eq!(scene.meshes[0].triangles, [[0, 1, 2]]);
+    let error = obj(b"v 0 0 0\nf 1//6148914691236517205//1 1 1\n").unwrap_err();
+    assert!(error.contains("model.obj line 2: "), "{error}");
+}
+
 /// A device as material library would be read for ever (`/dev/zero`).
 #[cfg(unix)]
 #[test]
 fn a_material_library_that_is_no_file_is_not_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("model.obj");
-    std::fs::write(&path, "mtllib /dev/null\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    let scene = load::load(&common::model_scene(&path, None), Path::new("")).unwrap();
+    let scene = obj(b"mtllib /dev/null\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     assert!(scene.report.notes.iter().any(|note| note.contains("not a regular file")), "{:?}", scene.report.notes);
 }
