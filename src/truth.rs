@@ -224,6 +224,7 @@ fn with_absolute_paths(scene: &Scene, base: &Path) -> Result<Scene> {
         files.extend(&mut material.base_color_texture);
         files.extend(&mut material.metallic_roughness_texture);
         files.extend(&mut material.normal_texture);
+        files.extend(&mut material.emissive_texture);
     }
     for object in &mut scene.objects {
         if let Geometry::File(path) = &mut object.geometry {

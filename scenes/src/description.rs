@@ -1,8 +1,15 @@
 //! The scene file: plain serde data with units and ranges in the docs. JSON in, JSON out; unknown fields are errors.
 
+mod exact;
+mod material;
+
+pub use exact::decimal;
+pub use material::{Material, TextureTransform, TextureWrap};
+
 use crate::error::{Error, Result};
-use glam::{Affine3A, EulerRot, Mat3A, Quat, Vec3, Vec3A};
+use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot, Vec3A};
 use renderflow_frame::Camera;
+use renderflow_frame::camera::near_origin;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -81,7 +88,7 @@ impl Scene {
         blake3::hash(self.canonical_json().as_bytes()).to_hex().to_string()
     }
 
-    /// Camera of `frame`, counted from 0.
+    /// Camera of `frame`, counted from 0, with the sequence's [`CameraPath::origin`].
     pub fn camera(&self, frame: u32) -> Camera {
         self.camera.at(frame, self.resolution)
     }
@@ -94,10 +101,12 @@ pub enum CameraPath {
     /// Turns about `target` at a fixed distance and height.
     Orbit {
         /// Point looked at, metres.
-        target: [f32; 3],
+        #[serde(serialize_with = "exact::vector")]
+        target: [f64; 3],
         /// Metres from `target`, > 0.
-        #[schemars(range(min = 1e-6, max = 1e6))]
-        distance: f32,
+        #[serde(serialize_with = "exact::number")]
+        #[schemars(range(min = 1e-9, max = 1e9))]
+        distance: f64,
         /// Degrees above the horizon, -89..=89.
         #[schemars(range(min = -89, max = 89))]
         elevation: f32,
@@ -120,27 +129,53 @@ pub enum CameraPath {
     },
 }
 
+/// Where a camera stands and looks, in the world.
+struct View {
+    eye: DVec3,
+    target: DVec3,
+    up: Vec3A,
+    /// Degrees.
+    vertical_fov: f32,
+}
+
 impl CameraPath {
-    /// Camera of `frame`, counted from 0, for an image of `resolution` pixels (width, height).
+    /// Camera of `frame`, counted from 0, for an image of `resolution` pixels (width, height); placed relative to [`Self::origin`].
     pub fn at(&self, frame: u32, resolution: [u32; 2]) -> Camera {
-        let (eye, target, up, fov) = match self {
+        let View { eye, target, up, vertical_fov } = self.view(frame);
+        let origin = self.origin();
+        // The direction from the difference in double precision, whatever the place and the distance.
+        let ahead = (target - eye).normalize_or(DVec3::NEG_Z).as_vec3a();
+        let [width, height] = resolution.map(|v| v as usize);
+        let mut camera = Camera::look_at(Vec3A::ZERO, ahead, up, vertical_fov.to_radians(), width, height);
+        camera.camera_to_world.translation = (eye - origin).as_vec3a();
+        Camera { origin, ..camera }
+    }
+
+    /// The point of the world that cameras and objects of the sequence are counted from, metres: [`near_origin`] of the first camera.
+    pub fn origin(&self) -> DVec3 {
+        let View { eye, target, .. } = self.view(0);
+        near_origin(eye, eye.distance(target))
+    }
+
+    fn view(&self, frame: u32) -> View {
+        match self {
             Self::Orbit { target, distance, elevation, azimuth, degrees_per_frame, vertical_fov } => {
                 // The angle in f64: frame 100_000 of an orbit is as exact as frame 1.
                 let turn = f64::from(*azimuth) + f64::from(frame) * f64::from(*degrees_per_frame);
                 let (sin, cos) = turn.rem_euclid(360.0).to_radians().sin_cos();
                 let (rise, reach) = f64::from(*elevation).to_radians().sin_cos();
-                let offset = glam::DVec3::new(reach * sin, rise, reach * cos) * f64::from(*distance);
-                let target = Vec3A::from(*target);
-                ((target.as_dvec3() + offset).as_vec3a(), target, Vec3A::Y, *vertical_fov)
+                let offset = DVec3::new(reach * sin, rise, reach * cos) * *distance;
+                let target = DVec3::from(*target);
+                View { eye: target + offset, target, up: Vec3A::Y, vertical_fov: *vertical_fov }
             }
             Self::Poses { poses, vertical_fov } => {
                 let last = poses.len().saturating_sub(1);
                 let held = Pose { eye: [0.0, 0.0, 1.0], target: [0.0; 3], up: up() };
                 let pose = poses.get(last.min(frame as usize)).unwrap_or(&held);
-                (pose.eye.into(), pose.target.into(), Vec3A::from(pose.up).normalize_or(Vec3A::Y), *vertical_fov)
+                let up = Vec3A::from(pose.up).normalize_or(Vec3A::Y);
+                View { eye: pose.eye.into(), target: pose.target.into(), up, vertical_fov: *vertical_fov }
             }
-        };
-        Camera::look_at(eye, target, up, fov.to_radians(), resolution[0] as usize, resolution[1] as usize)
+        }
     }
 }
 
@@ -149,9 +184,11 @@ impl CameraPath {
 #[serde(deny_unknown_fields)]
 pub struct Pose {
     /// Camera position, metres.
-    pub eye: [f32; 3],
+    #[serde(serialize_with = "exact::vector")]
+    pub eye: [f64; 3],
     /// Point looked at, metres, different from `eye`.
-    pub target: [f32; 3],
+    #[serde(serialize_with = "exact::vector")]
+    pub target: [f64; 3],
     /// Up direction; +Y by default.
     #[serde(default = "up")]
     pub up: [f32; 3],
@@ -194,46 +231,6 @@ pub enum EnvironmentSource {
     Constant([f32; 3]),
 }
 
-/// Disney principled material; the parameters this version renders.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Material {
-    /// Unique name.
-    pub name: String,
-    /// Linear Rec.709, 0..=1.
-    #[serde(default = "grey")]
-    #[schemars(inner(range(min = 0, max = 1)))]
-    pub base_color: [f32; 3],
-    /// 0..=1.
-    #[serde(default)]
-    #[schemars(range(min = 0, max = 1))]
-    pub metallic: f32,
-    /// 0..=1.
-    #[serde(default = "half")]
-    #[schemars(range(min = 0, max = 1))]
-    pub roughness: f32,
-    /// 0..=1; 0.5 means 4% at normal incidence.
-    #[serde(default = "half")]
-    #[schemars(range(min = 0, max = 1))]
-    pub specular: f32,
-    /// Image multiplied with `base_color`, decoded from sRGB; relative to the scene file.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub base_color_texture: Option<String>,
-    /// Image whose green is roughness and blue is metallic (glTF's layout), multiplied with the factors.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub metallic_roughness_texture: Option<String>,
-    /// Tangent-space normal map, OpenGL (+y up).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub normal_texture: Option<String>,
-}
-
-fn grey() -> [f32; 3] {
-    [0.8; 3]
-}
-fn half() -> f32 {
-    0.5
-}
-
 /// A shape or a model file, placed in the world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -268,7 +265,8 @@ pub enum Geometry {
 #[serde(deny_unknown_fields, default)]
 pub struct Transform {
     /// Metres.
-    pub translation: [f32; 3],
+    #[serde(serialize_with = "exact::vector")]
+    pub translation: [f64; 3],
     /// Degrees about x, y, z, applied in the order x, y, z.
     pub rotation: [f32; 3],
     /// Factors along the object's axes, none of them 0.
@@ -283,20 +281,21 @@ impl Default for Transform {
 
 impl Transform {
     /// Object to world, with the object turned by `spin` degrees about its own +Y axis and moved by `shift` metres first.
-    fn matrix(&self, shift: Vec3, spin: f64) -> Affine3A {
-        let [x, y, z] = self.rotation.map(f32::to_radians);
+    fn matrix(&self, shift: DVec3, spin: f64) -> DAffine3 {
+        let [x, y, z] = self.rotation.map(|degrees| f64::from(degrees).to_radians());
         // x first: the matrix is Rz Ry Rx.
-        let turn = Quat::from_euler(EulerRot::ZYX, z, y, x) * Quat::from_rotation_y(spin.rem_euclid(360.0).to_radians() as f32);
-        let matrix3 = Mat3A::from_quat(turn) * Mat3A::from_diagonal(Vec3::from(self.scale));
-        Affine3A { matrix3, translation: Vec3A::from(self.translation) + Vec3A::from(shift) }
+        let turn = DQuat::from_euler(EulerRot::ZYX, z, y, x) * DQuat::from_rotation_y(spin.rem_euclid(360.0).to_radians());
+        let matrix3 = DMat3::from_quat(turn) * DMat3::from_diagonal(self.scale.map(f64::from).into());
+        DAffine3 { matrix3, translation: DVec3::from(self.translation) + shift }
     }
 }
 
 impl Object {
-    /// Object to world at `frame`, counted from 0: scale, spin, rotation, translation.
-    pub fn transform_at(&self, frame: u32) -> Affine3A {
+    /// Object to world at `frame`, counted from 0: scale, spin, rotation, translation. In double precision: the world may be wide.
+    pub fn transform_at(&self, frame: u32) -> DAffine3 {
         let motion = self.motion.clone().unwrap_or_default();
-        self.transform.matrix(Vec3::from(motion.translation) * frame as f32, f64::from(motion.spin) * f64::from(frame))
+        let frame = f64::from(frame);
+        self.transform.matrix(DVec3::from(motion.translation) * frame, f64::from(motion.spin) * frame)
     }
 
     /// Does the object's placement change from frame to frame?
@@ -310,7 +309,8 @@ impl Object {
 #[serde(deny_unknown_fields, default)]
 pub struct Motion {
     /// Metres a frame.
-    pub translation: [f32; 3],
+    #[serde(serialize_with = "exact::vector")]
+    pub translation: [f64; 3],
     /// Degrees a frame about the object's own +Y axis through its origin.
     pub spin: f32,
 }

@@ -21,4 +21,4 @@ pub mod validate;
 
 pub use description::Scene;
 pub use error::{Error, Problem, Result};
-pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot};
+pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, TriangleReport};

@@ -168,15 +168,51 @@ pub struct Texture {
     pub levels: Arc<[Level]>,
 }
 
+/// Triangles that loading left out, by cause (the first that applies), and those it kept but a person should know of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TriangleReport {
+    /// Left out: a vertex that does not exist.
+    pub out_of_range: usize,
+    /// Left out: a coordinate that is NaN or infinite.
+    pub not_finite: usize,
+    /// Left out: two corners coincide or all three lie on a line, as exactly as double precision tells from the corners.
+    pub no_area: usize,
+    /// Left out: the mesh has a triangle at the same three places with the same winding already. The same places with the other
+    /// winding are the back of a sheet, and stay.
+    pub duplicate: usize,
+    /// Kept: the longest edge is more than [`Self::NEEDLE`] times the height above it.
+    pub needles: usize,
+}
+
+impl TriangleReport {
+    /// Longest edge over height from which on a triangle counts as a needle.
+    pub const NEEDLE: f64 = 1e6;
+
+    /// Triangles left out.
+    pub fn dropped(&self) -> usize {
+        self.out_of_range + self.not_finite + self.no_area + self.duplicate
+    }
+}
+
+impl std::ops::AddAssign for TriangleReport {
+    fn add_assign(&mut self, other: Self) {
+        self.out_of_range += other.out_of_range;
+        self.not_finite += other.not_finite;
+        self.no_area += other.no_area;
+        self.duplicate += other.duplicate;
+        self.needles += other.needles;
+    }
+}
+
 /// What loading had to decide or repair; all counts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadReport {
-    /// glTF materials with alphaMode BLEND, rendered as opaque.
+    /// Materials that their file wants blended (glTF's alphaMode BLEND; `d` or `Tr` of MTL), rendered as opaque.
     pub blend_as_opaque: usize,
-    /// glTF materials with alphaMode MASK, rendered as opaque for now.
-    pub mask_as_opaque: usize,
-    /// Triangles dropped because a vertex was NaN or infinite, an index was out of range, or the area was zero.
-    pub dropped_triangles: usize,
+    /// Materials with holes where their alpha is low.
+    pub alpha_masked: usize,
+    /// Triangles left out or remarkable. Meshes are counted once, however often they are placed.
+    pub triangles: TriangleReport,
     /// Texels of the environment that were NaN, infinite or negative and became 0.
     pub repaired_texels: usize,
     /// Things a person should know, one sentence each (points and lines skipped, unknown extensions, ...).

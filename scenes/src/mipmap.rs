@@ -4,7 +4,9 @@
 //! 358 MB, and look-ups touch a quarter of the cache lines. Halves are filtered in linear space and stored in the file's encoding.
 
 use crate::loaded::{Encoding, Texture, Wrap};
+use rayon::prelude::*;
 use renderflow_frame::color::{linear_to_srgb, srgb_to_linear};
+use std::sync::OnceLock;
 
 /// One level of a texture.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,7 +45,14 @@ impl Texture {
         let read = |t: &[u8; 4]| {
             [decode[usize::from(t[0])], decode[usize::from(t[1])], decode[usize::from(t[2])], alpha[usize::from(t[3])]]
         };
-        let write = |v: [f32; 4]| pack(encoding, v).map(|v| (v * 255.0).round() as u8);
+        let table = encoding_table::<255>(encoding, &BYTES);
+        let write = |v: [f32; 4]| match table {
+            // The cast is exact: the table ends at 255.
+            Some(table) => {
+                [table.encode(v[0]) as u8, table.encode(v[1]) as u8, table.encode(v[2]) as u8, quantise(v[3], 255.0) as u8]
+            }
+            None => pack(encoding, v).map(|v| quantise(v, 255.0) as u8),
+        };
         let levels = pyramid(size, texels, read, write)
             .map(|(width, height, texels)| Level { width, height, texels: Texels::Bytes(texels) })
             .collect();
@@ -62,15 +71,29 @@ impl Texture {
         wrap: [Wrap; 2],
     ) -> Self {
         let unit = |v: u16| f32::from(v) / 65535.0;
+        let decode: Vec<f32> = (0..=u16::MAX).map(|v| decode(encoding, unit(v))).collect();
         let read = |t: &[u16; 4]| {
-            let [r, g, b] = [t[0], t[1], t[2]].map(|v| decode(encoding, unit(v)));
+            let [r, g, b] = [t[0], t[1], t[2]].map(|v| decode[usize::from(v)]);
             [r, g, b, unit(t[3])]
         };
-        let write = |v: [f32; 4]| pack(encoding, v).map(|v| (v * 65535.0).round() as u16);
+        let table = encoding_table::<65535>(encoding, &WORDS);
+        let write = |v: [f32; 4]| match table {
+            Some(table) => [table.encode(v[0]), table.encode(v[1]), table.encode(v[2]), quantise(v[3], 65535.0)],
+            None => pack(encoding, v).map(|v| quantise(v, 65535.0)),
+        };
         let levels = pyramid(size, texels, read, write)
             .map(|(width, height, texels)| Level { width, height, texels: Texels::Words(texels) })
             .collect();
         Self { name: name.into(), wrap, encoding, levels }
+    }
+
+    /// Lowest alpha of the image, 0..=1; coarser levels and what lies between texels never go below it.
+    pub(crate) fn lowest_alpha(&self) -> f32 {
+        match self.levels.first().map(|level| &level.texels) {
+            Some(Texels::Bytes(t)) => t.iter().map(|t| t[3]).min().map_or(1.0, |a| f32::from(a) / 255.0),
+            Some(Texels::Words(t)) => t.iter().map(|t| t[3]).min().map_or(1.0, |a| f32::from(a) / 65535.0),
+            None => 1.0,
+        }
     }
 
     /// Bytes of all texels.
@@ -92,22 +115,89 @@ pub fn decode(encoding: Encoding, value: f32) -> f32 {
     }
 }
 
-/// Inverse of [`decode`] for colour, alpha as it is; clamped to 0..=1.
+/// Inverse of [`decode`] for colour, alpha as it is.
 fn pack(encoding: Encoding, [r, g, b, a]: [f32; 4]) -> [f32; 4] {
     let encode = |v: f32| match encoding {
         Encoding::Srgb => linear_to_srgb(v),
         Encoding::Linear => v,
         Encoding::Normal => 0.5 * v + 0.5,
     };
-    [encode(r), encode(g), encode(b), a].map(|v| v.clamp(0.0, 1.0))
+    [encode(r), encode(g), encode(b), a]
+}
+
+/// A number 0..=1 as a whole number up to `most`.
+fn quantise(v: f32, most: f32) -> u16 {
+    // Halves round up; in double precision the sum is exact. (`round` is a call on processors without an instruction for it.)
+    (f64::from(v.clamp(0.0, 1.0) * most) + 0.5) as u16
+}
+
+/// The sRGB curve and rounding to `MOST` steps by comparison: a power for every channel took ten times as long.
+struct EncodeTable<const MOST: usize> {
+    /// Smallest linear value of each code above 0.
+    from: Vec<f32>,
+    /// Code of the least value of each bucket, `BUCKETS` of them over 0..=1.
+    start: Vec<u16>,
+}
+
+static BYTES: OnceLock<EncodeTable<255>> = OnceLock::new();
+static WORDS: OnceLock<EncodeTable<65535>> = OnceLock::new();
+
+fn encoding_table<const MOST: usize>(
+    encoding: Encoding,
+    cell: &'static OnceLock<EncodeTable<MOST>>,
+) -> Option<&'static EncodeTable<MOST>> {
+    (encoding == Encoding::Srgb).then(|| cell.get_or_init(EncodeTable::new))
+}
+
+impl<const MOST: usize> EncodeTable<MOST> {
+    /// Buckets are at most a few codes wide at the dark end, where codes lie closest (1 / (12.92 MOST) apart).
+    const BUCKETS: usize = 16 * (MOST + 1);
+
+    fn new() -> Self {
+        let code = |v: f32| (linear_to_srgb(v).clamp(0.0, 1.0) * MOST as f32).round() as usize;
+        let from: Vec<f32> = (1..=MOST)
+            .map(|k| {
+                // The inverse curve comes within a few floats of the step; the rest is found by stepping.
+                let mut v = srgb_to_linear((k as f32 - 0.5) / MOST as f32);
+                while code(v) >= k {
+                    v = v.next_down();
+                }
+                while code(v) < k {
+                    v = v.next_up();
+                }
+                v
+            })
+            .collect();
+        let mut next = 0;
+        let start = (0..=Self::BUCKETS)
+            .map(|b| {
+                let low = b as f32 / Self::BUCKETS as f32;
+                while next < from.len() && from[next] <= low {
+                    next += 1;
+                }
+                next as u16
+            })
+            .collect();
+        Self { from, start }
+    }
+
+    /// Code of a linear value; below 0 and above 1 the nearest.
+    fn encode(&self, v: f32) -> u16 {
+        let v = v.clamp(0.0, 1.0);
+        let mut code = usize::from(self.start[(v * Self::BUCKETS as f32) as usize]);
+        while code < MOST && self.from[code] <= v {
+            code += 1;
+        }
+        code as u16
+    }
 }
 
 /// All levels, the given one first.
-fn pyramid<T: Copy>(
+fn pyramid<T: Copy + Send + Sync>(
     [width, height]: [usize; 2],
     texels: Vec<T>,
-    read: impl Fn(&T) -> [f32; 4],
-    write: impl Fn([f32; 4]) -> T,
+    read: impl Fn(&T) -> [f32; 4] + Sync,
+    write: impl Fn([f32; 4]) -> T + Sync,
 ) -> impl Iterator<Item = (usize, usize, Vec<T>)> {
     assert!(width > 0 && height > 0 && texels.len() == width * height, "{width} x {height} texels, not {}", texels.len());
     let mut levels = vec![(width, height, texels)];
@@ -119,18 +209,27 @@ fn pyramid<T: Copy>(
 }
 
 /// Half of a level: every texel is the mean over exactly the area it covers, odd sizes included.
-fn shrink<T: Copy>(
+fn shrink<T: Copy + Send + Sync>(
     (width, height): (usize, usize),
     texels: &[T],
-    read: &impl Fn(&T) -> [f32; 4],
-    write: &impl Fn([f32; 4]) -> T,
+    read: &(impl Fn(&T) -> [f32; 4] + Sync),
+    write: &(impl Fn([f32; 4]) -> T + Sync),
 ) -> (usize, usize, Vec<T>) {
     let (w, h) = ((width / 2).max(1), (height / 2).max(1));
+    let even = width == 2 * w && height == 2 * h;
     let columns: Vec<_> = (0..w).map(|x| covered(x, width, w)).collect();
-    let mut result = Vec::with_capacity(w * h);
-    for y in 0..h {
+    let mut result = vec![texels[0]; w * h];
+    let row = |y: usize, row: &mut [T]| {
+        if even {
+            let (above, below) = texels[2 * y * width..(2 * y + 2) * width].split_at(width);
+            for ((texel, a), b) in row.iter_mut().zip(above.chunks_exact(2)).zip(below.chunks_exact(2)) {
+                let values = [read(&a[0]), read(&a[1]), read(&b[0]), read(&b[1])];
+                *texel = write(std::array::from_fn(|c| values.iter().map(|v| 0.25 * v[c]).sum()));
+            }
+            return;
+        }
         let rows = covered(y, height, h);
-        for taps in &columns {
+        for (texel, taps) in row.iter_mut().zip(&columns) {
             let mut sum = [0.0f32; 4];
             for &(row, wy) in rows.iter().filter(|(_, weight)| *weight > 0.0) {
                 for &(column, wx) in taps.iter().filter(|(_, weight)| *weight > 0.0) {
@@ -138,9 +237,10 @@ fn shrink<T: Copy>(
                     (0..4).for_each(|c| sum[c] += wy * wx * value[c]);
                 }
             }
-            result.push(write(sum));
+            *texel = write(sum);
         }
-    }
+    };
+    result.par_chunks_mut(w).with_min_len((1 << 14) / w + 1).enumerate().for_each(|(y, texels)| row(y, texels));
     (w, h, result)
 }
 
@@ -177,6 +277,54 @@ mod tests {
             assert_eq!((last.width, last.height), (1, 1));
             // Half a unit of rounding a level.
             assert!((f32::from(grey(last)[0]) - mean).abs() <= 0.5 * texture.levels.len() as f32, "{size:?}");
+        }
+    }
+
+    /// Every code's threshold and its neighbours, and random values: the table is the formula.
+    #[test]
+    fn the_encoding_table_is_the_curve() {
+        fn compare<const MOST: usize>() {
+            let table = EncodeTable::<MOST>::new();
+            let near = table.from.iter().flat_map(|&v| [v.next_down(), v, v.next_up()]);
+            let random = (0..200_000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32);
+            for v in near.chain(random).chain([0.0, -1.0, 1.0, 2.0, 1e-9, 0.003_130_8]) {
+                let expected = (linear_to_srgb(v).clamp(0.0, 1.0) * MOST as f32).round() as u16;
+                assert_eq!(table.encode(v), expected, "{v} of {MOST}");
+            }
+        }
+        compare::<255>();
+        compare::<65535>();
+    }
+
+    #[test]
+    fn even_and_odd_sizes_are_filtered_alike() {
+        // A column beside a picture of even size makes it odd, and its mean must stay what its texels are.
+        let picture = |x: usize, y: usize| [(x * 31 + y * 17) as u8, (x * y) as u8, 200, 255 - x as u8];
+        let [w, h] = [16, 8];
+        let texels: Vec<[u8; 4]> = (0..w * h).map(|i| picture(i % w, i / w)).collect();
+        let texture = Texture::from_rgba8("t", [w, h], texels.clone(), Encoding::Srgb, Default::default());
+        let Texels::Bytes(half) = &texture.levels[1].texels else { panic!("bytes") };
+        for (i, found) in half.iter().enumerate() {
+            let at = |dx: usize, dy: usize| texels[(2 * (i / 8) + dy) * w + 2 * (i % 8) + dx];
+            let taps = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)].map(|t| t.map(|v| f64::from(v) / 255.0));
+            for c in 0..4 {
+                let curve = |v: f64| if c == 3 { v } else { f64::from(srgb_to_linear(v as f32)) };
+                let mean = taps.iter().map(|t| 0.25 * curve(t[c])).sum::<f64>() as f32;
+                let expected = 255.0 * if c == 3 { mean } else { linear_to_srgb(mean) };
+                assert!((f32::from(found[c]) - expected).abs() <= 0.501, "{i}, {c}: {found:?} but {expected}");
+            }
+        }
+    }
+
+    /// Run by hand: `cargo test --release -p renderflow-scenes pyramid_time -- --ignored --nocapture`.
+    #[test]
+    #[ignore = "prints seconds"]
+    fn pyramid_time() {
+        for encoding in [Encoding::Srgb, Encoding::Linear, Encoding::Normal] {
+            let texels: Vec<[u8; 4]> = (0..1_u32 << 24).map(|i| i.wrapping_mul(2_654_435_761).to_le_bytes()).collect();
+            let started = std::time::Instant::now();
+            let texture = Texture::from_rgba8("t", [4096; 2], texels, encoding, Default::default());
+            println!("{encoding:?}: {:?}, {} levels", started.elapsed(), texture.levels.len());
         }
     }
 

@@ -5,7 +5,7 @@
 //! the triangles of a vertex with the corner angle as weight. Triangles with mirrored coordinates never share a tangent with others.
 
 use crate::Mesh;
-use glam::{Vec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 
 /// Gives `mesh` a tangent for every vertex; does nothing when it has tangents already.
 /// Flat-shaded meshes get a normal for every corner first. Vertices between mirrored and unmirrored coordinates are split.
@@ -31,7 +31,8 @@ pub(crate) fn generate(mesh: &mut Mesh) -> bool {
             let vertex = triangle[k] as usize;
             let n = mesh.normals[vertex];
             let flat = |v: Vec3| (v - n * n.dot(v)).normalize_or_zero();
-            let (a, b) = (flat(corners[(k + 1) % 3] - corners[k]), flat(corners[(k + 2) % 3] - corners[k]));
+            let edge = |to: usize| flat((corners[to % 3] - corners[k]).as_dvec3().normalize_or_zero().as_vec3());
+            let (a, b) = (edge(k + 1), edge(k + 2));
             let angle = a.dot(b).clamp(-1.0, 1.0).acos();
             sums[vertex] += flat(direction) * angle;
             if sign != 0.0 {
@@ -57,13 +58,15 @@ pub(crate) fn generate(mesh: &mut Mesh) -> bool {
 fn u_direction(mesh: &Mesh, triangle: [u32; 3]) -> (Vec3, f32) {
     let [a, b, c] = triangle.map(|i| i as usize);
     let (e1, e2) = (mesh.positions[b] - mesh.positions[a], mesh.positions[c] - mesh.positions[a]);
+    let (e1, e2) = (e1.as_dvec3(), e2.as_dvec3());
     let (d1, d2) = (mesh.uvs[b] - mesh.uvs[a], mesh.uvs[c] - mesh.uvs[a]);
     let area = d1.perp_dot(d2);
     if area == 0.0 {
         return (Vec3::ZERO, 0.0);
     }
-    let direction = (e1 * d2.y - e2 * d1.y) * area.signum();
-    (direction.normalize_or_zero(), -area.signum())
+    // In double precision: of edges of a micrometre and coordinates as close the products would underflow.
+    let direction = (e1 * f64::from(d2.y) - e2 * f64::from(d1.y)) * f64::from(area.signum());
+    (direction.normalize_or_zero().as_vec3(), -area.signum())
 }
 
 /// Own vertices for every triangle, with its geometric normal.
@@ -74,7 +77,10 @@ fn unweld(mesh: &mut Mesh) {
     mesh.normals = mesh
         .positions
         .chunks_exact(3)
-        .flat_map(|p| [(p[1] - p[0]).cross(p[2] - p[0]).try_normalize().unwrap_or(Vec3::Y); 3])
+        .flat_map(|p| {
+            let [a, b, c] = [p[0], p[1], p[2]].map(Vec3::as_dvec3);
+            [(b - a).cross(c - a).normalize_or(DVec3::Y).as_vec3(); 3]
+        })
         .collect();
     mesh.triangles = (0..mesh.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
 }

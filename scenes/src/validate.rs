@@ -3,6 +3,7 @@
 use crate::description::{CameraPath, EnvironmentSource, Geometry, Scene, Transform};
 use crate::error::{Error, Problem, Result};
 use std::collections::HashMap;
+use std::fmt::Display;
 use std::ops::RangeInclusive;
 
 /// Format version written and read.
@@ -11,10 +12,18 @@ pub const VERSION: u32 = 1;
 pub const MAX_RESOLUTION: u32 = 16384;
 /// Most frames of a sequence.
 pub const MAX_FRAMES: u32 = 100_000;
-/// Largest coordinate, metres: beyond it single precision is coarser than 6 centimetres.
-pub const MAX_COORDINATE: f32 = 1e6;
-/// Smallest size of a scale factor or of a distance.
-pub const MIN_SIZE: f32 = 1e-6;
+/// Largest coordinate, metres: double precision is a tenth of a micrometre fine there, and what is near the camera keeps it.
+pub const MAX_COORDINATE: f64 = 1e9;
+/// Smallest distance of a camera from its target.
+pub const MIN_DISTANCE: f64 = 1e-9;
+/// Smallest size of a scale factor.
+pub const MIN_SIZE: f32 = 1e-9;
+/// Largest size of a scale factor.
+pub const MAX_SIZE: f32 = 1e9;
+/// Largest radiance that a material emits.
+pub const MAX_EMISSION: f32 = 1e6;
+/// Largest offset or number of repetitions of a texture.
+pub const MAX_REPEAT: f32 = 1e6;
 /// Largest radiance, gain or angle taken from a file (half floats end at 65504; this leaves room for the sun).
 pub const MAX_VALUE: f32 = 1e9;
 
@@ -41,19 +50,24 @@ impl Check {
     }
 
     /// `NaN` is in no range, so this is the check for finite values too.
-    fn range(&mut self, pointer: impl Into<String>, value: f32, range: RangeInclusive<f32>) {
+    fn range<T: PartialOrd + Display>(&mut self, pointer: impl Into<String>, value: T, range: RangeInclusive<T>) {
         if !range.contains(&value) {
             self.say(pointer, format!("{value} is outside {}..={}", range.start(), range.end()));
         }
     }
 
-    fn vector(&mut self, pointer: &str, value: [f32; 3], range: RangeInclusive<f32>) {
+    fn vector<T: PartialOrd + Display + Clone, const N: usize>(
+        &mut self,
+        pointer: &str,
+        value: [T; N],
+        range: RangeInclusive<T>,
+    ) {
         for (i, v) in value.into_iter().enumerate() {
             self.range(format!("{pointer}/{i}"), v, range.clone());
         }
     }
 
-    fn position(&mut self, pointer: &str, value: [f32; 3]) {
+    fn position(&mut self, pointer: &str, value: [f64; 3]) {
         self.vector(pointer, value, -MAX_COORDINATE..=MAX_COORDINATE);
     }
 
@@ -110,7 +124,7 @@ impl Check {
         let fov = match camera {
             CameraPath::Orbit { target, distance, elevation, azimuth, degrees_per_frame, vertical_fov } => {
                 self.position("/camera/target", *target);
-                self.range("/camera/distance", *distance, MIN_SIZE..=MAX_COORDINATE);
+                self.range("/camera/distance", *distance, MIN_DISTANCE..=MAX_COORDINATE);
                 self.range("/camera/elevation", *elevation, -89.0..=89.0);
                 self.angle("/camera/azimuth", *azimuth);
                 self.angle("/camera/degrees_per_frame", *degrees_per_frame);
@@ -123,7 +137,7 @@ impl Check {
                 for (i, pose) in poses.iter().enumerate() {
                     self.position(&format!("/camera/poses/{i}/eye"), pose.eye);
                     self.position(&format!("/camera/poses/{i}/target"), pose.target);
-                    self.position(&format!("/camera/poses/{i}/up"), pose.up);
+                    self.vector(&format!("/camera/poses/{i}/up"), pose.up, -MAX_SIZE..=MAX_SIZE);
                     if pose.eye == pose.target {
                         self.say(format!("/camera/poses/{i}/target"), "is the same point as eye");
                     }
@@ -162,11 +176,29 @@ impl Check {
             self.vector(&at("base_color"), material.base_color, 0.0..=1.0);
             self.range(at("metallic"), material.metallic, 0.0..=1.0);
             self.range(at("roughness"), material.roughness, 0.0..=1.0);
-            self.range(at("specular"), material.specular, 0.0..=1.0);
+            for (field, value) in [
+                ("specular", material.specular),
+                ("specular_tint", material.specular_tint),
+                ("anisotropic", material.anisotropic),
+                ("sheen", material.sheen),
+                ("sheen_tint", material.sheen_tint),
+                ("clearcoat", material.clearcoat),
+                ("clearcoat_gloss", material.clearcoat_gloss),
+                ("subsurface", material.subsurface),
+                ("alpha_cutoff", material.alpha_cutoff.unwrap_or(0.0)),
+            ] {
+                self.range(at(field), value, 0.0..=1.0);
+            }
+            self.vector(&at("emissive"), material.emissive, 0.0..=MAX_EMISSION);
+            let lie = &material.texture_transform;
+            self.vector(&at("texture_transform/offset"), lie.offset, -MAX_REPEAT..=MAX_REPEAT);
+            self.angle(at("texture_transform/rotation"), lie.rotation);
+            self.vector(&at("texture_transform/scale"), lie.scale, -MAX_REPEAT..=MAX_REPEAT);
             for (field, texture) in [
                 ("base_color_texture", &material.base_color_texture),
                 ("metallic_roughness_texture", &material.metallic_roughness_texture),
                 ("normal_texture", &material.normal_texture),
+                ("emissive_texture", &material.emissive_texture),
             ] {
                 if let Some(path) = texture {
                     self.path(at(field), path);
@@ -196,7 +228,7 @@ impl Check {
             }
             self.transform(&at("transform"), &object.transform);
             if let Some(motion) = &object.motion {
-                let furthest = MAX_COORDINATE / scene.frames.max(1) as f32;
+                let furthest = MAX_COORDINATE / f64::from(scene.frames.max(1));
                 self.vector(&at("motion/translation"), motion.translation, -furthest..=furthest);
                 self.angle(at("motion/spin"), motion.spin);
             }
@@ -209,8 +241,8 @@ impl Check {
             self.angle(format!("{pointer}/rotation/{i}"), degrees);
         }
         for (i, factor) in transform.scale.into_iter().enumerate() {
-            if !(MIN_SIZE..=MAX_COORDINATE).contains(&factor.abs()) {
-                let reason = format!("{factor} is outside {MIN_SIZE}..={MAX_COORDINATE} in size");
+            if !(MIN_SIZE..=MAX_SIZE).contains(&factor.abs()) {
+                let reason = format!("{factor} is outside {MIN_SIZE}..={MAX_SIZE} in size");
                 self.say(format!("{pointer}/scale/{i}"), reason);
             }
         }

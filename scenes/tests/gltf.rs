@@ -2,81 +2,14 @@
 
 mod common;
 
-use base64::Engine;
+use common::gltf::{FLOAT, File, STRIP, bytes, data_uri, document, square};
 use common::{asset, grey, load_model, model_scene};
 use glam::{Vec2, Vec3};
 use renderflow_scenes::loaded::Wrap;
-use renderflow_scenes::{LoadedScene, Result, load};
+use renderflow_scenes::mipmap::{self, Texels};
+use renderflow_scenes::{LoadedScene, load};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
-
-fn data_uri(kind: &str, bytes: &[u8]) -> String {
-    format!("data:{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes))
-}
-
-fn bytes(numbers: &[f32]) -> Vec<u8> {
-    numbers.iter().flat_map(|v| v.to_le_bytes()).collect()
-}
-
-/// A folder with `model.gltf` in it; the folder lives as long as the value.
-struct File(tempfile::TempDir);
-
-impl File {
-    fn new(document: &Value) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("model.gltf"), document.to_string()).unwrap();
-        Self(folder)
-    }
-
-    fn path(&self) -> PathBuf {
-        self.0.path().join("model.gltf")
-    }
-
-    fn load(&self) -> Result<LoadedScene> {
-        load::load(&model_scene(&self.path(), None), Path::new(""))
-    }
-
-    /// What loading says, without the folder's name.
-    fn error(&self) -> String {
-        let message = self.load().expect_err("must be refused").to_string();
-        message.replace(self.0.path().to_str().unwrap(), "FOLDER")
-    }
-}
-
-/// A document with one buffer; each view is one accessor: (component type, type, count, normalised, bytes).
-fn document(accessors: &[(u32, &str, usize, bool, Vec<u8>)]) -> Value {
-    let mut buffer = vec![];
-    let (mut views, mut entries) = (vec![], vec![]);
-    for (component, kind, count, normalized, data) in accessors {
-        buffer.resize(buffer.len().next_multiple_of(4), 0);
-        views.push(json!({ "buffer": 0, "byteOffset": buffer.len(), "byteLength": data.len() }));
-        let view = views.len() - 1;
-        entries.push(
-            json!({ "bufferView": view, "componentType": component, "type": kind, "count": count, "normalized": normalized }),
-        );
-        buffer.extend_from_slice(data);
-    }
-    json!({
-        "asset": { "version": "2.0" },
-        "buffers": [{ "byteLength": buffer.len(), "uri": data_uri("application/octet-stream", &buffer) }],
-        "bufferViews": views,
-        "accessors": entries,
-        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
-        "nodes": [{ "mesh": 0 }],
-        "scenes": [{ "nodes": [0] }],
-        "scene": 0,
-    })
-}
-
-/// Corners of the unit square in the plane z = 0, in the order of a strip.
-const STRIP: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
-const FLOAT: u32 = 5126;
-
-fn square() -> Value {
-    let mut file = document(&[(FLOAT, "VEC3", 4, false, bytes(&STRIP)), (FLOAT, "VEC2", 4, false, bytes(&[0.5; 8]))]);
-    file["meshes"][0]["primitives"][0]["mode"] = json!(5);
-    file
-}
+use std::path::Path;
 
 /// Sum of the triangles' vector areas in the world.
 fn vector_area(scene: &LoadedScene) -> Vec3 {
@@ -193,10 +126,14 @@ fn materials_textures_and_their_options_arrive() {
     let color = &scene.textures[material.base_color_texture.as_ref().unwrap().texture];
     assert_eq!(color.wrap, [Wrap::Clamp, Wrap::Mirror]);
     // sRGB 32768/65535 is 0.2140482 linear (IEC 61966-2-1).
-    assert!((color.image.pixels[0][1] - 0.214_048_2).abs() < 1e-6 && color.image.pixels[0][2] == 1.0);
+    let Texels::Words(texels) = &color.levels[0].texels else { panic!("16 bits a channel") };
+    assert_eq!(texels[..], [[0, 32768, 65535, 65535], [65535, 0, 0, 65535]]);
+    assert!((mipmap::decode(color.encoding, 32768.0 / 65535.0) - 0.214_048_2).abs() < 1e-6);
     let (slot, scale) = material.normal_texture.as_ref().unwrap();
     assert_eq!((*scale, slot.uv_transform.translation), (0.5, Vec2::new(0.5, 0.0)));
-    assert_eq!(scene.textures[slot.texture].image.pixels[1], [1.0, -1.0, -1.0]);
+    let normal = &scene.textures[slot.texture];
+    assert_eq!([1.0, 0.0].map(|v| mipmap::decode(normal.encoding, v)), [1.0, -1.0]);
+    assert_eq!(normal.levels[0], color.levels[0]);
     // The coordinates are those of TEXCOORD_1, and the normal map brought tangents: u grows along x, green points to smaller v.
     let mesh = &scene.meshes[0];
     // (The mesh has no normals: each of its two triangles has corners of its own.)
@@ -266,7 +203,7 @@ fn triangles_that_cannot_be_rendered_are_dropped_and_counted() {
     let mut file = document(&[(FLOAT, "VEC3", 6, false, bytes(&positions)), (5121, "SCALAR", 15, false, order.to_vec())]);
     file["meshes"][0]["primitives"][0]["indices"] = json!(1);
     let scene = File::new(&file).load().unwrap();
-    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (4, 1));
+    assert_eq!((scene.report.triangles.dropped(), scene.meshes[0].triangles.len()), (4, 1));
     assert!(scene.meshes[0].positions.iter().all(|p| p.is_finite()));
 }
 

@@ -6,6 +6,8 @@ use common::{asset, empty_scene, load_model, model_scene};
 use glam::{Vec2, Vec3, Vec3A};
 use renderflow_scenes::description::EnvironmentSource;
 use renderflow_scenes::load::{self, ModelView};
+use renderflow_scenes::loaded::AlphaMask;
+use renderflow_scenes::mipmap::Texels;
 use renderflow_scenes::{LoadedScene, Result, Scene};
 use std::path::{Path, PathBuf};
 
@@ -57,8 +59,8 @@ fn texture_coordinates_run_down() {
 
 #[test]
 fn what_does_not_exist_costs_a_face_not_the_file() {
-    let scene = obj("f 1 2 9\nf 1 2 3\nf 0 1 2\nl 1 2\np 1\nf 1 2\nf 1/7 2/7 3/7\n").load().unwrap();
-    assert_eq!(scene.report.dropped_triangles, 2);
+    let scene = obj("f 1 2 9\nf 1 2 3\nf 0 1 2\nl 1 2\np 1\nf 1 2\nf 1/7 3/7 4/7\n").load().unwrap();
+    assert_eq!(scene.report.triangles.dropped(), 2);
     assert_eq!(scene.meshes[0].triangles.len(), 2);
     let expected = [
         "model.obj: 3 points and lines skipped",
@@ -79,9 +81,9 @@ fn faces_with_and_without_normals_keep_what_they_have() {
 #[test]
 fn not_a_number_is_dropped_and_counted() {
     let scene = obj("v nan 0 0\nv inf 0 0\nv -1.#IND 0 0\nf 1 2 3\nf 1 2 5\nf 1 2 6\nf 1 2 7\n").load().unwrap();
-    assert_eq!((scene.report.dropped_triangles, scene.meshes[0].triangles.len()), (3, 1));
+    assert_eq!((scene.report.triangles.dropped(), scene.meshes[0].triangles.len()), (3, 1));
     if let Some(path) = asset("obj/edge/tinyobjloader/test-nan.obj") {
-        assert!(load_model(&path).unwrap().report.dropped_triangles > 0);
+        assert!(load_model(&path).unwrap().report.triangles.dropped() > 0);
     }
 }
 
@@ -115,6 +117,85 @@ fn materials_become_principled() {
     assert_eq!((shiny.base_color, shiny.roughness, shiny.metallic), ([0.5; 3], 0.125, 1.0));
     assert!((shiny.specular - 0.25).abs() < 1e-6);
     assert_eq!(scene.report.blend_as_opaque, 1);
+}
+
+/// An image of one row of grey or coloured pixels.
+fn png<const N: usize>(pixels: &[[u8; N]], color: image::ExtendedColorType) -> Vec<u8> {
+    let mut out = vec![];
+    let encoder = image::codecs::png::PngEncoder::new(&mut out);
+    image::ImageEncoder::write_image(encoder, pixels.as_flattened(), pixels.len() as u32, 1, color).unwrap();
+    out
+}
+
+fn texels(scene: &LoadedScene, slot: &Option<renderflow_scenes::TextureSlot>) -> Vec<[u8; 4]> {
+    match &scene.textures[slot.as_ref().expect("a texture").texture].levels[0].texels {
+        Texels::Bytes(texels) => texels.clone(),
+        Texels::Words(_) => panic!("8 bits a channel"),
+    }
+}
+
+#[test]
+fn light_coats_cloth_and_stretch_of_the_pbr_extension() {
+    let scene = painted(
+        "newmtl red\nKe 2 3 4\nPc 0.5\nPcr 0.2\nPs 0.25\naniso 0.75\nanisor 0.1\nTr 0.5\nnewmtl shiny\nmap_Ke glow.png\nKe 0 0 0\nPs nan\nPc 7\n",
+    );
+    std::fs::write(scene.path("glow.png"), png(&[[9, 8, 7]], image::ExtendedColorType::Rgb8)).unwrap();
+    let scene = scene.load().unwrap();
+    let red = &scene.materials[scene.instances[0].material];
+    assert_eq!((red.emissive, red.clearcoat, red.sheen, red.anisotropic), ([2.0, 3.0, 4.0], 0.5, 0.25, 0.75));
+    // Roughness 0.2 is a width of 0.04 = mix(0.1, 0.001, gloss).
+    assert!((0.1 + (0.001 - 0.1) * red.clearcoat_gloss - 0.04).abs() < 1e-6);
+    assert!(red.double_sided && red.alpha_mask.is_none());
+    assert_eq!(scene.report.blend_as_opaque, 1);
+    assert!(scene.report.notes.iter().any(|n| n.contains("rotation of the anisotropy")), "{:?}", scene.report.notes);
+    let shiny = &scene.materials[scene.instances[1].material];
+    assert_eq!((shiny.emissive, shiny.sheen, shiny.clearcoat, shiny.clearcoat_gloss), ([1.0; 3], 0.0, 1.0, 1.0));
+    assert_eq!(texels(&scene, &shiny.emissive_texture), [[9, 8, 7, 255]]);
+}
+
+#[test]
+fn opacity_maps_become_the_alpha_of_the_colour() {
+    use image::ExtendedColorType::{L8, Rgb8, Rgba8};
+    let files = painted("newmtl red\nmap_Kd paint.png\nmap_d holes.png\nnewmtl shiny\nKd 0.5 0.5 0.5\nmap_d leaf.png\n");
+    std::fs::write(files.path("paint.png"), png(&[[1, 2, 3], [4, 5, 6]], Rgb8)).unwrap();
+    std::fs::write(files.path("holes.png"), png(&[[0], [255]], L8)).unwrap();
+    std::fs::write(files.path("leaf.png"), png(&[[255, 255, 255, 90], [0, 0, 0, 200], [7, 7, 7, 255]], Rgba8)).unwrap();
+    let scene = files.load().unwrap();
+    let [red, shiny] = [0, 1].map(|i| &scene.materials[scene.instances[i].material]);
+    assert_eq!(texels(&scene, &red.base_color_texture), [[1, 2, 3, 0], [4, 5, 6, 255]]);
+    assert_eq!(texels(&scene, &shiny.base_color_texture), [[255, 255, 255, 90], [255, 255, 255, 200], [255; 4]]);
+    assert_eq!((red.base_color, shiny.base_color), ([1.0; 3], [0.5; 3]));
+    let mask = Some(AlphaMask { cutoff: 0.5, factor: 1.0 });
+    assert_eq!((red.alpha_mask, shiny.alpha_mask, scene.report.alpha_masked), (mask, mask, 2));
+    assert_eq!((scene.report.blend_as_opaque, scene.report.notes.len()), (0, 0));
+    // Of another size, or lying otherwise: noted, the colour stays.
+    let files =
+        painted("newmtl red\nmap_Kd paint.png\nmap_d -s 2 2 2 paint.png\nnewmtl shiny\nmap_Kd paint.png\nmap_d one.png\n");
+    std::fs::write(files.path("paint.png"), png(&[[1, 2, 3], [4, 5, 6]], Rgb8)).unwrap();
+    std::fs::write(files.path("one.png"), png(&[[0]], L8)).unwrap();
+    let scene = files.load().unwrap();
+    assert_eq!(scene.report.notes.iter().filter(|n| n.contains("opacity map is not read")).count(), 2);
+    assert!(scene.materials.iter().all(|m| m.alpha_mask.is_none() && m.base_color_texture.is_some()));
+}
+
+#[test]
+fn grey_maps_become_one_metallic_roughness_texture() {
+    use image::ExtendedColorType::L8;
+    let files =
+        painted("newmtl red\nPr 0\nPm 0.5\nmap_Pr rough.png\nmap_Pm metal.png\nnewmtl shiny\nmap_Pm metal.png\nPr 0.25\n");
+    std::fs::write(files.path("rough.png"), png(&[[10], [20]], L8)).unwrap();
+    std::fs::write(files.path("metal.png"), png(&[[0], [255]], L8)).unwrap();
+    let scene = files.load().unwrap();
+    let [red, shiny] = [0, 1].map(|i| &scene.materials[scene.instances[i].material]);
+    assert_eq!(texels(&scene, &red.metallic_roughness_texture), [[255, 10, 0, 255], [255, 20, 255, 255]]);
+    assert_eq!(texels(&scene, &shiny.metallic_roughness_texture), [[255, 255, 0, 255], [255; 4]]);
+    // A factor of zero, or none, beside a map means the map alone.
+    assert_eq!((red.roughness, red.metallic, shiny.roughness, shiny.metallic), (1.0, 0.5, 0.25, 1.0));
+    assert_eq!(scene.report.notes.len(), 0);
+    std::fs::write(files.path("rough.png"), png(&[[10]], L8)).unwrap();
+    let scene = files.load().unwrap();
+    assert!(scene.report.notes[0].contains("pair of roughness and metallic maps"), "{:?}", scene.report.notes);
+    assert_eq!(scene.materials[scene.instances[0].material].metallic_roughness_texture, None);
 }
 
 #[test]

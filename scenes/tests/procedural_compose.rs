@@ -128,7 +128,7 @@ fn points(object: &Object) -> Vec<Vec3A> {
 
 /// Vertical extent and disc (centre, radius) of an object at a frame, by the description's own transform.
 fn occupied(object: &Object, points: &[Vec3A], frame: u32) -> (f32, f32, Vec2, f32) {
-    let transform = object.transform_at(frame);
+    let transform = object.transform_at(frame).as_affine3a();
     let centre = Vec2::new(transform.translation.x, transform.translation.z);
     let (mut low, mut high, mut radius) = (f32::INFINITY, f32::NEG_INFINITY, 0.0f32);
     for &p in points {
@@ -188,7 +188,7 @@ fn cameras_stand_outside_and_see_the_objects() {
                         let size = Vec2::new(camera.width as f32, camera.height as f32);
                         p.cmpge(Vec2::ZERO).all() && p.cmple(size).all()
                     };
-                    let origin = object.transform_at(frame).translation;
+                    let origin = object.transform_at(frame).translation.as_vec3a();
                     seen += usize::from(camera.project(origin).is_some_and(|(p, _)| inside(p)));
                 }
             }

@@ -66,7 +66,7 @@ fn scene_counts(scene: &Scene, base: &Path) -> Result<String> {
         loaded.materials.len(),
         loaded.textures.len(),
         loaded.cameras.len(),
-        loaded.report.dropped_triangles
+        loaded.report.triangles.dropped()
     ))
 }
 

@@ -222,8 +222,11 @@ impl SceneArgs {
 fn print_report(report: &LoadReport) {
     let counted = [
         (report.blend_as_opaque, "materials with alpha blending, rendered as opaque"),
-        (report.mask_as_opaque, "materials with an alpha mask, rendered as opaque"),
-        (report.dropped_triangles, "triangles dropped (not finite, out of range or without area)"),
+        (report.triangles.out_of_range, "triangles dropped: a vertex that does not exist"),
+        (report.triangles.not_finite, "triangles dropped: a coordinate that is not finite"),
+        (report.triangles.no_area, "triangles dropped: no area"),
+        (report.triangles.duplicate, "triangles dropped: duplicates"),
+        (report.triangles.needles, "needle triangles kept (a million times longer than high)"),
         (report.repaired_texels, "texels of the environment were not finite or negative and are black"),
     ];
     for (count, what) in counted.iter().filter(|(count, _)| *count > 0) {

@@ -1,12 +1,12 @@
 //! From a [`Scene`] to a [`LoadedScene`].
 
 use super::{mesh, model};
-use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene};
+use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene, TextureWrap};
 use crate::error::{Error, Problem, Result};
-use crate::loaded::Encoding;
-use crate::texture;
+use crate::loaded::{AlphaMask, Encoding, Wrap};
+use crate::texture::{self, uv_transform};
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, tangents};
-use glam::{Affine2, Affine3A};
+use glam::{Affine3A, DAffine3, DVec3};
 use renderflow_frame::Environment;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -24,8 +24,9 @@ pub fn load(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
     for (index, object) in scene.objects.iter().enumerate() {
         build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
     }
-    build.prepare_normal_maps();
+    build.prepare_tangents();
     build.mirror();
+    build.drop_idle_masks();
     Ok(LoadedScene {
         name: scene.name.clone(),
         seed: scene.seed,
@@ -34,7 +35,7 @@ pub fn load(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
         instances: build.instances,
         materials: build.materials,
         textures: build.textures,
-        origin: glam::DVec3::ZERO,
+        origin: build.origin,
         environment,
         cameras: (0..scene.frames).map(|frame| scene.camera(frame)).collect(),
         report: build.report,
@@ -87,14 +88,18 @@ struct Placed {
 struct Build<'a> {
     scene: &'a Scene,
     base: &'a Path,
+    /// Where transforms are counted from.
+    origin: DVec3,
     meshes: Vec<Mesh>,
+    /// Where each mesh's own zero was before it was moved there, in its own space.
+    centers: Vec<DVec3>,
     instances: Vec<Instance>,
     materials: Vec<Material>,
     textures: Vec<Texture>,
     report: LoadReport,
     shapes: HashMap<String, usize>,
     models: HashMap<PathBuf, Placed>,
-    images: HashMap<(PathBuf, Encoding), usize>,
+    images: HashMap<(PathBuf, Encoding, Wrap), usize>,
     material_names: Names,
     instance_names: Names,
     default_material: Option<usize>,
@@ -105,7 +110,9 @@ impl<'a> Build<'a> {
         Self {
             scene,
             base,
+            origin: scene.camera.origin(),
             meshes: vec![],
+            centers: vec![],
             instances: vec![],
             materials: vec![],
             textures: vec![],
@@ -131,7 +138,7 @@ impl<'a> Build<'a> {
 
     fn described(&mut self, described: &Described) -> Result<Material> {
         let mut slot = |file: &Option<String>, encoding| -> Result<Option<TextureSlot>> {
-            file.as_ref().map(|file| self.image(&described.name, file, encoding)).transpose()
+            file.as_ref().map(|file| self.image(described, file, encoding)).transpose()
         };
         Ok(Material {
             name: described.name.clone(),
@@ -139,32 +146,48 @@ impl<'a> Build<'a> {
             metallic: described.metallic,
             roughness: described.roughness,
             specular: described.specular,
+            specular_tint: described.specular_tint,
+            anisotropic: described.anisotropic,
+            sheen: described.sheen,
+            sheen_tint: described.sheen_tint,
+            clearcoat: described.clearcoat,
+            clearcoat_gloss: described.clearcoat_gloss,
+            subsurface: described.subsurface,
             base_color_texture: slot(&described.base_color_texture, Encoding::Srgb)?,
             metallic_roughness_texture: slot(&described.metallic_roughness_texture, Encoding::Linear)?,
             normal_texture: slot(&described.normal_texture, Encoding::Normal)?.map(|s| (s, 1.0)),
-            ..Material::default()
+            emissive: described.emissive,
+            emissive_texture: slot(&described.emissive_texture, Encoding::Srgb)?,
+            alpha_mask: described.alpha_cutoff.map(|cutoff| AlphaMask { cutoff, factor: 1.0 }),
+            double_sided: described.double_sided,
         })
     }
 
-    fn image(&mut self, user: &str, file: &str, encoding: Encoding) -> Result<TextureSlot> {
+    fn image(&mut self, user: &Described, file: &str, encoding: Encoding) -> Result<TextureSlot> {
         let path = self.base.join(file);
-        let key = (path.clone(), encoding);
+        let wrap = match user.texture_wrap {
+            TextureWrap::Repeat => Wrap::Repeat,
+            TextureWrap::Mirror => Wrap::Mirror,
+            TextureWrap::Clamp => Wrap::Clamp,
+        };
+        let key = (path.clone(), encoding, wrap);
         let texture = match self.images.get(&key) {
             Some(&known) => known,
             None => {
-                let failed = |reason| Error::Texture { user: format!("material {user:?}"), path: path.clone(), reason };
-                let bytes = std::fs::read(&path).map_err(|e| failed(format!("cannot read: {e}")))?;
-                self.textures.push(texture::decode(&bytes, file.into(), encoding, Default::default()).map_err(failed)?);
+                let failed = |reason| Error::Texture { user: format!("material {:?}", user.name), path: path.clone(), reason };
+                let bytes = texture::read(&path).map_err(failed)?;
+                self.textures.push(texture::decode(&bytes, file.into(), encoding, [wrap; 2]).map_err(failed)?);
                 self.images.insert(key, self.textures.len() - 1);
                 self.textures.len() - 1
             }
         };
-        Ok(TextureSlot { texture, uv_transform: Affine2::IDENTITY })
+        let lie = &user.texture_transform;
+        Ok(TextureSlot { texture, uv_transform: uv_transform(lie.offset, lie.rotation.to_radians(), lie.scale) })
     }
 
     fn object(&mut self, index: usize, object: &Object) -> Result<()> {
         let frames = if object.moves() { self.scene.frames } else { 1 };
-        let placements: Vec<Affine3A> = (0..frames).map(|f| object.transform_at(f)).collect();
+        let placements: Vec<DAffine3> = (0..frames).map(|f| object.transform_at(f)).collect();
         let own = object.material.as_ref().and_then(|name| self.scene.materials.iter().position(|m| m.name == *name));
         let object_id = index as u32 + 1;
         match &object.geometry {
@@ -179,7 +202,8 @@ impl<'a> Build<'a> {
                     }
                 };
                 let material = own.unwrap_or_else(|| self.default_material());
-                self.instances.push(Instance { name: object.name.clone(), mesh, material, object_id, transforms: placements });
+                let transforms = placements.iter().map(|&p| super::relative(p, self.origin)).collect();
+                self.instances.push(Instance { name: object.name.clone(), mesh, material, object_id, transforms });
             }
             Geometry::File(file) => {
                 let path = self.base.join(file);
@@ -193,7 +217,7 @@ impl<'a> Build<'a> {
         Ok(())
     }
 
-    fn instantiate(&mut self, path: &Path, object: &Object, own: Option<usize>, object_id: u32, placements: &[Affine3A]) {
+    fn instantiate(&mut self, path: &Path, object: &Object, own: Option<usize>, object_id: u32, placements: &[DAffine3]) {
         let placed = &self.models[path];
         let single = placed.parts.len() == 1;
         let parts: Vec<_> = placed
@@ -205,7 +229,8 @@ impl<'a> Build<'a> {
             })
             .collect();
         for (part, mesh, material, transform) in parts {
-            let transforms: Vec<_> = placements.iter().map(|&p| p * transform).collect();
+            let local = transform * DAffine3::from_translation(self.centers[mesh]);
+            let transforms: Vec<Affine3A> = placements.iter().map(|&p| super::relative(p * local, self.origin)).collect();
             if !transforms.iter().all(|&t| super::invertible(t)) {
                 self.report.notes.push(format!("{}/{part} skipped: its transform flattens everything", object.name));
                 continue;
@@ -217,7 +242,8 @@ impl<'a> Build<'a> {
     }
 
     fn add_mesh(&mut self, mut made: Mesh) -> usize {
-        self.report.dropped_triangles += mesh::clean(&mut made);
+        self.report.triangles += mesh::clean(&mut made);
+        self.centers.push(mesh::recentre(&mut made));
         self.meshes.push(made);
         self.meshes.len() - 1
     }
@@ -238,14 +264,14 @@ impl<'a> Build<'a> {
                 name,
                 base_color_texture: moved(material.base_color_texture),
                 metallic_roughness_texture: moved(material.metallic_roughness_texture),
+                emissive_texture: moved(material.emissive_texture),
                 normal_texture: material.normal_texture.and_then(|(slot, scale)| moved(Some(slot)).map(|s| (s, scale))),
                 ..material
             });
         }
         self.textures.extend(loaded.textures);
-        self.report.dropped_triangles += loaded.report.dropped_triangles;
+        self.report.triangles += loaded.report.triangles;
         self.report.blend_as_opaque += loaded.report.blend_as_opaque;
-        self.report.mask_as_opaque += loaded.report.mask_as_opaque;
         self.report.notes.extend(loaded.report.notes.into_iter().map(|note| format!("{file}: {note}")));
         Ok(Placed { parts: loaded.parts, first_mesh, first_material: wanted.then_some(first_material) })
     }
@@ -260,20 +286,35 @@ impl<'a> Build<'a> {
         self.materials.len() - 1
     }
 
-    /// Tangents for the meshes that a normal map is applied to, and only for them.
-    fn prepare_normal_maps(&mut self) {
+    /// Tangents for the meshes that a normal map or a stretched highlight is seen on, and only for them.
+    fn prepare_tangents(&mut self) {
         let mut told = HashSet::new();
         for instance in &self.instances {
             let material = &self.materials[instance.material];
-            if material.normal_texture.is_some()
+            let bumpy = material.normal_texture.is_some();
+            if (bumpy || material.anisotropic > 0.0)
                 && !tangents::generate(&mut self.meshes[instance.mesh])
                 && told.insert((instance.mesh, instance.material))
             {
+                let what = if bumpy { "normal map" } else { "anisotropy" };
                 let note = format!(
-                    "{}: the normal map of {:?} is not applied: the mesh has no texture coordinates",
+                    "{}: the {what} of {:?} is not applied: the mesh has no texture coordinates",
                     instance.name, material.name
                 );
                 self.report.notes.push(note);
+            }
+        }
+    }
+
+    /// Takes masks away that cut nothing, and counts those that stay.
+    fn drop_idle_masks(&mut self) {
+        for material in &mut self.materials {
+            let Some(AlphaMask { cutoff, factor }) = material.alpha_mask else { continue };
+            let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].lowest_alpha());
+            if factor * lowest >= cutoff {
+                material.alpha_mask = None;
+            } else {
+                self.report.alpha_masked += 1;
             }
         }
     }
@@ -282,7 +323,8 @@ impl<'a> Build<'a> {
     fn mirror(&mut self) {
         let mut copies = HashMap::new();
         for instance in &mut self.instances {
-            if instance.transforms[0].matrix3.determinant() < 0.0 {
+            // In double precision: the determinant of a scale of 1e-13 has none in single.
+            if instance.transforms[0].matrix3.as_dmat3().determinant() < 0.0 {
                 instance.mesh = *copies.entry(instance.mesh).or_insert_with(|| {
                     self.meshes.push(mesh::mirrored(&self.meshes[instance.mesh]));
                     self.meshes.len() - 1

@@ -1,13 +1,29 @@
 //! Repairs that every loaded mesh goes through: a renderer may rely on finite, in-range, non-degenerate triangles.
 
-use crate::Mesh;
-use glam::{Vec2, Vec3};
+use crate::{Mesh, TriangleReport};
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+use std::collections::HashSet;
 
-/// Drops triangles that cannot be rendered, mends normals, coordinates and tangents, and returns how many triangles went.
-pub(crate) fn clean(mesh: &mut Mesh) -> usize {
-    let before = mesh.triangles.len();
+/// Drops triangles that cannot be rendered and those that are there twice, and mends normals, coordinates and tangents.
+pub(crate) fn clean(mesh: &mut Mesh) -> TriangleReport {
+    let mut report = TriangleReport::default();
     let positions = &mesh.positions;
-    mesh.triangles.retain(|t| t.iter().all(|&i| (i as usize) < positions.len()) && has_area(t.map(|i| positions[i as usize])));
+    mesh.triangles.retain(|t| {
+        let counter = match shape(positions, *t) {
+            Shape::Good => return true,
+            Shape::Needle => {
+                report.needles += 1;
+                return true;
+            }
+            Shape::OutOfRange => &mut report.out_of_range,
+            Shape::NotFinite => &mut report.not_finite,
+            Shape::NoArea => &mut report.no_area,
+        };
+        *counter += 1;
+        false
+    });
+    drop_duplicates(mesh, &mut report);
     // Vertices nobody uses any more must not poison bounds computed over all vertices.
     for p in &mut mesh.positions {
         if !p.is_finite() {
@@ -39,12 +55,111 @@ pub(crate) fn clean(mesh: &mut Mesh) -> usize {
     for t in &mut mesh.tangents {
         *t = t.truncate().normalize().extend(if t.w < 0.0 { -1.0 } else { 1.0 });
     }
-    before - mesh.triangles.len()
+    report
 }
 
-/// Does the triangle have a normal in single precision? False for NaN, infinities, and products that over- or underflow.
-fn has_area([a, b, c]: [Vec3; 3]) -> bool {
-    (b - a).cross(c - a).length_squared().is_normal()
+/// What a triangle is, by the rules of [`TriangleReport`].
+enum Shape {
+    Good,
+    Needle,
+    OutOfRange,
+    NotFinite,
+    NoArea,
+}
+
+fn shape(positions: &[Vec3], triangle: [u32; 3]) -> Shape {
+    let corner = |i: u32| positions.get(i as usize).copied();
+    let [Some(a), Some(b), Some(c)] = triangle.map(corner) else { return Shape::OutOfRange };
+    if !(a.is_finite() && b.is_finite() && c.is_finite()) {
+        return Shape::NotFinite;
+    }
+    let [a, b, c] = [a, b, c].map(Vec3::as_dvec3);
+    let (ab, ac, bc) = (b - a, c - a, c - b);
+    // Fourth powers of single precision, 1e-45 and 3e38, are within double precision.
+    let area = ab.cross(ac).length_squared();
+    // Rounding of the cross product is less than 2^-51 of the product of the edges.
+    if area <= ab.length_squared() * ac.length_squared() * (2.0 * f64::EPSILON).powi(2) {
+        return Shape::NoArea;
+    }
+    let longest = ab.length_squared().max(ac.length_squared()).max(bc.length_squared());
+    if longest.powi(2) > TriangleReport::NEEDLE.powi(2) * area { Shape::Needle } else { Shape::Good }
+}
+
+/// Keeps the first of the triangles that have the same three corners in the same cyclic order.
+fn drop_duplicates(mesh: &mut Mesh, report: &mut TriangleReport) {
+    let positions = &mesh.positions;
+    // Adding zero makes the two zeros one.
+    let bits = |i: u32| (positions[i as usize] + Vec3::ZERO).to_array().map(f32::to_bits);
+    let vertex_keys: Vec<u64> = (0..positions.len() as u32)
+        .into_par_iter()
+        .with_min_len(1 << 12)
+        .map(|i| {
+            let [x, y, z] = bits(i).map(u64::from);
+            mix(mix(x | (y << 32)) ^ z)
+        })
+        .collect();
+    let key = |t: &[u32; 3]| {
+        let k = t.map(|i| vertex_keys[i as usize]);
+        // The same from whichever corner one starts.
+        let first = (0..3).min_by_key(|&i| k[i]).unwrap_or(0);
+        mix(mix(k[first] ^ k[(first + 1) % 3].rotate_left(21)) ^ k[(first + 2) % 3])
+    };
+    // Nearly always no key is there twice: sorting tells in a third of the time that a table takes.
+    let mut keys: Vec<u64> = mesh.triangles.par_iter().with_min_len(1 << 12).map(key).collect();
+    keys.par_sort_unstable();
+    let repeated: HashSet<u64> = keys.windows(2).filter(|k| k[0] == k[1]).map(|k| k[0]).collect();
+    drop(keys);
+    if repeated.is_empty() {
+        return;
+    }
+    let corners = |t: &[u32; 3]| {
+        let c = t.map(bits);
+        let first = (0..3).min_by_key(|&k| c[k]).unwrap_or(0);
+        [c[first], c[(first + 1) % 3], c[(first + 2) % 3]]
+    };
+    // Nothing goes that was not compared with what stays.
+    let mut seen = HashSet::new();
+    mesh.triangles.retain(|t| {
+        let stays = !repeated.contains(&key(t)) || seen.insert(corners(t));
+        if !stays {
+            report.duplicate += 1;
+            // The one that stays was counted, too.
+            report.needles -= usize::from(matches!(shape(positions, *t), Shape::Needle));
+        }
+        stays
+    });
+}
+
+/// A well-mixed number (the two halves of a product with an odd constant, added without carry).
+fn mix(v: u64) -> u64 {
+    let product = u128::from(v ^ 0x9e37_79b9_7f4a_7c15) * 0xd6e8_feb8_6659_fd93_u128;
+    (product >> 64) as u64 ^ product as u64
+}
+
+/// Moves a mesh that stands far from its own zero next to it, and returns by how much: to be added to its transforms in double
+/// precision. No coordinate is rounded: axes move only where all vertices lie within a factor of two of the middle (Sterbenz's lemma).
+pub(crate) fn recentre(mesh: &mut Mesh) -> DVec3 {
+    let used = || mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize]);
+    let (low, high) = used().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let middle = 0.5 * low + 0.5 * high;
+    let reach = 0.5 * (high - low).max_element();
+    let shift = Vec3::select(middle.abs().cmpgt(Vec3::splat(FAR * reach)), middle, Vec3::ZERO);
+    if !shift.is_finite() || shift == Vec3::ZERO {
+        return DVec3::ZERO;
+    }
+    mesh.positions.iter_mut().for_each(|p| *p -= shift);
+    // Vertices that nobody uses may lie anywhere.
+    mesh.positions.iter_mut().filter(|p| !p.is_finite()).for_each(|p| *p = Vec3::ZERO);
+    shift.as_dvec3()
+}
+
+/// Distance of a mesh from its own zero, in halves of its size, from which on it is moved there.
+const FAR: f32 = 16.0;
+
+/// Direction of the geometric normal; zero without one.
+fn direction([a, b, c]: [Vec3; 3]) -> Vec3 {
+    let [a, b, c] = [a, b, c].map(Vec3::as_dvec3);
+    (b - a).cross(c - a).normalize_or_zero().as_vec3()
 }
 
 /// Makes normals unit; those without a direction become the mean of their triangles' geometric normals.
@@ -56,8 +171,7 @@ fn mend_normals(mesh: &mut Mesh) {
     }
     let mut sums = vec![Vec3::ZERO; mesh.positions.len()];
     for t in &mesh.triangles {
-        let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
-        let n = (b - a).cross(c - a).normalize_or_zero();
+        let n = direction(t.map(|i| mesh.positions[i as usize]));
         t.iter().for_each(|&i| sums[i as usize] += n);
     }
     for (n, sum) in mesh.normals.iter_mut().zip(sums) {
@@ -71,4 +185,26 @@ pub(crate) fn mirrored(mesh: &Mesh) -> Mesh {
     let mut copy = mesh.clone();
     copy.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     copy
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Run by hand: `cargo test --release -p renderflow-scenes duplicates_time -- --ignored --nocapture`.
+    #[test]
+    #[ignore = "prints seconds"]
+    fn duplicates_time() {
+        let n = 708;
+        let positions = (0..n * n).map(|i| Vec3::new((i % n) as f32, (i / n) as f32, (i * i % 97) as f32)).collect();
+        let quad = |i: u32| [[i, i + 1, i + n], [i + 1, i + n + 1, i + n]];
+        let triangles: Vec<_> = (0..n * (n - 1)).filter(|i| i % n < n - 1).flat_map(quad).collect();
+        let mut mesh = Mesh { positions, triangles, ..Mesh::default() };
+        let mut report = TriangleReport::default();
+        let started = std::time::Instant::now();
+        drop_duplicates(&mut mesh, &mut report);
+        println!("{} triangles: {:?}, {report:?}", mesh.triangles.len(), started.elapsed());
+        let started = std::time::Instant::now();
+        println!("{:?}: {:?}", clean(&mut mesh), started.elapsed());
+    }
 }

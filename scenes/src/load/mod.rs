@@ -6,13 +6,22 @@ mod mesh;
 mod model;
 mod obj;
 
+use glam::{Affine3A, DAffine3, DVec3};
+
 pub use build::load;
 pub use model::{Format, ModelView, describe_model};
 
-/// Can the transform be undone in single precision? Renderers need its inverse for normals and rays.
-fn invertible(transform: glam::Affine3A) -> bool {
-    let determinant = transform.matrix3.determinant();
-    transform.is_finite() && determinant.is_normal() && transform.inverse().is_finite()
+/// Does the transform, as single precision stores it, keep three dimensions? Its inverse, taken in double precision, has to be finite
+/// in single precision: the determinant alone would underflow for a uniform scale of 1e-13.
+fn invertible(transform: Affine3A) -> bool {
+    let matrix = transform.matrix3.as_dmat3();
+    let determinant = matrix.determinant();
+    transform.is_finite() && determinant.is_normal() && matrix.inverse().as_mat3().is_finite()
+}
+
+/// The transform counted from `origin` instead of the world's zero, in single precision.
+fn relative(transform: DAffine3, origin: DVec3) -> Affine3A {
+    DAffine3 { translation: transform.translation - origin, ..transform }.as_affine3a()
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
 //! Model files: what glTF and OBJ have in common, and a scene around a single model.
 
 use crate::description::{
-    CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform,
+    CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform, decimal,
 };
 use crate::error::{Error, Result};
 use crate::shapes::Shape;
+use crate::validate::{MAX_COORDINATE, MAX_SIZE, MIN_SIZE};
 use crate::{LoadReport, Material, Mesh, Texture};
-use glam::{Affine3A, Vec3A};
+use glam::{DAffine3, DVec3};
 use std::path::Path;
 
 /// Formats of model files.
@@ -38,7 +39,7 @@ pub(crate) struct Part {
     /// Index into [`Model::materials`]; `None` = the default material.
     pub material: Option<usize>,
     /// Mesh space to model space.
-    pub transform: Affine3A,
+    pub transform: DAffine3,
 }
 
 /// A model file as read, before repairs.
@@ -112,10 +113,12 @@ const MARGIN: f32 = 1.1;
 /// When the model cannot be read or has no triangle.
 pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView) -> Result<Scene> {
     let (center, radius, lowest) = bounds(model)?;
-    let scale = 1.0 / radius;
-    // The centre of the sphere above the origin, the lowest vertex in the plane y = 0.
+    let factor = (1.0 / radius) as f32;
+    // The centre of the sphere above the origin, the lowest vertex in the plane y = 0. With the factor as the scene has it: far out,
+    // its rounding would show.
+    let scale = f64::from(factor);
     let height = (center.y - lowest) * scale;
-    let moved = Vec3A::new(-center.x * scale, -lowest * scale, -center.z * scale);
+    let moved = DVec3::new(-center.x * scale, -lowest * scale, -center.z * scale);
     let name = model.file_stem().map_or_else(|| "model".into(), |s| s.to_string_lossy().into_owned());
     let absolute = |path: &Path| -> Result<String> {
         Ok(std::path::absolute(path).map_err(Error::io(path, "find"))?.to_string_lossy().into_owned())
@@ -127,21 +130,12 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
         name: name.clone(),
         geometry: Geometry::File(absolute(model)?),
         material: None,
-        transform: Transform { translation: moved.to_array(), scale: [scale; 3], ..Transform::default() },
+        transform: Transform { translation: moved.to_array(), scale: [factor; 3], ..Transform::default() },
         motion: None,
     }];
     let mut materials = vec![];
     if view.ground {
-        materials.push(Described {
-            name: "ground".into(),
-            base_color: [0.5; 3],
-            metallic: 0.0,
-            roughness: 0.6,
-            specular: 0.5,
-            base_color_texture: None,
-            metallic_roughness_texture: None,
-            normal_texture: None,
-        });
+        materials.push(Described { name: "ground".into(), base_color: [0.5; 3], roughness: 0.6, ..Described::default() });
         objects.push(Object {
             name: if name == "ground" { "ground plane".into() } else { "ground".into() },
             geometry: Geometry::Shape(Shape::Plane { size: GROUND_EDGE }),
@@ -162,7 +156,7 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
         frames: view.frames,
         camera: CameraPath::Orbit {
             target: [0.0, height, 0.0],
-            distance: MARGIN / half_angle.sin(),
+            distance: decimal(MARGIN / half_angle.sin()),
             elevation: ELEVATION,
             azimuth: view.azimuth,
             degrees_per_frame: view.degrees_per_frame,
@@ -177,7 +171,7 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
 }
 
 /// Centre and radius of a sphere around all triangles of a model file, and the height of its lowest vertex.
-fn bounds(path: &Path) -> Result<(Vec3A, f32, f32)> {
+fn bounds(path: &Path) -> Result<(DVec3, f64, f64)> {
     let mut model = read(path, false)?;
     model.meshes.iter_mut().for_each(|m| {
         super::mesh::clean(m);
@@ -186,16 +180,17 @@ fn bounds(path: &Path) -> Result<(Vec3A, f32, f32)> {
         model.parts.iter().flat_map(|part| {
             let mesh = &model.meshes[part.mesh];
             let used = mesh.triangles.iter().flatten();
-            used.map(move |&i| part.transform.transform_point3a(mesh.positions[i as usize].into()))
+            used.map(move |&i| part.transform.transform_point3(mesh.positions[i as usize].as_dvec3()))
         })
     };
-    let (low, high) = corners().fold((Vec3A::INFINITY, Vec3A::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
     if low.x > high.x {
         return Err(Error::model(path, "", "the model has no triangle to render"));
     }
     let center = 0.5 * low + 0.5 * high;
-    let radius = corners().map(|p| p.distance(center)).fold(0.0, f32::max);
-    if !(center.is_finite() && radius.is_normal()) {
+    let radius = corners().map(|p| p.distance(center)).fold(0.0, f64::max);
+    let sizes = f64::from(MIN_SIZE)..=f64::from(MAX_SIZE);
+    if !(center.is_finite() && sizes.contains(&radius) && center.abs().max_element() <= MAX_COORDINATE * radius) {
         return Err(Error::model(path, "", format!("the model has no usable size: it reaches from {low} to {high}")));
     }
     Ok((center, radius, low.y))

@@ -1,7 +1,7 @@
 //! The orbit from which a composed scene is seen.
 
 use super::layout::Layout;
-use crate::description::CameraPath;
+use crate::description::{CameraPath, decimal};
 use crate::draw::Draw;
 use rand_pcg::Pcg64;
 
@@ -18,8 +18,8 @@ pub(super) fn orbit(rng: &mut Pcg64, layout: &Layout, resolution: [u32; 2], degr
     // Always outside the sphere, however wide the view.
     let distance = distance.max(Pcg64::tidy(1.1 * sphere + 0.1));
     CameraPath::Orbit {
-        target: centre.to_array().map(Pcg64::tidy),
-        distance,
+        target: centre.to_array().map(Pcg64::tidy).map(decimal),
+        distance: decimal(distance),
         elevation: rng.between(8.0, 45.0),
         azimuth: rng.between(0.0, 360.0),
         degrees_per_frame,

@@ -1,6 +1,6 @@
 //! Where objects stand: bounding discs that do not overlap, on the floor or on top of one another.
 
-use crate::description::{Motion, Transform};
+use crate::description::{Motion, Transform, decimal};
 use crate::draw::Draw;
 use crate::seed::Seed;
 use crate::shapes::{self, Shape};
@@ -107,7 +107,7 @@ fn centre(objects: &mut [Placed]) {
     for object in objects {
         let spot = (object.path[0] - 0.5 * (low + high)).to_array().map(Pcg64::tidy);
         object.path = [Vec2::from(spot); 2];
-        object.transform.translation = [spot[0], object.transform.translation[1], spot[1]];
+        object.transform.translation = [decimal(spot[0]), object.transform.translation[1], decimal(spot[1])];
     }
 }
 
@@ -138,7 +138,8 @@ impl Candidate {
 
     fn at(self, spot: Vec2, height: f32, stacked: bool) -> Placed {
         let lift = ((height + self.below) * 1e4).ceil() / 1e4;
-        let transform = Transform { translation: [spot.x, lift, spot.y], rotation: self.rotation, scale: [self.scale; 3] };
+        let transform =
+            Transform { translation: [spot.x, lift, spot.y].map(decimal), rotation: self.rotation, scale: [self.scale; 3] };
         Placed {
             shape: self.shape,
             transform,
@@ -192,7 +193,7 @@ fn floor(rng: &mut Pcg64, extent: f32) -> (Shape, Transform) {
             let thickness = rng.between(0.05, 0.3);
             let bevel = Pcg64::tidy(0.2 * thickness * rng.between(0.2, 1.0));
             let shape = Shape::Box { size: [Pcg64::tidy(width), thickness, Pcg64::tidy(depth)], bevel };
-            (shape, Transform { translation: [0.0, -0.5 * thickness, 0.0], ..Transform::default() })
+            (shape, Transform { translation: [0.0, decimal(-0.5 * thickness), 0.0], ..Transform::default() })
         }
     }
 }
@@ -246,7 +247,7 @@ impl Layout {
             });
             if clear && to.length() + self.objects[index].radius <= reach && step != [0.0; 2] {
                 self.objects[index].path[1] = to;
-                return Some(Motion { translation: [step[0], 0.0, step[1]], spin: 0.0 });
+                return Some(Motion { translation: [step[0], 0.0, step[1]].map(decimal), spin: 0.0 });
             }
         }
         None

@@ -40,9 +40,7 @@ fn plain(name: &str, base_color: [f32; 3], metallic: f32, roughness: f32, specul
         metallic,
         roughness,
         specular,
-        base_color_texture: None,
-        metallic_roughness_texture: None,
-        normal_texture: None,
+        ..Material::default()
     }
 }
 

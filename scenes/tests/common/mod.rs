@@ -1,6 +1,8 @@
 //! What the tests of this crate share.
 #![allow(dead_code)]
 
+pub mod gltf;
+
 use renderflow_scenes::description::{CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material, Object, Scene};
 use renderflow_scenes::{LoadedScene, Result, load};
 use std::path::{Path, PathBuf};

@@ -1,12 +1,14 @@
 //! Materials and textures of a glTF file, read as they are used.
 
 use super::access::Buffers;
+use super::extension;
 use super::uri;
 use crate::error::{Error, Result};
-use crate::loaded::{Encoding, Wrap};
-use crate::texture;
+use crate::loaded::{AlphaMask, Encoding, Wrap};
+use crate::texture::{self, uv_transform};
+use crate::validate::MAX_VALUE;
 use crate::{LoadReport, Material, Texture, TextureSlot};
-use glam::{Affine2, Mat2, Vec2};
+use glam::Affine2;
 use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
 use rayon::prelude::*;
@@ -47,7 +49,7 @@ impl<'a> Materials<'a> {
 
     /// Set of texture coordinates (`TEXCOORD_n`) that the textures of `material` are looked up with.
     pub(super) fn texture_set(material: &gltf::Material) -> u32 {
-        references(material).first().map_or(0, |r| r.set)
+        references(material).set()
     }
 
     /// Index in [`Self::list`] of a material, read now if this is its first use.
@@ -67,44 +69,42 @@ impl<'a> Materials<'a> {
     }
 
     fn read(&mut self, material: &gltf::Material, name: String, report: &mut LoadReport) -> Material {
-        match material.alpha_mode() {
-            AlphaMode::Blend => report.blend_as_opaque += 1,
-            AlphaMode::Mask => report.mask_as_opaque += 1,
-            AlphaMode::Opaque => {}
-        }
-        let references = references(material);
-        if references.iter().any(|r| r.set != references[0].set) {
-            let note = format!(
-                "material {name:?} uses several sets of texture coordinates; TEXCOORD_{} is used for all",
-                references[0].set
-            );
-            report.notes.push(note);
-        }
-        let mut slots: HashMap<Encoding, TextureSlot> = HashMap::new();
-        for reference in references {
-            slots.insert(reference.encoding, self.slot(&reference, &name));
-        }
         let pbr = material.pbr_metallic_roughness();
-        let gain = material.emissive_strength().unwrap_or(1.0);
-        let emissive = material.emissive_factor().map(|v| v * gain);
-        if emissive.iter().any(|&v| v > 0.0) {
-            report.notes.push(format!("material {name:?} emits light, which is not rendered yet"));
+        let [r, g, b, alpha] = pbr.base_color_factor();
+        let alpha_mask = match material.alpha_mode() {
+            AlphaMode::Opaque => None,
+            AlphaMode::Blend => {
+                report.blend_as_opaque += 1;
+                None
+            }
+            AlphaMode::Mask => {
+                let cutoff = material.alpha_cutoff().unwrap_or(0.5);
+                Some(AlphaMask { cutoff: if cutoff.is_finite() { cutoff } else { 0.5 }, factor: unit(alpha) })
+            }
+        };
+        let used = references(material);
+        let set = used.set();
+        if used.all().any(|r| r.set != set) {
+            report
+                .notes
+                .push(format!("material {name:?} uses several sets of texture coordinates; TEXCOORD_{set} is used for all"));
         }
-        let [r, g, b, _] = pbr.base_color_factor();
+        let mut slot = |reference: Option<Reference>| reference.map(|r| self.slot(&r, &name));
         let scale = material.normal_texture().map_or(1.0, |t| t.scale());
-        let unit = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
-        Material {
-            specular: specular(material, &name, report),
+        let read = Material {
             base_color: [r, g, b].map(unit),
             metallic: unit(pbr.metallic_factor()),
             roughness: unit(pbr.roughness_factor()),
-            base_color_texture: slots.remove(&Encoding::Srgb),
-            metallic_roughness_texture: slots.remove(&Encoding::Linear),
-            normal_texture: slots.remove(&Encoding::Normal).map(|s| (s, if scale.is_finite() { scale } else { 1.0 })),
-            emissive: emissive.map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }),
-            name,
+            base_color_texture: slot(used.color),
+            metallic_roughness_texture: slot(used.data),
+            normal_texture: slot(used.normal).map(|s| (s, if scale.is_finite() { scale } else { 1.0 })),
+            emissive_texture: slot(used.emissive),
+            emissive: emissive(material, &name, report),
+            alpha_mask,
+            double_sided: material.double_sided(),
             ..Material::default()
-        }
+        };
+        Material { name: name.clone(), ..extension::apply(material, read, &name, report) }
     }
 
     fn slot(&mut self, reference: &Reference, user: &str) -> TextureSlot {
@@ -155,8 +155,26 @@ impl<'a> Materials<'a> {
     }
 }
 
-/// Textures of a material that are rendered: base colour, then normal, then metallic-roughness.
-fn references<'a>(material: &gltf::Material<'a>) -> Vec<Reference<'a>> {
+/// Textures of a material that are rendered.
+struct References<'a> {
+    color: Option<Reference<'a>>,
+    normal: Option<Reference<'a>>,
+    data: Option<Reference<'a>>,
+    emissive: Option<Reference<'a>>,
+}
+
+impl References<'_> {
+    fn all(&self) -> impl Iterator<Item = &Reference<'_>> {
+        [&self.color, &self.normal, &self.data, &self.emissive].into_iter().flatten()
+    }
+
+    /// Set of texture coordinates for all of them: the first one's.
+    fn set(&self) -> u32 {
+        self.all().next().map_or(0, |r| r.set)
+    }
+}
+
+fn references<'a>(material: &gltf::Material<'a>) -> References<'a> {
     let pbr = material.pbr_metallic_roughness();
     let simple = |info: gltf::texture::Info<'a>, encoding| {
         let transform = info.texture_transform();
@@ -183,58 +201,26 @@ fn references<'a>(material: &gltf::Material<'a>) -> Vec<Reference<'a>> {
             texture: info.texture(),
         }
     });
-    let color = pbr.base_color_texture().map(|info| simple(info, Encoding::Srgb));
-    let data = pbr.metallic_roughness_texture().map(|info| simple(info, Encoding::Linear));
-    color.into_iter().chain(normal).chain(data).collect()
+    References {
+        color: pbr.base_color_texture().map(|info| simple(info, Encoding::Srgb)),
+        normal,
+        data: pbr.metallic_roughness_texture().map(|info| simple(info, Encoding::Linear)),
+        emissive: material.emissive_texture().map(|info| simple(info, Encoding::Srgb)),
+    }
 }
 
-/// KHR_texture_transform: scale, then a turn that looks counter-clockwise where v runs down, then the offset.
-/// (The README's own example, the lower left quadrant, holds with this sign only.)
-fn uv_transform(offset: [f32; 2], rotation: f32, scale: [f32; 2]) -> Affine2 {
-    let turn = Mat2::from_angle(-rotation);
-    let transform = Affine2 { matrix2: turn * Mat2::from_diagonal(Vec2::from(scale)), translation: Vec2::from(offset) };
-    if transform.is_finite() { transform } else { Affine2::IDENTITY }
+/// Limits a factor; what is not a number becomes 0.
+fn unit(v: f32) -> f32 {
+    if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) }
 }
 
-/// Disney's `specular` (F0 = 0.08 specular) of KHR_materials_ior and KHR_materials_specular, whose
-/// F0 = min(((ior - 1) / (ior + 1))^2 * colour, 1) * factor; the tint of the colour is reduced to its luminance.
-fn specular(material: &gltf::Material, name: &str, report: &mut LoadReport) -> f32 {
-    let ior = material.ior().unwrap_or(1.5);
-    let mut f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
-    if let Some(extension) = material.specular() {
-        let color = extension.specular_color_factor();
-        f0 = (f0 * renderflow_frame::color::luminance(color)).min(1.0) * extension.specular_factor();
-        if extension.specular_texture().is_some() || extension.specular_color_texture().is_some() {
-            report.notes.push(format!("material {name:?}: the textures of KHR_materials_specular are not read"));
-        }
-        if color.iter().any(|&c| (c - color[0]).abs() > 1e-3) {
-            report.notes.push(format!("material {name:?}: the tint of KHR_materials_specular is not rendered"));
-        }
+/// Radiance without the texture: the factor times KHR_materials_emissive_strength.
+fn emissive(material: &gltf::Material, name: &str, report: &mut LoadReport) -> [f32; 3] {
+    let gain = material.emissive_strength().unwrap_or(1.0);
+    let asked = material.emissive_factor().map(|v| v * gain);
+    let given = asked.map(|v| if v.is_nan() { 0.0 } else { v.clamp(0.0, MAX_VALUE) });
+    if asked.iter().zip(given).any(|(&a, g)| a > g || a.is_nan()) {
+        report.notes.push(format!("material {name:?} emits {asked:?}; {given:?} is used"));
     }
-    let specular = f0 / 0.08;
-    if !(0.0..=1.0001).contains(&specular) {
-        report
-            .notes
-            .push(format!("material {name:?} reflects {f0} at normal incidence; 0.08 is the most a dielectric can have here"));
-    }
-    if specular.is_nan() { 0.5 } else { specular.clamp(0.0, 1.0) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The two examples of the extension's README, in its own words.
-    #[test]
-    fn texture_transform_examples() {
-        // "utilizes only the lower left quadrant of the source image, rotated clockwise 90 degrees"
-        let quadrant = uv_transform([0.0, 1.0], std::f32::consts::FRAC_PI_2, [0.5, 0.5]);
-        for corner in [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE] {
-            let uv = quadrant.transform_point2(corner);
-            assert!((-1e-6..=0.5 + 1e-6).contains(&uv.x) && (0.5 - 1e-6..=1.0 + 1e-6).contains(&uv.y), "{corner} -> {uv}");
-        }
-        // "inverts the T axis, effectively defining a bottom-left origin"
-        let flipped = uv_transform([0.0, 1.0], 0.0, [1.0, -1.0]);
-        assert!(flipped.transform_point2(Vec2::new(0.25, 0.25)).distance(Vec2::new(0.25, 0.75)) < 1e-6);
-    }
+    given
 }

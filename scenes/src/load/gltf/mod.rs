@@ -2,6 +2,7 @@
 
 mod access;
 mod container;
+mod extension;
 mod material;
 mod uri;
 
@@ -9,7 +10,7 @@ use super::model::{Model, Part};
 use crate::error::{Error, Result};
 use crate::{LoadReport, Mesh};
 use access::Buffers;
-use glam::{Affine3A, Mat3A, Mat4, Quat, Vec2, Vec3, Vec3A, Vec4};
+use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, DVec4, Vec2, Vec3, Vec4};
 use gltf::json::validation::{self, Checked, Validate};
 use gltf::{Document, Semantic, mesh::Mode, scene::Transform};
 use material::Materials;
@@ -17,7 +18,13 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Extensions that are read, beyond those that the gltf crate knows it can.
-const READ: [&str; 2] = ["KHR_mesh_quantization", "KHR_materials_specular"];
+const READ: [&str; 5] = [
+    "KHR_mesh_quantization",
+    "KHR_materials_specular",
+    "KHR_materials_clearcoat",
+    "KHR_materials_sheen",
+    "KHR_materials_anisotropy",
+];
 /// Extensions that the gltf crate reads here (its cargo features).
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
 
@@ -155,7 +162,7 @@ impl Reader<'_> {
         };
         // A stack instead of recursion, and each node once: loops and shared children end here.
         let mut visited = vec![false; nodes.len()];
-        let mut stack: Vec<(usize, Affine3A)> = roots.into_iter().rev().map(|i| (i, Affine3A::IDENTITY)).collect();
+        let mut stack: Vec<(usize, DAffine3)> = roots.into_iter().rev().map(|i| (i, DAffine3::IDENTITY)).collect();
         while let Some((index, parent)) = stack.pop() {
             let place = format!("/nodes/{index}");
             if std::mem::replace(&mut visited[index], true) {
@@ -173,9 +180,9 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn node(&mut self, node: &gltf::Node, transform: Affine3A) -> Result<()> {
+    fn node(&mut self, node: &gltf::Node, transform: DAffine3) -> Result<()> {
         let Some(mesh) = node.mesh() else { return Ok(()) };
-        if !super::invertible(transform) {
+        if !super::invertible(super::relative(transform, transform.translation)) {
             self.skipped.collapsed += 1;
             return Ok(());
         }
@@ -259,15 +266,18 @@ impl Reader<'_> {
     }
 }
 
-/// Node to parent. Quaternions are normalised; one of zero length turns nothing.
-fn local(node: &gltf::Node) -> Affine3A {
+/// Node to parent, in double precision: trees of many nodes may go far out and come back. Quaternions are normalised; one of zero
+/// length turns nothing.
+fn local(node: &gltf::Node) -> DAffine3 {
     match node.transform() {
-        Transform::Matrix { matrix } => Affine3A::from_mat4(Mat4::from_cols_array_2d(&matrix)),
+        Transform::Matrix { matrix } => {
+            DAffine3::from_mat4(DMat4::from_cols_array_2d(&matrix.map(|column| column.map(f64::from))))
+        }
         Transform::Decomposed { translation, rotation, scale } => {
-            let q = Vec4::from(rotation);
-            let turn = q.try_normalize().map_or(Quat::IDENTITY, Quat::from_vec4);
-            let matrix3 = Mat3A::from_quat(turn) * Mat3A::from_diagonal(Vec3::from(scale));
-            Affine3A { matrix3, translation: Vec3A::from(translation) }
+            let q = DVec4::from(rotation.map(f64::from));
+            let turn = q.try_normalize().map_or(DQuat::IDENTITY, DQuat::from_vec4);
+            let matrix3 = DMat3::from_quat(turn) * DMat3::from_diagonal(DVec3::from(scale.map(f64::from)));
+            DAffine3 { matrix3, translation: DVec3::from(translation.map(f64::from)) }
         }
     }
 }

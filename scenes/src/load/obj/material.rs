@@ -1,13 +1,13 @@
 //! MTL libraries: Phong parameters and the PBR extension, turned into the principled material.
 
 use super::super::model::Model;
+use super::texture::{Statement, Textures};
 use crate::error::{Error, Result};
-use crate::loaded::{Encoding, Wrap};
-use crate::texture;
-use crate::{Material, Texture, TextureSlot};
-use glam::{Affine2, Mat2, Vec2};
+use crate::loaded::{AlphaMask, Encoding};
+use crate::validate::MAX_VALUE;
+use crate::{LoadReport, Material};
 use renderflow_frame::color::luminance;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// The MTL files of an OBJ file.
@@ -73,14 +73,11 @@ impl<'a> Libraries<'a> {
         for name in unknown {
             self.notes.push(format!("no library defines the material {name:?}; the default material is used"));
         }
-        let mut textures = Textures { folder: self.folder(), list: vec![], known: HashMap::new() };
+        let mut textures = Textures::new(self.folder());
         for material in materials {
             // Unused materials keep their place but are not read: their textures may be missing.
             let converted = if used.contains(material.name.as_str()) {
-                if material.dissolve.is_some_and(|d| d < 1.0) || material.dissolve_texture.is_some() {
-                    model.report.blend_as_opaque += 1;
-                }
-                convert(material, &mut textures, &mut self.notes)?
+                convert(material, &mut textures, &mut model.report)?
             } else {
                 Material { name: material.name.clone(), ..Material::default() }
             };
@@ -126,47 +123,81 @@ impl std::io::BufRead for Counted<'_> {
     }
 }
 
-fn convert(material: &tobj::Material, textures: &mut Textures, notes: &mut Vec<String>) -> Result<Material> {
+fn convert(material: &tobj::Material, textures: &mut Textures, report: &mut LoadReport) -> Result<Material> {
     let name = &material.name;
     let unit = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
     let extra = |key: &str| material.unknown_param.get(key);
     let number = |key: &str| extra(key).and_then(|v| v.split_whitespace().next()?.parse::<f32>().ok());
-    let color_texture = match &material.diffuse_texture {
-        Some(words) => Some(textures.slot(name, words, Encoding::Srgb)?.0),
+    let statement = |words: Option<&String>| words.map(|w| Statement::parse(w));
+
+    // Opacity: a map is cut at one half, a constant below 1 is shown as opaque.
+    let (color, opacity) = (statement(material.diffuse_texture.as_ref()), statement(material.dissolve_texture.as_ref()));
+    let masked = match &opacity {
+        Some(opacity) => textures.masked(name, color.as_ref(), opacity)?,
         None => None,
     };
-    let normal_texture = match extra("norm") {
-        Some(words) => Some(textures.slot(name, words, Encoding::Normal)?),
+    if opacity.is_some() && masked.is_none() {
+        report.notes.push(format!("material {name:?}: its opacity map is not read: it does not lie like the colour map"));
+    }
+    if material.dissolve.is_some_and(|d| d < 1.0) || number("Tr").is_some_and(|t| t > 0.0) {
+        report.blend_as_opaque += 1;
+    }
+    let alpha_mask = masked.is_some().then_some(AlphaMask { cutoff: 0.5, factor: 1.0 });
+    let base_color_texture = match (masked, &color) {
+        (Some(slot), _) => Some(slot),
+        (None, Some(color)) => Some(textures.slot(name, color, Encoding::Srgb)?),
+        (None, None) => None,
+    };
+
+    let (rough, metal) = (statement(extra("map_Pr")), statement(extra("map_Pm")));
+    let metallic_roughness_texture = textures.metallic_roughness(name, rough.as_ref(), metal.as_ref())?;
+    let maps = metallic_roughness_texture.is_some();
+    let normal_texture = match statement(extra("norm")) {
+        Some(statement) => Some((textures.slot(name, &statement, Encoding::Normal)?, statement.bump)),
+        None => None,
+    };
+    let emissive_texture = match statement(extra("map_Ke")) {
+        Some(statement) => Some(textures.slot(name, &statement, Encoding::Srgb)?),
         None => None,
     };
     for (there, what) in [
         (material.normal_texture.is_some(), "bump map (a height map; normal maps are read from `norm`)"),
         (material.specular_texture.is_some() || material.shininess_texture.is_some(), "specular map"),
-        (extra("map_Pr").is_some() || extra("map_Pm").is_some(), "roughness or metallic map"),
-        (material.dissolve_texture.is_some(), "opacity map"),
+        ((rough.is_some() || metal.is_some()) && !maps, "pair of roughness and metallic maps of different sizes"),
+        (number("anisor").is_some_and(|turn| turn != 0.0), "rotation of the anisotropy"),
     ] {
         if there {
-            notes.push(format!("material {name:?}: its {what} is not read"));
+            report.notes.push(format!("material {name:?}: its {what} is not read"));
         }
     }
-    let emissive = material.emissive.unwrap_or_default().map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 });
-    if emissive != [0.0; 3] {
-        notes.push(format!("material {name:?} emits light, which is not rendered yet"));
-    }
-    // A black factor would hide the texture; exporters that write one mean the texture alone.
-    let factor = material.diffuse.unwrap_or([0.8; 3]);
-    let base_color =
-        if color_texture.is_some() && (factor == [0.0; 3] || material.diffuse.is_none()) { [1.0; 3] } else { factor };
+    // A factor of zero would hide the texture; exporters that write one mean the texture alone.
+    let behind = |texture: bool, factor: Option<[f32; 3]>, without: [f32; 3]| match factor {
+        Some(factor) if !texture || factor != [0.0; 3] => factor,
+        _ if texture => [1.0; 3],
+        _ => without,
+    };
+    let factor = |map: bool, key: &str, without: f32| {
+        let given = number(key).filter(|v| !map || *v != 0.0);
+        unit(given.unwrap_or(if map { 1.0 } else { without }))
+    };
+    let emissive = behind(emissive_texture.is_some(), material.emissive, [0.0; 3]);
     Ok(Material {
         name: name.clone(),
-        base_color: base_color.map(unit),
-        metallic: unit(number("Pm").unwrap_or(0.0)),
-        roughness: unit(number("Pr").unwrap_or_else(|| roughness(material.shininess))),
+        base_color: behind(color.is_some(), material.diffuse, if alpha_mask.is_some() { [1.0; 3] } else { [0.8; 3] }).map(unit),
+        metallic: factor(maps && metal.is_some(), "Pm", 0.0),
+        roughness: factor(maps && rough.is_some(), "Pr", roughness(material.shininess)),
         specular: unit(specular(material)),
-        base_color_texture: color_texture,
-        metallic_roughness_texture: None,
+        anisotropic: factor(false, "aniso", 0.0),
+        sheen: factor(false, "Ps", 0.0),
+        clearcoat: factor(false, "Pc", 0.0),
+        // Width alpha = roughness^2 of the coat is Burley's mix(0.1, 0.001, gloss).
+        clearcoat_gloss: number("Pcr").map_or(1.0, |r| unit((0.1 - unit(r).powi(2)) / (0.1 - 0.001))),
+        base_color_texture,
+        metallic_roughness_texture,
         normal_texture,
-        emissive,
+        emissive: emissive.map(|v| if v.is_nan() { 0.0 } else { v.clamp(0.0, MAX_VALUE) }),
+        emissive_texture,
+        alpha_mask,
         ..Material::default()
     })
 }
@@ -182,101 +213,5 @@ fn specular(material: &tobj::Material) -> f32 {
         (Some(0 | 1), _) => 0.0,
         (_, Some(color)) => luminance(color),
         (_, None) => 0.5,
-    }
-}
-
-struct Textures<'a> {
-    folder: &'a Path,
-    list: Vec<Texture>,
-    known: HashMap<(PathBuf, Encoding, Wrap), usize>,
-}
-
-impl Textures<'_> {
-    /// Slot and bump factor of a texture statement (`-s 2 2 -clamp on wood.png`).
-    fn slot(&mut self, material: &str, words: &str, encoding: Encoding) -> Result<(TextureSlot, f32)> {
-        let options = Options::parse(words);
-        let path = self.folder.join(options.file.replace('\\', "/"));
-        let wrap = if options.clamp { Wrap::Clamp } else { Wrap::Repeat };
-        let texture = match self.known.get(&(path.clone(), encoding, wrap)) {
-            Some(&known) => known,
-            None => {
-                let fail = |reason| Error::Texture { user: format!("material {material:?}"), path: path.clone(), reason };
-                let bytes = std::fs::read(&path).map_err(|e| fail(format!("cannot read: {e}")))?;
-                self.list.push(texture::decode(&bytes, options.file.clone(), encoding, [wrap; 2]).map_err(fail)?);
-                self.known.insert((path, encoding, wrap), self.list.len() - 1);
-                self.list.len() - 1
-            }
-        };
-        Ok((TextureSlot { texture, uv_transform: options.uv_transform() }, options.bump))
-    }
-}
-
-/// Options of a texture statement (MTL specification, "Texture map statements").
-#[derive(Debug, PartialEq)]
-struct Options {
-    file: String,
-    scale: Vec2,
-    offset: Vec2,
-    clamp: bool,
-    bump: f32,
-}
-
-impl Options {
-    /// Options stand before the file name, which may hold blanks; some exporters write them behind it.
-    fn parse(text: &str) -> Self {
-        let mut options = Self { file: String::new(), scale: Vec2::ONE, offset: Vec2::ZERO, clamp: false, bump: 1.0 };
-        let mut file = vec![];
-        let mut words = text.split_whitespace().peekable();
-        while let Some(word) = words.next() {
-            let count = match word {
-                "-blendu" | "-blendv" | "-cc" | "-clamp" | "-boost" | "-bm" | "-texres" | "-imfchan" | "-type"
-                | "-colorspace" => 1,
-                "-mm" => 2,
-                "-o" | "-s" | "-t" => 3,
-                _ => {
-                    file.push(word);
-                    continue;
-                }
-            };
-            let mut values = vec![];
-            // Up to three numbers follow -o, -s and -t; the rest have a fixed count.
-            while values.len() < count && words.peek().is_some_and(|w| count < 3 || w.parse::<f32>().is_ok()) {
-                values.extend(words.next());
-            }
-            let number = |i: usize| values.get(i).and_then(|v| v.parse::<f32>().ok()).filter(|v| v.is_finite());
-            match word {
-                "-clamp" => options.clamp = values == ["on"],
-                "-bm" => options.bump = number(0).unwrap_or(1.0),
-                "-o" => options.offset = Vec2::new(number(0).unwrap_or(0.0), number(1).unwrap_or(0.0)),
-                "-s" => options.scale = Vec2::new(number(0).unwrap_or(1.0), number(1).unwrap_or(1.0)),
-                _ => {}
-            }
-        }
-        options.file = file.join(" ");
-        options
-    }
-
-    /// `uv * scale + offset` with v running up, expressed for v running down.
-    fn uv_transform(&self) -> Affine2 {
-        let translation = Vec2::new(self.offset.x, 1.0 - self.scale.y - self.offset.y);
-        Affine2 { matrix2: Mat2::from_diagonal(self.scale), translation }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn texture_options() {
-        let plain = Options { file: "a b.png".into(), scale: Vec2::ONE, offset: Vec2::ZERO, clamp: false, bump: 1.0 };
-        assert_eq!(Options::parse("a b.png"), plain);
-        let options = Options::parse("-s 2 3 -o 0.5 -clamp on -mm 0 1 wood.png -bm 1.5");
-        let expected =
-            Options { file: "wood.png".into(), scale: Vec2::new(2.0, 3.0), offset: Vec2::new(0.5, 0.0), clamp: true, bump: 1.5 };
-        assert_eq!(options, expected);
-        // The point (0.25, 0.25) of the file, v up, looks at (1, 0.75) v up.
-        let uv = options.uv_transform().transform_point2(Vec2::new(0.25, 0.75));
-        assert!(uv.distance(Vec2::new(1.0, 0.25)) < 1e-6, "{uv}");
     }
 }

@@ -2,11 +2,12 @@
 
 mod lines;
 mod material;
+mod texture;
 
 use super::model::{Model, Part};
 use crate::Mesh;
 use crate::error::{Error, Result};
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{DAffine3, Vec2, Vec3};
 use lines::Lines;
 use std::cell::RefCell;
 use std::path::Path;
@@ -24,7 +25,7 @@ pub(super) fn read(path: &Path, with_materials: bool) -> Result<Model> {
         parsed.map_err(|e| Error::model(path, format!("line {}", lines.line), format!("{e} (not an OBJ file?)")))?;
     let libraries = libraries.into_inner();
     let mut model = Model::default();
-    model.report.dropped_triangles = lines.left_out.triangles;
+    model.report.triangles.out_of_range = lines.left_out.triangles;
     for (count, what) in [
         (lines.left_out.points_and_lines, "points and lines skipped"),
         (lines.left_out.attributes, "faces whose texture coordinates or normals do not exist are shown without"),
@@ -43,7 +44,7 @@ pub(super) fn read(path: &Path, with_materials: bool) -> Result<Model> {
             continue;
         }
         let material = mesh.material_id.filter(|_| with_materials);
-        model.parts.push(Part { name: name.clone(), mesh: model.meshes.len(), material, transform: Affine3A::IDENTITY });
+        model.parts.push(Part { name: name.clone(), mesh: model.meshes.len(), material, transform: DAffine3::IDENTITY });
         model.meshes.push(convert(name, &mesh));
     }
     Ok(model)

@@ -1,0 +1,185 @@
+//! Materials of a scene file.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Disney's principled material (Burley 2012), with light of its own and holes. What is left out has its default; what came after
+/// the first version is written only where it differs from it, so that older scenes keep their bytes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Material {
+    /// Unique name.
+    pub name: String,
+    /// Linear Rec.709, 0..=1.
+    #[serde(default = "grey")]
+    #[schemars(inner(range(min = 0, max = 1)))]
+    pub base_color: [f32; 3],
+    /// 0..=1.
+    #[serde(default)]
+    #[schemars(range(min = 0, max = 1))]
+    pub metallic: f32,
+    /// 0..=1.
+    #[serde(default = "half")]
+    #[schemars(range(min = 0, max = 1))]
+    pub roughness: f32,
+    /// 0..=1; 0.5 means 4% at normal incidence.
+    #[serde(default = "half")]
+    #[schemars(range(min = 0, max = 1))]
+    pub specular: f32,
+    /// 0..=1, 0 by default; share of the base colour's hue in the dielectric reflection.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(min = 0, max = 1))]
+    pub specular_tint: f32,
+    /// 0..=1, 0 by default; stretch of highlights; along the direction of growing u where the mesh has texture coordinates.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(min = 0, max = 1))]
+    pub anisotropic: f32,
+    /// 0..=1, 0 by default; grazing component of cloth.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(min = 0, max = 1))]
+    pub sheen: f32,
+    /// 0..=1, 0 by default; share of the base colour's hue in the sheen.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(min = 0, max = 1))]
+    pub sheen_tint: f32,
+    /// 0..=1, 0 by default; second specular layer.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(min = 0, max = 1))]
+    pub clearcoat: f32,
+    /// 0..=1, 1 by default; gloss of that layer: 0 like satin, 1 like glass.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    #[schemars(range(min = 0, max = 1))]
+    pub clearcoat_gloss: f32,
+    /// 0..=1, 0 by default; share of the diffuse shape that approximates subsurface scattering.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(min = 0, max = 1))]
+    pub subsurface: f32,
+    /// Radiance that the surface emits, linear Rec.709, 0..=1e6; none by default.
+    #[serde(default, skip_serializing_if = "is_black")]
+    #[schemars(inner(range(min = 0, max = 1e6)))]
+    pub emissive: [f32; 3],
+    /// The surface is there where the alpha of `base_color_texture` reaches this, 0..=1; everywhere without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1))]
+    pub alpha_cutoff: Option<f32>,
+    /// Whether the surface exists seen from behind, too; true by default.
+    #[serde(default = "yes", skip_serializing_if = "is_true")]
+    pub double_sided: bool,
+    /// Image multiplied with `base_color`, decoded from sRGB; relative to the scene file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_color_texture: Option<String>,
+    /// Image whose green is roughness and blue is metallic (glTF's layout), multiplied with the factors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metallic_roughness_texture: Option<String>,
+    /// Tangent-space normal map, OpenGL (+y up).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub normal_texture: Option<String>,
+    /// Image multiplied with `emissive`, decoded from sRGB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub emissive_texture: Option<String>,
+    /// How all of its textures lie on the surface.
+    #[serde(default, skip_serializing_if = "TextureTransform::is_identity")]
+    pub texture_transform: TextureTransform,
+    /// How all of its textures go on beyond their edges.
+    #[serde(default, skip_serializing_if = "TextureWrap::is_repeat")]
+    pub texture_wrap: TextureWrap,
+}
+
+impl Default for Material {
+    /// Grey, rough, without a name.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: grey(),
+            metallic: 0.0,
+            roughness: half(),
+            specular: half(),
+            specular_tint: 0.0,
+            anisotropic: 0.0,
+            sheen: 0.0,
+            sheen_tint: 0.0,
+            clearcoat: 0.0,
+            clearcoat_gloss: 1.0,
+            subsurface: 0.0,
+            emissive: [0.0; 3],
+            alpha_cutoff: None,
+            double_sided: true,
+            base_color_texture: None,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            emissive_texture: None,
+            texture_transform: TextureTransform::default(),
+            texture_wrap: TextureWrap::Repeat,
+        }
+    }
+}
+
+/// Texture coordinates to places in the image: scale, then rotation, then offset, as KHR_texture_transform has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TextureTransform {
+    /// Widths and heights of the image, -1e6..=1e6; v runs down.
+    #[schemars(inner(range(min = -1e6, max = 1e6)))]
+    pub offset: [f32; 2],
+    /// Degrees, counter-clockwise on the surface's coordinates.
+    pub rotation: f32,
+    /// Repetitions along u and v, -1e6..=1e6.
+    #[schemars(inner(range(min = -1e6, max = 1e6)))]
+    pub scale: [f32; 2],
+}
+
+impl Default for TextureTransform {
+    fn default() -> Self {
+        Self { offset: [0.0; 2], rotation: 0.0, scale: [1.0; 2] }
+    }
+}
+
+impl TextureTransform {
+    fn is_identity(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// How texture coordinates outside 0..1 behave, along u and v alike.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TextureWrap {
+    /// The image again and again.
+    #[default]
+    Repeat,
+    /// Again and again, every other one mirrored.
+    Mirror,
+    /// The texels of the edge.
+    Clamp,
+}
+
+impl TextureWrap {
+    fn is_repeat(&self) -> bool {
+        *self == Self::Repeat
+    }
+}
+
+fn grey() -> [f32; 3] {
+    [0.8; 3]
+}
+fn half() -> f32 {
+    0.5
+}
+fn one() -> f32 {
+    1.0
+}
+fn yes() -> bool {
+    true
+}
+fn is_zero(v: &f32) -> bool {
+    *v == 0.0
+}
+fn is_one(v: &f32) -> bool {
+    *v == 1.0
+}
+fn is_true(v: &bool) -> bool {
+    *v
+}
+fn is_black(v: &[f32; 3]) -> bool {
+    *v == [0.0; 3]
+}

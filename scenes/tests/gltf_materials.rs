@@ -1,0 +1,260 @@
+//! Materials of glTF: emission, alpha, sides, and the extensions that Burley's parameters can express.
+
+mod common;
+
+use common::gltf::{FLOAT, File, STRIP, bytes, data_uri, document};
+use common::{asset, model_scene};
+use renderflow_scenes::loaded::{AlphaMask, Encoding};
+use renderflow_scenes::mipmap::Texels;
+use renderflow_scenes::{LoadReport, LoadedScene, Material, load};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// PNG of one row of RGBA pixels.
+fn png(pixels: &[[u8; 4]]) -> String {
+    let picture = image::RgbaImage::from_raw(pixels.len() as u32, 1, pixels.as_flattened().to_vec()).unwrap();
+    let mut out = std::io::Cursor::new(vec![]);
+    picture.write_to(&mut out, image::ImageFormat::Png).unwrap();
+    data_uri("image/png", &out.into_inner())
+}
+
+/// A square with texture coordinates, the given material, and textures of images with these pixels.
+fn with_material(material: Value, images: &[&[[u8; 4]]]) -> Value {
+    let mut file = document(&[
+        (FLOAT, "VEC3", 4, false, bytes(&STRIP)),
+        (FLOAT, "VEC2", 4, false, bytes(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0])),
+    ]);
+    file["meshes"][0]["primitives"][0] = json!({ "mode": 5, "material": 0, "attributes": { "POSITION": 0, "TEXCOORD_0": 1 } });
+    if !images.is_empty() {
+        file["images"] = images.iter().map(|pixels| json!({ "uri": png(pixels) })).collect();
+        file["textures"] = (0..images.len()).map(|i| json!({ "source": i })).collect();
+    }
+    file["materials"] = json!([material]);
+    if let Some(extensions) = file["materials"][0].get("extensions") {
+        let names: Vec<String> = extensions.as_object().unwrap().keys().cloned().collect();
+        file["extensionsUsed"] = json!(names);
+    }
+    file
+}
+
+fn read(material: Value, images: &[&[[u8; 4]]]) -> (Material, LoadReport, LoadedScene) {
+    let scene = File::new(&with_material(material, images)).load().unwrap();
+    (scene.materials[scene.instances[0].material].clone(), scene.report.clone(), scene)
+}
+
+const OPAQUE: [[u8; 4]; 2] = [[10, 20, 30, 255], [40, 50, 60, 255]];
+const HOLES: [[u8; 4]; 2] = [[10, 20, 30, 255], [40, 50, 60, 100]];
+
+#[test]
+fn emission_is_factor_times_texture_times_strength() {
+    let (material, report, scene) = read(
+        json!({
+            "emissiveFactor": [1.0, 0.5, 0.25],
+            "emissiveTexture": { "index": 0 },
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicRoughnessTexture": { "index": 0 } },
+            "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 8 } }
+        }),
+        &[&OPAQUE],
+    );
+    assert_eq!(material.emissive, [8.0, 4.0, 2.0]);
+    // Colour and emission are one texture, decoded from sRGB; data is another.
+    let slots = [&material.base_color_texture, &material.emissive_texture, &material.metallic_roughness_texture];
+    let [color, light, data] = slots.map(|s| s.as_ref().unwrap().texture);
+    assert_eq!((color == light, scene.textures.len()), (true, 2));
+    assert_eq!((scene.textures[color].encoding, scene.textures[data].encoding), (Encoding::Srgb, Encoding::Linear));
+    assert_eq!(report.notes, [""; 0]);
+    let (dark, ..) = read(json!({ "emissiveTexture": { "index": 0 } }), &[&OPAQUE]);
+    assert_eq!(dark.emissive, [0.0; 3]);
+    let (limited, report, _) = read(
+        json!({ "emissiveFactor": [1, 0, 0], "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 1e30 } } }),
+        &[],
+    );
+    assert_eq!((limited.emissive, report.notes.len()), ([1e9, 0.0, 0.0], 1));
+}
+
+/// glTF 2.0, section 3.9.4: OPAQUE ignores alpha, MASK compares factor times texture with the cutoff (0.5 when absent).
+#[test]
+fn alpha_modes() {
+    let read = |mode: &str, cutoff: Option<f32>, factor: f32, image: &[[u8; 4]]| {
+        let mut material = json!({
+            "alphaMode": mode,
+            "pbrMetallicRoughness": { "baseColorFactor": [1, 1, 1, factor], "baseColorTexture": { "index": 0 } }
+        });
+        if let Some(cutoff) = cutoff {
+            material["alphaCutoff"] = json!(cutoff);
+        }
+        let (material, report, _) = read(material, &[image]);
+        (material.alpha_mask, report.alpha_masked, report.blend_as_opaque)
+    };
+    assert_eq!(read("OPAQUE", None, 0.1, &HOLES), (None, 0, 0));
+    assert_eq!(read("BLEND", None, 0.1, &HOLES), (None, 0, 1));
+    assert_eq!(read("MASK", None, 1.0, &HOLES), (Some(AlphaMask { cutoff: 0.5, factor: 1.0 }), 1, 0));
+    assert_eq!(read("MASK", Some(0.75), 0.875, &HOLES), (Some(AlphaMask { cutoff: 0.75, factor: 0.875 }), 1, 0));
+    // A mask that cuts nothing is none: 100/255 is above 0.25; an image without holes.
+    assert_eq!(read("MASK", Some(0.25), 1.0, &HOLES), (None, 0, 0));
+    assert_eq!(read("MASK", None, 1.0, &OPAQUE), (None, 0, 0));
+    // A factor below the cutoff hides everything.
+    assert_eq!(read("MASK", None, 0.25, &OPAQUE), (Some(AlphaMask { cutoff: 0.5, factor: 0.25 }), 1, 0));
+    // More than 1 hides everything, too (section 3.9.4), and needs no texture.
+    let (material, ..) = self::read(json!({ "alphaMode": "MASK", "alphaCutoff": 1.5 }), &[]);
+    assert_eq!(material.alpha_mask, Some(AlphaMask { cutoff: 1.5, factor: 1.0 }));
+}
+
+#[test]
+fn alpha_of_the_image_is_kept() {
+    let color = json!({ "alphaMode": "MASK", "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });
+    let (material, _, scene) = read(color, &[&HOLES]);
+    let texture = &scene.textures[material.base_color_texture.unwrap().texture];
+    assert_eq!(texture.levels[0].texels, Texels::Bytes(HOLES.to_vec()));
+}
+
+#[test]
+fn sides_are_the_files() {
+    for (material, double_sided) in [(json!({}), false), (json!({ "doubleSided": true }), true)] {
+        assert_eq!(read(material, &[]).0.double_sided, double_sided);
+    }
+    // Without a material, glTF's default one: single-sided, metal of roughness 1 (section 3.9).
+    let mut file = with_material(json!({}), &[]);
+    file["meshes"][0]["primitives"][0].as_object_mut().unwrap().remove("material");
+    let scene = File::new(&file).load().unwrap();
+    let material = &scene.materials[scene.instances[0].material];
+    assert_eq!((material.double_sided, material.metallic, material.roughness), (false, 1.0, 1.0));
+}
+
+#[test]
+fn extensions_become_burleys_parameters() {
+    let extended = |name: &str, value: Value| {
+        let (material, report, _) = read(json!({ "name": "m", "extensions": { name: value } }), &[]);
+        (material, report.notes.join("\n"))
+    };
+    // Roughness 0.2 is a width of 0.04 = mix(0.1, 0.001, gloss).
+    let (coat, notes) = extended("KHR_materials_clearcoat", json!({ "clearcoatFactor": 0.75, "clearcoatRoughnessFactor": 0.2 }));
+    assert_eq!(coat.clearcoat, 0.75);
+    let width = |gloss: f32| 0.1 + (0.001 - 0.1) * gloss;
+    assert!((width(coat.clearcoat_gloss) - 0.04).abs() < 1e-6);
+    assert!(notes.contains("a quarter"), "{notes}");
+    let (satin, notes) = extended(
+        "KHR_materials_clearcoat",
+        json!({ "clearcoatFactor": 1, "clearcoatRoughnessFactor": 0.8, "clearcoatTexture": { "index": 0 } }),
+    );
+    assert_eq!(satin.clearcoat_gloss, 0.0);
+    assert!(notes.contains("smoother") && notes.contains("textures of KHR_materials_clearcoat"), "{notes}");
+    assert_eq!(extended("KHR_materials_clearcoat", json!({})), (Material { name: "m".into(), ..says_nothing() }, String::new()));
+
+    let (cloth, notes) =
+        extended("KHR_materials_sheen", json!({ "sheenColorFactor": [0.2, 0.6, 0.4], "sheenRoughnessFactor": 0.3 }));
+    assert_eq!((cloth.sheen, cloth.sheen_tint), (0.6, 1.0));
+    assert!(notes.contains("Burley's lobe in the base colour's hue"), "{notes}");
+    assert_eq!(extended("KHR_materials_sheen", json!({ "sheenColorFactor": [0.5, 0.5, 0.5] })).0.sheen_tint, 0.0);
+
+    let (brushed, notes) = extended("KHR_materials_anisotropy", json!({ "anisotropyStrength": 0.8 }));
+    assert_eq!((brushed.anisotropic, notes.as_str()), (0.8, ""));
+    let turned = json!({ "anisotropyStrength": 0.8, "anisotropyRotation": 1.5, "anisotropyTexture": { "index": 0 } });
+    let (_, notes) = extended("KHR_materials_anisotropy", turned);
+    assert!(notes.contains("rotation of") && notes.contains("the texture of KHR_materials_anisotropy"), "{notes}");
+
+    assert!(extended("KHR_materials_unlit", json!({})).1.contains("KHR_materials_unlit is not read"));
+    // Required extensions that are read are no reason to refuse a file.
+    let mut file = with_material(json!({ "extensions": { "KHR_materials_sheen": {} } }), &[]);
+    file["extensionsRequired"] = json!(["KHR_materials_sheen"]);
+    assert!(File::new(&file).load().is_ok());
+}
+
+/// A glTF material that says nothing.
+
+fn says_nothing() -> Material {
+    Material { base_color: [1.0; 3], metallic: 1.0, roughness: 1.0, double_sided: false, ..Material::default() }
+}
+
+/// KHR_materials_specular multiplies F0 = 0.04 with its colour; Burley's is 0.08 specular mix(1, base / luminance, tint).
+#[test]
+fn a_tint_of_the_base_colours_hue_is_specular_tint() {
+    let tinted = |base: [f32; 3], color: [f32; 3]| {
+        let material = json!({
+            "pbrMetallicRoughness": { "baseColorFactor": [base[0], base[1], base[2], 1] },
+            "extensions": { "KHR_materials_specular": { "specularColorFactor": color } }
+        });
+        let (material, report, _) = read(material, &[]);
+        (material, report.notes.len())
+    };
+    let base = [0.8, 0.4, 0.2];
+    let luminance = 0.2126 * 0.8 + 0.7152 * 0.4 + 0.0722 * 0.2;
+    for share in [1.0, 0.5, 0.25] {
+        let color = base.map(|v| 0.5 * (1.0 + share * (v / luminance - 1.0)));
+        let (material, notes) = tinted(base, color);
+        assert_eq!(notes, 0);
+        for (v, c) in base.iter().zip(color) {
+            let f0 = 0.08 * material.specular * (1.0 + material.specular_tint * (v / luminance - 1.0));
+            assert!((f0 - 0.04 * c).abs() < 1e-5, "{share}: {f0} but {}", 0.04 * c);
+        }
+    }
+    let (other, notes) = tinted(base, [0.2, 0.4, 0.8]);
+    assert_eq!((other.specular_tint, notes), (0.0, 1));
+    assert_eq!(tinted([0.5; 3], [0.2, 0.4, 0.8]).1, 1);
+    assert_eq!(tinted([0.0; 3], [0.2, 0.4, 0.8]).1, 1);
+}
+
+/// A stretched highlight follows the tangents, so the mesh gets them: growing u is +x here.
+#[test]
+fn anisotropy_asks_for_tangents() {
+    let material = json!({ "extensions": { "KHR_materials_anisotropy": { "anisotropyStrength": 0.5 } } });
+    let (.., scene) = read(material.clone(), &[]);
+    let mesh = &scene.meshes[0];
+    assert!(!mesh.tangents.is_empty() && mesh.tangents.iter().all(|t| t.x > 0.999));
+    let mut file = with_material(material, &[]);
+    file["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("TEXCOORD_0");
+    let scene = File::new(&file).load().unwrap();
+    assert!(scene.report.notes[0].contains("the anisotropy of") && scene.meshes[0].tangents.is_empty());
+}
+
+/// Numbers out of their ranges, in files that say so: limited, never NaN.
+#[test]
+fn wild_numbers_are_limited() {
+    let (material, ..) = read(
+        json!({
+            "alphaMode": "MASK",
+            "emissiveFactor": [-1, 1e30, 2],
+            "pbrMetallicRoughness": { "baseColorFactor": [7, -7, 1e30, 9], "metallicFactor": 5, "roughnessFactor": -5 },
+            "extensions": {
+                "KHR_materials_clearcoat": { "clearcoatFactor": 9, "clearcoatRoughnessFactor": -9 },
+                "KHR_materials_sheen": { "sheenColorFactor": [9, "x", null] },
+                "KHR_materials_anisotropy": { "anisotropyStrength": 1e300, "anisotropyRotation": "east" },
+                "KHR_materials_emissive_strength": { "emissiveStrength": 1e30 },
+                "KHR_materials_ior": { "ior": -1 }
+            }
+        }),
+        &[],
+    );
+    let unit = [
+        material.metallic,
+        material.roughness,
+        material.specular,
+        material.specular_tint,
+        material.anisotropic,
+        material.sheen,
+        material.sheen_tint,
+        material.clearcoat,
+        material.clearcoat_gloss,
+        material.subsurface,
+    ];
+    assert!(unit.iter().chain(&material.base_color).all(|v| (0.0..=1.0).contains(v)), "{material:?}");
+    assert_eq!(material.emissive, [0.0, 1e9, 1e9]);
+}
+
+/// Real files: the emissive map of the Boom Box, sides and masks as their JSON says.
+#[test]
+fn real_files_keep_what_they_say() {
+    for folder in ["BoomBoxWithAxes", "TwoSidedPlane", "Avocado", "Suzanne"] {
+        let Some(path) = asset(&format!("gltf/pbr/{folder}/{folder}.gltf")) else { return };
+        let stated: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        let scene = load::load(&model_scene(&path, None), Path::new("")).unwrap();
+        assert_eq!(scene.report.triangles.dropped(), 0, "{folder}: {:?}", scene.report.triangles);
+        for material in stated["materials"].as_array().unwrap() {
+            let Some(name) = material["name"].as_str() else { continue };
+            let Some(read) = scene.materials.iter().find(|m| m.name == name) else { continue };
+            assert_eq!(read.double_sided, material["doubleSided"] == true, "{folder}/{name}");
+            assert_eq!(read.emissive_texture.is_some(), material.get("emissiveTexture").is_some(), "{folder}/{name}");
+            assert_eq!(read.alpha_mask.is_some(), material["alphaMode"] == "MASK", "{folder}/{name}");
+        }
+    }
+}
