@@ -7,5 +7,6 @@
 pub mod cli;
 pub mod dataset;
 pub mod evaluate;
+pub mod inspect;
 pub mod progress;
 pub mod truth;

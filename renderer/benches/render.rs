@@ -90,7 +90,7 @@ fn rays(scene: &renderflow_renderer::RenderScene) {
         .collect();
     let mut bounced = Vec::new();
     for (i, ray) in primary.iter().enumerate() {
-        if let Some(Hit { t, .. }) = scene.accel().closest(ray, &mut scratch) {
+        if let Some(Hit { t, .. }) = scene.closest(ray, &mut scratch) {
             let a = i as f32 * 2.399;
             let up = glam::Vec3A::new(a.cos(), 1.0, a.sin()).normalize();
             bounced.push(Ray::new(ray.at(t) + up * 1e-4, up));
@@ -101,10 +101,10 @@ fn rays(scene: &renderflow_renderer::RenderScene) {
         let mut hits = 0usize;
         for _ in 0..5 {
             let begin = Instant::now();
-            hits = set.iter().filter(|r| scene.accel().closest(r, &mut scratch).is_some()).count();
+            hits = set.iter().filter(|r| scene.closest(r, &mut scratch).is_some()).count();
             closest = closest.min(begin.elapsed().as_secs_f64());
             let begin = Instant::now();
-            let occluded = set.iter().filter(|r| scene.accel().occluded(r, &mut scratch)).count();
+            let occluded = set.iter().filter(|r| scene.occluded(r, &mut scratch)).count();
             any = any.min(begin.elapsed().as_secs_f64());
             assert_eq!(hits, occluded);
         }

@@ -1,63 +1,39 @@
-//! Compiles a loaded scene: world-space triangles and their tree, material and light tables, and the features the scene needs.
+//! Compiles a loaded scene: its geometry, material and light tables, and the features the scene needs.
 
-use crate::accel::{Accel, MAX_COORDINATE, MAX_TRIANGLES};
+use crate::accel::{Candidate, Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
-use crate::light::EnvironmentLight;
+use crate::geometry::{Builds, Geometry, Sharing, Wanted};
+use crate::light::{EmissiveTriangle, EnvironmentLight, LightSampler, Repairs, Sampling};
 use crate::material::Surface;
-use crate::texture::Sampled;
-use glam::{Affine3A, Vec3A};
+use crate::ray::Ray;
+use crate::texture::{Lookup, Sampled};
+use glam::Vec3A;
 use renderflow_frame::ibl::IblTables;
 use renderflow_frame::{Camera, Environment};
+use renderflow_scenes::loaded::AlphaMask;
 use renderflow_scenes::mipmap::{Level, Texels};
-use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, TextureSlot};
+use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
 use std::sync::OnceLock;
 
 /// A scene at one frame, ready to be rendered.
 pub struct RenderScene {
-    pub(crate) accel: Accel,
-    /// One a triangle of `accel`, in the order given to its builder.
-    pub(crate) triangles: Vec<PlacedTriangle>,
-    /// World-space unit shading normals, zero where a mesh has none; empty when no mesh has any.
-    pub(crate) normals: Vec<[f32; 3]>,
-    /// Empty when no material looks anything up.
-    pub(crate) uvs: Vec<[f32; 2]>,
-    /// World-space tangents with handedness; empty when no material has a normal map.
-    pub(crate) tangents: Vec<[f32; 4]>,
-    pub(crate) placed: Vec<PlacedInstance>,
+    pub(crate) geometry: Geometry,
     pub(crate) materials: Vec<CompiledMaterial>,
     pub(crate) textures: Vec<Sampled>,
-    pub(crate) light: EnvironmentLight,
+    pub(crate) lights: LightSampler,
+    /// Of each instance, the number of its first triangle among the emissive ones.
+    first_emitter: Vec<Option<u32>>,
+    /// Instance and triangle of every emissive triangle.
+    emitters: Vec<(u32, u32)>,
     pub(crate) environment: Environment,
-    pub(crate) instances: Vec<Instance>,
-    pub(crate) meshes: Vec<Mesh>,
     pub(crate) seed: u64,
     pub(crate) hash: String,
     cameras: Vec<Camera>,
     frame: usize,
     features: FeatureSet,
-    dropped_triangles: usize,
-    builds: usize,
     tables: OnceLock<IblTables>,
     exposure: OnceLock<f32>,
-}
-
-/// Where a triangle's attributes are.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlacedTriangle {
-    /// Indices into the world-space vertex arrays.
-    pub vertices: [u32; 3],
-    pub instance: u32,
-    /// Index into the triangles of the instance's mesh.
-    pub in_mesh: u32,
-}
-
-/// What shading needs of an instance.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlacedInstance {
-    pub material: usize,
-    pub smooth: bool,
-    pub tangents: bool,
 }
 
 /// A material with its constant part ready.
@@ -67,6 +43,12 @@ pub(crate) struct CompiledMaterial {
     pub base_color_texture: Option<TextureSlot>,
     pub metallic_roughness_texture: Option<TextureSlot>,
     pub normal_texture: Option<(TextureSlot, f32)>,
+    /// Radiance; zero where the surface does not emit.
+    pub emissive: Vec3A,
+    pub emissive_texture: Option<TextureSlot>,
+    /// `None` where nothing is cut out, whatever the file says.
+    pub alpha_mask: Option<AlphaMask>,
+    pub double_sided: bool,
 }
 
 impl RenderScene {
@@ -75,50 +57,97 @@ impl RenderScene {
     /// # Errors
     /// When the scene has no camera, refers to a mesh, material, texture or vertex it does not hold, or has more than 2^28 triangles.
     pub fn compile(scene: &LoadedScene) -> Result<Self> {
-        check(scene)?;
-        let materials: Vec<_> = scene.materials.iter().map(compile_material).collect();
+        Self::compile_with(scene, Sharing::Automatic)
+    }
+
+    /// As [`Self::compile`], with another choice of what is flattened: for measurements, the picture is the same up to rounding.
+    ///
+    /// # Errors
+    /// As [`Self::compile`].
+    pub fn compile_with(scene: &LoadedScene, sharing: Sharing) -> Result<Self> {
+        check(scene, sharing)?;
+        let textures: Vec<Sampled> = scene.textures.iter().map(Sampled::new).collect();
+        let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(m, &textures)).collect();
         // Only what some instance uses counts: an unused textured material must not slow the others down.
         let used = |f: &dyn Fn(&CompiledMaterial) -> bool| scene.instances.iter().any(|i| f(&materials[i.material]));
-        let light = EnvironmentLight::new(&scene.environment);
+        let light = EnvironmentLight::new(&scene.environment)?;
         let features = FeatureSet {
-            textures: used(&|m| m.base_color_texture.is_some() || m.metallic_roughness_texture.is_some()),
+            textures: used(&|m| {
+                let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture];
+                m.normal_texture.is_some() || slots.iter().any(|slot| slot.is_some())
+            }),
             normal_maps: used(&|m| m.normal_texture.is_some()),
             flat_environment: light.constant().is_some(),
             black_environment: light.is_black(),
+            layers: used(&|m| !m.surface.is_plain()),
+            emitters: used(&|m| m.emissive != Vec3A::ZERO),
+            cutouts: used(&|m| m.alpha_mask.is_some() || !m.double_sided),
+        };
+        let wanted = Wanted {
+            uvs: features.textures,
+            tangents: materials.iter().map(|m| m.normal_texture.is_some() || m.surface.anisotropic > 0.0).collect(),
         };
         let mut compiled = Self {
-            accel: Accel::build(&[]),
-            triangles: Vec::new(),
-            normals: Vec::new(),
-            uvs: Vec::new(),
-            tangents: Vec::new(),
-            placed: Vec::new(),
+            geometry: Geometry::new(scene.meshes.clone(), scene.instances.clone(), wanted, sharing),
             materials,
-            textures: scene.textures.iter().map(Sampled::new).collect(),
-            light,
+            textures,
+            lights: LightSampler::new(light, []),
+            first_emitter: vec![None; scene.instances.len()],
+            emitters: Vec::new(),
             environment: scene.environment.clone(),
-            instances: scene.instances.clone(),
-            meshes: scene.meshes.clone(),
             seed: scene.seed,
             hash: scene.hash.clone(),
             cameras: scene.cameras.clone(),
             frame: 0,
             features,
-            dropped_triangles: 0,
-            builds: 0,
             tables: OnceLock::new(),
             exposure: OnceLock::new(),
         };
-        compiled.build_geometry();
+        compiled.place_emitters();
         Ok(compiled)
+    }
+
+    /// Finds the emissive triangles at the current frame.
+    fn place_emitters(&mut self) {
+        if !self.features.emitters {
+            return;
+        }
+        let mut triangles = Vec::new();
+        self.emitters.clear();
+        for (index, instance) in self.geometry.instances.iter().enumerate() {
+            let material = &self.materials[instance.material];
+            if material.emissive == Vec3A::ZERO {
+                continue;
+            }
+            self.first_emitter[index] = Some(self.emitters.len() as u32);
+            let (mesh, transform) = (self.geometry.mesh(instance.mesh), instance.transform(self.frame));
+            for (number, triangle) in mesh.triangles.iter().enumerate() {
+                let corners = triangle.map(|v| transform.transform_point3a(mesh.positions[v as usize].into()));
+                let mut radiance = material.emissive;
+                if let Some(slot) = &material.emissive_texture {
+                    let uvs = triangle.map(|v| mesh.uvs.get(v as usize).copied().unwrap_or_default());
+                    let area = (uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs();
+                    // The mean over the triangle, as a mip level knows it.
+                    let lookup = Lookup { uv: (uvs[0] + uvs[1] + uvs[2]) / 3.0, footprint_log2: 0.5 * area.log2() };
+                    radiance *= Vec3A::from_vec4(self.textures[slot.texture].value(slot, lookup));
+                }
+                let id = self.emitters.len() as u32;
+                triangles.push(EmissiveTriangle { corners, radiance, two_sided: material.double_sided, id });
+                self.emitters.push((index as u32, number as u32));
+            }
+        }
+        self.lights = LightSampler::new(self.lights.environment().clone(), triangles);
     }
 
     /// Moves to `frame` (0 is the first; beyond the last the last pose is held). The tree is built again only if something moved.
     pub fn set_frame(&mut self, frame: usize) {
-        let moved = self.instances.iter().any(|i| i.transform(frame) != i.transform(self.frame));
+        let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
+        let emitters_moved = self.features.emitters
+            && self.geometry.instances.iter().any(|i| self.materials[i.material].emissive != Vec3A::ZERO && moved(i));
         self.frame = frame;
-        if moved {
-            self.build_geometry();
+        self.geometry.set_frame(frame);
+        if emitters_moved {
+            self.place_emitters();
         }
     }
 
@@ -177,152 +206,145 @@ impl RenderScene {
         }
     }
 
+    /// Chooses what light samples of the environment follow; [`Self::compile`] takes the default.
+    ///
+    /// # Errors
+    /// Never after [`Self::compile`] accepted the environment.
+    pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
+        self.lights = LightSampler::new(EnvironmentLight::with_sampling(&self.environment, sampling)?, []);
+        self.place_emitters();
+        Ok(())
+    }
+
+    /// Components of the environment's texels that could not be used as they are.
+    pub fn environment_repairs(&self) -> Repairs {
+        self.lights.environment().repairs()
+    }
+
     /// What the scene needs of the integrator.
     pub fn features(&self) -> FeatureSet {
         self.features
     }
 
-    /// Triangles in the tree, all instances together.
+    /// Triangles, all instances together.
     pub fn triangle_count(&self) -> usize {
-        self.triangles.len()
+        self.geometry.triangle_count()
     }
 
-    /// Triangles left out because a placed corner is not finite, farther than 1e12 m from the origin, or equal to another.
+    /// Triangles left out because a corner is not finite, farther than 1e12 m from the origin, or equal to another.
     pub fn dropped_triangles(&self) -> usize {
-        self.dropped_triangles
+        self.geometry.dropped_triangles()
     }
 
-    /// How often the tree was built since [`Self::compile`], that one included.
-    pub fn builds(&self) -> usize {
-        self.builds
+    /// How often each kind of tree was built since [`Self::compile`], that one included.
+    pub fn builds(&self) -> Builds {
+        self.geometry.builds()
     }
 
-    /// The tree, for measurements.
-    pub fn accel(&self) -> &Accel {
-        &self.accel
+    /// Bytes of the trees and of the vertex attributes placed for them.
+    pub fn geometry_memory(&self) -> usize {
+        self.geometry.memory()
     }
 
-    /// World-space point at `frame` of what is now at barycentric `weights` of triangle `primitive`.
-    pub(crate) fn point_at(&self, primitive: u32, weights: [f32; 3], frame: usize) -> glam::DVec3 {
-        let triangle = &self.triangles[primitive as usize];
-        let instance = &self.instances[triangle.instance as usize];
-        let mesh = &self.meshes[instance.mesh];
-        let transform = instance.transform(frame);
-        let corners = mesh.triangles[triangle.in_mesh as usize].map(|v| place(&transform, mesh.positions[v as usize]).as_dvec3());
-        corners.iter().zip(weights).map(|(&c, w)| c * f64::from(w)).sum()
+    /// The nearest triangle along `ray` (relative to the scene's origin), for measurements.
+    #[inline]
+    pub fn closest(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
+        self.geometry.closest(ray, scratch)
     }
 
-    /// World-space corners of every triangle in the tree.
-    pub(crate) fn corners(&self) -> impl Iterator<Item = [Vec3A; 3]> + '_ {
-        self.accel.triangles()
+    /// Whether any triangle stands in the way of `ray` (relative to the scene's origin), for measurements.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray, scratch: &mut Scratch) -> bool {
+        self.geometry.occluded(ray, scratch)
     }
 
-    /// Flattens all instances at the current frame and builds their tree.
-    fn build_geometry(&mut self) {
-        let textured = self.features.textures || self.features.normal_maps;
-        let any_normals = self.meshes.iter().any(|m| !m.normals.is_empty());
-        self.triangles.clear();
-        self.normals.clear();
-        self.uvs.clear();
-        self.tangents.clear();
-        self.placed.clear();
-        self.dropped_triangles = 0;
-        let mut corners: Vec<[Vec3A; 3]> = Vec::new();
-        let mut positions: Vec<Vec3A> = Vec::new();
-        let mut first = 0u32;
-        for (index, instance) in self.instances.iter().enumerate() {
-            let mesh = &self.meshes[instance.mesh];
-            let transform = instance.transform(self.frame);
-            let count = mesh.positions.len();
-            positions.clear();
-            positions.extend(mesh.positions.iter().map(|&p| place(&transform, p)));
+    /// As [`Self::closest`], of the triangles that `accept` accepts.
+    #[inline]
+    pub fn closest_where(&self, ray: &Ray, scratch: &mut Scratch, accept: impl Fn(&Candidate) -> bool) -> Option<Hit> {
+        self.geometry.closest_where(ray, scratch, accept)
+    }
 
-            let mapped = self.features.normal_maps && self.materials[instance.material].normal_texture.is_some();
-            let placed = PlacedInstance {
-                material: instance.material,
-                smooth: !mesh.normals.is_empty(),
-                tangents: mapped && !mesh.tangents.is_empty() && !mesh.uvs.is_empty(),
-            };
-            if any_normals {
-                append(&mut self.normals, place_normals(&transform, &mesh.normals), count, [0.0; 3]);
-            }
-            if textured {
-                append(&mut self.uvs, mesh.uvs.iter().map(|uv| uv.to_array()), count, [0.0; 2]);
-            }
-            if self.features.normal_maps {
-                let handedness = transform.matrix3.determinant().signum();
-                let tangents = mesh.tangents.iter().map(|t| {
-                    let d = (transform.matrix3 * Vec3A::new(t.x, t.y, t.z)).normalize_or_zero();
-                    [d.x, d.y, d.z, t.w * handedness]
-                });
-                append(&mut self.tangents, tangents, count, [0.0; 4]);
-            }
+    /// As [`Self::occluded`], of the triangles that `accept` accepts.
+    #[inline]
+    pub fn occluded_where(&self, ray: &Ray, scratch: &mut Scratch, accept: impl Fn(&Candidate) -> bool) -> bool {
+        self.geometry.occluded_where(ray, scratch, accept)
+    }
 
-            for (in_mesh, triangle) in mesh.triangles.iter().enumerate() {
-                let p = triangle.map(|v| positions[v as usize]);
-                // Two equal corners leave nothing to hit; a transform that flattens everything to a point makes thousands of them.
-                let flat = p[0] == p[1] || p[1] == p[2] || p[2] == p[0];
-                if flat || !p.iter().all(|v| v.is_finite() && v.abs().max_element() <= MAX_COORDINATE) {
-                    self.dropped_triangles += 1;
-                    continue;
-                }
-                corners.push(p);
-                let vertices = triangle.map(|v| first + v);
-                self.triangles.push(PlacedTriangle { vertices, instance: index as u32, in_mesh: in_mesh as u32 });
-            }
-            self.placed.push(placed);
-            first += count as u32;
-        }
-        self.accel = Accel::build(&corners);
-        self.builds += 1;
+    /// Instance and triangle of emitter `id`.
+    #[inline]
+    pub(crate) fn emitter(&self, id: u32) -> (u32, u32) {
+        self.emitters[id as usize]
+    }
+
+    /// Number, among the emissive triangles, of triangle `triangle` of an instance; `None` where it does not emit.
+    #[inline]
+    pub(crate) fn emitter_id(&self, instance: u32, triangle: u32) -> Option<u32> {
+        self.first_emitter[instance as usize].map(|first| first + triangle)
+    }
+
+    /// Value of a texture.
+    #[inline]
+    pub(crate) fn slot_value(&self, slot: &TextureSlot, lookup: Lookup) -> glam::Vec4 {
+        self.textures[slot.texture].value(slot, lookup)
+    }
+
+    /// BLAKE3 of the scene's description, hexadecimal.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Triangles that emit, whether or not they are ever drawn as lights.
+    pub fn emissive_triangles(&self) -> usize {
+        self.emitters.len()
+    }
+
+    /// Indices of the instance that was hit, of the triangle in its mesh, and of its material.
+    pub fn locate(&self, hit: &Hit) -> (u32, u32, usize) {
+        let (instance, triangle) = self.geometry.locate(hit);
+        (instance, triangle, self.geometry.material(hit))
     }
 }
 
-/// Object to world. One function, so that geometry and motion round alike and still points have exactly no motion.
-fn place(transform: &Affine3A, p: glam::Vec3) -> Vec3A {
-    transform.transform_point3a(p.into())
-}
-
-/// Normals are moved by the inverse transpose; where the transform flattens the mesh they become zero, and the flat normal is used.
-fn place_normals<'a>(transform: &Affine3A, normals: &'a [glam::Vec3]) -> impl Iterator<Item = [f32; 3]> + 'a {
-    // The cofactor matrix: the inverse transpose up to a factor, but without a division that could fail.
-    let m = transform.matrix3;
-    let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
-    let cofactors = [m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis)].map(|c| c * sign);
-    normals.iter().map(move |n| (cofactors[0] * n.x + cofactors[1] * n.y + cofactors[2] * n.z).normalize_or_zero().to_array())
-}
-
-/// Appends `values`, then `filler` up to `count` entries.
-fn append<T: Copy>(to: &mut Vec<T>, values: impl Iterator<Item = T>, count: usize, filler: T) {
-    let end = to.len() + count;
-    to.extend(values.take(count));
-    to.resize(end, filler);
-}
-
-fn compile_material(material: &Material) -> CompiledMaterial {
+fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
     let range = |v: f32| v.clamp(0.0, 1.0);
+    let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
+    // A mask that cuts nothing must not make every ray ask.
+    let alpha_mask = material.alpha_mask.filter(|mask| {
+        let textured = material.base_color_texture.as_ref().is_some_and(|slot| textures[slot.texture].has_alpha());
+        textured || mask.factor < mask.cutoff
+    });
     CompiledMaterial {
         surface: Surface {
             base_color: Vec3A::from_array(material.base_color).clamp(Vec3A::ZERO, Vec3A::ONE),
             metallic: range(material.metallic),
             roughness: range(material.roughness),
             specular: range(material.specular),
+            specular_tint: range(material.specular_tint),
+            anisotropic: range(material.anisotropic),
+            sheen: range(material.sheen),
+            sheen_tint: range(material.sheen_tint),
+            clearcoat: range(material.clearcoat),
+            clearcoat_gloss: range(material.clearcoat_gloss),
+            subsurface: range(material.subsurface),
         },
         base_color_texture: material.base_color_texture.clone(),
         metallic_roughness_texture: material.metallic_roughness_texture.clone(),
         normal_texture: material.normal_texture.clone(),
+        emissive,
+        emissive_texture: material.emissive_texture.clone().filter(|_| emissive != Vec3A::ZERO),
+        alpha_mask,
+        double_sided: material.double_sided,
     }
 }
 
 /// References that would lead out of the scene's arrays, and values outside their range.
-fn check(scene: &LoadedScene) -> Result<()> {
+fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
     if scene.cameras.is_empty() {
         return Err(Error::inconsistent("cameras", "there is none"));
     }
     let missing = |place: String, index: usize, count: usize| {
         Err(Error::inconsistent(place, format!("{index} does not exist, there are {count}")))
     };
-    let (mut triangles, mut vertices) = (0usize, 0usize);
     for (i, instance) in scene.instances.iter().enumerate() {
         if instance.mesh >= scene.meshes.len() {
             return missing(format!("instances/{i}/mesh"), instance.mesh, scene.meshes.len());
@@ -333,9 +355,8 @@ fn check(scene: &LoadedScene) -> Result<()> {
         if instance.transforms.is_empty() {
             return Err(Error::inconsistent(format!("instances/{i}/transforms"), "there is none"));
         }
-        triangles += scene.meshes[instance.mesh].triangles.len();
-        vertices += scene.meshes[instance.mesh].positions.len();
     }
+    let (triangles, vertices) = Geometry::flattened_size(&scene.meshes, &scene.instances, sharing);
     if triangles > MAX_TRIANGLES {
         return Err(Error::TooLarge { what: "triangles", count: triangles, limit: MAX_TRIANGLES });
     }
@@ -358,14 +379,29 @@ fn check(scene: &LoadedScene) -> Result<()> {
         }
     }
     for (i, material) in scene.materials.iter().enumerate() {
-        let slots = [&material.base_color_texture, &material.metallic_roughness_texture].into_iter().flatten();
+        let slots = [&material.base_color_texture, &material.metallic_roughness_texture, &material.emissive_texture];
+        let slots = slots.into_iter().flatten();
         for slot in slots.chain(material.normal_texture.as_ref().map(|(slot, _)| slot)) {
             if slot.texture >= scene.textures.len() {
                 return missing(format!("materials/{i}"), slot.texture, scene.textures.len());
             }
         }
-        let values = material.base_color.iter().chain([&material.metallic, &material.roughness, &material.specular]);
-        for &value in values {
+        if !material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            return Err(Error::inconsistent(format!("materials/{i}"), format!("emission {:?} is not finite", material.emissive)));
+        }
+        let scalars = [
+            material.metallic,
+            material.roughness,
+            material.specular,
+            material.specular_tint,
+            material.anisotropic,
+            material.sheen,
+            material.sheen_tint,
+            material.clearcoat,
+            material.clearcoat_gloss,
+            material.subsurface,
+        ];
+        for value in material.base_color.into_iter().chain(scalars) {
             if !(0.0..=1.0).contains(&value) {
                 return Err(Error::inconsistent(format!("materials/{i}"), format!("{value} is outside 0..=1")));
             }

@@ -32,6 +32,9 @@ pub enum Error {
         /// The values allowed.
         range: &'static str,
     },
+    /// Two films do not belong together.
+    #[error("films cannot be merged: {0}")]
+    Merge(String),
     /// The caller asked to stop; nothing was produced.
     #[error("rendering was cancelled")]
     Cancelled,

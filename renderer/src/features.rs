@@ -1,50 +1,118 @@
 //! What a scene needs, as compile-time sets: the integrator is compiled once a set, so that what a scene lacks costs nothing.
 
+use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Surface};
+use glam::Vec3A;
+
 /// Compile-time description of a scene. A branch on one of these constants disappears from the compiled integrator.
 pub trait Features: Send + Sync + 'static {
-    /// Some material looks up base colour or metallic-roughness.
+    /// Some material looks something up in a texture (a colour, roughness, a normal).
     const TEXTURES: bool;
-    /// Some material bends its normal with a map.
-    const NORMAL_MAPS: bool;
     /// The environment is the same from everywhere: sampling it explicitly could only add noise and shadow rays.
     const FLAT_ENVIRONMENT: bool;
+    /// More than base colour, metallic, roughness and specular of opaque, double-sided surfaces that do not emit: the other lobes of
+    /// the principled BRDF, its published mode, emitters, alpha masks, single-sided surfaces.
+    const FULL: bool;
+    /// The BSDF that [`Self::FULL`] calls for.
+    type Bsdf: Brdf;
 }
 
 /// What a compiled scene needs, found once by the compiler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FeatureSet {
-    /// See [`Features::TEXTURES`].
+    /// Some instance looks up base colour, metallic-roughness, a normal or emission.
     pub textures: bool,
-    /// See [`Features::NORMAL_MAPS`].
+    /// Some instance bends its normal with a map.
     pub normal_maps: bool,
     /// See [`Features::FLAT_ENVIRONMENT`].
     pub flat_environment: bool,
-    /// The environment sends no light at all: the beauty is black and no path is traced.
+    /// The environment sends no light at all.
     pub black_environment: bool,
+    /// Some material has a lobe beyond base colour, metallic, roughness and specular.
+    pub layers: bool,
+    /// Some surface emits.
+    pub emitters: bool,
+    /// Some surface has holes or exists from one side only: rays must ask before they stop there.
+    pub cutouts: bool,
 }
 
-/// One of the compiled sets; a normal map implies the texture path.
-pub struct Compiled<const TEXTURES: bool, const NORMAL_MAPS: bool, const FLAT: bool>;
+impl FeatureSet {
+    /// See [`Features::FULL`], for formulae in conserving mode.
+    pub fn full(&self) -> bool {
+        self.layers || self.emitters || self.cutouts
+    }
 
-impl<const TEXTURES: bool, const NORMAL_MAPS: bool, const FLAT: bool> Features for Compiled<TEXTURES, NORMAL_MAPS, FLAT> {
+    /// Neither environment nor surfaces send light: the beauty is black and no path is traced.
+    pub fn dark(&self) -> bool {
+        self.black_environment && !self.emitters
+    }
+}
+
+/// One of the compiled sets.
+pub struct Compiled<const TEXTURES: bool, const FLAT: bool, const FULL: bool>;
+
+impl<const TEXTURES: bool, const FLAT: bool> Features for Compiled<TEXTURES, FLAT, false> {
     const TEXTURES: bool = TEXTURES;
-    const NORMAL_MAPS: bool = NORMAL_MAPS;
     const FLAT_ENVIRONMENT: bool = FLAT;
+    const FULL: bool = false;
+    type Bsdf = Bsdf<false>;
 }
 
-/// Calls `$function::<F>($arguments...)` with the smallest compiled set that covers `$set`. Six sets exist:
-/// {plain, textured, textured with normal maps} x {mapped, flat environment}.
+impl<const TEXTURES: bool, const FLAT: bool> Features for Compiled<TEXTURES, FLAT, true> {
+    const TEXTURES: bool = TEXTURES;
+    const FLAT_ENVIRONMENT: bool = FLAT;
+    const FULL: bool = true;
+    type Bsdf = Bsdf<true>;
+}
+
+/// What the integrator asks of a BSDF; see [`Bsdf`] for the meaning of each.
+pub trait Brdf: Copy {
+    /// [`Bsdf::new`].
+    fn new(surface: &Surface, mode: Mode) -> Self;
+    /// [`Bsdf::eval`].
+    fn eval(&self, wo: Vec3A, wi: Vec3A) -> BsdfEval;
+    /// [`Bsdf::pdf`].
+    fn pdf(&self, wo: Vec3A, wi: Vec3A) -> f32;
+    /// [`Bsdf::sample`].
+    fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample>;
+}
+
+impl<const FULL: bool> Brdf for Bsdf<FULL> {
+    #[inline]
+    fn new(surface: &Surface, mode: Mode) -> Self {
+        Self::new(surface, mode)
+    }
+
+    #[inline]
+    fn eval(&self, wo: Vec3A, wi: Vec3A) -> BsdfEval {
+        self.eval(wo, wi)
+    }
+
+    #[inline]
+    fn pdf(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+        self.pdf(wo, wi)
+    }
+
+    #[inline]
+    fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        self.sample(wo, u_lobe, u)
+    }
+}
+
+/// Calls `$function::<F>($arguments...)` with the smallest compiled set that covers `$set`; `$full` asks for [`Features::FULL`]
+/// besides. Eight sets exist: {plain, textured} x {mapped, flat environment} x {basic, full}.
 macro_rules! with_features {
-    ($set:expr, $function:ident($($argument:expr),* $(,)?)) => {{
+    ($set:expr, $full:expr, $function:ident($($argument:expr),* $(,)?)) => {{
         use $crate::features::Compiled;
         let set: $crate::features::FeatureSet = $set;
-        match (set.normal_maps, set.textures, set.flat_environment) {
-            (true, _, false) => $function::<Compiled<true, true, false>>($($argument),*),
-            (true, _, true) => $function::<Compiled<true, true, true>>($($argument),*),
-            (false, true, false) => $function::<Compiled<true, false, false>>($($argument),*),
-            (false, true, true) => $function::<Compiled<true, false, true>>($($argument),*),
+        match (set.textures, set.flat_environment, set.full() || $full) {
             (false, false, false) => $function::<Compiled<false, false, false>>($($argument),*),
             (false, false, true) => $function::<Compiled<false, false, true>>($($argument),*),
+            (false, true, false) => $function::<Compiled<false, true, false>>($($argument),*),
+            (false, true, true) => $function::<Compiled<false, true, true>>($($argument),*),
+            (true, false, false) => $function::<Compiled<true, false, false>>($($argument),*),
+            (true, false, true) => $function::<Compiled<true, false, true>>($($argument),*),
+            (true, true, false) => $function::<Compiled<true, true, false>>($($argument),*),
+            (true, true, true) => $function::<Compiled<true, true, true>>($($argument),*),
         }
     }};
 }

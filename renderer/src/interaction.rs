@@ -6,76 +6,109 @@ use crate::features::Features;
 use crate::material::Surface;
 use crate::ray::Ray;
 use crate::texture::Lookup;
-use glam::{Vec2, Vec3A};
+use glam::Vec3A;
+use renderflow_frame::Camera;
 use renderflow_scenes::TextureSlot;
 
 /// Smallest cosine between the shading normal and the viewer; a shading normal below is bent up to it.
 const MIN_COS_VIEW: f32 = 1e-3;
-/// New rays start this far off the surface, as a share of the largest coordinate of the triangle's corners: sixteen roundings of a
-/// number of that size, while interpolating a point and testing a triangle take fewer. There is no absolute length in it.
-const OFFSET: f32 = 16.0 * f32::EPSILON;
+
+/// What a ray stands for: a cone around it that covers the samples' share of a pixel or of a lobe. Textures are looked up at the
+/// width it has where it hits (Akenine-Moller et al. 2021, "Improved Shader and Texture Level of Detail Using Ray Cones").
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cone {
+    /// Width at the origin of the ray, metres.
+    width: f32,
+    /// Growth of the width, metres a metre.
+    spread: f32,
+}
+
+impl Cone {
+    /// A camera ray that is one of `samples` in its pixel: a share of the pixel of that area.
+    pub fn camera(camera: &Camera, samples: u32) -> Self {
+        Self { width: 0.0, spread: 1.0 / (camera.fl_y * (samples.max(1) as f32).sqrt()) }
+    }
+
+    /// After scattering with density `pdf` (per steradian), one of `samples`: each stands for a solid angle of `1 / (pdf samples)`.
+    #[inline]
+    pub fn scattered(self, pdf: f32, samples: u32) -> Self {
+        let own = (pdf * samples.max(1) as f32).sqrt().recip();
+        Self { width: self.width, spread: self.spread + own.min(1.0) }
+    }
+
+    #[inline]
+    fn at(self, t: f32) -> Self {
+        Self { width: self.width + self.spread * t, ..self }
+    }
+}
 
 /// A surface point seen from `wo`; both normals are on the viewer's side.
 #[derive(Clone, Copy, Debug)]
 pub struct Interaction {
-    /// World-space position, metres.
+    /// Position relative to the scene's origin, metres.
     pub p: Vec3A,
     /// Unit geometric normal.
     pub n: Vec3A,
     /// Unit shading normal (interpolated, mapped); `ns . wo > 0`.
     pub ns: Vec3A,
+    /// Direction of anisotropy in the surface, not perpendicular to `ns`, not unit; zero where it does not matter.
+    pub tangent: Vec3A,
     /// Material at this point.
     pub surface: Surface,
+    /// Radiance emitted towards `wo`.
+    pub emitted: Vec3A,
+    /// The emitter it is, where light sampling can find it.
+    pub emitter: Option<u32>,
+    /// Whether it is the front, from which corners run counter-clockwise, that is seen.
+    pub front: bool,
     /// Index of the instance.
     pub instance: u32,
+    /// The cone that arrived, at its width here.
+    pub cone: Cone,
     offset: f32,
 }
 
 impl Interaction {
-    /// Shading point of `hit` on `ray`.
+    /// Shading point of `hit` on `ray`, whose cone at its origin is `cone`.
     #[inline]
-    pub(crate) fn new<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit) -> Self {
+    pub(crate) fn new<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> Self {
         let wo = -ray.direction;
-        let corners = scene.accel.corners(hit);
-        let [b0, b1, b2] = hit.weights;
-        let triangle = &scene.triangles[hit.primitive as usize];
-        let instance = &scene.placed[triangle.instance as usize];
-        let material = &scene.materials[instance.material];
+        let geometry = &scene.geometry;
+        let point = geometry.surface(hit);
+        let material = &scene.materials[point.material];
 
-        // Interpolated, not `ray.at(t)`: the error then depends on the triangle alone, not on how far away the ray began.
-        let p = corners[0] * b0 + corners[1] * b1 + corners[2] * b2;
-        let mut n = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(wo);
-        let offset = OFFSET * corners.iter().fold(Vec3A::ZERO, |m, c| m.max(c.abs())).max_element();
-
-        // Surfaces are two-sided: turn both normals to the viewer, the shading normal by the side the geometric one says.
-        let mut ns = if instance.smooth {
-            let [a, b, c] = triangle.vertices.map(|v| Vec3A::from_array(scene.normals[v as usize]));
-            (a * b0 + b * b1 + c * b2).try_normalize().unwrap_or(n)
-        } else {
-            n
-        };
-        if n.dot(wo) < 0.0 {
+        // Turn both normals to the viewer, the shading normal by the side the geometric one says.
+        let mut n = point.n;
+        let mut ns = geometry.shading_normal(hit).unwrap_or(n);
+        let front = n.dot(wo) >= 0.0;
+        if !front {
             n = -n;
         }
         let side = if ns.dot(n) < 0.0 { -1.0 } else { 1.0 };
 
-        let uv = if F::TEXTURES && !scene.uvs.is_empty() {
-            let [a, b, c] = triangle.vertices.map(|v| Vec2::from_array(scene.uvs[v as usize]));
-            a * b0 + b * b1 + c * b2
+        let cone = if F::TEXTURES { cone.at(hit.t) } else { cone };
+        let lookup = if F::TEXTURES {
+            let [a, b, c] = geometry.corner_uvs(hit);
+            // Area of the footprint: the cone's, seen at a slant; in texture coordinates by the ratio of the triangle's areas.
+            let across = (point.corners[1] - point.corners[0]).cross(point.corners[2] - point.corners[0]).length();
+            let density = (b - a).perp_dot(c - a).abs() / (across * n.dot(wo).max(MIN_COS_VIEW));
+            let uv = a * hit.weights[0] + b * hit.weights[1] + c * hit.weights[2];
+            Lookup { uv, footprint_log2: cone.width.log2() + 0.5 * density.log2() }
         } else {
-            Vec2::ZERO
+            Lookup::NOWHERE
         };
-        let texture =
-            |slot: &TextureSlot| scene.textures[slot.texture].value(slot, Lookup { uv, footprint_log2: f32::NEG_INFINITY });
-        if F::NORMAL_MAPS
-            && instance.tangents
+        let texture = |slot: &TextureSlot| scene.textures[slot.texture].value(slot, lookup);
+        if F::TEXTURES
             && let Some((slot, strength)) = &material.normal_texture
+            && let Some((tangent, handedness)) = geometry.tangent(hit)
         {
-            let [a, b, c] = triangle.vertices.map(|v| scene.tangents[v as usize]);
-            let tangent = [0, 1, 2].map(|k| a[k] * b0 + b[k] * b1 + c[k] * b2);
-            let handedness = if a[3] * b0 + b[3] * b1 + c[3] * b2 < 0.0 { -1.0 } else { 1.0 };
-            ns = map_normal(ns, Vec3A::from_array(tangent), handedness, Vec3A::from_vec4(texture(slot)), *strength);
+            ns = map_normal(ns, tangent, handedness, Vec3A::from_vec4(texture(slot)), *strength);
         }
+        let tangent = if F::FULL && material.surface.anisotropic > 0.0 {
+            geometry.tangent(hit).map_or(Vec3A::ZERO, |(tangent, _)| tangent)
+        } else {
+            Vec3A::ZERO
+        };
         let ns = face_viewer(ns * side, n, wo);
 
         let mut surface = material.surface;
@@ -90,13 +123,37 @@ impl Interaction {
                 surface.metallic = (surface.metallic * value.z).clamp(0.0, 1.0);
             }
         }
-        Self { p, n, ns, surface, instance: triangle.instance, offset }
+        let (mut emitted, mut emitter) = (Vec3A::ZERO, None);
+        if F::FULL && material.emissive != Vec3A::ZERO && (front || material.double_sided) {
+            emitted = scene.emission(material, lookup.uv);
+            emitter = scene.emitter_id(point.instance, point.triangle);
+        }
+        Self {
+            p: point.p,
+            n,
+            ns,
+            tangent,
+            surface,
+            emitted,
+            emitter,
+            front,
+            instance: point.instance,
+            cone,
+            offset: point.offset,
+        }
     }
 
     /// A ray that leaves the surface on the viewer's side.
     #[inline]
     pub fn spawn(&self, direction: Vec3A) -> Ray {
-        Ray::new(self.p + self.n * self.offset, direction)
+        Ray::leaving(self.p, self.n, self.offset, direction)
+    }
+
+    /// A point at the origin with the given normals and material.
+    #[cfg(test)]
+    pub(crate) fn for_tests(n: Vec3A, ns: Vec3A, surface: Surface) -> Self {
+        let (p, tangent, emitted) = (Vec3A::ZERO, Vec3A::ZERO, Vec3A::ZERO);
+        Self { p, n, ns, tangent, surface, emitted, emitter: None, front: true, instance: 0, cone: Cone::default(), offset: 0.0 }
     }
 }
 

@@ -7,7 +7,7 @@ use glam::{Vec3A, Vec4};
 pub struct Ray {
     /// Start, world space, metres.
     pub origin: Vec3A,
-    /// Unit direction, world space.
+    /// Direction, world space; unit but for rays taken to the space of an instance, where `t` stays in metres of the world.
     pub direction: Vec3A,
     pub(crate) slabs: [Slab; 3],
     pub(crate) shear: Shear,
@@ -32,7 +32,7 @@ pub(crate) struct Shear {
 }
 
 impl Ray {
-    /// A ray from `origin` along the unit vector `direction`.
+    /// A ray from `origin` along `direction`, a unit vector if distances along the ray are to be metres.
     #[inline]
     pub fn new(origin: Vec3A, direction: Vec3A) -> Self {
         let (o, d) = (origin.to_array(), direction.to_array());
@@ -60,6 +60,12 @@ impl Ray {
             scale: [Vec4::splat(d[axis[0]] * inverse), Vec4::splat(d[axis[1]] * inverse), Vec4::splat(inverse)],
         };
         Self { origin, direction, slabs, shear }
+    }
+
+    /// A ray that leaves the surface point `p` by `offset` metres along the unit normal `n`, which is on the side of `direction`.
+    #[inline]
+    pub(crate) fn leaving(p: Vec3A, n: Vec3A, offset: f32, direction: Vec3A) -> Self {
+        Self::new(p + n * offset, direction)
     }
 
     /// The point `t` metres along the ray.

@@ -1,7 +1,9 @@
 //! Work in tiles: which pixels go together, how far it is, and how it stops. Results do not depend on any of it.
 
 use crate::error::{Error, Result};
+use crate::sampler::hash;
 use rayon::prelude::*;
+use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Edge of a tile in pixels: neighbouring rays share cache lines of the tree, and there is enough work for many threads.
@@ -28,6 +30,19 @@ impl Tile {
     }
 }
 
+thread_local! {
+    /// Seed of the order in which this thread's calls of [`for_tiles`] start their tiles; `None` = reading order.
+    static ORDER: Cell<Option<u64>> = const { Cell::new(None) };
+}
+
+/// Runs `render` with its tiles started in a random order: what checks that the order does not matter.
+pub(crate) fn with_shuffled_tiles<R>(seed: u64, render: impl FnOnce() -> R) -> R {
+    let before = ORDER.replace(Some(seed));
+    let result = render();
+    ORDER.set(before);
+    result
+}
+
 /// Calls `work` for every tile of a `width x height` picture on rayon's threads and `store` with each result, in order, on this one.
 ///
 /// # Errors
@@ -45,15 +60,17 @@ pub(crate) fn for_tiles<T: Send>(
         let (x, y) = (index % columns * TILE, index / columns * TILE);
         Tile { x, y, width: TILE.min(width - x), height: TILE.min(height - y) }
     };
+    let mut order: Vec<usize> = (0..columns * rows).collect();
+    if let Some(seed) = ORDER.get() {
+        order.sort_by_key(|&index| hash::child(seed, index as u64));
+    }
     let total = (width * height) as u64 * rays_per_pixel;
     let done = AtomicU64::new(0);
-    let mut first = 0;
-    while first < columns * rows {
-        let last = (first + BATCH).min(columns * rows);
-        let results: Vec<Option<T>> = (first..last)
-            .into_par_iter()
+    for batch in order.chunks(BATCH) {
+        let results: Vec<Option<T>> = batch
+            .par_iter()
             .with_max_len(1)
-            .map(|index| {
+            .map(|&index| {
                 if cancel.load(Ordering::Relaxed) {
                     return None;
                 }
@@ -64,10 +81,9 @@ pub(crate) fn for_tiles<T: Send>(
                 Some(result)
             })
             .collect();
-        for (index, result) in (first..last).zip(results) {
+        for (&index, result) in batch.iter().zip(results) {
             store(tile(index), result.ok_or(Error::Cancelled)?);
         }
-        first = last;
     }
     Ok(())
 }

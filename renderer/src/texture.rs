@@ -2,7 +2,7 @@
 
 use glam::{Affine2, Vec2, Vec4};
 use renderflow_scenes::TextureSlot;
-use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
+use renderflow_scenes::loaded::{Texture, Wrap};
 use renderflow_scenes::mipmap::{self, Level, Texels};
 
 /// A texture with what decoding its texels needs.
@@ -24,6 +24,16 @@ pub(crate) struct Lookup {
     pub footprint_log2: f32,
 }
 
+impl Lookup {
+    /// Where nothing is looked up.
+    pub const NOWHERE: Self = Self { uv: Vec2::ZERO, footprint_log2: f32::NEG_INFINITY };
+
+    /// The image itself at `uv`.
+    pub fn sharp(uv: Vec2) -> Self {
+        Self { uv, ..Self::NOWHERE }
+    }
+}
+
 impl Sampled {
     pub fn new(texture: &Texture) -> Self {
         let bytes = matches!(texture.levels.first().map(|l| &l.texels), Some(Texels::Bytes(_)));
@@ -41,8 +51,8 @@ impl Sampled {
         }
         let uv = slot.uv_transform.transform_point2(lookup.uv);
         let level = lookup.footprint_log2 + self.size_log2 + scale_log2(&slot.uv_transform);
-        // Not `level <= 0`: a NaN also reads the image itself.
-        if !(level > 0.0) {
+        // A NaN reads the image itself.
+        if level.is_nan() || level <= 0.0 {
             return self.bilinear(&levels[0], uv);
         }
         let last = levels.len() - 1;
@@ -90,16 +100,6 @@ impl Sampled {
             Texels::Words(texels) => texels.iter().any(|t| t[3] != u16::MAX),
         })
     }
-
-    /// Mean over the image: its last level.
-    pub fn mean(&self) -> Vec4 {
-        self.texture.levels.last().map_or(Vec4::ONE, |level| self.texel(level, 0))
-    }
-
-    /// Whether texels are directions.
-    pub fn is_normal_map(&self) -> bool {
-        self.texture.encoding == Encoding::Normal
-    }
 }
 
 /// `log2` of the factor by which a transform scales lengths, on average over directions.
@@ -142,6 +142,7 @@ fn taps(u: f32, size: usize, wrap: Wrap) -> (usize, usize, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use renderflow_scenes::loaded::Encoding;
 
     /// 4 x 2 texels, red = column, green = row, in 255ths.
     fn ramp(wrap: Wrap) -> Sampled {

@@ -7,13 +7,16 @@ use chi_square::{Counts, DirectionGrid, Random, assert_all, upper_gamma};
 use glam::{DVec3, Vec3A};
 use renderflow_frame::Environment;
 use renderflow_frame::image::Rgb;
-use renderflow_renderer::light::EnvironmentLight;
-use renderflow_renderer::material::{Bsdf, Surface};
+use renderflow_renderer::light::{EnvironmentLight, Sampling};
+use renderflow_renderer::material::{Mode, Surface};
+use renderflow_renderer::verify::lights;
+
+type Bsdf = renderflow_renderer::material::Bsdf<true>;
 
 const DRAWS: usize = 100_000;
 
 fn surface(metallic: f32, roughness: f32, specular: f32) -> Surface {
-    Surface { base_color: Vec3A::new(0.8, 0.4, 0.1), metallic, roughness, specular }
+    Surface { base_color: Vec3A::new(0.8, 0.4, 0.1), metallic, roughness, specular, ..Surface::default() }
 }
 
 fn view(cos: f32, phi: f32) -> Vec3A {
@@ -50,7 +53,7 @@ fn materials_are_drawn_from_their_density() {
         for roughness in [0.0_f32, 0.1, 0.3, 0.6, 1.0] {
             for (cos, phi) in [(1.0, 0.0), (0.8, 1.0), (0.4, 4.0), (0.1, 2.5)] {
                 let wo = view(cos, phi);
-                let bsdf = Bsdf::new(&surface(metallic, roughness, specular));
+                let bsdf = Bsdf::new(&surface(metallic, roughness, specular), Mode::Conserving);
                 // Cells as fine as the lobe.
                 let spread = f64::from(roughness.max(0.032)).powi(4);
                 let name = format!("metallic {metallic} specular {specular} roughness {roughness} cos {cos}");
@@ -64,8 +67,8 @@ fn materials_are_drawn_from_their_density() {
 
 #[test]
 fn a_wrong_density_is_refuted() {
-    let sampler = Bsdf::new(&surface(1.0, 0.30, 0.5));
-    let claimed = Bsdf::new(&surface(1.0, 0.31, 0.5));
+    let sampler = Bsdf::new(&surface(1.0, 0.30, 0.5), Mode::Conserving);
+    let claimed = Bsdf::new(&surface(1.0, 0.31, 0.5), Mode::Conserving);
     let counts = bsdf_counts("0.30 as 0.31".into(), &sampler, &claimed, view(0.8, 1.0), 0.02, 1);
     assert!(counts.p_value() < 1e-6, "{}", counts.p_value());
 }
@@ -84,49 +87,6 @@ fn incomplete_gamma_agrees_with_scipy() {
     }
 }
 
-/// Counts in cells of the map's own coordinates, found by the environment's look-up and not by the sampler's.
-fn environment_counts(name: &str, environment: &Environment, seed: u64) -> Counts {
-    let light = EnvironmentLight::new(environment);
-    let (width, height) = (environment.map.width, environment.map.height);
-    // The density has its kinks at texel centres and is integrated on half texels; cells are groups of these.
-    let (columns, rows) = (2 * width, 2 * height);
-    let (cell_columns, cell_rows) = (divisor(columns, 64), divisor(rows, 32));
-    let steps = (1024 / columns).clamp(1, 32);
-    let mut expected = vec![0.0; cell_columns * cell_rows];
-    let (m, n) = (columns * steps, rows * steps);
-    for j in 0..n {
-        let v = (j as f64 + 0.5) / n as f64;
-        let solid_angle = (std::f64::consts::PI * v).sin() * 2.0 * std::f64::consts::PI.powi(2) / (m * n) as f64;
-        for i in 0..m {
-            let uv = glam::DVec2::new((i as f64 + 0.5) / m as f64, v);
-            let pdf = light.pdf(environment.direction(uv.as_vec2()));
-            expected[j * cell_rows / n * cell_columns + i * cell_columns / m] += f64::from(pdf) * solid_angle;
-        }
-    }
-    let total: f64 = expected.iter().sum();
-    assert!((total - 1.0).abs() < 4e-3, "{name}: the density integrates to {total}");
-
-    let mut observed = vec![0.0; expected.len()];
-    let mut random = Random::new(seed);
-    for _ in 0..DRAWS {
-        // A draw on the very rim of a light is none; it has probability zero but for the rounding of `u`.
-        let drawn = std::iter::repeat_with(|| light.sample([random.next(), random.next()])).take(3).flatten().next();
-        let drawn = drawn.unwrap_or_else(|| panic!("{name} is not black"));
-        assert!((drawn.wi.length() - 1.0).abs() < 1e-5, "{name}: {drawn:?}");
-        let uv = environment.uv(drawn.wi);
-        let column = ((uv.x * cell_columns as f32) as usize).min(cell_columns - 1);
-        let row = ((uv.y * cell_rows as f32) as usize).min(cell_rows - 1);
-        observed[row * cell_columns + column] += 1.0;
-    }
-    let expected = expected.iter().map(|p| p / total * DRAWS as f64).collect();
-    Counts { name: name.into(), observed, expected }
-}
-
-/// The largest divisor of `n` that is at most `limit`.
-fn divisor(n: usize, limit: usize) -> usize {
-    (1..=limit.min(n)).rev().find(|&k| n.is_multiple_of(k)).unwrap_or(1)
-}
-
 fn map(width: usize, height: usize, f: impl FnMut(usize, usize) -> [f32; 3]) -> Environment {
     Environment { map: Rgb::from_fn(width, height, f), rotation: 0.0, intensity: 1.0 }
 }
@@ -135,32 +95,20 @@ fn sun(width: usize, height: usize, x: usize, y: usize, radiance: f32) -> Enviro
     map(width, height, |i, j| if (i, j) == (x, y) { [radiance, 0.9 * radiance, 0.5 * radiance] } else { [0.0; 3] })
 }
 
-/// Environments of every kind the light must cope with.
+/// Maps made here, and photographs where they are at hand.
 fn environments() -> Vec<(String, Environment)> {
-    let gradient = |width: usize, height: usize| {
-        map(width, height, move |x, y| [(x + 1) as f32, (y + 1) as f32 * 0.5, ((x * y) % 7) as f32])
-    };
-    let mut all = vec![
-        ("constant".to_owned(), Environment::constant([0.2, 0.4, 0.6])),
-        ("flat map".to_owned(), map(8, 4, |_, _| [2.0; 3])),
-        ("gradient".to_owned(), gradient(32, 16)),
-        ("gradient, turned".to_owned(), Environment { rotation: 2.1, intensity: 3.0, ..gradient(32, 16) }),
-        ("gradient, turned back".to_owned(), Environment { rotation: -7.3, ..gradient(16, 8) }),
-        ("odd width".to_owned(), gradient(5, 3)),
-        ("two texels".to_owned(), gradient(2, 1)),
-        ("one column".to_owned(), gradient(1, 4)),
-        ("sun".to_owned(), sun(64, 32, 40, 9, 1e5)),
-        ("sun over the seam, turned".to_owned(), Environment { rotation: 1.0, ..sun(64, 32, 63, 20, 1e5) }),
-        ("sun in the zenith".to_owned(), sun(64, 32, 5, 0, 1.0)),
-        ("sun in the nadir, odd width".to_owned(), sun(31, 16, 0, 15, 1.0)),
-        ("sun of 1e30".to_owned(), sun(64, 32, 10, 10, 1e30)),
-        ("faint and bright".to_owned(), map(16, 8, |x, y| [10.0_f32.powi((x as i32 - 8) * 3), y as f32 * 1e-3, 0.0])),
-    ];
+    let mut all = lights::environments();
+    all.extend(photographs());
+    all
+}
+
+fn photographs() -> Vec<(String, Environment)> {
+    let mut all = Vec::new();
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/hdri");
     for name in ["potsdamer_platz_1k.hdr", "dikhololo_night_1k.hdr", "studio_small_03_1k.hdr"] {
         let path = folder.join(name);
         if !path.exists() {
-            println!("skipped {name}: not in {}", folder.display());
+            println!("{name} is skipped: not in {}", folder.display());
             continue;
         }
         let map = renderflow_frame::hdr::read(&path).unwrap_or_else(|error| panic!("{error}")).map;
@@ -169,20 +117,24 @@ fn environments() -> Vec<(String, Environment)> {
     all
 }
 
+/// Those made here are among the library's own checks.
 #[test]
-fn environments_are_drawn_from_their_density() {
-    let experiments: Vec<Counts> = environments()
-        .iter()
-        .enumerate()
-        .map(|(i, (name, environment))| environment_counts(name, environment, 1000 + i as u64))
-        .collect();
+fn photographs_are_drawn_from_their_density() {
+    let mut experiments = Vec::new();
+    for (name, environment) in photographs() {
+        for sampling in [Sampling::Plain, Sampling::Compensated] {
+            let light = EnvironmentLight::with_sampling(&environment, sampling).expect("finite rotation and intensity");
+            let name = format!("{name}, {sampling:?}");
+            experiments.push(lights::environment_counts(&name, &environment, &light, DRAWS, experiments.len() as u64));
+        }
+    }
     assert_all(&experiments);
 }
 
 #[test]
 fn environment_samples_agree_with_the_look_up() {
     for (name, environment) in environments() {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         let largest = light_maximum(&environment);
         let mut random = Random::new(5);
         for _ in 0..20_000 {
@@ -202,6 +154,10 @@ fn environment_samples_agree_with_the_look_up() {
     }
 }
 
+fn sampled(environment: &Environment) -> EnvironmentLight {
+    EnvironmentLight::with_sampling(environment, Sampling::Plain).expect("finite rotation and intensity")
+}
+
 fn light_maximum(environment: &Environment) -> f32 {
     environment.map.pixels.iter().flatten().copied().fold(0.0, f32::max) * environment.intensity
 }
@@ -209,7 +165,7 @@ fn light_maximum(environment: &Environment) -> f32 {
 #[test]
 fn density_covers_all_light() {
     for (name, environment) in environments() {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         let largest = f64::from(light_maximum(&environment));
         let mut random = Random::new(6);
         for _ in 0..20_000 {
@@ -227,7 +183,7 @@ fn density_covers_all_light() {
 #[test]
 fn the_estimate_of_irradiance_is_unbiased() {
     for (name, environment) in environments() {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         let (m, n) = (1024_usize, 512_usize);
         // Average radiance over the sphere: the map integrated directly, and estimated from samples.
         let mut direct = 0.0;
@@ -261,9 +217,9 @@ fn black_environments_are_never_drawn() {
         Environment { intensity: 0.0, ..sun(16, 8, 3, 3, 5.0) },
         map(0, 0, |_, _| [1.0; 3]),
     ] {
-        let light = EnvironmentLight::new(&environment);
+        let light = sampled(&environment);
         assert!(light.is_black() && light.sample([0.3, 0.6]).is_none());
         assert_eq!((light.pdf(Vec3A::Y), light.radiance(Vec3A::X)), (0.0, Vec3A::ZERO));
     }
-    assert!(!EnvironmentLight::new(&sun(16, 8, 3, 3, 5.0)).is_black());
+    assert!(!sampled(&sun(16, 8, 3, 3, 5.0)).is_black());
 }

@@ -71,7 +71,7 @@ fn the_tree_is_built_again_only_when_something_moves() {
     still.cameras = vec![still.cameras[0]; 4];
     let mut scene = common::compile(&still);
     (0..4).for_each(|frame| scene.set_frame(frame));
-    assert_eq!(scene.builds(), 1);
+    assert_eq!(scene.builds().flattened, 1);
 
     let mut moving = still.clone();
     let start = moving.instances[1].transforms[0];
@@ -79,7 +79,7 @@ fn the_tree_is_built_again_only_when_something_moves() {
         [0.0, 0.0, 0.5, 0.5].map(|y| Affine3A::from_translation(Vec3::new(0.0, y, 0.0)) * start).to_vec();
     let mut scene = common::compile(&moving);
     (0..4).for_each(|frame| scene.set_frame(frame));
-    assert_eq!(scene.builds(), 2);
+    assert_eq!(scene.builds().flattened, 2);
 
     // Arriving at a frame step by step or at once is the same.
     let mut at_once = common::compile(&moving);

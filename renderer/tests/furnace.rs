@@ -6,7 +6,32 @@ mod chi_square;
 
 use chi_square::Random;
 use glam::Vec3A;
-use renderflow_renderer::material::{Bsdf, Surface};
+use renderflow_renderer::material::{Mode, Surface};
+use renderflow_renderer::verify::bsdf as checks;
+
+type Bsdf = renderflow_renderer::material::Bsdf<false>;
+
+#[test]
+#[ignore = "fails: 34 of 330 views, up to 1.0035 and down to 0.989 (clearcoat over metal)"]
+fn every_lobe_closes_the_furnace() {
+    let surfaces: Vec<_> = checks::grid(true).into_iter().filter(|s| s.anisotropic == 0.0).step_by(7).collect();
+    let worst = checks::furnace(&surfaces, 100_000);
+    println!("{worst:?}");
+    assert!(worst.failures == 0, "{worst:?}");
+    let surfaces: Vec<_> = checks::grid(false).into_iter().step_by(5).collect();
+    let worst = checks::furnace(&surfaces, 10_000);
+    assert!(worst.failures == 0, "{worst:?}");
+}
+
+#[test]
+#[ignore = "half a minute; fails as the one above does"]
+fn every_lobe_closes_the_furnace_on_the_whole_grid() {
+    for white in [true, false] {
+        let worst = checks::furnace(&checks::grid(white), 100_000);
+        println!("{white} {worst:?}");
+        assert!(worst.failures == 0, "{worst:?}");
+    }
+}
 
 const ROUGHNESSES: [f32; 10] = [0.05, 0.1, 0.17, 0.25, 0.33, 0.5, 0.62, 0.75, 0.9, 1.0];
 const COSINES: [f32; 8] = [1.0, 0.9, 0.7, 0.5, 0.25, 0.1, 0.03, 0.01];
@@ -17,7 +42,7 @@ fn view(cos: f32, phi: f32) -> Vec3A {
 }
 
 fn surface(base: f32, metallic: f32, roughness: f32, specular: f32) -> Surface {
-    Surface { base_color: Vec3A::splat(base), metallic, roughness, specular }
+    Surface { base_color: Vec3A::splat(base), metallic, roughness, specular, ..Surface::default() }
 }
 
 /// Share of white light that is reflected: the mean weight over the R3 sequence (Roberts 2018).
@@ -47,7 +72,8 @@ fn white_furnace_closes() {
     ] {
         for roughness in ROUGHNESSES {
             for cos in COSINES {
-                let reflected = albedo(&Bsdf::new(&surface(1.0, metallic, roughness, specular)), view(cos, 0.3)).x;
+                let reflected =
+                    albedo(&Bsdf::new(&surface(1.0, metallic, roughness, specular), Mode::Conserving), view(cos, 0.3)).x;
                 let error = (reflected - 1.0).abs();
                 if error > worst.0 {
                     worst = (error, format!("{kind}, roughness {roughness}, cos {cos}: {reflected}"));
@@ -66,7 +92,8 @@ fn no_material_gains_energy() {
             for base in [0.0, 0.5, 1.0] {
                 for roughness in [0.0, 0.2, 0.6, 1.0] {
                     for cos in COSINES {
-                        let reflected = albedo(&Bsdf::new(&surface(base, metallic, roughness, specular)), view(cos, 2.0)).x;
+                        let reflected =
+                            albedo(&Bsdf::new(&surface(base, metallic, roughness, specular), Mode::Conserving), view(cos, 2.0)).x;
                         assert!((0.0..1.01).contains(&reflected), "{metallic} {specular} {base} {roughness} {cos}: {reflected}");
                     }
                 }
@@ -77,7 +104,10 @@ fn no_material_gains_energy() {
 
 #[test]
 fn lambert_is_exact() {
-    let bsdf = Bsdf::new(&Surface { base_color: Vec3A::new(0.2, 0.5, 0.9), metallic: 0.0, roughness: 0.4, specular: 0.0 });
+    let bsdf = Bsdf::new(
+        &Surface { base_color: Vec3A::new(0.2, 0.5, 0.9), metallic: 0.0, roughness: 0.0, specular: 0.0, ..Surface::default() },
+        Mode::Conserving,
+    );
     let (wo, wi) = (view(0.4, 1.0), view(0.6, 3.0));
     let value = bsdf.eval(wo, wi);
     let expected = Vec3A::new(0.2, 0.5, 0.9) * (wi.z * std::f32::consts::FRAC_1_PI);
@@ -88,7 +118,10 @@ fn lambert_is_exact() {
 #[test]
 fn a_mirror_reflects_its_colour() {
     let color = Vec3A::new(0.9, 0.6, 0.2);
-    let bsdf = Bsdf::new(&Surface { base_color: color, metallic: 1.0, roughness: 0.0, specular: 0.5 });
+    let bsdf = Bsdf::new(
+        &Surface { base_color: color, metallic: 1.0, roughness: 0.0, specular: 0.5, ..Surface::default() },
+        Mode::Conserving,
+    );
     assert!((albedo(&bsdf, view(1.0, 0.0)) - color).abs().max_element() < 1e-3);
     // Schlick at 60 degrees.
     let at_60 = color + (Vec3A::ONE - color) * 0.5_f32.powi(5);
@@ -102,7 +135,7 @@ fn random_surface(random: &mut Random) -> Surface {
     };
     let (metallic, roughness, specular) = (pick([0.0, 1.0, 0.5, 1e-6]), pick([0.0, 1.0, 0.3, 0.05]), pick([0.0, 0.5, 1.0, 1e-4]));
     let base_color = Vec3A::new(pick([0.0, 1.0, 0.5, 0.8]), pick([0.0, 1.0, 0.5, 0.8]), pick([0.0, 1.0, 0.1, 0.8]));
-    Surface { base_color, metallic, roughness, specular }
+    Surface { base_color, metallic, roughness, specular, ..Surface::default() }
 }
 
 fn random_direction(random: &mut Random) -> Vec3A {
@@ -118,7 +151,7 @@ fn random_direction(random: &mut Random) -> Vec3A {
 fn dielectrics_are_reciprocal() {
     let mut random = Random::new(3);
     for _ in 0..200_000 {
-        let bsdf = Bsdf::new(&Surface { metallic: 0.0, ..random_surface(&mut random) });
+        let bsdf = Bsdf::new(&Surface { metallic: 0.0, ..random_surface(&mut random) }, Mode::Conserving);
         let (wo, wi) = (random_direction(&mut random), random_direction(&mut random));
         let (a, b) = (bsdf.eval(wo, wi).f_cos / wi.z, bsdf.eval(wi, wo).f_cos / wo.z);
         let error = (a - b).abs().max_element();
@@ -131,7 +164,7 @@ fn dielectrics_are_reciprocal() {
 fn conductors_are_reciprocal_but_for_a_factor() {
     let mut random = Random::new(8);
     for _ in 0..100_000 {
-        let bsdf = Bsdf::new(&Surface { metallic: 1.0, ..random_surface(&mut random) });
+        let bsdf = Bsdf::new(&Surface { metallic: 1.0, ..random_surface(&mut random) }, Mode::Conserving);
         let [a, b, c] = [(); 3].map(|()| random_direction(&mut random));
         let value = |wo: Vec3A, wi: Vec3A| (bsdf.eval(wo, wi).f_cos / wi.z).as_dvec3();
         let (around, back) = (value(a, b) * value(b, c) * value(c, a), value(b, a) * value(c, b) * value(a, c));
@@ -148,7 +181,7 @@ fn weight_is_value_over_density() {
     let mut random = Random::new(4);
     let mut drawn_count = 0;
     for _ in 0..300_000 {
-        let bsdf = Bsdf::new(&random_surface(&mut random));
+        let bsdf = Bsdf::new(&random_surface(&mut random), Mode::Conserving);
         let wo = random_direction(&mut random);
         let (lobe, u) = (random.next(), [random.next(), random.next()]);
         let Some(drawn) = bsdf.sample(wo, lobe, u) else { continue };
@@ -170,7 +203,7 @@ fn everything_is_finite() {
     for metallic in [0.0, 0.5, 1.0] {
         for roughness in [0.0, 1e-3, 0.3, 1.0, -1.0, 7.0] {
             for (base, specular) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (5.0, -1.0)] {
-                let bsdf = Bsdf::new(&surface(base, metallic, roughness, specular));
+                let bsdf = Bsdf::new(&surface(base, metallic, roughness, specular), Mode::Conserving);
                 for cos_o in edges {
                     let wo = view(cos_o, 0.0);
                     for cos_i in edges {
@@ -198,7 +231,7 @@ fn everything_is_finite() {
 
 #[test]
 fn nothing_below_the_horizon() {
-    let bsdf = Bsdf::new(&surface(1.0, 0.5, 0.5, 0.5));
+    let bsdf = Bsdf::new(&surface(1.0, 0.5, 0.5, 0.5), Mode::Conserving);
     let below = Vec3A::new(0.6, 0.0, -0.8);
     for (wo, wi) in [(below, Vec3A::Z), (Vec3A::Z, below), (Vec3A::X, Vec3A::Z), (below, below)] {
         let value = bsdf.eval(wo, wi);
@@ -206,6 +239,6 @@ fn nothing_below_the_horizon() {
     }
     assert!(bsdf.sample(below, 0.1, [0.2, 0.3]).is_none());
     assert!(bsdf.sample(Vec3A::X, 0.1, [0.2, 0.3]).is_none());
-    let black = Bsdf::new(&surface(0.0, 0.0, 0.5, 0.0));
+    let black = Bsdf::new(&surface(0.0, 0.0, 0.5, 0.0), Mode::Conserving);
     assert!(black.sample(Vec3A::Z, 0.1, [0.2, 0.3]).is_none());
 }

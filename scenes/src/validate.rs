@@ -215,7 +215,9 @@ impl Check {
             match &object.geometry {
                 Geometry::File(path) => {
                     self.path(at("geometry/file"), path);
-                    if crate::load::Format::of(path).is_none() {
+                    // Without an ending the content decides, once it is read.
+                    let named = std::path::Path::new(path).extension().is_some();
+                    if named && crate::load::Format::of(path).is_none() {
                         self.say(at("geometry/file"), format!("{path:?} is not a .gltf, .glb or .obj file"));
                     }
                 }

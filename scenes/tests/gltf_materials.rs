@@ -72,6 +72,23 @@ fn emission_is_factor_times_texture_times_strength() {
     assert_eq!((limited.emissive, report.notes.len()), ([1e9, 0.0, 0.0], 1));
 }
 
+/// The textures of a second model come behind those of the first.
+#[test]
+fn textures_of_several_models_keep_apart() {
+    let glowing = |pixels: &[[u8; 4]]| {
+        File::new(&with_material(json!({ "emissiveFactor": [1, 1, 1], "emissiveTexture": { "index": 0 } }), &[pixels]))
+    };
+    let files = [glowing(&OPAQUE), glowing(&HOLES)];
+    let mut scene = model_scene(&files[0].path(), None);
+    let second = model_scene(&files[1].path(), None).objects.remove(0);
+    scene.objects.push(renderflow_scenes::description::Object { name: "second".into(), ..second });
+    let loaded = load::load(&scene, Path::new("")).unwrap();
+    for (instance, pixels) in loaded.instances.iter().zip([OPAQUE, HOLES]) {
+        let slot = loaded.materials[instance.material].emissive_texture.as_ref().unwrap();
+        assert_eq!(loaded.textures[slot.texture].levels[0].texels, Texels::Bytes(pixels.to_vec()));
+    }
+}
+
 /// glTF 2.0, section 3.9.4: OPAQUE ignores alpha, MASK compares factor times texture with the cutoff (0.5 when absent).
 #[test]
 fn alpha_modes() {
@@ -161,7 +178,6 @@ fn extensions_become_burleys_parameters() {
 }
 
 /// A glTF material that says nothing.
-
 fn says_nothing() -> Material {
     Material { base_color: [1.0; 3], metallic: 1.0, roughness: 1.0, double_sided: false, ..Material::default() }
 }

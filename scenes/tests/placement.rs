@@ -175,12 +175,15 @@ fn meshes_written_far_out_are_moved_without_rounding() {
     file["meshes"][0]["primitives"][0]["mode"] = json!(5);
     let written = File::new(&file);
     let mut scene = model_scene(&written.path(), None);
-    scene.objects[0].transform = Transform { translation: [2e6, 0.0, 1e6], rotation: [0.0, 90.0, 0.0], ..Default::default() };
+    scene.objects[0].transform =
+        Transform { translation: [133_974.6, 0.0, 2_232_050.8], rotation: [0.0, 30.0, 0.0], ..Default::default() };
     let loaded = load::load(&scene, Path::new("")).unwrap();
     let (mesh, transform) = (&loaded.meshes[0], loaded.instances[0].transform(0));
     for (p, v) in mesh.positions.iter().zip(&vertices) {
-        // A quarter turn about +y takes (x, y, z) to (z, y, -x).
-        let expected = DVec3::new(f64::from(v[2]) + 2e6, f64::from(v[1]), 1e6 - f64::from(v[0]));
+        let [x, y, z] = v.map(f64::from);
+        let (sin, cos) = 30_f64.to_radians().sin_cos();
+        let expected = DVec3::new(cos * x + sin * z + 133_974.6, y, cos * z - sin * x + 2_232_050.8);
+        assert!(expected.length() < 10.0, "brought back: {expected}");
         let found = transform.transform_point3a((*p).into()).as_dvec3();
         assert!(found.distance(expected) < 1e-6, "{found} but {expected}");
     }

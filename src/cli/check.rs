@@ -1,76 +1,171 @@
-use anyhow::{Result, bail};
+use crate::inspect::{Inspected, inspect};
+use anyhow::{Result, anyhow, bail};
 use clap::Args;
-use renderflow_frame::{exr, hdr};
-use renderflow_model::infer::NeuralRenderer;
-use renderflow_scenes::{description::Scene, load};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::panic::UnwindSafe;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
 
-/// Says of each file whether it can be read: scenes, models, environment maps, frames, weights.
+/// Says of each file whether it can be used, and what is in it or what is wrong with it and where: scenes, plans, transforms.json,
+/// glTF, OBJ, environment maps, frames, textures, weights, dataset folders. The kind is found by content.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors")]
+#[command(
+    after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted."
+)]
 pub struct Check {
-    /// Files
+    /// Files and dataset folders
     #[arg(required = true)]
     files: Vec<PathBuf>,
+    /// Print one JSON array
+    #[arg(long)]
+    json: bool,
+    /// Print what is refused only
+    #[arg(long)]
+    quiet: bool,
 }
 
 impl Check {
     pub fn run(self) -> Result<()> {
         let mut refused = 0;
-        for path in &self.files {
-            match accept(path) {
-                Ok(found) => println!("accepted {}: {found}", path.display()),
-                Err(error) => {
-                    refused += 1;
-                    println!("refused  {}: {error:#}", path.display());
-                }
+        let mut array = Vec::new();
+        self.inspect_all(|path, inspected| {
+            let accepted = inspected.verdict.is_ok();
+            refused += usize::from(!accepted);
+            if accepted && self.quiet {
+                return;
             }
+            if self.json {
+                array.push(object(path, inspected));
+            } else {
+                println!("{}", line(path, inspected));
+            }
+        });
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&array)?);
         }
         if refused > 0 {
             bail!("{refused} of {} files refused", self.files.len());
         }
         Ok(())
     }
+
+    /// Inspects several files at a time; `tell` hears of them in order, each as soon as those before it are done.
+    fn inspect_all(&self, mut tell: impl FnMut(&Path, &Inspected)) {
+        let (sender, receiver) = mpsc::channel();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                self.files.par_iter().enumerate().for_each_with(sender, |sender, (i, path)| {
+                    // Nobody listens any more only when `tell` panicked.
+                    let _ = sender.send((i, guarded(|| inspect(path))));
+                });
+            });
+            let (mut waiting, mut next) = (BTreeMap::new(), 0);
+            for (i, inspected) in receiver {
+                waiting.insert(i, inspected);
+                while let Some(inspected) = waiting.remove(&next) {
+                    tell(&self.files[next], &inspected);
+                    next += 1;
+                }
+            }
+        });
+    }
 }
 
-fn accept(path: &Path) -> Result<String> {
-    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    Ok(match extension.as_str() {
-        "json" => scene_counts(&Scene::read(path)?, &super::parent(path))?,
-        "gltf" | "glb" | "obj" => scene_counts(&load::describe_model(path, None, &load::ModelView::default())?, Path::new("."))?,
-        "hdr" => map_counts(path)?,
-        "exr" => match exr::read(path) {
-            Ok(frame) => format!("frame, {} x {}, {} spp", frame.width, frame.height, frame.info.spp),
-            Err(frame_error) => {
-                map_counts(path).map_err(|map_error| anyhow::anyhow!("{frame_error}; nor a map: {map_error:#}"))?
-            }
-        },
-        "safetensors" => weights(path)?,
-        _ => bail!("{}: unknown kind of file; known: json gltf glb obj hdr exr safetensors", path.display()),
+/// Turns a panic into a refusal: it must not take the other files down.
+fn guarded(inspect: impl FnOnce() -> Inspected + UnwindSafe) -> Inspected {
+    std::panic::catch_unwind(inspect).unwrap_or_else(|payload| {
+        let reason = super::panic_message(payload.as_ref());
+        Inspected { kind: None, verdict: Err(anyhow!("internal error, please report it with the file: {reason}")) }
     })
 }
 
-fn weights(path: &Path) -> Result<String> {
-    let renderer = NeuralRenderer::load(path)?;
-    let header = renderer.header();
-    let keyframes = if renderer.accepts_keyframes() { "with" } else { "without" };
-    Ok(format!("weights after {} steps, {keyframes} keyframe stage", header.steps))
+/// The reason of a refusal on one line, without the file's own name in front.
+fn reason(path: &Path, error: &anyhow::Error) -> String {
+    let text = format!("{error:#}");
+    let name = path.display().to_string();
+    let own = |line: &str| {
+        let rest = line.strip_prefix(&name).filter(|rest| rest.starts_with([':', ' ']));
+        rest.map_or(line, |rest| rest.trim_start_matches([':', ' '])).trim().to_owned()
+    };
+    text.lines().map(own).collect::<Vec<_>>().join("; ")
 }
 
-fn scene_counts(scene: &Scene, base: &Path) -> Result<String> {
-    let loaded = load::load(scene, base)?;
-    let triangles: usize = loaded.instances.iter().map(|i| loaded.meshes[i.mesh].triangles.len()).sum();
-    Ok(format!(
-        "{} instances, {triangles} triangles, {} materials, {} textures, {} frames, {} triangles dropped",
-        loaded.instances.len(),
-        loaded.materials.len(),
-        loaded.textures.len(),
-        loaded.cameras.len(),
-        loaded.report.triangles.dropped()
-    ))
+fn line(path: &Path, inspected: &Inspected) -> String {
+    match (&inspected.verdict, inspected.kind) {
+        (Ok(found), kind) => {
+            let counts = found.counts.iter().map(|(name, value)| format!("{} {}", name.replace('_', " "), short(value)));
+            let notes = found.notes.iter().map(|note| format!("note: {note}"));
+            let parts: Vec<String> = kind.iter().map(|k| k.name().to_owned()).chain(counts).chain(notes).collect();
+            format!("accepted {}: {}", path.display(), parts.join(", "))
+        }
+        (Err(error), Some(kind)) => format!("refused  {}: {}: {}", path.display(), kind.name(), reason(path, error)),
+        (Err(error), None) => format!("refused  {}: {}", path.display(), reason(path, error)),
+    }
 }
 
-fn map_counts(path: &Path) -> Result<String> {
-    let map = hdr::read(path)?;
-    Ok(format!("map, {} x {}, {} texels repaired", map.map.width, map.map.height, map.repaired))
+/// A value for people: sizes as 4 x 3, long numbers rounded.
+fn short(value: &Value) -> String {
+    match value {
+        Value::Array(items) if items.len() == 2 => items.iter().map(short).collect::<Vec<_>>().join(" x "),
+        Value::Array(items) => format!("({})", items.iter().map(short).collect::<Vec<_>>().join(" ")),
+        Value::String(text) => text.clone(),
+        Value::Null => "none".into(),
+        Value::Bool(yes) => if *yes { "yes" } else { "no" }.into(),
+        Value::Number(number) if number.is_f64() => {
+            let v = number.as_f64().unwrap_or_default();
+            // Four digits, plain where that is short.
+            let plain = v == 0.0 || (1e-3..1e6).contains(&v.abs());
+            if plain { format!("{}", (v * 1e4).round() / 1e4) } else { format!("{v:.3e}") }
+        }
+        other => other.to_string(),
+    }
+}
+
+fn object(path: &Path, inspected: &Inspected) -> Value {
+    let mut object = Map::new();
+    object.insert("path".into(), json!(path.to_string_lossy()));
+    object.insert("accepted".into(), json!(inspected.verdict.is_ok()));
+    object.insert("kind".into(), json!(inspected.kind));
+    match &inspected.verdict {
+        Ok(found) => {
+            let counts: Map<String, Value> =
+                found.counts.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+            object.insert("counts".into(), counts.into());
+            object.insert("notes".into(), json!(found.notes));
+        }
+        Err(error) => {
+            object.insert("reason".into(), json!(reason(path, error)));
+        }
+    }
+    object.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_fit_on_a_line_and_do_not_repeat_the_name() {
+        let path = Path::new("a/b.json");
+        let error = anyhow!("a/b.json /frames: 0 is too few\na/b.json /name: empty");
+        assert_eq!(reason(path, &error), "/frames: 0 is too few; /name: empty");
+        assert_eq!(reason(path, &anyhow!("a/b.json.bak: no")), "a/b.json.bak: no");
+    }
+
+    #[test]
+    fn a_panic_is_a_refusal() {
+        let inspected = guarded(|| panic!("on purpose: {}", 7));
+        let text = line(Path::new("x"), &inspected);
+        assert!(text.starts_with("refused  x: internal error") && text.contains("on purpose: 7"), "{text}");
+    }
+
+    #[test]
+    fn numbers_for_people() {
+        assert_eq!(short(&json!([64, 32])), "64 x 32");
+        assert_eq!(short(&json!(1.234_567_8)), "1.2346");
+        assert_eq!(short(&json!(2.5e30)), "2.500e30");
+        assert_eq!(short(&json!(null)), "none");
+    }
 }

@@ -8,6 +8,7 @@ mod evaluate;
 mod hdri;
 mod infer;
 mod render;
+mod stress;
 mod train;
 mod weights;
 
@@ -47,8 +48,10 @@ enum Command {
     Render(render::Render),
     /// Write a procedurally composed scene as JSON
     Compose(compose::Compose),
-    /// Say whether scenes, models, maps, frames and weights can be read
+    /// Say whether scenes, models, maps, frames, weights and datasets can be used
     Check(check::Check),
+    /// Test the numerics of the path tracer
+    Stress(stress::Stress),
     /// Plan and render datasets
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
@@ -92,6 +95,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Render(command) => command.run(&cancel),
         Command::Compose(command) => command.run(),
         Command::Check(command) => command.run(),
+        Command::Stress(command) => command.run(&cancel),
         Command::Dataset(command) => command.run(&cancel),
         Command::Train(command) => command.run(&cancel),
         Command::Infer(command) => command.run(&cancel),
@@ -117,6 +121,12 @@ fn cancel_flag() -> Result<Arc<AtomicBool>> {
     })
     .context("cannot listen for interrupts")?;
     Ok(cancel)
+}
+
+/// What a caught panic said.
+fn panic_message(payload: &(dyn std::any::Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned());
+    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".into())
 }
 
 /// Flags of everything that path-traces.

@@ -81,9 +81,16 @@ impl Lpips {
     /// [`Error::Io`] when the file cannot be read, [`Error::Malformed`] when it is no safetensors file, and [`Error::Tensor`]
     /// with the tensor's name when one is missing, cut off, of another shape or type, or holds a value that is not finite.
     pub fn load(folder: &Path, backbone: Backbone) -> Result<Self> {
-        let path = folder.join(backbone.file_name());
-        let bytes = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
-        let weights = Weights::parse(&path, &bytes)?;
+        Self::load_file(&folder.join(backbone.file_name()), backbone)
+    }
+
+    /// Reads the weights of `backbone` from the file `path`.
+    ///
+    /// # Errors
+    /// As [`Lpips::load`].
+    pub fn load_file(path: &Path, backbone: Backbone) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+        let weights = Weights::parse(path, &bytes)?;
         // Metrics are always measured on the CPU: the same number whatever device trained or rendered.
         let network = Network::read(backbone, &weights, &Device::flex())?;
         let heads = network.tap_channels().iter().enumerate();

@@ -4,64 +4,25 @@ use crate::accel::Scratch;
 use crate::camera::{Filter, Projector};
 use crate::compile::RenderScene;
 use crate::features::Features;
-use crate::interaction::Interaction;
+use crate::film::FirstHit;
+use crate::interaction::{Cone, Interaction};
 use crate::ray::Ray;
 use crate::stats::Stats;
-use glam::{DVec2, Vec2, Vec3A};
+use glam::{DVec2, Vec2};
 use renderflow_frame::ibl::IblTables;
 
-/// Base colour and world-space shading normal of a camera ray's first hit.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FirstHit {
-    albedo: Vec3A,
-    ns: Vec3A,
-}
-
-impl FirstHit {
-    pub fn new(surface: &Interaction) -> Self {
-        Self { albedo: surface.surface.base_color, ns: surface.ns }
-    }
-}
-
-/// First hit of a guide ray.
+/// First hit of a guide ray, one of `samples` in its pixel.
 pub(super) fn first_hit<F: Features>(
     scene: &RenderScene,
     ray: &Ray,
+    samples: u32,
     scratch: &mut Scratch,
     stats: &mut Stats,
 ) -> Option<FirstHit> {
     stats.camera_rays += 1;
-    let hit = scene.accel.closest(ray, scratch)?;
-    Some(FirstHit::new(&Interaction::new::<F>(scene, ray, &hit)))
-}
-
-/// Filtered guides of one pixel, premultiplied by coverage.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Guides {
-    pub coverage: f32,
-    pub albedo: Vec3A,
-    /// World space until [`Self::finish`], camera space after.
-    pub normal: Vec3A,
-    hits: u32,
-}
-
-impl Guides {
-    pub fn add(&mut self, first: Option<FirstHit>) {
-        if let Some(first) = first {
-            self.hits += 1;
-            self.albedo += first.albedo;
-            self.normal += first.ns;
-        }
-    }
-
-    /// Divides by the number of rays, hits or not. The mean normal is turned to camera space once, since turning is linear.
-    pub fn finish(&mut self, rays: u32, projector: &Projector) {
-        let share = 1.0 / rays as f32;
-        self.coverage = self.hits as f32 / rays as f32;
-        // Rounding of long sums must not leave the range the channels promise.
-        self.albedo = (self.albedo * share).min(Vec3A::splat(self.coverage));
-        self.normal = projector.direction_to_camera(self.normal * share);
-    }
+    let hit = scene.trace::<F>(ray, scratch)?;
+    let surface = Interaction::new::<F>(scene, ray, &hit, Cone::camera(scene.camera(), samples));
+    Some(FirstHit { albedo: surface.surface.base_color, ns: surface.ns })
 }
 
 /// The G-buffer of one pixel, from the ray through its centre.
@@ -126,15 +87,16 @@ pub(super) fn centre<F: Features>(
     let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
     let ray = crate::camera::ray(camera, pixel);
     stats.camera_rays += 1;
-    let Some(hit) = scene.accel.closest(&ray, scratch) else { return Centre::MISS };
-    let surface = Interaction::new::<F>(scene, &ray, &hit);
-    let instance = &scene.instances[surface.instance as usize];
+    let Some(hit) = scene.trace::<F>(&ray, scratch) else { return Centre::MISS };
+    // One ray stands for the whole pixel here: textures are filtered over it, geometry is not.
+    let surface = Interaction::new::<F>(scene, &ray, &hit, Cone::camera(camera, 1));
+    let instance = &scene.geometry.instances[surface.instance as usize];
 
     // Both ends are projected from the same corners, so that what does not move has exactly no motion.
-    let here = views.current.project(scene.point_at(hit.primitive, hit.weights, scene.frame()));
+    let here = views.current.project(scene.geometry.point_at(&hit, scene.frame()));
     let towards = |view: &Option<(usize, Projector)>| {
         let motion = view.as_ref().and_then(|(frame, projector)| {
-            let there = projector.project(scene.point_at(hit.primitive, hit.weights, *frame))?;
+            let there = projector.project(scene.geometry.point_at(&hit, *frame))?;
             Some(there - here?)
         });
         motion.filter(|m: &DVec2| m.is_finite()).unwrap_or(DVec2::ZERO).as_vec2().to_array()
@@ -173,7 +135,7 @@ impl Visible {
         };
         // Differences along each row: +1 where a bound begins, -1 where it ends.
         let mut edges = vec![0i32; (width + 1) * height];
-        for corners in scene.corners() {
+        for corners in scene.geometry.covering() {
             let Some((low, high)) = projector.bounds(corners) else { continue };
             let columns = pixels(low.x, high.x, width);
             if columns.is_empty() {
@@ -203,7 +165,7 @@ impl Visible {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{Affine3A, Vec3};
+    use glam::{Affine3A, Vec3, Vec3A};
     use renderflow_frame::{Camera, Environment};
     use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
 
@@ -252,7 +214,7 @@ mod tests {
                     for i in 0..81u8 {
                         let u = [f32::from(i % 9) / 8.0, f32::from(i / 9) / 8.0];
                         let point = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + filter.sample(u);
-                        hit |= scene.accel.occluded(&crate::camera::ray(scene.camera(), point), &mut scratch);
+                        hit |= scene.geometry.occluded(&crate::camera::ray(scene.camera(), point), &mut scratch);
                     }
                     empty += usize::from(!hit);
                     skipped += usize::from(!visible.at(x, y));

@@ -1,22 +1,44 @@
 //! From a compiled scene to a [`Frame`]: the path integrator for the beauty, the first-hit integrator for the G-buffer, and the
 //! split-sum baseline on top of the latter.
 
+mod accumulate;
 mod gbuffer;
 pub mod ibl;
 mod path;
+mod scatter;
+
+pub use accumulate::Film;
 
 use crate::accel::Scratch;
 use crate::camera::{Filter, Projector};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::{Features, with_features};
-use crate::sampler::PixelSampler;
+use crate::film::GuideStatistics;
+use crate::light::LightGroups;
+use crate::material::Mode;
+use crate::sampler::{PixelSampler, Sampler};
 use crate::schedule::{self, Progress, Tile};
 use crate::stats::Stats;
-use gbuffer::{Centre, Guides};
+use gbuffer::Centre;
 use renderflow_frame::{Frame, FrameInfo, Image};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::sync::atomic::AtomicBool;
+
+/// How the light that reaches a surface directly is found. All converge to the same picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DirectLight {
+    /// By light samples and scattering, weighed by multiple importance sampling.
+    #[default]
+    Mis,
+    /// By scattering alone: small lights are noise.
+    Scattering,
+    /// By light samples alone: sharp reflections are noise. Needs an environment that is sampled everywhere it shines
+    /// ([`crate::light::Sampling::Plain`]).
+    Lights,
+}
 
 /// What to render and how well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,24 +52,56 @@ pub struct Settings {
     pub guide_samples: u32,
     /// Whether to fill [`Frame::irradiance`].
     pub irradiance: bool,
+    /// Groups to split the light into ([`Frame::light`]), 0..=8; 0 = no split. See [`LightGroups`] for which is which.
+    pub light_groups: u32,
     /// Pixel filter of beauty, coverage and guides.
     pub filter: Filter,
+    /// Form of the principled BRDF.
+    pub bsdf: Mode,
+    /// How direct light is found.
+    pub direct: DirectLight,
+    /// Kind of the random numbers.
+    pub sampler: Sampler,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { spp: 256, max_bounces: 6, guide_samples: 16, irradiance: false, filter: Filter::Box }
+        Self {
+            spp: 256,
+            max_bounces: 6,
+            guide_samples: 16,
+            irradiance: false,
+            light_groups: 0,
+            filter: Filter::Box,
+            bsdf: Mode::Conserving,
+            direct: DirectLight::Mis,
+            sampler: Sampler::Sobol,
+        }
     }
 }
 
 impl Settings {
-    fn check(&self) -> Result<()> {
+    fn check(&self, scene: &RenderScene) -> Result<()> {
         let range = |name, value: u32, limit: u32, range| {
             if (1..=limit).contains(&value) { Ok(()) } else { Err(Error::Setting { name, value: value.into(), range }) }
         };
         range("spp", self.spp, 1 << 24, "1..=16777216")?;
         range("max_bounces", self.max_bounces, 1024, "1..=1024")?;
-        range("guide_samples", self.guide_samples, 1 << 16, "1..=65536")
+        range("guide_samples", self.guide_samples, 1 << 16, "1..=65536")?;
+        if self.light_groups > 0 {
+            LightGroups::new(self.light_groups as usize, scene.environment().rotation)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the compiled sets must have everything, whatever the scene needs.
+    fn full(&self) -> bool {
+        self.bsdf == Mode::Published
+    }
+
+    /// Numbers of one pixel.
+    fn random(&self, scene: &RenderScene, pixel: usize) -> PixelSampler {
+        PixelSampler::of_kind(self.sampler, scene.seed, scene.frame() as u64, pixel as u64)
     }
 }
 
@@ -72,8 +126,52 @@ pub fn render_with_stats(
     progress: Progress<'_>,
     cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
-    settings.check()?;
-    with_features!(scene.features(), run(scene, settings, true, progress, cancel))
+    let (film, mut stats) = expose(scene, settings, 0..settings.spp, progress, cancel)?;
+    let (frame, more) = develop(scene, settings, &film)?;
+    stats += more;
+    Ok((frame, stats))
+}
+
+/// Path-traces the samples `samples` of every pixel, out of `settings.spp`: a part of the picture, to be merged with the others.
+///
+/// # Errors
+/// When a setting is out of range, `samples` is empty or goes beyond `settings.spp`, or `cancel` was set.
+pub fn expose(
+    scene: &RenderScene,
+    settings: &Settings,
+    samples: Range<u32>,
+    progress: Progress<'_>,
+    cancel: &AtomicBool,
+) -> Result<(Film, Stats)> {
+    settings.check(scene)?;
+    if samples.is_empty() || samples.end > settings.spp {
+        return Err(Error::Setting { name: "samples", value: samples.end.into(), range: "a part of 0..spp that is not empty" });
+    }
+    with_features!(scene.features(), settings.full(), accumulate(scene, settings, samples, progress, cancel))
+}
+
+fn accumulate<F: Features>(
+    scene: &RenderScene,
+    settings: &Settings,
+    samples: Range<u32>,
+    progress: Progress<'_>,
+    cancel: &AtomicBool,
+) -> Result<(Film, Stats)> {
+    accumulate::samples::<F>(scene, settings, samples, progress, cancel)
+}
+
+/// The frame of a film: means, variance, guides, and the G-buffer at pixel centres.
+///
+/// # Errors
+/// When a setting is out of range or the film is of another scene, frame or settings.
+pub fn develop(scene: &RenderScene, settings: &Settings, film: &Film) -> Result<(Frame, Stats)> {
+    settings.check(scene)?;
+    film.check(scene, settings)?;
+    let (mut frame, stats) = with_features!(scene.features(), settings.full(), gbuffer(scene, settings, Some(film)))?;
+    film.develop(&mut frame, settings.light_groups as usize);
+    frame.info.spp = film.samples();
+    frame.beauty.clone_from(&frame.raw);
+    Ok((frame, stats))
 }
 
 /// Renders only what camera rays see: G-buffer, coverage and guides from `settings.guide_samples` rays a pixel. No light is traced.
@@ -81,82 +179,61 @@ pub fn render_with_stats(
 /// # Errors
 /// When a setting is out of range.
 pub fn render_gbuffer(scene: &RenderScene, settings: &Settings) -> Result<Frame> {
-    settings.check()?;
-    let never = AtomicBool::new(false);
-    with_features!(scene.features(), run(scene, settings, false, &|_, _| (), &never)).map(|(frame, _)| frame)
+    settings.check(scene)?;
+    with_features!(scene.features(), settings.full(), gbuffer(scene, settings, None)).map(|(frame, _)| frame)
 }
 
-/// All that one pixel contributes to a frame.
-struct Pixel {
-    centre: Centre,
-    guides: Guides,
-    radiance: [f32; 3],
-    variance: [f32; 3],
-}
-
-fn run<F: Features>(
-    scene: &RenderScene,
-    settings: &Settings,
-    beauty: bool,
-    progress: Progress<'_>,
-    cancel: &AtomicBool,
-) -> Result<(Frame, Stats)> {
+/// G-buffer at pixel centres; guides from `film`, or else from rays of their own.
+fn gbuffer<F: Features>(scene: &RenderScene, settings: &Settings, film: Option<&Film>) -> Result<(Frame, Stats)> {
     let camera = *scene.camera();
-    let size = (camera.width, camera.height);
+    let (width, height) = (camera.width, camera.height);
     let views = gbuffer::Views::new(scene);
     let projector = Projector::new(&camera);
     let visible = gbuffer::Visible::new(scene, settings.filter);
-    let rays = if beauty { settings.spp } else { settings.guide_samples };
     let tables = settings.irradiance.then(|| scene.ibl_tables());
+    let never = AtomicBool::new(false);
 
     let work = |tile: Tile| {
         let mut scratch = Scratch::default();
         let mut stats = Stats::default();
-        let pixels: Vec<Pixel> = tile
+        let pixels: Vec<(Centre, GuideStatistics)> = tile
             .pixels()
             .map(|(x, y)| {
-                let sampler = PixelSampler::new(scene.seed, scene.frame() as u64, (y * size.0 + x) as u64);
+                let at = y * width + x;
                 let seen = visible.at(x, y);
                 let centre =
                     if seen { gbuffer::centre::<F>(scene, &views, tables, x, y, &mut scratch, &mut stats) } else { Centre::MISS };
-                let mut pixel = Pixel { centre, guides: Guides::default(), radiance: [0.0; 3], variance: [0.0; 3] };
-                if beauty {
-                    let mut film = crate::film::PixelStatistics::default();
-                    for index in 0..settings.spp {
-                        let sample = path::sample::<F>(scene, settings, &sampler, (x, y), index, seen, &mut scratch, &mut stats);
-                        film.push(sample.radiance);
-                        pixel.guides.add(sample.first);
-                    }
-                    stats.samples += u64::from(settings.spp);
-                    pixel.radiance = film.mean();
-                    pixel.variance = film.variance_of_mean();
-                } else if seen {
-                    for index in 0..settings.guide_samples {
-                        let (ray, _) = path::camera_ray(scene, settings, &sampler, (x, y), index);
-                        pixel.guides.add(gbuffer::first_hit::<F>(scene, &ray, &mut scratch, &mut stats));
+                let mut guides = GuideStatistics::default();
+                match film {
+                    Some(film) => guides = film.guides[at],
+                    None if !seen => guides.push_misses(settings.guide_samples.into()),
+                    None => {
+                        let random = settings.random(scene, at);
+                        for index in 0..settings.guide_samples {
+                            let ray = path::camera_ray(scene, settings, &random, (x, y), index);
+                            guides.push(gbuffer::first_hit::<F>(scene, &ray, settings.guide_samples, &mut scratch, &mut stats));
+                        }
                     }
                 }
-                pixel.guides.finish(rays, &projector);
-                pixel
+                (centre, guides)
             })
             .collect();
         (pixels, stats)
     };
 
-    let mut frame = empty_frame(scene, settings, beauty);
+    let mut frame = empty_frame(scene, settings);
     let mut stats = Stats::default();
-    schedule::for_tiles(size, u64::from(rays), progress, cancel, work, |tile, (pixels, tile_stats)| {
+    schedule::for_tiles((width, height), 1, &|_, _| (), &never, work, |tile, (pixels, tile_stats)| {
         stats += tile_stats;
-        for ((x, y), pixel) in tile.pixels().zip(pixels) {
-            store(&mut frame, y * size.0 + x, pixel);
+        for ((x, y), (centre, guides)) in tile.pixels().zip(pixels) {
+            store(&mut frame, y * width + x, &centre, &guides, &projector);
         }
     })?;
-    frame.beauty.clone_from(&frame.raw);
     Ok((frame, stats))
 }
 
-/// A frame with the channels that will be filled.
-fn empty_frame(scene: &RenderScene, settings: &Settings, beauty: bool) -> Frame {
+/// A frame with the channels of the G-buffer.
+fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
     let (width, height) = (scene.camera().width, scene.camera().height);
     let rgb = || Image::filled(width, height, [0.0f32; 3]);
     let flow = || Image::filled(width, height, [0.0f32; 2]);
@@ -165,8 +242,8 @@ fn empty_frame(scene: &RenderScene, settings: &Settings, beauty: bool) -> Frame 
         height,
         beauty: None,
         alpha: Image::filled(width, height, 0.0),
-        raw: beauty.then(rgb),
-        variance: beauty.then(rgb),
+        raw: None,
+        variance: None,
         light: Default::default(),
         albedo: rgb(),
         normal: rgb(),
@@ -181,7 +258,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings, beauty: bool) -> Frame 
         material_id: Image::filled(width, height, 0),
         info: FrameInfo {
             camera: Some(*scene.camera()),
-            spp: if beauty { settings.spp } else { 0 },
+            spp: 0,
             seed: scene.seed,
             scene_hash: scene.hash.clone(),
             exposure: scene.exposure(),
@@ -190,9 +267,8 @@ fn empty_frame(scene: &RenderScene, settings: &Settings, beauty: bool) -> Frame 
     }
 }
 
-fn store(frame: &mut Frame, at: usize, pixel: Pixel) {
-    let Pixel { centre, guides, radiance, variance } = pixel;
-    frame.alpha.pixels[at] = guides.coverage;
+fn store(frame: &mut Frame, at: usize, centre: &Centre, guides: &GuideStatistics, projector: &Projector) {
+    frame.alpha.pixels[at] = guides.coverage();
     frame.albedo.pixels[at] = centre.albedo;
     frame.normal.pixels[at] = centre.normal;
     frame.depth.pixels[at] = centre.depth;
@@ -200,11 +276,10 @@ fn store(frame: &mut Frame, at: usize, pixel: Pixel) {
     frame.object_id.pixels[at] = centre.object_id;
     frame.material_id.pixels[at] = centre.material_id;
     let optional = [
-        (&mut frame.raw, radiance),
-        (&mut frame.variance, variance),
         (&mut frame.irradiance, centre.irradiance),
-        (&mut frame.guide_albedo, guides.albedo.to_array()),
-        (&mut frame.guide_normal, guides.normal.to_array()),
+        (&mut frame.guide_albedo, guides.albedo()),
+        // The mean normal is turned to camera space once, since turning is linear.
+        (&mut frame.guide_normal, projector.direction_to_camera(guides.normal()).to_array()),
     ];
     for (image, value) in optional {
         if let Some(image) = image {

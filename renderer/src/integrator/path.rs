@@ -1,16 +1,18 @@
-//! Unidirectional path tracing with environment sampling and multiple importance sampling.
+//! Unidirectional path tracing with sampled lights and multiple importance sampling.
 
-use super::Settings;
-use super::gbuffer::{self, FirstHit};
+use super::scatter::Scatterer;
+use super::{DirectLight, Settings};
 use crate::accel::Scratch;
 use crate::compile::RenderScene;
 use crate::features::Features;
-use crate::interaction::Interaction;
-use crate::material::Bsdf;
+use crate::film::FirstHit;
+use crate::interaction::{Cone, Interaction};
+use crate::light::{LightGroups, Source};
 use crate::ray::Ray;
 use crate::sampler::PixelSampler;
 use crate::stats::Stats;
 use glam::{Vec2, Vec3A};
+use renderflow_frame::frame::LIGHT_GROUPS;
 
 /// Surfaces a path passes before roulette may end it: direct light and the first two indirect bounces carry most of a picture.
 const ROULETTE_FROM: u32 = 3;
@@ -24,7 +26,30 @@ pub(super) struct Sample {
     pub first: Option<FirstHit>,
 }
 
-/// Camera ray of sample `index` of `pixel`, and the image point it goes through.
+/// What one thread needs to trace paths.
+pub(super) struct Tracer<'a, F: Features> {
+    scene: &'a RenderScene,
+    settings: &'a Settings,
+    /// Directions of the light groups, where asked for.
+    directions: Option<LightGroups>,
+    /// Radiance of the current sample, all and by group.
+    radiance: Vec3A,
+    groups: [Vec3A; LIGHT_GROUPS],
+    /// Cone of a camera ray: what one of the samples of a pixel covers.
+    camera_cone: Cone,
+    scratch: Scratch,
+    stats: Stats,
+    features: std::marker::PhantomData<F>,
+}
+
+/// Where light came from.
+#[derive(Clone, Copy)]
+enum Origin {
+    Environment(Vec3A),
+    Emitter,
+}
+
+/// Camera ray of sample `index` of `pixel`.
 #[inline]
 pub(super) fn camera_ray(
     scene: &RenderScene,
@@ -32,140 +57,203 @@ pub(super) fn camera_ray(
     sampler: &PixelSampler,
     pixel: (usize, usize),
     index: u32,
-) -> (Ray, Vec2) {
+) -> Ray {
     let [u, v, ..] = sampler.point(index, 0);
     let point = Vec2::new(pixel.0 as f32 + 0.5, pixel.1 as f32 + 0.5) + settings.filter.sample([u, v]);
-    (crate::camera::ray(scene.camera(), point), point)
+    crate::camera::ray(scene.camera(), point)
 }
 
-/// Traces one camera sample. `seen` is false where the pixel is known to see the environment alone: the same directions are then
-/// looked up without asking the tree.
-#[allow(clippy::too_many_arguments)] // The inner loop's whole state; a struct would only move the list.
-#[inline]
-pub(super) fn sample<F: Features>(
-    scene: &RenderScene,
-    settings: &Settings,
-    sampler: &PixelSampler,
-    pixel: (usize, usize),
-    index: u32,
-    seen: bool,
-    scratch: &mut Scratch,
-    stats: &mut Stats,
-) -> Sample {
-    let (ray, _) = camera_ray(scene, settings, sampler, pixel, index);
-    let hit = if seen {
-        stats.camera_rays += 1;
-        scene.accel.closest(&ray, scratch)
-    } else {
-        stats.skipped_rays += 1;
-        None
-    };
-    let (radiance, first) = match hit {
-        None => (scene.light.radiance(ray.direction), None),
-        Some(hit) => {
-            let surface = Interaction::new::<F>(scene, &ray, &hit);
-            let first = gbuffer::FirstHit::new(&surface);
-            // Without light there is nothing to gather.
-            let radiance = if scene.features().black_environment {
-                Vec3A::ZERO
-            } else {
-                gather::<F>(scene, settings, sampler, index, surface, -ray.direction, scratch, stats)
-            };
-            (radiance, Some(first))
+impl<'a, F: Features> Tracer<'a, F> {
+    pub fn new(scene: &'a RenderScene, settings: &'a Settings) -> Self {
+        let groups = settings.light_groups as usize;
+        Self {
+            scene,
+            settings,
+            directions: LightGroups::new(groups, scene.environment().rotation)
+                .ok()
+                .map(|groups| if scene.features().emitters { groups.with_emitters() } else { groups }),
+            radiance: Vec3A::ZERO,
+            groups: [Vec3A::ZERO; LIGHT_GROUPS],
+            camera_cone: Cone::camera(scene.camera(), settings.spp),
+            scratch: Scratch::default(),
+            stats: Stats::default(),
+            features: std::marker::PhantomData,
         }
-    };
-    if radiance.is_finite() {
-        return Sample { radiance, first };
     }
-    stats.non_finite_samples += 1;
-    Sample { radiance: Vec3A::ZERO, first }
-}
 
-/// Radiance from `surface` towards `wo`.
-#[allow(clippy::too_many_arguments)]
-fn gather<F: Features>(
-    scene: &RenderScene,
-    settings: &Settings,
-    sampler: &PixelSampler,
-    index: u32,
-    mut surface: Interaction,
-    mut wo: Vec3A,
-    scratch: &mut Scratch,
-    stats: &mut Stats,
-) -> Vec3A {
-    let mut radiance = Vec3A::ZERO;
-    let mut beta = Vec3A::ONE;
-    for vertex in 1..=settings.max_bounces {
-        let frame = ShadingFrame::new(surface.ns);
-        let wo_local = frame.to_local(wo);
-        let bsdf = Bsdf::new(&surface.surface);
+    /// Shares of the last sample by light group.
+    pub fn groups(&self) -> &[Vec3A; LIGHT_GROUPS] {
+        &self.groups
+    }
 
-        // Sample the environment and weigh the direction against scattering having found it.
-        if !F::FLAT_ENVIRONMENT {
-            let [u, v, ..] = sampler.point(index, 2 * vertex);
-            if let Some(light) = scene.light.sample([u, v])
-                && surface.n.dot(light.wi) > 0.0
-            {
-                let scattering = bsdf.eval(wo_local, frame.to_local(light.wi));
-                let weight = mis_weight(light.pdf, scattering.pdf) / light.pdf;
-                let contribution = beta * scattering.f_cos * light.radiance * weight;
-                // Not `> 0`: a NaN must reach the counter, not vanish here.
-                if contribution != Vec3A::ZERO {
-                    stats.shadow_rays += 1;
-                    if !scene.accel.occluded(&surface.spawn(light.wi), scratch) {
-                        radiance += contribution;
-                    }
-                }
+    pub fn into_stats(self) -> Stats {
+        self.stats
+    }
+
+    /// Traces one camera sample. `seen` is false where the pixel is known to see the environment alone: the same directions are then
+    /// looked up without asking the tree.
+    #[inline]
+    pub fn sample(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
+        let ray = camera_ray(self.scene, self.settings, sampler, pixel, index);
+        self.stats.samples += 1;
+        self.radiance = Vec3A::ZERO;
+        if self.directions.is_some() {
+            self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
+        }
+        let hit = if seen {
+            self.stats.camera_rays += 1;
+            self.scene.trace::<F>(&ray, &mut self.scratch)
+        } else {
+            self.stats.skipped_rays += 1;
+            None
+        };
+        let first = match hit {
+            None => {
+                self.add(self.scene.light().radiance(ray.direction), Origin::Environment(ray.direction));
+                None
             }
+            Some(hit) => {
+                let surface = Interaction::new::<F>(self.scene, &ray, &hit, self.camera_cone);
+                let first = FirstHit { albedo: surface.surface.base_color, ns: surface.ns };
+                if F::FULL && surface.emitted != Vec3A::ZERO {
+                    self.add(surface.emitted, Origin::Emitter);
+                }
+                // Without light there is nothing to gather.
+                if !self.scene.features().dark() {
+                    self.gather(sampler, index, surface, -ray.direction);
+                }
+                Some(first)
+            }
+        };
+        if self.radiance.is_finite() {
+            return Sample { radiance: self.radiance, first };
         }
+        self.stats.non_finite_samples += 1;
+        self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
+        Sample { radiance: Vec3A::ZERO, first }
+    }
 
-        // Scatter.
-        let [lobe, u, v, survive] = sampler.point(index, 2 * vertex - 1);
-        let Some(scattering) = bsdf.sample(wo_local, lobe, [u, v]) else { break };
-        let wi = frame.to_world(scattering.wi);
-        // Directions below the true surface would pass through it. Rejecting them here and above alike loses their energy but
-        // never gains any.
-        if surface.n.dot(wi) <= 0.0 {
-            break;
+    #[inline]
+    fn add(&mut self, contribution: Vec3A, from: Origin) {
+        self.radiance += contribution;
+        if let Some(directions) = &self.directions {
+            let group = match from {
+                Origin::Environment(wi) => directions.group(wi),
+                Origin::Emitter => directions.emitters(),
+            };
+            self.groups[group] += contribution;
         }
-        beta *= scattering.weight;
-        if beta == Vec3A::ZERO {
-            break;
-        }
-        if vertex >= ROULETTE_FROM {
-            let keep = beta.max_element().min(ROULETTE_LIMIT);
-            if survive >= keep {
+    }
+
+    /// Adds what `surface` scatters towards `wo`.
+    fn gather(&mut self, sampler: &PixelSampler, index: u32, mut surface: Interaction, mut wo: Vec3A) {
+        let scene = self.scene;
+        let sampled_lights = self.settings.direct != DirectLight::Scattering;
+        let mut beta = Vec3A::ONE;
+        for vertex in 1..=self.settings.max_bounces {
+            let scatterer = Scatterer::<F>::new(&surface, wo, self.settings.bsdf);
+            if scene.samples_lights::<F>() && sampled_lights {
+                self.sample_light(sampler, index, vertex, &surface, &scatterer, beta);
+            }
+
+            // Scatter.
+            let [lobe, u, v, survive] = sampler.point(index, 2 * vertex - 1);
+            let Some(scattered) = scatterer.sample(lobe, [u, v]) else { break };
+            let wi = scattered.wi;
+            beta *= scattered.weight;
+            if beta == Vec3A::ZERO {
                 break;
             }
-            beta /= keep;
-        }
-
-        // What the environment sends along `wi`, should the ray get there.
-        let environment = || {
-            let weight = if F::FLAT_ENVIRONMENT { 1.0 } else { mis_weight(scattering.pdf, scene.light.pdf(wi)) };
-            beta * scene.light.radiance(wi) * weight
-        };
-        let ray = surface.spawn(wi);
-        if vertex == settings.max_bounces {
-            // No surface beyond: only whether something stands in the way matters.
-            let contribution = environment();
-            if contribution != Vec3A::ZERO {
-                stats.shadow_rays += 1;
-                if !scene.accel.occluded(&ray, scratch) {
-                    radiance += contribution;
+            if vertex >= ROULETTE_FROM {
+                let keep = beta.max_element().min(ROULETTE_LIMIT);
+                if survive >= keep {
+                    break;
                 }
+                beta /= keep;
             }
-            break;
+
+            let ray = surface.spawn(wi);
+            let last = vertex == self.settings.max_bounces;
+            if last && !(F::FULL && scene.features().emitters) {
+                // No surface beyond: only whether something stands in the way matters.
+                let contribution = beta * self.environment_behind(wi, scattered.pdf);
+                if contribution != Vec3A::ZERO {
+                    self.stats.shadow_rays += 1;
+                    if !scene.shadowed::<F>(&ray, &mut self.scratch) {
+                        self.add(contribution, Origin::Environment(wi));
+                    }
+                }
+                break;
+            }
+            self.stats.bounce_rays += 1;
+            let Some(hit) = scene.trace::<F>(&ray, &mut self.scratch) else {
+                let contribution = beta * self.environment_behind(wi, scattered.pdf);
+                self.add(contribution, Origin::Environment(wi));
+                break;
+            };
+            let cone = surface.cone.scattered(scattered.pdf, self.settings.spp);
+            let next = Interaction::new::<F>(scene, &ray, &hit, cone);
+            if F::FULL && next.emitted != Vec3A::ZERO {
+                let weight = match (self.settings.direct, next.emitter) {
+                    (DirectLight::Lights, Some(_)) => 0.0,
+                    (DirectLight::Mis, Some(_)) => mis_weight(scattered.pdf, scene.emitter_pdf(&next, wi, hit.t)),
+                    (DirectLight::Scattering, _) | (_, None) => 1.0,
+                };
+                self.add(beta * next.emitted * weight, Origin::Emitter);
+            }
+            if last {
+                break;
+            }
+            surface = next;
+            wo = -wi;
         }
-        stats.bounce_rays += 1;
-        let Some(hit) = scene.accel.closest(&ray, scratch) else {
-            radiance += environment();
-            break;
-        };
-        surface = Interaction::new::<F>(scene, &ray, &hit);
-        wo = -wi;
     }
-    radiance
+
+    /// Draws a point or direction of light and weighs it against scattering having found it.
+    #[inline]
+    fn sample_light(
+        &mut self,
+        sampler: &PixelSampler,
+        index: u32,
+        vertex: u32,
+        surface: &Interaction,
+        scatterer: &Scatterer<F>,
+        beta: Vec3A,
+    ) {
+        let scene = self.scene;
+        let [u, v, choice, _] = sampler.point(index, 2 * vertex);
+        let Some(light) = scene.sample_light::<F>(surface.p, choice, [u, v]) else { return };
+        let scattering = scatterer.eval(light.wi);
+        // Not `> 0`: a NaN must reach the counter, not vanish here.
+        if scattering.f_cos == Vec3A::ZERO {
+            return;
+        }
+        let (radiance, origin) = match light.source {
+            Source::Environment { radiance } => (radiance, Origin::Environment(light.wi)),
+            Source::Emitter { id, barycentrics, .. } => (scene.emitted(id, barycentrics), Origin::Emitter),
+        };
+        let weight = if self.settings.direct == DirectLight::Mis { mis_weight(light.pdf, scattering.pdf) } else { 1.0 };
+        let contribution = beta * scattering.f_cos * radiance * (weight / light.pdf);
+        if contribution != Vec3A::ZERO {
+            self.stats.shadow_rays += 1;
+            if !scene.hides::<F>(&surface.spawn(light.wi), &light, &mut self.scratch) {
+                self.add(contribution, origin);
+            }
+        }
+    }
+
+    /// What the environment sends along `wi`, weighed against its own sampling having found that direction.
+    #[inline]
+    fn environment_behind(&self, wi: Vec3A, pdf: f32) -> Vec3A {
+        if F::FLAT_ENVIRONMENT || self.settings.direct == DirectLight::Scattering {
+            return self.scene.light().radiance(wi);
+        }
+        if self.settings.direct == DirectLight::Lights {
+            return Vec3A::ZERO;
+        }
+        let (radiance, light_pdf) = self.scene.environment_and_pdf::<F>(wi);
+        radiance * mis_weight(pdf, light_pdf)
+    }
 }
 
 /// Power heuristic (Veach 1997, beta = 2) for a strategy with density `a` > 0 against `b` >= 0; finite for every such pair.
@@ -173,34 +261,6 @@ fn gather<F: Features>(
 fn mis_weight(a: f32, b: f32) -> f32 {
     let r = b / a;
     1.0 / (1.0 + r * r)
-}
-
-/// Orthonormal frame with the shading normal as +z.
-struct ShadingFrame {
-    t: Vec3A,
-    b: Vec3A,
-    n: Vec3A,
-}
-
-impl ShadingFrame {
-    /// Duff et al. 2017, branchless and exact at both poles.
-    #[inline]
-    fn new(n: Vec3A) -> Self {
-        let sign = 1f32.copysign(n.z);
-        let a = -1.0 / (sign + n.z);
-        let c = n.x * n.y * a;
-        Self { t: Vec3A::new(1.0 + sign * n.x * n.x * a, sign * c, -sign * n.x), b: Vec3A::new(c, sign + n.y * n.y * a, -n.y), n }
-    }
-
-    #[inline]
-    fn to_local(&self, v: Vec3A) -> Vec3A {
-        Vec3A::new(self.t.dot(v), self.b.dot(v), self.n.dot(v))
-    }
-
-    #[inline]
-    fn to_world(&self, v: Vec3A) -> Vec3A {
-        (self.t * v.x + self.b * v.y + self.n * v.z).normalize()
-    }
 }
 
 #[cfg(test)]
@@ -215,20 +275,6 @@ mod tests {
             if b > 0.0 {
                 assert!((w + mis_weight(b, a) - 1.0).abs() < 1e-6);
             }
-        }
-    }
-
-    #[test]
-    fn shading_frames_are_orthonormal() {
-        for i in 0..1000 {
-            let t = i as f32 * 0.37;
-            let z = (i as f32 / 499.5 - 1.0).clamp(-1.0, 1.0);
-            let r = (1.0 - z * z).max(0.0).sqrt();
-            let frame = ShadingFrame::new(Vec3A::new(r * t.cos(), r * t.sin(), z).normalize());
-            assert!(frame.t.dot(frame.b).abs() < 1e-5 && frame.t.dot(frame.n).abs() < 1e-5 && frame.b.dot(frame.n).abs() < 1e-5);
-            assert!((frame.t.length() - 1.0).abs() < 1e-5 && frame.t.cross(frame.b).dot(frame.n) > 0.999);
-            let v = Vec3A::new(0.3, -0.5, 0.81);
-            assert!(frame.to_world(frame.to_local(v)).distance(v.normalize()) < 1e-5);
         }
     }
 }

@@ -2,14 +2,21 @@
 //!
 //! An alias table would draw in constant time, but it scatters neighbouring random numbers over the whole domain. Inversion is
 //! monotone, so the stratification of a low-discrepancy sequence survives. The guide table (Chen and Asau 1974) brings the
-//! search down to a look at one or two entries.
+//! search down to a look at a few entries.
+
+use rayon::prelude::*;
+
+/// Columns that share an entry of the guide table. One entry a column took 3.5 bytes more and drew no faster.
+const SHARED: usize = 8;
 
 /// Rows of cells with a discrete distribution over rows and, within each, over columns.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
     columns: usize,
     rows: Discrete,
-    within: Vec<Discrete>,
+    /// A cumulative distribution a row, as in [`Discrete`]; rows of weight zero hold nothing useful and are never asked.
+    cumulative: Vec<f32>,
+    guide: Vec<u32>,
 }
 
 /// A cell drawn from a [`Grid`], with what is left of the random numbers.
@@ -22,78 +29,98 @@ pub(super) struct Cell {
 }
 
 impl Grid {
-    /// `weights[row * columns + column]`, finite and >= 0. `None` when all are zero. Also returns their sum.
-    pub fn new(weights: &[f64], columns: usize) -> Option<(Self, f64)> {
-        let sums: Vec<f64> = weights.chunks_exact(columns).map(|row| row.iter().sum()).collect();
+    /// `fill(row, weights)` gives the weights of the cells of a row, finite and >= 0; it is called from rayon's threads. `None` when
+    /// all are zero. Also returns their sum.
+    pub fn new(columns: usize, rows: usize, fill: impl Fn(usize, &mut [f64]) + Sync) -> Option<(Self, f64)> {
+        let slots = columns.div_ceil(SHARED);
+        let mut cumulative = vec![0.0; columns * rows];
+        let mut guide = vec![0; slots * rows];
+        let tables = cumulative.par_chunks_exact_mut(columns).zip(guide.par_chunks_exact_mut(slots)).enumerate();
+        let sums: Vec<f64> = tables
+            .map_init(
+                || vec![0.0; columns],
+                |weights, (row, (cumulative, guide))| {
+                    fill(row, weights);
+                    tabulate(weights, cumulative, guide)
+                },
+            )
+            .collect();
         let total = sums.iter().sum();
-        let rows = Discrete::new(&sums)?;
-        let within = weights.chunks_exact(columns).map(|row| Discrete::new(row).unwrap_or_default()).collect();
-        Some((Self { columns, rows, within }, total))
+        Some((Self { columns, rows: Discrete::new(&sums)?, cumulative, guide }, total))
     }
 
     /// Draws a cell; never one of weight zero.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Cell {
         let (row, v) = self.rows.sample(u[1]);
-        let (column, u) = self.within[row].sample(u[0]);
-        debug_assert!(column < self.columns);
+        let slots = self.columns.div_ceil(SHARED);
+        let cumulative = &self.cumulative[row * self.columns..(row + 1) * self.columns];
+        let guide = &self.guide[row * slots..(row + 1) * slots];
+        let (column, u) = invert(cumulative, guide, u[0]);
         Cell { column, row, u: [u, v] }
     }
 }
 
 /// A distribution over `0..n`.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 struct Discrete {
     /// `cumulative[i]` = probability of an index <= i; 1 from the last possible index on.
     cumulative: Vec<f32>,
-    /// `guide[k]` = first index whose cumulative probability exceeds `k / n`.
+    /// `guide[k]` = first index whose cumulative probability exceeds `k / guide.len()`.
     guide: Vec<u32>,
 }
 
 impl Discrete {
     fn new(weights: &[f64]) -> Option<Self> {
-        let total: f64 = weights.iter().sum();
-        let last = weights.iter().rposition(|&w| w > 0.0)?;
-        let mut sum = 0.0;
-        let mut cumulative: Vec<f32> = weights
-            .iter()
-            .map(|w| {
-                sum += w;
-                (sum / total) as f32
-            })
-            .collect();
-        cumulative[last..].fill(1.0);
-        let n = cumulative.len();
-        let mut first = 0;
-        let guide = (0..n)
-            .map(|k| {
-                while cumulative[first] <= k as f32 / n as f32 {
-                    first += 1;
-                }
-                first as u32
-            })
-            .collect();
-        Some(Self { cumulative, guide })
+        let mut cumulative = vec![0.0; weights.len()];
+        let mut guide = vec![0; weights.len().div_ceil(SHARED)];
+        (tabulate(weights, &mut cumulative, &mut guide) > 0.0).then_some(Self { cumulative, guide })
     }
 
-    /// Index for `u` in 0..1, and where in the index's interval `u` lies.
     #[inline]
     fn sample(&self, u: f32) -> (usize, f32) {
-        const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
-        let u = u.min(BELOW_ONE);
-        let n = self.cumulative.len();
-        let k = ((u * n as f32) as usize).min(n - 1);
-        // Rounding of `u * n` can name the next slot; its first index may then lie beyond `u`.
-        let mut i = self.guide[k] as usize;
-        while i > 0 && self.cumulative[i - 1] > u {
-            i -= 1;
-        }
-        while self.cumulative[i] <= u {
-            i += 1;
-        }
-        let below = if i == 0 { 0.0 } else { self.cumulative[i - 1] };
-        (i, ((u - below) / (self.cumulative[i] - below)).min(BELOW_ONE))
+        invert(&self.cumulative, &self.guide, u)
     }
+}
+
+/// Fills the tables of a [`Discrete`]; returns the sum of the weights. Where it is zero the tables are left as they are.
+fn tabulate(weights: &[f64], cumulative: &mut [f32], guide: &mut [u32]) -> f64 {
+    let total: f64 = weights.iter().sum();
+    let Some(last) = weights.iter().rposition(|&w| w > 0.0) else { return 0.0 };
+    let mut sum = 0.0;
+    for (c, w) in cumulative.iter_mut().zip(weights) {
+        sum += w;
+        *c = (sum / total) as f32;
+    }
+    cumulative[last..].fill(1.0);
+    let mut first = 0;
+    let slots = guide.len() as f32;
+    for (k, slot) in guide.iter_mut().enumerate() {
+        while cumulative[first] <= k as f32 / slots {
+            first += 1;
+        }
+        *slot = first as u32;
+    }
+    total
+}
+
+/// Index for `u` in 0..1, and where in the index's interval `u` lies.
+#[inline]
+fn invert(cumulative: &[f32], guide: &[u32], u: f32) -> (usize, f32) {
+    const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+    let u = u.clamp(0.0, BELOW_ONE);
+    let slots = guide.len();
+    let k = ((u * slots as f32) as usize).min(slots - 1);
+    // Rounding of the product can name the next slot; its first index may then lie beyond `u`.
+    let mut i = guide[k] as usize;
+    while i > 0 && cumulative[i - 1] > u {
+        i -= 1;
+    }
+    while cumulative[i] <= u {
+        i += 1;
+    }
+    let below = if i == 0 { 0.0 } else { cumulative[i - 1] };
+    (i, ((u - below) / (cumulative[i] - below)).min(BELOW_ONE))
 }
 
 /// Draws `x` in 0..1 with density proportional to `a + (b - a) x`; `a`, `b` >= 0, not both zero.

@@ -1,19 +1,15 @@
 //! What lights a scene. Directions are in world space, densities in solid angle at the shading point.
+//!
+//! [`EnvironmentLight`] alone lights a scene without emitters; [`LightSampler`] draws from it and an [`EmitterLight`] together.
+//! [`LightGroups`] says which part of the light a direction belongs to.
 
 mod distribution;
+mod emitters;
 mod envmap;
+mod groups;
+mod sampler;
 
-pub use envmap::EnvironmentLight;
-
-use glam::Vec3A;
-
-/// One direction towards the light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LightSample {
-    /// World-space unit direction towards the light.
-    pub wi: Vec3A,
-    /// Scene-linear radiance arriving from `wi` when nothing is in between.
-    pub radiance: Vec3A,
-    /// Density of `wi`, per steradian, > 0.
-    pub pdf: f32,
-}
+pub use emitters::{EmissiveTriangle, EmitterLight, EmitterSample};
+pub use envmap::{EnvironmentLight, EnvironmentSample, MAX_RADIANCE, Repairs, Sampling};
+pub use groups::LightGroups;
+pub use sampler::{LightSample, LightSampler, Source};

@@ -1,137 +1,60 @@
-//! Burley's principled material (2012) in its energy-conserving form.
-//!
-//! - Conductor: single-scattering GGX with Schlick's Fresnel, times `1 + F0 (1 - E(wo)) / E(wo)` for the light that leaves after
-//!   several reflections (Turquin 2019). `E` is the directional albedo at reflectance 1. Kulla and Conty's separate lobe (2017)
-//!   is reciprocal where this factor is not, but for smooth metals it is hard to draw (weights in the thousands at grazing view),
-//!   and it needs a second look-up and a second lobe for every metal; paths are only ever traced from the camera.
-//! - Dielectric: single-scattering GGX over a Lambertian base that receives, reciprocally, what the coat lets through (Kelemen
-//!   and Szirmay-Kalos 2001).
-//!
-//! With base colour 1 the dielectric and the conductor each reflect exactly what they receive. `metallic` blends the two.
-//!
-//! The base is Lambertian and not Burley's diffuse: that one shapes the loss through the coat by hand (its Fresnel factors),
-//! which the coupling above already does from the coat's own albedo, and its retro-reflection adds energy at grazing view.
+//! Burley's principled material (2012): one interface over its two forms.
 
-use super::albedo::{Albedo, Row};
-use super::fresnel::{f90, schlick};
-use super::ggx::{Ggx, alpha};
-use super::{BsdfEval, BsdfSample, Surface};
+use super::conserving::Conserving;
+use super::published::Published;
+use super::{BsdfEval, BsdfSample, Mode, Surface};
 use glam::Vec3A;
-use std::f32::consts::{FRAC_1_PI, PI};
 
-/// The scattering function of one surface point.
+/// Draws of a smaller density are discarded. The quotient of value and density would be rounded beyond use (both are subnormal or
+/// nearly so), and such a draw has a probability below 1e-28 of happening at all.
+const MIN_PDF: f32 = 1e-30;
+
+/// Probabilities of drawing each lobe; they sum to 1.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lobes {
+    pub ggx: f32,
+    pub clearcoat: f32,
+    /// Cosine-weighted: diffuse and sheen.
+    pub cosine: f32,
+}
+
+impl Lobes {
+    /// From the light each lobe reflects. All go to the cosine when none reflects any.
+    #[inline]
+    pub fn new(ggx: f32, clearcoat: f32, cosine: f32) -> Self {
+        let sum = ggx + clearcoat + cosine;
+        if sum == 0.0 {
+            return Self { ggx: 0.0, clearcoat: 0.0, cosine: 1.0 };
+        }
+        Self { ggx: ggx / sum, clearcoat: clearcoat / sum, cosine: cosine / sum }
+    }
+}
+
+/// The scattering function of one surface point, in its local frame: shading normal +z, tangent of anisotropic lobes +x.
+///
+/// With `FULL = false` the compiled code knows base colour, metallic, roughness and specular of [`Mode::Conserving`] alone and
+/// ignores everything else; it is for scenes whose materials have no more ([`Surface::is_plain`]), and gives the values of
+/// `FULL = true` there. With `FULL = true` lobes that a material lacks are skipped by a branch.
 #[derive(Clone, Copy)]
-pub struct Bsdf {
-    /// BSDF of the base, before what the coat takes from it.
-    base: Vec3A,
-    /// Whether `base` is not black.
-    has_base: bool,
-    /// `None` when nothing reflects specularly: then the material is Lambertian and the GGX code is never reached.
-    coat: Option<Coat>,
-}
+pub struct Bsdf<const FULL: bool>(Form<FULL>);
 
-/// The GGX lobe of coat and conductor together, and what the coat takes from the base.
 #[derive(Clone, Copy)]
-struct Coat {
-    ggx: Ggx,
-    row: Row,
-    /// Reflectance at normal and at grazing incidence of the dielectric alone.
-    f0_dielectric: f32,
-    f90_dielectric: f32,
-    /// Colour of the conductor, and its share.
-    f0_metal: Vec3A,
-    metallic: f32,
+#[allow(clippy::large_enum_variant)] // It lives on the stack of one path vertex.
+enum Form<const FULL: bool> {
+    Conserving(Conserving<FULL>),
+    Published(Published),
 }
 
-/// What depends on `wo` alone.
-#[derive(Clone, Copy)]
-struct Outgoing {
-    /// Fresnel reflectances of the GGX lobe, shares and compensation applied.
-    f0: Vec3A,
-    f90: Vec3A,
-    /// Share of `wo`'s light that the coat lets through.
-    transmitted: f32,
-    /// Probability of drawing the GGX lobe.
-    share: f32,
-}
-
-impl Coat {
-    /// What the dielectric coat lets through to the base.
+impl<const FULL: bool> Bsdf<FULL> {
+    /// Prepares the lobes that `surface` has. Parameters beyond their range are taken at its end; NaN stays NaN and shows in the
+    /// values. `mode` is [`Mode::Conserving`] where `FULL = false`, whatever it says.
     #[inline]
-    fn transmitted(&self, albedo: Albedo) -> f32 {
-        1.0 - (self.f0_dielectric * (albedo.e - albedo.b) + self.f90_dielectric * albedo.b)
-    }
-
-    #[inline]
-    fn outgoing(&self, base: Vec3A, has_base: bool, cos: f32) -> Outgoing {
-        let albedo = self.row.at(cos);
-        let compensation = Vec3A::ONE + self.f0_metal * ((1.0 - albedo.e) / albedo.e);
-        let metal = compensation * self.metallic;
-        let f0 = metal * self.f0_metal + Vec3A::splat(self.f0_dielectric * (1.0 - self.metallic));
-        let f90 = metal + Vec3A::splat(self.f90_dielectric * (1.0 - self.metallic));
-        if !has_base {
-            return Outgoing { f0, f90, transmitted: 0.0, share: 1.0 };
-        }
-        // Each lobe by the light it reflects towards `wo` under a white sky.
-        let transmitted = self.transmitted(albedo);
-        let single = (f0 * (albedo.e - albedo.b) + f90 * albedo.b).max_element();
-        let diffuse = base.max_element() * transmitted * self.transmitted(self.row.mean) * PI;
-        Outgoing { f0, f90, transmitted, share: single / (single + diffuse) }
-    }
-
-    /// GGX value (times cosine) and density.
-    #[inline]
-    fn specular(&self, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> (Vec3A, f32) {
-        let h = wo + wi;
-        let len2 = h.length_squared();
-        // Two opposite directions on the horizon: no half vector, and no energy.
-        if len2 < 1e-30 {
-            return (Vec3A::ZERO, 0.0);
-        }
-        let d = self.ggx.distribution(h, len2);
-        // For unit directions the cosine to the half vector is half the length of their sum.
-        let fresnel = schlick(outgoing.f0, outgoing.f90, 0.5 * len2.sqrt());
-        (fresnel * (d * self.ggx.visibility_cos(wo.z, wi.z)), self.ggx.pdf(wo.z, d))
-    }
-
-    /// Value (times cosine) and density of all lobes.
-    #[inline]
-    fn eval(&self, base: Vec3A, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> BsdfEval {
-        let (specular, pdf) = self.specular(outgoing, wo, wi);
-        // A conductor has no base: its second look-up is skipped.
-        if outgoing.share == 1.0 {
-            return BsdfEval { f_cos: specular, pdf };
-        }
-        let through = outgoing.transmitted * self.transmitted(self.row.at(wi.z));
-        let cosine_pdf = wi.z * FRAC_1_PI;
-        BsdfEval { f_cos: specular + base * (through * wi.z), pdf: outgoing.share * pdf + (1.0 - outgoing.share) * cosine_pdf }
-    }
-}
-
-impl Bsdf {
-    /// Prepares the lobes that `surface` has. Parameters beyond their range are taken at its end.
-    #[inline]
-    pub fn new(surface: &Surface) -> Self {
-        let color = surface.base_color.clamp(Vec3A::ZERO, Vec3A::ONE);
-        let metallic = surface.metallic.clamp(0.0, 1.0);
-        let roughness = surface.roughness.clamp(0.0, 1.0);
-        let f0_dielectric = 0.08 * surface.specular.clamp(0.0, 1.0);
-        let base = color * ((1.0 - metallic) * FRAC_1_PI);
-        let has_base = base != Vec3A::ZERO;
-        if metallic == 0.0 && f0_dielectric == 0.0 {
-            return Self { base, has_base, coat: None };
-        }
-        let coat = Coat {
-            ggx: Ggx::new(alpha(roughness)),
-            row: Row::new(roughness),
-            f0_dielectric,
-            f90_dielectric: f90(f0_dielectric),
-            f0_metal: color,
-            metallic,
-        };
-        // The coat's mean transmittance normalises the base: what enters leaves again where the base is white.
-        let base = base / coat.transmitted(coat.row.mean);
-        Self { base, has_base, coat: Some(coat) }
+    pub fn new(surface: &Surface, mode: Mode) -> Self {
+        let surface = if FULL { surface.clamped() } else { surface.clamped_plain() };
+        Self(match mode {
+            Mode::Published if FULL => Form::Published(Published::new(&surface)),
+            _ => Form::Conserving(Conserving::new(&surface)),
+        })
     }
 
     /// Value (times cosine) and density for two directions; zero when either lies on or below the shading horizon.
@@ -140,9 +63,11 @@ impl Bsdf {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return BsdfEval::default();
         }
-        match &self.coat {
-            None => BsdfEval { f_cos: self.base * wi.z, pdf: if self.has_base { wi.z * FRAC_1_PI } else { 0.0 } },
-            Some(coat) => coat.eval(self.base, &coat.outgoing(self.base, self.has_base, wo.z), wo, wi),
+        match &self.0 {
+            Form::Published(form) if FULL => form.eval(&form.lobes(wo), wo, wi),
+            Form::Published(_) => BsdfEval::default(),
+            Form::Conserving(form) if form.is_black() => BsdfEval::default(),
+            Form::Conserving(form) => form.eval(&form.outgoing(wo), wo, wi),
         }
     }
 
@@ -153,26 +78,60 @@ impl Bsdf {
     }
 
     /// Draws a direction; `u_lobe` and `u` are in 0..1. `None` when `wo` lies on or below the shading horizon, when the drawn
-    /// facet mirrors `wo` below it, or when the material reflects nothing: the estimate is then zero.
+    /// facet mirrors `wo` below it, when the material reflects nothing, or when the density is below 1e-30 per steradian (such
+    /// draws do not happen in practice): the estimate is then zero. A weight that is not finite is handed on to be counted.
     #[inline]
     pub fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         if wo.z <= 0.0 {
             return None;
         }
-        let Some(coat) = &self.coat else {
-            let wi = cosine_hemisphere(u);
-            let pdf = wi.z * FRAC_1_PI;
-            return (self.has_base && pdf > 0.0).then(|| BsdfSample { wi, weight: self.base * PI, pdf });
+        let (wi, value) = match &self.0 {
+            Form::Published(form) if FULL => {
+                let lobes = form.lobes(wo);
+                let wi = if u_lobe < lobes.ggx {
+                    form.ggx().sample(wo, u)?
+                } else if let Some(lobe) = form.clearcoat()
+                    && u_lobe < lobes.ggx + lobes.clearcoat
+                {
+                    lobe.sample(wo, u)
+                } else {
+                    cosine_hemisphere(u)
+                };
+                if wi.z <= 0.0 {
+                    return None;
+                }
+                (wi, form.eval(&lobes, wo, wi))
+            }
+            Form::Published(_) => return None,
+            Form::Conserving(form) => {
+                if form.is_black() {
+                    return None;
+                }
+                let outgoing = form.outgoing(wo);
+                let lobes = outgoing.lobes;
+                let wi = if let Some(ggx) = form.ggx()
+                    && u_lobe < lobes.ggx
+                {
+                    ggx.sample(wo, u)?
+                } else if FULL
+                    && let Some(lobe) = form.clearcoat()
+                    && u_lobe < lobes.ggx + lobes.clearcoat
+                {
+                    lobe.sample(wo, u)
+                } else {
+                    cosine_hemisphere(u)
+                };
+                if wi.z <= 0.0 {
+                    return None;
+                }
+                (wi, form.eval(&outgoing, wo, wi))
+            }
         };
-        let outgoing = coat.outgoing(self.base, self.has_base, wo.z);
-        let wi = if u_lobe < outgoing.share { coat.ggx.sample(wo, u)? } else { cosine_hemisphere(u) };
-        if wi.z <= 0.0 {
+        // `<`, not `!(>=)`: a NaN must reach the caller.
+        if value.pdf < MIN_PDF {
             return None;
         }
-        let BsdfEval { f_cos, pdf } = coat.eval(self.base, &outgoing, wo, wi);
-        let weight = f_cos / pdf;
-        // So small a density is rounded beyond use; its draw does not happen in practice.
-        (pdf > 1e-30 && weight.is_finite()).then_some(BsdfSample { wi, weight, pdf })
+        Some(BsdfSample { wi, weight: value.f_cos / value.pdf, pdf: value.pdf })
     }
 }
 

@@ -25,3 +25,16 @@ pub fn schlick(f0: Vec3A, f90: Vec3A, cos_d: f32) -> Vec3A {
 pub fn f90(f0: f32) -> f32 {
     (50.0 * f0).min(1.0)
 }
+
+/// Rec.709 luminance. Burley's `.3 .6 .1` belong to the monitor space he decodes his colours from; ours are linear Rec.709.
+#[inline]
+pub(super) fn luminance(color: Vec3A) -> f32 {
+    color.dot(Vec3A::new(0.2126, 0.7152, 0.0722))
+}
+
+/// Hue and saturation of a colour: divided by its luminance; white for black (Burley 2012, `Ctint`).
+#[inline]
+pub(super) fn tint(color: Vec3A) -> Vec3A {
+    let l = luminance(color);
+    if l > 0.0 { color / l } else { Vec3A::ONE }
+}

@@ -1,6 +1,6 @@
-//! Isotropic GGX microfacets: distribution, height-correlated Smith masking, visible-normal sampling.
+//! GGX microfacets: distribution, height-correlated Smith masking, visible-normal sampling; isotropic and anisotropic.
 //!
-//! Written so that no intermediate overflows or cancels for any `alpha` in [`MIN_ALPHA`]`..=1` and any pair of directions above
+//! Written so that no intermediate overflows or cancels for any width in [`MIN_ALPHA`]`..=1` and any pair of directions above
 //! the horizon, however grazing.
 
 use glam::Vec3A;
@@ -15,65 +15,105 @@ pub fn alpha(roughness: f32) -> f32 {
     (roughness * roughness).max(MIN_ALPHA)
 }
 
-/// A GGX surface of width `alpha`.
-#[derive(Clone, Copy, Debug)]
-pub struct Ggx {
-    alpha: f32,
-    alpha2: f32,
+/// GGX widths along tangent and bitangent: `roughness^2` divided and multiplied by the aspect `sqrt(1 - 0.9 anisotropic)`
+/// (Burley 2012, section 5.4).
+#[inline]
+pub fn alpha_xy(roughness: f32, anisotropic: f32) -> [f32; 2] {
+    let aspect = (1.0 - 0.9 * anisotropic).sqrt();
+    let alpha = roughness * roughness;
+    // The wider side reaches 3.16 at roughness 1: every formula below holds for widths beyond 1 too.
+    [(alpha / aspect).max(MIN_ALPHA), (alpha * aspect).max(MIN_ALPHA)]
 }
 
-impl Ggx {
-    /// `alpha` in [`MIN_ALPHA`]`..=1`.
+/// A GGX surface. With `ANISOTROPIC = false` the compiled code knows one width.
+#[derive(Clone, Copy, Debug)]
+pub struct Ggx<const ANISOTROPIC: bool> {
+    alpha: [f32; 2],
+    alpha2: [f32; 2],
+}
+
+impl Ggx<false> {
+    /// `alpha` >= [`MIN_ALPHA`].
     #[inline]
     pub fn new(alpha: f32) -> Self {
-        Self { alpha, alpha2: alpha * alpha }
+        Self { alpha: [alpha; 2], alpha2: [alpha * alpha; 2] }
+    }
+}
+
+impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
+    /// Widths along tangent (+x) and bitangent (+y), each >= [`MIN_ALPHA`]; an isotropic surface takes the first.
+    #[inline]
+    pub fn with_widths(alpha: [f32; 2]) -> Self {
+        Self { alpha, alpha2: alpha.map(|a| a * a) }
     }
 
-    /// Normal distribution (Walter et al. 2007) for the direction of `h`, which need not be unit but has `h.z > 0`; `len2 = |h|^2`.
     #[inline]
-    pub fn distribution(self, h: Vec3A, len2: f32) -> f32 {
+    fn width(&self, axis: usize) -> f32 {
+        self.alpha[if ANISOTROPIC { axis } else { 0 }]
+    }
+
+    /// Normal distribution (Walter et al. 2007; Burley 2012 for two widths) for the direction of `h`, which need not be unit but
+    /// has `h.z > 0`; `len2 = |h|^2`.
+    #[inline]
+    pub fn distribution(&self, h: Vec3A, len2: f32) -> f32 {
         // sin^2 from x and y: 1 - cos^2 would lose the whole lobe to rounding for small alpha.
-        let t = ((h.x * h.x + h.y * h.y) / self.alpha2 + h.z * h.z) / len2;
-        std::f32::consts::FRAC_1_PI / (self.alpha2 * t * t)
+        let slope2 = if ANISOTROPIC {
+            h.x * h.x / self.alpha2[0] + h.y * h.y / self.alpha2[1]
+        } else {
+            (h.x * h.x + h.y * h.y) / self.alpha2[0]
+        };
+        let t = (slope2 + h.z * h.z) / len2;
+        std::f32::consts::FRAC_1_PI / (self.width(0) * self.width(1) * t * t)
     }
 
-    /// `sqrt(alpha^2 + (1 - alpha^2) cos^2)`, the common term of Smith's masking.
+    /// `sqrt(ax^2 x^2 + ay^2 y^2 + z^2)` of a unit direction: the common term of Smith's masking.
     #[inline]
-    fn smith(self, cos: f32) -> f32 {
-        (self.alpha2 + (1.0 - self.alpha2) * cos * cos).sqrt()
+    pub fn smith(&self, w: Vec3A) -> f32 {
+        if ANISOTROPIC {
+            (self.alpha2[0] * w.x * w.x + self.alpha2[1] * w.y * w.y + w.z * w.z).sqrt()
+        } else {
+            (self.alpha2[0] + (1.0 - self.alpha2[0]) * w.z * w.z).sqrt()
+        }
     }
 
     /// `G2(wo, wi) / (4 cos_o cos_i) * cos_i` with height-correlated masking (Heitz 2014). Bounded by `1 / (2 alpha)`.
     #[inline]
-    pub fn visibility_cos(self, cos_o: f32, cos_i: f32) -> f32 {
-        let denominator = cos_o * self.smith(cos_i) + cos_i * self.smith(cos_o);
+    pub fn visibility_cos(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+        let denominator = wo.z * self.smith(wi) + wi.z * self.smith(wo);
         // Both terms underflow for cosines below 1e-38; the tiny addend turns 0 / 0 into 0.
-        0.5 * cos_i / (denominator + f32::MIN_POSITIVE)
+        0.5 * wi.z / (denominator + f32::MIN_POSITIVE)
+    }
+
+    /// `G1(wo) G1(wi) / (4 cos_o cos_i) * cos_i` with masking and shadowing taken as independent, as Burley printed it.
+    #[inline]
+    pub fn visibility_cos_separable(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+        wi.z / ((wo.z + self.smith(wo)) * (wi.z + self.smith(wi)))
     }
 
     /// `G2(wo, wi) / G1(wo)`: what a visible-normal sample of a perfect mirror weighs.
     #[inline]
-    pub fn masking_ratio(self, cos_o: f32, cos_i: f32) -> f32 {
-        2.0 * self.visibility_cos(cos_o, cos_i) * (cos_o + self.smith(cos_o))
+    pub fn masking_ratio(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+        2.0 * self.visibility_cos(wo, wi) * (wo.z + self.smith(wo))
     }
 
     /// Density of [`Self::sample`]: `G1(wo) D(h) / (4 cos_o)`, given `d = D(h)`.
     #[inline]
-    pub fn pdf(self, cos_o: f32, d: f32) -> f32 {
-        0.5 * d / (cos_o + self.smith(cos_o))
+    pub fn pdf(&self, wo: Vec3A, d: f32) -> f32 {
+        0.5 * d / (wo.z + self.smith(wo))
     }
 
     /// Mirrors `wo` (above the horizon) in a visible normal: spherical caps (Dupuy and Benyoub 2023). The result may lie below
     /// the horizon, where a single reflection carries nothing. `None` on the measure-zero failure of the construction.
     #[inline]
-    pub fn sample(self, wo: Vec3A, u: [f32; 2]) -> Option<Vec3A> {
-        let stretched = Vec3A::new(self.alpha * wo.x, self.alpha * wo.y, wo.z).normalize();
+    pub fn sample(&self, wo: Vec3A, u: [f32; 2]) -> Option<Vec3A> {
+        let (ax, ay) = (self.width(0), self.width(1));
+        let stretched = Vec3A::new(ax * wo.x, ay * wo.y, wo.z).normalize();
         // A point on the cap of directions that a half vector mirrors `stretched` into.
         let z = (1.0 - u[0]).mul_add(1.0 + stretched.z, -stretched.z);
         let r = (1.0 - z * z).max(0.0).sqrt();
         let (sin, cos) = (std::f32::consts::TAU * u[1]).sin_cos();
         let h = Vec3A::new(r * cos, r * sin, z) + stretched;
-        let h = Vec3A::new(self.alpha * h.x, self.alpha * h.y, h.z.max(0.0));
+        let h = Vec3A::new(ax * h.x, ay * h.y, h.z.max(0.0));
         let h = h.try_normalize()?;
         Some((2.0 * wo.dot(h) * h - wo).normalize())
     }

@@ -6,11 +6,24 @@
 //! |---|---|
 //! | 0 | image point x, y; the other two are unused |
 //! | 2k - 1 | scattering at the k-th surface of the path: lobe, direction (2), Russian roulette |
-//! | 2k | light at the k-th surface: direction (2); the other two are unused |
+//! | 2k | light at the k-th surface: direction (2), choice between environment and emitters; the last is unused |
 //!
-//! A scene that needs no light samples (flat environment) never asks for the even sets; the others keep their numbers.
+//! A scene that needs no light samples (flat environment, no emitters) never asks for the even sets; the others keep their numbers.
 
 pub mod hash;
 pub mod sobol;
 
 pub use sobol::PixelSampler;
+
+use serde::{Deserialize, Serialize};
+
+/// Kind of the random numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sampler {
+    /// Owen-scrambled Sobol points.
+    #[default]
+    Sobol,
+    /// Independent numbers: more noise, but errors that textbooks give the size of.
+    Independent,
+}

@@ -1,6 +1,6 @@
 //! Owen-scrambled Sobol points (sobol_burley), one independent scramble a pixel and set.
 
-use crate::sampler::hash;
+use crate::sampler::{Sampler, hash};
 
 /// Points of sobol_burley's sequence before its scramble must change.
 const SEQUENCE: u32 = 1 << 16;
@@ -9,19 +9,31 @@ const SEQUENCE: u32 = 1 << 16;
 #[derive(Clone, Copy, Debug)]
 pub struct PixelSampler {
     base: u64,
+    kind: Sampler,
 }
 
 impl PixelSampler {
     /// Stream of pixel number `pixel` (row-major) in `frame`.
     #[inline]
     pub fn new(seed: u64, frame: u64, pixel: u64) -> Self {
-        Self { base: hash::child(hash::child(hash::mix(seed), frame), pixel) }
+        Self::of_kind(Sampler::Sobol, seed, frame, pixel)
+    }
+
+    /// As [`Self::new`], with numbers of another kind.
+    #[inline]
+    pub fn of_kind(kind: Sampler, seed: u64, frame: u64, pixel: u64) -> Self {
+        Self { base: hash::child(hash::child(hash::mix(seed), frame), pixel), kind }
     }
 
     /// Four numbers in [0, 1) of sample `index`: the `set`-th four-dimensional point. The first 2^k samples of a set are stratified
-    /// in all their dyadic boxes.
+    /// in all their dyadic boxes (Sobol).
     #[inline]
     pub fn point(&self, index: u32, set: u32) -> [f32; 4] {
+        if self.kind == Sampler::Independent {
+            let first = hash::child(self.base, u64::from(index) << 32 | u64::from(set));
+            let unit = |bits: u64| (bits >> 40) as f32 / (1u32 << 24) as f32;
+            return [first, first << 24, hash::mix(first), hash::mix(first) << 24].map(unit);
+        }
         // Long renders go on with a new scramble every 2^16 samples.
         let seed = hash::mix(self.base ^ (u64::from(index / SEQUENCE) << 32 | u64::from(set)));
         sobol_burley::sample_4d(index % SEQUENCE, 0, (seed >> 32) as u32)
@@ -61,6 +73,26 @@ mod tests {
         ] {
             assert_ne!(origin, other);
         }
+    }
+
+    #[test]
+    fn independent_numbers_differ_and_are_uniform() {
+        let sampler = PixelSampler::of_kind(Sampler::Independent, 5, 0, 1);
+        let (mut sum, mut squares, mut products) = ([0.0f64; 4], [0.0f64; 4], [0.0f64; 4]);
+        let n = 40_000;
+        for i in 0..n {
+            let p = sampler.point(i, 3).map(f64::from);
+            for k in 0..4 {
+                sum[k] += p[k] - 0.5;
+                squares[k] += (p[k] - 0.5).powi(2);
+                products[k] += (p[k] - 0.5) * (p[(k + 1) % 4] - 0.5);
+            }
+        }
+        // Five standard errors of each.
+        let n = f64::from(n);
+        assert!(sum.iter().all(|s| (s / n).abs() < 5.0 * (1.0 / 12.0 / n).sqrt()), "{sum:?}");
+        assert!(squares.iter().all(|s| (s / n - 1.0 / 12.0).abs() < 5.0 * (1.0 / 180.0 / n).sqrt()), "{squares:?}");
+        assert!(products.iter().all(|s| (s / n).abs() < 5.0 / 12.0 / n.sqrt()), "{products:?}");
     }
 
     #[test]

@@ -53,9 +53,9 @@ pub fn plane(size: f32) -> Mesh {
     }
 }
 
-/// A material without specular reflection.
+/// A Lambertian material: without specular reflection, and without the retro-reflection of rough ones.
 pub fn diffuse(base_color: [f32; 3]) -> Material {
-    Material { name: "diffuse".into(), base_color, roughness: 1.0, specular: 0.0, ..Material::default() }
+    Material { name: "diffuse".into(), base_color, roughness: 0.0, specular: 0.0, ..Material::default() }
 }
 
 pub fn instance(mesh: usize, material: usize, transform: Affine3A) -> Instance {

@@ -6,10 +6,24 @@ mod mesh;
 mod model;
 mod obj;
 
+use crate::Texture;
+use crate::error::{Error, Result};
+use crate::loaded::Encoding;
 use glam::{Affine3A, DAffine3, DVec3};
+use std::path::Path;
 
 pub use build::load;
 pub use model::{Format, ModelView, describe_model};
+
+/// Reads an image file (PNG or JPEG, by content) as a texture that repeats.
+///
+/// # Errors
+/// [`Error::Io`] when it cannot be read, [`Error::Model`] with what is wrong with its bytes.
+pub fn read_texture(path: &Path, encoding: Encoding) -> Result<Texture> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let name = path.to_string_lossy().into_owned();
+    crate::texture::decode(&bytes, name, encoding, Default::default()).map_err(|reason| Error::model(path, "", reason))
+}
 
 /// Does the transform, as single precision stores it, keep three dimensions? Its inverse, taken in double precision, has to be finite
 /// in single precision: the determinant alone would underflow for a uniform scale of 1e-13.

@@ -31,6 +31,28 @@ impl Format {
     }
 }
 
+impl Format {
+    /// Format by the first bytes of a file (a few thousand are enough); `None` for what is neither.
+    pub fn sniff(head: &[u8]) -> Option<Self> {
+        let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
+        if text.starts_with(b"glTF") || text.starts_with(b"{") {
+            return Some(Self::Gltf);
+        }
+        let known = [&b"v "[..], b"vn ", b"vt ", b"f ", b"o ", b"g ", b"mtllib "];
+        let mut lines = text.split(|&b| b == b'\n' || b == b'\r').map(<[u8]>::trim_ascii);
+        let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"))?;
+        known.iter().any(|word| first.starts_with(word)).then_some(Self::Obj)
+    }
+
+    /// Format of a file: by its content, or else by its name.
+    fn of_file(path: &Path) -> Result<Option<Self>> {
+        let mut head = Vec::new();
+        let file = std::fs::File::open(path).map_err(Error::io(path, "read"))?;
+        std::io::Read::read_to_end(&mut std::io::Read::take(file, 4096), &mut head).map_err(Error::io(path, "read"))?;
+        Ok(Self::sniff(&head).or(Self::of(path)))
+    }
+}
+
 /// A mesh of a model, placed in the model's own space.
 pub(crate) struct Part {
     pub name: String,
@@ -55,10 +77,10 @@ pub(crate) struct Model {
 
 /// Reads a model file; materials and textures only `with_materials`.
 pub(crate) fn read(path: &Path, with_materials: bool) -> Result<Model> {
-    match Format::of(path) {
+    match Format::of_file(path)? {
         Some(Format::Gltf) => super::gltf::read(path, with_materials),
         Some(Format::Obj) => super::obj::read(path, with_materials),
-        None => Err(Error::model(path, "", "not a .gltf, .glb or .obj file")),
+        None => Err(Error::model(path, "", "neither glTF nor OBJ")),
     }
 }
 

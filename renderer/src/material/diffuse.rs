@@ -1,0 +1,119 @@
+//! Shape of the diffuse lobe, and its coupling to a coat that conserves energy.
+//!
+//! The shape is `s(wo, wi) = 1 + f_retro` with Burley's retro-reflection as he split it off later (2015, "Extending the Disney
+//! BRDF to a BSDF", equation 4): `f_retro = R (Fo + Fi + Fo Fi (R - 1))`, `R = 2 roughness cos^2 theta_d`, `F = (1 - cos)^5`. His
+//! other factor `(1 - Fo/2)(1 - Fi/2)` is the loss through the coat, for which the coat's own transmittance `T` stands here.
+//!
+//! With the transmittance coupled reciprocally (Kelemen and Szirmay-Kalos 2001) and what the shape does not spread evenly given to a
+//! second lobe of the same form, the base is
+//!
+//! `base / (pi (Tm + h_max)) T(wo) T(wi) [ s(wo, wi) + d(wo) d(wi) / mean(T d) ]`,
+//!
+//! where `h(wo) = integral of T(wi) (s - 1) cos / pi dwi`, `d = h_max - h >= 0`, and `Tm`, `mean` are cosine-weighted means. Its
+//! albedo is `base T(wo)` exactly, it is reciprocal, and with a constant shape it is the plain coupled Lambertian lobe.
+//!
+//! `f_retro` is a polynomial in `wo . wi`, so `h` needs five moments of `T` and no table of its own.
+
+use super::albedo::Moments;
+use super::fresnel::schlick_weight;
+use super::subsurface;
+use glam::Vec3A;
+
+/// `f_retro` of the module's text for Schlick weights `fo`, `fi` and `dot` = `wo . wi`.
+#[inline]
+fn retro(roughness: f32, fo: f32, fi: f32, dot: f32) -> f32 {
+    let r = roughness * (1.0 + dot).max(0.0);
+    r * (fo + fi + fo * fi * (r - 1.0))
+}
+
+/// `d` and the factors of the module's text, for one roughness and coat. `FULL = false` knows no subsurface part.
+#[derive(Clone, Copy)]
+pub(super) struct Diffuse<const FULL: bool> {
+    roughness: f32,
+    /// `h_retro / (roughness h_retro(0))` = `a + b c + F (c0 + c1 c + c2 c^2)` for a cosine `c`; 1 at grazing view, its maximum.
+    a: f32,
+    b: f32,
+    c: [f32; 3],
+    /// Height of the second lobe in units of the first.
+    second: f32,
+    /// `1 / (Tm + h_max)`.
+    norm: f32,
+    /// Share of the subsurface shape, and what belongs to it.
+    subsurface: f32,
+    scattering: Option<subsurface::Shape>,
+    /// `h_max` of retro-reflection, its share applied.
+    retro_max: f32,
+}
+
+impl<const FULL: bool> Diffuse<FULL> {
+    /// The lobe of a material without a base.
+    pub const BLACK: Self = Self {
+        roughness: 0.0,
+        a: 0.0,
+        b: 0.0,
+        c: [0.0; 3],
+        second: 0.0,
+        norm: 0.0,
+        subsurface: 0.0,
+        scattering: None,
+        retro_max: 0.0,
+    };
+
+    /// `moments` are those of `T`; `coat` gives what the subsurface shape needs to know about it.
+    #[inline]
+    pub fn new(roughness: f32, subsurface: f32, moments: &Moments, coat: impl FnOnce() -> subsurface::Coat) -> Self {
+        let [m0, m1, f0, f1, f2] = *moments;
+        if roughness == 0.0 && !(FULL && subsurface > 0.0) {
+            return Self { norm: m0.recip(), ..Self::BLACK };
+        }
+        let (mut a, mut b) = (f0, f1);
+        let mut c =
+            [m0 - f0 + roughness * (1.5 * f0 - 0.5 * f2), m1 - f1 + 2.0 * roughness * f1, roughness * (1.5 * f2 - 0.5 * f0)];
+        let peak = a + c[0];
+        let scale = if peak > 0.0 { peak.recip() } else { 0.0 };
+        a *= scale;
+        b *= scale;
+        c = c.map(|v| v * scale);
+        // Mean of T d / (roughness peak).
+        let mean = m0 - (a * m0 + b * m1 + c[0] * f0 + c[1] * f1 + c[2] * f2);
+        let retro_max = roughness * peak;
+        let mut diffuse = Self { roughness, a, b, c, retro_max, ..Self::BLACK };
+        if FULL && subsurface > 0.0 {
+            let shape = subsurface::Shape::new(coat(), subsurface);
+            diffuse.subsurface = subsurface;
+            diffuse.retro_max *= 1.0 - subsurface;
+            let mean = diffuse.retro_max * mean + shape.mean(m0);
+            diffuse.second = if mean > 0.0 { mean.recip() } else { 0.0 };
+            diffuse.norm = (m0 + diffuse.retro_max + shape.max()).recip();
+            diffuse.scattering = Some(shape);
+            return diffuse;
+        }
+        diffuse.second = if mean > 0.0 { retro_max / mean } else { 0.0 };
+        diffuse.norm = (m0 + retro_max).recip();
+        diffuse
+    }
+
+    /// `1 - h / h_max` of the retro-reflective part.
+    #[inline]
+    fn deficit(&self, cos: f32, f: f32) -> f32 {
+        (1.0 - (self.a + self.b * cos + f * (self.c[0] + cos * (self.c[1] + cos * self.c[2])))).max(0.0)
+    }
+
+    /// The bracket of the module's text times `1 / (Tm + h_max)`; `base T(wo) T(wi) / pi` is left to the caller.
+    #[inline]
+    pub fn eval(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+        if self.roughness == 0.0 && !(FULL && self.scattering.is_some()) {
+            return self.norm;
+        }
+        let (fo, fi, dot) = (schlick_weight(wo.z), schlick_weight(wi.z), wo.dot(wi));
+        let retro = retro(self.roughness, fo, fi, dot);
+        let (uo, ui) = (self.deficit(wo.z, fo), self.deficit(wi.z, fi));
+        if FULL && let Some(shape) = &self.scattering {
+            let bulk = subsurface::shape(self.roughness.max(subsurface::MIN_ROUGHNESS), fo, fi, wo.z, wi.z, dot) - 1.0;
+            let shaped = 1.0 + retro + (bulk - retro) * self.subsurface;
+            let (uo, ui) = (self.retro_max * uo + shape.deficit(wo.z), self.retro_max * ui + shape.deficit(wi.z));
+            return self.norm * (shaped + uo * (self.second * ui));
+        }
+        self.norm * (1.0 + retro + self.second * uo * ui)
+    }
+}

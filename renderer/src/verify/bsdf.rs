@@ -1,0 +1,253 @@
+//! Numerical checks of the material: finiteness, reciprocity, densities, energy.
+//!
+//! Each check returns a [`Worst`]: how many cases it tried, the largest error, and the parameters that gave it. All are
+//! deterministic in their seed.
+
+use crate::material::{Bsdf, Mode, Surface};
+use glam::{DVec3, Vec3A};
+
+/// The outcome of a check.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Worst {
+    /// Number of cases tried.
+    pub cases: u64,
+    /// Number of cases beyond the check's own notion of wrong (not finite, negative, above its bound).
+    pub failures: u64,
+    /// Largest error; its meaning is the check's.
+    pub error: f64,
+    /// The parameters that gave it.
+    pub parameters: String,
+}
+
+impl Worst {
+    fn see(&mut self, error: f64, failed: bool, parameters: impl FnOnce() -> String) {
+        self.cases += 1;
+        // Not a number is worse than any number.
+        let error = if error.is_nan() { f64::INFINITY } else { error };
+        // The first failure is kept before any error that is none.
+        let first = failed && self.failures == 0;
+        self.failures += u64::from(failed);
+        if first || (error > self.error && (failed || self.failures == 0)) {
+            self.error = error;
+            self.parameters = parameters();
+        }
+    }
+}
+
+/// Random numbers in 0..1: PCG-XSH-RR (O'Neill 2014), independent of the renderer's own samplers.
+struct Random(u64);
+
+impl Random {
+    fn new(seed: u64) -> Self {
+        let mut random = Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
+        random.next();
+        random
+    }
+
+    fn next(&mut self) -> f32 {
+        let old = self.0;
+        self.0 = old.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let bits = ((((old >> 18) ^ old) >> 27) as u32).rotate_right((old >> 59) as u32);
+        (bits >> 8) as f32 / 16_777_216.0
+    }
+
+    /// A parameter 0..=1, often at a limit.
+    fn parameter(&mut self) -> f32 {
+        match (self.next() * 8.0) as u32 {
+            0 | 1 => 0.0,
+            2 => 1.0,
+            3 => 10.0_f32.powf(-12.0 * self.next()),
+            _ => self.next(),
+        }
+    }
+
+    fn surface(&mut self) -> Surface {
+        Surface {
+            base_color: Vec3A::new(self.parameter(), self.parameter(), self.parameter()),
+            metallic: self.parameter(),
+            roughness: self.parameter(),
+            specular: self.parameter(),
+            specular_tint: self.parameter(),
+            anisotropic: self.parameter(),
+            sheen: self.parameter(),
+            sheen_tint: self.parameter(),
+            clearcoat: self.parameter(),
+            clearcoat_gloss: self.parameter(),
+            subsurface: self.parameter(),
+        }
+    }
+
+    /// A direction above the horizon; a third graze it, down to cosines of 1e-7.
+    fn direction(&mut self) -> Vec3A {
+        let cos = if self.next() < 0.33 { 10.0_f32.powf(-7.0 * self.next()) } else { self.next().max(1e-7) };
+        view(cos, std::f32::consts::TAU * self.next())
+    }
+}
+
+/// Unit direction of a cosine and an azimuth.
+pub fn view(cos: f32, phi: f32) -> Vec3A {
+    let sin = (1.0 - cos * cos).max(0.0).sqrt();
+    Vec3A::new(sin * phi.cos(), sin * phi.sin(), cos)
+}
+
+/// `eval` and `sample` for `count` random materials and pairs of directions. A failure is a value, weight or density that is not
+/// finite or negative, a direction that is not unit or not above the horizon, or a weight that is not value over density. The
+/// error is the largest relative difference between a sample and `eval` of its direction.
+pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Worst {
+    let (mut random, mut worst) = (Random::new(seed), Worst::default());
+    for i in 0..count {
+        let surface = random.surface();
+        let (wo, wi) = (random.direction(), random.direction());
+        // Opposite and equal directions are the formulae's corners.
+        let wi = match i % 16 {
+            0 => wo,
+            1 => Vec3A::new(-wo.x, -wo.y, wo.z),
+            _ => wi,
+        };
+        let u = [random.next(), random.next(), random.next()];
+        let bsdf = Bsdf::<true>::new(&surface, mode);
+        let value = bsdf.eval(wo, wi);
+        let fine = |v: f32| v.is_finite() && v >= 0.0;
+        let mut failed = !fine(value.pdf) || !value.f_cos.to_array().into_iter().all(fine);
+        let mut error = 0.0;
+        if let Some(drawn) = bsdf.sample(wo, u[0], [u[1], u[2]]) {
+            let again = bsdf.eval(wo, drawn.wi);
+            failed |= !fine(drawn.pdf) || !drawn.weight.to_array().into_iter().all(fine);
+            failed |= drawn.wi.z <= 0.0 || (drawn.wi.length() - 1.0).abs() > 1e-5;
+            error = f64::from((again.pdf - drawn.pdf).abs() / drawn.pdf);
+            let weight = (drawn.weight.as_dvec3() * f64::from(drawn.pdf) - again.f_cos.as_dvec3()).abs().max_element();
+            error = error.max(weight / f64::from(again.f_cos.max_element().max(1e-30)));
+            failed |= error.is_nan() || error > 1e-4;
+        }
+        worst.see(error, failed, || format!("{surface:?} wo {wo} wi {wi} u {u:?}"));
+    }
+    worst
+}
+
+/// Largest relative difference of `f(wo, wi)` and `f(wi, wo)` over `count` random pairs. In `published` mode all materials take
+/// part; in `conserving` mode dielectrics without sheen and clearcoat (the module [`crate::material`] says why the others are not
+/// reciprocal).
+pub fn reciprocity(mode: Mode, count: u64, seed: u64) -> Worst {
+    let (mut random, mut worst) = (Random::new(seed), Worst::default());
+    for _ in 0..count {
+        let mut surface = random.surface();
+        if mode == Mode::Conserving {
+            (surface.metallic, surface.sheen, surface.clearcoat) = (0.0, 0.0, 0.0);
+        }
+        let (wo, wi) = (random.direction(), random.direction());
+        let bsdf = Bsdf::<true>::new(&surface, mode);
+        let a = bsdf.eval(wo, wi).f_cos.as_dvec3() / f64::from(wi.z);
+        let b = bsdf.eval(wi, wo).f_cos.as_dvec3() / f64::from(wo.z);
+        let error = (a - b).abs().max_element() / a.max_element().max(1e-9);
+        worst.see(error, error.is_nan() || error > 1e-4, || format!("{surface:?} wo {wo} wi {wi}: {a} {b}"));
+    }
+    worst
+}
+
+/// The materials of [`furnace`] and [`pdf_integrals`]: every lobe alone and mixed, white or coloured.
+pub fn grid(white: bool) -> Vec<Surface> {
+    let base_color = if white { Vec3A::ONE } else { Vec3A::new(0.8, 0.4, 0.1) };
+    let plain = Surface { base_color, ..Surface::default() };
+    let mut surfaces = Vec::new();
+    for roughness in [0.0, 0.03, 0.05, 0.1, 0.17, 0.25, 0.33, 0.5, 0.62, 0.75, 0.9, 1.0] {
+        let plain = Surface { roughness, ..plain };
+        for specular in [0.0, 0.1, 0.25, 0.5, 1.0] {
+            surfaces.push(Surface { specular, ..plain });
+        }
+        surfaces.push(Surface { metallic: 1.0, ..plain });
+        surfaces.push(Surface { metallic: 0.4, specular: 0.8, ..plain });
+        for subsurface in [0.3, 1.0] {
+            surfaces.push(Surface { subsurface, specular: 0.0, ..plain });
+            surfaces.push(Surface { subsurface, specular: 1.0, ..plain });
+        }
+        surfaces.push(Surface { specular_tint: 1.0, specular: 1.0, ..plain });
+        surfaces.push(Surface { sheen: 1.0, sheen_tint: 1.0, ..plain });
+        for clearcoat_gloss in [0.0, 0.7, 1.0] {
+            surfaces.push(Surface { clearcoat: 1.0, clearcoat_gloss, ..plain });
+        }
+        surfaces.push(Surface { clearcoat: 1.0, metallic: 1.0, ..plain });
+        for anisotropic in [0.3, 0.8, 1.0] {
+            surfaces.push(Surface { anisotropic, metallic: 1.0, ..plain });
+            surfaces.push(Surface { anisotropic, ..plain });
+        }
+        let all = Surface { sheen: 1.0, clearcoat: 1.0, clearcoat_gloss: 0.5, subsurface: 0.5, anisotropic: 0.6, ..plain };
+        surfaces.push(Surface { metallic: 0.3, specular_tint: 0.5, ..all });
+    }
+    surfaces
+}
+
+/// Cosines of the views that [`furnace`] tries.
+pub const VIEWS: [f32; 11] = [1.0, 0.9, 0.7, 0.5, 0.25, 0.1, 0.06, 0.03, 0.01, 0.003, 0.0005];
+
+/// Share of white light that a material reflects towards `wo`: the mean weight over `count` points of the R3 sequence (Roberts
+/// 2018).
+pub fn albedo(bsdf: &Bsdf<true>, wo: Vec3A, count: u32) -> DVec3 {
+    let mut sum = DVec3::ZERO;
+    for k in 0..count {
+        let point = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3]
+            .map(|step: f64| (0.5 + step * f64::from(k)).fract() as f32);
+        if let Some(drawn) = bsdf.sample(wo, point[0], [point[1], point[2]]) {
+            sum += drawn.weight.as_dvec3();
+        }
+    }
+    sum / f64::from(count)
+}
+
+/// Directional albedo of the conserving form under a white sky. The error is `|albedo - 1|` for white materials and the excess
+/// over 1 for others; a failure is an albedo above `1 + 1e-3`, or for white ones one further than 0.5 % from 1.
+pub fn furnace(surfaces: &[Surface], points: u32) -> Worst {
+    let mut worst = Worst::default();
+    for surface in surfaces {
+        let white = surface.base_color == Vec3A::ONE;
+        let bsdf = Bsdf::<true>::new(surface, Mode::Conserving);
+        for (i, cos) in VIEWS.into_iter().enumerate() {
+            let reflected = albedo(&bsdf, view(cos, 0.3 + i as f32), points);
+            let above = reflected.max_element() - 1.0;
+            let error = if white { (reflected - 1.0).abs().max_element() } else { above };
+            let failed = !(above <= 1e-3 && (!white || error <= 5e-3));
+            worst.see(error, failed, || format!("{surface:?} cos {cos}: {reflected}"));
+        }
+    }
+    worst
+}
+
+/// The density's integral over the hemisphere plus the share of `draws` draws that are `None` (mirrored below the horizon), less 1.
+/// The error is that difference; a failure is one beyond 1e-3 and four standard errors of the share.
+pub fn pdf_integrals(mode: Mode, surfaces: &[Surface], draws: u32, seed: u64) -> Worst {
+    let (mut random, mut worst) = (Random::new(seed), Worst::default());
+    for surface in surfaces {
+        let bsdf = Bsdf::<true>::new(surface, mode);
+        for cos in [1.0, 0.6, 0.2, 0.1] {
+            let wo = view(cos, 0.7);
+            let lost = (0..draws).filter(|_| bsdf.sample(wo, random.next(), [random.next(), random.next()]).is_none()).count();
+            let lost = lost as f64 / f64::from(draws);
+            let deviation = (lost * (1.0 - lost) / f64::from(draws)).sqrt();
+            let error = (integrate(&|wi| f64::from(bsdf.pdf(wo, wi)), wo, surface) + lost - 1.0).abs();
+            worst.see(error, !(error <= 1e-3 + 4.0 * deviation), || format!("{surface:?} cos {cos}: lost {lost}"));
+        }
+    }
+    worst
+}
+
+/// Integral over the hemisphere in polar coordinates about the mirror direction, even in `ln(1 + w / spread)` with `w = 1 - cos`.
+fn integrate(density: &dyn Fn(Vec3A) -> f64, wo: Vec3A, surface: &Surface) -> f64 {
+    let (rings, sectors) = (700, 360);
+    let axis = DVec3::new(f64::from(-wo.x), f64::from(-wo.y), f64::from(wo.z)).normalize();
+    let (tangent, bitangent) = axis.any_orthonormal_pair();
+    let width = f64::from(surface.roughness.max(0.032)).powi(2) * f64::from(1.0 - 0.9 * surface.anisotropic).sqrt();
+    let spread = if surface.clearcoat > 0.0 { 1e-7 } else { width * width * 0.1 };
+    let range = (2.0 / spread).ln_1p();
+    let mut sum = 0.0;
+    for i in 0..rings {
+        let w = spread * ((i as f64 + 0.5) / f64::from(rings) * range).exp_m1();
+        let sin = (w * (2.0 - w)).max(0.0).sqrt();
+        for j in 0..sectors {
+            let (sin_phi, cos_phi) = (std::f64::consts::TAU * (f64::from(j) + 0.5) / f64::from(sectors)).sin_cos();
+            let wi = axis * (1.0 - w) + tangent * (sin * cos_phi) + bitangent * (sin * sin_phi);
+            if wi.z > 0.0 {
+                sum += density(wi.as_vec3a()) * (w + spread);
+            }
+        }
+    }
+    sum * range * std::f64::consts::TAU / f64::from(rings * sectors)
+}

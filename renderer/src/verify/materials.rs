@@ -1,0 +1,158 @@
+//! The material of [`super::bsdf`]'s cases as checks of the suite, and its densities by chi-square.
+
+use super::bsdf::{self, Worst as Found};
+use super::chi_square::{Counts, DirectionGrid, Random, judge};
+use super::{Check, Effort, Outcome, Ticker, Worst};
+use crate::material::{Bsdf, Mode, Surface};
+use glam::{DVec3, Vec3A};
+use rayon::prelude::*;
+
+/// Checks of this file.
+pub const CHECKS: &[Check] = &[
+    Check {
+        name: "material.evaluations",
+        about: "random materials and directions, limits and grazing ones among them: nothing NaN, infinite or negative, samples equal eval",
+        run: evaluations,
+    },
+    Check {
+        name: "material.reciprocity",
+        about: "f(wo, wi) equals f(wi, wo) for the lobes that are reciprocal",
+        run: reciprocity,
+    },
+    Check { name: "material.densities", about: "densities integrate to 1 over a grid of materials and views", run: densities },
+    Check {
+        name: "material.draws",
+        about: "directions are drawn from the density claimed, every lobe and mixture (chi-square)",
+        run: draws,
+    },
+    Check {
+        name: "material.furnace",
+        about: "conserving form under a white sky: albedo at most 1.001, and white materials within 0.5 % of 1, grazing views included",
+        run: furnace,
+    },
+];
+
+const MODES: [Mode; 2] = [Mode::Conserving, Mode::Published];
+
+/// Runs `case` for both modes and `parts` seeds in parallel; failures, and the largest error against `limit`.
+fn collect(
+    ticker: &Ticker<'_>,
+    modes: &[Mode],
+    parts: u64,
+    (claim, limit): (&str, f64),
+    case: impl Fn(Mode, u64) -> Found + Sync,
+) -> Vec<Outcome> {
+    let jobs: Vec<(Mode, u64)> = modes.iter().flat_map(|mode| (0..parts).map(move |part| (*mode, part))).collect();
+    ticker.expect(jobs.len() as u64);
+    let found: Vec<(Mode, Found)> = jobs
+        .into_par_iter()
+        .filter(|_| !ticker.cancelled())
+        .map(|(mode, part)| {
+            let found = case(mode, part);
+            ticker.add(1);
+            (mode, found)
+        })
+        .collect();
+    let (mut failures, mut errors) = (Worst::default(), Worst::default());
+    for (mode, found) in &found {
+        let place = || format!("{mode:?}: error {:.2e}; {}", found.error, found.parameters);
+        failures.see(found.failures as f64, place);
+        errors.see(found.error, place);
+    }
+    let total: f64 = found.iter().map(|(_, f)| f.failures as f64).sum();
+    let cases = found.iter().map(|(_, f)| f.cases).sum();
+    let counted = failures.at_most("cases beyond their bounds", 0.0);
+    [Outcome { worst: total, ..counted }, errors.at_most(claim, limit)].map(|o| Outcome { cases, ..o }).to_vec()
+}
+
+fn evaluations(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    let (parts, count) = effort.pick((8, 50_000), (100, 100_000));
+    collect(ticker, &MODES, parts, ("relative difference of sample and eval", 1e-4), |mode, part| {
+        bsdf::random_evaluations(mode, count, 1 + part)
+    })
+}
+
+fn reciprocity(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    let (parts, count) = effort.pick((8, 25_000), (40, 100_000));
+    collect(ticker, &MODES, parts, ("relative difference", 1e-4), |mode, part| bsdf::reciprocity(mode, count, 1 + part))
+}
+
+fn densities(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    let surfaces: Vec<Surface> = bsdf::grid(false).into_iter().step_by(effort.pick(23, 3)).collect();
+    let draws = effort.pick(20_000, 50_000);
+    let mut outcomes = collect(ticker, &MODES, surfaces.len() as u64, ("", 1.0), |mode, part| {
+        bsdf::pdf_integrals(mode, &surfaces[part as usize..=part as usize], draws, 2 + part)
+    });
+    // The error holds the noise of the share drawn below the horizon; the bound on each case knows it.
+    outcomes.truncate(1);
+    outcomes
+}
+
+fn furnace(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    // Fewer points are off by more than the claim allows.
+    let points = 100_000;
+    let mut outcomes = Vec::new();
+    for white in [true, false] {
+        let claim = if white { ("distance of the albedo from 1", 5e-3) } else { ("albedo beyond 1", 1e-3) };
+        for (kind, wanted) in KINDS {
+            let of_kind = bsdf::grid(white).into_iter().filter(wanted);
+            let surfaces: Vec<Surface> = of_kind.step_by(effort.pick(19, 1)).collect();
+            let found = collect(ticker, &MODES[..1], surfaces.len() as u64, claim, |_, part| {
+                bsdf::furnace(&surfaces[part as usize..=part as usize], points)
+            });
+            let color = if white { "white" } else { "coloured" };
+            outcomes.extend(found.into_iter().map(|o| Outcome { name: format!("{color}, {kind}: {}", o.name), ..o }));
+        }
+    }
+    outcomes
+}
+
+/// Materials by what closes their furnace, each with its own tables.
+const KINDS: [(&str, fn(&Surface) -> bool); 3] = [
+    ("plain", |s| s.clearcoat == 0.0 && s.anisotropic == 0.0),
+    ("clearcoat", |s| s.clearcoat > 0.0 && s.anisotropic == 0.0),
+    ("anisotropic", |s| s.anisotropic > 0.0),
+];
+
+fn draws(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    let count = effort.pick(20_000, 100_000);
+    let surfaces: Vec<Surface> = bsdf::grid(false).into_iter().step_by(effort.pick(37, 3)).collect();
+    let jobs: Vec<(Mode, &Surface, f32)> = MODES
+        .iter()
+        .flat_map(|mode| surfaces.iter().map(move |surface| (*mode, surface)))
+        .flat_map(|(mode, surface)| [1.0, 0.7, 0.3, 0.1].map(|cos| (mode, surface, cos)))
+        .collect();
+    ticker.expect(jobs.len() as u64);
+    let experiments: Vec<Counts> = jobs
+        .into_par_iter()
+        .enumerate()
+        .filter(|_| !ticker.cancelled())
+        .map(|(number, (mode, surface, cos))| {
+            let counts = experiment(mode, surface, cos, count, number as u64);
+            ticker.add(1);
+            counts
+        })
+        .collect();
+    vec![judge("cells of directions about the mirror direction", &experiments)]
+}
+
+/// Counts draws in cells about the mirror direction; the last cell holds those that carry nothing (below the horizon).
+fn experiment(mode: Mode, surface: &Surface, cos: f32, count: u32, seed: u64) -> Counts {
+    let wo = bsdf::view(cos, 0.4 + cos);
+    let bsdf = Bsdf::<true>::new(surface, mode);
+    let mirror = Vec3A::new(-wo.x, -wo.y, wo.z).as_dvec3();
+    // Cells as fine as the sharpest lobe.
+    let smooth = f64::from(surface.roughness.max(0.032)).powi(4);
+    let spread = if surface.clearcoat > 0.0 { smooth.min(1e-4) } else { smooth };
+    let grid = DirectionGrid::new(mirror, spread, 20, 24);
+    let mut expected = grid.integrate(&|wi: DVec3| f64::from(bsdf.pdf(wo, wi.as_vec3a())));
+    // What the integral lacks of 1 is lost; that it is not more than 1 is the claim of `material.densities`.
+    expected.push((1.0 - expected.iter().sum::<f64>()).max(0.0));
+    let mut counts = Counts::new(format!("{mode:?} {surface:?} cos {cos}"), expected);
+    let mut random = Random::new(seed);
+    for _ in 0..count {
+        let (lobe, u) = (random.next(), [random.next(), random.next()]);
+        counts.add(bsdf.sample(wo, lobe, u).map_or(grid.cells(), |drawn| grid.cell(drawn.wi.as_dvec3())));
+    }
+    counts
+}

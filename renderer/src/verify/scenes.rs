@@ -1,0 +1,83 @@
+//! Small scenes for the checks, made in memory.
+
+use crate::compile::RenderScene;
+use glam::{Affine3A, Vec3A};
+use renderflow_frame::{Camera, Environment, Image};
+use renderflow_scenes::shapes::{self, Shape};
+use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
+
+/// A mesh with a material at a place.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    pub mesh: Mesh,
+    pub material: Material,
+    pub transform: Affine3A,
+}
+
+impl Part {
+    pub fn new(shape: Shape, material: Material, transform: Affine3A) -> Self {
+        Self { mesh: shapes::mesh(&shape), material, transform }
+    }
+
+    /// The same with a normal a triangle in place of a normal a vertex.
+    pub fn flat(mut self) -> Self {
+        self.mesh.normals.clear();
+        self
+    }
+}
+
+/// A Lambertian material: diffuse reflection grows retro-reflective with roughness, and has no coat without specular.
+pub(super) fn diffuse(base_color: [f32; 3]) -> Material {
+    Material { base_color, roughness: 0.0, specular: 0.0, ..Material::default() }
+}
+
+/// A metal.
+pub(super) fn metal(base_color: [f32; 3], roughness: f32) -> Material {
+    Material { base_color, roughness, metallic: 1.0, ..Material::default() }
+}
+
+/// A camera with +Y up; `degrees` is the vertical field of view.
+pub(super) fn camera(eye: [f32; 3], target: [f32; 3], degrees: f32, width: usize, height: usize) -> Camera {
+    let up = if (eye[0], eye[2]) == (target[0], target[2]) { Vec3A::Z } else { Vec3A::Y };
+    Camera::look_at(eye.into(), target.into(), up, degrees.to_radians(), width, height)
+}
+
+/// Environment whose map is `f` of a direction, sampled at texel centres.
+pub(super) fn environment(width: usize, height: usize, f: impl Fn(Vec3A) -> [f32; 3]) -> Environment {
+    let blank = Environment { map: Image::filled(width, height, [0.0; 3]), rotation: 0.0, intensity: 1.0 };
+    let map = Image::from_fn(width, height, |x, y| f(blank.texel_direction(x, y)));
+    blank.with_map(map)
+}
+
+/// A sky with a gradient and a small bright sun.
+pub(super) fn sunny() -> Environment {
+    let sun = Vec3A::new(0.5, 0.7, 0.4).normalize();
+    environment(128, 64, |d| {
+        let (sky, sun) = (0.6 + 0.4 * d.y, if d.dot(sun) > 0.997 { 300.0 } else { 0.0 });
+        [0.6 * sky + sun, 0.8 * sky + sun, sky + 0.8 * sun]
+    })
+}
+
+/// A scene of `parts`, ready for rendering.
+pub(super) fn compile(parts: Vec<Part>, environment: Environment, camera: Camera) -> Result<RenderScene, String> {
+    let mut scene = LoadedScene {
+        name: "check".into(),
+        seed: 1,
+        hash: String::new(),
+        meshes: Vec::new(),
+        instances: Vec::new(),
+        materials: Vec::new(),
+        textures: Vec::new(),
+        origin: glam::DVec3::ZERO,
+        environment,
+        cameras: vec![camera],
+        report: LoadReport::default(),
+    };
+    for (i, part) in parts.into_iter().enumerate() {
+        scene.meshes.push(part.mesh);
+        scene.materials.push(part.material);
+        let transforms = vec![part.transform];
+        scene.instances.push(Instance { name: format!("part {i}"), mesh: i, material: i, object_id: i as u32 + 1, transforms });
+    }
+    RenderScene::compile(&scene).map_err(|e| e.to_string())
+}

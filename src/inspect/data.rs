@@ -1,0 +1,174 @@
+//! Weights, plans, cameras of sequences, and datasets.
+
+use super::Counts;
+use crate::dataset::folder::{Dataset, SequenceFolder};
+use crate::dataset::plan::Plan;
+use anyhow::{Context, Result, anyhow, ensure};
+use rayon::prelude::*;
+use renderflow_frame::transforms;
+use renderflow_model::infer::NeuralRenderer;
+use renderflow_model::lpips::{Backbone, Lpips};
+use serde_json::{Map, Value, json};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Longest header of a safetensors file that its own reader accepts, bytes.
+const LONGEST_HEADER: u64 = 100_000_000;
+
+/// The JSON header of a safetensors file; `None` when there is none that can be read.
+fn header(path: &Path) -> Result<Option<Map<String, Value>>> {
+    let unreadable = || format!("{}: cannot read", path.display());
+    let mut file = File::open(path).with_context(unreadable)?;
+    let size = file.metadata().with_context(unreadable)?.len();
+    let mut length = [0; 8];
+    if file.read_exact(&mut length).is_err() {
+        return Ok(None);
+    }
+    let length = u64::from_le_bytes(length);
+    if length > LONGEST_HEADER.min(size) {
+        return Ok(None);
+    }
+    let mut text = Vec::new();
+    file.take(length).read_to_end(&mut text).with_context(unreadable)?;
+    Ok(serde_json::from_slice(&text).ok())
+}
+
+/// Heads of the LPIPS network in a file; 0 in any other.
+fn lpips_heads(header: &Map<String, Value>) -> usize {
+    header.keys().filter(|name| name.starts_with("lin.")).count()
+}
+
+/// Whether a safetensors file holds LPIPS weights.
+pub(super) fn is_lpips(path: &Path) -> Result<bool> {
+    Ok(header(path)?.is_some_and(|h| lpips_heads(&h) > 0))
+}
+
+/// Numbers of tensors and of values in them.
+fn tensors(found: &mut Counts, header: &Map<String, Value>) {
+    let shapes = header.iter().filter(|(name, _)| *name != "__metadata__").filter_map(|(_, info)| info.get("shape")?.as_array());
+    let sizes: Vec<u64> = shapes.map(|shape| shape.iter().filter_map(Value::as_u64).product()).collect();
+    found.add("tensors", sizes.len());
+    found.add("parameters", sizes.iter().sum::<u64>());
+}
+
+/// Weights of this program's network.
+pub(super) fn weights(path: &Path) -> Result<Counts> {
+    let renderer = NeuralRenderer::load(path)?;
+    let about = renderer.header();
+    let mut found = Counts::default();
+    tensors(&mut found, &header(path)?.unwrap_or_default());
+    found.add("steps", about.steps);
+    found.add("keyframe_steps", about.keyframe_steps);
+    found.add("keyframes", renderer.accepts_keyframes());
+    Ok(found)
+}
+
+/// Weights of LPIPS.
+pub(super) fn lpips(path: &Path) -> Result<Counts> {
+    let header = header(path)?.unwrap_or_default();
+    let (backbone, name) = match lpips_heads(&header) {
+        7 => (Backbone::Squeeze, "squeeze"),
+        _ => (Backbone::Alex, "alex"),
+    };
+    Lpips::load_file(path, backbone)?;
+    let mut found = Counts::default();
+    found.add("backbone", name);
+    tensors(&mut found, &header);
+    Ok(found)
+}
+
+/// A dataset plan.
+pub(super) fn plan(path: &Path) -> Result<Counts> {
+    let plan = Plan::read(path)?;
+    let mut found = Counts::default();
+    found.add("sequences", plan.sequences);
+    found.add("frames", plan.frames);
+    found.add("frame_step", plan.frame_step);
+    found.add("size", json!(plan.resolution));
+    found.add("spp", plan.spp);
+    found.add("split", serde_json::to_value(plan.split)?);
+    Ok(found)
+}
+
+/// Cameras of a sequence. The frames they belong to need not be there: a dataset folder is checked with them.
+pub(super) fn transforms(path: &Path) -> Result<Counts> {
+    let sequence = transforms::read(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut found = Counts::default();
+    found.add("cameras", sequence.cameras.len());
+    found.add("size", sequence.cameras.first().map(|c| json!([c.width, c.height])).unwrap_or_default());
+    found.add("keyframes", sequence.keyframes.len());
+    found.add("moving_objects", sequence.tracks.objects.len());
+    found.add("missing_frames", sequence.files.iter().filter(|f| !folder.join(f).is_file()).count());
+    Ok(found)
+}
+
+/// A sequence, a folder of sequences, or a folder of such folders: every frame and map is read.
+pub(super) fn dataset(path: &Path) -> Result<Counts> {
+    let splits = splits(path)?;
+    let sequences: Vec<&SequenceFolder> = splits.iter().flat_map(|d| &d.sequences).collect();
+    let frames: Vec<(&SequenceFolder, usize)> = sequences.iter().flat_map(|s| (0..s.len()).map(move |i| (*s, i))).collect();
+    // The first in order, so that the message does not depend on threads.
+    let faults: Vec<Option<anyhow::Error>> = frames.par_iter().map(|(s, i)| frame(s, *i).err()).collect();
+    let broken = faults.iter().flatten().count();
+    if let Some(first) = faults.into_iter().flatten().next() {
+        return Err(if broken > 1 { anyhow!("{first:#} (and {} more frames)", broken - 1) } else { first });
+    }
+    let mut found = Counts::default();
+    found.add("splits", splits.len());
+    found.add("sequences", sequences.len());
+    found.add("frames", frames.len());
+    found.add("keyframes", sequences.iter().map(|s| s.sequence.keyframes.len()).sum::<usize>());
+    Ok(found)
+}
+
+/// Datasets in a folder: itself, or its folders.
+fn splits(path: &Path) -> Result<Vec<Dataset>> {
+    let holds_sequences = |folder: &Path| -> Result<bool> {
+        let here = folder.join("transforms.json").is_file();
+        Ok(here || folders(folder)?.iter().any(|f| f.join("transforms.json").is_file()))
+    };
+    if holds_sequences(path)? {
+        return Ok(vec![Dataset::open(path)?]);
+    }
+    let mut found = Vec::new();
+    for folder in folders(path)? {
+        if holds_sequences(&folder)? {
+            found.push(Dataset::open(&folder)?);
+        }
+    }
+    ensure!(!found.is_empty(), "{}: no sequence (a folder with transforms.json) inside", path.display());
+    Ok(found)
+}
+
+/// Folders in a folder, by name.
+fn folders(path: &Path) -> Result<Vec<std::path::PathBuf>> {
+    let unreadable = || format!("{}: cannot list", path.display());
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(path).with_context(unreadable)? {
+        let entry = entry.with_context(unreadable)?.path();
+        if entry.is_dir() {
+            found.push(entry);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Reads one frame of a sequence and compares it with its camera.
+fn frame(sequence: &SequenceFolder, index: usize) -> Result<()> {
+    let frame = sequence.frame(index)?;
+    let camera = sequence.camera(index);
+    let name = || sequence.path.join(&sequence.sequence.files[index]);
+    ensure!(
+        (frame.width, frame.height) == (camera.width, camera.height),
+        "{}: {} x {} pixels where the camera has {} x {}",
+        name().display(),
+        frame.width,
+        frame.height,
+        camera.width,
+        camera.height
+    );
+    super::picture::verify(&frame).with_context(|| name().display().to_string())
+}
