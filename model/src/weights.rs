@@ -122,6 +122,31 @@ pub(crate) fn read_tensor(path: &Path, tensors: &SafeTensors, name: &str, shape:
     Ok(values)
 }
 
+/// A number of values that the network of a valid configuration has at least: its matrices between hidden layers.
+fn least_values(config: &NetworkConfig) -> u64 {
+    let conv = |from: usize, to: usize| 9 * from as u64 * to as u64;
+    let dense = |from: usize, to: usize| from as u64 * to as u64;
+    let residuals = |blocks: usize, width: usize| 2 * blocks as u64 * conv(width, width);
+    let (widths, tokens, condition) = (config.widths, config.token_width, config.condition_width);
+    let nexts = [widths[1], widths[2], tokens];
+    let levels = (0..3).map(|level| {
+        let (width, next) = (widths[level], nexts[level]);
+        residuals(config.encoder_blocks[level] + config.decoder_blocks[level], width)
+            + conv(width, next)
+            + conv(next + width, width)
+            + 2 * dense(condition, 2 * width)
+    });
+    // Queries, keys, values and outputs of two attentions, the perceptron, two modulations.
+    let block = (8 + 2 * config.mlp_ratio as u64) * dense(tokens, tokens) + 2 * dense(condition, 2 * tokens);
+    let environment = dense(tokens, tokens) + dense(tokens, condition) + dense(condition, condition);
+    let keyframes = config.keyframes.as_ref().map_or(0, |keyframes| {
+        let [half, quarter, eighth] = keyframes.widths;
+        let passes = conv(half, quarter) + conv(quarter, eighth) + conv(eighth + quarter, quarter) + conv(quarter + half, half);
+        passes + residuals(2, half) + residuals(2, quarter) + residuals(2, eighth)
+    });
+    levels.sum::<u64>() + config.transformer_blocks as u64 * block + environment + keyframes
+}
+
 /// Decodes a weights file; `path` stands in errors.
 ///
 /// # Errors
@@ -129,6 +154,13 @@ pub(crate) fn read_tensor(path: &Path, tensors: &SafeTensors, name: &str, shape:
 pub fn decode(path: &Path, bytes: &[u8], device: &Device) -> Result<(Network, WeightsHeader)> {
     let (tensors, header) = open(path, bytes)?;
     let header: WeightsHeader = serde_json::from_str(&header).map_err(|e| Error::malformed(path, format!("header: {e}")))?;
+    header.network.validate().map_err(|e| Error::malformed(path, format!("header: {e}")))?;
+    // The network is made before its tensors are compared: a header of 200 bytes could ask for a hundred gigabytes.
+    let (least, most) = (least_values(&header.network), bytes.len() as u64 / 2);
+    if least > most {
+        let reason = format!("the network its header describes has more than {least} values; {most} at most are in the file");
+        return Err(Error::malformed(path, reason));
+    }
     let network = Network::new(&header.network, 0, device)?;
     let expected = parameters::export(&network);
     let mut values = Vec::with_capacity(expected.len());
@@ -161,4 +193,22 @@ pub fn load(path: &Path, device: &Device) -> Result<(Network, WeightsHeader)> {
 /// As [`encode`], and when the file cannot be written.
 pub fn save(path: &Path, header: &WeightsHeader, weights: &[Parameter], precision: Precision) -> Result<()> {
     Ok(renderflow_frame::file::write_atomic(path, &encode(header, weights, precision)?)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The least is close to the truth, and never above it.
+    #[test]
+    fn a_network_has_the_values_counted_for_it() {
+        let plain = NetworkConfig { encoder_blocks: [0, 2, 1], mlp_ratio: 5, ..NetworkConfig::tiny() };
+        let keyframes = NetworkConfig { keyframes: Some(Default::default()), ..NetworkConfig::default() };
+        for config in [NetworkConfig::tiny(), plain, NetworkConfig::default(), keyframes] {
+            let network = Network::new(&config, 0, &Device::flex()).expect("a valid network");
+            let all: usize = parameters::export(&network).iter().map(|p| p.values.len()).sum();
+            let (least, all) = (least_values(&config), all as u64);
+            assert!(least <= all && 10 * least >= 7 * all, "{least} counted of {all}");
+        }
+    }
 }

@@ -84,6 +84,26 @@ fn broken_files_are_named() {
     assert!(absent.starts_with("/nonexistent/w.safetensors: cannot read"), "{absent}");
 }
 
+/// A few hundred bytes whose header describes the largest network there is.
+#[test]
+fn a_header_alone_does_not_fill_the_memory() {
+    let network = NetworkConfig {
+        widths: [4096; 3],
+        encoder_blocks: [16; 3],
+        decoder_blocks: [16; 3],
+        token_width: 4096,
+        heads: 64,
+        transformer_blocks: 64,
+        mlp_ratio: 16,
+        condition_width: 4096,
+        ..NetworkConfig::default()
+    };
+    let bytes = encode(&WeightsHeader { network, ..header() }, &[], Precision::F16).unwrap();
+    assert!(bytes.len() < 1000);
+    let error = decode(Path::new("some/file.safetensors"), &bytes, &Device::flex()).unwrap_err().to_string();
+    assert!(error.starts_with("some/file.safetensors: the network its header describes has more than"), "{error}");
+}
+
 #[test]
 fn the_metadata_is_json_that_others_can_read() {
     let parameters = export(&Network::new(&tiny(), 5, &Device::flex()).unwrap());

@@ -2,13 +2,20 @@
 
 use crate::loaded::{Encoding, Texture, Wrap};
 use glam::{Affine2, Mat2, Vec2};
+use image::ImageDecoder;
 use std::io::Cursor;
 use std::path::Path;
 
 /// Largest edge of an image, pixels.
 const MAX_EDGE: u32 = 16384;
-/// Most bytes the decoder may take: keeps a few kilobytes of hostile PNG from filling the memory.
-const MAX_BYTES: u64 = 512 << 20;
+/// Most texels of an image: 8192 x 8192, which take 358 MB with their mip levels (716 MB in 16 bits).
+const MAX_TEXELS: u64 = 1 << 26;
+/// Most bytes the decoder may take: 16-bit RGBA of that many texels.
+const MAX_BYTES: u64 = 8 * MAX_TEXELS;
+/// Texels that a byte of PNG gives at most: deflate makes 1032 bytes of one, each eight 1-bit texels.
+const PNG_TEXELS_PER_BYTE: u64 = 8 * 1032;
+/// Texels that a byte of JPEG gives at most: the first scan of a progressive file spends one bit on 8 x 8 of them.
+const JPEG_TEXELS_PER_BYTE: u64 = 8 * 64;
 
 /// Bytes of an image file; the error says what is wrong, in words.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, String> {
@@ -45,16 +52,27 @@ pub(crate) fn decode_rgba8(bytes: &[u8]) -> Result<(image::RgbaImage, bool), Str
 
 fn picture(bytes: &[u8]) -> Result<image::DynamicImage, String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-    match reader.format() {
-        Some(image::ImageFormat::Png | image::ImageFormat::Jpeg) => {}
+    let texels_per_byte = match reader.format() {
+        Some(image::ImageFormat::Png) => PNG_TEXELS_PER_BYTE,
+        Some(image::ImageFormat::Jpeg) => JPEG_TEXELS_PER_BYTE,
         _ => return Err("neither PNG nor JPEG".into()),
-    }
+    };
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MAX_EDGE);
     limits.max_image_height = Some(MAX_EDGE);
     limits.max_alloc = Some(MAX_BYTES);
     reader.limits(limits);
-    let picture = reader.decode().map_err(|e| e.to_string())?;
+    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
+    let (width, height) = decoder.dimensions();
+    let texels = u64::from(width) * u64::from(height);
+    if texels > MAX_TEXELS {
+        return Err(format!("{width} x {height} is more than {MAX_TEXELS} texels"));
+    }
+    // The decoder fills what a cut-off JPEG lacks with grey: a header alone would become a picture of any size.
+    if texels / texels_per_byte > bytes.len() as u64 {
+        return Err(format!("{width} x {height} texels cannot be in {} bytes", bytes.len()));
+    }
+    let picture = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     if picture.width() == 0 || picture.height() == 0 {
         return Err("the image has no pixels".into());
     }

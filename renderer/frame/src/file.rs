@@ -34,9 +34,13 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
 /// # Errors
 /// When the file cannot be read, or does not hold a `T`; the message gives file, line and column.
 pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    parse_json(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+}
+
+/// [`read_json`] from memory; `name` stands for the path in errors.
+pub(crate) fn parse_json<T: serde::de::DeserializeOwned>(name: &Path, json: &[u8]) -> Result<T> {
     // serde_json's message ends with "at line L column C".
-    serde_json::from_slice(&bytes).map_err(|error| Error::malformed(path, error.to_string()))
+    serde_json::from_slice(json).map_err(|error| Error::malformed(name, error.to_string()))
 }
 
 /// Writes a value as indented JSON by [`write_atomic`]. NaN and infinities would become `null`: check them before.

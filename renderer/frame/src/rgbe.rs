@@ -17,6 +17,12 @@ pub(crate) const MAXIMUM_PIXELS: usize = 1 << 28;
 /// Most columns or rows accepted.
 pub(crate) const MAXIMUM_SIDE: usize = 1 << 16;
 
+/// Texels that one byte of run lengths gives at most: runs of 127 take two bytes in each of four components.
+const TEXELS_PER_BYTE: usize = 16;
+/// Most texels accepted of a file too small to hold them in run lengths, 0.8 GB of floats: the repetitions of the format's first
+/// version make 2^28 texels of 50 kilobytes.
+const MAXIMUM_REPEATED: usize = 1 << 26;
+
 /// One texel as stored: three mantissas and the shared exponent.
 type Texel = [u8; 4];
 
@@ -136,9 +142,13 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Rgb, String> {
     }
     let mut reader = Reader { bytes };
     let layout = header(&mut reader)?;
+    let (pixels, justified) = (layout.columns * layout.rows, bytes.len().saturating_mul(TEXELS_PER_BYTE));
+    if pixels > MAXIMUM_REPEATED.max(justified) {
+        return Err(format!("{} x {} texels in a file of {} bytes", layout.columns, layout.rows, bytes.len()));
+    }
     let mut row = vec![[0; 4]; layout.columns];
-    // Grows with the rows really found: a header that promises more than the file holds costs nothing.
-    let mut stored: Vec<[f32; 3]> = Vec::new();
+    // A header that promises more than the file holds costs nothing.
+    let mut stored: Vec<[f32; 3]> = Vec::with_capacity(pixels.min(justified));
     for y in 0..layout.rows {
         decode_row(&mut reader, &mut row).map_err(|reason| format!("row {} of {}: {reason}", y + 1, layout.rows))?;
         stored.extend(row.iter().map(|&texel| to_radiance(texel)));

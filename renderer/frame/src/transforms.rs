@@ -3,7 +3,7 @@
 //! Matrices are rows of camera-to-world in OpenGL axes and pixel centres lie at +0.5, which is nerfstudio's own convention; the world's up
 //! is +Y here and +Z there. `camera_angle_x` (radians) is what 3D Gaussian Splatting's loader asks for.
 
-use crate::file::{read_json, write_json};
+use crate::file::{parse_json, write_json};
 use crate::tracks::Tracks;
 use crate::{Camera, Error, Result};
 use glam::{Affine3A, DVec3, Mat3A, Vec3A};
@@ -153,8 +153,16 @@ pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
 /// # Errors
 /// When the file cannot be read or lacks a key (the message names it), or as in [`write()`].
 pub fn read(path: &Path) -> Result<Sequence> {
-    let malformed = |reason: String| Error::malformed(path, reason);
-    let file: File = read_json(path)?;
+    decode(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+}
+
+/// [`read`] from memory; `name` stands for the path in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(name: &Path, json: &[u8]) -> Result<Sequence> {
+    let malformed = |reason: String| Error::malformed(name, reason);
+    let file: File = parse_json(name, json)?;
     if file.convention != CONVENTION {
         return Err(malformed(format!("/convention is {:?}, only {CONVENTION:?} is read", file.convention)));
     }

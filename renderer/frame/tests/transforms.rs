@@ -123,7 +123,7 @@ fn wrong_values_are_errors_that_say_where() {
         ("/camera_model", "OPENCV_FISHEYE".into(), "OPENCV_FISHEYE"),
         ("/keyframes/1", 20.into(), "/keyframes: 20 is no frame"),
         ("/exposure", "bright".into(), "line 1 column"),
-        ("/exposure", 1e39.into(), "/exposure is inf"),
+        ("/exposure", 1e39.into(), "number out of range at line 1 column"),
         ("/fl_y", (-1.0).into(), "fl_y of frame 0"),
         ("/w", 0.into(), "0 x 192"),
         ("/frames/4/transform_matrix/3/0", 0.5.into(), "/frames/4/transform_matrix: the last row"),

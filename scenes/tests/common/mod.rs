@@ -17,7 +17,7 @@ pub fn asset(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// All files below a folder of the assets with one of the endings, sorted.
+/// All files below a folder of the assets with one of the endings (any, if there is none), sorted.
 pub fn assets_below(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
     let mut found = vec![];
     let mut open: Vec<PathBuf> = asset(folder).into_iter().collect();
@@ -26,7 +26,7 @@ pub fn assets_below(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 open.push(path);
-            } else if path.extension().is_some_and(|e| endings.iter().any(|ending| e == *ending)) {
+            } else if endings.is_empty() || path.extension().is_some_and(|e| endings.iter().any(|ending| e == *ending)) {
                 found.push(path);
             }
         }

@@ -7,14 +7,20 @@ use crate::error::{Error, Result};
 use gltf::accessor::{Accessor, DataType};
 use gltf::{Document, buffer};
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Most elements of an accessor that has no bytes behind it (all zeros, perhaps with sparse exceptions).
-const MAX_ZEROS: usize = 1 << 24;
+/// Bytes that the accessors in use may take beside [`SHARE`] times those of the buffers. Accessors without bytes behind them are
+/// zeros in any number, and many primitives may read one accessor: a kilobyte of JSON could fill any memory.
+const ALLOWANCE: usize = 256 << 20;
+/// How often all buffers may be read, on average.
+const SHARE: usize = 4;
 
 /// All buffers of a file, in memory.
 pub(super) struct Buffers<'a> {
     path: &'a Path,
     bytes: Vec<Vec<u8>>,
+    /// Bytes of accessors that may still be read.
+    left: AtomicUsize,
 }
 
 impl<'a> Buffers<'a> {
@@ -36,8 +42,9 @@ impl<'a> Buffers<'a> {
                 bytes.truncate(buffer.length());
                 Ok(bytes)
             })
-            .collect::<Result<_>>()?;
-        Ok(Self { path, bytes })
+            .collect::<Result<Vec<Vec<u8>>>>()?;
+        let left = AtomicUsize::new(ALLOWANCE + SHARE * bytes.iter().map(Vec::len).sum::<usize>());
+        Ok(Self { path, bytes, left })
     }
 
     /// Bytes of a buffer view.
@@ -88,14 +95,29 @@ impl<'a> Buffers<'a> {
         Ok(packed)
     }
 
+    /// Takes the bytes of an accessor from what may still be read.
+    fn spend(&self, size: usize, count: usize, place: &str, why: &str) -> Result<()> {
+        let spend = |left: usize| left.checked_sub(size.checked_mul(count)?);
+        match self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend) {
+            Ok(_) => Ok(()),
+            Err(_) => Err(Error::model(self.path, place, format!("{count} elements {why}"))),
+        }
+    }
+
     /// Bytes of all elements of `accessor`, tightly packed, sparse values put in.
     fn packed(&self, accessor: &Accessor) -> Result<Vec<u8>> {
         let place = format!("/accessors/{}", accessor.index());
         let (size, count) = (accessor.size(), accessor.count());
         let mut packed = match accessor.view() {
-            Some(view) => self.gather(&place, &view, accessor.offset(), view.stride().unwrap_or(size), size, count)?,
-            None if count <= MAX_ZEROS => vec![0; size * count],
-            None => return Err(Error::model(self.path, place, format!("{count} elements without data"))),
+            Some(view) => {
+                let packed = self.gather(&place, &view, accessor.offset(), view.stride().unwrap_or(size), size, count)?;
+                self.spend(size, count, &place, "read again and again")?;
+                packed
+            }
+            None => {
+                self.spend(size, count, &place, "without data")?;
+                vec![0; size * count]
+            }
         };
         if let Some(sparse) = accessor.sparse() {
             let place = format!("{place}/sparse");

@@ -135,12 +135,13 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Writes a face with positive indices that all exist; leaves it as it is where the words are no indices (an error then).
+    /// Writes a face with positive indices that all exist, or one that tobj refuses where the words are no indices: its own check of
+    /// indices overflows.
     fn face<'b>(&mut self, words: impl Iterator<Item = &'b str>) {
         let words: Vec<&str> = words.take_while(|w| !w.starts_with('#')).collect();
         let corners: Option<Vec<[Option<usize>; 3]>> = words.iter().map(|w| self.corner(w)).collect();
         let Some(corners) = corners else {
-            self.cleaned.extend_from_slice(format!("f {}", words.join(" ")).as_bytes());
+            self.cleaned.extend_from_slice(b"f not an index");
             return;
         };
         if corners.len() < 3 {
@@ -177,10 +178,10 @@ impl<'a> Lines<'a> {
     fn corner(&self, word: &str) -> Option<[Option<usize>; 3]> {
         let mut result = [None; 3];
         for (k, number) in word.split('/').enumerate() {
-            let slot = result.get_mut(k)?;
             if number.is_empty() {
                 continue;
             }
+            let slot = result.get_mut(k)?;
             let index: i64 = number.parse().ok()?;
             let absolute = if index < 0 { self.so_far[k] as i64 + 1 + index } else { index };
             *slot = usize::try_from(absolute).ok().filter(|i| (1..=self.total[k]).contains(i));

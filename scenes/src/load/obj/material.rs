@@ -36,7 +36,10 @@ impl<'a> Libraries<'a> {
         let names: Vec<PathBuf> =
             if whole.is_file() { vec![whole] } else { text.split_whitespace().map(|n| self.folder().join(n)).collect() };
         for path in names {
-            let bytes = match std::fs::read(&path) {
+            // A pipe or a device would be read for ever.
+            let regular =
+                |m: std::fs::Metadata| if m.is_file() { Ok(()) } else { Err(std::io::Error::other("not a regular file")) };
+            let bytes = match std::fs::metadata(&path).and_then(regular).and_then(|()| std::fs::read(&path)) {
                 Ok(bytes) => bytes,
                 Err(e) => {
                     self.notes.push(format!(

@@ -1,0 +1,25 @@
+//! Dataset plans.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use renderflow::dataset::plan::Plan;
+use renderflow_fuzz::{catch_in_readers, folder, names_file, put, watch};
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+static FOLDER: LazyLock<PathBuf> = LazyLock::new(folder);
+
+fuzz_target!(
+    init: catch_in_readers(),
+    |bytes: &[u8]| watch(|| {
+        let path = FOLDER.join("plan.json");
+        put(&path, bytes);
+        match Plan::read(&path) {
+            Ok(plan) => {
+                let scene = plan.scene(plan.sequences - 1);
+                scene.validate().expect("a plan that was accepted makes valid scenes");
+            }
+            Err(error) => names_file(format!("{error:#}"), &["plan.json"]),
+        }
+    })
+);

@@ -1,0 +1,25 @@
+//! Cameras of a sequence.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use renderflow_frame::transforms;
+use renderflow_fuzz::{catch_in_readers, names_file, watch};
+use std::path::Path;
+
+fuzz_target!(
+    init: catch_in_readers(),
+    |bytes: &[u8]| watch(|| match transforms::decode(Path::new("transforms.json"), bytes) {
+        Ok(sequence) => {
+            assert!(sequence.exposure.is_finite() && sequence.environment_rotation.is_finite());
+            assert_eq!(sequence.cameras.len(), sequence.files.len());
+            for camera in &sequence.cameras {
+                let intrinsics = [camera.fl_x, camera.fl_y, camera.cx, camera.cy];
+                assert!(camera.camera_to_world.is_finite() && intrinsics.iter().all(|v| v.is_finite()));
+                assert!(camera.world_to_camera().is_finite());
+                assert!(camera.position_in_world().is_finite());
+            }
+            assert!(sequence.tracks.objects.values().flatten().all(|t| t.is_finite()));
+        }
+        Err(error) => names_file(error, &["transforms.json"]),
+    })
+);
