@@ -15,7 +15,7 @@
 use super::albedo::{Albedo, AlbedoMoments, Row, UNIT_MOMENTS};
 use super::anisotropy::Anisotropy;
 use super::clearcoat::Clearcoat;
-use super::diffuse::Diffuse;
+use super::diffuse::{Diffuse, Slant};
 use super::fresnel::{f90, schlick, tint};
 use super::ggx::{Ggx, alpha, alpha_xy};
 use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
@@ -59,8 +59,12 @@ pub(super) struct Outgoing {
     /// Fresnel reflectances of the GGX lobe, shares and compensation applied.
     f0: Vec3A,
     f90: Vec3A,
-    /// Share of `wo`'s light that the coat lets through.
+    /// What Smith's masking makes of `wo`.
+    smith: f32,
+    /// What the coat lets through of `wo`'s light.
     transmitted: f32,
+    /// What the diffuse lobe makes of `wo`.
+    diffuse: Slant,
     /// Probabilities of drawing each lobe.
     pub lobes: Lobes,
     /// Share of `wo`'s light that the layers on top let through: clearcoat, and the sheen below it.
@@ -103,7 +107,7 @@ impl<const FULL: bool> Coat<FULL> {
         let d = self.ggx.distribution(h, len2);
         // For unit directions the cosine to the half vector is half the length of their sum.
         let fresnel = schlick(outgoing.f0, outgoing.f90, 0.5 * len2.sqrt());
-        (fresnel * (d * self.ggx.visibility_cos(wo, wi)), self.ggx.pdf(wo, d))
+        (fresnel * (d * self.ggx.visibility_cos(wo, wi, outgoing.smith)), Ggx::<FULL>::pdf(wo, d, outgoing.smith))
     }
 }
 
@@ -165,14 +169,20 @@ impl<const FULL: bool> Conserving<FULL> {
         let mut outgoing = Outgoing {
             f0: Vec3A::ZERO,
             f90: Vec3A::ZERO,
+            smith: 1.0,
             transmitted: 1.0,
+            diffuse: Slant::default(),
             lobes: Lobes { ggx: 0.0, clearcoat: 0.0, cosine: 1.0 },
             below_clearcoat: 1.0,
             below_sheen: Vec3A::ONE,
         };
         // Each lobe by the light it reflects towards `wo` under a white sky.
         let mut specular = 0.0;
+        if self.has_base {
+            outgoing.diffuse = self.diffuse.slant(wo.z);
+        }
         if let Some(coat) = &self.coat {
+            outgoing.smith = coat.ggx.smith(wo);
             let albedo = coat.albedo(wo);
             let compensation = Vec3A::ONE + coat.f0_metal * ((1.0 - albedo.e) / albedo.e);
             let metal = compensation * coat.metallic;
@@ -236,7 +246,7 @@ impl<const FULL: bool> Conserving<FULL> {
                 Some(coat) => outgoing.transmitted * coat.transmitted(coat.albedo(wi)),
                 None => 1.0,
             };
-            f_cos += self.base * (through * self.diffuse.eval(wo, wi) * cosine_pdf);
+            f_cos += self.base * (through * self.diffuse.eval(&outgoing.diffuse, wo, wi) * cosine_pdf);
         }
         if FULL && self.has_sheen {
             f_cos = f_cos * outgoing.below_sheen + self.sheen * (sheen::value(wo.dot(wi)) * wi.z);

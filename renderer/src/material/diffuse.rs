@@ -99,21 +99,44 @@ impl<const FULL: bool> Diffuse<FULL> {
         (1.0 - (self.a + self.b * cos + f * (self.c[0] + cos * (self.c[1] + cos * self.c[2])))).max(0.0)
     }
 
-    /// The bracket of the module's text times `1 / (Tm + h_max)`; `base T(wo) T(wi) / pi` is left to the caller.
+    /// What depends on one direction alone.
     #[inline]
-    pub fn eval(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+    pub fn slant(&self, cos: f32) -> Slant {
+        if self.roughness == 0.0 && !(FULL && self.scattering.is_some()) {
+            return Slant::default();
+        }
+        let weight = schlick_weight(cos);
+        let mut deficit = self.deficit(cos, weight);
+        if FULL && let Some(shape) = &self.scattering {
+            deficit = self.retro_max * deficit + shape.deficit(cos);
+        }
+        Slant { weight, deficit }
+    }
+
+    /// The bracket of the module's text times `1 / (Tm + h_max)`; `base T(wo) T(wi) / pi` is left to the caller. `outgoing` is
+    /// the [`Self::slant`] of `wo`.
+    #[inline]
+    pub fn eval(&self, outgoing: &Slant, wo: Vec3A, wi: Vec3A) -> f32 {
         if self.roughness == 0.0 && !(FULL && self.scattering.is_some()) {
             return self.norm;
         }
-        let (fo, fi, dot) = (schlick_weight(wo.z), schlick_weight(wi.z), wo.dot(wi));
+        let incoming = self.slant(wi.z);
+        let (fo, fi, dot) = (outgoing.weight, incoming.weight, wo.dot(wi));
         let retro = retro(self.roughness, fo, fi, dot);
-        let (uo, ui) = (self.deficit(wo.z, fo), self.deficit(wi.z, fi));
-        if FULL && let Some(shape) = &self.scattering {
+        let mut shaped = 1.0 + retro;
+        if FULL && self.scattering.is_some() {
             let bulk = subsurface::shape(self.roughness.max(subsurface::MIN_ROUGHNESS), fo, fi, wo.z, wi.z, dot) - 1.0;
-            let shaped = 1.0 + retro + (bulk - retro) * self.subsurface;
-            let (uo, ui) = (self.retro_max * uo + shape.deficit(wo.z), self.retro_max * ui + shape.deficit(wi.z));
-            return self.norm * (shaped + uo * (self.second * ui));
+            shaped += (bulk - retro) * self.subsurface;
         }
-        self.norm * (1.0 + retro + self.second * uo * ui)
+        self.norm * (shaped + outgoing.deficit * (self.second * incoming.deficit))
     }
+}
+
+/// What a diffuse lobe makes of one direction.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Slant {
+    /// Schlick's weight.
+    weight: f32,
+    /// `d` of the module's text, in the lobe's units.
+    deficit: f32,
 }

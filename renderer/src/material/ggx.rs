@@ -76,30 +76,33 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
         }
     }
 
-    /// `G2(wo, wi) / (4 cos_o cos_i) * cos_i` with height-correlated masking (Heitz 2014). Bounded by `1 / (2 alpha)`.
+    /// `G2(wo, wi) / (4 cos_o cos_i) * cos_i` with height-correlated masking (Heitz 2014), given `smith` of `wo`. Bounded by
+    /// `1 / (2 alpha)`.
     #[inline]
-    pub fn visibility_cos(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        let denominator = wo.z * self.smith(wi) + wi.z * self.smith(wo);
+    pub fn visibility_cos(&self, wo: Vec3A, wi: Vec3A, smith: f32) -> f32 {
+        let denominator = wo.z * self.smith(wi) + wi.z * smith;
         // Both terms underflow for cosines below 1e-38; the tiny addend turns 0 / 0 into 0.
         0.5 * wi.z / (denominator + f32::MIN_POSITIVE)
     }
 
-    /// `G1(wo) G1(wi) / (4 cos_o cos_i) * cos_i` with masking and shadowing taken as independent, as Burley printed it.
+    /// `G1(wo) G1(wi) / (4 cos_o cos_i) * cos_i` with masking and shadowing taken as independent, as Burley printed it,
+    /// given `smith` of `wo`.
     #[inline]
-    pub fn visibility_cos_separable(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        wi.z / ((wo.z + self.smith(wo)) * (wi.z + self.smith(wi)))
+    pub fn visibility_cos_separable(&self, wo: Vec3A, wi: Vec3A, smith: f32) -> f32 {
+        wi.z / ((wo.z + smith) * (wi.z + self.smith(wi)))
     }
 
     /// `G2(wo, wi) / G1(wo)`: what a visible-normal sample of a perfect mirror weighs.
     #[inline]
     pub fn masking_ratio(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        2.0 * self.visibility_cos(wo, wi) * (wo.z + self.smith(wo))
+        let smith = self.smith(wo);
+        2.0 * self.visibility_cos(wo, wi, smith) * (wo.z + smith)
     }
 
-    /// Density of [`Self::sample`]: `G1(wo) D(h) / (4 cos_o)`, given `d = D(h)`.
+    /// Density of [`Self::sample`]: `G1(wo) D(h) / (4 cos_o)`, given `d = D(h)` and `smith` of `wo`.
     #[inline]
-    pub fn pdf(&self, wo: Vec3A, d: f32) -> f32 {
-        0.5 * d / (wo.z + self.smith(wo))
+    pub fn pdf(wo: Vec3A, d: f32, smith: f32) -> f32 {
+        0.5 * d / (wo.z + smith)
     }
 
     /// Mirrors `wo` (above the horizon) in a visible normal: spherical caps (Dupuy and Benyoub 2023). The result may lie below
