@@ -204,8 +204,9 @@ pub fn albedo(bsdf: &Bsdf<true>, wo: Vec3A, rings: u32) -> DVec3 {
                     let balance = share * wi.z * std::f32::consts::FRAC_1_PI / value.pdf;
                     sum += value.f_cos.as_dvec3() * f64::from(balance * 4.0 * std::f32::consts::PI * t);
                 } else {
-                    // The lobe of visible normals meets the horizon at u[0] = 1: finer there.
-                    let (u0, weight) = if lobe == 0 { (1.0 - t * t, 2.0 * t) } else { (t, 1.0) };
+                    // The lobe of visible normals meets the horizon at u[0] = 1, and clearcoat's peak at 0: finer at both.
+                    let rest = 1.0 - t * t;
+                    let (u0, weight) = if lobe == 0 { (rest * rest, 4.0 * t * rest) } else { (t, 1.0) };
                     if let Some(drawn) = view.sample(u_lobe, [u0, u]) {
                         sum += drawn.weight.as_dvec3() * f64::from(share * weight);
                     }
