@@ -92,6 +92,11 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
         wi.z / ((wo.z + smith) * (wi.z + self.smith(wi)))
     }
 
+    /// How much narrower than wide the lobe is, as far as its facets tilt at all: 1 for isotropic and smooth ones.
+    pub(super) fn stretch(&self) -> f32 {
+        if ANISOTROPIC { ((1.0 + self.alpha2[1]) / (1.0 + self.alpha2[0])).sqrt() } else { 1.0 }
+    }
+
     /// `G2(wo, wi) / G1(wo)`: what a visible-normal sample of a perfect mirror weighs.
     #[inline]
     pub fn masking_ratio(&self, wo: Vec3A, wi: Vec3A) -> f32 {
