@@ -22,6 +22,10 @@ use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
 use glam::Vec3A;
 use std::f32::consts::FRAC_1_PI;
 
+/// Largest reflectance at normal incidence that a tint may give a dielectric. A saturated blue over its luminance would reach 1 and
+/// leave the base nothing but grazing light, drawn with weights in the hundreds; no dielectric comes near.
+const MAX_TINTED: f32 = 0.8;
+
 /// The energy-conserving scattering function of one surface point.
 #[derive(Clone, Copy)]
 pub(super) struct Conserving<const FULL: bool> {
@@ -121,7 +125,7 @@ impl<const FULL: bool> Conserving<FULL> {
         let f0_max = 0.08 * surface.specular;
         let mut f0_dielectric = Vec3A::splat(f0_max);
         if FULL && surface.specular_tint > 0.0 {
-            f0_dielectric = (f0_dielectric * Vec3A::ONE.lerp(tint(color), surface.specular_tint)).min(Vec3A::ONE);
+            f0_dielectric = (f0_dielectric * Vec3A::ONE.lerp(tint(color), surface.specular_tint)).min(Vec3A::splat(MAX_TINTED));
         }
         let f0_max = if FULL { f0_dielectric.max_element() } else { f0_max };
         let coat = (metallic > 0.0 || f0_max > 0.0).then(|| {

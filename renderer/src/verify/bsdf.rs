@@ -124,6 +124,27 @@ pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Worst {
     worst
 }
 
+/// Largest weight over `count` random draws of random materials; half of them have a tint as strong as any. A failure is one beyond
+/// 25, which would show as fireflies; 50 in `published` mode, whose blue sheen of `1 / 0.0722` is reached by cosine-weighted draws
+/// (`pi` times as much). Subsurface scattering takes no part: its `1 / (cos_o + cos_i)` has no bound, though its square
+/// has a mean, and one draw in a million weighs more.
+pub fn weights(mode: Mode, count: u64, seed: u64) -> Worst {
+    let (mut random, mut worst) = (Random::new(seed), Worst::default());
+    let bound = if mode == Mode::Published { 50.0 } else { 25.0 };
+    for _ in 0..count {
+        let (mut surface, wo) = (Surface { subsurface: 0.0, ..random.surface() }, random.direction());
+        if random.next() < 0.5 {
+            (surface.base_color, surface.metallic) = (Vec3A::new(0.0, 0.0, surface.base_color.z), 0.0);
+            (surface.specular, surface.specular_tint) = (surface.specular.max(0.5), 1.0);
+        }
+        let u = [random.next(), random.next(), random.next()];
+        let drawn = Bsdf::<true>::new(&surface, mode).sample(wo, u[0], [u[1], u[2]]);
+        let weight = drawn.map_or(0.0, |drawn| f64::from(drawn.weight.max_element()));
+        worst.see(weight, weight.is_nan() || weight > bound, || format!("{surface:?} wo {wo} u {u:?}"));
+    }
+    worst
+}
+
 /// Largest relative difference of `f(wo, wi)` and `f(wi, wo)` over `count` random pairs. In `published` mode all materials take
 /// part; in `conserving` mode dielectrics without sheen and clearcoat (the module [`crate::material`] says why the others are not
 /// reciprocal).
