@@ -83,7 +83,10 @@ fn no_material_gains_energy() {
                     for cos in COSINES {
                         let reflected =
                             albedo(&Bsdf::new(&surface(base, metallic, roughness, specular), Mode::Conserving), view(cos, 2.0)).x;
-                        assert!((0.0..=1.001).contains(&reflected), "{metallic} {specular} {base} {roughness} {cos}: {reflected}");
+                        assert!(
+                            (0.0..=1.001).contains(&reflected),
+                            "{metallic} {specular} {base} {roughness} {cos}: {reflected}"
+                        );
                     }
                 }
             }

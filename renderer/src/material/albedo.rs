@@ -27,12 +27,12 @@ pub(super) struct Abscissa {
 
 impl Abscissa {
     /// `root` is that of the roughness, `alpha^(1/4)`.
-    #[inline]
+    #[inline(always)]
     pub fn new(root: f32) -> Self {
         Self { narrow: NARROW * root * root * root }
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn at(self, cos: f32) -> f32 {
         let (wide, narrow) = (cos + WIDE, cos + self.narrow);
         // One division for both hyperbolae.
@@ -66,7 +66,7 @@ pub(super) struct Albedo {
 
 impl Albedo {
     /// Albedo of a lobe with these reflectances at normal and grazing incidence.
-    #[inline]
+    #[inline(always)]
     pub fn reflected(self, f0: f32, f90: f32) -> f32 {
         f0 * (self.e - self.b) + f90 * self.b
     }
@@ -85,12 +85,12 @@ impl Node {
         Self { e: albedo.e, rest: albedo.b - albedo.e * schlick_weight(cos) }
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn lerp(self, other: Self, t: f32) -> Self {
         Self { e: self.e + (other.e - self.e) * t, rest: self.rest + (other.rest - self.rest) * t }
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn albedo(self, cos: f32) -> Albedo {
         Albedo { e: self.e, b: (self.rest + self.e * schlick_weight(cos)).max(0.0) }
     }
@@ -111,14 +111,14 @@ pub(super) struct AlbedoMoments {
 }
 
 impl AlbedoMoments {
-    #[inline]
+    #[inline(always)]
     pub fn lerp(&self, other: &Self, t: f32) -> Self {
         let mix = |a: &Moments, b: &Moments| std::array::from_fn(|k| a[k] + (b[k] - a[k]) * t);
         Self { f0: mix(&self.f0, &other.f0), f90: mix(&self.f90, &other.f90) }
     }
 
     /// Moments of what a lobe with these reflectances lets through.
-    #[inline]
+    #[inline(always)]
     pub fn transmitted(&self, f0: f32, f90: f32) -> Moments {
         std::array::from_fn(|k| UNIT_MOMENTS[k] - f0 * self.f0[k] - f90 * self.f90[k])
     }
@@ -149,7 +149,7 @@ pub(super) struct Row {
 
 impl Row {
     /// `roughness` in 0..=1 (above 1, as anisotropic lobes reach along one axis, the last row).
-    #[inline]
+    #[inline(always)]
     pub fn new(roughness: f32) -> Self {
         let table = Table::get();
         let root = roughness.sqrt();
@@ -160,7 +160,7 @@ impl Row {
     }
 
     /// Index and share of the upper node along the view, for tables of the same layout.
-    #[inline]
+    #[inline(always)]
     pub fn locate(&self, cos: f32) -> (usize, f32) {
         let x = self.abscissa.at(cos) * (COSINES - 1) as f32;
         let i = (x as usize).min(COSINES - 2);
@@ -168,13 +168,13 @@ impl Row {
     }
 
     /// Index and share of the upper row.
-    #[inline]
+    #[inline(always)]
     pub fn rows(&self) -> (usize, f32) {
         (self.index as usize, self.t)
     }
 
     /// Albedo for a view at cosine 0..=1.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, cos: f32) -> Albedo {
         let (i, s) = self.locate(cos);
         let (lower, upper) = (&self.table.nodes[self.index as usize], &self.table.nodes[self.index as usize + 1]);
@@ -182,7 +182,7 @@ impl Row {
     }
 
     /// Means over the hemisphere.
-    #[inline]
+    #[inline(always)]
     pub fn moments(&self) -> AlbedoMoments {
         let i = self.index as usize;
         self.table.moments[i].lerp(&self.table.moments[i + 1], self.t)
@@ -191,7 +191,7 @@ impl Row {
 
 impl Table {
     /// The one table of the process.
-    #[inline]
+    #[inline(always)]
     pub fn get() -> &'static Self {
         static TABLE: OnceLock<Table> = OnceLock::new();
         TABLE.get_or_init(Self::new)

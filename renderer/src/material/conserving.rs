@@ -77,7 +77,7 @@ pub(super) struct Outgoing {
 }
 
 impl<const FULL: bool> Coat<FULL> {
-    #[inline]
+    #[inline(always)]
     fn albedo(&self, w: Vec3A) -> Albedo {
         match &self.anisotropy {
             Some(anisotropy) if FULL => anisotropy.at(w),
@@ -85,7 +85,7 @@ impl<const FULL: bool> Coat<FULL> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn moments(&self) -> AlbedoMoments {
         match &self.anisotropy {
             Some(anisotropy) if FULL => anisotropy.moments(),
@@ -94,13 +94,13 @@ impl<const FULL: bool> Coat<FULL> {
     }
 
     /// What the dielectric coat lets through to the base, in the channel it lets through least.
-    #[inline]
+    #[inline(always)]
     fn transmitted(&self, albedo: Albedo) -> f32 {
         (1.0 - albedo.reflected(self.f0_max, self.f90_dielectric)).max(0.0)
     }
 
     /// GGX value (times cosine) and density.
-    #[inline]
+    #[inline(always)]
     fn specular(&self, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> (Vec3A, f32) {
         let h = wo + wi;
         let len2 = h.length_squared();
@@ -117,7 +117,7 @@ impl<const FULL: bool> Coat<FULL> {
 
 impl<const FULL: bool> Conserving<FULL> {
     /// `surface` has its parameters in range.
-    #[inline]
+    #[inline(always)]
     pub fn new(surface: &Surface) -> Self {
         let color = surface.base_color;
         let Surface { metallic, roughness, .. } = *surface;
@@ -153,7 +153,7 @@ impl<const FULL: bool> Conserving<FULL> {
         bsdf
     }
 
-    #[inline]
+    #[inline(always)]
     fn diffuse(surface: &Surface, coat: Option<&Coat<FULL>>) -> Diffuse<FULL> {
         let (moments, f0, f90) = match coat {
             Some(coat) => (coat.moments().transmitted(coat.f0_max, coat.f90_dielectric), coat.f0_max, coat.f90_dielectric),
@@ -168,7 +168,7 @@ impl<const FULL: bool> Conserving<FULL> {
     }
 
     /// What depends on `wo` alone.
-    #[inline]
+    #[inline(always)]
     pub fn outgoing(&self, wo: Vec3A) -> Outgoing {
         let mut outgoing = Outgoing {
             f0: Vec3A::ZERO,
@@ -215,25 +215,25 @@ impl<const FULL: bool> Conserving<FULL> {
     }
 
     /// Whether nothing is reflected at all.
-    #[inline]
+    #[inline(always)]
     pub fn is_black(&self) -> bool {
         !self.has_base && self.coat.is_none() && !(FULL && (self.has_sheen || self.clearcoat.is_some()))
     }
 
     /// The GGX lobe.
-    #[inline]
+    #[inline(always)]
     pub fn ggx(&self) -> Option<&Ggx<FULL>> {
         self.coat.as_ref().map(|coat| &coat.ggx)
     }
 
     /// The clearcoat lobe.
-    #[inline]
+    #[inline(always)]
     pub fn clearcoat(&self) -> Option<&Clearcoat> {
         self.clearcoat.as_ref()
     }
 
     /// Value (times cosine) and density of all lobes; both directions lie above the horizon.
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> BsdfEval {
         let (mut f_cos, mut pdf) = (Vec3A::ZERO, 0.0);
         if let Some(coat) = &self.coat {

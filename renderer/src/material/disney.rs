@@ -20,7 +20,7 @@ pub(super) struct Lobes {
 
 impl Lobes {
     /// From the light each lobe reflects. All go to the cosine when none reflects any.
-    #[inline]
+    #[inline(always)]
     pub fn new(ggx: f32, clearcoat: f32, cosine: f32) -> Self {
         let sum = ggx + clearcoat + cosine;
         if sum == 0.0 {
@@ -48,7 +48,7 @@ enum Form<const FULL: bool> {
 impl<const FULL: bool> Bsdf<FULL> {
     /// Prepares the lobes that `surface` has. Parameters beyond their range are taken at its end; NaN stays NaN and shows in the
     /// values. `mode` is [`Mode::Conserving`] where `FULL = false`, whatever it says.
-    #[inline]
+    #[inline(always)]
     pub fn new(surface: &Surface, mode: Mode) -> Self {
         let surface = if FULL { surface.clamped() } else { surface.clamped_plain() };
         Self(match mode {
@@ -59,7 +59,7 @@ impl<const FULL: bool> Bsdf<FULL> {
 
     /// Prepares what depends on `wo` alone, for several calls with one view: a path vertex weighs its light and draws its next
     /// direction from one. Nothing is reflected towards a `wo` on or below the shading horizon.
-    #[inline]
+    #[inline(always)]
     pub fn view(&self, wo: Vec3A) -> View<'_, FULL> {
         let seen = match &self.0 {
             _ if wo.z <= 0.0 => Seen::Nothing,
@@ -72,19 +72,19 @@ impl<const FULL: bool> Bsdf<FULL> {
     }
 
     /// [`View::eval`] for one view.
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wo: Vec3A, wi: Vec3A) -> BsdfEval {
         self.view(wo).eval(wi)
     }
 
     /// [`View::pdf`] for one view.
-    #[inline]
+    #[inline(always)]
     pub fn pdf(&self, wo: Vec3A, wi: Vec3A) -> f32 {
         self.view(wo).pdf(wi)
     }
 
     /// [`View::sample`] for one view.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         self.view(wo).sample(u_lobe, u)
     }
@@ -108,7 +108,7 @@ enum Seen<'a, const FULL: bool> {
 
 impl<const FULL: bool> View<'_, FULL> {
     /// Value (times cosine) and density for `wi`; zero when it lies on or below the shading horizon.
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wi: Vec3A) -> BsdfEval {
         if wi.z <= 0.0 {
             return BsdfEval::default();
@@ -121,7 +121,7 @@ impl<const FULL: bool> View<'_, FULL> {
     }
 
     /// Density of [`Self::sample`], per steradian.
-    #[inline]
+    #[inline(always)]
     pub fn pdf(&self, wi: Vec3A) -> f32 {
         self.eval(wi).pdf
     }
@@ -129,7 +129,7 @@ impl<const FULL: bool> View<'_, FULL> {
     /// Draws a direction; `u_lobe` and `u` are in 0..1. `None` when the drawn facet mirrors `wo` below the shading horizon, when
     /// nothing is reflected, or when the density is below 1e-30 per steradian (such draws do not happen in practice): the
     /// estimate is then zero. A weight that is not finite is handed on to be counted.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         let wo = self.wo;
         let wi = match &self.seen {
@@ -182,7 +182,7 @@ impl<const FULL: bool> View<'_, FULL> {
 }
 
 /// Cosine-weighted direction about +z: Shirley and Chiu's concentric disk, lifted.
-#[inline]
+#[inline(always)]
 fn cosine_hemisphere(u: [f32; 2]) -> Vec3A {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
     if a == 0.0 && b == 0.0 {

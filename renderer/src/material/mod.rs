@@ -15,8 +15,8 @@ mod published;
 mod sheen;
 mod subsurface;
 
-pub use disney::{Bsdf, View};
 use disney::Lobes;
+pub use disney::{Bsdf, View};
 pub use fresnel::{f90, schlick};
 
 use glam::Vec3A;
