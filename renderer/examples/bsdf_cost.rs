@@ -1,4 +1,4 @@
-//! Nanoseconds a material costs at one path vertex: preparation, one `eval` and one `sample`.
+//! Nanoseconds a material costs at one path vertex: preparation, view, one `eval` and one `sample`.
 //!
 //! `cargo run --release -p renderflow-renderer --example bsdf_cost`
 
@@ -58,8 +58,9 @@ fn measure<const FULL: bool>(name: &str, surface: &Surface, mode: Mode) {
             let wo = Vec3A::new(next() - 0.5, next() - 0.5, next() + 0.05).normalize();
             let wi = Vec3A::new(next() - 0.5, next() - 0.5, next() + 0.05).normalize();
             let bsdf = Bsdf::<FULL>::new(black_box(surface), mode);
-            sum += bsdf.eval(wo, wi).f_cos;
-            if let Some(drawn) = bsdf.sample(wo, next(), [next(), next()]) {
+            let view = bsdf.view(wo);
+            sum += view.eval(wi).f_cos;
+            if let Some(drawn) = view.sample(next(), [next(), next()]) {
                 sum += drawn.weight;
             }
         }

@@ -12,22 +12,21 @@ use renderflow_renderer::verify::bsdf as checks;
 type Bsdf = renderflow_renderer::material::Bsdf<false>;
 
 #[test]
-#[ignore = "fails: 34 of 330 views, up to 1.0035 and down to 0.989 (clearcoat over metal)"]
 fn every_lobe_closes_the_furnace() {
-    let surfaces: Vec<_> = checks::grid(true).into_iter().filter(|s| s.anisotropic == 0.0).step_by(7).collect();
-    let worst = checks::furnace(&surfaces, 100_000);
+    let surfaces: Vec<_> = checks::grid(true).into_iter().step_by(11).collect();
+    let worst = checks::furnace(&surfaces, 128);
     println!("{worst:?}");
     assert!(worst.failures == 0, "{worst:?}");
-    let surfaces: Vec<_> = checks::grid(false).into_iter().step_by(5).collect();
-    let worst = checks::furnace(&surfaces, 10_000);
+    let surfaces: Vec<_> = checks::grid(false).into_iter().step_by(23).collect();
+    let worst = checks::furnace(&surfaces, 128);
     assert!(worst.failures == 0, "{worst:?}");
 }
 
 #[test]
-#[ignore = "half a minute; fails as the one above does"]
+#[ignore = "a minute"]
 fn every_lobe_closes_the_furnace_on_the_whole_grid() {
     for white in [true, false] {
-        let worst = checks::furnace(&checks::grid(white), 100_000);
+        let worst = checks::furnace(&checks::grid(white), 128);
         println!("{white} {worst:?}");
         assert!(worst.failures == 0, "{worst:?}");
     }
@@ -45,18 +44,8 @@ fn surface(base: f32, metallic: f32, roughness: f32, specular: f32) -> Surface {
     Surface { base_color: Vec3A::splat(base), metallic, roughness, specular, ..Surface::default() }
 }
 
-/// Share of white light that is reflected: the mean weight over the R3 sequence (Roberts 2018).
 fn albedo(bsdf: &Bsdf, wo: Vec3A) -> Vec3A {
-    let n = 40_000;
-    let mut sum = glam::DVec3::ZERO;
-    for k in 0..n {
-        let point = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3]
-            .map(|step: f64| (0.5 + step * f64::from(k)).fract() as f32);
-        if let Some(drawn) = bsdf.sample(wo, point[0], [point[1], point[2]]) {
-            sum += drawn.weight.as_dvec3();
-        }
-    }
-    (sum / f64::from(n)).as_vec3a()
+    checks::albedo(bsdf, wo, 128).as_vec3a()
 }
 
 #[test]
@@ -82,7 +71,7 @@ fn white_furnace_closes() {
         }
     }
     println!("worst: {}", worst.1);
-    assert!(worst.0 < 0.01, "{}", worst.1);
+    assert!(worst.0 < 0.002, "{}", worst.1);
 }
 
 #[test]
@@ -94,7 +83,10 @@ fn no_material_gains_energy() {
                     for cos in COSINES {
                         let reflected =
                             albedo(&Bsdf::new(&surface(base, metallic, roughness, specular), Mode::Conserving), view(cos, 2.0)).x;
-                        assert!((0.0..1.01).contains(&reflected), "{metallic} {specular} {base} {roughness} {cos}: {reflected}");
+                        assert!(
+                            (0.0..=1.001).contains(&reflected),
+                            "{metallic} {specular} {base} {roughness} {cos}: {reflected}"
+                        );
                     }
                 }
             }

@@ -23,6 +23,15 @@ fn ten_million_evaluations_are_finite() {
 }
 
 #[test]
+fn weights_are_bounded() {
+    for mode in [Mode::Conserving, Mode::Published] {
+        let worst = bsdf::weights(mode, 200_000, 5);
+        println!("{mode:?}: {worst:?}");
+        assert!(worst.cases == 200_000 && worst.failures == 0, "{mode:?}: {worst:?}");
+    }
+}
+
+#[test]
 fn densities_integrate_to_one() {
     let surfaces: Vec<_> = bsdf::grid(false).into_iter().step_by(11).collect();
     for mode in [Mode::Conserving, Mode::Published] {

@@ -26,20 +26,21 @@ pub(super) struct Abscissa {
 }
 
 impl Abscissa {
-    #[inline]
-    fn new(root: f32) -> Self {
+    /// `root` is that of the roughness, `alpha^(1/4)`.
+    #[inline(always)]
+    pub fn new(root: f32) -> Self {
         Self { narrow: NARROW * root * root * root }
     }
 
-    #[inline]
-    fn at(self, cos: f32) -> f32 {
+    #[inline(always)]
+    pub fn at(self, cos: f32) -> f32 {
         let (wide, narrow) = (cos + WIDE, cos + self.narrow);
         // One division for both hyperbolae.
         0.5 * cos * ((1.0 + WIDE) * narrow + (1.0 + self.narrow) * wide) / (wide * narrow)
     }
 
     /// Inverse of [`Self::at`] by bisection.
-    fn cosine(self, x: f32) -> f32 {
+    pub fn cosine(self, x: f32) -> f32 {
         let (mut low, mut high) = (0.0_f32, 1.0_f32);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
@@ -50,7 +51,7 @@ impl Abscissa {
 }
 
 /// Square root of the roughness below which `alpha` is constant.
-fn lowest_root() -> f32 {
+pub(super) fn lowest_root() -> f32 {
     MIN_ALPHA.sqrt().sqrt()
 }
 
@@ -65,7 +66,7 @@ pub(super) struct Albedo {
 
 impl Albedo {
     /// Albedo of a lobe with these reflectances at normal and grazing incidence.
-    #[inline]
+    #[inline(always)]
     pub fn reflected(self, f0: f32, f90: f32) -> f32 {
         f0 * (self.e - self.b) + f90 * self.b
     }
@@ -80,17 +81,17 @@ pub(super) struct Node {
 }
 
 impl Node {
-    fn new(albedo: Albedo, cos: f32) -> Self {
+    pub fn new(albedo: Albedo, cos: f32) -> Self {
         Self { e: albedo.e, rest: albedo.b - albedo.e * schlick_weight(cos) }
     }
 
-    #[inline]
-    fn lerp(self, other: Self, t: f32) -> Self {
+    #[inline(always)]
+    pub fn lerp(self, other: Self, t: f32) -> Self {
         Self { e: self.e + (other.e - self.e) * t, rest: self.rest + (other.rest - self.rest) * t }
     }
 
-    #[inline]
-    fn albedo(self, cos: f32) -> Albedo {
+    #[inline(always)]
+    pub fn albedo(self, cos: f32) -> Albedo {
         Albedo { e: self.e, b: (self.rest + self.e * schlick_weight(cos)).max(0.0) }
     }
 }
@@ -110,14 +111,14 @@ pub(super) struct AlbedoMoments {
 }
 
 impl AlbedoMoments {
-    #[inline]
+    #[inline(always)]
     pub fn lerp(&self, other: &Self, t: f32) -> Self {
         let mix = |a: &Moments, b: &Moments| std::array::from_fn(|k| a[k] + (b[k] - a[k]) * t);
         Self { f0: mix(&self.f0, &other.f0), f90: mix(&self.f90, &other.f90) }
     }
 
     /// Moments of what a lobe with these reflectances lets through.
-    #[inline]
+    #[inline(always)]
     pub fn transmitted(&self, f0: f32, f90: f32) -> Moments {
         std::array::from_fn(|k| UNIT_MOMENTS[k] - f0 * self.f0[k] - f90 * self.f90[k])
     }
@@ -148,7 +149,7 @@ pub(super) struct Row {
 
 impl Row {
     /// `roughness` in 0..=1 (above 1, as anisotropic lobes reach along one axis, the last row).
-    #[inline]
+    #[inline(always)]
     pub fn new(roughness: f32) -> Self {
         let table = Table::get();
         let root = roughness.sqrt();
@@ -159,7 +160,7 @@ impl Row {
     }
 
     /// Index and share of the upper node along the view, for tables of the same layout.
-    #[inline]
+    #[inline(always)]
     pub fn locate(&self, cos: f32) -> (usize, f32) {
         let x = self.abscissa.at(cos) * (COSINES - 1) as f32;
         let i = (x as usize).min(COSINES - 2);
@@ -167,13 +168,13 @@ impl Row {
     }
 
     /// Index and share of the upper row.
-    #[inline]
+    #[inline(always)]
     pub fn rows(&self) -> (usize, f32) {
         (self.index as usize, self.t)
     }
 
     /// Albedo for a view at cosine 0..=1.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, cos: f32) -> Albedo {
         let (i, s) = self.locate(cos);
         let (lower, upper) = (&self.table.nodes[self.index as usize], &self.table.nodes[self.index as usize + 1]);
@@ -181,7 +182,7 @@ impl Row {
     }
 
     /// Means over the hemisphere.
-    #[inline]
+    #[inline(always)]
     pub fn moments(&self) -> AlbedoMoments {
         let i = self.index as usize;
         self.table.moments[i].lerp(&self.table.moments[i + 1], self.t)
@@ -190,7 +191,7 @@ impl Row {
 
 impl Table {
     /// The one table of the process.
-    #[inline]
+    #[inline(always)]
     pub fn get() -> &'static Self {
         static TABLE: OnceLock<Table> = OnceLock::new();
         TABLE.get_or_init(Self::new)
@@ -245,13 +246,25 @@ fn integrate(ggx: &Ggx<false>, cos: f32) -> Albedo {
 /// for all of them (0.5 where the two halves mirror each other).
 pub(super) fn integrate_view<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, strata: [usize; 2]) -> Albedo {
     let (mut e, mut b) = (0.0_f64, 0.0_f64);
+    // Draws of a lobe much wider along x than along y turn within a narrow range of azimuths about y: finer there. The warp is
+    // (cos, sin) -> (stretch cos, sin), normalised.
+    let stretch = ggx.stretch();
+    let azimuths: Vec<(f32, f32)> = (0..strata[1])
+        .map(|j| {
+            let (sin, cos) = (std::f32::consts::TAU * turn * (j as f32 + 0.5) / strata[1] as f32).sin_cos();
+            let u = sin.atan2(stretch * cos) / std::f32::consts::TAU;
+            (u - u.floor(), stretch / (stretch * stretch * cos * cos + sin * sin))
+        })
+        .collect();
     for i in 0..strata[0] {
         // Finer towards u = 1, where the mirrored directions meet the horizon: equal strata err by half of one there.
         let s = (i as f32 + 0.5) / strata[0] as f32;
-        for j in 0..strata[1] {
-            let u = [1.0 - s * s, turn * (j as f32 + 0.5) / strata[1] as f32];
+        // Facets of a lobe wider than 1 reflect upwards only where u is small.
+        let (u, weight) = if A { ((1.0 - s * s).powi(2), 4.0 * s * (1.0 - s * s)) } else { (1.0 - s * s, 2.0 * s) };
+        for &(azimuth, share) in &azimuths {
+            let u = [u, azimuth];
             if let Some(wi) = ggx.sample(wo, u).filter(|wi| wi.z > 0.0) {
-                let weight = 2.0 * s * ggx.masking_ratio(wo, wi);
+                let weight = weight * share * ggx.masking_ratio(wo, wi);
                 e += f64::from(weight);
                 b += f64::from(weight * schlick_weight(0.5 * (wo + wi).length()));
             }
@@ -262,7 +275,7 @@ pub(super) fn integrate_view<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, 
 }
 
 /// Five-point Gauss rule on 0..1.
-const GAUSS: [(f64, f64); 5] = [
+pub(super) const GAUSS: [(f64, f64); 5] = [
     (0.046_910_077_030_668, 0.118_463_442_528_094_5),
     (0.230_765_344_947_158_5, 0.239_314_335_249_683_2),
     (0.5, 0.284_444_444_444_444_4),

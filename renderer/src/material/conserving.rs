@@ -15,12 +15,16 @@
 use super::albedo::{Albedo, AlbedoMoments, Row, UNIT_MOMENTS};
 use super::anisotropy::Anisotropy;
 use super::clearcoat::Clearcoat;
-use super::diffuse::Diffuse;
+use super::diffuse::{Diffuse, Slant};
 use super::fresnel::{f90, schlick, tint};
 use super::ggx::{Ggx, alpha, alpha_xy};
 use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
 use glam::Vec3A;
 use std::f32::consts::FRAC_1_PI;
+
+/// Largest reflectance at normal incidence that a tint may give a dielectric. A saturated blue over its luminance would reach 1 and
+/// leave the base nothing but grazing light, drawn with weights in the hundreds; no dielectric comes near.
+const MAX_TINTED: f32 = 0.8;
 
 /// The energy-conserving scattering function of one surface point.
 #[derive(Clone, Copy)]
@@ -59,8 +63,12 @@ pub(super) struct Outgoing {
     /// Fresnel reflectances of the GGX lobe, shares and compensation applied.
     f0: Vec3A,
     f90: Vec3A,
-    /// Share of `wo`'s light that the coat lets through.
+    /// What Smith's masking makes of `wo`.
+    smith: f32,
+    /// What the coat lets through of `wo`'s light.
     transmitted: f32,
+    /// What the diffuse lobe makes of `wo`.
+    diffuse: Slant,
     /// Probabilities of drawing each lobe.
     pub lobes: Lobes,
     /// Share of `wo`'s light that the layers on top let through: clearcoat, and the sheen below it.
@@ -69,7 +77,7 @@ pub(super) struct Outgoing {
 }
 
 impl<const FULL: bool> Coat<FULL> {
-    #[inline]
+    #[inline(always)]
     fn albedo(&self, w: Vec3A) -> Albedo {
         match &self.anisotropy {
             Some(anisotropy) if FULL => anisotropy.at(w),
@@ -77,7 +85,7 @@ impl<const FULL: bool> Coat<FULL> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn moments(&self) -> AlbedoMoments {
         match &self.anisotropy {
             Some(anisotropy) if FULL => anisotropy.moments(),
@@ -86,13 +94,13 @@ impl<const FULL: bool> Coat<FULL> {
     }
 
     /// What the dielectric coat lets through to the base, in the channel it lets through least.
-    #[inline]
+    #[inline(always)]
     fn transmitted(&self, albedo: Albedo) -> f32 {
         (1.0 - albedo.reflected(self.f0_max, self.f90_dielectric)).max(0.0)
     }
 
     /// GGX value (times cosine) and density.
-    #[inline]
+    #[inline(always)]
     fn specular(&self, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> (Vec3A, f32) {
         let h = wo + wi;
         let len2 = h.length_squared();
@@ -103,13 +111,13 @@ impl<const FULL: bool> Coat<FULL> {
         let d = self.ggx.distribution(h, len2);
         // For unit directions the cosine to the half vector is half the length of their sum.
         let fresnel = schlick(outgoing.f0, outgoing.f90, 0.5 * len2.sqrt());
-        (fresnel * (d * self.ggx.visibility_cos(wo, wi)), self.ggx.pdf(wo, d))
+        (fresnel * (d * self.ggx.visibility_cos(wo, wi, outgoing.smith)), Ggx::<FULL>::pdf(wo, d, outgoing.smith))
     }
 }
 
 impl<const FULL: bool> Conserving<FULL> {
     /// `surface` has its parameters in range.
-    #[inline]
+    #[inline(always)]
     pub fn new(surface: &Surface) -> Self {
         let color = surface.base_color;
         let Surface { metallic, roughness, .. } = *surface;
@@ -117,7 +125,7 @@ impl<const FULL: bool> Conserving<FULL> {
         let f0_max = 0.08 * surface.specular;
         let mut f0_dielectric = Vec3A::splat(f0_max);
         if FULL && surface.specular_tint > 0.0 {
-            f0_dielectric = (f0_dielectric * Vec3A::ONE.lerp(tint(color), surface.specular_tint)).min(Vec3A::ONE);
+            f0_dielectric = (f0_dielectric * Vec3A::ONE.lerp(tint(color), surface.specular_tint)).min(Vec3A::splat(MAX_TINTED));
         }
         let f0_max = if FULL { f0_dielectric.max_element() } else { f0_max };
         let coat = (metallic > 0.0 || f0_max > 0.0).then(|| {
@@ -145,7 +153,7 @@ impl<const FULL: bool> Conserving<FULL> {
         bsdf
     }
 
-    #[inline]
+    #[inline(always)]
     fn diffuse(surface: &Surface, coat: Option<&Coat<FULL>>) -> Diffuse<FULL> {
         let (moments, f0, f90) = match coat {
             Some(coat) => (coat.moments().transmitted(coat.f0_max, coat.f90_dielectric), coat.f0_max, coat.f90_dielectric),
@@ -160,19 +168,25 @@ impl<const FULL: bool> Conserving<FULL> {
     }
 
     /// What depends on `wo` alone.
-    #[inline]
+    #[inline(always)]
     pub fn outgoing(&self, wo: Vec3A) -> Outgoing {
         let mut outgoing = Outgoing {
             f0: Vec3A::ZERO,
             f90: Vec3A::ZERO,
+            smith: 1.0,
             transmitted: 1.0,
+            diffuse: Slant::default(),
             lobes: Lobes { ggx: 0.0, clearcoat: 0.0, cosine: 1.0 },
             below_clearcoat: 1.0,
             below_sheen: Vec3A::ONE,
         };
         // Each lobe by the light it reflects towards `wo` under a white sky.
         let mut specular = 0.0;
+        if self.has_base {
+            outgoing.diffuse = self.diffuse.slant(wo.z);
+        }
         if let Some(coat) = &self.coat {
+            outgoing.smith = coat.ggx.smith(wo);
             let albedo = coat.albedo(wo);
             let compensation = Vec3A::ONE + coat.f0_metal * ((1.0 - albedo.e) / albedo.e);
             let metal = compensation * coat.metallic;
@@ -201,25 +215,25 @@ impl<const FULL: bool> Conserving<FULL> {
     }
 
     /// Whether nothing is reflected at all.
-    #[inline]
+    #[inline(always)]
     pub fn is_black(&self) -> bool {
         !self.has_base && self.coat.is_none() && !(FULL && (self.has_sheen || self.clearcoat.is_some()))
     }
 
     /// The GGX lobe.
-    #[inline]
+    #[inline(always)]
     pub fn ggx(&self) -> Option<&Ggx<FULL>> {
         self.coat.as_ref().map(|coat| &coat.ggx)
     }
 
     /// The clearcoat lobe.
-    #[inline]
+    #[inline(always)]
     pub fn clearcoat(&self) -> Option<&Clearcoat> {
         self.clearcoat.as_ref()
     }
 
     /// Value (times cosine) and density of all lobes; both directions lie above the horizon.
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, outgoing: &Outgoing, wo: Vec3A, wi: Vec3A) -> BsdfEval {
         let (mut f_cos, mut pdf) = (Vec3A::ZERO, 0.0);
         if let Some(coat) = &self.coat {
@@ -236,7 +250,7 @@ impl<const FULL: bool> Conserving<FULL> {
                 Some(coat) => outgoing.transmitted * coat.transmitted(coat.albedo(wi)),
                 None => 1.0,
             };
-            f_cos += self.base * (through * self.diffuse.eval(wo, wi) * cosine_pdf);
+            f_cos += self.base * (through * self.diffuse.eval(&outgoing.diffuse, wo, wi) * cosine_pdf);
         }
         if FULL && self.has_sheen {
             f_cos = f_cos * outgoing.below_sheen + self.sheen * (sheen::value(wo.dot(wi)) * wi.z);

@@ -20,7 +20,7 @@ use super::subsurface;
 use glam::Vec3A;
 
 /// `f_retro` of the module's text for Schlick weights `fo`, `fi` and `dot` = `wo . wi`.
-#[inline]
+#[inline(always)]
 fn retro(roughness: f32, fo: f32, fi: f32, dot: f32) -> f32 {
     let r = roughness * (1.0 + dot).max(0.0);
     r * (fo + fi + fo * fi * (r - 1.0))
@@ -30,90 +30,97 @@ fn retro(roughness: f32, fo: f32, fi: f32, dot: f32) -> f32 {
 #[derive(Clone, Copy)]
 pub(super) struct Diffuse<const FULL: bool> {
     roughness: f32,
-    /// `h_retro / (roughness h_retro(0))` = `a + b c + F (c0 + c1 c + c2 c^2)` for a cosine `c`; 1 at grazing view, its maximum.
-    a: f32,
+    /// `h_retro / roughness` = `a + b c + F (c0 + c1 c + c2 c^2)` for a cosine `c`. It is largest at grazing view, `a + c0`, so that
+    /// `a` drops out of what it lacks there.
     b: f32,
     c: [f32; 3],
-    /// Height of the second lobe in units of the first.
+    /// Factor of the second lobe.
     second: f32,
     /// `1 / (Tm + h_max)`.
     norm: f32,
     /// Share of the subsurface shape, and what belongs to it.
     subsurface: f32,
     scattering: Option<subsurface::Shape>,
-    /// `h_max` of retro-reflection, its share applied.
-    retro_max: f32,
 }
 
 impl<const FULL: bool> Diffuse<FULL> {
     /// The lobe of a material without a base.
-    pub const BLACK: Self = Self {
-        roughness: 0.0,
-        a: 0.0,
-        b: 0.0,
-        c: [0.0; 3],
-        second: 0.0,
-        norm: 0.0,
-        subsurface: 0.0,
-        scattering: None,
-        retro_max: 0.0,
-    };
+    pub const BLACK: Self =
+        Self { roughness: 0.0, b: 0.0, c: [0.0; 3], second: 0.0, norm: 0.0, subsurface: 0.0, scattering: None };
 
     /// `moments` are those of `T`; `coat` gives what the subsurface shape needs to know about it.
-    #[inline]
+    #[inline(always)]
     pub fn new(roughness: f32, subsurface: f32, moments: &Moments, coat: impl FnOnce() -> subsurface::Coat) -> Self {
         let [m0, m1, f0, f1, f2] = *moments;
         if roughness == 0.0 && !(FULL && subsurface > 0.0) {
             return Self { norm: m0.recip(), ..Self::BLACK };
         }
-        let (mut a, mut b) = (f0, f1);
-        let mut c =
-            [m0 - f0 + roughness * (1.5 * f0 - 0.5 * f2), m1 - f1 + 2.0 * roughness * f1, roughness * (1.5 * f2 - 0.5 * f0)];
-        let peak = a + c[0];
-        let scale = if peak > 0.0 { peak.recip() } else { 0.0 };
-        a *= scale;
-        b *= scale;
-        c = c.map(|v| v * scale);
-        // Mean of T d / (roughness peak).
-        let mean = m0 - (a * m0 + b * m1 + c[0] * f0 + c[1] * f1 + c[2] * f2);
-        let retro_max = roughness * peak;
-        let mut diffuse = Self { roughness, a, b, c, retro_max, ..Self::BLACK };
+        let (a, b) = (f0, f1);
+        let c = [m0 - f0 + roughness * (1.5 * f0 - 0.5 * f2), m1 - f1 + 2.0 * roughness * f1, roughness * (1.5 * f2 - 0.5 * f0)];
+        // Mean of T d / roughness.
+        let mean = c[0] * (m0 - f0) - (b * m1 + c[1] * f1 + c[2] * f2);
+        let retro_max = roughness * (a + c[0]);
+        let mut diffuse = Self { roughness, b, c, ..Self::BLACK };
         if FULL && subsurface > 0.0 {
             let shape = subsurface::Shape::new(coat(), subsurface);
+            let retro_share = 1.0 - subsurface;
+            let mean = retro_share * roughness * mean + shape.mean(m0);
             diffuse.subsurface = subsurface;
-            diffuse.retro_max *= 1.0 - subsurface;
-            let mean = diffuse.retro_max * mean + shape.mean(m0);
             diffuse.second = if mean > 0.0 { mean.recip() } else { 0.0 };
-            diffuse.norm = (m0 + diffuse.retro_max + shape.max()).recip();
+            diffuse.norm = (m0 + retro_share * retro_max + shape.max()).recip();
             diffuse.scattering = Some(shape);
             return diffuse;
         }
-        diffuse.second = if mean > 0.0 { retro_max / mean } else { 0.0 };
+        diffuse.second = if mean > 0.0 { roughness / mean } else { 0.0 };
         diffuse.norm = (m0 + retro_max).recip();
         diffuse
     }
 
-    /// `1 - h / h_max` of the retro-reflective part.
-    #[inline]
+    /// What `h_retro / roughness` lacks of its maximum.
+    #[inline(always)]
     fn deficit(&self, cos: f32, f: f32) -> f32 {
-        (1.0 - (self.a + self.b * cos + f * (self.c[0] + cos * (self.c[1] + cos * self.c[2])))).max(0.0)
+        let [c0, c1, c2] = self.c;
+        (c0 * (1.0 - f) - cos * (self.b + f * (c1 + cos * c2))).max(0.0)
     }
 
-    /// The bracket of the module's text times `1 / (Tm + h_max)`; `base T(wo) T(wi) / pi` is left to the caller.
-    #[inline]
-    pub fn eval(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+    /// What depends on one direction alone.
+    #[inline(always)]
+    pub fn slant(&self, cos: f32) -> Slant {
+        if self.roughness == 0.0 && !(FULL && self.scattering.is_some()) {
+            return Slant::default();
+        }
+        let weight = schlick_weight(cos);
+        let mut deficit = self.deficit(cos, weight);
+        if FULL && let Some(shape) = &self.scattering {
+            deficit = (1.0 - self.subsurface) * self.roughness * deficit + shape.deficit(cos);
+        }
+        Slant { weight, deficit }
+    }
+
+    /// The bracket of the module's text times `1 / (Tm + h_max)`; `base T(wo) T(wi) / pi` is left to the caller. `outgoing` is
+    /// the [`Self::slant`] of `wo`.
+    #[inline(always)]
+    pub fn eval(&self, outgoing: &Slant, wo: Vec3A, wi: Vec3A) -> f32 {
         if self.roughness == 0.0 && !(FULL && self.scattering.is_some()) {
             return self.norm;
         }
-        let (fo, fi, dot) = (schlick_weight(wo.z), schlick_weight(wi.z), wo.dot(wi));
+        let incoming = self.slant(wi.z);
+        let (fo, fi, dot) = (outgoing.weight, incoming.weight, wo.dot(wi));
         let retro = retro(self.roughness, fo, fi, dot);
-        let (uo, ui) = (self.deficit(wo.z, fo), self.deficit(wi.z, fi));
-        if FULL && let Some(shape) = &self.scattering {
+        let mut shaped = 1.0 + retro;
+        if FULL && self.scattering.is_some() {
             let bulk = subsurface::shape(self.roughness.max(subsurface::MIN_ROUGHNESS), fo, fi, wo.z, wi.z, dot) - 1.0;
-            let shaped = 1.0 + retro + (bulk - retro) * self.subsurface;
-            let (uo, ui) = (self.retro_max * uo + shape.deficit(wo.z), self.retro_max * ui + shape.deficit(wi.z));
-            return self.norm * (shaped + uo * (self.second * ui));
+            shaped += (bulk - retro) * self.subsurface;
         }
-        self.norm * (1.0 + retro + self.second * uo * ui)
+        self.norm * (shaped + outgoing.deficit * (self.second * incoming.deficit))
     }
+}
+
+/// What a diffuse lobe makes of one direction.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Slant {
+    /// Schlick's weight.
+    weight: f32,
+    /// `d` of the module's text, in the lobe's units.
+    deficit: f32,
 }

@@ -1,6 +1,6 @@
 //! Burley's principled material (2012): one interface over its two forms.
 
-use super::conserving::Conserving;
+use super::conserving::{Conserving, Outgoing};
 use super::published::Published;
 use super::{BsdfEval, BsdfSample, Mode, Surface};
 use glam::Vec3A;
@@ -20,7 +20,7 @@ pub(super) struct Lobes {
 
 impl Lobes {
     /// From the light each lobe reflects. All go to the cosine when none reflects any.
-    #[inline]
+    #[inline(always)]
     pub fn new(ggx: f32, clearcoat: f32, cosine: f32) -> Self {
         let sum = ggx + clearcoat + cosine;
         if sum == 0.0 {
@@ -48,7 +48,7 @@ enum Form<const FULL: bool> {
 impl<const FULL: bool> Bsdf<FULL> {
     /// Prepares the lobes that `surface` has. Parameters beyond their range are taken at its end; NaN stays NaN and shows in the
     /// values. `mode` is [`Mode::Conserving`] where `FULL = false`, whatever it says.
-    #[inline]
+    #[inline(always)]
     pub fn new(surface: &Surface, mode: Mode) -> Self {
         let surface = if FULL { surface.clamped() } else { surface.clamped_plain() };
         Self(match mode {
@@ -57,38 +57,84 @@ impl<const FULL: bool> Bsdf<FULL> {
         })
     }
 
-    /// Value (times cosine) and density for two directions; zero when either lies on or below the shading horizon.
-    #[inline]
+    /// Prepares what depends on `wo` alone, for several calls with one view: a path vertex weighs its light and draws its next
+    /// direction from one. Nothing is reflected towards a `wo` on or below the shading horizon.
+    #[inline(always)]
+    pub fn view(&self, wo: Vec3A) -> View<'_, FULL> {
+        let seen = match &self.0 {
+            _ if wo.z <= 0.0 => Seen::Nothing,
+            Form::Published(form) if FULL => Seen::Published(form, form.lobes(wo)),
+            Form::Published(_) => Seen::Nothing,
+            Form::Conserving(form) if form.is_black() => Seen::Nothing,
+            Form::Conserving(form) => Seen::Conserving(form, form.outgoing(wo)),
+        };
+        View { wo, seen }
+    }
+
+    /// [`View::eval`] for one view.
+    #[inline(always)]
     pub fn eval(&self, wo: Vec3A, wi: Vec3A) -> BsdfEval {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
+        self.view(wo).eval(wi)
+    }
+
+    /// [`View::pdf`] for one view.
+    #[inline(always)]
+    pub fn pdf(&self, wo: Vec3A, wi: Vec3A) -> f32 {
+        self.view(wo).pdf(wi)
+    }
+
+    /// [`View::sample`] for one view.
+    #[inline(always)]
+    pub fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        self.view(wo).sample(u_lobe, u)
+    }
+}
+
+/// A [`Bsdf`] seen from one direction; see [`Bsdf::view`].
+#[derive(Clone, Copy)]
+pub struct View<'a, const FULL: bool> {
+    wo: Vec3A,
+    seen: Seen<'a, FULL>,
+}
+
+#[derive(Clone, Copy)]
+#[allow(clippy::large_enum_variant)] // As above.
+enum Seen<'a, const FULL: bool> {
+    /// The material is black, or seen from below.
+    Nothing,
+    Conserving(&'a Conserving<FULL>, Outgoing),
+    Published(&'a Published, Lobes),
+}
+
+impl<const FULL: bool> View<'_, FULL> {
+    /// Value (times cosine) and density for `wi`; zero when it lies on or below the shading horizon.
+    #[inline(always)]
+    pub fn eval(&self, wi: Vec3A) -> BsdfEval {
+        if wi.z <= 0.0 {
             return BsdfEval::default();
         }
-        match &self.0 {
-            Form::Published(form) if FULL => form.eval(&form.lobes(wo), wo, wi),
-            Form::Published(_) => BsdfEval::default(),
-            Form::Conserving(form) if form.is_black() => BsdfEval::default(),
-            Form::Conserving(form) => form.eval(&form.outgoing(wo), wo, wi),
+        match &self.seen {
+            Seen::Published(form, lobes) if FULL => form.eval(lobes, self.wo, wi),
+            Seen::Conserving(form, outgoing) => form.eval(outgoing, self.wo, wi),
+            _ => BsdfEval::default(),
         }
     }
 
     /// Density of [`Self::sample`], per steradian.
-    #[inline]
-    pub fn pdf(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        self.eval(wo, wi).pdf
+    #[inline(always)]
+    pub fn pdf(&self, wi: Vec3A) -> f32 {
+        self.eval(wi).pdf
     }
 
-    /// Draws a direction; `u_lobe` and `u` are in 0..1. `None` when `wo` lies on or below the shading horizon, when the drawn
-    /// facet mirrors `wo` below it, when the material reflects nothing, or when the density is below 1e-30 per steradian (such
-    /// draws do not happen in practice): the estimate is then zero. A weight that is not finite is handed on to be counted.
-    #[inline]
-    pub fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        if wo.z <= 0.0 {
-            return None;
-        }
-        let (wi, value) = match &self.0 {
-            Form::Published(form) if FULL => {
-                let lobes = form.lobes(wo);
-                let wi = if u_lobe < lobes.ggx {
+    /// Draws a direction; `u_lobe` and `u` are in 0..1. `None` when the drawn facet mirrors `wo` below the shading horizon, when
+    /// nothing is reflected, or when the density is below 1e-30 per steradian (such draws do not happen in practice): the
+    /// estimate is then zero. A weight that is not finite is handed on to be counted.
+    #[inline(always)]
+    pub fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        let wo = self.wo;
+        let wi = match &self.seen {
+            Seen::Published(form, lobes) if FULL => {
+                if u_lobe < lobes.ggx {
                     form.ggx().sample(wo, u)?
                 } else if let Some(lobe) = form.clearcoat()
                     && u_lobe < lobes.ggx + lobes.clearcoat
@@ -96,20 +142,10 @@ impl<const FULL: bool> Bsdf<FULL> {
                     lobe.sample(wo, u)
                 } else {
                     cosine_hemisphere(u)
-                };
-                if wi.z <= 0.0 {
-                    return None;
                 }
-                (wi, form.eval(&lobes, wo, wi))
             }
-            Form::Published(_) => return None,
-            Form::Conserving(form) => {
-                if form.is_black() {
-                    return None;
-                }
-                let outgoing = form.outgoing(wo);
-                let lobes = outgoing.lobes;
-                let wi = if let Some(ggx) = form.ggx()
+            Seen::Conserving(form, Outgoing { lobes, .. }) => {
+                if let Some(ggx) = form.ggx()
                     && u_lobe < lobes.ggx
                 {
                     ggx.sample(wo, u)?
@@ -120,23 +156,33 @@ impl<const FULL: bool> Bsdf<FULL> {
                     lobe.sample(wo, u)
                 } else {
                     cosine_hemisphere(u)
-                };
-                if wi.z <= 0.0 {
-                    return None;
                 }
-                (wi, form.eval(&outgoing, wo, wi))
             }
+            _ => return None,
         };
+        if wi.z <= 0.0 {
+            return None;
+        }
+        let value = self.eval(wi);
         // `<`, not `!(>=)`: a NaN must reach the caller.
         if value.pdf < MIN_PDF {
             return None;
         }
         Some(BsdfSample { wi, weight: value.f_cos / value.pdf, pdf: value.pdf })
     }
+
+    /// Shares of `u_lobe` that draw from the GGX lobe, the clearcoat and the cosine-weighted lobe, in this order; all 0 where
+    /// nothing is reflected.
+    pub fn shares(&self) -> [f32; 3] {
+        match &self.seen {
+            Seen::Nothing => [0.0; 3],
+            Seen::Conserving(_, Outgoing { lobes, .. }) | Seen::Published(_, lobes) => [lobes.ggx, lobes.clearcoat, lobes.cosine],
+        }
+    }
 }
 
 /// Cosine-weighted direction about +z: Shirley and Chiu's concentric disk, lifted.
-#[inline]
+#[inline(always)]
 fn cosine_hemisphere(u: [f32; 2]) -> Vec3A {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
     if a == 0.0 && b == 0.0 {

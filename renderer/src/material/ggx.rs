@@ -10,14 +10,14 @@ use glam::Vec3A;
 pub const MIN_ALPHA: f32 = 1e-3;
 
 /// GGX width of a perceptual roughness 0..=1.
-#[inline]
+#[inline(always)]
 pub fn alpha(roughness: f32) -> f32 {
     (roughness * roughness).max(MIN_ALPHA)
 }
 
 /// GGX widths along tangent and bitangent: `roughness^2` divided and multiplied by the aspect `sqrt(1 - 0.9 anisotropic)`
 /// (Burley 2012, section 5.4).
-#[inline]
+#[inline(always)]
 pub fn alpha_xy(roughness: f32, anisotropic: f32) -> [f32; 2] {
     let aspect = (1.0 - 0.9 * anisotropic).sqrt();
     let alpha = roughness * roughness;
@@ -34,7 +34,7 @@ pub struct Ggx<const ANISOTROPIC: bool> {
 
 impl Ggx<false> {
     /// `alpha` >= [`MIN_ALPHA`].
-    #[inline]
+    #[inline(always)]
     pub fn new(alpha: f32) -> Self {
         Self { alpha: [alpha; 2], alpha2: [alpha * alpha; 2] }
     }
@@ -42,19 +42,19 @@ impl Ggx<false> {
 
 impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
     /// Widths along tangent (+x) and bitangent (+y), each >= [`MIN_ALPHA`]; an isotropic surface takes the first.
-    #[inline]
+    #[inline(always)]
     pub fn with_widths(alpha: [f32; 2]) -> Self {
         Self { alpha, alpha2: alpha.map(|a| a * a) }
     }
 
-    #[inline]
+    #[inline(always)]
     fn width(&self, axis: usize) -> f32 {
         self.alpha[if ANISOTROPIC { axis } else { 0 }]
     }
 
     /// Normal distribution (Walter et al. 2007; Burley 2012 for two widths) for the direction of `h`, which need not be unit but
     /// has `h.z > 0`; `len2 = |h|^2`.
-    #[inline]
+    #[inline(always)]
     pub fn distribution(&self, h: Vec3A, len2: f32) -> f32 {
         // sin^2 from x and y: 1 - cos^2 would lose the whole lobe to rounding for small alpha.
         let slope2 = if ANISOTROPIC {
@@ -67,7 +67,7 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
     }
 
     /// `sqrt(ax^2 x^2 + ay^2 y^2 + z^2)` of a unit direction: the common term of Smith's masking.
-    #[inline]
+    #[inline(always)]
     pub fn smith(&self, w: Vec3A) -> f32 {
         if ANISOTROPIC {
             (self.alpha2[0] * w.x * w.x + self.alpha2[1] * w.y * w.y + w.z * w.z).sqrt()
@@ -76,35 +76,43 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
         }
     }
 
-    /// `G2(wo, wi) / (4 cos_o cos_i) * cos_i` with height-correlated masking (Heitz 2014). Bounded by `1 / (2 alpha)`.
-    #[inline]
-    pub fn visibility_cos(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        let denominator = wo.z * self.smith(wi) + wi.z * self.smith(wo);
+    /// `G2(wo, wi) / (4 cos_o cos_i) * cos_i` with height-correlated masking (Heitz 2014), given `smith` of `wo`. Bounded by
+    /// `1 / (2 alpha)`.
+    #[inline(always)]
+    pub fn visibility_cos(&self, wo: Vec3A, wi: Vec3A, smith: f32) -> f32 {
+        let denominator = wo.z * self.smith(wi) + wi.z * smith;
         // Both terms underflow for cosines below 1e-38; the tiny addend turns 0 / 0 into 0.
         0.5 * wi.z / (denominator + f32::MIN_POSITIVE)
     }
 
-    /// `G1(wo) G1(wi) / (4 cos_o cos_i) * cos_i` with masking and shadowing taken as independent, as Burley printed it.
-    #[inline]
-    pub fn visibility_cos_separable(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        wi.z / ((wo.z + self.smith(wo)) * (wi.z + self.smith(wi)))
+    /// `G1(wo) G1(wi) / (4 cos_o cos_i) * cos_i` with masking and shadowing taken as independent, as Burley printed it,
+    /// given `smith` of `wo`.
+    #[inline(always)]
+    pub fn visibility_cos_separable(&self, wo: Vec3A, wi: Vec3A, smith: f32) -> f32 {
+        wi.z / ((wo.z + smith) * (wi.z + self.smith(wi)))
+    }
+
+    /// How much narrower than wide the lobe is, as far as its facets tilt at all: 1 for isotropic and smooth ones.
+    pub(super) fn stretch(&self) -> f32 {
+        if ANISOTROPIC { ((1.0 + self.alpha2[1]) / (1.0 + self.alpha2[0])).sqrt() } else { 1.0 }
     }
 
     /// `G2(wo, wi) / G1(wo)`: what a visible-normal sample of a perfect mirror weighs.
-    #[inline]
+    #[inline(always)]
     pub fn masking_ratio(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        2.0 * self.visibility_cos(wo, wi) * (wo.z + self.smith(wo))
+        let smith = self.smith(wo);
+        2.0 * self.visibility_cos(wo, wi, smith) * (wo.z + smith)
     }
 
-    /// Density of [`Self::sample`]: `G1(wo) D(h) / (4 cos_o)`, given `d = D(h)`.
-    #[inline]
-    pub fn pdf(&self, wo: Vec3A, d: f32) -> f32 {
-        0.5 * d / (wo.z + self.smith(wo))
+    /// Density of [`Self::sample`]: `G1(wo) D(h) / (4 cos_o)`, given `d = D(h)` and `smith` of `wo`.
+    #[inline(always)]
+    pub fn pdf(wo: Vec3A, d: f32, smith: f32) -> f32 {
+        0.5 * d / (wo.z + smith)
     }
 
     /// Mirrors `wo` (above the horizon) in a visible normal: spherical caps (Dupuy and Benyoub 2023). The result may lie below
     /// the horizon, where a single reflection carries nothing. `None` on the measure-zero failure of the construction.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: Vec3A, u: [f32; 2]) -> Option<Vec3A> {
         let (ax, ay) = (self.width(0), self.width(1));
         let stretched = Vec3A::new(ax * wo.x, ay * wo.y, wo.z).normalize();

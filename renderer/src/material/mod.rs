@@ -15,8 +15,8 @@ mod published;
 mod sheen;
 mod subsurface;
 
-pub use disney::Bsdf;
 use disney::Lobes;
+pub use disney::{Bsdf, View};
 pub use fresnel::{f90, schlick};
 
 use glam::Vec3A;
@@ -128,11 +128,11 @@ impl Surface {
 pub struct BsdfEval {
     /// BSDF times `|cos(wi, ns)|`.
     pub f_cos: Vec3A,
-    /// Density with which [`Bsdf::sample`] draws `wi`, per steradian.
+    /// Density with which [`View::sample`] draws `wi`, per steradian.
     pub pdf: f32,
 }
 
-/// A direction drawn by [`Bsdf::sample`].
+/// A direction drawn by [`View::sample`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
     /// Unit, above the shading horizon.

@@ -80,8 +80,9 @@ impl Published {
         if len2 >= 1e-30 {
             let d = self.ggx.distribution(h, len2);
             let fresnel = schlick(self.f0, Vec3A::ONE, 0.5 * len2.sqrt());
-            f_cos += fresnel * (d * self.ggx.visibility_cos_separable(wo, wi));
-            pdf += lobes.ggx * self.ggx.pdf(wo, d);
+            let smith = self.ggx.smith(wo);
+            f_cos += fresnel * (d * self.ggx.visibility_cos_separable(wo, wi, smith));
+            pdf += lobes.ggx * Ggx::<true>::pdf(wo, d, smith);
         }
         if let Some(lobe) = &self.clearcoat {
             let (value, density) = lobe.eval(wo, wi);
