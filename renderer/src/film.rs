@@ -1,8 +1,9 @@
 //! The film: what the samples of one pixel add up to.
 //!
 //! Every sample belongs to exactly one pixel (the filter is importance sampled, never splatted), so pixels stay independent: that is
-//! what makes the picture independent of threads and tiles, and what denoisers expect. All sums are in double precision: at 65536
-//! samples of a bright sun, single-precision sums lose the dim samples.
+//! what makes the picture independent of threads and tiles, and what denoisers expect. Radiance is summed in twice double precision
+//! (some 32 digits): at 65536 samples of a bright sun single-precision sums lose the dim samples, and double-precision sums round
+//! differently in another order, which shows in the variance of pixels that have nearly none.
 
 use glam::{DVec3, Vec3A};
 use renderflow_frame::frame::LIGHT_GROUPS;
@@ -12,8 +13,35 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PixelStatistics {
     count: u64,
-    sum: DVec3,
-    sum_of_squares: DVec3,
+    sum: Sum,
+    sum_of_squares: Sum,
+}
+
+/// A sum in two parts, `high` the double next to it and `low` the rest: `high` does not depend on the order of the terms.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+struct Sum {
+    high: DVec3,
+    low: DVec3,
+}
+
+impl Sum {
+    /// Adds without rounding but that of `low` (Dekker 1971; the first step is Knuth's TwoSum).
+    #[inline]
+    fn add(&mut self, value: DVec3, low: DVec3) {
+        let sum = self.high + value;
+        let part = sum - self.high;
+        let lost = (self.high - (sum - part)) + (value - part);
+        let low = self.low + low + lost;
+        self.high = sum + low;
+        self.low = low - (self.high - sum);
+    }
+}
+
+/// The same to double precision.
+impl PartialEq for Sum {
+    fn eq(&self, other: &Self) -> bool {
+        self.high == other.high
+    }
 }
 
 impl PixelStatistics {
@@ -22,15 +50,16 @@ impl PixelStatistics {
     pub fn push(&mut self, radiance: Vec3A) {
         let value = radiance.as_dvec3();
         self.count += 1;
-        self.sum += value;
-        self.sum_of_squares += value * value;
+        self.sum.add(value, DVec3::ZERO);
+        // Exact: a product of two single-precision numbers fits into double precision.
+        self.sum_of_squares.add(value * value, DVec3::ZERO);
     }
 
     /// Adds the samples of `other`, as if they had been pushed here.
     pub fn merge(&mut self, other: &Self) {
         self.count += other.count;
-        self.sum += other.sum;
-        self.sum_of_squares += other.sum_of_squares;
+        self.sum.add(other.sum.high, other.sum.low);
+        self.sum_of_squares.add(other.sum_of_squares.high, other.sum_of_squares.low);
     }
 
     /// Samples so far.
@@ -40,7 +69,7 @@ impl PixelStatistics {
 
     /// Mean radiance, 0 without samples.
     pub fn mean(&self) -> [f32; 3] {
-        mean(self.sum, self.count)
+        mean(self.sum.high, self.count)
     }
 
     /// Variance of the mean, as if samples were independent: with low-discrepancy samples an upper estimate. 0 below two
@@ -50,7 +79,7 @@ impl PixelStatistics {
             return [0.0; 3];
         }
         let n = self.count as f64;
-        let spread = (self.sum_of_squares - self.sum * self.sum / n).max(DVec3::ZERO);
+        let spread = (self.sum_of_squares.high - self.sum.high * self.sum.high / n).max(DVec3::ZERO);
         (spread / (n * (n - 1.0))).min(DVec3::splat(f32::MAX.into())).as_vec3().to_array()
     }
 }

@@ -194,10 +194,12 @@ impl<'a, F: Features> Tracer<'a, F> {
             let cone = surface.cone.scattered(scattered.pdf, self.settings.spp);
             let next = Interaction::new::<F>(scene, &ray, &hit, cone);
             if F::FULL && next.emitted != Vec3A::ZERO {
-                let weight = match (self.settings.direct, next.emitter) {
-                    (DirectLight::Lights, Some(_)) => 0.0,
-                    (DirectLight::Mis, Some(_)) => mis_weight(scattered.pdf, scene.emitter_pdf(&next, wi, hit.t)),
-                    (DirectLight::Scattering, _) | (_, None) => 1.0,
+                let weight = match self.settings.direct {
+                    DirectLight::Scattering => 1.0,
+                    DirectLight::Mis => mis_weight(scattered.pdf, scene.emitter_pdf(&next, wi, hit.t)),
+                    // What is too faint or too small to be drawn as a light is found by scattering alone.
+                    DirectLight::Lights if scene.emitter_pdf(&next, wi, hit.t) > 0.0 => 0.0,
+                    DirectLight::Lights => 1.0,
                 };
                 self.add(beta * next.emitted * weight, Origin::Emitter);
             }
