@@ -136,7 +136,9 @@ impl RenderScene {
                 self.emitters.push((index as u32, number as u32));
             }
         }
-        self.lights = LightSampler::new(self.lights.environment().clone(), triangles);
+        // A flat environment is found by scattering: as few samples as the sampler allows go there.
+        let share = if self.features.flat_environment { 0.0 } else { 0.5 };
+        self.lights = LightSampler::with_share(self.lights.environment().clone(), triangles, share);
     }
 
     /// Moves to `frame` (0 is the first; beyond the last the last pose is held). The tree is built again only if something moved.
@@ -310,8 +312,8 @@ fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMateri
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
     // A mask that cuts nothing must not make every ray ask.
     let alpha_mask = material.alpha_mask.filter(|mask| {
-        let textured = material.base_color_texture.as_ref().is_some_and(|slot| textures[slot.texture].has_alpha());
-        textured || mask.factor < mask.cutoff
+        let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha());
+        mask.factor * lowest < mask.cutoff
     });
     CompiledMaterial {
         surface: Surface {

@@ -1,6 +1,6 @@
 //! What a scene needs, as compile-time sets: the integrator is compiled once a set, so that what a scene lacks costs nothing.
 
-use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Surface};
+use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Surface, View};
 use glam::Vec3A;
 
 /// Compile-time description of a scene. A branch on one of these constants disappears from the compiled integrator.
@@ -66,35 +66,55 @@ impl<const TEXTURES: bool, const FLAT: bool> Features for Compiled<TEXTURES, FLA
 
 /// What the integrator asks of a BSDF; see [`Bsdf`] for the meaning of each.
 pub trait Brdf: Copy {
+    /// The BSDF seen from one direction.
+    type View<'a>: BrdfView
+    where
+        Self: 'a;
+
     /// [`Bsdf::new`].
     fn new(surface: &Surface, mode: Mode) -> Self;
-    /// [`Bsdf::eval`].
-    fn eval(&self, wo: Vec3A, wi: Vec3A) -> BsdfEval;
-    /// [`Bsdf::pdf`].
-    fn pdf(&self, wo: Vec3A, wi: Vec3A) -> f32;
-    /// [`Bsdf::sample`].
-    fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample>;
+    /// [`Bsdf::view`].
+    fn view(&self, wo: Vec3A) -> Self::View<'_>;
+}
+
+/// What the integrator asks of a BSDF seen from one direction; see [`View`].
+pub trait BrdfView {
+    /// [`View::eval`].
+    fn eval(&self, wi: Vec3A) -> BsdfEval;
+    /// [`View::pdf`].
+    fn pdf(&self, wi: Vec3A) -> f32;
+    /// [`View::sample`].
+    fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample>;
 }
 
 impl<const FULL: bool> Brdf for Bsdf<FULL> {
-    #[inline]
+    type View<'a> = View<'a, FULL>;
+
+    #[inline(always)]
     fn new(surface: &Surface, mode: Mode) -> Self {
         Self::new(surface, mode)
     }
 
-    #[inline]
-    fn eval(&self, wo: Vec3A, wi: Vec3A) -> BsdfEval {
-        self.eval(wo, wi)
+    #[inline(always)]
+    fn view(&self, wo: Vec3A) -> View<'_, FULL> {
+        self.view(wo)
+    }
+}
+
+impl<const FULL: bool> BrdfView for View<'_, FULL> {
+    #[inline(always)]
+    fn eval(&self, wi: Vec3A) -> BsdfEval {
+        self.eval(wi)
     }
 
-    #[inline]
-    fn pdf(&self, wo: Vec3A, wi: Vec3A) -> f32 {
-        self.pdf(wo, wi)
+    #[inline(always)]
+    fn pdf(&self, wi: Vec3A) -> f32 {
+        self.pdf(wi)
     }
 
-    #[inline]
-    fn sample(&self, wo: Vec3A, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        self.sample(wo, u_lobe, u)
+    #[inline(always)]
+    fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        self.sample(u_lobe, u)
     }
 }
 

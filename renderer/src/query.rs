@@ -17,15 +17,16 @@ impl RenderScene {
     #[inline]
     fn stops(&self, candidate: &Candidate) -> bool {
         let material = &self.materials[self.geometry.material(&candidate.hit)];
-        if !candidate.front && !material.double_sided {
-            return false;
-        }
+        (candidate.front || material.double_sided) && self.is_there(material, || self.geometry.uv(&candidate.hit))
+    }
+
+    /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates are `uv`.
+    #[inline]
+    fn is_there(&self, material: &CompiledMaterial, uv: impl Fn() -> Vec2) -> bool {
         match (&material.alpha_mask, &material.base_color_texture) {
             (None, _) => true,
             (Some(mask), None) => mask.factor >= mask.cutoff,
-            (Some(mask), Some(slot)) => {
-                mask.factor * self.textures[slot.texture].alpha(slot, self.geometry.uv(&candidate.hit)) >= mask.cutoff
-            }
+            (Some(mask), Some(slot)) => mask.factor * self.textures[slot.texture].alpha(slot, uv()) >= mask.cutoff,
         }
     }
 
@@ -116,11 +117,6 @@ impl RenderScene {
         let [a, b, c] = mesh.triangles[triangle as usize].map(corner);
         let uv = a * weights[0] + b * weights[1] + c * weights[2];
         // Where the mask has a hole there is nothing to emit.
-        if let (Some(mask), Some(slot)) = (&material.alpha_mask, &material.base_color_texture)
-            && mask.factor * self.textures[slot.texture].alpha(slot, uv) < mask.cutoff
-        {
-            return Vec3A::ZERO;
-        }
-        self.emission(material, uv)
+        if self.is_there(material, || uv) { self.emission(material, uv) } else { Vec3A::ZERO }
     }
 }

@@ -93,12 +93,13 @@ impl Sampled {
         }
     }
 
-    /// Whether any texel lets light through: without one an alpha mask has nothing to cut.
-    pub fn has_alpha(&self) -> bool {
-        self.texture.levels.first().is_some_and(|level| match &level.texels {
-            Texels::Bytes(texels) => texels.iter().any(|t| t[3] != u8::MAX),
-            Texels::Words(texels) => texels.iter().any(|t| t[3] != u16::MAX),
-        })
+    /// Lowest alpha of the image, 0..=1; between texels it is never lower.
+    pub fn lowest_alpha(&self) -> f32 {
+        match self.texture.levels.first().map(|level| &level.texels) {
+            Some(Texels::Bytes(texels)) => texels.iter().map(|t| t[3]).min().map_or(1.0, |a| f32::from(a) / 255.0),
+            Some(Texels::Words(texels)) => texels.iter().map(|t| t[3]).min().map_or(1.0, |a| f32::from(a) / 65535.0),
+            None => 1.0,
+        }
     }
 }
 

@@ -40,10 +40,19 @@ fn key(scene: &RenderScene, settings: &Settings) -> String {
 impl Film {
     /// Whether [`super::develop`] may use it for this scene and these settings.
     pub(super) fn check(&self, scene: &RenderScene, settings: &Settings) -> Result<()> {
-        if self.key == key(scene, settings) {
+        if self.key != key(scene, settings) {
+            return Err(Error::Merge("the film is of another scene, frame or other settings".into()));
+        }
+        let count = scene.camera().width * scene.camera().height;
+        self.complete(count, if settings.light_groups > 0 { count } else { 0 })
+    }
+
+    /// Whether there are as many pixels as there should be: a film may come from a damaged file.
+    fn complete(&self, pixels: usize, groups: usize) -> Result<()> {
+        if (self.pixels.len(), self.guides.len(), self.groups.len()) == (pixels, pixels, groups) {
             return Ok(());
         }
-        Err(Error::Merge("the film is of another scene, frame or other settings".into()))
+        Err(Error::Merge(format!("a film holds {} pixels in place of {pixels}", self.pixels.len())))
     }
 
     /// Fills the beauty's channels.
@@ -74,6 +83,7 @@ impl Film {
         if self.key != other.key {
             return Err(Error::Merge("the other film is of another scene, frame or other settings".into()));
         }
+        other.complete(self.pixels.len(), self.groups.len())?;
         let mut ranges: Vec<_> = self.ranges.iter().chain(&other.ranges).cloned().collect();
         ranges.sort_by_key(|r| r.start);
         if let Some(pair) = ranges.windows(2).find(|pair| pair[0].end > pair[1].start) {

@@ -4,7 +4,7 @@ use super::scatter::Scatterer;
 use super::{DirectLight, Settings};
 use crate::accel::Scratch;
 use crate::compile::RenderScene;
-use crate::features::Features;
+use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
 use crate::light::{LightGroups, Source};
@@ -151,7 +151,8 @@ impl<'a, F: Features> Tracer<'a, F> {
         let sampled_lights = self.settings.direct != DirectLight::Scattering;
         let mut beta = Vec3A::ONE;
         for vertex in 1..=self.settings.max_bounces {
-            let scatterer = Scatterer::<F>::new(&surface, wo, self.settings.bsdf);
+            let bsdf = F::Bsdf::new(&surface.surface, self.settings.bsdf);
+            let scatterer = Scatterer::<F>::new(&surface, &bsdf, wo, self.settings.bsdf);
             if scene.samples_lights::<F>() && sampled_lights {
                 self.sample_light(sampler, index, vertex, &surface, &scatterer, beta);
             }
@@ -194,10 +195,12 @@ impl<'a, F: Features> Tracer<'a, F> {
             let cone = surface.cone.scattered(scattered.pdf, self.settings.spp);
             let next = Interaction::new::<F>(scene, &ray, &hit, cone);
             if F::FULL && next.emitted != Vec3A::ZERO {
-                let weight = match (self.settings.direct, next.emitter) {
-                    (DirectLight::Lights, Some(_)) => 0.0,
-                    (DirectLight::Mis, Some(_)) => mis_weight(scattered.pdf, scene.emitter_pdf(&next, wi, hit.t)),
-                    (DirectLight::Scattering, _) | (_, None) => 1.0,
+                let weight = match self.settings.direct {
+                    DirectLight::Scattering => 1.0,
+                    DirectLight::Mis => mis_weight(scattered.pdf, scene.emitter_pdf(&next, wi, hit.t)),
+                    // What is too faint or too small to be drawn as a light is found by scattering alone.
+                    DirectLight::Lights if scene.emitter_pdf(&next, wi, hit.t) > 0.0 => 0.0,
+                    DirectLight::Lights => 1.0,
                 };
                 self.add(beta * next.emitted * weight, Origin::Emitter);
             }
@@ -217,7 +220,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         index: u32,
         vertex: u32,
         surface: &Interaction,
-        scatterer: &Scatterer<F>,
+        scatterer: &Scatterer<'_, F>,
         beta: Vec3A,
     ) {
         let scene = self.scene;

@@ -12,7 +12,7 @@
 //! In published mode such directions are dropped, as Mitsuba and others do: on a coarse smooth model (Suzanne, 3,936 triangles) the
 //! pictures then differ by 0.15 % from Mitsuba's, block by block, and by 0.50 % (4 % where the surface is seen at a slant) with folding.
 
-use crate::features::{Brdf, Features};
+use crate::features::{Brdf, BrdfView, Features};
 use crate::interaction::Interaction;
 use crate::material::{BsdfEval, Mode};
 use glam::Vec3A;
@@ -28,32 +28,30 @@ pub(super) struct Scattered {
 }
 
 /// The BSDF of one surface point seen from one direction.
-pub(super) struct Scatterer<F: Features> {
+pub(super) struct Scatterer<'a, F: Features + 'a> {
     frame: ShadingFrame,
     /// Geometric normal on the viewer's side.
     n: Vec3A,
     /// `n . ns`.
     lean: f32,
     mode: Mode,
-    wo_local: Vec3A,
-    bsdf: F::Bsdf,
+    view: <F::Bsdf as Brdf>::View<'a>,
 }
 
-impl<F: Features> Scatterer<F> {
-    /// For the point `surface` seen from the world-space unit direction `wo`.
+impl<'a, F: Features> Scatterer<'a, F> {
+    /// For the point `surface`, with its BSDF in form `mode`, seen from the world-space unit direction `wo`.
     #[inline]
-    pub fn new(surface: &Interaction, wo: Vec3A, mode: Mode) -> Self {
+    pub fn new(surface: &Interaction, bsdf: &'a F::Bsdf, wo: Vec3A, mode: Mode) -> Self {
         let frame = if F::FULL && surface.tangent != Vec3A::ZERO {
             ShadingFrame::with_tangent(surface.ns, surface.tangent)
         } else {
             ShadingFrame::new(surface.ns)
         };
         Self {
-            wo_local: frame.to_local(wo),
             n: surface.n,
             lean: surface.n.dot(surface.ns),
             mode,
-            bsdf: F::Bsdf::new(&surface.surface, mode),
+            view: bsdf.view(frame.to_local(wo)),
             frame,
         }
     }
@@ -65,11 +63,11 @@ impl<F: Features> Scatterer<F> {
         if cos <= 0.0 {
             return BsdfEval::default();
         }
-        let direct = self.bsdf.eval(self.wo_local, self.frame.to_local(wi));
+        let direct = self.view.eval(self.frame.to_local(wi));
         match self.folded(wi, cos) {
             None => direct,
             Some(mirrored) => {
-                let folded = self.bsdf.eval(self.wo_local, mirrored);
+                let folded = self.view.eval(mirrored);
                 BsdfEval { f_cos: direct.f_cos + folded.f_cos, pdf: direct.pdf + folded.pdf }
             }
         }
@@ -88,17 +86,17 @@ impl<F: Features> Scatterer<F> {
     /// Draws a direction. `None` where the sample carries nothing.
     #[inline]
     pub fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<Scattered> {
-        let drawn = self.bsdf.sample(self.wo_local, u_lobe, u)?;
+        let drawn = self.view.sample(u_lobe, u)?;
         let wi = self.frame.to_world(drawn.wi);
         let cos = self.n.dot(wi);
         // The estimate is over the directions of the BSDF; folding only moves where they lead.
         let (wi, other) = if cos > 0.0 {
-            (wi, self.folded(wi, cos).map_or(0.0, |mirrored| self.bsdf.pdf(self.wo_local, mirrored)))
+            (wi, self.folded(wi, cos).map_or(0.0, |mirrored| self.view.pdf(mirrored)))
         } else if F::FULL && self.mode == Mode::Published {
             return None;
         } else {
             let above = (wi - self.n * (2.0 * cos)).normalize();
-            (above, if self.frame.n.dot(above) > 0.0 { self.bsdf.pdf(self.wo_local, self.frame.to_local(above)) } else { 0.0 })
+            (above, if self.frame.n.dot(above) > 0.0 { self.view.pdf(self.frame.to_local(above)) } else { 0.0 })
         };
         // Exactly along the surface nothing is reached.
         (self.n.dot(wi) > 0.0).then_some(Scattered { wi, weight: drawn.weight, pdf: drawn.pdf + other })
