@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_renderer::denoise::{Denoiser, Options};
-use renderflow_renderer::{RenderScene, Settings, render_with_stats};
+use renderflow_renderer::{Mode, RenderScene, Settings, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
@@ -45,6 +45,12 @@ pub struct TruthSettings {
     pub spp: u32,
     /// Scattering events of a path.
     pub max_bounces: u32,
+    /// Form of the principled BRDF.
+    pub bsdf: Mode,
+    /// Groups to split the light into, 0..=8.
+    pub light_groups: u32,
+    /// Whether frames hold the unoccluded irradiance.
+    pub irradiance: bool,
     denoiser: Option<Mutex<Denoiser>>,
 }
 
@@ -66,7 +72,15 @@ impl TruthSettings {
                 }
             },
         };
-        Ok(Self { spp, max_bounces, denoiser: denoiser.map(Mutex::new) })
+        let plain = Settings::default();
+        Ok(Self {
+            spp,
+            max_bounces,
+            bsdf: plain.bsdf,
+            light_groups: plain.light_groups,
+            irradiance: plain.irradiance,
+            denoiser: denoiser.map(Mutex::new),
+        })
     }
 
     /// As [`Self::new`], without the warning: for rows beside a truth that has warned already.
@@ -84,7 +98,14 @@ impl TruthSettings {
 
     /// Path-traces and denoises the current frame of `scene`.
     pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &AtomicBool) -> Result<Frame> {
-        let settings = Settings { spp: self.spp, max_bounces: self.max_bounces, ..Settings::default() };
+        let settings = Settings {
+            spp: self.spp,
+            max_bounces: self.max_bounces,
+            bsdf: self.bsdf,
+            light_groups: self.light_groups,
+            irradiance: self.irradiance,
+            ..Settings::default()
+        };
         let rendered = render_with_stats(scene, &settings, progress, cancel);
         if cancel.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
@@ -174,12 +195,21 @@ impl SequenceJob {
 
     /// A frame that is already there must be of this scene at these settings, or the sequence would be a mixture.
     fn check_resumed(&self, path: &Path, loaded: &LoadedScene, settings: &TruthSettings) -> Result<()> {
-        let info = exr::read(path)?.info;
-        if info.scene_hash != loaded.hash || info.spp != settings.spp || info.denoiser != settings.denoiser_name() {
+        let frame = exr::read(path)?;
+        let info = &frame.info;
+        let groups = frame.light.iter().flatten().count();
+        let same = info.scene_hash == loaded.hash
+            && info.spp == settings.spp
+            && info.denoiser == settings.denoiser_name()
+            && info.bsdf == settings.bsdf.name()
+            && groups == settings.light_groups as usize
+            && frame.irradiance.is_some() == settings.irradiance;
+        if !same {
             bail!(
-                "{}: is of another scene or other settings ({} spp, denoiser {}); remove the folder or choose another",
+                "{}: is of another scene or other settings ({} spp, {} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
                 path.display(),
                 info.spp,
+                info.bsdf,
                 info.denoiser.as_deref().unwrap_or("none")
             );
         }

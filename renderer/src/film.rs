@@ -8,12 +8,16 @@ use glam::{DVec3, Vec3A};
 use renderflow_frame::frame::LIGHT_GROUPS;
 use serde::{Deserialize, Serialize};
 
-/// Running sums of one pixel's radiance.
+/// Running sums of one pixel. Double precision: at 65536 samples of a bright sun, single-precision sums lose the dim samples.
+///
+/// Squares are summed about the running mean (Youngs and Cramer 1971): sums of plain squares gave 4 million equal samples a standard
+/// deviation of 2.5e-6 of their mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PixelStatistics {
     count: u64,
     sum: DVec3,
-    sum_of_squares: DVec3,
+    /// Squared deviations from the mean.
+    deviations: DVec3,
 }
 
 impl PixelStatistics {
@@ -23,14 +27,24 @@ impl PixelStatistics {
         let value = radiance.as_dvec3();
         self.count += 1;
         self.sum += value;
-        self.sum_of_squares += value * value;
+        if self.count > 1 {
+            let n = self.count as f64;
+            let deviation = value * n - self.sum;
+            self.deviations += deviation * deviation / (n * (n - 1.0));
+        }
     }
 
     /// Adds the samples of `other`, as if they had been pushed here.
     pub fn merge(&mut self, other: &Self) {
+        if self.count > 0 && other.count > 0 {
+            // Chan, Golub and LeVeque 1979.
+            let (n, m) = (self.count as f64, other.count as f64);
+            let difference = self.sum / n - other.sum / m;
+            self.deviations += difference * difference * (n * m / (n + m));
+        }
         self.count += other.count;
         self.sum += other.sum;
-        self.sum_of_squares += other.sum_of_squares;
+        self.deviations += other.deviations;
     }
 
     /// Samples so far.
@@ -50,8 +64,7 @@ impl PixelStatistics {
             return [0.0; 3];
         }
         let n = self.count as f64;
-        let spread = (self.sum_of_squares - self.sum * self.sum / n).max(DVec3::ZERO);
-        (spread / (n * (n - 1.0))).min(DVec3::splat(f32::MAX.into())).as_vec3().to_array()
+        (self.deviations / (n * (n - 1.0))).min(DVec3::splat(f32::MAX.into())).as_vec3().to_array()
     }
 }
 
@@ -165,8 +178,13 @@ mod tests {
         values[..20].iter().for_each(|&v| left.push(v));
         values[20..].iter().for_each(|&v| right.push(v));
         left.merge(&right);
-        assert_eq!((left.count(), left.mean()), (whole.count(), whole.mean()));
-        assert_eq!(left.variance_of_mean(), whole.variance_of_mean());
+        assert_eq!(left.count(), whole.count());
+        for c in 0..3 {
+            assert!((left.mean()[c] - whole.mean()[c]).abs() <= 1e-6 * whole.mean()[c]);
+            assert!(
+                (left.variance_of_mean()[c] - whole.variance_of_mean()[c]).abs() <= 1e-5 * whole.variance_of_mean()[c].max(1e-6)
+            );
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use crate::truth::{SequenceJob, TruthSettings};
 use anyhow::Result;
 use clap::Args;
 use renderflow_frame::{color, exr, file};
+use renderflow_renderer::Mode;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -19,6 +20,15 @@ pub struct Render {
     scene: SceneArgs,
     #[command(flatten)]
     trace: TraceArgs,
+    /// Form of the BRDF: energy-conserving, or the formulae as Burley published them
+    #[arg(long, value_enum, default_value_t)]
+    bsdf: BsdfArg,
+    /// Split the light into this many groups by direction: channels light.0 to light.7
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=8))]
+    light_groups: u32,
+    /// Write the unoccluded irradiance too
+    #[arg(long)]
+    irradiance: bool,
     /// Pixels along both sides; a scene file keeps its own without it
     #[arg(long)]
     resolution: Option<u32>,
@@ -36,10 +46,22 @@ pub struct Render {
     out: PathBuf,
 }
 
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+enum BsdfArg {
+    #[default]
+    Conserving,
+    Published,
+}
+
 impl Render {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         let (scene, base) = self.scene.describe(self.seed, self.resolution, self.frames)?;
-        let settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
+        let bsdf = match self.bsdf {
+            BsdfArg::Conserving => Mode::Conserving,
+            BsdfArg::Published => Mode::Published,
+        };
+        let mut settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
+        (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
         let progress = Progress::new("render", u64::from(scene.frames) * 1000);
         let job = SequenceJob { scene, base, out: self.out.clone(), keyframe_gap: self.keyframe_gap, frame_step: 1 };
         let loaded = job.run(&settings, &progress, cancel)?;

@@ -19,6 +19,8 @@ pub struct FrameInfo {
     pub scene_hash: String,
     /// Factor from scene-linear radiance to display-linear (see [`crate::ibl::exposure`]).
     pub exposure: f32,
+    /// Form of the BRDF that was rendered (`conserving`, `published`), empty where it is not known.
+    pub bsdf: String,
     /// Name of the denoiser used on the beauty, `None` when it is raw.
     pub denoiser: Option<String>,
 }

@@ -170,6 +170,7 @@ pub fn develop(scene: &RenderScene, settings: &Settings, film: &Film) -> Result<
     let (mut frame, stats) = with_features!(scene.features(), settings.full(), gbuffer(scene, settings, Some(film)))?;
     film.develop(&mut frame, settings.light_groups as usize);
     frame.info.spp = film.samples();
+    frame.info.bsdf = settings.bsdf.name().into();
     frame.beauty.clone_from(&frame.raw);
     Ok((frame, stats))
 }
@@ -262,6 +263,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             seed: scene.seed,
             scene_hash: scene.hash.clone(),
             exposure: scene.exposure(),
+            bsdf: String::new(),
             denoiser: None,
         },
     }

@@ -33,6 +33,16 @@ pub enum Mode {
     Published,
 }
 
+impl Mode {
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Conserving => "conserving",
+            Self::Published => "published",
+        }
+    }
+}
+
 /// Material parameters at one surface point, textures applied. All scalars are in 0..=1 and mean what Burley's (2012) do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {

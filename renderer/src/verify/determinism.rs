@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn one_changed_bit_is_seen() {
-        let image = |value: f32| Some(Image::filled(2, 1, [0.5, value, 0.5]));
+        let image = |value: f32| Some(Image::filled(1, 1, [0.5, value, 0.5]));
         let scene = scene(9, 7).expect("consistent");
         let frame = integrator::render_gbuffer(&scene, &Settings::default()).expect("in range");
         let with = |value| bits(&Frame { irradiance: image(value), ..frame.clone() });

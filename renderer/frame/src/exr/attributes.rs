@@ -11,6 +11,7 @@ const CONVENTIONS: &str = "renderflow/conventions";
 const SCENE_HASH: &str = "renderflow/scene_hash";
 const SEED: &str = "renderflow/seed";
 const EXPOSURE: &str = "renderflow/exposure";
+const BSDF: &str = "renderflow/bsdf";
 const DENOISER: &str = "renderflow/denoiser";
 const CAMERA: &str = "renderflow/camera";
 const SPP: &str = "spp";
@@ -49,6 +50,9 @@ pub(super) fn write(
         return Err(format!("exposure is {}", info.exposure));
     }
     set(EXPOSURE, AttributeValue::F32(info.exposure));
+    if !info.bsdf.is_empty() {
+        set(BSDF, string(&info.bsdf));
+    }
     if let Some(denoiser) = &info.denoiser {
         set(DENOISER, string(denoiser));
     }
@@ -98,6 +102,7 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
             Some(AttributeValue::F32(exposure)) if exposure.is_finite() => *exposure,
             Some(_) => return Err(format!("header attribute {EXPOSURE} is not a finite float")),
         },
+        bsdf: string(BSDF)?.unwrap_or_default(),
         denoiser: string(DENOISER)?,
     })
 }

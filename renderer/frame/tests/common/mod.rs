@@ -45,6 +45,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
             seed: u64::MAX - 12,
             scene_hash: "00ff".repeat(16),
             exposure: 0.123_456_79,
+            bsdf: "conserving".into(),
             denoiser: Some("oidn 2.5".into()),
         },
     }
