@@ -63,7 +63,10 @@ pub fn check_scene(scene: &LoadedScene) {
     }
     for instance in &scene.instances {
         assert!(instance.mesh < scene.meshes.len() && instance.material < scene.materials.len());
-        assert!(!instance.transforms.is_empty() && instance.transforms.iter().all(|t| t.is_finite()), "a transform is not finite");
+        assert!(
+            !instance.transforms.is_empty() && instance.transforms.iter().all(|t| t.is_finite()),
+            "a transform is not finite"
+        );
     }
     for material in &scene.materials {
         let m = material;

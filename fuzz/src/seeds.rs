@@ -1,7 +1,7 @@
 //! Writes the seeds that are made by the project's own writers: `cargo run --bin seeds`.
 
-use exr_crate::prelude::*;
 use exr_crate::image::{Encoding, Image as ExrImage, Layer};
+use exr_crate::prelude::*;
 use glam::{Affine3A, Vec3A};
 use image::{DynamicImage, GrayImage, ImageFormat, Luma, RgbImage};
 use renderflow_frame::image::Rgb;
@@ -64,7 +64,8 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
         }
     }
 
-    let sky = |width, height| Rgb::from_fn(width, height, |x, y| [(x * y % 7) as f32, 0.25 * (y / 2) as f32, 1e3 / (1 + x) as f32]);
+    let sky =
+        |width, height| Rgb::from_fn(width, height, |x, y| [(x * y % 7) as f32, 0.25 * (y / 2) as f32, 1e3 / (1 + x) as f32]);
     let wide = hdr::encode(&sky(16, 8));
     put("hdr", "run_lengths.hdr", &wide)?;
     put("hdr", "too_narrow_for_run_lengths.hdr", &hdr::encode(&sky(4, 2)))?;

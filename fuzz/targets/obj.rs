@@ -8,7 +8,9 @@ use std::sync::LazyLock;
 
 static FOLDER: LazyLock<PathBuf> = LazyLock::new(|| {
     let folder = folder();
-    image::RgbImage::from_fn(3, 2, |x, y| image::Rgb([x as u8 * 90, y as u8 * 200, 7])).save(folder.join("t.png")).expect("t.png");
+    image::RgbImage::from_fn(3, 2, |x, y| image::Rgb([x as u8 * 90, y as u8 * 200, 7]))
+        .save(folder.join("t.png"))
+        .expect("t.png");
     folder
 });
 

@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
+use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION, MAX_VALUE};
 use renderflow_scenes::{description::Scene, seed::Seed};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -46,14 +47,15 @@ impl Plan {
     pub fn check(&self) -> Result<()> {
         ensure!(self.version == 1, "/version: {} is not 1", self.version);
         ensure!(self.sequences >= 1, "/sequences: must be at least 1");
-        ensure!(self.frames >= 1, "/frames: must be at least 1");
+        ensure!((1..=MAX_FRAMES).contains(&self.frames), "/frames: {} is outside 1..={MAX_FRAMES}", self.frames);
         ensure!(self.spp >= 1, "/spp: must be at least 1");
         ensure!(self.max_bounces >= 1, "/max_bounces: must be at least 1");
         ensure!(self.frame_step >= 1, "/frame_step: must be at least 1");
         ensure!(self.keyframe_gap >= 1, "/keyframe_gap: must be at least 1");
-        ensure!(self.degrees_per_frame.is_finite(), "/degrees_per_frame: must be finite");
+        let turn = self.degrees_per_frame;
+        ensure!(turn.abs() <= MAX_VALUE, "/degrees_per_frame: {turn} is outside -{MAX_VALUE}..={MAX_VALUE}");
         for (axis, size) in self.resolution.iter().enumerate() {
-            ensure!((1..=16384).contains(size), "/resolution/{axis}: {size} is outside 1..=16384");
+            ensure!((1..=MAX_RESOLUTION).contains(size), "/resolution/{axis}: {size} is outside 1..={MAX_RESOLUTION}");
         }
         Ok(())
     }
@@ -117,6 +119,31 @@ mod tests {
                 assert_eq!((1..=count).filter(|&index| Shard { index, count }.owns(sequence)).count(), 1);
             }
         }
+    }
+
+    /// A plan of ten million frames, or one whose camera spins beyond what a scene may say, was accepted and made no valid scene.
+    #[test]
+    fn what_a_plan_may_say_a_scene_may_say() {
+        let plan = |frames: u32, degrees_per_frame: f32| Plan {
+            version: 1,
+            seed: 4,
+            split: Split::Train,
+            sequences: 2,
+            frames,
+            frame_step: 1,
+            degrees_per_frame,
+            resolution: [64, 48],
+            spp: 1,
+            max_bounces: 1,
+            keyframe_gap: 1,
+        };
+        let largest = plan(MAX_FRAMES, -MAX_VALUE);
+        largest.check().unwrap();
+        largest.scene(1).validate().unwrap();
+        let error = |plan: Plan| plan.check().unwrap_err().to_string();
+        assert_eq!(error(plan(10_000_009, 3.6)), "/frames: 10000009 is outside 1..=100000");
+        assert!(error(plan(9, 4.294_967_3e10)).starts_with("/degrees_per_frame: 42949673000 is outside"));
+        assert!(error(plan(9, f32::NAN)).starts_with("/degrees_per_frame: NaN is outside"));
     }
 
     #[test]
