@@ -47,13 +47,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
         } else {
             ShadingFrame::new(surface.ns)
         };
-        Self {
-            n: surface.n,
-            lean: surface.n.dot(surface.ns),
-            mode,
-            view: bsdf.view(frame.to_local(wo)),
-            frame,
-        }
+        Self { n: surface.n, lean: surface.n.dot(surface.ns), mode, view: bsdf.view(frame.to_local(wo)), frame }
     }
 
     /// Value (times cosine) and density for the world-space direction `wi`; zero below the true surface.
@@ -172,12 +166,9 @@ mod tests {
         for lean in [0.0f32, 0.3, 0.8, 1.2] {
             let surface = Surface { base_color: Vec3A::splat(0.8), roughness: 0.6, metallic: 0.5, ..Surface::default() };
             let ns = Vec3A::new(lean.sin(), 0.0, lean.cos());
-            let scatterer = Scatterer::<Compiled<false, false, false>>::new(
-                &Interaction::for_tests(Vec3A::Z, ns, surface),
-                wo,
-                Mode::Conserving,
-            );
             let upright = Bsdf::<false>::new(&surface, Mode::Conserving);
+            let point = Interaction::for_tests(Vec3A::Z, ns, surface);
+            let scatterer = Scatterer::<Compiled<false, false, false>>::new(&point, &upright, wo, Mode::Conserving);
             let wo_local = ShadingFrame::new(ns).to_local(wo);
             let n = 64;
             let grid = |i: usize| [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|v| v / n as f32);
