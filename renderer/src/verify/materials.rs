@@ -78,7 +78,7 @@ fn reciprocity(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
 }
 
 fn densities(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
-    let surfaces: Vec<Surface> = bsdf::grid(false).into_iter().step_by(effort.pick(23, 3)).collect();
+    let surfaces: Vec<Surface> = bsdf::grid(false).into_iter().step_by(effort.pick(29, 3)).collect();
     let draws = effort.pick(20_000, 50_000);
     let mut outcomes = collect(ticker, &MODES, surfaces.len() as u64, ("", 1.0), |mode, part| {
         bsdf::pdf_integrals(mode, &surfaces[part as usize..=part as usize], draws, 2 + part)
@@ -93,7 +93,7 @@ fn furnace(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     for white in [true, false] {
         for (kind, wanted) in KINDS {
             let of_kind = bsdf::grid(white).into_iter().filter(wanted);
-            let surfaces: Vec<Surface> = of_kind.step_by(effort.pick(19, 1)).collect();
+            let surfaces: Vec<Surface> = of_kind.step_by(effort.pick(11, 1)).collect();
             let tolerance = surfaces.iter().map(bsdf::furnace_tolerance).fold(0.0, f64::max);
             let claim = if white { ("distance of the albedo from 1", tolerance) } else { ("albedo beyond 1", 1e-3) };
             let found = collect(ticker, &MODES[..1], surfaces.len() as u64, claim, |_, part| {
@@ -114,44 +114,58 @@ const KINDS: [(&str, fn(&Surface) -> bool); 3] = [
 ];
 
 fn draws(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
-    let count = effort.pick(20_000, 100_000);
-    let surfaces: Vec<Surface> = bsdf::grid(false).into_iter().step_by(effort.pick(37, 3)).collect();
-    let jobs: Vec<(Mode, &Surface, f32)> = MODES
+    let mixed = bsdf::grid(false).into_iter().step_by(effort.pick(37, 3));
+    let surfaces: Vec<Surface> = bsdf::lobes().into_iter().step_by(effort.pick(2, 1)).chain(mixed).collect();
+    vec![judge(
+        "cells of directions about the mirror direction",
+        &experiments(&surfaces, &[1.0, 0.6, 0.2, 0.02], 100_000, ticker),
+    )]
+}
+
+/// One [`Counts`] for every surface, view and form of the material: `conserving`, `published`, and where a surface
+/// [is plain](Surface::is_plain) the code that knows no other.
+pub fn experiments(surfaces: &[Surface], views: &[f32], count: u32, ticker: &Ticker<'_>) -> Vec<Counts> {
+    let forms = [(Mode::Conserving, true), (Mode::Published, true), (Mode::Conserving, false)];
+    let jobs: Vec<_> = surfaces
         .iter()
-        .flat_map(|mode| surfaces.iter().map(move |surface| (*mode, surface)))
-        .flat_map(|(mode, surface)| [1.0, 0.7, 0.3, 0.1].map(|cos| (mode, surface, cos)))
+        .flat_map(|surface| forms.map(|(mode, full)| (surface, mode, full)))
+        .filter(|(surface, _, full)| *full || surface.is_plain())
+        .flat_map(|(surface, mode, full)| views.iter().map(move |cos| (surface, mode, full, *cos)))
         .collect();
     ticker.expect(jobs.len() as u64);
-    let experiments: Vec<Counts> = jobs
-        .into_par_iter()
+    jobs.into_par_iter()
         .enumerate()
         .filter(|_| !ticker.cancelled())
-        .map(|(number, (mode, surface, cos))| {
-            let counts = experiment(mode, surface, cos, count, number as u64);
+        .map(|(number, (surface, mode, full, cos))| {
+            let run = if full { experiment::<true> } else { experiment::<false> };
+            let counts = run(mode, surface, cos, count, number as u64);
             ticker.add(1);
             counts
         })
-        .collect();
-    vec![judge("cells of directions about the mirror direction", &experiments)]
+        .collect()
 }
 
 /// Counts draws in cells about the mirror direction; the last cell holds those that carry nothing (below the horizon).
-fn experiment(mode: Mode, surface: &Surface, cos: f32, count: u32, seed: u64) -> Counts {
+fn experiment<const FULL: bool>(mode: Mode, surface: &Surface, cos: f32, count: u32, seed: u64) -> Counts {
     let wo = bsdf::view(cos, 0.4 + cos);
-    let bsdf = Bsdf::<true>::new(surface, mode);
+    let bsdf = Bsdf::<FULL>::new(surface, mode);
+    let view = bsdf.view(wo);
     let mirror = Vec3A::new(-wo.x, -wo.y, wo.z).as_dvec3();
     // Cells as fine as the sharpest lobe.
     let smooth = f64::from(surface.roughness.max(0.032)).powi(4);
     let spread = if surface.clearcoat > 0.0 { smooth.min(1e-4) } else { smooth };
+    let spread = if surface.anisotropic > 0.0 { spread * f64::from(1.0 - 0.9 * surface.anisotropic) } else { spread };
+    // Nor coarser than the mirror direction's height: cubature would miss the sliver of a cell that lies above the horizon.
+    let spread = spread.min(f64::from(cos * cos)).max(1e-7);
     let grid = DirectionGrid::new(mirror, spread, 20, 24);
-    let mut expected = grid.integrate(&|wi: DVec3| f64::from(bsdf.pdf(wo, wi.as_vec3a())));
+    let mut expected = grid.integrate(&|wi: DVec3| f64::from(view.pdf(wi.as_vec3a())));
     // What the integral lacks of 1 is lost; that it is not more than 1 is the claim of `material.densities`.
     expected.push((1.0 - expected.iter().sum::<f64>()).max(0.0));
-    let mut counts = Counts::new(format!("{mode:?} {surface:?} cos {cos}"), expected);
+    let mut counts = Counts::new(format!("{mode:?} {FULL} {surface:?} cos {cos}"), expected);
     let mut random = Random::new(seed);
     for _ in 0..count {
         let (lobe, u) = (random.next(), [random.next(), random.next()]);
-        counts.add(bsdf.sample(wo, lobe, u).map_or(grid.cells(), |drawn| grid.cell(drawn.wi.as_dvec3())));
+        counts.add(view.sample(lobe, u).map_or(grid.cells(), |drawn| grid.cell(drawn.wi.as_dvec3())));
     }
     counts
 }
