@@ -5,7 +5,7 @@ mod common;
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
 use glam::{Affine3A, Quat, Vec3};
 use renderflow_frame::{Environment, Frame, Image};
-use renderflow_renderer::{Error, Film, Mode, RenderScene, Sampler, Settings, develop, expose};
+use renderflow_renderer::{DirectLight, Error, Film, Mode, RenderScene, Sampler, Settings, develop, expose};
 use renderflow_scenes::{LoadedScene, Material};
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
@@ -161,6 +161,40 @@ fn parts_in_any_order_equal_the_whole_bit_for_bit() {
             assert_eq!(film, whole, "{name}: the film itself");
         }
     }
+}
+
+/// One pixel that looks at a floor under a sun of 1e7: samples one by one, added up here, against the film of all.
+#[test]
+fn many_samples_with_a_bright_one_among_them_keep_their_digits() {
+    let mut loaded = room(false);
+    let mut map = Image::filled(64, 32, [0.25, 0.5, 1.0]);
+    map.pixels[6 * 64 + 21] = [1e7; 3];
+    loaded.environment = Environment { map, rotation: 0.0, intensity: 1.0 };
+    loaded.cameras = vec![camera([0.3, 1.6, 3.6], [0.0, 0.0, 1.5], 1.0, 1, 1)];
+    let scene = compile(&loaded);
+    // Scattering alone meets the sun rarely.
+    let settings = Settings { spp: 100_000, direct: DirectLight::Scattering, max_bounces: 2, ..Settings::default() };
+    let few = 4096;
+    let samples: Vec<f64> = (0..few)
+        .map(|i| f64::from(pixels(&developed(&scene, &settings, &part(&scene, &settings, i..i + 1)).raw)[0][2]))
+        .collect();
+    let largest = samples.iter().copied().fold(0.0, f64::max);
+    let dim = samples.iter().filter(|&&v| v < 10.0).count();
+    println!("brightest sample {largest:.1e}, {dim} of {few} below 10");
+    assert!(largest > 1e6 && dim > 4000);
+    let expected = samples.iter().sum::<f64>() / f64::from(few);
+    let squares: f64 = samples.iter().map(|v| (v - expected) * (v - expected)).sum();
+    let frame = developed(&scene, &settings, &part(&scene, &settings, 0..few));
+    let (mean, variance) = (pixels(&frame.raw)[0][2], pixels(&frame.variance)[0][2]);
+    assert!((f64::from(mean) / expected - 1.0).abs() < 1e-7, "{mean} for {expected}");
+    assert!((f64::from(variance) / (squares / f64::from(few) / f64::from(few - 1)) - 1.0).abs() < 1e-6);
+    // All of them, and in ten parts from the last to the first.
+    let whole = developed(&scene, &settings, &part(&scene, &settings, 0..100_000));
+    let mut film = part(&scene, &settings, 90_000..100_000);
+    for i in (0..9).rev() {
+        film.merge(&part(&scene, &settings, 10_000 * i..10_000 * (i + 1))).expect("disjoint");
+    }
+    assert_eq!(sums(&developed(&scene, &settings, &film)), sums(&whole));
 }
 
 #[test]

@@ -4,20 +4,24 @@
 //! within four of its standard errors, found from the scatter of the pixels themselves, plus a stated bias where the scene is only
 //! an approximation of the one on paper (a faceted sphere, a sky of texels, a mirror of finite sharpness).
 
+mod emission;
+
 use super::scenes::{self, Part};
 use super::{Check, Effort, Outcome, Ticker, Worst};
 use crate::compile::RenderScene;
-use crate::integrator::{self, Settings};
+use crate::integrator::{self, DirectLight, Settings};
+use crate::light::Sampling;
+use crate::sampler::Sampler;
 use glam::{Affine3A, DVec3, Quat, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Camera, Environment, Frame};
-use renderflow_scenes::Mesh;
 use renderflow_scenes::shapes::Shape;
+use renderflow_scenes::{Mesh, Texture};
 
 /// Checks of this file.
 pub const CHECKS: &[Check] = &[
     Check {
         name: "analytic.path",
-        about: "path-traced scenes with a closed form: mean error within 4 standard errors, for every sampler",
+        about: "path-traced scenes with a closed form: mean error within 4 standard errors, for every way to find light and every sampler",
         run: path,
     },
     Check {
@@ -41,6 +45,7 @@ type Paper = Box<dyn Fn(&Shot<'_>, usize, usize) -> Option<DVec3> + Send + Sync>
 struct Case {
     name: String,
     parts: Vec<Part>,
+    textures: Vec<Texture>,
     environment: Environment,
     camera: Camera,
     max_bounces: u32,
@@ -49,6 +54,11 @@ struct Case {
     bias: f64,
     /// Whether the split sum has the same answer.
     ibl: bool,
+    /// Whether light samples alone are not hopelessly noisy: nothing is smoother than a roughness of 0.3, and no light touches what
+    /// it lights (there the variance is infinite).
+    lights_alone: bool,
+    /// Whether scattering alone is not: light comes from more than 1 % of the directions.
+    scattering_alone: bool,
 }
 
 /// A rendered frame with what papers ask of it.
@@ -97,10 +107,13 @@ fn rgb(v: DVec3) -> [f32; 3] {
     v.as_vec3().to_array()
 }
 
-/// The same radiance from everywhere but for one texel that is a trifle brighter: no longer "flat", so that light sampling runs.
+/// The same radiance from everywhere but for every other texel, which is a trifle brighter, and the rest, which is as much darker: no
+/// longer "flat", so that light sampling runs.
 fn nearly_flat(radiance: DVec3) -> Environment {
-    let mut environment = scenes::environment(128, 64, |_| rgb(radiance));
-    environment.map.pixels[20 * 128 + 12] = rgb(radiance * 1.0001);
+    let mut environment = scenes::environment(128, 64, |_| [0.0; 3]);
+    for (i, texel) in environment.map.pixels.iter_mut().enumerate() {
+        *texel = rgb(radiance * if (i % 128 + i / 128) % 2 == 0 { 1.00005 } else { 0.99995 });
+    }
     environment
 }
 
@@ -152,21 +165,36 @@ fn bowl(opening: f64) -> Mesh {
     mesh
 }
 
-/// Every scene with its answer.
-fn cases() -> Vec<Case> {
-    let plain = |name: &str, parts, environment, camera, paper| Case {
+/// A case with neither bias nor textures.
+fn plain(name: &str, parts: Vec<Part>, environment: Environment, camera: Camera, paper: Paper) -> Case {
+    Case {
         name: name.into(),
+        lights_alone: parts.iter().all(|p| p.material.metallic == 0.0 || p.material.roughness >= 0.3),
         parts,
+        textures: Vec::new(),
         environment,
         camera,
         max_bounces: 4,
         paper,
         bias: 0.0,
         ibl: false,
-    };
+        scattering_alone: true,
+    }
+}
+
+/// A diffuse square of edge `size` in the plane y = 0.
+fn ground_of(size: f32, albedo: DVec3) -> Part {
+    Part::new(Shape::Plane { size }, scenes::diffuse(rgb(albedo)), Affine3A::IDENTITY)
+}
+
+fn flat(radiance: DVec3) -> Environment {
+    Environment::constant(rgb(radiance))
+}
+
+/// Every scene with its answer.
+fn cases() -> Vec<Case> {
     let body = |material| vec![Part::new(sphere(), material, Affine3A::IDENTITY).flat()];
-    let ground = |albedo| vec![Part::new(Shape::Plane { size: 1000.0 }, scenes::diffuse(rgb(albedo)), Affine3A::IDENTITY)];
-    let flat = |radiance| Environment::constant(rgb(radiance));
+    let ground = |albedo| vec![ground_of(1000.0, albedo)];
     let mut all = Vec::new();
 
     // A convex body sees no part of itself: a diffuse one reflects albedo times light, a white metal all of it.
@@ -303,6 +331,7 @@ fn cases() -> Vec<Case> {
             all.push(Case { max_bounces: 1000, bias: 5e-4, ..plain(&name, parts, environment, look, everywhere(wall)) });
         }
     }
+    all.extend(emission::cases());
     all
 }
 
@@ -329,8 +358,28 @@ fn disc_share(p: DVec3, radius: f64, height: f64) -> f64 {
 }
 
 /// Settings that must all have the same answer.
-fn variants() -> Vec<(&'static str, Settings)> {
-    vec![("Sobol", Settings::default())]
+fn variants() -> Vec<(String, Settings)> {
+    let directs = [DirectLight::Mis, DirectLight::Scattering, DirectLight::Lights];
+    let both = |direct| [Sampler::Sobol, Sampler::Independent].map(|sampler| Settings { direct, sampler, ..Settings::default() });
+    directs.into_iter().flat_map(both).map(|s| (format!("{:?}, {:?}", s.direct, s.sampler), s)).collect()
+}
+
+impl Case {
+    /// Whether noise would hide any error.
+    fn hopeless(&self, direct: DirectLight) -> bool {
+        match direct {
+            DirectLight::Mis => false,
+            DirectLight::Scattering => !self.scattering_alone,
+            DirectLight::Lights => !self.lights_alone,
+        }
+    }
+
+    fn compile(&self, sampling: Sampling) -> Result<RenderScene, String> {
+        let mut scene =
+            scenes::compile_textured(self.parts.clone(), self.textures.clone(), self.environment.clone(), self.camera)?;
+        scene.set_environment_sampling(sampling).map_err(|e| e.to_string())?;
+        Ok(scene)
+    }
 }
 
 /// What one rendered case says about its paper.
@@ -369,26 +418,32 @@ fn compare(case: &Case, frame: &Frame, image: &[[f32; 3]], noise: bool, bias: f6
     for c in 0..3 {
         let standard_error = (spread[c] / n).sqrt();
         let systematic = (bias + ROUNDING) * paper[c].abs();
-        let error = mean[c].abs() / (systematic + if noise { ERRORS * standard_error } else { 0.0 });
+        let allowed = systematic + if noise { ERRORS * standard_error } else { 0.0 };
+        // Where black is expected, exactly black is.
+        let error = if mean[c] == 0.0 { 0.0 } else { mean[c].abs() / allowed };
         // A NaN must win here.
         if error.is_nan() || error > verdict.error {
             verdict.error = error;
             verdict.relative = [mean[c] / paper[c], standard_error / paper[c]];
         }
-        verdict.scatter = verdict.scatter.max(spread[c] / (claimed[c] + (ROUNDING * paper[c]).powi(2)));
+        verdict.scatter = verdict.scatter.max(spread[c] / (claimed[c] + systematic * systematic).max(f64::MIN_POSITIVE));
     }
     verdict
 }
 
 fn path(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
-    let spp = effort.pick(64, 1024);
+    // The usual settings are tried hardest.
+    let spp = |s: &Settings| if *s == Settings::default() { effort.pick(64, 1024) } else { effort.pick(32, 256) };
     let (cases, variants) = (cases(), variants());
-    ticker.expect((cases.len() * variants.len()) as u64);
+    let rendered = |case: &Case| variants.iter().filter(|(_, settings)| !case.hopeless(settings.direct)).count() as u64;
+    ticker.expect(cases.iter().map(rendered).sum());
     let (mut means, mut scatter, mut lost) = (Worst::default(), Worst::default(), Worst::default());
     for case in &cases {
-        let scene = scenes::compile(case.parts.clone(), case.environment.clone(), case.camera);
-        for (variant, settings) in &variants {
-            let settings = Settings { spp, max_bounces: case.max_bounces, ..*settings };
+        let (usual, plain) = (case.compile(Sampling::default()), case.compile(Sampling::Plain));
+        for (variant, settings) in variants.iter().filter(|(_, settings)| !case.hopeless(settings.direct)) {
+            // Light samples alone must be drawn wherever light comes from.
+            let scene = if settings.direct == DirectLight::Lights { &plain } else { &usual };
+            let settings = Settings { spp: spp(settings), max_bounces: case.max_bounces, ..*settings };
             let name = || format!("{}, {variant}", case.name);
             let rendered = scene.as_ref().map_err(Clone::clone).and_then(|scene| render(scene, &settings, ticker));
             if ticker.cancelled() {

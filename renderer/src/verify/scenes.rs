@@ -4,7 +4,7 @@ use crate::compile::RenderScene;
 use glam::{Affine3A, Vec3A};
 use renderflow_frame::{Camera, Environment, Image};
 use renderflow_scenes::shapes::{self, Shape};
-use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
+use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture};
 
 /// A mesh with a material at a place.
 #[derive(Clone, Debug)]
@@ -60,6 +60,16 @@ pub(super) fn sunny() -> Environment {
 
 /// A scene of `parts`, ready for rendering.
 pub(super) fn compile(parts: Vec<Part>, environment: Environment, camera: Camera) -> Result<RenderScene, String> {
+    compile_textured(parts, Vec::new(), environment, camera)
+}
+
+/// As [`compile`], with the textures that materials refer to.
+pub(super) fn compile_textured(
+    parts: Vec<Part>,
+    textures: Vec<Texture>,
+    environment: Environment,
+    camera: Camera,
+) -> Result<RenderScene, String> {
     let mut scene = LoadedScene {
         name: "check".into(),
         seed: 1,
@@ -67,7 +77,7 @@ pub(super) fn compile(parts: Vec<Part>, environment: Environment, camera: Camera
         meshes: Vec::new(),
         instances: Vec::new(),
         materials: Vec::new(),
-        textures: Vec::new(),
+        textures,
         origin: glam::DVec3::ZERO,
         environment,
         cameras: vec![camera],

@@ -1,0 +1,162 @@
+//! The compiled sets of features agree, and all ways to find light find all of it.
+
+mod common;
+
+use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
+use glam::{Affine2, Affine3A, Vec3};
+use renderflow_frame::{Environment, Frame};
+use renderflow_renderer::{DirectLight, RenderScene, Sampler, Settings, Sharing};
+use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
+use renderflow_scenes::{LoadedScene, Material, Mesh, TextureSlot};
+
+const WAYS: [DirectLight; 3] = [DirectLight::Mis, DirectLight::Scattering, DirectLight::Lights];
+
+fn beauty(frame: &Frame) -> &[[f32; 3]] {
+    frame.beauty.as_ref().map_or(&[], |i| &i.pixels)
+}
+
+fn mean(frame: &Frame) -> f64 {
+    beauty(frame).iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * beauty(frame).len()) as f64
+}
+
+fn at(x: f32, y: f32, z: f32, size: f32) -> Affine3A {
+    Affine3A::from_scale_rotation_translation(Vec3::splat(size), glam::Quat::IDENTITY, Vec3::new(x, y, z))
+}
+
+/// Plain materials of every kind.
+fn room(environment: Environment) -> LoadedScene {
+    let parts = vec![
+        (plane(8.0), diffuse([0.7, 0.5, 0.3]), Affine3A::IDENTITY),
+        (sphere(12, true), Material { roughness: 0.3, metallic: 1.0, ..Material::default() }, at(-0.8, 0.7, 0.0, 0.7)),
+        (sphere(6, false), Material { roughness: 0.6, ..Material::default() }, at(0.9, 0.6, 0.0, 0.6)),
+        (
+            sphere(8, true),
+            Material { roughness: 0.05, metallic: 0.5, specular: 1.0, ..Material::default() },
+            at(0.1, 0.3, 0.9, 0.3),
+        ),
+    ];
+    scene(parts, environment, camera([0.3, 1.6, 3.6], [0.0, 0.5, 0.0], 45.0, 24, 18))
+}
+
+/// Largest difference of two pictures, relative to the larger value or a hundredth.
+fn difference(a: &Frame, b: &Frame) -> f32 {
+    let values = beauty(a).as_flattened().iter().zip(beauty(b).as_flattened());
+    values.map(|(a, b)| (a - b).abs() / a.max(*b).max(0.01)).fold(0.0, f32::max)
+}
+
+#[test]
+fn plain_scenes_use_the_smallest_set_and_larger_ones_agree() {
+    for (sky, environment) in [("flat", Environment::constant([0.5, 0.7, 1.0])), ("sunny", sunny())] {
+        let plain = room(environment);
+        let compiled = compile(&plain);
+        let features = compiled.features();
+        assert!(!features.full() && !features.textures && !features.normal_maps && !features.dark());
+        assert_eq!(features.flat_environment, sky == "flat");
+        // A triangle far behind the camera that needs something more, seen by next to nothing.
+        let speck = |material: Material, uv_texture: bool| {
+            let mut larger = plain.clone();
+            larger.meshes.push(Mesh {
+                positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+                uvs: vec![glam::Vec2::ZERO; 3],
+                triangles: vec![[0, 1, 2]],
+                ..Mesh::default()
+            });
+            larger.materials.push(material);
+            let place = at(0.0, 500.0, 500.0, 1e-3);
+            larger.instances.push(common::instance(4, 4, place));
+            if uv_texture {
+                larger.textures.push(Texture::from_rgba8("white", [1, 1], vec![[255; 4]], Encoding::Srgb, [Wrap::Repeat; 2]));
+            }
+            compile(&larger)
+        };
+        let slot = || Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY });
+        let textured = Material { base_color_texture: slot(), ..Material::default() };
+        let layered = Material { clearcoat: 1.0, ..Material::default() };
+        let single = Material { double_sided: false, ..Material::default() };
+        let both = Material { base_color_texture: slot(), ..single.clone() };
+        for sampler in [Sampler::Sobol, Sampler::Independent] {
+            let settings = Settings { spp: 16, sampler, ..Settings::default() };
+            let (expected, _) = render_with(&compiled, &settings);
+            for (name, scene, full) in [
+                ("textures", speck(textured.clone(), true), false),
+                ("layers", speck(layered.clone(), false), true),
+                ("sides", speck(single.clone(), false), true),
+                ("textures and sides", speck(both.clone(), true), true),
+            ] {
+                assert_eq!(scene.features().full(), full, "{name}");
+                assert_eq!(scene.features().textures, name.contains("textures"));
+                let (frame, _) = render_with(&scene, &settings);
+                let worst = difference(&frame, &expected);
+                let bits = beauty(&frame) == beauty(&expected);
+                println!("{sky} sky, {sampler:?}, compiled for {name} as well: largest difference {worst:.1e}, same bits {bits}");
+                assert!(worst < 1e-5, "{name}");
+            }
+        }
+    }
+}
+
+/// A lamp so faint beside another that it is never drawn as a light is found by scattering, whatever the way to find light.
+#[test]
+fn lamps_too_faint_to_be_drawn_are_not_lost() {
+    let lamp = |radiance: f32| Material { emissive: [radiance; 3], ..diffuse([0.0; 3]) };
+    let parts = vec![
+        (plane(10.0), diffuse([0.5; 3]), Affine3A::IDENTITY),
+        (sphere(12, false), lamp(1.0), at(0.0, 2.0, 0.0, 1.0)),
+        // Bright, but walled in.
+        (sphere(4, false), lamp(1e9), at(100.0, 100.0, 0.0, 1.0)),
+        (sphere(8, false), diffuse([0.0; 3]), at(100.0, 100.0, 0.0, 3.0)),
+    ];
+    let compiled =
+        compile(&scene(parts, Environment::constant([0.0; 3]), camera([0.5, 0.4, 3.0], [0.5, 0.0, 0.5], 10.0, 12, 12)));
+    let light = WAYS.map(|direct| mean(&render_with(&compiled, &Settings { spp: 256, direct, ..Settings::default() }).0));
+    println!("floor below the faint lamp, three ways: {light:.5?}");
+    assert!(light[0] > 0.05 && light.iter().all(|v| (v / light[1] - 1.0).abs() < 0.01));
+}
+
+/// Lamps placed more than once, shared or flattened, and moved between frames, give the light of lamps modelled where they are.
+#[test]
+fn placed_lamps_shine_where_they_are() {
+    let lamp = Material { emissive: [5.0, 3.0, 1.0], ..diffuse([0.2; 3]) };
+    let floor = || (plane(10.0), diffuse([0.5; 3]), Affine3A::IDENTITY);
+    let look = camera([0.0, 2.0, 4.0], [0.0, 0.3, 0.0], 40.0, 16, 12);
+    let places = [at(-1.0, 0.8, 0.0, 0.2), at(0.8, 0.6, -0.3, 0.3), at(0.2, 1.5, 0.4, 0.1)];
+    let apart = {
+        let parts = std::iter::once(floor()).chain(places.iter().map(|p| (sphere(5, false), lamp.clone(), *p))).collect();
+        scene(parts, Environment::constant([0.0; 3]), look)
+    };
+    let together = {
+        let mut loaded = scene(vec![floor(), (sphere(5, false), lamp.clone(), places[0])], Environment::constant([0.0; 3]), look);
+        for place in &places[1..] {
+            loaded.instances.push(common::instance(1, 1, *place));
+        }
+        loaded
+    };
+    let moving = {
+        let mut loaded = together.clone();
+        for instance in &mut loaded.instances[1..] {
+            let end = instance.transforms[0];
+            instance.transforms.insert(0, at(0.0, 50.0, 0.0, 1.0) * end);
+        }
+        loaded.cameras.push(look);
+        loaded
+    };
+    let compiled = |loaded: &LoadedScene, sharing| {
+        let mut scene = RenderScene::compile_with(loaded, sharing).expect("consistent");
+        scene.set_frame(loaded.cameras.len() - 1);
+        assert_eq!(scene.emissive_triangles(), 3 * sphere(5, false).triangles.len());
+        scene
+    };
+    for direct in WAYS {
+        let settings = Settings { spp: 1024, direct, ..Settings::default() };
+        let render = |loaded, sharing| mean(&render_with(&compiled(loaded, sharing), &settings).0);
+        let expected = render(&apart, Sharing::Never);
+        let others = [
+            render(&together, Sharing::Never),
+            render(&together, Sharing::Always),
+            render(&moving, Sharing::Never),
+            render(&moving, Sharing::Always),
+        ];
+        println!("{direct:?}: {expected:.5}; {others:.5?}");
+        assert!(others.iter().all(|v| (v / expected - 1.0).abs() < 0.01));
+    }
+}
