@@ -3,34 +3,17 @@
 //! Instances are flattened into one world-space tree, which rays query fastest, until that would take too much memory; then the
 //! meshes that are used most often get a tree in object space each, shared by their instances (see [`Sharing`]).
 
+mod sharing;
+mod start;
+
+pub use sharing::Sharing;
+
 use crate::accel::{Accel, Candidate, FLATTENED, Hit, Instances, MAX_COORDINATE, Placement, Scratch};
 use crate::ray::Ray;
 use glam::{Affine3A, DVec3, Vec2, Vec3, Vec3A, Vec4};
 use renderflow_scenes::{Instance, Mesh};
-
-/// Flattening up to this many triangles is always right: 30 MB, built in a quarter of a second.
-const FLATTENED_TRIANGLES: usize = 1 << 18;
-/// Beyond that flattening may make this many times as many triangles as the meshes hold.
-const FLATTENED_COPIES: usize = 2;
-/// See [`Start`].
-const OFFSET_REACH: f32 = 5.0 * f32::EPSILON;
-/// See [`Start`].
-const OFFSET_EXTENT: f32 = 4.0 * f32::EPSILON;
-/// See [`Start`].
-const MOST_INWARD: f32 = 1.0 / 16.0;
-
-/// Whether instances of one mesh share a tree in object space or are flattened into the tree of the world.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Sharing {
-    /// Flatten while all instances together have at most 2^18 triangles or twice as many as the meshes they use; beyond that, share
-    /// the meshes whose copies would add most, one after the other, until what is left is within that limit.
-    #[default]
-    Automatic,
-    /// Flatten everything.
-    Never,
-    /// Share every mesh, also those used once.
-    Always,
-}
+use sharing::{can_share, shared_meshes};
+use start::Start;
 
 /// How often each kind of tree was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -522,69 +505,6 @@ fn shared_surface(geometry: &Geometry, hit: &Hit, placement: &Placement, tree: &
     }
 }
 
-/// How far from a surface new rays start, without any absolute length.
-struct Start {
-    /// Along the normal, metres. Interpolating a point whose weights are off by two roundings, and the transform of its corners, move
-    /// it by less than four roundings of its coordinates, of which only the part along the normal matters; the test of a triangle errs
-    /// by less than four of a number as large as the triangle. Measured in closed rooms: half of both constants makes one ray in 30 000
-    /// meet its own surface or leak, these none in 3e7.
-    offset: f32,
-    /// How far weights are drawn to 1/3, at least: enough to move the point off the triangle's edges by twice the offset. Otherwise a
-    /// point on an edge between two walls can lie behind the other wall by a rounding.
-    inward: f32,
-}
-
-impl Start {
-    #[inline]
-    fn new(corners: &[Vec3A; 3], n: Vec3A, doubled_area: f32, reach: Vec3A) -> Self {
-        let [a, b, c] = *corners;
-        let extent = (a.max(b).max(c) - a.min(b).min(c)).max_element();
-        let offset = OFFSET_REACH * n.abs().dot(reach) + OFFSET_EXTENT * extent;
-        // The smallest height is the doubled area by the longest edge, which is less than twice the extent. Needles are left alone
-        // beyond a limit: there the point would move along the needle.
-        Self { offset, inward: (4.0 * offset * extent / doubled_area).min(MOST_INWARD) }
-    }
-
-    #[inline]
-    fn inward(&self, weights: [f32; 3]) -> [f32; 3] {
-        weights.map(|w| w * (1.0 - 3.0 * self.inward) + self.inward)
-    }
-}
-
-/// Which meshes get a tree of their own.
-fn shared_meshes(meshes: &[Mesh], instances: &[Instance], sharing: Sharing) -> Vec<bool> {
-    let mut uses = vec![0usize; meshes.len()];
-    for instance in instances {
-        uses[instance.mesh] += 1;
-    }
-    let mut shared = vec![false; meshes.len()];
-    match sharing {
-        Sharing::Never => {}
-        Sharing::Always => shared = uses.iter().map(|&u| u > 0).collect(),
-        Sharing::Automatic => {
-            let size = |m: usize| meshes[m].triangles.len();
-            let unique: usize = (0..meshes.len()).filter(|&m| uses[m] > 0).map(size).sum();
-            let limit = FLATTENED_TRIANGLES.max(FLATTENED_COPIES.saturating_mul(unique));
-            let mut flattened: usize = (0..meshes.len()).map(|m| uses[m].saturating_mul(size(m))).sum();
-            let mut order: Vec<usize> = (0..meshes.len()).filter(|&m| uses[m] > 1 && size(m) > 0).collect();
-            order.sort_by_key(|&m| (std::cmp::Reverse((uses[m] - 1).saturating_mul(size(m))), m));
-            for m in order {
-                if flattened <= limit {
-                    break;
-                }
-                shared[m] = true;
-                flattened -= uses[m] * size(m);
-            }
-        }
-    }
-    shared
-}
-
-/// Whether rays can be taken to the instance's object space at every frame.
-fn can_share(instance: &Instance) -> bool {
-    instance.transforms.iter().all(|transform| Placement::new(0, 0, *transform).is_some())
-}
-
 /// Two equal corners leave nothing to hit (a transform that flattens everything to a point makes thousands of such triangles), and
 /// numbers too large would overflow in the test.
 fn usable(p: &[Vec3A; 3]) -> bool {
@@ -651,76 +571,4 @@ fn append<T: Copy>(to: &mut Vec<T>, values: impl Iterator<Item = T>, count: usiz
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::Quat;
-
-    fn make(transforms: &[Affine3A], sharing: Sharing) -> Geometry {
-        let positions =
-            vec![Vec3::new(-1.0, -1.0, 0.2), Vec3::new(1.0, -1.0, 0.0), Vec3::new(0.0, 1.0, -0.1), Vec3::new(0.0, 0.0, 1.0)];
-        let triangles = vec![[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
-        let mesh = Mesh { positions, triangles, ..Mesh::default() };
-        let instances =
-            transforms.iter().map(|&t| Instance { name: String::new(), mesh: 0, material: 0, object_id: 1, transforms: vec![t] });
-        Geometry::new(vec![mesh], instances.collect(), Wanted { uvs: false, tangents: vec![false] }, sharing)
-    }
-
-    /// Filters hear of the side that the placed corners have, whether trees are shared or not, mirrored or not.
-    #[test]
-    fn filters_hear_of_the_side_seen_in_the_world() {
-        let transforms: Vec<Affine3A> = (0..30u8)
-            .map(|i| {
-                let f = f32::from(i);
-                let mirror = Vec3::new(if i % 2 == 0 { 0.3 } else { -0.3 }, 0.2, 0.4);
-                let turn = Quat::from_euler(glam::EulerRot::XYZ, f, 0.7 * f, 0.3);
-                Affine3A::from_scale_rotation_translation(mirror, turn, Vec3::new(f.sin(), (2.0 * f).cos(), (0.7 * f).sin()))
-            })
-            .collect();
-        let mut scratch = Scratch::default();
-        let mut sides = [0; 2];
-        for sharing in [Sharing::Never, Sharing::Always] {
-            let geometry = make(&transforms, sharing);
-            for i in 0..2000u16 {
-                let f = f32::from(i);
-                let origin = Vec3A::new((1.1 * f).sin(), (1.7 * f).cos(), (2.3 * f).sin()) * 3.0;
-                let ray = Ray::new(origin, (Vec3A::new((0.3 * f).cos(), (0.9 * f).sin(), 0.0) - origin).normalize());
-                let seen = |c: &Candidate| {
-                    let [a, b, d] = geometry.surface(&c.hit).corners;
-                    let facing = (b - a).cross(d - a).normalize_or_zero().dot(ray.direction);
-                    // Edge-on either answer is right.
-                    facing.abs() < 1e-4 || (facing < 0.0) == c.front
-                };
-                assert!(!geometry.occluded_where(&ray, &mut scratch, |c| !seen(c)));
-                for front in [false, true] {
-                    let hit = geometry.closest_where(&ray, &mut scratch, |c| c.front == front);
-                    assert_eq!(hit.is_some(), geometry.occluded_where(&ray, &mut scratch, |c| c.front == front));
-                    if let Some(hit) = hit {
-                        sides[usize::from(front)] += 1;
-                        let n = geometry.surface(&hit).n.dot(ray.direction);
-                        assert!(n.abs() < 1e-4 || (n < 0.0) == front);
-                    }
-                }
-                let all = geometry.closest_where(&ray, &mut scratch, |_| true);
-                assert_eq!(all, geometry.closest(&ray, &mut scratch));
-                assert_eq!(all.is_some(), geometry.occluded(&ray, &mut scratch));
-            }
-        }
-        assert!(sides.iter().all(|&n| n > 500), "{sides:?}");
-    }
-
-    #[test]
-    fn normals_of_any_size_are_unit() {
-        for (a, b) in [
-            (Vec3A::X * 1e-18, Vec3A::Y * 1e-12),
-            (Vec3A::X * 1e12, Vec3A::Y * 1e12),
-            (Vec3A::X, Vec3A::X),
-            (Vec3A::X, Vec3A::ZERO),
-            (Vec3A::ZERO, Vec3A::ZERO),
-            (Vec3A::X * 1e-40, Vec3A::Y),
-        ] {
-            let (n, _) = normal(a, b);
-            assert!((n.length() - 1.0).abs() < 1e-6, "{a} {b} {n}");
-        }
-        assert!(normal(Vec3A::X * 1e-18, Vec3A::Y * 1e-12).0.distance(Vec3A::Z) < 1e-6);
-    }
-}
+mod tests;
