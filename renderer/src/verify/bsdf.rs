@@ -276,7 +276,7 @@ pub fn furnace(surfaces: &[Surface], rings: u32) -> Worst {
             let reflected = albedo(&bsdf, view(cos, 0.3 + i as f32), rings);
             let above = reflected.max_element() - 1.0;
             let error = if white { (reflected - 1.0).abs().max_element() } else { above };
-            let failed = error.is_nan() || above > 1e-3 || (white && error > furnace_tolerance(surface));
+            let failed = !reflected.is_finite() || above > 1e-3 || (white && error > furnace_tolerance(surface));
             worst.see(error, failed, || format!("{surface:?} cos {cos}: {reflected}"));
         }
     }
