@@ -106,8 +106,10 @@ fn furnace(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     outcomes
 }
 
+type Wanted = fn(&Surface) -> bool;
+
 /// Materials by what closes their furnace, each with its own tables.
-const KINDS: [(&str, fn(&Surface) -> bool); 3] = [
+const KINDS: [(&str, Wanted); 3] = [
     ("plain", |s| s.clearcoat == 0.0 && s.anisotropic == 0.0),
     ("clearcoat", |s| s.clearcoat > 0.0 && s.anisotropic == 0.0),
     ("anisotropic", |s| s.anisotropic > 0.0),
