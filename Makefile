@@ -24,9 +24,10 @@ test: oidn
 	$(CARGO) test --release --workspace $(FEATURES)
 
 # What takes longer, or needs packages from the Python registry.
-test-full: test
+test-full: test build
 	$(CARGO) test --release --workspace $(FEATURES) -- --ignored
 	sh tests/python/run.sh
+	$(RENDERFLOW) stress --again --out target/stress.json
 
 bench: build
 	$(CARGO) bench --workspace $(FEATURES)
