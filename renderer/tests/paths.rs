@@ -120,15 +120,17 @@ fn placed_lamps_shine_where_they_are() {
     let floor = || (plane(10.0), diffuse([0.5; 3]), Affine3A::IDENTITY);
     let look = camera([0.0, 2.0, 4.0], [0.0, 0.3, 0.0], 40.0, 16, 12);
     let places = [at(-1.0, 0.8, 0.0, 0.2), at(0.8, 0.6, -0.3, 0.3), at(0.2, 1.5, 0.4, 0.1)];
+    // One is brighter, so that its triangles are drawn more often than the others for their size.
+    let bright = || Material { emissive: [90.0, 30.0, 60.0], ..lamp.clone() };
     let apart = {
-        let parts = std::iter::once(floor()).chain(places.iter().map(|p| (sphere(5, false), lamp.clone(), *p))).collect();
-        scene(parts, Environment::constant([0.0; 3]), look)
+        let kinds = [lamp.clone(), bright(), lamp.clone()];
+        let lamps = places.iter().zip(kinds).map(|(place, lamp)| (sphere(5, false), lamp, *place));
+        scene(std::iter::once(floor()).chain(lamps).collect(), Environment::constant([0.0; 3]), look)
     };
     let together = {
         let mut loaded = scene(vec![floor(), (sphere(5, false), lamp.clone(), places[0])], Environment::constant([0.0; 3]), look);
-        for place in &places[1..] {
-            loaded.instances.push(common::instance(1, 1, *place));
-        }
+        loaded.materials.push(bright());
+        loaded.instances.extend([common::instance(1, 2, places[1]), common::instance(1, 1, places[2])]);
         loaded
     };
     let moving = {
@@ -157,6 +159,6 @@ fn placed_lamps_shine_where_they_are() {
             render(&moving, Sharing::Always),
         ];
         println!("{direct:?}: {expected:.5}; {others:.5?}");
-        assert!(others.iter().all(|v| (v / expected - 1.0).abs() < 0.01));
+        assert!(others.iter().all(|v| (v / expected - 1.0).abs() < 0.015));
     }
 }
