@@ -30,10 +30,10 @@ fn light_groups_sum_to_raw_and_irradiance_is_there() {
     assert_eq!(plain.raw, split.raw);
     let raw = split.raw.as_ref().unwrap();
     for (i, pixel) in raw.pixels.iter().enumerate() {
-        for c in 0..3 {
+        for (c, whole) in pixel.iter().enumerate() {
             let sum: f32 = split.light.iter().flatten().map(|group| group.pixels[i][c]).sum();
             // Six half-precision roundings.
-            assert!((sum - pixel[c]).abs() <= 6.0 * 2f32.powi(-11) * pixel[c] + 1e-6, "pixel {i}: {sum} of {}", pixel[c]);
+            assert!((sum - whole).abs() <= 6.0 * 2f32.powi(-11) * whole + 1e-6, "pixel {i}: {sum} of {whole}");
         }
     }
 
