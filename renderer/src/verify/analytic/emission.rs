@@ -100,7 +100,7 @@ pub(super) fn cases() -> Vec<Case> {
         let surface: f64 = bulb.mesh.triangles.iter().map(|t| area(corners(t))).sum();
         let section = 0.25 * surface;
         for (sky, environment, light) in skies.clone() {
-            let centre = DVec3::from(transform.translation.as_dvec3());
+            let centre = DVec3::from_array(transform.translation.to_array().map(f64::from));
             let paper: Paper = Box::new(move |shot, x, y| {
                 let to = centre - shot.point(x, y);
                 let d2 = to.length_squared();
