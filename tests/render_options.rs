@@ -10,7 +10,8 @@ fn light_groups_sum_to_raw_and_irradiance_is_there() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
     let common = |out: &str| {
-        let words = ["render", "--seed", "3", "--frames", "1", "--resolution", "32", "--spp", "8", "--denoise", "none", "--out", out];
+        let words =
+            ["render", "--seed", "3", "--frames", "1", "--resolution", "32", "--spp", "8", "--denoise", "none", "--out", out];
         words.map(str::to_owned).to_vec()
     };
     let render = |out: &str, more: &[&str]| {

@@ -127,7 +127,7 @@ fn emitters_shine_from_the_sides_they_have() {
                 }
                 let mesh = if mirrored { reversed(mesh) } else { mesh };
                 if mirrored {
-                    place = place * Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0));
+                    place *= Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0));
                 }
                 let parts = vec![(plane(10.0), diffuse([0.5; 3]), Affine3A::IDENTITY), (mesh, lamp(double_sided), place)];
                 let shines = double_sided || facing_floor;

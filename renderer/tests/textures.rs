@@ -39,7 +39,8 @@ fn pattern(size: usize, encoding: Encoding, wrap: [Wrap; 2]) -> Texture {
 
 /// Black and white in turn; each field is `field` texels wide.
 fn checker(size: usize, field: usize, encoding: Encoding) -> Texture {
-    let texels = (0..size * size).map(|i| if (i % size / field + i / size / field) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
+    let texels =
+        (0..size * size).map(|i| if (i % size / field + i / size / field).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] });
     Texture::from_rgba8("checker", [size, size], texels.collect(), encoding, [Wrap::Repeat; 2])
 }
 

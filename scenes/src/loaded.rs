@@ -69,7 +69,7 @@ pub struct Material {
     pub specular: f32,
     /// 0..=1, share of the base colour's hue in the dielectric reflection.
     pub specular_tint: f32,
-    /// 0..=1, stretch of highlights across the tangent.
+    /// 0..=1, stretch of highlights along the tangent.
     pub anisotropic: f32,
     /// 0..=1, grazing component of cloth.
     pub sheen: f32,
