@@ -176,7 +176,14 @@ impl SequenceJob {
             }
             let scene = match &mut compiled {
                 Some(scene) => scene,
-                none => none.insert(RenderScene::compile(&loaded)?),
+                none => {
+                    let compiled = RenderScene::compile(&loaded)?;
+                    let limited = compiled.environment_repairs().limited;
+                    if limited > 0 {
+                        eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
+                    }
+                    none.insert(compiled)
+                }
             };
             let started = Instant::now();
             scene.set_frame(index);
