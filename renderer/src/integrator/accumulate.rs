@@ -117,12 +117,12 @@ struct Tally {
 pub(super) fn samples<F: Features>(
     scene: &RenderScene,
     settings: &Settings,
+    visible: &Visible,
     range: Range<u32>,
     progress: Progress<'_>,
     cancel: &AtomicBool,
 ) -> Result<(Film, Stats)> {
     let (width, height) = (scene.camera().width, scene.camera().height);
-    let visible = Visible::new(scene, settings.filter);
     let work = |tile: Tile| {
         let mut tracer = Tracer::<F>::new(scene, settings);
         let mut tally = Tally::default();

@@ -20,7 +20,8 @@ use crate::material::Mode;
 use crate::sampler::{PixelSampler, Sampler};
 use crate::schedule::{self, Progress, Tile};
 use crate::stats::Stats;
-use gbuffer::Centre;
+use accumulate::samples as accumulate;
+use gbuffer::{Centre, Visible};
 use renderflow_frame::{Frame, FrameInfo, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -126,8 +127,10 @@ pub fn render_with_stats(
     progress: Progress<'_>,
     cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
-    let (film, mut stats) = expose(scene, settings, 0..settings.spp, progress, cancel)?;
-    let (frame, more) = develop(scene, settings, &film)?;
+    settings.check(scene)?;
+    let visible = Visible::new(scene, settings.filter);
+    let (film, mut stats) = samples(scene, settings, &visible, 0..settings.spp, progress, cancel)?;
+    let (frame, more) = picture(scene, settings, &visible, &film)?;
     stats += more;
     Ok((frame, stats))
 }
@@ -147,17 +150,18 @@ pub fn expose(
     if samples.is_empty() || samples.end > settings.spp {
         return Err(Error::Setting { name: "samples", value: samples.end.into(), range: "a part of 0..spp that is not empty" });
     }
-    with_features!(scene.features(), settings.full(), accumulate(scene, settings, samples, progress, cancel))
+    self::samples(scene, settings, &Visible::new(scene, settings.filter), samples, progress, cancel)
 }
 
-fn accumulate<F: Features>(
+fn samples(
     scene: &RenderScene,
     settings: &Settings,
-    samples: Range<u32>,
+    visible: &Visible,
+    range: Range<u32>,
     progress: Progress<'_>,
     cancel: &AtomicBool,
 ) -> Result<(Film, Stats)> {
-    accumulate::samples::<F>(scene, settings, samples, progress, cancel)
+    with_features!(scene.features(), settings.full(), accumulate(scene, settings, visible, range, progress, cancel))
 }
 
 /// The frame of a film: means, variance, guides, and the G-buffer at pixel centres.
@@ -167,7 +171,11 @@ fn accumulate<F: Features>(
 pub fn develop(scene: &RenderScene, settings: &Settings, film: &Film) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     film.check(scene, settings)?;
-    let (mut frame, stats) = with_features!(scene.features(), settings.full(), gbuffer(scene, settings, Some(film)))?;
+    picture(scene, settings, &Visible::new(scene, settings.filter), film)
+}
+
+fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &Film) -> Result<(Frame, Stats)> {
+    let (mut frame, stats) = with_features!(scene.features(), settings.full(), gbuffer(scene, settings, visible, Some(film)))?;
     film.develop(&mut frame, settings.light_groups as usize);
     frame.info.spp = film.samples();
     frame.info.bsdf = settings.bsdf.name().into();
@@ -181,16 +189,21 @@ pub fn develop(scene: &RenderScene, settings: &Settings, film: &Film) -> Result<
 /// When a setting is out of range.
 pub fn render_gbuffer(scene: &RenderScene, settings: &Settings) -> Result<Frame> {
     settings.check(scene)?;
-    with_features!(scene.features(), settings.full(), gbuffer(scene, settings, None)).map(|(frame, _)| frame)
+    let visible = Visible::new(scene, settings.filter);
+    with_features!(scene.features(), settings.full(), gbuffer(scene, settings, &visible, None)).map(|(frame, _)| frame)
 }
 
 /// G-buffer at pixel centres; guides from `film`, or else from rays of their own.
-fn gbuffer<F: Features>(scene: &RenderScene, settings: &Settings, film: Option<&Film>) -> Result<(Frame, Stats)> {
+fn gbuffer<F: Features>(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    film: Option<&Film>,
+) -> Result<(Frame, Stats)> {
     let camera = *scene.camera();
     let (width, height) = (camera.width, camera.height);
     let views = gbuffer::Views::new(scene);
     let projector = Projector::new(&camera);
-    let visible = gbuffer::Visible::new(scene, settings.filter);
     let tables = settings.irradiance.then(|| scene.ibl_tables());
     let never = AtomicBool::new(false);
 
