@@ -21,6 +21,7 @@ mod query;
 pub mod ray;
 pub mod sampler;
 mod schedule;
+mod skips;
 mod stats;
 mod texture;
 pub mod verify;
@@ -33,4 +34,5 @@ pub use integrator::{DirectLight, Film, Settings, develop, expose, ibl, render, 
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
+pub use skips::{Channels, Skips};
 pub use stats::Stats;
