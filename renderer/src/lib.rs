@@ -23,6 +23,7 @@ pub mod ray;
 pub mod record;
 pub mod sampler;
 mod schedule;
+mod skips;
 mod stats;
 mod texture;
 pub mod verify;
@@ -35,4 +36,5 @@ pub use integrator::{DirectLight, Film, Settings, develop, expose, ibl, render, 
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
+pub use skips::{Channels, Skips};
 pub use stats::Stats;

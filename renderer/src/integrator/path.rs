@@ -101,8 +101,13 @@ impl<'a, F: Features> Tracer<'a, F> {
     /// looked up without asking the tree.
     #[inline]
     pub fn sample(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
-        let ray = camera_ray_at(self.scene, self.settings, self.points.point(sampler, index, 0), pixel);
         self.stats.samples += 1;
+        if F::FLAT_ENVIRONMENT && !seen && self.directions.is_none() {
+            // The same from everywhere: no need to know whither.
+            self.stats.skipped_rays += 1;
+            return Sample { radiance: self.scene.light().radiance(Vec3A::Y), first: None };
+        }
+        let ray = camera_ray_at(self.scene, self.settings, self.points.point(sampler, index, 0), pixel);
         self.radiance = Vec3A::ZERO;
         if self.directions.is_some() {
             self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
@@ -126,7 +131,7 @@ impl<'a, F: Features> Tracer<'a, F> {
                     self.add(surface.emitted, Origin::Emitter);
                 }
                 // Without light there is nothing to gather.
-                if !self.scene.features().dark() {
+                if !(self.settings.skips.dark_scenes && self.scene.features().dark()) {
                     self.gather(sampler, index, surface, -ray.direction);
                 }
                 Some(first)
@@ -155,11 +160,15 @@ impl<'a, F: Features> Tracer<'a, F> {
     /// Adds what `surface` scatters towards `wo`.
     fn gather(&mut self, sampler: &PixelSampler, index: u32, mut surface: Interaction, mut wo: Vec3A) {
         let scene = self.scene;
+        let skips = self.settings.skips;
         let sampled_lights = self.settings.direct != DirectLight::Scattering;
         let mut beta = Vec3A::ONE;
         for vertex in 1..=self.settings.max_bounces {
             let bsdf = F::Bsdf::new(&surface.surface, self.settings.bsdf);
             let scatterer = Scatterer::<F>::new(&surface, &bsdf, wo, self.settings.bsdf);
+            if skips.black_surfaces && scatterer.is_black() {
+                break;
+            }
             if scene.samples_lights::<F>() && sampled_lights {
                 self.sample_light(sampler, index, vertex, &surface, &scatterer, beta);
             }
@@ -185,9 +194,14 @@ impl<'a, F: Features> Tracer<'a, F> {
             if last && !(F::FULL && scene.features().emitters) {
                 // No surface beyond: only whether something stands in the way matters.
                 let contribution = beta * self.environment_behind(wi, scattered.pdf);
-                if contribution != Vec3A::ZERO {
+                if contribution != Vec3A::ZERO || !skips.zero_contributions {
                     self.stats.shadow_rays += 1;
-                    if !scene.shadowed::<F>(&ray, &mut self.scratch) {
+                    let hidden = if skips.last_any_hit {
+                        scene.shadowed::<F>(&ray, &mut self.scratch)
+                    } else {
+                        scene.trace::<F>(&ray, &mut self.scratch).is_some()
+                    };
+                    if !hidden {
                         self.add(contribution, Origin::Environment(wi));
                     }
                 }
@@ -235,7 +249,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         let Some(light) = scene.sample_light::<F>(surface.p, choice, [u, v]) else { return };
         let scattering = scatterer.eval(light.wi);
         // Not `> 0`: a NaN must reach the counter, not vanish here.
-        if scattering.f_cos == Vec3A::ZERO {
+        if scattering.f_cos == Vec3A::ZERO && self.settings.skips.zero_contributions {
             return;
         }
         let (radiance, origin) = match light.source {
@@ -244,7 +258,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         };
         let weight = if self.settings.direct == DirectLight::Mis { mis_weight(light.pdf, scattering.pdf) } else { 1.0 };
         let contribution = beta * scattering.f_cos * radiance * (weight / light.pdf);
-        if contribution != Vec3A::ZERO {
+        if contribution != Vec3A::ZERO || !self.settings.skips.zero_contributions {
             self.stats.shadow_rays += 1;
             if !scene.hides::<F>(&surface.spawn(light.wi), &light, &mut self.scratch) {
                 self.add(contribution, origin);
