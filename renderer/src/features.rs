@@ -79,6 +79,8 @@ pub trait Brdf: Copy {
 
 /// What the integrator asks of a BSDF seen from one direction; see [`View`].
 pub trait BrdfView {
+    /// [`View::is_black`].
+    fn is_black(&self) -> bool;
     /// [`View::eval`].
     fn eval(&self, wi: Vec3A) -> BsdfEval;
     /// [`View::pdf`].
@@ -102,6 +104,11 @@ impl<const FULL: bool> Brdf for Bsdf<FULL> {
 }
 
 impl<const FULL: bool> BrdfView for View<'_, FULL> {
+    #[inline(always)]
+    fn is_black(&self) -> bool {
+        self.is_black()
+    }
+
     #[inline(always)]
     fn eval(&self, wi: Vec3A) -> BsdfEval {
         self.eval(wi)

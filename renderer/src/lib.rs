@@ -19,8 +19,11 @@ pub mod light;
 pub mod material;
 mod query;
 pub mod ray;
+#[cfg(feature = "record")]
+pub mod record;
 pub mod sampler;
 mod schedule;
+mod skips;
 mod stats;
 mod texture;
 pub mod verify;
@@ -33,4 +36,5 @@ pub use integrator::{DirectLight, Film, Settings, develop, expose, ibl, render, 
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
+pub use skips::{Channels, Skips};
 pub use stats::Stats;

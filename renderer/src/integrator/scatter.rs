@@ -50,6 +50,12 @@ impl<'a, F: Features> Scatterer<'a, F> {
         Self { n: surface.n, lean: surface.n.dot(surface.ns), mode, view: bsdf.view(frame.to_local(wo)), frame }
     }
 
+    /// Whether nothing is reflected towards the viewer, from whatever direction.
+    #[inline]
+    pub fn is_black(&self) -> bool {
+        self.view.is_black()
+    }
+
     /// Value (times cosine) and density for the world-space direction `wi`; zero below the true surface.
     #[inline]
     pub fn eval(&self, wi: Vec3A) -> BsdfEval {

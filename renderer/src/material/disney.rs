@@ -107,6 +107,12 @@ enum Seen<'a, const FULL: bool> {
 }
 
 impl<const FULL: bool> View<'_, FULL> {
+    /// Whether nothing is reflected, from whatever direction: a material without any lobe, or one seen from below.
+    #[inline(always)]
+    pub fn is_black(&self) -> bool {
+        matches!(self.seen, Seen::Nothing)
+    }
+
     /// Value (times cosine) and density for `wi`; zero when it lies on or below the shading horizon.
     #[inline(always)]
     pub fn eval(&self, wi: Vec3A) -> BsdfEval {
