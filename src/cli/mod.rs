@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand.
 
+mod bench;
 mod check;
 mod compose;
 mod dataset;
@@ -52,6 +53,9 @@ enum Command {
     Check(check::Check),
     /// Test the numerics of the path tracer
     Stress(stress::Stress),
+    /// Measure time against error, kernels, and other renderers
+    #[command(subcommand)]
+    Bench(bench::Bench),
     /// Plan and render datasets
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
@@ -96,6 +100,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Compose(command) => command.run(),
         Command::Check(command) => command.run(),
         Command::Stress(command) => command.run(&cancel),
+        Command::Bench(command) => command.run(&cancel),
         Command::Dataset(command) => command.run(&cancel),
         Command::Train(command) => command.run(&cancel),
         Command::Infer(command) => command.run(&cancel),
