@@ -1,6 +1,9 @@
-//! Measurements: what each subcommand of `renderflow bench` does.
+//! Measurements: the scenes they run on, their errors, and what each subcommand of `renderflow bench` does.
 
 pub mod clock;
 #[allow(unsafe_code)]
 pub mod embree;
 pub mod kernels;
+pub mod metrics;
+pub mod models;
+pub mod scenes;

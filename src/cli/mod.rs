@@ -51,11 +51,11 @@ enum Command {
     Compose(compose::Compose),
     /// Say whether scenes, models, maps, frames, weights and datasets can be used
     Check(check::Check),
-    /// Test the numerics of the path tracer
-    Stress(stress::Stress),
-    /// Measure time against error, kernels, and other renderers
+    /// Measure speed and error
     #[command(subcommand)]
     Bench(bench::Bench),
+    /// Test the numerics of the path tracer
+    Stress(stress::Stress),
     /// Plan and render datasets
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
@@ -99,8 +99,8 @@ fn run(cli: Cli) -> Result<()> {
         Command::Render(command) => command.run(&cancel),
         Command::Compose(command) => command.run(),
         Command::Check(command) => command.run(),
-        Command::Stress(command) => command.run(&cancel),
         Command::Bench(command) => command.run(&cancel),
+        Command::Stress(command) => command.run(&cancel),
         Command::Dataset(command) => command.run(&cancel),
         Command::Train(command) => command.run(&cancel),
         Command::Infer(command) => command.run(&cancel),

@@ -9,7 +9,8 @@ use std::process::{Command, Stdio};
 const VARIABLE: &str = "RENDERFLOW_EMBREE";
 
 /// Prints the folder that wheels of embreex keep their libraries in. The package itself is not run.
-const ASK: &str = "import importlib.util as u, os\ns = u.find_spec('embreex')\nprint(os.path.dirname(os.path.dirname(s.origin)) if s else '')";
+const ASK: &str =
+    "import importlib.util as u, os\ns = u.find_spec('embreex')\nprint(os.path.dirname(os.path.dirname(s.origin)) if s else '')";
 
 /// Embree at `named`, or where the environment says, or in the package embreex of `python`, or the system's version 4 or 3. `None`, with a
 /// line that says so, where there is none.
@@ -19,7 +20,9 @@ const ASK: &str = "import importlib.util as u, os\ns = u.find_spec('embreex')\np
 pub fn embree(named: Option<&Path>, python: &str) -> Result<Option<Embree>> {
     let named = named.map(Path::to_owned).or_else(|| std::env::var_os(VARIABLE).map(PathBuf::from));
     if let Some(path) = named {
-        return Embree::open(&path).map(Some).context("Embree");
+        let embree = Embree::open(&path).context("Embree")?;
+        println!("Embree {}: {}", embree.version(), path.display());
+        return Ok(Some(embree));
     }
     let places = packaged(python).into_iter().chain(["libembree4.so.4", "libembree3.so.3"].map(PathBuf::from));
     let Some((place, embree)) = places.into_iter().find_map(|path| Embree::open(&path).ok().map(|e| (path, e))) else {

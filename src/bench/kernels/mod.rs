@@ -6,6 +6,8 @@ mod tracers;
 
 use crate::bench::clock::{Clock, Elapsed, Of};
 use crate::bench::embree::Embree;
+use crate::bench::metrics::median;
+use crate::bench::scenes::{self, Subject};
 use crate::progress::Progress;
 use crate::truth::Interrupted;
 use anyhow::Result;
@@ -132,7 +134,7 @@ impl Options {
     }
 
     fn measure(&self, name: &str, embree: Option<&Embree>, progress: &Progress, cancel: &AtomicBool) -> Result<SceneResult> {
-        let (name, scene) = open(name, self.resolution)?;
+        let Subject { name, loaded: scene } = scenes::open(name, Some(self.resolution))?;
         let triangles = flatten(&scene);
         let clock = Clock::start(Of::Thread);
         let accel = Accel::build(&triangles);
@@ -192,41 +194,27 @@ fn cast(set: &Rays, tracers: &mut [Tracer<'_>], repeats: u32, cancel: &AtomicBoo
     }
     let yardstick = tracers.iter().position(|t| t.yardstick);
     let rate = |seconds: f64| 1e-6 * count as f64 / seconds.max(1e-9);
-    let row = |(index, tracer): (usize, &Tracer<'_>)| Row {
-        rays: set.kind,
-        tracer: tracer.name.clone(),
-        count,
-        hits: found[index].iter().filter(|hit| **hit).count(),
-        disagree: found[index].iter().zip(&found[0]).filter(|(a, b)| a != b).count(),
-        mrays_cpu: rate(median(times[index].iter().map(|t| t.cpu))),
-        mrays_wall: rate(median(times[index].iter().map(|t| t.wall))),
-        ratio: yardstick.map(|y| median(times[index].iter().zip(&times[y]).map(|(t, y)| y.cpu / t.cpu.max(1e-9)))),
-        seconds_cpu: times[index].iter().map(|t| t.cpu).collect(),
+    let row = |(index, tracer): (usize, &Tracer<'_>)| {
+        let middle = |of: &dyn Fn(&Elapsed) -> f64| median(&times[index].iter().map(of).collect::<Vec<_>>());
+        let against = |y: usize| times[index].iter().zip(&times[y]).map(|(t, y)| y.cpu / t.cpu.max(1e-9)).collect::<Vec<_>>();
+        Row {
+            rays: set.kind,
+            tracer: tracer.name.clone(),
+            count,
+            hits: found[index].iter().filter(|hit| **hit).count(),
+            disagree: found[index].iter().zip(&found[0]).filter(|(a, b)| a != b).count(),
+            mrays_cpu: rate(middle(&|t| t.cpu)),
+            mrays_wall: rate(middle(&|t| t.wall)),
+            ratio: yardstick.map(|y| median(&against(y))),
+            seconds_cpu: times[index].iter().map(|t| t.cpu).collect(),
+        }
     };
     Ok(tracers.iter().enumerate().map(row).collect())
-}
-
-/// The middle value; the mean of both middle ones where there are two; 0 of nothing.
-pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 0.0,
-        n => 0.5 * (values[(n - 1) / 2] + values[n / 2]),
-    }
 }
 
 /// Processes that ran or waited to run, averaged over a minute.
 pub(super) fn load() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split(' ').next()?.parse().ok()
-}
-
-/// A scene by its name, at `resolution`.
-fn open(name: &str, resolution: u32) -> Result<(String, LoadedScene)> {
-    use renderflow_scenes::procedural::{ComposeOptions, compose};
-    let seed = SCENES.iter().position(|s| *s == name).unwrap_or(0) as u64;
-    let scene = compose(&ComposeOptions { seed, resolution: [resolution; 2], objects: [64, 64], ..ComposeOptions::default() });
-    Ok((name.to_owned(), renderflow_scenes::load::load(&scene, std::path::Path::new(""))?))
 }
 
 /// Every triangle of the scene at frame 0, relative to the scene's origin; those that no tracer can hit anyway left out.
@@ -260,17 +248,5 @@ fn print(scene: &SceneResult) {
             row.hits,
             row.disagree
         );
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn medians() {
-        assert_eq!(median([3.0, 1.0, 2.0].into_iter()), 2.0);
-        assert_eq!(median([4.0, 1.0, 3.0, 2.0].into_iter()), 2.5);
-        assert_eq!(median(std::iter::empty()), 0.0);
     }
 }

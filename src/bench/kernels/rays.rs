@@ -24,9 +24,6 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All, in the order they are reported in.
-    pub const ALL: [Self; 4] = [Self::Primary, Self::Diffuse, Self::Shuffled, Self::Shadow];
-
     /// As in tables.
     pub fn name(self) -> &'static str {
         match self {
