@@ -203,9 +203,10 @@ impl Measurement<'_> {
                     results.scenes[at].row(method, spp).runs.push(run);
                     self.done += u64::from(spp);
                     self.progress.set(self.done);
+                    // After every picture: an interruption loses the one under way only.
+                    file::write_json(path, results)?;
                 }
             }
-            file::write_json(path, results)?;
         }
         results.scenes[at].rows.sort_by_key(|row| (row.method as u32, row.spp));
         Ok(at)

@@ -147,7 +147,7 @@ impl Watch {
         let mut comparing = Total::default();
         let mut film: Option<Film> = None;
         let mut stats = Stats::default();
-        let (mut done, mut next) = (0, 1);
+        let (mut done, mut next) = (0, first_look(settings.spp));
         while done < settings.spp {
             next = settings.spp.min(next);
             let base = pixels * u64::from(done);
@@ -185,6 +185,12 @@ impl Watch {
     }
 }
 
+/// Samples after which the first error is printed: six doublings before the end. Numbers of sixteen samples are made at once, so that
+/// every part smaller than that is dearer than its share: from one sample on, 256 cost 3 % more instructions.
+fn first_look(spp: u32) -> u32 {
+    1 << (spp / 64).max(1).ilog2()
+}
+
 /// Time of what was done now and then.
 struct Total(Spent);
 
@@ -202,5 +208,16 @@ impl Total {
         self.0.seconds += spent.seconds;
         self.0.processor = self.0.processor.zip(spent.processor).map(|(a, b)| a + b);
         result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_look_is_six_doublings_before_the_end() {
+        let first: Vec<u32> = [1, 12, 64, 127, 128, 256, 1000, 1024].map(first_look).to_vec();
+        assert_eq!(first, [1, 1, 1, 1, 2, 4, 8, 16]);
     }
 }

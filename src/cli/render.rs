@@ -44,7 +44,7 @@ pub struct Render {
     /// Seed of the composed scene, where --scene is not given
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Picture to compare with: seconds and error are printed whenever the samples have doubled. A frame of this program (its raw
+    /// Picture to compare with: seconds and error are printed whenever the samples have doubled, six times up to --spp. A frame of this program (its raw
     /// beauty), any RGB .exr or .hdr of radiance, or a .png or .jpg of display values; of one frame only
     #[arg(long, value_name = "IMAGE")]
     reference: Option<PathBuf>,
