@@ -4,6 +4,7 @@
 //! and compares what the network makes of a G-buffer with path-traced truth ([`evaluate`]). The command line is in [`cli`].
 #![forbid(unsafe_code)]
 
+pub mod bench;
 pub mod cli;
 pub mod dataset;
 pub mod evaluate;

@@ -1,0 +1,52 @@
+//! `renderflow bench`: one subcommand a measurement.
+
+use crate::bench::scenes;
+use anyhow::{Context, Result, bail};
+use clap::{Args, Subcommand};
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+/// Measures speed and error.
+#[derive(Subcommand)]
+pub enum Bench {
+    /// List the benchmark scenes, or write one as a scene file with its models and textures
+    Scenes(Scenes),
+}
+
+impl Bench {
+    /// Runs the measurement.
+    pub fn run(self, _cancel: &AtomicBool) -> Result<()> {
+        match self {
+            Self::Scenes(options) => options.run(),
+        }
+    }
+}
+
+/// Lists the benchmark scenes, or writes one.
+#[derive(Args)]
+#[command(
+    after_help = "Example: renderflow bench scenes soft_sun --out soft_sun && renderflow render --scene soft_sun/scene.json --out out"
+)]
+pub struct Scenes {
+    /// Scene to write
+    name: Option<String>,
+    /// Pixels along both sides
+    #[arg(long, default_value_t = scenes::RESOLUTION)]
+    resolution: u32,
+    /// Folder to write it to
+    #[arg(long)]
+    out: Option<PathBuf>,
+}
+
+impl Scenes {
+    fn run(self) -> Result<()> {
+        let Some(name) = self.name else {
+            scenes::ALL.iter().for_each(|scene| println!("{:9}  {}", scene.name, scene.about));
+            return Ok(());
+        };
+        let Some(scene) = scenes::by_name(&name) else { bail!("{name}: no such scene; `renderflow bench scenes` lists them") };
+        let out = self.out.context("--out says which folder to write the scene to")?;
+        println!("{}", scene.describe(self.resolution)?.write(&out)?.display());
+        Ok(())
+    }
+}
