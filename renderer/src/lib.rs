@@ -19,6 +19,8 @@ pub mod light;
 pub mod material;
 mod query;
 pub mod ray;
+#[cfg(feature = "record")]
+pub mod record;
 pub mod sampler;
 mod schedule;
 mod skips;

@@ -33,6 +33,8 @@ impl RenderScene {
     /// The nearest surface along `ray`.
     #[inline]
     pub(crate) fn trace<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
+        #[cfg(feature = "record")]
+        crate::record::ray(ray, false);
         if F::FULL && self.features().cutouts {
             return self.geometry.closest_where(ray, scratch, |candidate| self.stops(candidate));
         }
@@ -42,6 +44,8 @@ impl RenderScene {
     /// Whether a surface stands in the way of `ray` to the environment.
     #[inline]
     pub(crate) fn shadowed<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> bool {
+        #[cfg(feature = "record")]
+        crate::record::ray(ray, true);
         if F::FULL && self.features().cutouts {
             return self.geometry.occluded_where(ray, scratch, |candidate| self.stops(candidate));
         }

@@ -9,7 +9,7 @@ use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
 use crate::light::{LightGroups, Source};
 use crate::ray::Ray;
-use crate::sampler::PixelSampler;
+use crate::sampler::{PixelSampler, Points};
 use crate::stats::Stats;
 use glam::{Vec2, Vec3A};
 use renderflow_frame::frame::LIGHT_GROUPS;
@@ -38,6 +38,7 @@ pub(super) struct Tracer<'a, F: Features> {
     /// Cone of a camera ray: what one of the samples of a pixel covers.
     camera_cone: Cone,
     scratch: Scratch,
+    points: Points,
     stats: Stats,
     features: std::marker::PhantomData<F>,
 }
@@ -58,7 +59,12 @@ pub(super) fn camera_ray(
     pixel: (usize, usize),
     index: u32,
 ) -> Ray {
-    let [u, v, ..] = sampler.point(index, 0);
+    camera_ray_at(scene, settings, sampler.point(index, 0), pixel)
+}
+
+/// As [`camera_ray`], with the numbers of its set.
+#[inline]
+fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]: [f32; 4], pixel: (usize, usize)) -> Ray {
     let point = Vec2::new(pixel.0 as f32 + 0.5, pixel.1 as f32 + 0.5) + settings.filter.sample([u, v]);
     crate::camera::ray(scene.camera(), point)
 }
@@ -76,6 +82,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             groups: [Vec3A::ZERO; LIGHT_GROUPS],
             camera_cone: Cone::camera(scene.camera(), settings.spp),
             scratch: Scratch::default(),
+            points: Points::default(),
             stats: Stats::default(),
             features: std::marker::PhantomData,
         }
@@ -100,7 +107,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             self.stats.skipped_rays += 1;
             return Sample { radiance: self.scene.light().radiance(Vec3A::Y), first: None };
         }
-        let ray = camera_ray(self.scene, self.settings, sampler, pixel, index);
+        let ray = camera_ray_at(self.scene, self.settings, self.points.point(sampler, index, 0), pixel);
         self.radiance = Vec3A::ZERO;
         if self.directions.is_some() {
             self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
@@ -167,7 +174,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             }
 
             // Scatter.
-            let [lobe, u, v, survive] = sampler.point(index, 2 * vertex - 1);
+            let [lobe, u, v, survive] = self.points.point(sampler, index, 2 * vertex - 1);
             let Some(scattered) = scatterer.sample(lobe, [u, v]) else { break };
             let wi = scattered.wi;
             beta *= scattered.weight;
@@ -238,7 +245,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         beta: Vec3A,
     ) {
         let scene = self.scene;
-        let [u, v, choice, _] = sampler.point(index, 2 * vertex);
+        let [u, v, choice, _] = self.points.point(sampler, index, 2 * vertex);
         let Some(light) = scene.sample_light::<F>(surface.p, choice, [u, v]) else { return };
         let scattering = scatterer.eval(light.wi);
         // Not `> 0`: a NaN must reach the counter, not vanish here.
