@@ -1,5 +1,76 @@
 //! Measurements: the scenes they run on, their errors, and what each subcommand of `renderflow bench` does.
 
+pub mod convergence;
 pub mod metrics;
 pub mod models;
+pub mod plot;
+pub mod reference;
+pub mod scaling;
 pub mod scenes;
+
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Time that something took.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spent {
+    /// Seconds by wall clock.
+    pub seconds: f64,
+    /// Processor seconds of all threads of this program, `None` where the system does not tell.
+    pub processor: Option<f64>,
+}
+
+/// Measures [`Spent`] from its start.
+pub struct Stopwatch {
+    started: Instant,
+    processor: Option<f64>,
+}
+
+impl Stopwatch {
+    /// Starts to measure.
+    pub fn start() -> Self {
+        Self { processor: processor_seconds(), started: Instant::now() }
+    }
+
+    /// Time since the start.
+    pub fn spent(&self) -> Spent {
+        let seconds = self.started.elapsed().as_secs_f64();
+        Spent { seconds, processor: processor_seconds().zip(self.processor).map(|(now, then)| now - then) }
+    }
+}
+
+/// Processor seconds of all threads of this program so far.
+#[cfg(unix)]
+fn processor_seconds() -> Option<f64> {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
+}
+
+#[cfg(not(unix))]
+fn processor_seconds() -> Option<f64> {
+    None
+}
+
+/// What the numbers were measured with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Machine {
+    /// Version of this program.
+    pub version: String,
+    /// Model of the processor, empty where the system does not tell.
+    pub processor: String,
+    /// Threads that render.
+    pub threads: usize,
+}
+
+impl Machine {
+    /// This one.
+    pub fn current() -> Self {
+        let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+        let model = info.lines().find_map(|line| line.strip_prefix("model name")).and_then(|rest| rest.split_once(':'));
+        Self {
+            version: env!("CARGO_PKG_VERSION").into(),
+            processor: model.map(|(_, name)| name.trim().to_owned()).unwrap_or_default(),
+            threads: rayon::current_num_threads(),
+        }
+    }
+}

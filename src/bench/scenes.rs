@@ -241,6 +241,21 @@ fn outdoor(name: &str, radius: f32) -> Result<Described> {
     still_life(name, day(radius, 0.35))
 }
 
+/// Name of the one object of [`body_on_plane`].
+pub(super) const BODY: &str = "body";
+/// Radius of a body that fills the picture of [`body_on_plane`], metres.
+pub(super) const BODY_RADIUS: f64 = 1.0;
+
+/// A sphere on a plane under the soft sun, seen from near: a place for bodies of any number of triangles.
+pub(super) fn body_on_plane(resolution: u32) -> Described {
+    let mut d = Described::new("body_on_plane", look([0.0, 1.9, 3.4], [0.0, 0.95, 0.0], 38.0), day(10.0, 0.35));
+    d.scene.resolution = [resolution; 2];
+    d.shape(Shape::Plane { size: 24.0 }, plastic("ground", [0.45, 0.42, 0.38], 0.8, 0.5), at(0.0, 0.0, 0.0));
+    let sphere = Shape::Sphere { radius: BODY_RADIUS as f32 };
+    d.shape(sphere, plastic(BODY, [0.2, 0.55, 0.65], 0.3, 0.5), at(0.0, 1.0, 0.0));
+    d
+}
+
 fn builtin(name: &str) -> Result<Sky> {
     let library = renderflow_scenes::sky::library();
     let found = library.iter().find(|(known, _)| *known == name);

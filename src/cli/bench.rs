@@ -9,14 +9,20 @@ use std::sync::atomic::AtomicBool;
 /// Measures speed and error.
 #[derive(Subcommand)]
 pub enum Bench {
+    /// Time against error over samples a pixel, on every benchmark scene
+    Convergence(crate::bench::convergence::Options),
+    /// Speed and memory over threads, triangles and resolutions
+    Scaling(crate::bench::scaling::Options),
     /// List the benchmark scenes, or write one as a scene file with its models and textures
     Scenes(Scenes),
 }
 
 impl Bench {
     /// Runs the measurement.
-    pub fn run(self, _cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         match self {
+            Self::Convergence(options) => options.run(cancel),
+            Self::Scaling(options) => options.run(cancel),
             Self::Scenes(options) => options.run(),
         }
     }
