@@ -64,6 +64,11 @@ impl Progress {
         self.bar.set_message(text.into());
     }
 
+    /// Prints with `print` while the bar is out of the way.
+    pub fn hide<T>(&self, print: impl FnOnce() -> T) -> T {
+        self.bar.suspend(print)
+    }
+
     /// Ends the display.
     pub fn finish(&self) {
         self.bar.finish_and_clear();

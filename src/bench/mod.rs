@@ -1,6 +1,10 @@
 //! Measurements: the scenes they run on, their errors, and what each subcommand of `renderflow bench` does.
 
+pub mod clock;
 pub mod convergence;
+#[allow(unsafe_code)]
+pub mod embree;
+pub mod kernels;
 pub mod metrics;
 pub mod models;
 pub mod plot;
@@ -8,8 +12,8 @@ pub mod reference;
 pub mod scaling;
 pub mod scenes;
 
+use clock::{Clock, Elapsed, Of};
 use serde::{Deserialize, Serialize};
-use std::time::Instant;
 
 /// Time that something took.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,34 +25,19 @@ pub struct Spent {
 }
 
 /// Measures [`Spent`] from its start.
-pub struct Stopwatch {
-    started: Instant,
-    processor: Option<f64>,
-}
+pub struct Stopwatch(Clock);
 
 impl Stopwatch {
     /// Starts to measure.
     pub fn start() -> Self {
-        Self { processor: processor_seconds(), started: Instant::now() }
+        Self(Clock::start(Of::Process))
     }
 
     /// Time since the start.
     pub fn spent(&self) -> Spent {
-        let seconds = self.started.elapsed().as_secs_f64();
-        Spent { seconds, processor: processor_seconds().zip(self.processor).map(|(now, then)| now - then) }
+        let Elapsed { cpu, wall } = self.0.elapsed();
+        Spent { seconds: wall, processor: cfg!(unix).then_some(cpu) }
     }
-}
-
-/// Processor seconds of all threads of this program so far.
-#[cfg(unix)]
-fn processor_seconds() -> Option<f64> {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
-}
-
-#[cfg(not(unix))]
-fn processor_seconds() -> Option<f64> {
-    None
 }
 
 /// What the numbers were measured with.
