@@ -259,6 +259,7 @@ impl Measurement<'_> {
         Ok(Run {
             seed,
             time,
+            spp: stats.samples as f64 / picture.pixels.len() as f64,
             stats,
             relmse: metrics::relmse(&picture, &self.reference.mean, Some(&self.reference.variance))?,
             displayed: metrics::displayed(&picture, &self.reference.mean, scene.exposure())?,

@@ -16,7 +16,7 @@ fn rays(stats: &Stats) -> u64 {
 pub(super) fn table(scenes: &[&SceneResult]) -> String {
     let width = scenes.iter().map(|s| s.name.len()).max().unwrap_or(0).max(5);
     let mut text = format!(
-        "{:width$}  {:8}  {:>5}  {:>8}  {:>8}  {:>7}  {:>7}  {:>9}  {:>9}  {:>9}  {:>9}  {:>8}  {:>6}  {:>6}\n",
+        "{:width$}  {:8}  {:>5}  {:>8}  {:>8}  {:>7}  {:>7}  {:>9}  {:>9}  {:>9}  {:>9}  {:>8}  {:>8}  {:>6}  {:>6}\n",
         "scene",
         "method",
         "spp",
@@ -29,6 +29,7 @@ pub(super) fn table(scenes: &[&SceneResult]) -> String {
         "99.9 clip",
         "median",
         "x spp",
+        "x cpu s",
         "PSNR",
         "SSIM"
     );
@@ -37,7 +38,7 @@ pub(super) fn table(scenes: &[&SceneResult]) -> String {
             let error = row.relmse();
             let ssim = row.runs.iter().map(|r| r.displayed.ssim).sum::<Option<f64>>().map(|sum| sum / row.runs.len() as f64);
             text += &format!(
-                "{:width$}  {:8}  {:>5}  {:>8}  {:>8}  {:>7.2}  {:>7.2}  {:>9.2e}  {:>9.2e}  {:>9.2e}  {:>9.2e}  {:>8.3}  {:>6.2}  {:>6}\n",
+                "{:width$}  {:8}  {:>5}  {:>8}  {:>8}  {:>7.2}  {:>7.2}  {:>9.2e}  {:>9.2e}  {:>9.2e}  {:>9.2e}  {:>8.3}  {:>8}  {:>6.2}  {:>6}\n",
                 scene.name,
                 row.method.name(),
                 row.spp,
@@ -49,7 +50,8 @@ pub(super) fn table(scenes: &[&SceneResult]) -> String {
                 error.trimmed,
                 error.clipped,
                 error.median,
-                error.mean * f64::from(row.spp),
+                row.per_sample(),
+                row.processor().map_or_else(|| "-".into(), |s| three(error.mean * s)),
                 row.mean(|r| r.displayed.psnr),
                 ssim.map_or_else(|| "-".into(), |s| format!("{s:.4}")),
             );
@@ -90,7 +92,7 @@ pub(super) fn summary(scenes: &[&SceneResult]) -> String {
                 three(scene.compile.seconds),
                 to_goal(|e| e.mean),
                 to_goal(|e| e.trimmed),
-                middle(&|row| row.relmse().mean * f64::from(row.spp)),
+                middle(&Row::per_sample),
                 middle(&|row| row.rate(|s| s.samples)),
                 scene.reference_noise,
             );

@@ -52,7 +52,7 @@ pub struct SceneResult {
 pub struct Row {
     /// How samples were spent.
     pub method: Method,
-    /// Samples a pixel (on average, where they differ).
+    /// Samples a pixel that were asked for.
     pub spp: u32,
     /// One a repeat.
     pub runs: Vec<Run>,
@@ -65,6 +65,8 @@ pub struct Run {
     pub seed: u64,
     /// Time of rendering beauty, variance and G-buffer.
     pub time: Spent,
+    /// Samples a pixel on average.
+    pub spp: f64,
     /// What was traced.
     pub stats: Stats,
     /// Error of the radiance.
@@ -85,6 +87,11 @@ impl Row {
     /// Median seconds of the repeats.
     pub fn seconds(&self) -> f64 {
         median(&self.over(|run| run.time.seconds))
+    }
+
+    /// Error of one sample a pixel, were it to fall as that of independent samples does.
+    pub fn per_sample(&self) -> f64 {
+        self.relmse().mean * self.mean(|r| r.spp)
     }
 
     /// Median processor seconds of the repeats.
