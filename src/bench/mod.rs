@@ -11,6 +11,7 @@ pub mod plot;
 pub mod reference;
 pub mod scaling;
 pub mod scenes;
+pub mod watch;
 
 use clock::{Clock, Elapsed, Of};
 use serde::{Deserialize, Serialize};
