@@ -217,6 +217,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             scene_hash: scene.hash.clone(),
             exposure: scene.exposure(),
             bsdf: String::new(),
+            sampling: String::new(),
             denoiser: None,
         },
         ..Frame::default()
