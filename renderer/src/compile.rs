@@ -33,6 +33,7 @@ pub struct RenderScene {
     frame: usize,
     features: FeatureSet,
     tables: OnceLock<IblTables>,
+    irradiance: OnceLock<Environment>,
     exposure: OnceLock<f32>,
 }
 
@@ -101,6 +102,7 @@ impl RenderScene {
             frame: 0,
             features,
             tables: OnceLock::new(),
+            irradiance: OnceLock::new(),
             exposure: OnceLock::new(),
         };
         compiled.place_emitters();
@@ -141,7 +143,9 @@ impl RenderScene {
         self.lights = LightSampler::with_share(self.lights.environment().clone(), triangles, share);
     }
 
-    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). The tree is built again only if something moved.
+    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). Where nothing moved but the camera nothing is done;
+    /// where something did, trees are fitted to it, and built again only now and then. The picture is a function of the frame, whatever
+    /// frames came before.
     pub fn set_frame(&mut self, frame: usize) {
         let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
         let emitters_moved = self.features.emitters
@@ -151,6 +155,13 @@ impl RenderScene {
         if emitters_moved {
             self.place_emitters();
         }
+    }
+
+    /// As [`Self::set_frame`], with nothing kept of the tree over flattened triangles: for measurements.
+    #[doc(hidden)]
+    pub fn set_frame_anew(&mut self, frame: usize) {
+        self.set_frame(frame);
+        self.geometry.flatten();
     }
 
     /// The current frame.
@@ -193,6 +204,18 @@ impl RenderScene {
             None => {
                 let made = IblTables::new(&self.environment);
                 self.tables.get_or_init(|| made)
+            }
+        }
+    }
+
+    /// Irradiance of the environment by direction (that of [`Self::ibl_tables`], without the rest), made on first use and kept.
+    pub(crate) fn irradiance_map(&self) -> &Environment {
+        // As above.
+        match self.irradiance.get() {
+            Some(map) => map,
+            None => {
+                let made = renderflow_frame::ibl::irradiance_map(&self.environment);
+                self.irradiance.get_or_init(|| made)
             }
         }
     }

@@ -79,7 +79,7 @@ impl Geometry {
     }
 
     /// Flattens at the current frame from the beginning.
-    pub(super) fn flatten(&mut self) {
+    pub fn flatten(&mut self) {
         self.gather_flattened(self.frame);
         self.sort_flattened(self.frame);
     }
