@@ -206,6 +206,7 @@ impl Measurement<'_> {
                     };
                     let run = self.measure(ready, method, spp, seed, cancel)?;
                     results.scenes[at].row(method, spp).runs.push(run);
+                    results.scenes[at].rows.sort_by_key(|row| (row.method as u32, row.spp));
                     self.done += u64::from(spp);
                     self.progress.set(self.done);
                     // After every picture: an interruption loses the one under way only.
@@ -213,7 +214,6 @@ impl Measurement<'_> {
                 }
             }
         }
-        results.scenes[at].rows.sort_by_key(|row| (row.method as u32, row.spp));
         Ok(at)
     }
 
