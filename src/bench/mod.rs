@@ -3,7 +3,9 @@
 pub mod clock;
 #[allow(unsafe_code)]
 pub mod embree;
+pub mod export;
 pub mod kernels;
 pub mod metrics;
 pub mod models;
+pub mod peers;
 pub mod scenes;
