@@ -69,6 +69,11 @@ impl Progress {
         self.bar.suspend(print)
     }
 
+    /// Prints a line on standard output, the bar out of its way.
+    pub fn print(&self, line: &str) {
+        self.bar.suspend(|| println!("{line}"));
+    }
+
     /// Ends the display.
     pub fn finish(&self) {
         self.bar.finish_and_clear();

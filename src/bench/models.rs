@@ -2,8 +2,9 @@
 //! arithmetic, written as glTF and PNG, so that every renderer reads the same files.
 
 use anyhow::{Context, Result};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 use image::{ImageFormat, RgbImage};
+use renderflow_scenes::Mesh;
 use serde_json::json;
 use std::f64::consts::{PI, TAU};
 use std::io::Cursor;
@@ -20,6 +21,18 @@ impl Model {
     /// Triangles.
     pub fn triangle_count(&self) -> usize {
         self.triangles.len()
+    }
+
+    /// The mesh as loading it would give it.
+    pub fn into_mesh(self, name: &str) -> Mesh {
+        let vectors = |list: Vec<[f32; 3]>| list.into_iter().map(Vec3::from).collect();
+        Mesh {
+            name: name.into(),
+            positions: vectors(self.positions),
+            normals: vectors(self.normals),
+            triangles: self.triangles,
+            ..Mesh::default()
+        }
     }
 
     /// A glTF file and the buffer beside it, called `buffer`.
@@ -260,7 +273,7 @@ mod tests {
 
     /// Six times the volume, positive where faces look outwards.
     fn volume(model: &Model) -> f64 {
-        let at = |v: u32| glam::Vec3::from(model.positions[v as usize]).as_dvec3();
+        let at = |v: u32| Vec3::from(model.positions[v as usize]).as_dvec3();
         model.triangles.iter().map(|&[a, b, c]| at(a).dot(at(b).cross(at(c)))).sum::<f64>() / 6.0
     }
 

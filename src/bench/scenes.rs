@@ -63,6 +63,22 @@ pub struct Subject {
     pub loaded: LoadedScene,
 }
 
+/// Says whether `name` is a scene of the set or a file that may be one: what long work asks before it begins.
+///
+/// # Errors
+/// When it is neither.
+pub fn exists(name: &str) -> Result<()> {
+    let path = Path::new(name);
+    if by_name(name).is_none() && path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
+        let known: Vec<&str> = ALL.iter().map(|scene| scene.name).collect();
+        bail!("{name}: neither a scene file (.json) nor a scene of the set; there are {}", known.join(", "));
+    }
+    if by_name(name).is_none() && !path.is_file() {
+        bail!("{name}: no such file");
+    }
+    Ok(())
+}
+
 /// Loads a scene of the set by name, or else a scene file (`.json`), at `resolution` (pixels along both sides; its own without).
 ///
 /// # Errors
@@ -72,11 +88,8 @@ pub fn open(name: &str, resolution: Option<u32>) -> Result<Subject> {
         let loaded = scene.describe(resolution.unwrap_or(RESOLUTION))?.load()?;
         return Ok(Subject { name: name.to_owned(), loaded });
     }
+    exists(name)?;
     let path = Path::new(name);
-    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
-        let known: Vec<&str> = ALL.iter().map(|scene| scene.name).collect();
-        bail!("{name}: neither a scene file (.json) nor a scene of the set; there are {}", known.join(", "));
-    }
     let mut scene = Scene::read(path)?;
     if let Some(resolution) = resolution {
         scene.resolution = [resolution; 2];
@@ -239,6 +252,21 @@ fn still_life(name: &str, sky: Sky) -> Result<Described> {
 
 fn outdoor(name: &str, radius: f32) -> Result<Described> {
     still_life(name, day(radius, 0.35))
+}
+
+/// Name of the one object of [`body_on_plane`].
+pub(super) const BODY: &str = "body";
+/// Radius of a body that fills the picture of [`body_on_plane`], metres.
+pub(super) const BODY_RADIUS: f64 = 1.0;
+
+/// A sphere on a plane under the soft sun, seen from near: a place for bodies of any number of triangles.
+pub(super) fn body_on_plane(resolution: u32) -> Described {
+    let mut d = Described::new("body_on_plane", look([0.0, 1.9, 3.4], [0.0, 0.95, 0.0], 38.0), day(10.0, 0.35));
+    d.scene.resolution = [resolution; 2];
+    d.shape(Shape::Plane { size: 24.0 }, plastic("ground", [0.45, 0.42, 0.38], 0.8, 0.5), at(0.0, 0.0, 0.0));
+    let sphere = Shape::Sphere { radius: BODY_RADIUS as f32 };
+    d.shape(sphere, plastic(BODY, [0.2, 0.55, 0.65], 0.3, 0.5), at(0.0, 1.0, 0.0));
+    d
 }
 
 fn builtin(name: &str) -> Result<Sky> {

@@ -9,6 +9,10 @@ use std::sync::atomic::AtomicBool;
 /// Measures speed and error.
 #[derive(Subcommand)]
 pub enum Bench {
+    /// Time against error over samples a pixel, on every benchmark scene
+    Convergence(crate::bench::convergence::Options),
+    /// Speed and memory over threads, triangles and resolutions
+    Scaling(crate::bench::scaling::Options),
     /// List the benchmark scenes, or write one as a scene file with its models and textures
     Scenes(Scenes),
     /// Rays a second of the traversal kernels, beside Embree's
@@ -21,6 +25,8 @@ impl Bench {
     /// Runs the measurement.
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         match self {
+            Self::Convergence(options) => options.run(cancel),
+            Self::Scaling(options) => options.run(cancel),
             Self::Scenes(options) => options.run(),
             Self::Kernels(options) => options.run(cancel),
             Self::Peers(options) => options.run(cancel),

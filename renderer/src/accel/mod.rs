@@ -8,6 +8,7 @@
 mod build;
 mod instances;
 mod leaf;
+mod refit;
 
 pub(crate) use instances::{Instances, Placement};
 

@@ -32,7 +32,8 @@ pub struct Film {
 
 /// Everything that the value of a sample depends on, its number apart (the total of samples is in it: footprints follow it).
 fn key(scene: &RenderScene, settings: &Settings) -> String {
-    let settings = Settings { guide_samples: 1, irradiance: false, ..*settings };
+    let (channels, skips) = Default::default();
+    let settings = Settings { guide_samples: 1, irradiance: false, channels, skips, ..*settings };
     let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
     blake3::hash(format!("{identity:?}").as_bytes()).to_hex().to_string()
 }
@@ -56,13 +57,20 @@ impl Film {
     }
 
     /// Fills the beauty's channels.
-    pub(super) fn develop(&self, frame: &mut Frame, groups: usize) {
+    pub(super) fn develop(&self, frame: &mut Frame, settings: &Settings) {
         let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
         frame.raw = Some(image(self.pixels.iter().map(PixelStatistics::mean).collect()));
-        frame.variance = Some(image(self.pixels.iter().map(PixelStatistics::variance_of_mean).collect()));
-        for (group, light) in frame.light.iter_mut().enumerate().take(groups) {
+        frame.variance =
+            settings.channels.variance.then(|| image(self.pixels.iter().map(PixelStatistics::variance_of_mean).collect()));
+        for (group, light) in frame.light.iter_mut().enumerate().take(settings.light_groups as usize) {
             *light = Some(image(self.groups.iter().map(|g| g.mean(group)).collect()));
         }
+    }
+
+    /// Mean radiance of the samples so far, 0 without any.
+    pub fn mean(&self) -> Image<[f32; 3]> {
+        let pixels = self.pixels.iter().map(PixelStatistics::mean).collect();
+        Image { width: self.width, height: self.height, pixels }
     }
 
     /// Samples a pixel so far.

@@ -8,8 +8,10 @@ use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
 use crate::light::{LightGroups, Source};
+use crate::material::{Mode, Prepared};
 use crate::ray::Ray;
-use crate::sampler::PixelSampler;
+use crate::sampler::{PixelSampler, Points};
+use crate::simd;
 use crate::stats::Stats;
 use glam::{Vec2, Vec3A};
 use renderflow_frame::frame::LIGHT_GROUPS;
@@ -38,8 +40,28 @@ pub(super) struct Tracer<'a, F: Features> {
     /// Cone of a camera ray: what one of the samples of a pixel covers.
     camera_cone: Cone,
     scratch: Scratch,
+    points: Points,
+    /// BSDFs made before, by material.
+    bsdfs: &'a [Option<Prepared>],
     stats: Stats,
     features: std::marker::PhantomData<F>,
+}
+
+/// The arguments of [`Tracer::sample`].
+struct CameraSample<'t, 'a, F: Features> {
+    tracer: &'t mut Tracer<'a, F>,
+    sampler: &'t PixelSampler,
+    pixel: (usize, usize),
+    index: u32,
+    seen: bool,
+}
+
+impl<F: Features> simd::Work for CameraSample<'_, '_, F> {
+    type Output = Sample;
+    #[inline(always)]
+    fn run(self) -> Sample {
+        self.tracer.trace(self.sampler, self.pixel, self.index, self.seen)
+    }
 }
 
 /// Where light came from.
@@ -58,7 +80,12 @@ pub(super) fn camera_ray(
     pixel: (usize, usize),
     index: u32,
 ) -> Ray {
-    let [u, v, ..] = sampler.point(index, 0);
+    camera_ray_at(scene, settings, sampler.point(index, 0), pixel)
+}
+
+/// As [`camera_ray`], with the numbers of its set.
+#[inline(always)]
+fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]: [f32; 4], pixel: (usize, usize)) -> Ray {
     let point = Vec2::new(pixel.0 as f32 + 0.5, pixel.1 as f32 + 0.5) + settings.filter.sample([u, v]);
     crate::camera::ray(scene.camera(), point)
 }
@@ -76,6 +103,8 @@ impl<'a, F: Features> Tracer<'a, F> {
             groups: [Vec3A::ZERO; LIGHT_GROUPS],
             camera_cone: Cone::camera(scene.camera(), settings.spp),
             scratch: Scratch::default(),
+            points: Points::default(),
+            bsdfs: if settings.bsdf == Mode::Conserving { scene.bsdfs() } else { &[] },
             stats: Stats::default(),
             features: std::marker::PhantomData,
         }
@@ -94,8 +123,18 @@ impl<'a, F: Features> Tracer<'a, F> {
     /// looked up without asking the tree.
     #[inline]
     pub fn sample(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
-        let ray = camera_ray(self.scene, self.settings, sampler, pixel, index);
+        simd::run(CameraSample { tracer: self, sampler, pixel, index, seen })
+    }
+
+    #[inline(always)]
+    fn trace(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
         self.stats.samples += 1;
+        if F::FLAT_ENVIRONMENT && !seen && self.directions.is_none() {
+            // The same from everywhere: no need to know whither.
+            self.stats.skipped_rays += 1;
+            return Sample { radiance: self.scene.light().radiance(Vec3A::Y), first: None };
+        }
+        let ray = camera_ray_at(self.scene, self.settings, self.points.point(sampler, index, 0), pixel);
         self.radiance = Vec3A::ZERO;
         if self.directions.is_some() {
             self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
@@ -119,7 +158,7 @@ impl<'a, F: Features> Tracer<'a, F> {
                     self.add(surface.emitted, Origin::Emitter);
                 }
                 // Without light there is nothing to gather.
-                if !self.scene.features().dark() {
+                if !(self.settings.skips.dark_scenes && self.scene.features().dark()) {
                     self.gather(sampler, index, surface, -ray.direction);
                 }
                 Some(first)
@@ -133,7 +172,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         Sample { radiance: Vec3A::ZERO, first }
     }
 
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, contribution: Vec3A, from: Origin) {
         self.radiance += contribution;
         if let Some(directions) = &self.directions {
@@ -146,19 +185,31 @@ impl<'a, F: Features> Tracer<'a, F> {
     }
 
     /// Adds what `surface` scatters towards `wo`.
+    #[inline(always)]
     fn gather(&mut self, sampler: &PixelSampler, index: u32, mut surface: Interaction, mut wo: Vec3A) {
         let scene = self.scene;
+        let skips = self.settings.skips;
         let sampled_lights = self.settings.direct != DirectLight::Scattering;
         let mut beta = Vec3A::ONE;
         for vertex in 1..=self.settings.max_bounces {
-            let bsdf = F::Bsdf::new(&surface.surface, self.settings.bsdf);
-            let scatterer = Scatterer::<F>::new(&surface, &bsdf, wo, self.settings.bsdf);
+            let own;
+            let bsdf = match self.bsdfs.get(surface.material) {
+                Some(Some(prepared)) => F::Bsdf::prepared(prepared),
+                _ => {
+                    own = F::Bsdf::new(&surface.surface, self.settings.bsdf);
+                    &own
+                }
+            };
+            let scatterer = Scatterer::<F>::new(&surface, bsdf, wo, self.settings.bsdf);
+            if skips.black_surfaces && scatterer.is_black() {
+                break;
+            }
             if scene.samples_lights::<F>() && sampled_lights {
                 self.sample_light(sampler, index, vertex, &surface, &scatterer, beta);
             }
 
             // Scatter.
-            let [lobe, u, v, survive] = sampler.point(index, 2 * vertex - 1);
+            let [lobe, u, v, survive] = self.points.point(sampler, index, 2 * vertex - 1);
             let Some(scattered) = scatterer.sample(lobe, [u, v]) else { break };
             let wi = scattered.wi;
             beta *= scattered.weight;
@@ -178,9 +229,14 @@ impl<'a, F: Features> Tracer<'a, F> {
             if last && !(F::FULL && scene.features().emitters) {
                 // No surface beyond: only whether something stands in the way matters.
                 let contribution = beta * self.environment_behind(wi, scattered.pdf);
-                if contribution != Vec3A::ZERO {
+                if contribution != Vec3A::ZERO || !skips.zero_contributions {
                     self.stats.shadow_rays += 1;
-                    if !scene.shadowed::<F>(&ray, &mut self.scratch) {
+                    let hidden = if skips.last_any_hit {
+                        scene.shadowed::<F>(&ray, &mut self.scratch)
+                    } else {
+                        scene.trace::<F>(&ray, &mut self.scratch).is_some()
+                    };
+                    if !hidden {
                         self.add(contribution, Origin::Environment(wi));
                     }
                 }
@@ -213,7 +269,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     }
 
     /// Draws a point or direction of light and weighs it against scattering having found it.
-    #[inline]
+    #[inline(always)]
     fn sample_light(
         &mut self,
         sampler: &PixelSampler,
@@ -224,11 +280,11 @@ impl<'a, F: Features> Tracer<'a, F> {
         beta: Vec3A,
     ) {
         let scene = self.scene;
-        let [u, v, choice, _] = sampler.point(index, 2 * vertex);
+        let [u, v, choice, _] = self.points.point(sampler, index, 2 * vertex);
         let Some(light) = scene.sample_light::<F>(surface.p, choice, [u, v]) else { return };
         let scattering = scatterer.eval(light.wi);
         // Not `> 0`: a NaN must reach the counter, not vanish here.
-        if scattering.f_cos == Vec3A::ZERO {
+        if scattering.f_cos == Vec3A::ZERO && self.settings.skips.zero_contributions {
             return;
         }
         let (radiance, origin) = match light.source {
@@ -237,7 +293,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         };
         let weight = if self.settings.direct == DirectLight::Mis { mis_weight(light.pdf, scattering.pdf) } else { 1.0 };
         let contribution = beta * scattering.f_cos * radiance * (weight / light.pdf);
-        if contribution != Vec3A::ZERO {
+        if contribution != Vec3A::ZERO || !self.settings.skips.zero_contributions {
             self.stats.shadow_rays += 1;
             if !scene.hides::<F>(&surface.spawn(light.wi), &light, &mut self.scratch) {
                 self.add(contribution, origin);
@@ -246,7 +302,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     }
 
     /// What the environment sends along `wi`, weighed against its own sampling having found that direction.
-    #[inline]
+    #[inline(always)]
     fn environment_behind(&self, wi: Vec3A, pdf: f32) -> Vec3A {
         if F::FLAT_ENVIRONMENT || self.settings.direct == DirectLight::Scattering {
             return self.scene.light().radiance(wi);
