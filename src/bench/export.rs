@@ -103,7 +103,10 @@ pub fn write(scene: &LoadedScene, max_bounces: u32, folder: &Path) -> Result<Pat
     let texel = |x: usize, y: usize| <(f32, f32, f32)>::from(map.at(x, y).map(|v| v * scene.environment.intensity));
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let path = folder.join(&environment);
-    write_rgb_file(&path, map.width, map.height, texel).with_context(|| path.display().to_string())?;
+    // Some readers take no map of a single row or column.
+    let (width, height) = (map.width.max(4), map.height.max(2));
+    let texel = |x: usize, y: usize| texel(x * map.width / width, y * map.height / height);
+    write_rgb_file(&path, width, height, texel).with_context(|| path.display().to_string())?;
     let exported = Exported {
         name: scene.name.clone(),
         max_bounces,

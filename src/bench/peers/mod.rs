@@ -53,7 +53,7 @@ pub struct Options {
     /// Samples a pixel of the pictures, separated by commas [default: 4,16,64]
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65536))]
     spp: Vec<u32>,
-    /// Pictures of each kind, rendered by turns; medians are reported [default: 3]
+    /// Pictures of each kind, rendered by turns: median seconds and mean errors are reported [default: 3]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: Option<u32>,
     /// Samples a pixel of references [default: 1024]

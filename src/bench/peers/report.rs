@@ -38,7 +38,7 @@ pub struct Named {
     pub family: String,
 }
 
-/// A renderer at one number of samples; medians over the repeats.
+/// A renderer at one number of samples: medians of the seconds of all repeats, means of their errors.
 #[derive(Clone, Debug, Serialize)]
 pub struct Point {
     pub spp: u32,
@@ -107,12 +107,15 @@ fn points(scene: &str, renderer: &str, pixels: usize, rows: &[Row]) -> Vec<Point
     spps.dedup();
     spps.into_iter()
         .map(|spp| {
-            let middle = |f: &dyn Fn(&Row) -> f64| median(&mine().filter(|r| r.spp == spp).map(f).collect::<Vec<_>>());
+            let all = |f: &dyn Fn(&Row) -> f64| mine().filter(|r| r.spp == spp).map(f).collect::<Vec<f64>>();
+            let middle = |f: &dyn Fn(&Row) -> f64| median(&all(f));
+            // A median would hide the repeats with fireflies, which are what the mean error consists of.
+            let mean = |f: &dyn Fn(&Row) -> f64| all(f).iter().sum::<f64>() / all(f).len() as f64;
             let error = RelMse {
-                mean: middle(&|r| r.error.mean),
-                trimmed: middle(&|r| r.error.trimmed),
-                clipped: middle(&|r| r.error.clipped),
-                median: middle(&|r| r.error.median),
+                mean: mean(&|r| r.error.mean),
+                trimmed: mean(&|r| r.error.trimmed),
+                clipped: mean(&|r| r.error.clipped),
+                median: mean(&|r| r.error.median),
             };
             let (wall, cpu) = (middle(&|r| r.wall), middle(&|r| r.cpu));
             let msamples = 1e-6 * pixels as f64 * f64::from(spp) / wall.max(1e-9);
@@ -179,7 +182,7 @@ pub fn table(title: &str, curves: &[Curve], renderers: &[Named], differences: &[
     for d in differences {
         let _ = writeln!(
             text,
-            "  references: {} is {:+.2} % brighter than {}; relMSE {:.2e}, 99 % {:.2e}, median pixel {:.2e}",
+            "  references: mean of {} {:+.2} % against {}; relMSE {:.2e}, 99 % {:.2e}, median pixel {:.2e}",
             d.other,
             100.0 * (d.ratio - 1.0),
             d.of,
