@@ -34,6 +34,7 @@ pub struct RenderScene {
     features: FeatureSet,
     tables: OnceLock<IblTables>,
     bsdfs: OnceLock<Vec<Option<Prepared>>>,
+    irradiance: OnceLock<Environment>,
     exposure: OnceLock<f32>,
 }
 
@@ -103,6 +104,7 @@ impl RenderScene {
             features,
             tables: OnceLock::new(),
             bsdfs: OnceLock::new(),
+            irradiance: OnceLock::new(),
             exposure: OnceLock::new(),
         };
         compiled.place_emitters();
@@ -143,7 +145,9 @@ impl RenderScene {
         self.lights = LightSampler::with_share(self.lights.environment().clone(), triangles, share);
     }
 
-    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). The tree is built again only if something moved.
+    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). Where nothing moved but the camera nothing is done;
+    /// where something did, trees are fitted to it, and built again only now and then. The picture is a function of the frame, whatever
+    /// frames came before.
     pub fn set_frame(&mut self, frame: usize) {
         let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
         let emitters_moved = self.features.emitters
@@ -153,6 +157,13 @@ impl RenderScene {
         if emitters_moved {
             self.place_emitters();
         }
+    }
+
+    /// As [`Self::set_frame`], with nothing kept of the tree over flattened triangles: for measurements.
+    #[doc(hidden)]
+    pub fn set_frame_anew(&mut self, frame: usize) {
+        self.set_frame(frame);
+        self.geometry.flatten();
     }
 
     /// The current frame.
@@ -205,6 +216,18 @@ impl RenderScene {
             let same = |m: &CompiledMaterial| m.base_color_texture.is_none() && m.metallic_roughness_texture.is_none();
             self.materials.iter().map(|m| same(m).then(|| Prepared::new(&m.surface))).collect()
         })
+    }
+
+    /// Irradiance of the environment by direction (that of [`Self::ibl_tables`], without the rest), made on first use and kept.
+    pub(crate) fn irradiance_map(&self) -> &Environment {
+        // As above.
+        match self.irradiance.get() {
+            Some(map) => map,
+            None => {
+                let made = renderflow_frame::ibl::irradiance_map(&self.environment);
+                self.irradiance.get_or_init(|| made)
+            }
+        }
     }
 
     /// Factor from scene radiance to display-linear, from the environment alone (see [`renderflow_frame::ibl::exposure`]).

@@ -88,7 +88,8 @@ fn outgrown_trees_are_built_again() {
     let mut loaded = moving();
     for (i, instance) in loaded.instances.iter_mut().enumerate().skip(1) {
         let (x, z) = ((i as f32 * 2.1).cos(), (i as f32 * 2.1).sin());
-        let place = |f: usize| instance.transforms[0] * Affine3A::from_translation(Vec3::new(x, 0.0, z) * f as f32);
+        let step = |f: usize| if f < 10 { 0.002 * f as f32 } else { f as f32 };
+        let place = |f: usize| Affine3A::from_translation(Vec3::new(x, 0.0, z) * step(f)) * instance.transforms[0];
         instance.transforms = (0..FRAMES).map(place).collect();
     }
     let mut walked = compile(&loaded);

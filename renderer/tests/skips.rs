@@ -181,3 +181,10 @@ fn channels_are_independent() {
     assert!(bare.alpha == frame.alpha && bare.depth.pixels.is_empty() && bare.guide_albedo.is_none());
     check_frame(&frame);
 }
+
+/// The map of irradiance alone is that of all tables, to the bit.
+#[test]
+fn irradiance_needs_no_other_table() {
+    let tables = renderflow_frame::ibl::IblTables::new(&sunny());
+    assert!(renderflow_frame::ibl::irradiance_map(&sunny()) == tables.irradiance_map);
+}

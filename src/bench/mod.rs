@@ -5,14 +5,18 @@ pub mod convergence;
 #[allow(unsafe_code)]
 pub mod embree;
 pub mod export;
+pub mod frame;
 pub mod kernels;
 pub mod metrics;
 pub mod models;
+pub mod orbit;
 pub mod peers;
 pub mod plot;
 pub mod reference;
 pub mod scaling;
 pub mod scenes;
+pub mod skip;
+pub mod stages;
 pub mod watch;
 
 use clock::{Clock, Elapsed, Of};
@@ -25,6 +29,30 @@ pub struct Spent {
     pub seconds: f64,
     /// Processor seconds of all threads of this program, `None` where the system does not tell.
     pub processor: Option<f64>,
+}
+
+impl Spent {
+    /// No time at all.
+    pub const NONE: Self = Self { seconds: 0.0, processor: Some(0.0) };
+
+    /// `factor` times as long.
+    pub fn times(self, factor: f64) -> Self {
+        Self { seconds: factor * self.seconds, processor: self.processor.map(|p| factor * p) }
+    }
+}
+
+impl Default for Spent {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+impl std::ops::Add for Spent {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { seconds: self.seconds + other.seconds, processor: self.processor.zip(other.processor).map(|(a, b)| a + b) }
+    }
 }
 
 /// Measures [`Spent`] from its start.

@@ -11,6 +11,12 @@ use std::sync::atomic::AtomicBool;
 pub enum Bench {
     /// Time against error over samples a pixel, on every benchmark scene
     Convergence(crate::bench::convergence::Options),
+    /// What every skip saves, and that it does not show
+    Skip(crate::bench::skip::Options),
+    /// A frame of a sequence against a frame alone: what is kept from frame to frame
+    Orbit(crate::bench::orbit::Options),
+    /// Where the time of a frame with everything goes, on composed scenes
+    Frame(crate::bench::frame::Options),
     /// Speed and memory over threads, triangles and resolutions
     Scaling(crate::bench::scaling::Options),
     /// List the benchmark scenes, or write one as a scene file with its models and textures
@@ -27,6 +33,9 @@ impl Bench {
         match self {
             Self::Convergence(options) => options.run(cancel),
             Self::Scaling(options) => options.run(cancel),
+            Self::Skip(options) => options.run(cancel),
+            Self::Orbit(options) => options.run(cancel),
+            Self::Frame(options) => options.run(cancel),
             Self::Scenes(options) => options.run(),
             Self::Kernels(options) => options.run(cancel),
             Self::Peers(options) => options.run(cancel),

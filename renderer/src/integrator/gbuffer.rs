@@ -13,8 +13,7 @@ use crate::ray::Ray;
 use crate::schedule::{self, Tile};
 use crate::stats::Stats;
 use glam::{DVec2, Vec2};
-use renderflow_frame::ibl::IblTables;
-use renderflow_frame::{Frame, FrameInfo, Image};
+use renderflow_frame::{Environment, Frame, FrameInfo, Image};
 use std::sync::atomic::AtomicBool;
 
 /// First hit of a guide ray, one of `samples` in its pixel.
@@ -98,7 +97,7 @@ fn centre<F: Features>(
     scene: &RenderScene,
     projector: &Projector,
     views: Option<&Views>,
-    tables: Option<&IblTables>,
+    irradiance: Option<&Environment>,
     x: usize,
     y: usize,
     scratch: &mut Scratch,
@@ -120,7 +119,7 @@ fn centre<F: Features>(
         // The unnormalised camera direction has length 1 along the view, so its length converts distance to planar depth.
         depth: hit.t / camera.direction_cam(pixel).length(),
         material: [surface.surface.roughness, surface.surface.metallic, surface.surface.specular],
-        irradiance: tables.map_or([0.0; 3], |t| t.irradiance(surface.ns)),
+        irradiance: irradiance.map_or([0.0; 3], |map| map.radiance(surface.ns)),
         motion: motion[0],
         motion_prev: motion[1],
         object_id: instance.object_id,
@@ -150,7 +149,7 @@ pub(super) fn frame<F: Features>(
         return Ok((frame, stats));
     }
     let views = wanted.motion.then(|| Views::new(scene));
-    let tables = settings.irradiance.then(|| scene.ibl_tables());
+    let irradiance = settings.irradiance.then(|| scene.irradiance_map());
     let never = AtomicBool::new(false);
     let guides = |at: usize, seen: bool, scratch: &mut Scratch, stats: &mut Stats| {
         // The film's are the first hits of its own samples, each one of `spp`.
@@ -173,7 +172,7 @@ pub(super) fn frame<F: Features>(
         let mut pixel = |(x, y): (usize, usize)| {
             let seen = visible.at(x, y);
             let centre = if seen && centres {
-                centre::<F>(scene, &projector, views.as_ref(), tables, x, y, &mut scratch, &mut stats)
+                centre::<F>(scene, &projector, views.as_ref(), irradiance, x, y, &mut scratch, &mut stats)
             } else {
                 Centre::MISS
             };
@@ -317,7 +316,7 @@ mod tests {
     use super::*;
     use crate::camera::Filter;
     use glam::{Affine3A, Vec3, Vec3A};
-    use renderflow_frame::{Camera, Environment};
+    use renderflow_frame::Camera;
     use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
 
     /// Pixels said to see only the environment must not see a triangle anywhere within the filter, and most that do see only
