@@ -10,6 +10,7 @@ mod collapse;
 mod instances;
 mod kernel;
 mod leaf;
+mod packet;
 mod queries;
 mod refit;
 mod simd;
@@ -21,8 +22,9 @@ use crate::ray::Ray;
 use glam::Vec3A;
 use leaf::Leaves;
 use obvhs::aabb::Aabb;
+use packet::{PacketQuery, coherent};
 use queries::{All, AnyQuery, ClosestQuery};
-use simd::WIDTH;
+use simd::{PACKET, WIDTH};
 
 const LEAF: u32 = 1 << 31;
 const EMPTY: u32 = u32::MAX;
@@ -118,11 +120,12 @@ pub struct Scratch {
     stack: Stack,
     /// The tree of an instance is queried while the tree over instances is.
     inner: Stack,
+    packet: [packet::Entry; STACK],
 }
 
 impl Default for Scratch {
     fn default() -> Self {
-        Self { stack: [(0, 0.0); STACK], inner: [(0, 0.0); STACK] }
+        Self { stack: [(0, 0.0); STACK], inner: [(0, 0.0); STACK], packet: [(0, 0, 0.0); STACK] }
     }
 }
 
@@ -178,6 +181,21 @@ impl Accel {
     #[inline]
     pub fn closest(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
         simd::run(self.level, ClosestQuery { tree: self, ray, scratch, filter: All })
+    }
+
+    /// [`Self::closest`] of each ray, the same hits bit for bit. Rays are traced up to sixteen at a time, which is several times as
+    /// fast where those have one origin and directions close to each other, as camera rays of 4 x 4 pixels; sixteen whose directions
+    /// differ in a sign or in the largest component are traced one by one. `hits` is as long as `rays`; what is in it does not matter.
+    pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
+            if rays.len() > 2 && coherent(rays) {
+                simd::run(self.level, PacketQuery { tree: self, rays, hits, scratch });
+            } else {
+                for (ray, hit) in rays.iter().zip(hits) {
+                    *hit = self.closest(ray, scratch);
+                }
+            }
+        }
     }
 
     /// Whether any triangle stands in the way of `ray`.
