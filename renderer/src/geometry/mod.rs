@@ -246,8 +246,14 @@ impl Geometry {
         let hit = self.flat.closest(ray, scratch);
         match &self.shared {
             None => hit,
-            Some(shared) => nearer(shared, ray, scratch, hit),
+            Some(shared) => nearer(shared, ray, scratch, self.before(hit.as_ref())).or(hit),
         }
+    }
+
+    /// Distance of a flattened hit, if any, and its instance: of what lies at the same distance the first instance is hit.
+    #[inline]
+    fn before(&self, hit: Option<&Hit>) -> (f32, u32) {
+        hit.map_or((f32::INFINITY, 0), |h| (h.t, self.triangles[h.primitive as usize].instance))
     }
 
     /// Whether any triangle stands in the way of `ray`.
@@ -263,7 +269,10 @@ impl Geometry {
         let hit = self.flat.closest_where(ray, scratch, &accept);
         match &self.shared {
             None => hit,
-            Some(shared) => shared.closest_where(ray, scratch, hit.map_or(f32::INFINITY, |h| h.t), &accept).or(hit),
+            Some(shared) => {
+                let (limit, instance) = self.before(hit.as_ref());
+                shared.closest_where(ray, scratch, limit, instance, &accept).or(hit)
+            }
         }
     }
 
@@ -469,8 +478,8 @@ impl Geometry {
 
 /// Out of line, so that scenes without shared meshes keep the smaller loop.
 #[inline(never)]
-fn nearer(shared: &Instances, ray: &Ray, scratch: &mut Scratch, hit: Option<Hit>) -> Option<Hit> {
-    shared.closest(ray, scratch, hit.map_or(f32::INFINITY, |h| h.t)).or(hit)
+fn nearer(shared: &Instances, ray: &Ray, scratch: &mut Scratch, (limit, instance): (f32, u32)) -> Option<Hit> {
+    shared.closest(ray, scratch, limit, instance)
 }
 
 #[inline(never)]
