@@ -1,5 +1,6 @@
 //! Ground truth of a sequence: path tracing, denoising, G-buffers, one EXR a frame, resumable.
 
+use crate::bench::watch::Watch;
 use crate::dataset::folder::frame_file;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
@@ -51,6 +52,8 @@ pub struct TruthSettings {
     pub light_groups: u32,
     /// Whether frames hold the unoccluded irradiance.
     pub irradiance: bool,
+    /// What compares the picture with a reference while it is rendered.
+    pub watch: Option<Watch>,
     denoiser: Option<Mutex<Denoiser>>,
 }
 
@@ -79,6 +82,7 @@ impl TruthSettings {
             bsdf: plain.bsdf,
             light_groups: plain.light_groups,
             irradiance: plain.irradiance,
+            watch: None,
             denoiser: denoiser.map(Mutex::new),
         })
     }
@@ -106,7 +110,10 @@ impl TruthSettings {
             irradiance: self.irradiance,
             ..Settings::default()
         };
-        let rendered = render_with_stats(scene, &settings, progress, cancel);
+        let rendered = match &self.watch {
+            Some(watch) => watch.render(scene, &settings, progress, cancel),
+            None => render_with_stats(scene, &settings, progress, cancel).map_err(anyhow::Error::from),
+        };
         if cancel.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
@@ -118,6 +125,9 @@ impl TruthSettings {
             let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             frame.beauty = Some(denoiser.denoise(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref())?);
             frame.info.denoiser = self.denoiser_name();
+            if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
+                watch.after("denoised", beauty, scene.exposure())?;
+            }
         }
         Ok(frame)
     }

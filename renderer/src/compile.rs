@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
 use crate::light::{EmissiveTriangle, EnvironmentLight, LightSampler, Repairs, Sampling};
-use crate::material::Surface;
+use crate::material::{Prepared, Surface};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
 use glam::Vec3A;
@@ -33,6 +33,7 @@ pub struct RenderScene {
     frame: usize,
     features: FeatureSet,
     tables: OnceLock<IblTables>,
+    bsdfs: OnceLock<Vec<Option<Prepared>>>,
     irradiance: OnceLock<Environment>,
     exposure: OnceLock<f32>,
 }
@@ -102,6 +103,7 @@ impl RenderScene {
             frame: 0,
             features,
             tables: OnceLock::new(),
+            bsdfs: OnceLock::new(),
             irradiance: OnceLock::new(),
             exposure: OnceLock::new(),
         };
@@ -206,6 +208,14 @@ impl RenderScene {
                 self.tables.get_or_init(|| made)
             }
         }
+    }
+
+    /// The BSDF of each material, `None` where a texture changes it from place to place. Made on first use, on this thread alone.
+    pub(crate) fn bsdfs(&self) -> &[Option<Prepared>] {
+        self.bsdfs.get_or_init(|| {
+            let same = |m: &CompiledMaterial| m.base_color_texture.is_none() && m.metallic_roughness_texture.is_none();
+            self.materials.iter().map(|m| same(m).then(|| Prepared::new(&m.surface))).collect()
+        })
     }
 
     /// Irradiance of the environment by direction (that of [`Self::ibl_tables`], without the rest), made on first use and kept.

@@ -6,6 +6,7 @@
 //! It is *not* a scene format (see `renderflow-scenes`) and writes no files (see `renderflow-frame`).
 
 pub mod accel;
+mod angle;
 pub mod camera;
 mod compile;
 pub mod denoise;
@@ -23,6 +24,7 @@ pub mod ray;
 pub mod record;
 pub mod sampler;
 mod schedule;
+mod simd;
 mod skips;
 mod stats;
 mod texture;

@@ -92,6 +92,7 @@ impl Options {
         }
         let names: Vec<String> =
             if self.scene.is_empty() { scenes::ALL.iter().map(|s| s.name.to_owned()).collect() } else { self.scene.clone() };
+        names.iter().try_for_each(|name| scenes::exists(name))?;
         let settings = Settings { max_bounces: self.max_bounces, ..Settings::default() };
         let references = References { folder: self.out.join("references"), spp: self.reference_spp, settings };
         let path = self.out.join("convergence.json");
@@ -202,9 +203,10 @@ impl Measurement<'_> {
                     results.scenes[at].row(method, spp).runs.push(run);
                     self.done += u64::from(spp);
                     self.progress.set(self.done);
+                    // After every picture: an interruption loses the one under way only.
+                    file::write_json(path, results)?;
                 }
             }
-            file::write_json(path, results)?;
         }
         results.scenes[at].rows.sort_by_key(|row| (row.method as u32, row.spp));
         Ok(at)

@@ -1,7 +1,11 @@
 //! Measurements: the scenes they run on, their errors, and what each subcommand of `renderflow bench` does.
 
+pub mod clock;
 pub mod convergence;
+#[allow(unsafe_code)]
+pub mod embree;
 pub mod frame;
+pub mod kernels;
 pub mod metrics;
 pub mod models;
 pub mod orbit;
@@ -11,9 +15,10 @@ pub mod scaling;
 pub mod scenes;
 pub mod skip;
 pub mod stages;
+pub mod watch;
 
+use clock::{Clock, Elapsed, Of};
 use serde::{Deserialize, Serialize};
-use std::time::Instant;
 
 /// Time that something took.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,34 +54,19 @@ impl std::ops::Add for Spent {
 }
 
 /// Measures [`Spent`] from its start.
-pub struct Stopwatch {
-    started: Instant,
-    processor: Option<f64>,
-}
+pub struct Stopwatch(Clock);
 
 impl Stopwatch {
     /// Starts to measure.
     pub fn start() -> Self {
-        Self { processor: processor_seconds(), started: Instant::now() }
+        Self(Clock::start(Of::Process))
     }
 
     /// Time since the start.
     pub fn spent(&self) -> Spent {
-        let seconds = self.started.elapsed().as_secs_f64();
-        Spent { seconds, processor: processor_seconds().zip(self.processor).map(|(now, then)| now - then) }
+        let Elapsed { cpu, wall } = self.0.elapsed();
+        Spent { seconds: wall, processor: cfg!(unix).then_some(cpu) }
     }
-}
-
-/// Processor seconds of all threads of this program so far.
-#[cfg(unix)]
-fn processor_seconds() -> Option<f64> {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
-}
-
-#[cfg(not(unix))]
-fn processor_seconds() -> Option<f64> {
-    None
 }
 
 /// What the numbers were measured with.

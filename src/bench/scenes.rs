@@ -63,6 +63,22 @@ pub struct Subject {
     pub loaded: LoadedScene,
 }
 
+/// Says whether `name` is a scene of the set or a file that may be one: what long work asks before it begins.
+///
+/// # Errors
+/// When it is neither.
+pub fn exists(name: &str) -> Result<()> {
+    let path = Path::new(name);
+    if by_name(name).is_none() && path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
+        let known: Vec<&str> = ALL.iter().map(|scene| scene.name).collect();
+        bail!("{name}: neither a scene file (.json) nor a scene of the set; there are {}", known.join(", "));
+    }
+    if by_name(name).is_none() && !path.is_file() {
+        bail!("{name}: no such file");
+    }
+    Ok(())
+}
+
 /// Loads a scene of the set by name, or else a scene file (`.json`), at `resolution` (pixels along both sides; its own without).
 ///
 /// # Errors
@@ -72,11 +88,8 @@ pub fn open(name: &str, resolution: Option<u32>) -> Result<Subject> {
         let loaded = scene.describe(resolution.unwrap_or(RESOLUTION))?.load()?;
         return Ok(Subject { name: name.to_owned(), loaded });
     }
+    exists(name)?;
     let path = Path::new(name);
-    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
-        let known: Vec<&str> = ALL.iter().map(|scene| scene.name).collect();
-        bail!("{name}: neither a scene file (.json) nor a scene of the set; there are {}", known.join(", "));
-    }
     let mut scene = Scene::read(path)?;
     if let Some(resolution) = resolution {
         scene.resolution = [resolution; 2];

@@ -1,6 +1,6 @@
 //! `renderflow bench`: one subcommand a measurement.
 
-use crate::bench::scenes;
+use crate::bench::{kernels, scenes};
 use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -21,6 +21,8 @@ pub enum Bench {
     Scaling(crate::bench::scaling::Options),
     /// List the benchmark scenes, or write one as a scene file with its models and textures
     Scenes(Scenes),
+    /// Rays a second of the traversal kernels, beside Embree's
+    Kernels(kernels::Options),
 }
 
 impl Bench {
@@ -33,6 +35,7 @@ impl Bench {
             Self::Orbit(options) => options.run(cancel),
             Self::Frame(options) => options.run(cancel),
             Self::Scenes(options) => options.run(),
+            Self::Kernels(options) => options.run(cancel),
         }
     }
 }

@@ -288,13 +288,13 @@ impl Geometry {
     }
 
     /// Tree and placement of a hit in a shared mesh.
-    #[inline]
+    #[inline(always)]
     fn shared(&self, hit: &Hit) -> Option<(&Placement, &Accel)> {
         if hit.instance == FLATTENED { None } else { self.shared.as_ref().map(|shared| shared.of(hit)) }
     }
 
     /// Index of the instance that was hit, and of the triangle in its mesh.
-    #[inline]
+    #[inline(always)]
     pub fn locate(&self, hit: &Hit) -> (u32, u32) {
         match self.shared(hit) {
             None => {
@@ -343,7 +343,7 @@ impl Geometry {
     }
 
     /// World-space unit shading normals of the corners (zero where one says nothing), `None` where the mesh has none.
-    #[inline]
+    #[inline(always)]
     pub fn corner_normals(&self, hit: &Hit) -> Option<[Vec3A; 3]> {
         if hit.instance != FLATTENED {
             return self.shared_normals(hit);
@@ -364,13 +364,13 @@ impl Geometry {
     }
 
     /// World-space unit shading normal, interpolated; `None` where the mesh has none or they cancel.
-    #[inline]
+    #[inline(always)]
     pub fn shading_normal(&self, hit: &Hit) -> Option<Vec3A> {
         interpolate(self.corner_normals(hit)?, hit.weights).try_normalize()
     }
 
     /// Texture coordinates of the corners; 0 where the mesh has none. Must not be asked for when no material looks anything up.
-    #[inline]
+    #[inline(always)]
     pub fn corner_uvs(&self, hit: &Hit) -> [Vec2; 3] {
         if hit.instance != FLATTENED {
             return self.shared_uvs(hit);
@@ -386,7 +386,7 @@ impl Geometry {
     }
 
     /// Texture coordinates of a hit.
-    #[inline]
+    #[inline(always)]
     pub fn uv(&self, hit: &Hit) -> Vec2 {
         let [a, b, c] = self.corner_uvs(hit);
         a * hit.weights[0] + b * hit.weights[1] + c * hit.weights[2]
@@ -394,7 +394,7 @@ impl Geometry {
 
     /// World-space tangent of a hit, interpolated but not normalised, and its handedness (1 or -1); `None` where the mesh has none or
     /// its material wants none.
-    #[inline]
+    #[inline(always)]
     pub fn tangent(&self, hit: &Hit) -> Option<(Vec3A, f32)> {
         if !self.placed[self.locate(hit).0 as usize].tangents {
             return None;

@@ -67,6 +67,12 @@ impl Film {
         }
     }
 
+    /// Mean radiance of the samples so far, 0 without any.
+    pub fn mean(&self) -> Image<[f32; 3]> {
+        let pixels = self.pixels.iter().map(PixelStatistics::mean).collect();
+        Image { width: self.width, height: self.height, pixels }
+    }
+
     /// Samples a pixel so far.
     pub fn samples(&self) -> u32 {
         self.ranges.iter().map(|r| r.end - r.start).sum()

@@ -8,8 +8,10 @@ use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
 use crate::light::{LightGroups, Source};
+use crate::material::{Mode, Prepared};
 use crate::ray::Ray;
 use crate::sampler::{PixelSampler, Points};
+use crate::simd;
 use crate::stats::Stats;
 use glam::{Vec2, Vec3A};
 use renderflow_frame::frame::LIGHT_GROUPS;
@@ -39,8 +41,27 @@ pub(super) struct Tracer<'a, F: Features> {
     camera_cone: Cone,
     scratch: Scratch,
     points: Points,
+    /// BSDFs made before, by material.
+    bsdfs: &'a [Option<Prepared>],
     stats: Stats,
     features: std::marker::PhantomData<F>,
+}
+
+/// The arguments of [`Tracer::sample`].
+struct CameraSample<'t, 'a, F: Features> {
+    tracer: &'t mut Tracer<'a, F>,
+    sampler: &'t PixelSampler,
+    pixel: (usize, usize),
+    index: u32,
+    seen: bool,
+}
+
+impl<F: Features> simd::Work for CameraSample<'_, '_, F> {
+    type Output = Sample;
+    #[inline(always)]
+    fn run(self) -> Sample {
+        self.tracer.trace(self.sampler, self.pixel, self.index, self.seen)
+    }
 }
 
 /// Where light came from.
@@ -63,7 +84,7 @@ pub(super) fn camera_ray(
 }
 
 /// As [`camera_ray`], with the numbers of its set.
-#[inline]
+#[inline(always)]
 fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]: [f32; 4], pixel: (usize, usize)) -> Ray {
     let point = Vec2::new(pixel.0 as f32 + 0.5, pixel.1 as f32 + 0.5) + settings.filter.sample([u, v]);
     crate::camera::ray(scene.camera(), point)
@@ -83,6 +104,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             camera_cone: Cone::camera(scene.camera(), settings.spp),
             scratch: Scratch::default(),
             points: Points::default(),
+            bsdfs: if settings.bsdf == Mode::Conserving { scene.bsdfs() } else { &[] },
             stats: Stats::default(),
             features: std::marker::PhantomData,
         }
@@ -101,6 +123,11 @@ impl<'a, F: Features> Tracer<'a, F> {
     /// looked up without asking the tree.
     #[inline]
     pub fn sample(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
+        simd::run(CameraSample { tracer: self, sampler, pixel, index, seen })
+    }
+
+    #[inline(always)]
+    fn trace(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
         self.stats.samples += 1;
         if F::FLAT_ENVIRONMENT && !seen && self.directions.is_none() {
             // The same from everywhere: no need to know whither.
@@ -145,7 +172,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         Sample { radiance: Vec3A::ZERO, first }
     }
 
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, contribution: Vec3A, from: Origin) {
         self.radiance += contribution;
         if let Some(directions) = &self.directions {
@@ -158,14 +185,22 @@ impl<'a, F: Features> Tracer<'a, F> {
     }
 
     /// Adds what `surface` scatters towards `wo`.
+    #[inline(always)]
     fn gather(&mut self, sampler: &PixelSampler, index: u32, mut surface: Interaction, mut wo: Vec3A) {
         let scene = self.scene;
         let skips = self.settings.skips;
         let sampled_lights = self.settings.direct != DirectLight::Scattering;
         let mut beta = Vec3A::ONE;
         for vertex in 1..=self.settings.max_bounces {
-            let bsdf = F::Bsdf::new(&surface.surface, self.settings.bsdf);
-            let scatterer = Scatterer::<F>::new(&surface, &bsdf, wo, self.settings.bsdf);
+            let own;
+            let bsdf = match self.bsdfs.get(surface.material) {
+                Some(Some(prepared)) => F::Bsdf::prepared(prepared),
+                _ => {
+                    own = F::Bsdf::new(&surface.surface, self.settings.bsdf);
+                    &own
+                }
+            };
+            let scatterer = Scatterer::<F>::new(&surface, bsdf, wo, self.settings.bsdf);
             if skips.black_surfaces && scatterer.is_black() {
                 break;
             }
@@ -234,7 +269,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     }
 
     /// Draws a point or direction of light and weighs it against scattering having found it.
-    #[inline]
+    #[inline(always)]
     fn sample_light(
         &mut self,
         sampler: &PixelSampler,
@@ -267,7 +302,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     }
 
     /// What the environment sends along `wi`, weighed against its own sampling having found that direction.
-    #[inline]
+    #[inline(always)]
     fn environment_behind(&self, wi: Vec3A, pdf: f32) -> Vec3A {
         if F::FLAT_ENVIRONMENT || self.settings.direct == DirectLight::Scattering {
             return self.scene.light().radiance(wi);
