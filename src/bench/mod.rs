@@ -4,11 +4,13 @@ pub mod clock;
 pub mod convergence;
 #[allow(unsafe_code)]
 pub mod embree;
+pub mod export;
 pub mod frame;
 pub mod kernels;
 pub mod metrics;
 pub mod models;
 pub mod orbit;
+pub mod peers;
 pub mod plot;
 pub mod reference;
 pub mod scaling;

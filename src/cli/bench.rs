@@ -1,6 +1,6 @@
 //! `renderflow bench`: one subcommand a measurement.
 
-use crate::bench::{kernels, scenes};
+use crate::bench::{kernels, peers, scenes};
 use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -23,6 +23,8 @@ pub enum Bench {
     Scenes(Scenes),
     /// Rays a second of the traversal kernels, beside Embree's
     Kernels(kernels::Options),
+    /// Time against error beside Mitsuba 3 and Cycles
+    Peers(peers::Options),
 }
 
 impl Bench {
@@ -36,6 +38,7 @@ impl Bench {
             Self::Frame(options) => options.run(cancel),
             Self::Scenes(options) => options.run(),
             Self::Kernels(options) => options.run(cancel),
+            Self::Peers(options) => options.run(cancel),
         }
     }
 }

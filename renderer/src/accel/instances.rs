@@ -210,7 +210,7 @@ impl<F: Filter> Kernel for ClosestQuery<'_, F> {
     type Output = Option<Hit>;
     #[inline(always)]
     fn run<L: Lanes>(self) -> Option<Hit> {
-        let Self { instances, ray, scratch: Scratch { stack, inner }, limit, instance, filter } = self;
+        let Self { instances, ray, scratch: Scratch { stack, inner, .. }, limit, instance, filter } = self;
         let lanes = PhantomData::<L>;
         let mut visit = ClosestPlaced { instances, ray, stack: inner, filter: &filter, limit, instance, found: None, lanes };
         traverse::<L, false>(&instances.nodes, &Slabs::new(ray), stack, limit, &mut visit);
@@ -263,7 +263,7 @@ impl<F: Filter> Kernel for AnyQuery<'_, F> {
     type Output = bool;
     #[inline(always)]
     fn run<L: Lanes>(self) -> bool {
-        let Self { instances, ray, scratch: Scratch { stack, inner }, filter } = self;
+        let Self { instances, ray, scratch: Scratch { stack, inner, .. }, filter } = self;
         let mut visit = AnyPlaced { instances, ray, stack: inner, filter: &filter, lanes: PhantomData::<L> };
         traverse::<L, true>(&instances.nodes, &Slabs::new(ray), stack, f32::INFINITY, &mut visit)
     }

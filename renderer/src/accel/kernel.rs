@@ -6,14 +6,14 @@
 //! raised to where the ray enters the leaf's box if its rounding errors put it before, as may happen to a triangle seen edge-on.
 
 use super::leaf::{self, Shear};
-use super::simd::{Lanes, WIDTH};
+use super::simd::{Lanes, Numbers, WIDTH};
 use super::{EMPTY, LEAF, Leaves, Node, STACK, Stack};
 use crate::ray::Ray;
 
 /// Three roundings on each side of the slab comparison take 1 + 2 gamma(3) = 1 + 2^-21 (Ize 2013); the rest covers [`NEARER`].
-const SLACK: f32 = 1.0 + 16.0 * f32::EPSILON;
+pub(super) const SLACK: f32 = 1.0 + 16.0 * f32::EPSILON;
 /// A leaf's box is entered at this times the distance at the latest: half a dozen roundings of a triangle's `t` do not put it before.
-const NEARER: f32 = 1.0 - 8.0 * f32::EPSILON;
+pub(super) const NEARER: f32 = 1.0 - 8.0 * f32::EPSILON;
 
 /// A ray as the slab test wants it.
 pub(super) struct Slabs<L> {
@@ -39,8 +39,8 @@ impl<L: Lanes> Slabs<L> {
 }
 
 #[inline(always)]
-pub(super) fn splat<L: Lanes>([x, y, z]: [f32; 3]) -> [L; 3] {
-    [L::splat(x), L::splat(y), L::splat(z)]
+pub(super) fn splat<N: Numbers>([x, y, z]: [f32; 3]) -> [N; 3] {
+    [N::splat(x), N::splat(y), N::splat(z)]
 }
 
 /// Distances to the planes of a node in one row.

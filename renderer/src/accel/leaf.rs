@@ -1,7 +1,7 @@
 //! Up to eight triangles, and their test against a ray.
 
 use super::kernel::splat;
-use super::simd::{Lanes, WIDTH};
+use super::simd::{Lanes, Numbers, Sixteen, WIDTH};
 use super::{EMPTY, LEAF};
 use crate::ray::Ray;
 use glam::Vec3A;
@@ -84,10 +84,11 @@ impl Leaves {
 
 /// The transform of the watertight triangle test (Woop, Benthin, Wald 2013): `axis` is permuted so that the direction's largest
 /// component comes last, and `scale` shears the direction onto that axis.
-pub(super) struct Shear<L> {
-    axis: [usize; 3],
-    origin: [L; 3],
-    scale: [L; 3],
+pub(super) struct Shear<N> {
+    pub axis: [usize; 3],
+    /// Axes permuted.
+    pub origin: [N; 3],
+    pub scale: [N; 3],
 }
 
 /// `axis` and `scale` of [`Shear`].
@@ -115,13 +116,13 @@ impl<L: Lanes> Shear<L> {
     }
 }
 
-/// Eight triangle tests; lanes outside `mask` mean nothing.
-pub(super) struct Candidates<L> {
+/// Triangle tests, one a lane; lanes outside `mask` mean nothing.
+pub(super) struct Candidates<N> {
     pub mask: u32,
-    pub t: L,
-    pub weights: [L; 3],
+    pub t: N,
+    pub weights: [N; 3],
     /// Positive where the ray meets the front.
-    pub facing: L,
+    pub facing: N,
 }
 
 /// Row `row` of a leaf of `count` triangles.
@@ -132,34 +133,71 @@ fn load<L: Lanes>(rows: &[f32], row: usize, count: usize) -> L {
 
 /// The corners whose coordinates begin at `row`, relative to the ray and sheared.
 #[inline(always)]
-fn sheared<L: Lanes>(rows: &[f32], row: usize, count: usize, ray: &Shear<L>) -> (L, L, L) {
-    let Shear { axis: [ax, ay, az], origin: [ox, oy, oz], scale: [sx, sy, _] } = ray;
-    let z = load::<L>(rows, row + az, count).sub(*oz);
-    let x = load::<L>(rows, row + ax, count).sub(*ox).sub(sx.mul(z));
-    let y = load::<L>(rows, row + ay, count).sub(*oy).sub(sy.mul(z));
-    (x, y, z)
+fn corners_of<L: Lanes>(rows: &[f32], row: usize, count: usize, ray: &Shear<L>) -> [L; 3] {
+    let [x, y, z] = ray.axis;
+    ray.apply([load(rows, row + x, count), load(rows, row + y, count), load(rows, row + z, count)])
 }
 
-/// Woop, Benthin, Wald 2013, without its double-precision fallback: an edge function that rounds to zero counts as inside for
-/// both neighbours, so the ray hits at least one of them. `t` is at least `enter`.
+impl<N: Numbers> Shear<N> {
+    /// A corner (axes permuted) relative to the ray and sheared.
+    #[inline(always)]
+    fn apply(&self, [x, y, z]: [N; 3]) -> [N; 3] {
+        let ([ox, oy, oz], [sx, sy, _]) = (self.origin, self.scale);
+        let z = z.sub(oz);
+        [x.sub(ox).sub(sx.mul(z)), y.sub(oy).sub(sy.mul(z)), z]
+    }
+
+    /// Woop, Benthin, Wald 2013, without its double-precision fallback: an edge function that rounds to zero counts as inside for
+    /// both neighbours, so the ray hits at least one of them. `t` is raised to `enter`.
+    #[inline(always)]
+    fn test(&self, [ax, ay, az]: [N; 3], [bx, by, bz]: [N; 3], [cx, cy, cz]: [N; 3], enter: N, limit: N) -> Candidates<N> {
+        let u = cx.mul(by).sub(cy.mul(bx));
+        let v = ax.mul(cy).sub(ay.mul(cx));
+        let w = bx.mul(ay).sub(by.mul(ax));
+        let determinant = u.add(v).add(w);
+        let zero = N::splat(0.0);
+        let inside = zero.le(u.min(v).min(w)) | u.max(v).max(w).le(zero);
+        let inverse = N::splat(1.0).div(determinant);
+        let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz)).mul(self.scale[2]).mul(inverse);
+        // A zero determinant makes `t` infinite or NaN, and these comparisons then fail for it.
+        let there = t.gt(zero) & t.le(N::splat(f32::MAX));
+        let t = t.max(enter);
+        let mask = inside & there & t.le(limit);
+        Candidates { mask, t, weights: [u.mul(inverse), v.mul(inverse), w.mul(inverse)], facing: determinant.mul(self.scale[2]) }
+    }
+}
+
+/// Tests the triangles of a leaf, whose box the ray enters at `enter`, up to `limit`.
 #[inline(always)]
 pub(super) fn intersect<L: Lanes>(leaves: &Leaves, leaf: u32, ray: &Shear<L>, enter: f32, limit: f32) -> Candidates<L> {
     let (first, count) = range(leaf);
     let rows = &leaves.rows[ROWS * first..][..READ];
-    let (ax, ay, az) = sheared(rows, 0, count, ray);
-    let (bx, by, bz) = sheared(rows, 3, count, ray);
-    let (cx, cy, cz) = sheared(rows, 6, count, ray);
-    let u = cx.mul(by).sub(cy.mul(bx));
-    let v = ax.mul(cy).sub(ay.mul(cx));
-    let w = bx.mul(ay).sub(by.mul(ax));
-    let determinant = u.add(v).add(w);
-    let zero = L::splat(0.0);
-    let inside = zero.le(u.min(v).min(w)) | u.max(v).max(w).le(zero);
-    let inverse = L::splat(1.0).div(determinant);
-    let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz)).mul(ray.scale[2]).mul(inverse);
-    // A zero determinant makes `t` infinite or NaN, and these comparisons then fail for it.
-    let there = t.gt(zero) & t.le(L::splat(f32::MAX));
-    let t = t.max(L::splat(enter));
-    let mask = inside & there & t.le(L::splat(limit)) & (EMPTY >> (32 - count));
-    Candidates { mask, t, weights: [u.mul(inverse), v.mul(inverse), w.mul(inverse)], facing: determinant.mul(ray.scale[2]) }
+    let (a, b, c) = (corners_of(rows, 0, count, ray), corners_of(rows, 3, count, ray), corners_of(rows, 6, count, ray));
+    let found = ray.test(a, b, c, L::splat(enter), L::splat(limit));
+    Candidates { mask: found.mask & (EMPTY >> (32 - count)), ..found }
+}
+
+/// Tests one triangle of a leaf against the rays of a packet, which enter the leaf's box at `enter`, up to `limit`.
+#[inline(always)]
+pub(super) fn intersect_packet<S: Sixteen>(
+    leaves: &Leaves,
+    leaf: u32,
+    lane: usize,
+    rays: &Shear<S>,
+    enter: S,
+    limit: S,
+) -> Candidates<S> {
+    let (first, count) = range(leaf);
+    let rows = &leaves.rows[ROWS * first..][..READ];
+    let (a, b, c) =
+        (corner_for(rows, 0, lane, count, rays), corner_for(rows, 3, lane, count, rays), corner_for(rows, 6, lane, count, rays));
+    rays.test(a, b, c, enter, limit)
+}
+
+/// The corner of one triangle whose coordinates begin at `row`, relative to the rays and sheared.
+#[inline(always)]
+fn corner_for<S: Sixteen>(rows: &[f32], row: usize, lane: usize, count: usize, rays: &Shear<S>) -> [S; 3] {
+    let [x, y, z] = rays.axis;
+    let (x, y, z) = (rows[(row + x) * count + lane], rows[(row + y) * count + lane], rows[(row + z) * count + lane]);
+    rays.apply([S::splat(x), S::splat(y), S::splat(z)])
 }

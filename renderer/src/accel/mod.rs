@@ -10,6 +10,7 @@ mod collapse;
 mod instances;
 mod kernel;
 mod leaf;
+mod packet;
 mod queries;
 mod refit;
 mod simd;
@@ -21,8 +22,9 @@ use crate::ray::Ray;
 use glam::Vec3A;
 use leaf::Leaves;
 use obvhs::aabb::Aabb;
+use packet::{PacketQuery, coherent};
 use queries::{All, AnyQuery, ClosestQuery};
-use simd::WIDTH;
+use simd::{PACKET, WIDTH};
 
 const LEAF: u32 = 1 << 31;
 const EMPTY: u32 = u32::MAX;
@@ -118,11 +120,12 @@ pub struct Scratch {
     stack: Stack,
     /// The tree of an instance is queried while the tree over instances is.
     inner: Stack,
+    packet: [packet::Entry; STACK],
 }
 
 impl Default for Scratch {
     fn default() -> Self {
-        Self { stack: [(0, 0.0); STACK], inner: [(0, 0.0); STACK] }
+        Self { stack: [(0, 0.0); STACK], inner: [(0, 0.0); STACK], packet: [(0, 0, 0.0); STACK] }
     }
 }
 
@@ -162,8 +165,27 @@ impl Accel {
         size_of_val(self.nodes.as_slice()) + self.leaves.memory()
     }
 
+    /// Calls `open` with the boxes of the tree from above (lower and upper corner) and, where it says so, with those inside, down to
+    /// `triangle` with the corners of triangles.
+    pub(crate) fn walk(&self, mut open: impl FnMut([Vec3A; 2]) -> bool, mut triangle: impl FnMut([Vec3A; 3])) {
+        let mut todo: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
+        while let Some(index) = todo.pop() {
+            let node = &self.nodes[index as usize];
+            for lane in node.lanes().filter(|&lane| open(node.child_bounds(lane))) {
+                let child = node.children[lane];
+                if child & LEAF == 0 {
+                    todo.push(child);
+                } else {
+                    let leaf = child & !LEAF;
+                    (0..leaf::range(leaf).1).for_each(|lane| triangle(self.leaves.corners(leaf, lane)));
+                }
+            }
+        }
+    }
+
     /// Corners of all triangles, in the order of the leaves.
-    pub(crate) fn triangles(&self) -> impl Iterator<Item = [Vec3A; 3]> + '_ {
+    #[cfg(test)]
+    fn triangles(&self) -> impl Iterator<Item = [Vec3A; 3]> + '_ {
         let leaves = self.nodes.iter().flat_map(|n| n.children).filter(|&c| c & LEAF != 0 && c != EMPTY).map(|c| c & !LEAF);
         leaves.flat_map(move |leaf| (0..leaf::range(leaf).1).map(move |lane| self.leaves.corners(leaf, lane)))
     }
@@ -178,6 +200,21 @@ impl Accel {
     #[inline]
     pub fn closest(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
         simd::run(self.level, ClosestQuery { tree: self, ray, scratch, filter: All })
+    }
+
+    /// [`Self::closest`] of each ray, the same hits bit for bit. Rays are traced up to sixteen at a time, which is several times as
+    /// fast where those have one origin and directions close to each other, as camera rays of 4 x 4 pixels; sixteen whose directions
+    /// differ in a sign or in the largest component are traced one by one. `hits` is as long as `rays`; what is in it does not matter.
+    pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
+            if rays.len() > 2 && coherent(rays) {
+                simd::run(self.level, PacketQuery { tree: self, rays, hits, scratch });
+            } else {
+                for (ray, hit) in rays.iter().zip(hits) {
+                    *hit = self.closest(ray, scratch);
+                }
+            }
+        }
     }
 
     /// Whether any triangle stands in the way of `ray`.

@@ -189,6 +189,41 @@ fn refitted_trees_find_what_new_ones_do() {
     }
 }
 
+#[test]
+fn packets_find_what_single_rays_do() {
+    let mut random = Random(17);
+    let mut scratch = Scratch::default();
+    for (name, triangles) in scenes() {
+        let trees: Vec<Accel> = Level::available().iter().map(|&level| Accel::build_for(&triangles, level)).collect();
+        let (mut hits, mut together) = (0, 0);
+        for k in 0..200 {
+            let eye = 3.0 * random.point();
+            let at = triangles.get(k * 7919 % triangles.len().max(1)).map_or(Vec3A::ZERO, |t| (t[0] + t[1] + t[2]) / 3.0);
+            // From rays hardly apart to rays all over the place; now and then from origins of their own, and fewer than sixteen.
+            let (spread, apart) = (10f32.powf(-4.0 * random.unit()), if k % 3 == 0 { 0.05 } else { 0.0 });
+            let mut rays: Vec<Ray> = (0..if k % 5 == 0 { 21 } else { 16 })
+                .map(|_| Ray::new(eye + apart * random.point(), (at - eye + spread * random.point()).normalize_or(Vec3A::Y)))
+                .collect();
+            match k % 17 {
+                0 => rays[3] = Ray::new(Vec3A::NAN, Vec3A::X),
+                1 => rays.iter_mut().for_each(|r| r.direction = Vec3A::new(0.0, -0.0, 1.0)),
+                _ => together += usize::from(coherent(&rays[..16])),
+            }
+            let expected: Vec<_> = rays.iter().map(|ray| bits(trees[0].closest(ray, &mut scratch))).collect();
+            hits += expected.iter().flatten().count();
+            for tree in &trees {
+                let mut found = vec![None; rays.len()];
+                tree.closest_packet(&rays, &mut found, &mut scratch);
+                let found: Vec<_> = found.into_iter().map(bits).collect();
+                assert_eq!(expected, found, "{name}, {}: {rays:?}", tree.level.name());
+            }
+        }
+        println!("{name}: {hits} hits, {together} packets traced as one");
+        assert!(together > 50, "{name}: {together}");
+        assert!(hits > 100 || triangles.is_empty() || name == "points and edges", "{name}: {hits}");
+    }
+}
+
 /// Trees over instances find the same with every level, and whether meshes are shared or not the first of coincident instances.
 #[test]
 fn instances_agree_bit_for_bit() {

@@ -1,7 +1,7 @@
 //! `renderflow bench kernels`: ray queries on one thread, ours and Embree's by turns on the same rays.
 
 mod find;
-mod rays;
+pub mod rays;
 mod tracers;
 
 use crate::bench::clock::{Clock, Elapsed, Of};
