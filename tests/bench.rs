@@ -166,6 +166,11 @@ fn a_reference_prints_the_error_at_every_doubling_and_changes_nothing() {
     };
     assert_eq!(errors(&other), errors(&again));
 
+    // Samples spread by need have no parts: one line.
+    let adaptive = render(words("24", "16", &path("adaptive"), &["--adaptive", "--reference", &reference]));
+    let numbers = |line: &&str| line.split_whitespace().filter(|word| word.parse::<f64>().is_ok()).count() == 7;
+    assert_eq!(adaptive.lines().filter(numbers).count(), 1, "{adaptive}");
+
     let small = fail(words("16", "4", &path("small"), &["--reference", &reference]));
     assert!(small.contains("24 x 24") && small.contains("16 x 16"), "{small}");
     assert!(!folder.path().join("small").exists());
