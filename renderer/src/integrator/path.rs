@@ -87,7 +87,7 @@ pub(super) fn camera_ray(
 /// As [`camera_ray`], with the numbers of its set.
 #[inline(always)]
 fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]: [f32; 4], pixel: (usize, usize)) -> Ray {
-    let point = Vec2::new(pixel.0 as f32 + 0.5, pixel.1 as f32 + 0.5) + settings.filter.sample([u, v]);
+    let point = Vec2::new(pixel.0 as u32 as f32 + 0.5, pixel.1 as u32 as f32 + 0.5) + settings.filter.sample([u, v]);
     crate::camera::ray(scene.camera(), point)
 }
 

@@ -369,8 +369,9 @@ impl Map {
             (within[3][lane], within[4][lane], within[5][lane]) = (y, z, v);
         }
         for (lane, to) in drawn.iter_mut().enumerate() {
-            let [s, t, x, y, z, v] = within.each_ref().map(|w| w[lane]);
-            *to = self.drawn(cells[lane], &Within { s, t, x, y, z, v });
+            let [s, t, x, y, z, v] = &within;
+            let within = Within { s: s[lane], t: t[lane], x: x[lane], y: y[lane], z: z[lane], v: v[lane] };
+            *to = self.drawn(cells[lane], &within);
         }
     }
 

@@ -92,7 +92,11 @@ impl Points {
     #[inline(always)]
     pub fn point(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> [f32; 4] {
         let lane = index as usize % LANES;
-        self.batch(sampler, index, set).map_or_else(|| sampler.point(index, set), |points| points.each_ref().map(|d| d[lane]))
+        // Spelled out: an array that is mapped goes through memory, and reading two of its numbers at once then waits for both stores.
+        match self.batch(sampler, index, set) {
+            Some([x, y, z, w]) => [x[lane], y[lane], z[lane], w[lane]],
+            None => sampler.point(index, set),
+        }
     }
 
     /// The points of set `set` of all samples `16 k..16 k + 16` with `index` among them; `None` where they are not kept.
