@@ -287,6 +287,12 @@ impl RenderScene {
         self.geometry.closest(ray, scratch)
     }
 
+    /// [`Self::closest`] of each ray, the same hits bit for bit; several times as fast for camera rays of neighbouring pixels, sixteen
+    /// at a time. `hits` is as long as `rays`.
+    pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        self.geometry.closest_packet(rays, hits, scratch);
+    }
+
     /// Whether any triangle stands in the way of `ray` (relative to the scene's origin), for measurements.
     #[inline]
     pub fn occluded(&self, ray: &Ray, scratch: &mut Scratch) -> bool {

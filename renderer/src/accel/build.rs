@@ -29,6 +29,8 @@ pub(super) fn tree(boxes: &[Aabb], leaf_size: usize) -> Tree {
     }
     if most_identical(boxes) <= MOST_IDENTICAL && pairing(boxes) > LEAST_PAIRING {
         // One to a leaf: the collapse knows better what to join.
+        // The slow preset takes 2.4 times as long and makes diffuse rays 8% faster at best; the fast one takes two thirds of the
+        // time and makes them 6% slower.
         let parameters = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
         let binary = build_bvh2(boxes, parameters, &mut std::time::Duration::default());
         let tree = Collapse::new(&binary, leaf_size).run();

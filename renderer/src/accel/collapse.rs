@@ -7,7 +7,7 @@ use glam::Vec3A;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// Cost of a leaf, relative to that of a node.
+/// Cost of a leaf, relative to that of a node. Rates hardly change from 0.8 to 2 (5%), memory goes from 48 to 52 bytes a triangle.
 pub(super) const LEAF_COST: f32 = 1.2;
 
 /// Chooses which nodes of the BVH2 stay (Ylitie, Karras, Laine 2017, section 3.2): the costs of a subtree as a forest of at most 1
@@ -121,6 +121,9 @@ impl<'a> Collapse<'a> {
                 self.roots(first, k, &mut children);
                 self.roots(first + 1, WIDTH - k, &mut children);
             }
+            // The largest first: any-hit queries look there first.
+            children
+                .sort_by(|&a, &b| self.node(b).aabb().half_area().total_cmp(&self.node(a).aabb().half_area()).then(a.cmp(&b)));
             let mut node = Node::EMPTY;
             for (lane, &child) in children.iter().enumerate() {
                 let bounds = self.node(child).aabb();

@@ -67,6 +67,13 @@ impl Leaves {
         size_of_val(self.rows.as_slice()) + size_of_val(self.primitives.as_slice())
     }
 
+    /// What may be read from the leaf that begins with triangle `first`.
+    #[inline(always)]
+    fn read(&self, first: usize) -> &[f32; READ] {
+        const NOTHING: &[f32; READ] = &[0.0; READ];
+        self.rows[ROWS * first..].first_chunk().unwrap_or(NOTHING)
+    }
+
     /// Number of the triangle in a lane.
     #[inline(always)]
     pub fn primitive(&self, leaf: u32, lane: usize) -> u32 {
@@ -127,14 +134,15 @@ pub(super) struct Candidates<N> {
 
 /// Row `row` of a leaf of `count` triangles.
 #[inline(always)]
-fn load<L: Lanes>(rows: &[f32], row: usize, count: usize) -> L {
+fn load<L: Lanes>(rows: &[f32; READ], row: usize, count: usize) -> L {
     L::load(rows[row * count..][..WIDTH].first_chunk().unwrap_or(&[0.0; WIDTH]))
 }
 
 /// The corners whose coordinates begin at `row`, relative to the ray and sheared.
 #[inline(always)]
-fn corners_of<L: Lanes>(rows: &[f32], row: usize, count: usize, ray: &Shear<L>) -> [L; 3] {
-    let [x, y, z] = ray.axis;
+fn corners_of<L: Lanes>(rows: &[f32; READ], row: usize, count: usize, ray: &Shear<L>) -> [L; 3] {
+    // The compiler sees that no row is out of bounds.
+    let [x, y, z] = [ray.axis[0] & 3, ray.axis[1] & 3, ray.axis[2] & 3];
     ray.apply([load(rows, row + x, count), load(rows, row + y, count), load(rows, row + z, count)])
 }
 
@@ -171,7 +179,7 @@ impl<N: Numbers> Shear<N> {
 #[inline(always)]
 pub(super) fn intersect<L: Lanes>(leaves: &Leaves, leaf: u32, ray: &Shear<L>, enter: f32, limit: f32) -> Candidates<L> {
     let (first, count) = range(leaf);
-    let rows = &leaves.rows[ROWS * first..][..READ];
+    let rows = leaves.read(first);
     let (a, b, c) = (corners_of(rows, 0, count, ray), corners_of(rows, 3, count, ray), corners_of(rows, 6, count, ray));
     let found = ray.test(a, b, c, L::splat(enter), L::splat(limit));
     Candidates { mask: found.mask & (EMPTY >> (32 - count)), ..found }
@@ -188,7 +196,7 @@ pub(super) fn intersect_packet<S: Sixteen>(
     limit: S,
 ) -> Candidates<S> {
     let (first, count) = range(leaf);
-    let rows = &leaves.rows[ROWS * first..][..READ];
+    let rows = leaves.read(first);
     let (a, b, c) =
         (corner_for(rows, 0, lane, count, rays), corner_for(rows, 3, lane, count, rays), corner_for(rows, 6, lane, count, rays));
     rays.test(a, b, c, enter, limit)
@@ -196,8 +204,9 @@ pub(super) fn intersect_packet<S: Sixteen>(
 
 /// The corner of one triangle whose coordinates begin at `row`, relative to the rays and sheared.
 #[inline(always)]
-fn corner_for<S: Sixteen>(rows: &[f32], row: usize, lane: usize, count: usize, rays: &Shear<S>) -> [S; 3] {
-    let [x, y, z] = rays.axis;
+fn corner_for<S: Sixteen>(rows: &[f32; READ], row: usize, lane: usize, count: usize, rays: &Shear<S>) -> [S; 3] {
+    let [x, y, z] = [rays.axis[0] & 3, rays.axis[1] & 3, rays.axis[2] & 3];
+    let lane = lane & 7;
     let (x, y, z) = (rows[(row + x) * count + lane], rows[(row + y) * count + lane], rows[(row + z) * count + lane]);
     rays.apply([S::splat(x), S::splat(y), S::splat(z)])
 }

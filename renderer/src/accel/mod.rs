@@ -22,7 +22,7 @@ use crate::ray::Ray;
 use glam::Vec3A;
 use leaf::Leaves;
 use obvhs::aabb::Aabb;
-use packet::{PacketQuery, coherent};
+use packet::PacketQuery;
 use queries::{All, AnyQuery, ClosestQuery};
 use simd::{PACKET, WIDTH};
 
@@ -207,9 +207,8 @@ impl Accel {
     /// differ in a sign or in the largest component are traced one by one. `hits` is as long as `rays`; what is in it does not matter.
     pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
-            if rays.len() > 2 && coherent(rays) {
-                simd::run(self.level, PacketQuery { tree: self, rays, hits, scratch });
-            } else {
+            let traced = rays.len() > 2 && simd::run(self.level, PacketQuery { tree: self, rays, hits, scratch });
+            if !traced {
                 for (ray, hit) in rays.iter().zip(hits) {
                     *hit = self.closest(ray, scratch);
                 }

@@ -4,7 +4,7 @@
 //! exact in its roundings: it never passes over a box that one of the rays meets). At leaves every ray meets the leaf's box and its
 //! triangles, one triangle after the other, sixteen rays at a time, with the arithmetic of single rays: hits are the same bit for bit.
 
-use super::kernel::{NEARER, Nearest, SLACK, inverse};
+use super::kernel::{NEARER, Nearest, SLACK, splat};
 use super::leaf::{self, Shear, shear};
 use super::simd::{Kernel, Lanes, Numbers, PACKET, Sixteen, WIDTH};
 use super::{Accel, EMPTY, FLATTENED, Hit, LEAF, Node, STACK, Scratch};
@@ -21,16 +21,6 @@ pub(super) struct PacketQuery<'a> {
     pub scratch: &'a mut Scratch,
 }
 
-/// Whether the rays can be traced as one: finite, with directions of the same signs and the same largest component.
-pub(super) fn coherent(rays: &[Ray]) -> bool {
-    let kind = |ray: &Ray| (inverse(ray).map(|v| v < 0.0), shear(ray).0);
-    let fine = |ray: &Ray| (ray.origin + ray.direction).is_finite();
-    rays.first().is_some_and(|first| {
-        let expected = kind(first);
-        rays.len() <= PACKET && rays.iter().all(|ray| fine(ray) && kind(ray) == expected)
-    })
-}
-
 /// Bounds of a packet on one axis, for the slab test.
 #[derive(Clone, Copy)]
 struct Interval<L> {
@@ -45,18 +35,12 @@ struct Interval<L> {
 
 impl<L: Lanes> Interval<L> {
     #[inline(always)]
-    fn new(axis: usize, origins: &[f32; PACKET], inverses: &[f32; PACKET]) -> Self {
+    fn new(row: usize, origins: &[f32; PACKET], inverses: &[f32; PACKET]) -> Self {
         let (low, high) = bounds(origins);
         let (small, large) = bounds(inverses);
-        let negative = small < 0.0;
         // Planes less the origin are smallest for the largest origin; a negative inverse turns that round.
-        let (near, far) = if negative { (low, high) } else { (high, low) };
-        Self {
-            near: L::splat(near),
-            far: L::splat(far),
-            inverse: [L::splat(small), L::splat(large)],
-            row: 2 * axis + usize::from(negative),
-        }
+        let (near, far) = if row % 2 == 1 { (low, high) } else { (high, low) };
+        Self { near: L::splat(near), far: L::splat(far), inverse: [L::splat(small), L::splat(large)], row }
     }
 
     #[inline(always)]
@@ -140,37 +124,88 @@ impl<S: Sixteen> Best<S> {
     }
 }
 
-impl Kernel for PacketQuery<'_> {
-    type Output = ();
+/// Origins, directions and what is derived from those, one lane a ray.
+struct Prepared<S> {
+    origins: [[f32; PACKET]; 3],
+    inverses: [[f32; PACKET]; 3],
+    scales: [[f32; PACKET]; 3],
+    rays: Rays<S>,
+}
+
+impl<S: Sixteen> Prepared<S> {
+    /// As [`inverse`](super::kernel::inverse) and [`shear`](super::leaf::shear), sixteen at a time. `None` unless the rays can be
+    /// traced as one: finite, with directions of the same signs and the same largest component.
     #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let Self { tree, rays, hits, scratch } = self;
-        if tree.nodes.is_empty() || rays.is_empty() {
-            hits.fill(None);
-            return;
-        }
-        let mut o = [[0.0; PACKET]; 3];
-        let mut inv = [[0.0; PACKET]; 3];
-        let mut scale = [[0.0; PACKET]; 3];
+    fn new(rays: &[Ray]) -> Option<Self> {
+        let (mut origins, mut directions) = ([[0.0; PACKET]; 3], [[0.0; PACKET]; 3]);
         for lane in 0..PACKET {
             // Lanes without a ray repeat the first.
-            let ray = rays.get(lane).unwrap_or(&rays[0]);
-            let (origin, inverse, scales) = (ray.origin.to_array(), inverse(ray), shear(ray).1);
+            let ray = rays.get(lane).or(rays.first())?;
+            let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
             for axis in 0..3 {
-                o[axis][lane] = origin[axis];
-                inv[axis][lane] = inverse[axis];
-                scale[axis][lane] = scales[axis];
+                origins[axis][lane] = origin[axis];
+                directions[axis][lane] = direction[axis];
             }
         }
-        let [x, y, z] =
-            [Interval::<L>::new(0, &o[0], &inv[0]), Interval::<L>::new(1, &o[1], &inv[1]), Interval::<L>::new(2, &o[2], &inv[2])];
-        let axis = shear(&rays[0]).0;
-        let rays_of = Rays::<L::Sixteen> {
-            origin: sixteen(&o, [0, 1, 2]),
-            inverse: sixteen(&inv, [0, 1, 2]),
-            rows: [x.row, y.row, z.row],
-            shear: Shear { axis, origin: sixteen(&o, axis), scale: sixteen(&scale, [0, 1, 2]) },
-        };
+        const ALL: u32 = (1 << PACKET) - 1;
+        let (one, zero, most) = (S::splat(1.0), S::splat(0.0), S::splat(f32::MAX));
+        let least = zero.sub(most);
+        let o: [S; 3] = sixteen(&origins, [0, 1, 2]);
+        let d: [S; 3] = sixteen(&directions, [0, 1, 2]);
+        let sum = [o[0].add(d[0]), o[1].add(d[1]), o[2].add(d[2])];
+        let finite = magnitude(sum[0]).le(most) & magnitude(sum[1]).le(most) & magnitude(sum[2]).le(most);
+        let inverse =
+            [one.div(d[0]).max(least).min(most), one.div(d[1]).max(least).min(most), one.div(d[2]).max(least).min(most)];
+        let negative = [zero.gt(inverse[0]), zero.gt(inverse[1]), zero.gt(inverse[2])];
+        let m = [magnitude(d[0]), magnitude(d[1]), magnitude(d[2])];
+        let x_largest = m[0].gt(m[1]) & m[0].gt(m[2]);
+        let y_largest = m[1].gt(m[2]) & !x_largest;
+        let uniform = |mask: u32| mask == 0 || mask == ALL;
+        if finite != ALL || ![negative[0], negative[1], negative[2], x_largest, y_largest].into_iter().all(uniform) {
+            return None;
+        }
+        let axis = shear(rays.first()?).0;
+        let along = one.div(d[axis[2]]);
+        let scale = [d[axis[0]].mul(along), d[axis[1]].mul(along), along];
+        let rows = [usize::from(negative[0] != 0), 2 + usize::from(negative[1] != 0), 4 + usize::from(negative[2] != 0)];
+        Some(Self {
+            origins,
+            inverses: [inverse[0].store(), inverse[1].store(), inverse[2].store()],
+            scales: [scale[0].store(), scale[1].store(), scale[2].store()],
+            rays: Rays { origin: o, inverse, rows, shear: Shear { axis, origin: [o[axis[0]], o[axis[1]], o[axis[2]]], scale } },
+        })
+    }
+
+    /// One of the rays.
+    #[inline(always)]
+    fn single<L: Lanes>(&self, lane: usize) -> Shear<L> {
+        let axis = self.rays.shear.axis;
+        let origin = [self.origins[axis[0]][lane], self.origins[axis[1]][lane], self.origins[axis[2]][lane]];
+        Shear { axis, origin: splat(origin), scale: splat([self.scales[0][lane], self.scales[1][lane], self.scales[2][lane]]) }
+    }
+}
+
+#[inline(always)]
+fn magnitude<S: Sixteen>(v: S) -> S {
+    v.max(S::splat(0.0).sub(v))
+}
+
+impl Kernel for PacketQuery<'_> {
+    /// Whether the rays could be traced as one; the hits are set then.
+    type Output = bool;
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> bool {
+        let Self { tree, rays, hits, scratch } = self;
+        let Some(packet) = Prepared::<L::Sixteen>::new(rays) else { return false };
+        if tree.nodes.is_empty() {
+            hits.fill(None);
+            return true;
+        }
+        let [x, y, z] = [
+            Interval::<L>::new(packet.rays.rows[0], &packet.origins[0], &packet.inverses[0]),
+            Interval::<L>::new(packet.rays.rows[1], &packet.origins[1], &packet.inverses[1]),
+            Interval::<L>::new(packet.rays.rows[2], &packet.origins[2], &packet.inverses[2]),
+        ];
         let none = <L::Sixteen as Numbers>::splat(f32::from_bits(EMPTY));
         let zero = <L::Sixteen as Numbers>::splat(0.0);
         let mut best = Best {
@@ -211,12 +246,12 @@ impl Kernel for PacketQuery<'_> {
                     continue;
                 }
             } else {
-                visit::<L::Sixteen>(tree, current & !LEAF, from, &rays_of, &mut best);
+                visit::<L>(tree, current & !LEAF, from, &packet, &mut best);
             }
             loop {
                 if top == 0 {
                     finish(&best, hits);
-                    return;
+                    return true;
                 }
                 top -= 1;
                 let entry = stack[top % STACK];
@@ -234,28 +269,68 @@ fn sixteen<S: Sixteen>(values: &[[f32; PACKET]; 3], [x, y, z]: [usize; 3]) -> [S
     [S::load(&values[x]), S::load(&values[y]), S::load(&values[z])]
 }
 
-/// Tests the triangles of a leaf.
+/// Tests the triangles of a leaf, whichever is less: one ray after the other against all triangles, or one triangle after the other
+/// against all rays.
 #[inline(always)]
-fn visit<S: Sixteen>(tree: &Accel, leaf: u32, from: u32, rays: &Rays<S>, best: &mut Best<S>) {
+fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixteen>, best: &mut Best<L::Sixteen>) {
+    let rays = &packet.rays;
     let (enter, exit) = rays.meet(&tree.nodes[(from >> 3) as usize], (from & 7) as usize);
-    let mask = enter.le(exit.min(best.t).mul(S::splat(SLACK)));
+    let mut mask = enter.le(exit.min(best.t).mul(<L::Sixteen as Numbers>::splat(SLACK)));
     if mask == 0 {
         return;
     }
-    let enter = enter.mul(S::splat(NEARER));
+    let enter = enter.mul(<L::Sixteen as Numbers>::splat(NEARER));
+    let (_, count) = leaf::range(leaf);
     let mut changed = 0;
-    for lane in 0..leaf::range(leaf).1 {
-        let found = leaf::intersect_packet(&tree.leaves, leaf, lane, &rays.shear, enter, best.t);
-        if found.mask & mask != 0 {
-            let primitive = tree.leaves.primitive(leaf, lane);
-            let beaten = best.beaten(found.mask & mask, found.t, primitive);
-            best.replace(beaten, found.t, found.weights, primitive, leaf, lane);
-            changed |= beaten;
+    if (mask.count_ones() as usize) < count {
+        let (enters, limits) = (enter.store(), best.t.store());
+        while mask != 0 {
+            let ray = mask.trailing_zeros() as usize % PACKET;
+            mask &= mask - 1;
+            let found = leaf::intersect(&tree.leaves, leaf, &packet.single::<L>(ray), enters[ray], limits[ray]);
+            let mut lanes = found.mask;
+            if lanes == 0 {
+                continue;
+            }
+            let (t, [u, v, w]) = (found.t.store(), found.weights);
+            let (u, v, w) = (u.store(), v.store(), w.store());
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize % WIDTH;
+                lanes &= lanes - 1;
+                let primitive = tree.leaves.primitive(leaf, lane);
+                let all = <L::Sixteen as Numbers>::splat(t[lane]);
+                let beaten = best.beaten(1 << ray, all, primitive);
+                if beaten != 0 {
+                    best.replace(beaten, all, splat([u[lane], v[lane], w[lane]]), primitive, leaf, lane);
+                    changed = beaten;
+                }
+            }
+        }
+    } else {
+        for lane in 0..count {
+            let found = leaf::intersect_packet(&tree.leaves, leaf, lane, &rays.shear, enter, best.t);
+            if found.mask & mask != 0 {
+                let primitive = tree.leaves.primitive(leaf, lane);
+                let beaten = best.beaten(found.mask & mask, found.t, primitive);
+                best.replace(beaten, found.t, found.weights, primitive, leaf, lane);
+                changed |= beaten;
+            }
         }
     }
     if changed != 0 {
-        best.limit = best.t.store().into_iter().fold(0.0, f32::max);
+        best.limit = largest(&best.t.store());
     }
+}
+
+#[inline(always)]
+fn largest(values: &[f32; PACKET]) -> f32 {
+    let mut all = *values;
+    for half in [8, 4, 2, 1] {
+        for lane in 0..half {
+            all[lane] = all[lane].max(all[lane + half]);
+        }
+    }
+    all[0]
 }
 
 #[inline(always)]

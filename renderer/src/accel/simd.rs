@@ -125,6 +125,9 @@ pub(super) trait Numbers: Copy {
 /// Eight of them, and a type that holds twice as many.
 pub(super) trait Lanes: Numbers {
     type Sixteen: Sixteen;
+    /// Brings an item that will be wanted soon to the processor; does nothing where there is none, or no such instruction.
+    #[inline(always)]
+    fn prefetch<T>(_: &[T], _: usize) {}
     fn load(from: &[f32; WIDTH]) -> Self;
     fn store(self) -> [f32; WIDTH];
 }
@@ -339,6 +342,14 @@ mod x86 {
 
             impl Lanes for $name {
                 type Sixteen = $sixteen;
+                #[inline(always)]
+                fn prefetch<T>(items: &[T], index: usize) {
+                    let at = items.as_ptr().wrapping_add(index).cast::<i8>();
+                    for line in 0..size_of::<T>().div_ceil(64) {
+                        // SAFETY: prefetching reads nothing; any address will do.
+                        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.wrapping_add(64 * line)) };
+                    }
+                }
                 #[inline(always)]
                 fn load(from: &[f32; WIDTH]) -> Self {
                     // SAFETY: as above; eight floats may be read at `from`, aligned or not.

@@ -207,7 +207,11 @@ fn packets_find_what_single_rays_do() {
             match k % 17 {
                 0 => rays[3] = Ray::new(Vec3A::NAN, Vec3A::X),
                 1 => rays.iter_mut().for_each(|r| r.direction = Vec3A::new(0.0, -0.0, 1.0)),
-                _ => together += usize::from(coherent(&rays[..16])),
+                _ => {
+                    let mut all = [None; 16];
+                    let query = PacketQuery { tree: &trees[0], rays: &rays[..16], hits: &mut all, scratch: &mut scratch };
+                    together += usize::from(simd::run(Level::best(), query));
+                }
             }
             let expected: Vec<_> = rays.iter().map(|ray| bits(trees[0].closest(ray, &mut scratch))).collect();
             hits += expected.iter().flatten().count();

@@ -254,6 +254,17 @@ impl Geometry {
         }
     }
 
+    /// [`Self::closest`] of each ray, the same hits; several times as fast for rays from one point close to each other, sixteen at a
+    /// time (see [`Accel::closest_packet`]). `hits` is as long as `rays`.
+    pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        self.flat.closest_packet(rays, hits, scratch);
+        if let Some(shared) = &self.shared {
+            for (ray, hit) in rays.iter().zip(hits) {
+                *hit = nearer(shared, ray, scratch, self.before(hit.as_ref())).or(*hit);
+            }
+        }
+    }
+
     /// Distance of a flattened hit, if any, and its instance: of what lies at the same distance the first instance is hit.
     #[inline]
     fn before(&self, hit: Option<&Hit>) -> (f32, u32) {
