@@ -29,9 +29,9 @@ fn convergence_gives_a_table_json_and_plots_and_goes_on() {
     let first = run(&[&small[..], &["--repeats", "1"]].concat());
     assert!(first.status.success(), "{}", stderr(&first));
     let table = String::from_utf8_lossy(&first.stdout).into_owned();
-    // A heading and three rows a scene; then a heading of two lines and a row a scene.
+    // A heading and three rows a scene and method; then a heading of two lines and a row a scene and method.
     let lines = |name: &str| table.lines().filter(|line| line.starts_with(name)).count();
-    assert_eq!((lines("scene"), lines("interior"), lines("textured")), (2, 4, 4), "{table}");
+    assert_eq!((lines("scene"), lines("interior"), lines("textured")), (2, 8, 8), "{table}");
     for heading in ["Msamp/s", "x spp", "SSIM", "cpu s", "99 % trim"] {
         assert!(table.contains(heading), "{heading} in {table}");
     }
@@ -42,10 +42,12 @@ fn convergence_gives_a_table_json_and_plots_and_goes_on() {
     for scene in results["scenes"].as_array().unwrap() {
         assert!(scene["reference_noise"].as_f64().unwrap() > 0.0);
         let rows = scene["rows"].as_array().unwrap();
-        assert_eq!(rows.iter().map(|r| r["spp"].as_u64().unwrap()).collect::<Vec<_>>(), [4, 8, 16]);
+        assert_eq!(rows.iter().map(|r| r["spp"].as_u64().unwrap()).collect::<Vec<_>>(), [4, 8, 16, 4, 8, 16]);
+        assert!(rows.iter().enumerate().all(|(i, r)| r["method"] == if i < 3 { "uniform" } else { "adaptive" }));
         for row in rows {
             let run = &row["runs"][0];
-            assert_eq!(run["stats"]["samples"].as_u64(), Some(256 * row["spp"].as_u64().unwrap()));
+            let (samples, asked) = (run["stats"]["samples"].as_u64().unwrap(), 256 * row["spp"].as_u64().unwrap());
+            assert!(samples <= asked && (row["method"] == "adaptive" || samples == asked), "{samples} of {asked}");
             for key in ["mean", "trimmed", "clipped", "median"] {
                 assert!(run["relmse"][key].as_f64().unwrap().is_finite());
             }
@@ -53,8 +55,8 @@ fn convergence_gives_a_table_json_and_plots_and_goes_on() {
         }
     }
     // A mark a row, and one in each line of the legend.
-    assert_eq!(circles(&folder.path().join("convergence.svg")), 2 * 3 + 2);
-    assert_eq!(circles(&folder.path().join("convergence_trimmed.svg")), 2 * 3 + 2);
+    assert_eq!(circles(&folder.path().join("convergence.svg")), 4 * 3 + 4);
+    assert_eq!(circles(&folder.path().join("convergence_trimmed.svg")), 4 * 3 + 4);
 
     // More repeats and samples: what is there stays, the references too.
     let references = || common::files(&folder.path().join("references"));
@@ -65,7 +67,7 @@ fn convergence_gives_a_table_json_and_plots_and_goes_on() {
     let more = json(&path);
     assert_eq!(references(), before);
     for (old, new) in results["scenes"].as_array().unwrap().iter().zip(more["scenes"].as_array().unwrap()) {
-        assert_eq!(new["rows"].as_array().unwrap().len(), 4);
+        assert_eq!(new["rows"].as_array().unwrap().len(), 8);
         assert_eq!(new["rows"][0]["runs"][0], old["rows"][0]["runs"][0]);
         let errors: Vec<_> = (0..2).map(|i| new["rows"][0]["runs"][i]["relmse"]["mean"].as_f64().unwrap()).collect();
         assert_ne!(errors[0], errors[1], "repeats have seeds of their own");

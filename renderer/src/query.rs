@@ -82,9 +82,7 @@ impl RenderScene {
             // A flat environment is left to scattering, which finds it without noise.
             return (!F::FLAT_ENVIRONMENT || matches!(sample.source, Source::Emitter { .. })).then_some(sample);
         }
-        let drawn = self.light().sample(u)?;
-        let source = Source::Environment { radiance: drawn.radiance };
-        Some(LightSample { wi: drawn.wi, distance: f32::INFINITY, source, pdf: drawn.pdf })
+        self.light().sample(u).map(LightSample::from)
     }
 
     /// What the environment sends from `wi`, and the density with which [`Self::sample_light`] finds that direction.

@@ -11,7 +11,7 @@ use crate::truth::Interrupted;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use renderflow_frame::file;
-use renderflow_renderer::{RenderScene, Settings, Stats, render_with_stats};
+use renderflow_renderer::{Budget, RenderScene, Settings, Stats, render_with_stats};
 use renderflow_scenes::LoadedScene;
 use results::{Conditions, Results, Run, SceneResult};
 use serde::{Deserialize, Serialize};
@@ -27,19 +27,24 @@ pub const GOAL: f64 = 1e-2;
 pub enum Method {
     /// The same number of samples in every pixel
     Uniform,
+    /// As many on average, more where the picture is noisier
+    Adaptive,
 }
 
 impl Method {
     fn name(self) -> &'static str {
         match self {
             Self::Uniform => "uniform",
+            Self::Adaptive => "adaptive",
         }
     }
 
     fn settings(self, spp: u32, max_bounces: u32) -> Settings {
-        match self {
-            Self::Uniform => Settings { spp, max_bounces, ..Settings::default() },
-        }
+        let budget = match self {
+            Self::Uniform => Budget::Uniform,
+            Self::Adaptive => Budget::Average,
+        };
+        Settings { spp, max_bounces, budget, ..Settings::default() }
     }
 }
 
@@ -71,7 +76,7 @@ pub struct Options {
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
     max_bounces: u32,
     /// Ways to spend samples; may be given several times
-    #[arg(long, value_enum, default_values_t = [Method::Uniform])]
+    #[arg(long, value_enum, default_values_t = [Method::Uniform, Method::Adaptive])]
     method: Vec<Method>,
     /// Folder for results and, in `references`, the references
     #[arg(long, default_value = "bench")]

@@ -5,7 +5,7 @@ use super::{Spent, Stopwatch};
 use anyhow::{Context, Result, bail};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, exr, hdr};
-use renderflow_renderer::{Film, RenderScene, Settings, Stats, develop, expose};
+use renderflow_renderer::{Budget, Film, RenderScene, Settings, Stats, develop, expose, render_with_stats};
 use std::fmt::Write;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -126,7 +126,28 @@ impl Watch {
         Self { target, print: Box::new(print) }
     }
 
-    /// As `render_with_stats`, the same picture to the bit. Comparing is not in the seconds printed.
+    /// What `render` gives, with its seconds and the error of its picture: for samples that are not spread evenly and have no parts.
+    ///
+    /// # Errors
+    /// As `render`, and when the sizes differ.
+    pub fn whole(
+        &self,
+        scene: &RenderScene,
+        render: impl FnOnce() -> renderflow_renderer::Result<(Frame, Stats)>,
+    ) -> Result<(Frame, Stats)> {
+        self.target.check_size(scene.camera().width, scene.camera().height)?;
+        let mut rendering = Total::default();
+        let (frame, stats) = rendering.time(render)?;
+        if let Some(raw) = &frame.raw {
+            let errors = self.target.errors(raw, scene.exposure())?;
+            (self.print)(&Errors::heading());
+            (self.print)(&errors.row(frame.info.spp, Some(rendering.0)));
+        }
+        Ok((frame, stats))
+    }
+
+    /// As `render_with_stats`, the same picture to the bit. Comparing is not in the seconds printed. Adaptive settings give one line
+    /// only: another number of samples would spread them otherwise.
     ///
     /// # Errors
     /// As `render_with_stats`, and when the sizes differ.
@@ -137,6 +158,9 @@ impl Watch {
         progress: &(dyn Fn(u64, u64) + Sync),
         cancel: &AtomicBool,
     ) -> Result<(Frame, Stats)> {
+        if settings.budget != Budget::Uniform {
+            return self.whole(scene, || render_with_stats(scene, settings, progress, cancel));
+        }
         let (width, height) = (scene.camera().width, scene.camera().height);
         self.target.check_size(width, height)?;
         let pixels = (width * height) as u64;

@@ -165,8 +165,27 @@ impl Accel {
         size_of_val(self.nodes.as_slice()) + self.leaves.memory()
     }
 
+    /// Calls `open` with the boxes of the tree from above (lower and upper corner) and, where it says so, with those inside, down to
+    /// `triangle` with the corners of triangles.
+    pub(crate) fn walk(&self, mut open: impl FnMut([Vec3A; 2]) -> bool, mut triangle: impl FnMut([Vec3A; 3])) {
+        let mut todo: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
+        while let Some(index) = todo.pop() {
+            let node = &self.nodes[index as usize];
+            for lane in node.lanes().filter(|&lane| open(node.child_bounds(lane))) {
+                let child = node.children[lane];
+                if child & LEAF == 0 {
+                    todo.push(child);
+                } else {
+                    let leaf = child & !LEAF;
+                    (0..leaf::range(leaf).1).for_each(|lane| triangle(self.leaves.corners(leaf, lane)));
+                }
+            }
+        }
+    }
+
     /// Corners of all triangles, in the order of the leaves.
-    pub(crate) fn triangles(&self) -> impl Iterator<Item = [Vec3A; 3]> + '_ {
+    #[cfg(test)]
+    fn triangles(&self) -> impl Iterator<Item = [Vec3A; 3]> + '_ {
         let leaves = self.nodes.iter().flat_map(|n| n.children).filter(|&c| c & LEAF != 0 && c != EMPTY).map(|c| c & !LEAF);
         leaves.flat_map(move |leaf| (0..leaf::range(leaf).1).map(move |lane| self.leaves.corners(leaf, lane)))
     }

@@ -222,8 +222,8 @@ impl Geometry {
     }
 
     /// Triangles whose pictures together cover that of everything: those in the world-space tree, and the sides of boxes around parts
-    /// of the shared meshes.
-    pub fn covering(&self) -> impl Iterator<Item = [Vec3A; 3]> + '_ {
+    /// of the shared meshes. Of the former only what is in boxes that `open` wants opened; of the others it takes care itself.
+    pub fn cover(&self, open: impl FnMut([Vec3A; 2]) -> bool, mut triangle: impl FnMut([Vec3A; 3])) {
         /// Two triangles a side; corner k has the upper plane of axis a where bit a of k is set.
         const SIDES: [[usize; 3]; 12] = [
             [0, 2, 6],
@@ -240,7 +240,8 @@ impl Geometry {
             [4, 7, 6],
         ];
         let parts = self.shared.iter().flat_map(|s| s.placements().iter().flat_map(|p| s.parts(p)));
-        self.flat.triangles().chain(parts.flat_map(|corners| SIDES.map(|side| side.map(|k| corners[k]))))
+        parts.flat_map(|corners| SIDES.map(|side| side.map(|k| corners[k]))).for_each(&mut triangle);
+        self.flat.walk(open, triangle);
     }
 
     /// The nearest triangle along `ray`, front or back.

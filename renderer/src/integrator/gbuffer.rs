@@ -12,7 +12,7 @@ use crate::interaction::{Cone, Interaction};
 use crate::ray::Ray;
 use crate::schedule::{self, Tile};
 use crate::stats::Stats;
-use glam::{DVec2, Vec2};
+use glam::{DVec2, Vec2, Vec3A};
 use renderflow_frame::{Environment, Frame, FrameInfo, Image};
 use std::sync::atomic::AtomicBool;
 
@@ -216,6 +216,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             scene_hash: scene.hash.clone(),
             exposure: scene.exposure(),
             bsdf: String::new(),
+            sampling: String::new(),
             denoiser: None,
         },
         ..Frame::default()
@@ -261,14 +262,18 @@ fn store(frame: &mut Frame, at: usize, centre: &Centre) {
     }
 }
 
-/// Which pixels may see geometry: a superset, found by projecting every triangle's bounds. All others see the environment alone.
+/// Boxes smaller than this many pixels stand for what is in them: dense meshes have many triangles a pixel.
+const SMALL: f64 = 1.5;
+
+/// Which pixels may see geometry: a superset, found by projecting bounds of triangles or of boxes around them. All others see the
+/// environment alone.
 pub(super) struct Visible {
     width: usize,
     seen: Vec<bool>,
 }
 
 impl Visible {
-    /// Projects all triangles onto the image, each widened by the pixel filter and a hundredth of a pixel for rounding.
+    /// Projects triangles, or small boxes around them, onto the image, each widened by the pixel filter and a hundredth of a pixel for rounding.
     pub fn new(scene: &RenderScene, settings: &Settings) -> Self {
         let (width, height) = (scene.camera().width, scene.camera().height);
         if !settings.skips.environment_pixels {
@@ -283,18 +288,36 @@ impl Visible {
             first..end
         };
         // Differences along each row: +1 where a bound begins, -1 where it ends.
-        let mut edges = vec![0i32; (width + 1) * height];
-        for corners in scene.geometry.covering() {
-            let Some((low, high)) = projector.bounds(corners) else { continue };
+        let edges = vec![0i32; (width + 1) * height];
+        let edges = std::cell::RefCell::new(edges);
+        let mark = |(low, high): (DVec2, DVec2)| {
             let columns = pixels(low.x, high.x, width);
             if columns.is_empty() {
-                continue;
+                return;
             }
+            let mut edges = edges.borrow_mut();
             for y in pixels(low.y, high.y, height) {
                 edges[y * (width + 1) + columns.start] += 1;
                 edges[y * (width + 1) + columns.end] -= 1;
             }
-        }
+        };
+        let open = |corners: [Vec3A; 2]| {
+            let Some((low, high)) = projector.box_bounds(corners) else { return true };
+            if pixels(low.x, high.x, width).is_empty() || pixels(low.y, high.y, height).is_empty() {
+                return false;
+            }
+            let small = (high - low).max_element() < SMALL;
+            if small {
+                mark((low, high));
+            }
+            !small
+        };
+        scene.geometry.cover(open, |corners| {
+            if let Some(bounds) = projector.bounds(corners) {
+                mark(bounds);
+            }
+        });
+        let edges = edges.into_inner();
         let mut seen = Vec::with_capacity(width * height);
         for row in edges.chunks_exact(width + 1) {
             let mut open = 0;
@@ -315,7 +338,7 @@ impl Visible {
 mod tests {
     use super::*;
     use crate::camera::Filter;
-    use glam::{Affine3A, Vec3, Vec3A};
+    use glam::{Affine3A, Vec3};
     use renderflow_frame::Camera;
     use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
 

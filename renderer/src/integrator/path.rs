@@ -7,7 +7,7 @@ use crate::compile::RenderScene;
 use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
-use crate::light::{LightGroups, Source};
+use crate::light::{Ahead, LightGroups, LightSample, Source};
 use crate::material::{Mode, Prepared};
 use crate::ray::Ray;
 use crate::sampler::{PixelSampler, Points};
@@ -41,6 +41,7 @@ pub(super) struct Tracer<'a, F: Features> {
     camera_cone: Cone,
     scratch: Scratch,
     points: Points,
+    ahead: Ahead,
     /// BSDFs made before, by material.
     bsdfs: &'a [Option<Prepared>],
     stats: Stats,
@@ -104,6 +105,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             camera_cone: Cone::camera(scene.camera(), settings.spp),
             scratch: Scratch::default(),
             points: Points::default(),
+            ahead: Ahead::default(),
             bsdfs: if settings.bsdf == Mode::Conserving { scene.bsdfs() } else { &[] },
             stats: Stats::default(),
             features: std::marker::PhantomData,
@@ -280,8 +282,13 @@ impl<'a, F: Features> Tracer<'a, F> {
         beta: Vec3A,
     ) {
         let scene = self.scene;
-        let [u, v, choice, _] = self.points.point(sampler, index, 2 * vertex);
-        let Some(light) = scene.sample_light::<F>(surface.p, choice, [u, v]) else { return };
+        let light = if F::FULL && scene.features().emitters {
+            let [u, v, choice, _] = self.points.point(sampler, index, 2 * vertex);
+            scene.sample_light::<F>(surface.p, choice, [u, v])
+        } else {
+            self.ahead.sample(scene.light(), (sampler, &mut self.points), index, 2 * vertex).map(LightSample::from)
+        };
+        let Some(light) = light else { return };
         let scattering = scatterer.eval(light.wi);
         // Not `> 0`: a NaN must reach the counter, not vanish here.
         if scattering.f_cos == Vec3A::ZERO && self.settings.skips.zero_contributions {

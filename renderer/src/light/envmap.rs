@@ -3,6 +3,7 @@
 use super::distribution::{Grid, sample_linear};
 use crate::angle::{polar, sin_cos_turns};
 use crate::error::{Error, Result};
+use crate::sampler::LANES;
 use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 use renderflow_frame::Environment;
@@ -131,6 +132,18 @@ struct Place {
     t: f32,
 }
 
+/// A direction drawn in a cell.
+struct Within {
+    /// Where along the row and, of solid angle, from the row above.
+    s: f32,
+    t: f32,
+    x: f32,
+    y: f32,
+    z: f32,
+    /// Polar angle over pi.
+    v: f32,
+}
+
 impl EnvironmentLight {
     /// [`Self::with_sampling`] with [`Sampling::default`].
     ///
@@ -225,6 +238,17 @@ impl EnvironmentLight {
         }
     }
 
+    /// [`Self::sample`] of all `u`, an array a number, bit for bit.
+    #[inline(always)]
+    pub(super) fn sample_all(&self, u: [&[f32; LANES]; 2], drawn: &mut [Option<EnvironmentSample>; LANES]) {
+        if let Kind::Map(map) = &self.kind {
+            return map.sample_all(u, drawn);
+        }
+        for (lane, to) in drawn.iter_mut().enumerate() {
+            *to = self.sample([u[0][lane], u[1][lane]]);
+        }
+    }
+
     /// Density with which [`Self::sample`] draws the world-space unit direction `wi`, per steradian.
     #[inline(always)]
     pub fn pdf(&self, wi: Vec3A) -> f32 {
@@ -315,21 +339,59 @@ impl Map {
     #[inline(always)]
     fn sample(&self, u: [f32; 2]) -> Option<EnvironmentSample> {
         let cell = self.grid.sample(u);
-        let [a, b, c, d] = self.corners(cell.column, cell.row);
-        let t = sample_linear(0.5 * (a + b), 0.5 * (c + d), cell.u[1]);
-        let s = sample_linear(a + (c - a) * t, b + (d - b) * t, cell.u[0]);
+        let within = self.warp(self.corners(cell.column, cell.row), self.bands[cell.row], cell.column as f32, cell.u);
+        self.drawn((cell.column, cell.row), &within)
+    }
 
-        let band = self.bands[cell.row];
+    /// [`Self::sample`] of all `u`, step by step: the steps of one draw wait for each other, those of sixteen do not, and the middle
+    /// ones work on vectors.
+    #[inline(always)]
+    fn sample_all(&self, u: [&[f32; LANES]; 2], drawn: &mut [Option<EnvironmentSample>; LANES]) {
+        let mut cells = [(0, 0); LANES];
+        let (mut bands, mut columns, mut rest) = ([[0.0; LANES]; 3], [0.0; LANES], [[0.0; LANES]; 2]);
+        let mut corners = [[0.0; LANES]; 4];
+        for lane in 0..LANES {
+            let cell = self.grid.sample([u[0][lane], u[1][lane]]);
+            let band = &self.bands[cell.row];
+            cells[lane] = (cell.column, cell.row);
+            columns[lane] = cell.column as f32;
+            (bands[0][lane], bands[1][lane], bands[2][lane]) = (band.start, band.extent, band.sign);
+            (rest[0][lane], rest[1][lane]) = (cell.u[0], cell.u[1]);
+            let [a, b, c, d] = self.corners(cell.column, cell.row);
+            (corners[0][lane], corners[1][lane], corners[2][lane], corners[3][lane]) = (a, b, c, d);
+        }
+        let mut within = [[0.0; LANES]; 6];
+        for lane in 0..LANES {
+            let band = Band { start: bands[0][lane], extent: bands[1][lane], inverse_extent: 0.0, sign: bands[2][lane] };
+            let corners = [corners[0][lane], corners[1][lane], corners[2][lane], corners[3][lane]];
+            let Within { s, t, x, y, z, v } = self.warp(corners, band, columns[lane], [rest[0][lane], rest[1][lane]]);
+            (within[0][lane], within[1][lane], within[2][lane]) = (s, t, x);
+            (within[3][lane], within[4][lane], within[5][lane]) = (y, z, v);
+        }
+        for (lane, to) in drawn.iter_mut().enumerate() {
+            let [s, t, x, y, z, v] = within.each_ref().map(|w| w[lane]);
+            *to = self.drawn(cells[lane], &Within { s, t, x, y, z, v });
+        }
+    }
+
+    /// Where in a cell, given its corners' weights, its band and column, and what is left of the random numbers.
+    #[inline(always)]
+    fn warp(&self, [a, b, c, d]: [f32; 4], band: Band, column: f32, u: [f32; 2]) -> Within {
+        let t = sample_linear(0.5 * (a + b), 0.5 * (c + d), u[1]);
+        let s = sample_linear(a + (c - a) * t, b + (d - b) * t, u[0]);
         let q = (band.start + band.extent * t).clamp(0.0, 1.0);
         let sin = 2.0 * (q * (1.0 - q)).sqrt();
         let y = band.sign * (1.0 - 2.0 * q);
-        let turns = (cell.column as f32 + 0.5 + s) * self.inverse_width - self.rotation;
-        let (sin_phi, cos_phi) = sin_cos_turns(turns);
-        let wi = Vec3A::new(sin_phi * sin, y, -cos_phi * sin);
+        let (sin_phi, cos_phi) = sin_cos_turns((column + 0.5 + s) * self.inverse_width - self.rotation);
+        Within { s, t, x: sin_phi * sin, y, z: -cos_phi * sin, v: polar(q.min(1.0 - q), y) }
+    }
 
-        let place = self.place_in(cell.column, s, cell.row, polar(q.min(1.0 - q), y), t);
+    #[inline(always)]
+    fn drawn(&self, (column, row): (usize, usize), within: &Within) -> Option<EnvironmentSample> {
+        let &Within { s, t, x, y, z, v } = within;
+        let place = self.place_in(column, s, row, v, t);
         let pdf = self.pdf(&place);
-        (pdf > 0.0).then(|| EnvironmentSample { wi, radiance: self.radiance(&place), pdf })
+        (pdf > 0.0).then(|| EnvironmentSample { wi: Vec3A::new(x, y, z), radiance: self.radiance(&place), pdf })
     }
 
     #[inline(always)]

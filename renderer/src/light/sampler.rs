@@ -1,7 +1,7 @@
 //! All lights of a scene as one.
 
 use super::emitters::{EmissiveTriangle, EmitterLight};
-use super::envmap::EnvironmentLight;
+use super::envmap::{EnvironmentLight, EnvironmentSample};
 use glam::Vec3A;
 
 /// Random numbers that choose a light are taken as multiples of one over this: generators of 23 or more bits hit each equally often.
@@ -37,6 +37,14 @@ pub struct LightSample {
     pub source: Source,
     /// Density of `wi` for this light, the choice between lights included; per steradian, > 0.
     pub pdf: f32,
+}
+
+/// A sample of the only light.
+impl From<EnvironmentSample> for LightSample {
+    #[inline(always)]
+    fn from(EnvironmentSample { wi, radiance, pdf }: EnvironmentSample) -> Self {
+        Self { wi, distance: f32::INFINITY, source: Source::Environment { radiance }, pdf }
+    }
 }
 
 /// Draws from the environment and from emissive triangles.

@@ -8,7 +8,9 @@ use super::sobol::{PixelSampler, SEQUENCE};
 use sobol_burley::parts::{hash, owen_scramble_rev, u32_to_f32_norm};
 
 /// Samples of a batch.
-const LANES: usize = 16;
+pub const LANES: usize = 16;
+/// One set of a batch, an array a dimension.
+pub type Batched = [[f32; LANES]; 4];
 /// Sets that are kept; paths seldom reach those beyond, which are computed one by one.
 const SETS: usize = 16;
 /// No number of a batch: samples are numbered up to 2^24.
@@ -71,8 +73,7 @@ struct Batch {
     base: u64,
     /// Number of the batch in the stream.
     number: u32,
-    /// One array a dimension.
-    points: [[f32; LANES]; 4],
+    points: Batched,
 }
 
 /// Keeps the points that were computed ahead. What it returns depends on the arguments alone.
@@ -90,22 +91,27 @@ impl Points {
     /// [`PixelSampler::point`] of `sampler`.
     #[inline(always)]
     pub fn point(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> [f32; 4] {
-        let Some(batch) = self.batches.get_mut(set as usize).filter(|_| sampler.is_sobol()) else {
-            return sampler.point(index, set);
-        };
-        let (number, lane) = (index / LANES as u32, index as usize % LANES);
+        let lane = index as usize % LANES;
+        self.batch(sampler, index, set).map_or_else(|| sampler.point(index, set), |points| points.each_ref().map(|d| d[lane]))
+    }
+
+    /// The points of set `set` of all samples `16 k..16 k + 16` with `index` among them; `None` where they are not kept.
+    #[inline(always)]
+    pub fn batch(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> Option<&Batched> {
+        let batch = self.batches.get_mut(set as usize).filter(|_| sampler.is_sobol())?;
+        let number = index / LANES as u32;
         if batch.number != number || batch.base != sampler.base() {
             *batch = Batch { base: sampler.base(), number, points: batch.points };
             let first = number * LANES as u32;
             compute(&mut batch.points, first % SEQUENCE, sampler.scramble(first, set));
         }
-        batch.points.each_ref().map(|dimension| dimension[lane])
+        Some(&batch.points)
     }
 }
 
 /// The points of the samples `first..first + 16`, `first` a multiple of 16 below 2^16, as sobol_burley's `sample_4d` gives them.
 #[inline(always)]
-fn compute(points: &mut [[f32; LANES]; 4], first: u32, seed: u32) {
+fn compute(points: &mut Batched, first: u32, seed: u32) {
     let shuffle = hash(seed ^ 0x79c6_8e4a);
     // The shuffle acts on reversed bits, where it carries upwards only: the lower bits, which are those of the batch, are common.
     let shuffled = owen_scramble_rev(first.reverse_bits(), shuffle);

@@ -14,7 +14,7 @@ pub mod batch;
 pub mod hash;
 pub mod sobol;
 
-pub use batch::Points;
+pub use batch::{Batched, LANES, Points};
 pub use sobol::PixelSampler;
 
 use serde::{Deserialize, Serialize};

@@ -45,12 +45,12 @@ impl PixelSampler {
 
     /// What tells this stream from others.
     #[inline]
-    pub(super) fn base(&self) -> u64 {
+    pub(crate) fn base(&self) -> u64 {
         self.base
     }
 
     #[inline]
-    pub(super) fn is_sobol(&self) -> bool {
+    pub(crate) fn is_sobol(&self) -> bool {
         self.kind == Sampler::Sobol
     }
 }
