@@ -96,6 +96,8 @@ struct Row {
     mrays_wall: f64,
     /// Rate against Embree's single rays of this kind; median over the turns of the ratio of processor times.
     ratio: Option<f64>,
+    /// The same against our single rays.
+    over_ours: f64,
     /// Processor seconds of each turn.
     seconds_cpu: Vec<f64>,
 }
@@ -206,6 +208,7 @@ fn cast(set: &Rays, tracers: &mut [Tracer<'_>], repeats: u32, cancel: &AtomicBoo
             mrays_cpu: rate(middle(&|t| t.cpu)),
             mrays_wall: rate(middle(&|t| t.wall)),
             ratio: yardstick.map(|y| median(&against(y))),
+            over_ours: median(&against(0)),
             seconds_cpu: times[index].iter().map(|t| t.cpu).collect(),
         }
     };
@@ -234,17 +237,20 @@ fn print(scene: &SceneResult) {
     for s in &scene.structures {
         println!("  {:22} built in {:.3} s, {:.1} bytes a triangle", s.tracer, s.build_seconds, s.bytes_per_triangle);
     }
-    let head = ["rays", "tracer", "Mrays/s", "(wall)", "ratio", "hits", "differ"];
-    println!("  {:9} {:30} {:>8} {:>8} {:>6} {:>9} {:>7}", head[0], head[1], head[2], head[3], head[4], head[5], head[6]);
+    println!(
+        "  {:9} {:30} {:>8} {:>8} {:>7} {:>6} {:>9} {:>7}",
+        "rays", "tracer", "Mrays/s", "(wall)", "/embree", "/ours", "hits", "differ"
+    );
     for row in &scene.rows {
         let ratio = row.ratio.map_or_else(|| "-".into(), |r| format!("{r:.2}"));
         println!(
-            "  {:9} {:30} {:>8.2} {:>8.2} {:>6} {:>9} {:>7}",
+            "  {:9} {:30} {:>8.2} {:>8.2} {:>7} {:>6.2} {:>9} {:>7}",
             row.rays.name(),
             row.tracer,
             row.mrays_cpu,
             row.mrays_wall,
             ratio,
+            row.over_ours,
             row.hits,
             row.disagree
         );

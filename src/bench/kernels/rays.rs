@@ -13,7 +13,7 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// One a pixel from the camera, in tiles of 8 x 8.
+    /// One a pixel from the camera, in tiles of 8 x 8, in each of them in blocks of 4 x 4.
     Primary,
     /// Cosine-distributed from where primary rays hit, in their order: the nearest hit is wanted.
     Diffuse,
@@ -43,8 +43,8 @@ pub struct Rays {
     pub rays: Vec<[Vec3A; 2]>,
 }
 
-/// Side of a tile of primary rays, pixels.
-const TILE: usize = 8;
+/// Sides of tiles of primary rays, and of blocks in them that a packet covers, pixels.
+const TILES: [usize; 2] = [8, 4];
 
 /// All kinds of rays for what `camera` sees of `triangles`; about as many bounces as primary rays. Kinds without rays are left out.
 pub fn make(camera: &Camera, triangles: &[[Vec3A; 3]], accel: &Accel) -> Vec<Rays> {
@@ -77,21 +77,27 @@ pub fn make(camera: &Camera, triangles: &[[Vec3A; 3]], accel: &Accel) -> Vec<Ray
     all.into_iter().filter(|(_, rays)| !rays.is_empty()).map(|(kind, rays)| Rays { kind, rays }).collect()
 }
 
-/// Rays through the pixel centres, tile by tile, row by row in each.
+/// Rays through the pixel centres, tile by tile, block by block in each, row by row in those.
 fn tiled(camera: &Camera) -> Vec<[Vec3A; 2]> {
-    let (width, height) = (camera.width, camera.height);
-    let mut rays = Vec::with_capacity(width * height);
-    for y0 in (0..height).step_by(TILE) {
-        for x0 in (0..width).step_by(TILE) {
-            for y in y0..(y0 + TILE).min(height) {
-                for x in x0..(x0 + TILE).min(width) {
-                    let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                    rays.push([camera.position(), camera.ray_direction(pixel)]);
-                }
-            }
+    let mut rays = Vec::with_capacity(camera.width * camera.height);
+    tile([0, 0], [camera.width, camera.height], &TILES, &mut |x, y| {
+        let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+        rays.push([camera.position(), camera.ray_direction(pixel)]);
+    });
+    rays
+}
+
+/// Visits the pixels from `low` to before `high` in squares of the first of `sides`, each of those in squares of the next, and so on.
+fn tile(low: [usize; 2], high: [usize; 2], sides: &[usize], visit: &mut impl FnMut(usize, usize)) {
+    let Some((&side, rest)) = sides.split_first() else {
+        (low[1]..high[1]).for_each(|y| (low[0]..high[0]).for_each(|x| visit(x, y)));
+        return;
+    };
+    for y in (low[1]..high[1]).step_by(side) {
+        for x in (low[0]..high[0]).step_by(side) {
+            tile([x, y], [(x + side).min(high[0]), (y + side).min(high[1])], rest, visit);
         }
     }
-    rays
 }
 
 /// A direction about `n` with density cos / pi (Malley's method).
@@ -105,6 +111,16 @@ fn cosine(n: Vec3A, u: [f32; 2]) -> Vec3A {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tiles_visit_every_pixel_once_block_by_block() {
+        let mut seen = Vec::new();
+        tile([0, 0], [13, 9], &TILES, &mut |x, y| seen.push([x, y]));
+        assert!(seen[..16].iter().all(|p| p[0] < 4 && p[1] < 4) && seen[..64].iter().all(|p| p[0] < 8 && p[1] < 8));
+        seen.sort_unstable();
+        seen.dedup();
+        assert_eq!(seen.len(), 13 * 9);
+    }
 
     #[test]
     fn cosine_directions_have_their_mean() {

@@ -24,6 +24,9 @@ pub struct Tracer<'a> {
 /// yardstick.
 pub fn for_rays<'a>(kind: Kind, accel: &'a Accel, embree: &'a [(String, Scene<'a>)]) -> Vec<Tracer<'a>> {
     let mut tracers = vec![Tracer { name: OURS.into(), yardstick: false, cast: ours(kind, accel) }];
+    if kind == Kind::Primary {
+        tracers.push(Tracer { name: format!("{OURS} packets"), yardstick: false, cast: our_packets(accel) });
+    }
     for (index, (name, scene)) in embree.iter().enumerate() {
         tracers.push(Tracer { name: name.clone(), yardstick: index == 0, cast: single(kind, scene) });
         if kind == Kind::Primary && index == 0 {
@@ -51,6 +54,25 @@ fn ours(kind: Kind, accel: &Accel) -> Cast<'_> {
             }
         })
     }
+}
+
+/// Rays of our packets.
+const PACKET: usize = 16;
+
+fn our_packets(accel: &Accel) -> Cast<'_> {
+    let mut scratch = Scratch::default();
+    Box::new(move |rays, found| {
+        let mut packet = Vec::with_capacity(PACKET);
+        let mut hits = [None; PACKET];
+        for (rays, found) in rays.chunks(PACKET).zip(found.chunks_mut(PACKET)) {
+            packet.clear();
+            packet.extend(rays.iter().map(|&[origin, direction]| Ray::new(origin, direction)));
+            accel.closest_packet(&packet, &mut hits[..rays.len()], &mut scratch);
+            for (found, hit) in found.iter_mut().zip(&hits) {
+                *found = hit.is_some();
+            }
+        }
+    })
 }
 
 fn single<'a>(kind: Kind, scene: &'a Scene<'_>) -> Cast<'a> {
