@@ -153,7 +153,8 @@ pub(super) fn frame<F: Features>(
     let never = AtomicBool::new(false);
     let guides = |at: usize, seen: bool, scratch: &mut Scratch, stats: &mut Stats| {
         // The film's are the first hits of its own samples, each one of `spp`.
-        let (rays, samples) = film.map_or((settings.guide_samples, settings.guide_samples), |f| (f.samples(), settings.spp));
+        let plain = (settings.guide_samples, settings.guide_samples);
+        let (rays, samples) = film.map_or(plain, |film| (film.pixels[at].count() as u32, settings.spp));
         let mut guides = GuideStatistics::default();
         if !seen {
             guides.push_misses(rays.into());
