@@ -1,7 +1,7 @@
 //! How much error a second of work buys: renders a set of scenes at equal samples and prints, for each, relMSE times samples (mean,
 //! lowest 99 %, median pixel), CPU microseconds a sample on one thread, and efficiency = 1 / (relMSE times CPU time).
 //!
-//! `cargo run --release -p renderflow-renderer --example efficiency -- [--spp 64] [--seeds 4] [--size 96] [--bounces 6]
+//! `cargo run --release -p renderflow-renderer --example efficiency -- [--spp 64] [--seeds 4] [--size 96] [--bounces 6] [--branches 4]
 //! [--reference FOLDER] [--reference-spp 4096] [--only NAME,...] [scene.json ...]`
 //!
 //! relMSE = mean of (I - R)^2 / (R^2 + 0.01) over pixels, channels and seeds. References are kept in the folder, so that variants of the code are
@@ -28,6 +28,7 @@ struct Options {
     seeds: u64,
     size: usize,
     bounces: u32,
+    branches: u32,
     reference: PathBuf,
     reference_spp: u32,
     only: Vec<String>,
@@ -37,7 +38,7 @@ struct Options {
 fn main() -> Outcome<()> {
     let options = options()?;
     std::fs::create_dir_all(&options.reference)?;
-    let settings = Settings { spp: options.spp, max_bounces: options.bounces, ..Settings::default() };
+    let settings = Settings { spp: options.spp, max_bounces: options.bounces, branches: options.branches, ..Settings::default() };
     let mut scenes = built(options.size);
     for file in &options.files {
         let description = Scene::read(file)?;
@@ -74,7 +75,13 @@ fn main() -> Outcome<()> {
         let spp = f64::from(options.spp);
         let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
         let all = spp * mean(&errors);
-        let row = [all, spp * mean(&errors[..errors.len() * 99 / 100]), spp * errors[errors.len() / 2], per_sample, 1.0 / (all * per_sample)];
+        let row = [
+            all,
+            spp * mean(&errors[..errors.len() * 99 / 100]),
+            spp * errors[errors.len() / 2],
+            per_sample,
+            1.0 / (all * per_sample),
+        ];
         println!("{name:12} {:10.4} {:9.4} {:9.5} {:9.3} {:10.4}", row[0], row[1], row[2], row[3], row[4]);
         logs.iter_mut().zip(row).for_each(|(l, r)| *l += r.ln());
         count += 1;
@@ -90,6 +97,7 @@ fn options() -> Outcome<Options> {
         seeds: 4,
         size: 96,
         bounces: 6,
+        branches: Settings::default().branches,
         reference: std::env::temp_dir().join("renderflow-efficiency"),
         reference_spp: 4096,
         only: Vec::new(),
@@ -103,6 +111,7 @@ fn options() -> Outcome<Options> {
             "--seeds" => options.seeds = value()?.parse()?,
             "--size" => options.size = value()?.parse()?,
             "--bounces" => options.bounces = value()?.parse()?,
+            "--branches" => options.branches = value()?.parse()?,
             "--reference" => options.reference = value()?.into(),
             "--reference-spp" => options.reference_spp = value()?.parse()?,
             "--only" => options.only = value()?.split(',').map(str::to_owned).collect(),
@@ -196,7 +205,8 @@ fn material(base_color: [f32; 3], metallic: f32, roughness: f32) -> Material {
 
 /// Shiny and dull spheres, and a box, on grey ground: the kinds of surfaces of the usual comparison scenes.
 fn balls(environment: &Environment, camera: Camera) -> LoadedScene {
-    let at = |x: f32, z: f32, r: f32| Affine3A::from_scale_rotation_translation(Vec3::splat(r), Quat::IDENTITY, Vec3::new(x, r, z));
+    let at =
+        |x: f32, z: f32, r: f32| Affine3A::from_scale_rotation_translation(Vec3::splat(r), Quat::IDENTITY, Vec3::new(x, r, z));
     let mut parts = vec![(common::plane(12.0), material([0.45, 0.42, 0.38], 0.0, 0.8), Affine3A::IDENTITY)];
     for (color, metallic, roughness, x, z, r) in [
         ([0.75, 0.08, 0.06], 0.0, 0.25, -1.5, 0.2, 0.45),
@@ -215,12 +225,18 @@ fn balls(environment: &Environment, camera: Camera) -> LoadedScene {
 
 /// A gold and a chrome wall facing each other, a dull ball between.
 fn corner(environment: &Environment, camera: Camera) -> LoadedScene {
-    let stand = |x: f32, turn: f32| Affine3A::from_rotation_translation(Quat::from_rotation_y(turn) * Quat::from_rotation_x(1.5708), Vec3::new(x, 0.9, -0.6));
+    let stand = |x: f32, turn: f32| {
+        Affine3A::from_rotation_translation(Quat::from_rotation_y(turn) * Quat::from_rotation_x(1.5708), Vec3::new(x, 0.9, -0.6))
+    };
     let parts = vec![
         (common::plane(12.0), material([0.5, 0.5, 0.5], 0.0, 0.3), Affine3A::IDENTITY),
         (common::plane(1.8), material([1.0, 0.72, 0.3], 1.0, 0.2), stand(-1.0, 0.6)),
         (common::plane(1.8), material([0.9, 0.9, 0.92], 1.0, 0.3), stand(1.0, -0.6)),
-        (common::sphere(32, true), material([0.7, 0.2, 0.2], 0.0, 0.4), Affine3A::from_scale_rotation_translation(Vec3::splat(0.45), Quat::IDENTITY, Vec3::new(0.0, 0.45, 0.4))),
+        (
+            common::sphere(32, true),
+            material([0.7, 0.2, 0.2], 0.0, 0.4),
+            Affine3A::from_scale_rotation_translation(Vec3::splat(0.45), Quat::IDENTITY, Vec3::new(0.0, 0.45, 0.4)),
+        ),
     ];
     common::scene(parts, environment.clone(), camera)
 }
@@ -249,7 +265,8 @@ fn walls() -> Mesh {
 
 /// A dull ball and a metal one in a room with a window.
 fn room(environment: &Environment, camera: Camera) -> LoadedScene {
-    let small = |x: f32, z: f32| Affine3A::from_scale_rotation_translation(Vec3::splat(0.6), Quat::IDENTITY, Vec3::new(x, 0.6, z));
+    let small =
+        |x: f32, z: f32| Affine3A::from_scale_rotation_translation(Vec3::splat(0.6), Quat::IDENTITY, Vec3::new(x, 0.6, z));
     let parts = vec![
         (walls(), material([0.7, 0.68, 0.62], 0.0, 0.9), Affine3A::IDENTITY),
         (common::sphere(24, true), material([0.8, 0.3, 0.2], 0.0, 0.3), small(-0.7, 0.4)),

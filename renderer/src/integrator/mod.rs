@@ -2,6 +2,7 @@
 //! split-sum baseline on top of the latter.
 
 mod accumulate;
+mod direct;
 mod gbuffer;
 pub mod ibl;
 mod path;
@@ -42,7 +43,7 @@ pub enum DirectLight {
 }
 
 /// What to render and how well.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {
     /// Samples a pixel of the beauty, 1..=2^24; powers of two use the sampler best.
@@ -63,6 +64,15 @@ pub struct Settings {
     pub direct: DirectLight,
     /// Kind of the random numbers.
     pub sampler: Sampler,
+    /// Paths that go on from the first surface of a camera sample, 1..=64: the camera ray, what it hits, and the light sample there
+    /// are made once for all of them. Measured with `examples/efficiency.rs`: on the common scene (256 x 256) relMSE at equal samples is
+    /// 0.511, 0.253, 0.125 for 1, 2, 4 branches, and a sample takes 6453, 9614, 15950 instructions: error times cost falls to 0.74 and
+    /// 0.60. Over seven scenes (32 samples) error falls to 0.52 and 0.28 in the geometric mean. Splitting only where most is scattered
+    /// diffusely loses half of it: what a mirror sees is as noisy.
+    pub branches: u32,
+    /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
+    /// setting without bias. For pictures to look at, never for references: it darkens.
+    pub clamp_indirect: Option<f32>,
 }
 
 impl Default for Settings {
@@ -77,6 +87,8 @@ impl Default for Settings {
             bsdf: Mode::Conserving,
             direct: DirectLight::Mis,
             sampler: Sampler::Sobol,
+            branches: 4,
+            clamp_indirect: None,
         }
     }
 }
@@ -88,6 +100,15 @@ impl Settings {
         };
         range("spp", self.spp, 1 << 24, "1..=16777216")?;
         range("max_bounces", self.max_bounces, 1024, "1..=1024")?;
+        range("branches", self.branches, 64, "1..=64")?;
+        if let Some(limit) = self.clamp_indirect
+            && !(limit > 0.0 && limit.is_finite())
+        {
+            return Err(Error::Inconsistent {
+                place: "clamp_indirect".into(),
+                reason: format!("{limit} is not a finite number > 0"),
+            });
+        }
         range("guide_samples", self.guide_samples, 1 << 16, "1..=65536")?;
         if self.light_groups > 0 {
             LightGroups::new(self.light_groups as usize, scene.environment().rotation)?;
