@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_renderer::denoise::{Denoiser, Options};
-use renderflow_renderer::{Mode, RenderScene, Settings, render_with_stats};
+use renderflow_renderer::{Budget, Mode, RenderScene, Settings, render_mapped, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
@@ -43,6 +43,10 @@ pub enum DenoiseMode {
 pub struct TruthSettings {
     /// Samples a pixel.
     pub spp: u32,
+    /// How they are spread over the pixels.
+    pub budget: Budget,
+    /// Frame to take the samples of every pixel from, in place of `spp` and `budget`: a file, or a folder of a sequence's frames.
+    pub sample_map: Option<PathBuf>,
     /// Scattering events of a path.
     pub max_bounces: u32,
     /// Form of the principled BRDF.
@@ -58,9 +62,15 @@ pub struct TruthSettings {
 const CLEAN_GUIDES: u32 = 16;
 
 impl TruthSettings {
-    /// Opens the denoiser as `mode` asks.
+    /// Opens the denoiser as `mode` asks; `spp` samples in every pixel.
     pub fn new(spp: u32, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
-        let open = || Denoiser::with_options(Options { clean_guides: spp >= CLEAN_GUIDES, ..Options::default() });
+        Self::spread(spp, Budget::Uniform, max_bounces, mode)
+    }
+
+    /// As [`Self::new`] with the samples spread as `budget` says.
+    pub fn spread(spp: u32, budget: Budget, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
+        let clean_guides = budget.fewest(spp) >= CLEAN_GUIDES;
+        let open = || Denoiser::with_options(Options { clean_guides, ..Options::default() });
         let denoiser = match mode {
             DenoiseMode::None => None,
             DenoiseMode::Oidn => Some(open()?),
@@ -75,6 +85,8 @@ impl TruthSettings {
         let plain = Settings::default();
         Ok(Self {
             spp,
+            budget,
+            sample_map: None,
             max_bounces,
             bsdf: plain.bsdf,
             light_groups: plain.light_groups,
@@ -96,17 +108,40 @@ impl TruthSettings {
         self.denoiser.as_ref().map(|_| "oidn".to_owned())
     }
 
-    /// Path-traces and denoises the current frame of `scene`.
-    pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &AtomicBool) -> Result<Frame> {
-        let settings = Settings {
+    fn of_renderer(&self) -> Settings {
+        Settings {
             spp: self.spp,
             max_bounces: self.max_bounces,
             bsdf: self.bsdf,
             light_groups: self.light_groups,
             irradiance: self.irradiance,
+            budget: self.budget,
             ..Settings::default()
+        }
+    }
+
+    /// The frame that holds the sample map of frame `index` of `frames`, and the settings it was made with.
+    fn mapped(&self, path: &Path, index: usize, frames: usize) -> Result<(Settings, Frame)> {
+        let path = if path.is_dir() { path.join(frame_file(index)) } else { path.to_owned() };
+        if frames > 1 && path.file_name() != Some(frame_file(index).as_ref()) {
+            bail!("{}: is the map of one frame, the sequence has {frames}; name a folder of frames", path.display());
+        }
+        let map = exr::read(&path)?;
+        let settings = self.of_renderer().with_sampling(&map.info.sampling);
+        let settings = settings.with_context(|| format!("{}: was not sampled adaptively", path.display()))?;
+        Ok((settings, map))
+    }
+
+    /// Path-traces and denoises the current frame of `scene`.
+    pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &AtomicBool) -> Result<Frame> {
+        let rendered = match &self.sample_map {
+            None => render_with_stats(scene, &self.of_renderer(), progress, cancel),
+            Some(path) => {
+                let (settings, frame) = self.mapped(path, scene.frame(), scene.frames())?;
+                let map = frame.samples.with_context(|| format!("{}: has no channel samples.N", path.display()))?;
+                render_mapped(scene, &settings, &map, progress, cancel)
+            }
         };
-        let rendered = render_with_stats(scene, &settings, progress, cancel);
         if cancel.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
@@ -170,7 +205,7 @@ impl SequenceJob {
         for index in self.numbers(frames) {
             let path = self.out.join(frame_file(index));
             if path.is_file() {
-                self.check_resumed(&path, &loaded, settings)?;
+                self.check_resumed(&path, index, &loaded, settings)?;
                 progress.resume(1000);
                 continue;
             }
@@ -201,21 +236,28 @@ impl SequenceJob {
     }
 
     /// A frame that is already there must be of this scene at these settings, or the sequence would be a mixture.
-    fn check_resumed(&self, path: &Path, loaded: &LoadedScene, settings: &TruthSettings) -> Result<()> {
+    fn check_resumed(&self, path: &Path, index: usize, loaded: &LoadedScene, settings: &TruthSettings) -> Result<()> {
         let frame = exr::read(path)?;
         let info = &frame.info;
         let groups = frame.light.iter().flatten().count();
+        let samples = match &settings.sample_map {
+            None if settings.budget == Budget::Uniform => info.sampling.is_empty() && info.spp == settings.spp,
+            None => info.sampling == settings.of_renderer().sampling(),
+            Some(map) => frame.samples == settings.mapped(map, index, loaded.cameras.len())?.1.samples,
+        };
         let same = info.scene_hash == loaded.hash
-            && info.spp == settings.spp
+            && samples
             && info.denoiser == settings.denoiser_name()
             && info.bsdf == settings.bsdf.name()
             && groups == settings.light_groups as usize
             && frame.irradiance.is_some() == settings.irradiance;
         if !same {
             bail!(
-                "{}: is of another scene or other settings ({} spp, {} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
+                "{}: is of another scene or other settings ({} spp{}{}, {} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
                 path.display(),
                 info.spp,
+                if info.sampling.is_empty() { "" } else { ", " },
+                info.sampling,
                 info.bsdf,
                 info.denoiser.as_deref().unwrap_or("none")
             );

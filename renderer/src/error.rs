@@ -35,6 +35,9 @@ pub enum Error {
     /// Two films do not belong together.
     #[error("films cannot be merged: {0}")]
     Merge(String),
+    /// A map of sample counts cannot be used.
+    #[error("sample map: {0}")]
+    SampleMap(String),
     /// The caller asked to stop; nothing was produced.
     #[error("rendering was cancelled")]
     Cancelled,

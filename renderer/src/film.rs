@@ -72,11 +72,21 @@ impl PixelStatistics {
         mean(self.sum.high, self.count)
     }
 
+    /// Mean radiance in double precision, 0 without samples.
+    pub(crate) fn mean_f64(&self) -> DVec3 {
+        self.sum.high / self.count.max(1) as f64
+    }
+
     /// Variance of the mean, as if samples were independent: with low-discrepancy samples an upper estimate. 0 below two
     /// samples; a variance beyond single precision (radiance above some 1e19) is its largest number.
     pub fn variance_of_mean(&self) -> [f32; 3] {
+        self.variance_of_mean_f64().min(DVec3::splat(f32::MAX.into())).as_vec3().to_array()
+    }
+
+    /// As [`Self::variance_of_mean`], in double precision.
+    pub(crate) fn variance_of_mean_f64(&self) -> DVec3 {
         if self.count < 2 {
-            return [0.0; 3];
+            return DVec3::ZERO;
         }
         let n = self.count as f64;
         // Squares less n times the squared mean, which cancel in double precision where samples are nearly equal: products with
@@ -87,7 +97,7 @@ impl PixelStatistics {
         let product = mean * sum;
         let rounding = mean.mul_add(sum, -product);
         let spread = ((squares - product) + (self.sum_of_squares.low - rounding) - mean * (rest + self.sum.low)).max(DVec3::ZERO);
-        (spread / (n * (n - 1.0))).min(DVec3::splat(f32::MAX.into())).as_vec3().to_array()
+        spread / (n * (n - 1.0))
     }
 }
 

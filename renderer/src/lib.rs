@@ -29,7 +29,10 @@ pub use camera::Filter;
 pub use compile::RenderScene;
 pub use error::{Error, Result};
 pub use geometry::{Builds, Sharing};
-pub use integrator::{DirectLight, Film, Settings, develop, expose, ibl, render, render_gbuffer, render_with_stats};
+pub use integrator::{
+    Budget, DirectLight, Film, Settings, develop, expose, expose_mapped, ibl, render, render_gbuffer, render_mapped,
+    render_with_stats,
+};
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;

@@ -3,6 +3,7 @@ use crate::dataset::{Plan, Shard, render};
 use crate::truth::TruthSettings;
 use anyhow::Result;
 use clap::{Args, Subcommand};
+use renderflow_renderer::Budget;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -43,6 +44,9 @@ pub struct PlanArgs {
     /// Samples a pixel
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..))]
     spp: u32,
+    /// Spend the samples where the picture is noisier, --spp a pixel on average
+    #[arg(long)]
+    adaptive: bool,
     /// Scattering events of a path
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
     max_bounces: u32,
@@ -86,6 +90,7 @@ impl DatasetCommand {
                     degrees_per_frame: args.degrees_per_frame,
                     resolution: [args.resolution; 2],
                     spp: args.spp,
+                    adaptive: args.adaptive,
                     max_bounces: args.max_bounces,
                     keyframe_gap: args.keyframe_gap,
                 };
@@ -94,7 +99,8 @@ impl DatasetCommand {
             }
             Self::Render(args) => {
                 let plan = Plan::read(&args.plan)?;
-                let settings = TruthSettings::new(plan.spp, plan.max_bounces, args.denoise)?;
+                let budget = if plan.adaptive { Budget::Average } else { Budget::Uniform };
+                let settings = TruthSettings::spread(plan.spp, budget, plan.max_bounces, args.denoise)?;
                 render::run(&plan, &args.out, args.shard, &settings, cancel)
             }
         }

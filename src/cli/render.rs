@@ -6,7 +6,7 @@ use crate::truth::{SequenceJob, TruthSettings};
 use anyhow::Result;
 use clap::Args;
 use renderflow_frame::{color, exr, file};
-use renderflow_renderer::Mode;
+use renderflow_renderer::{Budget, Mode};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -20,9 +20,14 @@ pub struct Render {
     scene: SceneArgs,
     #[command(flatten)]
     trace: TraceArgs,
+    #[command(flatten)]
+    adaptive: AdaptiveArgs,
     /// Form of the BRDF: energy-conserving, or the formulae as Burley published them
     #[arg(long, value_enum, default_value_t)]
     bsdf: BsdfArg,
+    /// Most samples a pixel on average with --target-error or --time-budget
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    max_spp: u32,
     /// Split the light into this many groups by direction: channels light.0 to light.7
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=8))]
     light_groups: u32,
@@ -46,6 +51,34 @@ pub struct Render {
     out: PathBuf,
 }
 
+/// How samples are spread over the pixels; evenly without any of these.
+#[derive(Args)]
+#[group(multiple = false)]
+struct AdaptiveArgs {
+    /// Spend --spp samples a pixel on average, more where the picture is noisier
+    #[arg(long)]
+    adaptive: bool,
+    /// Sample until the relMSE of a frame is estimated to be this small, at most --max-spp a pixel on average
+    #[arg(long, value_name = "RELMSE", value_parser = whole_units::<1_000_000>)]
+    target_error: Option<u32>,
+    /// Sample for so many seconds a frame, at most --max-spp a pixel on average; the map of samples is kept in the frame
+    #[arg(long, value_name = "SECONDS", value_parser = whole_units::<1000>)]
+    time_budget: Option<u32>,
+    /// Sample every pixel as often as in this frame (EXR) or this folder of frames: the same picture again
+    #[arg(long, value_name = "FRAME")]
+    sample_map: Option<PathBuf>,
+}
+
+/// A positive number in units of 1 / `PER_ONE`.
+fn whole_units<const PER_ONE: u32>(text: &str) -> std::result::Result<u32, String> {
+    let number: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    let units = (number * f64::from(PER_ONE)).round();
+    if (1.0..=f64::from(u32::MAX)).contains(&units) {
+        return Ok(units as u32);
+    }
+    Err(format!("must be from {} to {}", 1.0 / f64::from(PER_ONE), f64::from(u32::MAX) / f64::from(PER_ONE)))
+}
+
 #[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
 enum BsdfArg {
     #[default]
@@ -60,7 +93,14 @@ impl Render {
             BsdfArg::Conserving => Mode::Conserving,
             BsdfArg::Published => Mode::Published,
         };
-        let mut settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
+        let (spp, budget) = match &self.adaptive {
+            AdaptiveArgs { adaptive: true, .. } => (self.trace.spp, Budget::Average),
+            AdaptiveArgs { target_error: Some(millionths), .. } => (self.max_spp, Budget::Error { millionths: *millionths }),
+            AdaptiveArgs { time_budget: Some(milliseconds), .. } => (self.max_spp, Budget::Time { milliseconds: *milliseconds }),
+            _ => (self.trace.spp, Budget::Uniform),
+        };
+        let mut settings = TruthSettings::spread(spp, budget, self.trace.max_bounces, self.trace.denoise)?;
+        settings.sample_map = self.adaptive.sample_map;
         (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
         let progress = Progress::new("render", u64::from(scene.frames) * 1000);
         let job = SequenceJob { scene, base, out: self.out.clone(), keyframe_gap: self.keyframe_gap, frame_step: 1 };
@@ -74,7 +114,10 @@ impl Render {
                 let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
                 file::write_atomic(&path.with_extension("png"), &report::png(&picture)?)?;
             }
-            println!("{}", path.display());
+            match frame.info.sampling.as_str() {
+                "" => println!("{}", path.display()),
+                sampling => println!("{} ({sampling}: {} samples a pixel)", path.display(), frame.info.spp),
+            }
         }
         Ok(())
     }

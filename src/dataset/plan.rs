@@ -29,6 +29,9 @@ pub struct Plan {
     pub resolution: [u32; 2],
     /// Samples a pixel of the truth.
     pub spp: u32,
+    /// Whether the samples are spread by need, `spp` a pixel on average. Plans that say nothing mean evenly.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub adaptive: bool,
     /// Scattering events of a path.
     pub max_bounces: u32,
     /// Frames 0, gap, 2 gap, ... are keyframes.
@@ -134,6 +137,7 @@ mod tests {
             degrees_per_frame,
             resolution: [64, 48],
             spp: 1,
+            adaptive: false,
             max_bounces: 1,
             keyframe_gap: 1,
         };

@@ -107,6 +107,7 @@ pub const LAYERS: &[Layer] = &[
     layer!("", ["A"], Half, Scalar alpha, "hit coverage, 0..1"),
     layer!("raw", RGB, Half, optional Rgb raw, "mean radiance before denoising, scene-linear"),
     layer!("variance", RGB, Float, optional Rgb variance, "variance of the mean of raw"),
+    layer!("samples", ["N"], Uint, optional Id samples, "samples of raw in this pixel; without it all pixels have as many as spp says"),
     layer!(light 0, "light.0"),
     layer!(light 1, "light.1"),
     layer!(light 2, "light.2"),

@@ -11,7 +11,7 @@ pub const LIGHT_GROUPS: usize = 8;
 pub struct FrameInfo {
     /// The camera of this frame.
     pub camera: Option<Camera>,
-    /// Samples a pixel of the beauty, 0 when there is none.
+    /// Samples a pixel of the beauty, on average where [`Frame::samples`] is there; 0 when there is none.
     pub spp: u32,
     /// Seed of the sequence.
     pub seed: u64,
@@ -21,6 +21,8 @@ pub struct FrameInfo {
     pub exposure: f32,
     /// Form of the BRDF that was rendered (`conserving`, `published`), empty where it is not known.
     pub bsdf: String,
+    /// How samples were spread over the pixels where not evenly (such as `average 256`), empty where evenly.
+    pub sampling: String,
     /// Name of the denoiser used on the beauty, `None` when it is raw.
     pub denoiser: Option<String>,
 }
@@ -43,6 +45,8 @@ pub struct Frame {
     pub raw: Option<Rgb>,
     /// Variance of the mean of `raw`.
     pub variance: Option<Rgb>,
+    /// Samples of each pixel; `None` where all have [`FrameInfo::spp`].
+    pub samples: Option<Image<u32>>,
     /// Shares of `raw` by where the light entered, index = group; all `None` unless asked for.
     pub light: [Option<Rgb>; LIGHT_GROUPS],
     /// Base colour at the pixel centre, linear, 0..=1, 0 at a miss.

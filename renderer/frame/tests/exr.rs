@@ -49,6 +49,7 @@ fn without_options(frame: &Frame) -> Frame {
         beauty: None,
         raw: None,
         variance: None,
+        samples: None,
         light: Default::default(),
         irradiance: None,
         guide_albedo: None,

@@ -1,10 +1,11 @@
 //! The beauty: camera samples added up on a film, all at once or in parts that are merged.
 
 use super::Settings;
+use super::adaptive::Budget;
 use super::path::Tracer;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
-use crate::features::Features;
+use crate::features::{Features, with_features};
 use crate::film::{GroupStatistics, GuideStatistics, PixelStatistics};
 use crate::integrator::gbuffer::Visible;
 use crate::schedule::{self, Progress, Tile};
@@ -12,7 +13,9 @@ use crate::stats::Stats;
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{PoisonError, RwLock};
+use std::time::{Duration, Instant};
 
 /// Samples of a picture: sums of radiance, its light groups, and what camera rays hit first. Films of disjoint ranges of samples
 /// of the same scene, frame and settings merge into the film of all of them.
@@ -22,22 +25,53 @@ pub struct Film {
     pub(super) height: usize,
     /// What must be equal for films to belong together.
     key: String,
-    /// Disjoint, in ascending order.
+    /// Numbers of the samples, disjoint, in ascending order. Of a film with a map each pixel has only those below its count there.
     ranges: Vec<Range<u32>>,
+    /// BLAKE3 of the map that pixels have their counts from, where they do.
+    #[serde(default)]
+    map: Option<String>,
     pub(super) pixels: Vec<PixelStatistics>,
     pub(super) guides: Vec<GuideStatistics>,
     /// Empty unless light groups were asked for.
     pub(super) groups: Vec<GroupStatistics>,
 }
 
-/// Everything that the value of a sample depends on, its number apart (the total of samples is in it: footprints follow it).
+/// Everything that the value of a sample depends on, its number apart (`spp` is in it: footprints follow it).
 fn key(scene: &RenderScene, settings: &Settings) -> String {
-    let settings = Settings { guide_samples: 1, irradiance: false, ..*settings };
+    let settings = Settings { guide_samples: 1, irradiance: false, budget: Budget::Uniform, ..*settings };
     let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
     blake3::hash(format!("{identity:?}").as_bytes()).to_hex().to_string()
 }
 
+fn map_hash(map: &[u32]) -> String {
+    let mut hash = blake3::Hasher::new();
+    map.iter().for_each(|count| _ = hash.update(&count.to_le_bytes()));
+    hash.finalize().to_hex().to_string()
+}
+
 impl Film {
+    /// A film of the samples `range` of every pixel, or of those of them that are below its count in `map`; none is there yet.
+    pub(super) fn new(scene: &RenderScene, settings: &Settings, range: Range<u32>, map: Option<&[u32]>) -> Self {
+        let (width, height) = (scene.camera().width, scene.camera().height);
+        let count = width * height;
+        Self {
+            width,
+            height,
+            key: key(scene, settings),
+            ranges: vec![range],
+            map: map.map(map_hash),
+            pixels: vec![PixelStatistics::default(); count],
+            guides: vec![GuideStatistics::default(); count],
+            groups: vec![GroupStatistics::default(); if settings.light_groups > 0 { count } else { 0 }],
+        }
+    }
+
+    /// Says that each pixel now holds as many samples as `map` has for it, and all there will be.
+    pub(super) fn complete_map(&mut self, map: &[u32]) {
+        self.ranges = std::iter::once(0..map.iter().copied().max().unwrap_or(0)).collect();
+        self.map = Some(map_hash(map));
+    }
+
     /// Whether [`super::develop`] may use it for this scene and these settings.
     pub(super) fn check(&self, scene: &RenderScene, settings: &Settings) -> Result<()> {
         if self.key != key(scene, settings) {
@@ -60,14 +94,25 @@ impl Film {
         let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
         frame.raw = Some(image(self.pixels.iter().map(PixelStatistics::mean).collect()));
         frame.variance = Some(image(self.pixels.iter().map(PixelStatistics::variance_of_mean).collect()));
+        frame.samples = self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() });
         for (group, light) in frame.light.iter_mut().enumerate().take(groups) {
             *light = Some(image(self.groups.iter().map(|g| g.mean(group)).collect()));
         }
     }
 
-    /// Samples a pixel so far.
+    /// Samples a pixel so far, on average where pixels have counts of their own.
     pub fn samples(&self) -> u32 {
+        if self.map.is_some() {
+            let sum: u64 = self.pixels.iter().map(PixelStatistics::count).sum();
+            let count = self.pixels.len().max(1) as u64;
+            return u32::try_from((sum + count / 2) / count).unwrap_or(u32::MAX);
+        }
         self.ranges.iter().map(|r| r.end - r.start).sum()
+    }
+
+    /// Samples of each pixel so far, row by row.
+    pub fn counts(&self) -> Vec<u32> {
+        self.pixels.iter().map(|p| u32::try_from(p.count()).unwrap_or(u32::MAX)).collect()
     }
 
     /// Ranges of sample numbers it holds.
@@ -82,6 +127,9 @@ impl Film {
     pub fn merge(&mut self, other: &Self) -> Result<()> {
         if self.key != other.key {
             return Err(Error::Merge("the other film is of another scene, frame or other settings".into()));
+        }
+        if self.map != other.map {
+            return Err(Error::Merge("the other film is of another sample map".into()));
         }
         other.complete(self.pixels.len(), self.groups.len())?;
         let mut ranges: Vec<_> = self.ranges.iter().chain(&other.ranges).cloned().collect();
@@ -104,7 +152,55 @@ impl Film {
     }
 }
 
-/// What a tile adds to the film.
+/// Counts traced samples and says how far a render is.
+pub(super) struct Meter<'a> {
+    progress: Progress<'a>,
+    done: AtomicU64,
+    /// When it began and how long it may take, where it is time that counts.
+    clock: Option<(Instant, Duration)>,
+}
+
+impl<'a> Meter<'a> {
+    pub fn new(progress: Progress<'a>, limit: Option<Duration>) -> Self {
+        Self { progress, done: 0.into(), clock: limit.map(|limit| (Instant::now(), limit)) }
+    }
+
+    /// Samples so far.
+    pub fn done(&self) -> u64 {
+        self.done.load(Ordering::Relaxed)
+    }
+
+    /// Says that `samples` more are done of `total`.
+    fn add(&self, samples: u64, total: u64) {
+        let done = self.done.fetch_add(samples, Ordering::Relaxed) + samples;
+        match self.clock {
+            None => (self.progress)(done.min(total), total),
+            Some((start, limit)) => {
+                let milliseconds = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
+                (self.progress)(milliseconds(start.elapsed().min(limit)), milliseconds(limit).max(1));
+            }
+        }
+    }
+}
+
+/// What samples are traced of.
+#[derive(Clone, Copy)]
+pub(super) struct Work<'a> {
+    pub scene: &'a RenderScene,
+    pub settings: &'a Settings,
+    pub visible: &'a Visible,
+    pub cancel: &'a AtomicBool,
+}
+
+impl Work<'_> {
+    /// Traces the samples `span(pixel)` of every pixel and adds them to `film`, in the order of their numbers and on top of the sums
+    /// so far: a film made in rounds is that made at once, bit for bit. `meter` comes with the total to compare with.
+    pub fn trace(&self, film: &mut Film, span: &(dyn Fn(usize) -> Range<u32> + Sync), meter: (&Meter<'_>, u64)) -> Result<Stats> {
+        with_features!(self.scene.features(), self.settings.full(), trace(*self, film, span, meter))
+    }
+}
+
+/// What a tile makes of the film.
 #[derive(Default)]
 struct Tally {
     pixels: Vec<PixelStatistics>,
@@ -113,54 +209,57 @@ struct Tally {
     stats: Stats,
 }
 
-/// Traces the samples `range` of every pixel.
-pub(super) fn samples<F: Features>(
-    scene: &RenderScene,
-    settings: &Settings,
-    visible: &Visible,
-    range: Range<u32>,
-    progress: Progress<'_>,
-    cancel: &AtomicBool,
-) -> Result<(Film, Stats)> {
-    let (width, height) = (scene.camera().width, scene.camera().height);
+fn trace<F: Features>(
+    Work { scene, settings, visible, cancel }: Work<'_>,
+    film: &mut Film,
+    span: &(dyn Fn(usize) -> Range<u32> + Sync),
+    (meter, total): (&Meter<'_>, u64),
+) -> Result<Stats> {
+    let (width, height) = (film.width, film.height);
+    let grouped = settings.light_groups > 0;
+    // Tiles are stored when none is at work: nobody ever waits for this lock.
+    let film = RwLock::new(film);
     let work = |tile: Tile| {
-        let mut tracer = Tracer::<F>::new(scene, settings);
         let mut tally = Tally::default();
-        for (x, y) in tile.pixels() {
-            let sampler = settings.random(scene, y * width + x);
+        {
+            let film = film.read().unwrap_or_else(PoisonError::into_inner);
+            for at in tile.pixels().map(|(x, y)| y * width + x) {
+                tally.pixels.push(film.pixels[at]);
+                tally.guides.push(film.guides[at]);
+                tally.groups.extend(film.groups.get(at));
+            }
+        }
+        let mut tracer = Tracer::<F>::new(scene, settings);
+        let mut samples = 0;
+        for (i, (x, y)) in tile.pixels().enumerate() {
+            let at = y * width + x;
+            let range = span(at);
+            if range.is_empty() {
+                continue;
+            }
+            samples += u64::from(range.end - range.start);
+            let sampler = settings.random(scene, at);
             let seen = visible.at(x, y);
-            let (mut pixel, mut guides, mut groups) = <(PixelStatistics, GuideStatistics, GroupStatistics)>::default();
-            for index in range.clone() {
+            // Held in registers rather than in the tally while the pixel is traced.
+            let (mut pixel, mut guides) = (tally.pixels[i], tally.guides[i]);
+            for index in range {
                 let sample = tracer.sample(&sampler, (x, y), index, seen);
                 pixel.push(sample.radiance);
                 guides.push(sample.first);
-                if settings.light_groups > 0 {
-                    groups.push(tracer.groups());
+                if grouped {
+                    tally.groups[i].push(tracer.groups());
                 }
             }
-            tally.pixels.push(pixel);
-            tally.guides.push(guides);
-            if settings.light_groups > 0 {
-                tally.groups.push(groups);
-            }
+            (tally.pixels[i], tally.guides[i]) = (pixel, guides);
         }
         tally.stats = tracer.into_stats();
+        meter.add(samples, total);
         tally
     };
-    let count = width * height;
-    let grouped = if settings.light_groups > 0 { count } else { 0 };
-    let mut film = Film {
-        width,
-        height,
-        key: key(scene, settings),
-        ranges: vec![range.clone()],
-        pixels: vec![PixelStatistics::default(); count],
-        guides: vec![GuideStatistics::default(); count],
-        groups: vec![GroupStatistics::default(); grouped],
-    };
     let mut stats = Stats::default();
-    schedule::for_tiles((width, height), (range.end - range.start).into(), progress, cancel, work, |tile, tally| {
+    schedule::for_tiles((width, height), 1, &|_, _| (), cancel, work, |tile, tally| {
         stats += tally.stats;
+        let mut film = film.write().unwrap_or_else(PoisonError::into_inner);
         for (i, (x, y)) in tile.pixels().enumerate() {
             let at = y * width + x;
             film.pixels[at] = tally.pixels[i];
@@ -170,5 +269,5 @@ pub(super) fn samples<F: Features>(
             }
         }
     })?;
-    Ok((film, stats))
+    Ok(stats)
 }

@@ -2,6 +2,7 @@
 //! split-sum baseline on top of the latter.
 
 mod accumulate;
+mod adaptive;
 mod direct;
 mod gbuffer;
 pub mod ibl;
@@ -9,6 +10,7 @@ mod path;
 mod scatter;
 
 pub use accumulate::Film;
+pub use adaptive::Budget;
 
 use crate::accel::Scratch;
 use crate::camera::{Filter, Projector};
@@ -21,7 +23,7 @@ use crate::material::Mode;
 use crate::sampler::{PixelSampler, Sampler};
 use crate::schedule::{self, Progress, Tile};
 use crate::stats::Stats;
-use accumulate::samples as accumulate;
+use accumulate::{Meter, Work};
 use gbuffer::{Centre, Visible};
 use renderflow_frame::{Frame, FrameInfo, Image};
 use serde::{Deserialize, Serialize};
@@ -46,7 +48,7 @@ pub enum DirectLight {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Samples a pixel of the beauty, 1..=2^24; powers of two use the sampler best.
+    /// Samples a pixel of the beauty, 1..=2^24; powers of two use the sampler best. What `budget` makes of it, see there.
     pub spp: u32,
     /// Surfaces a path may scatter at, 1..=1024; 1 is direct light only.
     pub max_bounces: u32,
@@ -73,6 +75,8 @@ pub struct Settings {
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
     /// setting without bias. For pictures to look at, never for references: it darkens.
     pub clamp_indirect: Option<f32>,
+    /// How the samples are spread over the pixels.
+    pub budget: Budget,
 }
 
 impl Default for Settings {
@@ -89,6 +93,7 @@ impl Default for Settings {
             sampler: Sampler::Sobol,
             branches: 4,
             clamp_indirect: None,
+            budget: Budget::Uniform,
         }
     }
 }
@@ -110,10 +115,35 @@ impl Settings {
             });
         }
         range("guide_samples", self.guide_samples, 1 << 16, "1..=65536")?;
+        self.budget.check()?;
         if self.light_groups > 0 {
             LightGroups::new(self.light_groups as usize, scene.environment().rotation)?;
         }
         Ok(())
+    }
+
+    /// How samples are spread, as the header of frames says it: `average 256`, `error 0.01 within 4096`, `time 5 within 4096`;
+    /// empty for [`Budget::Uniform`].
+    pub fn sampling(&self) -> String {
+        match self.budget {
+            Budget::Uniform => String::new(),
+            Budget::Average => format!("average {}", self.spp),
+            Budget::Error { millionths } => format!("error {} within {}", f64::from(millionths) / 1e6, self.spp),
+            Budget::Time { milliseconds } => format!("time {} within {}", f64::from(milliseconds) / 1e3, self.spp),
+        }
+    }
+
+    /// These settings with the budget and `spp` that [`Self::sampling`] gave `text` for; `None` where it gave no such text.
+    pub fn with_sampling(self, text: &str) -> Option<Self> {
+        let words: Vec<&str> = text.split(' ').collect();
+        let whole = |number: &str, unit: f64| Some((number.parse::<f64>().ok()? * unit).round() as u32);
+        let (budget, spp) = match words[..] {
+            ["average", spp] => (Budget::Average, spp),
+            ["error", target, "within", spp] => (Budget::Error { millionths: whole(target, 1e6)? }, spp),
+            ["time", seconds, "within", spp] => (Budget::Time { milliseconds: whole(seconds, 1e3)? }, spp),
+            _ => return None,
+        };
+        Some(Self { budget, spp: spp.parse().ok()?, ..self })
     }
 
     /// Whether the compiled sets must have everything, whatever the scene needs.
@@ -150,7 +180,10 @@ pub fn render_with_stats(
 ) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     let visible = Visible::new(scene, settings.filter);
-    let (film, mut stats) = samples(scene, settings, &visible, 0..settings.spp, progress, cancel)?;
+    let (film, mut stats) = match settings.budget {
+        Budget::Uniform => samples(scene, settings, &visible, 0..settings.spp, None, progress, cancel)?,
+        _ => adaptive::render(scene, settings, &visible, progress, cancel)?,
+    };
     let (frame, more) = picture(scene, settings, &visible, &film)?;
     stats += more;
     Ok((frame, stats))
@@ -171,18 +204,69 @@ pub fn expose(
     if samples.is_empty() || samples.end > settings.spp {
         return Err(Error::Setting { name: "samples", value: samples.end.into(), range: "a part of 0..spp that is not empty" });
     }
-    self::samples(scene, settings, &Visible::new(scene, settings.filter), samples, progress, cancel)
+    self::samples(scene, settings, &Visible::new(scene, settings.filter), samples, None, progress, cancel)
 }
 
+/// As [`render_with_stats`] with as many samples in each pixel as `map` says, whatever `settings.budget` is: [`Frame::samples`] of a
+/// picture and the settings it was made with give the same picture again, bit for bit.
+///
+/// # Errors
+/// As [`render_with_stats`], and when the map is not of the picture's size or its counts are outside 1..=2^24.
+pub fn render_mapped(
+    scene: &RenderScene,
+    settings: &Settings,
+    map: &Image<u32>,
+    progress: Progress<'_>,
+    cancel: &AtomicBool,
+) -> Result<(Frame, Stats)> {
+    settings.check(scene)?;
+    let visible = Visible::new(scene, settings.filter);
+    let all = 0..adaptive::largest(scene, map)?;
+    let (film, mut stats) = samples(scene, settings, &visible, all, Some(&map.pixels), progress, cancel)?;
+    let (frame, more) = picture(scene, settings, &visible, &film)?;
+    stats += more;
+    Ok((frame, stats))
+}
+
+/// As [`expose`] with as many samples in each pixel as `map` says: traces those of them whose number is in `samples`, a part of 0 to
+/// the largest count.
+///
+/// # Errors
+/// As [`expose`] and [`render_mapped`].
+pub fn expose_mapped(
+    scene: &RenderScene,
+    settings: &Settings,
+    map: &Image<u32>,
+    samples: Range<u32>,
+    progress: Progress<'_>,
+    cancel: &AtomicBool,
+) -> Result<(Film, Stats)> {
+    settings.check(scene)?;
+    if samples.is_empty() || samples.end > adaptive::largest(scene, map)? {
+        return Err(Error::Setting {
+            name: "samples",
+            value: samples.end.into(),
+            range: "a part of the map's that is not empty",
+        });
+    }
+    self::samples(scene, settings, &Visible::new(scene, settings.filter), samples, Some(&map.pixels), progress, cancel)
+}
+
+/// The samples `range` of every pixel, as far as `map` has them.
 fn samples(
     scene: &RenderScene,
     settings: &Settings,
     visible: &Visible,
     range: Range<u32>,
+    map: Option<&[u32]>,
     progress: Progress<'_>,
     cancel: &AtomicBool,
 ) -> Result<(Film, Stats)> {
-    with_features!(scene.features(), settings.full(), accumulate(scene, settings, visible, range, progress, cancel))
+    let mut film = Film::new(scene, settings, range.clone(), map);
+    let span = |pixel: usize| range.start..map.map_or(range.end, |map| range.end.min(map[pixel]));
+    let total = (0..scene.camera().width * scene.camera().height).map(|pixel| span(pixel).len() as u64).sum();
+    let stats = Work { scene, settings, visible, cancel }.trace(&mut film, &span, (&Meter::new(progress, None), total))?;
+    Ok((film, stats))
 }
 
 /// The frame of a film: means, variance, guides, and the G-buffer at pixel centres.
@@ -199,6 +283,9 @@ fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &F
     let (mut frame, stats) = with_features!(scene.features(), settings.full(), gbuffer(scene, settings, visible, Some(film)))?;
     film.develop(&mut frame, settings.light_groups as usize);
     frame.info.spp = film.samples();
+    if frame.samples.is_some() && settings.budget != Budget::Uniform {
+        frame.info.sampling = settings.sampling();
+    }
     frame.info.bsdf = settings.bsdf.name().into();
     frame.beauty.clone_from(&frame.raw);
     Ok((frame, stats))
@@ -279,6 +366,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
         alpha: Image::filled(width, height, 0.0),
         raw: None,
         variance: None,
+        samples: None,
         light: Default::default(),
         albedo: rgb(),
         normal: rgb(),
@@ -298,6 +386,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             scene_hash: scene.hash.clone(),
             exposure: scene.exposure(),
             bsdf: String::new(),
+            sampling: String::new(),
             denoiser: None,
         },
     }

@@ -12,6 +12,7 @@ const SCENE_HASH: &str = "renderflow/scene_hash";
 const SEED: &str = "renderflow/seed";
 const EXPOSURE: &str = "renderflow/exposure";
 const BSDF: &str = "renderflow/bsdf";
+const SAMPLING: &str = "renderflow/sampling";
 const DENOISER: &str = "renderflow/denoiser";
 const CAMERA: &str = "renderflow/camera";
 const SPP: &str = "spp";
@@ -52,6 +53,9 @@ pub(super) fn write(
     set(EXPOSURE, AttributeValue::F32(info.exposure));
     if !info.bsdf.is_empty() {
         set(BSDF, string(&info.bsdf));
+    }
+    if !info.sampling.is_empty() {
+        set(SAMPLING, string(&info.sampling));
     }
     if let Some(denoiser) = &info.denoiser {
         set(DENOISER, string(denoiser));
@@ -103,6 +107,7 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
             Some(_) => return Err(format!("header attribute {EXPOSURE} is not a finite float")),
         },
         bsdf: string(BSDF)?.unwrap_or_default(),
+        sampling: string(SAMPLING)?.unwrap_or_default(),
         denoiser: string(DENOISER)?,
     })
 }

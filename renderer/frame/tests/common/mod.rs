@@ -27,6 +27,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
         alpha: Image::from_fn(width, height, |x, _| if hit(x) { 1.0 } else { 0.0 }),
         raw: Some(ramp(3.5)),
         variance: Some(ramp(1e-7)),
+        samples: Some(Image::from_fn(width, height, |x, y| 64 + 4 * (x * y) as u32)),
         light: std::array::from_fn(|group| Some(ramp(1.0 + group as f32))),
         albedo: material.clone(),
         normal: Image::from_fn(width, height, |x, _| if hit(x) { [0.6, 0.0, 0.8] } else { [0.0; 3] }),
@@ -46,6 +47,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
             scene_hash: "00ff".repeat(16),
             exposure: 0.123_456_79,
             bsdf: "conserving".into(),
+            sampling: "average 256".into(),
             denoiser: Some("oidn 2.5".into()),
         },
     }
