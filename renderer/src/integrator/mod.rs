@@ -73,7 +73,9 @@ pub struct Settings {
     /// diffusely loses half of it: what a mirror sees is as noisy.
     pub branches: u32,
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
-    /// setting without bias. For pictures to look at, never for references: it darkens.
+    /// setting without bias. For pictures to look at, never for references or data sets: a limit of 10 darkens the soft-sun scene of
+    /// `examples/efficiency.rs` by 2.1 % and the common scene by 0.8 % (3: by 2.6 and 1.6 %) while relMSE at equal samples falls to
+    /// 0.15 and 0.55 of what it was. [`Stats::clamped_contributions`] counts.
     pub clamp_indirect: Option<f32>,
     /// How the samples are spread over the pixels.
     pub budget: Budget,
