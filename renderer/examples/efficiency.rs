@@ -1,7 +1,7 @@
 //! How much error a second of work buys: renders a set of scenes at equal samples and prints, for each, relMSE times samples (mean,
 //! lowest 99 %, median pixel), CPU microseconds a sample on one thread, and efficiency = 1 / (relMSE times CPU time).
 //!
-//! `cargo run --release -p renderflow-renderer --example efficiency -- [--spp 64] [--seeds 4] [--size 96] [--bounces 6]
+//! `cargo run --release -p renderflow-renderer --example efficiency -- [--spp 64] [--seeds 4] [--size 96] [--bounces 6] [--branches 4] [--clamp X]
 //! [--reference FOLDER] [--reference-spp 4096] [--only NAME,...] [scene.json ...]`
 //!
 //! relMSE = mean of (I - R)^2 / (R^2 + 0.01) over pixels, channels and seeds. References are kept in the folder, so that variants of the code are
@@ -18,6 +18,7 @@ use renderflow_scenes::description::Scene;
 use renderflow_scenes::load::load;
 use renderflow_scenes::{LoadedScene, Material, Mesh};
 use std::error::Error;
+use std::f32::consts::FRAC_PI_2;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -28,6 +29,8 @@ struct Options {
     seeds: u64,
     size: usize,
     bounces: u32,
+    branches: u32,
+    clamp: Option<f32>,
     reference: PathBuf,
     reference_spp: u32,
     only: Vec<String>,
@@ -37,7 +40,13 @@ struct Options {
 fn main() -> Outcome<()> {
     let options = options()?;
     std::fs::create_dir_all(&options.reference)?;
-    let settings = Settings { spp: options.spp, max_bounces: options.bounces, ..Settings::default() };
+    let settings = Settings {
+        spp: options.spp,
+        max_bounces: options.bounces,
+        branches: options.branches,
+        clamp_indirect: options.clamp,
+        ..Settings::default()
+    };
     let mut scenes = built(options.size);
     for file in &options.files {
         let description = Scene::read(file)?;
@@ -46,14 +55,18 @@ fn main() -> Outcome<()> {
     }
     let single = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     println!("{0} x {0}, {1} spp, {2} seeds, {3} bounces", options.size, options.spp, options.seeds, options.bounces);
-    println!("{:12} {:>10} {:>9} {:>9} {:>9} {:>10}", "scene", "relMSE*spp", "low 99 %", "median", "us/sample", "efficiency");
+    println!(
+        "{:12} {:>10} {:>9} {:>9} {:>9} {:>10} {:>8}",
+        "scene", "relMSE*spp", "low 99 %", "median", "us/sample", "efficiency", "bias %"
+    );
     let (mut logs, mut count) = ([0.0f64; 5], 0);
     for (name, mut loaded) in scenes {
-        if !options.only.is_empty() && !options.only.iter().any(|n| *n == name) {
+        if !options.only.is_empty() && !options.only.contains(&name) {
             continue;
         }
         let reference = reference(&options, &name, &mut loaded)?;
         let mut errors = Vec::new();
+        let (mut sum, mut sum_of_reference) = (0.0f64, 0.0f64);
         let mut scene = None;
         for seed in 0..options.seeds {
             loaded.seed = 100 + seed;
@@ -64,6 +77,9 @@ fn main() -> Outcome<()> {
                 let part = |i: usize| (f64::from(f[i]) - f64::from(r[i])).powi(2) / (f64::from(r[i]).powi(2) + 0.01);
                 (part(0) + part(1) + part(2)) / 3.0
             };
+            let total = |pixels: &[[f32; 3]]| pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>();
+            sum += total(&found);
+            sum_of_reference += total(&reference);
             errors.extend(found.iter().zip(&reference).map(error));
             scene = Some(compiled);
         }
@@ -81,7 +97,8 @@ fn main() -> Outcome<()> {
             per_sample,
             1.0 / (all * per_sample),
         ];
-        println!("{name:12} {:10.4} {:9.4} {:9.5} {:9.3} {:10.4}", row[0], row[1], row[2], row[3], row[4]);
+        let bias = 100.0 * (sum / sum_of_reference - 1.0);
+        println!("{name:12} {:10.4} {:9.4} {:9.5} {:9.3} {:10.4} {bias:8.3}", row[0], row[1], row[2], row[3], row[4]);
         logs.iter_mut().zip(row).for_each(|(l, r)| *l += r.ln());
         count += 1;
     }
@@ -96,6 +113,8 @@ fn options() -> Outcome<Options> {
         seeds: 4,
         size: 96,
         bounces: 6,
+        branches: Settings::default().branches,
+        clamp: None,
         reference: std::env::temp_dir().join("renderflow-efficiency"),
         reference_spp: 4096,
         only: Vec::new(),
@@ -109,6 +128,8 @@ fn options() -> Outcome<Options> {
             "--seeds" => options.seeds = value()?.parse()?,
             "--size" => options.size = value()?.parse()?,
             "--bounces" => options.bounces = value()?.parse()?,
+            "--clamp" => options.clamp = Some(value()?.parse()?),
+            "--branches" => options.branches = value()?.parse()?,
             "--reference" => options.reference = value()?.into(),
             "--reference-spp" => options.reference_spp = value()?.parse()?,
             "--only" => options.only = value()?.split(',').map(str::to_owned).collect(),
@@ -223,7 +244,10 @@ fn balls(environment: &Environment, camera: Camera) -> LoadedScene {
 /// A gold and a chrome wall facing each other, a dull ball between.
 fn corner(environment: &Environment, camera: Camera) -> LoadedScene {
     let stand = |x: f32, turn: f32| {
-        Affine3A::from_rotation_translation(Quat::from_rotation_y(turn) * Quat::from_rotation_x(1.5708), Vec3::new(x, 0.9, -0.6))
+        Affine3A::from_rotation_translation(
+            Quat::from_rotation_y(turn) * Quat::from_rotation_x(FRAC_PI_2),
+            Vec3::new(x, 0.9, -0.6),
+        )
     };
     let parts = vec![
         (common::plane(12.0), material([0.5, 0.5, 0.5], 0.0, 0.3), Affine3A::IDENTITY),

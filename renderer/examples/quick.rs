@@ -21,6 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         match argument.as_str() {
             "--hdri" => hdri = Some(PathBuf::from(value()?)),
             "--spp" => settings.spp = value()?.parse()?,
+            "--branches" => settings.branches = value()?.parse()?,
             "--bounces" => settings.max_bounces = value()?.parse()?,
             "--frame" => frame = value()?.parse()?,
             "--ibl" => split_sum = true,

@@ -18,6 +18,9 @@ pub struct Stats {
     pub skipped_rays: u64,
     /// Samples whose radiance was NaN or infinite; each contributed 0 to its pixel.
     pub non_finite_samples: u64,
+    /// Contributions that [`crate::Settings::clamp_indirect`] limited.
+    #[serde(default)]
+    pub clamped_contributions: u64,
 }
 
 impl AddAssign for Stats {
@@ -28,5 +31,6 @@ impl AddAssign for Stats {
         self.shadow_rays += other.shadow_rays;
         self.skipped_rays += other.skipped_rays;
         self.non_finite_samples += other.non_finite_samples;
+        self.clamped_contributions += other.clamped_contributions;
     }
 }

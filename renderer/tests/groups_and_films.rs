@@ -173,7 +173,7 @@ fn many_samples_with_a_bright_one_among_them_keep_their_digits() {
     loaded.cameras = vec![camera([0.3, 1.6, 3.6], [0.0, 0.0, 1.5], 1.0, 1, 1)];
     let scene = compile(&loaded);
     // Scattering alone meets the sun rarely.
-    let settings = Settings { spp: 100_000, direct: DirectLight::Scattering, max_bounces: 2, ..Settings::default() };
+    let settings = Settings { spp: 100_000, direct: DirectLight::Scattering, max_bounces: 2, branches: 1, ..Settings::default() };
     let few = 4096;
     let samples: Vec<f64> = (0..few)
         .map(|i| f64::from(pixels(&developed(&scene, &settings, &part(&scene, &settings, i..i + 1)).raw)[0][2]))

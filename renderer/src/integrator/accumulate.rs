@@ -23,6 +23,9 @@ use std::time::{Duration, Instant};
 pub struct Film {
     pub(super) width: usize,
     pub(super) height: usize,
+    /// Samples that share a camera ray; sums of pixels count these as one.
+    #[serde(default = "one")]
+    branches: u32,
     /// What must be equal for films to belong together.
     key: String,
     /// Numbers of the samples, disjoint, in ascending order. Of a film with a map each pixel has only those below its count there.
@@ -36,10 +39,15 @@ pub struct Film {
     pub(super) groups: Vec<GroupStatistics>,
 }
 
+fn one() -> u32 {
+    1
+}
+
 /// Everything that the value of a sample depends on, its number apart (`spp` is in it: footprints follow it).
 fn key(scene: &RenderScene, settings: &Settings) -> String {
     let (channels, skips) = Default::default();
-    let settings = Settings { guide_samples: 1, irradiance: false, budget: Budget::Uniform, channels, skips, ..*settings };
+    let (budget, branches) = (Budget::Uniform, settings.branches());
+    let settings = Settings { guide_samples: 1, irradiance: false, budget, branches, channels, skips, ..*settings };
     let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
     blake3::hash(format!("{identity:?}").as_bytes()).to_hex().to_string()
 }
@@ -58,6 +66,7 @@ impl Film {
         Self {
             width,
             height,
+            branches: settings.branches(),
             key: key(scene, settings),
             ranges: vec![range],
             map: map.map(map_hash),
@@ -111,7 +120,7 @@ impl Film {
     /// Samples a pixel so far, on average where pixels have counts of their own.
     pub fn samples(&self) -> u32 {
         if self.map.is_some() {
-            let sum: u64 = self.pixels.iter().map(PixelStatistics::count).sum();
+            let sum: u64 = self.pixels.iter().map(|pixel| pixel.count() * u64::from(self.branches)).sum();
             let count = self.pixels.len().max(1) as u64;
             return u32::try_from((sum + count / 2) / count).unwrap_or(u32::MAX);
         }
@@ -120,7 +129,8 @@ impl Film {
 
     /// Samples of each pixel so far, row by row.
     pub fn counts(&self) -> Vec<u32> {
-        self.pixels.iter().map(|p| u32::try_from(p.count()).unwrap_or(u32::MAX)).collect()
+        let count = |pixel: &PixelStatistics| pixel.count().saturating_mul(self.branches.into());
+        self.pixels.iter().map(|pixel| u32::try_from(count(pixel)).unwrap_or(u32::MAX)).collect()
     }
 
     /// Ranges of sample numbers it holds.
@@ -225,6 +235,7 @@ fn trace<F: Features>(
 ) -> Result<Stats> {
     let (width, height) = (film.width, film.height);
     let grouped = settings.light_groups > 0;
+    let branches = settings.branches();
     // Tiles are stored when none is at work: nobody ever waits for this lock.
     let film = RwLock::new(film);
     let work = |tile: Tile| {
@@ -250,7 +261,7 @@ fn trace<F: Features>(
             let seen = visible.at(x, y);
             // Held in registers rather than in the tally while the pixel is traced.
             let (mut pixel, mut guides) = (tally.pixels[i], tally.guides[i]);
-            for index in range {
+            for index in range.start / branches..range.end / branches {
                 let sample = tracer.sample(&sampler, (x, y), index, seen);
                 pixel.push(sample.radiance);
                 guides.push(sample.first);

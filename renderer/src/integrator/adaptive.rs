@@ -80,7 +80,7 @@ fn pilot(spp: u32, share: f64) -> u32 {
 }
 
 /// Largest count of a map that fits the scene's picture.
-pub(super) fn largest(scene: &RenderScene, map: &Image<u32>) -> Result<u32> {
+pub(super) fn largest(scene: &RenderScene, settings: &Settings, map: &Image<u32>) -> Result<u32> {
     let (width, height) = (scene.camera().width, scene.camera().height);
     if (map.width, map.height, map.pixels.len()) != (width, height, width * height) {
         return Err(Error::SampleMap(format!(
@@ -92,13 +92,19 @@ pub(super) fn largest(scene: &RenderScene, map: &Image<u32>) -> Result<u32> {
         let (x, y) = (at % width, at / width);
         return Err(Error::SampleMap(format!("{} samples at pixel ({x}, {y}) are outside 1..={MOST}", map.pixels[at])));
     }
+    let branches = settings.branches();
+    if let Some(at) = map.pixels.iter().position(|n| !n.is_multiple_of(branches)) {
+        let (x, y) = (at % width, at / width);
+        let count = map.pixels[at];
+        return Err(Error::SampleMap(format!("{count} samples at pixel ({x}, {y}), and {branches} share a camera ray")));
+    }
     Ok(map.pixels.iter().copied().max().unwrap_or(0))
 }
 
 /// Most samples of a pixel.
 const MOST: u32 = 1 << 24;
 /// Counts are multiples of this: the shortest runs of the low-discrepancy points that are well spread.
-const STEP: u32 = 4;
+pub(super) const STEP: u32 = 4;
 /// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is 1 % better where the
 /// noise stays in its places (common scene, 64 samples a pixel), and a half again worse than uniform samples where rare bright
 /// samples may come anywhere (a mirror ball on a floor under a small sun, 16 samples a pixel), where a half is a third better.

@@ -152,9 +152,9 @@ pub(super) fn frame<F: Features>(
     let irradiance = settings.irradiance.then(|| scene.irradiance_map());
     let never = AtomicBool::new(false);
     let guides = |at: usize, seen: bool, scratch: &mut Scratch, stats: &mut Stats| {
-        // The film's are the first hits of its own samples, each one of `spp`.
+        // The film's are the first hits of its own camera rays.
         let plain = (settings.guide_samples, settings.guide_samples);
-        let (rays, samples) = film.map_or(plain, |film| (film.pixels[at].count() as u32, settings.spp));
+        let (rays, samples) = film.map_or(plain, |film| (film.pixels[at].count() as u32, settings.camera_samples()));
         let mut guides = GuideStatistics::default();
         if !seen {
             guides.push_misses(rays.into());

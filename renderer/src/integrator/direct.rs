@@ -1,0 +1,107 @@
+//! Direct light: samples of light and what scattering finds of it, weighed against each other.
+
+use super::DirectLight;
+use super::path::{Origin, Path, Tracer};
+use super::scatter::Scatterer;
+use crate::features::Features;
+use crate::interaction::Interaction;
+use crate::light::{LightSample, Source};
+use crate::sampler::PixelSampler;
+use glam::Vec3A;
+
+impl<F: Features> Tracer<'_, F> {
+    /// Draws a point or direction of light and weighs it against scattering having found it.
+    #[inline(always)]
+    pub(super) fn sample_light(
+        &mut self,
+        sampler: &PixelSampler,
+        path: &Path,
+        surface: &Interaction,
+        scatterer: &Scatterer<'_, F>,
+    ) {
+        let scene = self.scene;
+        if !scene.samples_lights::<F>() || self.settings.direct == DirectLight::Scattering {
+            return;
+        }
+        let set = 2 * path.vertex;
+        let light = if F::FULL && scene.features().emitters {
+            let [u, v, choice, _] = self.points.point(sampler, path.index, set);
+            scene.sample_light::<F>(surface.p, choice, [u, v])
+        } else {
+            self.ahead.sample(scene.light(), (sampler, &mut self.points), path.index, set).map(LightSample::from)
+        };
+        let Some(light) = light else { return };
+        let scattering = scatterer.eval(light.wi);
+        // Not `> 0`: a NaN must reach the counter, not vanish here.
+        let skips = self.settings.skips;
+        if scattering.f_cos == Vec3A::ZERO && skips.zero_contributions {
+            return;
+        }
+        let (radiance, origin) = match light.source {
+            Source::Environment { radiance } => (radiance, Origin::Environment(light.wi)),
+            Source::Emitter { id, barycentrics, .. } => (scene.emitted(id, barycentrics), Origin::Emitter),
+        };
+        let weight = match self.settings.direct {
+            DirectLight::Mis => mis_weight(light.pdf, path.draws() * scattering.pdf),
+            _ => 1.0,
+        };
+        let contribution = path.beta * scattering.f_cos * radiance * (weight / light.pdf);
+        if contribution != Vec3A::ZERO || !skips.zero_contributions {
+            self.stats.shadow_rays += 1;
+            if !scene.hides::<F>(&surface.spawn(light.wi), &light, &mut self.scratch) {
+                self.add_scattered(path, contribution, origin);
+            }
+        }
+    }
+
+    /// What the environment sends along `wi`, weighed against its own sampling having found that direction. `pdf` is the density of
+    /// `wi` times the number of draws.
+    #[inline(always)]
+    pub(super) fn environment_behind(&self, wi: Vec3A, pdf: f32) -> Vec3A {
+        if F::FLAT_ENVIRONMENT || self.settings.direct == DirectLight::Scattering {
+            return self.scene.light().radiance(wi);
+        }
+        if self.settings.direct == DirectLight::Lights {
+            return Vec3A::ZERO;
+        }
+        let (radiance, light_pdf) = self.scene.environment_and_pdf::<F>(wi);
+        radiance * mis_weight(pdf, light_pdf)
+    }
+
+    /// Weight of the emission of `at`, met at `distance` along `wi`; `pdf` as for [`Self::environment_behind`].
+    #[inline(always)]
+    pub(super) fn emitter_weight(&self, at: &Interaction, wi: Vec3A, distance: f32, pdf: f32) -> f32 {
+        match self.settings.direct {
+            DirectLight::Scattering => 1.0,
+            DirectLight::Mis => mis_weight(pdf, self.scene.emitter_pdf(at, wi, distance)),
+            // What is too faint or too small to be drawn as a light is found by scattering alone.
+            DirectLight::Lights if self.scene.emitter_pdf(at, wi, distance) > 0.0 => 0.0,
+            DirectLight::Lights => 1.0,
+        }
+    }
+}
+
+/// Power heuristic (Veach 1997, beta = 2) for a strategy with density `a` > 0 (times its number of draws) against `b` >= 0; finite
+/// for every such pair. The balance heuristic gives 1.5 % less error in the geometric mean over the scenes of `examples/efficiency.rs`, within the noise
+/// of the measurement.
+#[inline(always)]
+fn mis_weight(a: f32, b: f32) -> f32 {
+    let r = b / a;
+    1.0 / (1.0 + r * r)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_finite_and_sum_to_one() {
+        for (a, b) in [(1.0, 0.0), (1e-30, 1e30), (1e30, 1e-30), (f32::MAX, f32::MAX), (1e-38, 1e-38), (2.0, 3.0)] {
+            let w = mis_weight(a, b);
+            assert!((0.0..=1.0).contains(&w), "{a} {b} {w}");
+            if b > 0.0 {
+                assert!((w + mis_weight(b, a) - 1.0).abs() < 1e-6);
+            }
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Estimators that may only change the noise: pictures of many branches have the mean of pictures of one; limits of indirect light
+//! are the one setting that darkens, and count what they take.
+
+mod common;
+
+use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
+use glam::{Affine3A, Vec3};
+use renderflow_frame::Frame;
+use renderflow_renderer::{RenderScene, Settings};
+use renderflow_scenes::{LoadedScene, Material};
+
+/// Diffuse, coated and metal surfaces that light each other, a lamp among them.
+fn loaded(seed: u64, lamp: bool) -> LoadedScene {
+    let place = |x: f32, y: f32, z: f32, r: f32| {
+        Affine3A::from_scale_rotation_translation(Vec3::splat(r), glam::Quat::IDENTITY, Vec3::new(x, y, z))
+    };
+    let mut parts = vec![
+        (plane(6.0), diffuse([0.7, 0.6, 0.5]), Affine3A::IDENTITY),
+        (sphere(16, true), Material { metallic: 1.0, roughness: 0.15, ..Material::default() }, place(-0.7, 0.6, 0.0, 0.6)),
+        (sphere(16, true), Material { roughness: 0.4, ..Material::default() }, place(0.7, 0.5, 0.3, 0.5)),
+    ];
+    if lamp {
+        parts.push((
+            sphere(6, false),
+            Material { emissive: [20.0, 15.0, 10.0], ..diffuse([0.0; 3]) },
+            place(0.0, 1.6, 0.5, 0.15),
+        ));
+    }
+    let mut scene = scene(parts, sunny(), camera([0.4, 1.4, 3.2], [0.0, 0.4, 0.0], 40.0, 16, 12));
+    scene.seed = seed;
+    scene
+}
+
+/// Mean of a picture.
+fn mean(frame: &Frame) -> f64 {
+    let pixels = frame.raw.as_ref().map_or(&[][..], |i| &i.pixels);
+    pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * pixels.len()) as f64
+}
+
+/// Mean and its standard error over pictures of `seeds` seeds.
+fn over_seeds(seeds: u64, lamp: bool, settings: &Settings) -> (f64, f64) {
+    let means: Vec<f64> = (0..seeds).map(|seed| mean(&render_with(&compile(&loaded(seed, lamp)), settings).0)).collect();
+    let n = seeds as f64;
+    let average = means.iter().sum::<f64>() / n;
+    let variance = means.iter().map(|m| (m - average).powi(2)).sum::<f64>() / (n - 1.0);
+    (average, (variance / n).sqrt())
+}
+
+fn scene_of(lamp: bool) -> RenderScene {
+    compile(&loaded(7, lamp))
+}
+
+#[test]
+fn branches_keep_the_mean() {
+    for lamp in [false, true] {
+        let settings = |branches, spp| Settings { spp, branches, ..Settings::default() };
+        let (one, one_error) = over_seeds(12, lamp, &settings(1, 128));
+        for branches in [3, 8] {
+            let (many, many_error) = over_seeds(12, lamp, &settings(branches, 32));
+            let error = one_error.hypot(many_error);
+            println!("lamp {lamp}: {one:.5} with one branch, {many:.5} with {branches}, {error:.1e}");
+            assert!((many - one).abs() < 4.0 * error, "{} standard errors", (many - one) / error);
+            assert!(error < 0.01 * one, "too noisy to tell");
+        }
+    }
+}
+
+#[test]
+fn branches_cost_no_camera_rays() {
+    let scene = scene_of(false);
+    let stats = |branches| render_with(&scene, &Settings { spp: 8, branches, ..Settings::default() }).1;
+    let (one, four) = (stats(1), stats(4));
+    assert_eq!(one.camera_rays, four.camera_rays);
+    assert!(four.bounce_rays > 2 * one.bounce_rays && four.bounce_rays < 4 * one.bounce_rays);
+}
+
+#[test]
+fn limits_of_indirect_light_darken_and_are_counted() {
+    let scene = scene_of(false);
+    let at = |clamp_indirect, max_bounces| {
+        let settings = Settings { spp: 64, max_bounces, clamp_indirect, ..Settings::default() };
+        let (frame, stats) = render_with(&scene, &settings);
+        (mean(&frame), stats.clamped_contributions)
+    };
+    let (free, none) = at(None, 6);
+    assert_eq!(none, 0);
+    assert_eq!(at(Some(1e9), 6), (free, 0));
+    let (limited, count) = at(Some(0.2), 6);
+    assert!(count > 100 && limited < free, "{limited} of {free}, {count}");
+    // Direct light is never limited.
+    assert_eq!(at(None, 1), at(Some(1e-6), 1));
+    assert!(limited > at(None, 1).0);
+}
+
+#[test]
+fn impossible_limits_and_branches_are_refused() {
+    let scene = scene_of(false);
+    let run = |settings: &Settings| renderflow_renderer::render(&scene, settings, &|_, _| (), &false.into()).map(|_| ());
+    for limit in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        assert!(run(&Settings { spp: 1, clamp_indirect: Some(limit), ..Settings::default() }).is_err(), "{limit}");
+    }
+    for branches in [0, 65] {
+        assert!(run(&Settings { spp: 1, branches, ..Settings::default() }).is_err(), "{branches}");
+    }
+}
