@@ -11,7 +11,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 /// Pixels along an edge of the picture whose camera rays are traced.
-const SIZE: u32 = 256;
+const SIZE: u32 = 1024;
 
 fn main() {
     let mut criterion = Criterion::default()

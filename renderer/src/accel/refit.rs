@@ -6,7 +6,7 @@ use glam::Vec3A;
 
 impl Accel {
     /// Moves the triangles: new boxes and leaves, the same tree. `triangles` are as many as the tree was built of, in the same order
-    /// and within the same limits. Takes a tenth of the time of a build or less; [`Self::quality`] says what it did to queries.
+    /// and within the same limits. Takes a fiftieth of the time of a build; [`Self::quality`] says what it did to queries.
     ///
     /// # Panics
     /// If the number of triangles is another one.
