@@ -121,11 +121,12 @@ impl Bench<'_> {
         }
         let (picture, other) = (with()?, without()?);
         let mut spent: [Vec<Spent>; 2] = Default::default();
-        for _ in 0..self.options.repeats {
-            for (way, list) in spent.iter_mut().enumerate() {
+        for repeat in 0..self.options.repeats as usize {
+            // The other way round every time, so that neither always comes after the other.
+            for way in [repeat % 2, 1 - repeat % 2] {
                 let clock = Stopwatch::start();
                 if way == 0 { with() } else { without() }?;
-                list.push(clock.spent());
+                spent[way].push(clock.spent());
                 if self.cancel.load(Ordering::Relaxed) {
                     return Err(Interrupted.into());
                 }
