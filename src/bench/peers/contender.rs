@@ -5,7 +5,7 @@ use crate::bench::clock::{Clock, Elapsed, Of};
 use crate::truth::Interrupted;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_renderer::{RenderScene, Settings, render};
+use renderflow_renderer::{Budget, RenderScene, Settings, render};
 use renderflow_scenes::LoadedScene;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -25,8 +25,9 @@ pub struct Kind {
 }
 
 /// Every renderer, in the order they take turns in.
-pub const KINDS: [Kind; 5] = [
+pub const KINDS: [Kind; 6] = [
     Kind { id: OURS, label: "renderflow, uniform", family: OURS, arguments: &[] },
+    Kind { id: ADAPTIVE, label: "renderflow, adaptive", family: OURS, arguments: &[] },
     Kind {
         id: "mitsuba-multijitter",
         label: "Mitsuba LLVM, multijitter",
@@ -43,8 +44,10 @@ pub const KINDS: [Kind; 5] = [
     Kind { id: "cycles", label: "Cycles", family: "cycles", arguments: &[] },
 ];
 
-/// Id of ours.
+/// Id of ours with as many samples in every pixel, and its family.
 pub const OURS: &str = "renderflow";
+/// Id of ours with more samples where the picture is noisier, and as many on average.
+const ADAPTIVE: &str = "renderflow-adaptive";
 
 /// A renderer that does take part.
 pub struct Contender {
@@ -126,7 +129,8 @@ impl Contender {
                     ours.compiled = Some((seed, RenderScene::compile(loaded)?));
                 }
                 let (_, scene) = ours.compiled.as_ref().context("no scene is compiled")?;
-                let settings = Settings { spp, max_bounces: shot.max_bounces, ..Settings::default() };
+                let budget = if self.kind.id == ADAPTIVE { Budget::Average } else { Budget::Uniform };
+                let settings = Settings { spp, max_bounces: shot.max_bounces, budget, ..Settings::default() };
                 let clock = Clock::start(Of::Process);
                 let frame = render(scene, &settings, &|_, _| (), cancel);
                 let elapsed = clock.elapsed();

@@ -185,7 +185,7 @@ impl Options {
         let chosen = |kind: &Kind| self.only.is_empty() || self.only.iter().any(|id| id == kind.id);
         let mut contenders = Vec::new();
         for kind in KINDS.into_iter().filter(chosen) {
-            if kind.id == OURS {
+            if kind.family == OURS {
                 contenders.push(Contender::ours(kind));
                 continue;
             }
@@ -289,7 +289,7 @@ impl Run<'_> {
         let mut contenders = std::mem::take(&mut self.contenders);
         for contender in &mut contenders {
             match f(contender, self) {
-                Err(error) if error.is::<Interrupted>() || contender.kind.id == OURS => {
+                Err(error) if error.is::<Interrupted>() || contender.kind.family == OURS => {
                     return Err(error).with_context(|| format!("{}: {what}", contender.kind.id));
                 }
                 Err(error) => {

@@ -4,6 +4,7 @@ use super::contender::OURS;
 use super::reference::Difference;
 use crate::bench::metrics::{RelMse, median};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// One picture: who rendered it, how long that took, how wrong it is.
@@ -70,8 +71,8 @@ pub struct Curve {
     pub wall_to_target: Option<TimeTo>,
     /// Processor seconds to the target over the number of threads: what an idle machine would take at best.
     pub cpu_to_target: Option<TimeTo>,
-    /// Our time to the target over this renderer's: wall, processor.
-    pub ours_over_this: Option<[f64; 2]>,
+    /// Our times to the target over this renderer's, by the id of ours: wall, processor.
+    pub ours_over_this: BTreeMap<String, [f64; 2]>,
 }
 
 /// Everything known of one scene, in the order of `renderers`.
@@ -86,15 +87,17 @@ pub fn curves(scene: &str, pixels: usize, rows: &[Row], renderers: &[Named], tar
             };
             let (wall_to_target, cpu_to_target) = (to(&|p| p.wall), to(&|p| p.cpu / threads.max(1) as f64));
             let (scene, renderer) = (scene.to_owned(), renderer.id.clone());
-            Curve { scene, renderer, points, wall_to_target, cpu_to_target, ours_over_this: None }
+            Curve { scene, renderer, points, wall_to_target, cpu_to_target, ours_over_this: BTreeMap::new() }
         })
         .filter(|curve| !curve.points.is_empty())
         .collect();
-    let ours = curves.iter().find(|c| c.renderer == OURS).map(|c| (c.wall_to_target, c.cpu_to_target));
-    for curve in curves.iter_mut().filter(|c| !c.renderer.starts_with(OURS)) {
+    let is_ours = |curve: &Curve| renderers.iter().any(|r| r.id == curve.renderer && r.family == OURS);
+    let ours: Vec<Curve> = curves.iter().filter(|c| is_ours(c)).cloned().collect();
+    for curve in curves.iter_mut().filter(|c| !is_ours(c)) {
         let ratio = |ours: Option<TimeTo>, theirs: Option<TimeTo>| Some(ours?.seconds / theirs?.seconds);
-        if let Some((wall, cpu)) = ours {
-            curve.ours_over_this = ratio(wall, curve.wall_to_target).zip(ratio(cpu, curve.cpu_to_target)).map(Into::into);
+        for own in &ours {
+            let (wall, cpu) = (ratio(own.wall_to_target, curve.wall_to_target), ratio(own.cpu_to_target, curve.cpu_to_target));
+            curve.ours_over_this.extend(wall.zip(cpu).map(|(wall, cpu)| (own.renderer.clone(), [wall, cpu])));
         }
     }
     curves
@@ -172,10 +175,8 @@ pub fn table(title: &str, curves: &[Curve], renderers: &[Named], differences: &[
             Some(t) => format!("{}{:.3}", if t.extrapolated { "~" } else { "" }, t.seconds),
             None => "unknown".into(),
         };
-        let ratio = match curve.ours_over_this {
-            Some([wall, cpu]) => format!("   renderflow takes {wall:.2} of that ({cpu:.2})"),
-            None => String::new(),
-        };
+        let ratio = |(id, [wall, cpu]): (&String, &[f64; 2])| format!("   {id} takes {wall:.2} ({cpu:.2}) of that");
+        let ratio: String = curve.ours_over_this.iter().map(ratio).collect();
         let (wall, cpu) = (time(curve.wall_to_target), time(curve.cpu_to_target));
         let _ = writeln!(text, "  {:27} {wall:>9} ({cpu}){ratio}", label(&curve.renderer));
     }
@@ -244,10 +245,10 @@ mod tests {
         let first = &curves[0].points[0];
         assert_eq!((first.wall, first.msamples), (2.0, 5.0));
         assert!((first.variance - 1.0).abs() < 1e-12);
-        assert_eq!(curves[0].ours_over_this, None);
-        assert!(curves[1].ours_over_this.unwrap().iter().all(|r| (r - 0.5).abs() < 1e-12));
+        assert!(curves[0].ours_over_this.is_empty());
+        assert!(curves[1].ours_over_this[OURS].iter().all(|r| (r - 0.5).abs() < 1e-12));
         assert!((curves[1].wall_to_target.unwrap().seconds - 8.0).abs() < 1e-9);
         let text = table("s", &curves, &[named(OURS), named("cycles")], &[], 0.05);
-        assert!(text.contains("renderflow takes 0.50 of that (0.50)"), "{text}");
+        assert!(text.contains("renderflow takes 0.50 (0.50) of that"), "{text}");
     }
 }
