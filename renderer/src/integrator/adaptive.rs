@@ -17,6 +17,7 @@
 //!
 //! Measured on that scene (common scene with a soft sun, 256 x 256): relMSE x samples a pixel 0.40 at 64 and 0.37 at 256 in place of
 //! 0.70 and 0.66 of even samples; counts in proportion to the true deviations, pooled over 5 x 5 pixels, would give 0.36 at 64.
+//! On a composed scene whose noise is rare bright samples (96 x 96): 0.151 at 16 and 0.264 at 64 in place of 0.157 and 0.251.
 
 use super::Settings;
 use super::accumulate::{Film, Meter, Work};
