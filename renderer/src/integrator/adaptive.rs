@@ -10,6 +10,14 @@
 //! those of the next colour only. Its samples come back to it after four rounds at the earliest, thinned by some forty pixels each
 //! time. Judging by all neighbours within 2 pixels instead made a caustic scene darker by 7e-4 of its mean at 64 samples a pixel, and by all
 //! within 2 and itself by 2.5e-3 (with a relMSE lower by a quarter, which is what that bias buys).
+//!
+//! What remains is that all pixels share one sum: a bright sample takes samples from all, its own pixel too. That is in inverse
+//! proportion to the number of noisy places in the picture: +7e-3 +- 1.4e-3 of the mean where twenty bright samples are the noise of
+//! a picture of 24 x 24 pixels at 16 samples a pixel, and (-1 to +1)e-4, not told from 0, on the caustic scene at 256 x 256.
+//!
+//! Measured on that scene (common scene with a soft sun, 256 x 256): relMSE x samples a pixel 0.40 at 64 and 0.37 at 256 in place of
+//! 0.70 and 0.66 of even samples; counts in proportion to the true deviations, pooled over 5 x 5 pixels, would give 0.36 at 64.
+//! On a composed scene whose noise is rare bright samples (96 x 96): 0.151 at 16 and 0.264 at 64 in place of 0.157 and 0.251.
 
 use super::Settings;
 use super::accumulate::{Film, Meter, Work};
