@@ -1,9 +1,12 @@
 //! RenderFlow: from a seed to an evaluated neural image.
 //!
 //! This package is the only one that knows every part: it renders sequences to folders ([`truth`], [`dataset`]), trains on them,
-//! and compares what the network makes of a G-buffer with path-traced truth ([`evaluate`]). The command line is in [`cli`].
-#![forbid(unsafe_code)]
+//! and compares what the network makes of a G-buffer with path-traced truth ([`evaluate`]). What it costs and how it
+//! compares with others is measured in [`bench`]. The command line is in [`cli`].
+// Allowed in `bench::embree` alone, which calls a C library.
+#![deny(unsafe_code)]
 
+pub mod bench;
 pub mod cli;
 pub mod dataset;
 pub mod evaluate;

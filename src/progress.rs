@@ -64,6 +64,16 @@ impl Progress {
         self.bar.set_message(text.into());
     }
 
+    /// Prints with `print` while the bar is out of the way.
+    pub fn hide<T>(&self, print: impl FnOnce() -> T) -> T {
+        self.bar.suspend(print)
+    }
+
+    /// Prints a line on standard output, the bar out of its way.
+    pub fn print(&self, line: &str) {
+        self.bar.suspend(|| println!("{line}"));
+    }
+
     /// Ends the display.
     pub fn finish(&self) {
         self.bar.finish_and_clear();

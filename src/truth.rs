@@ -1,5 +1,6 @@
 //! Ground truth of a sequence: path tracing, denoising, G-buffers, one EXR a frame, resumable.
 
+use crate::bench::watch::Watch;
 use crate::dataset::folder::frame_file;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
@@ -55,6 +56,8 @@ pub struct TruthSettings {
     pub light_groups: u32,
     /// Whether frames hold the unoccluded irradiance.
     pub irradiance: bool,
+    /// What compares the picture with a reference while it is rendered.
+    pub watch: Option<Watch>,
     denoiser: Option<Mutex<Denoiser>>,
 }
 
@@ -91,6 +94,7 @@ impl TruthSettings {
             bsdf: plain.bsdf,
             light_groups: plain.light_groups,
             irradiance: plain.irradiance,
+            watch: None,
             denoiser: denoiser.map(Mutex::new),
         })
     }
@@ -134,12 +138,17 @@ impl TruthSettings {
 
     /// Path-traces and denoises the current frame of `scene`.
     pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &AtomicBool) -> Result<Frame> {
-        let rendered = match &self.sample_map {
-            None => render_with_stats(scene, &self.of_renderer(), progress, cancel),
-            Some(path) => {
+        let rendered = match (&self.sample_map, &self.watch) {
+            (None, None) => render_with_stats(scene, &self.of_renderer(), progress, cancel).map_err(anyhow::Error::from),
+            (None, Some(watch)) => watch.render(scene, &self.of_renderer(), progress, cancel),
+            (Some(path), watch) => {
                 let (settings, frame) = self.mapped(path, scene.frame(), scene.frames())?;
                 let map = frame.samples.with_context(|| format!("{}: has no channel samples.N", path.display()))?;
-                render_mapped(scene, &settings, &map, progress, cancel)
+                let render = || render_mapped(scene, &settings, &map, progress, cancel);
+                match watch {
+                    None => render().map_err(anyhow::Error::from),
+                    Some(watch) => watch.whole(scene, render),
+                }
             }
         };
         if cancel.load(Ordering::Relaxed) {
@@ -153,6 +162,9 @@ impl TruthSettings {
             let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             frame.beauty = Some(denoiser.denoise(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref())?);
             frame.info.denoiser = self.denoiser_name();
+            if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
+                watch.after("denoised", beauty, scene.exposure())?;
+            }
         }
         Ok(frame)
     }

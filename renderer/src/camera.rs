@@ -117,6 +117,24 @@ impl Projector {
         (low.x <= high.x).then_some((low, high))
     }
 
+    /// Bounds (low, high; pixels) of an upright box, `None` unless it is before the camera as a whole.
+    pub fn box_bounds(&self, [low, high]: [Vec3A; 2]) -> Option<(DVec2, DVec2)> {
+        let (low, high) = (low.as_dvec3() - self.position, high.as_dvec3() - self.position);
+        let (mut least, mut most) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for k in 0..8 {
+            let corner = DVec3::select(glam::BVec3::new(k & 1 != 0, k & 2 != 0, k & 4 != 0), high, low);
+            let [x, y, z] = self.rotation.map(|axis| axis.dot(corner));
+            // Written so that NaN fails.
+            let before = z < -1e-9 * (x.abs() + y.abs());
+            if !before {
+                return None;
+            }
+            let point = self.principal + DVec2::new(self.focal.x * x, -self.focal.y * y) / -z;
+            (least, most) = (least.min(point), most.max(point));
+        }
+        Some((least, most))
+    }
+
     /// A world-space direction in camera space.
     pub fn direction_to_camera(&self, d: Vec3A) -> Vec3A {
         let d = d.as_dvec3();

@@ -1,6 +1,6 @@
 //! What a scene needs, as compile-time sets: the integrator is compiled once a set, so that what a scene lacks costs nothing.
 
-use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Surface, View};
+use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Prepared, Surface, View};
 use glam::Vec3A;
 
 /// Compile-time description of a scene. A branch on one of these constants disappears from the compiled integrator.
@@ -73,12 +73,16 @@ pub trait Brdf: Copy {
 
     /// [`Bsdf::new`].
     fn new(surface: &Surface, mode: Mode) -> Self;
+    /// The one of this kind among those made before.
+    fn prepared(prepared: &Prepared) -> &Self;
     /// [`Bsdf::view`].
     fn view(&self, wo: Vec3A) -> Self::View<'_>;
 }
 
 /// What the integrator asks of a BSDF seen from one direction; see [`View`].
 pub trait BrdfView {
+    /// [`View::is_black`].
+    fn is_black(&self) -> bool;
     /// [`View::eval`].
     fn eval(&self, wi: Vec3A) -> BsdfEval;
     /// [`View::pdf`].
@@ -87,8 +91,8 @@ pub trait BrdfView {
     fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample>;
 }
 
-impl<const FULL: bool> Brdf for Bsdf<FULL> {
-    type View<'a> = View<'a, FULL>;
+impl Brdf for Bsdf<false> {
+    type View<'a> = View<'a, false>;
 
     #[inline(always)]
     fn new(surface: &Surface, mode: Mode) -> Self {
@@ -96,12 +100,41 @@ impl<const FULL: bool> Brdf for Bsdf<FULL> {
     }
 
     #[inline(always)]
-    fn view(&self, wo: Vec3A) -> View<'_, FULL> {
+    fn prepared(prepared: &Prepared) -> &Self {
+        &prepared.plain
+    }
+
+    #[inline(always)]
+    fn view(&self, wo: Vec3A) -> View<'_, false> {
+        self.view(wo)
+    }
+}
+
+impl Brdf for Bsdf<true> {
+    type View<'a> = View<'a, true>;
+
+    #[inline(always)]
+    fn new(surface: &Surface, mode: Mode) -> Self {
+        Self::new(surface, mode)
+    }
+
+    #[inline(always)]
+    fn prepared(prepared: &Prepared) -> &Self {
+        &prepared.full
+    }
+
+    #[inline(always)]
+    fn view(&self, wo: Vec3A) -> View<'_, true> {
         self.view(wo)
     }
 }
 
 impl<const FULL: bool> BrdfView for View<'_, FULL> {
+    #[inline(always)]
+    fn is_black(&self) -> bool {
+        self.is_black()
+    }
+
     #[inline(always)]
     fn eval(&self, wi: Vec3A) -> BsdfEval {
         self.eval(wi)

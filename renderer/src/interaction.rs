@@ -30,13 +30,13 @@ impl Cone {
     }
 
     /// After scattering with density `pdf` (per steradian), one of `samples`: each stands for a solid angle of `1 / (pdf samples)`.
-    #[inline]
+    #[inline(always)]
     pub fn scattered(self, pdf: f32, samples: u32) -> Self {
         let own = (pdf * samples.max(1) as f32).sqrt().recip();
         Self { width: self.width, spread: self.spread + own.min(1.0) }
     }
 
-    #[inline]
+    #[inline(always)]
     fn at(self, t: f32) -> Self {
         Self { width: self.width + self.spread * t, ..self }
     }
@@ -55,6 +55,8 @@ pub struct Interaction {
     pub tangent: Vec3A,
     /// Material at this point.
     pub surface: Surface,
+    /// Its index among the scene's.
+    pub material: usize,
     /// Radiance emitted towards `wo`.
     pub emitted: Vec3A,
     /// The emitter it is, where light sampling can find it.
@@ -70,7 +72,7 @@ pub struct Interaction {
 
 impl Interaction {
     /// Shading point of `hit` on `ray`, whose cone at its origin is `cone`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn new<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> Self {
         let wo = -ray.direction;
         let geometry = &scene.geometry;
@@ -134,6 +136,7 @@ impl Interaction {
             ns,
             tangent,
             surface,
+            material: point.material,
             emitted,
             emitter,
             front,
@@ -144,7 +147,7 @@ impl Interaction {
     }
 
     /// A ray that leaves the surface on the viewer's side.
-    #[inline]
+    #[inline(always)]
     pub fn spawn(&self, direction: Vec3A) -> Ray {
         Ray::leaving(self.p, self.n, self.offset, direction)
     }
@@ -153,7 +156,20 @@ impl Interaction {
     #[cfg(test)]
     pub(crate) fn for_tests(n: Vec3A, ns: Vec3A, surface: Surface) -> Self {
         let (p, tangent, emitted) = (Vec3A::ZERO, Vec3A::ZERO, Vec3A::ZERO);
-        Self { p, n, ns, tangent, surface, emitted, emitter: None, front: true, instance: 0, cone: Cone::default(), offset: 0.0 }
+        Self {
+            p,
+            n,
+            ns,
+            tangent,
+            surface,
+            material: 0,
+            emitted,
+            emitter: None,
+            front: true,
+            instance: 0,
+            cone: Cone::default(),
+            offset: 0.0,
+        }
     }
 }
 

@@ -6,6 +6,7 @@
 //! It is *not* a scene format (see `renderflow-scenes`) and writes no files (see `renderflow-frame`).
 
 pub mod accel;
+mod angle;
 pub mod camera;
 mod compile;
 pub mod denoise;
@@ -19,8 +20,12 @@ pub mod light;
 pub mod material;
 mod query;
 pub mod ray;
+#[cfg(feature = "record")]
+pub mod record;
 pub mod sampler;
 mod schedule;
+mod simd;
+mod skips;
 mod stats;
 mod texture;
 pub mod verify;
@@ -36,4 +41,5 @@ pub use integrator::{
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
+pub use skips::{Channels, Skips};
 pub use stats::Stats;

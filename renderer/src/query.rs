@@ -14,14 +14,14 @@ const BEFORE_LIGHT: f32 = 1.0 - 1e-5;
 
 impl RenderScene {
     /// Whether rays stop at a triangle: not behind single-sided surfaces, not where the alpha mask has a hole.
-    #[inline]
+    #[inline(always)]
     fn stops(&self, candidate: &Candidate) -> bool {
         let material = &self.materials[self.geometry.material(&candidate.hit)];
         (candidate.front || material.double_sided) && self.is_there(material, || self.geometry.uv(&candidate.hit))
     }
 
     /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates are `uv`.
-    #[inline]
+    #[inline(always)]
     fn is_there(&self, material: &CompiledMaterial, uv: impl Fn() -> Vec2) -> bool {
         match (&material.alpha_mask, &material.base_color_texture) {
             (None, _) => true,
@@ -31,8 +31,10 @@ impl RenderScene {
     }
 
     /// The nearest surface along `ray`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn trace<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
+        #[cfg(feature = "record")]
+        crate::record::ray(ray, false);
         if F::FULL && self.features().cutouts {
             return self.geometry.closest_where(ray, scratch, |candidate| self.stops(candidate));
         }
@@ -40,8 +42,10 @@ impl RenderScene {
     }
 
     /// Whether a surface stands in the way of `ray` to the environment.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn shadowed<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> bool {
+        #[cfg(feature = "record")]
+        crate::record::ray(ray, true);
         if F::FULL && self.features().cutouts {
             return self.geometry.occluded_where(ray, scratch, |candidate| self.stops(candidate));
         }
@@ -49,7 +53,7 @@ impl RenderScene {
     }
 
     /// Whether a surface stands in the way of `ray` to a light sample.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn hides<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> bool {
         let Source::Emitter { id, .. } = light.source else { return self.shadowed::<F>(ray, scratch) };
         let end = light.distance * BEFORE_LIGHT;
@@ -59,32 +63,30 @@ impl RenderScene {
     }
 
     /// The environment.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn light(&self) -> &EnvironmentLight {
         self.lights.environment()
     }
 
     /// Whether there is light that is found by looking for it.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn samples_lights<F: Features>(&self) -> bool {
         !F::FLAT_ENVIRONMENT || F::FULL && self.features().emitters
     }
 
     /// A direction from `p` to light.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn sample_light<F: Features>(&self, p: Vec3A, choice: f32, u: [f32; 2]) -> Option<LightSample> {
         if F::FULL && self.features().emitters {
             let sample = self.lights.sample(p, choice, u)?;
             // A flat environment is left to scattering, which finds it without noise.
             return (!F::FLAT_ENVIRONMENT || matches!(sample.source, Source::Emitter { .. })).then_some(sample);
         }
-        let drawn = self.light().sample(u)?;
-        let source = Source::Environment { radiance: drawn.radiance };
-        Some(LightSample { wi: drawn.wi, distance: f32::INFINITY, source, pdf: drawn.pdf })
+        self.light().sample(u).map(LightSample::from)
     }
 
     /// What the environment sends from `wi`, and the density with which [`Self::sample_light`] finds that direction.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn environment_and_pdf<F: Features>(&self, wi: Vec3A) -> (Vec3A, f32) {
         if F::FLAT_ENVIRONMENT {
             return (self.light().radiance(wi), 0.0);
@@ -93,14 +95,14 @@ impl RenderScene {
     }
 
     /// Density with which [`Self::sample_light`] finds the emissive point `at`, which a ray of length `distance` along `wi` met.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn emitter_pdf(&self, at: &Interaction, wi: Vec3A, distance: f32) -> f32 {
         let cos = if at.front { -at.n.dot(wi) } else { at.n.dot(wi) };
         at.emitter.map_or(0.0, |id| self.lights.pdf_emitter(id, distance, cos))
     }
 
     /// Radiance that `material` emits where the texture coordinates are `uv`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn emission(&self, material: &CompiledMaterial, uv: Vec2) -> Vec3A {
         // Unfiltered: scattering and light sampling must see the same light.
         let texture = |slot| Vec3A::from_vec4(self.slot_value(slot, Lookup::sharp(uv)));

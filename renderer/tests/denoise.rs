@@ -109,6 +109,19 @@ fn guides_and_sizes_may_change_between_pictures() {
     assert_eq!(run(64, 48, 2).ok(), Some(first));
 }
 
+/// Device, filter and buffers stay from frame to frame of a sequence; nothing of a frame stays in them.
+#[test]
+fn a_kept_denoiser_gives_what_a_new_one_does() {
+    let guides = [Rgb::filled(80, 60, [0.5; 3]), Rgb::filled(80, 60, [0.0, 0.0, 1.0])];
+    let mut kept = Denoiser::new().unwrap_or_else(|error| panic!("{error}"));
+    for frame in 1..4u8 {
+        let picture = card(80, 60).map(|pixel| pixel.map(|v| v * f32::from(frame) + 0.01 * f32::from(frame)));
+        let run = |denoiser: &mut Denoiser| denoiser.denoise(&picture, Some(&guides[0]), Some(&guides[1]));
+        let (ours, fresh) = (run(&mut kept), run(&mut Denoiser::new().unwrap_or_else(|error| panic!("{error}"))));
+        assert!(ours.is_ok() && ours.ok() == fresh.ok(), "frame {frame}");
+    }
+}
+
 #[test]
 fn unusable_guides_are_errors() {
     let mut denoiser = Denoiser::new().unwrap_or_else(|error| panic!("{error}"));

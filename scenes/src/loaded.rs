@@ -97,6 +97,20 @@ pub struct Material {
     pub double_sided: bool,
 }
 
+impl Material {
+    /// Every texture lookup.
+    pub fn texture_slots(&self) -> impl Iterator<Item = &TextureSlot> {
+        let slots = [&self.base_color_texture, &self.metallic_roughness_texture, &self.emissive_texture];
+        slots.into_iter().flatten().chain(self.normal_texture.as_ref().map(|(slot, _)| slot))
+    }
+
+    /// Every texture lookup, to be changed.
+    pub fn texture_slots_mut(&mut self) -> impl Iterator<Item = &mut TextureSlot> {
+        let slots = [&mut self.base_color_texture, &mut self.metallic_roughness_texture, &mut self.emissive_texture];
+        slots.into_iter().flatten().chain(self.normal_texture.as_mut().map(|(slot, _)| slot))
+    }
+}
+
 impl Default for Material {
     fn default() -> Self {
         Self {

@@ -3,7 +3,8 @@
 mod common;
 
 use common::{empty_scene, grey, load_model};
-use renderflow_scenes::description::Scene;
+use renderflow_scenes::description::{Geometry, Object, Scene};
+use renderflow_scenes::shapes::Shape;
 use renderflow_scenes::{LoadedScene, load};
 use serde_json::json;
 use std::io::Cursor;
@@ -15,7 +16,10 @@ fn texture_error(bytes: &[u8]) -> String {
     std::fs::write(folder.path().join("t.jpg"), bytes).unwrap();
     let mut material = grey("m");
     material.base_color_texture = Some("t.jpg".into());
-    let scene = Scene { materials: vec![material], ..empty_scene() };
+    let shape = Geometry::Shape(Shape::Sphere { radius: 1.0 });
+    let object =
+        Object { name: "o".into(), geometry: shape, material: Some("m".into()), transform: Default::default(), motion: None };
+    let scene = Scene { materials: vec![material], objects: vec![object], ..empty_scene() };
     load::load(&scene, folder.path()).map(|_| ()).expect_err("the texture was accepted").to_string()
 }
 

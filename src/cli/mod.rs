@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand.
 
+mod bench;
 mod check;
 mod compose;
 mod dataset;
@@ -50,6 +51,9 @@ enum Command {
     Compose(compose::Compose),
     /// Say whether scenes, models, maps, frames, weights and datasets can be used
     Check(check::Check),
+    /// Measure speed and error
+    #[command(subcommand)]
+    Bench(bench::Bench),
     /// Test the numerics of the path tracer
     Stress(stress::Stress),
     /// Plan and render datasets
@@ -95,6 +99,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Render(command) => command.run(&cancel),
         Command::Compose(command) => command.run(),
         Command::Check(command) => command.run(),
+        Command::Bench(command) => command.run(&cancel),
         Command::Stress(command) => command.run(&cancel),
         Command::Dataset(command) => command.run(&cancel),
         Command::Train(command) => command.run(&cancel),

@@ -1,13 +1,16 @@
 use super::{SceneArgs, TraceArgs};
+use crate::bench::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
 use crate::evaluate::report;
 use crate::progress::Progress;
 use crate::truth::{SequenceJob, TruthSettings};
-use anyhow::Result;
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::{color, exr, file};
 use renderflow_renderer::{Budget, Mode};
-use std::path::PathBuf;
+use renderflow_scenes::description::Scene;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// Path-traces a scene or a model: an EXR with beauty and G-buffer, and a PNG, for every frame. Finished frames are kept.
@@ -46,6 +49,10 @@ pub struct Render {
     /// Seed of the composed scene, where --scene is not given
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Picture to compare with: seconds and error are printed whenever the samples have doubled, six times up to --spp. A frame of this program (its raw
+    /// beauty), any RGB .exr or .hdr of radiance, or a .png or .jpg of display values; of one frame only
+    #[arg(long, value_name = "IMAGE")]
+    reference: Option<PathBuf>,
     /// Folder to write to
     #[arg(long)]
     out: PathBuf,
@@ -86,9 +93,21 @@ enum BsdfArg {
     Published,
 }
 
+/// The reference at `path`, which must fit `scene`.
+fn target(path: &Path, scene: &Scene) -> Result<Target> {
+    if scene.frames != 1 {
+        bail!("--reference is of one picture, the scene has {} frames; --frames 1 renders the first", scene.frames);
+    }
+    let target = Target::read(path)?;
+    let [width, height] = scene.resolution.map(|v| v as usize);
+    target.check_size(width, height).with_context(|| path.display().to_string())?;
+    Ok(target)
+}
+
 impl Render {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         let (scene, base) = self.scene.describe(self.seed, self.resolution, self.frames)?;
+        let target = self.reference.as_deref().map(|path| target(path, &scene)).transpose()?;
         let bsdf = match self.bsdf {
             BsdfArg::Conserving => Mode::Conserving,
             BsdfArg::Published => Mode::Published,
@@ -102,7 +121,12 @@ impl Render {
         let mut settings = TruthSettings::spread(spp, budget, self.trace.max_bounces, self.trace.denoise)?;
         settings.sample_map = self.adaptive.sample_map;
         (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
-        let progress = Progress::new("render", u64::from(scene.frames) * 1000);
+        let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
+        let rendered_before = self.out.join(frame_file(0)).is_file();
+        if let Some(target) = target {
+            let printer = Arc::clone(&progress);
+            settings.watch = Some(Watch::new(target, move |line| printer.print(line)));
+        }
         let job = SequenceJob { scene, base, out: self.out.clone(), keyframe_gap: self.keyframe_gap, frame_step: 1 };
         let loaded = job.run(&settings, &progress, cancel)?;
         progress.finish();
@@ -110,6 +134,10 @@ impl Render {
         for index in 0..loaded.cameras.len() {
             let path = self.out.join(frame_file(index));
             let frame = exr::read(&path)?;
+            if let (Some(watch), true, Some(raw)) = (&settings.watch, rendered_before, &frame.raw) {
+                println!("{}", Errors::heading());
+                watch.after(&frame.info.spp.to_string(), raw, frame.info.exposure)?;
+            }
             if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {
                 let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
                 file::write_atomic(&path.with_extension("png"), &report::png(&picture)?)?;

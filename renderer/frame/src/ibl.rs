@@ -77,6 +77,15 @@ impl IblTables {
     }
 }
 
+/// [`IblTables::irradiance_map`] alone, for those who need no more.
+pub fn irradiance_map(environment: &Environment) -> Environment {
+    if environment.is_constant() {
+        return IblTables::new(environment).irradiance_map;
+    }
+    let pyramid = prefilter::Pyramid::new(environment);
+    environment.with_map(pyramid.convolve(prefilter::Kernel::Cosine, IRRADIANCE_WIDTH, IRRADIANCE_WIDTH / 2))
+}
+
 /// Normal-incidence reflectance of a material: `0.08 * specular` for dielectrics, `albedo` for metals.
 pub fn f0(albedo: [f32; 3], metallic: f32, specular: f32) -> [f32; 3] {
     albedo.map(|a| 0.08 * specular * (1.0 - metallic) + a * metallic)

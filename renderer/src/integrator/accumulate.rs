@@ -38,7 +38,8 @@ pub struct Film {
 
 /// Everything that the value of a sample depends on, its number apart (`spp` is in it: footprints follow it).
 fn key(scene: &RenderScene, settings: &Settings) -> String {
-    let settings = Settings { guide_samples: 1, irradiance: false, budget: Budget::Uniform, ..*settings };
+    let (channels, skips) = Default::default();
+    let settings = Settings { guide_samples: 1, irradiance: false, budget: Budget::Uniform, channels, skips, ..*settings };
     let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
     blake3::hash(format!("{identity:?}").as_bytes()).to_hex().to_string()
 }
@@ -90,14 +91,21 @@ impl Film {
     }
 
     /// Fills the beauty's channels.
-    pub(super) fn develop(&self, frame: &mut Frame, groups: usize) {
+    pub(super) fn develop(&self, frame: &mut Frame, settings: &Settings) {
         let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
         frame.raw = Some(image(self.pixels.iter().map(PixelStatistics::mean).collect()));
-        frame.variance = Some(image(self.pixels.iter().map(PixelStatistics::variance_of_mean).collect()));
+        frame.variance =
+            settings.channels.variance.then(|| image(self.pixels.iter().map(PixelStatistics::variance_of_mean).collect()));
         frame.samples = self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() });
-        for (group, light) in frame.light.iter_mut().enumerate().take(groups) {
+        for (group, light) in frame.light.iter_mut().enumerate().take(settings.light_groups as usize) {
             *light = Some(image(self.groups.iter().map(|g| g.mean(group)).collect()));
         }
+    }
+
+    /// Mean radiance of the samples so far, 0 without any.
+    pub fn mean(&self) -> Image<[f32; 3]> {
+        let pixels = self.pixels.iter().map(PixelStatistics::mean).collect();
+        Image { width: self.width, height: self.height, pixels }
     }
 
     /// Samples a pixel so far, on average where pixels have counts of their own.
@@ -196,7 +204,7 @@ impl Work<'_> {
     /// Traces the samples `span(pixel)` of every pixel and adds them to `film`, in the order of their numbers and on top of the sums
     /// so far: a film made in rounds is that made at once, bit for bit. `meter` comes with the total to compare with.
     pub fn trace(&self, film: &mut Film, span: &(dyn Fn(usize) -> Range<u32> + Sync), meter: (&Meter<'_>, u64)) -> Result<Stats> {
-        with_features!(self.scene.features(), self.settings.full(), trace(*self, film, span, meter))
+        with_features!(self.settings.needed(self.scene), self.settings.full(), trace(*self, film, span, meter))
     }
 }
 

@@ -20,6 +20,7 @@ use crate::film::PixelStatistics;
 use crate::sampler::hash;
 use crate::schedule::Progress;
 use crate::stats::Stats;
+use glam::DVec3;
 use rayon::prelude::*;
 use renderflow_frame::Image;
 use serde::{Deserialize, Serialize};
@@ -29,7 +30,7 @@ use std::time::{Duration, Instant};
 /// How the samples of a picture are spread over its pixels.
 ///
 /// But for [`Self::Uniform`], pixels get counts of their own, multiples of 4, told by [`renderflow_frame::Frame::samples`]; at least
-/// an eighth of the average where geometry may be seen. Pixels that see the environment alone count a sixteenth: what they do not
+/// half the average where geometry may be seen. Pixels that see the environment alone count a sixteenth: what they do not
 /// need is not spent on others, so that such a picture takes about as long as a uniform one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -66,11 +67,16 @@ impl Budget {
     pub fn fewest(self, spp: u32) -> u32 {
         match self {
             Self::Uniform => spp,
-            Self::Average => ((f64::from(spp) * FLOOR) as u32 / STEP * STEP).max(STEP).min(spp),
+            Self::Average => pilot(spp, FLOOR),
             // The smallest pilot: nobody knows how much is needed.
             Self::Error { .. } | Self::Time { .. } => STEP.min(spp),
         }
     }
+}
+
+/// First samples of a pixel that shall have at least a share of `spp`.
+fn pilot(spp: u32, share: f64) -> u32 {
+    ((f64::from(spp) * share) as u32 / STEP * STEP).max(STEP).min(spp)
 }
 
 /// Largest count of a map that fits the scene's picture.
@@ -93,8 +99,12 @@ pub(super) fn largest(scene: &RenderScene, map: &Image<u32>) -> Result<u32> {
 const MOST: u32 = 1 << 24;
 /// Counts are multiples of this: the shortest runs of the low-discrepancy points that are well spread.
 const STEP: u32 = 4;
-/// Share of the average that the pilot has, and that no pixel which may see geometry goes below.
-const FLOOR: f64 = 1.0 / 8.0;
+/// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is 1 % better where the
+/// noise stays in its places (common scene, 64 samples a pixel), and a half again worse than uniform samples where rare bright
+/// samples may come anywhere (a mirror ball on a floor under a small sun, 16 samples a pixel), where a half is a third better.
+const FLOOR: f64 = 1.0 / 2.0;
+/// The pilot's share where the environment alone is seen.
+const FLOOR_UNSEEN: f64 = 1.0 / 8.0;
 /// Most samples of a pixel, in averages.
 const CAP: f64 = 32.0;
 /// Rounds of [`Budget::Average`] after the pilot.
@@ -133,17 +143,18 @@ pub(super) fn render(
     };
     let meter = Meter::new(progress, limit);
 
-    let pilot = settings.budget.fewest(settings.spp);
+    let fewest = settings.budget.fewest(settings.spp);
+    let fewest_unseen = pilot(settings.spp, FLOOR_UNSEEN).min(fewest);
     let mut stats = Stats::default();
-    let mut target = vec![pilot; width * height];
-    let first = unit as f64 * f64::from(pilot);
+    let mut target: Vec<u32> = plan.seen.iter().map(|&seen| if seen { fewest } else { fewest_unseen }).collect();
+    let first = plan.cost(&target) as f64;
     let mut budget = first;
     for round in 1.. {
         let samples = plan.samples(&target);
         // What is left is guessed from what the budget says; the last round knows.
         let total = meter.done() + samples;
         let expected = (samples as f64 * (most / budget.max(1.0))).max(total as f64) as u64;
-        let last = round > ROUNDS || settings.spp == pilot;
+        let last = round > ROUNDS || settings.spp == fewest;
         let total = if settings.budget == Budget::Average && !last { expected } else { total };
         let span = |pixel: usize| plan.counts[pixel]..target[pixel];
         stats += work.trace(&mut film, &span, (&meter, total))?;
@@ -216,18 +227,19 @@ impl Plan {
     }
 }
 
-/// Relative variance of one sample of a pixel, mean over the channels.
-///
-/// A pixel whose one bright sample among `n` makes its mean has at most `n`: single fireflies cannot take the whole budget.
-fn relative_variance(pixel: &PixelStatistics) -> f64 {
-    let (mean, variance) = (pixel.mean_f64(), pixel.variance_of_mean_f64() * pixel.count() as f64);
+/// Variance of one sample of a pixel relative to a mean, averaged over the channels.
+fn relative_variance(pixel: &PixelStatistics, mean: DVec3) -> f64 {
+    let variance = pixel.variance_of_mean_f64() * pixel.count() as f64;
     (0..3).map(|c| variance[c] / (mean[c] * mean[c] + DARK)).sum::<f64>() / 3.0
 }
 
 /// Standard deviation of a sample relative to the picture for each pixel, as its neighbours of the next colour tell.
+///
+/// Variances are relative to the mean of the same pixel: where one bright sample among `n` makes it, they are at most `n`, so that
+/// single fireflies cannot take the whole budget. Relative to the mean of all neighbours, relMSE was 12 % higher.
 fn importance(film: &Film) -> Vec<f64> {
     let (width, height) = (film.width as i64, film.height as i64);
-    let relative: Vec<f64> = film.pixels.par_iter().map(|pixel| relative_variance(pixel).min(1e30)).collect();
+    let relative: Vec<f64> = film.pixels.par_iter().map(|pixel| relative_variance(pixel, pixel.mean_f64()).min(1e30)).collect();
     let near = (-RADIUS..=RADIUS).flat_map(|dy| (-RADIUS..=RADIUS).map(move |dx| (dx, dy)));
     let next_colour = |&(dx, dy): &(i64, i64)| (dx + 2 * dy).rem_euclid(COLOURS) == 1;
     let judges: Vec<_> = near.filter(|(dx, dy)| dx * dx + dy * dy <= RADIUS * (RADIUS + 1)).filter(next_colour).collect();
@@ -246,8 +258,27 @@ fn importance(film: &Film) -> Vec<f64> {
     (0..relative.len()).into_par_iter().map(pooled).collect()
 }
 
-/// Estimated relMSE of the picture so far.
+/// Estimated relMSE of the picture so far: the variance of each pixel's mean relative to the mean of those around it. Relative to
+/// its own it would be a quarter of the truth at 16 samples, since a pixel that a bright sample makes noisy is made bright by it.
+///
+/// Measured on a caustic scene against its relMSE at 4, 16 and 64 samples a pixel: 1.15 to 1.23 times at 256 x 256 pixels, and 1.4
+/// times at 64 x 64, the rest being what low-discrepancy samples are better than the independent ones that variance is told of.
 fn error(film: &Film) -> f64 {
-    let sum: f64 = film.pixels.iter().map(|pixel| relative_variance(pixel) / pixel.count().max(1) as f64).sum();
-    sum / film.pixels.len().max(1) as f64
+    let (width, height) = (film.width, film.height);
+    let around = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        for y in y.saturating_sub(1)..(y + 2).min(height) {
+            for at in (x.saturating_sub(1)..(x + 2).min(width)).map(|x| y * width + x).filter(|&at| at != pixel) {
+                sum += film.pixels[at].mean_f64();
+                count += 1.0;
+            }
+        }
+        if count == 0.0 { film.pixels[pixel].mean_f64() } else { sum / count }
+    };
+    let relative =
+        |pixel: usize| relative_variance(&film.pixels[pixel], around(pixel)) / film.pixels[pixel].count().max(1) as f64;
+    // Summed in order, whoever made them.
+    let errors: Vec<f64> = (0..film.pixels.len()).into_par_iter().map(relative).collect();
+    errors.iter().sum::<f64>() / errors.len().max(1) as f64
 }

@@ -1,18 +1,23 @@
 //! What camera rays see first: the G-buffer at pixel centres, guides over the pixel, and which pixels can see geometry at all.
 
-use crate::accel::Scratch;
-use crate::camera::{Filter, Projector};
+use super::path::camera_ray;
+use super::{Film, Settings};
+use crate::accel::{Hit, Scratch};
+use crate::camera::Projector;
 use crate::compile::RenderScene;
+use crate::error::Result;
 use crate::features::Features;
-use crate::film::FirstHit;
+use crate::film::{FirstHit, GuideStatistics};
 use crate::interaction::{Cone, Interaction};
 use crate::ray::Ray;
+use crate::schedule::{self, Tile};
 use crate::stats::Stats;
-use glam::{DVec2, Vec2};
-use renderflow_frame::ibl::IblTables;
+use glam::{DVec2, Vec2, Vec3A};
+use renderflow_frame::{Environment, Frame, FrameInfo, Image};
+use std::sync::atomic::AtomicBool;
 
 /// First hit of a guide ray, one of `samples` in its pixel.
-pub(super) fn first_hit<F: Features>(
+fn first_hit<F: Features>(
     scene: &RenderScene,
     ray: &Ray,
     samples: u32,
@@ -27,21 +32,21 @@ pub(super) fn first_hit<F: Features>(
 
 /// The G-buffer of one pixel, from the ray through its centre.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Centre {
-    pub albedo: [f32; 3],
-    pub normal: [f32; 3],
-    pub depth: f32,
-    pub material: [f32; 3],
-    pub irradiance: [f32; 3],
-    pub motion: [f32; 2],
-    pub motion_prev: [f32; 2],
-    pub object_id: u32,
-    pub material_id: u32,
+struct Centre {
+    albedo: [f32; 3],
+    normal: [f32; 3],
+    depth: f32,
+    material: [f32; 3],
+    irradiance: [f32; 3],
+    motion: [f32; 2],
+    motion_prev: [f32; 2],
+    object_id: u32,
+    material_id: u32,
 }
 
 impl Centre {
     /// The environment is seen.
-    pub const MISS: Self = Self {
+    const MISS: Self = Self {
         albedo: [0.0; 3],
         normal: [0.0; 3],
         depth: f32::INFINITY,
@@ -55,14 +60,14 @@ impl Centre {
 }
 
 /// The cameras that motion vectors refer to.
-pub(super) struct Views {
+struct Views {
     current: Projector,
     next: Option<(usize, Projector)>,
     previous: Option<(usize, Projector)>,
 }
 
 impl Views {
-    pub fn new(scene: &RenderScene) -> Self {
+    fn new(scene: &RenderScene) -> Self {
         let at = |frame: usize| (frame, Projector::new(scene.camera_at(frame)));
         let frame = scene.frame();
         Self {
@@ -71,13 +76,28 @@ impl Views {
             previous: frame.checked_sub(1).map(at),
         }
     }
+
+    /// Where the point of `hit` goes in the image until the next frame, and until the previous one.
+    fn motion(&self, scene: &RenderScene, hit: &Hit) -> [[f32; 2]; 2] {
+        // Both ends are projected from the same corners, so that what does not move has exactly no motion.
+        let here = self.current.project(scene.geometry.point_at(hit, scene.frame()));
+        [&self.next, &self.previous].map(|view| {
+            let motion = view.as_ref().and_then(|(frame, projector)| {
+                let there = projector.project(scene.geometry.point_at(hit, *frame))?;
+                Some(there - here?)
+            });
+            motion.filter(|m: &DVec2| m.is_finite()).unwrap_or(DVec2::ZERO).as_vec2().to_array()
+        })
+    }
 }
 
 /// Traces the ray through the centre of pixel (x, y).
-pub(super) fn centre<F: Features>(
+#[allow(clippy::too_many_arguments)] // What a thread has at hand for its pixels.
+fn centre<F: Features>(
     scene: &RenderScene,
-    views: &Views,
-    tables: Option<&IblTables>,
+    projector: &Projector,
+    views: Option<&Views>,
+    irradiance: Option<&Environment>,
     x: usize,
     y: usize,
     scratch: &mut Scratch,
@@ -92,41 +112,176 @@ pub(super) fn centre<F: Features>(
     let surface = Interaction::new::<F>(scene, &ray, &hit, Cone::camera(camera, 1));
     let instance = &scene.geometry.instances[surface.instance as usize];
 
-    // Both ends are projected from the same corners, so that what does not move has exactly no motion.
-    let here = views.current.project(scene.geometry.point_at(&hit, scene.frame()));
-    let towards = |view: &Option<(usize, Projector)>| {
-        let motion = view.as_ref().and_then(|(frame, projector)| {
-            let there = projector.project(scene.geometry.point_at(&hit, *frame))?;
-            Some(there - here?)
-        });
-        motion.filter(|m: &DVec2| m.is_finite()).unwrap_or(DVec2::ZERO).as_vec2().to_array()
-    };
+    let motion = views.map(|views| views.motion(scene, &hit)).unwrap_or_default();
     Centre {
         albedo: surface.surface.base_color.to_array(),
-        normal: views.current.direction_to_camera(surface.ns).normalize().to_array(),
+        normal: projector.direction_to_camera(surface.ns).normalize().to_array(),
         // The unnormalised camera direction has length 1 along the view, so its length converts distance to planar depth.
         depth: hit.t / camera.direction_cam(pixel).length(),
         material: [surface.surface.roughness, surface.surface.metallic, surface.surface.specular],
-        irradiance: tables.map_or([0.0; 3], |t| t.irradiance(surface.ns)),
-        motion: towards(&views.next),
-        motion_prev: towards(&views.previous),
+        irradiance: irradiance.map_or([0.0; 3], |map| map.radiance(surface.ns)),
+        motion: motion[0],
+        motion_prev: motion[1],
         object_id: instance.object_id,
         material_id: instance.material as u32 + 1,
     }
 }
 
-/// Which pixels may see geometry: a superset, found by projecting every triangle's bounds. All others see the environment alone.
+/// The frame with its G-buffer at pixel centres; coverage and guides from `film`, or else from rays of their own. Pictures that are not
+/// asked for stay empty, and no ray is traced for them.
+pub(super) fn frame<F: Features>(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    film: Option<&Film>,
+) -> Result<(Frame, Stats)> {
+    let (width, height) = (scene.camera().width, scene.camera().height);
+    let wanted = settings.channels;
+    let projector = Projector::new(scene.camera());
+    let mut frame = empty_frame(scene, settings);
+    let mut stats = Stats::default();
+    let kept = film.filter(|_| settings.skips.shared_guides);
+    if let Some(film) = kept {
+        film.guides.iter().enumerate().for_each(|(at, guides)| store_guides(&mut frame, at, guides, &projector));
+    }
+    let centres = wanted.gbuffer || wanted.motion || settings.irradiance;
+    if !centres && kept.is_some() {
+        return Ok((frame, stats));
+    }
+    let views = wanted.motion.then(|| Views::new(scene));
+    let irradiance = settings.irradiance.then(|| scene.irradiance_map());
+    let never = AtomicBool::new(false);
+    let guides = |at: usize, seen: bool, scratch: &mut Scratch, stats: &mut Stats| {
+        // The film's are the first hits of its own samples, each one of `spp`.
+        let plain = (settings.guide_samples, settings.guide_samples);
+        let (rays, samples) = film.map_or(plain, |film| (film.pixels[at].count() as u32, settings.spp));
+        let mut guides = GuideStatistics::default();
+        if !seen {
+            guides.push_misses(rays.into());
+            return guides;
+        }
+        let random = settings.random(scene, at);
+        for index in 0..rays {
+            let ray = camera_ray(scene, settings, &random, (at % width, at / width), index);
+            guides.push(first_hit::<F>(scene, &ray, samples, scratch, stats));
+        }
+        guides
+    };
+    let work = |tile: Tile| {
+        let mut scratch = Scratch::default();
+        let mut stats = Stats::default();
+        let mut pixel = |(x, y): (usize, usize)| {
+            let seen = visible.at(x, y);
+            let centre = if seen && centres {
+                centre::<F>(scene, &projector, views.as_ref(), irradiance, x, y, &mut scratch, &mut stats)
+            } else {
+                Centre::MISS
+            };
+            (centre, kept.is_none().then(|| guides(y * width + x, seen, &mut scratch, &mut stats)))
+        };
+        let pixels: Vec<_> = tile.pixels().map(&mut pixel).collect();
+        (pixels, stats)
+    };
+    schedule::for_tiles((width, height), 1, &|_, _| (), &never, work, |tile, (pixels, tile_stats)| {
+        stats += tile_stats;
+        for ((x, y), (centre, guides)) in tile.pixels().zip(pixels) {
+            let at = y * width + x;
+            store(&mut frame, at, &centre);
+            if let Some(guides) = guides {
+                store_guides(&mut frame, at, &guides, &projector);
+            }
+        }
+    })?;
+    Ok((frame, stats))
+}
+
+/// A frame with the pictures that are asked for.
+fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
+    let (width, height) = (scene.camera().width, scene.camera().height);
+    let wanted = settings.channels;
+    let rgb = || Image::filled(width, height, [0.0f32; 3]);
+    let flow = || Image::filled(width, height, [0.0f32; 2]);
+    let mut frame = Frame {
+        width,
+        height,
+        alpha: Image::filled(width, height, 0.0),
+        irradiance: settings.irradiance.then(rgb),
+        guide_albedo: wanted.guides.then(rgb),
+        guide_normal: wanted.guides.then(rgb),
+        motion: wanted.motion.then(flow),
+        motion_prev: wanted.motion.then(flow),
+        info: FrameInfo {
+            camera: Some(*scene.camera()),
+            spp: 0,
+            seed: scene.seed,
+            scene_hash: scene.hash.clone(),
+            exposure: scene.exposure(),
+            bsdf: String::new(),
+            sampling: String::new(),
+            denoiser: None,
+        },
+        ..Frame::default()
+    };
+    if wanted.gbuffer {
+        (frame.albedo, frame.normal, frame.material) = (rgb(), rgb(), rgb());
+        frame.depth = Image::filled(width, height, f32::INFINITY);
+        (frame.object_id, frame.material_id) = (Image::filled(width, height, 0), Image::filled(width, height, 0));
+    }
+    frame
+}
+
+fn store_guides(frame: &mut Frame, at: usize, guides: &GuideStatistics, projector: &Projector) {
+    frame.alpha.pixels[at] = guides.coverage();
+    if let Some(image) = &mut frame.guide_albedo {
+        image.pixels[at] = guides.albedo();
+    }
+    if let Some(image) = &mut frame.guide_normal {
+        // The mean normal is turned to camera space once, since turning is linear.
+        image.pixels[at] = projector.direction_to_camera(guides.normal()).to_array();
+    }
+}
+
+fn store(frame: &mut Frame, at: usize, centre: &Centre) {
+    fn set<T>(image: &mut Image<T>, at: usize, value: T) {
+        if let Some(pixel) = image.pixels.get_mut(at) {
+            *pixel = value;
+        }
+    }
+    set(&mut frame.albedo, at, centre.albedo);
+    set(&mut frame.normal, at, centre.normal);
+    set(&mut frame.depth, at, centre.depth);
+    set(&mut frame.material, at, centre.material);
+    set(&mut frame.object_id, at, centre.object_id);
+    set(&mut frame.material_id, at, centre.material_id);
+    if let Some(image) = &mut frame.irradiance {
+        image.pixels[at] = centre.irradiance;
+    }
+    for (image, value) in [(&mut frame.motion, centre.motion), (&mut frame.motion_prev, centre.motion_prev)] {
+        if let Some(image) = image {
+            image.pixels[at] = value;
+        }
+    }
+}
+
+/// Boxes smaller than this many pixels stand for what is in them: dense meshes have many triangles a pixel.
+const SMALL: f64 = 1.5;
+
+/// Which pixels may see geometry: a superset, found by projecting bounds of triangles or of boxes around them. All others see the
+/// environment alone.
 pub(super) struct Visible {
     width: usize,
     seen: Vec<bool>,
 }
 
 impl Visible {
-    /// Projects all triangles onto the image, each widened by the pixel filter and a hundredth of a pixel for rounding.
-    pub fn new(scene: &RenderScene, filter: Filter) -> Self {
+    /// Projects triangles, or small boxes around them, onto the image, each widened by the pixel filter and a hundredth of a pixel for rounding.
+    pub fn new(scene: &RenderScene, settings: &Settings) -> Self {
         let (width, height) = (scene.camera().width, scene.camera().height);
+        if !settings.skips.environment_pixels {
+            return Self { width, seen: vec![true; width * height] };
+        }
         let projector = Projector::new(scene.camera());
-        let reach = f64::from(filter.radius()) + 0.01;
+        let reach = f64::from(settings.filter.radius()) + 0.01;
         // The pixels whose centre is within reach of an interval.
         let pixels = |low: f64, high: f64, n: usize| {
             let first = (low - reach - 0.5).ceil().clamp(0.0, n as f64) as usize;
@@ -134,18 +289,36 @@ impl Visible {
             first..end
         };
         // Differences along each row: +1 where a bound begins, -1 where it ends.
-        let mut edges = vec![0i32; (width + 1) * height];
-        for corners in scene.geometry.covering() {
-            let Some((low, high)) = projector.bounds(corners) else { continue };
+        let edges = vec![0i32; (width + 1) * height];
+        let edges = std::cell::RefCell::new(edges);
+        let mark = |(low, high): (DVec2, DVec2)| {
             let columns = pixels(low.x, high.x, width);
             if columns.is_empty() {
-                continue;
+                return;
             }
+            let mut edges = edges.borrow_mut();
             for y in pixels(low.y, high.y, height) {
                 edges[y * (width + 1) + columns.start] += 1;
                 edges[y * (width + 1) + columns.end] -= 1;
             }
-        }
+        };
+        let open = |corners: [Vec3A; 2]| {
+            let Some((low, high)) = projector.box_bounds(corners) else { return true };
+            if pixels(low.x, high.x, width).is_empty() || pixels(low.y, high.y, height).is_empty() {
+                return false;
+            }
+            let small = (high - low).max_element() < SMALL;
+            if small {
+                mark((low, high));
+            }
+            !small
+        };
+        scene.geometry.cover(open, |corners| {
+            if let Some(bounds) = projector.bounds(corners) {
+                mark(bounds);
+            }
+        });
+        let edges = edges.into_inner();
         let mut seen = Vec::with_capacity(width * height);
         for row in edges.chunks_exact(width + 1) {
             let mut open = 0;
@@ -165,8 +338,9 @@ impl Visible {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{Affine3A, Vec3, Vec3A};
-    use renderflow_frame::{Camera, Environment};
+    use crate::camera::Filter;
+    use glam::{Affine3A, Vec3};
+    use renderflow_frame::Camera;
     use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
 
     /// Pixels said to see only the environment must not see a triangle anywhere within the filter, and most that do see only
@@ -207,7 +381,7 @@ mod tests {
             })
             .expect("consistent");
             for filter in [Filter::Box, Filter::BlackmanHarris] {
-                let visible = Visible::new(&scene, filter);
+                let visible = Visible::new(&scene, &Settings { filter, ..Settings::default() });
                 let mut scratch = Scratch::default();
                 for (x, y) in (0..24 * 16).map(|i| (i % 24, i / 24)) {
                     let mut hit = false;

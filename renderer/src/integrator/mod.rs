@@ -3,7 +3,6 @@
 
 mod accumulate;
 mod adaptive;
-mod direct;
 mod gbuffer;
 pub mod ibl;
 mod path;
@@ -12,20 +11,20 @@ mod scatter;
 pub use accumulate::Film;
 pub use adaptive::Budget;
 
-use crate::accel::Scratch;
-use crate::camera::{Filter, Projector};
+use crate::camera::Filter;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
-use crate::features::{Features, with_features};
-use crate::film::GuideStatistics;
+use crate::features::{FeatureSet, with_features};
 use crate::light::LightGroups;
 use crate::material::Mode;
 use crate::sampler::{PixelSampler, Sampler};
-use crate::schedule::{self, Progress, Tile};
+use crate::schedule::Progress;
+use crate::skips::{Channels, Skips};
 use crate::stats::Stats;
 use accumulate::{Meter, Work};
-use gbuffer::{Centre, Visible};
-use renderflow_frame::{Frame, FrameInfo, Image};
+use gbuffer::Visible;
+use gbuffer::frame as gbuffer;
+use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
@@ -68,8 +67,8 @@ pub struct Settings {
     pub sampler: Sampler,
     /// Paths that go on from the first surface of a camera sample, 1..=64: the camera ray, what it hits, and the light sample there
     /// are made once for all of them. Measured with `examples/efficiency.rs`: on the common scene (256 x 256) relMSE at equal samples is
-    /// 0.511, 0.253, 0.125 for 1, 2, 4 branches, and a sample takes 6453, 9614, 15950 instructions: error times cost falls to 0.74 and
-    /// 0.60. Over seven scenes (32 samples) error falls to 0.52 and 0.28 in the geometric mean. Splitting only where most is scattered
+    /// 0.511, 0.253, 0.125 for 1, 2, 4 branches, and a sample takes 4409, 6800, 11591 instructions: error times cost falls to 0.76 and
+    /// 0.64 (of cycles, to 0.67 with 4). Over seven scenes (32 samples) error falls to 0.52 and 0.28 in the geometric mean. Splitting only where most is scattered
     /// diffusely loses half of it: what a mirror sees is as noisy.
     pub branches: u32,
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
@@ -77,6 +76,10 @@ pub struct Settings {
     /// `examples/efficiency.rs` by 2.1 % and the common scene by 0.8 % (3: by 2.6 and 1.6 %) while relMSE at equal samples falls to
     /// 0.15 and 0.55 of what it was. [`Stats::clamped_contributions`] counts.
     pub clamp_indirect: Option<f32>,
+    /// What of the frame to fill.
+    pub channels: Channels,
+    /// What is left out because it cannot matter.
+    pub skips: Skips,
     /// How the samples are spread over the pixels.
     pub budget: Budget,
 }
@@ -95,6 +98,8 @@ impl Default for Settings {
             sampler: Sampler::Sobol,
             branches: 4,
             clamp_indirect: None,
+            channels: Channels::ALL,
+            skips: Skips::ALL,
             budget: Budget::Uniform,
         }
     }
@@ -150,7 +155,17 @@ impl Settings {
 
     /// Whether the compiled sets must have everything, whatever the scene needs.
     fn full(&self) -> bool {
-        self.bsdf == Mode::Published
+        self.bsdf == Mode::Published || !self.skips.feature_sets
+    }
+
+    /// What the compiled sets must have of what the scene has.
+    fn needed(&self, scene: &RenderScene) -> FeatureSet {
+        let has = scene.features();
+        FeatureSet {
+            textures: has.textures || !self.skips.feature_sets,
+            flat_environment: has.flat_environment && self.skips.flat_environment,
+            ..has
+        }
     }
 
     /// Numbers of one pixel.
@@ -181,7 +196,7 @@ pub fn render_with_stats(
     cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
-    let visible = Visible::new(scene, settings.filter);
+    let visible = Visible::new(scene, settings);
     let (film, mut stats) = match settings.budget {
         Budget::Uniform => samples(scene, settings, &visible, 0..settings.spp, None, progress, cancel)?,
         _ => adaptive::render(scene, settings, &visible, progress, cancel)?,
@@ -206,7 +221,7 @@ pub fn expose(
     if samples.is_empty() || samples.end > settings.spp {
         return Err(Error::Setting { name: "samples", value: samples.end.into(), range: "a part of 0..spp that is not empty" });
     }
-    self::samples(scene, settings, &Visible::new(scene, settings.filter), samples, None, progress, cancel)
+    self::samples(scene, settings, &Visible::new(scene, settings), samples, None, progress, cancel)
 }
 
 /// As [`render_with_stats`] with as many samples in each pixel as `map` says, whatever `settings.budget` is: [`Frame::samples`] of a
@@ -222,7 +237,7 @@ pub fn render_mapped(
     cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
-    let visible = Visible::new(scene, settings.filter);
+    let visible = Visible::new(scene, settings);
     let all = 0..adaptive::largest(scene, map)?;
     let (film, mut stats) = samples(scene, settings, &visible, all, Some(&map.pixels), progress, cancel)?;
     let (frame, more) = picture(scene, settings, &visible, &film)?;
@@ -251,7 +266,7 @@ pub fn expose_mapped(
             range: "a part of the map's that is not empty",
         });
     }
-    self::samples(scene, settings, &Visible::new(scene, settings.filter), samples, Some(&map.pixels), progress, cancel)
+    self::samples(scene, settings, &Visible::new(scene, settings), samples, Some(&map.pixels), progress, cancel)
 }
 
 /// The samples `range` of every pixel, as far as `map` has them.
@@ -278,12 +293,13 @@ fn samples(
 pub fn develop(scene: &RenderScene, settings: &Settings, film: &Film) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     film.check(scene, settings)?;
-    picture(scene, settings, &Visible::new(scene, settings.filter), film)
+    picture(scene, settings, &Visible::new(scene, settings), film)
 }
 
 fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &Film) -> Result<(Frame, Stats)> {
-    let (mut frame, stats) = with_features!(scene.features(), settings.full(), gbuffer(scene, settings, visible, Some(film)))?;
-    film.develop(&mut frame, settings.light_groups as usize);
+    let (mut frame, stats) =
+        with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, visible, Some(film)))?;
+    film.develop(&mut frame, settings);
     frame.info.spp = film.samples();
     if frame.samples.is_some() && settings.budget != Budget::Uniform {
         frame.info.sampling = settings.sampling();
@@ -299,123 +315,6 @@ fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &F
 /// When a setting is out of range.
 pub fn render_gbuffer(scene: &RenderScene, settings: &Settings) -> Result<Frame> {
     settings.check(scene)?;
-    let visible = Visible::new(scene, settings.filter);
-    with_features!(scene.features(), settings.full(), gbuffer(scene, settings, &visible, None)).map(|(frame, _)| frame)
-}
-
-/// G-buffer at pixel centres; guides from `film`, or else from rays of their own.
-fn gbuffer<F: Features>(
-    scene: &RenderScene,
-    settings: &Settings,
-    visible: &Visible,
-    film: Option<&Film>,
-) -> Result<(Frame, Stats)> {
-    let camera = *scene.camera();
-    let (width, height) = (camera.width, camera.height);
-    let views = gbuffer::Views::new(scene);
-    let projector = Projector::new(&camera);
-    let tables = settings.irradiance.then(|| scene.ibl_tables());
-    let never = AtomicBool::new(false);
-
-    let work = |tile: Tile| {
-        let mut scratch = Scratch::default();
-        let mut stats = Stats::default();
-        let pixels: Vec<(Centre, GuideStatistics)> = tile
-            .pixels()
-            .map(|(x, y)| {
-                let at = y * width + x;
-                let seen = visible.at(x, y);
-                let centre =
-                    if seen { gbuffer::centre::<F>(scene, &views, tables, x, y, &mut scratch, &mut stats) } else { Centre::MISS };
-                let mut guides = GuideStatistics::default();
-                match film {
-                    Some(film) => guides = film.guides[at],
-                    None if !seen => guides.push_misses(settings.guide_samples.into()),
-                    None => {
-                        let random = settings.random(scene, at);
-                        for index in 0..settings.guide_samples {
-                            let ray = path::camera_ray(scene, settings, &random, (x, y), index);
-                            guides.push(gbuffer::first_hit::<F>(scene, &ray, settings.guide_samples, &mut scratch, &mut stats));
-                        }
-                    }
-                }
-                (centre, guides)
-            })
-            .collect();
-        (pixels, stats)
-    };
-
-    let mut frame = empty_frame(scene, settings);
-    let mut stats = Stats::default();
-    schedule::for_tiles((width, height), 1, &|_, _| (), &never, work, |tile, (pixels, tile_stats)| {
-        stats += tile_stats;
-        for ((x, y), (centre, guides)) in tile.pixels().zip(pixels) {
-            store(&mut frame, y * width + x, &centre, &guides, &projector);
-        }
-    })?;
-    Ok((frame, stats))
-}
-
-/// A frame with the channels of the G-buffer.
-fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
-    let (width, height) = (scene.camera().width, scene.camera().height);
-    let rgb = || Image::filled(width, height, [0.0f32; 3]);
-    let flow = || Image::filled(width, height, [0.0f32; 2]);
-    Frame {
-        width,
-        height,
-        beauty: None,
-        alpha: Image::filled(width, height, 0.0),
-        raw: None,
-        variance: None,
-        samples: None,
-        light: Default::default(),
-        albedo: rgb(),
-        normal: rgb(),
-        depth: Image::filled(width, height, f32::INFINITY),
-        material: rgb(),
-        irradiance: settings.irradiance.then(rgb),
-        guide_albedo: Some(rgb()),
-        guide_normal: Some(rgb()),
-        motion: Some(flow()),
-        motion_prev: Some(flow()),
-        object_id: Image::filled(width, height, 0),
-        material_id: Image::filled(width, height, 0),
-        info: FrameInfo {
-            camera: Some(*scene.camera()),
-            spp: 0,
-            seed: scene.seed,
-            scene_hash: scene.hash.clone(),
-            exposure: scene.exposure(),
-            bsdf: String::new(),
-            sampling: String::new(),
-            denoiser: None,
-        },
-    }
-}
-
-fn store(frame: &mut Frame, at: usize, centre: &Centre, guides: &GuideStatistics, projector: &Projector) {
-    frame.alpha.pixels[at] = guides.coverage();
-    frame.albedo.pixels[at] = centre.albedo;
-    frame.normal.pixels[at] = centre.normal;
-    frame.depth.pixels[at] = centre.depth;
-    frame.material.pixels[at] = centre.material;
-    frame.object_id.pixels[at] = centre.object_id;
-    frame.material_id.pixels[at] = centre.material_id;
-    let optional = [
-        (&mut frame.irradiance, centre.irradiance),
-        (&mut frame.guide_albedo, guides.albedo()),
-        // The mean normal is turned to camera space once, since turning is linear.
-        (&mut frame.guide_normal, projector.direction_to_camera(guides.normal()).to_array()),
-    ];
-    for (image, value) in optional {
-        if let Some(image) = image {
-            image.pixels[at] = value;
-        }
-    }
-    for (image, value) in [(&mut frame.motion, centre.motion), (&mut frame.motion_prev, centre.motion_prev)] {
-        if let Some(image) = image {
-            image.pixels[at] = value;
-        }
-    }
+    let visible = Visible::new(scene, settings);
+    with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, &visible, None)).map(|(frame, _)| frame)
 }

@@ -40,7 +40,7 @@ pub(super) struct Scatterer<'a, F: Features + 'a> {
 
 impl<'a, F: Features> Scatterer<'a, F> {
     /// For the point `surface`, with its BSDF in form `mode`, seen from the world-space unit direction `wo`.
-    #[inline]
+    #[inline(always)]
     pub fn new(surface: &Interaction, bsdf: &'a F::Bsdf, wo: Vec3A, mode: Mode) -> Self {
         let frame = if F::FULL && surface.tangent != Vec3A::ZERO {
             ShadingFrame::with_tangent(surface.ns, surface.tangent)
@@ -50,8 +50,14 @@ impl<'a, F: Features> Scatterer<'a, F> {
         Self { n: surface.n, lean: surface.n.dot(surface.ns), mode, view: bsdf.view(frame.to_local(wo)), frame }
     }
 
-    /// Value (times cosine) and density for the world-space direction `wi`; zero below the true surface.
+    /// Whether nothing is reflected towards the viewer, from whatever direction.
     #[inline]
+    pub fn is_black(&self) -> bool {
+        self.view.is_black()
+    }
+
+    /// Value (times cosine) and density for the world-space direction `wi`; zero below the true surface.
+    #[inline(always)]
     pub fn eval(&self, wi: Vec3A) -> BsdfEval {
         let cos = self.n.dot(wi);
         if cos <= 0.0 {
@@ -68,7 +74,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
     }
 
     /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it.
-    #[inline]
+    #[inline(always)]
     fn folded(&self, wi: Vec3A, cos: f32) -> Option<Vec3A> {
         if F::FULL && self.mode == Mode::Published {
             return None;
@@ -78,7 +84,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
     }
 
     /// Draws a direction. `None` where the sample carries nothing.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<Scattered> {
         let drawn = self.view.sample(u_lobe, u)?;
         let wi = self.frame.to_world(drawn.wi);
@@ -106,7 +112,7 @@ struct ShadingFrame {
 
 impl ShadingFrame {
     /// Duff et al. 2017, branchless and exact at both poles.
-    #[inline]
+    #[inline(always)]
     fn new(n: Vec3A) -> Self {
         let sign = 1f32.copysign(n.z);
         let a = -1.0 / (sign + n.z);
@@ -115,7 +121,7 @@ impl ShadingFrame {
     }
 
     /// +x along `tangent` as far as it is perpendicular to `n`.
-    #[inline]
+    #[inline(always)]
     fn with_tangent(n: Vec3A, tangent: Vec3A) -> Self {
         match (tangent - n * n.dot(tangent)).try_normalize() {
             Some(t) => Self { t, b: n.cross(t), n },
@@ -123,12 +129,12 @@ impl ShadingFrame {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn to_local(&self, v: Vec3A) -> Vec3A {
         Vec3A::new(self.t.dot(v), self.b.dot(v), self.n.dot(v))
     }
 
-    #[inline]
+    #[inline(always)]
     fn to_world(&self, v: Vec3A) -> Vec3A {
         (self.t * v.x + self.b * v.y + self.n * v.z).normalize()
     }

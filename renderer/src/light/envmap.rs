@@ -1,7 +1,9 @@
 //! Light from the environment map, drawn in proportion to what it emits.
 
 use super::distribution::{Grid, sample_linear};
+use crate::angle::{polar, sin_cos_turns};
 use crate::error::{Error, Result};
+use crate::sampler::LANES;
 use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 use renderflow_frame::Environment;
@@ -89,7 +91,8 @@ struct Map {
     /// Columns and rows of the map.
     width: usize,
     height: usize,
-    /// Radians, as in [`Environment::rotation`].
+    inverse_width: f32,
+    /// [`Environment::rotation`] in turns, 0..=1.
     rotation: f32,
     /// `height + 2` rows of `width + 1` texels: a row beyond each pole and the first column again at the end.
     /// xyz = radiance with the gain applied, w = the sampling weight, relative to the brightest texel.
@@ -109,6 +112,7 @@ struct Band {
     start: f32,
     /// `q` at the lower edge minus `start`; negative in the southern half.
     extent: f32,
+    inverse_extent: f32,
     /// 1 where `q` is measured from the zenith, -1 from the nadir.
     sign: f32,
 }
@@ -128,6 +132,18 @@ struct Place {
     t: f32,
 }
 
+/// A direction drawn in a cell.
+struct Within {
+    /// Where along the row and, of solid angle, from the row above.
+    s: f32,
+    t: f32,
+    x: f32,
+    y: f32,
+    z: f32,
+    /// Polar angle over pi.
+    v: f32,
+}
+
 impl EnvironmentLight {
     /// [`Self::with_sampling`] with [`Sampling::default`].
     ///
@@ -137,7 +153,7 @@ impl EnvironmentLight {
         Self::with_sampling(environment, Sampling::default())
     }
 
-    /// Builds the sampling tables, 20.5 bytes a texel, on rayon's threads (so never call it while a cell or lock is held that one of
+    /// Builds the sampling tables, 22 bytes a texel, on rayon's threads (so never call it while a cell or lock is held that one of
     /// its tasks may ask for). [`Self::repairs`] tells of texels that are no usable radiance.
     ///
     /// # Errors
@@ -206,14 +222,14 @@ impl EnvironmentLight {
 
     /// Draws a direction; `u` in 0..1. `None` when the environment is black, or when the draw falls exactly on the rim
     /// of a light, where radiance and density vanish together.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, u: [f32; 2]) -> Option<EnvironmentSample> {
         match &self.kind {
             Kind::Constant(radiance) => {
                 if *radiance == Vec3A::ZERO {
                     return None;
                 }
-                let (sin_phi, cos_phi) = (TAU * u[0]).sin_cos();
+                let (sin_phi, cos_phi) = sin_cos_turns(u[0]);
                 let sin = 2.0 * (u[1] * (1.0 - u[1])).max(0.0).sqrt();
                 let wi = Vec3A::new(sin * sin_phi, 1.0 - 2.0 * u[1], -sin * cos_phi);
                 Some(EnvironmentSample { wi, radiance: *radiance, pdf: 0.25 * FRAC_1_PI })
@@ -222,8 +238,19 @@ impl EnvironmentLight {
         }
     }
 
+    /// [`Self::sample`] of all `u`, an array a number, bit for bit.
+    #[inline(always)]
+    pub(super) fn sample_all(&self, u: [&[f32; LANES]; 2], drawn: &mut [Option<EnvironmentSample>; LANES]) {
+        if let Kind::Map(map) = &self.kind {
+            return map.sample_all(u, drawn);
+        }
+        for (lane, to) in drawn.iter_mut().enumerate() {
+            *to = self.sample([u[0][lane], u[1][lane]]);
+        }
+    }
+
     /// Density with which [`Self::sample`] draws the world-space unit direction `wi`, per steradian.
-    #[inline]
+    #[inline(always)]
     pub fn pdf(&self, wi: Vec3A) -> f32 {
         match &self.kind {
             Kind::Constant(radiance) if *radiance == Vec3A::ZERO => 0.0,
@@ -233,7 +260,7 @@ impl EnvironmentLight {
     }
 
     /// Radiance from the world-space unit direction `wi`: [`Environment::radiance`] of the repaired map.
-    #[inline]
+    #[inline(always)]
     pub fn radiance(&self, wi: Vec3A) -> Vec3A {
         match &self.kind {
             Kind::Constant(radiance) => *radiance,
@@ -242,7 +269,7 @@ impl EnvironmentLight {
     }
 
     /// [`Self::radiance`] and [`Self::pdf`] in one look-up, for a path that leaves the scene.
-    #[inline]
+    #[inline(always)]
     pub fn radiance_and_pdf(&self, wi: Vec3A) -> (Vec3A, f32) {
         match &self.kind {
             Kind::Constant(radiance) => (*radiance, self.pdf(wi)),
@@ -286,7 +313,8 @@ impl Map {
         (inverse_total.is_finite()).then_some(Self {
             width,
             height,
-            rotation: environment.rotation,
+            inverse_width: (1.0 / width as f64) as f32,
+            rotation: (f64::from(environment.rotation) / std::f64::consts::TAU).rem_euclid(1.0) as f32,
             texels,
             bands,
             grid,
@@ -295,7 +323,7 @@ impl Map {
     }
 
     /// The texels at the corners of a cell: above left, above right, below left, below right.
-    #[inline]
+    #[inline(always)]
     fn around(&self, column: usize, row: usize) -> [Vec4; 4] {
         let i = row * (self.width + 1) + column;
         let j = i + self.width + 1;
@@ -303,63 +331,105 @@ impl Map {
     }
 
     /// Sampling weights at the corners of a cell, in the order of [`Self::around`].
-    #[inline]
+    #[inline(always)]
     fn corners(&self, column: usize, row: usize) -> [f32; 4] {
         corners_of_band(row, self.height, self.around(column, row).map(|texel| texel.w))
     }
 
+    #[inline(always)]
     fn sample(&self, u: [f32; 2]) -> Option<EnvironmentSample> {
         let cell = self.grid.sample(u);
-        let [a, b, c, d] = self.corners(cell.column, cell.row);
-        let t = sample_linear(a + b, c + d, cell.u[1]);
-        let s = sample_linear(a + (c - a) * t, b + (d - b) * t, cell.u[0]);
-
-        let band = self.bands[cell.row];
-        let q = (band.start + band.extent * t).clamp(0.0, 1.0);
-        let sin = 2.0 * (q * (1.0 - q)).sqrt();
-        let phi = TAU * ((cell.column as f32 + 0.5 + s) / self.width as f32);
-        let (sin_phi, cos_phi) = (phi - self.rotation).sin_cos();
-        let wi = Vec3A::new(sin_phi * sin, band.sign * (1.0 - 2.0 * q), -cos_phi * sin);
-
-        let angle = 2.0 * FRAC_1_PI * atan2(q.sqrt(), (1.0 - q).sqrt());
-        let v = if band.sign > 0.0 { angle } else { 1.0 - angle };
-        let place = self.place_in(cell.column, s, cell.row, v, t);
-        let pdf = self.pdf(&place);
-        (pdf > 0.0).then(|| EnvironmentSample { wi, radiance: self.radiance(&place), pdf })
+        let within = self.warp(self.corners(cell.column, cell.row), self.bands[cell.row], cell.column as f32, cell.u);
+        self.drawn((cell.column, cell.row), &within)
     }
 
-    #[inline]
+    /// [`Self::sample`] of all `u`, step by step: the steps of one draw wait for each other, those of sixteen do not, and the middle
+    /// ones work on vectors.
+    #[inline(always)]
+    fn sample_all(&self, u: [&[f32; LANES]; 2], drawn: &mut [Option<EnvironmentSample>; LANES]) {
+        let mut cells = [(0, 0); LANES];
+        let (mut bands, mut columns, mut rest) = ([[0.0; LANES]; 3], [0.0; LANES], [[0.0; LANES]; 2]);
+        let mut corners = [[0.0; LANES]; 4];
+        for lane in 0..LANES {
+            let cell = self.grid.sample([u[0][lane], u[1][lane]]);
+            let band = &self.bands[cell.row];
+            cells[lane] = (cell.column, cell.row);
+            columns[lane] = cell.column as f32;
+            (bands[0][lane], bands[1][lane], bands[2][lane]) = (band.start, band.extent, band.sign);
+            (rest[0][lane], rest[1][lane]) = (cell.u[0], cell.u[1]);
+            let [a, b, c, d] = self.corners(cell.column, cell.row);
+            (corners[0][lane], corners[1][lane], corners[2][lane], corners[3][lane]) = (a, b, c, d);
+        }
+        let mut within = [[0.0; LANES]; 6];
+        for lane in 0..LANES {
+            let band = Band { start: bands[0][lane], extent: bands[1][lane], inverse_extent: 0.0, sign: bands[2][lane] };
+            let corners = [corners[0][lane], corners[1][lane], corners[2][lane], corners[3][lane]];
+            let Within { s, t, x, y, z, v } = self.warp(corners, band, columns[lane], [rest[0][lane], rest[1][lane]]);
+            (within[0][lane], within[1][lane], within[2][lane]) = (s, t, x);
+            (within[3][lane], within[4][lane], within[5][lane]) = (y, z, v);
+        }
+        for (lane, to) in drawn.iter_mut().enumerate() {
+            let [s, t, x, y, z, v] = &within;
+            let within = Within { s: s[lane], t: t[lane], x: x[lane], y: y[lane], z: z[lane], v: v[lane] };
+            *to = self.drawn(cells[lane], &within);
+        }
+    }
+
+    /// Where in a cell, given its corners' weights, its band and column, and what is left of the random numbers.
+    #[inline(always)]
+    fn warp(&self, [a, b, c, d]: [f32; 4], band: Band, column: f32, u: [f32; 2]) -> Within {
+        let t = sample_linear(0.5 * (a + b), 0.5 * (c + d), u[1]);
+        let s = sample_linear(a + (c - a) * t, b + (d - b) * t, u[0]);
+        let q = (band.start + band.extent * t).clamp(0.0, 1.0);
+        let sin = 2.0 * (q * (1.0 - q)).sqrt();
+        let y = band.sign * (1.0 - 2.0 * q);
+        let (sin_phi, cos_phi) = sin_cos_turns((column + 0.5 + s) * self.inverse_width - self.rotation);
+        Within { s, t, x: sin_phi * sin, y, z: -cos_phi * sin, v: polar(q.min(1.0 - q), y) }
+    }
+
+    #[inline(always)]
+    fn drawn(&self, (column, row): (usize, usize), within: &Within) -> Option<EnvironmentSample> {
+        let &Within { s, t, x, y, z, v } = within;
+        let place = self.place_in(column, s, row, v, t);
+        let pdf = self.pdf(&place);
+        (pdf > 0.0).then(|| EnvironmentSample { wi: Vec3A::new(x, y, z), radiance: self.radiance(&place), pdf })
+    }
+
+    #[inline(always)]
     fn place_in(&self, column: usize, s: f32, row: usize, v: f32, t: f32) -> Place {
         let [a, b, c, d] = self.around(column, row);
         let fraction = (v * self.height as f32 + 0.5 - row as f32).clamp(0.0, 1.0);
         Place { above: a + (b - a) * s, below: c + (d - c) * s, column, row, s, fraction, t }
     }
 
-    #[inline]
+    #[inline(always)]
     fn place(&self, wi: Vec3A) -> Place {
-        let r2 = wi.x * wi.x + wi.z * wi.z;
-        let v = atan2(r2.sqrt(), wi.y) * FRAC_1_PI;
+        // (1 - |y|) / 2 without cancellation near the poles.
+        let near = 0.5 * (wi.x * wi.x + wi.z * wi.z) / (1.0 + wi.y.abs());
+        let v = polar(near.min(0.5), wi.y);
         let row = ((v * self.height as f32 + 0.5) as usize).min(self.height);
         let band = self.bands[row];
-        let y = band.sign * wi.y;
-        // (1 - y) / 2 without cancellation near the pole.
-        let q = if y > 0.0 { 0.5 * r2 / (1.0 + y) } else { 0.5 * (1.0 - y) };
-        let t = ((q - band.start) / band.extent).clamp(0.0, 1.0);
+        let beyond = if wi.y * band.sign < 0.0 { 1.0 } else { 0.0 };
+        let q = beyond + (1.0 - 2.0 * beyond) * near;
+        let t = ((q - band.start) * band.inverse_extent).clamp(0.0, 1.0);
 
-        let turns = (atan2(wi.x, -wi.z) + self.rotation) * (1.0 / TAU);
-        let x = (turns - turns.floor()) * self.width as f32 - 0.5;
-        let x = if x < 0.0 { x + self.width as f32 } else { x };
+        let width = self.width as f32;
+        // -1/2..=3/2 turns, brought to 0..1 by adding or taking off one at most.
+        let turns = atan2(wi.x, -wi.z) * (1.0 / TAU) + self.rotation;
+        let x = turns * width - 0.5;
+        let x = x + if x < 0.0 { width } else { 0.0 } - if x >= width { width } else { 0.0 };
+        // A rounding may leave it at either end.
         let column = (x as usize).min(self.width - 1);
-        self.place_in(column, x - column as f32, row, v, t)
+        self.place_in(column, (x - column as f32).clamp(0.0, 1.0), row, v, t)
     }
 
-    #[inline]
+    #[inline(always)]
     fn pdf(&self, place: &Place) -> f32 {
         let (above, below) = edges(place.row, self.height, place.above.w, place.below.w);
         ((above + (below - above) * place.t) * self.inverse_total).max(0.0)
     }
 
-    #[inline]
+    #[inline(always)]
     fn radiance(&self, place: &Place) -> Vec3A {
         let (mut above, mut below) = (place.above, place.below);
         if self.width % 2 == 1 {
@@ -387,14 +457,14 @@ impl Map {
 
 /// Sampling weights on the upper and the lower edge of a band, from those of the texel rows above and below. The bands at
 /// the poles are half as high as the distance of their texel rows, so one of their edges lies midway.
-#[inline]
+#[inline(always)]
 fn edges(row: usize, height: usize, above: f32, below: f32) -> (f32, f32) {
     let middle = 0.5 * (above + below);
     (if row == 0 { middle } else { above }, if row == height { middle } else { below })
 }
 
 /// Sampling weights at the corners of a cell of band `row`, from those of its texels.
-#[inline]
+#[inline(always)]
 fn corners_of_band(row: usize, height: usize, [a, b, c, d]: [f32; 4]) -> [f32; 4] {
     let (a, c) = edges(row, height, a, c);
     let (b, d) = edges(row, height, b, d);
@@ -447,6 +517,12 @@ impl Band {
             let half = 0.5 * if north { theta } else { std::f64::consts::PI - theta };
             half.sin() * half.sin()
         };
-        Self { start: q(upper) as f32, extent: (q(lower) - q(upper)) as f32, sign: if north { 1.0 } else { -1.0 } }
+        let extent = q(lower) - q(upper);
+        Self {
+            start: q(upper) as f32,
+            extent: extent as f32,
+            inverse_extent: (1.0 / extent) as f32,
+            sign: if north { 1.0 } else { -1.0 },
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! All lights of a scene as one.
 
 use super::emitters::{EmissiveTriangle, EmitterLight};
-use super::envmap::EnvironmentLight;
+use super::envmap::{EnvironmentLight, EnvironmentSample};
 use glam::Vec3A;
 
 /// Random numbers that choose a light are taken as multiples of one over this: generators of 23 or more bits hit each equally often.
@@ -37,6 +37,14 @@ pub struct LightSample {
     pub source: Source,
     /// Density of `wi` for this light, the choice between lights included; per steradian, > 0.
     pub pdf: f32,
+}
+
+/// A sample of the only light.
+impl From<EnvironmentSample> for LightSample {
+    #[inline(always)]
+    fn from(EnvironmentSample { wi, radiance, pdf }: EnvironmentSample) -> Self {
+        Self { wi, distance: f32::INFINITY, source: Source::Environment { radiance }, pdf }
+    }
 }
 
 /// Draws from the environment and from emissive triangles.
@@ -80,7 +88,7 @@ impl LightSampler {
 
     /// Draws a direction from the shading point `p` to a light; random numbers in 0..1. `None` when what was drawn sends no light
     /// to `p`.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, p: Vec3A, choice: f32, u: [f32; 2]) -> Option<LightSample> {
         let unit = ((choice * UNITS as f32) as u32).min(UNITS - 1);
         match &self.emitters {
@@ -98,13 +106,13 @@ impl LightSampler {
     }
 
     /// Density with which [`Self::sample`] draws the world-space unit direction `wi` as one to the environment, per steradian.
-    #[inline]
+    #[inline(always)]
     pub fn pdf_environment(&self, wi: Vec3A) -> f32 {
         self.environment.pdf(wi) * self.environment_share
     }
 
     /// [`EnvironmentLight::radiance`] and [`Self::pdf_environment`] in one look-up.
-    #[inline]
+    #[inline(always)]
     pub fn radiance_and_pdf(&self, wi: Vec3A) -> (Vec3A, f32) {
         let (radiance, pdf) = self.environment.radiance_and_pdf(wi);
         (radiance, pdf * self.environment_share)
@@ -112,7 +120,7 @@ impl LightSampler {
 
     /// Density with which [`Self::sample`] draws a direction that meets triangle `id` at `distance`, per steradian; `cos` as for
     /// [`EmitterLight::pdf`].
-    #[inline]
+    #[inline(always)]
     pub fn pdf_emitter(&self, id: u32, distance: f32, cos: f32) -> f32 {
         self.emitters.as_ref().map_or(0.0, |emitters| emitters.pdf(id, distance, cos))
     }

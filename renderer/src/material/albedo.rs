@@ -221,15 +221,32 @@ impl Table {
         let lowest_root = lowest_root();
         let root_step = (1.0 - lowest_root) / (ROUGHNESSES - 1) as f32;
         let mut table = Self { nodes: vec![], cosines: vec![], moments: vec![], lowest_root, nodes_per_root: root_step.recip() };
-        // One thread: a rayon worker that waits here would pick up a tile, come back for the table and wait for itself.
-        for i in 0..ROUGHNESSES {
+        let row = |i: usize| {
             let (root, abscissa) = (table.root(i), table.abscissa(i));
             let cosines = std::array::from_fn(|j| abscissa.cosine(j as f32 / (COSINES - 1) as f32));
             let ggx = Ggx::new(root.powi(4));
             let row = cosines.map(|cos| Node::new(integrate(&ggx, cos), cos));
-            table.moments.push(moments(&row, &cosines, abscissa));
+            (row, cosines, moments(&row, &cosines, abscissa))
+        };
+        // Not rayon's threads: a worker that waits here would pick up a tile, come back for the table and wait for itself. They all wait
+        // for this table at first, 50 ms if one makes it, so that their processors are free.
+        let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(rayon::current_num_threads()).min(8);
+        let part = |k: usize| (k..ROUGHNESSES).step_by(threads).map(row).collect::<Vec<_>>();
+        let parts: Vec<Vec<_>> = std::thread::scope(|scope| {
+            let helpers: Vec<_> =
+                (1..threads).map(|k| std::thread::Builder::new().spawn_scoped(scope, move || part(k)).ok()).collect();
+            let first = part(0);
+            // A thread that could not be had: its part is made here.
+            let join = |(k, helper): (usize, Option<std::thread::ScopedJoinHandle<'_, _>>)| {
+                helper.and_then(|helper| helper.join().ok()).unwrap_or_else(|| part(k))
+            };
+            std::iter::once(first).chain((1..).zip(helpers).map(join)).collect()
+        });
+        for i in 0..ROUGHNESSES {
+            let (row, cosines, moments) = parts[i % threads][i / threads];
             table.nodes.push(row);
             table.cosines.push(cosines);
+            table.moments.push(moments);
         }
         table
     }

@@ -4,6 +4,7 @@
 //! term of width 0.25, which holds the `1 / (4 cos_o cos_i)` of microfacet theory, as in his BRDF explorer's code.
 
 use super::fresnel::schlick_weight;
+use crate::angle::sin_cos_turns;
 use glam::Vec3A;
 use std::f32::consts::PI;
 use std::sync::OnceLock;
@@ -52,7 +53,7 @@ impl Clearcoat {
         let range = 1.0 - self.alpha2;
         // sin^2 directly: it is as small as alpha^2.
         let sin2 = ((self.alpha2.powf(1.0 - u[0]) - self.alpha2) / range).clamp(0.0, 1.0);
-        let (sin_phi, cos_phi) = (std::f32::consts::TAU * u[1]).sin_cos();
+        let (sin_phi, cos_phi) = sin_cos_turns(u[1]);
         let sin = sin2.sqrt();
         let h = Vec3A::new(sin * cos_phi, sin * sin_phi, (1.0 - sin2).sqrt());
         (2.0 * wo.dot(h) * h - wo).normalize()

@@ -3,7 +3,9 @@
 use super::conserving::{Conserving, Outgoing};
 use super::published::Published;
 use super::{BsdfEval, BsdfSample, Mode, Surface};
+use crate::angle::sin_cos_eighth;
 use glam::Vec3A;
+use std::f32::consts::FRAC_PI_4;
 
 /// Draws of a smaller density are discarded. The quotient of value and density would be rounded beyond use (both are subnormal or
 /// nearly so), and such a draw has a probability below 1e-28 of happening at all.
@@ -90,6 +92,20 @@ impl<const FULL: bool> Bsdf<FULL> {
     }
 }
 
+/// Both forms of the conserving BSDF of a material that looks nothing up, made once: a vertex then has nothing to prepare but its view.
+#[derive(Clone, Copy)]
+pub struct Prepared {
+    pub(crate) plain: Bsdf<false>,
+    pub(crate) full: Bsdf<true>,
+}
+
+impl Prepared {
+    /// For a surface that is the same everywhere.
+    pub fn new(surface: &Surface) -> Self {
+        Self { plain: Bsdf::new(surface, Mode::Conserving), full: Bsdf::new(surface, Mode::Conserving) }
+    }
+}
+
 /// A [`Bsdf`] seen from one direction; see [`Bsdf::view`].
 #[derive(Clone, Copy)]
 pub struct View<'a, const FULL: bool> {
@@ -107,6 +123,12 @@ enum Seen<'a, const FULL: bool> {
 }
 
 impl<const FULL: bool> View<'_, FULL> {
+    /// Whether nothing is reflected, from whatever direction: a material without any lobe, or one seen from below.
+    #[inline(always)]
+    pub fn is_black(&self) -> bool {
+        matches!(self.seen, Seen::Nothing)
+    }
+
     /// Value (times cosine) and density for `wi`; zero when it lies on or below the shading horizon.
     #[inline(always)]
     pub fn eval(&self, wi: Vec3A) -> BsdfEval {
@@ -185,14 +207,11 @@ impl<const FULL: bool> View<'_, FULL> {
 #[inline(always)]
 fn cosine_hemisphere(u: [f32; 2]) -> Vec3A {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    if a == 0.0 && b == 0.0 {
-        return Vec3A::Z;
-    }
-    let (r, phi) = if a.abs() > b.abs() {
-        (a, std::f32::consts::FRAC_PI_4 * (b / a))
-    } else {
-        (b, std::f32::consts::FRAC_PI_2 - std::f32::consts::FRAC_PI_4 * (a / b))
-    };
-    let (sin, cos) = phi.sin_cos();
-    Vec3A::new(r * cos, r * sin, (1.0 - r * r).max(0.0).sqrt())
+    // Which half of the square it is cannot be foreseen: no branch.
+    let along = a.abs() > b.abs();
+    let (r, other) = if along { (a, b) } else { (b, a) };
+    let (sin, cos) = sin_cos_eighth(FRAC_PI_4 * (other / if r == 0.0 { 1.0 } else { r }));
+    let (near, far) = (r * cos, r * sin);
+    let (x, y) = if along { (near, far) } else { (far, near) };
+    Vec3A::new(x, y, (1.0 - r * r).max(0.0).sqrt())
 }

@@ -19,7 +19,7 @@ mod sheen;
 mod subsurface;
 
 use disney::Lobes;
-pub use disney::{Bsdf, View};
+pub use disney::{Bsdf, Prepared, View};
 pub use fresnel::{f90, schlick};
 
 use glam::Vec3A;

@@ -10,9 +10,11 @@
 //!
 //! A scene that needs no light samples (flat environment, no emitters) never asks for the even sets; the others keep their numbers.
 
+pub mod batch;
 pub mod hash;
 pub mod sobol;
 
+pub use batch::{Batched, LANES, Points};
 pub use sobol::PixelSampler;
 
 use serde::{Deserialize, Serialize};

@@ -3,7 +3,7 @@
 use crate::sampler::{Sampler, hash};
 
 /// Points of sobol_burley's sequence before its scramble must change.
-const SEQUENCE: u32 = 1 << 16;
+pub(super) const SEQUENCE: u32 = 1 << 16;
 
 /// The sample stream of one pixel of one frame.
 #[derive(Clone, Copy, Debug)]
@@ -34,9 +34,24 @@ impl PixelSampler {
             let unit = |bits: u64| (bits >> 40) as f32 / (1u32 << 24) as f32;
             return [first, first << 24, hash::mix(first), hash::mix(first) << 24].map(unit);
         }
-        // Long renders go on with a new scramble every 2^16 samples.
-        let seed = hash::mix(self.base ^ (u64::from(index / SEQUENCE) << 32 | u64::from(set)));
-        sobol_burley::sample_4d(index % SEQUENCE, 0, (seed >> 32) as u32)
+        sobol_burley::sample_4d(index % SEQUENCE, 0, self.scramble(index, set))
+    }
+
+    /// Seed of the scramble of a set. Long renders go on with a new one every 2^16 samples.
+    #[inline]
+    pub(super) fn scramble(&self, index: u32, set: u32) -> u32 {
+        (hash::mix(self.base ^ (u64::from(index / SEQUENCE) << 32 | u64::from(set))) >> 32) as u32
+    }
+
+    /// What tells this stream from others.
+    #[inline]
+    pub(crate) fn base(&self) -> u64 {
+        self.base
+    }
+
+    #[inline]
+    pub(crate) fn is_sobol(&self) -> bool {
+        self.kind == Sampler::Sobol
     }
 }
 

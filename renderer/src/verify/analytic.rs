@@ -9,7 +9,7 @@ mod emission;
 use super::scenes::{self, Part};
 use super::{Check, Effort, Outcome, Ticker, Worst};
 use crate::compile::RenderScene;
-use crate::integrator::{self, DirectLight, Settings};
+use crate::integrator::{self, Budget, DirectLight, Settings};
 use crate::light::Sampling;
 use crate::sampler::Sampler;
 use glam::{Affine3A, DVec3, Quat, Vec2, Vec3, Vec3A};
@@ -361,7 +361,11 @@ fn disc_share(p: DVec3, radius: f64, height: f64) -> f64 {
 fn variants() -> Vec<(String, Settings)> {
     let directs = [DirectLight::Mis, DirectLight::Scattering, DirectLight::Lights];
     let both = |direct| [Sampler::Sobol, Sampler::Independent].map(|sampler| Settings { direct, sampler, ..Settings::default() });
-    directs.into_iter().flat_map(both).map(|s| (format!("{:?}, {:?}", s.direct, s.sampler), s)).collect()
+    let even = directs.into_iter().flat_map(both).map(|s| (format!("{:?}, {:?}", s.direct, s.sampler), s));
+    // The noisiest way shows best whether counts depend on what they average.
+    let spread = [DirectLight::Mis, DirectLight::Scattering].into_iter().flat_map(both);
+    let spread = spread.map(|s| Settings { budget: Budget::Average, ..s });
+    even.chain(spread.map(|s| (format!("{:?}, {:?}, adaptive", s.direct, s.sampler), s))).collect()
 }
 
 impl Case {

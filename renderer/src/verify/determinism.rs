@@ -4,7 +4,7 @@ use super::scenes::{self, Part};
 use super::{Check, Effort, Outcome, Ticker, Worst};
 use crate::camera::Filter;
 use crate::compile::RenderScene;
-use crate::integrator::{self, Settings};
+use crate::integrator::{self, Budget, Settings};
 use crate::schedule::with_shuffled_tiles;
 use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame};
@@ -28,7 +28,8 @@ fn bits(frame: &Frame) -> Vec<u32> {
     let flow = [&frame.motion, &frame.motion_prev].into_iter().flatten();
     let numbers = shown.flat_map(|i| i.pixels.as_flattened()).chain(flow.flat_map(|i| i.pixels.as_flattened()));
     let numbers = numbers.chain(&frame.alpha.pixels).chain(&frame.depth.pixels).map(|v| v.to_bits());
-    numbers.chain(frame.object_id.pixels.iter().copied()).chain(frame.material_id.pixels.iter().copied()).collect()
+    let counts = frame.samples.iter().flat_map(|i| i.pixels.iter().copied());
+    numbers.chain(frame.object_id.pixels.iter().copied()).chain(frame.material_id.pixels.iter().copied()).chain(counts).collect()
 }
 
 /// Glossy and diffuse things under a sky with a sun, of odd size, so that tiles at both edges are partial.
@@ -44,6 +45,12 @@ fn scene(width: usize, height: usize) -> Result<RenderScene, String> {
     scenes::compile(parts, environment, scenes::camera([0.0, 2.0, 6.0], [0.0, 0.8, 0.0], 40.0, width, height))
 }
 
+/// Settings whose samples are spread by what the samples before them found.
+fn spread(spp: u32) -> [Settings; 2] {
+    let budgets = [Budget::Average, Budget::Error { millionths: 20_000 }];
+    budgets.map(|budget| Settings { spp: 4 * spp, budget, ..Settings::default() })
+}
+
 /// Renders with every integrator, one after the other.
 fn everything(scene: &RenderScene, spp: u32, ticker: &Ticker<'_>) -> Result<Vec<u32>, String> {
     let mut all = Vec::new();
@@ -52,6 +59,10 @@ fn everything(scene: &RenderScene, spp: u32, ticker: &Ticker<'_>) -> Result<Vec<
         let path = integrator::render(scene, &settings, &|_, _| (), ticker.cancel()).map_err(|e| e.to_string())?;
         all.extend(bits(&path));
         all.extend(bits(&integrator::ibl::render(scene, &settings).map_err(|e| e.to_string())?));
+    }
+    for settings in spread(spp) {
+        let path = integrator::render(scene, &settings, &|_, _| (), ticker.cancel()).map_err(|e| e.to_string())?;
+        all.extend(bits(&path));
     }
     Ok(all)
 }
@@ -95,8 +106,14 @@ fn tiles(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
         let scene = scene(effort.pick(93, 251), effort.pick(77, 173))?;
         ticker.expect(1 + orders);
         let settings = Settings { spp: effort.pick(4, 32), irradiance: true, ..Settings::default() };
-        let render =
-            || integrator::render(&scene, &settings, &|_, _| (), ticker.cancel()).map(|f| bits(&f)).map_err(|e| e.to_string());
+        let render = || -> Result<Vec<u32>, String> {
+            let mut all = Vec::new();
+            for settings in [&[settings][..], &spread(settings.spp)].concat() {
+                let frame = integrator::render(&scene, &settings, &|_, _| (), ticker.cancel()).map_err(|e| e.to_string())?;
+                all.extend(bits(&frame));
+            }
+            Ok(all)
+        };
         let straight = render()?;
         ticker.add(1);
         let mut worst = Worst::default();

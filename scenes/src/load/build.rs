@@ -1,10 +1,10 @@
 //! From a [`Scene`] to a [`LoadedScene`].
 
-use super::{mesh, model};
+use super::{images, mesh, model};
 use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene, TextureWrap};
 use crate::error::{Error, Problem, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
-use crate::texture::{self, uv_transform};
+use crate::texture::uv_transform;
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, tangents};
 use glam::{Affine3A, DAffine3, DVec3};
 use renderflow_frame::Environment;
@@ -13,18 +13,35 @@ use std::path::{Path, PathBuf};
 
 /// Validates `scene` and loads what it refers to; relative paths start at `base_folder`, the folder of the scene file.
 ///
+/// Images that nothing looks at are not read, so they need not be there: those of materials on no object, normal maps on meshes without
+/// texture coordinates, and those that a factor of zero hides.
+///
 /// # Errors
 /// [`Error::Invalid`] as [`Scene::validate`]; for a file that cannot be read, the place in the scene, the file and the place in it.
 pub fn load(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
+    build(scene, base_folder, false)
+}
+
+/// As [`load`], the images that nothing looks at included: for measurements.
+///
+/// # Errors
+/// As [`load`].
+#[doc(hidden)]
+pub fn load_everything(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
+    build(scene, base_folder, true)
+}
+
+fn build(scene: &Scene, base_folder: &Path, everything: bool) -> Result<LoadedScene> {
     scene.validate()?;
     let mut report = LoadReport::default();
     let environment = environment(scene, base_folder, &mut report)?;
     let mut build = Build { report, ..Build::new(scene, base_folder) };
-    build.described_materials()?;
+    build.described_materials();
     for (index, object) in scene.objects.iter().enumerate() {
         build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
     }
     build.prepare_tangents();
+    build.read_images(everything)?;
     build.mirror();
     build.drop_idle_masks();
     Ok(LoadedScene {
@@ -100,6 +117,7 @@ struct Build<'a> {
     shapes: HashMap<String, usize>,
     models: HashMap<PathBuf, Placed>,
     images: HashMap<(PathBuf, Encoding, Wrap), usize>,
+    wanted: Vec<images::Wanted>,
     material_names: Names,
     instance_names: Names,
     default_material: Option<usize>,
@@ -120,6 +138,7 @@ impl<'a> Build<'a> {
             shapes: HashMap::new(),
             models: HashMap::new(),
             images: HashMap::new(),
+            wanted: vec![],
             material_names: Names::new(scene.materials.iter().map(|m| &m.name)),
             // A part of a model must not take the name of a later object.
             instance_names: Names::new(scene.objects.iter().map(|o| &o.name)),
@@ -128,19 +147,16 @@ impl<'a> Build<'a> {
     }
 
     /// Materials of the description come first, in its order, so that their ids are known without loading.
-    fn described_materials(&mut self) -> Result<()> {
+    fn described_materials(&mut self) {
         for (i, described) in self.scene.materials.iter().enumerate() {
-            let material = self.described(described).map_err(|e| e.at(format!("/materials/{i}")))?;
+            let material = self.described(described, &format!("/materials/{i}"));
             self.materials.push(material);
         }
-        Ok(())
     }
 
-    fn described(&mut self, described: &Described) -> Result<Material> {
-        let mut slot = |file: &Option<String>, encoding| -> Result<Option<TextureSlot>> {
-            file.as_ref().map(|file| self.image(described, file, encoding)).transpose()
-        };
-        Ok(Material {
+    fn described(&mut self, described: &Described, place: &str) -> Material {
+        let mut slot = |file: &Option<String>, encoding| file.as_ref().map(|file| self.image(described, place, file, encoding));
+        Material {
             name: described.name.clone(),
             base_color: described.base_color,
             metallic: described.metallic,
@@ -153,17 +169,18 @@ impl<'a> Build<'a> {
             clearcoat: described.clearcoat,
             clearcoat_gloss: described.clearcoat_gloss,
             subsurface: described.subsurface,
-            base_color_texture: slot(&described.base_color_texture, Encoding::Srgb)?,
-            metallic_roughness_texture: slot(&described.metallic_roughness_texture, Encoding::Linear)?,
-            normal_texture: slot(&described.normal_texture, Encoding::Normal)?.map(|s| (s, 1.0)),
+            base_color_texture: slot(&described.base_color_texture, Encoding::Srgb),
+            metallic_roughness_texture: slot(&described.metallic_roughness_texture, Encoding::Linear),
+            normal_texture: slot(&described.normal_texture, Encoding::Normal).map(|s| (s, 1.0)),
             emissive: described.emissive,
-            emissive_texture: slot(&described.emissive_texture, Encoding::Srgb)?,
+            emissive_texture: slot(&described.emissive_texture, Encoding::Srgb),
             alpha_mask: described.alpha_cutoff.map(|cutoff| AlphaMask { cutoff, factor: 1.0 }),
             double_sided: described.double_sided,
-        })
+        }
     }
 
-    fn image(&mut self, user: &Described, file: &str, encoding: Encoding) -> Result<TextureSlot> {
+    /// The texture of an image, which is read later.
+    fn image(&mut self, user: &Described, place: &str, file: &str, encoding: Encoding) -> TextureSlot {
         let path = self.base.join(file);
         let wrap = match user.texture_wrap {
             TextureWrap::Repeat => Wrap::Repeat,
@@ -174,15 +191,29 @@ impl<'a> Build<'a> {
         let texture = match self.images.get(&key) {
             Some(&known) => known,
             None => {
-                let failed = |reason| Error::Texture { user: format!("material {:?}", user.name), path: path.clone(), reason };
-                let bytes = texture::read(&path).map_err(failed)?;
-                self.textures.push(texture::decode(&bytes, file.into(), encoding, [wrap; 2]).map_err(failed)?);
-                self.images.insert(key, self.textures.len() - 1);
-                self.textures.len() - 1
+                let texture = self.textures.len();
+                self.textures.push(images::placeholder(file, encoding, [wrap; 2]));
+                let user = format!("material {:?}", user.name);
+                self.wanted.push(images::Wanted { texture, path, place: place.into(), user });
+                self.images.insert(key, texture);
+                texture
             }
         };
         let lie = &user.texture_transform;
-        Ok(TextureSlot { texture, uv_transform: uv_transform(lie.offset, lie.rotation.to_radians(), lie.scale) })
+        TextureSlot { texture, uv_transform: uv_transform(lie.offset, lie.rotation.to_radians(), lie.scale) }
+    }
+
+    /// Reads the images of described materials, those that nothing looks at only if `everything` is asked for.
+    fn read_images(&mut self, everything: bool) -> Result<()> {
+        if everything {
+            return images::read(&self.wanted, &self.materials, &mut self.textures);
+        }
+        for name in images::drop_idle_slots(&mut self.materials, &self.instances, &self.meshes) {
+            self.report.notes.push(format!("material {name:?} is on no object: its textures are not read"));
+        }
+        images::read(&self.wanted, &self.materials, &mut self.textures)?;
+        images::drop_idle_textures(&mut self.materials, &mut self.textures);
+        Ok(())
     }
 
     fn object(&mut self, index: usize, object: &Object) -> Result<()> {

@@ -2,6 +2,7 @@
 
 mod build;
 mod gltf;
+mod images;
 mod mesh;
 mod model;
 mod obj;
@@ -12,7 +13,7 @@ use crate::loaded::Encoding;
 use glam::{Affine3A, DAffine3, DVec3};
 use std::path::Path;
 
-pub use build::load;
+pub use build::{load, load_everything};
 pub use model::{Format, ModelView, describe_model};
 
 /// Reads an image file (PNG or JPEG, by content) as a texture that repeats.

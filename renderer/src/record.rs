@@ -1,0 +1,38 @@
+//! Keeps the rays of a render, so that they can be traced again alone: what a render costs beyond them is then known.
+//!
+//! Only with the feature `record`, which measurements turn on (`examples/shading_cost.rs`).
+
+use crate::ray::Ray;
+use glam::Vec3A;
+use std::cell::RefCell;
+
+/// A ray of a render, with what was asked about it.
+#[derive(Clone, Copy, Debug)]
+pub struct Recorded {
+    /// World-space origin, metres.
+    pub origin: Vec3A,
+    /// World-space unit direction.
+    pub direction: Vec3A,
+    /// Whether only the existence of a hit mattered.
+    pub any: bool,
+}
+
+thread_local! {
+    static RAYS: RefCell<Option<Vec<Recorded>>> = const { RefCell::new(None) };
+}
+
+/// Runs `render` and returns the rays that it traced on this thread, in order.
+pub fn record(render: impl FnOnce()) -> Vec<Recorded> {
+    RAYS.set(Some(Vec::new()));
+    render();
+    RAYS.take().unwrap_or_default()
+}
+
+#[inline]
+pub(crate) fn ray(ray: &Ray, any: bool) {
+    RAYS.with_borrow_mut(|rays| {
+        if let Some(rays) = rays {
+            rays.push(Recorded { origin: ray.origin, direction: ray.direction, any });
+        }
+    });
+}

@@ -1,0 +1,190 @@
+//! What is left out because it cannot matter does not matter: the pictures are the same, bit for bit, and less is done.
+
+mod common;
+
+use common::{camera, check_frame, compile, diffuse, plane, render_with, scene, sphere, sunny};
+use glam::{Affine2, Affine3A, Vec3};
+use renderflow_frame::{Environment, Frame};
+use renderflow_renderer::{Channels, RenderScene, Settings, Skips, Stats, render_gbuffer};
+use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
+use renderflow_scenes::{LoadedScene, Material, TextureSlot};
+
+/// A ball on a plane, with a black ball beside it; a third of the picture is sky.
+fn balls(ball: Material, environment: Environment) -> LoadedScene {
+    let place = |x: f32| Affine3A::from_translation(Vec3::new(x, 1.0, 0.0));
+    let black = Material { base_color: [0.0; 3], specular: 0.0, ..Material::default() };
+    let parts = vec![
+        (sphere(12, true), ball, place(-1.1)),
+        (sphere(12, true), black, place(1.1)),
+        (plane(8.0), diffuse([0.6; 3]), Affine3A::IDENTITY),
+    ];
+    scene(parts, environment, camera([0.0, 1.6, 6.0], [0.0, 1.2, 0.0], 45.0, 48, 40))
+}
+
+fn textured(environment: Environment) -> LoadedScene {
+    let slot = TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY };
+    let mut loaded = balls(Material { base_color_texture: Some(slot), ..Material::default() }, environment);
+    let texels = (0..64).map(|i| [(i * 4) as u8, 200, (255 - i * 3) as u8, 255]).collect();
+    loaded.textures.push(Texture::from_rgba8("ramp", [8, 8], texels, Encoding::Srgb, [Wrap::Repeat; 2]));
+    loaded
+}
+
+/// One scene for every kind of compiled set and light.
+fn scenes() -> Vec<(&'static str, RenderScene)> {
+    let glossy = Material { metallic: 1.0, roughness: 0.1, ..Material::default() };
+    let lamp = Material { emissive: [4.0, 3.0, 2.0], ..Material::default() };
+    let sided = Material { double_sided: false, alpha_mask: Some(AlphaMask { cutoff: 0.5, factor: 1.0 }), ..Material::default() };
+    let layered = Material { sheen: 0.5, clearcoat: 0.7, subsurface: 0.3, ..Material::default() };
+    let (flat, dark) = (|| Environment::constant([0.7, 0.8, 0.9]), || Environment::constant([0.0; 3]));
+    let all = vec![
+        ("metal, sunny", balls(glossy.clone(), sunny())),
+        ("textured, sunny", textured(sunny())),
+        ("lamp, sunny", balls(lamp.clone(), sunny())),
+        ("lamp, no sky", balls(lamp, dark())),
+        ("layers, sunny", balls(layered, sunny())),
+        ("single-sided, sunny", balls(sided, sunny())),
+        ("metal, flat", balls(glossy.clone(), flat())),
+        ("textured, flat", textured(flat())),
+        ("metal, dark", balls(glossy, dark())),
+    ];
+    all.into_iter().map(|(name, loaded)| (name, compile(&loaded))).collect()
+}
+
+fn settings(skips: Skips) -> Settings {
+    Settings { spp: 8, max_bounces: 3, skips, ..Settings::default() }
+}
+
+/// Rays of a frame, and the frame, with the switch that `off` turns off.
+fn without(scene: &RenderScene, off: impl FnOnce(&mut Skips)) -> (Frame, Stats) {
+    let mut skips = Skips::ALL;
+    off(&mut skips);
+    render_with(scene, &settings(skips))
+}
+
+/// A switch of [`Skips`] turned off, and what must cost more then, if it is counted.
+type Switch = (&'static str, fn(&mut Skips), fn(&Stats, &Stats) -> bool);
+
+#[test]
+fn pictures_do_not_depend_on_what_is_skipped() {
+    let switches: [Switch; 6] = [
+        (
+            "environment_pixels",
+            |s| s.environment_pixels = false,
+            |off, on| off.camera_rays > on.camera_rays && off.skipped_rays == 0,
+        ),
+        ("shared_guides", |s| s.shared_guides = false, |off, on| off.camera_rays > on.camera_rays),
+        ("zero_contributions", |s| s.zero_contributions = false, |off, on| off.shadow_rays > on.shadow_rays),
+        ("black_surfaces", |s| s.black_surfaces = false, |_, _| true),
+        ("last_any_hit", |s| s.last_any_hit = false, |off, on| off == on),
+        ("dark_scenes", |s| s.dark_scenes = false, |off, on| off.bounce_rays > on.bounce_rays),
+    ];
+    let scenes = scenes();
+    for (switch, off, costs) in switches {
+        let mut saved = 0;
+        for (name, scene) in &scenes {
+            let ((plain, on), (frame, off)) = (without(scene, |_| ()), without(scene, off));
+            check_frame(&plain);
+            assert!(plain == frame, "{name}: the picture changes without {switch}");
+            assert!(on.shadow_rays <= off.shadow_rays && on.bounce_rays <= off.bounce_rays && on.camera_rays <= off.camera_rays);
+            saved += usize::from(costs(&off, &on));
+        }
+        println!("{switch}: saves something in {saved} of {} scenes", scenes.len());
+        assert!(saved > 0, "{switch} saves nothing anywhere");
+    }
+}
+
+/// The set compiled for everything rounds differently (a GGX lobe of two widths), which is all that differs.
+#[test]
+fn compiled_sets_give_the_same_picture() {
+    for (name, scene) in &scenes() {
+        let ((plain, _), (full, _)) = (without(scene, |_| ()), without(scene, |s| s.feature_sets = false));
+        assert!(plain.alpha == full.alpha && plain.depth == full.depth && plain.albedo == full.albedo, "{name}");
+        let pixels = |frame: &Frame| frame.raw.clone().expect("rendered").pixels;
+        let (mut square, mut same) = (0.0, 0);
+        for (a, b) in pixels(&plain).iter().flatten().zip(pixels(&full).iter().flatten()) {
+            square += f64::from(a - b).powi(2) / (f64::from(*b).powi(2) + 0.01);
+            same += usize::from(a == b);
+        }
+        let count = pixels(&full).len() * 3;
+        println!("{name}: relMSE {:.1e}, {same} of {count} values bit-identical", square / count as f64);
+        assert!(square / (count as f64) < 1e-8, "{name}");
+    }
+}
+
+/// Light samples of a flat environment would change the noise, but not the mean.
+#[test]
+fn flat_environments_need_no_light_samples() {
+    for (name, scene) in scenes().iter().filter(|(name, _)| name.ends_with("flat")) {
+        let many = |skips: Skips| render_with(scene, &Settings { spp: 512, ..settings(skips) });
+        let ((plain, on), (sampled, off)) = (many(Skips::ALL), many(Skips { flat_environment: false, ..Skips::ALL }));
+        assert!(off.shadow_rays > 2 * on.shadow_rays);
+        let pixels = |frame: &Frame| frame.raw.clone().expect("rendered").pixels;
+        let variances = |frame: &Frame| frame.variance.clone().expect("asked for").pixels;
+        let (mut difference, mut variance, mut total) = (0.0, [0.0; 2], 0.0);
+        for (i, (a, b)) in pixels(&plain).iter().zip(&pixels(&sampled)).enumerate() {
+            difference += f64::from(a[1] - b[1]);
+            total += f64::from(a[1]);
+            variance[0] += f64::from(variances(&plain)[i][1]);
+            variance[1] += f64::from(variances(&sampled)[i][1]);
+        }
+        println!(
+            "{name}: {:.1e} of the light apart, variance {:.1e} against {:.1e}",
+            difference / total,
+            variance[0],
+            variance[1]
+        );
+        assert!(difference.abs() < 4.0 * (variance[0] + variance[1]).sqrt().max(1e-6 * total), "{name}");
+        assert!(variance[0] < variance[1], "{name}");
+    }
+}
+
+/// A channel has the same values whatever else is asked for, and none that is not is there or paid for.
+#[test]
+fn channels_are_independent() {
+    let (_, scene) = &scenes()[0];
+    let (all, full) = without(scene, |_| ());
+    let rendered = |channels, irradiance| render_with(scene, &Settings { channels, irradiance, ..settings(Skips::ALL) });
+    let (beauty, least) = rendered(Channels::BEAUTY, false);
+    assert!(beauty.raw == all.raw && beauty.beauty == all.beauty && beauty.alpha == all.alpha);
+    assert!(beauty.variance.is_none() && beauty.guide_albedo.is_none() && beauty.guide_normal.is_none());
+    assert!(beauty.motion.is_none() && beauty.motion_prev.is_none() && beauty.irradiance.is_none());
+    for (name, count) in [
+        ("albedo", beauty.albedo.pixels.len()),
+        ("normal", beauty.normal.pixels.len()),
+        ("depth", beauty.depth.pixels.len()),
+        ("material", beauty.material.pixels.len()),
+        ("ids", beauty.object_id.pixels.len() + beauty.material_id.pixels.len()),
+    ] {
+        assert_eq!(count, 0, "{name}");
+    }
+    // Centre rays, one in every pixel that may see geometry, are all that the beauty alone saves.
+    assert_eq!(full.camera_rays - least.camera_rays, full.camera_rays / 9);
+    assert_eq!((full.bounce_rays, full.shadow_rays), (least.bounce_rays, least.shadow_rays));
+
+    let none = Channels::BEAUTY;
+    let (frame, _) = rendered(Channels { gbuffer: true, ..none }, false);
+    assert!(frame.depth == all.depth && frame.albedo == all.albedo && frame.normal == all.normal);
+    assert!(frame.material == all.material && frame.object_id == all.object_id && frame.material_id == all.material_id);
+    let (frame, _) = rendered(Channels { motion: true, ..none }, false);
+    assert!(frame.motion == all.motion && frame.motion_prev == all.motion_prev && frame.depth.pixels.is_empty());
+    let (frame, _) = rendered(Channels { guides: true, ..none }, false);
+    assert!(frame.guide_albedo == all.guide_albedo && frame.guide_normal == all.guide_normal);
+    let (frame, _) = rendered(Channels { variance: true, ..none }, false);
+    assert!(frame.variance == all.variance);
+    let (frame, stats) = rendered(none, true);
+    let (whole, _) = rendered(Channels::ALL, true);
+    assert!(frame.irradiance == whole.irradiance && frame.irradiance.is_some() && stats.camera_rays == full.camera_rays);
+
+    // Without a beauty, too.
+    let gbuffer = |channels| render_gbuffer(scene, &Settings { channels, ..settings(Skips::ALL) }).expect("in range");
+    let (frame, bare) = (gbuffer(Channels::ALL), gbuffer(none));
+    assert!(bare.alpha == frame.alpha && bare.depth.pixels.is_empty() && bare.guide_albedo.is_none());
+    check_frame(&frame);
+}
+
+/// The map of irradiance alone is that of all tables, to the bit.
+#[test]
+fn irradiance_needs_no_other_table() {
+    let tables = renderflow_frame::ibl::IblTables::new(&sunny());
+    assert!(renderflow_frame::ibl::irradiance_map(&sunny()) == tables.irradiance_map);
+}

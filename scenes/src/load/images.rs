@@ -1,0 +1,105 @@
+//! Images of described materials: read once it is known which of them anything looks at.
+
+use crate::error::{Error, Result};
+use crate::loaded::{Encoding, Wrap};
+use crate::texture;
+use crate::{Instance, Material, Mesh, Texture};
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// An image to read into one of the scene's textures.
+pub(super) struct Wanted {
+    /// Index of the texture.
+    pub texture: usize,
+    pub path: PathBuf,
+    /// The material, by place and by name.
+    pub place: String,
+    pub user: String,
+}
+
+/// A texture whose image is not read yet.
+pub(super) fn placeholder(name: &str, encoding: Encoding, wrap: [Wrap; 2]) -> Texture {
+    Texture { name: name.into(), wrap, encoding, levels: [].into() }
+}
+
+/// Takes away the look-ups that cannot change a picture: all those of materials on nothing, normal maps on meshes without tangents, and
+/// what a factor of zero hides. Returns the names of unused materials that had any.
+pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance], meshes: &[Mesh]) -> Vec<String> {
+    let (mut used, mut bumpy) = (vec![false; materials.len()], vec![false; materials.len()]);
+    for instance in instances {
+        used[instance.material] = true;
+        bumpy[instance.material] |= !meshes[instance.mesh].tangents.is_empty();
+    }
+    let mut unused = vec![];
+    for (i, material) in materials.iter_mut().enumerate() {
+        if !used[i] {
+            let had = material.texture_slots().count() > 0;
+            let (name, alpha_mask) = (material.name.clone(), material.alpha_mask);
+            if had {
+                unused.push(name);
+            }
+            // A mask by a colour's alpha means nothing without it.
+            material.alpha_mask = alpha_mask.filter(|_| material.base_color_texture.is_none());
+            (material.base_color_texture, material.metallic_roughness_texture) = (None, None);
+            (material.normal_texture, material.emissive_texture) = (None, None);
+            continue;
+        }
+        if !bumpy[i] {
+            material.normal_texture = None;
+        }
+        if material.emissive == [0.0; 3] {
+            material.emissive_texture = None;
+        }
+        if material.base_color == [0.0; 3] && material.alpha_mask.is_none() {
+            material.base_color_texture = None;
+        }
+        if material.roughness == 0.0 && material.metallic == 0.0 {
+            material.metallic_roughness_texture = None;
+        }
+    }
+    unused
+}
+
+/// Reads the images that some material looks at.
+pub(super) fn read(wanted: &[Wanted], materials: &[Material], textures: &mut [Texture]) -> Result<()> {
+    let looked_at = looked_at(materials, textures.len());
+    let asked: Vec<&Wanted> = wanted.iter().filter(|w| looked_at[w.texture]).collect();
+    let decoded: Vec<Result<Texture>> = asked
+        .par_iter()
+        .map(|wanted| {
+            let Texture { name, encoding, wrap, .. } = &textures[wanted.texture];
+            let read = texture::read(&wanted.path).and_then(|bytes| texture::decode(&bytes, name.clone(), *encoding, *wrap));
+            read.map_err(|reason| {
+                Error::Texture { user: wanted.user.clone(), path: wanted.path.clone(), reason }.at(wanted.place.clone())
+            })
+        })
+        .collect();
+    for (wanted, texture) in asked.iter().zip(decoded) {
+        textures[wanted.texture] = texture?;
+    }
+    Ok(())
+}
+
+/// Drops the textures that no material looks at.
+pub(super) fn drop_idle_textures(materials: &mut [Material], textures: &mut Vec<Texture>) {
+    let looked_at = looked_at(materials, textures.len());
+    let mut kept = 0;
+    let place: Vec<usize> = looked_at
+        .iter()
+        .map(|&kept_here| {
+            kept += usize::from(kept_here);
+            kept - usize::from(kept_here)
+        })
+        .collect();
+    for slot in materials.iter_mut().flat_map(Material::texture_slots_mut) {
+        slot.texture = place[slot.texture];
+    }
+    let mut looked_at = looked_at.into_iter();
+    textures.retain(|_| looked_at.next().unwrap_or(true));
+}
+
+fn looked_at(materials: &[Material], textures: usize) -> Vec<bool> {
+    let mut looked_at = vec![false; textures];
+    materials.iter().flat_map(Material::texture_slots).for_each(|slot| looked_at[slot.texture] = true);
+    looked_at
+}

@@ -1,0 +1,186 @@
+//! `renderflow bench` and `render --reference` on the smallest of pictures: what they print and write.
+
+mod common;
+
+use common::{renderflow, stderr, succeed};
+use renderflow_frame::exr;
+use serde_json::Value;
+use std::path::Path;
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+/// Marks of an SVG file that is well-formed XML.
+fn circles(path: &Path) -> usize {
+    let text = std::fs::read_to_string(path).unwrap();
+    let document = roxmltree::Document::parse(&text).unwrap();
+    assert_eq!(document.root_element().tag_name().name(), "svg");
+    document.descendants().filter(|node| node.has_tag_name("circle")).count()
+}
+
+#[test]
+fn convergence_gives_a_table_json_and_plots_and_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_string_lossy().into_owned();
+    let common = ["bench", "convergence", "--scene", "interior", "--scene", "textured", "--reference-spp", "32", "--out", &out];
+    let run = |more: &[&str]| renderflow(&[&common[..], more].concat());
+    let small = ["--resolution", "16", "--max-spp", "16"];
+    let first = run(&[&small[..], &["--repeats", "1"]].concat());
+    assert!(first.status.success(), "{}", stderr(&first));
+    let table = String::from_utf8_lossy(&first.stdout).into_owned();
+    // A heading and three rows a scene and method; then a heading of two lines and a row a scene and method.
+    let lines = |name: &str| table.lines().filter(|line| line.starts_with(name)).count();
+    assert_eq!((lines("scene"), lines("interior"), lines("textured")), (2, 8, 8), "{table}");
+    for heading in ["Msamp/s", "x spp", "SSIM", "cpu s", "99 % trim"] {
+        assert!(table.contains(heading), "{heading} in {table}");
+    }
+
+    let path = folder.path().join("convergence.json");
+    let results = json(&path);
+    assert_eq!(results["conditions"]["resolution"], 16);
+    for scene in results["scenes"].as_array().unwrap() {
+        assert!(scene["reference_noise"].as_f64().unwrap() > 0.0);
+        let rows = scene["rows"].as_array().unwrap();
+        assert_eq!(rows.iter().map(|r| r["spp"].as_u64().unwrap()).collect::<Vec<_>>(), [4, 8, 16, 4, 8, 16]);
+        assert!(rows.iter().enumerate().all(|(i, r)| r["method"] == if i < 3 { "uniform" } else { "adaptive" }));
+        for row in rows {
+            let run = &row["runs"][0];
+            let (samples, asked) = (run["stats"]["samples"].as_u64().unwrap(), 256 * row["spp"].as_u64().unwrap());
+            assert!(samples <= asked && (row["method"] == "adaptive" || samples == asked), "{samples} of {asked}");
+            for key in ["mean", "trimmed", "clipped", "median"] {
+                assert!(run["relmse"][key].as_f64().unwrap().is_finite());
+            }
+            assert!(run["time"]["seconds"].as_f64().unwrap() > 0.0 && run["displayed"]["ssim"].as_f64().unwrap() < 1.0);
+        }
+    }
+    // A mark a row, and one in each line of the legend.
+    assert_eq!(circles(&folder.path().join("convergence.svg")), 4 * 3 + 4);
+    assert_eq!(circles(&folder.path().join("convergence_trimmed.svg")), 4 * 3 + 4);
+
+    // More repeats and samples: what is there stays, the references too.
+    let references = || common::files(&folder.path().join("references"));
+    let before = references();
+    assert_eq!(before.len(), 2);
+    let second = run(&["--resolution", "16", "--max-spp", "32", "--repeats", "2"]);
+    assert!(second.status.success(), "{}", stderr(&second));
+    let more = json(&path);
+    assert_eq!(references(), before);
+    for (old, new) in results["scenes"].as_array().unwrap().iter().zip(more["scenes"].as_array().unwrap()) {
+        assert_eq!(new["rows"].as_array().unwrap().len(), 8);
+        assert_eq!(new["rows"][0]["runs"][0], old["rows"][0]["runs"][0]);
+        let errors: Vec<_> = (0..2).map(|i| new["rows"][0]["runs"][i]["relmse"]["mean"].as_f64().unwrap()).collect();
+        assert_ne!(errors[0], errors[1], "repeats have seeds of their own");
+    }
+
+    let other = run(&["--resolution", "24", "--max-spp", "4"]);
+    assert!(!other.status.success() && stderr(&other).contains("other conditions"), "{}", stderr(&other));
+    let unknown = renderflow(&["bench", "convergence", "--scene", "nowhere", "--out", &out]);
+    assert!(!unknown.status.success() && stderr(&unknown).contains("soft_sun"), "{}", stderr(&unknown));
+}
+
+#[test]
+fn scaling_gives_tables_and_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_string_lossy().into_owned();
+    let words = ["--scene", "interior", "--spp", "1", "--repeats", "1", "--max-resolution", "16", "--max-triangles", "10000"];
+    let text = succeed(&[&["--threads", "2", "bench", "scaling", "--out", &out], &words[..]].concat());
+    for heading in ["speed-up", "build s", "a triangle", "16^2"] {
+        assert!(text.contains(heading), "{heading} in {text}");
+    }
+    let results = json(&folder.path().join("scaling.json"));
+    let column = |rows: &str, name: &str| -> Vec<u64> {
+        results[rows].as_array().unwrap().iter().map(|row| row[name].as_u64().unwrap()).collect()
+    };
+    assert_eq!(column("threads", "threads"), [1, 2]);
+    assert_eq!(column("resolutions", "resolution"), [16]);
+    let triangles = column("triangles", "triangles");
+    assert!(
+        triangles.len() == 2 && (900..1100).contains(&triangles[0]) && (9000..11000).contains(&triangles[1]),
+        "{triangles:?}"
+    );
+    assert!(column("triangles", "bytes").iter().zip(&triangles).all(|(bytes, n)| (30..400).contains(&(bytes / n))));
+}
+
+#[test]
+fn scenes_of_the_set_can_be_written_and_are_good_scene_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_string_lossy().into_owned();
+    assert!(succeed(&["bench", "scenes"]).lines().count() >= 8);
+    let path = succeed(&["bench", "scenes", "textured", "--resolution", "8", "--out", &out]);
+    succeed(&["check", path.trim()]);
+    let refused = renderflow(&["bench", "scenes", "nothing", "--out", &out]);
+    assert!(!refused.status.success() && stderr(&refused).contains("no such scene"));
+}
+
+#[test]
+fn a_reference_prints_the_error_at_every_doubling_and_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
+    let words = |resolution: &str, spp: &str, out: &str, more: &[&str]| -> Vec<String> {
+        let common = ["render", "--seed", "3", "--frames", "1", "--denoise", "none"];
+        let given = ["--resolution", resolution, "--spp", spp, "--out", out];
+        common.iter().chain(&given).chain(more).map(|w| (*w).to_owned()).collect()
+    };
+    let render = |words: Vec<String>| succeed(&words.iter().map(String::as_str).collect::<Vec<_>>());
+    let fail = |words: Vec<String>| {
+        let output = renderflow(&words.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(!output.status.success());
+        stderr(&output)
+    };
+    render(words("24", "64", &path("reference"), &[]));
+    let reference = path("reference/frame.0000.exr");
+    render(words("24", "12", &path("plain"), &[]));
+    let table = render(words("24", "12", &path("watched"), &["--reference", &reference]));
+
+    // Rows of 1, 2, 4, 8 and 12 samples, with errors that fall.
+    let rows: Vec<Vec<f64>> = table
+        .lines()
+        .map(|line| line.split_whitespace().map(str::parse).collect::<Result<Vec<f64>, _>>())
+        .filter_map(Result::ok)
+        .filter(|row| row.len() == 7)
+        .collect();
+    assert_eq!(rows.iter().map(|r| r[0]).collect::<Vec<_>>(), [1.0, 2.0, 4.0, 8.0, 12.0], "{table}");
+    assert!(rows.windows(2).all(|pair| pair[1][1] > pair[0][1]), "seconds grow: {table}");
+    assert!(rows[4][3] < 0.5 * rows[0][3] && rows[4][6] > rows[0][6], "{table}");
+    for file in ["frame.0000.exr", "frame.0000.png"] {
+        let [a, b] = ["plain", "watched"].map(|out| std::fs::read(folder.path().join(out).join(file)).unwrap());
+        assert!(a == b, "{file}");
+    }
+
+    // Of frames that are there already, and against display values and plain radiance.
+    let again = render(words("24", "12", &path("watched"), &["--reference", &reference]));
+    assert!(again.lines().any(|line| line.split_whitespace().take(3).eq(["12", "-", "-"])), "{again}");
+    render(words("24", "1", &path("display"), &["--reference", &path("reference/frame.0000.png")]));
+    let raw = exr::read(Path::new(&reference)).unwrap().raw.unwrap();
+    ::exr::prelude::write_rgb_file(path("rgb.exr"), 24, 24, |x, y| {
+        let [r, g, b] = *raw.at(x, y);
+        (r, g, b)
+    })
+    .unwrap();
+    let other = render(words("24", "12", &path("plain"), &["--reference", &path("rgb.exr")]));
+    let errors = |text: &str| {
+        text.lines()
+            .find(|l| l.trim_start().starts_with("12 "))
+            .map(|l| l.split_whitespace().skip(3).map(str::to_owned).collect::<Vec<_>>())
+    };
+    assert_eq!(errors(&other), errors(&again));
+
+    // Samples spread by need have no parts: one line.
+    let adaptive = render(words("24", "16", &path("adaptive"), &["--adaptive", "--reference", &reference]));
+    let numbers = |line: &&str| line.split_whitespace().filter(|word| word.parse::<f64>().is_ok()).count() == 7;
+    assert_eq!(adaptive.lines().filter(numbers).count(), 1, "{adaptive}");
+
+    let small = fail(words("16", "4", &path("small"), &["--reference", &reference]));
+    assert!(small.contains("24 x 24") && small.contains("16 x 16"), "{small}");
+    assert!(!folder.path().join("small").exists());
+    let missing = fail(words("24", "4", &path("small"), &["--reference", &path("nowhere.exr")]));
+    assert!(missing.contains("nowhere.exr"), "{missing}");
+    ::exr::prelude::write_rgb_file(path("nan.exr"), 24, 24, |x, y| (if (x, y) == (5, 7) { f32::NAN } else { 1.0 }, 1.0, 1.0))
+        .unwrap();
+    let broken = fail(words("24", "4", &path("small"), &["--reference", &path("nan.exr")]));
+    assert!(broken.contains("(5, 7)"), "{broken}");
+    let mut many = words("24", "4", &path("small"), &["--reference", &reference]);
+    many[4] = "3".into();
+    assert!(fail(many).contains("--frames 1"));
+}
