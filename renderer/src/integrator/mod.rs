@@ -68,8 +68,8 @@ pub struct Settings {
     /// Paths that go on from the first surface of a camera sample, 1..=64: the camera ray, what it hits, and the light sample there
     /// are made once for all of them. Measured with `examples/efficiency.rs`: on the common scene (256 x 256) relMSE at equal samples is
     /// 0.511, 0.253, 0.125 for 1, 2, 4 branches, and a sample takes 4409, 6800, 11591 instructions: error times cost falls to 0.76 and
-    /// 0.64 (of cycles, to 0.67 with 4). Over seven scenes (32 samples) error falls to 0.52 and 0.28 in the geometric mean. Splitting only where most is scattered
-    /// diffusely loses half of it: what a mirror sees is as noisy.
+    /// 0.64 (of cycles, to 0.67 with 4). Over seven scenes (32 samples) error falls to 0.52 and 0.28 in the geometric mean. Splitting
+    /// only where most is scattered diffusely loses half of it: what a mirror sees is as noisy.
     pub branches: u32,
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
     /// setting without bias. For pictures to look at, never for references or data sets: a limit of 10 darkens the soft-sun scene of
