@@ -52,6 +52,10 @@ pub struct TruthSettings {
     pub max_bounces: u32,
     /// Form of the principled BRDF.
     pub bsdf: Mode,
+    /// Largest number of samples that share a camera ray ([`Settings::branches`]).
+    pub branches: u32,
+    /// Limit of indirect light ([`Settings::clamp_indirect`]): biased, for no data set.
+    pub clamp_indirect: Option<f32>,
     /// Groups to split the light into, 0..=8.
     pub light_groups: u32,
     /// Whether frames hold the unoccluded irradiance.
@@ -92,6 +96,8 @@ impl TruthSettings {
             sample_map: None,
             max_bounces,
             bsdf: plain.bsdf,
+            branches: plain.branches,
+            clamp_indirect: plain.clamp_indirect,
             light_groups: plain.light_groups,
             irradiance: plain.irradiance,
             watch: None,
@@ -117,6 +123,8 @@ impl TruthSettings {
             spp: self.spp,
             max_bounces: self.max_bounces,
             bsdf: self.bsdf,
+            branches: self.branches,
+            clamp_indirect: self.clamp_indirect,
             light_groups: self.light_groups,
             irradiance: self.irradiance,
             budget: self.budget,
@@ -133,7 +141,8 @@ impl TruthSettings {
         let map = exr::read(&path)?;
         let settings = self.of_renderer().with_sampling(&map.info.sampling);
         let settings = settings.with_context(|| format!("{}: was not sampled adaptively", path.display()))?;
-        Ok((settings, map))
+        // Counts are multiples of it, and another number would make another picture.
+        Ok((Settings { branches: map.info.branches.unwrap_or(1), ..settings }, map))
     }
 
     /// Path-traces and denoises the current frame of `scene`.
@@ -252,24 +261,33 @@ impl SequenceJob {
         let frame = exr::read(path)?;
         let info = &frame.info;
         let groups = frame.light.iter().flatten().count();
+        let mut wanted = settings.of_renderer();
         let samples = match &settings.sample_map {
             None if settings.budget == Budget::Uniform => info.sampling.is_empty() && info.spp == settings.spp,
-            None => info.sampling == settings.of_renderer().sampling(),
-            Some(map) => frame.samples == settings.mapped(map, index, loaded.cameras.len())?.1.samples,
+            None => info.sampling == wanted.sampling(),
+            Some(map) => {
+                let (mapped, other) = settings.mapped(map, index, loaded.cameras.len())?;
+                wanted = mapped;
+                frame.samples == other.samples
+            }
         };
+        let branches = info.branches.unwrap_or(1);
         let same = info.scene_hash == loaded.hash
             && samples
             && info.denoiser == settings.denoiser_name()
             && info.bsdf == settings.bsdf.name()
+            && branches == wanted.branches()
+            && info.indirect_limit == settings.clamp_indirect
             && groups == settings.light_groups as usize
             && frame.irradiance.is_some() == settings.irradiance;
         if !same {
             bail!(
-                "{}: is of another scene or other settings ({} spp{}{}, {} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
+                "{}: is of another scene or other settings ({} spp{}{}, {branches} a camera ray, {}{} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
                 path.display(),
                 info.spp,
                 if info.sampling.is_empty() { "" } else { ", " },
                 info.sampling,
+                info.indirect_limit.map_or_else(String::new, |limit| format!("indirect light within {limit}, ")),
                 info.bsdf,
                 info.denoiser.as_deref().unwrap_or("none")
             );

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{renderflow, stderr, succeed};
-use renderflow_frame::exr;
+use renderflow_frame::{Frame, exr};
 
 #[test]
 fn light_groups_sum_to_raw_and_irradiance_is_there() {
@@ -46,4 +46,55 @@ fn light_groups_sum_to_raw_and_irradiance_is_there() {
     let again: Vec<String> = common(&path("plain")).into_iter().chain(["--bsdf".into(), "published".into()]).collect();
     let refused = renderflow(&again.iter().map(String::as_str).collect::<Vec<_>>());
     assert!(!refused.status.success() && stderr(&refused).contains("other settings"), "{}", stderr(&refused));
+}
+
+#[test]
+fn frames_tell_how_paths_were_split_and_limited_and_others_do_not_go_on_from_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
+    let words = |out: &str, more: &[&str]| -> Vec<String> {
+        let common =
+            ["render", "--seed", "3", "--frames", "1", "--resolution", "24", "--spp", "16", "--denoise", "none", "--out"];
+        common.iter().copied().chain([path(out).as_str()]).chain(more.iter().copied()).map(str::to_owned).collect()
+    };
+    let render = |out: &str, more: &[&str]| {
+        succeed(&words(out, more).iter().map(String::as_str).collect::<Vec<_>>());
+        exr::read(&folder.path().join(out).join("frame.0000.exr")).unwrap()
+    };
+    let refused = |out: &str, more: &[&str]| {
+        let output = renderflow(&words(out, more).iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(!output.status.success(), "{more:?}");
+        stderr(&output)
+    };
+    let plain = render("plain", &[]);
+    assert_eq!((plain.info.branches, plain.info.indirect_limit), (Some(4), None));
+    // No more than four share a ray here, or fewer than four rays would be left.
+    assert_eq!(render("plain", &["--branches", "64"]).raw, plain.raw);
+    let single = render("single", &["--branches", "1"]);
+    assert_eq!(single.info.branches, None);
+    assert_ne!(single.raw, plain.raw);
+    let limited = render("limited", &["--clamp-indirect", "0.01"]);
+    assert_eq!(limited.info.indirect_limit, Some(0.01));
+    let sum = |frame: &Frame| -> f64 { frame.raw.as_ref().unwrap().pixels.iter().flatten().map(|v| f64::from(*v)).sum() };
+    assert!(sum(&limited) < sum(&plain), "{} of {}", sum(&limited), sum(&plain));
+
+    for (out, more) in [("plain", &["--branches", "2"][..]), ("plain", &["--clamp-indirect", "10"]), ("limited", &[])] {
+        let text = refused(out, more);
+        assert!(text.contains("other settings") && text.contains("4 a camera ray"), "{out} {more:?}: {text}");
+    }
+    assert!(refused("limited", &["--clamp-indirect", "0.02"]).contains("within 0.01"));
+    for bad in ["0", "-1", "inf", "NaN", "x"] {
+        assert!(refused("bad", &[&format!("--clamp-indirect={bad}")]).contains("--clamp-indirect"), "{bad}");
+    }
+    assert!(refused("bad", &["--branches", "65"]).contains("1..=64"));
+
+    // A map of samples is replayed with the split it was made with.
+    let adaptive = render("adaptive", &["--adaptive", "--branches", "2"]);
+    assert_eq!(adaptive.info.branches, Some(2));
+    let map = path("adaptive/frame.0000.exr");
+    let replayed = render("replayed", &["--sample-map", &map]);
+    assert_eq!((replayed.info.branches, &replayed.raw), (Some(2), &adaptive.raw));
+    render("replayed", &["--sample-map", &map]);
+    assert!(refused("replayed", &["--adaptive"]).contains("other settings"));
+    assert!(refused("bad", &["--sample-map", &map, "--branches", "2"]).contains("cannot be used"));
 }

@@ -171,7 +171,7 @@ impl Watch {
         let mut comparing = Total::default();
         let mut film: Option<Film> = None;
         let mut stats = Stats::default();
-        let (mut done, mut next) = (0, first_look(settings.spp));
+        let (mut done, mut next) = (0, first_look(settings.spp, settings.branches()));
         while done < settings.spp {
             next = settings.spp.min(next);
             let base = pixels * u64::from(done);
@@ -210,9 +210,10 @@ impl Watch {
 }
 
 /// Samples after which the first error is printed: six doublings before the end. Numbers of sixteen samples are made at once, so that
-/// every part smaller than that is dearer than its share: from one sample on, 256 cost 3 % more instructions.
-fn first_look(spp: u32) -> u32 {
-    1 << (spp / 64).max(1).ilog2()
+/// every part smaller than that is dearer than its share: from one sample on, 256 cost 3 % more instructions. Not before the first camera
+/// ray is done, which so many samples share; a power of two, as is the rest.
+fn first_look(spp: u32, branches: u32) -> u32 {
+    branches.max(1 << (spp / 64).max(1).ilog2())
 }
 
 /// Time of what was done now and then.
@@ -241,7 +242,8 @@ mod tests {
 
     #[test]
     fn the_first_look_is_six_doublings_before_the_end() {
-        let first: Vec<u32> = [1, 12, 64, 127, 128, 256, 1000, 1024].map(first_look).to_vec();
-        assert_eq!(first, [1, 1, 1, 1, 2, 4, 8, 16]);
+        let first = |branches| [1, 12, 64, 127, 128, 256, 1000, 1024].map(|spp| first_look(spp, branches));
+        assert_eq!(first(1), [1, 1, 1, 1, 2, 4, 8, 16]);
+        assert_eq!(first(4), [4, 4, 4, 4, 4, 4, 8, 16]);
     }
 }

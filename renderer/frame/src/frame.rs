@@ -23,6 +23,10 @@ pub struct FrameInfo {
     pub bsdf: String,
     /// How samples were spread over the pixels where not evenly (such as `average 256`), empty where evenly.
     pub sampling: String,
+    /// Samples that share a camera ray; `None` where each has one of its own.
+    pub branches: Option<u32>,
+    /// Largest contribution of light scattered at two or more surfaces; `None` without such a limit, which biases.
+    pub indirect_limit: Option<f32>,
     /// Name of the denoiser used on the beauty, `None` when it is raw.
     pub denoiser: Option<String>,
 }

@@ -67,6 +67,8 @@ fn a_frame_comes_back_with_its_header() {
         let frame = common::frame(width, height);
         for mut frame in [without_options(&frame), frame] {
             for denoiser in [None, Some("débruiteur".to_owned())] {
+                (frame.info.branches, frame.info.indirect_limit) =
+                    if denoiser.is_some() { (Some(4), Some(0.1)) } else { (None, None) };
                 frame.info.denoiser = denoiser;
                 let (bytes, clamped) = encode(&frame).unwrap();
                 assert_eq!(clamped, 0);
@@ -231,6 +233,9 @@ fn nan_and_infinity_are_refused_by_channel_and_pixel() {
         (|f| f.info.exposure = f32::NAN, "exposure is NaN"),
         (|f| f.info.camera.as_mut().unwrap().fl_x = f32::INFINITY, "camera holds NaN or infinity"),
         (|f| f.info.spp = u32::MAX, "4294967295 samples"),
+        (|f| f.info.branches = Some(u32::MAX), "4294967295 samples a camera ray"),
+        (|f| f.info.indirect_limit = Some(0.0), "limit of indirect light is 0"),
+        (|f| f.info.indirect_limit = Some(f32::INFINITY), "limit of indirect light is inf"),
         (|f| f.material = Image::filled(5, 2, [0.0; 3]), "channel material.R is 5 x 2"),
         (|f| f.object_id.pixels.clear(), "channel object_id.I is 5 x 3 with 0 pixels"),
         (|f| f.width = 0, "0 x 3"),

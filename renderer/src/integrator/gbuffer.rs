@@ -218,6 +218,8 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             exposure: scene.exposure(),
             bsdf: String::new(),
             sampling: String::new(),
+            branches: None,
+            indirect_limit: None,
             denoiser: None,
         },
         ..Frame::default()

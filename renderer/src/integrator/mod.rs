@@ -223,13 +223,37 @@ pub fn render_with_stats(
 ) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     let visible = Visible::new(scene, settings);
-    let (film, mut stats) = match settings.budget {
-        Budget::Uniform => samples(scene, settings, &visible, 0..settings.spp, None, progress, cancel)?,
-        _ => adaptive::render(scene, settings, &visible, progress, cancel)?,
-    };
+    let (film, mut stats) = whole(scene, settings, &visible, progress, cancel)?;
     let (frame, more) = picture(scene, settings, &visible, &film)?;
     stats += more;
     Ok((frame, stats))
+}
+
+fn whole(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    progress: Progress<'_>,
+    cancel: &AtomicBool,
+) -> Result<(Film, Stats)> {
+    match settings.budget {
+        Budget::Uniform => samples(scene, settings, visible, 0..settings.spp, None, progress, cancel),
+        _ => adaptive::render(scene, settings, visible, progress, cancel),
+    }
+}
+
+/// Path-traces all samples, as `settings.budget` spreads them: [`render_with_stats`] but for what [`develop`] then makes of them.
+///
+/// # Errors
+/// As [`render`].
+pub fn expose_whole(
+    scene: &RenderScene,
+    settings: &Settings,
+    progress: Progress<'_>,
+    cancel: &AtomicBool,
+) -> Result<(Film, Stats)> {
+    settings.check(scene)?;
+    whole(scene, settings, &Visible::new(scene, settings), progress, cancel)
 }
 
 /// Path-traces the samples `samples` of every pixel, out of `settings.spp`: a part of the picture, to be merged with the others.
@@ -324,6 +348,8 @@ fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &F
     if frame.samples.is_some() && settings.budget != Budget::Uniform {
         frame.info.sampling = settings.sampling();
     }
+    frame.info.branches = Some(settings.branches()).filter(|&branches| branches > 1);
+    frame.info.indirect_limit = settings.clamp_indirect;
     frame.info.bsdf = settings.bsdf.name().into();
     frame.beauty.clone_from(&frame.raw);
     Ok((frame, stats))

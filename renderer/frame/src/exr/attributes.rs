@@ -13,6 +13,8 @@ const SEED: &str = "renderflow/seed";
 const EXPOSURE: &str = "renderflow/exposure";
 const BSDF: &str = "renderflow/bsdf";
 const SAMPLING: &str = "renderflow/sampling";
+const BRANCHES: &str = "renderflow/branches";
+const INDIRECT_LIMIT: &str = "renderflow/indirect_limit";
 const DENOISER: &str = "renderflow/denoiser";
 const CAMERA: &str = "renderflow/camera";
 const SPP: &str = "spp";
@@ -56,6 +58,16 @@ pub(super) fn write(
     }
     if !info.sampling.is_empty() {
         set(SAMPLING, string(&info.sampling));
+    }
+    if let Some(branches) = info.branches {
+        let value = i32::try_from(branches).map_err(|_| format!("{branches} samples a camera ray do not fit the header"))?;
+        set(BRANCHES, AttributeValue::I32(value));
+    }
+    if let Some(limit) = info.indirect_limit {
+        if !(limit > 0.0 && limit.is_finite()) {
+            return Err(format!("the limit of indirect light is {limit}"));
+        }
+        set(INDIRECT_LIMIT, AttributeValue::F32(limit));
     }
     if let Some(denoiser) = &info.denoiser {
         set(DENOISER, string(denoiser));
@@ -108,6 +120,16 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
         },
         bsdf: string(BSDF)?.unwrap_or_default(),
         sampling: string(SAMPLING)?.unwrap_or_default(),
+        branches: match other.get(BRANCHES.as_bytes()) {
+            None => None,
+            Some(AttributeValue::I32(branches)) if *branches > 0 => Some(*branches as u32),
+            Some(_) => return Err(format!("header attribute {BRANCHES} is not a count")),
+        },
+        indirect_limit: match other.get(INDIRECT_LIMIT.as_bytes()) {
+            None => None,
+            Some(AttributeValue::F32(limit)) if *limit > 0.0 && limit.is_finite() => Some(*limit),
+            Some(_) => return Err(format!("header attribute {INDIRECT_LIMIT} is not a finite positive float")),
+        },
         denoiser: string(DENOISER)?,
     })
 }

@@ -48,6 +48,8 @@ pub fn frame(width: usize, height: usize) -> Frame {
             exposure: 0.123_456_79,
             bsdf: "conserving".into(),
             sampling: "average 256".into(),
+            branches: None,
+            indirect_limit: None,
             denoiser: Some("oidn 2.5".into()),
         },
     }
