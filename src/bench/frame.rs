@@ -2,14 +2,15 @@
 
 use super::metrics::{median, relmse};
 use super::orbit::middle;
-use super::reference::{References, compile_seeded, raw};
+use super::reference::{Reference, References, compile_seeded, raw};
 use super::stages::{self, Stages, timed};
-use super::{Machine, scenes};
+use super::{Machine, Spent, scenes};
 use crate::progress::Progress;
 use anyhow::Result;
 use clap::Args;
 use renderflow_frame::file;
-use renderflow_renderer::{RenderScene, Settings};
+use renderflow_frame::image::Rgb;
+use renderflow_renderer::{Budget, RenderScene, Settings};
 use renderflow_scenes::LoadedScene;
 use renderflow_scenes::load;
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
@@ -17,8 +18,8 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// A frame with all channels, denoised and written: seconds by stage, error, and the share of pixels that show geometry. Writes
-/// frame.json and prints tables.
+/// A frame with all channels, denoised and written: seconds by stage, error, and the share of pixels that show geometry; once with
+/// even samples and once with as many adaptive ones as make the same error. Writes frame.json and prints a table.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow bench frame --out bench")]
 pub struct Options {
@@ -68,6 +69,35 @@ struct Row {
     relmse: f64,
     /// Of the denoised picture, if there was a denoiser.
     denoised: Option<f64>,
+    /// Seconds of all stages over those of the uniform row.
+    ratio: f64,
+    /// The same of processor seconds.
+    processor_ratio: Option<f64>,
+}
+
+impl Row {
+    /// Medians of seconds and means of errors; ratios are to `uniform`, or 1.
+    fn new(scene: &str, method: &'static str, runs: &[Run], reference: &Reference, uniform: Option<&Self>) -> Result<Self> {
+        let error = |pictures: Vec<&Rgb>| -> Result<f64> {
+            let errors = pictures.iter().map(|p| Ok(relmse(p, &reference.mean, Some(&reference.variance))?.mean));
+            Ok(errors.collect::<Result<Vec<f64>>>()?.iter().sum::<f64>() / pictures.len() as f64)
+        };
+        let denoised: Option<Vec<_>> = runs.iter().map(|run| run.denoised.as_ref()).collect();
+        let stages = Stages::combine(&runs.iter().map(|run| run.stages).collect::<Vec<_>>(), middle);
+        let total = stages.total();
+        let than = uniform.map_or(total, |row| row.stages.total());
+        Ok(Self {
+            scene: scene.into(),
+            method,
+            hits: median(&runs.iter().map(|run| run.hits).collect::<Vec<_>>()),
+            spp: runs.iter().map(|run| run.spp).sum::<f64>() / runs.len() as f64,
+            stages,
+            relmse: error(runs.iter().map(|run| &run.raw).collect())?,
+            denoised: denoised.map(error).transpose()?,
+            ratio: total.seconds / than.seconds,
+            processor_ratio: total.processor.zip(than.processor).map(|(a, b)| a / b),
+        })
+    }
 }
 
 impl Options {
@@ -89,30 +119,16 @@ impl Options {
             let progress = Progress::new(&format!("{stem}: reference"), references.total_spp().into());
             let reference = references.get(&stem, &loaded, &|done| progress.set(done), cancel)?;
             progress.finish();
-            let mut runs = Vec::new();
-            for run in 0..self.repeats {
-                let (scene, compile) = timed(|| compile_seeded(&loaded, u64::from(run)))?;
-                runs.push(self.uniform(&scene, &settings, Stages { load, compile, ..Stages::default() }, cancel)?);
-            }
-            let error = |picture: fn(&Run) -> Option<&renderflow_frame::image::Rgb>| -> Result<Option<f64>> {
-                let errors: Option<Vec<_>> = runs.iter().map(picture).collect();
-                let Some(pictures) = errors else { return Ok(None) };
-                let errors: Result<Vec<f64>> =
-                    pictures.iter().map(|p| Ok(relmse(p, &reference.mean, Some(&reference.variance))?.mean)).collect();
-                let errors = errors?;
-                Ok(Some(errors.iter().sum::<f64>() / errors.len() as f64))
-            };
-            let row = Row {
-                scene: stem,
-                method: "uniform",
-                hits: median(&runs.iter().map(|run| run.hits).collect::<Vec<_>>()),
-                spp: runs.iter().map(|run| run.spp).sum::<f64>() / runs.len() as f64,
-                stages: Stages::combine(&runs.iter().map(|run| run.stages).collect::<Vec<_>>(), middle),
-                relmse: error(|run| Some(&run.raw))?.unwrap_or(f64::NAN),
-                denoised: error(|run| run.denoised.as_ref())?,
-            };
-            println!("{}", line(&row));
-            rows.push(row);
+            let measure = |settings: Settings| self.runs(&loaded, load, &settings, cancel);
+            let uniform = Row::new(&stem, "uniform", &measure(settings)?, &reference, None)?;
+            println!("{}", line(&uniform));
+            // Error falls about as one over the samples: half as many tell how many make the same error.
+            let average = |spp: f64| Settings { spp: step(spp, 2 * self.spp), budget: Budget::Average, ..settings };
+            let tried = Row::new(&stem, "adaptive", &measure(average(0.5 * f64::from(self.spp)))?, &reference, Some(&uniform))?;
+            let adaptive = measure(average(tried.spp * tried.relmse / uniform.relmse))?;
+            let adaptive = Row::new(&stem, "adaptive", &adaptive, &reference, Some(&uniform))?;
+            println!("{}", line(&adaptive));
+            rows.extend([uniform, adaptive]);
         }
         let machine = Machine::current();
         let results = Results { machine, resolution: self.resolution, reference_spp: references.total_spp(), rows };
@@ -129,22 +145,32 @@ impl Options {
         Ok(load::load(&scene, Path::new("."))?)
     }
 
-    fn uniform(&self, scene: &RenderScene, settings: &Settings, mut stages: Stages, cancel: &AtomicBool) -> Result<Run> {
-        let folder = tempfile::tempdir()?;
-        let mut denoiser = stages::denoiser(self.spp)?;
-        let (mut frame, stats) =
-            stages::frame(scene, settings, denoiser.as_mut(), &folder.path().join("frame.exr"), &mut stages, cancel)?;
-        let pixels = frame.width * frame.height;
-        let hits = frame.depth.pixels.iter().filter(|depth| depth.is_finite()).count();
-        let denoised = if frame.info.denoiser.is_some() { frame.beauty.take() } else { None };
-        Ok(Run {
-            stages,
-            hits: hits as f64 / pixels as f64,
-            spp: stats.samples as f64 / pixels as f64,
-            raw: raw(frame)?,
-            denoised,
-        })
+    /// A frame for each of the seeds.
+    fn runs(&self, loaded: &LoadedScene, load: Spent, settings: &Settings, cancel: &AtomicBool) -> Result<Vec<Run>> {
+        let run = |seed: u32| {
+            let (scene, compile) = timed(|| compile_seeded(loaded, seed.into()))?;
+            frame(&scene, settings, Stages { load, compile, ..Stages::default() }, cancel)
+        };
+        (0..self.repeats).map(run).collect()
     }
+}
+
+/// The number of samples next to `spp` that adaptive sampling can spread well, at most `most`.
+fn step(spp: f64, most: u32) -> u32 {
+    // What an error that is not known gives becomes the least number.
+    8 * ((spp / 8.0).round().min(f64::from(most / 8)) as u32).max(1)
+}
+
+/// One frame, denoised and written.
+fn frame(scene: &RenderScene, settings: &Settings, mut stages: Stages, cancel: &AtomicBool) -> Result<Run> {
+    let folder = tempfile::tempdir()?;
+    let mut denoiser = stages::denoiser(settings)?;
+    let path = folder.path().join("frame.exr");
+    let (mut frame, stats) = stages::frame(scene, settings, denoiser.as_mut(), &path, &mut stages, cancel)?;
+    let pixels = frame.width * frame.height;
+    let hits = frame.depth.pixels.iter().filter(|depth| depth.is_finite()).count();
+    let denoised = if frame.info.denoiser.is_some() { frame.beauty.take() } else { None };
+    Ok(Run { stages, hits: hits as f64 / pixels as f64, spp: stats.samples as f64 / pixels as f64, raw: raw(frame)?, denoised })
 }
 
 /// One frame.
@@ -152,15 +178,15 @@ struct Run {
     stages: Stages,
     hits: f64,
     spp: f64,
-    raw: renderflow_frame::image::Rgb,
-    denoised: Option<renderflow_frame::image::Rgb>,
+    raw: Rgb,
+    denoised: Option<Rgb>,
 }
 
 fn heading() -> String {
     let stages = Stages::default().list().map(|(stage, _)| format!("{stage:>8}")).join("  ");
     format!(
-        "{:12}  {:8}  {:>5}  {:>6}  {stages}  {:>8}  {:>8}  {:>9}  {:>9}",
-        "scene", "method", "hits", "spp", "seconds", "cpu s", "relMSE", "denoised"
+        "{:12}  {:8}  {:>5}  {:>6}  {stages}  {:>8}  {:>8}  {:>9}  {:>9}  {:>6}  {:>6}",
+        "scene", "method", "hits", "spp", "seconds", "cpu s", "relMSE", "denoised", "ratio", "cpu"
     )
 }
 
@@ -168,9 +194,10 @@ fn line(row: &Row) -> String {
     let stages = row.stages.list().map(|(_, spent)| format!("{:>8.3}", spent.seconds)).join("  ");
     let total = row.stages.total();
     let cpu = total.processor.map_or_else(|| "-".into(), |p| format!("{p:.3}"));
+    let ratio = row.processor_ratio.map_or_else(|| "-".into(), |r| format!("{r:.3}"));
     let denoised = row.denoised.map_or_else(|| "-".into(), |e| format!("{e:.2e}"));
     format!(
-        "{:12}  {:8}  {:>5.3}  {:>6.1}  {stages}  {:>8.3}  {cpu:>8}  {:>9.2e}  {denoised:>9}",
-        row.scene, row.method, row.hits, row.spp, total.seconds, row.relmse
+        "{:12}  {:8}  {:>5.3}  {:>6.1}  {stages}  {:>8.3}  {cpu:>8}  {:>9.2e}  {denoised:>9}  {:>6.3}  {ratio:>6}",
+        row.scene, row.method, row.hits, row.spp, total.seconds, row.relmse, row.ratio
     )
 }

@@ -146,7 +146,7 @@ impl Options {
                 Ok(())
             })?;
             stages.place = spent;
-            let (mut denoiser, opening) = timed(|| stages::denoiser(self.spp))?;
+            let (mut denoiser, opening) = timed(|| stages::denoiser(&settings))?;
             stages::frame(&scene, &settings, denoiser.as_mut(), &path, &mut stages, cancel)?;
             stages.denoise = stages.denoise + opening;
             if run > 0 {
@@ -157,7 +157,7 @@ impl Options {
 
         let (loaded, load) = timed(open)?;
         let (mut scene, compile) = timed(|| Ok(RenderScene::compile(&loaded)?))?;
-        let (mut denoiser, opening) = timed(|| stages::denoiser(self.spp))?;
+        let (mut denoiser, opening) = timed(|| stages::denoiser(&settings))?;
         let mut all = vec![Stages { load, compile, denoise: opening, ..Stages::default() }];
         for frame in 0..self.frames as usize {
             let mut stages = Stages::default();

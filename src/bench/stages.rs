@@ -5,7 +5,7 @@ use crate::truth::Interrupted;
 use anyhow::Result;
 use renderflow_frame::{Frame, exr};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
-use renderflow_renderer::{RenderScene, Settings, Stats, develop, expose};
+use renderflow_renderer::{RenderScene, Settings, Stats, develop, expose_whole};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -73,12 +73,13 @@ pub fn timed<T>(f: impl FnOnce() -> Result<T>) -> Result<(T, Spent)> {
     Ok((value, clock.spent()))
 }
 
-/// A denoiser for pictures of `spp` samples, `None` where the program was built without one.
+/// A denoiser for pictures of these settings, `None` where the program was built without one.
 ///
 /// # Errors
 /// What the library reports.
-pub fn denoiser(spp: u32) -> Result<Option<Denoiser>> {
-    match Denoiser::with_options(Options { clean_guides: spp >= CLEAN_GUIDES, ..Options::default() }) {
+pub fn denoiser(settings: &Settings) -> Result<Option<Denoiser>> {
+    let clean_guides = settings.budget.fewest(settings.spp) >= CLEAN_GUIDES;
+    match Denoiser::with_options(Options { clean_guides, ..Options::default() }) {
         Ok(denoiser) => Ok(Some(denoiser)),
         Err(DenoiseError::NotBuilt) => Ok(None),
         Err(error) => Err(error.into()),
@@ -98,7 +99,7 @@ pub fn frame(
     cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
     let clock = Stopwatch::start();
-    let film = expose(scene, settings, 0..settings.spp, &|_, _| (), cancel);
+    let film = expose_whole(scene, settings, &|_, _| (), cancel);
     if cancel.load(Ordering::Relaxed) {
         return Err(Interrupted.into());
     }
