@@ -184,3 +184,72 @@ fn a_reference_prints_the_error_at_every_doubling_and_changes_nothing() {
     many[4] = "3".into();
     assert!(fail(many).contains("--frames 1"));
 }
+
+#[test]
+fn skips_change_no_picture_that_they_should_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_string_lossy().into_owned();
+    // Rows on scenes of a million triangles take seconds to make.
+    let rows =
+        ["feature set", "sky only", "guides", "shadow ray", "light sample", "last ray", "without light", "flat sky", "beauty"];
+    let only: Vec<&str> = rows.iter().flat_map(|row| ["--only", row]).collect();
+    let small = ["bench", "skip", "--resolution", "24", "--spp", "16", "--repeats", "1", "--out", &out];
+    let text = succeed(&[&small[..], &only].concat());
+    let results = json(&folder.path().join("skip.json"));
+    let measured = results["rows"].as_array().unwrap();
+    for row in rows {
+        assert!(measured.iter().any(|m| m["name"].as_str().unwrap().contains(row)) && text.contains(row), "{row}: {text}");
+    }
+    let (mut exact, mut others) = (0, 0);
+    for row in measured {
+        let difference = row["difference"].as_f64().unwrap();
+        if row["exact"].as_bool().unwrap() {
+            assert_eq!(difference, 0.0, "{}", row["name"]);
+            exact += 1;
+        } else {
+            let most = if row["note"] == "by rounding" { 1e-3 } else { 1e3 };
+            assert!(difference < most && row["note"] != "", "{}: {difference}", row["name"]);
+            others += 1;
+        }
+        for way in ["with", "without"] {
+            assert!(row[way]["seconds"].as_f64().unwrap() > 0.0);
+        }
+    }
+    assert!(exact >= 10 && others == 2, "{exact} {others}: {text}");
+}
+
+#[test]
+fn orbits_and_frames_are_told_by_stage() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_string_lossy().into_owned();
+    let words = ["--scene", "textured", "--resolution", "16", "--repeats", "1", "--out", &out];
+    let text = succeed(&[&["bench", "orbit", "--frames", "2"], &words[..]].concat());
+    assert!(text.contains("camera moving") && text.contains("objects moving") && text.contains("saved"), "{text}");
+    let orbit = json(&folder.path().join("orbit.json"));
+    let sequences = orbit["sequences"].as_array().unwrap();
+    assert_eq!(sequences.iter().map(|s| s["motion"].as_str().unwrap()).collect::<Vec<_>>(), ["camera", "objects"]);
+    for sequence in sequences {
+        for stage in ["load", "compile", "beauty", "gbuffer", "write"] {
+            for which in ["alone", "frame"] {
+                assert!(sequence[which][stage]["seconds"].as_f64().unwrap() > 0.0, "{which} {stage}");
+            }
+        }
+    }
+
+    let text = succeed(&[&["bench", "frame", "--seed", "1", "--spp", "32", "--reference-spp", "256"], &words[..]].concat());
+    let frame = json(&folder.path().join("frame.json"));
+    let rows = frame["rows"].as_array().unwrap();
+    let names: Vec<_> = rows.iter().map(|r| (r["scene"].as_str().unwrap(), r["method"].as_str().unwrap())).collect();
+    let [uniform, adaptive] = ["uniform", "adaptive"];
+    assert_eq!(names, [("composed_1", uniform), ("composed_1", adaptive), ("textured", uniform), ("textured", adaptive)]);
+    assert_eq!(text.lines().filter(|line| line.starts_with("composed_1") || line.starts_with("textured")).count(), 4, "{text}");
+    for pair in rows.chunks(2) {
+        assert_eq!((pair[0]["spp"].as_f64().unwrap(), pair[0]["ratio"].as_f64().unwrap()), (32.0, 1.0));
+        let spp = pair[1]["spp"].as_f64().unwrap();
+        assert!((1.0..=64.0).contains(&spp) && pair[1]["ratio"].as_f64().unwrap() > 0.0, "{spp}");
+        for row in pair {
+            assert!(row["relmse"].as_f64().unwrap().is_finite() && (0.0..=1.0).contains(&row["hits"].as_f64().unwrap()));
+            assert!(row["stages"]["beauty"]["seconds"].as_f64().unwrap() > 0.0);
+        }
+    }
+}

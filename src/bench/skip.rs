@@ -6,7 +6,7 @@ mod sequence;
 use super::metrics::{median, relmse};
 use super::{Machine, Spent, Stopwatch, scenes};
 use crate::truth::Interrupted;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Environment, file};
@@ -59,6 +59,8 @@ struct Row {
     ratio: f64,
     /// The same of processor seconds.
     processor_ratio: Option<f64>,
+    /// Whether the two pictures should be the same to the bit; otherwise they differ by rounding or, where `note` says so, by noise.
+    exact: bool,
     /// Largest difference of a value of the two pictures.
     difference: f64,
     /// relMSE of the picture with the skip against that without.
@@ -90,6 +92,10 @@ impl Options {
         let path = self.out.join("skip.json");
         file::write_json(&path, &results)?;
         println!("{}", path.display());
+        let shows: Vec<_> = results.rows.iter().filter(|row| row.exact && row.difference != 0.0).map(|row| &*row.name).collect();
+        if !shows.is_empty() {
+            bail!("what should leave the picture as it is changes it: {}", shows.join(", "));
+        }
         Ok(())
     }
 }
@@ -112,7 +118,7 @@ impl Bench<'_> {
         &mut self,
         name: &str,
         scene: &str,
-        note: &'static str,
+        (exact, note): (bool, &'static str),
         mut with: impl FnMut() -> Result<Picture>,
         mut without: impl FnMut() -> Result<Picture>,
     ) -> Result<()> {
@@ -144,6 +150,7 @@ impl Bench<'_> {
             without,
             ratio: without.seconds / with.seconds,
             processor_ratio: without.processor.zip(with.processor).map(|(a, b)| a / b),
+            exact,
             difference: differences.fold(0.0, f64::max),
             relmse: relmse(&picture, &other, None)?.mean,
             note,
@@ -159,7 +166,7 @@ impl Bench<'_> {
         name: &str,
         scene: &str,
         loaded: &LoadedScene,
-        note: &'static str,
+        (exact, note): (bool, &'static str),
         off: fn(&mut Settings),
     ) -> Result<()> {
         if !self.wanted(name) {
@@ -171,25 +178,26 @@ impl Bench<'_> {
         off(&mut without);
         let cancel = self.cancel;
         let (with, without) = (|| picture(&compiled, &on, cancel), || picture(&compiled, &without, cancel));
-        self.row(name, scene, note, with, without)
+        self.row(name, scene, (exact, note), with, without)
     }
 
     fn pictures(&mut self) -> Result<()> {
+        let exact = (true, "");
         let soft_sun = self.scene("soft_sun")?;
-        self.switch("compiled feature set", "soft_sun", &soft_sun, "", |s| s.skips.feature_sets = false)?;
-        self.switch("pixels that see the sky only", "forest", &self.scene("forest")?, "", |s| {
+        self.switch("compiled feature set", "soft_sun", &soft_sun, (false, "by rounding"), |s| s.skips.feature_sets = false)?;
+        self.switch("pixels that see the sky only", "forest", &self.scene("forest")?, exact, |s| {
             s.skips.environment_pixels = false
         })?;
         let ball = lonely(&soft_sun);
-        self.switch("pixels that see the sky only", "one ball", &ball, "", |s| s.skips.environment_pixels = false)?;
-        let guides = "against a second pass of camera rays";
+        self.switch("pixels that see the sky only", "one ball", &ball, exact, |s| s.skips.environment_pixels = false)?;
+        let guides = (true, "against a second pass of camera rays");
         self.switch("guides of the beauty's samples", "soft_sun", &soft_sun, guides, |s| s.skips.shared_guides = false)?;
         let shadows = |s: &mut Settings| s.skips.zero_contributions = false;
-        self.switch("no shadow ray for nothing", "soft_sun", &soft_sun, "", shadows)?;
-        self.switch("no shadow ray for nothing", "interior", &self.scene("interior")?, "", shadows)?;
-        self.switch("no light sample of a black surface", "black", &black(&soft_sun), "", |s| s.skips.black_surfaces = false)?;
+        self.switch("no shadow ray for nothing", "soft_sun", &soft_sun, exact, shadows)?;
+        self.switch("no shadow ray for nothing", "interior", &self.scene("interior")?, exact, shadows)?;
+        self.switch("no light sample of a black surface", "black", &black(&soft_sun), exact, |s| s.skips.black_surfaces = false)?;
         let any = |s: &mut Settings| s.skips.last_any_hit = false;
-        self.switch("last ray asks for any hit", "soft_sun", &soft_sun, "", any)?;
+        self.switch("last ray asks for any hit", "soft_sun", &soft_sun, exact, any)?;
         let short = |s: &mut Settings| (s.max_bounces, s.skips.last_any_hit) = (1, false);
         if self.wanted("last ray asks for any hit") {
             let compiled = RenderScene::compile(&soft_sun)?;
@@ -198,12 +206,12 @@ impl Bench<'_> {
             short(&mut off);
             let cancel = self.cancel;
             let (with, without) = (|| picture(&compiled, &on, cancel), || picture(&compiled, &off, cancel));
-            self.row("last ray asks for any hit", "soft_sun", "direct light only", with, without)?;
+            self.row("last ray asks for any hit", "soft_sun", (true, "direct light only"), with, without)?;
         }
         let dark = LoadedScene { environment: Environment::constant([0.0; 3]), ..soft_sun.clone() };
-        self.switch("no paths without light", "no light", &dark, "", |s| s.skips.dark_scenes = false)?;
+        self.switch("no paths without light", "no light", &dark, exact, |s| s.skips.dark_scenes = false)?;
         let flat = LoadedScene { environment: Environment::constant([0.7; 3]), ..soft_sun.clone() };
-        let noise = "both are noisy, this one less";
+        let noise = (false, "both are noisy, this one less");
         self.switch("flat sky is not sampled", "flat sky", &flat, noise, |s| s.skips.flat_environment = false)?;
         let few = "one sample a pixel, against all channels";
         self.channels("beauty alone", &soft_sun, few, Channels::BEAUTY)?;
@@ -218,7 +226,7 @@ impl Bench<'_> {
         let all = Settings { spp: 1, ..self.settings() };
         let some = Settings { channels, ..all };
         let cancel = self.cancel;
-        self.row(name, "soft_sun", note, || picture(&compiled, &some, cancel), || picture(&compiled, &all, cancel))
+        self.row(name, "soft_sun", (true, note), || picture(&compiled, &some, cancel), || picture(&compiled, &all, cancel))
     }
 
     /// A row of the irradiance table alone against all tables of the split sum.
@@ -227,7 +235,7 @@ impl Bench<'_> {
         self.row(
             "irradiance without other tables",
             "soft_sun",
-            "the tables, not a picture",
+            (true, "the tables, not a picture"),
             || Ok(renderflow_frame::ibl::irradiance_map(environment).map),
             || Ok(renderflow_frame::ibl::IblTables::new(environment).irradiance_map.map),
         )

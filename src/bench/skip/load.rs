@@ -37,12 +37,12 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     bench.row(
         name,
         "textured",
-        "loading, not a picture",
+        (true, "loading, not a picture"),
         || load::load(scene, folder).map(|_| no_picture()).map_err(Into::into),
         || load::load_everything(scene, folder).map(|_| no_picture()).map_err(Into::into),
     )?;
     let [with, without] = [load::load(scene, folder)?, load::load_everything(scene, folder)?];
     let [with, without] = [RenderScene::compile(&with)?, RenderScene::compile(&without)?];
     let picture = |scene: &RenderScene| super::picture(scene, &settings, cancel);
-    bench.row(name, "textured", "the picture", || picture(&with), || picture(&without))
+    bench.row(name, "textured", (true, "the picture"), || picture(&with), || picture(&without))
 }

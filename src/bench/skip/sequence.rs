@@ -38,7 +38,7 @@ fn kept(bench: &mut Bench<'_>, name: &str, scene: &str, loaded: &LoadedScene, no
     bench.row(
         name,
         scene,
-        note,
+        (true, note),
         || {
             let mut result = super::no_picture();
             for frame in 0..FRAMES {
@@ -67,7 +67,7 @@ fn fitted(bench: &mut Bench<'_>, name: &str, scene: &str, loaded: &LoadedScene) 
         }
         Ok(result)
     };
-    let note = "frames of one sample, against building";
+    let note = (true, "frames of one sample, against building");
     bench.row(name, scene, note, || walk(&mut fitted, RenderScene::set_frame), || walk(&mut anew, RenderScene::set_frame_anew))
 }
 
@@ -89,7 +89,13 @@ fn shared(bench: &mut Bench<'_>) -> Result<()> {
     }
     let (settings, cancel) = (quick(bench), bench.cancel);
     let way = |sharing| picture(&RenderScene::compile_with(&loaded, sharing)?, &settings, cancel);
-    bench.row(name, "9 bodies", "compiling and one sample", || way(Sharing::Automatic), || way(Sharing::Never))
+    bench.row(
+        name,
+        "9 bodies",
+        (false, "compiling and one sample, by rounding"),
+        || way(Sharing::Automatic),
+        || way(Sharing::Never),
+    )
 }
 
 fn denoiser(bench: &mut Bench<'_>) -> Result<()> {
@@ -110,5 +116,5 @@ fn denoiser(bench: &mut Bench<'_>) -> Result<()> {
         let Some(raw) = &frame.raw else { return Ok(super::no_picture()) };
         Ok(denoiser.denoise(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref())?)
     };
-    bench.row(name, "soft_sun", "denoising alone", || denoise(&mut kept), || denoise(&mut Denoiser::new()?))
+    bench.row(name, "soft_sun", (true, "denoising alone"), || denoise(&mut kept), || denoise(&mut Denoiser::new()?))
 }
