@@ -267,6 +267,10 @@ fn store(frame: &mut Frame, at: usize, centre: &Centre) {
 
 /// Boxes smaller than this many pixels stand for what is in them: dense meshes have many triangles a pixel.
 const SMALL: f64 = 1.5;
+/// Bounds to project for a camera ray of the picture, at most: one takes some 45 ns on one thread while all others wait. Beyond that
+/// rays cost less than finding out which are in vain: all 374k triangles of a forest made a picture of 128 x 128 pixels with 4 rays
+/// each take 1.3 times as long, and one of 256 x 256 with 8 rays each 1.04 times.
+const BOUNDS_A_RAY: f64 = 0.125;
 
 /// Which pixels may see geometry: a superset, found by projecting bounds of triangles or of boxes around them. All others see the
 /// environment alone.
@@ -276,12 +280,17 @@ pub(super) struct Visible {
 }
 
 impl Visible {
-    /// Projects triangles, or small boxes around them, onto the image, each widened by the pixel filter and a hundredth of a pixel for rounding.
+    /// Projects triangles, or small boxes around them, onto the image, each widened by the pixel filter and a hundredth of a pixel for
+    /// rounding. Where they are too many for that to pay, any pixel may see geometry.
     pub fn new(scene: &RenderScene, settings: &Settings) -> Self {
         let (width, height) = (scene.camera().width, scene.camera().height);
+        let anywhere = || Self { width, seen: vec![true; width * height] };
         if !settings.skips.environment_pixels {
-            return Self { width, seen: vec![true; width * height] };
+            return anywhere();
         }
+        let rays = (width * height) as f64 * f64::from(settings.camera_samples());
+        let left = std::cell::Cell::new((BOUNDS_A_RAY * rays) as u64);
+        let spend = || left.replace(left.get().saturating_sub(1)) > 0;
         let projector = Projector::new(scene.camera());
         let reach = f64::from(settings.filter.radius()) + 0.01;
         // The pixels whose centre is within reach of an interval.
@@ -305,6 +314,9 @@ impl Visible {
             }
         };
         let open = |corners: [Vec3A; 2]| {
+            if !spend() {
+                return false;
+            }
             let Some((low, high)) = projector.box_bounds(corners) else { return true };
             if pixels(low.x, high.x, width).is_empty() || pixels(low.y, high.y, height).is_empty() {
                 return false;
@@ -316,10 +328,15 @@ impl Visible {
             !small
         };
         scene.geometry.cover(open, |corners| {
-            if let Some(bounds) = projector.bounds(corners) {
+            if spend()
+                && let Some(bounds) = projector.bounds(corners)
+            {
                 mark(bounds);
             }
         });
+        if left.get() == 0 {
+            return anywhere();
+        }
         let edges = edges.into_inner();
         let mut seen = Vec::with_capacity(width * height);
         for row in edges.chunks_exact(width + 1) {
