@@ -49,7 +49,7 @@ impl RenderScene {
             return;
         }
         #[cfg(feature = "record")]
-        rays.iter().for_each(|ray| crate::record::ray(ray, false));
+        crate::record::packet(rays);
         self.geometry.closest_packet(rays, hits, scratch);
     }
 
