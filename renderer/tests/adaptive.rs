@@ -113,7 +113,7 @@ fn a_map_gives_the_same_picture_again_and_in_parts() {
         let largest = *map.pixels.iter().max().unwrap();
         let part = |range| expose_mapped(&scene, &settings, &map, range, &|_, _| (), &quiet()).expect("in range").0;
         for order in [[0, 1, 2, 3], [3, 1, 0, 2]] {
-            let cuts = [0..3, 3..16, 16..20, 20..largest];
+            let cuts = [0..4, 4..16, 16..20, 20..largest];
             let mut film: Film = part(cuts[order[0]].clone());
             for &i in &order[1..] {
                 film.merge(&part(cuts[i].clone())).expect("disjoint");
@@ -156,7 +156,7 @@ fn the_mean_is_that_of_uniform_samples() {
     environment.map =
         Image::from_fn(64, 32, |x, y| if (20..24).contains(&x) && (6..8).contains(&y) { [100.0; 3] } else { [0.1; 3] });
     let mut loaded = floor(environment, 24, 24);
-    let base = Settings { direct: DirectLight::Scattering, max_bounces: 1, ..average(16) };
+    let base = Settings { direct: DirectLight::Scattering, max_bounces: 1, branches: 1, ..average(16) };
     // (mean, its standard error) of pictures of many seeds.
     let mut of_seeds = |settings: &Settings, seeds: u64| {
         let mean_of = |seed| {
@@ -207,7 +207,7 @@ fn it_has_less_error_for_as_many_samples() {
     let sky = counts(&adaptive)[5];
     let most = counts(&adaptive).iter().max().unwrap();
     println!("{sky} samples in the sky, up to {most} elsewhere");
-    assert!(sky < 8 && *most >= 64);
+    assert!(sky <= 16 && *most >= 64);
 }
 
 #[test]
@@ -216,7 +216,7 @@ fn what_has_no_noise_stops_at_once() {
     let empty = scene(vec![], Environment::constant([0.3, 0.7, 1.1]), camera([0.0; 3], [0.0, 0.0, -1.0], 50.0, 16, 16));
     for settings in [average(256), Settings { budget: Budget::Error { millionths: 1 }, ..average(256) }] {
         let (frame, _) = render_with(&compile(&empty), &settings);
-        let pilot = if settings.budget == Budget::Average { 32 } else { 4 };
+        let pilot = if settings.budget == Budget::Average { 32 } else { 16 };
         assert!(counts(&frame).iter().all(|&n| n == pilot), "{:?}: {:?}", settings.budget, &counts(&frame)[..4]);
         assert!(frame.raw.unwrap().pixels.iter().all(|p| *p == [0.3, 0.7, 1.1]));
     }

@@ -91,7 +91,7 @@ fn the_tree_is_touched_only_when_something_moves() {
 #[test]
 fn the_gbuffer_alone_equals_the_gbuffer_of_the_beauty() {
     let scene = common::compile(&loaded());
-    let settings = Settings { spp: 16, guide_samples: 16, ..Settings::default() };
+    let settings = Settings { spp: 16, guide_samples: 16, branches: 1, ..Settings::default() };
     let full = common::render_with(&scene, &settings).0;
     let alone = renderflow_renderer::render_gbuffer(&scene, &settings).expect("settings in range");
     assert!(alone.beauty.is_none() && alone.info.spp == 0);

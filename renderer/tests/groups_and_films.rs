@@ -212,7 +212,7 @@ fn gaps_are_kept_in_mind() {
 #[test]
 fn what_does_not_belong_together_is_refused() {
     let scene = compile(&room(false));
-    let settings = Settings { spp: 16, ..Settings::default() };
+    let settings = Settings { spp: 16, branches: 1, ..Settings::default() };
     let film = part(&scene, &settings, 4..8);
     let refused = |other: &Film| {
         let mut merged = film.clone();
@@ -247,5 +247,9 @@ fn what_does_not_belong_together_is_refused() {
     assert!(develop(&scene, &Settings { irradiance: true, guide_samples: 3, ..settings }, &film).is_ok());
     for range in [Range { start: 3, end: 3 }, Range { start: 5, end: 3 }, 0..17, 16..17] {
         assert!(expose(&scene, &settings, range, &|_, _| (), &AtomicBool::new(false)).is_err());
+    }
+    // Four share a camera ray, and stay together.
+    for range in [2..8, 4..9] {
+        assert!(expose(&scene, &Settings { branches: 4, ..settings }, range, &|_, _| (), &AtomicBool::new(false)).is_err());
     }
 }

@@ -76,8 +76,8 @@ impl Budget {
         match self {
             Self::Uniform => spp,
             Self::Average => pilot(spp, FLOOR),
-            // The smallest pilot: nobody knows how much is needed.
-            Self::Error { .. } | Self::Time { .. } => STEP.min(spp),
+            // A small pilot: nobody knows how much is needed.
+            Self::Error { .. } | Self::Time { .. } => pilot(spp.min(STEP * STEP), 1.0),
         }
     }
 }
@@ -158,7 +158,8 @@ pub(super) fn render(
     let meter = Meter::new(progress, limit);
 
     let fewest = settings.budget.fewest(settings.spp);
-    let fewest_unseen = pilot(settings.spp, FLOOR_UNSEEN).min(fewest);
+    // Deviations are judged by camera rays.
+    let fewest_unseen = pilot(settings.spp, FLOOR_UNSEEN).max(STEP * settings.branches()).min(fewest);
     let mut stats = Stats::default();
     let mut target: Vec<u32> = plan.seen.iter().map(|&seen| if seen { fewest } else { fewest_unseen }).collect();
     let first = plan.cost(&target) as f64;

@@ -179,14 +179,12 @@ impl Settings {
         Err(Error::Setting { name: "samples", value: samples.end.into(), range })
     }
 
-    /// How many samples share a camera ray: a power of two, at most [`Settings::branches`]. In a uniform picture at least four
-    /// camera rays a pixel are left, for the sake of its edges.
+    /// How many samples share a camera ray: a power of two, at most [`Settings::branches`]. At least four camera rays are left in
+    /// a pixel that may see geometry, for the sake of its edges and its variance.
     pub fn branches(&self) -> u32 {
-        let most = 1 << self.branches.clamp(1, 64).ilog2();
-        if self.budget != Budget::Uniform {
-            return most.min(adaptive::STEP);
-        }
-        (0..7).map(|k| 64 >> k).find(|&b| b <= most && self.spp.is_multiple_of(b) && self.spp >= 4 * b).unwrap_or(1)
+        let (fewest, largest) = (self.budget.fewest(self.spp), if self.budget == Budget::Uniform { 64 } else { adaptive::STEP });
+        let possible = |&b: &u32| b <= self.branches.min(largest) && fewest.is_multiple_of(b) && fewest >= 4 * b;
+        (0..7).map(|k| 64 >> k).find(possible).unwrap_or(1)
     }
 
     /// Camera rays a pixel, on average where pixels have counts of their own.
