@@ -1,8 +1,9 @@
-//! What a camera sample costs beyond its rays, on one thread: the time of a render less that of tracing exactly its rays again.
+//! What a path costs beyond its rays, on one thread: the time of a render less that of tracing exactly its rays again.
 //!
 //! `cargo run --release -p renderflow-renderer --features record --example shading_cost -- SCENE.json [--spp 16] [--size 256] [--repeats 5]`
 //!
-//! Times are processor time of the thread. The rays are asked for in the order of the render, from memory, with nothing in between.
+//! Times are processor time of the thread. The rays are asked for in the order of the render and together where
+//! they were, from memory, with nothing in between. Where paths split, each branch counts.
 //! `--render` only renders, as often as `--repeats` says, for `perf stat` and for comparisons of two versions.
 
 use renderflow_renderer::accel::Scratch;
@@ -61,7 +62,7 @@ fn measure(scene: &RenderScene, spp: u32, repeats: usize, only_render: bool) -> 
             std::hint::black_box(render()?);
             best = best.min(seconds()? - begin);
         }
-        println!("{:.3} us a sample", best / stats.samples as f64 * 1e6);
+        println!("{:.3} us a path", best / stats.samples as f64 * 1e6);
         return Ok(());
     }
 
@@ -86,19 +87,32 @@ fn measure(scene: &RenderScene, spp: u32, repeats: usize, only_render: bool) -> 
 
 fn trace(scene: &RenderScene, rays: &[Recorded]) -> usize {
     let mut scratch = Scratch::default();
-    let hits = rays.iter().filter(|r| {
+    let (mut packet, mut found) = (Vec::new(), Vec::new());
+    let mut hits = 0;
+    for (i, r) in rays.iter().enumerate() {
         let ray = Ray::new(r.origin, r.direction);
-        if r.any { scene.occluded(&ray, &mut scratch) } else { scene.closest(&ray, &mut scratch).is_some() }
-    });
-    hits.count()
+        match r.together {
+            0 => {}
+            1 if r.any => hits += usize::from(scene.occluded(&ray, &mut scratch)),
+            1 => hits += usize::from(scene.closest(&ray, &mut scratch).is_some()),
+            count => {
+                packet.clear();
+                packet.extend(rays[i..i + count].iter().map(|r| Ray::new(r.origin, r.direction)));
+                found.resize(count, None);
+                scene.closest_packet(&packet, &mut found, &mut scratch);
+                hits += found.iter().flatten().count();
+            }
+        }
+    }
+    hits
 }
 
 fn report(stats: &Stats, rays: &[Recorded], whole: f64, alone: f64) {
     let samples = stats.samples as f64;
     let micro = |seconds: f64| seconds / samples * 1e6;
-    println!("{:.2} rays a sample, {:.2} of them shadow rays", rays.len() as f64 / samples, stats.shadow_rays as f64 / samples);
+    println!("{:.2} rays a path, {:.2} of them shadow rays", rays.len() as f64 / samples, stats.shadow_rays as f64 / samples);
     println!(
-        "{:.3} us a sample: {:.3} rays alone ({:.1} Mrays/s), {:.3} beyond rays",
+        "{:.3} us a path: {:.3} rays alone ({:.1} Mrays/s), {:.3} beyond rays",
         micro(whole),
         micro(alone),
         rays.len() as f64 / alone / 1e6,

@@ -41,6 +41,18 @@ impl RenderScene {
         self.geometry.closest(ray, scratch)
     }
 
+    /// The nearest surface along each of `rays`, which should be close to each other, in `hits`.
+    #[inline(always)]
+    pub(crate) fn trace_all<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        if F::FULL && self.features().cutouts {
+            rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.trace::<F>(ray, scratch));
+            return;
+        }
+        #[cfg(feature = "record")]
+        crate::record::packet(rays);
+        self.geometry.closest_packet(rays, hits, scratch);
+    }
+
     /// Whether a surface stands in the way of `ray` to the environment.
     #[inline(always)]
     pub(crate) fn shadowed<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> bool {

@@ -15,6 +15,8 @@ pub struct Recorded {
     pub direction: Vec3A,
     /// Whether only the existence of a hit mattered.
     pub any: bool,
+    /// How many rays, this one and those after it, were traced together; 0 for those after the first.
+    pub together: usize,
 }
 
 thread_local! {
@@ -30,9 +32,22 @@ pub fn record(render: impl FnOnce()) -> Vec<Recorded> {
 
 #[inline]
 pub(crate) fn ray(ray: &Ray, any: bool) {
+    keep(ray, any, 1);
+}
+
+/// Rays that are asked together what they meet first.
+#[inline]
+pub(crate) fn packet(rays: &[Ray]) {
+    for (i, ray) in rays.iter().enumerate() {
+        keep(ray, false, if i == 0 { rays.len() } else { 0 });
+    }
+}
+
+#[inline]
+fn keep(ray: &Ray, any: bool, together: usize) {
     RAYS.with_borrow_mut(|rays| {
         if let Some(rays) = rays {
-            rays.push(Recorded { origin: ray.origin, direction: ray.direction, any });
+            rays.push(Recorded { origin: ray.origin, direction: ray.direction, any, together });
         }
     });
 }

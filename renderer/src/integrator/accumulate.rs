@@ -2,7 +2,7 @@
 
 use super::Settings;
 use super::adaptive::Budget;
-use super::path::Tracer;
+use super::path::{SHOTS, Shot, Tracer};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::{Features, with_features};
@@ -250,27 +250,34 @@ fn trace<F: Features>(
         }
         let mut tracer = Tracer::<F>::new(scene, settings);
         let mut samples = 0;
-        for (i, (x, y)) in tile.pixels().enumerate() {
-            let at = y * width + x;
-            let range = span(at);
-            if range.is_empty() {
-                continue;
-            }
-            samples += u64::from(range.end - range.start);
-            let sampler = settings.random(scene, at);
-            let seen = visible.at(x, y);
-            // Held in registers rather than in the tally while the pixel is traced.
-            let (mut pixel, mut guides) = (tally.pixels[i], tally.guides[i]);
-            for index in range.start / branches..range.end / branches {
-                let sample = tracer.sample(&sampler, (x, y), index, seen);
-                pixel.push(sample.radiance);
-                guides.push(sample.first);
+        // Shots with the places of their pixels in the tile. Sixteen may be of several pixels: in the rounds of an adaptive picture a
+        // pixel has but few.
+        let (mut shots, mut places) = (Vec::with_capacity(SHOTS), Vec::with_capacity(SHOTS));
+        let mut shoot = |shots: &mut Vec<Shot>, places: &mut Vec<usize>| {
+            tracer.aim(shots);
+            for (k, (shot, i)) in shots.drain(..).zip(places.drain(..)).enumerate() {
+                let sample = tracer.sample(k, &shot);
+                tally.pixels[i].push(sample.radiance);
+                tally.guides[i].push(sample.first);
                 if grouped {
                     tally.groups[i].push(tracer.groups());
                 }
             }
-            (tally.pixels[i], tally.guides[i]) = (pixel, guides);
+        };
+        for (i, (x, y)) in tile.pixels().enumerate() {
+            let at = y * width + x;
+            let range = span(at);
+            samples += u64::from(range.end.saturating_sub(range.start));
+            let (sampler, seen) = (settings.random(scene, at), visible.at(x, y));
+            for index in range.start / branches..range.end / branches {
+                if shots.len() == SHOTS || shots.last().is_some_and(|shot: &Shot| shot.seen != seen) {
+                    shoot(&mut shots, &mut places);
+                }
+                shots.push(Shot { sampler, pixel: (x, y), index, seen });
+                places.push(i);
+            }
         }
+        shoot(&mut shots, &mut places);
         tally.stats = tracer.into_stats();
         meter.add(samples, total);
         tally

@@ -2,7 +2,7 @@
 
 use super::Settings;
 use super::scatter::Scatterer;
-use crate::accel::Scratch;
+use crate::accel::{Hit, Scratch};
 use crate::compile::RenderScene;
 use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
@@ -26,6 +26,19 @@ const ROULETTE_BELOW: f32 = 0.3;
 const ROULETTE_ALWAYS: u32 = 8;
 const ROULETTE_LIMIT: f32 = 0.95;
 
+/// Camera samples whose rays are traced together.
+pub(super) const SHOTS: usize = 16;
+
+/// A camera sample that is to be traced.
+#[derive(Clone, Copy)]
+pub(super) struct Shot {
+    pub sampler: PixelSampler,
+    pub pixel: (usize, usize),
+    pub index: u32,
+    /// False where the pixel is known to see the environment alone: the same directions are then looked up without asking the tree.
+    pub seen: bool,
+}
+
 /// One camera sample.
 pub(super) struct Sample {
     /// Finite; 0 where the estimate was not.
@@ -48,6 +61,9 @@ pub(super) struct Tracer<'a, F: Features> {
     groups: [Vec3A; LIGHT_GROUPS],
     /// Cone of a camera ray: what one of the samples of a pixel covers.
     camera_cone: Cone,
+    /// Camera rays of the shots aimed at, and what they meet.
+    rays: [Ray; SHOTS],
+    hits: [Option<Hit>; SHOTS],
     pub(super) scratch: Scratch,
     pub(super) points: Points,
     pub(super) ahead: Ahead,
@@ -57,20 +73,32 @@ pub(super) struct Tracer<'a, F: Features> {
     features: std::marker::PhantomData<F>,
 }
 
+/// The arguments of [`Tracer::aim`].
+struct Aim<'t, 'a, F: Features> {
+    tracer: &'t mut Tracer<'a, F>,
+    shots: &'t [Shot],
+}
+
+impl<F: Features> simd::Work for Aim<'_, '_, F> {
+    type Output = ();
+    #[inline(always)]
+    fn run(self) {
+        self.tracer.find_first(self.shots);
+    }
+}
+
 /// The arguments of [`Tracer::sample`].
 struct CameraSample<'t, 'a, F: Features> {
     tracer: &'t mut Tracer<'a, F>,
-    sampler: &'t PixelSampler,
-    pixel: (usize, usize),
-    index: u32,
-    seen: bool,
+    place: usize,
+    shot: &'t Shot,
 }
 
 impl<F: Features> simd::Work for CameraSample<'_, '_, F> {
     type Output = Sample;
     #[inline(always)]
     fn run(self) -> Sample {
-        self.tracer.trace(self.sampler, self.pixel, self.index, self.seen)
+        self.tracer.trace(self.place, self.shot)
     }
 }
 
@@ -114,6 +142,8 @@ impl<'a, F: Features> Tracer<'a, F> {
             radiance: Vec3A::ZERO,
             groups: [Vec3A::ZERO; LIGHT_GROUPS],
             camera_cone: Cone::camera(scene.camera(), settings.camera_samples()),
+            rays: [Ray::new(Vec3A::ZERO, Vec3A::Z); SHOTS],
+            hits: [None; SHOTS],
             scratch: Scratch::default(),
             points: Points::default(),
             ahead: Ahead::default(),
@@ -132,33 +162,49 @@ impl<'a, F: Features> Tracer<'a, F> {
         self.stats
     }
 
-    /// Traces one camera sample. `seen` is false where the pixel is known to see the environment alone: the same directions are then
-    /// looked up without asking the tree.
+    /// Finds what the camera rays of up to [`SHOTS`] shots meet, of which all or none are `seen`. Close to each other they are traced
+    /// in a third of the time that they take one by one, and meet the same.
     #[inline]
-    pub fn sample(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
-        simd::run(CameraSample { tracer: self, sampler, pixel, index, seen })
+    pub fn aim(&mut self, shots: &[Shot]) {
+        simd::run(Aim { tracer: self, shots });
     }
 
     #[inline(always)]
-    fn trace(&mut self, sampler: &PixelSampler, pixel: (usize, usize), index: u32, seen: bool) -> Sample {
-        self.stats.samples += u64::from(self.branches);
+    fn find_first(&mut self, shots: &[Shot]) {
+        let count = shots.len().min(SHOTS);
+        let seen = shots.first().is_some_and(|shot| shot.seen);
         if F::FLAT_ENVIRONMENT && !seen && self.directions.is_none() {
             // The same from everywhere: no need to know whither.
-            self.stats.skipped_rays += 1;
+            return;
+        }
+        for (ray, shot) in self.rays.iter_mut().zip(shots) {
+            *ray = camera_ray_at(self.scene, self.settings, self.points.point(&shot.sampler, shot.index, 0), shot.pixel);
+        }
+        if seen {
+            self.scene.trace_all::<F>(&self.rays[..count], &mut self.hits[..count], &mut self.scratch);
+        } else {
+            self.hits.fill(None);
+        }
+    }
+
+    /// Traces `shot`, which is number `place` of those last aimed at.
+    #[inline]
+    pub fn sample(&mut self, place: usize, shot: &Shot) -> Sample {
+        simd::run(CameraSample { tracer: self, place, shot })
+    }
+
+    #[inline(always)]
+    fn trace(&mut self, place: usize, shot: &Shot) -> Sample {
+        self.stats.samples += u64::from(self.branches);
+        *(if shot.seen { &mut self.stats.camera_rays } else { &mut self.stats.skipped_rays }) += 1;
+        if F::FLAT_ENVIRONMENT && !shot.seen && self.directions.is_none() {
             return Sample { radiance: self.scene.light().radiance(Vec3A::Y), first: None };
         }
-        let ray = camera_ray_at(self.scene, self.settings, self.points.point(sampler, index, 0), pixel);
+        let (ray, hit) = (self.rays[place % SHOTS], self.hits[place % SHOTS]);
         self.radiance = Vec3A::ZERO;
         if self.directions.is_some() {
             self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
         }
-        let hit = if seen {
-            self.stats.camera_rays += 1;
-            self.scene.trace::<F>(&ray, &mut self.scratch)
-        } else {
-            self.stats.skipped_rays += 1;
-            None
-        };
         let first = match hit {
             None => {
                 self.add(self.scene.light().radiance(ray.direction), Origin::Environment(ray.direction));
@@ -172,7 +218,7 @@ impl<'a, F: Features> Tracer<'a, F> {
                 }
                 // Without light there is nothing to gather.
                 if !(self.settings.skips.dark_scenes && self.scene.features().dark()) {
-                    self.gather(sampler, index, surface, -ray.direction);
+                    self.gather(&shot.sampler, shot.index, surface, -ray.direction);
                 }
                 Some(first)
             }
@@ -357,5 +403,46 @@ fn bsdf_of<'b, F: Features>(
     match bsdfs.get(surface.material) {
         Some(Some(prepared)) => F::Bsdf::prepared(prepared),
         _ => own.insert(F::Bsdf::new(&surface.surface, mode)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::features::Compiled;
+    use crate::verify::scenes::{Part, camera, compile, diffuse, metal, sunny};
+    use glam::Affine3A;
+    use renderflow_scenes::shapes::Shape;
+
+    /// What a camera sample is worth does not depend on which others its ray was traced with.
+    #[test]
+    fn shots_are_the_same_together_and_alone() {
+        let ball = |x: f32, material| {
+            Part::new(Shape::Sphere { radius: 0.7 }, material, Affine3A::from_translation(Vec3A::new(x, 0.0, 0.0).into()))
+        };
+        let parts = vec![ball(-0.6, diffuse([0.8, 0.5, 0.2])), ball(0.6, metal([0.9; 3], 0.2))];
+        let scene = compile(parts, sunny(), camera([0.2, 1.5, 4.0], [0.0; 3], 45.0, 24, 16)).unwrap();
+        let settings = Settings { spp: 16, ..Settings::default() };
+        let shots: Vec<Shot> = (0..24 * 16)
+            .flat_map(|at| (0..3).map(move |index| (at, index)))
+            .map(|(at, index)| Shot { sampler: settings.random(&scene, at), pixel: (at % 24, at / 24), index, seen: at % 5 > 0 })
+            .collect();
+        let (mut together, mut alone) = (
+            Tracer::<Compiled<false, false, false>>::new(&scene, &settings),
+            Tracer::<Compiled<false, false, false>>::new(&scene, &settings),
+        );
+        let mut met = 0;
+        for shots in shots.chunk_by(|a, b| a.seen == b.seen).flat_map(|run| run.chunks(SHOTS)) {
+            together.aim(shots);
+            for (k, shot) in shots.iter().enumerate() {
+                alone.aim(std::slice::from_ref(shot));
+                let (a, b) = (together.sample(k, shot), alone.sample(0, shot));
+                met += usize::from(a.first.is_some());
+                assert_eq!(a.radiance.to_array().map(f32::to_bits), b.radiance.to_array().map(f32::to_bits), "{:?}", shot.pixel);
+                assert_eq!(a.first.map(|f| (f.albedo, f.ns)), b.first.map(|f| (f.albedo, f.ns)));
+            }
+        }
+        assert!(met > 100 && met < shots.len(), "{met}");
+        assert_eq!(together.into_stats(), alone.into_stats());
     }
 }

@@ -8,7 +8,7 @@ use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh, Textu
 
 /// A mesh with a material at a place.
 #[derive(Clone, Debug)]
-pub(super) struct Part {
+pub(crate) struct Part {
     pub mesh: Mesh,
     pub material: Material,
     pub transform: Affine3A,
@@ -27,30 +27,30 @@ impl Part {
 }
 
 /// A Lambertian material: diffuse reflection grows retro-reflective with roughness, and has no coat without specular.
-pub(super) fn diffuse(base_color: [f32; 3]) -> Material {
+pub(crate) fn diffuse(base_color: [f32; 3]) -> Material {
     Material { base_color, roughness: 0.0, specular: 0.0, ..Material::default() }
 }
 
 /// A metal.
-pub(super) fn metal(base_color: [f32; 3], roughness: f32) -> Material {
+pub(crate) fn metal(base_color: [f32; 3], roughness: f32) -> Material {
     Material { base_color, roughness, metallic: 1.0, ..Material::default() }
 }
 
 /// A camera with +Y up; `degrees` is the vertical field of view.
-pub(super) fn camera(eye: [f32; 3], target: [f32; 3], degrees: f32, width: usize, height: usize) -> Camera {
+pub(crate) fn camera(eye: [f32; 3], target: [f32; 3], degrees: f32, width: usize, height: usize) -> Camera {
     let up = if (eye[0], eye[2]) == (target[0], target[2]) { Vec3A::Z } else { Vec3A::Y };
     Camera::look_at(eye.into(), target.into(), up, degrees.to_radians(), width, height)
 }
 
 /// Environment whose map is `f` of a direction, sampled at texel centres.
-pub(super) fn environment(width: usize, height: usize, f: impl Fn(Vec3A) -> [f32; 3]) -> Environment {
+pub(crate) fn environment(width: usize, height: usize, f: impl Fn(Vec3A) -> [f32; 3]) -> Environment {
     let blank = Environment { map: Image::filled(width, height, [0.0; 3]), rotation: 0.0, intensity: 1.0 };
     let map = Image::from_fn(width, height, |x, y| f(blank.texel_direction(x, y)));
     blank.with_map(map)
 }
 
 /// A sky with a gradient and a small bright sun.
-pub(super) fn sunny() -> Environment {
+pub(crate) fn sunny() -> Environment {
     let sun = Vec3A::new(0.5, 0.7, 0.4).normalize();
     environment(128, 64, |d| {
         let (sky, sun) = (0.6 + 0.4 * d.y, if d.dot(sun) > 0.997 { 300.0 } else { 0.0 });
@@ -59,12 +59,12 @@ pub(super) fn sunny() -> Environment {
 }
 
 /// A scene of `parts`, ready for rendering.
-pub(super) fn compile(parts: Vec<Part>, environment: Environment, camera: Camera) -> Result<RenderScene, String> {
+pub(crate) fn compile(parts: Vec<Part>, environment: Environment, camera: Camera) -> Result<RenderScene, String> {
     compile_textured(parts, Vec::new(), environment, camera)
 }
 
 /// As [`compile`], with the textures that materials refer to.
-pub(super) fn compile_textured(
+pub(crate) fn compile_textured(
     parts: Vec<Part>,
     textures: Vec<Texture>,
     environment: Environment,
