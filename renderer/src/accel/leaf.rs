@@ -1,6 +1,6 @@
 //! Up to eight triangles, and their test against a ray.
 
-use super::kernel::splat;
+use super::kernel::{BOX_SLACK, NEARER, inverse, splat};
 use super::simd::{Lanes, Numbers, Sixteen, WIDTH};
 use super::{EMPTY, LEAF};
 use crate::ray::Ray;
@@ -21,6 +21,9 @@ pub(super) struct Leaves {
     rows: Vec<f32>,
     /// Numbers of the triangles, in the order of the leaves.
     primitives: Vec<u32>,
+    /// By how much boxes are larger than what they hold, and what no bound of them is farther from the origin than, metres.
+    padding: f32,
+    extent: f32,
 }
 
 /// First triangle of a leaf, and how many it has.
@@ -39,7 +42,16 @@ impl Leaves {
     /// Leaves that hold `primitives` in this order; their corners are still to be set.
     pub fn new(primitives: Vec<u32>) -> Self {
         // What is read behind the last row is zero.
-        Self { rows: vec![0.0; ROWS * primitives.len() + READ], primitives }
+        Self { rows: vec![0.0; ROWS * primitives.len() + READ], primitives, padding: 0.0, extent: 0.0 }
+    }
+
+    /// Sets by how much boxes are larger than what they hold, and the largest coordinate of that, metres.
+    pub fn set_padding(&mut self, padding: f32, extent: f32) {
+        (self.padding, self.extent) = (padding, extent + padding);
+    }
+
+    pub fn extent(&self) -> f32 {
+        self.extent
     }
 
     /// Moves the triangles of `leaf` and returns their box, unpadded.
@@ -91,11 +103,32 @@ impl Leaves {
 
 /// The transform of the watertight triangle test (Woop, Benthin, Wald 2013): `axis` is permuted so that the direction's largest
 /// component comes last, and `scale` shears the direction onto that axis.
-pub(super) struct Shear<N> {
+pub(super) struct Shear<N, I = f32> {
     pub axis: [usize; 3],
     /// Axes permuted.
     pub origin: [N; 3],
     pub scale: [N; 3],
+    /// As [`inverse`], axes permuted.
+    pub inverse: [I; 3],
+}
+
+/// What becomes a vector where it is needed: that is seldom, and vectors made for every ray cost time.
+pub(super) trait Spread<N>: Copy {
+    fn spread(self) -> N;
+}
+
+impl<N: Numbers> Spread<N> for f32 {
+    #[inline(always)]
+    fn spread(self) -> N {
+        N::splat(self)
+    }
+}
+
+impl<N: Numbers> Spread<N> for N {
+    #[inline(always)]
+    fn spread(self) -> N {
+        self
+    }
 }
 
 /// `axis` and `scale` of [`Shear`].
@@ -118,8 +151,9 @@ impl<L: Lanes> Shear<L> {
     #[inline(always)]
     pub fn new(ray: &Ray) -> Self {
         let (axis, scale) = shear(ray);
-        let o = ray.origin.to_array();
-        Self { axis, origin: splat([o[axis[0]], o[axis[1]], o[axis[2]]]), scale: splat(scale) }
+        let (o, inverse) = (ray.origin.to_array(), inverse(ray));
+        let permuted = |v: [f32; 3]| splat([v[axis[0]], v[axis[1]], v[axis[2]]]);
+        Self { axis, origin: permuted(o), scale: splat(scale), inverse: [inverse[axis[0]], inverse[axis[1]], inverse[axis[2]]] }
     }
 }
 
@@ -138,15 +172,15 @@ fn load<L: Lanes>(rows: &[f32; READ], row: usize, count: usize) -> L {
     L::load(rows[row * count..][..WIDTH].first_chunk().unwrap_or(&[0.0; WIDTH]))
 }
 
-/// The corners whose coordinates begin at `row`, relative to the ray and sheared.
+/// The corners whose coordinates begin at `row`, axes permuted.
 #[inline(always)]
 fn corners_of<L: Lanes>(rows: &[f32; READ], row: usize, count: usize, ray: &Shear<L>) -> [L; 3] {
     // The compiler sees that no row is out of bounds.
     let [x, y, z] = [ray.axis[0] & 3, ray.axis[1] & 3, ray.axis[2] & 3];
-    ray.apply([load(rows, row + x, count), load(rows, row + y, count), load(rows, row + z, count)])
+    [load(rows, row + x, count), load(rows, row + y, count), load(rows, row + z, count)]
 }
 
-impl<N: Numbers> Shear<N> {
+impl<N: Numbers, I: Spread<N>> Shear<N, I> {
     /// A corner (axes permuted) relative to the ray and sheared.
     #[inline(always)]
     fn apply(&self, [x, y, z]: [N; 3]) -> [N; 3] {
@@ -156,9 +190,13 @@ impl<N: Numbers> Shear<N> {
     }
 
     /// Woop, Benthin, Wald 2013, without its double-precision fallback: an edge function that rounds to zero counts as inside for
-    /// both neighbours, so the ray hits at least one of them. `t` is raised to `enter`.
+    /// both neighbours, so the ray hits at least one of them. The corners come with their axes permuted.
+    ///
+    /// A triangle counts if the ray meets its box, `padding` larger, and `t` is raised to where it does: a triangle seen edge-on has
+    /// a `t` of roundings only, and what is found would depend on the order otherwise.
     #[inline(always)]
-    fn test(&self, [ax, ay, az]: [N; 3], [bx, by, bz]: [N; 3], [cx, cy, cz]: [N; 3], enter: N, limit: N) -> Candidates<N> {
+    fn test(&self, [a, b, c]: [[N; 3]; 3], padding: N, limit: N) -> Candidates<N> {
+        let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (self.apply(a), self.apply(b), self.apply(c));
         let u = cx.mul(by).sub(cy.mul(bx));
         let v = ax.mul(cy).sub(ay.mul(cx));
         let w = bx.mul(ay).sub(by.mul(ax));
@@ -169,44 +207,59 @@ impl<N: Numbers> Shear<N> {
         let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz)).mul(self.scale[2]).mul(inverse);
         // A zero determinant makes `t` infinite or NaN, and these comparisons then fail for it.
         let there = t.gt(zero) & t.le(N::splat(f32::MAX));
-        let t = t.max(enter);
-        let mask = inside & there & t.le(limit);
-        Candidates { mask, t, weights: [u.mul(inverse), v.mul(inverse), w.mul(inverse)], facing: determinant.mul(self.scale[2]) }
+        let mut mask = inside & there & t.le(limit);
+        let mut raised = t;
+        if mask != 0 {
+            let (mut enter, mut exit) = (zero, N::splat(f32::INFINITY));
+            for k in 0..3 {
+                let inverse = self.inverse[k].spread();
+                let low = a[k].min(b[k]).min(c[k]).sub(padding).sub(self.origin[k]).mul(inverse);
+                let high = a[k].max(b[k]).max(c[k]).add(padding).sub(self.origin[k]).mul(inverse);
+                (enter, exit) = (enter.max(low.min(high)), exit.min(low.max(high)));
+            }
+            raised = t.max(enter.mul(N::splat(NEARER)));
+            mask &= enter.le(exit.mul(N::splat(BOX_SLACK))) & raised.le(limit);
+        }
+        Candidates {
+            mask,
+            t: raised,
+            weights: [u.mul(inverse), v.mul(inverse), w.mul(inverse)],
+            facing: determinant.mul(self.scale[2]),
+        }
     }
 }
 
-/// Tests the triangles of a leaf, whose box the ray enters at `enter`, up to `limit`.
+/// Tests the triangles of a leaf up to `limit`.
 #[inline(always)]
-pub(super) fn intersect<L: Lanes>(leaves: &Leaves, leaf: u32, ray: &Shear<L>, enter: f32, limit: f32) -> Candidates<L> {
+pub(super) fn intersect<L: Lanes>(leaves: &Leaves, leaf: u32, ray: &Shear<L>, limit: f32) -> Candidates<L> {
     let (first, count) = range(leaf);
     let rows = leaves.read(first);
-    let (a, b, c) = (corners_of(rows, 0, count, ray), corners_of(rows, 3, count, ray), corners_of(rows, 6, count, ray));
-    let found = ray.test(a, b, c, L::splat(enter), L::splat(limit));
+    let corners = [corners_of(rows, 0, count, ray), corners_of(rows, 3, count, ray), corners_of(rows, 6, count, ray)];
+    let found = ray.test(corners, L::splat(leaves.padding), L::splat(limit));
     Candidates { mask: found.mask & (EMPTY >> (32 - count)), ..found }
 }
 
-/// Tests one triangle of a leaf against the rays of a packet, which enter the leaf's box at `enter`, up to `limit`.
+/// Tests one triangle of a leaf against the rays of a packet up to `limit`.
 #[inline(always)]
 pub(super) fn intersect_packet<S: Sixteen>(
     leaves: &Leaves,
     leaf: u32,
     lane: usize,
-    rays: &Shear<S>,
-    enter: S,
+    rays: &Shear<S, S>,
     limit: S,
 ) -> Candidates<S> {
     let (first, count) = range(leaf);
     let rows = leaves.read(first);
-    let (a, b, c) =
-        (corner_for(rows, 0, lane, count, rays), corner_for(rows, 3, lane, count, rays), corner_for(rows, 6, lane, count, rays));
-    rays.test(a, b, c, enter, limit)
+    let corners =
+        [corner_for(rows, 0, lane, count, rays), corner_for(rows, 3, lane, count, rays), corner_for(rows, 6, lane, count, rays)];
+    rays.test(corners, S::splat(leaves.padding), limit)
 }
 
-/// The corner of one triangle whose coordinates begin at `row`, relative to the rays and sheared.
+/// The corner of one triangle whose coordinates begin at `row`, axes permuted.
 #[inline(always)]
-fn corner_for<S: Sixteen>(rows: &[f32; READ], row: usize, lane: usize, count: usize, rays: &Shear<S>) -> [S; 3] {
+fn corner_for<S: Sixteen>(rows: &[f32; READ], row: usize, lane: usize, count: usize, rays: &Shear<S, S>) -> [S; 3] {
     let [x, y, z] = [rays.axis[0] & 3, rays.axis[1] & 3, rays.axis[2] & 3];
     let lane = lane & 7;
     let (x, y, z) = (rows[(row + x) * count + lane], rows[(row + y) * count + lane], rows[(row + z) * count + lane]);
-    rays.apply([S::splat(x), S::splat(y), S::splat(z)])
+    [S::splat(x), S::splat(y), S::splat(z)]
 }

@@ -65,7 +65,7 @@ struct Rays<S> {
     origin: [S; 3],
     inverse: [S; 3],
     rows: [usize; 3],
-    shear: Shear<S>,
+    shear: Shear<S, S>,
 }
 
 impl<S: Sixteen> Rays<S> {
@@ -168,11 +168,17 @@ impl<S: Sixteen> Prepared<S> {
         let along = one.div(d[axis[2]]);
         let scale = [d[axis[0]].mul(along), d[axis[1]].mul(along), along];
         let rows = [usize::from(negative[0] != 0), 2 + usize::from(negative[1] != 0), 4 + usize::from(negative[2] != 0)];
+        let permuted = |v: [S; 3]| [v[axis[0]], v[axis[1]], v[axis[2]]];
         Some(Self {
             origins,
             inverses: [inverse[0].store(), inverse[1].store(), inverse[2].store()],
             scales: [scale[0].store(), scale[1].store(), scale[2].store()],
-            rays: Rays { origin: o, inverse, rows, shear: Shear { axis, origin: [o[axis[0]], o[axis[1]], o[axis[2]]], scale } },
+            rays: Rays {
+                origin: o,
+                inverse,
+                rows,
+                shear: Shear { axis, origin: permuted(o), scale, inverse: permuted(inverse) },
+            },
         })
     }
 
@@ -180,8 +186,9 @@ impl<S: Sixteen> Prepared<S> {
     #[inline(always)]
     fn single<L: Lanes>(&self, lane: usize) -> Shear<L> {
         let axis = self.rays.shear.axis;
-        let origin = [self.origins[axis[0]][lane], self.origins[axis[1]][lane], self.origins[axis[2]][lane]];
-        Shear { axis, origin: splat(origin), scale: splat([self.scales[0][lane], self.scales[1][lane], self.scales[2][lane]]) }
+        let permuted = |v: &[[f32; PACKET]; 3]| [v[axis[0]][lane], v[axis[1]][lane], v[axis[2]][lane]];
+        let scale = splat([self.scales[0][lane], self.scales[1][lane], self.scales[2][lane]]);
+        Shear { axis, origin: splat(permuted(&self.origins)), scale, inverse: permuted(&self.inverses) }
     }
 }
 
@@ -279,15 +286,14 @@ fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixt
     if mask == 0 {
         return;
     }
-    let enter = enter.mul(<L::Sixteen as Numbers>::splat(NEARER));
     let (_, count) = leaf::range(leaf);
     let mut changed = 0;
     if (mask.count_ones() as usize) < count {
-        let (enters, limits) = (enter.store(), best.t.store());
+        let limits = best.t.store();
         while mask != 0 {
             let ray = mask.trailing_zeros() as usize % PACKET;
             mask &= mask - 1;
-            let found = leaf::intersect(&tree.leaves, leaf, &packet.single::<L>(ray), enters[ray], limits[ray]);
+            let found = leaf::intersect(&tree.leaves, leaf, &packet.single::<L>(ray), limits[ray]);
             let mut lanes = found.mask;
             if lanes == 0 {
                 continue;
@@ -308,7 +314,7 @@ fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixt
         }
     } else {
         for lane in 0..count {
-            let found = leaf::intersect_packet(&tree.leaves, leaf, lane, &rays.shear, enter, best.t);
+            let found = leaf::intersect_packet(&tree.leaves, leaf, lane, &rays.shear, best.t);
             if found.mask & mask != 0 {
                 let primitive = tree.leaves.primitive(leaf, lane);
                 let beaten = best.beaten(found.mask & mask, found.t, primitive);

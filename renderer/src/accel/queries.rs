@@ -1,6 +1,6 @@
 //! What trees are asked, as kernels that are compiled once a [`Level`](super::Level).
 
-use super::kernel::{Any, Closest, Nearest, STOP, Slabs, Visit, traverse};
+use super::kernel::{Any, Closest, Nearest, Padded, STOP, Slabs, Visit, traverse};
 use super::leaf::{self, Shear};
 use super::simd::{Kernel, Lanes, WIDTH};
 use super::{Accel, Candidate, FLATTENED, Hit, Leaves, Scratch, Stack};
@@ -52,8 +52,8 @@ struct Filtered<'a, L, F> {
 
 impl<L: Lanes, F: Filter> Visit for Filtered<'_, L, F> {
     #[inline(always)]
-    fn leaf(&mut self, leaf: u32, enter: f32, limit: f32) -> f32 {
-        let found = leaf::intersect(self.leaves, leaf, self.shear, enter, limit);
+    fn leaf(&mut self, leaf: u32, _: f32, limit: f32) -> f32 {
+        let found = leaf::intersect(self.leaves, leaf, self.shear, limit);
         let mut mask = found.mask;
         if mask == 0 {
             return limit;
@@ -81,6 +81,15 @@ impl<L: Lanes, F: Filter> Visit for Filtered<'_, L, F> {
     }
 }
 
+/// Goes through `tree` by whichever box test is for this ray.
+#[inline(always)]
+fn search<L: Lanes, const ANY: bool>(tree: &Accel, ray: &Ray, stack: &mut Stack, limit: f32, visit: &mut impl Visit) -> bool {
+    match Padded::<L>::new(ray, tree.leaves.extent()) {
+        Some(padded) => traverse::<L, ANY>(&tree.nodes, &padded, stack, limit, visit),
+        None => traverse::<L, ANY>(&tree.nodes, &Slabs::new(ray), stack, limit, visit),
+    }
+}
+
 /// The nearest triangle of `tree` before `nearest` that counts.
 #[inline(always)]
 pub(super) fn nearest<L: Lanes, F: Filter>(
@@ -94,11 +103,11 @@ pub(super) fn nearest<L: Lanes, F: Filter>(
     let (leaves, shear) = (&tree.leaves, &Shear::<L>::new(ray));
     if F::ALL {
         let mut visit = Closest { leaves, shear, nearest };
-        traverse::<L, false>(&tree.nodes, &Slabs::new(ray), stack, nearest.t, &mut visit);
+        search::<L, false>(tree, ray, stack, nearest.t, &mut visit);
         visit.nearest
     } else {
         let mut visit = Filtered { leaves, shear, instance, filter, nearest, any: false };
-        traverse::<L, false>(&tree.nodes, &Slabs::new(ray), stack, nearest.t, &mut visit);
+        search::<L, false>(tree, ray, stack, nearest.t, &mut visit);
         visit.nearest
     }
 }
@@ -108,11 +117,11 @@ pub(super) fn nearest<L: Lanes, F: Filter>(
 pub(super) fn any<L: Lanes, F: Filter>(tree: &Accel, ray: &Ray, stack: &mut Stack, instance: u32, filter: &F) -> bool {
     let (leaves, shear) = (&tree.leaves, &Shear::<L>::new(ray));
     if F::ALL {
-        traverse::<L, true>(&tree.nodes, &Slabs::new(ray), stack, f32::INFINITY, &mut Any { leaves, shear })
+        search::<L, true>(tree, ray, stack, f32::INFINITY, &mut Any { leaves, shear })
     } else {
         let nearest = Nearest::none(f32::INFINITY, true);
         let mut visit = Filtered { leaves, shear, instance, filter, nearest, any: true };
-        traverse::<L, true>(&tree.nodes, &Slabs::new(ray), stack, f32::INFINITY, &mut visit)
+        search::<L, true>(tree, ray, stack, f32::INFINITY, &mut visit)
     }
 }
 

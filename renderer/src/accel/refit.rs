@@ -28,6 +28,7 @@ impl Accel {
         assert_eq!(triangles.len(), self.triangle_count(), "a tree is refitted to as many triangles as it was built of");
         let extent = triangles.iter().flatten().fold(Vec3A::ZERO, |m, corner| m.max(corner.abs()));
         let padding = padding([-extent, extent]);
+        self.leaves.set_padding(padding.max_element(), extent.max_element());
         let half_area = |[low, high]: [Vec3A; 2]| {
             let d = high - low;
             f64::from(d.x * d.y + d.y * d.z + d.z * d.x)

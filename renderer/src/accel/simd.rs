@@ -1,7 +1,7 @@
 //! Eight numbers at a time: AVX2 and AVX-512 where the processor has them, pairs of `glam::Vec4` everywhere.
 //!
-//! All unsafe code of the crate is here. Every operation is rounded as IEEE 754 says and none is fused, so all levels compute the
-//! same bits; `tests` compares them.
+//! All unsafe code of the crate is here. Every operation is rounded as IEEE 754 says and none but [`Lanes::mul_add`] is fused, which
+//! only tests of boxes use that no hit depends on, so all levels find the same bits; `tests` compares them.
 
 use glam::Vec4;
 use std::sync::OnceLock;
@@ -36,6 +36,7 @@ impl Level {
             let mut found = vec![Self::PORTABLE];
             #[cfg(target_arch = "x86_64")]
             if is_x86_feature_detected!("avx2")
+                && is_x86_feature_detected!("fma")
                 && is_x86_feature_detected!("bmi1")
                 && is_x86_feature_detected!("bmi2")
                 && is_x86_feature_detected!("lzcnt")
@@ -128,6 +129,8 @@ pub(super) trait Lanes: Numbers {
     /// Brings an item that will be wanted soon to the processor; does nothing where there is none, or no such instruction.
     #[inline(always)]
     fn prefetch<T>(_: &[T], _: usize) {}
+    /// `self * by + add`, rounded once or twice: levels differ.
+    fn mul_add(self, by: Self, add: Self) -> Self;
     fn load(from: &[f32; WIDTH]) -> Self;
     fn store(self) -> [f32; WIDTH];
 }
@@ -197,6 +200,10 @@ impl Numbers for Portable {
 
 impl Lanes for Portable {
     type Sixteen = Pair<Self>;
+    #[inline(always)]
+    fn mul_add(self, by: Self, add: Self) -> Self {
+        self.mul(by).add(add)
+    }
     #[inline(always)]
     fn load(&[a, b, c, d, e, f, g, h]: &[f32; WIDTH]) -> Self {
         Self([Vec4::new(a, b, c, d), Vec4::new(e, f, g, h)])
@@ -281,13 +288,13 @@ mod x86 {
     use super::{Kernel, Lanes, Numbers, PACKET, Pair, Sixteen, WIDTH};
     use std::arch::x86_64::*;
 
-    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     #[inline]
     pub(super) fn avx2<K: Kernel>(kernel: K) -> K::Output {
         kernel.run::<Avx2>()
     }
 
-    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512dq,avx512bw")]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512dq,avx512bw")]
     #[inline]
     pub(super) fn avx512<K: Kernel>(kernel: K) -> K::Output {
         kernel.run::<Avx512>()
@@ -349,6 +356,11 @@ mod x86 {
                         // SAFETY: prefetching reads nothing; any address will do.
                         unsafe { _mm_prefetch::<_MM_HINT_T0>(at.wrapping_add(64 * line)) };
                     }
+                }
+                #[inline(always)]
+                fn mul_add(self, by: Self, add: Self) -> Self {
+                    // SAFETY: inlined into `avx2` or `avx512`, which enable the instruction.
+                    Self(unsafe { _mm256_fmadd_ps(self.0, by.0, add.0) })
                 }
                 #[inline(always)]
                 fn load(from: &[f32; WIDTH]) -> Self {
