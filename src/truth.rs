@@ -65,9 +65,6 @@ pub struct TruthSettings {
     denoiser: Option<Mutex<Denoiser>>,
 }
 
-/// From this many samples a pixel on, the guides are clean enough for the denoiser to trust them.
-const CLEAN_GUIDES: u32 = 16;
-
 impl TruthSettings {
     /// Opens the denoiser as `mode` asks; `spp` samples in every pixel.
     pub fn new(spp: u32, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
@@ -76,7 +73,7 @@ impl TruthSettings {
 
     /// As [`Self::new`] with the samples spread as `budget` says.
     pub fn spread(spp: u32, budget: Budget, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
-        let clean_guides = budget.fewest(spp) >= CLEAN_GUIDES;
+        let clean_guides = Settings { spp, budget, ..Settings::default() }.clean_guides();
         let open = || Denoiser::with_options(Options { clean_guides, ..Options::default() });
         let denoiser = match mode {
             DenoiseMode::None => None,

@@ -10,9 +10,6 @@ use serde::Serialize;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// From this many samples a pixel on, the guides are clean enough for the denoiser to trust them.
-const CLEAN_GUIDES: u32 = 16;
-
 /// Time of each stage. A stage that did not run took none.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Stages {
@@ -78,8 +75,7 @@ pub fn timed<T>(f: impl FnOnce() -> Result<T>) -> Result<(T, Spent)> {
 /// # Errors
 /// What the library reports.
 pub fn denoiser(settings: &Settings) -> Result<Option<Denoiser>> {
-    let clean_guides = settings.budget.fewest(settings.spp) >= CLEAN_GUIDES;
-    match Denoiser::with_options(Options { clean_guides, ..Options::default() }) {
+    match Denoiser::with_options(Options { clean_guides: settings.clean_guides(), ..Options::default() }) {
         Ok(denoiser) => Ok(Some(denoiser)),
         Err(DenoiseError::NotBuilt) => Ok(None),
         Err(error) => Err(error.into()),

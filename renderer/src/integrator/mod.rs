@@ -44,6 +44,9 @@ pub enum DirectLight {
     Lights,
 }
 
+/// Camera rays a pixel from which on guides count as clean.
+const CLEAN_GUIDES: u32 = 16;
+
 /// What to render and how well.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -185,6 +188,11 @@ impl Settings {
         let (fewest, largest) = (self.budget.fewest(self.spp), if self.budget == Budget::Uniform { 64 } else { adaptive::STEP });
         let possible = |&b: &u32| b <= self.branches.min(largest) && fewest.is_multiple_of(b) && fewest >= 4 * b;
         (0..7).map(|k| 64 >> k).find(possible).unwrap_or(1)
+    }
+
+    /// Whether coverage, albedo and normal of every pixel are means of enough camera rays for the denoiser to trust them.
+    pub fn clean_guides(&self) -> bool {
+        self.budget.fewest(self.spp) / self.branches() >= CLEAN_GUIDES
     }
 
     /// Camera rays a pixel, on average where pixels have counts of their own.
