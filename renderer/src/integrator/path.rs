@@ -296,7 +296,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     ) -> Option<(Path, Interaction, Vec3A)> {
         let scene = self.scene;
         let skips = self.settings.skips;
-        let [lobe, u, v, survive] = self.points.point(sampler, path.index, 2 * path.vertex - 1);
+        let [u, v, lobe, survive] = self.points.point(sampler, path.index, 2 * path.vertex - 1);
         let scattered = scatterer.sample(lobe, [u, v])?;
         let wi = scattered.wi;
         path.beta *= scattered.weight;
