@@ -1,6 +1,6 @@
 //! Eight numbers at a time: AVX2 and AVX-512 where the processor has them, pairs of `glam::Vec4` everywhere.
 //!
-//! All unsafe code of the crate is here. Every operation is rounded as IEEE 754 says and none but [`Lanes::mul_add`] is fused, which
+//! All unsafe code of the trees is here. Every operation is rounded as IEEE 754 says and none but [`Lanes::mul_add`] is fused, which
 //! only tests of boxes use that no hit depends on, so all levels find the same bits; `tests` compares them.
 
 use glam::Vec4;

@@ -238,7 +238,8 @@ impl Plan {
             self.counts[pixel].max(steps.saturating_mul(step).min(MOST))
         };
         let counts = |scale: f64| (0..importance.len()).into_par_iter().map(|pixel| count(pixel, scale)).collect::<Vec<_>>();
-        let cost = |scale: f64| (0..importance.len()).into_par_iter().map(|pixel| self.cost_of(pixel, count(pixel, scale))).sum::<u64>();
+        let cost =
+            |scale: f64| (0..importance.len()).into_par_iter().map(|pixel| self.cost_of(pixel, count(pixel, scale))).sum::<u64>();
         let affordable = |scale: f64| cost(scale) as f64 <= budget;
         // The largest scale that is affordable, to five digits: the bits of positive numbers are in the order of their values.
         let (mut low, mut high) = (1e-20_f64.to_bits(), 1e20_f64.to_bits());

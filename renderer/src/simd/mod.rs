@@ -4,28 +4,13 @@
 //! instructions with three operands, rounding, fused multiply-add where the code asks for it (a call otherwise), vectors of eight.
 //! Rust never contracts or reorders floating-point operations, so that both give the same bits.
 
-use std::sync::OnceLock;
+#[cfg(target_arch = "x86_64")]
+use crate::accel::Level;
 
 /// Something to run. `run` must be `#[inline(always)]`, and all it calls that should be compiled for the same processor inlined.
 pub(crate) trait Work {
     type Output;
     fn run(self) -> Self::Output;
-}
-
-/// Whether the processor has what [`avx2`] asks for. `RENDERFLOW_SIMD=portable` in the environment says no; read once.
-#[cfg(target_arch = "x86_64")]
-#[inline]
-fn has_avx2() -> bool {
-    static FOUND: OnceLock<bool> = OnceLock::new();
-    *FOUND.get_or_init(|| {
-        std::env::var("RENDERFLOW_SIMD").map_or(true, |wanted| wanted != "portable")
-            && is_x86_feature_detected!("avx2")
-            && is_x86_feature_detected!("fma")
-            && is_x86_feature_detected!("bmi1")
-            && is_x86_feature_detected!("bmi2")
-            && is_x86_feature_detected!("lzcnt")
-            && is_x86_feature_detected!("popcnt")
-    })
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -39,8 +24,8 @@ fn avx2<W: Work>(work: W) -> W::Output {
 #[allow(unsafe_code)]
 pub(crate) fn run<W: Work>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
-    if has_avx2() {
-        // SAFETY: the processor has the features that the function was compiled for.
+    if Level::best() != Level::PORTABLE {
+        // SAFETY: every other level exists only where the processor has the features that the function was compiled for.
         return unsafe { avx2(work) };
     }
     portable(work)

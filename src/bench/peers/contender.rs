@@ -5,7 +5,7 @@ use crate::bench::clock::{Clock, Elapsed, Of};
 use crate::truth::Interrupted;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_renderer::{Budget, RenderScene, Settings, render};
+use renderflow_renderer::{Budget, Channels, RenderScene, Settings, render};
 use renderflow_scenes::LoadedScene;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -130,7 +130,9 @@ impl Contender {
                 }
                 let (_, scene) = ours.compiled.as_ref().context("no scene is compiled")?;
                 let budget = if self.kind.id == ADAPTIVE { Budget::Average } else { Budget::Uniform };
-                let settings = Settings { spp, max_bounces: shot.max_bounces, budget, ..Settings::default() };
+                // What the others render, too: the beauty.
+                let channels = Channels::BEAUTY;
+                let settings = Settings { spp, max_bounces: shot.max_bounces, budget, channels, ..Settings::default() };
                 let clock = Clock::start(Of::Process);
                 let frame = render(scene, &settings, &|_, _| (), cancel);
                 let elapsed = clock.elapsed();

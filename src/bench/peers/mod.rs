@@ -170,7 +170,7 @@ impl Options {
             + contenders.len() as u64 * u64::from(repeats + 1) * u64::from(pictures);
         let progress = Progress::new("peers", names.len() as u64 * of_scene);
         let mut run = Run { options: &self, settings, repeats, contenders, measured, progress, cancel };
-        println!("ours: {} BRDF, with every channel of the G-buffer in its time", run.settings.bsdf);
+        println!("ours: {} BRDF; the beauty alone, as the others", run.settings.bsdf);
         for (index, name) in names.iter().enumerate() {
             run.progress.set(index as u64 * of_scene);
             run.scene(name)?;
