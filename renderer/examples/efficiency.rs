@@ -10,13 +10,13 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use glam::{Affine3A, Quat, Vec3, Vec3A};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Camera, Environment};
 use renderflow_renderer::{RenderScene, Settings};
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::load::load;
-use renderflow_scenes::{LoadedScene, Material, Mesh};
+use renderflow_scenes::{LoadedScene, Material};
 use std::error::Error;
 use std::f32::consts::FRAC_PI_2;
 use std::path::{Path, PathBuf};
@@ -262,34 +262,12 @@ fn corner(environment: &Environment, camera: Camera) -> LoadedScene {
     common::scene(parts, environment.clone(), camera)
 }
 
-/// Walls of a room of 4 x 3 x 6 m whose only opening is a window of 1.6 x 1.2 m towards the sun.
-fn walls() -> Mesh {
-    let mut mesh = Mesh { name: "room".into(), ..Mesh::default() };
-    let mut quad = |corners: [[f32; 3]; 4]| {
-        let first = mesh.positions.len() as u32;
-        mesh.positions.extend(corners.map(Vec3::from_array));
-        mesh.uvs.extend([Vec2::ZERO; 4]);
-        mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-    };
-    let (x, y, z) = (2.0, 3.0, 3.0);
-    quad([[-x, 0.0, -z], [-x, 0.0, z], [x, 0.0, z], [x, 0.0, -z]]);
-    quad([[-x, y, -z], [x, y, -z], [x, y, z], [-x, y, z]]);
-    quad([[-x, 0.0, -z], [-x, y, -z], [x, y, -z], [x, 0.0, -z]]);
-    quad([[-x, 0.0, z], [x, 0.0, z], [x, y, z], [-x, y, z]]);
-    quad([[-x, 0.0, -z], [-x, 0.0, z], [-x, y, z], [-x, y, -z]]);
-    let (bottom, top, near, far) = (1.0, 2.2, -0.8, 0.8);
-    for (y0, y1, z0, z1) in [(0.0, bottom, -z, z), (top, y, -z, z), (bottom, top, -z, near), (bottom, top, far, z)] {
-        quad([[x, y0, z0], [x, y0, z1], [x, y1, z1], [x, y1, z0]]);
-    }
-    mesh
-}
-
 /// A dull ball and a metal one in a room with a window.
 fn room(environment: &Environment, camera: Camera) -> LoadedScene {
     let small =
         |x: f32, z: f32| Affine3A::from_scale_rotation_translation(Vec3::splat(0.6), Quat::IDENTITY, Vec3::new(x, 0.6, z));
     let parts = vec![
-        (walls(), material([0.7, 0.68, 0.62], 0.0, 0.9), Affine3A::IDENTITY),
+        (common::walls(), material([0.7, 0.68, 0.62], 0.0, 0.9), Affine3A::IDENTITY),
         (common::sphere(24, true), material([0.8, 0.3, 0.2], 0.0, 0.3), small(-0.7, 0.4)),
         (common::sphere(24, true), material([0.9, 0.9, 0.92], 1.0, 0.15), small(0.7, 0.0)),
     ];

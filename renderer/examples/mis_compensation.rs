@@ -6,12 +6,12 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use glam::{Affine3A, Vec2, Vec3, Vec3A};
+use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Camera, Environment, hdr};
 use renderflow_renderer::light::Sampling;
 use renderflow_renderer::{RenderScene, Settings};
-use renderflow_scenes::{LoadedScene, Material, Mesh};
+use renderflow_scenes::{LoadedScene, Material};
 use std::error::Error;
 
 const SIDE: usize = 64;
@@ -116,25 +116,8 @@ fn open(material: &Material, environment: &Environment) -> LoadedScene {
 
 /// A room of 4 x 3 x 6 m whose only opening is a window of 1.6 x 1.2 m towards the sun.
 fn room(material: &Material, environment: &Environment) -> LoadedScene {
-    let mut mesh = Mesh { name: "room".into(), ..Mesh::default() };
-    let mut quad = |corners: [[f32; 3]; 4]| {
-        let first = mesh.positions.len() as u32;
-        mesh.positions.extend(corners.map(Vec3::from_array));
-        mesh.uvs.extend([Vec2::ZERO; 4]);
-        mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-    };
-    let (x, y, z) = (2.0, 3.0, 3.0);
-    quad([[-x, 0.0, -z], [-x, 0.0, z], [x, 0.0, z], [x, 0.0, -z]]);
-    quad([[-x, y, -z], [x, y, -z], [x, y, z], [-x, y, z]]);
-    quad([[-x, 0.0, -z], [-x, y, -z], [-x, y, z], [-x, 0.0, z]]);
-    quad([[-x, 0.0, -z], [x, 0.0, -z], [x, y, -z], [-x, y, -z]]);
-    quad([[-x, 0.0, z], [-x, y, z], [x, y, z], [x, 0.0, z]]);
-    let (bottom, top, near, far) = (1.0, 2.2, -0.8, 0.8);
-    for (y0, y1, z0, z1) in [(0.0, bottom, -z, z), (top, y, -z, z), (bottom, top, -z, near), (bottom, top, far, z)] {
-        quad([[x, y0, z0], [x, y0, z1], [x, y1, z1], [x, y1, z0]]);
-    }
     let parts = vec![
-        (mesh, Material { specular: 0.0, ..Material::default() }, Affine3A::IDENTITY),
+        (common::walls(), Material { specular: 0.0, ..Material::default() }, Affine3A::IDENTITY),
         (common::sphere(24, true), material.clone(), Affine3A::from_translation(Vec3::Y)),
     ];
     common::scene(parts, environment.clone(), camera([-1.6, 1.6, -2.6], [0.0, 1.0, 0.0], 60.0))

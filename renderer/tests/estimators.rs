@@ -54,13 +54,13 @@ fn scene_of(lamp: bool) -> RenderScene {
 fn branches_keep_the_mean() {
     for lamp in [false, true] {
         let settings = |branches, spp| Settings { spp, branches, ..Settings::default() };
-        let (one, one_error) = over_seeds(12, lamp, &settings(1, 128));
+        let (one, one_error) = over_seeds(24, lamp, &settings(1, 512));
         for branches in [2, 8] {
-            let (many, many_error) = over_seeds(12, lamp, &settings(branches, 128));
+            let (many, many_error) = over_seeds(24, lamp, &settings(branches, 512));
             let error = one_error.hypot(many_error);
             println!("lamp {lamp}: {one:.5} with one branch, {many:.5} with {branches}, {error:.1e}");
             assert!((many - one).abs() < 4.0 * error, "{} standard errors", (many - one) / error);
-            assert!(error < 0.01 * one, "too noisy to tell");
+            assert!(error < 0.003 * one, "too noisy to tell");
         }
     }
 }

@@ -143,3 +143,25 @@ pub fn check_frame(frame: &Frame) {
         assert!(image.pixels.iter().flatten().all(|v| v.is_finite()));
     }
 }
+
+/// Walls of a room of 4 x 3 x 6 m whose only opening is a window of 1.6 x 1.2 m towards the sun.
+pub fn walls() -> Mesh {
+    let mut mesh = Mesh { name: "room".into(), ..Mesh::default() };
+    let mut quad = |corners: [[f32; 3]; 4]| {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(corners.map(Vec3::from_array));
+        mesh.uvs.extend([Vec2::ZERO; 4]);
+        mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    };
+    let (x, y, z) = (2.0, 3.0, 3.0);
+    quad([[-x, 0.0, -z], [-x, 0.0, z], [x, 0.0, z], [x, 0.0, -z]]);
+    quad([[-x, y, -z], [x, y, -z], [x, y, z], [-x, y, z]]);
+    quad([[-x, 0.0, -z], [-x, y, -z], [x, y, -z], [x, 0.0, -z]]);
+    quad([[-x, 0.0, z], [x, 0.0, z], [x, y, z], [-x, y, z]]);
+    quad([[-x, 0.0, -z], [-x, 0.0, z], [-x, y, z], [-x, y, -z]]);
+    let (bottom, top, near, far) = (1.0, 2.2, -0.8, 0.8);
+    for (y0, y1, z0, z1) in [(0.0, bottom, -z, z), (top, y, -z, z), (bottom, top, -z, near), (bottom, top, far, z)] {
+        quad([[x, y0, z0], [x, y0, z1], [x, y1, z1], [x, y1, z0]]);
+    }
+    mesh
+}
