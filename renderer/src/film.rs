@@ -161,6 +161,38 @@ impl GuideStatistics {
     }
 }
 
+/// What light paths brought to one pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct LightStatistics {
+    sum: Sum,
+    squares: DVec3,
+}
+
+impl LightStatistics {
+    /// Adds what a light path brought.
+    #[inline]
+    pub fn push(&mut self, radiance: Vec3A) {
+        let value = radiance.as_dvec3();
+        self.sum.add(value, DVec3::ZERO);
+        self.squares += value * value;
+    }
+
+    pub fn merge(&mut self, other: &Self) {
+        self.sum.add(other.sum.high, other.sum.low);
+        self.squares += other.squares;
+    }
+
+    /// Radiance by the light paths of `samples` samples a pixel.
+    pub fn mean(&self, samples: u32) -> DVec3 {
+        self.sum.high / f64::from(samples.max(1))
+    }
+
+    /// Variance of that mean: few of many light paths come to a pixel.
+    pub fn variance_of_mean(&self, samples: u32) -> DVec3 {
+        self.squares / f64::from(samples.max(1)).powi(2)
+    }
+}
+
 /// Sums of one pixel's light groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct GroupStatistics {
@@ -182,6 +214,18 @@ impl GroupStatistics {
         for (sum, value) in self.sums.iter_mut().zip(&other.sums) {
             *sum += *value;
         }
+    }
+
+    /// Adds to one group alone.
+    pub fn push_to(&mut self, group: usize, radiance: Vec3A) {
+        if let Some(sum) = self.sums.get_mut(group) {
+            *sum += radiance.as_dvec3();
+        }
+    }
+
+    /// The sum of a group over `count`.
+    pub fn sum_over(&self, group: usize, count: u32) -> [f32; 3] {
+        mean(self.sums[group], count.into())
     }
 
     pub fn mean(&self, group: usize) -> [f32; 3] {

@@ -18,6 +18,9 @@ pub struct Stats {
     pub skipped_rays: u64,
     /// Samples whose radiance was NaN or infinite; each contributed 0 to its pixel.
     pub non_finite_samples: u64,
+    /// Light paths.
+    #[serde(default)]
+    pub light_paths: u64,
     /// Contributions that [`crate::Settings::clamp_indirect`] limited.
     #[serde(default)]
     pub clamped_contributions: u64,
@@ -31,6 +34,7 @@ impl AddAssign for Stats {
         self.shadow_rays += other.shadow_rays;
         self.skipped_rays += other.skipped_rays;
         self.non_finite_samples += other.non_finite_samples;
+        self.light_paths += other.light_paths;
         self.clamped_contributions += other.clamped_contributions;
     }
 }

@@ -2,14 +2,16 @@
 
 use super::Settings;
 use super::adaptive::Budget;
+use super::light_paths::{Casters, Deposit, trace as trace_light};
 use super::path::{SHOTS, Shot, Tracer};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::{Features, with_features};
-use crate::film::{GroupStatistics, GuideStatistics, PixelStatistics};
+use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
 use crate::integrator::gbuffer::Visible;
 use crate::schedule::{self, Progress, Tile};
 use crate::stats::Stats;
+use glam::{DVec3, Vec3};
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -37,6 +39,20 @@ pub struct Film {
     pub(super) guides: Vec<GuideStatistics>,
     /// Empty unless light groups were asked for.
     pub(super) groups: Vec<GroupStatistics>,
+    /// What light paths brought.
+    #[serde(default)]
+    pub(super) light: Light,
+}
+
+/// What the light paths of a picture brought.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Light {
+    /// Samples a pixel whose light paths they are.
+    samples: u32,
+    /// Empty where there are none.
+    pixels: Vec<LightStatistics>,
+    /// Empty unless light groups were asked for.
+    groups: Vec<GroupStatistics>,
 }
 
 fn one() -> u32 {
@@ -73,6 +89,7 @@ impl Film {
             pixels: vec![PixelStatistics::default(); count],
             guides: vec![GuideStatistics::default(); count],
             groups: vec![GroupStatistics::default(); if settings.light_groups > 0 { count } else { 0 }],
+            light: Light::default(),
         }
     }
 
@@ -102,19 +119,36 @@ impl Film {
     /// Fills the beauty's channels.
     pub(super) fn develop(&self, frame: &mut Frame, settings: &Settings) {
         let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
-        frame.raw = Some(image(self.pixels.iter().map(PixelStatistics::mean).collect()));
-        frame.variance =
-            settings.channels.variance.then(|| image(self.pixels.iter().map(PixelStatistics::variance_of_mean).collect()));
+        let whole = 0..self.pixels.len();
+        frame.raw = Some(self.mean());
+        frame.variance = settings.channels.variance.then(|| {
+            let most = DVec3::splat(f32::MAX.into());
+            image(whole.map(|at| self.variance_of_mean(at).min(most).as_vec3().to_array()).collect())
+        });
         frame.samples = self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() });
         for (group, light) in frame.light.iter_mut().enumerate().take(settings.light_groups as usize) {
-            *light = Some(image(self.groups.iter().map(|g| g.mean(group)).collect()));
+            let paths = |at: usize| self.light.groups.get(at).map_or([0.0; 3], |g| g.sum_over(group, self.light.samples));
+            let pixel = |(at, g): (usize, &GroupStatistics)| (Vec3::from(g.mean(group)) + Vec3::from(paths(at))).to_array();
+            *light = Some(image(self.groups.iter().enumerate().map(pixel).collect()));
         }
     }
 
     /// Mean radiance of the samples so far, 0 without any.
     pub fn mean(&self) -> Image<[f32; 3]> {
-        let pixels = self.pixels.iter().map(PixelStatistics::mean).collect();
+        let pixels = (0..self.pixels.len()).map(|at| self.mean_of(at).as_vec3().to_array()).collect();
         Image { width: self.width, height: self.height, pixels }
+    }
+
+    /// Mean radiance of a pixel.
+    pub(super) fn mean_of(&self, at: usize) -> DVec3 {
+        let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.mean(self.light.samples));
+        self.pixels[at].mean_f64() + light
+    }
+
+    /// Variance of that mean.
+    pub(super) fn variance_of_mean(&self, at: usize) -> DVec3 {
+        let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.variance_of_mean(self.light.samples));
+        self.pixels[at].variance_of_mean_f64() + light
     }
 
     /// Samples a pixel so far, on average where pixels have counts of their own.
@@ -166,7 +200,20 @@ impl Film {
         self.pixels.iter_mut().zip(&other.pixels).for_each(|(a, b)| a.merge(b));
         self.guides.iter_mut().zip(&other.guides).for_each(|(a, b)| a.merge(b));
         self.groups.iter_mut().zip(&other.groups).for_each(|(a, b)| a.merge(b));
+        self.light.merge(&other.light);
         Ok(())
+    }
+}
+
+impl Light {
+    fn merge(&mut self, other: &Self) {
+        self.samples += other.samples;
+        if self.pixels.is_empty() {
+            (self.pixels, self.groups) = (other.pixels.clone(), other.groups.clone());
+        } else {
+            self.pixels.iter_mut().zip(&other.pixels).for_each(|(a, b)| a.merge(b));
+            self.groups.iter_mut().zip(&other.groups).for_each(|(a, b)| a.merge(b));
+        }
     }
 }
 
@@ -207,10 +254,40 @@ pub(super) struct Work<'a> {
     pub scene: &'a RenderScene,
     pub settings: &'a Settings,
     pub visible: &'a Visible,
+    pub casters: Option<&'a Casters>,
     pub cancel: &'a AtomicBool,
 }
 
 impl Work<'_> {
+    /// Light paths of the samples `samples`.
+    pub fn light_paths(&self, samples: &Range<u32>) -> u64 {
+        self.casters.map_or(0, |casters| casters.paths() * samples.len() as u64)
+    }
+
+    /// Traces the light paths of the samples `samples` a pixel, which `film` does not hold yet.
+    pub fn trace_light(&self, film: &mut Film, samples: Range<u32>, meter: (&Meter<'_>, u64)) -> Result<Stats> {
+        let Some(casters) = self.casters.filter(|_| !samples.is_empty()) else { return Ok(Stats::default()) };
+        film.light.samples += samples.len() as u32;
+        film.light.pixels.resize(film.pixels.len(), LightStatistics::default());
+        film.light.groups.resize(film.groups.len(), GroupStatistics::default());
+        let groups = self.settings.groups(self.scene);
+        let light = &mut film.light;
+        let mut store = |deposit: Deposit| {
+            let at = deposit.pixel as usize;
+            light.pixels[at].push(deposit.radiance);
+            if let Some((sums, groups)) = light.groups.get_mut(at).zip(groups.as_ref()) {
+                sums.push_to(groups.group(deposit.wi), deposit.radiance);
+            }
+        };
+        let done = |paths: u64| meter.0.add(paths, meter.1);
+        let (scene, settings) = (self.scene, self.settings);
+        with_features!(
+            settings.needed(scene),
+            settings.full(),
+            trace_light(scene, settings, casters, samples, self.cancel, &done, &mut store)
+        )
+    }
+
     /// Traces the samples `span(pixel)` of every pixel and adds them to `film`, in the order of their numbers and on top of the sums
     /// so far: a film made in rounds is that made at once, bit for bit. `meter` comes with the total to compare with.
     pub fn trace(&self, film: &mut Film, span: &(dyn Fn(usize) -> Range<u32> + Sync), meter: (&Meter<'_>, u64)) -> Result<Stats> {
@@ -228,7 +305,7 @@ struct Tally {
 }
 
 fn trace<F: Features>(
-    Work { scene, settings, visible, cancel }: Work<'_>,
+    Work { scene, settings, visible, casters, cancel }: Work<'_>,
     film: &mut Film,
     span: &(dyn Fn(usize) -> Range<u32> + Sync),
     (meter, total): (&Meter<'_>, u64),
@@ -248,7 +325,7 @@ fn trace<F: Features>(
                 tally.groups.extend(film.groups.get(at));
             }
         }
-        let mut tracer = Tracer::<F>::new(scene, settings);
+        let mut tracer = Tracer::<F>::new(scene, settings, casters);
         let mut samples = 0;
         // Shots with the places of their pixels in the tile. Sixteen may be of several pixels: in the rounds of an adaptive picture a
         // pixel has but few.

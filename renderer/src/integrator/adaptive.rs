@@ -19,9 +19,10 @@
 //! 0.70 and 0.66 of even samples; counts in proportion to the true deviations, pooled over 5 x 5 pixels, would give 0.36 at 64.
 //! On a composed scene whose noise is rare bright samples (96 x 96): 0.151 at 16 and 0.264 at 64 in place of 0.157 and 0.251.
 
-use super::Settings;
+use super::{Settings, mean};
 use super::accumulate::{Film, Meter, Work};
 use super::gbuffer::Visible;
+use super::light_paths::Casters;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::film::PixelStatistics;
@@ -145,7 +146,8 @@ pub(super) fn render(
 ) -> Result<(Film, Stats)> {
     let started = Instant::now();
     let (width, height) = (scene.camera().width, scene.camera().height);
-    let work = Work { scene, settings, visible, cancel };
+    let casters = Casters::find(scene, settings);
+    let work = Work { scene, settings, visible, casters: casters.as_ref(), cancel };
     let mut film = Film::new(scene, settings, 0..settings.spp, None);
     let mut plan = Plan {
         seed: hash::child(hash::child(scene.seed, scene.frame() as u64), 0x4144_4150),
@@ -168,12 +170,14 @@ pub(super) fn render(
     let first = plan.cost(&target) as f64;
     let mut budget = first;
     for round in 1.. {
-        let samples = plan.samples(&target);
+        let light = mean(&plan.counts)..mean(&target);
+        let samples = plan.samples(&target) + work.light_paths(&light);
         // What is left is guessed from what the budget says; the last round knows.
         let total = meter.done() + samples;
         let expected = (samples as f64 * (most / budget.max(1.0))).max(total as f64) as u64;
         let last = round > ROUNDS || settings.spp == fewest;
         let total = if settings.budget == Budget::Average && !last { expected } else { total };
+        stats += work.trace_light(&mut film, light, (&meter, total))?;
         let span = |pixel: usize| plan.counts[pixel]..target[pixel];
         stats += work.trace(&mut film, &span, (&meter, total))?;
         plan.counts.clone_from(&target);

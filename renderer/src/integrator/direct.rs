@@ -17,7 +17,8 @@ impl<F: Features> Tracer<'_, F> {
         sampler: &PixelSampler,
         path: &Path,
         surface: &Interaction,
-        scatterer: &Scatterer<'_, F>,
+        (bsdf, scatterer): (&F::Bsdf, &Scatterer<'_, F>),
+        wo: Vec3A,
     ) {
         let scene = self.scene;
         if !scene.samples_lights::<F>() || self.settings.direct == DirectLight::Scattering {
@@ -42,7 +43,15 @@ impl<F: Features> Tracer<'_, F> {
             Source::Emitter { id, barycentrics, .. } => (scene.emitted(id, barycentrics), Origin::Emitter),
         };
         let weight = match self.settings.direct {
-            DirectLight::Mis => mis_weight(light.pdf, path.draws() * scattering.pdf),
+            DirectLight::Mis => {
+                let rest = if matches!(origin, Origin::Environment(_)) {
+                    self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi))
+                } else {
+                    0.0
+                };
+                let scattering = path.draws() * scattering.pdf / light.pdf;
+                1.0 / (1.0 + scattering * scattering + rest * rest)
+            }
             _ => 1.0,
         };
         let contribution = path.beta * scattering.f_cos * radiance * (weight / light.pdf);
@@ -57,7 +66,14 @@ impl<F: Features> Tracer<'_, F> {
     /// What the environment sends along `wi`, weighed against its own sampling having found that direction. `pdf` is the density of
     /// `wi` times the number of draws.
     #[inline(always)]
-    pub(super) fn environment_behind(&self, wi: Vec3A, pdf: f32) -> Vec3A {
+    pub(super) fn environment_behind(
+        &self,
+        (wi, pdf): (Vec3A, f32),
+        path: &Path,
+        surface: &Interaction,
+        scatterer: (&F::Bsdf, &Scatterer<'_, F>),
+        wo: Vec3A,
+    ) -> Vec3A {
         if F::FLAT_ENVIRONMENT || self.settings.direct == DirectLight::Scattering {
             return self.scene.light().radiance(wi);
         }
@@ -65,7 +81,28 @@ impl<F: Features> Tracer<'_, F> {
             return Vec3A::ZERO;
         }
         let (radiance, light_pdf) = self.scene.environment_and_pdf::<F>(wi);
-        radiance * mis_weight(pdf, light_pdf)
+        // Where light is not drawn no light paths come from either.
+        if light_pdf == 0.0 {
+            return radiance;
+        }
+        let rest = self.light_paths(path, surface, scatterer, (wo, wi));
+        let light = light_pdf / pdf;
+        radiance / (1.0 + light * light * (1.0 + rest * rest))
+    }
+
+    /// Density of light paths over that of light samples, of the path that leaves `surface` along `wi`, and came from `wo`.
+    #[inline(always)]
+    fn light_paths(
+        &self,
+        path: &Path,
+        surface: &Interaction,
+        scatterer: (&F::Bsdf, &Scatterer<'_, F>),
+        (wo, wi): (Vec3A, Vec3A),
+    ) -> f32 {
+        match self.casters {
+            Some(casters) if path.vertex == 2 => casters.ratio::<F>(self.scene, path.reach, surface, scatterer, (wo, wi)),
+            _ => 0.0,
+        }
     }
 
     /// Weight of the emission of `at`, met at `distance` along `wi`; `pdf` as for [`Self::environment_behind`].

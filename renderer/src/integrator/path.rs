@@ -1,6 +1,7 @@
 //! Unidirectional path tracing with sampled lights and multiple importance sampling.
 
 use super::Settings;
+use super::light_paths::Casters;
 use super::scatter::Scatterer;
 use crate::accel::{Hit, Scratch};
 use crate::compile::RenderScene;
@@ -52,6 +53,8 @@ pub(super) struct Tracer<'a, F: Features> {
     pub(super) settings: &'a Settings,
     /// Samples that share a camera ray.
     branches: u32,
+    /// The bodies that light paths are aimed at, where there are any.
+    pub(super) casters: Option<&'a Casters>,
     /// Directions of the light groups, where asked for.
     directions: Option<LightGroups>,
     /// Largest contribution of indirect light, as it counts for one branch.
@@ -129,15 +132,13 @@ fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]: [f32; 4],
 }
 
 impl<'a, F: Features> Tracer<'a, F> {
-    pub fn new(scene: &'a RenderScene, settings: &'a Settings) -> Self {
-        let groups = settings.light_groups as usize;
+    pub fn new(scene: &'a RenderScene, settings: &'a Settings, casters: Option<&'a Casters>) -> Self {
         Self {
             scene,
             settings,
-            directions: LightGroups::new(groups, scene.environment().rotation)
-                .ok()
-                .map(|groups| if scene.features().emitters { groups.with_emitters() } else { groups }),
+            directions: settings.groups(scene),
             branches: settings.branches(),
+            casters,
             limit: settings.clamp_indirect.unwrap_or(f32::INFINITY),
             radiance: Vec3A::ZERO,
             groups: [Vec3A::ZERO; LIGHT_GROUPS],
@@ -147,7 +148,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             scratch: Scratch::default(),
             points: Points::default(),
             ahead: Ahead::default(),
-            bsdfs: if settings.bsdf == Mode::Conserving { scene.bsdfs() } else { &[] },
+            bsdfs: settings.bsdfs(scene),
             stats: Stats::default(),
             features: std::marker::PhantomData,
         }
@@ -255,12 +256,12 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
         let branches = self.branches as f32;
         // One light sample for all branches, with the camera's numbers.
-        let whole = Path { vertex: 1, index, beta: Vec3A::ONE, branches };
-        self.sample_light(sampler, &whole, &first, &split);
+        let whole = Path { vertex: 1, index, beta: Vec3A::ONE, branches, reach: 0.0 };
+        self.sample_light(sampler, &whole, &first, (bsdf, &split), wo);
         for branch in 0..self.branches {
             // Each goes on with numbers of its own, which are stratified over all branches of all samples of the pixel.
             let path = Path { index: index * self.branches + branch, beta: Vec3A::splat(1.0 / branches), ..whole };
-            if let Some((path, surface, wo)) = self.scatter(sampler, path, &first, &split) {
+            if let Some((path, surface, wo)) = self.scatter(sampler, path, &first, (bsdf, &split), wo) {
                 self.follow(sampler, path, surface, wo);
             }
         }
@@ -277,8 +278,8 @@ impl<'a, F: Features> Tracer<'a, F> {
             if self.settings.skips.black_surfaces && scatterer.is_black() {
                 break;
             }
-            self.sample_light(sampler, &path, &surface, &scatterer);
-            match self.scatter(sampler, path, &surface, &scatterer) {
+            self.sample_light(sampler, &path, &surface, (bsdf, &scatterer), wo);
+            match self.scatter(sampler, path, &surface, (bsdf, &scatterer), wo) {
                 Some(next) => (path, surface, wo) = next,
                 None => break,
             }
@@ -292,7 +293,8 @@ impl<'a, F: Features> Tracer<'a, F> {
         sampler: &PixelSampler,
         mut path: Path,
         surface: &Interaction,
-        scatterer: &Scatterer<'_, F>,
+        (bsdf, scatterer): (&F::Bsdf, &Scatterer<'_, F>),
+        wo: Vec3A,
     ) -> Option<(Path, Interaction, Vec3A)> {
         let scene = self.scene;
         let skips = self.settings.skips;
@@ -310,7 +312,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         let last = path.vertex == self.settings.max_bounces;
         if last && !(F::FULL && scene.features().emitters) {
             // No surface beyond: only whether something stands in the way matters.
-            let contribution = path.beta * self.environment_behind(wi, pdf);
+            let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
             if contribution != Vec3A::ZERO || !skips.zero_contributions {
                 self.stats.shadow_rays += 1;
                 let hidden = if skips.last_any_hit {
@@ -326,7 +328,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
         self.stats.bounce_rays += 1;
         let Some(hit) = scene.trace::<F>(&ray, &mut self.scratch) else {
-            let contribution = path.beta * self.environment_behind(wi, pdf);
+            let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
             self.add_scattered(&path, contribution, Origin::Environment(wi));
             return None;
         };
@@ -335,6 +337,9 @@ impl<'a, F: Features> Tracer<'a, F> {
         if F::FULL && next.emitted != Vec3A::ZERO {
             let weight = self.emitter_weight(&next, wi, hit.t, pdf);
             self.add_scattered(&path, path.beta * next.emitted * weight, Origin::Emitter);
+        }
+        if path.vertex == 1 && let Some(casters) = self.casters {
+            path.reach = casters.reach(scene, surface, wo, wi, scattered.pdf);
         }
         path.vertex += 1;
         (!last).then_some((path, next, -wi))
@@ -366,6 +371,8 @@ pub(super) struct Path {
     pub beta: Vec3A,
     /// Into how many the first surface splits the path.
     pub branches: f32,
+    /// Of the first surface, what the density of light paths depends on.
+    pub reach: f32,
 }
 
 impl Path {
@@ -394,7 +401,7 @@ impl Path {
 
 /// The BSDF at `surface`: that of its material where that is the same everywhere, or else `own`.
 #[inline(always)]
-fn bsdf_of<'b, F: Features>(
+pub(super) fn bsdf_of<'b, F: Features>(
     bsdfs: &'b [Option<Prepared>],
     surface: &Interaction,
     mode: Mode,
@@ -428,8 +435,8 @@ mod tests {
             .map(|(at, index)| Shot { sampler: settings.random(&scene, at), pixel: (at % 24, at / 24), index, seen: at % 5 > 0 })
             .collect();
         let (mut together, mut alone) = (
-            Tracer::<Compiled<false, false, false>>::new(&scene, &settings),
-            Tracer::<Compiled<false, false, false>>::new(&scene, &settings),
+            Tracer::<Compiled<false, false, false>>::new(&scene, &settings, None),
+            Tracer::<Compiled<false, false, false>>::new(&scene, &settings, None),
         );
         let mut met = 0;
         for shots in shots.chunk_by(|a, b| a.seen == b.seen).flat_map(|run| run.chunks(SHOTS)) {

@@ -73,6 +73,13 @@ impl<'a, F: Features> Scatterer<'a, F> {
         }
     }
 
+    /// Density of drawing `wo`, from where this is seen, if it were seen from `wi`, with its shading normal as it is.
+    #[inline(always)]
+    pub fn reversed_pdf(&self, bsdf: &F::Bsdf, wo: Vec3A, wi: Vec3A) -> f32 {
+        let Self { frame, n, lean, mode, .. } = *self;
+        Scatterer::<F> { view: bsdf.view(frame.to_local(wi)), frame, n, lean, mode }.eval(wo).pdf
+    }
+
     /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it.
     #[inline(always)]
     fn folded(&self, wi: Vec3A, cos: f32) -> Option<Vec3A> {
@@ -104,6 +111,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
 }
 
 /// Orthonormal frame with the shading normal as +z.
+#[derive(Clone, Copy)]
 struct ShadingFrame {
     t: Vec3A,
     b: Vec3A,

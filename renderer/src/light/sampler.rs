@@ -76,6 +76,12 @@ impl LightSampler {
         Self { environment, emitters, environment_units, environment_share }
     }
 
+    /// Share of light samples that go to the environment.
+    #[inline(always)]
+    pub(crate) fn environment_share(&self) -> f32 {
+        self.environment_share
+    }
+
     /// The environment.
     pub fn environment(&self) -> &EnvironmentLight {
         &self.environment

@@ -3,7 +3,7 @@
 use crate::sampler::{Sampler, hash};
 
 /// Points of sobol_burley's sequence before its scramble must change.
-pub(super) const SEQUENCE: u32 = 1 << 16;
+pub(crate) const SEQUENCE: u32 = 1 << 16;
 
 /// The sample stream of one pixel of one frame.
 #[derive(Clone, Copy, Debug)]

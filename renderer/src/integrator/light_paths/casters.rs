@@ -1,0 +1,104 @@
+//! The bodies that light paths are aimed at.
+
+use crate::camera::Filter;
+use crate::compile::{CompiledMaterial, RenderScene};
+use crate::integrator::{DirectLight, Settings};
+use glam::Vec3A;
+use rayon::prelude::*;
+use std::f32::consts::PI;
+
+/// Bodies with a lobe of at most this roughness cast caustics worth a path.
+const ROUGHNESS: f32 = 0.5;
+/// Paths a sample and pixel that a body covers.
+const DENSITY: f32 = 1.0;
+/// Most light paths for each camera path.
+const MOST: f32 = 0.5;
+
+/// A body that light paths are aimed at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Caster {
+    pub instance: u32,
+    /// A sphere around it.
+    pub center: Vec3A,
+    pub radius: f32,
+    /// Paths for one sample a pixel.
+    pub paths: u32,
+}
+
+/// All of them, and how dense light paths are at each.
+pub(crate) struct Casters {
+    pub(super) list: Vec<Caster>,
+    /// By instance: light paths for one sample a pixel, per square metre across their direction; 0 where none are aimed.
+    pub(super) density: Vec<f32>,
+}
+
+impl Casters {
+    /// `None` where light paths would bring nothing.
+    pub fn find(scene: &RenderScene, settings: &Settings) -> Option<Self> {
+        let wanted = settings.light_paths
+            && settings.direct == DirectLight::Mis
+            && settings.filter == Filter::Box
+            && settings.clamp_indirect.is_none()
+            && settings.max_bounces >= 2
+            && !scene.features().flat_environment;
+        if !wanted {
+            return None;
+        }
+        let density: f32 = std::env::var("RF_M").ok().and_then(|v| v.parse().ok()).unwrap_or(DENSITY);
+        let camera = scene.camera();
+        let (eye, focal) = (camera.position(), (camera.fl_x * camera.fl_y).sqrt());
+        let pixels = (camera.width * camera.height) as f32;
+        let shiny: Vec<u32> = (0..scene.geometry.instances.len() as u32)
+            .filter(|&i| is_shiny(&scene.materials[scene.geometry.instances[i as usize].material]))
+            .collect();
+        let sphere = |&instance: &u32| {
+            let (center, radius) = sphere_around(scene, instance)?;
+            let distance = center.distance(eye);
+            // Where the camera is within, nobody knows what it sees of it.
+            let share = (radius / distance).powi(2) * PI * focal * focal;
+            (radius > 0.0 && distance > radius && share.is_finite()).then(|| Caster {
+                instance,
+                center,
+                radius,
+                paths: (density * share.min(pixels)).round() as u32,
+            })
+        };
+        let mut list: Vec<Caster> = shiny.par_iter().filter_map(sphere).filter(|caster| caster.paths > 0).collect();
+        let total: f32 = list.iter().map(|caster| caster.paths as f32).sum();
+        if total > MOST * pixels {
+            list.iter_mut().for_each(|caster| caster.paths = (caster.paths as f32 * (MOST * pixels / total)) as u32);
+            list.retain(|caster| caster.paths > 0);
+        }
+        let mut by_instance = vec![0.0; scene.geometry.instances.len()];
+        for caster in &list {
+            by_instance[caster.instance as usize] = caster.paths as f32 / (PI * caster.radius * caster.radius);
+        }
+        (!list.is_empty()).then_some(Self { list, density: by_instance })
+    }
+
+    /// Light paths for one sample a pixel.
+    pub fn paths(&self) -> u64 {
+        self.list.iter().map(|caster| u64::from(caster.paths)).sum()
+    }
+}
+
+fn is_shiny(material: &CompiledMaterial) -> bool {
+    let surface = &material.surface;
+    let textured = material.metallic_roughness_texture.is_some();
+    let base = surface.metallic > 0.05 || surface.specular > 0.05;
+    base && (surface.roughness <= ROUGHNESS || textured) || surface.clearcoat > 0.05
+}
+
+/// A sphere around an instance at the current frame; `None` where it has no size.
+fn sphere_around(scene: &RenderScene, instance: u32) -> Option<(Vec3A, f32)> {
+    let placed = &scene.geometry.instances[instance as usize];
+    let transform = placed.transform(scene.frame());
+    let mesh = scene.geometry.mesh(placed.mesh);
+    let corners = || mesh.triangles.iter().flatten().map(|&v| transform.transform_point3a(mesh.positions[v as usize].into()));
+    let (low, high) = corners().fold((Vec3A::INFINITY, Vec3A::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+    let center = 0.5 * (low + high);
+    let radius = corners().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt();
+    // Roundings, of the points on triangles too.
+    let radius = radius * 1.0001 + 1e-6 * center.abs().max_element();
+    (center.is_finite() && radius.is_finite()).then_some((center, radius))
+}
