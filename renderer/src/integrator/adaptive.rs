@@ -19,10 +19,10 @@
 //! 0.70 and 0.66 of even samples; counts in proportion to the true deviations, pooled over 5 x 5 pixels, would give 0.36 at 64.
 //! On a composed scene whose noise is rare bright samples (96 x 96): 0.151 at 16 and 0.264 at 64 in place of 0.157 and 0.251.
 
-use super::{Settings, mean};
 use super::accumulate::{Film, Meter, Work};
 use super::gbuffer::Visible;
 use super::light_paths::Casters;
+use super::{Settings, mean};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::film::PixelStatistics;

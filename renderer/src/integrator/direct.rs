@@ -1,6 +1,7 @@
 //! Direct light: samples of light and what scattering finds of it, weighed against each other.
 
 use super::DirectLight;
+use super::light_paths::MOST_SURFACES;
 use super::path::{Origin, Path, Tracer};
 use super::scatter::Scatterer;
 use crate::features::Features;
@@ -100,7 +101,9 @@ impl<F: Features> Tracer<'_, F> {
         (wo, wi): (Vec3A, Vec3A),
     ) -> f32 {
         match self.casters {
-            Some(casters) if path.vertex == 2 => casters.ratio::<F>(self.scene, path.reach, surface, scatterer, (wo, wi)),
+            Some(casters) if (2..=MOST_SURFACES).contains(&path.vertex) => {
+                casters.ratio::<F>(self.scene, path.reach, surface, scatterer, (wo, wi))
+            }
             _ => 0.0,
         }
     }

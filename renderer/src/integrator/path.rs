@@ -1,7 +1,7 @@
 //! Unidirectional path tracing with sampled lights and multiple importance sampling.
 
 use super::Settings;
-use super::light_paths::Casters;
+use super::light_paths::{self, Casters};
 use super::scatter::Scatterer;
 use crate::accel::{Hit, Scratch};
 use crate::compile::RenderScene;
@@ -338,8 +338,12 @@ impl<'a, F: Features> Tracer<'a, F> {
             let weight = self.emitter_weight(&next, wi, hit.t, pdf);
             self.add_scattered(&path, path.beta * next.emitted * weight, Origin::Emitter);
         }
-        if path.vertex == 1 && let Some(casters) = self.casters {
+        if path.vertex == 1
+            && let Some(casters) = self.casters
+        {
             path.reach = casters.reach(scene, surface, wo, wi, scattered.pdf);
+        } else if self.casters.is_some() {
+            path.reach *= light_paths::turned::<F>(surface, (bsdf, scatterer), (wo, wi)) / scattered.pdf;
         }
         path.vertex += 1;
         (!last).then_some((path, next, -wi))

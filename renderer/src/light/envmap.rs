@@ -77,6 +77,7 @@ pub struct EnvironmentLight {
     kind: Kind,
     repairs: Repairs,
     mean: Vec3A,
+    concentration: f32,
 }
 
 #[derive(Clone, Debug)]
@@ -172,14 +173,14 @@ impl EnvironmentLight {
             return Err(Error::inconsistent("environment/map", reason));
         }
         let (repairs, brightest) = inspect(pixels, *intensity);
-        let constant = |radiance| Self { kind: Kind::Constant(radiance), repairs, mean: radiance };
+        let constant = |radiance| Self { kind: Kind::Constant(radiance), repairs, mean: radiance, concentration: 1.0 };
         if environment.is_constant() {
             return Ok(constant(pixels.first().map_or(Vec3A::ZERO, |texel| usable(texel, *intensity))));
         }
         if brightest < MIN_RADIANCE {
             return Ok(constant(Vec3A::ZERO));
         }
-        let mean = mean(environment);
+        let (mean, concentration) = moments(environment, brightest);
         let average = |rgb: Vec3A| (rgb.x + rgb.y + rgb.z) / 3.0;
         let inverse = 1.0 / brightest;
         let texel = |less: f32| {
@@ -194,7 +195,7 @@ impl EnvironmentLight {
             Some(map) => Kind::Map(Box::new(map)),
             None => return Ok(constant(Vec3A::ZERO)),
         };
-        Ok(Self { kind, repairs, mean })
+        Ok(Self { kind, repairs, mean, concentration })
     }
 
     /// What had to be done to the map's texels.
@@ -205,6 +206,12 @@ impl EnvironmentLight {
     /// Mean radiance over the sphere, texels weighted by their solid angle.
     pub fn mean_radiance(&self) -> Vec3A {
         self.mean
+    }
+
+    /// How much brighter the environment is where light comes from than everywhere: the mean of squared radiance over the square of its
+    /// mean, >= 1. The same from everywhere makes 1, all light from one of `n` equal parts of the sphere `n`.
+    pub fn concentration(&self) -> f32 {
+        self.concentration
     }
 
     /// Whether no light comes from anywhere.
@@ -492,19 +499,28 @@ fn inspect(pixels: &[[f32; 3]], intensity: f32) -> (Repairs, f32) {
     pixels.par_iter().with_min_len(1 << 12).map(texel).reduce(Default::default, both)
 }
 
-/// Mean of the usable texels, weighted by solid angle. Sums of rows are added in order: the same bits for any number of threads.
-fn mean(environment: &Environment) -> Vec3A {
+/// Mean of the usable texels, weighted by solid angle, and [`EnvironmentLight::concentration`] of their averages. Sums of rows are added in order: the same bits for any number of threads.
+fn moments(environment: &Environment, brightest: f32) -> (Vec3A, f32) {
     let map = &environment.map;
-    let rows: Vec<glam::DVec3> = map
+    let rows: Vec<(glam::DVec3, f64)> = map
         .pixels
         .par_chunks_exact(map.width)
         .enumerate()
         .map(|(y, row)| {
-            let sum: glam::DVec3 = row.iter().map(|rgb| usable(rgb, environment.intensity).as_dvec3()).sum();
-            sum * f64::from(environment.texel_solid_angle(y))
+            let (mut sum, mut squares) = (glam::DVec3::ZERO, 0.0);
+            for rgb in row {
+                let radiance = usable(rgb, environment.intensity).as_dvec3();
+                sum += radiance;
+                squares += (radiance.element_sum() / f64::from(brightest)).powi(2);
+            }
+            let share = f64::from(environment.texel_solid_angle(y)) * 0.25 * std::f64::consts::FRAC_1_PI;
+            (sum * share, squares * share)
         })
         .collect();
-    (rows.into_iter().sum::<glam::DVec3>() * (0.25 * std::f64::consts::FRAC_1_PI)).as_vec3a()
+    let add = |(sum, squares): (glam::DVec3, f64), (row, more): (glam::DVec3, f64)| (sum + row, squares + more);
+    let (mean, squares) = rows.into_iter().fold((glam::DVec3::ZERO, 0.0), add);
+    let concentration = squares / (mean.element_sum() / f64::from(brightest)).powi(2);
+    (mean.as_vec3a(), if concentration.is_finite() { concentration.max(1.0) as f32 } else { 1.0 })
 }
 
 impl Band {

@@ -23,6 +23,7 @@ pub(super) use trace::{Deposit, trace};
 
 use crate::compile::RenderScene;
 use crate::features::Features;
+use crate::integrator::Settings;
 use crate::integrator::scatter::Scatterer;
 use crate::interaction::Interaction;
 use glam::Vec3A;
@@ -35,6 +36,24 @@ fn seen_area(scene: &RenderScene, at: &Interaction, wo: Vec3A) -> f32 {
     // Cosine between the ray and the view axis, from which pixels are measured.
     let cos = -camera.camera_to_world.matrix3.z_axis.dot(-wo);
     away.length_squared() * cos * cos * cos / (camera.fl_x * camera.fl_y * at.n.dot(wo))
+}
+
+/// Most surfaces that light paths have.
+pub(super) const MOST_SURFACES: u32 = 8;
+
+fn longest(settings: &Settings) -> usize {
+    settings.max_bounces.min(MOST_SURFACES) as usize
+}
+
+/// By what the density of a path changes at the surface `at`, not the first nor the last before the light, if it is followed the other
+/// way; its density followed this way not counted.
+#[inline(always)]
+pub(super) fn turned<F: Features>(
+    at: &Interaction,
+    (bsdf, scatterer): (&F::Bsdf, &Scatterer<'_, F>),
+    (wo, wi): (Vec3A, Vec3A),
+) -> f32 {
+    scatterer.reversed_pdf(bsdf, wo, wi) * at.n.dot(wi) / at.n.dot(wo)
 }
 
 /// How dense light paths are at the second surface of a path compared to light samples there, where both can be.
@@ -60,7 +79,6 @@ impl Casters {
         if density == 0.0 {
             return 0.0;
         }
-        let cosines = at.n.dot(wi) / at.n.dot(wo);
-        density / scene.lights.environment_share() * reach * cosines * scatterer.reversed_pdf(bsdf, wo, wi)
+        density / scene.lights.environment_share() * reach * turned::<F>(at, (bsdf, scatterer), (wo, wi))
     }
 }

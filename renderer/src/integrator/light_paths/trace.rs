@@ -1,8 +1,8 @@
 //! Tracing light paths.
 
 use super::casters::{Caster, Casters};
-use super::seen_area;
-use crate::accel::Scratch;
+use super::{longest, seen_area, turned};
+use crate::accel::{Hit, Scratch};
 use crate::camera::Projector;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
@@ -11,6 +11,7 @@ use crate::integrator::Settings;
 use crate::integrator::path::bsdf_of;
 use crate::integrator::scatter::Scatterer;
 use crate::interaction::{Cone, Interaction};
+use crate::light::EnvironmentSample;
 use crate::material::Prepared;
 use crate::ray::Ray;
 use crate::sampler::sobol::SEQUENCE;
@@ -29,6 +30,9 @@ const CHUNK: u64 = 4096;
 const BATCH: usize = 256;
 /// Tells the random numbers of light paths from those of pixels.
 const STREAM: u64 = 0x4c49_4748;
+
+/// Light paths go on after their second surface with this times their throughput.
+const SURVIVAL: f32 = 0.5;
 
 /// What a light path brings to a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -66,7 +70,8 @@ pub(in crate::integrator) fn trace<F: Features>(
                 if cancel.load(Ordering::Relaxed) {
                     return None;
                 }
-                let result = simd::run(Chunk { tracer: Tracer::<F>::new(scene, settings, casters, *number), paths: paths.clone() });
+                let result =
+                    simd::run(Chunk { tracer: Tracer::<F>::new(scene, settings, casters, *number), paths: paths.clone() });
                 done(paths.end - paths.start);
                 Some(result)
             })
@@ -91,13 +96,7 @@ impl<F: Features> simd::Work for Chunk<'_, F> {
     fn run(mut self) -> Self::Output {
         let mut deposits = Vec::new();
         for path in self.paths {
-            self.tracer.stats.light_paths += 1;
-            let Some(deposit) = self.tracer.path(path) else { continue };
-            if deposit.radiance.is_finite() {
-                deposits.push(deposit);
-            } else {
-                self.tracer.stats.non_finite_samples += 1;
-            }
+            self.tracer.path(path, &mut deposits);
         }
         (deposits, self.tracer.stats)
     }
@@ -111,6 +110,10 @@ struct Tracer<'a, F: Features> {
     stream: u64,
     projector: Projector,
     camera_cone: Cone,
+    /// Most surfaces of a path.
+    longest: usize,
+    /// Surfaces of the path under way, from the light on, but for the last.
+    vertices: Vec<(Hit, Vec3A)>,
     bsdfs: &'a [Option<Prepared>],
     scratch: Scratch,
     points: Points,
@@ -128,6 +131,8 @@ impl<'a, F: Features> Tracer<'a, F> {
             stream: hash::child(STREAM, u64::from(casters.list[number].instance)),
             projector: Projector::new(scene.camera()),
             camera_cone: Cone::camera(scene.camera(), settings.camera_samples()),
+            longest: longest(settings),
+            vertices: Vec::new(),
             bsdfs: settings.bsdfs(scene),
             scratch: Scratch::default(),
             points: Points::default(),
@@ -138,81 +143,124 @@ impl<'a, F: Features> Tracer<'a, F> {
 
     /// Follows light path `number` of the caster.
     #[inline(always)]
-    fn path(&mut self, number: u64) -> Option<Deposit> {
+    fn path(&mut self, number: u64, deposits: &mut Vec<Deposit>) {
         let (scene, mode) = (self.scene, self.settings.bsdf);
         let stream = hash::child(self.stream, number / u64::from(SEQUENCE));
         let sampler = PixelSampler::of_kind(self.settings.sampler, scene.seed, scene.frame() as u64, stream);
         let index = (number % u64::from(SEQUENCE)) as u32;
+        self.stats.light_paths += 1;
 
         // From the sphere around the body to the body; whether the environment is seen from there is asked last.
         let [u, v, s, t] = self.points.point(&sampler, index, 0);
-        let light = scene.light().sample([u, v])?;
+        let Some(light) = scene.light().sample([u, v]) else { return };
         let Caster { instance, center, radius, .. } = *self.caster;
         let start = center + across(light.wi, [s, t]) * radius + light.wi * radius;
-        let light_ray = Ray::new(start, -light.wi);
+        let mut ray = Ray::new(start, -light.wi);
         self.stats.bounce_rays += 1;
-        let hit = scene.trace::<F>(&light_ray, &mut self.scratch)?;
+        let Some(mut hit) = scene.trace::<F>(&ray, &mut self.scratch) else { return };
         if scene.geometry.locate(&hit).0 != instance {
-            return None;
+            return;
         }
-        let lit = Interaction::new::<F>(scene, &light_ray, &hit, Cone::default());
+        self.vertices.clear();
+        let mut lit = false;
+        let mut to_light = ray;
+        let mut density = self.casters.density[instance as usize] * light.pdf;
+        let mut beta = Vec3A::ONE;
+        while self.vertices.len() < self.longest - 1 {
+            let at = Interaction::new::<F>(scene, &ray, &hit, Cone::default());
+            let mut own = None;
+            let bsdf = bsdf_of::<F>(self.bsdfs, &at, mode, &mut own);
+            let [u, v, lobe, survive] = self.points.point(&sampler, index, 1 + self.vertices.len() as u32);
+            let scatterer = Scatterer::<F>::new(&at, bsdf, -ray.direction, mode);
+            let Some(scattered) = scatterer.sample(lobe, [u, v]) else { return };
+            beta *= scattered.weight;
+            density *= scattered.pdf * at.n.dot(-ray.direction) / at.n.dot(scattered.wi);
+            if !self.vertices.is_empty() {
+                let keep = (SURVIVAL * beta.max_element()).min(1.0);
+                if survive >= keep {
+                    return;
+                }
+                density *= keep;
+                beta /= keep;
+            }
+            if self.vertices.is_empty() {
+                to_light = at.spawn(light.wi);
+            }
+            self.vertices.push((hit, at.p));
+            ray = at.spawn(scattered.wi);
+            self.stats.bounce_rays += 1;
+            let Some(next) = scene.trace::<F>(&ray, &mut self.scratch) else { return };
+            hit = next;
+            let Some(deposit) = self.connect(&hit, &light, density) else { continue };
+            if !lit {
+                self.stats.shadow_rays += 1;
+                if scene.shadowed::<F>(&to_light, &mut self.scratch) {
+                    return;
+                }
+                lit = true;
+            }
+            if deposit.radiance.is_finite() {
+                deposits.push(deposit);
+            } else {
+                self.stats.non_finite_samples += 1;
+            }
+        }
+    }
 
-        // From there to a surface.
-        let [u, v, lobe, _] = self.points.point(&sampler, index, 1);
-        let mut own = None;
-        let scattered = Scatterer::<F>::new(&lit, bsdf_of::<F>(self.bsdfs, &lit, mode, &mut own), light.wi, mode).sample(lobe, [u, v])?;
-        let ray = lit.spawn(scattered.wi);
-        self.stats.bounce_rays += 1;
-        let landed = scene.trace::<F>(&ray, &mut self.scratch)?;
-
+    /// What the path brings to the camera from the surface `landed`, if nothing hides its beginning.
+    #[inline(always)]
+    fn connect(&mut self, landed: &Hit, light: &EnvironmentSample, density: f32) -> Option<Deposit> {
+        let (scene, mode) = (self.scene, self.settings.bsdf);
         // From the camera to that surface.
-        let p = scene.geometry.surface(&landed).p;
+        let p = scene.geometry.surface(landed).p;
         let pixel = self.pixel(self.projector.project(p.as_dvec3())?)?;
         let eye = scene.camera().position();
-        let camera_ray = Ray::new(eye, (p - eye).normalize());
+        let mut ray = Ray::new(eye, (p - eye).normalize());
         self.stats.shadow_rays += 1;
-        let seen = scene.trace::<F>(&camera_ray, &mut self.scratch)?;
-        if scene.geometry.locate(&seen) != scene.geometry.locate(&landed) {
+        let mut hit = scene.trace::<F>(&ray, &mut self.scratch)?;
+        if scene.geometry.locate(&hit) != scene.geometry.locate(landed) {
             return None;
         }
-
         // The path as the camera would have found it.
-        let wo = -camera_ray.direction;
-        let first = Interaction::new::<F>(scene, &camera_ray, &seen, self.camera_cone);
-        let away = lit.p - first.p;
-        let distance = away.length();
-        let w1 = away / distance;
-        let mut own = None;
-        let at_first = Scatterer::<F>::new(&first, bsdf_of::<F>(self.bsdfs, &first, mode, &mut own), wo, mode).eval(w1);
-        if at_first.f_cos == Vec3A::ZERO {
-            return None;
+        let mut cone = self.camera_cone;
+        let (mut reach, mut value, mut area) = (0.0, light.radiance, 0.0);
+        for (vertex, next) in (1..).zip(self.vertices.iter().rev().map(Some).chain([None])) {
+            let at = Interaction::new::<F>(scene, &ray, &hit, cone);
+            let wo = -ray.direction;
+            let (wi, distance) = match next {
+                Some((_, p)) => {
+                    let away = *p - at.p;
+                    let distance = away.length();
+                    (away / distance, distance)
+                }
+                None => (light.wi, 0.0),
+            };
+            let mut own = None;
+            let bsdf = bsdf_of::<F>(self.bsdfs, &at, mode, &mut own);
+            let scatterer = Scatterer::<F>::new(&at, bsdf, wo, mode);
+            let scattering = scatterer.eval(wi);
+            value *= scattering.f_cos;
+            if value == Vec3A::ZERO || at.n.dot(wo) <= 0.0 {
+                return None;
+            }
+            if vertex == 1 {
+                area = seen_area(scene, &at, wo) * at.n.dot(wi);
+                reach = area / scattering.pdf;
+            } else if next.is_some() {
+                reach *= turned::<F>(&at, (bsdf, &scatterer), (wo, wi)) / scattering.pdf;
+            } else {
+                let ratio = self.casters.ratio::<F>(scene, reach, &at, (bsdf, &scatterer), (wo, wi));
+                let drawn = scattering.pdf / (light.pdf * scene.lights.environment_share());
+                let weight = ratio * ratio / (1.0 + drawn * drawn + ratio * ratio);
+                let radiance = value * (weight / (density * area));
+                return (radiance != Vec3A::ZERO).then_some(Deposit { pixel, radiance, wi: light.wi });
+            }
+            cone = at.cone.scattered(scattering.pdf, self.settings.spp);
+            ray = Ray::new(at.p, wi);
+            hit = next?.0;
+            hit.t = distance;
         }
-        let mut towards = hit;
-        towards.t = distance;
-        let cone = first.cone.scattered(at_first.pdf, self.settings.spp);
-        let second = Interaction::new::<F>(scene, &Ray::new(first.p, w1), &towards, cone);
-        let mut own = None;
-        let bsdf = bsdf_of::<F>(self.bsdfs, &second, mode, &mut own);
-        let scatterer = Scatterer::<F>::new(&second, bsdf, -w1, mode);
-        let at_second = scatterer.eval(light.wi);
-        let (cos, cos_out) = (second.n.dot(light.wi), second.n.dot(-w1));
-        if at_second.f_cos == Vec3A::ZERO || cos <= 0.0 || cos_out <= 0.0 {
-            return None;
-        }
-        let reach = self.casters.reach(scene, &first, wo, w1, at_first.pdf);
-        let ratio = self.casters.ratio::<F>(scene, reach, &second, (bsdf, &scatterer), (-w1, light.wi));
-        let scattering = at_second.pdf / (light.pdf * scene.lights.environment_share());
-        let weight = ratio * ratio / (1.0 + scattering * scattering + ratio * ratio);
-        let density = self.casters.density[instance as usize] * light.pdf * cos / cos_out
-            * scattered.pdf
-            * first.n.dot(w1)
-            * seen_area(scene, &first, wo);
-        self.stats.shadow_rays += 1;
-        if scene.shadowed::<F>(&lit.spawn(light.wi), &mut self.scratch) {
-            return None;
-        }
-        let radiance = at_first.f_cos * at_second.f_cos * light.radiance * (weight / density);
-        (radiance != Vec3A::ZERO).then_some(Deposit { pixel, radiance, wi: light.wi })
+        None
     }
 
     /// Number of the pixel that holds an image point.
@@ -228,7 +276,11 @@ impl<'a, F: Features> Tracer<'a, F> {
 #[inline(always)]
 fn across(n: Vec3A, u: [f32; 2]) -> Vec3A {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    let (r, phi) = if a.abs() > b.abs() { (a, FRAC_PI_4 * (b / a)) } else { (b, 2.0 * FRAC_PI_4 - FRAC_PI_4 * (a / if b == 0.0 { 1.0 } else { b })) };
+    let (r, phi) = if a.abs() > b.abs() {
+        (a, FRAC_PI_4 * (b / a))
+    } else {
+        (b, 2.0 * FRAC_PI_4 - FRAC_PI_4 * (a / if b == 0.0 { 1.0 } else { b }))
+    };
     let (sin, cos) = phi.sin_cos();
     let (t, s) = n.any_orthonormal_pair();
     t * (r * cos) + s * (r * sin)
