@@ -56,6 +56,8 @@ pub struct TruthSettings {
     pub branches: u32,
     /// Limit of indirect light ([`Settings::clamp_indirect`]): biased, for no data set.
     pub clamp_indirect: Option<f32>,
+    /// Whether light is followed from the environment as well ([`Settings::light_paths`]).
+    pub light_paths: bool,
     /// Groups to split the light into, 0..=8.
     pub light_groups: u32,
     /// Whether frames hold the unoccluded irradiance.
@@ -95,6 +97,7 @@ impl TruthSettings {
             bsdf: plain.bsdf,
             branches: plain.branches,
             clamp_indirect: plain.clamp_indirect,
+            light_paths: plain.light_paths,
             light_groups: plain.light_groups,
             irradiance: plain.irradiance,
             watch: None,
@@ -122,6 +125,7 @@ impl TruthSettings {
             bsdf: self.bsdf,
             branches: self.branches,
             clamp_indirect: self.clamp_indirect,
+            light_paths: self.light_paths,
             light_groups: self.light_groups,
             irradiance: self.irradiance,
             budget: self.budget,
@@ -139,7 +143,8 @@ impl TruthSettings {
         let settings = self.of_renderer().with_sampling(&map.info.sampling);
         let settings = settings.with_context(|| format!("{}: was not sampled adaptively", path.display()))?;
         // Counts are multiples of it, and another number would make another picture.
-        Ok((Settings { branches: map.info.branches.unwrap_or(1), ..settings }, map))
+        let (branches, light_paths) = (map.info.branches.unwrap_or(1), map.info.light_paths);
+        Ok((Settings { branches, light_paths, ..settings }, map))
     }
 
     /// Path-traces and denoises the current frame of `scene`.
@@ -275,6 +280,8 @@ impl SequenceJob {
             && info.bsdf == settings.bsdf.name()
             && branches == wanted.branches()
             && info.indirect_limit == settings.clamp_indirect
+            // Where there are none, the scene may have no use for them.
+            && (wanted.light_paths || !info.light_paths)
             && groups == settings.light_groups as usize
             && frame.irradiance.is_some() == settings.irradiance;
         if !same {

@@ -165,7 +165,7 @@ impl GuideStatistics {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct LightStatistics {
     sum: Sum,
-    squares: DVec3,
+    squares: Sum,
 }
 
 impl LightStatistics {
@@ -174,12 +174,12 @@ impl LightStatistics {
     pub fn push(&mut self, radiance: Vec3A) {
         let value = radiance.as_dvec3();
         self.sum.add(value, DVec3::ZERO);
-        self.squares += value * value;
+        self.squares.add(value * value, DVec3::ZERO);
     }
 
     pub fn merge(&mut self, other: &Self) {
         self.sum.add(other.sum.high, other.sum.low);
-        self.squares += other.squares;
+        self.squares.add(other.squares.high, other.squares.low);
     }
 
     /// Radiance by the light paths of `samples` samples a pixel.
@@ -189,7 +189,7 @@ impl LightStatistics {
 
     /// Variance of that mean: few of many light paths come to a pixel.
     pub fn variance_of_mean(&self, samples: u32) -> DVec3 {
-        self.squares / f64::from(samples.max(1)).powi(2)
+        self.squares.high / f64::from(samples.max(1)).powi(2)
     }
 }
 
@@ -224,12 +224,12 @@ impl GroupStatistics {
     }
 
     /// The sum of a group over `count`.
-    pub fn sum_over(&self, group: usize, count: u32) -> [f32; 3] {
-        mean(self.sums[group], count.into())
+    pub fn sum_over(&self, group: usize, count: u32) -> DVec3 {
+        self.sums[group] / f64::from(count.max(1))
     }
 
-    pub fn mean(&self, group: usize) -> [f32; 3] {
-        mean(self.sums[group], self.count)
+    pub fn mean(&self, group: usize) -> DVec3 {
+        self.sums[group] / self.count.max(1) as f64
     }
 }
 

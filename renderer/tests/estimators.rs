@@ -82,7 +82,8 @@ fn branches_cost_no_camera_rays() {
 fn limits_of_indirect_light_darken_and_are_counted() {
     let scene = scene_of(false);
     let at = |clamp_indirect, max_bounces| {
-        let settings = Settings { spp: 64, max_bounces, clamp_indirect, ..Settings::default() };
+        // A limit ends light paths.
+        let settings = Settings { spp: 64, max_bounces, clamp_indirect, light_paths: false, ..Settings::default() };
         let (frame, stats) = render_with(&scene, &settings);
         (mean(&frame), stats.clamped_contributions)
     };

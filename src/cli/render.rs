@@ -38,6 +38,9 @@ pub struct Render {
     /// scenes by 0.8 and 2.1 % where it was measured, for 0.55 and 0.15 times the error; no limit without it
     #[arg(long, value_name = "RADIANCE", value_parser = limit)]
     clamp_indirect: Option<f32>,
+    /// Trace paths from the camera alone, whatever caustics there are: more noise in the same picture
+    #[arg(long, conflicts_with = "sample_map")]
+    no_light_paths: bool,
     /// Split the light into this many groups by direction: channels light.0 to light.7
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=8))]
     light_groups: u32,
@@ -134,6 +137,7 @@ impl Render {
         let mut settings = TruthSettings::spread(spp, budget, self.trace.max_bounces, self.trace.denoise)?;
         settings.sample_map = self.adaptive.sample_map;
         (settings.branches, settings.clamp_indirect) = (self.branches, self.clamp_indirect);
+        settings.light_paths = !self.no_light_paths;
         (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
         let rendered_before = self.out.join(frame_file(0)).is_file();

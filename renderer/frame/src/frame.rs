@@ -27,6 +27,8 @@ pub struct FrameInfo {
     pub branches: Option<u32>,
     /// Largest contribution of light scattered at two or more surfaces; `None` without such a limit, which biases.
     pub indirect_limit: Option<f32>,
+    /// Whether paths from the light were traced besides those from the camera.
+    pub light_paths: bool,
     /// Name of the denoiser used on the beauty, `None` when it is raw.
     pub denoiser: Option<String>,
 }

@@ -69,6 +69,7 @@ fn a_frame_comes_back_with_its_header() {
             for denoiser in [None, Some("débruiteur".to_owned())] {
                 (frame.info.branches, frame.info.indirect_limit) =
                     if denoiser.is_some() { (Some(4), Some(0.1)) } else { (None, None) };
+                frame.info.light_paths = denoiser.is_some();
                 frame.info.denoiser = denoiser;
                 let (bytes, clamped) = encode(&frame).unwrap();
                 assert_eq!(clamped, 0);

@@ -11,7 +11,7 @@ use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatis
 use crate::integrator::gbuffer::Visible;
 use crate::schedule::{self, Progress, Tile};
 use crate::stats::Stats;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -110,7 +110,8 @@ impl Film {
 
     /// Whether there are as many pixels as there should be: a film may come from a damaged file.
     fn complete(&self, pixels: usize, groups: usize) -> Result<()> {
-        if (self.pixels.len(), self.guides.len(), self.groups.len()) == (pixels, pixels, groups) {
+        let found = (self.pixels.len(), self.guides.len(), self.groups.len());
+        if found == (pixels, pixels, groups) && self.light.is_of(pixels, groups) {
             return Ok(());
         }
         Err(Error::Merge(format!("a film holds {} pixels in place of {pixels}", self.pixels.len())))
@@ -127,8 +128,8 @@ impl Film {
         });
         frame.samples = self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() });
         for (group, light) in frame.light.iter_mut().enumerate().take(settings.light_groups as usize) {
-            let paths = |at: usize| self.light.groups.get(at).map_or([0.0; 3], |g| g.sum_over(group, self.light.samples));
-            let pixel = |(at, g): (usize, &GroupStatistics)| (Vec3::from(g.mean(group)) + Vec3::from(paths(at))).to_array();
+            let paths = |at: usize| self.light.groups.get(at).map_or(DVec3::ZERO, |g| g.sum_over(group, self.light.samples));
+            let pixel = |(at, g): (usize, &GroupStatistics)| (g.mean(group) + paths(at)).as_vec3().to_array();
             *light = Some(image(self.groups.iter().enumerate().map(pixel).collect()));
         }
     }
@@ -137,6 +138,11 @@ impl Film {
     pub fn mean(&self) -> Image<[f32; 3]> {
         let pixels = (0..self.pixels.len()).map(|at| self.mean_of(at).as_vec3().to_array()).collect();
         Image { width: self.width, height: self.height, pixels }
+    }
+
+    /// Whether light paths were traced.
+    pub(super) fn has_light_paths(&self) -> bool {
+        self.light.samples > 0
     }
 
     /// Mean radiance of a pixel.
@@ -206,8 +212,17 @@ impl Film {
 }
 
 impl Light {
+    /// Whether there are as many pixels as there should be, or none.
+    fn is_of(&self, pixels: usize, groups: usize) -> bool {
+        let found = (self.pixels.len(), self.groups.len());
+        found == if self.samples == 0 { (0, 0) } else { (pixels, groups) }
+    }
+
     fn merge(&mut self, other: &Self) {
         self.samples += other.samples;
+        if other.pixels.is_empty() {
+            return;
+        }
         if self.pixels.is_empty() {
             (self.pixels, self.groups) = (other.pixels.clone(), other.groups.clone());
         } else {

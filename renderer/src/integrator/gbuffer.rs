@@ -220,6 +220,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             sampling: String::new(),
             branches: None,
             indirect_limit: None,
+            light_paths: false,
             denoiser: None,
         },
         ..Frame::default()

@@ -391,6 +391,7 @@ fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &F
     }
     frame.info.branches = Some(settings.branches()).filter(|&branches| branches > 1);
     frame.info.indirect_limit = settings.clamp_indirect;
+    frame.info.light_paths = film.has_light_paths();
     frame.info.bsdf = settings.bsdf.name().into();
     frame.beauty.clone_from(&frame.raw);
     Ok((frame, stats))

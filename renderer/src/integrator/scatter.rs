@@ -59,15 +59,20 @@ impl<'a, F: Features> Scatterer<'a, F> {
     /// Value (times cosine) and density for the world-space direction `wi`; zero below the true surface.
     #[inline(always)]
     pub fn eval(&self, wi: Vec3A) -> BsdfEval {
+        self.eval_seen(&self.view, wi)
+    }
+
+    #[inline(always)]
+    fn eval_seen(&self, view: &<F::Bsdf as Brdf>::View<'_>, wi: Vec3A) -> BsdfEval {
         let cos = self.n.dot(wi);
         if cos <= 0.0 {
             return BsdfEval::default();
         }
-        let direct = self.view.eval(self.frame.to_local(wi));
+        let direct = view.eval(self.frame.to_local(wi));
         match self.folded(wi, cos) {
             None => direct,
             Some(mirrored) => {
-                let folded = self.view.eval(mirrored);
+                let folded = view.eval(mirrored);
                 BsdfEval { f_cos: direct.f_cos + folded.f_cos, pdf: direct.pdf + folded.pdf }
             }
         }
@@ -76,8 +81,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
     /// Density of drawing `wo`, from where this is seen, if it were seen from `wi`, with its shading normal as it is.
     #[inline(always)]
     pub fn reversed_pdf(&self, bsdf: &F::Bsdf, wo: Vec3A, wi: Vec3A) -> f32 {
-        let Self { frame, n, lean, mode, .. } = *self;
-        Scatterer::<F> { view: bsdf.view(frame.to_local(wi)), frame, n, lean, mode }.eval(wo).pdf
+        self.eval_seen(&bsdf.view(self.frame.to_local(wi)), wo).pdf
     }
 
     /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it.
@@ -111,7 +115,6 @@ impl<'a, F: Features> Scatterer<'a, F> {
 }
 
 /// Orthonormal frame with the shading normal as +z.
-#[derive(Clone, Copy)]
 struct ShadingFrame {
     t: Vec3A,
     b: Vec3A,

@@ -15,6 +15,7 @@ const BSDF: &str = "renderflow/bsdf";
 const SAMPLING: &str = "renderflow/sampling";
 const BRANCHES: &str = "renderflow/branches";
 const INDIRECT_LIMIT: &str = "renderflow/indirect_limit";
+const LIGHT_PATHS: &str = "renderflow/light_paths";
 const DENOISER: &str = "renderflow/denoiser";
 const CAMERA: &str = "renderflow/camera";
 const SPP: &str = "spp";
@@ -68,6 +69,9 @@ pub(super) fn write(
             return Err(format!("the limit of indirect light is {limit}"));
         }
         set(INDIRECT_LIMIT, AttributeValue::F32(limit));
+    }
+    if info.light_paths {
+        set(LIGHT_PATHS, AttributeValue::I32(1));
     }
     if let Some(denoiser) = &info.denoiser {
         set(DENOISER, string(denoiser));
@@ -129,6 +133,11 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
             None => None,
             Some(AttributeValue::F32(limit)) if *limit > 0.0 && limit.is_finite() => Some(*limit),
             Some(_) => return Err(format!("header attribute {INDIRECT_LIMIT} is not a finite positive float")),
+        },
+        light_paths: match other.get(LIGHT_PATHS.as_bytes()) {
+            None => false,
+            Some(AttributeValue::I32(flag @ 0..=1)) => *flag == 1,
+            Some(_) => return Err(format!("header attribute {LIGHT_PATHS} is not 0 or 1")),
         },
         denoiser: string(DENOISER)?,
     })

@@ -50,6 +50,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
             sampling: "average 256".into(),
             branches: None,
             indirect_limit: None,
+            light_paths: false,
             denoiser: Some("oidn 2.5".into()),
         },
     }

@@ -1,0 +1,216 @@
+//! Light paths find what paths from the camera find, with less noise, and are not traced where they would bring nothing.
+
+mod common;
+
+use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
+use glam::{Affine3A, Quat, Vec3, Vec3A};
+use renderflow_frame::{Environment, Frame, Image};
+use renderflow_renderer::{DirectLight, Filter, Mode, Sampler, Settings};
+use renderflow_scenes::{LoadedScene, Material};
+
+const SIZE: [usize; 2] = [24, 16];
+/// Pixels of a block along each axis.
+const BLOCK: usize = 8;
+
+fn metal(roughness: f32) -> Material {
+    Material { metallic: 1.0, roughness, base_color: [0.9, 0.8, 0.6], ..Material::default() }
+}
+
+fn place(x: f32, y: f32, z: f32, scale: Vec3) -> Affine3A {
+    Affine3A::from_scale_rotation_translation(scale, Quat::from_rotation_z(0.3), Vec3::new(x, y, z))
+}
+
+/// A rough floor, shiny bodies that light each other and it, and `more`.
+fn caustics(more: Vec<(renderflow_scenes::Mesh, Material, Affine3A)>) -> LoadedScene {
+    let mut parts = vec![
+        (plane(6.0), diffuse([0.7, 0.6, 0.5]), Affine3A::IDENTITY),
+        (sphere(16, true), metal(0.15), place(-0.7, 0.6, 0.0, Vec3::splat(0.6))),
+        // A glossy ellipsoid of facets whose normals do not follow them.
+        (
+            sphere(5, true),
+            Material { roughness: 0.2, clearcoat: 0.5, ..Material::default() },
+            place(0.8, 0.5, 0.3, Vec3::new(0.6, 0.5, 0.4)),
+        ),
+    ];
+    parts.extend(more);
+    scene(parts, sunny(), camera([0.4, 1.6, 3.4], [0.0, 0.3, 0.2], 40.0, SIZE[0], SIZE[1]))
+}
+
+/// Pictures by block, of many seeds: means and squared standard errors.
+fn blocks(loaded: &mut LoadedScene, settings: &Settings, seeds: u64) -> Vec<(f64, f64)> {
+    let pictures: Vec<Vec<f64>> = (0..seeds)
+        .map(|seed| {
+            loaded.seed = 100 + seed;
+            let raw = render_with(&compile(loaded), settings).0.raw.expect("a picture");
+            let mut sums = vec![0.0; SIZE[0] / BLOCK * (SIZE[1] / BLOCK)];
+            for (i, pixel) in raw.pixels.iter().enumerate() {
+                let at = i / SIZE[0] / BLOCK * (SIZE[0] / BLOCK) + i % SIZE[0] / BLOCK;
+                sums[at] += pixel.iter().map(|&v| f64::from(v)).sum::<f64>() / (3 * BLOCK * BLOCK) as f64;
+            }
+            sums
+        })
+        .collect();
+    let n = seeds as f64;
+    (0..pictures[0].len())
+        .map(|block| {
+            let values = || pictures.iter().map(|picture| picture[block]);
+            let mean = values().sum::<f64>() / n;
+            (mean, values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n * (n - 1.0)))
+        })
+        .collect()
+}
+
+/// With and without light paths the means of all blocks agree.
+fn assert_same(name: &str, mut loaded: LoadedScene, settings: Settings) {
+    let with = blocks(&mut loaded, &settings, 16);
+    let without = blocks(&mut loaded, &Settings { light_paths: false, spp: 2 * settings.spp, ..settings }, 16);
+    assert!(render_with(&compile(&loaded), &settings).1.light_paths > 0, "{name}: none");
+    let mut worst = 0.0f64;
+    for ((a, va), (b, vb)) in with.iter().zip(&without) {
+        let error = (va + vb).sqrt();
+        assert!(error < 0.02 * b, "{name}: too noisy to tell, {error} of {b}");
+        worst = worst.max(((a - b) / error).abs());
+    }
+    let total = |blocks: &[(f64, f64)]| blocks.iter().fold((0.0, 0.0), |(m, v), b| (m + b.0, v + b.1));
+    let ((a, va), (b, vb)) = (total(&with), total(&without));
+    println!("{name}: {:+.5} +- {:.5} of the mean, worst block {worst:.1} standard errors", a / b - 1.0, (va + vb).sqrt() / b);
+    assert!(worst < 4.5 && (a - b).abs() < 3.5 * (va + vb).sqrt(), "{name}: {with:?} against {without:?}");
+}
+
+#[test]
+fn pictures_converge_to_the_same() {
+    let settings = Settings { spp: 128, ..Settings::default() };
+    assert_same("bodies", caustics(vec![]), settings);
+    assert_same("bodies, two surfaces", caustics(vec![]), Settings { max_bounces: 2, ..settings });
+    assert_same("published", caustics(vec![]), Settings { bsdf: Mode::Published, ..settings });
+    assert_same("independent numbers", caustics(vec![]), Settings { sampler: Sampler::Independent, ..settings });
+}
+
+#[test]
+fn so_they_do_with_emitters_holes_and_instances() {
+    let settings = Settings { spp: 128, ..Settings::default() };
+    let lamp = Material { emissive: [20.0, 15.0, 10.0], ..diffuse([0.0; 3]) };
+    assert_same("a lamp", caustics(vec![(sphere(6, false), lamp, place(0.1, 1.6, 0.5, Vec3::splat(0.15)))]), settings);
+    // Seen from above only, and where it is cut away nothing is.
+    let one_sided = Material { double_sided: false, ..metal(0.3) };
+    let sheet = Affine3A::from_rotation_translation(Quat::from_rotation_x(0.9), Vec3::new(0.2, 0.7, -1.0));
+    assert_same("a one-sided sheet", caustics(vec![(plane(1.2), one_sided, sheet)]), settings);
+    // Two of the same, one of them a mirror image, in trees of their own.
+    let mut shared = caustics(vec![]);
+    shared.instances.push(common::instance(1, 1, place(0.2, 0.3, 1.1, Vec3::new(-0.3, 0.3, 0.3))));
+    let sharing = renderflow_renderer::Sharing::Always;
+    let both = [renderflow_renderer::Sharing::Never, sharing].map(|sharing| {
+        let scene = renderflow_renderer::RenderScene::compile_with(&shared, sharing).expect("consistent");
+        let frame = render_with(&scene, &Settings { spp: 64, ..settings }).0;
+        mean(&frame)
+    });
+    assert!((both[0] / both[1] - 1.0).abs() < 1e-3, "{both:?}");
+    assert_same("a mirrored instance", shared, settings);
+}
+
+fn mean(frame: &Frame) -> f64 {
+    let raw = frame.raw.as_ref().expect("a picture");
+    raw.pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * raw.pixels.len()) as f64
+}
+
+/// A white wall behind a mirror on the ground: it gets the sun twice, and the second time paths from the camera hardly find it.
+#[test]
+fn a_mirror_doubles_the_sun() {
+    let mut environment = Environment::constant([0.0; 3]);
+    // 45 degrees high, in the direction +z.
+    environment.map = Image::from_fn(256, 128, |x, y| {
+        let (azimuth, polar) = ((x as f32 + 0.5) / 256.0, (y as f32 + 0.5) / 128.0);
+        let sun = (azimuth - 0.5).abs() < 0.01 && (polar - 0.25).abs() < 0.02;
+        if sun { [300.0, 200.0, 100.0] } else { [0.0; 3] }
+    });
+    let sun = Vec3A::new(0.0, 1.0, 1.0).normalize();
+    assert!(environment.radiance(sun)[0] > 100.0, "the sun stands elsewhere");
+    let wall = Affine3A::from_rotation_translation(Quat::from_rotation_x(std::f32::consts::FRAC_PI_2), Vec3::new(0.0, 0.8, -1.2));
+    let mirror = Material { metallic: 1.0, roughness: 0.0, base_color: [1.0; 3], ..Material::default() };
+    let parts = vec![(plane(0.8), diffuse([0.5; 3]), wall), (plane(2.4), mirror, Affine3A::IDENTITY)];
+    // The wall alone is in the picture.
+    let loaded = scene(parts, environment.clone(), camera([0.0, 0.8, 3.0], [0.0, 0.8, -1.2], 6.0, 16, 16));
+    let settings = Settings { spp: 8192, max_bounces: 2, ..Settings::default() };
+    let (frame, stats) = render_with(&compile(&loaded), &settings);
+    assert!(stats.light_paths > 0);
+    // Irradiance of the wall, facing +z, by a sum over directions.
+    let (n, mut irradiance) = (1024, 0.0f64);
+    for i in 0..n * n / 2 {
+        let (theta, phi) =
+            (((i / n) as f64 + 0.5) / (n / 2) as f64 * std::f64::consts::PI, (i % n) as f64 / n as f64 * std::f64::consts::TAU);
+        let wi = glam::DVec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
+        let step = std::f64::consts::PI / (n / 2) as f64 * std::f64::consts::TAU / n as f64 * theta.sin();
+        irradiance += f64::from(environment.radiance(wi.as_vec3a())[1]) * wi.z.max(0.0) * step;
+    }
+    let expected = 2.0 * 0.5 / std::f64::consts::PI * irradiance;
+    let raw = frame.raw.expect("a picture");
+    let found = raw.pixels.iter().map(|p| f64::from(p[1])).sum::<f64>() / raw.pixels.len() as f64;
+    println!("{found} of {expected}");
+    assert!((found / expected - 1.0).abs() < 0.01, "{found} of {expected}");
+}
+
+/// relMSE of pictures against `truth`.
+fn error(loaded: &mut LoadedScene, settings: &Settings, truth: &Frame) -> (f64, f64) {
+    let (mut error, mut predicted) = (0.0, 0.0);
+    let seeds = 8;
+    for seed in 0..seeds {
+        loaded.seed = 500 + seed;
+        let frame = render_with(&compile(loaded), settings).0;
+        let (raw, variance, truth) =
+            (frame.raw.expect("a picture"), frame.variance.expect("its variance"), truth.raw.as_ref().expect("a picture"));
+        for ((a, v), b) in raw.pixels.iter().zip(&variance.pixels).zip(&truth.pixels) {
+            for c in 0..3 {
+                let scale = 1.0 / (f64::from(b[c]).powi(2) + 0.01) / (3 * raw.pixels.len()) as f64 / seeds as f64;
+                error += (f64::from(a[c]) - f64::from(b[c])).powi(2) * scale;
+                predicted += f64::from(v[c]) * scale;
+            }
+        }
+    }
+    (error, predicted)
+}
+
+#[test]
+fn they_lower_the_error_and_tell_what_is_left() {
+    let mut loaded = caustics(vec![]);
+    let settings = Settings { spp: 64, sampler: Sampler::Independent, ..Settings::default() };
+    let truth = render_with(&compile(&loaded), &Settings { spp: 16384, sampler: Sampler::Sobol, ..settings }).0;
+    let (with, predicted) = error(&mut loaded, &settings, &truth);
+    let (without, _) = error(&mut loaded, &Settings { light_paths: false, ..settings }, &truth);
+    println!("relMSE {with:.5} in place of {without:.5}, {predicted:.5} by the variance");
+    assert!(with < 0.7 * without, "{with} of {without}");
+    assert!((predicted / with - 1.0).abs() < 0.25, "{predicted} for {with}");
+}
+
+#[test]
+fn none_are_traced_where_they_bring_nothing() {
+    let count = |loaded: &LoadedScene, settings: Settings| render_with(&compile(loaded), &settings).1.light_paths;
+    let settings = Settings { spp: 4, ..Settings::default() };
+    let shiny = caustics(vec![]);
+    assert!(count(&shiny, settings) > 0);
+    let off = [
+        Settings { light_paths: false, ..settings },
+        Settings { max_bounces: 1, ..settings },
+        Settings { filter: Filter::BlackmanHarris, ..settings },
+        Settings { clamp_indirect: Some(10.0), ..settings },
+        Settings { direct: DirectLight::Lights, ..settings },
+        Settings { direct: DirectLight::Scattering, ..settings },
+    ];
+    for settings in off {
+        assert_eq!(count(&shiny, settings), 0, "{settings:?}");
+    }
+    let dull = scene(
+        vec![
+            (plane(6.0), diffuse([0.7; 3]), Affine3A::IDENTITY),
+            (sphere(16, true), metal(0.8), place(0.0, 0.6, 0.0, Vec3::splat(0.6))),
+        ],
+        sunny(),
+        camera([0.4, 1.6, 3.4], [0.0, 0.3, 0.2], 40.0, SIZE[0], SIZE[1]),
+    );
+    assert_eq!(count(&dull, settings), 0);
+    for sky in [Environment::constant([1.0; 3]), Environment::constant([0.0; 3])] {
+        assert_eq!(count(&LoadedScene { environment: sky, ..caustics(vec![]) }, settings), 0);
+    }
+    let mut smooth = Environment::constant([0.0; 3]);
+    smooth.map = Image::from_fn(64, 32, |_, y| [1.0 + y as f32 / 32.0; 3]);
+    assert_eq!(count(&LoadedScene { environment: smooth, ..caustics(vec![]) }, settings), 0);
+}
