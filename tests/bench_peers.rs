@@ -161,6 +161,29 @@ fn peers<'a>(scene: &'a str, out: &'a str, python: &'a str) -> Vec<&'a str> {
     fixed.split(' ').chain(["--scene", scene, "--out", out, "--mitsuba-python", python]).collect()
 }
 
+/// Others are told of the materials that their own forms cannot express, and references of both kinds are kept apart.
+#[cfg(unix)]
+#[test]
+fn all_renderers_can_be_given_lambertian_materials() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some((python, _)) = stand_in(folder.path(), "pass") else { return };
+    let (scene, out) = (scene_file(folder.path()), folder.path().join("out"));
+    let out = out.to_str().unwrap();
+    let mut references = 0;
+    for lambertian in [false, true] {
+        let mut arguments = peers(&scene, out, &python);
+        arguments.extend(lambertian.then_some("--lambertian"));
+        let text = succeed(&arguments);
+        assert_eq!(text.contains("ours: Lambertian"), lambertian, "{text}");
+        let exported = std::fs::read_dir(format!("{out}/scenes")).unwrap().next().unwrap().unwrap().path().join("scene.json");
+        let exported: Exported = serde_json::from_slice(&std::fs::read(exported).unwrap()).unwrap();
+        assert!(exported.objects.iter().all(|o| o.material.lambertian == lambertian), "{exported:?}");
+        let now = std::fs::read_dir(format!("{out}/references")).unwrap().count();
+        assert!(now == references + 2, "{now} references");
+        references = now;
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_peer_renders_on_command_and_finished_rows_are_kept() {

@@ -133,7 +133,8 @@ def environment(target, path, rotation):
     links.new(texture.outputs["Color"], light.inputs["Color"])
     links.new(light.outputs["Background"], output.inputs["Surface"])
     world.cycles.sampling_method = "MANUAL"
-    world.cycles.sample_map_resolution = max(4, texture.image.size[0])
+    # Light between a bright texel and its neighbours is drawn too seldom from a table of one value a texel.
+    world.cycles.sample_map_resolution = min(8192, max(4, 4 * texture.image.size[0]))
 
 
 def load(path):

@@ -65,12 +65,15 @@ def bitmap(folder, name, raw):
 
 def bsdf(folder, thing):
     material = thing["material"]
-    result = {"type": "principled", "base_color": rgb(material["base_color"])}
-    result |= {PARAMETERS.get(name, name): float(value) for name, value in material["parameters"].items()}
     textures = material["textures"]
-    for name in ("base_color", "roughness", "metallic"):
-        if name in textures:
-            result[name] = bitmap(folder, textures[name], name != "base_color")
+    color = bitmap(folder, textures["base_color"], False) if "base_color" in textures else rgb(material["base_color"])
+    if material["lambertian"]:
+        # A principled material is not, whatever its roughness.
+        result = {"type": "diffuse", "reflectance": color}
+    else:
+        result = {"type": "principled", "base_color": color}
+        result |= {PARAMETERS.get(name, name): float(value) for name, value in material["parameters"].items()}
+        result |= {name: bitmap(folder, textures[name], True) for name in ("roughness", "metallic") if name in textures}
     if "normal" in textures:
         result = {"type": "normalmap", "normalmap": bitmap(folder, textures["normal"], True), "bsdf": result}
     return {"type": "twosided", "bsdf": result} if thing["two_sided"] else result

@@ -81,6 +81,8 @@ pub struct ExportedMaterial {
     pub parameters: BTreeMap<String, f32>,
     /// Radiance.
     pub emissive: [f32; 3],
+    /// Whether it is Lambertian in our renderer, which the forms of other renderers are not for any parameters.
+    pub lambertian: bool,
     /// PNG by parameter: `base_color` (sRGB), `roughness`, `metallic` (grey, linear), `normal` (tangent space).
     pub textures: BTreeMap<String, String>,
 }
@@ -118,6 +120,20 @@ pub fn write(scene: &LoadedScene, max_bounces: u32, folder: &Path) -> Result<Pat
     let path = folder.join("scene.json");
     file::write_json(&path, &exported)?;
     Ok(path)
+}
+
+/// Makes `material` Lambertian; base colour, emission, normal map and holes stay.
+pub fn make_lambertian(material: &mut Material) {
+    (material.metallic, material.roughness, material.specular) = (0.0, 0.0, 0.0);
+    (material.sheen, material.clearcoat, material.subsurface) = (0.0, 0.0, 0.0);
+    material.metallic_roughness_texture = None;
+}
+
+/// Whether the conserving BRDF of `material` is a constant.
+pub fn is_lambertian(material: &Material) -> bool {
+    let Material { metallic, roughness, specular, sheen, clearcoat, subsurface, .. } = *material;
+    material.metallic_roughness_texture.is_none()
+        && [metallic, roughness, specular, sheen, clearcoat, subsurface].iter().all(|v| *v == 0.0)
 }
 
 fn view(camera: &Camera) -> Result<View> {
@@ -224,7 +240,8 @@ impl Writer<'_> {
         ];
         let parameters = always.into_iter().chain(seldom.into_iter().filter(|(_, value)| *value != 0.0));
         let parameters = parameters.map(|(name, value)| (name.to_owned(), value)).collect();
-        Ok((ExportedMaterial { base_color: m.base_color, parameters, emissive: m.emissive, textures }, slot))
+        let lambertian = is_lambertian(m);
+        Ok((ExportedMaterial { base_color: m.base_color, parameters, emissive: m.emissive, lambertian, textures }, slot))
     }
 
     /// Writes channels `channels` of a texture, multiplied with `factors`. Eight bits stay as they are where nothing is multiplied; the

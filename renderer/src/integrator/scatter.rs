@@ -141,12 +141,12 @@ impl ShadingFrame {
     }
 
     #[inline(always)]
-    fn to_local(&self, v: Vec3A) -> Vec3A {
+    fn to_local(self, v: Vec3A) -> Vec3A {
         Vec3A::new(self.t.dot(v), self.b.dot(v), self.n.dot(v))
     }
 
     #[inline(always)]
-    fn to_world(&self, v: Vec3A) -> Vec3A {
+    fn to_world(self, v: Vec3A) -> Vec3A {
         (self.t * v.x + self.b * v.y + self.n * v.z).normalize()
     }
 }

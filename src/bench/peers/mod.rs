@@ -32,7 +32,7 @@ const SCRIPTS: [(&str, &str); 2] = [
 /// Name of the results.
 const RESULTS: &str = "peers.json";
 /// Changes whenever exported scenes or settings do, so that older references and rows are not taken for new ones.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Time against error beside Mitsuba 3 and Cycles: the same scenes, rendered by turns, each measured against its own reference.
 /// Renderers that are not installed are skipped. Finished pictures and references are kept: run again, it goes on.
@@ -62,6 +62,10 @@ pub struct Options {
     /// Scattering events of a path
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
     max_bounces: u32,
+    /// Every surface Lambertian, of its base colour: the material models then are the same, and where references still differ they
+    /// differ in how light is transported
+    #[arg(long)]
+    lambertian: bool,
     /// Relative squared error that times are compared at
     #[arg(long, default_value_t = 0.01)]
     target: f64,
@@ -92,6 +96,9 @@ struct Settings {
     max_bounces: u32,
     /// Of our renderer.
     bsdf: String,
+    /// Whether all materials were replaced.
+    #[serde(default)]
+    lambertian: bool,
     threads: usize,
 }
 
@@ -151,6 +158,7 @@ impl Options {
             reference_spp: pick(self.reference_spp, 256, 1024),
             max_bounces: self.max_bounces,
             bsdf: renderflow_renderer::Mode::Conserving.name().into(),
+            lambertian: self.lambertian,
             threads: rayon::current_num_threads(),
         };
         let repeats = pick(self.repeats, 1, 3);
@@ -170,7 +178,8 @@ impl Options {
             + contenders.len() as u64 * u64::from(repeats + 1) * u64::from(pictures);
         let progress = Progress::new("peers", names.len() as u64 * of_scene);
         let mut run = Run { options: &self, settings, repeats, contenders, measured, progress, cancel };
-        println!("ours: {} BRDF; the beauty alone, as the others", run.settings.bsdf);
+        let bsdf = if run.settings.lambertian { "Lambertian" } else { &run.settings.bsdf };
+        println!("ours: {bsdf} BRDF; the beauty alone, as the others");
         for (index, name) in names.iter().enumerate() {
             run.progress.set(index as u64 * of_scene);
             run.scene(name)?;
@@ -238,7 +247,10 @@ impl Options {
 
 impl Run<'_> {
     fn scene(&mut self, name: &str) -> Result<()> {
-        let scenes::Subject { name, loaded } = scenes::open(name, Some(self.settings.resolution))?;
+        let scenes::Subject { name, mut loaded } = scenes::open(name, Some(self.settings.resolution))?;
+        if self.settings.lambertian {
+            loaded.materials.iter_mut().for_each(export::make_lambertian);
+        }
         if self.measured.scenes.insert(name.clone(), loaded.hash.clone()).is_some_and(|hash| hash != loaded.hash) {
             self.measured.rows.retain(|row| row.scene != name);
         }
@@ -317,7 +329,8 @@ impl Run<'_> {
                 return Ok(());
             }
             run.progress.message(format!("{name}: reference of {family}"));
-            let key = format!("{FORMAT} {} {max_bounces} {}", scene.hash, contender.version);
+            let materials = if scene.materials.iter().any(export::is_lambertian) { " lambertian" } else { "" };
+            let key = format!("{FORMAT} {} {max_bounces} {}{materials}", scene.hash, contender.version);
             let key = blake3::hash(key.as_bytes()).to_hex();
             let file = format!("{name}-{family}-{resolution}-{reference_spp}-{}.f32", &key.as_str()[..12]);
             let path = run.options.out.join("references").join(file);
