@@ -7,7 +7,7 @@
 //! `f(wi) = f_s(wi) + f_s(wi - 2 (n . wi) n)`, both terms with their own cosine, the second where its direction is above the shading horizon,
 //!
 //! and the density likewise. What the BSDF reflects in all leaves the surface whatever the normals are, so a furnace closes; only
-//! directions within the lean of the normal from the horizon are affected. Not reciprocal (paths are traced from the camera only).
+//! directions within the lean of the normal from the horizon are affected. Not reciprocal: paths are weighed as seen from the camera.
 //!
 //! In published mode such directions are dropped, as Mitsuba and others do: on a coarse smooth model (Suzanne, 3,936 triangles) the
 //! pictures then differ by 0.15 % from Mitsuba's, block by block, and by 0.50 % (4 % where the surface is seen at a slant) with folding.
@@ -115,6 +115,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
 }
 
 /// Orthonormal frame with the shading normal as +z.
+#[derive(Clone, Copy)]
 struct ShadingFrame {
     t: Vec3A,
     b: Vec3A,
