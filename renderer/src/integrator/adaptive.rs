@@ -16,11 +16,12 @@
 //! proportion to the number of noisy places in the picture: +7e-3 +- 1.4e-3 of the mean where twenty bright samples are the noise of
 //! a picture of 24 x 24 pixels at 16 samples a pixel, and not told from 0 on the scenes of `renderflow bench` at 256 x 256.
 //!
-//! Measured with light paths at 256 x 256 (scenes of `renderflow bench`), relMSE x instructions at 64 samples a pixel in place of even samples
-//! with 4 and with 2 samples that share a camera ray: soft sun 0.86 and 0.93, studio 0.87 and 1.00, a million triangles 0.64 and 1.1; at
-//! 512 x 512 with 2: soft sun 0.96, a million triangles 0.99. The rest of what relMSE at equal samples falls by (to 0.86 to 0.93) goes into samples that
-//! cost more where there is noise. Counts in proportion to true deviations, known over 9 x 9 pixels, would give 0.74, 0.75 and 0.77. On
-//! scenes whose noise is rare bright samples wherever they come, it does not pay: a hard sun 1.3.
+//! Measured with light paths at 256 x 256 and 64 samples a pixel (scenes of `renderflow bench`), relMSE x instructions in place of even
+//! samples of which 4 share a camera ray: soft sun 0.86, studio 0.87, overcast 1.02, textured 0.94, hard sun 1.3, a million triangles
+//! 0.64, forest 0.55, interior 0.98. Of which 2 do: 0.93, 1.00, 0.99, 0.98, 0.89, 1.12, 0.94, 0.97 (textured and hard sun within some
+//! 20 %: few bright samples decide); at 512 x 512 0.96 for the soft sun and 0.99 for a million triangles. What relMSE falls by (to
+//! 0.74 to 0.93) goes into samples that cost more where there is noise. Counts in proportion to true deviations, known over 9 x 9
+//! pixels, would give 0.74 to 0.77 on the soft sun and a million triangles.
 //!
 //! Tried and left, none of them better by more than 2 %: deviations over the root of rays a sample (the rays saved are fewer than
 //! the error gained), a pilot of a quarter, differences between halves of the pilot in place of variances, counts that are powers of two.
