@@ -5,19 +5,26 @@
 //! minimise the sum of `r / n` for a given sum of `c n`. Counts are a function of the samples alone, so that threads do not enter.
 //!
 //! A mean of samples is biased when its own samples decide how many there are: a pixel whose first samples missed the bright ones
-//! stops early and stays dark. So the noise of a pixel is estimated from its *neighbours* (whose random numbers are independent),
-//! and not from all of them, since their counts may depend on this pixel: pixels have one of four colours, and each is judged by
+//! stops early and stays dark. So the noise of a pixel is estimated from its *neighbours*, whose random numbers are independent.
+//! [`Budget::Average`] asks once, after the pilot, when nothing that a neighbour has depends on this pixel: it asks all of them near
+//! by. Where counts are decided on again and again they do depend on it: there pixels have one of four colours, and each is judged by
 //! those of the next colour only. Its samples come back to it after four rounds at the earliest, thinned by some forty pixels each
-//! time. Judging by all neighbours within 2 pixels instead made a caustic scene darker by 7e-4 of its mean at 64 samples a pixel, and by all
-//! within 2 and itself by 2.5e-3 (with a relMSE lower by a quarter, which is what that bias buys).
+//! time. Judging by all neighbours within 2 pixels there made a caustic scene darker by 7e-4 of its mean at 64 samples a pixel, and by
+//! all within 2 and itself by 2.5e-3 (with a relMSE lower by a quarter, which is what that bias buys).
 //!
 //! What remains is that all pixels share one sum: a bright sample takes samples from all, its own pixel too. That is in inverse
 //! proportion to the number of noisy places in the picture: +7e-3 +- 1.4e-3 of the mean where twenty bright samples are the noise of
-//! a picture of 24 x 24 pixels at 16 samples a pixel, and (-1 to +1)e-4, not told from 0, on the caustic scene at 256 x 256.
+//! a picture of 24 x 24 pixels at 16 samples a pixel, and not told from 0 on the scenes of `renderflow bench` at 256 x 256.
 //!
-//! Measured on that scene (common scene with a soft sun, 256 x 256): relMSE x samples a pixel 0.40 at 64 and 0.37 at 256 in place of
-//! 0.70 and 0.66 of even samples; counts in proportion to the true deviations, pooled over 5 x 5 pixels, would give 0.36 at 64.
-//! On a composed scene whose noise is rare bright samples (96 x 96): 0.151 at 16 and 0.264 at 64 in place of 0.157 and 0.251.
+//! Measured with light paths at 256 x 256 and 64 samples a pixel (scenes of `renderflow bench`), relMSE x instructions in place of even
+//! samples of which 4 share a camera ray: soft sun 0.86, studio 0.87, overcast 1.02, textured 0.94, hard sun 1.3, a million triangles
+//! 0.64, forest 0.55, interior 0.98. Of which 2 do: 0.93, 1.00, 0.99, 0.98, 0.89, 1.12, 0.94, 0.97 (textured and hard sun within some
+//! 20 %: few bright samples decide); at 512 x 512 0.96 for the soft sun and 0.99 for a million triangles. What relMSE falls by (to
+//! 0.74 to 0.93) goes into samples that cost more where there is noise. Counts in proportion to true deviations, known over 9 x 9
+//! pixels, would give 0.74 to 0.77 on the soft sun and a million triangles.
+//!
+//! Tried and left, none of them better by more than 2 %: deviations over the root of rays a sample (the rays saved are fewer than
+//! the error gained), a pilot of a quarter, differences between halves of the pilot in place of variances, counts that are powers of two.
 
 use super::accumulate::{Film, Meter, Work};
 use super::gbuffer::Visible;
@@ -25,7 +32,6 @@ use super::light_paths::Casters;
 use super::{Settings, mean};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
-use crate::film::PixelStatistics;
 use crate::sampler::hash;
 use crate::schedule::Progress;
 use crate::stats::Stats;
@@ -47,7 +53,8 @@ pub enum Budget {
     /// As many in every pixel: [`Settings::spp`].
     #[default]
     Uniform,
-    /// A fixed sum: at most [`Settings::spp`] a pixel on average, and no fewer where pixels that may see geometry need them.
+    /// A fixed sum: at most [`Settings::spp`] a pixel on average, and no fewer where pixels that may see geometry need them. Below 32
+    /// all that may see geometry have as many.
     Average,
     /// Until the relMSE of the picture, mean((picture - truth)^2 / (truth^2 + 0.01)), is estimated to be at most a target; at most
     /// [`Settings::spp`] a pixel on average.
@@ -76,6 +83,7 @@ impl Budget {
     pub fn fewest(self, spp: u32) -> u32 {
         match self {
             Self::Uniform => spp,
+            Self::Average if spp < FEWEST_SPREAD => spp,
             Self::Average => pilot(spp, FLOOR),
             // A small pilot: nobody knows how much is needed.
             Self::Error { .. } | Self::Time { .. } => pilot(spp.min(STEP * STEP), 1.0),
@@ -113,7 +121,10 @@ pub(super) fn largest(scene: &RenderScene, settings: &Settings, map: &Image<u32>
 /// Most samples of a pixel.
 const MOST: u32 = 1 << 24;
 /// Counts are multiples of this: the shortest runs of the low-discrepancy points that are well spread.
-pub(super) const STEP: u32 = 4;
+const STEP: u32 = 4;
+/// Most samples that share a camera ray. Where many samples go, what the camera sees is a part of the noise: 2 in place of 4 lower
+/// relMSE x instructions by 12, 16 and 46 % at 64 samples a pixel (soft sun, studio, a million triangles).
+pub(super) const BRANCHES: u32 = 2;
 /// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as dear as
 /// one of four times the samples.
 const LARGEST_STEP: u32 = 32;
@@ -121,16 +132,19 @@ const LARGEST_STEP: u32 = 32;
 /// noise stays in its places (common scene, 64 samples a pixel), and a half again worse than uniform samples where rare bright
 /// samples may come anywhere (a mirror ball on a floor under a small sun, 16 samples a pixel), where a half is a third better.
 const FLOOR: f64 = 1.0 / 2.0;
+/// Fewer samples on average are not spread: the pilot tells too little, and a round costs too much. At 16 relMSE was 0.75 of that of even
+/// ones for 1.4 times the instructions (soft sun, studio, a million triangles).
+const FEWEST_SPREAD: u32 = 32;
 /// The pilot's share where the environment alone is seen.
 const FLOOR_UNSEEN: f64 = 1.0 / 8.0;
 /// Most samples of a pixel, in averages.
 const CAP: f64 = 32.0;
-/// Rounds of [`Budget::Average`] after the pilot.
-const ROUNDS: i32 = 3;
 /// Colours of the pixels, see above.
 const COLOURS: i64 = 4;
-/// How far the pixels are that judge a pixel, in pixels.
+/// How far the pixels are that judge a pixel, in pixels, where one of four does.
 const RADIUS: i64 = 7;
+/// The same where all do. 7 is 3 to 6 % worse (relMSE x instructions of three scenes), but on a million triangles at 64 samples: 3 % better.
+const RADIUS_ONCE: i64 = 3;
 /// What relative errors are relative to, besides the squared mean: that of relMSE.
 const DARK: f64 = 0.01;
 /// Cost of a sample that may see geometry, in samples that see the environment alone.
@@ -175,14 +189,14 @@ pub(super) fn render(
         // What is left is guessed from what the budget says; the last round knows.
         let total = meter.done() + samples;
         let expected = (samples as f64 * (most / budget.max(1.0))).max(total as f64) as u64;
-        let last = round > ROUNDS || settings.spp == fewest;
+        let last = round > 1 || settings.spp == fewest;
         let total = if settings.budget == Budget::Average && !last { expected } else { total };
         stats += work.trace_light(&mut film, light, (&meter, total))?;
         let span = |pixel: usize| plan.counts[pixel]..target[pixel];
         stats += work.trace(&mut film, &span, (&meter, total))?;
         plan.counts.clone_from(&target);
         let next = match settings.budget {
-            Budget::Uniform | Budget::Average => first + (most - first) * f64::from(round) / f64::from(ROUNDS),
+            Budget::Uniform | Budget::Average => most,
             Budget::Error { millionths } => budget * (error(&film) / (f64::from(millionths) * 1e-6)).clamp(0.0, 2.0),
             Budget::Time { milliseconds } => {
                 let share = f64::from(milliseconds) * 1e-3 / started.elapsed().as_secs_f64().max(1e-6);
@@ -195,7 +209,7 @@ pub(super) fn render(
             break;
         }
         budget = next;
-        target = plan.allocate(&importance(&film), budget, unit, settings.spp);
+        target = plan.allocate(&importance(&film, &judges(settings.budget)), budget, unit, settings.spp);
     }
     film.complete_map(&plan.counts);
     Ok((film, stats))
@@ -232,13 +246,14 @@ impl Plan {
         // Without geometry a sample is cheap, and they may be many: but no more than a uniform picture has.
         let cap_unseen = f64::from(spp / STEP * STEP);
         let step = (spp / 4).clamp(STEP, LARGEST_STEP).next_power_of_two();
+        // Rounded down or up at random, so that neighbours differ by a step rather than all of them by none.
+        let dither = |pixel: usize| (hash::child(self.seed, pixel as u64) >> 11) as f64 / (1_u64 << 53) as f64;
+        let dither: Vec<f64> = (0..importance.len()).into_par_iter().map(dither).collect();
         let count = |pixel: usize, scale: f64| {
             let seen = self.seen[pixel];
             let wish = scale * importance[pixel];
             let wish = if seen { wish.clamp(floor, cap) } else { (wish * (COST as f64).sqrt()).min(cap_unseen) };
-            // Rounded down or up at random, so that neighbours differ by a step rather than all of them by none.
-            let dither = (hash::child(self.seed, pixel as u64) >> 11) as f64 / (1_u64 << 53) as f64;
-            let steps = (wish / f64::from(step) + dither) as u32;
+            let steps = (wish / f64::from(step) + dither[pixel]) as u32;
             self.counts[pixel].max(steps.saturating_mul(step).min(MOST))
         };
         let counts = |scale: f64| (0..importance.len()).into_par_iter().map(|pixel| count(pixel, scale)).collect::<Vec<_>>();
@@ -255,22 +270,32 @@ impl Plan {
     }
 }
 
-/// Variance of one sample of a pixel relative to a mean, averaged over the channels.
-fn relative_variance(pixel: &PixelStatistics, mean: DVec3) -> f64 {
-    let variance = pixel.variance_of_mean_f64() * pixel.count() as f64;
+/// A variance relative to a mean, averaged over the channels.
+fn relative(variance: DVec3, mean: DVec3) -> f64 {
     (0..3).map(|c| variance[c] / (mean[c] * mean[c] + DARK)).sum::<f64>() / 3.0
 }
 
-/// Standard deviation of a sample relative to the picture for each pixel, as its neighbours of the next colour tell.
+/// Where the pixels are that judge a pixel, as seen from it.
+fn judges(budget: Budget) -> Vec<(i64, i64)> {
+    let once = budget == Budget::Average;
+    let radius = if once { RADIUS_ONCE } else { RADIUS };
+    let near = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dx, dy)));
+    let asked = |&(dx, dy): &(i64, i64)| if once { (dx, dy) != (0, 0) } else { (dx + 2 * dy).rem_euclid(COLOURS) == 1 };
+    near.filter(|(dx, dy)| dx * dx + dy * dy <= radius * (radius + 1)).filter(asked).collect()
+}
+
+/// Standard deviation of a sample relative to the picture for each pixel, as its `judges` tell. Samples are camera paths: what light
+/// paths bring is in the picture, but its noise is not theirs.
 ///
 /// Variances are relative to the mean of the same pixel: where one bright sample among `n` makes it, they are at most `n`, so that
 /// single fireflies cannot take the whole budget. Relative to the mean of all neighbours, relMSE was 12 % higher.
-fn importance(film: &Film) -> Vec<f64> {
+fn importance(film: &Film, judges: &[(i64, i64)]) -> Vec<f64> {
     let (width, height) = (film.width as i64, film.height as i64);
-    let relative: Vec<f64> = film.pixels.par_iter().map(|pixel| relative_variance(pixel, pixel.mean_f64()).min(1e30)).collect();
-    let near = (-RADIUS..=RADIUS).flat_map(|dy| (-RADIUS..=RADIUS).map(move |dx| (dx, dy)));
-    let next_colour = |&(dx, dy): &(i64, i64)| (dx + 2 * dy).rem_euclid(COLOURS) == 1;
-    let judges: Vec<_> = near.filter(|(dx, dy)| dx * dx + dy * dy <= RADIUS * (RADIUS + 1)).filter(next_colour).collect();
+    let of_sample = |at: usize| {
+        let pixel = &film.pixels[at];
+        relative(pixel.variance_of_mean_f64() * pixel.count() as f64, film.mean_of(at)).min(1e30)
+    };
+    let relative: Vec<f64> = (0..film.pixels.len()).into_par_iter().map(of_sample).collect();
     let pooled = |pixel: usize| {
         let (x, y) = (pixel as i64 % width, pixel as i64 / width);
         let (mut sum, mut count) = (0.0, 0_u32);
@@ -289,8 +314,8 @@ fn importance(film: &Film) -> Vec<f64> {
 /// Estimated relMSE of the picture so far: the variance of each pixel's mean relative to the mean of those around it. Relative to
 /// its own it would be a quarter of the truth at 16 samples, since a pixel that a bright sample makes noisy is made bright by it.
 ///
-/// Measured on a caustic scene against its relMSE at 4, 16 and 64 samples a pixel: 1.15 to 1.23 times at 256 x 256 pixels, and 1.4
-/// times at 64 x 64, the rest being what low-discrepancy samples are better than the independent ones that variance is told of.
+/// Independent samples would have that variance; low-discrepancy ones have less: where light paths find the caustics it is 2 to 3
+/// times the relMSE (a shiny sphere under a sun, 64 x 48 pixels, 45 to 375 samples a pixel).
 fn error(film: &Film) -> f64 {
     let (width, height) = (film.width, film.height);
     let around = |pixel: usize| {
@@ -298,14 +323,13 @@ fn error(film: &Film) -> f64 {
         let (mut sum, mut count) = (DVec3::ZERO, 0.0);
         for y in y.saturating_sub(1)..(y + 2).min(height) {
             for at in (x.saturating_sub(1)..(x + 2).min(width)).map(|x| y * width + x).filter(|&at| at != pixel) {
-                sum += film.pixels[at].mean_f64();
+                sum += film.mean_of(at);
                 count += 1.0;
             }
         }
-        if count == 0.0 { film.pixels[pixel].mean_f64() } else { sum / count }
+        if count == 0.0 { film.mean_of(pixel) } else { sum / count }
     };
-    let relative =
-        |pixel: usize| relative_variance(&film.pixels[pixel], around(pixel)) / film.pixels[pixel].count().max(1) as f64;
+    let relative = |pixel: usize| relative(film.variance_of_mean(pixel), around(pixel));
     // Summed in order, whoever made them.
     let errors: Vec<f64> = (0..film.pixels.len()).into_par_iter().map(relative).collect();
     errors.iter().sum::<f64>() / errors.len().max(1) as f64
