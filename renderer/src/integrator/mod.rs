@@ -195,7 +195,8 @@ impl Settings {
     /// How many samples share a camera ray: a power of two, at most [`Settings::branches`]. At least four camera rays are left in
     /// a pixel that may see geometry, for the sake of its edges and its variance.
     pub fn branches(&self) -> u32 {
-        let (fewest, largest) = (self.budget.fewest(self.spp), if self.budget == Budget::Uniform { 64 } else { adaptive::BRANCHES });
+        let (fewest, largest) =
+            (self.budget.fewest(self.spp), if self.budget == Budget::Uniform { 64 } else { adaptive::BRANCHES });
         let possible = |&b: &u32| b <= self.branches.min(largest) && fewest.is_multiple_of(b) && fewest >= 4 * b;
         (0..7).map(|k| 64 >> k).find(possible).unwrap_or(1)
     }
