@@ -3,8 +3,9 @@
 use crate::camera::Filter;
 use crate::compile::{CompiledMaterial, RenderScene};
 use crate::integrator::{DirectLight, Settings};
-use glam::Vec3A;
+use glam::{Affine3A, Mat3A, Vec3A};
 use rayon::prelude::*;
+use renderflow_scenes::Mesh;
 use std::f32::consts::PI;
 
 /// Light less concentrated than this ([`crate::light::EnvironmentLight::concentration`]) makes no caustics that camera paths do not find:
@@ -59,19 +60,25 @@ impl Casters {
             .map(|(instance, number)| (number, shine(&scene.materials[instance.material])))
             .filter(|(_, shine)| *shine > 0.0)
             .collect();
-        let sphere = |&(instance, shine): &(u32, f32)| {
-            let (center, radius) = sphere_around(scene, instance)?;
+        let mut meshes: Vec<usize> = shiny.iter().map(|&(number, _)| scene.geometry.instances[number as usize].mesh).collect();
+        meshes.sort_unstable();
+        meshes.dedup();
+        let spheres: Vec<_> = meshes.par_iter().map(|&mesh| sphere_around(scene.geometry.mesh(mesh))).collect();
+        let caster = |&(instance, shine): &(u32, f32)| {
+            let placed = &scene.geometry.instances[instance as usize];
+            let sphere = spheres[meshes.binary_search(&placed.mesh).ok()?];
+            let (center, radius) = transformed(sphere, &placed.transform(scene.frame()))?;
             let distance = center.distance(eye);
             // Where the camera is within, nobody knows what it sees of it.
             let share = (radius / distance).powi(2) * PI * focal * focal;
-            (radius > 0.0 && distance > radius && share.is_finite()).then(|| Caster {
+            (distance > radius && share.is_finite()).then(|| Caster {
                 instance,
                 center,
                 radius,
                 paths: (DENSITY * shine * share.min(pixels)).round() as u32,
             })
         };
-        let mut list: Vec<Caster> = shiny.par_iter().filter_map(sphere).filter(|caster| caster.paths > 0).collect();
+        let mut list: Vec<Caster> = shiny.iter().filter_map(caster).filter(|caster| caster.paths > 0).collect();
         let total: f32 = list.iter().map(|caster| caster.paths as f32).sum();
         if total > MOST * pixels {
             list.iter_mut().for_each(|caster| caster.paths = (caster.paths as f32 * (MOST * pixels / total)) as u32);
@@ -102,16 +109,48 @@ fn shine(material: &CompiledMaterial) -> f32 {
     if reflects { DIELECTRIC } else { 0.0 }
 }
 
-/// A sphere around an instance at the current frame; `None` where it has no size.
-fn sphere_around(scene: &RenderScene, instance: u32) -> Option<(Vec3A, f32)> {
-    let placed = &scene.geometry.instances[instance as usize];
-    let transform = placed.transform(scene.frame());
-    let mesh = scene.geometry.mesh(placed.mesh);
-    let corners = || mesh.triangles.iter().flatten().map(|&v| transform.transform_point3a(mesh.positions[v as usize].into()));
+/// A sphere around a mesh, as it is.
+fn sphere_around(mesh: &Mesh) -> (Vec3A, f32) {
+    let corners = || mesh.triangles.iter().flatten().map(|&v| Vec3A::from(mesh.positions[v as usize]));
     let (low, high) = corners().fold((Vec3A::INFINITY, Vec3A::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
     let center = 0.5 * (low + high);
-    let radius = corners().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt();
+    (center, corners().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt())
+}
+
+/// A sphere around what `transform` makes of a sphere; `None` where it has no size.
+fn transformed((center, radius): (Vec3A, f32), transform: &Affine3A) -> Option<(Vec3A, f32)> {
+    let squared = transform.matrix3.transpose() * transform.matrix3;
+    let trace = |m: &Mat3A| m.x_axis.x + m.y_axis.y + m.z_axis.z;
+    // The largest eigenvalue is at most this (Wolkowicz and Styan 1980), and exactly this where all scales are the same.
+    let mean = trace(&squared) / 3.0;
+    let spread = (trace(&(squared * squared)) / 3.0 - mean * mean).max(0.0).sqrt();
+    let scale = (mean + std::f32::consts::SQRT_2 * spread).sqrt();
+    let center = transform.transform_point3a(center);
     // Roundings, of the points on triangles too.
-    let radius = radius * 1.0001 + 1e-6 * center.abs().max_element();
-    (center.is_finite() && radius.is_finite()).then_some((center, radius))
+    let radius = radius * scale * 1.001 + 1e-6 * center.abs().max_element();
+    (center.is_finite() && radius.is_finite() && radius > 0.0).then_some((center, radius))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Quat, Vec3};
+    use renderflow_scenes::shapes::{Shape, mesh};
+
+    #[test]
+    fn spheres_hold_what_is_in_them() {
+        let mesh = mesh(&Shape::Torus { radius: 1.0, tube: 0.3 });
+        for scale in [Vec3::ONE, Vec3::new(3.0, 0.2, 1.0), Vec3::new(-1.0, 2.0, 0.5), Vec3::splat(1e-4)] {
+            let turn = Quat::from_rotation_z(0.7) * Quat::from_rotation_x(1.1);
+            let mut transform = Affine3A::from_scale_rotation_translation(scale, turn, Vec3::new(5.0, -2.0, 1.0));
+            // Sheared, too.
+            transform = transform * Affine3A::from_quat(turn);
+            let (center, radius) = transformed(sphere_around(&mesh), &transform).expect("a sphere");
+            let farthest =
+                mesh.positions.iter().map(|&p| transform.transform_point3a(p.into()).distance(center)).fold(0.0, f32::max);
+            assert!(farthest <= radius && radius < 2.0 * farthest, "{scale}: {farthest} of {radius}");
+        }
+        assert_eq!(transformed((Vec3A::ZERO, 0.0), &Affine3A::IDENTITY), None);
+        assert_eq!(transformed(sphere_around(&Mesh::default()), &Affine3A::IDENTITY), None);
+    }
 }

@@ -2,18 +2,24 @@
 //!
 //! A path from the camera finds a caustic only when a direction drawn blindly at the first surface meets the body just where it mirrors
 //! the sun. Followed the other way, light that meets the body *is* the caustic. Both ways find the paths
-//! `environment - x2 - x1 - camera`; so do light samples at x2. The three are weighed against each other by the power heuristic, so
-//! that nothing is counted twice and each does what it does best (Veach 1997; this is the strategy with one camera vertex of
-//! bidirectional path tracing, for paths of this length).
+//! `environment - xk - ... - x1 - camera`, k >= 2, with xk on such a body; so do light samples at xk. The three are weighed against each
+//! other by the power heuristic, so that nothing is counted twice and each does what it does best (Veach 1997: these are the
+//! strategies of bidirectional path tracing with all, all but the last, and the last of the vertices on the camera's side).
 //!
-//! With `N` samples a pixel, of which a light path stands for one in `N` paths of one sample a pixel, the expected number of paths per
-//! pixel, solid angle at x1 and solid angle at x2 is
+//! Let a light path stand for one in `N` where pixels have `N` samples, `pi(wi)` be the density of the direction drawn at xi towards the
+//! light, `pi'` that of the direction towards the camera if xi is seen from the light's side, `ni . in` and `ni . out` the cosines of
+//! those directions, `w` the direction of the light and `pl(w)` the density of light samples. The expected number of paths per pixel
+//! and solid angles at x1 to xk is
 //!
-//! - drawn at x1 and x2: `N p1(w1) p2(wi)`,
-//! - drawn at x1, light sampled at x2: `N p1(w1) pl(wi)`,
-//! - light path: `N q pl(wi) (n2 . wi) / (n2 . w21) p2'(w21) (n1 . w1) J`, where `q` is the number of paths per square metre across
-//!   their direction for one sample a pixel, `p2'` the density with which x2 is left towards x1 when it is seen from the light, and
-//!   `J = d^2 cos^3 / (fx fy) / (n1 . wo)` the area at x1 that a pixel sees. The two distances between x1 and x2 cancel.
+//! - drawn at all surfaces: `N p1 ... pk(w)`,
+//! - light sampled at xk: `N p1 ... p(k-1) pl(w)`,
+//! - light path: `N q pl(w) (product over i = k..2 of pi' (ni . in) / (ni . out)) (n1 . in) J`, where `q` is the number of paths aimed at the
+//!   body per square metre across their direction for one sample a pixel, and `J = d^2 cos^3 / (fx fy) / (n1 . out)` the area at x1 that a
+//!   pixel sees. The distances between the surfaces cancel.
+//!
+//! So the third over the second is `q reach(k-1) pk' (nk . in) / (nk . out)` with `reach(1) = (n1 . in) J / p1` and
+//! `reach(i) = reach(i-1) pi' (ni . in) / (ni . out) / pi`: a path from the camera carries `reach` along. For weights, `pi'` is that of the
+//! interaction as the camera's side sees it, in both directions alike, so that they sum to 1 whatever a light path's own density is.
 
 mod casters;
 mod trace;
@@ -41,12 +47,14 @@ fn seen_area(scene: &RenderScene, at: &Interaction, wo: Vec3A) -> f32 {
 /// Most surfaces that light paths have.
 pub(super) const MOST_SURFACES: u32 = 8;
 
+/// Largest ratio of densities; beyond it a light path has all the weight in any case.
+const LARGEST_RATIO: f32 = 1e18;
+
 fn longest(settings: &Settings) -> usize {
     settings.max_bounces.min(MOST_SURFACES) as usize
 }
 
-/// By what the density of a path changes at the surface `at`, not the first nor the last before the light, if it is followed the other
-/// way; its density followed this way not counted.
+/// `pi' (ni . in) / (ni . out)` at the surface `at` of a path that goes on along `wi`, towards the light, and came from `wo`.
 #[inline(always)]
 pub(super) fn turned<F: Features>(
     at: &Interaction,
@@ -56,16 +64,15 @@ pub(super) fn turned<F: Features>(
     scatterer.reversed_pdf(bsdf, wo, wi) * at.n.dot(wi) / at.n.dot(wo)
 }
 
-/// How dense light paths are at the second surface of a path compared to light samples there, where both can be.
 impl Casters {
-    /// Of the first surface `at`, seen from `wo`, left along `wi` with density `pdf`: what [`Self::ratio`] needs of it.
+    /// `reach(1)`: of the first surface `at`, seen from `wo`, left along `wi` with density `pdf`.
     #[inline(always)]
     pub fn reach(&self, scene: &RenderScene, at: &Interaction, wo: Vec3A, wi: Vec3A, pdf: f32) -> f32 {
         seen_area(scene, at, wo) * at.n.dot(wi) / pdf
     }
 
-    /// Density of light paths over that of light samples, of the path that leaves `at` for the light along `wi` and reaches it from
-    /// `wo`.
+    /// Density of light paths over that of light samples, of the path that leaves `at` for the light along `wi` and came from `wo` with
+    /// `reach`; 0 where no light paths are aimed.
     #[inline(always)]
     pub fn ratio<F: Features>(
         &self,
@@ -79,6 +86,8 @@ impl Casters {
         if density == 0.0 {
             return 0.0;
         }
-        density / scene.lights.environment_share() * reach * turned::<F>(at, (bsdf, scatterer), (wo, wi))
+        let ratio = density / scene.lights.environment_share() * reach * turned::<F>(at, (bsdf, scatterer), (wo, wi));
+        // Its square must stay finite. What overflowed on the way is left to the other strategies, from both sides.
+        if ratio.is_finite() { ratio.min(LARGEST_RATIO) } else { 0.0 }
     }
 }

@@ -27,7 +27,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Paths that are traced at a time.
 const CHUNK: u64 = 4096;
 /// Chunks whose results are held before they are stored.
-const BATCH: usize = 256;
+const BATCH: usize = 128;
 /// Tells the random numbers of light paths from those of pixels.
 const STREAM: u64 = 0x4c49_4748;
 
@@ -54,15 +54,17 @@ pub(in crate::integrator) fn trace<F: Features>(
     done: &(dyn Fn(u64) + Sync),
     store: &mut dyn FnMut(Deposit),
 ) -> Result<Stats> {
-    let chunks: Vec<(usize, Range<u64>)> = (casters.list.iter().enumerate())
-        .flat_map(|(number, caster)| {
-            let all = u64::from(samples.start) * u64::from(caster.paths)..u64::from(samples.end) * u64::from(caster.paths);
-            let starts = all.clone().step_by(CHUNK as usize);
-            starts.map(move |start| (number, start..all.end.min(start + CHUNK)))
-        })
-        .collect();
+    let mut chunks = casters.list.iter().enumerate().flat_map(|(number, caster)| {
+        let all = u64::from(samples.start) * u64::from(caster.paths)..u64::from(samples.end) * u64::from(caster.paths);
+        let starts = all.clone().step_by(CHUNK as usize);
+        starts.map(move |start| (number, start..all.end.min(start + CHUNK)))
+    });
     let mut stats = Stats::default();
-    for batch in chunks.chunks(BATCH) {
+    loop {
+        let batch: Vec<(usize, Range<u64>)> = chunks.by_ref().take(BATCH).collect();
+        if batch.is_empty() {
+            return Ok(stats);
+        }
         let results: Vec<_> = batch
             .par_iter()
             .with_max_len(1)
@@ -82,7 +84,6 @@ pub(in crate::integrator) fn trace<F: Features>(
             deposits.into_iter().for_each(&mut *store);
         }
     }
-    Ok(stats)
 }
 
 struct Chunk<'a, F: Features> {
@@ -231,6 +232,9 @@ impl<'a, F: Features> Tracer<'a, F> {
                 Some((_, p)) => {
                     let away = *p - at.p;
                     let distance = away.length();
+                    if distance == 0.0 {
+                        return None;
+                    }
                     (away / distance, distance)
                 }
                 None => (light.wi, 0.0),
