@@ -1,6 +1,6 @@
 //! What a path costs beyond its rays, on one thread: the time of a render less that of tracing exactly its rays again.
 //!
-//! `cargo run --release -p renderflow-renderer --features record --example shading_cost -- SCENE.json [--spp 16] [--size 256] [--repeats 5]`
+//! `cargo run --release -p renderflow-renderer --features record --example shading_cost -- SCENE.json [--spp 16] [--size 256] [--repeats 5] [--branches 2] [--no-light-paths]`
 //!
 //! Times are processor time of the thread. The rays are asked for in the order of the render and together where
 //! they were, from memory, with nothing in between. Where paths split, each branch counts.
@@ -27,6 +27,7 @@ fn seconds() -> Result<f64> {
 fn main() -> Result<()> {
     let mut path = None;
     let (mut spp, mut size, mut repeats, mut only_render) = (16u32, 256u32, 5usize, false);
+    let mut settings = Settings::default();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
@@ -34,25 +35,26 @@ fn main() -> Result<()> {
             "--spp" => spp = value()?.parse()?,
             "--size" => size = value()?.parse()?,
             "--repeats" => repeats = value()?.parse()?,
+            "--branches" => settings.branches = value()?.parse()?,
+            "--no-light-paths" => settings.light_paths = false,
             "--render" => only_render = true,
             _ => path = Some(PathBuf::from(argument)),
         }
     }
-    let path = path.ok_or("usage: shading_cost SCENE.json [--spp N] [--size N] [--repeats N] [--render]")?;
+    let path = path.ok_or("usage: shading_cost SCENE.json [--spp N] [--size N] [--repeats N] [--branches N] [--no-light-paths] [--render]")?;
     let mut description = Scene::read(&path)?;
     description.resolution = [size; 2];
     let loaded = load(&description, path.parent().unwrap_or(Path::new("")))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     // All on the one worker: what it runs is what its clock counts.
-    pool.install(|| measure(&RenderScene::compile(&loaded)?, spp, repeats, only_render))
+    pool.install(|| measure(&RenderScene::compile(&loaded)?, &Settings { spp, ..settings }, repeats, only_render))
 }
 
-fn measure(scene: &RenderScene, spp: u32, repeats: usize, only_render: bool) -> Result<()> {
-    let settings = Settings { spp, ..Settings::default() };
+fn measure(scene: &RenderScene, settings: &Settings, repeats: usize, only_render: bool) -> Result<()> {
     let never = AtomicBool::new(false);
-    let render = || expose(scene, &settings, 0..spp, &|_, _| (), &never);
+    let render = || expose(scene, settings, 0..settings.spp, &|_, _| (), &never);
     let (film, stats) = render()?;
-    let (frame, _) = develop(scene, &settings, &film)?;
+    let (frame, _) = develop(scene, settings, &film)?;
     let bytes: Vec<u8> = frame.raw.iter().flat_map(|raw| &raw.pixels).flatten().flat_map(|v| v.to_le_bytes()).collect();
     println!("{stats:?}, picture {}", &blake3::hash(&bytes).to_hex()[..16]);
     if only_render {

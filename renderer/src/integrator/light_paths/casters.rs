@@ -144,7 +144,7 @@ mod tests {
             let turn = Quat::from_rotation_z(0.7) * Quat::from_rotation_x(1.1);
             let mut transform = Affine3A::from_scale_rotation_translation(scale, turn, Vec3::new(5.0, -2.0, 1.0));
             // Sheared, too.
-            transform = transform * Affine3A::from_quat(turn);
+            transform *= Affine3A::from_quat(turn);
             let (center, radius) = transformed(sphere_around(&mesh), &transform).expect("a sphere");
             let farthest =
                 mesh.positions.iter().map(|&p| transform.transform_point3a(p.into()).distance(center)).fold(0.0, f32::max);
