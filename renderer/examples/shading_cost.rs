@@ -41,7 +41,9 @@ fn main() -> Result<()> {
             _ => path = Some(PathBuf::from(argument)),
         }
     }
-    let path = path.ok_or("usage: shading_cost SCENE.json [--spp N] [--size N] [--repeats N] [--branches N] [--no-light-paths] [--render]")?;
+    let path = path.ok_or(
+        "usage: shading_cost SCENE.json [--spp N] [--size N] [--repeats N] [--branches N] [--no-light-paths] [--render]",
+    )?;
     let mut description = Scene::read(&path)?;
     description.resolution = [size; 2];
     let loaded = load(&description, path.parent().unwrap_or(Path::new("")))?;
