@@ -149,6 +149,29 @@ fn a_mirror_doubles_the_sun() {
     assert!((found / expected - 1.0).abs() < 0.01, "{found} of {expected}");
 }
 
+/// A dull wall before metal bodies that face each other: much of its light comes over two or more of them.
+#[test]
+fn light_over_several_bodies_is_counted_once() {
+    let wall = Affine3A::from_rotation_translation(Quat::from_rotation_x(std::f32::consts::FRAC_PI_2), Vec3::new(0.0, 0.6, -1.2));
+    let mut parts = vec![(plane(2.0), diffuse([0.8; 3]), wall), (plane(6.0), metal(0.25), Affine3A::IDENTITY)];
+    for x in [-0.9, -0.3, 0.3, 0.9] {
+        parts.push((sphere(12, true), metal(0.25), place(x, 0.3, -0.6, Vec3::splat(0.28))));
+    }
+    // The upper part of the wall alone is in the picture.
+    let mut loaded = scene(parts, sunny(), camera([0.0, 2.2, 4.0], [0.0, 1.0, -1.2], 7.0, SIZE[0], SIZE[1]));
+    for max_bounces in [2, 3, 6] {
+        let settings = Settings { spp: 512, max_bounces, ..Settings::default() };
+        let over_seeds = |light_paths: bool, loaded: &mut LoadedScene| {
+            let all = blocks(loaded, &Settings { light_paths, ..settings }, 12);
+            all.iter().fold((0.0, 0.0), |(m, v), b| (m + b.0, v + b.1))
+        };
+        let ((a, va), (b, vb)) = (over_seeds(true, &mut loaded), over_seeds(false, &mut loaded));
+        let error = (va + vb).sqrt() / b;
+        println!("{max_bounces} surfaces: {:+.5} +- {error:.5}", a / b - 1.0);
+        assert!(error < 0.002 && (a / b - 1.0).abs() < 3.5 * error, "{max_bounces} surfaces: {a} of {b}, {error}");
+    }
+}
+
 /// relMSE of pictures against `truth`.
 fn error(loaded: &mut LoadedScene, settings: &Settings, truth: &Frame) -> (f64, f64) {
     let (mut error, mut predicted) = (0.0, 0.0);
