@@ -3,7 +3,7 @@
 use crate::camera::Filter;
 use crate::compile::{CompiledMaterial, RenderScene};
 use crate::integrator::{DirectLight, Settings};
-use glam::{Affine3A, Mat3A, Vec3A};
+use glam::{Affine3A, DMat3, Vec3A};
 use rayon::prelude::*;
 use renderflow_scenes::Mesh;
 use std::f32::consts::PI;
@@ -75,13 +75,13 @@ impl Casters {
                 instance,
                 center,
                 radius,
-                paths: (DENSITY * shine * share.min(pixels)).round() as u32,
+                paths: coarse(DENSITY * shine * share.min(pixels)),
             })
         };
         let mut list: Vec<Caster> = shiny.iter().filter_map(caster).filter(|caster| caster.paths > 0).collect();
         let total: f32 = list.iter().map(|caster| caster.paths as f32).sum();
         if total > MOST * pixels {
-            list.iter_mut().for_each(|caster| caster.paths = (caster.paths as f32 * (MOST * pixels / total)) as u32);
+            list.iter_mut().for_each(|caster| caster.paths = coarse(caster.paths as f32 * (MOST * pixels / total)));
             list.retain(|caster| caster.paths > 0);
         }
         let mut by_instance = vec![0.0; scene.geometry.instances.len()];
@@ -95,6 +95,14 @@ impl Casters {
     pub fn paths(&self) -> u64 {
         self.list.iter().map(|caster| u64::from(caster.paths)).sum()
     }
+}
+
+/// A count near `count` with at most five digits in binary: roundings of where things are must not change it, or the random numbers of
+/// all paths would be others.
+fn coarse(count: f32) -> u32 {
+    let count = count.clamp(0.0, 1e9);
+    let step = (count.log2().floor() - 4.0).exp2().max(1.0);
+    ((count / step).round() * step) as u32
 }
 
 /// How many light paths the caustics of a material are worth, 0..=1.
@@ -119,12 +127,15 @@ fn sphere_around(mesh: &Mesh) -> (Vec3A, f32) {
 
 /// A sphere around what `transform` makes of a sphere; `None` where it has no size.
 fn transformed((center, radius): (Vec3A, f32), transform: &Affine3A) -> Option<(Vec3A, f32)> {
-    let squared = transform.matrix3.transpose() * transform.matrix3;
-    let trace = |m: &Mat3A| m.x_axis.x + m.y_axis.y + m.z_axis.z;
+    // In double precision: the difference below leaves the root of a rounding.
+    let [x, y, z] = [transform.matrix3.x_axis, transform.matrix3.y_axis, transform.matrix3.z_axis].map(|axis| axis.as_dvec3());
+    let matrix = DMat3::from_cols(x, y, z);
+    let squared = matrix.transpose() * matrix;
+    let trace = |m: &DMat3| m.x_axis.x + m.y_axis.y + m.z_axis.z;
     // The largest eigenvalue is at most this (Wolkowicz and Styan 1980), and exactly this where all scales are the same.
     let mean = trace(&squared) / 3.0;
     let spread = (trace(&(squared * squared)) / 3.0 - mean * mean).max(0.0).sqrt();
-    let scale = (mean + std::f32::consts::SQRT_2 * spread).sqrt();
+    let scale = (mean + std::f64::consts::SQRT_2 * spread).sqrt() as f32;
     let center = transform.transform_point3a(center);
     // Roundings, of the points on triangles too.
     let radius = radius * scale * 1.001 + 1e-6 * center.abs().max_element();
@@ -136,6 +147,12 @@ mod tests {
     use super::*;
     use glam::{Quat, Vec3};
     use renderflow_scenes::shapes::{Shape, mesh};
+
+    #[test]
+    fn counts_are_coarse() {
+        assert_eq!([0.0, 0.4, 0.6, 7.2, 31.4, 33.2, 1000.0, 70_001.0].map(coarse), [0, 0, 1, 7, 31, 34, 992, 69_632]);
+        assert_eq!(coarse(f32::NAN), 0);
+    }
 
     #[test]
     fn spheres_hold_what_is_in_them() {
