@@ -24,6 +24,8 @@ pub const MAX_SIZE: f32 = 1e9;
 pub const MAX_EMISSION: f32 = 1e6;
 /// Largest offset or number of repetitions of a texture.
 pub const MAX_REPEAT: f32 = 1e6;
+/// Largest height of a bounce and radius of a circle, metres, and longest bounce, frames.
+pub const MAX_PATH: f32 = 1e6;
 /// Largest radiance, gain or angle taken from a file (half floats end at 65504; this leaves room for the sun).
 pub const MAX_VALUE: f32 = 1e9;
 
@@ -233,6 +235,14 @@ impl Check {
                 let furthest = MAX_COORDINATE / f64::from(scene.frames.max(1));
                 self.vector(&at("motion/translation"), motion.translation, -furthest..=furthest);
                 self.angle(at("motion/spin"), motion.spin);
+                if let Some(bounce) = &motion.bounce {
+                    self.range(at("motion/bounce/height"), bounce.height, 0.0..=MAX_PATH);
+                    self.range(at("motion/bounce/frames"), bounce.frames, 1.0..=MAX_PATH);
+                }
+                if let Some(circle) = &motion.circle {
+                    self.vector(&at("motion/circle/center"), circle.center, -MAX_PATH..=MAX_PATH);
+                    self.angle(at("motion/circle/degrees"), circle.degrees);
+                }
             }
         }
     }

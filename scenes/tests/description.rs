@@ -258,7 +258,7 @@ fn placement_scales_then_turns_then_moves() {
         geometry: Geometry::Shape(Shape::Sphere { radius: 1.0 }),
         material: None,
         transform: Transform { translation: [10.0, 0.0, 0.0], rotation: [90.0, 0.0, 180.0], scale: [1.0, 2.0, 1.0] },
-        motion: Some(Motion { translation: [0.0, 0.5, 0.0], spin: 90.0 }),
+        motion: Some(Motion { translation: [0.0, 0.5, 0.0], spin: 90.0, ..Motion::default() }),
     };
     let close = |frame, p: [f64; 3], q: [f64; 3]| {
         let found = object.transform_at(frame).transform_point3(p.into());
