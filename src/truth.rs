@@ -202,7 +202,7 @@ pub struct SequenceJob {
     pub base: PathBuf,
     /// Folder to write to.
     pub out: PathBuf,
-    /// Frames 0, gap, 2 gap, ... are keyframes.
+    /// Frames 0, gap, 2 gap, ... are keyframes; 0 = none is.
     pub keyframe_gap: u32,
     /// Only frames 0, step, 2 step, ... are rendered.
     pub frame_step: u32,
@@ -223,6 +223,11 @@ const TIMING: &str = "timing.json";
 pub fn seconds(folder: &Path) -> Vec<f64> {
     let timing: Option<Timing> = file::read_json(&folder.join(TIMING)).ok();
     timing.map(|t| t.seconds.into_iter().flatten().collect()).unwrap_or_default()
+}
+
+/// Whether frame `number` is a keyframe where frames 0, gap, 2 gap, ... are; with a gap of 0 none is.
+pub fn is_keyframe(gap: u32, number: usize) -> bool {
+    gap > 0 && number.is_multiple_of(gap as usize)
 }
 
 /// What one frame cost.
@@ -295,7 +300,7 @@ impl SequenceJob {
         let sequence = transforms::Sequence {
             cameras: numbers.iter().map(|&n| loaded.cameras[n]).collect(),
             files: numbers.iter().map(|&n| self.storage.file(n)).collect(),
-            keyframes: (0..numbers.len()).filter(|&i| numbers[i].is_multiple_of(self.keyframe_gap.max(1) as usize)).collect(),
+            keyframes: (0..numbers.len()).filter(|&i| is_keyframe(self.keyframe_gap, numbers[i])).collect(),
             exposure: renderflow_frame::ibl::exposure(environment),
             environment: "env.hdr".into(),
             environment_rotation: environment.rotation,

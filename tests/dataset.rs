@@ -16,8 +16,7 @@ fn plan(folder: &Path, name: &str, more: &[&str]) -> String {
     path
 }
 
-const SMALL: [&str; 10] =
-    ["--sequences", "3", "--frames", "4", "--resolution", "40", "--spp", "8", "--keyframe-gap", "2"];
+const SMALL: [&str; 10] = ["--sequences", "3", "--frames", "4", "--resolution", "40", "--spp", "8", "--keyframe-gap", "2"];
 
 fn render(plan: &str, out: &Path, more: &[&str]) -> std::process::Output {
     renderflow(&[&["dataset", "render", "--plan", plan, "--out", out.to_str().unwrap()][..], more].concat())
@@ -226,8 +225,7 @@ fn wrong_conventions_are_found() {
     let out = folder.path().join("out");
     assert!(render(&plan, &out, &[]).status.success());
     verified(&out);
-    let frames: Vec<PathBuf> =
-        (0..3).map(|i| out.join(format!("train/seq-000000/frame.{i:04}.exr"))).collect();
+    let frames: Vec<PathBuf> = (0..3).map(|i| out.join(format!("train/seq-000000/frame.{i:04}.exr"))).collect();
     let originals: Vec<_> = frames.iter().map(|path| exr::read(path).unwrap()).collect();
     assert!(originals.iter().all(|frame| frame.beauty.is_none() && frame.info.spp == 0));
     type Change = fn(&mut renderflow_frame::Frame);
@@ -256,11 +254,7 @@ fn wrong_conventions_are_found() {
             |frame| frame.motion.as_mut().unwrap().pixels.iter_mut().for_each(|m| m[1] = -m[1]),
             "motion vectors",
         ),
-        (
-            "normals with y down",
-            |frame| frame.normal.pixels.iter_mut().for_each(|n| n[1] = -n[1]),
-            "normals",
-        ),
+        ("normals with y down", |frame| frame.normal.pixels.iter_mut().for_each(|n| n[1] = -n[1]), "normals"),
     ];
     for (what, change, expected) in changes {
         for (path, original) in frames.iter().zip(&originals) {

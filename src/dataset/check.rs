@@ -5,6 +5,7 @@ use super::folder::SequenceFolder;
 use super::plan::Plan;
 use super::record::{Checked, DESCRIPTIONS, FrameEntry};
 use super::storage;
+use crate::truth::is_keyframe;
 use anyhow::{Context, Result, ensure};
 use rayon::prelude::*;
 use renderflow_frame::Frame;
@@ -96,7 +97,7 @@ fn read(plan: &Plan, folder: &SequenceFolder, index: usize) -> Result<(Frame, Fr
     let entry = FrameEntry {
         file: file.clone(),
         number,
-        keyframe: number.is_multiple_of(plan.keyframes.gap as usize),
+        keyframe: is_keyframe(plan.keyframe_gap(), number),
         spp: frame.info.spp,
         bytes: bytes.len() as u64,
         blake3: blake3::hash(&bytes).to_hex().to_string(),

@@ -3,7 +3,7 @@
 use super::agreement::Agreement;
 use super::plan::{Plan, Quality};
 use super::statistics::Statistics;
-use crate::truth::Cost;
+use crate::truth::{Cost, is_keyframe};
 use anyhow::{Context, Result, ensure};
 use renderflow_renderer::light::EnvironmentLight;
 use renderflow_scenes::LoadedScene;
@@ -238,8 +238,13 @@ impl Plan {
 
     /// Numbers of the stored frames that are keyframes.
     pub fn keyframe_numbers(&self) -> impl Iterator<Item = usize> + use<> {
-        let gap = self.keyframes.gap as usize;
-        self.numbers().filter(move |number| number.is_multiple_of(gap))
+        let gap = self.keyframe_gap();
+        self.numbers().filter(move |&number| is_keyframe(gap, number))
+    }
+
+    /// The gap between keyframes; 0 where no frame has a picture.
+    pub fn keyframe_gap(&self) -> u32 {
+        if self.render.spp == 0 { 0 } else { self.keyframes.gap }
     }
 
     /// Samples a pixel that frame `number` should have.

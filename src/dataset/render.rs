@@ -213,7 +213,7 @@ impl Work<'_> {
             scene: composed.scene.clone(),
             base: ".".into(),
             out: folder.to_owned(),
-            keyframe_gap: self.plan.keyframes.gap,
+            keyframe_gap: self.plan.keyframe_gap(),
             frame_step: self.plan.frame_step,
             storage: self.plan.storage,
         };
