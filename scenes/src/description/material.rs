@@ -1,5 +1,6 @@
 //! Materials of a scene file.
 
+use super::MaterialChange;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -83,6 +84,9 @@ pub struct Material {
     /// How all of its textures go on beyond their edges.
     #[serde(default, skip_serializing_if = "TextureWrap::is_repeat")]
     pub texture_wrap: TextureWrap,
+    /// What it becomes along the sequence; it stays as it is without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub change: Option<MaterialChange>,
 }
 
 impl Default for Material {
@@ -110,6 +114,7 @@ impl Default for Material {
             emissive_texture: None,
             texture_transform: TextureTransform::default(),
             texture_wrap: TextureWrap::Repeat,
+            change: None,
         }
     }
 }
