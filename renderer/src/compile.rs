@@ -20,6 +20,8 @@ use std::sync::OnceLock;
 pub struct RenderScene {
     pub(crate) geometry: Geometry,
     pub(crate) materials: Vec<CompiledMaterial>,
+    /// Those that change along the sequence, by number, as loaded.
+    changing: Vec<(usize, Material)>,
     pub(crate) textures: Vec<Sampled>,
     pub(crate) lights: LightSampler,
     /// Of each instance, the number of its first triangle among the emissive ones.
@@ -69,22 +71,11 @@ impl RenderScene {
     pub fn compile_with(scene: &LoadedScene, sharing: Sharing) -> Result<Self> {
         check(scene, sharing)?;
         let textures: Vec<Sampled> = scene.textures.iter().map(Sampled::new).collect();
-        let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(m, &textures)).collect();
-        // Only what some instance uses counts: an unused textured material must not slow the others down.
-        let used = |f: &dyn Fn(&CompiledMaterial) -> bool| scene.instances.iter().any(|i| f(&materials[i.material]));
+        let frames = scene.cameras.len();
+        let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(&m.at(0, frames), &textures)).collect();
+        let changing = scene.materials.iter().cloned().enumerate().filter(|(_, m)| m.change.is_some()).collect();
         let light = EnvironmentLight::new(&scene.environment)?;
-        let features = FeatureSet {
-            textures: used(&|m| {
-                let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture];
-                m.normal_texture.is_some() || slots.iter().any(|slot| slot.is_some())
-            }),
-            normal_maps: used(&|m| m.normal_texture.is_some()),
-            flat_environment: light.constant().is_some(),
-            black_environment: light.is_black(),
-            layers: used(&|m| !m.surface.is_plain()),
-            emitters: used(&|m| m.emissive != Vec3A::ZERO),
-            cutouts: used(&|m| m.alpha_mask.is_some() || !m.double_sided),
-        };
+        let features = features(&materials, &scene.instances, &light);
         let wanted = Wanted {
             uvs: features.textures,
             tangents: materials.iter().map(|m| m.normal_texture.is_some() || m.surface.anisotropic > 0.0).collect(),
@@ -92,6 +83,7 @@ impl RenderScene {
         let mut compiled = Self {
             geometry: Geometry::new(scene.meshes.clone(), scene.instances.clone(), wanted, sharing),
             materials,
+            changing,
             textures,
             lights: LightSampler::new(light, []),
             first_emitter: vec![None; scene.instances.len()],
@@ -109,6 +101,25 @@ impl RenderScene {
         };
         compiled.place_emitters();
         Ok(compiled)
+    }
+
+    /// Makes the materials that change what they are at the current frame, and anew what follows from them.
+    fn place_materials(&mut self) {
+        let mut changed = false;
+        for (number, material) in &self.changing {
+            let made = compile_material(&material.at(self.frame, self.cameras.len()), &self.textures);
+            let old = &mut self.materials[*number];
+            if made.surface != old.surface {
+                changed = true;
+                *old = made;
+                if let Some(bsdf) = self.bsdfs.get_mut().and_then(|bsdfs| bsdfs[*number].as_mut()) {
+                    *bsdf = Prepared::new(&old.surface);
+                }
+            }
+        }
+        if changed {
+            self.features = features(&self.materials, &self.geometry.instances, self.lights.environment());
+        }
     }
 
     /// Finds the emissive triangles at the current frame.
@@ -145,8 +156,8 @@ impl RenderScene {
         self.lights = LightSampler::with_share(self.lights.environment().clone(), triangles, share);
     }
 
-    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). Where nothing moved but the camera nothing is done;
-    /// where something did, trees are fitted to it, and built again only now and then. The picture is a function of the frame, whatever
+    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). Where nothing moved or changed but the camera nothing is
+    /// done; materials that changed are prepared again, without the others; where something moved, trees are fitted to it, and built again only now and then. The picture is a function of the frame, whatever
     /// frames came before.
     pub fn set_frame(&mut self, frame: usize) {
         let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
@@ -154,6 +165,7 @@ impl RenderScene {
             && self.geometry.instances.iter().any(|i| self.materials[i.material].emissive != Vec3A::ZERO && moved(i));
         self.frame = frame;
         self.geometry.set_frame(frame);
+        self.place_materials();
         if emitters_moved {
             self.place_emitters();
         }
@@ -346,6 +358,23 @@ impl RenderScene {
     }
 }
 
+/// What the instances need with these materials: an unused textured material must not slow the others down.
+fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &EnvironmentLight) -> FeatureSet {
+    let used = |f: &dyn Fn(&CompiledMaterial) -> bool| instances.iter().any(|i| f(&materials[i.material]));
+    FeatureSet {
+        textures: used(&|m| {
+            let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture];
+            m.normal_texture.is_some() || slots.iter().any(|slot| slot.is_some())
+        }),
+        normal_maps: used(&|m| m.normal_texture.is_some()),
+        flat_environment: light.constant().is_some(),
+        black_environment: light.is_black(),
+        layers: used(&|m| !m.surface.is_plain()),
+        emitters: used(&|m| m.emissive != Vec3A::ZERO),
+        cutouts: used(&|m| m.alpha_mask.is_some() || !m.double_sided),
+    }
+}
+
 fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
     let range = |v: f32| v.clamp(0.0, 1.0);
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
@@ -442,7 +471,11 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
             material.clearcoat_gloss,
             material.subsurface,
         ];
-        for value in material.base_color.into_iter().chain(scalars) {
+        let targets = material
+            .change
+            .iter()
+            .flat_map(|last| last.base_color.into_iter().chain([last.metallic, last.roughness, last.specular]));
+        for value in material.base_color.into_iter().chain(scalars).chain(targets) {
             if !(0.0..=1.0).contains(&value) {
                 return Err(Error::inconsistent(format!("materials/{i}"), format!("{value} is outside 0..=1")));
             }

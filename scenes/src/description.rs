@@ -1,8 +1,10 @@
 //! The scene file: plain serde data with units and ranges in the docs. JSON in, JSON out; unknown fields are errors.
 
+mod change;
 mod exact;
 mod material;
 
+pub use change::MaterialChange;
 pub use exact::decimal;
 pub use material::{Material, TextureTransform, TextureWrap};
 

@@ -95,9 +95,40 @@ pub struct Material {
     pub alpha_mask: Option<AlphaMask>,
     /// Whether the surface exists seen from behind; a single-sided one lets rays pass from there, as glTF culls it.
     pub double_sided: bool,
+    /// What it becomes along the sequence; `None` = it stays as it is.
+    pub change: Option<MaterialChange>,
+}
+
+/// What a material is at the last frame of a sequence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MaterialChange {
+    /// Linear Rec.709, 0..=1.
+    pub base_color: [f32; 3],
+    /// 0..=1.
+    pub metallic: f32,
+    /// 0..=1.
+    pub roughness: f32,
+    /// 0..=1.
+    pub specular: f32,
 }
 
 impl Material {
+    /// The material as it is at `frame`, counted from 0, of a sequence of `frames`: between the first and the last one, evenly; held
+    /// beyond. The result changes no more.
+    pub fn at(&self, frame: usize, frames: usize) -> Self {
+        let mut material = Self { change: None, ..self.clone() };
+        let Some(last) = self.change else { return material };
+        let t = if frames < 2 { 0.0 } else { (frame as f64 / (frames - 1) as f64).min(1.0) };
+        let mix = |a: f32, b: f32| (f64::from(a) * (1.0 - t) + f64::from(b) * t) as f32;
+        for (value, target) in material.base_color.iter_mut().zip(last.base_color) {
+            *value = mix(*value, target);
+        }
+        material.metallic = mix(self.metallic, last.metallic);
+        material.roughness = mix(self.roughness, last.roughness);
+        material.specular = mix(self.specular, last.specular);
+        material
+    }
+
     /// Every texture lookup.
     pub fn texture_slots(&self) -> impl Iterator<Item = &TextureSlot> {
         let slots = [&self.base_color_texture, &self.metallic_roughness_texture, &self.emissive_texture];
@@ -133,6 +164,7 @@ impl Default for Material {
             emissive_texture: None,
             alpha_mask: None,
             double_sided: true,
+            change: None,
         }
     }
 }
@@ -258,4 +290,11 @@ pub struct LoadedScene {
     pub cameras: Vec<Camera>,
     /// What loading decided.
     pub report: LoadReport,
+}
+
+impl LoadedScene {
+    /// Material `material` as it is at `frame`, counted from 0.
+    pub fn material_at(&self, material: usize, frame: usize) -> Material {
+        self.materials[material].at(frame, self.cameras.len())
+    }
 }

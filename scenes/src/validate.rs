@@ -192,6 +192,15 @@ impl Check {
                 self.range(at(field), value, 0.0..=1.0);
             }
             self.vector(&at("emissive"), material.emissive, 0.0..=MAX_EMISSION);
+            if let Some(change) = &material.change {
+                if let Some(color) = change.base_color {
+                    self.vector(&at("change/base_color"), color, 0.0..=1.0);
+                }
+                let targets = [("metallic", change.metallic), ("roughness", change.roughness), ("specular", change.specular)];
+                for (field, value) in targets {
+                    self.range(at(&format!("change/{field}")), value.unwrap_or(0.0), 0.0..=1.0);
+                }
+            }
             let lie = &material.texture_transform;
             self.vector(&at("texture_transform/offset"), lie.offset, -MAX_REPEAT..=MAX_REPEAT);
             self.angle(at("texture_transform/rotation"), lie.rotation);

@@ -273,3 +273,44 @@ fn placement_scales_then_turns_then_moves() {
     close(2, [0.0, 1.0, 0.0], [10.0, 1.0, 2.0]);
     assert!(object.moves());
 }
+
+/// A scene of one ball with a material that changes and a motion of every kind.
+fn lively() -> serde_json::Value {
+    serde_json::json!({
+        "version": 1, "name": "lively", "resolution": [8, 8], "frames": 5,
+        "camera": {"type": "poses", "poses": [{"eye": [0, 1, 5], "target": [0, 0, 0]}], "vertical_fov": 40},
+        "environment": {"source": {"constant": [1, 1, 1]}},
+        "materials": [{"name": "paint", "base_color": [0.2, 0.4, 0.6], "metallic": 0, "roughness": 1,
+                       "change": {"metallic": 1, "roughness": 0.5}}],
+        "objects": [{"name": "ball", "geometry": {"shape": {"family": "sphere", "radius": 0.5}}, "material": "paint",
+                     "motion": {"bounce": {"height": 2, "frames": 4}, "circle": {"center": [1, 0], "degrees": 90}}}]
+    })
+}
+
+#[test]
+fn changes_and_motions_are_read_checked_and_loaded() {
+    let read = |value: serde_json::Value| Scene::from_json(Path::new("lively.json"), &value.to_string());
+    let scene = read(lively()).unwrap();
+    assert_eq!(read(serde_json::from_str(&scene.canonical_json()).unwrap()).unwrap(), scene);
+    let loaded = load::load(&scene, Path::new("")).unwrap();
+    let middle = loaded.material_at(0, 2);
+    assert_eq!((middle.base_color, middle.metallic, middle.roughness), ([0.2, 0.4, 0.6], 0.5, 0.75));
+    // Half way up its arc of four frames, and a quarter, half and whole turn about (1, 0) from (0, 0): +z runs before -x does.
+    let expected = [[0.0, 0.0, 0.0], [1.0, 1.5, 1.0], [2.0, 2.0, 0.0], [1.0, 1.5, -1.0], [0.0, 0.0, 0.0]];
+    for (frame, expected) in expected.into_iter().enumerate() {
+        let place = scene.objects[0].transform_at(frame as u32).translation;
+        assert!(place.distance(expected.into()) < 1e-9, "frame {frame}: {place}");
+    }
+    for (place, value, says) in [
+        ("/materials/0/change/metallic", serde_json::json!(1.5), "/materials/0/change/metallic: 1.5 is outside 0..=1"),
+        ("/materials/0/change/base_color", serde_json::json!([0, 2, 0]), "/materials/0/change/base_color/1"),
+        ("/objects/0/motion/bounce/frames", serde_json::json!(0.5), "/objects/0/motion/bounce/frames: 0.5 is outside 1..="),
+        ("/objects/0/motion/circle/center", serde_json::json!([0, 1e9]), "/objects/0/motion/circle/center/1"),
+    ] {
+        let mut broken = lively();
+        let (parent, field) = place.rsplit_once('/').unwrap();
+        broken.pointer_mut(parent).unwrap()[field] = value;
+        let message = read(broken).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}

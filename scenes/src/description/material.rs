@@ -1,5 +1,6 @@
 //! Materials of a scene file.
 
+use super::MaterialChange;
 use crate::pattern::Pattern;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -88,6 +89,9 @@ pub struct Material {
     /// How all of its textures go on beyond their edges.
     #[serde(default, skip_serializing_if = "TextureWrap::is_repeat")]
     pub texture_wrap: TextureWrap,
+    /// What it becomes along the sequence; it stays as it is without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub change: Option<MaterialChange>,
 }
 
 impl Default for Material {
@@ -116,6 +120,7 @@ impl Default for Material {
             pattern: None,
             texture_transform: TextureTransform::default(),
             texture_wrap: TextureWrap::Repeat,
+            change: None,
         }
     }
 }

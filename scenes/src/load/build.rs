@@ -6,7 +6,7 @@ use crate::description::{EnvironmentSource, Geometry, Material as Described, Obj
 use crate::error::{Error, Problem, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
 use crate::texture::uv_transform;
-use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, tangents};
+use crate::{Instance, LoadReport, LoadedScene, Material, MaterialChange, Mesh, Texture, TextureSlot, tangents};
 use glam::{Affine3A, DAffine3, DVec3};
 use renderflow_frame::Environment;
 use std::collections::{HashMap, HashSet};
@@ -182,6 +182,12 @@ impl<'a> Build<'a> {
             emissive_texture: slot(&described.emissive_texture, Encoding::Srgb),
             alpha_mask: described.alpha_cutoff.map(|cutoff| AlphaMask { cutoff, factor: 1.0 }),
             double_sided: described.double_sided,
+            change: described.change.as_ref().map(|change| MaterialChange {
+                base_color: change.base_color.unwrap_or(described.base_color),
+                metallic: change.metallic.unwrap_or(described.metallic),
+                roughness: change.roughness.unwrap_or(described.roughness),
+                specular: change.specular.unwrap_or(described.specular),
+            }),
         }
     }
 

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::loaded::{Encoding, Wrap};
 use crate::texture;
-use crate::{Instance, Material, Mesh, Texture};
+use crate::{Instance, Material, MaterialChange, Mesh, Texture};
 use rayon::prelude::*;
 use std::path::PathBuf;
 
@@ -50,10 +50,17 @@ pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance]
         if material.emissive == [0.0; 3] {
             material.emissive_texture = None;
         }
-        if material.base_color == [0.0; 3] && material.alpha_mask.is_none() {
+        // What a change brings from zero is looked at later.
+        let last = material.change.unwrap_or(MaterialChange {
+            base_color: material.base_color,
+            metallic: material.metallic,
+            roughness: material.roughness,
+            specular: material.specular,
+        });
+        if material.base_color == [0.0; 3] && last.base_color == [0.0; 3] && material.alpha_mask.is_none() {
             material.base_color_texture = None;
         }
-        if material.roughness == 0.0 && material.metallic == 0.0 {
+        if [material.roughness, material.metallic, last.roughness, last.metallic] == [0.0; 4] {
             material.metallic_roughness_texture = None;
         }
     }
