@@ -56,6 +56,13 @@ impl Camera {
         }
     }
 
+    /// Whether every number is.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.camera_to_world.is_finite()
+            && self.origin.is_finite()
+            && [self.fl_x, self.fl_y, self.cx, self.cy].iter().all(|v| v.is_finite())
+    }
+
     /// Camera position, relative to [`Self::origin`].
     pub fn position(&self) -> Vec3A {
         self.camera_to_world.translation

@@ -172,3 +172,16 @@ pub fn conventions() -> String {
     };
     serde_json::to_string(&conventions).unwrap_or_default()
 }
+
+/// Refuses [`conventions`] of another [`FORMAT`].
+pub(crate) fn check_conventions(json: &str) -> std::result::Result<(), String> {
+    #[derive(serde::Deserialize)]
+    struct Version {
+        format: u32,
+    }
+    let found: Version = serde_json::from_str(json).map_err(|e| e.to_string())?;
+    if found.format != FORMAT {
+        return Err(format!("frame format {} is not the one read here ({FORMAT})", found.format));
+    }
+    Ok(())
+}

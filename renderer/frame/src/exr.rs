@@ -21,7 +21,7 @@ use std::path::Path;
 pub(crate) const SIGNATURE: [u8; 4] = ::exr::meta::magic_number::BYTES;
 
 /// Largest finite half float.
-const HALF_MAX: f32 = 65504.0;
+pub(crate) const HALF_MAX: f32 = 65504.0;
 
 /// Writes a frame; half-float values beyond 65504 are clamped. Returns how many were.
 ///
@@ -200,7 +200,7 @@ fn split<P>(
     Ok((0..layer.components.len()).map(|i| image.pixels.iter().map(|pixel| component(pixel, i)).collect()).collect())
 }
 
-fn sized<'a, P>(frame: &Frame, layer: &TableLayer, image: &'a Image<P>) -> std::result::Result<&'a Image<P>, String> {
+pub(crate) fn sized<'a, P>(frame: &Frame, layer: &TableLayer, image: &'a Image<P>) -> std::result::Result<&'a Image<P>, String> {
     let pixels = frame.width * frame.height;
     if (image.width, image.height, image.pixels.len()) != (frame.width, frame.height, pixels) {
         return Err(format!(
@@ -217,7 +217,7 @@ fn sized<'a, P>(frame: &Frame, layer: &TableLayer, image: &'a Image<P>) -> std::
 }
 
 /// Refuses NaN, and infinities except +inf in depth (a miss).
-fn check_values(name: &str, layer: &TableLayer, width: usize, values: &[f32]) -> std::result::Result<(), String> {
+pub(crate) fn check_values(name: &str, layer: &TableLayer, width: usize, values: &[f32]) -> std::result::Result<(), String> {
     let miss = layer.name == "depth";
     match values.iter().position(|&v| !(v.is_finite() || miss && v == f32::INFINITY)) {
         Some(i) => Err(format!("channel {name} is {} at pixel ({}, {})", values[i], i % width, i / width)),

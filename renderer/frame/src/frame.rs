@@ -2,14 +2,17 @@
 
 use crate::Camera;
 use crate::image::{Image, Rgb};
+use serde::{Deserialize, Serialize};
 
 /// Most groups the light can be split into.
 pub const LIGHT_GROUPS: usize = 8;
 
-/// What the header of a frame file holds besides pixels.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// What the header of a frame file holds besides pixels. As JSON (see [`crate::compact`]), absent keys have their default.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct FrameInfo {
     /// The camera of this frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<Camera>,
     /// Samples a pixel of the beauty, on average where [`Frame::samples`] is there; 0 when there is none.
     pub spp: u32,
@@ -20,17 +23,44 @@ pub struct FrameInfo {
     /// Factor from scene-linear radiance to display-linear (see [`crate::ibl::exposure`]).
     pub exposure: f32,
     /// Form of the BRDF that was rendered (`conserving`, `published`), empty where it is not known.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub bsdf: String,
     /// How samples were spread over the pixels where not evenly (such as `average 256`), empty where evenly.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub sampling: String,
     /// Samples that share a camera ray; `None` where each has one of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub branches: Option<u32>,
     /// Largest contribution of light scattered at two or more surfaces; `None` without such a limit, which biases.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub indirect_limit: Option<f32>,
     /// Whether paths from the light were traced besides those from the camera.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub light_paths: bool,
     /// Name of the denoiser used on the beauty, `None` when it is raw.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub denoiser: Option<String>,
+}
+
+impl FrameInfo {
+    /// What no file may hold: numbers that are not finite, a limit that is not above 0, no samples a camera ray.
+    pub(crate) fn check(&self) -> std::result::Result<(), String> {
+        if !self.exposure.is_finite() {
+            return Err(format!("exposure is {}", self.exposure));
+        }
+        if let Some(limit) = self.indirect_limit
+            && !(limit > 0.0 && limit.is_finite())
+        {
+            return Err(format!("the limit of indirect light is {limit}"));
+        }
+        if self.branches == Some(0) {
+            return Err("0 samples a camera ray".into());
+        }
+        match &self.camera {
+            Some(camera) if !camera.is_finite() => Err("the camera holds NaN or infinity".into()),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// All channels of one frame; the table in [`crate::channel`] gives their meaning in files.

@@ -8,11 +8,13 @@
 pub mod camera;
 pub mod channel;
 pub mod color;
+pub mod compact;
 pub mod environment;
 pub mod error;
 pub mod exr;
 pub mod file;
 pub mod frame;
+pub mod frame_file;
 pub mod hdr;
 pub mod ibl;
 pub mod image;

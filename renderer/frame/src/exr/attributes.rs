@@ -31,6 +31,7 @@ pub(super) fn write(
     image: &mut ImageAttributes,
     layer: &mut LayerAttributes,
 ) -> std::result::Result<(), String> {
+    info.check()?;
     image.chromaticities = Some(Chromaticities {
         red: (0.64, 0.33).into(),
         green: (0.30, 0.60).into(),
@@ -50,9 +51,6 @@ pub(super) fn write(
         SPP,
         AttributeValue::I32(i32::try_from(info.spp).map_err(|_| format!("{} samples a pixel do not fit the header", info.spp))?),
     );
-    if !info.exposure.is_finite() {
-        return Err(format!("exposure is {}", info.exposure));
-    }
     set(EXPOSURE, AttributeValue::F32(info.exposure));
     if !info.bsdf.is_empty() {
         set(BSDF, string(&info.bsdf));
@@ -65,9 +63,6 @@ pub(super) fn write(
         set(BRANCHES, AttributeValue::I32(value));
     }
     if let Some(limit) = info.indirect_limit {
-        if !(limit > 0.0 && limit.is_finite()) {
-            return Err(format!("the limit of indirect light is {limit}"));
-        }
         set(INDIRECT_LIMIT, AttributeValue::F32(limit));
     }
     if info.light_paths {
@@ -77,9 +72,6 @@ pub(super) fn write(
         set(DENOISER, string(denoiser));
     }
     if let Some(camera) = &info.camera {
-        if !is_finite(camera) {
-            return Err("the camera holds NaN or infinity".into());
-        }
         set(CAMERA, string(&serde_json::to_string(camera).map_err(|e| e.to_string())?));
         layer.world_to_camera = Some(matrix(world_to_camera(camera)));
         layer.world_to_normalized_device = Some(matrix(world_to_ndc(camera)));
@@ -98,7 +90,8 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
         },
         Some(_) => Err(format!("header attribute {name} is not a string")),
     };
-    check_conventions(&string(CONVENTIONS)?.ok_or_else(|| format!("no frame file: header attribute {CONVENTIONS} is missing"))?)?;
+    let conventions = string(CONVENTIONS)?.ok_or_else(|| format!("no frame file: header attribute {CONVENTIONS} is missing"))?;
+    channel::check_conventions(&conventions).map_err(|reason| format!("header attribute {CONVENTIONS}: {reason}"))?;
     Ok(FrameInfo {
         camera: match string(CAMERA)? {
             None => None,
@@ -141,24 +134,6 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
         },
         denoiser: string(DENOISER)?,
     })
-}
-
-fn check_conventions(json: &str) -> std::result::Result<(), String> {
-    #[derive(serde::Deserialize)]
-    struct Version {
-        format: u32,
-    }
-    let found: Version = serde_json::from_str(json).map_err(|e| format!("header attribute {CONVENTIONS}: {e}"))?;
-    if found.format != channel::FORMAT {
-        return Err(format!("frame format {} is not the one read here ({})", found.format, channel::FORMAT));
-    }
-    Ok(())
-}
-
-fn is_finite(camera: &Camera) -> bool {
-    camera.camera_to_world.is_finite()
-        && camera.origin.is_finite()
-        && [camera.fl_x, camera.fl_y, camera.cx, camera.cy].iter().all(|v| v.is_finite())
 }
 
 /// World to OpenEXR's left-handed camera space: x right, y up, z along the view.

@@ -1,0 +1,67 @@
+//! Frames in either form, OpenEXR or compact: one reader for both, which goes by the first bytes and not by the ending.
+
+use crate::{Frame, Result, compact, exr};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Endings of frame files.
+pub const EXTENSIONS: [&str; 2] = ["exr", compact::EXTENSION];
+
+/// In which form frames are stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Profile {
+    /// OpenEXR with every channel ([`crate::exr`]).
+    #[default]
+    Full,
+    /// What training reads, in a seventh of the bytes ([`crate::compact`]).
+    Compact,
+}
+
+impl Profile {
+    /// Ending of the files, without a dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Full => EXTENSIONS[0],
+            Self::Compact => EXTENSIONS[1],
+        }
+    }
+
+    /// The bytes of a frame file, and how many values were clamped; `name` stands for the path in errors.
+    ///
+    /// # Errors
+    /// As [`exr::encode`].
+    pub fn encode(self, name: &Path, frame: &Frame) -> Result<(Vec<u8>, usize)> {
+        match self {
+            Self::Full => exr::encode(name, frame),
+            Self::Compact => compact::encode(name, frame).map(|(bytes, loss)| (bytes, loss.clamped)),
+        }
+    }
+
+    /// Writes a frame; returns how many values were clamped.
+    ///
+    /// # Errors
+    /// As [`exr::write()`].
+    pub fn write(self, path: &Path, frame: &Frame) -> Result<usize> {
+        match self {
+            Self::Full => exr::write(path, frame),
+            Self::Compact => compact::write(path, frame).map(|loss| loss.clamped),
+        }
+    }
+}
+
+/// Reads a frame file of either form.
+///
+/// # Errors
+/// As [`exr::read`] and [`compact::read`]; a file that is neither is reported as OpenEXR's reader sees it.
+pub fn read(path: &Path) -> Result<Frame> {
+    decode(path, &std::fs::read(path).map_err(crate::Error::io(path, "read"))?)
+}
+
+/// [`read`] from memory; `name` stands for the path in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
+    if bytes.starts_with(&compact::SIGNATURE) { compact::decode(name, bytes) } else { exr::decode(name, bytes) }
+}
