@@ -3,7 +3,7 @@
 mod common;
 
 use common::{renderflow, stderr};
-use renderflow_frame::{Camera, Frame, Image, exr, hdr, transforms};
+use renderflow_frame::{Camera, Frame, Image, compact, exr, hdr, transforms};
 use std::path::{Path, PathBuf};
 
 /// Runs `check` on `files`: exit code and one line a file.
@@ -177,6 +177,13 @@ fn maps_and_frames() {
     refused(&with("miss.exr", &|f| f.depth.pixels[0] = f32::INFINITY), &["frame: pixel (0, 0)", "miss"]);
     let whole = std::fs::read(&path).unwrap();
     refused(&file(folder, "cut_frame.exr", &whole[..whole.len() - 40]), &["frame: "]);
+
+    // The compact form, whatever the file is called.
+    let (compact, _) = compact::encode(&path, &frame()).unwrap();
+    accepted(&file(folder, "frame.rff", &compact), &["frame, size 4 x 2", "covered 4", "highest 1"]);
+    accepted(&file(folder, "other.exr", &compact), &["frame, size 4 x 2"]);
+    refused(&file(folder, "cut.rff", &compact[..compact.len() - 1]), &["frame: ", "cut.rff", "cut short: layer material_id"]);
+    refused(&file(folder, "empty.rff", b""), &["frame: ", "empty.rff"]);
 }
 
 #[test]

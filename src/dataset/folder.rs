@@ -1,18 +1,20 @@
-//! Reads dataset folders: `<split>/seq-000123/{scene.json, transforms.json, env.hdr, frame.0000.exr, ...}`.
+//! Reads dataset folders: `<split>/seq-000123/{scene.json, transforms.json, env.hdr, frame.0000.exr | .rff, ...}`.
 
 use anyhow::{Context, Result, ensure};
-use renderflow_frame::{Camera, Environment, Frame, exr, hdr, transforms};
+use renderflow_frame::frame_file::{self, Profile};
+use renderflow_frame::{Camera, Environment, Frame, hdr, transforms};
 use renderflow_model::data::{Clip, ClipSource};
 use std::path::{Path, PathBuf};
 
 /// File name of frame `number` of a sequence.
-pub fn frame_file(number: usize) -> String {
-    format!("frame.{number:04}.exr")
+pub fn frame_file(number: usize, profile: Profile) -> String {
+    format!("frame.{number:04}.{}", profile.extension())
 }
 
 /// Inverse of [`frame_file`].
 fn frame_number(file: &str) -> Option<usize> {
-    file.strip_prefix("frame.")?.strip_suffix(".exr")?.parse().ok()
+    let (number, ending) = file.strip_prefix("frame.")?.split_once('.')?;
+    frame_file::EXTENSIONS.contains(&ending).then(|| number.parse().ok())?
 }
 
 /// One sequence on disk.
@@ -56,7 +58,7 @@ impl SequenceFolder {
     /// Reads frame `index`.
     pub fn frame(&self, index: usize) -> Result<Frame> {
         let file = self.sequence.files.get(index).with_context(|| format!("{}: has no frame {index}", self.path.display()))?;
-        Ok(exr::read(&self.path.join(file))?)
+        Ok(frame_file::read(&self.path.join(file))?)
     }
 
     /// Camera of frame `index`.
@@ -99,8 +101,8 @@ impl ClipSource for Dataset {
 
     fn load(&self, index: usize) -> renderflow_model::Result<Clip> {
         let folder = &self.sequences[index];
-        let frames =
-            folder.sequence.files.iter().map(|f| exr::read(&folder.path.join(f))).collect::<std::result::Result<_, _>>()?;
+        let files = folder.sequence.files.iter();
+        let frames = files.map(|f| frame_file::read(&folder.path.join(f))).collect::<std::result::Result<_, _>>()?;
         Ok(Clip {
             name: folder.name(),
             frames,
@@ -111,5 +113,22 @@ impl ClipSource for Dataset {
             exposure: folder.sequence.exposure,
             keyframes: folder.sequence.keyframes.clone(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_frame_files() {
+        for number in [0, 7, 9999, 12345] {
+            for profile in [Profile::Full, Profile::Compact] {
+                assert_eq!(frame_number(&frame_file(number, profile)), Some(number));
+            }
+        }
+        for other in ["frame.0001.png", "frame.0001", "frame.x.exr", "image.0001.exr", "frame.0001.exr.tmp"] {
+            assert_eq!(frame_number(other), None, "{other}");
+        }
     }
 }

@@ -10,6 +10,7 @@ mod scene;
 pub(crate) use picture::verify as verify_frame;
 
 use anyhow::{Context, Result, bail};
+use renderflow_frame::compact;
 use renderflow_scenes::load::Format;
 use serde::Serialize;
 use serde::de::IgnoredAny;
@@ -35,7 +36,7 @@ pub enum Kind {
     Obj,
     /// An environment map, Radiance or OpenEXR.
     Map,
-    /// A frame with its channels, OpenEXR.
+    /// A frame with its channels, OpenEXR or compact.
     Frame,
     /// An image for textures, PNG or JPEG.
     Texture,
@@ -139,6 +140,7 @@ fn kind(path: &Path) -> Result<Kind> {
         "gltf" | "glb" => Some(Kind::Gltf),
         "obj" => Some(Kind::Obj),
         "hdr" | "exr" => Some(Kind::Map),
+        compact::EXTENSION => Some(Kind::Frame),
         "png" | "jpg" | "jpeg" => Some(Kind::Texture),
         "safetensors" => Some(Kind::Weights),
         _ => None,
@@ -150,7 +152,7 @@ fn kind(path: &Path) -> Result<Kind> {
         bail!("{}: the file is empty", path.display());
     }
     bail!(
-        "{}: unknown kind of file; known: scene, plan and transforms JSON, glTF, GLB, OBJ, HDR, EXR, PNG, JPEG, safetensors, dataset folder",
+        "{}: unknown kind of file; known: scene, plan and transforms JSON, glTF, GLB, OBJ, HDR, EXR, RFF, PNG, JPEG, safetensors, dataset folder",
         path.display()
     )
 }
@@ -164,6 +166,8 @@ fn by_signature(path: &Path, head: &[u8]) -> Result<Option<Kind>> {
     } else if starts(EXR) {
         // Frames carry a G-buffer; anything else may be a map.
         Some(if picture::is_frame(head) { Kind::Frame } else { Kind::Map })
+    } else if starts(&compact::SIGNATURE) {
+        Some(Kind::Frame)
     } else if starts(b"#?") {
         Some(Kind::Map)
     } else if starts(b"\x89PNG") || starts(&[0xff, 0xd8, 0xff]) {

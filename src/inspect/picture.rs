@@ -2,7 +2,7 @@
 
 use super::Counts;
 use anyhow::{Result, ensure};
-use renderflow_frame::{Frame, channel, exr, hdr};
+use renderflow_frame::{Frame, channel, frame_file, hdr};
 use renderflow_scenes::load;
 use renderflow_scenes::loaded::Encoding;
 use serde_json::json;
@@ -30,7 +30,7 @@ pub(super) fn map(path: &Path) -> Result<Counts> {
 
 /// A frame: every channel present and in its range.
 pub(super) fn frame(path: &Path) -> Result<Counts> {
-    let frame = exr::read(path)?;
+    let frame = frame_file::read(path)?;
     verify(&frame).map_err(|reason| anyhow::anyhow!("{}: {reason}", path.display()))?;
     Ok(describe(&frame))
 }
