@@ -2,9 +2,9 @@
 
 use crate::bench::watch::Watch;
 use crate::dataset::folder::frame_file;
-use crate::dataset::plan::Storage;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
+use renderflow_frame::frame_file::{self, Profile};
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_renderer::denoise::{Denoiser, Options};
@@ -136,8 +136,8 @@ impl TruthSettings {
 
     /// The frame that holds the sample map of frame `index` of `frames`, and the settings it was made with.
     fn mapped(&self, path: &Path, index: usize, frames: usize) -> Result<(Settings, Frame)> {
-        let path = if path.is_dir() { path.join(frame_file(index)) } else { path.to_owned() };
-        if frames > 1 && path.file_name() != Some(frame_file(index).as_ref()) {
+        let path = if path.is_dir() { path.join(frame_file(index, Profile::Full)) } else { path.to_owned() };
+        if frames > 1 && path.file_name() != Some(frame_file(index, Profile::Full).as_ref()) {
             bail!("{}: is the map of one frame, the sequence has {frames}; name a folder of frames", path.display());
         }
         let map = exr::read(&path)?;
@@ -207,7 +207,7 @@ pub struct SequenceJob {
     /// Only frames 0, step, 2 step, ... are rendered.
     pub frame_step: u32,
     /// How frames are stored.
-    pub storage: Storage,
+    pub storage: Profile,
 }
 
 /// Seconds spent on each frame of truth, kept beside the frames.
@@ -299,7 +299,7 @@ impl SequenceJob {
         let numbers: Vec<usize> = self.numbers(loaded.cameras.len()).collect();
         let sequence = transforms::Sequence {
             cameras: numbers.iter().map(|&n| loaded.cameras[n]).collect(),
-            files: numbers.iter().map(|&n| self.storage.file(n)).collect(),
+            files: numbers.iter().map(|&n| frame_file(n, self.storage)).collect(),
             keyframes: (0..numbers.len()).filter(|&i| is_keyframe(self.keyframe_gap, numbers[i])).collect(),
             exposure: renderflow_frame::ibl::exposure(environment),
             environment: "env.hdr".into(),
@@ -316,7 +316,7 @@ impl SequenceJob {
 impl OpenSequence<'_> {
     /// File of frame `number`.
     pub fn path(&self, number: usize) -> PathBuf {
-        self.job.out.join(self.job.storage.file(number))
+        self.job.out.join(frame_file(number, self.job.storage))
     }
 
     /// Renders and writes frame `number`; 1000 units of `progress`.
@@ -341,11 +341,15 @@ impl OpenSequence<'_> {
         progress.set(before + 1000);
         let written = Instant::now();
         let path = self.path(number);
-        let bytes = self.job.storage.write(&path, &frame)?;
+        let (bytes, clamped) = self.job.storage.encode(&path, &frame)?;
+        if clamped > 0 {
+            eprintln!("warning: {}: {clamped} values beyond 65504 were clamped", path.display());
+        }
+        file::write_atomic(&path, &bytes)?;
         let write = written.elapsed().as_secs_f64();
         self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
         file::write_json(&self.job.out.join(TIMING), &self.timing)?;
-        Ok(Cost { compile, render, denoise, write, bytes })
+        Ok(Cost { compile, render, denoise, write, bytes: bytes.len() as u64 })
     }
 
     /// What is at the place of frame `number`: a frame of this scene at these settings, or one that would make the sequence a mixture,
@@ -355,9 +359,9 @@ impl OpenSequence<'_> {
         if !path.exists() {
             return Ok(Found::Nothing);
         }
-        let frame = match self.job.storage.read(&path) {
+        let frame = match frame_file::read(&path) {
             Ok(frame) => frame,
-            Err(error) => return Ok(Found::Broken(error)),
+            Err(error) => return Ok(Found::Broken(error.into())),
         };
         let info = &frame.info;
         let groups = frame.light.iter().flatten().count();
@@ -380,7 +384,7 @@ impl OpenSequence<'_> {
                 && info.indirect_limit == settings.clamp_indirect
                 // Where there are none, the scene may have no use for them.
                 && (wanted.light_paths || !info.light_paths)
-                && (groups == settings.light_groups as usize || self.job.storage == Storage::Compact)
+                && (groups == settings.light_groups as usize || self.job.storage == Profile::Compact)
         };
         let same = info.scene_hash == self.loaded.hash
             && if settings.spp == 0 { info.spp == 0 && frame.beauty.is_none() } else { traced() }

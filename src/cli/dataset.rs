@@ -1,10 +1,11 @@
 use super::SplitArg;
-use crate::dataset::plan::{Denoise, Keyframes, Plan, Render, Storage};
+use crate::dataset::plan::{Denoise, Keyframes, Plan, Render};
 use crate::dataset::{Shard, manifest, planning, preview, render, stats, verify};
 use crate::truth::DenoiseMode;
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
 use renderflow_frame::file;
+use renderflow_frame::frame_file::Profile;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_scenes::procedural::varied::Composition;
 use std::path::PathBuf;
@@ -222,7 +223,7 @@ impl PlanArgs {
                 light_groups: 0,
             },
             keyframes: Keyframes { gap: self.keyframe_gap, between_spp: self.between_spp },
-            storage: if self.compact { Storage::Compact } else { Storage::Full },
+            storage: if self.compact { Profile::Compact } else { Profile::Full },
             meshes: self.mesh_count,
             environments: self.environment_count,
             classic: self.classic,

@@ -1,6 +1,5 @@
 use super::{SceneArgs, TraceArgs};
 use crate::dataset::SequenceFolder;
-use crate::dataset::plan::Storage;
 use crate::evaluate::report::{self, FramePictures, Report};
 use crate::evaluate::{Method, Options, sequence, table};
 use crate::progress::Progress;
@@ -8,6 +7,7 @@ use crate::truth::{self, SequenceJob, TruthSettings};
 use anyhow::Result;
 use clap::Args;
 use renderflow_frame::file;
+use renderflow_frame::frame_file::Profile;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -60,7 +60,7 @@ impl Demo {
             out: folder.clone(),
             keyframe_gap: self.keyframe_gap,
             frame_step: 1,
-            storage: Storage::Full,
+            storage: Profile::Full,
         };
         let loaded = job.run(&settings, &progress, cancel)?;
         progress.finish();

@@ -1,12 +1,12 @@
 use super::{SceneArgs, TraceArgs};
 use crate::bench::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
-use crate::dataset::plan::Storage;
 use crate::evaluate::report;
 use crate::progress::Progress;
 use crate::truth::{SequenceJob, TruthSettings};
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use renderflow_frame::frame_file::Profile;
 use renderflow_frame::{color, exr, file};
 use renderflow_renderer::{Budget, Mode, Settings};
 use renderflow_scenes::description::Scene;
@@ -141,7 +141,7 @@ impl Render {
         settings.light_paths = !self.no_light_paths;
         (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
-        let rendered_before = self.out.join(frame_file(0)).is_file();
+        let rendered_before = self.out.join(frame_file(0, Profile::Full)).is_file();
         if let Some(target) = target {
             let printer = Arc::clone(&progress);
             settings.watch = Some(Watch::new(target, move |line| printer.print(line)));
@@ -152,13 +152,13 @@ impl Render {
             out: self.out.clone(),
             keyframe_gap: self.keyframe_gap,
             frame_step: 1,
-            storage: Storage::Full,
+            storage: Profile::Full,
         };
         let loaded = job.run(&settings, &progress, cancel)?;
         progress.finish();
         super::print_report(&loaded.report);
         for index in 0..loaded.cameras.len() {
-            let path = self.out.join(frame_file(index));
+            let path = self.out.join(frame_file(index, Profile::Full));
             let frame = exr::read(&path)?;
             if let (Some(watch), true, Some(raw)) = (&settings.watch, rendered_before, &frame.raw) {
                 println!("{}", Errors::heading());

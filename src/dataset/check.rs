@@ -4,11 +4,10 @@ use super::agreement::View;
 use super::folder::SequenceFolder;
 use super::plan::Plan;
 use super::record::{Checked, DESCRIPTIONS, FrameEntry};
-use super::storage;
 use crate::truth::is_keyframe;
 use anyhow::{Context, Result, ensure};
 use rayon::prelude::*;
-use renderflow_frame::Frame;
+use renderflow_frame::{Frame, frame_file};
 use std::path::Path;
 
 /// Frames that a thread reads one after the other; the next one's first is read once more.
@@ -69,7 +68,7 @@ fn read(plan: &Plan, folder: &SequenceFolder, index: usize) -> Result<(Frame, Fr
     let (file, number) = (&folder.sequence.files[index], folder.numbers[index]);
     let path = folder.path.join(file);
     let bytes = std::fs::read(&path).context("cannot read")?;
-    let frame = storage::decode(&path, &bytes)?;
+    let frame = frame_file::decode(&path, &bytes)?;
     let camera = folder.camera(index);
     ensure!(
         (frame.width, frame.height) == (camera.width, camera.height),

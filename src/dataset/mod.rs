@@ -14,7 +14,6 @@ pub mod shard;
 mod shim;
 pub mod statistics;
 pub mod stats;
-pub mod storage;
 pub mod verify;
 
 pub use folder::{Dataset, SequenceFolder};

@@ -1,6 +1,7 @@
 //! A dataset plan: everything needed to make the same dataset again, byte for byte, anywhere.
 
 use anyhow::{Context, Result, bail, ensure};
+use renderflow_frame::frame_file::Profile;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::procedural::varied::{Composed, Composition, Pool, Request, Used, compose_varied};
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
@@ -36,7 +37,7 @@ pub struct Plan {
     pub keyframes: Keyframes,
     /// How frames are stored.
     #[serde(default)]
-    pub storage: Storage,
+    pub storage: Profile,
     /// Meshes in the catalogue that all sequences draw from, 1..=1000000.
     #[serde(default = "meshes")]
     pub meshes: u32,
@@ -133,17 +134,6 @@ impl Default for Keyframes {
     fn default() -> Self {
         Self { gap: 16, between_spp: None }
     }
-}
-
-/// How frames are stored.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Storage {
-    /// OpenEXR with every channel.
-    #[default]
-    Full,
-    /// The compact training profile: the channels a network reads.
-    Compact,
 }
 
 /// What the sequences of each split may draw from.
