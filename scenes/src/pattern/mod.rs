@@ -9,6 +9,7 @@ mod geometric;
 mod kind;
 mod masonry;
 mod metal;
+pub(crate) mod random;
 mod sheet;
 mod stone;
 mod wood;
