@@ -18,6 +18,7 @@ pub(super) enum Role {
     Object,
     Ground,
     Wall,
+    Ceiling,
     /// Plain tables and shelves.
     Furniture,
     Foliage,
@@ -33,13 +34,13 @@ pub(super) struct Part {
     /// From the body's foot to the object's origin, metres.
     pub offset: Vec3,
     pub rotation: [f32; 3],
-    pub scale: f32,
+    pub scale: [f32; 3],
 }
 
 impl Part {
     /// A shape whose origin is the foot itself.
     pub fn shape(shape: Shape, role: Role, offset: Vec3) -> Self {
-        Self { geometry: Geometry::Shape(shape), role, offset, rotation: [0.0; 3], scale: 1.0 }
+        Self { geometry: Geometry::Shape(shape), role, offset, rotation: [0.0; 3], scale: [1.0; 3] }
     }
 
     /// A box by its lowest and highest corner.
@@ -55,10 +56,16 @@ impl Part {
         self
     }
 
+    /// Turned about its own vertical axis.
+    pub fn spun(mut self, degrees: f32) -> Self {
+        self.rotation[1] = Pcg64::tidy(self.rotation[1] + degrees);
+        self
+    }
+
     pub fn transform(&self, foot: Vec3) -> Transform {
         let at = foot + self.offset;
         let translation = [Pcg64::tidy(at.x), (at.y * 1e4).round() / 1e4, Pcg64::tidy(at.z)].map(decimal);
-        Transform { translation, rotation: self.rotation, scale: [self.scale; 3] }
+        Transform { translation, rotation: self.rotation, scale: self.scale }
     }
 }
 
@@ -85,6 +92,10 @@ pub(super) struct Body {
     pub height: f32,
     /// Radius of a level circle on its top that can carry something, metres; 0 = none.
     pub shelf: f32,
+    /// Half the extents of a level rectangle on its top that can carry several, metres; 0 = none.
+    pub deck: Vec2,
+    /// Degrees that the rectangle is turned about the vertical axis.
+    pub turn: f32,
     /// Stands on another body or carries one.
     pub stacked: bool,
     /// Looks different when it spins about its own axis, which stands upright.
@@ -96,6 +107,12 @@ pub(super) struct Body {
     pub subject: bool,
     /// How far it leaves its foot's height, metres.
     pub rise: f32,
+}
+
+/// Five significant digits: the files of users are of any size.
+fn five_digits(v: f64) -> f32 {
+    let unit = 10f64.powi(v.log10().floor() as i32 - 4);
+    ((v / unit).round() * unit) as f32
 }
 
 /// Rounded outwards, so that nothing sinks into its neighbour or the floor.
@@ -114,6 +131,8 @@ impl Body {
             radius: up(radius),
             height,
             shelf: 0.0,
+            deck: Vec2::ZERO,
+            turn: 0.0,
             stacked: false,
             spins: false,
             motion: None,
@@ -136,7 +155,8 @@ impl Body {
         let (lift, shelf) = (up(-low), if upright { level_top(&shape) * scale } else { 0.0 });
         let spins = upright && !symmetric(&shape);
         let label = shape.family().to_owned();
-        let part = Part { geometry: Geometry::Shape(shape), role, offset: Vec3::new(0.0, lift, 0.0), rotation, scale };
+        let part =
+            Part { geometry: Geometry::Shape(shape), role, offset: Vec3::new(0.0, lift, 0.0), rotation, scale: [scale; 3] };
         Self { shelf, spins, ..Self::composed(&label, vec![part], radius, lift + high) }
     }
 
@@ -151,13 +171,18 @@ impl Body {
             }
             Picked::Model { path, extent } => {
                 let largest = (extent.high - extent.low).max_element();
-                let scale = Pcg64::tidy((f64::from(size) / largest) as f32).max(1e-6);
+                let scale = five_digits(f64::from(size) / largest);
                 let middle = (0.5 * (extent.low + extent.high)).as_vec3();
                 let centre = Vec3::new(middle.x, extent.low.y as f32, middle.z) * scale;
                 let mut offset = -(Mat3::from_rotation_y(yaw.to_radians()) * centre);
                 offset.y = up(offset.y);
-                let part =
-                    Part { geometry: Geometry::File(path.clone()), role: Role::Object, offset, rotation: [0.0, yaw, 0.0], scale };
+                let part = Part {
+                    geometry: Geometry::File(path.clone()),
+                    role: Role::Object,
+                    offset,
+                    rotation: [0.0, yaw, 0.0],
+                    scale: [scale; 3],
+                };
                 let height = scale * (extent.high.y - extent.low.y) as f32;
                 // A thousandth for the rounding of the offset.
                 let radius = scale * extent.radius as f32 + 1e-3;

@@ -1,14 +1,13 @@
 //! Cameras that never stand in anything and see enough of the subject.
 
-use super::body::ways_apart;
+use super::body::{Body, ways_apart};
 use super::layout::{Context, Layout, Space};
-use crate::description::{CameraPath, decimal};
-use crate::draw::Draw;
+use super::paths;
+use crate::description::CameraPath;
 use glam::{DVec3, Vec2, Vec3};
-use rand_pcg::Pcg64;
 
 /// Least distance of the eye from cylinders, walls and floors, metres.
-const CLEARANCE: f32 = 0.15;
+pub(super) const CLEARANCE: f32 = 0.15;
 /// Share of the picture that bodies shall cover, and the least that subjects shall.
 const COVERAGE: [f32; 2] = [0.18, 0.75];
 const SUBJECT: f32 = 0.1;
@@ -17,82 +16,58 @@ const DRAWS: u32 = 48;
 /// Rays along each edge of the picture.
 const RAYS: usize = 16;
 
-/// Angles of view as the picture's shape allows, radians.
+/// Angles of view as the picture's shape allows.
 #[derive(Clone, Copy)]
 pub(super) struct Lens {
+    /// Degrees.
     pub vertical_fov: f32,
     /// Width over height.
     pub aspect: f32,
 }
 
 impl Lens {
-    fn new(vertical_fov: f32, [width, height]: [u32; 2]) -> Self {
+    pub fn new(vertical_fov: f32, [width, height]: [u32; 2]) -> Self {
         Self { vertical_fov, aspect: width.max(1) as f32 / height.max(1) as f32 }
     }
 
     /// Half the narrower angle of view, radians.
-    fn narrow(self) -> f32 {
+    pub fn narrow(self) -> f32 {
         let half = (0.5 * self.vertical_fov).to_radians();
         half.min((half.tan() * self.aspect).atan())
     }
 }
 
-/// A camera of `kind` for a layout.
+/// A camera of the context's kind for a layout.
 pub(super) fn camera(context: &Context, layout: &Layout, resolution: [u32; 2]) -> CameraPath {
     let mut best: Option<(f32, CameraPath)> = None;
-    for draw in 0..DRAWS {
-        let mut rng = context.root.child("camera", u64::from(draw)).rng();
-        let path = orbit(&mut rng, layout, resolution, context.knobs.degrees_per_frame, draw as f32 / DRAWS as f32);
+    let look = |path: CameraPath, best: &mut Option<(f32, CameraPath)>| {
         if !stands_free(&path, layout, context.frames) {
-            continue;
+            return false;
         }
         let fault = fault(&path, layout, context.frames, resolution);
-        if fault == 0.0 {
-            return path;
-        }
         if best.as_ref().is_none_or(|(least, _)| fault < *least) {
-            best = Some((fault, path));
+            *best = Some((fault, path));
+        }
+        fault == 0.0
+    };
+    for draw in 0..DRAWS {
+        let mut rng = context.root.child("camera", u64::from(draw)).rng();
+        let path = paths::draw(&mut rng, context, layout, resolution, draw as f32 / DRAWS as f32);
+        if look(path, &mut best) {
+            break;
         }
     }
-    match best {
-        Some((_, path)) => path,
-        None => refuge(layout, context.knobs.degrees_per_frame),
+    if best.is_none() {
+        // Crowded: above everything there is room, and a room's ceiling is higher than what stands in it.
+        for place in 0..8 * 81 {
+            look(paths::refuge(context, layout, place), &mut best);
+        }
     }
-}
-
-/// An orbit so high that nothing stands in its way.
-fn refuge(layout: &Layout, degrees_per_frame: f32) -> CameraPath {
-    let (centre, radius) = layout.subject();
-    let top = layout.bodies.iter().map(|b| b.top() + b.rise).fold(centre.y + radius, f32::max);
-    let distance = ((top - centre.y + 0.5) / 60f32.to_radians().sin()).max(2.0 * radius);
-    CameraPath::Orbit {
-        target: centre.to_array().map(Pcg64::tidy).map(decimal),
-        distance: decimal(Pcg64::tidy(distance)),
-        elevation: 60.0,
-        azimuth: 0.0,
-        degrees_per_frame,
-        vertical_fov: 50.0,
-    }
-}
-
-/// An orbit whose distance lets the subject fill the view; the later the draw, the higher.
-fn orbit(rng: &mut Pcg64, layout: &Layout, resolution: [u32; 2], degrees_per_frame: f32, late: f32) -> CameraPath {
-    let (centre, sphere) = layout.subject();
-    let vertical_fov = rng.between(30.0, 55.0);
-    let lens = Lens::new(vertical_fov, resolution);
-    let distance = Pcg64::tidy(sphere / lens.narrow().sin() * rng.between(0.65, 1.0));
-    CameraPath::Orbit {
-        target: centre.to_array().map(Pcg64::tidy).map(decimal),
-        distance: decimal(distance.max(Pcg64::tidy(1.05 * sphere + 0.1))),
-        elevation: Pcg64::tidy(rng.between(6.0, 42.0) + 20.0 * late),
-        azimuth: rng.between(0.0, 360.0),
-        degrees_per_frame,
-        vertical_fov,
-    }
+    best.map_or_else(|| paths::refuge(context, layout, 0), |(_, path)| path)
 }
 
 /// Frames that stand for all of them.
-fn samples(frames: u32, most: u32) -> impl Iterator<Item = u32> {
+pub(super) fn samples(frames: u32, most: u32) -> impl Iterator<Item = u32> {
     let step = frames.div_ceil(most).max(1);
     (0..frames).step_by(step as usize).chain(std::iter::once(frames - 1))
 }
@@ -106,8 +81,7 @@ pub(super) fn stands_free(path: &CameraPath, layout: &Layout, frames: u32) -> bo
             Space::Open => true,
             Space::Room { half, height } => (half - spot.abs()).min_element() > CLEARANCE && eye.y < height - CLEARANCE,
         };
-        let clear =
-            |b: &super::body::Body| eye.y > b.top() + b.rise + CLEARANCE || ways_apart(&b.way, &[spot]) > b.radius + CLEARANCE;
+        let clear = |b: &Body| eye.y > b.top() + b.rise + CLEARANCE || ways_apart(&b.way, &[spot]) > b.radius + CLEARANCE;
         inside && eye.y > CLEARANCE && layout.bodies.iter().all(clear)
     })
 }
@@ -132,7 +106,7 @@ pub(super) fn coverage(path: &CameraPath, layout: &Layout, frame: u32, resolutio
     let right = ahead.cross(view.up.into()).normalize_or(Vec3::X);
     let upward = right.cross(ahead);
     let tall = (0.5 * lens.vertical_fov).to_radians().tan();
-    let feet: Vec<(Vec3, &super::body::Body)> = (layout.bodies.iter())
+    let feet: Vec<(Vec3, &Body)> = (layout.bodies.iter())
         .map(|b| (b.foot + b.motion.as_ref().map_or(Vec3::ZERO, |m| m.shift(frame).as_vec3()), b))
         .collect();
     let (mut all, mut subject) = (0, 0);

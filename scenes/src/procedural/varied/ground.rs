@@ -4,7 +4,7 @@ use super::body::{Body, GAP, Part, Role};
 use super::layout::{Context, Layout, Space};
 use crate::draw::Draw;
 use crate::error::Result;
-use crate::procedural::layout::floor;
+use crate::shapes::Shape;
 use glam::{Vec2, Vec3};
 use rand_pcg::Pcg64;
 
@@ -32,8 +32,26 @@ pub(super) fn layout(context: &Context) -> Result<Layout> {
         }
     }
     let extent = layout.bodies.iter().map(|b| b.spot().length() + b.radius).fold(0.5, f32::max);
-    let (shape, transform) = floor(&mut root.child("floor", 0).rng(), extent + 1.0);
-    let drop = Vec3::new(0.0, transform.translation[1] as f32, 0.0);
-    layout.structure.push(("ground".into(), Part::shape(shape, Role::Ground, drop)));
+    let (shape, drop) = floor(&mut root.child("floor", 0).rng(), extent + 1.0);
+    layout.structure.push(("ground".into(), Part::shape(shape, Role::Ground, Vec3::new(0.0, drop, 0.0))));
     Ok(layout)
+}
+
+/// A floor whose top lies at height 0, `extent` metres from the middle at least, and the height of its origin: mostly so wide that its
+/// edge is the horizon, otherwise a plate with an edge to be seen.
+fn floor(rng: &mut Pcg64, extent: f32) -> (Shape, f32) {
+    match rng.weighted(&[0.7, 0.15, 0.15]) {
+        0 => (Shape::Plane { size: Pcg64::tidy(extent * rng.between(40.0, 90.0)) }, 0.0),
+        kind => {
+            let thickness = rng.between(0.1, 0.4);
+            let bevel = Pcg64::tidy(0.2 * thickness * rng.between(0.2, 1.0));
+            let shape = if kind == 1 {
+                Shape::Cylinder { radius: Pcg64::tidy(extent * rng.between(1.1, 2.0)), height: thickness, bevel }
+            } else {
+                let [width, depth] = [0; 2].map(|_| Pcg64::tidy(extent * rng.between(2.2, 3.5)));
+                Shape::Box { size: [width, thickness, depth], bevel }
+            };
+            (shape, -0.5 * thickness)
+        }
+    }
 }

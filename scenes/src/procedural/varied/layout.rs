@@ -5,7 +5,7 @@ use super::body::{Body, GAP, Part};
 use super::pick::Picker;
 use crate::draw::Draw;
 use crate::seed::Seed;
-use glam::{Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use rand_pcg::Pcg64;
 
 /// What a layout is made from.
@@ -82,6 +82,31 @@ impl Layout {
             }
             *reach *= 1.1;
         }
+    }
+
+    /// Puts a body on a table or another plain top beside what stands there; gives it back where there is no room.
+    pub fn put_on(&mut self, rng: &mut Pcg64, mut body: Body) -> Option<Body> {
+        let roomy = |b: &Body| b.deck.min_element() > body.radius;
+        let carriers: Vec<usize> = (0..self.bodies.len()).filter(|&i| roomy(&self.bodies[i])).collect();
+        if carriers.is_empty() {
+            return Some(body);
+        }
+        for _ in 0..16 {
+            let index = carriers[rng.below(carriers.len() as u32) as usize];
+            let below = &self.bodies[index];
+            let room = below.deck - body.radius;
+            let at = Vec3::new(room.x * rng.between(-1.0, 1.0), 0.0, room.y * rng.between(-1.0, 1.0));
+            let at = below.foot + Mat3::from_rotation_y(below.turn.to_radians()) * at;
+            body.place(Vec2::new(at.x, at.z), super::body::up(below.top()));
+            if self.fits(&body, 0.5 * GAP) {
+                body.stacked = true;
+                body.subject = below.subject;
+                self.bodies[index].stacked = true;
+                self.bodies.push(body);
+                return None;
+            }
+        }
+        Some(body)
     }
 
     /// Puts a body on top of another that has room for it; gives it back where there is none.

@@ -4,21 +4,27 @@
 //! The same [`Request`] gives the same scene, to the byte of its JSON, on every machine. [`super::compose`] stays what it was.
 
 mod body;
+mod build;
 mod camera;
+mod change;
 mod ground;
 mod knobs;
 mod layout;
+mod motion;
+mod occluders;
+mod outdoor;
+mod paths;
 mod pick;
+mod room;
 
 pub use knobs::{Cameras, Composition, Layouts};
 
-use super::materials;
 use crate::catalog::Catalog;
-use crate::description::{EnvironmentLight, Material, Object, Scene};
+use crate::description::{EnvironmentLight, Object, Scene};
 use crate::draw::Draw;
 use crate::error::{Error, Problem, Result};
 use crate::seed::Seed;
-use body::{Part, Role};
+use build::Build;
 use glam::Vec3;
 use layout::Context;
 use pick::Picker;
@@ -103,21 +109,44 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
     let picker = Picker::new(request.pool, knobs)?;
     let frames = request.frames.max(1);
     let root = request.seed;
-    let context = Context { root, knobs, picker: &picker, frames, camera: "orbit" };
-    let layout = ground::layout(&context)?;
+    let kind = draw(&root.child("layout kind", 0), &knobs.layouts.weights());
+    let kind_of_camera = draw(&root.child("camera kind", 0), &knobs.cameras.weights());
+    let chance = |label: &str, share: f64| frames > 1 && root.child(label, 0).rng().chance(share);
+    let (mut moves, mut changes) = (chance("moves", knobs.moving), chance("changes", knobs.changing));
+    if kind_of_camera == "fixed" && frames > 1 && !moves && !changes && knobs.moving + knobs.changing > 0.0 {
+        // A hundred equal pictures are of no use.
+        let which = root.child("moves", 1).rng().weighted(&[knobs.moving, knobs.changing]);
+        (moves, changes) = (which == 0, which == 1);
+    }
+
+    let context = Context { root, knobs, picker: &picker, frames, camera: kind_of_camera };
+    let mut layout = match kind {
+        "ground" => ground::layout(&context)?,
+        "room" => room::layout(&context)?,
+        _ => outdoor::layout(&context)?,
+    };
+    if moves {
+        motion::set_in_motion(&mut layout, &mut root.child("motion", 0).rng(), frames);
+    }
     let camera = camera::camera(&context, &layout, request.resolution);
+    if root.child("occluders", 0).rng().chance(knobs.occluders) {
+        occluders::place(&mut layout, &mut root.child("occluders", 1).rng(), &camera, frames, request.resolution);
+    }
     let light = picker.light(&mut root.child("light", 0).rng());
     let mut rng = root.child("light", 1).rng();
     let [least, most] = knobs.intensity;
     let environment =
         EnvironmentLight { source: light.source, rotation: rng.between(0.0, 360.0), intensity: rng.log(least, most) };
 
-    let mut build = Build { root, materials: vec![], objects: vec![], meshes: vec![] };
+    let mut build = Build::new(root, environment.intensity);
     for (name, part) in &layout.structure {
         build.part(name, part, Vec3::ZERO);
     }
     for (index, body) in layout.bodies.iter().enumerate() {
         build.body(&format!("{}_{:02}", body.label, index + 1), body);
+    }
+    if changes {
+        change::change(&mut root.child("change", 0).rng(), &mut build.materials, &build.changeable);
     }
     let scene = Scene {
         version: crate::validate::VERSION,
@@ -134,62 +163,24 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
     scene.validate()?;
     Ok(Composed {
         moving: scene.objects.iter().any(Object::moves),
-        changing: false,
+        changing: scene.materials.iter().any(|m| m.change.is_some()),
         scene,
-        layout: "ground",
-        camera: "orbit",
+        layout: kind,
+        camera: kind_of_camera,
         meshes: build.meshes,
         environment: light.name,
         environment_number: light.number,
     })
 }
 
+/// A name drawn by its weight.
+fn draw(seed: &Seed, weights: &[(&'static str, f64)]) -> &'static str {
+    let list: Vec<f64> = weights.iter().map(|(_, weight)| *weight).collect();
+    weights[seed.rng().weighted(&list)].0
+}
+
 /// An error of the knobs, whose message begins with its pointer.
 fn invalid(message: String) -> Error {
     let (pointer, reason) = message.split_once(": ").unwrap_or(("", &message));
     Error::Invalid { file: None, problems: vec![Problem { pointer: pointer.into(), reason: reason.into() }] }
-}
-
-/// The description's lists as they grow.
-struct Build {
-    root: Seed,
-    materials: Vec<Material>,
-    objects: Vec<Object>,
-    meshes: Vec<Used>,
-}
-
-impl Build {
-    fn part(&mut self, name: &str, part: &Part, foot: Vec3) {
-        let own = matches!(part.geometry, crate::description::Geometry::File(_));
-        let material = (!own).then(|| name.to_owned());
-        if !own {
-            let mut rng = self.root.child("material", self.materials.len() as u64).rng();
-            let made = match part.role {
-                Role::Ground => Material { name: name.into(), ..materials::ground(&mut rng) },
-                _ => materials::material(&mut rng, name),
-            };
-            self.materials.push(made);
-        }
-        self.objects.push(Object {
-            name: name.into(),
-            geometry: part.geometry.clone(),
-            material,
-            transform: part.transform(foot),
-            motion: None,
-        });
-    }
-
-    fn body(&mut self, name: &str, body: &body::Body) {
-        for (index, part) in body.parts.iter().enumerate() {
-            let name = if index == 0 { name.to_owned() } else { format!("{name}_{index}") };
-            self.part(&name, part, body.foot);
-            if let Some(object) = self.objects.last_mut() {
-                object.motion.clone_from(&body.motion);
-            }
-            if let Some(origin) = &body.origin {
-                let body::Origin { family, mesh, file } = origin.clone();
-                self.meshes.push(Used { object: name, family, mesh, file });
-            }
-        }
-    }
 }
