@@ -68,9 +68,9 @@ pub struct RenderArgs {
     /// Dataset folder
     #[arg(long)]
     out: PathBuf,
-    /// Part i of n, counted from 1
-    #[arg(long, default_value = "1/1")]
-    shard: Shard,
+    /// Part i of n, counted from 1; unless given, the task of a Slurm array or the index of a Kubernetes job, else all
+    #[arg(long)]
+    shard: Option<Shard>,
     /// Denoise with OIDN: where available, or else fail, or not at all
     #[arg(long, value_enum, default_value_t)]
     denoise: crate::truth::DenoiseMode,
@@ -101,7 +101,9 @@ impl DatasetCommand {
                 let plan = Plan::read(&args.plan)?;
                 let budget = if plan.adaptive { Budget::Average } else { Budget::Uniform };
                 let settings = TruthSettings::spread(plan.spp, budget, plan.max_bounces, args.denoise)?;
-                render::run(&plan, &args.out, args.shard, &settings, cancel)
+                let assigned = Shard::choose(args.shard)?;
+                eprintln!("{assigned}");
+                render::run(&plan, &args.out, assigned.shard, &settings, cancel)
             }
         }
     }

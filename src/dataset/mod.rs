@@ -3,6 +3,8 @@
 pub mod folder;
 pub mod plan;
 pub mod render;
+pub mod shard;
 
 pub use folder::{Dataset, SequenceFolder};
-pub use plan::{Plan, Shard};
+pub use plan::Plan;
+pub use shard::Shard;

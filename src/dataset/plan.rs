@@ -81,48 +81,9 @@ impl Plan {
     }
 }
 
-/// Part `index` of `count`, both counted from 1: sequences whose number is `index - 1` modulo `count`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shard {
-    /// From 1.
-    pub index: u32,
-    /// At least 1.
-    pub count: u32,
-}
-
-impl Shard {
-    /// Whether this shard makes sequence `sequence`.
-    pub fn owns(self, sequence: u32) -> bool {
-        sequence % self.count == self.index - 1
-    }
-}
-
-impl std::str::FromStr for Shard {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let (index, count) = text.split_once('/').ok_or("write i/n, for example 1/4")?;
-        let number = |s: &str| s.parse::<u32>().map_err(|e| format!("{s:?}: {e}"));
-        let shard = Self { index: number(index)?, count: number(count)? };
-        if shard.index == 0 || shard.index > shard.count {
-            return Err(format!("shard {text}: i runs from 1 to n"));
-        }
-        Ok(shard)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_sequence_has_exactly_one_shard() {
-        for count in 1..=7 {
-            for sequence in 0..50 {
-                assert_eq!((1..=count).filter(|&index| Shard { index, count }.owns(sequence)).count(), 1);
-            }
-        }
-    }
 
     /// A plan of ten million frames, or one whose camera spins beyond what a scene may say, was accepted and made no valid scene.
     #[test]
@@ -148,13 +109,5 @@ mod tests {
         assert_eq!(error(plan(10_000_009, 3.6)), "/frames: 10000009 is outside 1..=100000");
         assert!(error(plan(9, 4.294_967_3e10)).starts_with("/degrees_per_frame: 42949673000 is outside"));
         assert!(error(plan(9, f32::NAN)).starts_with("/degrees_per_frame: NaN is outside"));
-    }
-
-    #[test]
-    fn shard_syntax() {
-        assert_eq!("3/7".parse(), Ok(Shard { index: 3, count: 7 }));
-        for bad in ["0/7", "8/7", "7", "a/b", "1/0", ""] {
-            assert!(bad.parse::<Shard>().is_err(), "{bad}");
-        }
     }
 }
