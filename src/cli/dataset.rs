@@ -14,6 +14,8 @@ pub enum DatasetCommand {
     Plan(PlanArgs),
     /// Render a plan, or a shard of it; finished frames are kept
     Render(RenderArgs),
+    /// Write scripts that render a plan on a Slurm or Kubernetes cluster
+    Slurm(super::slurm::SlurmArgs),
 }
 
 /// Writes a plan file.
@@ -105,6 +107,7 @@ impl DatasetCommand {
                 eprintln!("{assigned}");
                 render::run(&plan, &args.out, assigned.shard, &settings, cancel)
             }
+            Self::Slurm(args) => args.run(),
         }
     }
 }

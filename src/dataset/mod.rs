@@ -4,6 +4,7 @@ pub mod folder;
 pub mod plan;
 pub mod render;
 pub mod shard;
+pub mod slurm;
 
 pub use folder::{Dataset, SequenceFolder};
 pub use plan::Plan;
