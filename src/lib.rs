@@ -11,5 +11,6 @@ pub mod cli;
 pub mod dataset;
 pub mod evaluate;
 pub mod inspect;
+mod memory;
 pub mod progress;
 pub mod truth;

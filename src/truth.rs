@@ -2,12 +2,13 @@
 
 use crate::bench::watch::Watch;
 use crate::dataset::folder::frame_file;
+use crate::dataset::plan::Storage;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_renderer::denoise::{Denoiser, Options};
-use renderflow_renderer::{Budget, Mode, RenderScene, Settings, render_mapped, render_with_stats};
+use renderflow_renderer::{Budget, Mode, RenderScene, Settings, render_gbuffer, render_mapped, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
@@ -147,8 +148,19 @@ impl TruthSettings {
         Ok((Settings { branches, light_paths, ..settings }, map))
     }
 
-    /// Path-traces and denoises the current frame of `scene`.
-    pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &AtomicBool) -> Result<Frame> {
+    /// Path-traces and denoises the current frame of `scene`; without samples its G-buffer alone. Also the seconds of both.
+    pub fn frame(
+        &self,
+        scene: &RenderScene,
+        progress: &(dyn Fn(u64, u64) + Sync),
+        cancel: &AtomicBool,
+    ) -> Result<(Frame, [f64; 2])> {
+        let started = Instant::now();
+        if self.spp == 0 {
+            // Coverage and guides want camera rays of their own; there are as many as by default.
+            let frame = render_gbuffer(scene, &Settings { spp: 1, ..self.of_renderer() })?;
+            return Ok((frame, [started.elapsed().as_secs_f64(), 0.0]));
+        }
         let rendered = match (&self.sample_map, &self.watch) {
             (None, None) => render_with_stats(scene, &self.of_renderer(), progress, cancel).map_err(anyhow::Error::from),
             (None, Some(watch)) => watch.render(scene, &self.of_renderer(), progress, cancel),
@@ -169,6 +181,7 @@ impl TruthSettings {
         if stats.non_finite_samples > 0 {
             eprintln!("warning: {} samples were not finite and count as black", stats.non_finite_samples);
         }
+        let traced = started.elapsed().as_secs_f64();
         if let (Some(denoiser), Some(raw)) = (&self.denoiser, &frame.raw) {
             let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             frame.beauty = Some(denoiser.denoise(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref())?);
@@ -177,7 +190,7 @@ impl TruthSettings {
                 watch.after("denoised", beauty, scene.exposure())?;
             }
         }
-        Ok(frame)
+        Ok((frame, [traced, started.elapsed().as_secs_f64() - traced]))
     }
 }
 
@@ -189,10 +202,12 @@ pub struct SequenceJob {
     pub base: PathBuf,
     /// Folder to write to.
     pub out: PathBuf,
-    /// Frames 0, gap, 2 gap, ... are keyframes.
+    /// Frames 0, gap, 2 gap, ... are keyframes; 0 = none is.
     pub keyframe_gap: u32,
     /// Only frames 0, step, 2 step, ... are rendered.
     pub frame_step: u32,
+    /// How frames are stored.
+    pub storage: Storage,
 }
 
 /// Seconds spent on each frame of truth, kept beside the frames.
@@ -210,93 +225,73 @@ pub fn seconds(folder: &Path) -> Vec<f64> {
     timing.map(|t| t.seconds.into_iter().flatten().collect()).unwrap_or_default()
 }
 
+/// Whether frame `number` is a keyframe where frames 0, gap, 2 gap, ... are; with a gap of 0 none is.
+pub fn is_keyframe(gap: u32, number: usize) -> bool {
+    gap > 0 && number.is_multiple_of(gap as usize)
+}
+
+/// What one frame cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Cost {
+    /// Moving what moves, the first time compiling the scene; seconds.
+    pub compile: f64,
+    /// Path tracing, G-buffer included; seconds.
+    pub render: f64,
+    /// Denoising; seconds.
+    pub denoise: f64,
+    /// Encoding and writing; seconds.
+    pub write: f64,
+    /// Bytes of the file.
+    pub bytes: u64,
+}
+
+impl Cost {
+    /// Seconds in all.
+    pub fn seconds(&self) -> f64 {
+        self.compile + self.render + self.denoise + self.write
+    }
+}
+
+/// A sequence whose scene is loaded; it is compiled when the first frame is rendered.
+pub struct OpenSequence<'a> {
+    job: &'a SequenceJob,
+    /// The scene.
+    pub loaded: LoadedScene,
+    compiled: Option<RenderScene>,
+    timing: Timing,
+}
+
 impl SequenceJob {
     /// Numbers of the frames to render, of a sequence of `frames`.
-    fn numbers(&self, frames: usize) -> impl Iterator<Item = usize> {
+    fn numbers(&self, frames: usize) -> impl Iterator<Item = usize> + use<> {
         (0..frames).step_by(self.frame_step.max(1) as usize)
+    }
+
+    /// Loads the scene and writes its descriptions.
+    pub fn open(&self) -> Result<OpenSequence<'_>> {
+        let loaded = load::load(&self.scene, &self.base)?;
+        self.write_descriptions(&loaded)?;
+        let path = self.out.join(TIMING);
+        // A clock is no reason to fail: a broken file starts again.
+        let mut timing: Timing = file::read_json(&path).unwrap_or_default();
+        timing.seconds.resize(loaded.cameras.len(), None);
+        Ok(OpenSequence { job: self, loaded, compiled: None, timing })
     }
 
     /// Renders what is missing; 1000 units of `progress` a frame. Returns the loaded scene.
     pub fn run(&self, settings: &TruthSettings, progress: &Progress, cancel: &AtomicBool) -> Result<LoadedScene> {
-        let loaded = load::load(&self.scene, &self.base)?;
-        self.write_descriptions(&loaded)?;
-        let frames = loaded.cameras.len();
-        let timing_path = self.out.join(TIMING);
-        let mut timing: Timing = if timing_path.is_file() { file::read_json(&timing_path)? } else { Timing::default() };
-        timing.seconds.resize(frames, None);
-        let mut compiled: Option<RenderScene> = None;
-        for index in self.numbers(frames) {
-            let path = self.out.join(frame_file(index));
-            if path.is_file() {
-                self.check_resumed(&path, index, &loaded, settings)?;
-                progress.resume(1000);
-                continue;
-            }
-            let scene = match &mut compiled {
-                Some(scene) => scene,
-                none => {
-                    let compiled = RenderScene::compile(&loaded)?;
-                    let limited = compiled.environment_repairs().limited;
-                    if limited > 0 {
-                        eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
-                    }
-                    none.insert(compiled)
+        let mut sequence = self.open()?;
+        for number in self.numbers(sequence.loaded.cameras.len()) {
+            match sequence.found(number, settings)? {
+                Found::Same => progress.resume(1000),
+                Found::Other(what) => bail!(what),
+                Found::Broken(error) => return Err(error),
+                Found::Nothing => {
+                    sequence.render(number, settings, progress, cancel)?;
                 }
-            };
-            let started = Instant::now();
-            scene.set_frame(index);
-            let before = progress.position();
-            let frame = settings.frame(scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel)?;
-            progress.set(before + 1000);
-            timing.seconds[index] = Some(started.elapsed().as_secs_f64());
-            let clamped = exr::write(&path, &frame)?;
-            if clamped > 0 {
-                eprintln!("warning: {}: {clamped} values beyond 65504 were clamped", path.display());
             }
-            file::write_json(&timing_path, &timing)?;
         }
-        Ok(loaded)
-    }
-
-    /// A frame that is already there must be of this scene at these settings, or the sequence would be a mixture.
-    fn check_resumed(&self, path: &Path, index: usize, loaded: &LoadedScene, settings: &TruthSettings) -> Result<()> {
-        let frame = exr::read(path)?;
-        let info = &frame.info;
-        let groups = frame.light.iter().flatten().count();
-        let mut wanted = settings.of_renderer();
-        let samples = match &settings.sample_map {
-            None if settings.budget == Budget::Uniform => info.sampling.is_empty() && info.spp == settings.spp,
-            None => info.sampling == wanted.sampling(),
-            Some(map) => {
-                let (mapped, other) = settings.mapped(map, index, loaded.cameras.len())?;
-                wanted = mapped;
-                frame.samples == other.samples
-            }
-        };
-        let branches = info.branches.unwrap_or(1);
-        let same = info.scene_hash == loaded.hash
-            && samples
-            && info.denoiser == settings.denoiser_name()
-            && info.bsdf == settings.bsdf.name()
-            && branches == wanted.branches()
-            && info.indirect_limit == settings.clamp_indirect
-            // Where there are none, the scene may have no use for them.
-            && (wanted.light_paths || !info.light_paths)
-            && groups == settings.light_groups as usize
-            && frame.irradiance.is_some() == settings.irradiance;
-        if !same {
-            bail!(
-                "{}: is of another scene or other settings ({} spp{}{}, {branches} a camera ray, {}{} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
-                path.display(),
-                info.spp,
-                if info.sampling.is_empty() { "" } else { ", " },
-                info.sampling,
-                info.indirect_limit.map_or_else(String::new, |limit| format!("indirect light within {limit}, ")),
-                info.bsdf,
-                info.denoiser.as_deref().unwrap_or("none")
-            );
-        }
-        Ok(())
+        Ok(sequence.loaded)
     }
 
     fn write_descriptions(&self, loaded: &LoadedScene) -> Result<()> {
@@ -304,8 +299,8 @@ impl SequenceJob {
         let numbers: Vec<usize> = self.numbers(loaded.cameras.len()).collect();
         let sequence = transforms::Sequence {
             cameras: numbers.iter().map(|&n| loaded.cameras[n]).collect(),
-            files: numbers.iter().map(|&n| frame_file(n)).collect(),
-            keyframes: (0..numbers.len()).filter(|&i| numbers[i].is_multiple_of(self.keyframe_gap.max(1) as usize)).collect(),
+            files: numbers.iter().map(|&n| self.storage.file(n)).collect(),
+            keyframes: (0..numbers.len()).filter(|&i| is_keyframe(self.keyframe_gap, numbers[i])).collect(),
             exposure: renderflow_frame::ibl::exposure(environment),
             environment: "env.hdr".into(),
             environment_rotation: environment.rotation,
@@ -316,6 +311,107 @@ impl SequenceJob {
         transforms::write(&self.out.join("transforms.json"), &sequence)?;
         Ok(file::write_json(&self.out.join("scene.json"), &with_absolute_paths(&self.scene, &self.base)?)?)
     }
+}
+
+impl OpenSequence<'_> {
+    /// File of frame `number`.
+    pub fn path(&self, number: usize) -> PathBuf {
+        self.job.out.join(self.job.storage.file(number))
+    }
+
+    /// Renders and writes frame `number`; 1000 units of `progress`.
+    pub fn render(&mut self, number: usize, settings: &TruthSettings, progress: &Progress, cancel: &AtomicBool) -> Result<Cost> {
+        let started = Instant::now();
+        let scene = match &mut self.compiled {
+            Some(scene) => scene,
+            none => {
+                let compiled = RenderScene::compile(&self.loaded)?;
+                let limited = compiled.environment_repairs().limited;
+                if limited > 0 {
+                    eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
+                }
+                none.insert(compiled)
+            }
+        };
+        scene.set_frame(number);
+        let compile = started.elapsed().as_secs_f64();
+        let before = progress.position();
+        let (frame, [render, denoise]) =
+            settings.frame(scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel)?;
+        progress.set(before + 1000);
+        let written = Instant::now();
+        let path = self.path(number);
+        let bytes = self.job.storage.write(&path, &frame)?;
+        let write = written.elapsed().as_secs_f64();
+        self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
+        file::write_json(&self.job.out.join(TIMING), &self.timing)?;
+        Ok(Cost { compile, render, denoise, write, bytes })
+    }
+
+    /// What is at the place of frame `number`: a frame of this scene at these settings, or one that would make the sequence a mixture,
+    /// or nothing that can be read.
+    pub fn found(&self, number: usize, settings: &TruthSettings) -> Result<Found> {
+        let path = self.path(number);
+        if !path.exists() {
+            return Ok(Found::Nothing);
+        }
+        let frame = match self.job.storage.read(&path) {
+            Ok(frame) => frame,
+            Err(error) => return Ok(Found::Broken(error)),
+        };
+        let info = &frame.info;
+        let groups = frame.light.iter().flatten().count();
+        let mut wanted = settings.of_renderer();
+        let samples = match &settings.sample_map {
+            None if settings.budget == Budget::Uniform => info.sampling.is_empty() && info.spp == settings.spp,
+            None => info.sampling == wanted.sampling(),
+            Some(map) => {
+                let (mapped, other) = settings.mapped(map, number, self.loaded.cameras.len())?;
+                wanted = mapped;
+                frame.samples == other.samples
+            }
+        };
+        let branches = info.branches.unwrap_or(1);
+        let traced = || {
+            samples
+                && info.denoiser == settings.denoiser_name()
+                && info.bsdf == settings.bsdf.name()
+                && branches == wanted.branches()
+                && info.indirect_limit == settings.clamp_indirect
+                // Where there are none, the scene may have no use for them.
+                && (wanted.light_paths || !info.light_paths)
+                && (groups == settings.light_groups as usize || self.job.storage == Storage::Compact)
+        };
+        let same = info.scene_hash == self.loaded.hash
+            && if settings.spp == 0 { info.spp == 0 && frame.beauty.is_none() } else { traced() }
+            && frame.irradiance.is_some() == settings.irradiance;
+        Ok(if same {
+            Found::Same
+        } else {
+            Found::Other(format!(
+                "{}: is of another scene or other settings ({} spp{}{}, {branches} a camera ray, {}{} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
+                path.display(),
+                info.spp,
+                if info.sampling.is_empty() { "" } else { ", " },
+                info.sampling,
+                info.indirect_limit.map_or_else(String::new, |limit| format!("indirect light within {limit}, ")),
+                info.bsdf,
+                info.denoiser.as_deref().unwrap_or("none")
+            ))
+        })
+    }
+}
+
+/// What is at the place of a frame.
+pub enum Found {
+    /// The frame.
+    Same,
+    /// A frame of another scene or of other settings, in words.
+    Other(String),
+    /// Something that cannot be read as a frame.
+    Broken(anyhow::Error),
+    /// Nothing.
+    Nothing,
 }
 
 /// Transforms of the moving objects at the frames `numbers`.

@@ -221,7 +221,7 @@ fn plans_cameras_and_datasets() {
     accepted(&plan, &["plan, sequences 2", "frames 2", "size 12 x 12", "spp 1"]);
     let text = std::fs::read_to_string(&plan).unwrap();
     let with = |value: &str| file(folder.path(), "bad.json", text.replacen("\"spp\": 1", value, 1));
-    refused(&with("\"spp\": 0"), &["plan: ", "/spp"]);
+    refused(&with("\"spp\": 99999999"), &["plan: ", "/render/spp: 99999999 is outside"]);
     refused(&with("\"samples\": 1"), &["plan: ", "unknown field `samples`", "line"]);
 
     common::succeed(&["dataset", "render", "--plan", names[0], "--out", names[1]]);

@@ -22,6 +22,8 @@ fn plan(folder: &Path) -> String {
         "4",
         "--keyframe-gap",
         "1",
+        "--denoise",
+        "none",
         "--out",
         plan.to_str().unwrap(),
     ]);
@@ -30,7 +32,7 @@ fn plan(folder: &Path) -> String {
 
 /// Dataset files that must not differ: all but the clock's.
 fn dataset(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    files(folder).into_iter().filter(|(name, _)| !name.ends_with("timing.json")).collect()
+    files(folder).into_iter().filter(|(name, _)| !name.ends_with("timing.json") && !name.starts_with("logs/")).collect()
 }
 
 #[test]
@@ -39,27 +41,14 @@ fn shards_threads_and_resume_give_the_same_bytes() {
     let plan = plan(folder.path());
     let render = |out: &str, shard: &str, threads: &str| {
         let out = folder.path().join(out);
-        succeed(&[
-            "dataset",
-            "render",
-            "--plan",
-            &plan,
-            "--out",
-            out.to_str().unwrap(),
-            "--shard",
-            shard,
-            "--threads",
-            threads,
-            "--denoise",
-            "none",
-        ]);
+        succeed(&["dataset", "render", "--plan", &plan, "--out", out.to_str().unwrap(), "--shard", shard, "--threads", threads]);
         out
     };
     let whole = render("whole", "1/1", "3");
     render("parts", "2/2", "1");
     let parts = render("parts", "1/2", "2");
     let expected = dataset(&whole);
-    assert!(expected.iter().any(|(name, _)| name == "manifest-train.json"));
+    assert!(expected.iter().any(|(name, _)| name == "manifest.json"));
     assert_eq!(expected.iter().filter(|(name, _)| name.ends_with(".exr")).count(), 6);
     assert!(dataset(&parts) == expected, "shards differ from the whole");
     // A frame lost, everything else kept: the same command makes it again.

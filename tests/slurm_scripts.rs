@@ -39,6 +39,10 @@ impl Site {
             "16",
             "--spp",
             "1",
+            "--denoise",
+            "none",
+            "--split",
+            "train",
             "--out",
             &plan,
         ]);
@@ -271,7 +275,7 @@ fn the_program_takes_its_shard_from_the_engine() {
     let site = Site::new(3, &[]);
     let render = |variables: &[(&str, &str)]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_renderflow"));
-        command.args(["dataset", "render", "--plan", &site.path("plan.json"), "--out", &site.path("data"), "--denoise", "none"]);
+        command.args(["dataset", "render", "--plan", &site.path("plan.json"), "--out", &site.path("data")]);
         for variable in ["SLURM_ARRAY_TASK_ID", "JOB_COMPLETION_INDEX", "RENDERFLOW_SHARDS", "RENDERFLOW_SHARD_OFFSET"] {
             command.env_remove(variable);
         }

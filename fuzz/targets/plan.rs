@@ -21,8 +21,9 @@ fuzz_target!(
         put(&path, bytes);
         match Plan::read(&path) {
             Ok(plan) => {
-                let scene = plan.scene(plan.sequences - 1);
-                scene.validate().expect("a plan that was accepted makes valid scenes");
+                if let Ok(composed) = plan.compose(&plan.catalog(), plan.total() - 1) {
+                    composed.scene.validate().expect("a plan that was accepted makes valid scenes");
+                }
             }
             Err(error) => names_file(format!("{error:#}"), &["plan.json"]),
         }

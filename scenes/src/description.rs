@@ -130,12 +130,12 @@ pub enum CameraPath {
 }
 
 /// Where a camera stands and looks, in the world.
-struct View {
-    eye: DVec3,
-    target: DVec3,
-    up: Vec3A,
+pub(crate) struct View {
+    pub eye: DVec3,
+    pub target: DVec3,
+    pub up: Vec3A,
     /// Degrees.
-    vertical_fov: f32,
+    pub vertical_fov: f32,
 }
 
 impl CameraPath {
@@ -157,7 +157,8 @@ impl CameraPath {
         near_origin(eye, eye.distance(target))
     }
 
-    fn view(&self, frame: u32) -> View {
+    /// The pose of `frame`, counted from 0.
+    pub(crate) fn view(&self, frame: u32) -> View {
         match self {
             Self::Orbit { target, distance, elevation, azimuth, degrees_per_frame, vertical_fov } => {
                 // The angle in f64: frame 100_000 of an orbit is as exact as frame 1.
@@ -294,17 +295,17 @@ impl Object {
     /// Object to world at `frame`, counted from 0: scale, spin, rotation, translation. In double precision: the world may be wide.
     pub fn transform_at(&self, frame: u32) -> DAffine3 {
         let motion = self.motion.clone().unwrap_or_default();
-        let frame = f64::from(frame);
-        self.transform.matrix(DVec3::from(motion.translation) * frame, f64::from(motion.spin) * frame)
+        self.transform.matrix(motion.shift(frame), f64::from(motion.spin) * f64::from(frame))
     }
 
     /// Does the object's placement change from frame to frame?
     pub fn moves(&self) -> bool {
-        self.motion.as_ref().is_some_and(|m| m.translation != [0.0; 3] || m.spin != 0.0)
+        self.motion.as_ref().is_some_and(|m| *m != Motion::default())
     }
 }
 
-/// Constant change of a transform, a frame.
+/// Change of a transform from frame to frame: a steady way, a turn, and on top of them a bounce and a circle. The last two came after
+/// the first version and are written only where they are.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Motion {
@@ -313,4 +314,52 @@ pub struct Motion {
     pub translation: [f64; 3],
     /// Degrees a frame about the object's own +Y axis through its origin.
     pub spin: f32,
+    /// Arcs through the air, one after the other; none by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bounce: Option<Bounce>,
+    /// A way around a vertical axis; none by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub circle: Option<Circle>,
+}
+
+/// A body that leaves its place upwards, falls back and starts again: parabolas.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Bounce {
+    /// Highest point above the place at frame 0, metres, 0..=1e6.
+    #[schemars(range(min = 0, max = 1e6))]
+    pub height: f32,
+    /// Frames from one touch to the next, 1..=1e6.
+    #[schemars(range(min = 1, max = 1e6))]
+    pub frames: f32,
+}
+
+/// A circle in the horizontal plane. The object keeps its own orientation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Circle {
+    /// Axis, along x and z from the object's place at frame 0, metres, -1e6..=1e6.
+    #[schemars(inner(range(min = -1e6, max = 1e6)))]
+    pub center: [f32; 2],
+    /// Degrees a frame about +Y.
+    pub degrees: f32,
+}
+
+impl Motion {
+    /// How far `frame`, counted from 0, is from the place at frame 0, metres.
+    pub fn shift(&self, frame: u32) -> DVec3 {
+        let time = f64::from(frame);
+        let mut shift = DVec3::from(self.translation) * time;
+        if let Some(bounce) = &self.bounce {
+            let phase = (time / f64::from(bounce.frames).max(1.0)).fract();
+            shift.y += 4.0 * f64::from(bounce.height) * phase * (1.0 - phase);
+        }
+        if let Some(circle) = &self.circle {
+            let [x, z] = circle.center.map(f64::from);
+            let (sin, cos) = (time * f64::from(circle.degrees)).rem_euclid(360.0).to_radians().sin_cos();
+            // c - R c, where R turns about +Y.
+            shift += DVec3::new(x - (cos * x + sin * z), 0.0, z - (cos * z - sin * x));
+        }
+        shift
+    }
 }

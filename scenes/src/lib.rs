@@ -3,6 +3,7 @@
 //! It is *not* a renderer: the result, [`LoadedScene`], is plain data (meshes, materials, textures, cameras) that a renderer compiles.
 #![forbid(unsafe_code)]
 
+pub mod catalog;
 pub mod description;
 mod draw;
 pub mod error;
@@ -10,6 +11,7 @@ pub mod load;
 pub mod loaded;
 pub mod mipmap;
 mod noise;
+pub mod pattern;
 pub mod procedural;
 pub mod schema;
 pub mod seed;

@@ -24,6 +24,8 @@ pub const MAX_SIZE: f32 = 1e9;
 pub const MAX_EMISSION: f32 = 1e6;
 /// Largest offset or number of repetitions of a texture.
 pub const MAX_REPEAT: f32 = 1e6;
+/// Largest height of a bounce and radius of a circle, metres, and longest bounce, frames.
+pub const MAX_PATH: f32 = 1e6;
 /// Largest radiance, gain or angle taken from a file (half floats end at 65504; this leaves room for the sun).
 pub const MAX_VALUE: f32 = 1e9;
 
@@ -202,7 +204,13 @@ impl Check {
             ] {
                 if let Some(path) = texture {
                     self.path(at(field), path);
+                    if material.pattern.is_some() && field != "emissive_texture" {
+                        self.say(at(field), "cannot be used together with a pattern, which makes this texture itself");
+                    }
                 }
+            }
+            if let Some(pattern) = &material.pattern {
+                self.parameters(&at("pattern"), pattern.validate());
             }
         }
     }
@@ -233,6 +241,14 @@ impl Check {
                 let furthest = MAX_COORDINATE / f64::from(scene.frames.max(1));
                 self.vector(&at("motion/translation"), motion.translation, -furthest..=furthest);
                 self.angle(at("motion/spin"), motion.spin);
+                if let Some(bounce) = &motion.bounce {
+                    self.range(at("motion/bounce/height"), bounce.height, 0.0..=MAX_PATH);
+                    self.range(at("motion/bounce/frames"), bounce.frames, 1.0..=MAX_PATH);
+                }
+                if let Some(circle) = &motion.circle {
+                    self.vector(&at("motion/circle/center"), circle.center, -MAX_PATH..=MAX_PATH);
+                    self.angle(at("motion/circle/degrees"), circle.degrees);
+                }
             }
         }
     }
@@ -250,7 +266,7 @@ impl Check {
         }
     }
 
-    /// What a shape or a sky says about its own parameters: pointers below it, and reasons.
+    /// What a shape, a sky or a pattern says about its own parameters: pointers below it, and reasons.
     fn parameters(&mut self, pointer: &str, problems: Vec<(String, String)>) {
         for (below, reason) in problems {
             self.say(format!("{pointer}/{}", below.trim_start_matches('/')), reason);

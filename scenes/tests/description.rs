@@ -76,8 +76,8 @@ fn materials_of_the_example_arrive() {
     );
     let sheet = find("punched sheet");
     assert_eq!(sheet.alpha_mask, Some(AlphaMask { cutoff: 0.5, factor: 1.0 }));
-    // One decoding for colour and emission, one for data, one for normals.
-    assert_eq!(loaded.textures.len(), 3);
+    // One decoding for colour and emission, one for data, one for normals; and three maps of the pattern.
+    assert_eq!(loaded.textures.len(), 3 + 3);
     assert_eq!(sheet.base_color_texture, sheet.emissive_texture);
     assert!(loaded.textures.iter().all(|t| t.wrap == [Wrap::Mirror; 2]));
     // KHR_texture_transform's own matrices, written out: translation * rotation * scale of a column vector (u, v, 1).
@@ -258,7 +258,7 @@ fn placement_scales_then_turns_then_moves() {
         geometry: Geometry::Shape(Shape::Sphere { radius: 1.0 }),
         material: None,
         transform: Transform { translation: [10.0, 0.0, 0.0], rotation: [90.0, 0.0, 180.0], scale: [1.0, 2.0, 1.0] },
-        motion: Some(Motion { translation: [0.0, 0.5, 0.0], spin: 90.0 }),
+        motion: Some(Motion { translation: [0.0, 0.5, 0.0], spin: 90.0, ..Motion::default() }),
     };
     let close = |frame, p: [f64; 3], q: [f64; 3]| {
         let found = object.transform_at(frame).transform_point3(p.into());

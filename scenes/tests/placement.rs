@@ -58,7 +58,7 @@ fn yard(shift: DVec3, size: f64) -> Scene {
                 "box",
                 Shape::Box { size: [0.7, 0.3, 0.5], bevel: 0.0 },
                 Transform { translation: at(0.3, 0.2, 0.1), rotation: [10.0, 20.0, 30.0], ..Default::default() },
-                Some(Motion { translation: [0.017 * size, 0.0, 0.0], spin: 7.0 }),
+                Some(Motion { translation: [0.017 * size, 0.0, 0.0], spin: 7.0, ..Motion::default() }),
             ),
             object(
                 "sphere",

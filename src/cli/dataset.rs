@@ -1,50 +1,62 @@
 use super::SplitArg;
-use crate::dataset::{Plan, Shard, render};
-use crate::truth::TruthSettings;
-use anyhow::Result;
+use crate::dataset::plan::{Denoise, Keyframes, Plan, Render, Storage};
+use crate::dataset::{Shard, manifest, planning, preview, render, stats, verify};
+use crate::truth::DenoiseMode;
+use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
-use renderflow_renderer::Budget;
+use renderflow_frame::file;
+use renderflow_renderer::denoise::Denoiser;
+use renderflow_scenes::procedural::varied::Composition;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 /// Datasets: a small plan, then folders of sequences made from it.
 #[derive(Subcommand)]
 pub enum DatasetCommand {
-    /// Write a plan: counts, sizes and the seed
+    /// Write a plan: counts, sizes, the seed, and every knob with its default
     Plan(PlanArgs),
+    /// Show what a plan would make: contact sheets of meshes, environments and scenes, and a count of the catalogue
+    Preview(PreviewArgs),
     /// Render a plan, or a shard of it; finished frames are kept
     Render(RenderArgs),
+    /// Write the manifest of a dataset whose shards are complete
+    Merge(MergeArgs),
+    /// Prove a dataset: counts, hashes, values, depth against motion and normals, splits
+    Verify(VerifyArgs),
+    /// Write a page of histograms
+    Stats(StatsArgs),
     /// Write scripts that render a plan on a Slurm or Kubernetes cluster
     Slurm(super::slurm::SlurmArgs),
 }
 
 /// Writes a plan file.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset plan --seed 5 --sequences 400 --frame-step 4 --spp 16 --out plan.json")]
+#[command(after_help = "Example: renderflow dataset plan --seed 5 --sequences 1300 --resolution 512 --out plan.toml\n\
+The file holds every knob (layouts, cameras, materials, motion, families of each split); edit it before rendering.")]
 pub struct PlanArgs {
     /// Root of the seed tree
     #[arg(long)]
     seed: u64,
-    /// Pool of environments
-    #[arg(long, value_enum, default_value = "train")]
-    split: SplitArg,
+    /// All sequences to this split; by default a tenth each to val and test
+    #[arg(long, value_enum)]
+    split: Option<SplitArg>,
     /// Sequences, one scene each
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     sequences: u32,
     /// Frames a sequence
-    #[arg(long, default_value_t = 17, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
     frames: u32,
     /// Render only every so-manyth frame
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     frame_step: u32,
-    /// Camera turn from a frame to the next
+    /// Turn of orbiting cameras from a frame to the next
     #[arg(long, default_value_t = 3.6)]
     degrees_per_frame: f32,
     /// Pixels along both sides
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=16384))]
     resolution: u32,
-    /// Samples a pixel
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Samples a pixel; 0 = G-buffers only
+    #[arg(long, default_value_t = 256)]
     spp: u32,
     /// Spend the samples where the picture is noisier, --spp a pixel on average
     #[arg(long)]
@@ -52,17 +64,67 @@ pub struct PlanArgs {
     /// Scattering events of a path
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
     max_bounces: u32,
+    /// Denoise with OIDN: where this machine has it, or on every machine, or not at all; the plan says which
+    #[arg(long, value_enum, default_value_t)]
+    denoise: DenoiseMode,
     /// Frames 0, gap, 2 gap, ... are keyframes
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
     keyframe_gap: u32,
-    /// File to write
+    /// Samples a pixel of the frames between keyframes; 0 = G-buffers only
+    #[arg(long)]
+    between_spp: Option<u32>,
+    /// Store frames in the compact training profile
+    #[arg(long)]
+    compact: bool,
+    /// Meshes in the catalogue
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..))]
+    mesh_count: u32,
+    /// Maps in the catalogue of environments
+    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
+    environment_count: u32,
+    /// Folder of glTF and OBJ models to mix in
+    #[arg(long, value_name = "DIR")]
+    meshes: Option<PathBuf>,
+    /// Folder of environment maps (.hdr, .exr) to mix in
+    #[arg(long, value_name = "DIR")]
+    hdris: Option<PathBuf>,
+    /// Simple objects on a ground plane under an orbiting camera only, lit by random skies (test: by the maps of hdri/)
+    #[arg(long, conflicts_with_all = ["meshes", "hdris"])]
+    classic: bool,
+    /// File to write; TOML where it is named .toml, else JSON
     #[arg(long)]
     out: PathBuf,
 }
 
+/// Shows what a plan would make.
+#[derive(Args)]
+#[command(after_help = "Example: renderflow dataset preview --plan plan.json --out preview")]
+pub struct PreviewArgs {
+    /// Plan file
+    #[arg(long)]
+    plan: PathBuf,
+    /// Folder for meshes.png, environments.png and scenes.png
+    #[arg(long)]
+    out: PathBuf,
+    /// Pixels along a side of each picture
+    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(16..=1024))]
+    size: u32,
+    /// Samples a pixel
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..))]
+    spp: u32,
+    /// Number in the catalogue of the first mesh and the first environment to show
+    #[arg(long, default_value_t = 0)]
+    first: u32,
+    /// Only count the catalogue: distinct meshes and maps, watertight ones, triangles
+    #[arg(long)]
+    count_only: bool,
+}
+
 /// Renders a plan.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset render --plan plan.json --out data --shard 1/4")]
+#[command(after_help = "Example: renderflow dataset render --plan plan.json --out data --shard 1/4\n\
+A termination signal lets the frame at hand finish (exit code 75); the same command goes on. Frames that fail are recorded\n\
+(failures.json beside them, logs/*.jsonl) and do not stop the others; the same command tries them again.")]
 pub struct RenderArgs {
     /// Plan file
     #[arg(long)]
@@ -73,41 +135,179 @@ pub struct RenderArgs {
     /// Part i of n, counted from 1; unless given, the task of a Slurm array or the index of a Kubernetes job, else all
     #[arg(long)]
     shard: Option<Shard>,
-    /// Denoise with OIDN: where available, or else fail, or not at all
-    #[arg(long, value_enum, default_value_t)]
-    denoise: crate::truth::DenoiseMode,
+    /// Go on where an earlier run stopped; always on, and here for scripts that say so
+    #[arg(long)]
+    resume: bool,
+}
+
+/// Writes the manifest.
+#[derive(Args)]
+#[command(after_help = "Example: renderflow dataset merge --plan plan.json --out data")]
+pub struct MergeArgs {
+    /// Plan file
+    #[arg(long)]
+    plan: PathBuf,
+    /// Dataset folder
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Proves a dataset.
+#[derive(Args)]
+#[command(after_help = "Example: renderflow dataset verify data")]
+pub struct VerifyArgs {
+    /// Dataset folder
+    dataset: PathBuf,
+}
+
+/// Writes a page of histograms.
+#[derive(Args)]
+#[command(after_help = "Example: renderflow dataset stats data --out stats.html")]
+pub struct StatsArgs {
+    /// Dataset folder
+    dataset: PathBuf,
+    /// Page to write; stats.html in the dataset folder by default
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Print the numbers as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 impl DatasetCommand {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         match self {
-            Self::Plan(args) => {
-                let plan = Plan {
-                    version: 1,
-                    seed: args.seed,
-                    split: args.split.into(),
-                    sequences: args.sequences,
-                    frames: args.frames,
-                    frame_step: args.frame_step,
-                    degrees_per_frame: args.degrees_per_frame,
-                    resolution: [args.resolution; 2],
-                    spp: args.spp,
-                    adaptive: args.adaptive,
-                    max_bounces: args.max_bounces,
-                    keyframe_gap: args.keyframe_gap,
-                };
-                plan.check()?;
-                Ok(renderflow_frame::file::write_json(&args.out, &plan)?)
-            }
+            Self::Plan(args) => args.run(),
+            Self::Preview(args) => args.run(cancel),
             Self::Render(args) => {
                 let plan = Plan::read(&args.plan)?;
-                let budget = if plan.adaptive { Budget::Average } else { Budget::Uniform };
-                let settings = TruthSettings::spread(plan.spp, budget, plan.max_bounces, args.denoise)?;
                 let assigned = Shard::choose(args.shard)?;
                 eprintln!("{assigned}");
-                render::run(&plan, &args.out, assigned.shard, &settings, cancel)
+                render::run(&plan, &args.out, assigned.shard, cancel)?;
+                Ok(())
             }
+            Self::Merge(args) => {
+                let manifest = manifest::merge(&Plan::read(&args.plan)?, &args.out)?;
+                let frames = manifest.frames;
+                println!("{} sequences, {} frames", manifest.entries.len(), frames.train + frames.val + frames.test);
+                Ok(())
+            }
+            Self::Verify(args) => args.run(cancel),
+            Self::Stats(args) => args.run(),
             Self::Slurm(args) => args.run(),
         }
+    }
+}
+
+impl PlanArgs {
+    fn run(self) -> Result<()> {
+        let denoise = match self.denoise {
+            DenoiseMode::Oidn => Denoise::Oidn,
+            DenoiseMode::Auto if Denoiser::new().is_ok() => Denoise::Oidn,
+            _ => Denoise::None,
+        };
+        let mut plan = Plan {
+            version: 2,
+            seed: self.seed,
+            sequences: match self.split {
+                Some(split) => planning::all_to(split.into(), self.sequences),
+                None => planning::share_out(self.sequences),
+            },
+            frames: self.frames,
+            frame_step: self.frame_step,
+            resolution: [self.resolution; 2],
+            render: Render {
+                spp: self.spp,
+                adaptive: self.adaptive,
+                max_bounces: self.max_bounces,
+                denoise,
+                irradiance: false,
+                light_groups: 0,
+            },
+            keyframes: Keyframes { gap: self.keyframe_gap, between_spp: self.between_spp },
+            storage: if self.compact { Storage::Compact } else { Storage::Full },
+            meshes: self.mesh_count,
+            environments: self.environment_count,
+            classic: self.classic,
+            composition: Composition { degrees_per_frame: self.degrees_per_frame, ..Composition::default() },
+            splits: Default::default(),
+        };
+        if !self.classic {
+            plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref())?;
+        }
+        plan.check()?;
+        if self.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+            return Ok(file::write_atomic(&self.out, toml::to_string_pretty(&plan)?.as_bytes())?);
+        }
+        Ok(file::write_json(&self.out, &plan)?)
+    }
+}
+
+impl PreviewArgs {
+    fn run(self, cancel: &AtomicBool) -> Result<()> {
+        let plan = Plan::read(&self.plan)?;
+        let found = preview::inventory(&plan, cancel)?;
+        file::write_json(&self.out.join("catalog.json"), &found)?;
+        println!(
+            "{} meshes of {} families, {} distinct, {} watertight, {:.0} triangles on average",
+            found.meshes,
+            found.families.len(),
+            found.distinct_meshes,
+            found.watertight,
+            found.triangles as f64 / found.meshes.max(1) as f64
+        );
+        println!(
+            "{} environments of {} families, {} distinct",
+            found.environments,
+            found.environment_families.len(),
+            found.distinct_environments
+        );
+        if self.count_only { Ok(()) } else { preview::sheets(&plan, &self.out, self.size, self.spp, self.first, cancel) }
+    }
+}
+
+impl VerifyArgs {
+    fn run(self, cancel: &AtomicBool) -> Result<()> {
+        let found = verify::verify(&self.dataset, cancel)?;
+        let agreement = &found.agreement;
+        let percent = |part: u64, whole: u64| 100.0 * part as f64 / whole.max(1) as f64;
+        println!("{} sequences, {} frames, {} bytes", found.sequences, found.frames, found.bytes);
+        println!("motion vectors against depth and cameras: {} of {} differ", agreement.motion_off, agreement.motion);
+        println!("points found at their depth a frame later: {:.1} %", percent(agreement.seen, agreement.projected));
+        if let Some(angle) = agreement.median_angle() {
+            println!("normals against the slope of the depth: {angle:.1} degrees (median)");
+        }
+        println!("normals that face the camera: {:.1} %", percent(agreement.facing, agreement.covered));
+        for fault in &found.faults {
+            println!("FAULT {fault}");
+        }
+        if !found.faults.is_empty() {
+            bail!("{}: {} faults", self.dataset.display(), found.faults.len());
+        }
+        println!("no faults");
+        Ok(())
+    }
+}
+
+impl StatsArgs {
+    fn run(self) -> Result<()> {
+        let numbers = stats::numbers(&self.dataset)?;
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&numbers)?);
+        }
+        let out = self.out.unwrap_or_else(|| self.dataset.join("stats.html"));
+        file::write_atomic(&out, stats::html(&numbers)?.as_bytes())?;
+        if !self.json {
+            let [complete, planned] = numbers.sequences;
+            println!(
+                "{complete} of {planned} sequences, {} frames, {} bytes, {} meshes, {} environments: {}",
+                numbers.frames,
+                numbers.bytes,
+                numbers.meshes,
+                numbers.environments,
+                out.display()
+            );
+        }
+        Ok(())
     }
 }

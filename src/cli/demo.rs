@@ -1,5 +1,6 @@
 use super::{SceneArgs, TraceArgs};
 use crate::dataset::SequenceFolder;
+use crate::dataset::plan::Storage;
 use crate::evaluate::report::{self, FramePictures, Report};
 use crate::evaluate::{Method, Options, sequence, table};
 use crate::progress::Progress;
@@ -53,7 +54,14 @@ impl Demo {
         let progress = Progress::new("path tracing", u64::from(scene.frames) * 1000);
         let folder = self.out.join("sequence");
         let name = scene.name.clone();
-        let job = SequenceJob { scene, base, out: folder.clone(), keyframe_gap: self.keyframe_gap, frame_step: 1 };
+        let job = SequenceJob {
+            scene,
+            base,
+            out: folder.clone(),
+            keyframe_gap: self.keyframe_gap,
+            frame_step: 1,
+            storage: Storage::Full,
+        };
         let loaded = job.run(&settings, &progress, cancel)?;
         progress.finish();
         super::print_report(&loaded.report);
@@ -148,10 +156,8 @@ fn shown_frames(frames: usize) -> Vec<usize> {
 
 /// Largest resident set of this process so far, from the operating system.
 fn peak_memory() -> String {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let kib = status
-        .lines()
-        .find_map(|l| l.strip_prefix("VmHWM:"))
-        .and_then(|l| l.trim().trim_end_matches("kB").trim().parse::<f64>().ok());
-    kib.map_or_else(|| "unknown on this system".into(), |kib| format!("{:.0} MiB", kib / 1024.0))
+    match crate::memory::peak() {
+        0 => "unknown on this system".into(),
+        bytes => format!("{:.0} MiB", bytes as f64 / f64::from(1 << 20)),
+    }
 }

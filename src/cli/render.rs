@@ -1,6 +1,7 @@
 use super::{SceneArgs, TraceArgs};
 use crate::bench::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
+use crate::dataset::plan::Storage;
 use crate::evaluate::report;
 use crate::progress::Progress;
 use crate::truth::{SequenceJob, TruthSettings};
@@ -145,7 +146,14 @@ impl Render {
             let printer = Arc::clone(&progress);
             settings.watch = Some(Watch::new(target, move |line| printer.print(line)));
         }
-        let job = SequenceJob { scene, base, out: self.out.clone(), keyframe_gap: self.keyframe_gap, frame_step: 1 };
+        let job = SequenceJob {
+            scene,
+            base,
+            out: self.out.clone(),
+            keyframe_gap: self.keyframe_gap,
+            frame_step: 1,
+            storage: Storage::Full,
+        };
         let loaded = job.run(&settings, &progress, cancel)?;
         progress.finish();
         super::print_report(&loaded.report);

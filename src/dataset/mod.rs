@@ -1,10 +1,22 @@
-//! Datasets: a plan that fits in a page, folders of sequences made from it, and their reader.
+//! Datasets: a plan that fits in a page, folders of sequences made from it, and what can be done with them.
 
+pub mod agreement;
+pub mod check;
 pub mod folder;
+pub mod log;
+pub mod manifest;
 pub mod plan;
+pub mod planning;
+pub mod preview;
+pub mod record;
 pub mod render;
 pub mod shard;
+mod shim;
 pub mod slurm;
+pub mod statistics;
+pub mod stats;
+pub mod storage;
+pub mod verify;
 
 pub use folder::{Dataset, SequenceFolder};
 pub use plan::Plan;

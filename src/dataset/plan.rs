@@ -1,66 +1,328 @@
 //! A dataset plan: everything needed to make the same dataset again, byte for byte, anywhere.
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use renderflow_scenes::catalog::Catalog;
+use renderflow_scenes::procedural::varied::{Composed, Composition, Pool, Request, Used, compose_varied};
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
-use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION, MAX_VALUE};
-use renderflow_scenes::{description::Scene, seed::Seed};
+use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION};
+use renderflow_scenes::{description::EnvironmentSource, seed::Seed};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Counts, sizes and the seed of a dataset.
+/// Most sequences of a plan.
+pub const MAX_SEQUENCES: u32 = 1_000_000;
+
+/// Counts, sizes, the seed, and what scenes are made of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// Format version, 1.
+    /// Format version, 2.
     pub version: u32,
     /// Root of the seed tree.
     pub seed: u64,
-    /// Which environments and seeds the sequences draw from.
-    pub split: Split,
-    /// Number of sequences; one scene each.
-    pub sequences: u32,
-    /// Frames of a sequence.
+    /// Sequences of each split; one scene each.
+    pub sequences: Counts,
+    /// Frames of a sequence, 1..=100000.
     pub frames: u32,
     /// Only frames 0, step, 2 step, ... are rendered; 1 = all. Training wants many scenes more than many frames of one.
+    #[serde(default = "one")]
     pub frame_step: u32,
-    /// Camera turn from a frame to the next, degrees.
-    pub degrees_per_frame: f32,
-    /// Width and height in pixels.
+    /// Width and height in pixels, each 1..=16384.
     pub resolution: [u32; 2],
-    /// Samples a pixel of the truth.
+    /// How the truth is rendered.
+    pub render: Render,
+    /// Which frames are keyframes, and what the others get.
+    #[serde(default)]
+    pub keyframes: Keyframes,
+    /// How frames are stored.
+    #[serde(default)]
+    pub storage: Storage,
+    /// Meshes in the catalogue that all sequences draw from, 1..=1000000.
+    #[serde(default = "meshes")]
+    pub meshes: u32,
+    /// Maps in the catalogue of environments, 1..=1000000.
+    #[serde(default = "environments")]
+    pub environments: u32,
+    /// Scenes of objects on a ground plane under an orbiting camera only, as `renderflow compose` makes them; `composition` and
+    /// `splits` are not used then, but for the camera's turn.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub classic: bool,
+    /// What scenes look like.
+    #[serde(default)]
+    pub composition: Composition,
+    /// What each split may draw from; no two share anything.
+    #[serde(default)]
+    pub splits: Splits,
+}
+
+fn one() -> u32 {
+    1
+}
+fn meshes() -> u32 {
+    4096
+}
+fn environments() -> u32 {
+    512
+}
+
+/// A number for each split.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Counts {
+    /// To learn from.
+    pub train: u32,
+    /// For choosing settings.
+    pub val: u32,
+    /// For the numbers that are reported.
+    pub test: u32,
+}
+
+/// How the truth is rendered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Render {
+    /// Samples a pixel, 0..=16777216; 0 = G-buffers only, for sequences that a network is to render.
     pub spp: u32,
-    /// Whether the samples are spread by need, `spp` a pixel on average. Plans that say nothing mean evenly.
+    /// Whether the samples are spread by need, `spp` a pixel on average.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub adaptive: bool,
-    /// Scattering events of a path.
+    /// Scattering events of a path, 1..=1024.
+    #[serde(default = "six")]
     pub max_bounces: u32,
-    /// Frames 0, gap, 2 gap, ... are keyframes.
-    pub keyframe_gap: u32,
+    /// Denoiser of the beauty; machines that lack it refuse the plan, so that no dataset is a mixture.
+    #[serde(default)]
+    pub denoise: Denoise,
+    /// Whether frames hold the unoccluded irradiance.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub irradiance: bool,
+    /// Groups to split the light into, 0..=8.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub light_groups: u32,
+}
+
+fn six() -> u32 {
+    6
+}
+fn is_zero(v: &u32) -> bool {
+    *v == 0
+}
+
+/// Denoiser of a dataset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Denoise {
+    /// Intel Open Image Denoise.
+    Oidn,
+    /// The beauty is the raw mean.
+    #[default]
+    None,
+}
+
+/// Which frames are keyframes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Keyframes {
+    /// Frames 0, gap, 2 gap, ... are keyframes, 1..=100000.
+    pub gap: u32,
+    /// Samples a pixel of the frames between them; 0 = G-buffers only, absent = as many as keyframes have.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub between_spp: Option<u32>,
+}
+
+impl Default for Keyframes {
+    fn default() -> Self {
+        Self { gap: 16, between_spp: None }
+    }
+}
+
+/// How frames are stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Storage {
+    /// OpenEXR with every channel.
+    #[default]
+    Full,
+    /// The compact training profile: the channels a network reads.
+    Compact,
+}
+
+/// What the sequences of each split may draw from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Splits {
+    /// To learn from.
+    pub train: Sources,
+    /// For choosing settings.
+    pub val: Sources,
+    /// For the numbers that are reported.
+    pub test: Sources,
+}
+
+/// Families and files of one split.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sources {
+    /// Mesh families.
+    pub mesh_families: Vec<String>,
+    /// Environment families.
+    pub environment_families: Vec<String>,
+    /// Named maps of the project's `hdri/` folder.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub builtin_environments: Vec<String>,
+    /// Model files (glTF, OBJ) of the user.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub models: Vec<UserFile>,
+    /// Environment maps (.hdr, .exr) of the user.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hdris: Vec<UserFile>,
+}
+
+/// A file that a plan names; the hash keeps another file of the same name out of the dataset.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UserFile {
+    /// Absolute path.
+    pub path: String,
+    /// BLAKE3 of the file (not of what it refers to), hexadecimal.
+    pub blake3: String,
+}
+
+/// The splits, in the order in which sequences are numbered.
+pub const SPLITS: [Split; 3] = [Split::Train, Split::Val, Split::Test];
+
+impl Counts {
+    /// The number of one split.
+    pub fn of(&self, split: Split) -> u32 {
+        match split {
+            Split::Train => self.train,
+            Split::Val => self.val,
+            Split::Test => self.test,
+        }
+    }
+}
+
+impl Splits {
+    /// The sources of one split.
+    pub fn of(&self, split: Split) -> &Sources {
+        match split {
+            Split::Train => &self.train,
+            Split::Val => &self.val,
+            Split::Test => &self.test,
+        }
+    }
+
+    /// The sources of one split, to be changed.
+    pub fn of_mut(&mut self, split: Split) -> &mut Sources {
+        match split {
+            Split::Train => &mut self.train,
+            Split::Val => &mut self.val,
+            Split::Test => &mut self.test,
+        }
+    }
+}
+
+/// A frame of a plan as it is to be rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// A keyframe, or any frame where all are alike.
+    Full,
+    /// A frame between keyframes with samples of its own.
+    Between,
+    /// Without light.
+    GBuffer,
 }
 
 impl Plan {
-    /// Reads and checks a plan file.
+    /// Reads and checks a plan file: TOML where it is named so, else JSON.
     pub fn read(path: &Path) -> Result<Self> {
-        let plan: Self = renderflow_frame::file::read_json(path)?;
+        let plan: Self = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display()))?;
+            toml::from_str(&text).map_err(|e| anyhow::anyhow!("{}: {}", path.display(), e.to_string().trim_end()))?
+        } else {
+            renderflow_frame::file::read_json(path)?
+        };
         plan.check().with_context(|| format!("{}", path.display()))?;
         Ok(plan)
     }
 
-    /// Ranges of every field.
+    /// Ranges of every field, and that no two splits share a source.
     pub fn check(&self) -> Result<()> {
-        ensure!(self.version == 1, "/version: {} is not 1", self.version);
-        ensure!(self.sequences >= 1, "/sequences: must be at least 1");
-        ensure!((1..=MAX_FRAMES).contains(&self.frames), "/frames: {} is outside 1..={MAX_FRAMES}", self.frames);
-        ensure!(self.spp >= 1, "/spp: must be at least 1");
-        ensure!(self.max_bounces >= 1, "/max_bounces: must be at least 1");
-        ensure!(self.frame_step >= 1, "/frame_step: must be at least 1");
-        ensure!(self.keyframe_gap >= 1, "/keyframe_gap: must be at least 1");
-        let turn = self.degrees_per_frame;
-        ensure!(turn.abs() <= MAX_VALUE, "/degrees_per_frame: {turn} is outside -{MAX_VALUE}..={MAX_VALUE}");
-        for (axis, size) in self.resolution.iter().enumerate() {
-            ensure!((1..=MAX_RESOLUTION).contains(size), "/resolution/{axis}: {size} is outside 1..={MAX_RESOLUTION}");
+        ensure!(self.version == 2, "/version: {} is not 2", self.version);
+        let range = |at: &str, value: u32, low: u32, high: u32| {
+            ensure!((low..=high).contains(&value), "{at}: {value} is outside {low}..={high}");
+            Ok(())
+        };
+        let counts = [("train", self.sequences.train), ("val", self.sequences.val), ("test", self.sequences.test)];
+        let total: u64 = counts.iter().map(|&(_, n)| u64::from(n)).sum();
+        ensure!((1..=u64::from(MAX_SEQUENCES)).contains(&total), "/sequences: {total} in all is outside 1..={MAX_SEQUENCES}");
+        range("/frames", self.frames, 1, MAX_FRAMES)?;
+        range("/frame_step", self.frame_step, 1, MAX_FRAMES)?;
+        range("/keyframes/gap", self.keyframes.gap, 1, MAX_FRAMES)?;
+        range("/keyframes/between_spp", self.keyframes.between_spp.unwrap_or(0), 0, 1 << 24)?;
+        range("/render/spp", self.render.spp, 0, 1 << 24)?;
+        range("/render/max_bounces", self.render.max_bounces, 1, 1024)?;
+        range("/render/light_groups", self.render.light_groups, 0, 8)?;
+        range("/meshes", self.meshes, 1, 1_000_000)?;
+        range("/environments", self.environments, 1, 1_000_000)?;
+        for (axis, &size) in self.resolution.iter().enumerate() {
+            range(&format!("/resolution/{axis}"), size, 1, MAX_RESOLUTION)?;
+        }
+        self.composition.check().map_err(|e| anyhow::anyhow!("{e}"))?;
+        if self.classic { Ok(()) } else { self.check_splits() }
+    }
+
+    fn check_splits(&self) -> Result<()> {
+        let catalog = self.catalog();
+        let meshes: Vec<&str> = (0..self.meshes).map(|k| catalog.mesh_family(k)).collect();
+        let environments: Vec<&str> = (0..self.environments).map(|k| catalog.environment_family(k)).collect();
+        let builtin = renderflow_scenes::sky::names();
+        let mut taken = std::collections::HashMap::new();
+        for split in SPLITS {
+            let sources = self.splits.of(split);
+            let known =
+                |what: &str, names: &[String], all: &[&str]| match names.iter().position(|name| !all.contains(&name.as_str())) {
+                    Some(i) => bail!("/splits/{split}/{what}/{i}: {:?} is not in the catalogue", names[i]),
+                    None => Ok(()),
+                };
+            known("mesh_families", &sources.mesh_families, &meshes)?;
+            known("environment_families", &sources.environment_families, &environments)?;
+            known("builtin_environments", &sources.builtin_environments, &builtin)?;
+            let lists = [
+                ("mesh_families", &sources.mesh_families, "mesh family"),
+                ("environment_families", &sources.environment_families, "environment family"),
+                ("builtin_environments", &sources.builtin_environments, "map"),
+            ];
+            let files = |files: &[UserFile]| -> Vec<String> { files.iter().map(|f| f.blake3.clone()).collect() };
+            let hashes = [("models", files(&sources.models), "model"), ("hdris", files(&sources.hdris), "map")];
+            let lists = lists.map(|(field, names, kind)| (field, names.clone(), kind)).into_iter().chain(hashes);
+            for (field, names, kind) in lists {
+                for (i, name) in names.into_iter().enumerate() {
+                    if let Some(other) = taken.insert((field, name.clone()), split)
+                        && other != split
+                    {
+                        bail!("/splits/{split}/{field}/{i}: {kind} {name} belongs to {other} already");
+                    }
+                }
+            }
+            if self.sequences.of(split) > 0 {
+                ensure!(
+                    !sources.mesh_families.is_empty() || !sources.models.is_empty(),
+                    "/splits/{split}: has sequences, but no mesh families and no models"
+                );
+                ensure!(
+                    !(sources.environment_families.is_empty()
+                        && sources.builtin_environments.is_empty()
+                        && sources.hdris.is_empty()),
+                    "/splits/{split}: has sequences, but no environments"
+                );
+            }
         }
         Ok(())
+    }
+
+    /// Sequences in all.
+    pub fn total(&self) -> u32 {
+        self.sequences.train + self.sequences.val + self.sequences.test
     }
 
     /// Folder name of sequence `index`.
@@ -68,46 +330,119 @@ impl Plan {
         format!("seq-{index:06}")
     }
 
-    /// The scene of sequence `index`; depends on the plan's seed and `index` only.
-    pub fn scene(&self, index: u32) -> Scene {
-        compose(&ComposeOptions {
-            seed: Seed::root(self.seed).child("sequence", u64::from(index)).u64(),
+    /// Split of sequence `index`: the first are to learn from, the last to be reported.
+    pub fn split(&self, index: u32) -> Split {
+        match index {
+            i if i < self.sequences.train => Split::Train,
+            i if i - self.sequences.train < self.sequences.val => Split::Val,
+            _ => Split::Test,
+        }
+    }
+
+    /// Numbers of the frames that are rendered.
+    pub fn numbers(&self) -> impl Iterator<Item = usize> + use<> {
+        (0..self.frames as usize).step_by(self.frame_step as usize)
+    }
+
+    /// How frame `number` is rendered.
+    pub fn quality(&self, number: usize) -> Quality {
+        let key = number.is_multiple_of(self.keyframes.gap as usize);
+        match (key, self.keyframes.between_spp) {
+            _ if self.render.spp == 0 => Quality::GBuffer,
+            (false, Some(0)) => Quality::GBuffer,
+            (false, Some(spp)) if spp != self.render.spp => Quality::Between,
+            _ => Quality::Full,
+        }
+    }
+
+    /// Meshes and environments by number.
+    pub fn catalog(&self) -> Catalog {
+        Catalog::new(self.seed, self.meshes, self.environments)
+    }
+
+    /// The scene of sequence `index`; depends on the plan and `index` only.
+    pub fn compose(&self, catalog: &Catalog, index: u32) -> Result<Composed> {
+        let seed = Seed::root(self.seed).child("sequence", u64::from(index));
+        let split = self.split(index);
+        if self.classic {
+            return Ok(self.compose_classic(seed.u64(), split));
+        }
+        let sources = self.splits.of(split);
+        let paths = |files: &[UserFile]| -> Vec<String> { files.iter().map(|f| f.path.clone()).collect() };
+        let (models, hdris) = (paths(&sources.models), paths(&sources.hdris));
+        let pool = Pool {
+            catalog,
+            mesh_families: &sources.mesh_families,
+            environment_families: &sources.environment_families,
+            models: &models,
+            hdris: &hdris,
+            builtin: &sources.builtin_environments,
+        };
+        let request = Request {
+            seed,
+            name: format!("{split}_{}", Self::sequence_name(index)),
             resolution: self.resolution,
             frames: self.frames,
-            degrees_per_frame: self.degrees_per_frame,
-            split: self.split,
+            composition: &self.composition,
+            pool: &pool,
+        };
+        let composed = compose_varied(&request).map_err(|e| anyhow::anyhow!("{}: {e}", Self::sequence_name(index)))?;
+        for used in composed.meshes.iter().filter_map(|used| used.file.as_deref()) {
+            check_file(&sources.models, used)?;
+        }
+        if let EnvironmentSource::File(path) = &composed.scene.environment.source {
+            check_file(&sources.hdris, path)?;
+        }
+        Ok(composed)
+    }
+
+    fn compose_classic(&self, seed: u64, split: Split) -> Composed {
+        let scene = compose(&ComposeOptions {
+            seed,
+            resolution: self.resolution,
+            frames: self.frames,
+            degrees_per_frame: self.composition.degrees_per_frame,
+            split,
             ..ComposeOptions::default()
-        })
+        });
+        let environment = match &scene.environment.source {
+            EnvironmentSource::Builtin(name) => format!("builtin:{name}"),
+            EnvironmentSource::Sky(sky) => sky.family().to_owned(),
+            EnvironmentSource::File(path) => format!("file:{path}"),
+            EnvironmentSource::Constant(_) => "constant".to_owned(),
+        };
+        // The ground comes first.
+        let meshes = scene.objects.iter().skip(1).map(|object| Used {
+            object: object.name.clone(),
+            family: object.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_').to_owned(),
+            mesh: None,
+            file: None,
+        });
+        Composed {
+            layout: "ground",
+            camera: "orbit",
+            moving: scene.objects.iter().any(|object| object.moves()),
+            changing: false,
+            meshes: meshes.collect(),
+            environment,
+            environment_number: None,
+            scene,
+        }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// That a user's file is still the one that was planned.
+fn check_file(files: &[UserFile], path: &str) -> Result<()> {
+    let Some(planned) = files.iter().find(|file| file.path == path) else { return Ok(()) };
+    let found = hash_file(Path::new(path))?;
+    ensure!(found == planned.blake3, "{path}: is not the file that was planned (BLAKE3 {found}, not {})", planned.blake3);
+    Ok(())
+}
 
-    /// A plan of ten million frames, or one whose camera spins beyond what a scene may say, was accepted and made no valid scene.
-    #[test]
-    fn what_a_plan_may_say_a_scene_may_say() {
-        let plan = |frames: u32, degrees_per_frame: f32| Plan {
-            version: 1,
-            seed: 4,
-            split: Split::Train,
-            sequences: 2,
-            frames,
-            frame_step: 1,
-            degrees_per_frame,
-            resolution: [64, 48],
-            spp: 1,
-            adaptive: false,
-            max_bounces: 1,
-            keyframe_gap: 1,
-        };
-        let largest = plan(MAX_FRAMES, -MAX_VALUE);
-        largest.check().unwrap();
-        largest.scene(1).validate().unwrap();
-        let error = |plan: Plan| plan.check().unwrap_err().to_string();
-        assert_eq!(error(plan(10_000_009, 3.6)), "/frames: 10000009 is outside 1..=100000");
-        assert!(error(plan(9, 4.294_967_3e10)).starts_with("/degrees_per_frame: 42949673000 is outside"));
-        assert!(error(plan(9, f32::NAN)).starts_with("/degrees_per_frame: NaN is outside"));
-    }
+/// BLAKE3 of a file, hexadecimal.
+pub fn hash_file(path: &Path) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    let mut file = std::fs::File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
+    std::io::copy(&mut file, &mut hasher).with_context(|| format!("{}: cannot read", path.display()))?;
+    Ok(hasher.finalize().to_hex().to_string())
 }

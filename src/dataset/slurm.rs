@@ -74,18 +74,13 @@ impl std::str::FromStr for Memory {
     }
 }
 
-/// Sequences of a plan, each a task.
-fn count(plan: &Plan) -> u32 {
-    plan.sequences
-}
-
 impl Request {
     /// Writes `array.sh`, `merge.sh`, `submit.sh` and `kubernetes.yaml`. Returns the number of tasks.
     ///
     /// # Errors
     /// A plan that cannot be read, paths that are not UTF-8, and options that would end their line or their word in a script.
     pub fn write(&self) -> Result<u32> {
-        let tasks = count(&Plan::read(&self.plan)?);
+        let tasks = Plan::read(&self.plan)?.total();
         // Slurm replaces %A and the like anywhere in the name of a log; %% is a percent sign, and a backslash ends all that.
         let logs = full(&self.folder.join("logs"))?;
         ensure!(!logs.contains('\\'), "{logs}: Slurm's logs cannot be in a folder with a backslash");

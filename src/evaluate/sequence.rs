@@ -182,7 +182,7 @@ pub fn evaluate(
             add(Method::NeuralKeyframes, &picture, gbuffer_seconds + seconds)?;
         }
         for (spp, settings) in &low {
-            let (frame, seconds) = timed(|| settings.frame(&compiled, &|_, _| (), cancel))?;
+            let ((frame, _), seconds) = timed(|| settings.frame(&compiled, &|_, _| (), cancel))?;
             let picture = frame.beauty.as_ref().or(frame.raw.as_ref()).context("the path tracer made no picture")?;
             add(Method::PathTraced(*spp), picture, seconds)?;
         }

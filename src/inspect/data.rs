@@ -82,12 +82,16 @@ pub(super) fn lpips(path: &Path) -> Result<Counts> {
 pub(super) fn plan(path: &Path) -> Result<Counts> {
     let plan = Plan::read(path)?;
     let mut found = Counts::default();
-    found.add("sequences", plan.sequences);
+    found.add("sequences", plan.total());
+    found.add("train", plan.sequences.train);
+    found.add("val", plan.sequences.val);
+    found.add("test", plan.sequences.test);
     found.add("frames", plan.frames);
     found.add("frame_step", plan.frame_step);
     found.add("size", json!(plan.resolution));
-    found.add("spp", plan.spp);
-    found.add("split", serde_json::to_value(plan.split)?);
+    found.add("spp", plan.render.spp);
+    found.add("meshes", plan.meshes);
+    found.add("environments", plan.environments);
     Ok(found)
 }
 

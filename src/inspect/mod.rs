@@ -7,6 +7,8 @@ mod data;
 mod picture;
 mod scene;
 
+pub(crate) use picture::verify as verify_frame;
+
 use anyhow::{Context, Result, bail};
 use renderflow_scenes::load::Format;
 use serde::Serialize;
@@ -133,6 +135,7 @@ fn kind(path: &Path) -> Result<Kind> {
     }
     let by_ending = match ending.as_str() {
         "json" => Some(Kind::Scene),
+        "toml" => Some(Kind::Plan),
         "gltf" | "glb" => Some(Kind::Gltf),
         "obj" => Some(Kind::Obj),
         "hdr" | "exr" => Some(Kind::Map),
@@ -186,7 +189,7 @@ fn json_kind(path: &Path, ending: &str) -> Result<Kind> {
     let has = |key: &str| keys.contains_key(key);
     Ok(if has("asset") {
         Kind::Gltf
-    } else if has("sequences") && has("keyframe_gap") {
+    } else if has("sequences") && has("render") {
         Kind::Plan
     } else if has("camera_model") || (has("frames") && has("convention")) {
         Kind::Transforms

@@ -58,7 +58,7 @@ const NORMAL: f32 = 2e-3;
 
 /// The conventions that a frame's header states, pixel by pixel: depth +inf and a zero normal at a miss, a positive depth and a unit
 /// normal at a hit, coverage within 0..=1, no negative light. (The reader has refused NaN.)
-pub(super) fn verify(frame: &Frame) -> Result<()> {
+pub(crate) fn verify(frame: &Frame) -> Result<()> {
     let place = |i: usize| format!("pixel ({}, {})", i % frame.width, i / frame.width);
     for i in 0..frame.depth.pixels.len() {
         let (depth, alpha) = (frame.depth.pixels[i], frame.alpha.pixels[i]);

@@ -6,6 +6,7 @@ mod images;
 mod mesh;
 mod model;
 mod obj;
+mod patterns;
 
 use crate::Texture;
 use crate::error::{Error, Result};
@@ -14,6 +15,7 @@ use glam::{Affine3A, DAffine3, DVec3};
 use std::path::Path;
 
 pub use build::{load, load_everything};
+pub(crate) use model::{Extent, extent};
 pub use model::{Format, ModelView, describe_model};
 
 /// Reads an image file (PNG or JPEG, by content) as a texture that repeats.

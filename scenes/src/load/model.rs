@@ -192,6 +192,30 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
     Ok(scene)
 }
 
+/// A model file's box, metres, and the radius of the upright cylinder about the box's middle that contains the model.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Extent {
+    pub low: DVec3,
+    pub high: DVec3,
+    pub radius: f64,
+}
+
+/// The room that a model file takes up.
+pub(crate) fn extent(path: &Path) -> Result<Extent> {
+    bounds(path)?;
+    let model = read(path, false)?;
+    let corners = || {
+        model.parts.iter().flat_map(|part| {
+            let mesh = &model.meshes[part.mesh];
+            mesh.triangles.iter().flatten().map(move |&i| part.transform.transform_point3(mesh.positions[i as usize].as_dvec3()))
+        })
+    };
+    let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let middle = 0.5 * (low + high);
+    let radius = corners().map(|p| (p.x - middle.x).hypot(p.z - middle.z)).fold(0.0, f64::max);
+    Ok(Extent { low, high, radius })
+}
+
 /// Centre and radius of a sphere around all triangles of a model file, and the height of its lowest vertex.
 fn bounds(path: &Path) -> Result<(DVec3, f64, f64)> {
     let mut model = read(path, false)?;

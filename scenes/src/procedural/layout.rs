@@ -121,15 +121,7 @@ impl Candidate {
             (low, high) = (low.min(q.y), high.max(q.y));
         }
         let upright = rotation[0] == 0.0 && rotation[2] == 0.0;
-        let level = match &shape {
-            Shape::Box { size, bevel } => 0.5 * size[0].min(size[2]) - bevel,
-            Shape::Cylinder { radius, bevel, .. } => radius - bevel,
-            Shape::Cone { top_radius, .. } => *top_radius,
-            Shape::Prism { radius, star: None, sides, taper, .. } => {
-                radius * taper * (std::f32::consts::PI / *sides as f32).cos()
-            }
-            _ => 0.0,
-        };
+        let level = level_top(&shape);
         // Rounded outwards, so that nothing sinks into its neighbour or the floor.
         let up = |v: f32| (v * 1e4).ceil() / 1e4;
         let shelf = if upright { level * scale } else { 0.0 };
@@ -154,10 +146,27 @@ impl Candidate {
     }
 }
 
+/// Radius of a level circle in the middle of an upright shape's top, metres; 0 = none.
+pub(super) fn level_top(shape: &Shape) -> f32 {
+    match shape {
+        Shape::Box { size, bevel } => 0.5 * size[0].min(size[2]) - bevel,
+        Shape::Cylinder { radius, bevel, .. } => radius - bevel,
+        Shape::Cone { top_radius, .. } => *top_radius,
+        Shape::Prism { radius, star: None, sides, taper, .. } => radius * taper * (std::f32::consts::PI / *sides as f32).cos(),
+        _ => 0.0,
+    }
+}
+
 fn solid(rng: &mut Pcg64) -> Candidate {
     let shape = Shape::random(rng);
     let yaw = rng.between(0.0, 360.0);
-    let tilt = match shape {
+    let tilt = tilt(&shape, rng);
+    Candidate::new(shape, [tilt[0], yaw, tilt[1]], rng.log(0.45, 1.35))
+}
+
+/// Degrees about x and z that a shape lies or leans.
+pub(super) fn tilt(shape: &Shape, rng: &mut Pcg64) -> [f32; 2] {
+    match shape {
         // A gear, ring or pipe also stands on its rim, long things lie, a boulder lies anyhow.
         Shape::Gear { .. } | Shape::Torus { .. } | Shape::Pipe { .. } | Shape::TorusKnot { .. } if rng.chance(0.4) => [90.0, 0.0],
         Shape::Cylinder { .. } | Shape::Capsule { .. } | Shape::Spring { .. } | Shape::Lathe { wall: 0.0, .. }
@@ -169,8 +178,7 @@ fn solid(rng: &mut Pcg64) -> Candidate {
             [rng.between(0.0, 360.0), rng.between(0.0, 360.0)]
         }
         _ => [0.0, 0.0],
-    };
-    Candidate::new(shape, [tilt[0], yaw, tilt[1]], rng.log(0.45, 1.35))
+    }
 }
 
 /// A big box or slab that shades the others.
@@ -184,7 +192,7 @@ fn wall(rng: &mut Pcg64) -> Candidate {
 }
 
 /// A floor whose top lies at height 0 and reaches at least `extent` metres from the middle.
-fn floor(rng: &mut Pcg64, extent: f32) -> (Shape, Transform) {
+pub(super) fn floor(rng: &mut Pcg64, extent: f32) -> (Shape, Transform) {
     match rng.weighted(&[0.6, 0.2, 0.2]) {
         0 => (Shape::Plane { size: Pcg64::tidy(extent * rng.between(6.0, 16.0)) }, Transform::default()),
         1 => (Shape::Disc { radius: Pcg64::tidy(extent * rng.between(1.15, 4.0)) }, Transform::default()),
@@ -220,7 +228,7 @@ impl Layout {
                 Some(motion) => Some(motion),
                 None if spins => {
                     let sense = if rng.chance(0.5) { 1.0 } else { -1.0 };
-                    Some(Motion { translation: [0.0; 3], spin: sense * rng.between(1.5, 9.0) })
+                    Some(Motion { translation: [0.0; 3], spin: sense * rng.between(1.5, 9.0), ..Motion::default() })
                 }
                 // What looks the same from all sides has to go somewhere, if it can.
                 None => self.slide(rng, index, frames),
@@ -247,7 +255,7 @@ impl Layout {
             });
             if clear && to.length() + self.objects[index].radius <= reach && step != [0.0; 2] {
                 self.objects[index].path[1] = to;
-                return Some(Motion { translation: [step[0], 0.0, step[1]].map(decimal), spin: 0.0 });
+                return Some(Motion { translation: [step[0], 0.0, step[1]].map(decimal), ..Motion::default() });
             }
         }
         None
@@ -271,7 +279,7 @@ impl Layout {
 }
 
 /// Whether spinning about its axis leaves a shape as it is.
-fn symmetric(shape: &Shape) -> bool {
+pub(super) fn symmetric(shape: &Shape) -> bool {
     matches!(
         shape,
         Shape::Sphere { .. }
@@ -285,7 +293,7 @@ fn symmetric(shape: &Shape) -> bool {
 }
 
 /// Least distance between two straight ways (whenever they are walked).
-fn between_ways(a: [Vec2; 2], b: [Vec2; 2]) -> f32 {
+pub(super) fn between_ways(a: [Vec2; 2], b: [Vec2; 2]) -> f32 {
     let to_way = |p: Vec2, way: [Vec2; 2]| {
         let d = way[1] - way[0];
         let t = (p - way[0]).dot(d) / d.length_squared().max(1e-12);

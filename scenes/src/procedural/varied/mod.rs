@@ -1,0 +1,195 @@
+//! Scenes of many kinds from the knobs of a plan: objects on a ground, rooms and open country, seen by cameras that turn, drive, walk
+//! or stand still, with objects that move and materials that change.
+//!
+//! The same [`Request`] gives the same scene, to the byte of its JSON, on every machine. [`super::compose`] stays what it was.
+
+mod body;
+mod camera;
+mod ground;
+mod knobs;
+mod layout;
+mod pick;
+
+pub use knobs::{Cameras, Composition, Layouts};
+
+use super::materials;
+use crate::catalog::Catalog;
+use crate::description::{EnvironmentLight, Material, Object, Scene};
+use crate::draw::Draw;
+use crate::error::{Error, Problem, Result};
+use crate::seed::Seed;
+use body::{Part, Role};
+use glam::Vec3;
+use layout::Context;
+use pick::Picker;
+
+/// What a split may draw from.
+#[derive(Clone, Copy, Debug)]
+pub struct Pool<'a> {
+    /// Numbers of meshes and environments refer to it.
+    pub catalog: &'a Catalog,
+    /// Families of meshes; may be empty where there are models.
+    pub mesh_families: &'a [String],
+    /// Families of environments; may be empty where there are maps.
+    pub environment_families: &'a [String],
+    /// Paths of glTF and OBJ files, as the scene shall name them; read from the working directory, so better absolute.
+    pub models: &'a [String],
+    /// Paths of `.hdr` and `.exr` maps, as the scene shall name them.
+    pub hdris: &'a [String],
+    /// Names of maps of `hdri/`.
+    pub builtin: &'a [String],
+}
+
+/// What [`compose_varied`] makes.
+#[derive(Clone, Debug)]
+pub struct Request<'a> {
+    /// Of this sequence: everything random follows from it.
+    pub seed: Seed,
+    /// Name of the scene.
+    pub name: String,
+    /// Image size in pixels, width then height.
+    pub resolution: [u32; 2],
+    /// Frames of the sequence, at least 1.
+    pub frames: u32,
+    /// The plan's knobs.
+    pub composition: &'a Composition,
+    /// The split's pool.
+    pub pool: &'a Pool<'a>,
+}
+
+/// A scene and what it was made from.
+#[derive(Clone, Debug)]
+pub struct Composed {
+    /// The scene; it passes `Scene::validate`.
+    pub scene: Scene,
+    /// `ground`, `room` or `outdoor`.
+    pub layout: &'static str,
+    /// `orbit`, `dolly`, `handheld` or `fixed`.
+    pub camera: &'static str,
+    /// Whether an object moves.
+    pub moving: bool,
+    /// Whether a material changes.
+    pub changing: bool,
+    /// One an object that comes from the pool. Floors, walls, plain furniture and occluders (made of planes, discs, boxes, cylinders
+    /// and cones) are not in it.
+    pub meshes: Vec<Used>,
+    /// Family, `builtin:NAME` or `file:PATH`.
+    pub environment: String,
+    /// Number in the catalogue, for a family.
+    pub environment_number: Option<u32>,
+}
+
+/// Where an object comes from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Used {
+    /// Name of the object in the scene.
+    pub object: String,
+    /// Family of the catalogue, or `file`.
+    pub family: String,
+    /// Number in the catalogue.
+    pub mesh: Option<u32>,
+    /// Path of the model file.
+    pub file: Option<String>,
+}
+
+/// A scene of the plan's kind.
+///
+/// # Errors
+/// [`Error::Invalid`] for knobs out of range, for a pool that is empty or names what does not exist, for a resolution or a number of
+/// frames out of range; a model file that cannot be read is an error that names it.
+pub fn compose_varied(request: &Request) -> Result<Composed> {
+    let knobs = request.composition;
+    knobs.check().map_err(invalid)?;
+    let picker = Picker::new(request.pool, knobs)?;
+    let frames = request.frames.max(1);
+    let root = request.seed;
+    let context = Context { root, knobs, picker: &picker, frames, camera: "orbit" };
+    let layout = ground::layout(&context)?;
+    let camera = camera::camera(&context, &layout, request.resolution);
+    let light = picker.light(&mut root.child("light", 0).rng());
+    let mut rng = root.child("light", 1).rng();
+    let [least, most] = knobs.intensity;
+    let environment =
+        EnvironmentLight { source: light.source, rotation: rng.between(0.0, 360.0), intensity: rng.log(least, most) };
+
+    let mut build = Build { root, materials: vec![], objects: vec![], meshes: vec![] };
+    for (name, part) in &layout.structure {
+        build.part(name, part, Vec3::ZERO);
+    }
+    for (index, body) in layout.bodies.iter().enumerate() {
+        build.body(&format!("{}_{:02}", body.label, index + 1), body);
+    }
+    let scene = Scene {
+        version: crate::validate::VERSION,
+        name: request.name.clone(),
+        // 53 bits survive every JSON reader.
+        seed: root.child("render", 0).u64() >> 11,
+        resolution: request.resolution,
+        frames,
+        camera,
+        environment,
+        materials: build.materials,
+        objects: build.objects,
+    };
+    scene.validate()?;
+    Ok(Composed {
+        moving: scene.objects.iter().any(Object::moves),
+        changing: false,
+        scene,
+        layout: "ground",
+        camera: "orbit",
+        meshes: build.meshes,
+        environment: light.name,
+        environment_number: light.number,
+    })
+}
+
+/// An error of the knobs, whose message begins with its pointer.
+fn invalid(message: String) -> Error {
+    let (pointer, reason) = message.split_once(": ").unwrap_or(("", &message));
+    Error::Invalid { file: None, problems: vec![Problem { pointer: pointer.into(), reason: reason.into() }] }
+}
+
+/// The description's lists as they grow.
+struct Build {
+    root: Seed,
+    materials: Vec<Material>,
+    objects: Vec<Object>,
+    meshes: Vec<Used>,
+}
+
+impl Build {
+    fn part(&mut self, name: &str, part: &Part, foot: Vec3) {
+        let own = matches!(part.geometry, crate::description::Geometry::File(_));
+        let material = (!own).then(|| name.to_owned());
+        if !own {
+            let mut rng = self.root.child("material", self.materials.len() as u64).rng();
+            let made = match part.role {
+                Role::Ground => Material { name: name.into(), ..materials::ground(&mut rng) },
+                _ => materials::material(&mut rng, name),
+            };
+            self.materials.push(made);
+        }
+        self.objects.push(Object {
+            name: name.into(),
+            geometry: part.geometry.clone(),
+            material,
+            transform: part.transform(foot),
+            motion: None,
+        });
+    }
+
+    fn body(&mut self, name: &str, body: &body::Body) {
+        for (index, part) in body.parts.iter().enumerate() {
+            let name = if index == 0 { name.to_owned() } else { format!("{name}_{index}") };
+            self.part(&name, part, body.foot);
+            if let Some(object) = self.objects.last_mut() {
+                object.motion.clone_from(&body.motion);
+            }
+            if let Some(origin) = &body.origin {
+                let body::Origin { family, mesh, file } = origin.clone();
+                self.meshes.push(Used { object: name, family, mesh, file });
+            }
+        }
+    }
+}

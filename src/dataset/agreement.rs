@@ -1,0 +1,194 @@
+//! Do the channels of a sequence agree with one another? Depth, cameras and moving objects are projected into the next frame and
+//! compared with its motion vectors and depth; normals are compared with the slope of the depth.
+//!
+//! What the checks are for are wrong conventions: distance for planar depth, flipped axes, world-space normals, motion of the wrong
+//! sign, unit or direction, cameras of another frame. Each of them fails by a wide margin.
+
+use glam::{Vec2, Vec3, Vec3A};
+use renderflow_frame::warp::correspond;
+use renderflow_frame::{Camera, Frame, Image};
+use serde::{Deserialize, Serialize};
+
+/// Pixels by which a motion vector may differ from the projection, ...
+const MOTION_TOLERANCE: f32 = 0.05;
+/// ... plus this share of its length: half floats have 11 bits, the depth of the compact profile has some more.
+const MOTION_SHARE: f32 = 2e-3;
+/// Largest share of motion vectors that may be off.
+const MOTION_OFF: f64 = 1e-3;
+/// Least share of the points that are still in the picture a frame later which that frame shows, all others being hidden there.
+const SEEN: f64 = 0.2;
+/// Largest median angle between the normal and the slope of the depth, degrees; textures and smooth shading bend normals.
+const NORMAL_ANGLE: f64 = 25.0;
+/// Least share of normals that face the camera; those of smooth shading and of normal maps may point away a little.
+const FACING: f64 = 0.9;
+/// Fewest pixels that a share is judged by.
+const FEWEST: u64 = 256;
+/// Width of the bins of angles, degrees.
+const BIN: f64 = 2.5;
+
+/// Counts of pixels over a sequence.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Agreement {
+    /// Motion vectors compared with the projection of the depth.
+    pub motion: u64,
+    /// Those that differ.
+    pub motion_off: u64,
+    /// Points that lie inside the next frame.
+    pub projected: u64,
+    /// Those that it shows at their depth.
+    pub seen: u64,
+    /// Normals compared with the slope of the depth, by the angle between them, in bins of 2.5 degrees.
+    pub angles: Vec<u64>,
+    /// Covered pixels.
+    pub covered: u64,
+    /// Those whose normal faces the camera.
+    pub facing: u64,
+}
+
+/// A frame, its camera and its number in the sequence.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// The frame.
+    pub frame: &'a Frame,
+    /// Camera of the sequence's description.
+    pub camera: &'a Camera,
+}
+
+impl Agreement {
+    /// Counts what one frame says about itself.
+    pub fn add_frame(&mut self, view: View<'_>) {
+        let (frame, camera) = (view.frame, view.camera);
+        let (width, height) = (frame.width, frame.height);
+        let bins = (180.0 / BIN) as usize;
+        self.angles.resize(bins, 0);
+        let at = |x: usize, y: usize| {
+            let depth = frame.depth.pixels[y * width + x];
+            camera.direction_cam(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)) * depth
+        };
+        for y in 0..height {
+            for x in 0..width {
+                let i = y * width + x;
+                if !frame.depth.pixels[i].is_finite() {
+                    continue;
+                }
+                let normal = Vec3A::from(frame.normal.pixels[i]);
+                let view = camera.direction_cam(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)).normalize();
+                self.covered += 1;
+                self.facing += u64::from(normal.dot(view) < 0.1);
+                if x == 0 || y == 0 || x + 1 == width || y + 1 == height || !smooth(frame, x, y) {
+                    continue;
+                }
+                let (across, up) = (at(x + 1, y) - at(x - 1, y), at(x, y - 1) - at(x, y + 1));
+                let slope = across.cross(up).normalize_or_zero();
+                let angle = f64::from(slope.dot(normal).clamp(-1.0, 1.0).acos().to_degrees());
+                self.angles[((angle / BIN) as usize).min(bins - 1)] += 1;
+            }
+        }
+    }
+
+    /// Counts what a frame and the next one say about each other. `objects` tells how objects move from one to the other.
+    pub fn add_pair(&mut self, this: View<'_>, next: View<'_>, objects: &renderflow_frame::warp::ObjectMotion<'_>) {
+        let back = |id: u32| objects(id).map(|map| map.inverse());
+        if let Some(motion) = &this.frame.motion {
+            self.compare(this, next.camera, motion, objects);
+        }
+        if let Some(motion) = &next.frame.motion_prev {
+            self.compare(next, this.camera, motion, &back);
+        }
+        let found = correspond(this.frame, next.frame, Some(objects));
+        let inside = found.source.pixels.iter().filter(|p| **p != [0.0; 2]).count();
+        self.projected += inside as u64;
+        self.seen += found.valid.pixels.iter().filter(|v| **v > 0.0).count() as u64;
+    }
+
+    fn compare(
+        &mut self,
+        view: View<'_>,
+        other: &Camera,
+        motion: &Image<[f32; 2]>,
+        objects: &renderflow_frame::warp::ObjectMotion<'_>,
+    ) {
+        let (frame, camera) = (view.frame, view.camera);
+        for (i, &depth) in frame.depth.pixels.iter().enumerate() {
+            if !depth.is_finite() {
+                continue;
+            }
+            let pixel = Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
+            let mut p_world = camera.unproject(pixel, depth);
+            if let Some(map) = objects(frame.object_id.pixels[i]) {
+                p_world = map.transform_point3a(p_world);
+            }
+            let stored = Vec2::from(motion.pixels[i]);
+            // A point that goes behind the camera has no place in the other picture.
+            let Some((place, _)) = other.project(p_world) else { continue };
+            let expected = place - pixel;
+            // Nor has one that leaves it by far.
+            if expected.length() > 4.0 * (frame.width + frame.height) as f32 {
+                continue;
+            }
+            self.motion += 1;
+            let tolerance = MOTION_TOLERANCE + MOTION_SHARE * expected.length();
+            self.motion_off += u64::from((stored - expected).length() > tolerance);
+        }
+    }
+
+    /// Adds the counts of `other`.
+    pub fn add(&mut self, other: &Self) {
+        self.motion += other.motion;
+        self.motion_off += other.motion_off;
+        self.projected += other.projected;
+        self.seen += other.seen;
+        self.covered += other.covered;
+        self.facing += other.facing;
+        self.angles.resize(self.angles.len().max(other.angles.len()), 0);
+        for (count, more) in self.angles.iter_mut().zip(&other.angles) {
+            *count += more;
+        }
+    }
+
+    /// Median angle between normals and the slope of the depth, degrees; `None` where few pixels tell.
+    pub fn median_angle(&self) -> Option<f64> {
+        let total: u64 = self.angles.iter().sum();
+        let mut below = 0;
+        let bin = self.angles.iter().position(|&count| {
+            below += count;
+            2 * below >= total
+        })?;
+        (total >= FEWEST).then_some((bin as f64 + 0.5) * BIN)
+    }
+
+    /// What does not agree, a sentence each.
+    pub fn faults(&self) -> Vec<String> {
+        let share = |part: u64, whole: u64| (whole >= FEWEST).then(|| part as f64 / whole as f64);
+        let mut faults = Vec::new();
+        if let Some(off) = share(self.motion_off, self.motion).filter(|&off| off > MOTION_OFF) {
+            faults.push(format!("{:.1} % of the motion vectors differ from the projection of the depth", 100.0 * off));
+        }
+        if let Some(seen) = share(self.seen, self.projected).filter(|&seen| seen < SEEN) {
+            faults.push(format!("only {:.1} % of the projected points lie at the next frame's depth", 100.0 * seen));
+        }
+        if let Some(angle) = self.median_angle().filter(|&angle| angle > NORMAL_ANGLE) {
+            faults.push(format!("normals differ from the slope of the depth by {angle:.0} degrees (median)"));
+        }
+        if let Some(facing) = share(self.facing, self.covered).filter(|&facing| facing < FACING) {
+            faults.push(format!("only {:.1} % of the normals face the camera", 100.0 * facing));
+        }
+        faults
+    }
+}
+
+/// Whether the four neighbours of a pixel are on its surface, and the surface does not bend much there.
+fn smooth(frame: &Frame, x: usize, y: usize) -> bool {
+    let (width, i) = (frame.width, y * frame.width + x);
+    let depth = frame.depth.pixels[i];
+    let same = |j: usize| {
+        frame.object_id.pixels[j] == frame.object_id.pixels[i]
+            && frame.material_id.pixels[j] == frame.material_id.pixels[i]
+            && frame.depth.pixels[j].is_finite()
+            && Vec3::from(frame.normal.pixels[j]).dot(frame.normal.pixels[i].into()) > 0.95
+    };
+    let bend = |a: usize, b: usize| (frame.depth.pixels[a] + frame.depth.pixels[b] - 2.0 * depth).abs() < 2e-3 * depth;
+    let (left, right, above, below) = (i - 1, i + 1, i - width, i + width);
+    [left, right, above, below].into_iter().all(same) && bend(left, right) && bend(above, below)
+}

@@ -1,0 +1,157 @@
+//! Makes a plan: how sequences are shared out, which families and files each split gets.
+
+use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile, hash_file};
+use anyhow::{Context, Result, ensure};
+use renderflow_scenes::catalog::Catalog;
+use renderflow_scenes::procedural::Split;
+use renderflow_scenes::seed::Seed;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Endings of model files.
+const MODELS: [&str; 3] = ["gltf", "glb", "obj"];
+/// Endings of environment maps.
+const MAPS: [&str; 2] = ["hdr", "exr"];
+/// Of this many members of a group, one goes to the test split and one to the validation split.
+const HELD_OUT: usize = 6;
+
+/// Shares `sequences` out: a tenth each to validation and test, rounded; the rest to training.
+pub fn share_out(sequences: u32) -> Counts {
+    let tenth = (sequences + 5) / 10;
+    // Fewer than ten are there to look at: all to training.
+    let held = if sequences < 10 { 0 } else { tenth };
+    Counts { train: sequences - 2 * held, val: held, test: held }
+}
+
+/// All sequences to one split.
+pub fn all_to(split: Split, sequences: u32) -> Counts {
+    let of = |other: Split| if split == other { sequences } else { 0 };
+    Counts { train: of(Split::Train), val: of(Split::Val), test: of(Split::Test) }
+}
+
+/// The families of the catalogue and the files in two folders of the user's, shared out among the splits: from every group of
+/// families (vessels, furniture, low suns, studios, ...) about one in six goes to the test and to the validation split, so that what is
+/// held out is as varied as what is learnt from. Depends on the seed, the names and the contents of files only.
+pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
+    let catalog = plan.catalog();
+    let seed = Seed::root(plan.seed);
+    let mut splits = Splits::default();
+    let mesh_families = groups(mesh_families(&catalog));
+    deal(&mut splits, &seed, mesh_families, |sources, name| sources.mesh_families.push(name));
+    let environments = groups(environment_families(&catalog));
+    deal(&mut splits, &seed, environments, |sources, name| sources.environment_families.push(name));
+    for (folder, endings, add) in [
+        (models, &MODELS[..], (|s: &mut Sources, f| s.models.push(f)) as fn(&mut Sources, UserFile)),
+        (hdris, &MAPS[..], |s: &mut Sources, f| s.hdris.push(f)),
+    ] {
+        let Some(folder) = folder else { continue };
+        let files = user_files(folder, endings)?;
+        ensure!(!files.is_empty(), "{}: no files ending in {}", folder.display(), endings.join(", "));
+        let by_hash: BTreeMap<String, UserFile> = files.into_iter().map(|f| (f.blake3.clone(), f)).collect();
+        let group = BTreeMap::from([("files", by_hash.keys().cloned().collect())]);
+        deal(&mut splits, &seed, group, |sources, hash| add(sources, by_hash[&hash].clone()));
+    }
+    for split in SPLITS {
+        let sources = splits.of_mut(split);
+        sources.mesh_families.sort();
+        sources.environment_families.sort();
+        sources.models.sort_by(|a, b| a.path.cmp(&b.path));
+        sources.hdris.sort_by(|a, b| a.path.cmp(&b.path));
+    }
+    Ok(splits)
+}
+
+/// (group, family) of every mesh family of a catalogue.
+fn mesh_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
+    (0..catalog.meshes().min(256)).map(|k| (super::shim::group(&catalog.mesh(k)), catalog.mesh_family(k).to_owned())).collect()
+}
+
+/// (group, family) of every environment family of a catalogue.
+fn environment_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
+    let families = (0..catalog.environments().min(256)).map(|k| catalog.environment_family(k));
+    families.map(|family| ("all", family.to_owned())).collect()
+}
+
+fn groups(members: Vec<(&'static str, String)>) -> BTreeMap<&'static str, Vec<String>> {
+    let mut groups: BTreeMap<&'static str, Vec<String>> = BTreeMap::new();
+    for (group, family) in members {
+        let members = groups.entry(group).or_default();
+        if !members.contains(&family) {
+            members.push(family);
+        }
+    }
+    groups
+}
+
+/// Deals the members of each group, in an order drawn from the seed: most to training.
+fn deal(
+    splits: &mut Splits,
+    seed: &Seed,
+    groups: BTreeMap<&'static str, Vec<String>>,
+    mut add: impl FnMut(&mut Sources, String),
+) {
+    // Small groups have none to spare: over several of them the count goes on, so that one in six is held out all the same.
+    let mut dealt = 0;
+    for (_, mut members) in groups {
+        members.sort_by_key(|name| seed.child("split", 0).child(name, 0).u64());
+        for name in members {
+            let split = match dealt % HELD_OUT {
+                2 => Split::Test,
+                4 => Split::Val,
+                _ => Split::Train,
+            };
+            add(splits.of_mut(split), name);
+            dealt += 1;
+        }
+    }
+}
+
+/// Files below `folder` with one of `endings`, with their hashes; the same content twice counts once.
+fn user_files(folder: &Path, endings: &[&str]) -> Result<Vec<UserFile>> {
+    let mut files = Vec::new();
+    let mut open: Vec<PathBuf> = vec![folder.to_owned()];
+    while let Some(folder) = open.pop() {
+        let unreadable = || format!("{}: cannot list", folder.display());
+        for entry in std::fs::read_dir(&folder).with_context(unreadable)? {
+            let path = entry.with_context(unreadable)?.path();
+            let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+            if path.is_dir() {
+                open.push(path);
+            } else if endings.contains(&ending.as_str()) {
+                let full = std::path::absolute(&path).with_context(|| path.display().to_string())?;
+                files.push(UserFile { blake3: hash_file(&path)?, path: full.to_string_lossy().into_owned() });
+            }
+        }
+    }
+    files.sort_by(|a, b| a.path.cmp(&b.path));
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sequences_are_shared_out_without_loss() {
+        for n in [1, 2, 9, 10, 14, 15, 100, 1300] {
+            let counts = share_out(n);
+            assert_eq!(counts.train + counts.val + counts.test, n);
+            assert!(n < 10 || counts.test >= 1 && counts.train > counts.test);
+        }
+        assert_eq!(share_out(1300), Counts { train: 1040, val: 130, test: 130 });
+    }
+
+    #[test]
+    fn every_member_is_dealt_once_and_one_in_six_is_held_out() {
+        let group = |name, n: usize| (name, (0..n).map(|i| format!("{name}{i}")).collect::<Vec<_>>());
+        let groups = BTreeMap::from([group("a", 5), group("b", 1), group("c", 12), group("d", 6)]);
+        let mut splits = Splits::default();
+        deal(&mut splits, &Seed::root(1), groups, |sources, name| sources.mesh_families.push(name));
+        let of = |split| splits.of(split).mesh_families.len();
+        assert_eq!((of(Split::Train), of(Split::Val), of(Split::Test)), (16, 4, 4));
+        let mut all: Vec<_> = SPLITS.iter().flat_map(|&s| splits.of(s).mesh_families.clone()).collect();
+        all.sort();
+        all.dedup();
+        assert_eq!(all.len(), 24);
+    }
+}

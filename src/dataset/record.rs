@@ -1,0 +1,335 @@
+//! `sequence.json`: what a finished sequence consists of. It is written last, so a sequence that has one is complete.
+
+use super::agreement::Agreement;
+use super::plan::{Plan, Quality};
+use super::statistics::Statistics;
+use crate::truth::{Cost, is_keyframe};
+use anyhow::{Context, Result, ensure};
+use renderflow_renderer::light::EnvironmentLight;
+use renderflow_scenes::LoadedScene;
+use renderflow_scenes::procedural::Split;
+use renderflow_scenes::procedural::varied::Composed;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// File name of a record.
+pub const RECORD: &str = "sequence.json";
+/// File name of the list of frames that failed.
+pub const FAILURES: &str = "failures.json";
+/// The descriptions of a sequence, beside its frames.
+pub const DESCRIPTIONS: [&str; 3] = ["scene.json", "transforms.json", "env.hdr"];
+
+/// A finished sequence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Format version, 1.
+    pub version: u32,
+    /// Folder name.
+    pub name: String,
+    /// Number in the plan.
+    pub index: u32,
+    /// Split it belongs to.
+    pub split: Split,
+    /// BLAKE3 of the plan it was made from.
+    pub plan: String,
+    /// Seed of everything random in rendering.
+    pub seed: u64,
+    /// BLAKE3 of the scene's canonical JSON.
+    pub scene: String,
+    /// Kind of layout.
+    pub layout: String,
+    /// Kind of camera path.
+    pub camera: String,
+    /// Whether objects move.
+    pub moving: bool,
+    /// Whether materials change.
+    pub changing: bool,
+    /// The light.
+    pub environment: EnvironmentEntry,
+    /// Objects that were drawn from the catalogue or from the user's models.
+    pub objects: Vec<ObjectEntry>,
+    /// Materials on objects, those with textures, and those more metal than not.
+    pub materials: [usize; 3],
+    /// Triangles in the scene, each placed mesh counted.
+    pub triangles: u64,
+    /// Numbers of the keyframes.
+    pub keyframes: Vec<usize>,
+    /// File name and BLAKE3 of the descriptions.
+    pub descriptions: Vec<(String, String)>,
+    /// The frames.
+    pub frames: Vec<FrameEntry>,
+    /// What the channels say about one another.
+    pub agreement: Agreement,
+    /// What the pixels are like.
+    pub statistics: Statistics,
+}
+
+/// The light of a sequence.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EnvironmentEntry {
+    /// Family in the catalogue, or `builtin:NAME`, or `file:PATH`.
+    pub family: String,
+    /// Number in the catalogue.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub number: Option<u32>,
+    /// Mean of squared radiance over the square of its mean: 1 = flat, thousands = a sun.
+    pub concentration: f32,
+    /// Factor from radiance to display-linear.
+    pub exposure: f32,
+}
+
+/// An object of a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectEntry {
+    /// Name in the scene.
+    pub name: String,
+    /// Mesh family; `file` for a user's model.
+    pub family: String,
+    /// Number in the catalogue.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<u32>,
+    /// The user's model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// Hash of its geometry (of the first mesh, where a model has several).
+    pub geometry: String,
+}
+
+/// A frame of a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameEntry {
+    /// File name.
+    pub file: String,
+    /// Its number in the sequence.
+    pub number: usize,
+    /// Whether it is a keyframe.
+    pub keyframe: bool,
+    /// Samples a pixel; 0 = G-buffer only.
+    pub spp: u32,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// BLAKE3 of the file.
+    pub blake3: String,
+}
+
+/// A frame that could not be made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Its number in the sequence; `None` when the whole sequence could not be begun or ended.
+    pub frame: Option<usize>,
+    /// Seed of the sequence's rendering, where it is known.
+    pub seed: Option<u64>,
+    /// What went wrong.
+    pub error: String,
+}
+
+/// What a sequence's files were found to be.
+#[derive(Clone, Debug, Default)]
+pub struct Checked {
+    /// The frames.
+    pub frames: Vec<FrameEntry>,
+    /// File name and BLAKE3 of the descriptions.
+    pub descriptions: Vec<(String, String)>,
+    /// What the channels say about one another.
+    pub agreement: Agreement,
+    /// What the pixels are like.
+    pub statistics: Statistics,
+}
+
+impl Record {
+    /// The record of sequence `index` whose files are `checked`.
+    pub fn new(plan: &Plan, index: u32, composed: &Composed, loaded: &LoadedScene, checked: Checked) -> Result<Self> {
+        let geometry = |object: &str| {
+            // Parts of a model are named after their object.
+            let part = |name: &str| name.strip_prefix(object).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
+            let instance = loaded.instances.iter().find(|instance| part(&instance.name));
+            instance.map(|instance| super::shim::geometry_hash(&loaded.meshes[instance.mesh])).unwrap_or_default()
+        };
+        let objects = composed.meshes.iter().map(|used| ObjectEntry {
+            name: used.object.clone(),
+            family: used.family.clone(),
+            mesh: used.mesh,
+            file: used.file.clone(),
+            geometry: geometry(&used.object),
+        });
+        let mut on_objects: Vec<usize> = loaded.instances.iter().map(|instance| instance.material).collect();
+        on_objects.sort_unstable();
+        on_objects.dedup();
+        let count = |which: &dyn Fn(&renderflow_scenes::Material) -> bool| {
+            on_objects.iter().filter(|&&m| which(&loaded.materials[m])).count()
+        };
+        let textured = count(&|m| m.texture_slots().next().is_some());
+        let metal = count(&|m| m.metallic > 0.5);
+        let light = EnvironmentLight::new(&loaded.environment)?;
+        Ok(Self {
+            version: 1,
+            name: Plan::sequence_name(index),
+            index,
+            split: plan.split(index),
+            plan: plan.hash(),
+            seed: loaded.seed,
+            scene: loaded.hash.clone(),
+            layout: composed.layout.to_owned(),
+            camera: composed.camera.to_owned(),
+            moving: composed.moving,
+            changing: composed.changing,
+            environment: EnvironmentEntry {
+                family: composed.environment.clone(),
+                number: composed.environment_number,
+                concentration: light.concentration(),
+                exposure: renderflow_frame::ibl::exposure(&loaded.environment),
+            },
+            objects: objects.collect(),
+            materials: [on_objects.len(), textured, metal],
+            triangles: loaded.instances.iter().map(|instance| loaded.meshes[instance.mesh].triangles.len() as u64).sum(),
+            keyframes: plan.keyframe_numbers().collect(),
+            descriptions: checked.descriptions,
+            frames: checked.frames,
+            agreement: checked.agreement,
+            statistics: checked.statistics,
+        })
+    }
+
+    /// Reads the record in the folder of a sequence; `None` where there is none.
+    pub fn read(folder: &Path) -> Result<Option<Self>> {
+        let path = folder.join(RECORD);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let record: Self = renderflow_frame::file::read_json(&path)?;
+        ensure!(record.version == 1, "{}: /version: {} is not 1", path.display(), record.version);
+        Ok(Some(record))
+    }
+
+    /// Whether every file is there with the size it had. Hashes are for `verify`.
+    pub fn is_present(&self, folder: &Path) -> bool {
+        let size = |file: &str| std::fs::metadata(folder.join(file)).map(|about| about.len()).ok();
+        self.frames.iter().all(|frame| size(&frame.file) == Some(frame.bytes))
+            && self.descriptions.iter().all(|(file, _)| size(file).is_some())
+    }
+
+    /// What `bytes` and hashes say of `found`, the files as they are now: the first that differs.
+    pub fn compare(&self, found: &Checked) -> Result<()> {
+        for ((file, expected), (_, hash)) in self.descriptions.iter().zip(&found.descriptions) {
+            ensure!(expected == hash, "{file}: has BLAKE3 {hash}, {RECORD} says {expected}");
+        }
+        ensure!(self.frames.len() == found.frames.len(), "{} frames, {RECORD} says {}", found.frames.len(), self.frames.len());
+        for (expected, frame) in self.frames.iter().zip(&found.frames) {
+            ensure!(
+                expected.blake3 == frame.blake3,
+                "{}: has BLAKE3 {}, {RECORD} says {}",
+                frame.file,
+                frame.blake3,
+                expected.blake3
+            );
+            ensure!(expected == frame, "{}: is {frame:?}, {RECORD} says {expected:?}", frame.file);
+        }
+        ensure!(self.statistics == found.statistics, "{RECORD}: its statistics are not those of the frames");
+        Ok(())
+    }
+}
+
+impl Plan {
+    /// BLAKE3 of the plan as compact JSON.
+    pub fn hash(&self) -> String {
+        let text = serde_json::to_vec(self).unwrap_or_default();
+        blake3::hash(&text).to_hex().to_string()
+    }
+
+    /// Numbers of the stored frames that are keyframes.
+    pub fn keyframe_numbers(&self) -> impl Iterator<Item = usize> + use<> {
+        let gap = self.keyframe_gap();
+        self.numbers().filter(move |&number| is_keyframe(gap, number))
+    }
+
+    /// The gap between keyframes; 0 where no frame has a picture.
+    pub fn keyframe_gap(&self) -> u32 {
+        if self.render.spp == 0 { 0 } else { self.keyframes.gap }
+    }
+
+    /// Samples a pixel that frame `number` should have.
+    pub fn samples(&self, number: usize) -> u32 {
+        match self.quality(number) {
+            Quality::Full => self.render.spp,
+            Quality::Between => self.keyframes.between_spp.unwrap_or(self.render.spp),
+            Quality::GBuffer => 0,
+        }
+    }
+}
+
+/// Reads the failures recorded in the folder of a sequence.
+pub fn failures(folder: &Path) -> Result<Vec<Failure>> {
+    let path = folder.join(FAILURES);
+    if path.is_file() { Ok(renderflow_frame::file::read_json(&path)?) } else { Ok(Vec::new()) }
+}
+
+/// Writes them; without any, the file goes.
+pub fn write_failures(folder: &Path, failures: &[Failure]) -> Result<()> {
+    let path = folder.join(FAILURES);
+    if !failures.is_empty() {
+        return Ok(renderflow_frame::file::write_json(&path, failures)?);
+    }
+    match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot remove", path.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// One line of a shard's log.
+#[derive(Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event<'a> {
+    /// Work begins.
+    Start {
+        /// Part of the plan.
+        shard: String,
+        /// Process id.
+        process: u32,
+        /// Threads.
+        threads: usize,
+        /// Frames of this part.
+        frames: usize,
+    },
+    /// A frame was made.
+    Frame {
+        /// Its sequence.
+        sequence: &'a str,
+        /// Its number.
+        frame: usize,
+        /// Samples a pixel.
+        spp: u32,
+        /// Seconds and bytes.
+        #[serde(flatten)]
+        cost: Cost,
+    },
+    /// A frame, or a whole sequence, could not be made.
+    Failure {
+        /// Its sequence.
+        sequence: &'a str,
+        /// What failed.
+        #[serde(flatten)]
+        failure: &'a Failure,
+    },
+    /// A sequence is complete.
+    Sequence {
+        /// Its name.
+        sequence: &'a str,
+        /// Seconds of composing and loading it.
+        load: f64,
+        /// Seconds of reading everything back.
+        check: f64,
+    },
+    /// A signal came.
+    Interrupted {},
+    /// Nothing is left to do.
+    End {
+        /// Frames made by this run.
+        made: usize,
+        /// Frames that were there.
+        kept: usize,
+        /// Frames that failed.
+        failed: usize,
+    },
+}

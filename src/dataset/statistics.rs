@@ -1,0 +1,175 @@
+//! What the pixels of a dataset are like: counts over fixed bins, added up from frames to sequences to the whole.
+
+use glam::Vec2;
+use renderflow_frame::Frame;
+use serde::{Deserialize, Serialize};
+
+/// Bins of a quantity.
+#[derive(Clone, Copy, Debug)]
+pub struct Axis {
+    /// As the JSON names it.
+    pub name: &'static str,
+    /// What is counted, in words.
+    pub title: &'static str,
+    /// Lower end of the first bin; what lies below it counts there too.
+    pub low: f32,
+    /// Upper end of the last bin; what lies above it counts there too.
+    pub high: f32,
+    /// Number of bins.
+    pub bins: usize,
+    /// Whether bins have equal ratios in place of equal widths.
+    pub log: bool,
+    pick: fn(&mut Statistics) -> &mut Vec<u64>,
+    view: fn(&Statistics) -> &Vec<u64>,
+}
+
+macro_rules! axis {
+    ($field:ident, $title:literal, $low:literal .. $high:literal, $bins:literal, $log:literal) => {
+        Axis {
+            name: stringify!($field),
+            title: $title,
+            low: $low,
+            high: $high,
+            bins: $bins,
+            log: $log,
+            pick: |s| &mut s.$field,
+            view: |s| &s.$field,
+        }
+    };
+}
+
+/// Every quantity that is counted.
+pub const AXES: &[Axis] = &[
+    axis!(coverage, "covered share of a frame", 0.0..1.0, 20, false),
+    axis!(depth, "depth of a pixel, metres", 0.1..1000.0, 40, true),
+    axis!(luminance, "exposed luminance of a pixel (1 = white)", 0.0001..100.0, 48, true),
+    axis!(albedo, "luminance of the albedo", 0.0..1.0, 20, false),
+    axis!(roughness, "roughness", 0.0..1.0, 20, false),
+    axis!(metallic, "metallic", 0.0..1.0, 10, false),
+    axis!(facing, "cosine between normal and view", 0.0..1.0, 20, false),
+    axis!(motion, "motion to the next frame, pixels", 0.01..1000.0, 40, true),
+];
+
+/// Counts of every quantity in [`AXES`]: frames for the coverage, pixels for all else (covered ones but for the luminance).
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Statistics {
+    coverage: Vec<u64>,
+    depth: Vec<u64>,
+    luminance: Vec<u64>,
+    albedo: Vec<u64>,
+    roughness: Vec<u64>,
+    metallic: Vec<u64>,
+    facing: Vec<u64>,
+    motion: Vec<u64>,
+}
+
+impl Axis {
+    fn bin(&self, value: f32) -> usize {
+        let share = if self.log {
+            (value.max(f32::MIN_POSITIVE) / self.low).ln() / (self.high / self.low).ln()
+        } else {
+            (value - self.low) / (self.high - self.low)
+        };
+        // As for any cast, below 0 is 0.
+        ((share * self.bins as f32) as usize).min(self.bins - 1)
+    }
+
+    /// Lower end of bin `i`; of the one after the last, the upper end of the last.
+    pub fn edge(&self, i: usize) -> f64 {
+        let (low, high, share) = (f64::from(self.low), f64::from(self.high), i as f64 / self.bins as f64);
+        if self.log { low * (high / low).powf(share) } else { low + (high - low) * share }
+    }
+
+    /// The counts, as many as there are bins.
+    pub fn counts(&self, statistics: &Statistics) -> Vec<u64> {
+        let mut counts = (self.view)(statistics).clone();
+        counts.resize(self.bins, 0);
+        counts
+    }
+}
+
+fn luminance([r, g, b]: [f32; 3]) -> f32 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
+impl Statistics {
+    /// Counts one frame.
+    pub fn add_frame(&mut self, frame: &Frame) {
+        let pixels = frame.depth.pixels.len().max(1);
+        self.count("coverage", std::iter::once(frame.alpha.pixels.iter().sum::<f32>() / pixels as f32));
+        let hit = |i: &usize| frame.depth.pixels[*i].is_finite();
+        let hits: Vec<usize> = (0..frame.depth.pixels.len()).filter(hit).collect();
+        self.count("depth", hits.iter().map(|&i| frame.depth.pixels[i]));
+        self.count("albedo", hits.iter().map(|&i| luminance(frame.albedo.pixels[i])));
+        self.count("roughness", hits.iter().map(|&i| frame.material.pixels[i][0]));
+        self.count("metallic", hits.iter().map(|&i| frame.material.pixels[i][1]));
+        if let Some(camera) = &frame.info.camera {
+            let cosine = |&i: &usize| {
+                let pixel = Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
+                -camera.direction_cam(pixel).normalize().dot(frame.normal.pixels[i].into())
+            };
+            self.count("facing", hits.iter().map(cosine));
+        }
+        if let Some(motion) = &frame.motion {
+            self.count("motion", hits.iter().map(|&i| Vec2::from(motion.pixels[i]).length()).filter(|m| *m > 0.0));
+        }
+        if let Some(beauty) = &frame.beauty {
+            self.count("luminance", beauty.pixels.iter().map(|&p| frame.info.exposure * luminance(p)));
+        }
+    }
+
+    fn count(&mut self, name: &str, values: impl Iterator<Item = f32>) {
+        let Some(axis) = AXES.iter().find(|axis| axis.name == name) else { return };
+        let counts = (axis.pick)(self);
+        counts.resize(axis.bins, 0);
+        for value in values {
+            counts[axis.bin(value)] += 1;
+        }
+    }
+
+    /// Adds the counts of `other`.
+    pub fn add(&mut self, other: &Self) {
+        for axis in AXES {
+            let more = axis.counts(other);
+            let counts = (axis.pick)(self);
+            counts.resize(axis.bins, 0);
+            for (count, more) in counts.iter_mut().zip(more) {
+                *count += more;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bins_hold_their_values() {
+        for axis in AXES {
+            for i in 0..axis.bins {
+                let (low, high) = (axis.edge(i), axis.edge(i + 1));
+                let middle = if axis.log { (low * high).sqrt() } else { 0.5 * (low + high) };
+                assert_eq!(axis.bin(middle as f32), i, "{} at {middle}", axis.name);
+            }
+            assert_eq!(axis.bin(-1.0), 0);
+            assert_eq!(axis.bin(1e30), axis.bins - 1);
+            assert_eq!(axis.bin(f32::INFINITY), axis.bins - 1);
+        }
+    }
+
+    #[test]
+    fn sums_are_sums() {
+        let mut one = Statistics::default();
+        one.count("roughness", [0.02, 0.5, 0.5].into_iter());
+        let mut two = Statistics::default();
+        two.count("roughness", [0.51].into_iter());
+        two.count("depth", [3.0].into_iter());
+        one.add(&two);
+        let axis = |name: &str| AXES.iter().find(|a| a.name == name).unwrap();
+        assert_eq!(axis("roughness").counts(&one)[10], 3);
+        assert_eq!(axis("roughness").counts(&one).iter().sum::<u64>(), 4);
+        assert_eq!(axis("depth").counts(&one).iter().sum::<u64>(), 1);
+    }
+}

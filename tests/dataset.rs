@@ -1,0 +1,338 @@
+//! Datasets without a person watching: kills, signals, full disks, failures, damage, and the proof that nothing came of them.
+
+mod common;
+
+use common::{files, renderflow, stderr, succeed};
+use renderflow_frame::exr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Writes a plan with `more` arguments.
+fn plan(folder: &Path, name: &str, more: &[&str]) -> String {
+    let path = folder.join(name).to_str().unwrap().to_owned();
+    let common = ["dataset", "plan", "--seed", "3", "--denoise", "none", "--out", &path];
+    succeed(&[&common[..], more].concat());
+    path
+}
+
+const SMALL: [&str; 10] = ["--sequences", "3", "--frames", "4", "--resolution", "40", "--spp", "8", "--keyframe-gap", "2"];
+
+fn render(plan: &str, out: &Path, more: &[&str]) -> std::process::Output {
+    renderflow(&[&["dataset", "render", "--plan", plan, "--out", out.to_str().unwrap()][..], more].concat())
+}
+
+/// Files of a dataset that must not differ: all but clocks and logs.
+fn lasting(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let passing = |name: &str| name.ends_with("timing.json") || name.starts_with("logs/");
+    files(folder).into_iter().filter(|(name, _)| !passing(name)).collect()
+}
+
+/// The names that two datasets do not have alike.
+fn differences(one: &Path, other: &Path) -> Vec<String> {
+    let (one, other) = (lasting(one), lasting(other));
+    let only = |a: &[(String, Vec<u8>)], b: &[(String, Vec<u8>)]| {
+        a.iter().filter(|file| !b.contains(file)).map(|file| file.0.clone()).collect::<Vec<_>>()
+    };
+    let mut names = only(&one, &other);
+    names.extend(only(&other, &one));
+    names.sort();
+    names.dedup();
+    names
+}
+
+fn verified(out: &Path) -> String {
+    succeed(&["dataset", "verify", out.to_str().unwrap()])
+}
+
+fn spawn(plan: &str, out: &Path, more: &[&str]) -> std::process::Child {
+    Command::new(env!("CARGO_BIN_EXE_renderflow"))
+        .args(["dataset", "render", "--plan", plan, "--out", out.to_str().unwrap()])
+        .args(more)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Kills runs with SIGKILL after random times until `kills` were dealt; whenever a run comes to its end, the dataset must be the
+/// undisturbed one.
+fn killed_datasets_are_the_undisturbed_one(kills: usize) {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = plan(folder.path(), "plan.json", &SMALL);
+    let whole = folder.path().join("whole");
+    let started = Instant::now();
+    assert!(render(&plan, &whole, &[]).status.success());
+    let whole_time = started.elapsed().as_secs_f64();
+    let (mut dealt, mut finished) = (0, 0);
+    // A fixed sequence of "random" moments: the same test every time, as far as the clock allows.
+    let mut state = 0x9e37_79b9_7f4a_7c15u64;
+    while dealt < kills {
+        let out = folder.path().join(format!("killed-{finished}"));
+        loop {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let wait = 0.6 * whole_time * (state >> 11) as f64 / (1u64 << 53) as f64;
+            let mut child = spawn(&plan, &out, &[]);
+            std::thread::sleep(Duration::from_secs_f64(wait));
+            let _ = child.kill();
+            let status = child.wait().unwrap();
+            if status.success() {
+                break;
+            }
+            assert_eq!(status.code(), None, "a run that was not killed failed");
+            dealt += 1;
+        }
+        assert_eq!(differences(&whole, &out), Vec::<String>::new());
+        verified(&out);
+        std::fs::remove_dir_all(&out).unwrap();
+        finished += 1;
+    }
+    println!("{dealt} kills, {finished} datasets finished");
+}
+
+#[test]
+fn a_few_kills_change_nothing() {
+    killed_datasets_are_the_undisturbed_one(6);
+}
+
+#[test]
+#[ignore = "two minutes"]
+fn two_hundred_kills_change_nothing() {
+    killed_datasets_are_the_undisturbed_one(200);
+}
+
+#[test]
+fn shards_merged_are_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = plan(folder.path(), "plan.json", &[&SMALL[..], &["--between-spp", "2", "--compact"]].concat());
+    let whole = folder.path().join("whole");
+    assert!(render(&plan, &whole, &[]).status.success());
+    for shards in [3, 7] {
+        let out = folder.path().join(format!("of-{shards}"));
+        for index in (1..=shards).rev() {
+            let shard = format!("{index}/{shards}");
+            let output = render(&plan, &out, &["--shard", &shard, "--threads", "2", "--resume"]);
+            assert!(output.status.success(), "{}", stderr(&output));
+        }
+        assert_eq!(differences(&whole, &out), Vec::<String>::new());
+        // Merging again writes the same.
+        succeed(&["dataset", "merge", "--plan", &plan, "--out", out.to_str().unwrap()]);
+        assert_eq!(differences(&whole, &out), Vec::<String>::new());
+    }
+    let text = verified(&whole);
+    assert!(text.contains("3 sequences, 12 frames") && text.contains("no faults"), "{text}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_termination_signal_lets_the_frame_finish() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = plan(folder.path(), "plan.json", &["--sequences", "2", "--frames", "3", "--resolution", "64", "--spp", "512"]);
+    let out = folder.path().join("out");
+    let mut child = spawn(&plan, &out, &[]);
+    // In the middle of a frame: when the cameras are written, the first one is on its way.
+    let cameras = out.join("train/seq-000000/transforms.json");
+    let begun = Instant::now();
+    while !cameras.is_file() && begun.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(75));
+    let frames = files(&out).iter().filter(|(name, _)| name.ends_with(".exr")).count();
+    assert!((1..6).contains(&frames), "{frames} frames");
+    let logs = std::fs::read_to_string(out.join("logs/shard-00001-of-00001.jsonl")).unwrap();
+    assert!(logs.lines().last().unwrap().contains("\"event\":\"interrupted\""), "{logs}");
+    let output = render(&plan, &out, &[]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains(&format!("{} frames made, {frames} kept", 6 - frames)), "{}", stderr(&output));
+    verified(&out);
+}
+
+#[test]
+fn a_frame_that_fails_is_recorded_and_the_others_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = plan(folder.path(), "plan.json", &SMALL);
+    let (whole, out) = (folder.path().join("whole"), folder.path().join("out"));
+    assert!(render(&plan, &whole, &[]).status.success());
+    // A folder in the place of a frame cannot be replaced by a file.
+    let (sequence, frame) = (out.join("train/seq-000001"), "frame.0002.exr");
+    std::fs::create_dir_all(sequence.join(frame).join("x")).unwrap();
+    let output = render(&plan, &out, &[]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("11 frames made, 0 kept, 1 failures"), "{}", stderr(&output));
+    let failures: serde_json::Value = serde_json::from_slice(&std::fs::read(sequence.join("failures.json")).unwrap()).unwrap();
+    let scene: serde_json::Value = serde_json::from_slice(&std::fs::read(sequence.join("scene.json")).unwrap()).unwrap();
+    assert_eq!((failures[0]["frame"].as_u64(), &failures[0]["seed"]), (Some(2), &scene["seed"]));
+    assert!(failures[0]["error"].as_str().unwrap().contains(frame), "{failures}");
+    assert!(!out.join("manifest.json").exists() && !sequence.join("sequence.json").exists());
+    let verdict = renderflow(&["dataset", "verify", out.to_str().unwrap()]);
+    assert_eq!(verdict.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&verdict.stdout).contains("seq-000001 frame 2: failed when it was made"));
+    let merged = renderflow(&["dataset", "merge", "--plan", &plan, "--out", out.to_str().unwrap()]);
+    assert!(stderr(&merged).contains("1 of 3 sequences are not complete (1 failures recorded), the first is seq-000001"));
+    // The cause gone, the same command makes what is missing and forgets the failure.
+    std::fs::remove_dir_all(sequence.join(frame)).unwrap();
+    assert!(render(&plan, &out, &[]).status.success());
+    assert_eq!(differences(&whole, &out), Vec::<String>::new());
+}
+
+#[test]
+fn what_is_damaged_is_found_and_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan_file = plan(folder.path(), "plan.json", &SMALL);
+    let (whole, out) = (folder.path().join("whole"), folder.path().join("out"));
+    for out in [&whole, &out] {
+        assert!(render(&plan_file, out, &[]).status.success());
+    }
+    let faults = || {
+        let verdict = renderflow(&["dataset", "verify", out.to_str().unwrap()]);
+        assert_eq!(verdict.status.code(), Some(1));
+        String::from_utf8_lossy(&verdict.stdout).into_owned()
+    };
+    let frame = |name: &str| out.join("train/seq-000000").join(name);
+    // One byte of the pixels.
+    let bytes = std::fs::read(frame("frame.0001.exr")).unwrap();
+    let mut flipped = bytes.clone();
+    let last = flipped.len() - 1;
+    flipped[last] ^= 1;
+    std::fs::write(frame("frame.0001.exr"), &flipped).unwrap();
+    assert!(faults().contains("frame.0001.exr"));
+    std::fs::write(frame("frame.0001.exr"), &bytes).unwrap();
+    // Cut off, as after a power failure: size and record tell, and the frame is made again.
+    std::fs::write(frame("frame.0001.exr"), &bytes[..bytes.len() / 2]).unwrap();
+    assert!(faults().contains("frame.0001.exr"));
+    let output = render(&plan_file, &out, &[]);
+    assert!(output.status.success() && stderr(&output).contains("1 frames made, 11 kept"), "{}", stderr(&output));
+    assert_eq!(differences(&whole, &out), Vec::<String>::new());
+    // Gone.
+    std::fs::remove_file(frame("frame.0003.exr")).unwrap();
+    assert!(faults().contains("frame.0003.exr: cannot read"));
+    assert!(render(&plan_file, &out, &[]).status.success());
+    assert_eq!(differences(&whole, &out), Vec::<String>::new());
+    // Another plan does not mix in.
+    let other = plan(folder.path(), "other.json", &[&SMALL[..], &["--mesh-count", "100"]].concat());
+    let output = render(&other, &out, &[]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("another plan"), "{}", stderr(&output));
+}
+
+/// Conventions that others get wrong: each is found from the channels alone, with hashes that fit.
+#[test]
+fn wrong_conventions_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let sizes = ["--sequences", "1", "--frames", "3", "--resolution", "64", "--spp", "0"];
+    let plan = plan(folder.path(), "plan.json", &sizes);
+    let out = folder.path().join("out");
+    assert!(render(&plan, &out, &[]).status.success());
+    verified(&out);
+    let frames: Vec<PathBuf> = (0..3).map(|i| out.join(format!("train/seq-000000/frame.{i:04}.exr"))).collect();
+    let originals: Vec<_> = frames.iter().map(|path| exr::read(path).unwrap()).collect();
+    assert!(originals.iter().all(|frame| frame.beauty.is_none() && frame.info.spp == 0));
+    type Change = fn(&mut renderflow_frame::Frame);
+    let changes: [(&str, Change, &str); 4] = [
+        (
+            "distance in place of depth",
+            |frame| {
+                let camera = frame.info.camera.unwrap();
+                for (i, depth) in frame.depth.pixels.iter_mut().enumerate() {
+                    let pixel = glam::Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
+                    *depth *= camera.direction_cam(pixel).length();
+                }
+            },
+            "motion vectors",
+        ),
+        (
+            "normals in the world",
+            |frame| {
+                let turn = frame.info.camera.unwrap().camera_to_world.matrix3;
+                frame.normal.pixels.iter_mut().for_each(|n| *n = (turn * glam::Vec3A::from(*n)).to_array());
+            },
+            "normals",
+        ),
+        (
+            "motion up in place of down",
+            |frame| frame.motion.as_mut().unwrap().pixels.iter_mut().for_each(|m| m[1] = -m[1]),
+            "motion vectors",
+        ),
+        ("normals with y down", |frame| frame.normal.pixels.iter_mut().for_each(|n| n[1] = -n[1]), "normals"),
+    ];
+    for (what, change, expected) in changes {
+        for (path, original) in frames.iter().zip(&originals) {
+            let mut frame = original.clone();
+            change(&mut frame);
+            exr::write(path, &frame).unwrap();
+        }
+        let verdict = renderflow(&["dataset", "verify", out.to_str().unwrap()]);
+        let text = String::from_utf8_lossy(&verdict.stdout).into_owned();
+        assert!(!verdict.status.success() && text.contains(expected), "{what}: {text}");
+    }
+}
+
+/// A file system of two megabytes fills up; with more room the same command ends as if nothing had been.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_stops_the_work_and_loses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = plan(folder.path(), "plan.json", &SMALL);
+    let (whole, out, small) = (folder.path().join("whole"), folder.path().join("out"), folder.path().join("small"));
+    assert!(render(&plan, &whole, &[]).status.success());
+    let bytes: usize = files(&whole).iter().map(|file| file.1.len()).sum();
+    std::fs::create_dir(&small).unwrap();
+    let script = format!(
+        "mount -t tmpfs -o size={} none {small} || exit 9\n\
+         {exe} dataset render --plan {plan} --out {small}/data 2> {folder}/full.txt; echo $? > {folder}/code.txt\n\
+         mount -o remount,size=64m {small} || exit 9\n\
+         {exe} dataset render --plan {plan} --out {small}/data 2> {folder}/again.txt || exit 1\n\
+         cp -r {small}/data {out}",
+        bytes / 2,
+        small = small.display(),
+        exe = env!("CARGO_BIN_EXE_renderflow"),
+        folder = folder.path().display(),
+        out = out.display()
+    );
+    let output = Command::new("unshare").args(["--user", "--map-root-user", "--mount", "sh", "-c", &script]).output();
+    match output {
+        Ok(output) if output.status.success() => {}
+        Ok(output) if output.status.code() == Some(1) && !stderr(&output).contains("unshare") => panic!("{}", stderr(&output)),
+        _ => return println!("skipped: no small file system can be mounted here"),
+    }
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    assert_eq!(read("code.txt").trim(), "1");
+    assert!(read("full.txt").contains("No space left"), "{}", read("full.txt"));
+    assert!(!read("again.txt").contains(" 0 kept"), "{}", read("again.txt"));
+    assert_eq!(differences(&whole, &out), Vec::<String>::new());
+    verified(&out);
+}
+
+#[test]
+fn plans_say_where_they_are_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let toml = plan(folder.path(), "plan.toml", &SMALL);
+    let json = plan(folder.path(), "plan.json", &SMALL);
+    let (out_toml, out_json) = (folder.path().join("t"), folder.path().join("j"));
+    assert!(render(&toml, &out_toml, &[]).status.success() && render(&json, &out_json, &[]).status.success());
+    assert_eq!(differences(&out_toml, &out_json), Vec::<String>::new());
+    let text = std::fs::read_to_string(&json).unwrap();
+    let refused = |from: &str, to: &str, expected: &str| {
+        assert!(text.contains(from), "{from} is not in the plan");
+        let bad = folder.path().join("bad.json");
+        std::fs::write(&bad, text.replacen(from, to, 1)).unwrap();
+        let output = render(bad.to_str().unwrap(), &folder.path().join("bad"), &[]);
+        let said = stderr(&output);
+        assert!(!output.status.success() && said.contains("bad.json") && said.contains(expected), "{to}: {said}");
+    };
+    refused("\"version\": 2", "\"version\": 1", "/version: 1 is not 2");
+    refused("\"gap\": 2", "\"gap\": 0", "/keyframes/gap: 0 is outside");
+    refused("\"frames\": 4", "\"frames\": 0", "/frames: 0 is outside");
+    refused("\"moving\": ", "\"moving\": 7, \"x\": ", "unknown field `x`");
+    refused("\"moving\": 0.", "\"moving\": 7.", "/composition/moving");
+    // A mesh family of one split added to another.
+    let plan: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let family = plan["splits"]["test"]["mesh_families"][0].as_str().unwrap();
+    let mut leaking = plan.clone();
+    leaking["splits"]["train"]["mesh_families"].as_array_mut().unwrap().push(family.into());
+    let bad = folder.path().join("leak.json");
+    std::fs::write(&bad, leaking.to_string()).unwrap();
+    let said = stderr(&render(bad.to_str().unwrap(), &folder.path().join("bad"), &[]));
+    assert!(said.contains(&format!("mesh family {family} belongs to train already")), "{said}");
+}
