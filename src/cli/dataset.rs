@@ -26,6 +26,8 @@ pub enum DatasetCommand {
     Verify(VerifyArgs),
     /// Write a page of histograms
     Stats(StatsArgs),
+    /// Write scripts that render a plan on a Slurm or Kubernetes cluster
+    Slurm(super::slurm::SlurmArgs),
 }
 
 /// Writes a plan file.
@@ -193,6 +195,7 @@ impl DatasetCommand {
             }
             Self::Verify(args) => args.run(cancel),
             Self::Stats(args) => args.run(),
+            Self::Slurm(args) => args.run(),
         }
     }
 }

@@ -9,6 +9,7 @@ mod evaluate;
 mod hdri;
 mod infer;
 mod render;
+mod slurm;
 mod stress;
 mod train;
 mod weights;

@@ -12,6 +12,7 @@ pub mod record;
 pub mod render;
 pub mod shard;
 mod shim;
+pub mod slurm;
 pub mod statistics;
 pub mod stats;
 pub mod verify;

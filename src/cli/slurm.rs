@@ -1,0 +1,79 @@
+use crate::dataset::slurm::{Memory, Request};
+use anyhow::{Context, Result};
+use clap::Args;
+use std::path::PathBuf;
+
+/// Writes the scripts of a cluster.
+#[derive(Args)]
+#[command(
+    after_help = "Example: renderflow dataset slurm --plan plan.json --out data --script-dir jobs --time 04:00:00 && sh jobs/submit.sh"
+)]
+pub struct SlurmArgs {
+    /// Plan file
+    #[arg(long)]
+    plan: PathBuf,
+    /// Dataset folder
+    #[arg(long)]
+    out: PathBuf,
+    /// Folder for array.sh, merge.sh, submit.sh, kubernetes.yaml and the logs
+    #[arg(long)]
+    script_dir: PathBuf,
+    /// Slurm partition; the cluster's default unless given
+    #[arg(long)]
+    partition: Option<String>,
+    /// Slurm account
+    #[arg(long)]
+    account: Option<String>,
+    /// Time limit of a task, one sequence
+    #[arg(long, default_value = "02:00:00")]
+    time: String,
+    /// Processor cores of a task
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
+    cpus: u32,
+    /// Memory of a task; doubled when it runs out, where the cluster lets users
+    #[arg(long, default_value = "8G")]
+    memory: Memory,
+    /// Tasks that may run at a time; any number unless given
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    tasks_at_once: Option<u32>,
+    /// How often a task that failed or was interrupted starts again
+    #[arg(long, default_value_t = 3)]
+    retries: u32,
+    /// Seconds before the end of --time at which a task is told to stop after its frame
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=65535))]
+    grace: u32,
+    /// One more option of sbatch, "--qos=long" for one; may be repeated
+    #[arg(long, allow_hyphen_values = true)]
+    extra: Vec<String>,
+    /// The program as the nodes find it; this one unless given
+    #[arg(long)]
+    program: Option<PathBuf>,
+}
+
+impl SlurmArgs {
+    pub fn run(self) -> Result<()> {
+        let program = match self.program {
+            Some(program) => program,
+            None => std::env::current_exe().context("cannot find this program's own file; name it with --program")?,
+        };
+        let submit = self.script_dir.join("submit.sh");
+        let request = Request {
+            program,
+            plan: self.plan,
+            out: self.out,
+            folder: self.script_dir,
+            partition: self.partition,
+            account: self.account,
+            time: self.time,
+            cpus: self.cpus,
+            memory: self.memory,
+            tasks_at_once: self.tasks_at_once,
+            retries: self.retries,
+            grace: self.grace,
+            extra: self.extra,
+        };
+        let tasks = request.write()?;
+        println!("{tasks} tasks, one a sequence; submit them with {}", submit.display());
+        Ok(())
+    }
+}

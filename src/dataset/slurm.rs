@@ -1,0 +1,233 @@
+//! Scripts that render a plan on a cluster: one sequence a task of a Slurm array, retried where it failed, and a merge behind it.
+//!
+//! The templates are in `src/dataset/slurm/`; `docs/scale-out.md` says how to use what is written.
+
+use crate::dataset::Plan;
+use anyhow::{Context, Result, bail, ensure};
+use std::path::{Path, PathBuf};
+
+const ARRAY: &str = include_str!("slurm/array.sh");
+const MERGE: &str = include_str!("slurm/merge.sh");
+const SUBMIT: &str = include_str!("slurm/submit.sh");
+const KUBERNETES: &str = include_str!("slurm/kubernetes.yaml");
+
+/// The most completions an indexed Kubernetes job may have with a limit of failures an index.
+const KUBERNETES_COMPLETIONS: u32 = 100_000;
+
+/// What the scripts ask the cluster for.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The program; every node must find it there.
+    pub program: PathBuf,
+    /// Plan file.
+    pub plan: PathBuf,
+    /// Dataset folder.
+    pub out: PathBuf,
+    /// Where to write the scripts; logs go to `logs` inside.
+    pub folder: PathBuf,
+    /// Slurm partition; the cluster's default unless given.
+    pub partition: Option<String>,
+    /// Slurm account.
+    pub account: Option<String>,
+    /// Time limit of a task as Slurm writes it, `hours:minutes:seconds` for one.
+    pub time: String,
+    /// Processor cores of a task.
+    pub cpus: u32,
+    /// Memory of a task.
+    pub memory: Memory,
+    /// Tasks that may run at a time, over all arrays; any number unless given.
+    pub tasks_at_once: Option<u32>,
+    /// How often a task that failed or was interrupted starts again.
+    pub retries: u32,
+    /// Seconds from SIGTERM to the end of the time limit; a frame should take less.
+    pub grace: u32,
+    /// More options of `sbatch`, with or without `#SBATCH` before them.
+    pub extra: Vec<String>,
+}
+
+/// An amount of memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// MiB; Slurm calls them MB.
+    pub megabytes: u64,
+}
+
+impl std::str::FromStr for Memory {
+    type Err = String;
+
+    /// As Slurm writes it: `8G`, `500M`, `2T`; a number alone is in MiB.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (digits, scale) = match text.strip_suffix(['M', 'm']) {
+            Some(digits) => (digits, 1),
+            None => match (text.strip_suffix(['G', 'g']), text.strip_suffix(['T', 't'])) {
+                (Some(digits), _) => (digits, 1 << 10),
+                (_, Some(digits)) => (digits, 1 << 20),
+                _ => (text, 1),
+            },
+        };
+        let megabytes = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(scale));
+        match megabytes {
+            // One PiB: shells double it without overflow, and no node has it.
+            Some(megabytes @ 1..=1_073_741_824) => Ok(Self { megabytes }),
+            _ => Err(format!("{text:?}: write memory as 8G or 500M, 1M to 1024T")),
+        }
+    }
+}
+
+impl Request {
+    /// Writes `array.sh`, `merge.sh`, `submit.sh` and `kubernetes.yaml`. Returns the number of tasks.
+    ///
+    /// # Errors
+    /// A plan that cannot be read, paths that are not UTF-8, and options that would end their line or their word in a script.
+    pub fn write(&self) -> Result<u32> {
+        let tasks = Plan::read(&self.plan)?.total();
+        // Slurm replaces %A and the like anywhere in the name of a log; %% is a percent sign, and a backslash ends all that.
+        let logs = full(&self.folder.join("logs"))?;
+        ensure!(!logs.contains('\\'), "{logs}: Slurm's logs cannot be in a folder with a backslash");
+        let completions = tasks.min(KUBERNETES_COMPLETIONS);
+        let values = [
+            ("PROGRAM", quoted(&full(&self.program)?)),
+            ("PLAN", quoted(&full(&self.plan)?)),
+            ("OUT", quoted(&full(&self.out)?)),
+            ("FOLDER", quoted(&full(&self.folder)?)),
+            ("LOGS", quoted(&logs.replace('%', "%%"))),
+            ("DIRECTIVES", self.directives()?),
+            ("TIME", word("--time", &self.time)?.into()),
+            ("CPUS", self.cpus.to_string()),
+            ("MEGABYTES", self.memory.megabytes.to_string()),
+            ("AT_ONCE", self.tasks_at_once.unwrap_or(0).to_string()),
+            ("RETRIES", self.retries.to_string()),
+            ("GRACE", self.grace.to_string()),
+            ("SHARDS", tasks.to_string()),
+            ("COMPLETIONS", completions.to_string()),
+            ("PARALLELISM", self.tasks_at_once.unwrap_or(completions).min(completions).to_string()),
+        ];
+        for (name, template, mode) in [
+            ("array.sh", ARRAY, 0o755),
+            ("merge.sh", MERGE, 0o755),
+            ("submit.sh", SUBMIT, 0o755),
+            ("kubernetes.yaml", KUBERNETES, 0o644),
+        ] {
+            let path = self.folder.join(name);
+            renderflow_frame::file::write_atomic(&path, fill(template, &values)?.as_bytes())?;
+            set_mode(&path, mode).with_context(|| format!("{}: cannot be made executable", path.display()))?;
+        }
+        Ok(tasks)
+    }
+
+    /// The lines for `sbatch` that not every cluster needs.
+    fn directives(&self) -> Result<String> {
+        let mut lines = vec!["#SBATCH --job-name=renderflow".to_owned()];
+        for (option, value) in [("--partition", &self.partition), ("--account", &self.account)] {
+            if let Some(value) = value {
+                lines.push(format!("#SBATCH {option}={}", word(option, value)?));
+            }
+        }
+        for extra in &self.extra {
+            let option = extra.strip_prefix("#SBATCH").unwrap_or(extra).trim();
+            let plain = option.starts_with('-') && !option.chars().any(char::is_control);
+            ensure!(plain, "--extra {extra:?}: not one option of sbatch, such as --qos=long");
+            lines.push(format!("#SBATCH {option}"));
+        }
+        Ok(lines.join("\n"))
+    }
+}
+
+/// `value` if it can stand in a line for `sbatch` as it is.
+fn word<'a>(option: &str, value: &'a str) -> Result<&'a str> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-.,:+@/".contains(c);
+    ensure!(!value.is_empty() && value.chars().all(plain), "{option} {value:?}: not a word");
+    Ok(value)
+}
+
+/// `path` from the root.
+fn full(path: &Path) -> Result<String> {
+    let full = std::path::absolute(path).with_context(|| format!("{}: has no full name", path.display()))?;
+    let text = full.to_str().with_context(|| format!("{}: is not UTF-8", full.display()))?;
+    ensure!(!text.contains('\0'), "{}: has a zero byte", full.display());
+    Ok(text.to_owned())
+}
+
+/// `text` as one word of a shell.
+fn quoted(text: &str) -> String {
+    format!("'{}'", text.replace('\'', r"'\''"))
+}
+
+/// `template` with every `@NAME@` replaced by its value; names are in capitals. Values are not searched.
+fn fill(template: &str, values: &[(&str, String)]) -> Result<String> {
+    let mut filled = String::with_capacity(2 * template.len());
+    let mut rest = template;
+    while let Some((before, after)) = rest.split_once('@') {
+        filled.push_str(before);
+        match after.split_once('@') {
+            Some((name, behind)) if !name.is_empty() && name.bytes().all(|b| b.is_ascii_uppercase() || b == b'_') => {
+                let Some((_, value)) = values.iter().find(|(known, _)| *known == name) else { bail!("@{name}@: has no value") };
+                filled.push_str(value);
+                rest = behind;
+            }
+            _ => {
+                filled.push('@');
+                rest = after;
+            }
+        }
+    }
+    filled.push_str(rest);
+    Ok(filled)
+}
+
+#[cfg(unix)]
+fn set_mode(path: &Path, mode: u32) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode))
+}
+
+#[cfg(not(unix))]
+fn set_mode(_path: &Path, _mode: u32) -> std::io::Result<()> {
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_as_slurm_writes_it() {
+        for (text, megabytes) in [("8G", 8192), ("500M", 500), ("700", 700), ("2t", 2 << 20), ("1024T", 1 << 30)] {
+            assert_eq!(text.parse(), Ok(Memory { megabytes }), "{text}");
+        }
+        for bad in ["", "G", "0", "0G", "1.5G", "-1", "8GB", "8 G", "1025T", "99999999999999999999G"] {
+            assert!(bad.parse::<Memory>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn values_are_not_searched_for_names() {
+        let values = [("A", "@B@".to_owned()), ("B", "b".to_owned())];
+        assert_eq!(fill("TERM@@A@ @B@ a@b @ @", &values).unwrap(), "TERM@@B@ b a@b @ @");
+        assert!(fill("@C@", &values).is_err());
+    }
+
+    #[test]
+    fn options_stay_in_their_line() {
+        let request = |extra: &str, partition: &str| Request {
+            program: "renderflow".into(),
+            plan: "plan.json".into(),
+            out: "out".into(),
+            folder: "scripts".into(),
+            partition: Some(partition.into()),
+            account: None,
+            time: "1".into(),
+            cpus: 1,
+            memory: Memory { megabytes: 1 },
+            tasks_at_once: None,
+            retries: 0,
+            grace: 60,
+            extra: vec![extra.into()],
+        };
+        let lines = request("#SBATCH --qos=long", "gpu,big").directives().unwrap();
+        assert_eq!(lines, "#SBATCH --job-name=renderflow\n#SBATCH --partition=gpu,big\n#SBATCH --qos=long");
+        for (extra, partition) in [("--qos=a\nrm -r x", "p"), ("rm", "p"), ("", "p"), ("--qos=a", "p q"), ("--qos=a", "")] {
+            assert!(request(extra, partition).directives().is_err(), "{extra:?} {partition:?}");
+        }
+    }
+}
