@@ -3,7 +3,9 @@
 mod common;
 
 use common::{files, renderflow, stderr, succeed};
+use renderflow::dataset::{Plan, manifest};
 use renderflow_frame::exr;
+use renderflow_scenes::procedural::Split;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -335,4 +337,54 @@ fn plans_say_where_they_are_wrong() {
     std::fs::write(&bad, leaking.to_string()).unwrap();
     let said = stderr(&render(bad.to_str().unwrap(), &folder.path().join("bad"), &[]));
     assert!(said.contains(&format!("mesh family {family} belongs to train already")), "{said}");
+}
+
+#[test]
+fn splits_share_nothing_and_sharing_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let sizes = ["--sequences", "12", "--frames", "1", "--resolution", "16", "--spp", "0"];
+    let plan_file = plan(folder.path(), "plan.json", &sizes);
+    let out = folder.path().join("out");
+    assert!(render(&plan_file, &out, &[]).status.success());
+    let plan = Plan::read(Path::new(&plan_file)).unwrap();
+    assert_eq!([plan.sequences.train, plan.sequences.val, plan.sequences.test], [10, 1, 1]);
+    let records = manifest::records(&plan, &out).unwrap();
+    assert_eq!(manifest::leaks(&records), Vec::<String>::new());
+    // The same sequence in another split shares its scene, its light, and every mesh.
+    let mut twice = records.clone();
+    let mut copy = records[0].clone();
+    copy.split = Split::Test;
+    twice.push(copy);
+    let leaks = manifest::leaks(&twice);
+    for what in ["scene ", "environment family ", "mesh family ", "geometry "] {
+        assert!(leaks.iter().any(|leak| leak.starts_with(what)), "{what}: {leaks:?}");
+    }
+    // A mesh alone.
+    let mut twice = records.clone();
+    let geometry = twice[0].objects[0].geometry.clone();
+    twice[11].objects[0].geometry = geometry.clone();
+    assert_eq!(manifest::leaks(&twice), [format!("geometry {geometry} is in train/seq-000000 and test/seq-000011")]);
+}
+
+/// A thousand scenes one after the other in one process: what each takes is given back.
+#[test]
+#[ignore = "a minute"]
+fn a_thousand_scenes_do_not_pile_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let sizes = ["--sequences", "1000", "--frames", "1", "--resolution", "24", "--spp", "1"];
+    let plan = plan(folder.path(), "plan.json", &sizes);
+    let out = folder.path().join("out");
+    assert!(render(&plan, &out, &[]).status.success());
+    let log = std::fs::read_to_string(out.join("logs/shard-00001-of-00001.jsonl")).unwrap();
+    let lines = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let rss: Vec<f64> = lines.filter(|line| line["event"] == "sequence").map(|line| line["rss"].as_f64().unwrap()).collect();
+    assert_eq!(rss.len(), 1000);
+    let median = |part: &[f64]| {
+        let mut sorted = part.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        sorted[sorted.len() / 2]
+    };
+    let quarters = [median(&rss[..250]), median(&rss[250..500]), median(&rss[500..750]), median(&rss[750..])];
+    println!("median memory of the quarters, MiB: {quarters:?}");
+    assert!(quarters[3] < 1.15 * quarters[1], "{quarters:?}");
 }
