@@ -11,6 +11,7 @@ pub mod load;
 pub mod loaded;
 pub mod mipmap;
 mod noise;
+pub mod pattern;
 pub mod procedural;
 pub mod schema;
 pub mod seed;

@@ -192,6 +192,12 @@ impl<const MOST: usize> EncodeTable<MOST> {
     }
 }
 
+/// The 8-bit sRGB code of a linear value.
+pub(crate) fn srgb_byte(v: f32) -> u8 {
+    // The cast is exact: the table ends at 255.
+    BYTES.get_or_init(EncodeTable::new).encode(v) as u8
+}
+
 /// All levels, the given one first.
 fn pyramid<T: Copy + Send + Sync>(
     [width, height]: [usize; 2],

@@ -213,7 +213,13 @@ impl Check {
             ] {
                 if let Some(path) = texture {
                     self.path(at(field), path);
+                    if material.pattern.is_some() && field != "emissive_texture" {
+                        self.say(at(field), "cannot be used together with a pattern, which makes this texture itself");
+                    }
                 }
+            }
+            if let Some(pattern) = &material.pattern {
+                self.parameters(&at("pattern"), pattern.validate());
             }
         }
     }
@@ -269,7 +275,7 @@ impl Check {
         }
     }
 
-    /// What a shape or a sky says about its own parameters: pointers below it, and reasons.
+    /// What a shape, a sky or a pattern says about its own parameters: pointers below it, and reasons.
     fn parameters(&mut self, pointer: &str, problems: Vec<(String, String)>) {
         for (below, reason) in problems {
             self.say(format!("{pointer}/{}", below.trim_start_matches('/')), reason);

@@ -76,8 +76,8 @@ fn materials_of_the_example_arrive() {
     );
     let sheet = find("punched sheet");
     assert_eq!(sheet.alpha_mask, Some(AlphaMask { cutoff: 0.5, factor: 1.0 }));
-    // One decoding for colour and emission, one for data, one for normals.
-    assert_eq!(loaded.textures.len(), 3);
+    // One decoding for colour and emission, one for data, one for normals; and three maps of the pattern.
+    assert_eq!(loaded.textures.len(), 3 + 3);
     assert_eq!(sheet.base_color_texture, sheet.emissive_texture);
     assert!(loaded.textures.iter().all(|t| t.wrap == [Wrap::Mirror; 2]));
     // KHR_texture_transform's own matrices, written out: translation * rotation * scale of a column vector (u, v, 1).

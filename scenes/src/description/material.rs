@@ -1,6 +1,7 @@
 //! Materials of a scene file.
 
 use super::MaterialChange;
+use crate::pattern::Pattern;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -78,6 +79,10 @@ pub struct Material {
     /// Image multiplied with `emissive`, decoded from sRGB.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub emissive_texture: Option<String>,
+    /// Texture made from parameters instead of images: colour, roughness, metallic and normals. They are multiplied with the factors,
+    /// as images are: `base_color` 1, `metallic` 1 and `roughness` 1 show it as it is. Not together with images of the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pattern: Option<Pattern>,
     /// How all of its textures lie on the surface.
     #[serde(default, skip_serializing_if = "TextureTransform::is_identity")]
     pub texture_transform: TextureTransform,
@@ -112,6 +117,7 @@ impl Default for Material {
             metallic_roughness_texture: None,
             normal_texture: None,
             emissive_texture: None,
+            pattern: None,
             texture_transform: TextureTransform::default(),
             texture_wrap: TextureWrap::Repeat,
             change: None,

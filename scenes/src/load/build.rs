@@ -1,5 +1,6 @@
 //! From a [`Scene`] to a [`LoadedScene`].
 
+use super::patterns::Patterns;
 use super::{images, mesh, model};
 use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene, TextureWrap};
 use crate::error::{Error, Problem, Result};
@@ -118,6 +119,7 @@ struct Build<'a> {
     models: HashMap<PathBuf, Placed>,
     images: HashMap<(PathBuf, Encoding, Wrap), usize>,
     wanted: Vec<images::Wanted>,
+    patterns: Patterns,
     material_names: Names,
     instance_names: Names,
     default_material: Option<usize>,
@@ -139,6 +141,7 @@ impl<'a> Build<'a> {
             models: HashMap::new(),
             images: HashMap::new(),
             wanted: vec![],
+            patterns: Patterns::default(),
             material_names: Names::new(scene.materials.iter().map(|m| &m.name)),
             // A part of a model must not take the name of a later object.
             instance_names: Names::new(scene.objects.iter().map(|o| &o.name)),
@@ -149,7 +152,10 @@ impl<'a> Build<'a> {
     /// Materials of the description come first, in its order, so that their ids are known without loading.
     fn described_materials(&mut self) {
         for (i, described) in self.scene.materials.iter().enumerate() {
-            let material = self.described(described, &format!("/materials/{i}"));
+            let mut material = self.described(described, &format!("/materials/{i}"));
+            if let Some(pattern) = &described.pattern {
+                self.patterns.add(pattern, described, &mut material, &mut self.textures);
+            }
             self.materials.push(material);
         }
     }
@@ -188,11 +194,7 @@ impl<'a> Build<'a> {
     /// The texture of an image, which is read later.
     fn image(&mut self, user: &Described, place: &str, file: &str, encoding: Encoding) -> TextureSlot {
         let path = self.base.join(file);
-        let wrap = match user.texture_wrap {
-            TextureWrap::Repeat => Wrap::Repeat,
-            TextureWrap::Mirror => Wrap::Mirror,
-            TextureWrap::Clamp => Wrap::Clamp,
-        };
+        let wrap = wrap(user);
         let key = (path.clone(), encoding, wrap);
         let texture = match self.images.get(&key) {
             Some(&known) => known,
@@ -205,18 +207,19 @@ impl<'a> Build<'a> {
                 texture
             }
         };
-        let lie = &user.texture_transform;
-        TextureSlot { texture, uv_transform: uv_transform(lie.offset, lie.rotation.to_radians(), lie.scale) }
+        slot(user, texture)
     }
 
-    /// Reads the images of described materials, those that nothing looks at only if `everything` is asked for.
+    /// Reads the images of described materials and makes their patterns, those that nothing looks at only if `everything` is asked for.
     fn read_images(&mut self, everything: bool) -> Result<()> {
         if everything {
+            self.patterns.make(&mut self.materials, &mut self.textures, true);
             return images::read(&self.wanted, &self.materials, &mut self.textures);
         }
         for name in images::drop_idle_slots(&mut self.materials, &self.instances, &self.meshes) {
             self.report.notes.push(format!("material {name:?} is on no object: its textures are not read"));
         }
+        self.patterns.make(&mut self.materials, &mut self.textures, false);
         images::read(&self.wanted, &self.materials, &mut self.textures)?;
         images::drop_idle_textures(&mut self.materials, &mut self.textures);
         Ok(())
@@ -369,6 +372,21 @@ impl<'a> Build<'a> {
             }
         }
     }
+}
+
+/// How the textures of a material go on.
+pub(super) fn wrap(material: &Described) -> Wrap {
+    match material.texture_wrap {
+        TextureWrap::Repeat => Wrap::Repeat,
+        TextureWrap::Mirror => Wrap::Mirror,
+        TextureWrap::Clamp => Wrap::Clamp,
+    }
+}
+
+/// Texture `texture` as it lies on a material.
+pub(super) fn slot(material: &Described, texture: usize) -> TextureSlot {
+    let lie = &material.texture_transform;
+    TextureSlot { texture, uv_transform: uv_transform(lie.offset, lie.rotation.to_radians(), lie.scale) }
 }
 
 /// Names given so far, each with how often it was asked for.

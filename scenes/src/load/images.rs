@@ -105,7 +105,7 @@ pub(super) fn drop_idle_textures(materials: &mut [Material], textures: &mut Vec<
     textures.retain(|_| looked_at.next().unwrap_or(true));
 }
 
-fn looked_at(materials: &[Material], textures: usize) -> Vec<bool> {
+pub(super) fn looked_at(materials: &[Material], textures: usize) -> Vec<bool> {
     let mut looked_at = vec![false; textures];
     materials.iter().flat_map(Material::texture_slots).for_each(|slot| looked_at[slot.texture] = true);
     looked_at

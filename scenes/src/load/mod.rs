@@ -6,6 +6,7 @@ mod images;
 mod mesh;
 mod model;
 mod obj;
+mod patterns;
 
 use crate::Texture;
 use crate::error::{Error, Result};

@@ -1,5 +1,9 @@
 //! Materials that look like real ones: paints, plastics, ceramics, stones, woods, fabrics, metals.
 
+mod varied;
+
+pub use varied::{MaterialKnobs, varied, varied_ground, varied_wall};
+
 use crate::description::Material;
 use crate::draw::Draw;
 use rand_pcg::Pcg64;
@@ -52,9 +56,10 @@ fn near(rng: &mut Pcg64, base: [f32; 3], level: f32, spread: f32) -> [f32; 3] {
 
 /// A material of an object.
 pub(super) fn material(rng: &mut Pcg64, name: &str) -> Material {
-    if rng.chance(METAL_SHARE) {
-        return metal(rng, name);
-    }
+    if rng.chance(METAL_SHARE) { metal(rng, name) } else { dielectric(rng, name) }
+}
+
+fn dielectric(rng: &mut Pcg64, name: &str) -> Material {
     match rng.weighted(&[0.35, 0.2, 0.12, 0.2, 0.13]) {
         // Paint and plastic in any hue.
         0 => {

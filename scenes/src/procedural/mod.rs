@@ -5,7 +5,7 @@
 mod camera_path;
 mod layout;
 mod lighting;
-mod materials;
+pub mod materials;
 pub mod varied;
 
 use crate::description::{Geometry, Object, Scene};

@@ -138,7 +138,7 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
     let environment =
         EnvironmentLight { source: light.source, rotation: rng.between(0.0, 360.0), intensity: rng.log(least, most) };
 
-    let mut build = Build::new(root, environment.intensity);
+    let mut build = Build::new(root, &knobs.materials, environment.intensity);
     for (name, part) in &layout.structure {
         build.part(name, part, Vec3::ZERO);
     }
