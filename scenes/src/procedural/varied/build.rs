@@ -28,7 +28,16 @@ pub(super) struct Build<'a> {
 impl<'a> Build<'a> {
     pub fn new(root: Seed, knobs: &'a MaterialKnobs, gain: f32) -> Self {
         let lists = (vec![], vec![], vec![], vec![]);
-        Self { root, knobs, gain, materials: lists.0, objects: lists.1, meshes: lists.2, changeable: lists.3, shared: HashMap::new() }
+        Self {
+            root,
+            knobs,
+            gain,
+            materials: lists.0,
+            objects: lists.1,
+            meshes: lists.2,
+            changeable: lists.3,
+            shared: HashMap::new(),
+        }
     }
 
     /// Adds an object; plain structure of one kind shares a material.
@@ -87,6 +96,7 @@ impl<'a> Build<'a> {
         let made = match role {
             Role::Object | Role::Furniture => varied(rng, shared, self.knobs),
             Role::Ground => varied_ground(rng, shared, self.knobs),
+            Role::Wall if rng.chance(0.5) => varied_wall(rng, shared, self.knobs),
             Role::Wall | Role::Ceiling => wall(rng, role == Role::Ceiling),
             Role::Foliage => {
                 let (hue, saturation, value) = (rng.between(65.0, 135.0), rng.between(0.4, 0.8), rng.log(0.08, 0.3));
