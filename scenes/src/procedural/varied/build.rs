@@ -4,15 +4,16 @@ use super::Used;
 use super::body::{Body, Origin, Part, Role};
 use crate::description::{Geometry, Material, Object};
 use crate::draw::Draw;
-use crate::procedural::materials;
+use crate::procedural::materials::{MaterialKnobs, varied, varied_ground, varied_wall};
 use crate::seed::Seed;
 use glam::Vec3;
 use rand_pcg::Pcg64;
 use std::collections::HashMap;
 
 /// The description's lists as they grow.
-pub(super) struct Build {
+pub(super) struct Build<'a> {
     root: Seed,
+    knobs: &'a MaterialKnobs,
     /// Gain of the environment, which lamps have to stand up to.
     gain: f32,
     pub materials: Vec<Material>,
@@ -24,10 +25,19 @@ pub(super) struct Build {
     shared: HashMap<String, usize>,
 }
 
-impl Build {
-    pub fn new(root: Seed, gain: f32) -> Self {
+impl<'a> Build<'a> {
+    pub fn new(root: Seed, knobs: &'a MaterialKnobs, gain: f32) -> Self {
         let lists = (vec![], vec![], vec![], vec![]);
-        Self { root, gain, materials: lists.0, objects: lists.1, meshes: lists.2, changeable: lists.3, shared: HashMap::new() }
+        Self {
+            root,
+            knobs,
+            gain,
+            materials: lists.0,
+            objects: lists.1,
+            meshes: lists.2,
+            changeable: lists.3,
+            shared: HashMap::new(),
+        }
     }
 
     /// Adds an object; plain structure of one kind shares a material.
@@ -84,9 +94,9 @@ impl Build {
         .rng();
         let rng = &mut rng;
         let made = match role {
-            Role::Object => materials::material(rng, shared),
-            Role::Furniture => materials::material(rng, shared),
-            Role::Ground => materials::ground(rng),
+            Role::Object | Role::Furniture => varied(rng, shared, self.knobs),
+            Role::Ground => varied_ground(rng, shared, self.knobs),
+            Role::Wall if rng.chance(0.5) => varied_wall(rng, shared, self.knobs),
             Role::Wall | Role::Ceiling => wall(rng, role == Role::Ceiling),
             Role::Foliage => {
                 let (hue, saturation, value) = (rng.between(65.0, 135.0), rng.between(0.4, 0.8), rng.log(0.08, 0.3));

@@ -13,7 +13,7 @@ pub(super) fn layout(context: &Context) -> Result<Layout> {
     let root = &context.root;
     let mut rng = root.child("layout", 0).rng();
     let count = context.count(&mut rng);
-    let mut layout = Layout { structure: vec![], bodies: vec![], space: Space::Open };
+    let mut layout = Layout { structure: vec![], bodies: vec![], space: Space::Open, turn: None, wide: false };
     // Each object draws from a node of its own: another one more or less changes no neighbour.
     let mut bodies = vec![];
     for index in 0..count {

@@ -1,5 +1,6 @@
 //! What a plan says about composition.
 
+use crate::procedural::materials::MaterialKnobs;
 use serde::{Deserialize, Serialize};
 
 /// Knobs of composition, the section `composition` of a plan.
@@ -21,6 +22,8 @@ pub struct Composition {
     pub occluders: f64,
     /// Share of rooms with lamps (surfaces that emit), 0..=1; 0: the published setting is light from the environment alone.
     pub lamps: f64,
+    /// How often materials are what.
+    pub materials: MaterialKnobs,
     /// Least and greatest gain of the environment, drawn evenly in its logarithm, each 0.001..=1000; 0.5 and 2.
     pub intensity: [f32; 2],
     /// Turn of an orbiting camera from a frame to the next, degrees, -45..=45; 3.6 turns once in 100 frames.
@@ -43,6 +46,7 @@ impl Default for Composition {
             changing: 0.15,
             occluders: 0.3,
             lamps: 0.0,
+            materials: MaterialKnobs::default(),
             intensity: [0.5, 2.0],
             degrees_per_frame: 3.6,
             user_models: 0.25,
@@ -124,6 +128,9 @@ impl Composition {
             ("builtin_maps", self.builtin_maps),
         ] {
             within(field, share, 0.0, 1.0)?;
+        }
+        if let Some((field, reason)) = self.materials.validate().first() {
+            return Err(format!("/composition/materials{field}: {reason}"));
         }
         for (index, gain) in self.intensity.into_iter().enumerate() {
             within(&format!("intensity/{index}"), f64::from(gain), 0.001, 1000.0)?;

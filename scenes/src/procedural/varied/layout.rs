@@ -41,6 +41,10 @@ pub(super) struct Layout {
     pub structure: Vec<(String, Part)>,
     pub bodies: Vec<Body>,
     pub space: Space,
+    /// Whether there is something to see above and beyond the subject.
+    pub wide: bool,
+    /// Degrees the environment has to be turned; any where `None`.
+    pub turn: Option<f32>,
 }
 
 impl Layout {

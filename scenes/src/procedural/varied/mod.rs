@@ -7,6 +7,7 @@ mod body;
 mod build;
 mod camera;
 mod change;
+mod daylight;
 mod ground;
 mod knobs;
 mod layout;
@@ -119,10 +120,11 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
         (moves, changes) = (which == 0, which == 1);
     }
 
+    let light = picker.light(&mut root.child("light", 0).rng(), kind == "outdoor");
     let context = Context { root, knobs, picker: &picker, frames, camera: kind_of_camera };
     let mut layout = match kind {
         "ground" => ground::layout(&context)?,
-        "room" => room::layout(&context)?,
+        "room" => room::layout(&context, &light.source)?,
         _ => outdoor::layout(&context)?,
     };
     if moves {
@@ -132,13 +134,13 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
     if root.child("occluders", 0).rng().chance(knobs.occluders) {
         occluders::place(&mut layout, &mut root.child("occluders", 1).rng(), &camera, frames, request.resolution);
     }
-    let light = picker.light(&mut root.child("light", 0).rng());
     let mut rng = root.child("light", 1).rng();
     let [least, most] = knobs.intensity;
+    let rotation = rng.between(0.0, 360.0);
     let environment =
-        EnvironmentLight { source: light.source, rotation: rng.between(0.0, 360.0), intensity: rng.log(least, most) };
+        EnvironmentLight { source: light.source, rotation: layout.turn.unwrap_or(rotation), intensity: rng.log(least, most) };
 
-    let mut build = Build::new(root, environment.intensity);
+    let mut build = Build::new(root, &knobs.materials, environment.intensity);
     for (name, part) in &layout.structure {
         build.part(name, part, Vec3::ZERO);
     }

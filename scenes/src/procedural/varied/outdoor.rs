@@ -9,13 +9,13 @@ use glam::{Vec2, Vec3};
 use rand_pcg::Pcg64;
 
 /// Distance of scenery from the middle in radii of the subject's disc: cameras come no nearer than this.
-const CLEAR: f32 = 3.6;
+const CLEAR: f32 = 2.4;
 
 pub(super) fn layout(context: &Context) -> Result<Layout> {
     let root = &context.root;
     let mut rng = root.child("layout", 0).rng();
     let count = context.count(&mut rng);
-    let mut layout = Layout { structure: vec![], bodies: vec![], space: Space::Open };
+    let mut layout = Layout { structure: vec![], bodies: vec![], space: Space::Open, turn: None, wide: true };
     let mut bodies = vec![];
     for index in 0..count {
         let mut rng = root.child("object", u64::from(index)).rng();
@@ -163,7 +163,7 @@ fn building(rng: &mut Pcg64) -> Body {
 fn hills(layout: &mut Layout, rng: &mut Pcg64, clear: f32, far: f32) {
     for index in 0..3 + rng.below(6) {
         let radius = clear * rng.between(1.5, 5.0);
-        let distance = (3.6 * clear * 1.4 + radius + clear * rng.between(0.0, 4.0)).min(0.95 * far);
+        let distance = (4.0 * clear + radius + clear * rng.between(0.0, 4.0)).min(0.95 * far);
         let (sin, cos) = rng.between(0.0, 360.0).to_radians().sin_cos();
         let middle = Vec3::new(distance * sin, 0.0, distance * cos);
         let part = Part::shape(Shape::Sphere { radius: 1.0 }, Role::Ground, middle);

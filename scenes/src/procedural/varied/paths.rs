@@ -33,12 +33,16 @@ fn pose(eye: Vec3, target: Vec3) -> Pose {
 /// An orbit whose distance lets the subject fill the view, within the walls where there are any.
 fn orbit(rng: &mut Pcg64, layout: &Layout, resolution: [u32; 2], degrees_per_frame: f32, late: f32) -> CameraPath {
     let (mut centre, sphere) = layout.subject();
-    let mut elevation = Pcg64::tidy(rng.between(6.0, 42.0) + 20.0 * late);
+    let high = if layout.wide { 20.0 } else { 42.0 };
+    let mut elevation = Pcg64::tidy(rng.between(4.0, high) + 20.0 * late);
     let (vertical_fov, distance) = match layout.space {
         Space::Open => {
-            let vertical_fov = rng.between(30.0, 55.0);
+            let vertical_fov = if layout.wide { rng.between(40.0, 65.0) } else { rng.between(30.0, 55.0) };
+            if layout.wide {
+                centre.y += 0.25 * sphere;
+            }
             let narrow = Lens::new(vertical_fov, resolution).narrow();
-            (vertical_fov, (sphere / narrow.sin() * rng.between(0.55, 0.95)).max(1.05 * sphere + 0.1))
+            (vertical_fov, (sphere / narrow.sin() * rng.between(0.6, 0.95)).max(1.05 * sphere + 0.1))
         }
         Space::Room { half, height } => {
             (centre.x, centre.z) = (0.0, 0.0);
@@ -62,13 +66,14 @@ fn orbit(rng: &mut Pcg64, layout: &Layout, resolution: [u32; 2], degrees_per_fra
 fn stand(rng: &mut Pcg64, layout: &Layout, resolution: [u32; 2], late: f32) -> (f32, Vec3, Vec3) {
     let (centre, sphere) = layout.subject();
     let aside = Vec3::new(rng.between(-1.0, 1.0), rng.between(-0.4, 0.4), rng.between(-1.0, 1.0)) * 0.25 * sphere.min(2.0);
-    let target = centre + Vec3::new(aside.x, aside.y.max(0.1 - centre.y), aside.z);
+    let above = if layout.wide { 0.25 * sphere } else { 0.0 };
+    let target = centre + Vec3::new(aside.x, above + aside.y.max(0.1 - centre.y), aside.z);
     match layout.space {
         Space::Open => {
-            let vertical_fov = rng.between(30.0, 60.0);
+            let vertical_fov = if layout.wide { rng.between(40.0, 70.0) } else { rng.between(30.0, 60.0) };
             let narrow = Lens::new(vertical_fov, resolution).narrow();
-            let distance = (sphere / narrow.sin() * rng.between(0.5, 0.95)).max(1.05 * sphere + 0.1);
-            let elevation = (rng.between(3.0, 35.0) + 25.0 * late).to_radians();
+            let distance = (sphere / narrow.sin() * rng.between(0.6, 0.95)).max(1.05 * sphere + 0.1);
+            let elevation = (rng.between(2.0, if layout.wide { 18.0 } else { 35.0 }) + 25.0 * late).to_radians();
             let (sin, cos) = rng.between(0.0, 360.0).to_radians().sin_cos();
             let eye = centre + distance * Vec3::new(elevation.cos() * sin, elevation.sin(), elevation.cos() * cos);
             (vertical_fov, eye.max(Vec3::new(f32::MIN, 0.25, f32::MIN)), target)

@@ -101,8 +101,8 @@ impl<'a> Picker<'a> {
         Some(Picked::Mesh { shape: self.pool.catalog.mesh(number), family, number })
     }
 
-    /// An environment.
-    pub fn light(&self, rng: &mut Pcg64) -> Light {
+    /// An environment; `outside`, one with a sky where the pool has any.
+    pub fn light(&self, rng: &mut Pcg64, outside: bool) -> Light {
         let (files, maps) = (self.pool.hdris, self.pool.builtin);
         let one = |rng: &mut Pcg64, list: &[String]| list[rng.below(list.len() as u32) as usize].clone();
         let others = !self.environments.is_empty() || !maps.is_empty();
@@ -114,10 +114,18 @@ impl<'a> Picker<'a> {
             let name = one(rng, maps);
             return Light { name: format!("builtin:{name}"), source: EnvironmentSource::Builtin(name), number: None };
         }
-        let family = self.environments[rng.below(self.environments.len() as u32) as usize];
+        let skies: Vec<_> = self.environments.iter().copied().filter(|f| !outside || has_sky(f)).collect();
+        let families = if skies.is_empty() { &self.environments } else { &skies };
+        let family = families[rng.below(families.len() as u32) as usize];
         let number = self.pool.catalog.draw_environment(family, rng).unwrap_or(0);
         Light { source: EnvironmentSource::Sky(self.pool.catalog.environment(number)), name: family.into(), number: Some(number) }
     }
+}
+
+/// Whether a family of environments shows open country rather than a studio or a room.
+fn has_sky(family: &str) -> bool {
+    let indoors = ["studio", "interior", "room", "lamp", "softbox", "light", "hall", "window", "tunnel", "cave"];
+    !indoors.iter().any(|word| family.contains(word))
 }
 
 /// The room that a model file takes up, read once a process.

@@ -1,7 +1,9 @@
 //! Rooms with openings to the environment, furnished along the walls and in the middle.
 
 use super::body::{Body, GAP, Part, Role};
+use super::daylight::{Daylight, Opening};
 use super::layout::{Context, Layout, Space};
+use crate::description::EnvironmentSource;
 use crate::draw::Draw;
 use crate::error::Result;
 use crate::shapes::Shape;
@@ -10,21 +12,25 @@ use rand_pcg::Pcg64;
 
 /// Thickness of walls, floors and ceilings, metres.
 const WALL: f32 = 0.15;
-/// Openings as a share of the room's inner surface. The exposure follows the environment alone: a room of 0.7 reflectance with
-/// openings of 0.15 receives about a third of the light outside, which is a dim but readable picture.
-const OPEN: [f32; 2] = [0.15, 0.32];
+/// Openings as a share of the room's inner surface, to begin with.
+const OPEN: [f32; 2] = [0.14, 0.3];
+/// Mean light inside over that on level ground outside, below which a room gets more openings or another turn of the sky: the exposure
+/// follows the environment alone, and a tenth of it made two rooms of three too dark to see what stands in them.
+const BRIGHT: f32 = 0.3;
+/// Reflectance of walls and floor that the estimate takes.
+const REFLECTANCE: f32 = 0.5;
 
 /// A rectangle: low and high corner.
 type Rect = [Vec2; 2];
 
-pub(super) fn layout(context: &Context) -> Result<Layout> {
+pub(super) fn layout(context: &Context, source: &EnvironmentSource) -> Result<Layout> {
     let root = &context.root;
     let mut rng = root.child("layout", 0).rng();
     let count = context.count(&mut rng);
     let height = rng.between(2.5, 3.6);
     let tables = 1 + rng.below(2);
     let cabinets = 1 + rng.below(3);
-    let mut layout = Layout { structure: vec![], bodies: vec![], space: Space::Open };
+    let mut layout = Layout { structure: vec![], bodies: vec![], space: Space::Open, turn: None, wide: false };
 
     // The middle: a table or a group on the floor.
     let centre_table = rng.chance(0.4);
@@ -86,7 +92,8 @@ pub(super) fn layout(context: &Context) -> Result<Layout> {
     let tallest = layout.bodies.iter().map(Body::top).fold(0.0, f32::max);
     let height = height.max(Pcg64::tidy(tallest + 0.5));
     layout.space = Space::Room { half, height };
-    shell(&mut layout, &mut root.child("shell", 0).rng(), half, height);
+    let daylight = Daylight::of(source);
+    layout.turn = Some(shell(&mut layout, &mut root.child("shell", 0).rng(), &daylight, half, height));
     if root.child("lamps", 0).rng().chance(context.knobs.lamps) {
         lamps(&mut layout, &mut root.child("lamps", 1).rng(), half, height);
     }
@@ -160,15 +167,25 @@ fn cabinet(rng: &mut Pcg64) -> Body {
     Body { deck: half, turn: yaw, ..Body::composed("cabinet", parts, half.length(), height) }
 }
 
-/// Floor, walls and ceiling with openings.
-fn shell(layout: &mut Layout, rng: &mut Pcg64, half: Vec2, height: f32) {
-    let walls = [2.0 * half.x * height, 2.0 * half.y * height];
-    let flat = 4.0 * half.x * half.y;
-    let total = 2.0 * (walls[0] + walls[1] + flat);
-    let wanted = rng.between(OPEN[0], OPEN[1]) * total;
-    // Sides: -z, +z, -x, +x, ceiling; each with its openings, `None` = not there at all.
-    let mut sides: Vec<Option<Vec<Rect>>> = vec![Some(vec![]); 5];
-    let mut order: Vec<usize> = (0..5).collect();
+/// Sides of a room: -z, +z, -x, +x, ceiling.
+const SIDES: [(&str, Vec3); 5] = [
+    ("wall_north", Vec3::NEG_Z),
+    ("wall_south", Vec3::Z),
+    ("wall_west", Vec3::NEG_X),
+    ("wall_east", Vec3::X),
+    ("ceiling", Vec3::Y),
+];
+
+/// Openings of each side; `None` = the side is not there at all.
+type Openings = [Option<Vec<Rect>>; 5];
+
+/// Openings for a share of the room's surface, and the light's way to see them.
+fn openings(rng: &mut Pcg64, half: Vec2, height: f32, share: f32) -> (Openings, Vec<Opening>) {
+    let lengths = [half.x, half.x, half.y, half.y];
+    let wanted = share * surface(half, height);
+    let mut sides: Openings = std::array::from_fn(|_| Some(vec![]));
+    let mut faces = vec![];
+    let mut order = [0, 1, 2, 3, 4];
     for k in 0..4 {
         order.swap(k, k + rng.below(5 - k as u32) as usize);
     }
@@ -177,52 +194,76 @@ fn shell(layout: &mut Layout, rng: &mut Pcg64, half: Vec2, height: f32) {
         if open >= wanted {
             break;
         }
-        let along = if side < 2 { half.x } else { half.y };
-        if side == 4 {
+        let whole = if side == 4 { 4.0 * half.x * half.y } else { 2.0 * lengths[side] * height };
+        let (rects, area) = if side == 4 {
             let (rects, area) = skylights(rng, half);
-            sides[side] = Some(rects);
-            open += area;
-        } else if wanted - open > 1.2 * along * height && rng.chance(0.6) {
-            sides[side] = None;
-            open += 2.0 * along * height;
+            (Some(rects), area)
+        } else if wanted - open > 0.6 * whole && rng.chance(0.6) {
+            (None, whole)
         } else {
-            let (rects, area) = windows(rng, along, height);
-            sides[side] = Some(rects);
-            open += area;
+            let (rects, area) = windows(rng, lengths[side], height);
+            (Some(rects), area)
+        };
+        sides[side] = rects;
+        open += area;
+        faces.push(Opening { faces: SIDES[side].1, area });
+    }
+    (sides, faces)
+}
+
+/// Inner surface of a room, square metres.
+fn surface(half: Vec2, height: f32) -> f32 {
+    8.0 * half.x * half.y + 4.0 * (half.x + half.y) * height
+}
+
+/// Floor, walls and ceiling, open as far as the environment's light asks for; returns the degrees the environment is turned.
+fn shell(layout: &mut Layout, rng: &mut Pcg64, daylight: &Daylight, half: Vec2, height: f32) -> f32 {
+    let mut share = rng.between(OPEN[0], OPEN[1]);
+    let mut best: Option<(f32, Openings, f32)> = None;
+    for _ in 0..12 {
+        let (sides, faces) = openings(rng, half, height, share);
+        let degrees = rng.between(0.0, 360.0);
+        let light = daylight.inside(degrees, &faces, surface(half, height), REFLECTANCE);
+        if best.as_ref().is_none_or(|(most, ..)| light > *most) {
+            best = Some((light, sides, degrees));
         }
+        if light > BRIGHT {
+            break;
+        }
+        share = (share * 1.12).min(0.7);
     }
-    if open < wanted && sides[4].as_ref().is_some_and(Vec::is_empty) {
-        sides[4] = Some(skylights(rng, half).0);
-    }
+    // The loop above runs at least once.
+    let Some((_, sides, degrees)) = best else { return 0.0 };
     let outer = half + WALL;
     let floor = Part::block(Vec3::new(-outer.x, -WALL, -outer.y), Vec3::new(outer.x, 0.0, outer.y), Role::Ground);
     layout.structure.push(("ground".into(), floor));
-    for (side, name) in ["wall_north", "wall_south", "wall_west", "wall_east", "ceiling"].into_iter().enumerate() {
+    for (side, (name, _)) in SIDES.into_iter().enumerate() {
         let Some(openings) = &sides[side] else { continue };
         let whole = match side {
             0 | 1 => [Vec2::new(-outer.x, 0.0), Vec2::new(outer.x, height)],
             2 | 3 => [Vec2::new(-half.y, 0.0), Vec2::new(half.y, height)],
             _ => [-outer, outer],
         };
-        let block = |[low, high]: Rect, near: f32, far: f32| match side {
-            0 => (Vec3::new(low.x, low.y, -half.y - far), Vec3::new(high.x, high.y, -half.y - near)),
-            1 => (Vec3::new(low.x, low.y, half.y + near), Vec3::new(high.x, high.y, half.y + far)),
-            2 => (Vec3::new(-half.x - far, low.y, low.x), Vec3::new(-half.x - near, high.y, high.x)),
-            3 => (Vec3::new(half.x + near, low.y, low.x), Vec3::new(half.x + far, high.y, high.x)),
-            _ => (Vec3::new(low.x, height + near, low.y), Vec3::new(high.x, height + far, high.y)),
+        // A wall is made along x and turned: textures run along their box's first axis.
+        let block = |[low, high]: Rect, near: f32, far: f32, role: Role| match side {
+            4 => Part::block(Vec3::new(low.x, height + near, low.y), Vec3::new(high.x, height + far, high.y), role),
+            _ => {
+                let reach = if side < 2 { half.y } else { half.x };
+                let part = Part::block(Vec3::new(low.x, low.y, reach + near), Vec3::new(high.x, high.y, reach + far), role);
+                part.turned([180.0, 0.0, 270.0, 90.0][side])
+            }
         };
         for (number, piece) in pieces(whole, openings).into_iter().enumerate() {
-            let (low, high) = block(piece, 0.0, WALL);
             let name = if number == 0 { name.to_owned() } else { format!("{name}_{number}") };
-            layout.structure.push((name, Part::block(low, high, if side == 4 { Role::Ceiling } else { Role::Wall })));
+            layout.structure.push((name, block(piece, 0.0, WALL, if side == 4 { Role::Ceiling } else { Role::Wall })));
         }
         if rng.chance(0.6) {
-            for (number, bar) in openings.iter().flat_map(|rect| bars(rect)).enumerate() {
-                let (low, high) = block(bar, 0.3 * WALL, 0.7 * WALL);
-                layout.structure.push((format!("{name}_bar_{number}"), Part::block(low, high, Role::Furniture)));
+            for (number, bar) in openings.iter().flat_map(bars).enumerate() {
+                layout.structure.push((format!("{name}_bar_{number}"), block(bar, 0.3 * WALL, 0.7 * WALL, Role::Furniture)));
             }
         }
     }
+    degrees
 }
 
 /// One to three windows of a wall that reaches `along` to both sides, and their area.
