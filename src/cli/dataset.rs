@@ -1,6 +1,6 @@
 use super::SplitArg;
 use crate::dataset::plan::{Denoise, Keyframes, Plan, Render};
-use crate::dataset::{Shard, manifest, planning, preview, render, stats, verify};
+use crate::dataset::{Shard, manifest, pack, planning, preview, render, stats, verify};
 use crate::truth::DenoiseMode;
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
@@ -28,6 +28,8 @@ pub enum DatasetCommand {
     Stats(StatsArgs),
     /// Write scripts that render a plan on a Slurm or Kubernetes cluster
     Slurm(super::slurm::SlurmArgs),
+    /// Turn a dataset into WebDataset tar shards, or verify such shards
+    Pack(pack::Options),
 }
 
 /// Writes a plan file.
@@ -196,6 +198,7 @@ impl DatasetCommand {
             Self::Verify(args) => args.run(cancel),
             Self::Stats(args) => args.run(),
             Self::Slurm(args) => args.run(),
+            Self::Pack(options) => options.run(cancel),
         }
     }
 }

@@ -12,7 +12,7 @@ pub fn frame_file(number: usize, profile: Profile) -> String {
 }
 
 /// Inverse of [`frame_file`].
-fn frame_number(file: &str) -> Option<usize> {
+pub(super) fn frame_number(file: &str) -> Option<usize> {
     let (number, ending) = file.strip_prefix("frame.")?.split_once('.')?;
     frame_file::EXTENSIONS.contains(&ending).then(|| number.parse().ok())?
 }

@@ -43,7 +43,7 @@ mod encode;
 mod header;
 mod planes;
 
-pub use decode::{decode, decode_layers, read};
+pub use decode::{decode, decode_layers, info, read};
 pub use encode::{Loss, encode, encode_with, write};
 pub use header::layer_name;
 

@@ -6,7 +6,7 @@ mod open;
 use crate::channel::{Access, Field, LAYERS, Layer as TableLayer, Storage};
 use crate::file::write_atomic;
 use crate::image::{Image, Rgb};
-use crate::{Error, Frame, Result};
+use crate::{Error, Frame, FrameInfo, Result};
 use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
 use ::exr::math::Vec2;
 use ::exr::meta::attribute::{EnvironmentMap, IntegerBounds};
@@ -92,6 +92,18 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
         read_layer(&mut frame, layer, &mut channels).map_err(malformed)?;
     }
     Ok(frame)
+}
+
+/// What the header of a frame says; no pixel is decompressed. `name` stands for the path in errors.
+///
+/// # Errors
+/// When the bytes are no OpenEXR file of one part, or the header is not that of a frame.
+pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
+    let meta = open::meta_data(name, bytes)?;
+    let [header] = &meta.headers[..] else {
+        return Err(Error::malformed(name, format!("a frame file has one part, this one has {}", meta.headers.len())));
+    };
+    attributes::read(header).map_err(|reason| Error::malformed(name, reason))
 }
 
 /// Reads the root channels `R`, `G`, `B` of any OpenEXR file, half or float, whoever wrote it. Values are as stored: NaN is possible.

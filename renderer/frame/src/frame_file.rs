@@ -1,6 +1,6 @@
 //! Frames in either form, OpenEXR or compact: one reader for both, which goes by the first bytes and not by the ending.
 
-use crate::{Frame, Result, compact, exr};
+use crate::{Frame, FrameInfo, Result, compact, exr};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -64,4 +64,12 @@ pub fn read(path: &Path) -> Result<Frame> {
 /// As [`read`].
 pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
     if bytes.starts_with(&compact::SIGNATURE) { compact::decode(name, bytes) } else { exr::decode(name, bytes) }
+}
+
+/// What the header of a frame file of either form says; pixels are not decompressed. `name` stands for the path in errors.
+///
+/// # Errors
+/// When the bytes are no frame file or the header is damaged.
+pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
+    if bytes.starts_with(&compact::SIGNATURE) { compact::info(name, bytes) } else { exr::info(name, bytes) }
 }

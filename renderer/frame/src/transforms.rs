@@ -57,7 +57,7 @@ struct File {
 }
 
 /// Rows of a 4x4 matrix.
-type Matrix = [[f64; 4]; 4];
+pub type Matrix = [[f64; 4]; 4];
 
 #[derive(Serialize, Deserialize)]
 struct EnvironmentEntry {
@@ -208,8 +208,8 @@ fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<
     })
 }
 
-/// Rows of a matrix in the world, for a transform relative to `origin`.
-fn rows(transform: Affine3A, origin: DVec3) -> Matrix {
+/// Rows of a matrix in the world, for a transform relative to `origin`: what the file holds as `transform_matrix`.
+pub fn rows(transform: Affine3A, origin: DVec3) -> Matrix {
     // The shortest decimal that reads back as the same single-precision number, not the 17 digits of its double.
     let short = |v: f32| v.to_string().parse().unwrap_or(f64::from(v));
     let mut rows = glam::Mat4::from(transform).transpose().to_cols_array_2d().map(|row| row.map(short));

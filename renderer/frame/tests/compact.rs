@@ -212,6 +212,7 @@ fn one_reader_for_both_forms() {
         let path = folder.path().join(format!("frame.{}", if profile == Profile::Full { "rff" } else { "exr" }));
         assert_eq!(profile.write(&path, &frame).unwrap(), 0);
         assert_eq!(frame_file::read(&path).unwrap(), decoded);
+        assert_eq!(frame_file::info(&path, &std::fs::read(&path).unwrap()).unwrap(), frame.info);
         let again = profile.encode(&path, &frame).unwrap().0;
         assert_eq!(std::fs::read(&path).unwrap(), again, "the same frame gives the same bytes");
     }

@@ -5,7 +5,7 @@ use super::planes::{Number, Rows};
 use crate::channel::{Field, LAYERS};
 use crate::color::srgb_to_linear;
 use crate::image::Image;
-use crate::{Error, Frame, Result};
+use crate::{Error, Frame, FrameInfo, Result};
 use half::f16;
 use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 use std::path::Path;
@@ -38,6 +38,14 @@ pub fn decode_layers(name: &Path, bytes: &[u8], names: &[&str]) -> Result<Frame>
         return Err(Error::malformed(name, format!("no layer is called {unknown:?}; there are {}", known.join(", "))));
     }
     frame(bytes, |layer| names.contains(&layer)).map_err(|reason| Error::malformed(name, reason))
+}
+
+/// What the header says; no layer is decompressed. `name` stands for the path in errors.
+///
+/// # Errors
+/// When the bytes are no compact frame, or their header is damaged or does not fit their length.
+pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
+    frame(bytes, |_| false).map(|frame| frame.info).map_err(|reason| Error::malformed(name, reason))
 }
 
 fn frame(bytes: &[u8], wanted: impl Fn(&str) -> bool) -> std::result::Result<Frame, String> {

@@ -1,0 +1,233 @@
+//! WebDataset shards: tar files of equal numbers of samples, with counts and hashes in a manifest.
+//!
+//! `OUT/<split>-000000.tar`, ... hold a sample a frame, `seq-000123_0007.{exr|rff, json}`; `OUT/<split>-sequences.tar` holds a sample a sequence,
+//! `seq-000123.{hdr, json}`: what its frames share. Base names have no dot, because readers cut them at the first one. Samples lie in the
+//! order of sequences and frames: clips can be read as they come, and everything else shuffles shards and samples. The same dataset gives
+//! the same bytes.
+
+mod sample;
+mod verify;
+mod write;
+
+use super::source::{self, Source};
+use crate::progress::Progress;
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, ValueEnum};
+use renderflow_frame::file;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// File name of the manifest of shards.
+pub const MANIFEST: &str = "manifest.json";
+/// The shards of a run that did not come to its end.
+const UNFINISHED: &str = "unfinished.json";
+
+/// Packs a dataset into WebDataset tar shards; finished shards are kept. With --verify, reads shards and holds them against their manifest.
+#[derive(Args)]
+#[command(
+    after_help = "Example: renderflow dataset pack data --out shards --profile compact\n         renderflow dataset pack --verify shards\n\
+Samples are `seq-000123_0007.exr|rff` and `.json` (camera, keyframe, spp, exposure, moving objects, split, hash); the environment and the\n\
+scene of each sequence are in `<split>-sequences.tar`. `manifest.json` is written last."
+)]
+pub struct Options {
+    /// Dataset folder
+    #[arg(required_unless_present = "verify")]
+    dataset: Option<PathBuf>,
+    /// Folder for the shards
+    #[arg(long, required_unless_present = "verify")]
+    out: Option<PathBuf>,
+    /// Samples in a shard; the last one of a split may have fewer
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
+    samples_per_shard: u32,
+    /// Form of the frames
+    #[arg(long, value_enum, default_value_t)]
+    profile: Frames,
+    /// Hash and count the shards in this folder instead
+    #[arg(long, value_name = "OUT", conflicts_with_all = ["dataset", "out"])]
+    verify: Option<PathBuf>,
+}
+
+/// Form of the frames in shards.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Frames {
+    /// The files as they are
+    #[default]
+    Stored,
+    /// The compact training profile; OpenEXR files are converted
+    Compact,
+}
+
+/// What is in a folder of shards.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Format version, 1.
+    pub version: u32,
+    /// The program that made it.
+    pub program: String,
+    /// BLAKE3 of the dataset's own manifest, where it has one.
+    pub dataset: Option<String>,
+    /// Form of the frames.
+    pub profile: Frames,
+    /// Samples in each shard but the last of a split.
+    pub samples_per_shard: u32,
+    /// Frames by split.
+    pub samples: BTreeMap<String, u64>,
+    /// Sequences by split.
+    pub sequences: BTreeMap<String, u64>,
+    /// The shards, those of sequences last in each split.
+    pub shards: Vec<Shard>,
+}
+
+/// One tar file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Shard {
+    /// File name.
+    pub file: String,
+    /// `frames` or `sequences`.
+    pub kind: Kind,
+    /// Split of all its samples.
+    pub split: String,
+    /// Number of samples.
+    pub samples: u64,
+    /// First and last key.
+    pub keys: [String; 2],
+    /// Length of the file.
+    pub bytes: u64,
+    /// Of the file.
+    pub blake3: String,
+    /// BLAKE3 of what it was made from: keys, hashes of the files, profile.
+    pub source: String,
+}
+
+/// What the samples of a shard are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// One a frame.
+    Frames,
+    /// One a sequence.
+    Sequences,
+}
+
+impl Options {
+    /// Packs or verifies.
+    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+        if let Some(shards) = &self.verify {
+            return verify::verify(shards, cancel);
+        }
+        let (Some(dataset), Some(out)) = (&self.dataset, &self.out) else { bail!("a dataset and --out are needed") };
+        let manifest = pack(dataset, out, self.samples_per_shard, self.profile, cancel)?;
+        let bytes: u64 = manifest.shards.iter().map(|shard| shard.bytes).sum();
+        let samples: u64 = manifest.samples.values().sum();
+        println!("{} shards, {samples} samples, {bytes} bytes: {}", manifest.shards.len(), out.join(MANIFEST).display());
+        Ok(())
+    }
+}
+
+/// One shard to write.
+struct Planned<'a> {
+    file: String,
+    kind: Kind,
+    split: &'static str,
+    /// Sequence and index of each frame, or sequence and 0.
+    samples: Vec<(&'a Source, usize)>,
+}
+
+/// The shards of a dataset, in the order of the manifest.
+fn plan(sequences: &[Source], samples_per_shard: usize) -> Vec<Planned<'_>> {
+    let mut planned = Vec::new();
+    for split in sequences.chunk_by(|a, b| a.split == b.split) {
+        let name = split[0].split;
+        let frames: Vec<_> = split.iter().flat_map(|s| (0..s.numbers.len()).map(move |index| (s, index))).collect();
+        for (number, samples) in frames.chunks(samples_per_shard).enumerate() {
+            let file = format!("{name}-{number:06}.tar");
+            planned.push(Planned { file, kind: Kind::Frames, split: name, samples: samples.to_vec() });
+        }
+        let samples = split.iter().map(|s| (s, 0)).collect();
+        planned.push(Planned { file: format!("{name}-sequences.tar"), kind: Kind::Sequences, split: name, samples });
+    }
+    planned
+}
+
+/// Packs the dataset in `dataset` into `out`.
+///
+/// # Errors
+/// When the dataset is not complete, a frame is missing or not the one its sequence recorded, or a file cannot be written. What is finished is
+/// kept; the same call goes on. When `out` holds files of another dataset they are replaced.
+pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames, cancel: &AtomicBool) -> Result<Manifest> {
+    let sources = source::open(dataset)?;
+    std::fs::create_dir_all(out).with_context(|| format!("{}: cannot create folder", out.display()))?;
+    super::render::remove_leftovers(out);
+    let planned = plan(&sources.sequences, samples_per_shard as usize);
+    let before = finished(out)?;
+    // Until it is written again at the end, what is there is no finished set of shards.
+    let manifest_path = out.join(MANIFEST);
+    if manifest_path.is_file() {
+        file::write_json(&out.join(UNFINISHED), &before)?;
+        std::fs::remove_file(&manifest_path).with_context(|| format!("{}: cannot remove", manifest_path.display()))?;
+    }
+    let total: usize = planned.iter().map(|shard| shard.samples.len()).sum();
+    let progress = Progress::new("pack", total as u64);
+    let mut shards: Vec<Shard> = Vec::new();
+    for planned in &planned {
+        progress.message(planned.file.clone());
+        let source = sample::source_hash(planned, profile)?;
+        let same = before.iter().find(|shard| shard.file == planned.file && shard.source == source);
+        match same {
+            Some(shard) if verify::is_whole(&out.join(&shard.file), shard) => {
+                progress.resume(planned.samples.len() as u64);
+                shards.push(shard.clone());
+            }
+            _ => shards.push(write::shard(out, planned, profile, source, &progress, cancel)?),
+        }
+        let rest = before.iter().filter(|old| shards.iter().all(|new| new.file != old.file));
+        file::write_json(&out.join(UNFINISHED), &shards.iter().chain(rest).collect::<Vec<_>>())?;
+    }
+    progress.finish();
+    // Shards of an earlier, larger set are in no manifest any more.
+    for old in before.iter().filter(|old| shards.iter().all(|new| new.file != old.file)) {
+        let path = out.join(&old.file);
+        if path.is_file() {
+            std::fs::remove_file(&path).with_context(|| format!("{}: cannot remove", path.display()))?;
+        }
+    }
+    let count = |kind: Kind| {
+        let mut counts = BTreeMap::new();
+        for shard in shards.iter().filter(|shard| shard.kind == kind) {
+            *counts.entry(shard.split.clone()).or_insert(0) += shard.samples;
+        }
+        counts
+    };
+    let manifest = Manifest {
+        version: 1,
+        program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
+        dataset: sources.manifest,
+        profile,
+        samples_per_shard,
+        samples: count(Kind::Frames),
+        sequences: count(Kind::Sequences),
+        shards,
+    };
+    file::write_json(&manifest_path, &manifest)?;
+    let unfinished = out.join(UNFINISHED);
+    std::fs::remove_file(&unfinished).with_context(|| format!("{}: cannot remove", unfinished.display()))?;
+    Ok(manifest)
+}
+
+/// Shards that earlier runs finished.
+fn finished(out: &Path) -> Result<Vec<Shard>> {
+    let unfinished = out.join(UNFINISHED);
+    if unfinished.is_file() {
+        return Ok(file::read_json(&unfinished)?);
+    }
+    let manifest = out.join(MANIFEST);
+    if !manifest.is_file() {
+        return Ok(Vec::new());
+    }
+    let manifest: Manifest = file::read_json(&manifest).context("not a folder of shards; choose another")?;
+    ensure!(manifest.version == 1, "{}: /version: {} is not 1", out.join(MANIFEST).display(), manifest.version);
+    Ok(manifest.shards)
+}

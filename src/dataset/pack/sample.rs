@@ -1,0 +1,209 @@
+//! What stands in a sample.
+
+use super::super::source::Source;
+use super::{Frames, Kind, Planned};
+use anyhow::{Context, Result, ensure};
+use renderflow_frame::frame_file::{self, Profile};
+use renderflow_frame::transforms::{Matrix, rows};
+use renderflow_frame::{Camera, compact};
+use serde::Serialize;
+use serde::de::IgnoredAny;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A file of a sample: its ending and its bytes.
+pub type Member = (&'static str, Vec<u8>);
+
+/// `seq-000123_0007.json`.
+#[derive(Serialize)]
+struct Frame<'a> {
+    key: String,
+    split: &'a str,
+    sequence: &'a str,
+    /// Number in the sequence, and how many stored frames come before it.
+    frame: usize,
+    index: usize,
+    keyframe: bool,
+    /// Samples a pixel; 0 = G-buffer only.
+    spp: u32,
+    denoiser: Option<&'a str>,
+    seed: u64,
+    scene_hash: &'a str,
+    /// Factor from radiance to display-linear.
+    exposure: f32,
+    camera: CameraEntry,
+    environment: Environment<'a>,
+    /// Object id to rows of object-to-world; only objects that move.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    object_transforms: BTreeMap<u32, Matrix>,
+    /// Ending of the frame's file in the sample, its length and hash.
+    file: &'a str,
+    bytes: usize,
+    blake3: String,
+}
+
+/// The keys of `transforms.json`.
+#[derive(Serialize)]
+struct CameraEntry {
+    camera_model: &'static str,
+    convention: &'static str,
+    fl_x: f32,
+    fl_y: f32,
+    cx: f32,
+    cy: f32,
+    w: usize,
+    h: usize,
+    transform_matrix: Matrix,
+}
+
+impl CameraEntry {
+    fn of(camera: &Camera) -> Self {
+        Self {
+            camera_model: "PINHOLE",
+            convention: "opengl_c2w",
+            fl_x: camera.fl_x,
+            fl_y: camera.fl_y,
+            cx: camera.cx,
+            cy: camera.cy,
+            w: camera.width,
+            h: camera.height,
+            transform_matrix: rows(camera.camera_to_world, camera.origin),
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Environment<'a> {
+    /// Sample of `<split>-sequences.tar` whose `.hdr` it is.
+    key: &'a str,
+    /// Radians about +Y.
+    rotation: f32,
+    intensity: f32,
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
+}
+
+/// The hash that `sequence.json` has of a frame or a description.
+fn recorded<'a>(source: &'a Source, file: &str) -> Option<&'a str> {
+    let record = source.record.as_ref()?;
+    let frames = record.frames.iter().map(|frame| (&frame.file, &frame.blake3));
+    let descriptions = record.descriptions.iter().map(|(file, hash)| (file, hash));
+    frames.chain(descriptions).find(|(name, _)| *name == file).map(|(_, hash)| hash.as_str())
+}
+
+/// Reads a file of a sequence; it must be the one that was recorded.
+fn read_recorded(source: &Source, file: &str) -> Result<(Vec<u8>, String)> {
+    let path = source.folder.join(file);
+    let bytes = read(&path)?;
+    let hash = hex(&bytes);
+    if let Some(recorded) = recorded(source, file) {
+        ensure!(hash == recorded, "{}: has BLAKE3 {hash}, sequence.json says {recorded}", path.display());
+    }
+    Ok((bytes, hash))
+}
+
+/// The files of a frame.
+pub fn frame(source: &Source, index: usize, profile: Frames) -> Result<Vec<Member>> {
+    let path = source.file(index);
+    let (mut bytes, _) = read_recorded(source, &source.sequence.files[index])?;
+    let info = frame_file::info(&path, &bytes)?;
+    let is_compact = bytes.starts_with(&compact::SIGNATURE);
+    if profile == Frames::Compact && !is_compact {
+        bytes = compact::encode(&path, &frame_file::decode(&path, &bytes)?)?.0;
+    }
+    let form = if profile == Frames::Compact || is_compact { Profile::Compact } else { Profile::Full };
+    let sequence = &source.sequence;
+    let camera = sequence.cameras[index];
+    let json = Frame {
+        key: source.key(index),
+        split: source.split,
+        sequence: &source.name,
+        frame: source.numbers[index],
+        index,
+        keyframe: sequence.keyframes.contains(&index),
+        spp: info.spp,
+        denoiser: info.denoiser.as_deref(),
+        seed: info.seed,
+        scene_hash: &info.scene_hash,
+        exposure: sequence.exposure,
+        camera: CameraEntry::of(&camera),
+        environment: Environment {
+            key: &source.name,
+            rotation: sequence.environment_rotation,
+            intensity: sequence.environment_intensity,
+        },
+        object_transforms: (sequence.tracks.objects.iter())
+            .filter_map(|(&id, track)| Some((id, rows(*track.get(index)?, camera.origin))))
+            .collect(),
+        file: form.extension(),
+        bytes: bytes.len(),
+        blake3: hex(&bytes),
+    };
+    let json = serde_json::to_vec(&json)?;
+    Ok(vec![(form.extension(), bytes), ("json", json)])
+}
+
+/// The files of a sequence: its environment, and its descriptions as they stand, under one object.
+pub fn sequence(source: &Source) -> Result<Vec<Member>> {
+    let (environment, hash) = read_recorded(source, &source.sequence.environment)?;
+    let mut json =
+        format!("{{\"key\": \"{}\", \"split\": \"{}\", \"environment\": \"{hash}\"", source.name, source.split).into_bytes();
+    for (key, file) in [("scene", "scene.json"), ("transforms", "transforms.json"), ("sequence", "sequence.json")] {
+        if file == "sequence.json" && source.record.is_none() {
+            continue;
+        }
+        let (text, _) = read_recorded(source, file)?;
+        // Its own bytes, so that hashes and numbers stay what they are; a broken file must not break the whole.
+        serde_json::from_slice::<IgnoredAny>(&text).with_context(|| source.folder.join(file).display().to_string())?;
+        json.extend_from_slice(format!(", \"{key}\": ").as_bytes());
+        json.extend_from_slice(text.trim_ascii());
+    }
+    json.extend_from_slice(b"}");
+    let ending = if source.sequence.environment.ends_with(".exr") { "exr" } else { "hdr" };
+    Ok(vec![(ending, environment), ("json", json)])
+}
+
+/// Hash of everything a shard is made from. Recorded hashes are taken at their word here, where a shard is only to be recognised;
+/// what is written was read and compared.
+pub fn source_hash(planned: &Planned, profile: Frames) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    let mut put = |text: &str| {
+        hasher.update(&(text.len() as u64).to_le_bytes());
+        hasher.update(text.as_bytes());
+    };
+    put(concat!("renderflow ", env!("CARGO_PKG_VERSION"), " shard 1"));
+    put(if profile == Frames::Compact { "compact" } else { "stored" });
+    let hash_of = |source: &Source, file: &str| -> Result<String> {
+        let path = source.folder.join(file);
+        ensure!(path.is_file(), "{}: is not there", path.display());
+        recorded(source, file).map_or_else(|| Ok(hex(&read(&path)?)), |hash| Ok(hash.to_owned()))
+    };
+    let mut last: Option<&Source> = None;
+    for &(source, index) in &planned.samples {
+        if last.is_none_or(|last| !std::ptr::eq(last, source)) {
+            put(&source.name);
+            put(&hash_of(source, "transforms.json")?);
+            last = Some(source);
+        }
+        match planned.kind {
+            Kind::Frames => {
+                put(&source.key(index));
+                put(&hash_of(source, &source.sequence.files[index])?);
+            }
+            Kind::Sequences => {
+                put(&hash_of(source, &source.sequence.environment)?);
+                put(&hash_of(source, "scene.json")?);
+                if source.record.is_some() {
+                    put(&hash_of(source, "sequence.json")?);
+                }
+            }
+        }
+    }
+    Ok(hasher.finalize().to_hex().to_string())
+}

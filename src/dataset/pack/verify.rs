@@ -1,0 +1,122 @@
+//! Holds shards against their manifest: hashes, counts, names, and the hash in each sample.
+
+use super::{Kind, MANIFEST, Manifest, Shard};
+use crate::progress::Progress;
+use crate::truth::Interrupted;
+use anyhow::{Context, Result, bail, ensure};
+use renderflow_frame::file;
+use serde::Deserialize;
+use std::collections::{BTreeMap, HashSet};
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Length and hash of a file.
+fn hash(path: &Path) -> std::io::Result<(u64, String)> {
+    let mut hasher = blake3::Hasher::new();
+    let mut file = File::open(path)?;
+    let bytes = std::io::copy(&mut file, &mut hasher)?;
+    Ok((bytes, hasher.finalize().to_hex().to_string()))
+}
+
+/// Whether the file at `path` is the one that `shard` describes.
+pub fn is_whole(path: &Path, shard: &Shard) -> bool {
+    hash(path).is_ok_and(|(bytes, blake3)| bytes == shard.bytes && blake3 == shard.blake3)
+}
+
+/// Reads every shard in `out`; prints what was found.
+///
+/// # Errors
+/// When there is no manifest, or anything is not as it says; every fault is printed first.
+pub fn verify(out: &Path, cancel: &AtomicBool) -> Result<()> {
+    let manifest: Manifest = file::read_json(&out.join(MANIFEST)).context("not a finished folder of shards")?;
+    ensure!(manifest.version == 1, "{}: /version: {} is not 1", out.join(MANIFEST).display(), manifest.version);
+    let progress = Progress::new("verify", manifest.shards.len() as u64);
+    let mut faults = Vec::new();
+    let (mut counts, mut keys) = (BTreeMap::new(), HashSet::new());
+    for shard in &manifest.shards {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(Interrupted.into());
+        }
+        progress.message(shard.file.clone());
+        match check(&out.join(&shard.file), shard, &mut keys) {
+            Ok(()) => *counts.entry((shard.split.clone(), shard.kind == Kind::Frames)).or_insert(0) += shard.samples,
+            Err(error) => faults.push(format!("{error:#}")),
+        }
+        progress.add(1);
+    }
+    progress.finish();
+    for (name, expected, frames) in [("samples", &manifest.samples, true), ("sequences", &manifest.sequences, false)] {
+        for (split, expected) in expected {
+            let found = counts.get(&(split.clone(), frames)).copied().unwrap_or(0);
+            if found != *expected && faults.is_empty() {
+                faults.push(format!("{MANIFEST}: /{name}/{split}: {expected}, the shards have {found}"));
+            }
+        }
+    }
+    for entry in std::fs::read_dir(out).with_context(|| format!("{}: cannot list", out.display()))? {
+        let name = entry.with_context(|| format!("{}: cannot list", out.display()))?.file_name();
+        let name = name.to_string_lossy();
+        if name.ends_with(".tar") && manifest.shards.iter().all(|shard| shard.file != name) {
+            faults.push(format!("{name}: is not in {MANIFEST}"));
+        }
+    }
+    for fault in &faults {
+        println!("FAULT {fault}");
+    }
+    if !faults.is_empty() {
+        bail!("{}: {} faults", out.display(), faults.len());
+    }
+    let (samples, bytes) = (manifest.samples.values().sum::<u64>(), manifest.shards.iter().map(|s| s.bytes).sum::<u64>());
+    println!("{} shards, {samples} samples, {bytes} bytes, no faults", manifest.shards.len());
+    Ok(())
+}
+
+/// One shard; `keys` are those of all shards before it.
+fn check(path: &Path, shard: &Shard, keys: &mut HashSet<String>) -> Result<()> {
+    let (bytes, blake3) = hash(path).with_context(|| format!("{}: cannot read", path.display()))?;
+    ensure!(bytes == shard.bytes, "{}: {bytes} bytes, the manifest says {}", path.display(), shard.bytes);
+    ensure!(blake3 == shard.blake3, "{}: has BLAKE3 {blake3}, the manifest says {}", path.display(), shard.blake3);
+    let found = samples(path, shard.kind, keys).with_context(|| path.display().to_string())?;
+    ensure!(found == shard.samples, "{}: {found} samples, the manifest says {}", path.display(), shard.samples);
+    Ok(())
+}
+
+/// The keys of a sample's description that say what its frame is.
+#[derive(Deserialize)]
+struct Described {
+    key: String,
+    #[serde(default)]
+    file: String,
+    #[serde(default)]
+    blake3: String,
+}
+
+/// Walks an archive; returns the number of samples.
+fn samples(path: &Path, kind: Kind, keys: &mut HashSet<String>) -> Result<u64> {
+    let mut archive = tar::Archive::new(BufReader::with_capacity(1 << 20, File::open(path)?));
+    let mut count = 0;
+    let mut first: Option<(String, String, String)> = None;
+    for entry in archive.entries()? {
+        let mut entry = entry?;
+        let name = entry.path()?.to_string_lossy().into_owned();
+        // As readers do: the key ends at the first dot.
+        let (key, ending) = name.split_once('.').with_context(|| format!("{name}: no ending"))?;
+        let mut content = Vec::new();
+        entry.read_to_end(&mut content)?;
+        let Some((first_key, first_ending, hash)) = first.take() else {
+            ensure!(keys.insert(format!("{kind:?} {key}")), "{key}: a second sample of this name");
+            first = Some((key.to_owned(), ending.to_owned(), blake3::hash(&content).to_hex().to_string()));
+            continue;
+        };
+        let described: Described = serde_json::from_slice(&content).with_context(|| name.clone())?;
+        ensure!(key == first_key && ending == "json" && described.key == key, "{name}: is not the description of {first_key}");
+        if kind == Kind::Frames {
+            ensure!(described.file == first_ending && described.blake3 == hash, "{name}: is not of {first_key}.{first_ending}");
+        }
+        count += 1;
+    }
+    ensure!(first.is_none(), "the last sample has no description");
+    Ok(count)
+}

@@ -1,0 +1,102 @@
+//! The sequences of a dataset on disk, for what reads all of them: [`pack`](super::pack) and [`export`](super::export).
+
+use super::folder::frame_number;
+use super::manifest::MANIFEST;
+use super::plan::SPLITS;
+use super::record::Record;
+use anyhow::{Context, Result, ensure};
+use renderflow_frame::transforms::{self, Sequence};
+use std::path::{Path, PathBuf};
+
+/// One sequence. Frames are read on demand.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// `train`, `val` or `test`.
+    pub split: &'static str,
+    /// Name of its folder, without a dot.
+    pub name: String,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Cameras, files, keyframes, exposure.
+    pub sequence: Sequence,
+    /// Number of each stored frame in the sequence.
+    pub numbers: Vec<usize>,
+    /// `sequence.json`, where there is one.
+    pub record: Option<Record>,
+}
+
+impl Source {
+    /// Name of frame `index` in every form that leaves the folders: `seq-000123_0007`.
+    pub fn key(&self, index: usize) -> String {
+        format!("{}_{:04}", self.name, self.numbers[index])
+    }
+
+    /// File of frame `index`.
+    pub fn file(&self, index: usize) -> PathBuf {
+        self.folder.join(&self.sequence.files[index])
+    }
+}
+
+/// A dataset folder.
+#[derive(Clone, Debug)]
+pub struct Sources {
+    /// By split (train, val, test), then by name.
+    pub sequences: Vec<Source>,
+    /// BLAKE3 of its `manifest.json`, where there is one.
+    pub manifest: Option<String>,
+}
+
+/// Finds the sequences in `dataset/{train,val,test}`.
+///
+/// # Errors
+/// When there are none; when a sequence's `transforms.json` cannot be read or a name would not do in an archive; when the dataset has a plan
+/// but no manifest, so that frames may be missing.
+pub fn open(dataset: &Path) -> Result<Sources> {
+    let manifest = dataset.join(MANIFEST);
+    let manifest = match std::fs::read(&manifest) {
+        Ok(bytes) => Some(blake3::hash(&bytes).to_hex().to_string()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error).with_context(|| format!("{}: cannot read", manifest.display())),
+    };
+    ensure!(
+        manifest.is_some() || !dataset.join("plan.json").is_file(),
+        "{}: no {MANIFEST}, so the dataset is not complete; render what is missing and merge it",
+        dataset.display()
+    );
+    let mut sequences = Vec::new();
+    for split in SPLITS.map(|split| split.name()) {
+        let folder = dataset.join(split);
+        if !folder.is_dir() {
+            continue;
+        }
+        let mut folders = Vec::new();
+        for entry in std::fs::read_dir(&folder).with_context(|| format!("{}: cannot list", folder.display()))? {
+            let path = entry.with_context(|| format!("{}: cannot list", folder.display()))?.path();
+            if path.join("transforms.json").is_file() {
+                folders.push(path);
+            }
+        }
+        folders.sort();
+        for folder in folders {
+            sequences.push(sequence(split, folder)?);
+        }
+    }
+    ensure!(!sequences.is_empty(), "{}: no sequence in train, val or test", dataset.display());
+    Ok(Sources { sequences, manifest })
+}
+
+fn sequence(split: &'static str, folder: PathBuf) -> Result<Source> {
+    let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_owned();
+    // Readers of archives cut names at the first dot, and some break at other signs.
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    ensure!(!name.is_empty() && name.chars().all(plain), "{}: a name of letters, digits, - and _ is needed", folder.display());
+    let sequence = transforms::read(&folder.join("transforms.json"))?;
+    let mut numbers = Vec::with_capacity(sequence.files.len());
+    for file in &sequence.files {
+        let number = frame_number(file);
+        numbers.push(number.with_context(|| format!("{}: {file} is no frame of this program", folder.display()))?);
+    }
+    ensure!(numbers.is_sorted_by(|a, b| a < b), "{}: its frames are not in order", folder.display());
+    let record = Record::read(&folder)?;
+    Ok(Source { split, name, folder, sequence, numbers, record })
+}
