@@ -27,6 +27,7 @@ test: oidn
 test-full: test build
 	$(CARGO) test --release --workspace $(FEATURES) -- --ignored
 	sh tests/python/run.sh
+	sh tests/slurm/run.sh
 	$(RENDERFLOW) stress --again --out target/stress.json
 
 bench: build

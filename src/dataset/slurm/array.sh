@@ -23,18 +23,20 @@ restarts=${SLURM_RESTART_COUNT:-0}
 memory=${SLURM_MEM_PER_NODE:-@MEGABYTES@}
 say() { echo "$(date '+%Y-%m-%dT%H:%M:%S') task $task, restart $restarts: $*"; }
 
-# Slurm tells the shell alone, before the time is up or the node is taken away; the frame at hand can still be finished.
+# Slurm tells the shell alone, before the time is up or the node is taken away; the frame at hand can still be finished. It may say
+# so twice, and a second signal would make the program drop the frame.
 signals=0
 child=
 forward() {
     signals=$((signals + 1))
-    [ -z "$child" ] || kill -TERM "$child" 2>/dev/null
+    [ "$signals" -gt 1 ] || [ -z "$child" ] || kill -TERM "$child" 2>/dev/null
 }
 trap forward TERM
 
 say "starts on $(hostname)"
 "$program" dataset render --plan "$plan" --out "$out" --threads "${SLURM_CPUS_PER_TASK:-@CPUS@}" &
 child=$!
+[ "$signals" -eq 0 ] || kill -TERM "$child" 2>/dev/null
 status=127
 seen=-1
 # A signal ends `wait` early: wait again for the program itself. Of a child that is gone by then, some shells know nothing (127).
@@ -74,7 +76,8 @@ case $status in
         scancel "$task"
     fi
     ;;
-75)
+75 | 143)
+    # 143: told before it could listen.
     say "interrupted; goes on later"
     scontrol requeue "$task" || give_up "cannot be requeued"
     ;;

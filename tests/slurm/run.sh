@@ -1,0 +1,259 @@
+#!/bin/sh
+# Renders datasets on a real Slurm: controller and node daemon on this machine's loopback, in a temporary folder, gone at the end.
+#   sh tests/slurm/run.sh              everything; as root on Debian, where Slurm's packages are installed if they are not there
+#   TASKS=200 sh tests/slurm/run.sh    measures the overhead with so many tasks (60)
+# RENDERFLOW names the program (target/release/renderflow). Skipped, with the reason, where Slurm cannot be run.
+set -eu
+cd "$(dirname "$0")/../.."
+program=$(realpath "${RENDERFLOW:-target/release/renderflow}")
+tasks=${TASKS:-60}
+
+skip() {
+    echo "skipped: tests/slurm: $*"
+    exit 0
+}
+fail() {
+    echo "FAILED: tests/slurm: $*" >&2
+    exit 1
+}
+[ "$(id -u)" = 0 ] || skip "Slurm's daemons need root"
+[ -x "$program" ] || fail "$program: build it first"
+
+missing() {
+    for tool in slurmctld slurmd sbatch scontrol munged; do
+        command -v $tool >/dev/null || echo $tool
+    done
+}
+if [ -n "$(missing)" ]; then
+    command -v apt-get >/dev/null || skip "$(missing | tr '\n' ' ')not installed, and no apt-get"
+    # The packages would start their services, or fail to.
+    policy=/usr/sbin/policy-rc.d
+    [ -e $policy ] || { printf '#!/bin/sh\nexit 101\n' >$policy && chmod +x $policy && trap 'rm -f $policy' EXIT; }
+    install() { DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends slurmctld slurmd slurm-client munge; }
+    { install || { apt-get update -qq && install; }; } >/dev/null 2>&1 || true
+    trap - EXIT
+    grep -qx 'exit 101' $policy && [ "$(wc -l <$policy)" = 2 ] && rm -f $policy
+    [ -z "$(missing)" ] || skip "Slurm's packages cannot be installed"
+fi
+
+# Processes of their own: whatever is started here ends with this script, even where it is killed.
+if [ -z "${INSIDE-}" ] && unshare --pid --fork --kill-child --mount-proc true 2>/dev/null; then
+    INSIDE=1 exec unshare --pid --fork --kill-child --mount-proc sh "$0"
+fi
+
+site=$(mktemp -d)
+chmod 755 "$site"
+daemons="slurmd slurmctld munged"
+cleanup() {
+    status=$?
+    trap - EXIT
+    if [ $status != 0 ]; then
+        tail -n 20 "$site"/log/*.log "$site"/*/jobs/logs/* 2>/dev/null || true
+    fi
+    scancel --quiet --user=root 2>/dev/null || true
+    scancel --quiet --user=nobody 2>/dev/null || true
+    for daemon in $daemons; do
+        [ ! -s "$site/run/$daemon.pid" ] || kill "$(cat "$site/run/$daemon.pid")" 2>/dev/null || true
+    done
+    within 20 stopped || echo "warning: a daemon did not stop" >&2
+    rm -rf "$site"
+    exit $status
+}
+running() { [ -s "$site/run/$1.pid" ] && kill -0 "$(cat "$site/run/$1.pid")" 2>/dev/null; }
+stopped() {
+    for daemon in $daemons; do
+        ! running "$daemon" || return 1
+    done
+}
+now() { date +%s.%N; }
+since() { awk "BEGIN { printf \"%.1f\", $(now) - $1 }"; }
+# within SECONDS COMMAND..: waits until the command succeeds.
+within() {
+    limit=$(($(date +%s) + $1))
+    shift
+    until "$@"; do
+        [ "$(date +%s)" -lt $limit ] || return 1
+        sleep 0.1
+    done
+}
+trap cleanup EXIT
+trap 'exit 1' INT TERM HUP
+
+# A controller and a node. Of the defaults, these are changed so that the test takes minutes:
+#   cred_expire 5 (120 s)    a requeued task waits so long and a second more before it starts again;
+#   SlurmdTimeout 15 (300)   a node that says nothing is down after that, and asked about every third of it;
+#   KillWait 5 (30)          seconds from SIGTERM to SIGKILL.
+mkdir -p "$site/state" "$site/spool" "$site/log" "$site/run"
+free_port() {
+    while :; do
+        port=$((20000 + $(od -An -N2 -tu2 /dev/urandom) % 40000))
+        grep -qi ":$(printf '%04X' $port) " /proc/net/tcp || break
+    done
+    echo $port
+}
+head -c 128 /dev/urandom >"$site/munge.key"
+chmod 400 "$site/munge.key"
+host=$(hostname -s)
+cores=$(nproc)
+cat >"$site/slurm.conf" <<CONF
+ClusterName=loop
+SlurmctldHost=$host(127.0.0.1)
+SlurmUser=root
+AuthType=auth/munge
+CryptoType=crypto/munge
+AuthInfo=socket=$site/run/munged.socket,cred_expire=5
+SlurmctldPort=$(free_port)
+SlurmdPort=$(free_port)
+StateSaveLocation=$site/state
+SlurmdSpoolDir=$site/spool
+SlurmctldPidFile=$site/run/slurmctld.pid
+SlurmdPidFile=$site/run/slurmd.pid
+SlurmctldLogFile=$site/log/slurmctld.log
+SlurmdLogFile=$site/log/slurmd.log
+ProctrackType=proctrack/pgid
+TaskPlugin=task/none
+JobAcctGatherType=jobacct_gather/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core_Memory
+ReturnToService=2
+SlurmdTimeout=15
+KillWait=5
+MpiDefault=none
+CommunicationParameters=NoInAddrAny,NoCtldInAddrAny
+NodeName=$host NodeAddr=127.0.0.1 CPUs=$cores RealMemory=8000 State=UNKNOWN
+PartitionName=render Nodes=$host Default=YES MaxTime=INFINITE State=UP
+CONF
+export SLURM_CONF="$site/slurm.conf"
+munged --force --num-threads=2 --socket="$site/run/munged.socket" --key-file="$site/munge.key" --seed-file="$site/run/munged.seed" \
+    --pid-file="$site/run/munged.pid" --log-file="$site/log/munged.log" 2>/dev/null || fail "munged does not start"
+slurmctld -f "$SLURM_CONF" || fail "slurmctld does not start"
+start_node() { slurmd -f "$SLURM_CONF" -N "$host" || fail "slurmd does not start"; }
+start_node
+idle() { [ "$(sinfo -h -o %t 2>/dev/null)" = idle ]; }
+within 60 idle || fail "the node does not come up: $(sinfo 2>&1)"
+echo "slurm $(slurmctld -V | cut -d' ' -f2), $cores cores"
+
+# plan NAME SEQUENCES FRAMES PIXELS SPP, then what one process makes of it, undisturbed.
+plan() {
+    mkdir -p "$site/$1"
+    "$program" dataset plan --seed 5 --sequences "$2" --frames "$3" --resolution "$4" --spp "$5" --keyframe-gap 2 --denoise none \
+        --out "$site/$1/plan.json"
+    begun=$(now)
+    "$program" dataset render --plan "$site/$1/plan.json" --out "$site/$1/alone" --shard 1/1 --threads 1 2>"$site/log/alone.log" ||
+        fail "alone: $(cat "$site/log/alone.log")"
+    echo "$1: $2 sequences of $3 frames, $(since "$begun") s in one process of one thread"
+}
+# submit NAME OUT [options of dataset slurm]: numbers of the array and of the merge in `array` and `merge`.
+submit() {
+    name=$1 out=$2
+    shift 2
+    "$program" dataset slurm --plan "$site/$name/plan.json" --out "$site/$name/$out" --script-dir "$site/$out/jobs" --cpus 1 \
+        --memory 500M --program "$program" "$@" >/dev/null
+    jobs=$(sh "$site/$out/jobs/submit.sh" | cut -d: -f1)
+    array=$(echo "$jobs" | head -n 1)
+    merge=$(echo "$jobs" | tail -n 1)
+}
+state() { squeue -h -t all -j "$1" -o %T 2>/dev/null; }
+ended() { case $(state "$1") in PENDING | RUNNING | COMPLETING | CONFIGURING) return 1 ;; esac; }
+# finish NAME OUT SECONDS: waits for the merge; all files but clocks and logs must be those of one process.
+finish() {
+    within "$3" ended "$merge" || fail "$2: the merge has not ended after $3 s: $(squeue)"
+    [ "$(state "$merge")" = COMPLETED ] || fail "$2: the merge is $(state "$merge")"
+    [ -f "$site/$1/$2/manifest.json" ] || fail "$2: no manifest"
+    diff -r --exclude=timing.json --exclude=logs "$site/$1/alone" "$site/$1/$2" || fail "$2: differs from one process"
+    echo "$2: $(find "$site/$1/$2" -type f | wc -l) files, the same bytes as one process"
+}
+frames() { find "$site/$1" -name 'frame.*' 2>/dev/null | wc -l; }
+some_frames() { [ "$(frames "$1")" -ge "$2" ]; }
+said() { grep -qs "$2" "$site/$1"/jobs/logs/*; }
+
+# 1. Undisturbed.
+plan small 6 3 48 4
+begun=$(now)
+submit small undisturbed --tasks-at-once 3
+finish small undisturbed 120
+echo "undisturbed: $(since "$begun") s from submission to the end of the merge"
+
+# 2. The node's daemon, its step daemons and all their tasks are killed at once; the node comes back.
+plan long 6 6 64 1024
+submit long killed
+within 60 some_frames long/killed 4 || fail "killed: no frames"
+victims=$(scontrol listpids | awk 'NR > 1 && $1 > 1 { print $1 }')
+for pid in $victims; do
+    parent=$(ps -o ppid= -p "$pid" 2>/dev/null | tr -d ' ') || continue
+    case $(ps -o comm= -p "${parent:-0}" 2>/dev/null) in slurmstepd*) victims="$parent $victims" ;; esac
+done
+[ "$(echo "$victims" | wc -w)" -ge 3 ] || fail "killed: nothing to kill: $victims"
+kill -9 "$(cat "$site/run/slurmd.pid")"
+# shellcheck disable=SC2086
+kill -9 $victims 2>/dev/null || true
+begun=$(now)
+echo "killed: slurmd and $(echo "$victims" | tr ' ' '\n' | sort -u | wc -l) processes, at $(frames long/killed) of 36 frames"
+start_node
+noticed() { grep -qE 'Killing|requeue|Requeu|missing|not found on node|NODE_FAIL' "$site/log/slurmctld.log"; }
+within 400 noticed && echo "killed: the controller noticed after $(since "$begun") s"
+within 400 said killed 'restart 1: starts' || fail "killed: no task was restarted: $(squeue)"
+echo "killed: the first task ran again after $(since "$begun") s"
+finish long killed 400
+echo "killed: everything was there after $(since "$begun") s"
+
+# 3. One task is told to stop: it finishes its frame, says so, and goes on later.
+submit long told
+within 60 some_frames long/told 4 || fail "told: no frames"
+before=$(find "$site/long/told/train/seq-000001" -name 'frame.*' | wc -l)
+begun=$(now)
+# Slurm 22.05 signals twice; where it refuses the second, it goes on trying for 18 seconds, into the next run of the task.
+timeout 2 scancel --signal=TERM --batch "${array}_2" || true
+within 60 said told "task ${array}_2, restart 0: interrupted" || fail "told: the task did not stop: $(squeue)"
+after=$(find "$site/long/told/train/seq-000001" -name 'frame.*' | wc -l)
+[ "$after" = $((before + 1)) ] || fail "told: $before frames when told to stop, $after when it had"
+echo "told: stopped after $(since "$begun") s with $after frames, one more than when told"
+within 100 said told "task ${array}_2, restart 1: starts" || fail "told: the task did not start again: $(squeue)"
+echo "told: ran again after $(since "$begun") s"
+finish long told 200
+
+# 4. Too little memory, as a user without rights of an operator: twice as much the next time.
+mkdir -p "$site/starved/jobs"
+cat >"$site/starved/program" <<STARVED
+#!/bin/sh
+[ "\$2" = merge ] || [ "\$SLURM_MEM_PER_NODE" -ge 1000 ] || kill -9 \$\$
+exec "$program" "\$@"
+STARVED
+chmod 755 "$site/starved/program"
+if install -d -o nobody "$site/small/starved" 2>/dev/null && chown -R nobody "$site/starved" && runuser -u nobody test -x "$program"; then
+    real=$program program="$site/starved/program"
+    submit_as() { runuser -u nobody -- "$@"; }
+    "$real" dataset slurm --plan "$site/small/plan.json" --out "$site/small/starved" --script-dir "$site/starved/jobs" --cpus 1 \
+        --memory 500M --program "$program" >/dev/null
+    begun=$(now)
+    jobs=$(submit_as sh "$site/starved/jobs/submit.sh" | cut -d: -f1)
+    merge=$(echo "$jobs" | tail -n 1)
+    program=$real
+    finish small starved 120
+    said starved 'killed with 500 MB (status 137); tried again with 1000 MB' || fail "starved: no task had its memory doubled"
+    echo "starved: $(since "$begun") s, every task killed once and given twice the memory"
+else
+    echo "skipped: starved: user nobody cannot run $program"
+fi
+
+# 5. What Slurm costs a task: tasks that do nothing, and tasks of one small frame against the same work without Slurm.
+measure() { awk "BEGIN { printf \"%.3f\", ($1) }"; }
+array_done() { ! state "$1" | grep -qvx COMPLETED; }
+begun=$(now)
+array=$(sbatch --parsable --array="1-$tasks" --cpus-per-task=1 --mem=100M --output=/dev/null --wrap true)
+within 600 array_done "$array" || fail "empty tasks: $(squeue | head)"
+empty=$(since "$begun")
+echo "overhead: $tasks empty tasks, $cores at a time: $empty s, $(measure "$empty / $tasks") s a task, $(measure "$empty * $cores / $tasks") s of a core a task"
+
+mkdir -p "$site/tiny"
+"$program" dataset plan --seed 6 --sequences "$tasks" --frames 1 --resolution 48 --spp 4 --denoise none --out "$site/tiny/plan.json"
+begun=$(now)
+seq "$tasks" | xargs -P "$cores" -I{} "$program" dataset render --plan "$site/tiny/plan.json" --out "$site/tiny/alone" --threads 1 \
+    --shard "{}/$tasks" 2>"$site/log/alone.log" || fail "xargs: $(cat "$site/log/alone.log")"
+direct=$(since "$begun")
+begun=$(now)
+submit tiny tasks
+within 600 array_done "$array" || fail "tasks: $(squeue | head)"
+slurm=$(since "$begun")
+echo "overhead: $tasks tasks of one frame: $slurm s with Slurm, $direct s with xargs: $(measure "($slurm - $direct) / $tasks") s a task, $(measure "($slurm - $direct) * $cores / $tasks") s of a core a task"
+finish tiny tasks 120
