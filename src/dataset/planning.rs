@@ -4,7 +4,7 @@ use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile, hash_file};
 use anyhow::{Context, Result, ensure};
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::procedural::Split;
-use renderflow_scenes::seed::Seed;
+use renderflow_scenes::{seed::Seed, sky};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -69,7 +69,7 @@ fn mesh_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
 /// (group, family) of every environment family of a catalogue.
 fn environment_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
     let families = (0..catalog.environments().min(256)).map(|k| catalog.environment_family(k));
-    families.map(|family| ("all", family.to_owned())).collect()
+    families.map(|family| (sky::group(&family), family.to_owned())).collect()
 }
 
 fn groups(members: Vec<(&'static str, String)>) -> BTreeMap<&'static str, Vec<String>> {
