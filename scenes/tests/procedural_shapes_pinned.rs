@@ -10,13 +10,13 @@ fn hash(draw: impl Fn(u64) -> Shape) -> String {
         let shape = draw(i);
         hasher.update(serde_json::to_string(&shape).unwrap().as_bytes());
         let m = mesh(&shape);
-        for p in m.positions.iter().chain(&m.normals) {
-            p.to_array().iter().for_each(|v| drop(hasher.update(&v.to_bits().to_le_bytes())));
+        let vectors = m.positions.iter().chain(&m.normals).flat_map(|p| p.to_array());
+        for value in vectors.chain(m.uvs.iter().flat_map(|p| p.to_array())) {
+            hasher.update(&value.to_bits().to_le_bytes());
         }
-        for p in &m.uvs {
-            p.to_array().iter().for_each(|v| drop(hasher.update(&v.to_bits().to_le_bytes())));
+        for index in m.triangles.as_flattened() {
+            hasher.update(&index.to_le_bytes());
         }
-        m.triangles.as_flattened().iter().for_each(|v| drop(hasher.update(&v.to_le_bytes())));
     }
     hasher.finalize().to_hex()[..16].into()
 }
