@@ -22,10 +22,15 @@ pub(super) struct Emitter {
     pub energy: DVec3,
 }
 
+/// A light much smaller than a texel: unit direction and integral of its radiance over solid angle.
+pub(super) type Point = (DVec3, DVec3);
+
 /// A whole environment before it has texels.
 pub(super) struct Dome {
     pub background: Radiance,
     pub emitters: Vec<Emitter>,
+    /// Each is drawn into the one texel that holds it.
+    pub points: Vec<Point>,
 }
 
 /// Unit direction of map coordinates, as in `renderflow_frame::Environment`.
@@ -70,11 +75,28 @@ impl Dome {
         for emitter in &self.emitters {
             emitter.add(&mut texels, width, height);
         }
+        for &(direction, energy) in &self.points {
+            let texel = texel_of(direction, width, height);
+            texels[texel] += energy / solid_angle(texel / width, width, height);
+        }
         let pixels = texels.iter().map(|t| t.max(DVec3::ZERO).as_vec3().to_array()).collect();
         let bytes = hdr::encode(&Rgb { width, height, pixels });
         // The encoder's own bytes always decode.
         hdr::decode(Path::new("generated sky"), &bytes).expect("a map just encoded decodes").map
     }
+}
+
+/// Index of the texel that holds a unit direction.
+fn texel_of(d: DVec3, width: usize, height: usize) -> usize {
+    let u = (d.x.atan2(-d.z) / TAU).rem_euclid(1.0);
+    let v = d.y.clamp(-1.0, 1.0).acos() / PI;
+    ((v * height as f64) as usize).min(height - 1) * width + ((u * width as f64) as usize).min(width - 1)
+}
+
+/// Solid angle of a texel of row `y`.
+fn solid_angle(y: usize, width: usize, height: usize) -> f64 {
+    let (top, bottom) = (PI * y as f64 / height as f64, PI * (y + 1) as f64 / height as f64);
+    TAU / width as f64 * (top.cos() - bottom.cos())
 }
 
 /// Mean of `f` over a texel, by solid angle, from `sub x sub` samples.
@@ -95,10 +117,7 @@ fn average(x: usize, y: usize, width: usize, height: usize, sub: usize, f: &Radi
 impl Emitter {
     /// Adds the emitter to a map; the sum over texels is `energy` exactly, whatever the resolution.
     fn add(&self, texels: &mut [DVec3], width: usize, height: usize) {
-        let solid_angle = |y: usize| {
-            let (top, bottom) = (PI * y as f64 / height as f64, PI * (y + 1) as f64 / height as f64);
-            TAU / width as f64 * (top.cos() - bottom.cos())
-        };
+        let solid_angle = |y: usize| solid_angle(y, width, height);
         let texel = (PI / height as f64).hypot(TAU / width as f64);
         let reach = (self.bound + texel).min(PI).cos();
         let sub = ((16.0 * texel / self.bound).ceil() as usize).clamp(2, 48);
@@ -118,11 +137,7 @@ impl Emitter {
             })
             .collect();
         let total: DVec3 = drawn.iter().map(|&(i, value)| value * solid_angle(i / width)).sum();
-        let axis_texel = {
-            let u = (self.axis.x.atan2(-self.axis.z) / TAU).rem_euclid(1.0);
-            let v = axis_theta / PI;
-            ((v * height as f64) as usize).min(height - 1) * width + ((u * width as f64) as usize).min(width - 1)
-        };
+        let axis_texel = texel_of(self.axis, width, height);
         for channel in 0..3 {
             if total[channel] > 0.0 {
                 let scale = self.energy[channel] / total[channel];
@@ -157,14 +172,24 @@ pub(super) fn disc(axis: DVec3, radius: f64, radiance: impl Fn(DVec3) -> DVec3 +
 
 /// A flat emitter with the given centre and half-extent vectors (perpendicular); `profile(a, b)` is its radiance at a, b in -1..=1.
 pub(super) fn flat(centre: DVec3, half_u: DVec3, half_v: DVec3, profile: impl Fn(f64, f64) -> DVec3 + Sync + 'static) -> Emitter {
+    flat_by(96, centre, half_u, half_v, profile)
+}
+
+/// As [`flat`], its light measured on `cells x cells` places.
+pub(super) fn flat_by(
+    cells: u32,
+    centre: DVec3,
+    half_u: DVec3,
+    half_v: DVec3,
+    profile: impl Fn(f64, f64) -> DVec3 + Sync + 'static,
+) -> Emitter {
     let normal = half_u.cross(half_v).normalize_or(DVec3::Y);
     let axis = centre.normalize_or(DVec3::Y);
-    let cells = 96;
     let area = 4.0 * half_u.cross(half_v).length() / f64::from(cells * cells);
     let mut energy = DVec3::ZERO;
     for j in 0..cells {
         for i in 0..cells {
-            let mark = |k: i32| 2.0 * (f64::from(k) + 0.5) / f64::from(cells) - 1.0;
+            let mark = |k: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(cells) - 1.0;
             let p = centre + half_u * mark(i) + half_v * mark(j);
             energy += profile(mark(i), mark(j)) * (area * p.dot(normal).abs() / p.length().powi(3).max(1e-12));
         }

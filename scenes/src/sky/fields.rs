@@ -60,6 +60,41 @@ pub struct Lamp {
     /// Share of the half extent over which the radiance falls to zero at the rim, 0..=1.
     #[serde(default)]
     pub softness: f32,
+    /// What is cut out of the lamp; absent = nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask: Option<Mask>,
+}
+
+/// A pattern of light and dark in a lamp.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields, tag = "kind")]
+pub enum Mask {
+    /// A ring light: dark in the middle.
+    Ring {
+        /// Radius of the hole over that of the lamp, 0.05..=0.95.
+        inner: f32,
+    },
+    /// Slats as of a venetian blind.
+    Slats {
+        /// How many, 1..=24.
+        count: u32,
+        /// Share between them that is open, 0.05..=0.95.
+        open: f32,
+    },
+    /// A grid of bright cells.
+    Cells {
+        /// Cells across and upwards, each 1..=24.
+        cells: [u32; 2],
+        /// Side of a cell over its spacing, 0.05..=0.95.
+        open: f32,
+    },
+    /// A gobo of irregular holes.
+    Leaves {
+        /// Share that is open, 0.05..=0.95.
+        open: f32,
+        /// Which holes.
+        seed: u32,
+    },
 }
 
 /// Face of a room.

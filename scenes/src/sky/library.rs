@@ -87,11 +87,11 @@ fn clear(sun: Sun, turbidity: f32, ground: [f32; 3]) -> Sky {
 }
 
 fn softbox(position: [f32; 3], size: [f32; 2], color: [f32; 3], power: f32) -> Lamp {
-    Lamp { position, size, roll: 0.0, shape: LampShape::Rectangle, color, power, softness: 0.25 }
+    Lamp { position, size, roll: 0.0, shape: LampShape::Rectangle, color, power, softness: 0.25, mask: None }
 }
 
 fn beauty_dish(position: [f32; 3], size: f32, color: [f32; 3], power: f32) -> Lamp {
-    Lamp { position, size: [size; 2], roll: 0.0, shape: LampShape::Ellipse, color, power, softness: 0.1 }
+    Lamp { position, size: [size; 2], roll: 0.0, shape: LampShape::Ellipse, color, power, softness: 0.1, mask: None }
 }
 
 fn window(wall: Wall, offset: [f32; 2], size: [f32; 2], radiance: [f32; 3]) -> Window {
@@ -159,6 +159,7 @@ fn make() -> Vec<(&'static str, Sky)> {
                 ],
                 fill: [0.05, 0.05, 0.055],
                 floor: [0.03; 3],
+                backdrop: None,
             },
         ),
         (
@@ -171,6 +172,7 @@ fn make() -> Vec<(&'static str, Sky)> {
                 ],
                 fill: [0.08; 3],
                 floor: [0.12; 3],
+                backdrop: None,
             },
         ),
         (
@@ -183,6 +185,7 @@ fn make() -> Vec<(&'static str, Sky)> {
                 ],
                 fill: [0.03, 0.03, 0.04],
                 floor: [0.02; 3],
+                backdrop: None,
             },
         ),
         (
@@ -191,6 +194,7 @@ fn make() -> Vec<(&'static str, Sky)> {
                 lamps: vec![beauty_dish([2.0, 2.6, 1.4], 0.22, WARM, 900.0), softbox([-3.0, 1.0, 0.5], [2.0, 2.0], COOL, 0.8)],
                 fill: [0.04; 3],
                 floor: [0.03; 3],
+                backdrop: None,
             },
         ),
         (

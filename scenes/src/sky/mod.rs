@@ -5,16 +5,31 @@
 
 mod analytic;
 mod canvas;
+mod catalog;
+mod chamber;
+mod clouds;
+mod cover;
 mod fields;
+mod figures;
+mod horizon;
 mod library;
+mod lights;
 mod night;
+mod parts;
 mod random;
 mod room;
+mod scenery;
 mod validate;
+mod validate_parts;
 mod weather;
 
-pub use fields::{Lamp, LampShape, Sun, Wall, Window};
+pub use catalog::{ENVIRONMENTS, GROUPS, group, random_of};
+pub use fields::{Lamp, LampShape, Mask, Sun, Wall, Window};
 pub use library::{LIBRARY_SIZE, builtin, library, names, write_library};
+pub use parts::{
+    Air, Backdrop, Beam, CloudKind, CloudLayer, Cover, CoverKind, Figure, Finish, Furnishing, Glow, Ground, Horizon, HorizonKind,
+    Layout, LightGroup, Opening, Palette, Stars,
+};
 pub use random::random;
 
 use renderflow_frame::image::Rgb;
@@ -99,12 +114,15 @@ pub enum Sky {
     },
     /// Lamps in a dim room.
     Studio {
-        /// Lamps, 1..=16.
+        /// Lamps, 1..=64.
         lamps: Vec<Lamp>,
         /// Radiance of the room above, each 0..=100.
         fill: [f32; 3],
         /// Radiance of the room below, each 0..=100.
         floor: [f32; 3],
+        /// A lit backdrop; absent = none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        backdrop: Option<Backdrop>,
     },
     /// A dark sky with small strong lights around the horizon.
     Night {
@@ -136,6 +154,69 @@ pub enum Sky {
         /// Windows and ceiling lights, 1..=16.
         windows: Vec<Window>,
     },
+    /// A place out of doors: air, clouds, stars, a silhouette on the horizon, something overhead, lamps, and a ground.
+    Scenery {
+        /// The sky behind everything, with the sun or the moon.
+        air: Air,
+        /// Layers of clouds from the highest to the lowest, at most 4.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        clouds: Vec<CloudLayer>,
+        /// Soft bright places, at most 12.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        glows: Vec<Glow>,
+        /// Stars.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        stars: Option<Stars>,
+        /// What stands on the horizon.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        horizon: Option<Horizon>,
+        /// What covers the eye.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        cover: Option<Cover>,
+        /// Groups of lamps, at most 4.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        lights: Vec<LightGroup>,
+        /// What lies below the horizon.
+        ground: Ground,
+    },
+    /// A room with inter-reflections, pillars and boxes, lit through openings.
+    Room {
+        /// Extent of the room along x, y, z, metres, each 1..=100.
+        size: [f32; 3],
+        /// Height of the point the map is seen from above the floor, metres, 0.1..=0.9 of the room's height.
+        eye_height: f32,
+        /// Diffuse reflectance of the walls, linear Rec.709, each 0..=0.95.
+        walls: [f32; 3],
+        /// Diffuse reflectance of the floor, linear Rec.709, each 0..=0.95.
+        floor: [f32; 3],
+        /// Diffuse reflectance of the ceiling, linear Rec.709, each 0..=0.95.
+        ceiling: [f32; 3],
+        /// Windows, doors and lit panels, 1..=48.
+        openings: Vec<Opening>,
+        /// Sunlight through the openings; absent = none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        beam: Option<Beam>,
+        /// What stands in it and how its faces are finished.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        furnishing: Option<Furnishing>,
+    },
+    /// Colours and shapes that no sky has.
+    Abstract {
+        /// What it is made of.
+        figure: Figure,
+        /// Radiances, 2..=8 of them, each 0..=10000.
+        colors: Vec<[f32; 3]>,
+        /// How many shapes: 1 = few, 0.3..=10.
+        scale: f32,
+        /// Width of transitions, 0..=1.
+        softness: f32,
+        /// Elevation of the axis, degrees, -90..=90.
+        elevation: f32,
+        /// Azimuth of the axis, degrees.
+        azimuth: f32,
+        /// Where the shapes are.
+        seed: u32,
+    },
 }
 
 impl Sky {
@@ -151,13 +232,17 @@ impl Sky {
             Self::Studio { .. } => "studio",
             Self::Night { .. } => "night",
             Self::Interior { .. } => "interior",
+            Self::Scenery { .. } => "scenery",
+            Self::Room { .. } => "room",
+            Self::Abstract { .. } => "abstract",
         }
     }
 
-    /// The sun, where the family has one.
+    /// The sun (or the moon), where the sky has one.
     pub fn sun(&self) -> Option<&Sun> {
         match self {
             Self::Daylight { sun, .. } | Self::Cloudy { sun, .. } | Self::Sunset { sun, .. } => Some(sun),
+            Self::Scenery { air, .. } => air.sun(),
             _ => None,
         }
     }
@@ -187,12 +272,41 @@ pub fn render(sky: &Sky, width: usize, height: usize) -> Rgb {
         Sky::Overcast { zenith, ground, glow, glow_elevation, glow_azimuth } => {
             weather::overcast(*zenith, *ground, *glow, [*glow_elevation, *glow_azimuth])
         }
-        Sky::Studio { lamps, fill, floor } => room::studio(lamps, *fill, *floor),
+        Sky::Studio { lamps, fill, floor, backdrop } => room::studio(lamps, *fill, *floor, backdrop.as_ref()),
         Sky::Night { zenith, horizon, ground, lights, light_radius, luminance, seed } => {
             let lamps = night::Lights { count: *lights, radius: *light_radius, luminance: *luminance, seed: *seed };
             night::night(*zenith, *horizon, *ground, &lamps)
         }
         Sky::Interior { size, eye_height, walls, floor, windows } => room::interior(*size, *eye_height, *walls, *floor, windows),
+        Sky::Scenery { air, clouds, glows, stars, horizon, cover, lights, ground } => scenery::scenery(&scenery::Scenery {
+            air,
+            clouds,
+            glows,
+            stars: stars.as_ref(),
+            horizon: horizon.as_ref(),
+            cover: cover.as_ref(),
+            lights,
+            ground,
+        }),
+        Sky::Room { size, eye_height, walls, floor, ceiling, openings, beam, furnishing } => chamber::chamber(&chamber::Room {
+            size: *size,
+            eye_height: *eye_height,
+            walls: *walls,
+            floor: *floor,
+            ceiling: *ceiling,
+            openings,
+            beam: beam.as_ref(),
+            furnishing: furnishing.as_ref(),
+        }),
+        Sky::Abstract { figure, colors, scale, softness, elevation, azimuth, seed } => figures::figure(&figures::Abstract {
+            figure: *figure,
+            colors,
+            scale: *scale,
+            softness: *softness,
+            elevation: *elevation,
+            azimuth: *azimuth,
+            seed: *seed,
+        }),
     };
     dome.render(width, height)
 }

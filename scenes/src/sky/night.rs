@@ -51,5 +51,5 @@ pub(super) fn night(zenith: [f32; 3], horizon: [f32; 3], ground: [f32; 3], light
             disc(axis, radius, move |_| radiance)
         })
         .collect();
-    Dome { background: Box::new(background), emitters }
+    Dome { background: Box::new(background), emitters, points: Vec::new() }
 }

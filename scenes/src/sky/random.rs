@@ -65,23 +65,23 @@ pub fn random(rng: &mut Pcg64) -> Sky {
     }
 }
 
-fn sun(rng: &mut Pcg64) -> Sun {
+pub(super) fn sun(rng: &mut Pcg64) -> Sun {
     let elevation = if rng.chance(0.5) { rng.between(2.0, 20.0) } else { rng.between(20.0, 85.0) };
     Sun { elevation, azimuth: rng.between(0.0, 360.0), radius: rng.log(0.27, 5.0), gain: rng.log(0.3, 3.0) }
 }
 
-fn ground(rng: &mut Pcg64) -> [f32; 3] {
+pub(super) fn ground(rng: &mut Pcg64) -> [f32; 3] {
     let level = rng.log(0.05, 0.5);
     tint(rng, level, 0.35).map(|v| v.min(0.9))
 }
 
 /// A colour of about the given level whose channels differ by up to the share `spread`.
-fn tint(rng: &mut Pcg64, level: f32, spread: f32) -> [f32; 3] {
+pub(super) fn tint(rng: &mut Pcg64, level: f32, spread: f32) -> [f32; 3] {
     [0; 3].map(|_| Pcg64::tidy(level * rng.between(1.0 - spread, 1.0 + spread)))
 }
 
 /// Light colours between candle and blue sky, sometimes saturated.
-fn lamp_color(rng: &mut Pcg64) -> [f32; 3] {
+pub(super) fn lamp_color(rng: &mut Pcg64) -> [f32; 3] {
     if rng.chance(0.2) {
         let hue = rng.between(0.0, 360.0);
         let saturation = rng.between(0.3, 0.95);
@@ -115,11 +115,12 @@ fn studio(rng: &mut Pcg64) -> Sky {
                 color: lamp_color(rng),
                 power,
                 softness: rng.between(0.0, 0.6),
+                mask: None,
             }
         })
         .collect();
     let dim = rng.log(0.01, 0.15);
-    Sky::Studio { lamps, fill: tint(rng, dim, 0.2), floor: tint(rng, 0.6 * dim, 0.2) }
+    Sky::Studio { lamps, fill: tint(rng, dim, 0.2), floor: tint(rng, 0.6 * dim, 0.2), backdrop: None }
 }
 
 fn interior(rng: &mut Pcg64) -> Sky {

@@ -1,14 +1,60 @@
 //! Light in rooms: studios with lamps, interiors with windows.
 
-use super::canvas::{Dome, Emitter, flat, rgb, smoothstep};
-use super::fields::{Lamp, LampShape, Wall, Window};
+use super::canvas::{Dome, Emitter, flat, rgb, smoothstep, toward};
+use super::fields::{Lamp, LampShape, Mask, Wall, Window};
+use super::parts::Backdrop;
+use crate::noise;
 use glam::DVec3;
 use std::f64::consts::PI;
 
-pub(super) fn studio(lamps: &[Lamp], fill: [f32; 3], floor: [f32; 3]) -> Dome {
+pub(super) fn studio(lamps: &[Lamp], fill: [f32; 3], floor: [f32; 3], backdrop: Option<&Backdrop>) -> Dome {
     let (fill, floor) = (rgb(fill), rgb(floor));
-    let background = move |d: DVec3| floor.lerp(fill, smoothstep(-0.15, 0.15, d.y));
-    Dome { background: Box::new(background), emitters: lamps.iter().map(lamp).collect() }
+    let paper = backdrop.map(paper);
+    let background = move |d: DVec3| {
+        let room = floor.lerp(fill, smoothstep(-0.15, 0.15, d.y));
+        match &paper {
+            Some(paper) => {
+                let (share, radiance) = paper(d);
+                room.lerp(radiance, share)
+            }
+            None => room,
+        }
+    };
+    Dome { background: Box::new(background), emitters: lamps.iter().map(lamp).collect(), points: Vec::new() }
+}
+
+/// Share (0..=1) and radiance of a lit backdrop by direction; its sides are a degree or two soft.
+fn paper(backdrop: &Backdrop) -> impl Fn(DVec3) -> (f64, DVec3) + Sync + 'static {
+    let middle = toward(0.0, backdrop.azimuth);
+    let (base, rise) = (rgb(backdrop.base), rgb(backdrop.rise));
+    let half = 0.5 * f64::from(backdrop.width).to_radians();
+    let (bottom, top) = (f64::from(backdrop.bottom).to_radians(), f64::from(backdrop.top).to_radians());
+    move |d| {
+        let level = (d.x * d.x + d.z * d.z).sqrt().max(1e-9);
+        let aside = ((d.x * middle.x + d.z * middle.z) / level).clamp(-1.0, 1.0).acos();
+        let elevation = d.y.clamp(-1.0, 1.0).asin();
+        let across = if half >= 3.1 { 1.0 } else { 1.0 - smoothstep(half - 0.03, half + 0.01, aside) };
+        let upright = smoothstep(bottom - 0.02, bottom + 0.02, elevation) * (1.0 - smoothstep(top - 0.02, top + 0.02, elevation));
+        // A light at the foot of the paper fades upwards.
+        (across * upright, base.lerp(rise, smoothstep(bottom, top, elevation)))
+    }
+}
+
+/// Open share of a mask at a, b in -1..=1.
+fn cut(mask: &Mask, a: f64, b: f64) -> f64 {
+    let gap = |x: f64, open: f32| f64::from((x - x.floor() - 0.5).abs() < 0.5 * f64::from(open));
+    match mask {
+        Mask::Ring { inner } => f64::from(a.hypot(b) >= f64::from(*inner)),
+        Mask::Slats { count, open } => gap((0.5 + 0.5 * b) * f64::from(*count), *open),
+        Mask::Cells { cells, open } => {
+            gap((0.5 + 0.5 * a) * f64::from(cells[0]), *open) * gap((0.5 + 0.5 * b) * f64::from(cells[1]), *open)
+        }
+        Mask::Leaves { open, seed } => {
+            let wool = 0.5 + 0.5 * noise::fractal(DVec3::new(2.4 * a, 2.4 * b, 0.5), 3, *seed) / 0.45;
+            let edge = 1.15 - 1.3 * f64::from(*open);
+            smoothstep(edge - 0.08, edge + 0.08, wool)
+        }
+    }
 }
 
 fn lamp(lamp: &Lamp) -> Emitter {
@@ -20,11 +66,13 @@ fn lamp(lamp: &Lamp) -> Emitter {
     let (right, up) = (level * cos + above * sin, above * cos - level * sin);
     let [width, height] = lamp.size.map(|s| 0.5 * f64::from(s));
     let radiance = rgb(lamp.color) * f64::from(lamp.power);
-    let (softness, shape) = (f64::from(lamp.softness), lamp.shape);
+    let (softness, shape, mask) = (f64::from(lamp.softness), lamp.shape, lamp.mask.clone());
     let fade =
         move |x: f64| if softness > 0.0 { 1.0 - smoothstep(1.0 - softness, 1.0, x.abs()) } else { f64::from(x.abs() <= 1.0) };
     flat(centre, right * width, up * height, move |a, b| {
+        let open = mask.as_ref().map_or(1.0, |mask| cut(mask, a, b));
         radiance
+            * open
             * match shape {
                 LampShape::Rectangle => fade(a) * fade(b),
                 LampShape::Ellipse => fade(a.hypot(b)),
@@ -33,7 +81,7 @@ fn lamp(lamp: &Lamp) -> Emitter {
 }
 
 /// Centre and half extents of a window, seen from the eye in the middle of the room.
-fn place(window: &Window, size: DVec3, eye_height: f64) -> (DVec3, DVec3, DVec3) {
+pub(super) fn place(window: &Window, size: DVec3, eye_height: f64) -> (DVec3, DVec3, DVec3) {
     let half = 0.5 * size;
     let (out, right, up) = match window.wall {
         Wall::North => (-DVec3::Z, DVec3::X, DVec3::Y),
@@ -88,11 +136,11 @@ pub(super) fn interior(size: [f32; 3], eye_height: f32, walls: [f32; 3], floor: 
         let direct: DVec3 = panes.iter().map(|&((centre, u, v), radiance)| radiance * form_factor(p, normal, centre, u, v)).sum();
         reflectance / PI * (direct + bounced)
     };
-    Dome { background: Box::new(background), emitters }
+    Dome { background: Box::new(background), emitters, points: Vec::new() }
 }
 
 /// Integral of cos over solid angle of the window seen from `p` on a face with `normal`, by 6 x 6 patches.
-fn form_factor(p: DVec3, normal: DVec3, centre: DVec3, u: DVec3, v: DVec3) -> f64 {
+pub(super) fn form_factor(p: DVec3, normal: DVec3, centre: DVec3, u: DVec3, v: DVec3) -> f64 {
     let facing = u.cross(v);
     let patch = 4.0 / 36.0;
     let mut sum = 0.0;

@@ -1,6 +1,6 @@
 //! Range checks of sky parameters.
 
-use super::{Lamp, Sky, Sun, Wall, Window};
+use super::{Lamp, Sky, Sun, Wall, Window, validate_parts};
 use crate::shapes::Faults;
 
 pub(super) fn validate(sky: &Sky) -> Vec<(String, String)> {
@@ -32,13 +32,16 @@ pub(super) fn validate(sky: &Sky) -> Vec<(String, String)> {
             faults.range("glow_elevation", *glow_elevation, 0.0, 90.0);
             faults.range("glow_azimuth", *glow_azimuth, -3600.0, 3600.0);
         }
-        Sky::Studio { lamps, fill, floor } => {
-            faults.count("lamps", lamps.len(), 16);
+        Sky::Studio { lamps, fill, floor, backdrop } => {
+            faults.count("lamps", lamps.len(), 64);
             for (index, lamp) in lamps.iter().enumerate() {
                 check_lamp(&mut faults, &format!("lamps/{index}"), lamp);
             }
             faults.ranges("fill", fill, 0.0, 100.0);
             faults.ranges("floor", floor, 0.0, 100.0);
+            if let Some(backdrop) = backdrop {
+                validate_parts::backdrop(&mut faults, backdrop);
+            }
         }
         Sky::Night { zenith, horizon, ground, lights, light_radius, luminance, .. } => {
             faults.ranges("zenith", zenith, 0.0, 100.0);
@@ -57,6 +60,38 @@ pub(super) fn validate(sky: &Sky) -> Vec<(String, String)> {
             for (index, window) in windows.iter().enumerate() {
                 check_window(&mut faults, &format!("windows/{index}"), window, *size);
             }
+        }
+        Sky::Scenery { air, clouds, glows, stars, horizon, cover, lights, ground } => {
+            validate_parts::air(&mut faults, air);
+            validate_parts::clouds(&mut faults, clouds);
+            validate_parts::glows(&mut faults, glows);
+            stars.iter().for_each(|stars| validate_parts::stars(&mut faults, stars));
+            horizon.iter().for_each(|horizon| validate_parts::horizon(&mut faults, horizon));
+            cover.iter().for_each(|cover| validate_parts::cover(&mut faults, cover));
+            validate_parts::lights(&mut faults, lights);
+            validate_parts::ground(&mut faults, ground);
+        }
+        Sky::Room { size, eye_height, walls, floor, ceiling, openings, beam, furnishing } => {
+            faults.ranges("size", size, 1.0, 100.0);
+            faults.range("eye_height", *eye_height, 0.1, 0.9 * size[1]);
+            for (field, color) in [("walls", walls), ("floor", floor), ("ceiling", ceiling)] {
+                faults.ranges(field, color, 0.0, 0.95);
+            }
+            validate_parts::openings(&mut faults, openings, *size);
+            beam.iter().for_each(|beam| validate_parts::beam(&mut faults, beam));
+            furnishing.iter().for_each(|furnishing| validate_parts::furnishing(&mut faults, furnishing));
+        }
+        Sky::Abstract { colors, scale, softness, elevation, azimuth, .. } => {
+            if !(2..=8).contains(&colors.len()) {
+                faults.0.push(("/colors".to_owned(), format!("{} entries, outside 2..=8", colors.len())));
+            }
+            for (index, color) in colors.iter().enumerate() {
+                faults.ranges(&format!("colors/{index}"), color, 0.0, 1e4);
+            }
+            faults.range("scale", *scale, 0.3, 10.0);
+            faults.range("softness", *softness, 0.0, 1.0);
+            faults.range("elevation", *elevation, -90.0, 90.0);
+            faults.range("azimuth", *azimuth, -3600.0, 3600.0);
         }
     }
     faults.0
@@ -82,6 +117,9 @@ fn check_lamp(faults: &mut Faults, at: &str, lamp: &Lamp) {
     faults.ranges(&format!("{at}/color"), &lamp.color, 0.0, 1.0);
     faults.range(&format!("{at}/power"), lamp.power, 0.0, 1e5);
     faults.range(&format!("{at}/softness"), lamp.softness, 0.0, 1.0);
+    if let Some(mask) = &lamp.mask {
+        validate_parts::mask(faults, &format!("{at}/mask"), mask);
+    }
 }
 
 fn check_window(faults: &mut Faults, at: &str, window: &Window, room: [f32; 3]) {

@@ -10,13 +10,13 @@ use std::sync::Arc;
 
 pub(super) fn uniform(radiance: [f32; 3]) -> Dome {
     let radiance = rgb(radiance);
-    Dome { background: Box::new(move |_| radiance), emitters: Vec::new() }
+    Dome { background: Box::new(move |_| radiance), emitters: Vec::new(), points: Vec::new() }
 }
 
 pub(super) fn gradient(zenith: [f32; 3], horizon: [f32; 3], ground: [f32; 3], sharpness: f32) -> Dome {
     let (zenith, horizon, ground, sharpness) = (rgb(zenith), rgb(horizon), rgb(ground), f64::from(sharpness));
     let background = move |d: DVec3| if d.y > 0.0 { horizon.lerp(zenith, d.y.powf(sharpness)) } else { ground };
-    Dome { background: Box::new(background), emitters: Vec::new() }
+    Dome { background: Box::new(background), emitters: Vec::new(), points: Vec::new() }
 }
 
 /// The sun's disc; what stands before it lets `passes` through. Below the horizon nothing is seen.
@@ -50,7 +50,7 @@ pub(super) fn daylight(sun: &Sun, turbidity: f32, ground: [f32; 3], mean: f32) -
     let air = atmosphere(sun, turbidity, ground, mean);
     let below = lit_ground(&air, sun, 1.0, ground);
     let emitters = sun_disc(sun, air.sun_irradiance, |_| 1.0).into_iter().collect();
-    Dome { background: over_ground(move |d| air.radiance(d), below), emitters }
+    Dome { background: over_ground(move |d| air.radiance(d), below), emitters, points: Vec::new() }
 }
 
 /// Which clouds stand in the sky.
@@ -99,7 +99,7 @@ pub(super) fn cloudy(sun: &Sun, turbidity: f32, clouds: &Clouds, ground: [f32; 3
         let cloud = sunlit * 0.45 * lining + shaded * (0.35 + 0.5 * (1.0 - density));
         air.radiance(d).lerp(cloud, 1.0 - (-4.0 * density).exp())
     };
-    Dome { background: over_ground(sky, below), emitters }
+    Dome { background: over_ground(sky, below), emitters, points: Vec::new() }
 }
 
 pub(super) fn sunset(sun: &Sun, turbidity: f32, bands: f32, seed: u32, ground: [f32; 3], mean: f32) -> Dome {
@@ -120,7 +120,7 @@ pub(super) fn sunset(sun: &Sun, turbidity: f32, bands: f32, seed: u32, ground: [
         let lit = DVec3::new(1.0, 0.5, 0.22) * (0.6 + 2.5 * glow * glow) * luminance(clear);
         clear.lerp(clear * 0.35 + lit * 0.65, 0.85 * strength)
     };
-    Dome { background: over_ground(sky, below), emitters }
+    Dome { background: over_ground(sky, below), emitters, points: Vec::new() }
 }
 
 pub(super) fn overcast(zenith: [f32; 3], ground: [f32; 3], glow: f32, [elevation, azimuth]: [f32; 2]) -> Dome {
@@ -132,5 +132,5 @@ pub(super) fn overcast(zenith: [f32; 3], ground: [f32; 3], glow: f32, [elevation
         let angle = d.dot(sun).clamp(-1.0, 1.0).acos().to_degrees();
         zenith * ((1.0 + 2.0 * d.y) / 3.0) * (1.0 + glow * (-(angle / 28.0).powi(2)).exp())
     };
-    Dome { background: over_ground(sky, below), emitters: Vec::new() }
+    Dome { background: over_ground(sky, below), emitters: Vec::new(), points: Vec::new() }
 }
