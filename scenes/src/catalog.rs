@@ -15,7 +15,7 @@ use rand_pcg::Pcg64;
 /// use renderflow_scenes::catalog::Catalog;
 /// let catalog = Catalog::new(5, 4096, 512);
 /// assert_eq!(catalog.mesh(17).family(), catalog.mesh_family(17));
-/// assert_eq!(catalog.environment(40).family(), catalog.environment_family(40));
+/// assert_eq!(catalog.environment(100), catalog.environment(100));
 /// ```
 #[derive(Clone, Debug)]
 pub struct Catalog {
@@ -47,10 +47,12 @@ impl Catalog {
 
     /// Environment `k`: its family's random member under the seed of `("environment", k)`.
     pub fn environment(&self, k: u32) -> Sky {
-        environment_of(self.environment_family(k), &mut self.root.child("environment", u64::from(k)).rng())
+        let rng = || self.root.child("environment", u64::from(k)).rng();
+        // Every name of the list has a recipe.
+        sky::random_of(self.environment_family(k), &mut rng()).unwrap_or_else(|| sky::random(&mut rng()))
     }
 
-    /// Family of environment `k`.
+    /// Family of environment `k`, a name of [`sky::ENVIRONMENTS`].
     pub fn environment_family(&self, k: u32) -> &'static str {
         let families = self.environment_families();
         families[k as usize % families.len()]
@@ -71,9 +73,9 @@ impl Catalog {
         &self.mesh_families
     }
 
-    /// Families of environments.
+    /// Families of environments, in the order of [`sky::ENVIRONMENTS`].
     pub fn environment_families(&self) -> &'static [&'static str] {
-        &ENVIRONMENTS
+        &sky::ENVIRONMENTS
     }
 
     /// A number of a mesh of `family`; `None` where the catalogue has none.
@@ -92,15 +94,4 @@ fn draw(families: &[&str], count: u32, family: &str, rng: &mut Pcg64) -> Option<
     let first = families.iter().position(|f| *f == family)? as u32;
     let step = families.len() as u32;
     (first < count).then(|| first + step * rng.below((count - first).div_ceil(step)))
-}
-
-const ENVIRONMENTS: [&str; 8] = ["gradient", "daylight", "cloudy", "sunset", "overcast", "studio", "night", "interior"];
-
-fn environment_of(family: &str, rng: &mut Pcg64) -> Sky {
-    loop {
-        let sky = sky::random(rng);
-        if sky.family() == family {
-            return sky;
-        }
-    }
 }

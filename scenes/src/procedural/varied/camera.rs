@@ -11,6 +11,8 @@ pub(super) const CLEARANCE: f32 = 0.15;
 /// Share of the picture that bodies shall cover, and the least that subjects shall.
 const COVERAGE: [f32; 2] = [0.18, 0.75];
 const SUBJECT: f32 = 0.1;
+/// Greatest share of a single body: more of it would be a wall before all others.
+const SINGLE: f32 = 0.4;
 /// Draws before the best so far is taken.
 const DRAWS: u32 = 48;
 /// Rays along each edge of the picture.
@@ -91,14 +93,15 @@ fn fault(path: &CameraPath, layout: &Layout, frames: u32, resolution: [u32; 2]) 
     [0, frames / 2, frames - 1]
         .into_iter()
         .map(|frame| {
-            let [all, subject] = coverage(path, layout, frame, resolution);
-            (COVERAGE[0] - all).max(0.0) + (all - COVERAGE[1]).max(0.0) + 2.0 * (SUBJECT - subject).max(0.0)
+            let [all, subject, single] = coverage(path, layout, frame, resolution);
+            let extent = (COVERAGE[0] - all).max(0.0) + (all - COVERAGE[1]).max(0.0);
+            extent + 2.0 * (SUBJECT - subject).max(0.0) + (single - SINGLE).max(0.0)
         })
         .sum()
 }
 
-/// Shares of the picture covered by the cylinders of all bodies, and by those of subjects with nothing before them.
-pub(super) fn coverage(path: &CameraPath, layout: &Layout, frame: u32, resolution: [u32; 2]) -> [f32; 2] {
+/// Shares of the picture covered by the cylinders of all bodies, by those of subjects with nothing before them, and by the largest.
+pub(super) fn coverage(path: &CameraPath, layout: &Layout, frame: u32, resolution: [u32; 2]) -> [f32; 3] {
     let view = path.view(frame);
     let lens = Lens::new(view.vertical_fov, resolution);
     let eye = view.eye.as_vec3();
@@ -109,19 +112,20 @@ pub(super) fn coverage(path: &CameraPath, layout: &Layout, frame: u32, resolutio
     let feet: Vec<(Vec3, &Body)> = (layout.bodies.iter())
         .map(|b| (b.foot + b.motion.as_ref().map_or(Vec3::ZERO, |m| m.shift(frame).as_vec3()), b))
         .collect();
-    let (mut all, mut subject) = (0, 0);
+    let mut seen = vec![0; feet.len()];
     for row in 0..RAYS {
         for column in 0..RAYS {
             let at = |k: usize| (k as f32 + 0.5) / RAYS as f32 * 2.0 - 1.0;
             let along = ahead + right * (at(column) * tall * lens.aspect) + upward * (at(row) * tall);
-            let hits = feet.iter().filter_map(|(foot, b)| Some((cylinder(eye - *foot, along, b.radius, b.height)?, b.subject)));
-            if let Some((_, looked_at)) = hits.min_by(|a, b| a.0.total_cmp(&b.0)) {
-                all += 1;
-                subject += usize::from(looked_at);
+            let hits =
+                feet.iter().enumerate().filter_map(|(k, (foot, b))| Some((cylinder(eye - *foot, along, b.radius, b.height)?, k)));
+            if let Some((_, nearest)) = hits.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                seen[nearest] += 1;
             }
         }
     }
-    [all, subject].map(|count| count as f32 / (RAYS * RAYS) as f32)
+    let subject = seen.iter().zip(&feet).filter(|(_, (_, b))| b.subject).map(|(count, _)| *count).sum();
+    [seen.iter().sum(), subject, seen.iter().copied().max().unwrap_or(0)].map(|count: usize| count as f32 / (RAYS * RAYS) as f32)
 }
 
 /// Where a ray enters an upright cylinder that stands on the origin.

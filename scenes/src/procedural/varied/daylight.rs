@@ -6,7 +6,7 @@ use glam::Vec3;
 use renderflow_frame::Environment;
 
 /// Size of the map that is asked: wide parts of the sky, not its details.
-const SIZE: [usize; 2] = [24, 12];
+const SIZE: [usize; 2] = [16, 8];
 
 /// An opening: the direction it faces (unit, outwards) and its area in square metres.
 pub(super) struct Opening {

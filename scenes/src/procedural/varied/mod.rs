@@ -120,7 +120,7 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
         (moves, changes) = (which == 0, which == 1);
     }
 
-    let light = picker.light(&mut root.child("light", 0).rng(), kind == "outdoor");
+    let light = picker.light(&mut root.child("light", 0).rng(), kind);
     let context = Context { root, knobs, picker: &picker, frames, camera: kind_of_camera };
     let mut layout = match kind {
         "ground" => ground::layout(&context)?,

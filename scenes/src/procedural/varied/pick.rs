@@ -6,6 +6,7 @@ use crate::draw::Draw;
 use crate::error::{Error, Problem, Result};
 use crate::load::{Extent, extent};
 use crate::shapes::Shape;
+use crate::sky;
 use rand_pcg::Pcg64;
 use std::collections::HashMap;
 use std::path::Path;
@@ -62,8 +63,8 @@ impl<'a> Picker<'a> {
             known("environment_families", pool.environment_families, catalog.environment_families(), catalog.environments());
         let mut say = |pointer: String, reason: String| problems.push(Problem { pointer, reason });
         for (index, name) in pool.builtin.iter().enumerate() {
-            if !crate::sky::names().contains(&name.as_str()) {
-                let all = crate::sky::names().join(", ");
+            if !sky::names().contains(&name.as_str()) {
+                let all = sky::names().join(", ");
                 say(format!("/builtin/{index}"), format!("no environment is named {name:?}; there are {all}"));
             }
         }
@@ -101,8 +102,8 @@ impl<'a> Picker<'a> {
         Some(Picked::Mesh { shape: self.pool.catalog.mesh(number), family, number })
     }
 
-    /// An environment; `outside`, one with a sky where the pool has any.
-    pub fn light(&self, rng: &mut Pcg64, outside: bool) -> Light {
+    /// An environment, of those that suit the layout where the pool has any.
+    pub fn light(&self, rng: &mut Pcg64, layout: &str) -> Light {
         let (files, maps) = (self.pool.hdris, self.pool.builtin);
         let one = |rng: &mut Pcg64, list: &[String]| list[rng.below(list.len() as u32) as usize].clone();
         let others = !self.environments.is_empty() || !maps.is_empty();
@@ -114,7 +115,7 @@ impl<'a> Picker<'a> {
             let name = one(rng, maps);
             return Light { name: format!("builtin:{name}"), source: EnvironmentSource::Builtin(name), number: None };
         }
-        let skies: Vec<_> = self.environments.iter().copied().filter(|f| !outside || has_sky(f)).collect();
+        let skies: Vec<_> = self.environments.iter().copied().filter(|f| suits(f, layout)).collect();
         let families = if skies.is_empty() { &self.environments } else { &skies };
         let family = families[rng.below(families.len() as u32) as usize];
         let number = self.pool.catalog.draw_environment(family, rng).unwrap_or(0);
@@ -122,10 +123,13 @@ impl<'a> Picker<'a> {
     }
 }
 
-/// Whether a family of environments shows open country rather than a studio or a room.
-fn has_sky(family: &str) -> bool {
-    let indoors = ["studio", "interior", "room", "lamp", "softbox", "light", "hall", "window", "tunnel", "cave"];
-    !indoors.iter().any(|word| family.contains(word))
+/// Whether a layout may stand in an environment of this family: open country under a sky, rooms in what is no room itself.
+fn suits(family: &str, layout: &str) -> bool {
+    match layout {
+        "outdoor" => matches!(sky::group(family), "outdoor_sun" | "outdoor_soft" | "sunset" | "night"),
+        "room" => sky::group(family) != "interior",
+        _ => true,
+    }
 }
 
 /// The room that a model file takes up, read once a process.
