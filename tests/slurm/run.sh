@@ -81,7 +81,9 @@ trap 'exit 1' INT TERM HUP
 
 # A controller and a node. Of the defaults, these are changed so that the test takes minutes:
 #   cred_expire 5 (120 s)    a requeued task waits so long and a second more before it starts again;
-#   SlurmdTimeout 15 (300)   a node that says nothing is down after that, and asked about every third of it;
+#   SlurmdTimeout 15 (300)   a node that says nothing is down after that;
+#   BatchStartTimeout 1 (10) when a node comes back, tasks it does not know are lost if older than this and MessageTimeout (10); the
+#                            younger wait for the node's next report, minutes later;
 #   KillWait 5 (30)          seconds from SIGTERM to SIGKILL.
 mkdir -p "$site/state" "$site/spool" "$site/log" "$site/run"
 free_port() {
@@ -117,6 +119,7 @@ SelectType=select/cons_tres
 SelectTypeParameters=CR_Core_Memory
 ReturnToService=2
 SlurmdTimeout=15
+BatchStartTimeout=1
 KillWait=5
 MpiDefault=none
 CommunicationParameters=NoInAddrAny,NoCtldInAddrAny
@@ -139,9 +142,9 @@ plan() {
     "$program" dataset plan --seed 5 --sequences "$2" --frames "$3" --resolution "$4" --spp "$5" --keyframe-gap 2 --denoise none \
         --out "$site/$1/plan.json"
     begun=$(now)
-    "$program" dataset render --plan "$site/$1/plan.json" --out "$site/$1/alone" --shard 1/1 --threads 1 2>"$site/log/alone.log" ||
+    "$program" dataset render --plan "$site/$1/plan.json" --out "$site/$1/alone" --shard 1/1 2>"$site/log/alone.log" ||
         fail "alone: $(cat "$site/log/alone.log")"
-    echo "$1: $2 sequences of $3 frames, $(since "$begun") s in one process of one thread"
+    echo "$1: $2 sequences of $3 frames, $(since "$begun") s in one process"
 }
 # submit NAME OUT [options of dataset slurm]: numbers of the array and of the merge in `array` and `merge`.
 submit() {
@@ -175,9 +178,10 @@ finish small undisturbed 120
 echo "undisturbed: $(since "$begun") s from submission to the end of the merge"
 
 # 2. The node's daemon, its step daemons and all their tasks are killed at once; the node comes back.
-plan long 6 6 64 1024
+plan long 6 10 64 1024
 submit long killed
 within 60 some_frames long/killed 4 || fail "killed: no frames"
+sleep 12
 victims=$(scontrol listpids | awk 'NR > 1 && $1 > 1 { print $1 }')
 for pid in $victims; do
     parent=$(ps -o ppid= -p "$pid" 2>/dev/null | tr -d ' ') || continue
@@ -188,7 +192,7 @@ kill -9 "$(cat "$site/run/slurmd.pid")"
 # shellcheck disable=SC2086
 kill -9 $victims 2>/dev/null || true
 begun=$(now)
-echo "killed: slurmd and $(echo "$victims" | tr ' ' '\n' | sort -u | wc -l) processes, at $(frames long/killed) of 36 frames"
+echo "killed: slurmd and $(echo "$victims" | tr ' ' '\n' | sort -u | wc -l) processes, at $(frames long/killed) of 60 frames"
 start_node
 noticed() { grep -qE 'Killing|requeue|Requeu|missing|not found on node|NODE_FAIL' "$site/log/slurmctld.log"; }
 within 400 noticed && echo "killed: the controller noticed after $(since "$begun") s"
@@ -220,7 +224,7 @@ cat >"$site/starved/program" <<STARVED
 exec "$program" "\$@"
 STARVED
 chmod 755 "$site/starved/program"
-if install -d -o nobody "$site/small/starved" 2>/dev/null && chown -R nobody "$site/starved" && runuser -u nobody test -x "$program"; then
+if install -d -o nobody "$site/small/starved" 2>/dev/null && chown -R nobody "$site/starved" && runuser -u nobody -- test -x "$program"; then
     real=$program program="$site/starved/program"
     submit_as() { runuser -u nobody -- "$@"; }
     "$real" dataset slurm --plan "$site/small/plan.json" --out "$site/small/starved" --script-dir "$site/starved/jobs" --cpus 1 \
