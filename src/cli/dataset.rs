@@ -1,6 +1,6 @@
 use super::SplitArg;
 use crate::dataset::plan::{Denoise, Keyframes, Plan, Render};
-use crate::dataset::{Shard, manifest, pack, planning, preview, render, stats, verify};
+use crate::dataset::{Shard, export, manifest, pack, planning, preview, render, stats, verify};
 use crate::truth::DenoiseMode;
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
@@ -30,6 +30,8 @@ pub enum DatasetCommand {
     Slurm(super::slurm::SlurmArgs),
     /// Turn a dataset into WebDataset tar shards, or verify such shards
     Pack(pack::Options),
+    /// Write a dataset for nerfstudio, Cosmos DiffusionRenderer or COCO tools, or as PNG files
+    Export(export::Options),
 }
 
 /// Writes a plan file.
@@ -199,6 +201,7 @@ impl DatasetCommand {
             Self::Stats(args) => args.run(),
             Self::Slurm(args) => args.run(),
             Self::Pack(options) => options.run(cancel),
+            Self::Export(options) => options.run(cancel),
         }
     }
 }

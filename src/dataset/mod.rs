@@ -2,6 +2,7 @@
 
 pub mod agreement;
 pub mod check;
+pub mod export;
 pub mod folder;
 pub mod log;
 pub mod manifest;
@@ -12,7 +13,6 @@ pub mod preview;
 pub mod record;
 pub mod render;
 pub mod shard;
-mod shim;
 pub mod slurm;
 pub mod source;
 pub mod statistics;

@@ -63,7 +63,7 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
 
 /// (group, family) of every mesh family of a catalogue.
 fn mesh_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
-    (0..catalog.meshes().min(256)).map(|k| (super::shim::group(&catalog.mesh(k)), catalog.mesh_family(k).to_owned())).collect()
+    (0..catalog.meshes().min(256)).map(|k| (catalog.mesh(k).group(), catalog.mesh_family(k).to_owned())).collect()
 }
 
 /// (group, family) of every environment family of a catalogue.

@@ -5,6 +5,7 @@ use crate::evaluate::report;
 use crate::progress::Progress;
 use crate::truth::{DenoiseMode, Interrupted, TruthSettings};
 use anyhow::{Context, Result};
+use glam::Vec3;
 use rayon::prelude::*;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{color, file, hdr, ibl};
@@ -53,7 +54,7 @@ pub fn inventory(plan: &Plan, stop: &AtomicBool) -> Result<Inventory> {
         .map(|k| {
             let mesh = shapes::mesh(&catalog.mesh(k));
             progress.add(1);
-            (k, super::shim::geometry_hash(&mesh), super::shim::inspect(&mesh).watertight, mesh.triangles.len() as u64)
+            (k, shapes::geometry_hash(&mesh), shapes::inspect(&mesh).watertight, mesh.triangles.len() as u64)
         })
         .collect();
     let maps: Vec<_> = (0..plan.environments)
@@ -138,9 +139,9 @@ pub fn sheets(plan: &Plan, out: &Path, size: u32, spp: u32, first: u32, stop: &A
 
 /// A shape on a grey floor, seen from slightly above in the light of a studio.
 fn pedestal(shape: &Shape, k: u32, size: u32) -> Scene {
-    let report = super::shim::inspect(&shapes::mesh(shape));
-    let (low, high) = (report.low, report.high);
-    let radius = 0.5 * (high - low).length();
+    let report = shapes::inspect(&shapes::mesh(shape));
+    let (low, high) = (Vec3::from(report.low), Vec3::from(report.high));
+    let radius = 0.5 * low.distance(high);
     let material = |name: &str, base_color: [f32; 3]| Material { name: name.into(), base_color, ..Material::default() };
     let hue = |offset: f32| 0.45 + 0.25 * (std::f32::consts::TAU * (k as f32 * 0.381_966 + offset)).cos();
     let object = |name: &str, shape: Shape, lift: f32| Object {

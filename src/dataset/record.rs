@@ -6,7 +6,7 @@ use super::statistics::Statistics;
 use crate::truth::{Cost, is_keyframe};
 use anyhow::{Context, Result, ensure};
 use renderflow_renderer::light::EnvironmentLight;
-use renderflow_scenes::LoadedScene;
+use renderflow_scenes::{LoadedScene, shapes};
 use renderflow_scenes::procedural::Split;
 use renderflow_scenes::procedural::varied::Composed;
 use serde::{Deserialize, Serialize};
@@ -143,7 +143,7 @@ impl Record {
             // Parts of a model are named after their object.
             let part = |name: &str| name.strip_prefix(object).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
             let instance = loaded.instances.iter().find(|instance| part(&instance.name));
-            instance.map(|instance| super::shim::geometry_hash(&loaded.meshes[instance.mesh])).unwrap_or_default()
+            instance.map(|instance| shapes::geometry_hash(&loaded.meshes[instance.mesh])).unwrap_or_default()
         };
         let objects = composed.meshes.iter().map(|used| ObjectEntry {
             name: used.object.clone(),

@@ -1,0 +1,123 @@
+"""Reads RenderFlow's frames and shards with numpy: compact frames (.rff), OpenEXR frames, WebDataset tar files.
+
+Layers are float32 (height, width[, components]): scene-linear Rec.709; camera space with +x right, +y up, +z to the viewer; depth in
+metres, +inf at a miss. Ids are uint32. Layout and precision of .rff: renderer/frame/src/compact.rs."""
+import json
+import pathlib
+import random
+import struct
+import tarfile
+import tempfile
+
+import numpy as np
+
+ITEM = {"half": 2, "float": 4, "unit8": 1, "srgb8": 1, "octahedral12": 2, "depth16": 2, "u8": 1, "u16": 2, "u32": 4}
+
+
+def read_rff(data, layers=None):
+    """Header and layers (all, or those named) of a compact frame in `data` (bytes)."""
+    import zstandard
+
+    def unzip(block):
+        return zstandard.ZstdDecompressor().decompress(block)
+
+    signature, stored, _ = struct.unpack("<8s2I", data[:16])
+    if signature != b"\x93RFF\1\0\0\0":
+        raise ValueError("not a compact frame of version 1")
+    header, start = json.loads(unzip(data[16 : 16 + stored])), 16 + stored
+    height, width, found = header["height"], header["width"], {}
+    for layer in header["layers"]:
+        if layers is not None and layer["name"] not in layers:
+            continue
+        size, begin = ITEM[layer["encoding"]], start + layer["offset"]
+        planes = np.frombuffer(unzip(data[begin : begin + layer["bytes"]]), "u1").reshape(-1, size, height, width)
+        numbers = np.ascontiguousarray(np.moveaxis(planes, 1, -1)).view(f"<u{size}")[..., 0]
+        if layer["delta"]:
+            numbers = np.cumsum(numbers, axis=1, dtype=numbers.dtype)
+        found[layer["name"]] = decode(numbers, layer)
+    return header, found
+
+
+def decode(numbers, layer):
+    """Values of the numbers (components, height, width) of a layer."""
+    encoding = layer["encoding"]
+    if encoding == "octahedral12":
+        x, y = (numbers.astype("f4") - 2048) / np.float32(2047)
+        z = 1 - abs(x) - abs(y)
+        fold = np.maximum(-z, 0)
+        values = np.stack([x - np.copysign(fold, x), y - np.copysign(fold, y), z], -1)
+        values /= np.linalg.norm(values, axis=-1, keepdims=True)
+        return values * numbers.any(0)[..., None]
+    if encoding == "depth16":
+        bits = np.uint32(layer["lowest"]) + (numbers[0].astype("u4") - np.uint32(1)) * np.uint32(layer["step"])
+        return np.where(numbers[0] == 0, np.float32(np.inf), bits.view("f4"))
+    if encoding == "half":
+        numbers = numbers.view("<f2").astype("f4")
+    elif encoding == "float":
+        numbers = numbers.view("<f4")
+    elif encoding in ("unit8", "srgb8"):
+        numbers = numbers.astype("f4") / np.float32(255)
+        if encoding == "srgb8":
+            numbers = np.where(numbers <= 0.04045, numbers / 12.92, ((numbers + 0.055) / 1.055) ** 2.4).astype("f4")
+    elif encoding[0] == "u":
+        numbers = numbers.astype("u4")
+    return np.moveaxis(numbers, 0, -1) if len(layer["components"]) > 1 else numbers[0]
+
+
+def read_exr(source, layers=None):
+    """Header and layers of an OpenEXR frame (path or bytes), named as in compact frames."""
+    import OpenEXR
+
+    if isinstance(source, bytes):  # OpenEXR reads from files only
+        with tempfile.NamedTemporaryFile(suffix=".exr") as file:
+            file.write(source)
+            file.flush()
+            return read_exr(file.name, layers)
+    with OpenEXR.File(str(source), separate_channels=True) as file:
+        header, channels = file.header(), {name: channel.pixels for name, channel in file.channels().items()}
+    groups = {}
+    for name in channels:
+        layer, _, component = name.rpartition(".")
+        groups.setdefault(layer or ("alpha" if component == "A" else "beauty"), []).append(name)
+    found = {}
+    for layer, names in groups.items():
+        names.sort(key=lambda name: "RGBXYZ".find(name[-1]))
+        pictures = [channels[name] if channels[name].dtype == "u4" else channels[name].astype("f4") for name in names]
+        if layers is None or layer in layers:
+            found[layer] = np.stack(pictures, -1) if len(pictures) > 1 else pictures[0]
+    return header, found
+
+
+def samples(shard, layers=None):
+    """(description, layers) of every frame in a tar shard, in order."""
+    with tarfile.open(shard) as archive:
+        frame = None
+        for member in archive:
+            data, ending = archive.extractfile(member).read(), member.name.split(".", 1)[1]
+            if ending != "json":
+                frame = read_rff(data, layers) if ending == "rff" else read_exr(data, layers)
+            elif frame is not None:
+                yield json.loads(data), frame[1]
+
+
+def Shards(folder, split="train", layers=("beauty", "albedo", "normal", "depth", "material"), shuffle=True, seed=0):
+    """A PyTorch dataset: frames as dicts of tensors (components, height, width); shards are divided among workers."""
+    import torch
+
+    def tensor(values):  # ids as signed integers, which torch can compare and index
+        values = values.astype("i8") if values.dtype.kind == "u" else values
+        return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.atleast_3d(values), -1, 0)))
+
+    class Dataset(torch.utils.data.IterableDataset):
+        def __iter__(self):
+            names = [s["file"] for s in json.loads((pathlib.Path(folder) / "manifest.json").read_text())["shards"]
+                     if s["split"] == split and s["kind"] == "frames"]
+            if shuffle:
+                random.Random(seed).shuffle(names)
+            worker = torch.utils.data.get_worker_info()
+            for name in names[worker.id :: worker.num_workers] if worker else names:
+                for about, frame in samples(pathlib.Path(folder) / name, set(layers)):
+                    tensors = {k: tensor(v) for k, v in frame.items()}
+                    yield {"key": about["key"], "exposure": about["exposure"], "keyframe": about["keyframe"], **tensors}
+
+    return Dataset()

@@ -1,0 +1,34 @@
+"""Loads a batch through a PyTorch DataLoader and writes it as a PNG grid: show_batch.py SHARDS OUT.png [SPLIT]
+
+Rows are frames; columns are the picture, albedo, normal, depth (near = bright) and material (roughness, metallic, specular)."""
+import sys
+
+import numpy as np
+import torch
+from PIL import Image
+from renderflow_data import Shards
+
+
+def srgb(linear):
+    linear = np.clip(linear, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def main(folder, out, split="train"):
+    loader = torch.utils.data.DataLoader(Shards(folder, split), batch_size=4, num_workers=2)
+    batch = next(iter(loader))
+    for name, value in batch.items():
+        print(f"{name:10}", tuple(value.shape) if torch.is_tensor(value) else value)
+    rows = []
+    for i in range(len(batch["key"])):
+        layer = {name: batch[name][i].permute(1, 2, 0).numpy() for name in ("beauty", "albedo", "normal", "depth", "material")}
+        nearest = np.min(layer["depth"])
+        depth = np.repeat(nearest / layer["depth"], 3, -1) if np.isfinite(nearest) else np.zeros_like(layer["beauty"])
+        picture = srgb(layer["beauty"] * float(batch["exposure"][i]))
+        rows.append(np.concatenate([picture, srgb(layer["albedo"]), layer["normal"] / 2 + 0.5, depth, layer["material"]], 1))
+    Image.fromarray((255 * np.concatenate(rows, 0) + 0.5).astype("u1")).save(out)
+    print("wrote", out)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

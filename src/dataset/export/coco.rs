@@ -1,0 +1,230 @@
+//! COCO instances: `OUT/<split>/seq-000123_0007.png` and `OUT/annotations/instances_<split>.json`.
+//!
+//! One annotation an object and frame, its mask as compressed run lengths (column by column, as pycocotools has them), from the object ids
+//! at pixel centres. Categories are mesh families: those that the sequence recorded, else what stands in an object's name before `_01`.
+//! Category ids count from 1 in the order of the names in the split.
+
+use super::picture::{byte, png};
+use super::{Job, displayed, write};
+use crate::dataset::source::Source;
+use anyhow::{Context, Result};
+use renderflow_frame::Image;
+use renderflow_frame::file;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+#[derive(Serialize)]
+struct Instances {
+    info: Info,
+    images: Vec<Picture>,
+    annotations: Vec<Annotation>,
+    categories: Vec<Category>,
+}
+
+#[derive(Serialize)]
+struct Info {
+    description: &'static str,
+    version: &'static str,
+}
+
+#[derive(Serialize)]
+struct Picture {
+    id: usize,
+    file_name: String,
+    width: usize,
+    height: usize,
+}
+
+#[derive(Serialize)]
+struct Category {
+    id: usize,
+    name: String,
+    supercategory: &'static str,
+}
+
+#[derive(Serialize)]
+struct Annotation {
+    id: usize,
+    image_id: usize,
+    category_id: usize,
+    segmentation: RunLengths,
+    area: usize,
+    /// x, y of the top left corner, width, height.
+    bbox: [usize; 4],
+    iscrowd: u8,
+    /// The object in its scene, so that instances can be followed from frame to frame.
+    object_id: u32,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct RunLengths {
+    /// Height, width.
+    size: [usize; 2],
+    counts: String,
+}
+
+/// One object in one frame.
+struct Mask {
+    object: u32,
+    area: usize,
+    bbox: [usize; 4],
+    runs: RunLengths,
+}
+
+/// Lengths of runs, first of pixels that are not in the mask, in pycocotools' characters: each count from the third on as its difference to
+/// the one before the last, in groups of five bits, lowest first, bit 6 where another follows (`rleToString` of maskApi.c).
+fn characters(runs: &[i64]) -> String {
+    let mut text = String::new();
+    for (i, &run) in runs.iter().enumerate() {
+        let mut rest = if i > 2 { run - runs[i - 2] } else { run };
+        loop {
+            let bits = (rest & 0x1f) as u8;
+            rest >>= 5;
+            let more = rest != if bits & 0x10 != 0 { -1 } else { 0 };
+            text.push(char::from(48 + bits + if more { 0x20 } else { 0 }));
+            if !more {
+                break;
+            }
+        }
+    }
+    text
+}
+
+/// The masks of all objects in a frame, by id.
+fn masks(ids: &Image<u32>) -> Vec<Mask> {
+    struct Growing {
+        runs: Vec<i64>,
+        /// Where, column by column, the last run ends.
+        end: usize,
+        area: usize,
+        low: [usize; 2],
+        high: [usize; 2],
+    }
+    let (width, height) = (ids.width, ids.height);
+    let mut found: BTreeMap<u32, Growing> = BTreeMap::new();
+    for x in 0..width {
+        for y in 0..height {
+            let id = ids.pixels[y * width + x];
+            if id == 0 {
+                continue;
+            }
+            let at = x * height + y;
+            let new = || Growing { runs: Vec::new(), end: 0, area: 0, low: [x, y], high: [x, y] };
+            let mask = found.entry(id).or_insert_with(new);
+            match mask.runs.last_mut() {
+                Some(run) if mask.end == at => *run += 1,
+                _ => mask.runs.extend([(at - mask.end) as i64, 1]),
+            }
+            mask.end = at + 1;
+            mask.area += 1;
+            mask.low = [mask.low[0].min(x), mask.low[1].min(y)];
+            mask.high = [mask.high[0].max(x), mask.high[1].max(y)];
+        }
+    }
+    let finish = |(object, mut mask): (u32, Growing)| {
+        if mask.end < width * height {
+            mask.runs.push((width * height - mask.end) as i64);
+        }
+        let [[x, y], [right, bottom]] = [mask.low, mask.high];
+        let runs = RunLengths { size: [height, width], counts: characters(&mask.runs) };
+        Mask { object, area: mask.area, bbox: [x, y, right + 1 - x, bottom + 1 - y], runs }
+    };
+    found.into_iter().map(finish).collect()
+}
+
+#[derive(Deserialize)]
+struct Scene {
+    objects: Vec<Named>,
+}
+
+#[derive(Deserialize)]
+struct Named {
+    name: String,
+}
+
+/// What stands before the number at the end of a name.
+fn family(name: &str) -> &str {
+    match name.rsplit_once('_') {
+        Some((family, number)) if !family.is_empty() && !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()) => {
+            family
+        }
+        _ => name,
+    }
+}
+
+/// Category of each object; object id 1 is the first.
+fn categories(source: &Source) -> Result<Vec<String>> {
+    let scene: Scene = file::read_json(&source.folder.join("scene.json"))?;
+    let recorded = |name: &str| source.record.iter().flat_map(|r| &r.objects).find(|o| o.name == name).map(|o| o.family.clone());
+    Ok(scene.objects.iter().map(|o| recorded(&o.name).unwrap_or_else(|| family(&o.name).to_owned())).collect())
+}
+
+/// The sequences of one split.
+pub fn split(sources: &[Source], out: &Path, job: &Job) -> Result<()> {
+    let (mut images, mut found): (Vec<Picture>, Vec<(usize, String, Mask)>) = (Vec::new(), Vec::new());
+    for source in sources {
+        let categories = categories(source)?;
+        let folder = out.join(source.split);
+        let frames = job.frames(source, |index, frame| {
+            let picture = displayed(&frame, source.sequence.exposure)?;
+            let file_name = format!("{}.png", source.key(index));
+            let bytes = png(frame.width, frame.height, picture.pixels.iter().map(|p| p.map(byte)))?;
+            write(folder.join(&file_name), &bytes)?;
+            Ok((file_name, frame.width, frame.height, masks(&frame.object_id)))
+        })?;
+        for (file_name, width, height, masks) in frames {
+            let id = images.len() + 1;
+            for mask in masks {
+                let category = categories.get(mask.object as usize - 1);
+                let category = category.with_context(|| format!("{file_name}: object {} is not in scene.json", mask.object))?;
+                found.push((id, category.clone(), mask));
+            }
+            images.push(Picture { id, file_name, width, height });
+        }
+    }
+    let names: BTreeSet<&String> = found.iter().map(|(_, category, _)| category).collect();
+    let names: BTreeMap<&String, usize> = names.into_iter().zip(1..).collect();
+    let annotations = found.iter().zip(1..).map(|((image_id, category, mask), id)| Annotation {
+        id,
+        image_id: *image_id,
+        category_id: names[category],
+        segmentation: mask.runs.clone(),
+        area: mask.area,
+        bbox: mask.bbox,
+        iscrowd: 0,
+        object_id: mask.object,
+    });
+    let annotations = annotations.collect();
+    let categories = names.iter().map(|(name, &id)| Category { id, name: (*name).clone(), supercategory: "object" }).collect();
+    let info = Info { description: "RenderFlow", version: env!("CARGO_PKG_VERSION") };
+    let name = format!("annotations/instances_{}.json", sources[0].split);
+    let text = serde_json::to_vec(&Instances { info, images, annotations, categories })?;
+    write(out.join(name), &text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_go_down_the_columns() {
+        // pycocotools 2.0.10: encode(asfortranarray([[0, 1, 1], [0, 1, 0]])) and of a mask of ones.
+        let ids = Image { width: 3, height: 2, pixels: vec![0, 7, 7, 0, 7, 0] };
+        let [mask] = &masks(&ids)[..] else { panic!("one object") };
+        assert_eq!((mask.object, mask.area, mask.bbox), (7, 3, [1, 0, 2, 2]));
+        assert_eq!(mask.runs, RunLengths { size: [2, 3], counts: "231".into() });
+        assert_eq!(masks(&Image::filled(3, 2, 1))[0].runs.counts, "06");
+        assert_eq!(characters(&[5, 40, 900, 2]), "5X1Tl0jN");
+        assert!(masks(&Image::filled(3, 2, 0)).is_empty());
+    }
+
+    #[test]
+    fn families_are_what_stands_before_the_number() {
+        for (name, expected) in
+            [("pipe_01", "pipe"), ("ground", "ground"), ("gear_box_12", "gear_box"), ("a_b", "a_b"), ("_1", "_1")]
+        {
+            assert_eq!(family(name), expected);
+        }
+    }
+}
