@@ -63,6 +63,8 @@ pub struct TruthSettings {
     pub light_groups: u32,
     /// Whether frames hold the unoccluded irradiance.
     pub irradiance: bool,
+    /// Whether frames hold the Euclidean distance beside the depth.
+    pub distance: bool,
     /// What compares the picture with a reference while it is rendered.
     pub watch: Option<Watch>,
     denoiser: Option<Mutex<Denoiser>>,
@@ -101,6 +103,7 @@ impl TruthSettings {
             light_paths: plain.light_paths,
             light_groups: plain.light_groups,
             irradiance: plain.irradiance,
+            distance: false,
             watch: None,
             denoiser: denoiser.map(Mutex::new),
         })
@@ -150,6 +153,19 @@ impl TruthSettings {
 
     /// Path-traces and denoises the current frame of `scene`; without samples its G-buffer alone. Also the seconds of both.
     pub fn frame(
+        &self,
+        scene: &RenderScene,
+        progress: &(dyn Fn(u64, u64) + Sync),
+        cancel: &AtomicBool,
+    ) -> Result<(Frame, [f64; 2])> {
+        let (mut frame, seconds) = self.picture(scene, progress, cancel)?;
+        if self.distance {
+            frame.fill_distance();
+        }
+        Ok((frame, seconds))
+    }
+
+    fn picture(
         &self,
         scene: &RenderScene,
         progress: &(dyn Fn(u64, u64) + Sync),
@@ -388,7 +404,8 @@ impl OpenSequence<'_> {
         };
         let same = info.scene_hash == self.loaded.hash
             && if settings.spp == 0 { info.spp == 0 && frame.beauty.is_none() } else { traced() }
-            && frame.irradiance.is_some() == settings.irradiance;
+            && frame.irradiance.is_some() == settings.irradiance
+            && (frame.distance.is_some() == settings.distance || self.job.storage == Profile::Compact);
         Ok(if same {
             Found::Same
         } else {

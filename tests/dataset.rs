@@ -222,16 +222,17 @@ fn what_is_damaged_is_found_and_made_again() {
 #[test]
 fn wrong_conventions_are_found() {
     let folder = tempfile::tempdir().unwrap();
-    let sizes = ["--sequences", "1", "--frames", "3", "--resolution", "64", "--spp", "0"];
+    let sizes = ["--sequences", "1", "--frames", "3", "--resolution", "64", "--spp", "0", "--distance"];
     let plan = plan(folder.path(), "plan.json", &sizes);
     let out = folder.path().join("out");
     assert!(render(&plan, &out, &[]).status.success());
     verified(&out);
     let frames: Vec<PathBuf> = (0..3).map(|i| out.join(format!("train/seq-000000/frame.{i:04}.exr"))).collect();
     let originals: Vec<_> = frames.iter().map(|path| exr::read(path).unwrap()).collect();
-    assert!(originals.iter().all(|frame| frame.beauty.is_none() && frame.info.spp == 0));
+    assert!(originals.iter().all(|frame| frame.beauty.is_none() && frame.info.spp == 0 && frame.distance.is_some()));
     type Change = fn(&mut renderflow_frame::Frame);
-    let changes: [(&str, Change, &str); 4] = [
+    let changes: [(&str, Change, &str); 5] = [
+        ("planar depth in place of distance", |frame| frame.distance = Some(frame.depth.clone()), "distance.Z"),
         (
             "distance in place of depth",
             |frame| {
@@ -240,6 +241,7 @@ fn wrong_conventions_are_found() {
                     let pixel = glam::Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
                     *depth *= camera.direction_cam(pixel).length();
                 }
+                frame.distance = None;
             },
             "motion vectors",
         ),

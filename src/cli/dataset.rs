@@ -78,6 +78,9 @@ pub struct PlanArgs {
     /// Samples a pixel of the frames between keyframes; 0 = G-buffers only
     #[arg(long)]
     between_spp: Option<u32>,
+    /// Store the Euclidean distance beside the planar depth
+    #[arg(long)]
+    distance: bool,
     /// Store frames in the compact training profile
     #[arg(long)]
     compact: bool,
@@ -229,6 +232,7 @@ impl PlanArgs {
                 max_bounces: self.max_bounces,
                 denoise,
                 irradiance: false,
+                distance: self.distance,
                 light_groups: 0,
             },
             keyframes: Keyframes { gap: self.keyframe_gap, between_spp: self.between_spp },

@@ -45,6 +45,9 @@ pub struct Render {
     /// Split the light into this many groups by direction: channels light.0 to light.7
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=8))]
     light_groups: u32,
+    /// Write the Euclidean distance beside the planar depth
+    #[arg(long)]
+    distance: bool,
     /// Write the unoccluded irradiance too
     #[arg(long)]
     irradiance: bool,
@@ -140,6 +143,7 @@ impl Render {
         (settings.branches, settings.clamp_indirect) = (self.branches, self.clamp_indirect);
         settings.light_paths = !self.no_light_paths;
         (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
+        settings.distance = self.distance;
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
         let rendered_before = self.out.join(frame_file(0, Profile::Full)).is_file();
         if let Some(target) = target {

@@ -96,6 +96,9 @@ pub struct Render {
     /// Whether frames hold the unoccluded irradiance.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub irradiance: bool,
+    /// Whether frames hold the Euclidean distance beside the planar depth (full storage only: it follows from the depth).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub distance: bool,
     /// Groups to split the light into, 0..=8.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub light_groups: u32,

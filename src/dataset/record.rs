@@ -6,9 +6,9 @@ use super::statistics::Statistics;
 use crate::truth::{Cost, is_keyframe};
 use anyhow::{Context, Result, ensure};
 use renderflow_renderer::light::EnvironmentLight;
-use renderflow_scenes::{LoadedScene, shapes};
 use renderflow_scenes::procedural::Split;
 use renderflow_scenes::procedural::varied::Composed;
+use renderflow_scenes::{LoadedScene, shapes};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -49,7 +49,7 @@ impl Qualities {
             // Without paths there is nothing to denoise.
             let mode = if spp == 0 { DenoiseMode::None } else { mode };
             let mut settings = TruthSettings::spread(spp, budget, plan.render.max_bounces, mode)?;
-            settings.irradiance = plan.render.irradiance;
+            (settings.irradiance, settings.distance) = (plan.render.irradiance, plan.render.distance);
             settings.light_groups = plan.render.light_groups;
             Ok(settings)
         };

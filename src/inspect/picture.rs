@@ -71,6 +71,14 @@ pub(crate) fn verify(frame: &Frame) -> Result<()> {
             ensure!(length == 0.0, "{}: a miss (depth +inf) with a normal of length {length}", place(i));
         }
     }
+    if let Some(distance) = &frame.distance {
+        let mut expected = frame.clone();
+        expected.fill_distance();
+        let pairs = distance.pixels.iter().zip(expected.distance.iter().flat_map(|image| &image.pixels));
+        if let Some(i) = pairs.into_iter().position(|(d, e)| !(d == e || (d - e).abs() <= 1e-5 * e)) {
+            anyhow::bail!("{}: distance.Z is {}, not that of the planar depth", place(i), distance.pixels[i]);
+        }
+    }
     let lights = [("the beauty", &frame.beauty), ("raw", &frame.raw), ("variance", &frame.variance)];
     for (name, image) in lights {
         if let Some(image) = image

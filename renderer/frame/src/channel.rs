@@ -119,6 +119,7 @@ pub const LAYERS: &[Layer] = &[
     layer!("albedo", RGB, Half, Rgb albedo, "base colour, linear, 0..1, independent of the view; 0 at a miss"),
     layer!("normal", XYZ, Half, Rgb normal, "shading normal, camera space (+x right, +y up, +z to the viewer), unit length; 0 at a miss"),
     layer!("depth", ["Z"], Float, Scalar depth, "planar depth along -z, metres; +inf at a miss"),
+    layer!("distance", ["Z"], Float, optional Scalar distance, "Euclidean distance from the camera, metres; +inf at a miss"),
     layer!("material", RGB, Half, Rgb material, "roughness, metallic, specular, each 0..1; 0 at a miss"),
     layer!("irradiance", RGB, Half, optional Rgb irradiance, "unoccluded integral of L max(0, ns.w) dw / pi over the environment"),
     layer!("guide_albedo", RGB, Half, optional Rgb guide_albedo, "albedo filtered over the pixel, premultiplied by coverage"),

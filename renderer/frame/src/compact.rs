@@ -68,6 +68,6 @@ pub enum Keep {
     /// What training reads: beauty, alpha, albedo, normal, depth, material, irradiance, motion both ways, ids.
     #[default]
     Training,
-    /// Every layer the frame has: raw, variance, samples, light groups and guides as well.
+    /// Every layer the frame has: raw, variance, samples, light groups, guides and distance as well.
     All,
 }

@@ -2,6 +2,7 @@
 
 use crate::Camera;
 use crate::image::{Image, Rgb};
+use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
 /// Most groups the light can be split into.
@@ -91,6 +92,8 @@ pub struct Frame {
     pub normal: Rgb,
     /// Planar depth in metres along -z, +inf at a miss.
     pub depth: Image<f32>,
+    /// Euclidean distance from the camera in metres, +inf at a miss; see [`Frame::fill_distance`].
+    pub distance: Option<Image<f32>>,
     /// (roughness, metallic, specular), each 0..=1, 0 at a miss.
     pub material: Rgb,
     /// Integral of L max(0, ns.w) dw / pi over the unoccluded environment.
@@ -109,4 +112,14 @@ pub struct Frame {
     pub material_id: Image<u32>,
     /// Header values.
     pub info: FrameInfo,
+}
+
+impl Frame {
+    /// Sets [`Self::distance`] from the planar depth and the camera; a frame without a camera is left as it is.
+    pub fn fill_distance(&mut self) {
+        let Some(camera) = self.info.camera else { return };
+        let depth = &self.depth;
+        let ray = |x: usize, y: usize| camera.direction_cam(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)).length();
+        self.distance = Some(Image::from_fn(depth.width, depth.height, |x, y| depth.pixels[y * depth.width + x] * ray(x, y)));
+    }
 }
