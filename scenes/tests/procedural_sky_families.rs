@@ -32,7 +32,7 @@ fn concentration(map: &Rgb) -> f64 {
     (0..map.height).map(row).sum::<f64>() * 4.0 * PI / flux(map).powi(2)
 }
 
-/// Writes contact sheets of tone-mapped maps into the folder RENDERFLOW_SHEETS, and prints a table.
+/// Writes contact sheets of tone-mapped maps, and a map of each family, into the folder RENDERFLOW_SHEETS, and prints a table.
 #[test]
 #[ignore = "writes pictures to look at"]
 fn contact_sheets() {
@@ -63,6 +63,8 @@ fn contact_sheets() {
         sheet.save(folder.join(format!("sheet-{page:02}.png"))).expect("PNG");
     }
     for name in ENVIRONMENTS {
+        let bytes = hdr::encode(&sky::render(&draw(name, 0), 256, 128));
+        std::fs::write(folder.join(format!("{name}.hdr")), bytes).expect("map");
         let maps: Vec<Rgb> = (0..16).map(|k| sky::render(&draw(name, k), 128, 64)).collect();
         let means: Vec<f64> = maps.iter().map(|map| flux(map) / (4.0 * PI)).collect();
         let strong: Vec<f64> = maps.iter().map(concentration).collect();

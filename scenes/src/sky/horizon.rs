@@ -168,7 +168,8 @@ impl Silhouette {
 
     /// Lit windows, `share` of all, that bring `mean` luminance to the whole map; `seen` says how much of each is not hidden.
     pub fn windows(&self, share: f64, mean: f64, seen: impl Fn(DVec3) -> f64) -> Vec<Point> {
-        if !(share > 0.0 && mean > 0.0) || !matches!(self.kind, HorizonKind::Skyline | HorizonKind::Roofs) {
+        let has_windows = matches!(self.kind, HorizonKind::Skyline | HorizonKind::Roofs);
+        if !(has_windows && share > 0.0 && mean > 0.0) {
             return Vec::new();
         }
         let mut rng = Seed::root(u64::from(self.seed)).child("windows", 0).rng();

@@ -147,6 +147,7 @@ struct Place {
 impl Place {
     fn sky(self) -> Sky {
         let Self { air, clouds, horizon, ground } = self;
+        let horizon = horizon.map(Box::new);
         Sky::Scenery { air, clouds, glows: Vec::new(), stars: None, horizon, cover: None, lights: Vec::new(), ground }
     }
 }

@@ -20,6 +20,7 @@ struct Night {
 impl Night {
     fn sky(self) -> Sky {
         let Self { air, clouds, glows, stars, horizon, lights, ground } = self;
+        let horizon = horizon.map(Box::new);
         Sky::Scenery { air, clouds, glows, stars, horizon, cover: None, lights, ground }
     }
 }

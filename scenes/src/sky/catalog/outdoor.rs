@@ -132,7 +132,7 @@ pub(super) fn meadow_trees(rng: &mut Pcg64) -> Sky {
 pub(super) fn under(sky: Sky, roof: Cover) -> Sky {
     match sky {
         Sky::Scenery { air, clouds, glows, stars, horizon, lights, ground, .. } => {
-            Sky::Scenery { air, clouds, glows, stars, horizon, cover: Some(roof), lights, ground }
+            Sky::Scenery { air, clouds, glows, stars, horizon, cover: Some(Box::new(roof)), lights, ground }
         }
         other => other,
     }
