@@ -69,7 +69,10 @@ fn contact_sheets() {
         let means: Vec<f64> = maps.iter().map(|map| flux(map) / (4.0 * PI)).collect();
         let strong: Vec<f64> = maps.iter().map(concentration).collect();
         let range = |v: &[f64]| (v.iter().copied().fold(f64::MAX, f64::min), v.iter().copied().fold(0.0, f64::max));
-        println!("{name:18} mean luminance {:.3?} concentration {:.1?}", range(&means), range(&strong));
+        // Exposure follows the light on level ground: far below a quarter of the flux, all else would glare.
+        let level: Vec<f64> = maps.iter().map(|map| irradiance(map) / flux(map) * 4.0).collect();
+        let (means, strong, level) = (range(&means), range(&strong), range(&level));
+        println!("{name:18} mean luminance {means:.3?} concentration {strong:.1?} light on level ground {level:.2?}");
     }
 }
 

@@ -222,8 +222,8 @@ impl Row {
                 (0.12 + 0.88 * fold.max(0.0)) * (0.8 + 0.6 * noise::gradient(p * 1.1, seed ^ 5))
             }),
             HorizonKind::Dunes => self.land(|p| {
-                let fold = 1.0 - 1.8 * noise::fractal(p * 1.5, 2, seed).abs();
-                0.1 + 0.9 * fold * fold * (0.85 + 0.5 * noise::gradient(p * 0.9, seed ^ 3))
+                let fold = 1.0 - 1.5 * noise::gradient(p * 1.6, seed).abs();
+                0.1 + 0.9 * fold * (0.85 + 0.5 * noise::gradient(p * 0.9, seed ^ 3))
             }),
             HorizonKind::Cliffs => self.land(|p| {
                 let wall = 0.6 + 0.9 * noise::fractal(p * 1.3, 3, seed);

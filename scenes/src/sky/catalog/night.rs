@@ -196,10 +196,10 @@ pub(super) fn harbour(rng: &mut Pcg64) -> Sky {
 
 /// One warm light near the ground.
 pub(super) fn campfire(rng: &mut Pcg64) -> Sky {
-    let fire = lamps(rng, Layout::Fire, &[Palette::Flame], [5, 14], [2.0, 7.0], [-12.0, 6.0]);
+    let fire = lamps(rng, Layout::Fire, &[Palette::Flame], [5, 14], [2.0, 7.0], [3.0, 14.0]);
     let level = rng.log(0.008, 0.04);
     let halo = Glow {
-        elevation: fire.elevation.max(-12.0),
+        elevation: fire.elevation,
         azimuth: fire.azimuth,
         width: rng.between(12.0, 35.0),
         flatness: 1.0,
