@@ -98,7 +98,7 @@ fn shapes_metals_motion_and_skies_are_as_frequent_as_intended() {
             other => panic!("training scenes draw their skies, found {other:?}"),
         }
     }
-    let solids = shapes::FAMILIES.len() - 2;
+    let solids = shapes::RANDOM_FAMILIES - 2;
     assert!(families.len() == solids && families.values().all(|&n| n > 40), "{families:?}");
     let share = metals as f64 / objects as f64;
     assert!((0.2..0.3).contains(&share), "share of metals {share}");

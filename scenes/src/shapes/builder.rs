@@ -153,6 +153,100 @@ impl Builder {
         self.uvs.extend(other.uvs);
     }
 
+    /// Adds the triangles of `other`, whose points on ours become ours.
+    pub fn weld(&mut self, other: Self) {
+        let index: Vec<u32> = other.points.iter().map(|&p| self.point(p)).collect();
+        for (t, uv) in other.triangles.iter().zip(other.uvs) {
+            self.face(t.map(|i| index[i as usize]), uv);
+        }
+    }
+
+    /// How many triangles there are.
+    pub fn triangles(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// Where a vertex is.
+    pub fn position(&self, vertex: u32) -> DVec3 {
+        self.points[vertex as usize]
+    }
+
+    /// A new vertex at `p`, welded to nothing.
+    pub fn vertex(&mut self, p: DVec3) -> u32 {
+        self.points.push(p);
+        self.points.len() as u32 - 1
+    }
+
+    /// A triangle of vertices made before; nothing when two of them are the same.
+    pub fn face(&mut self, t: [u32; 3], uv: [DVec2; 3]) {
+        if t[0] != t[1] && t[1] != t[2] && t[2] != t[0] {
+            self.triangles.push(t);
+            self.uvs.push(uv);
+        }
+    }
+
+    /// Moves every point.
+    pub fn map_points(&mut self, map: impl Fn(DVec3) -> DVec3) {
+        self.points.iter_mut().for_each(|p| *p = map(*p));
+        self.cells.clear();
+    }
+
+    /// Lowest and highest corner of the bounding box of all points; zeros without points.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        if self.points.is_empty() {
+            return (DVec3::ZERO, DVec3::ZERO);
+        }
+        self.points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)))
+    }
+
+    /// Scales so that the largest extent is `size`.
+    pub fn fit(&mut self, size: f64) {
+        let (low, high) = self.bounds();
+        let scale = size / (high - low).max_element().max(1e-12);
+        self.map_points(|p| (p - low) * scale);
+    }
+
+    /// Keeps the connected piece of the largest volume alone: no crumbs in the air, no bubbles inside.
+    pub fn keep_largest(&mut self) {
+        let mut root: Vec<u32> = (0..self.points.len() as u32).collect();
+        fn find(root: &mut [u32], mut i: u32) -> u32 {
+            while root[i as usize] != i {
+                root[i as usize] = root[root[i as usize] as usize];
+                i = root[i as usize];
+            }
+            i
+        }
+        for t in &self.triangles {
+            let a = find(&mut root, t[0]);
+            for &other in &t[1..] {
+                let b = find(&mut root, other);
+                root[b as usize] = a;
+            }
+        }
+        let mut volume = vec![0.0; self.points.len()];
+        let mut used = vec![false; self.points.len()];
+        for t in &self.triangles {
+            let [a, b, c] = t.map(|i| self.points[i as usize]);
+            volume[find(&mut root, t[0]) as usize] += a.dot(b.cross(c));
+            t.iter().for_each(|&i| used[i as usize] = true);
+        }
+        let best = (0..volume.len()).max_by(|&a, &b| volume[a].total_cmp(&volume[b]));
+        let Some(best) = best.map(|b| find(&mut root, b as u32)) else { return };
+        let mut kept = Self::default();
+        let mut index = vec![u32::MAX; self.points.len()];
+        for i in 0..self.points.len() {
+            if used[i] && find(&mut root, i as u32) == best {
+                index[i] = kept.vertex(self.points[i]);
+            }
+        }
+        for (t, &uv) in self.triangles.iter().zip(&self.uvs) {
+            if index[t[0] as usize] != u32::MAX {
+                kept.face(t.map(|i| index[i as usize]), uv);
+            }
+        }
+        *self = kept;
+    }
+
     /// A round tube about the polyline `path`; open paths get flat caps.
     pub fn sweep(&mut self, path: &[DVec3], closed: bool, radius: f64, sides: usize, repeat: f64) {
         let n = path.len();

@@ -84,6 +84,13 @@ fn build(shape: &Shape) -> (Builder, f64) {
             supershape(&mut b, *lobes, *vertical_lobes, [*n, *k, *size].map(f64::from));
             crease = 60.0;
         }
+        other => {
+            // Parameters out of range give nothing: the surfaces below may rely on theirs.
+            if let Some(model) = other.model().filter(|_| other.validate().is_empty()) {
+                (b, crease) = model.surface();
+                b.fit(f64::from(model.size()));
+            }
+        }
     }
     (b, crease)
 }
@@ -309,7 +316,7 @@ fn rock(b: &mut Builder, [radius, roughness, frequency]: [f64; 3], seed: u32, fa
 }
 
 /// Faces of an icosahedron on the unit sphere, each split into four `levels` times.
-fn icosahedron(levels: u32) -> Vec<[DVec3; 3]> {
+pub(super) fn icosahedron(levels: u32) -> Vec<[DVec3; 3]> {
     let g = 0.5 * (1.0 + 5.0f64.sqrt());
     let v = [
         (-1.0, g, 0.0),

@@ -2,14 +2,39 @@
 //!
 //! Every shape is centred on its bounding box and, with its default-like parameters, about one metre in size. All but
 //! [`Shape::Plane`] and [`Shape::Disc`] are closed solids: each edge belongs to two triangles and normals point outwards.
+//! A body may consist of several pieces that run into one another (leaves and stem, legs and top); each piece is closed.
 
 mod builder;
+mod conway;
+mod families;
 mod generate;
+mod inspect;
+mod model;
+mod parts;
+mod polygonise;
 mod random;
 
 use crate::Mesh;
+use model::Model;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+pub use families::buildings::{Column, Crown, House, Order, Roof, Tower};
+pub use families::fractals::{Fractal, Holes, Recursion, Sponge};
+pub use families::furniture::{Carrier, Chair, Lamp, LampKind, Leg, Seat, Shelf, Table};
+pub use families::implicit::{Blobs, Csg, Cut, Gyroid, Minimal};
+pub use families::machine::{Bolt, Bracket, Flange, Head};
+pub use families::outlines::{Extrusion, Glyph, Outline};
+pub use families::plants::{Cactus, CactusKind, Grass, Leaves, Mushroom, Rosette};
+pub use families::polyhedra::{Crystals, Finish, Frame, Lattice, Polyhedron};
+pub use families::round::{Base, Displaced, Relief, Supertoroid};
+pub use families::sea::{Coral, Growth, Seashell};
+pub use families::strands::{Braid, Chain, Course, Lace, Section, Sweep};
+pub use families::terrain::{Land, Terrain};
+pub use families::trees::{Habit, Tree};
+pub use families::vessels::{Vessel, VesselKind};
+pub use inspect::{MeshReport, geometry_hash, inspect, inward_normals};
+pub use model::Stance;
 
 /// A parametric shape, about 1 metre in size, centred at the origin; +Y is its upright axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -199,6 +224,74 @@ pub enum Shape {
         /// Largest extent, metres, 0.01..=1000.
         size: f32,
     },
+    /// A ring whose outline and section are superellipses.
+    Supertoroid(Supertoroid),
+    /// A simple body displaced by noise.
+    Displaced(Displaced),
+    /// A section swept along a spline.
+    Sweep(Sweep),
+    /// A chain of links.
+    Chain(Chain),
+    /// Interlaced strands.
+    Braid(Braid),
+    /// A sea shell.
+    Seashell(Seashell),
+    /// A branching coral.
+    Coral(Coral),
+    /// A plate with a seeded outline and holes.
+    Extrusion(Extrusion),
+    /// A letter of an unknown script.
+    Glyph(Glyph),
+    /// Constructive solid geometry.
+    Csg(Csg),
+    /// Metaballs.
+    Blobs(Blobs),
+    /// A solid along a triply periodic minimal surface.
+    Gyroid(Gyroid),
+    /// A sponge of cubes.
+    Sponge(Sponge),
+    /// A self-similar solid.
+    Fractal(Fractal),
+    /// A polyhedron by Conway's operators.
+    Polyhedron(Polyhedron),
+    /// The open frame of a polyhedron.
+    Lattice(Lattice),
+    /// A cluster of crystals.
+    Crystals(Crystals),
+    /// A hollow vessel.
+    Vessel(Vessel),
+    /// A table, desk or stool.
+    Table(Table),
+    /// A chair, armchair, bench or sofa.
+    Chair(Chair),
+    /// Shelves or a cabinet.
+    Shelf(Shelf),
+    /// A lamp.
+    Lamp(Lamp),
+    /// A tower with windows.
+    Tower(Tower),
+    /// A house.
+    House(House),
+    /// A column.
+    Column(Column),
+    /// A block of land.
+    Terrain(Terrain),
+    /// A tree or bush.
+    Tree(Tree),
+    /// A cactus.
+    Cactus(Cactus),
+    /// Leaves about a middle.
+    Rosette(Rosette),
+    /// A tuft of grass.
+    Grass(Grass),
+    /// Mushrooms.
+    Mushroom(Mushroom),
+    /// A threaded bolt.
+    Bolt(Bolt),
+    /// A flange.
+    Flange(Flange),
+    /// An angle bracket.
+    Bracket(Bracket),
 }
 
 fn one() -> f32 {
@@ -206,7 +299,7 @@ fn one() -> f32 {
 }
 
 /// Names of the families as scene files write them, in the order of [`Shape`].
-pub const FAMILIES: [&str; 19] = [
+pub const FAMILIES: [&str; 53] = [
     "plane",
     "disc",
     "box",
@@ -226,9 +319,104 @@ pub const FAMILIES: [&str; 19] = [
     "arch",
     "stairs",
     "supershape",
+    "supertoroid",
+    "displaced",
+    "sweep",
+    "chain",
+    "braid",
+    "seashell",
+    "coral",
+    "extrusion",
+    "glyph",
+    "csg",
+    "blobs",
+    "gyroid",
+    "sponge",
+    "fractal",
+    "polyhedron",
+    "lattice",
+    "crystals",
+    "vessel",
+    "table",
+    "chair",
+    "shelf",
+    "lamp",
+    "tower",
+    "house",
+    "column",
+    "terrain",
+    "tree",
+    "cactus",
+    "rosette",
+    "grass",
+    "mushroom",
+    "bolt",
+    "flange",
+    "bracket",
 ];
 
-/// Triangles of `shape`, centred on its bounding box, with unit normals and texture coordinates, at most about 20,000.
+/// How many of [`FAMILIES`], from the start, [`Shape::random`] draws from: the scenes of old seeds are made of these.
+pub const RANDOM_FAMILIES: usize = 19;
+
+/// For the families with files of their own: from a shape to its model, and from a name to a random shape.
+macro_rules! models {
+    ($($variant:ident $family:literal),* $(,)?) => {
+        impl Shape {
+            fn model(&self) -> Option<&dyn Model> {
+                match self {
+                    $(Self::$variant(model) => Some(model),)*
+                    _ => None,
+                }
+            }
+
+            fn random_model(family: &str, rng: &mut rand_pcg::Pcg64) -> Option<Self> {
+                match family {
+                    $($family => Some(Self::$variant($variant::draw(rng))),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+models! {
+    Supertoroid "supertoroid",
+    Displaced "displaced",
+    Sweep "sweep",
+    Chain "chain",
+    Braid "braid",
+    Seashell "seashell",
+    Coral "coral",
+    Extrusion "extrusion",
+    Glyph "glyph",
+    Csg "csg",
+    Blobs "blobs",
+    Gyroid "gyroid",
+    Sponge "sponge",
+    Fractal "fractal",
+    Polyhedron "polyhedron",
+    Lattice "lattice",
+    Crystals "crystals",
+    Vessel "vessel",
+    Table "table",
+    Chair "chair",
+    Shelf "shelf",
+    Lamp "lamp",
+    Tower "tower",
+    House "house",
+    Column "column",
+    Terrain "terrain",
+    Tree "tree",
+    Cactus "cactus",
+    Rosette "rosette",
+    Grass "grass",
+    Mushroom "mushroom",
+    Bolt "bolt",
+    Flange "flange",
+    Bracket "bracket",
+}
+
+/// Triangles of `shape`, centred on its bounding box, with unit normals and texture coordinates, at most about 30,000.
 ///
 /// `shape` should have passed [`Shape::validate`]; parameters out of range give an odd or empty mesh, never a panic.
 pub fn mesh(shape: &Shape) -> Mesh {
@@ -263,12 +451,38 @@ impl Shape {
             Self::Arch { .. } => "arch",
             Self::Stairs { .. } => "stairs",
             Self::Supershape { .. } => "supershape",
+            other => other.model().map_or("", Model::family),
         }
     }
 
     /// Whether the mesh encloses a volume.
     pub fn is_solid(&self) -> bool {
         !matches!(self, Self::Plane { .. } | Self::Disc { .. })
+    }
+
+    /// What kind of thing a shape is, for splits that share out all kinds: round, boxy, mechanical, organic, mineral, architecture,
+    /// furniture, vessel, plant, terrain, abstract or ground.
+    pub fn group(&self) -> &'static str {
+        match self {
+            Self::Plane { .. } | Self::Disc { .. } => "ground",
+            Self::Box { .. } | Self::Prism { .. } => "boxy",
+            Self::Gear { .. } | Self::Pipe { .. } | Self::Spring { .. } => "mechanical",
+            Self::Rock { .. } => "mineral",
+            Self::Arch { .. } | Self::Stairs { .. } => "architecture",
+            Self::Lathe { .. } => "vessel",
+            Self::Supershape { .. } | Self::TorusKnot { .. } => "abstract",
+            other => other.model().map_or("round", Model::group),
+        }
+    }
+
+    /// How a shape may rest on a floor.
+    pub fn stance(&self) -> Stance {
+        match self {
+            Self::Plane { .. } | Self::Disc { .. } | Self::Lathe { .. } | Self::Arch { .. } | Self::Stairs { .. } => {
+                Stance::Upright
+            }
+            other => other.model().map_or(Stance::Any, Model::stance),
+        }
     }
 
     /// Parameters out of their documented range: (JSON pointer below the shape, message such as `-1 is outside 0..=1`).
@@ -370,6 +584,11 @@ impl Shape {
                 faults.range("n", *n, 0.3, 20.0);
                 faults.range("k", *k, 0.3, 20.0);
                 faults.range("size", *size, 0.01, 1e3);
+            }
+            other => {
+                if let Some(model) = other.model() {
+                    model.check(&mut faults);
+                }
             }
         }
         faults.0

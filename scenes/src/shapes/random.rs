@@ -1,14 +1,14 @@
 //! Random parameters of each family, all inside their documented ranges, about one metre in size.
 
-use super::{FAMILIES, Shape};
+use super::{FAMILIES, RANDOM_FAMILIES, Shape};
 use crate::draw::Draw;
 use rand_pcg::Pcg64;
 
 impl Shape {
-    /// A random solid; every solid family is equally likely.
+    /// A random solid of the first [`RANDOM_FAMILIES`]; every solid one of them is equally likely.
     pub fn random(rng: &mut Pcg64) -> Self {
         // The first two families are the open ones.
-        let family = FAMILIES[2 + rng.below(FAMILIES.len() as u32 - 2) as usize];
+        let family = FAMILIES[2 + rng.below(RANDOM_FAMILIES as u32 - 2) as usize];
         Self::random_of(family, rng)
     }
 
@@ -111,7 +111,10 @@ impl Shape {
                 k: rng.log(1.5, 8.0),
                 size: rng.between(0.7, 1.1),
             },
-            _ => Self::Sphere { radius: rng.between(0.3, 0.55) },
+            other => match Self::random_model(other, rng) {
+                Some(shape) => shape,
+                None => Self::Sphere { radius: rng.between(0.3, 0.55) },
+            },
         }
     }
 }
