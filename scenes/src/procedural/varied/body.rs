@@ -4,7 +4,7 @@ use super::pick::Picked;
 use crate::description::{Geometry, Motion, Transform, decimal};
 use crate::draw::Draw;
 use crate::procedural::layout::{between_ways, level_top, symmetric, tilt};
-use crate::shapes::{self, Shape};
+use crate::shapes::{self, FAMILIES, RANDOM_FAMILIES, Shape, Stance};
 use glam::{EulerRot, Mat3, Vec2, Vec3};
 use rand_pcg::Pcg64;
 
@@ -165,7 +165,12 @@ impl Body {
         let yaw = rng.between(0.0, 360.0);
         match picked {
             Picked::Mesh { shape, family, number } => {
-                let [x, z] = tilt(&shape, rng);
+                let [x, z] = match (tilt(&shape, rng), shape.stance()) {
+                    ([0.0, 0.0], Stance::Any) if FAMILIES[RANDOM_FAMILIES..].contains(&family) && rng.chance(0.35) => {
+                        [rng.between(0.0, 360.0), rng.between(0.0, 360.0)]
+                    }
+                    (tilt, _) => tilt,
+                };
                 let body = Self::of_shape(shape, Role::Object, [x, yaw, z], size);
                 Self { origin: Some(Origin { family: family.into(), mesh: Some(number), file: None }), ..body }
             }

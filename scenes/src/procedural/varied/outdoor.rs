@@ -16,15 +16,28 @@ pub(super) fn layout(context: &Context) -> Result<Layout> {
     let mut rng = root.child("layout", 0).rng();
     let count = context.count(&mut rng);
     let mut layout = Layout { structure: vec![], bodies: vec![], space: Space::Open, turn: None, wide: true };
+    let subjects = ((count as f32 * rng.between(0.45, 0.75)).round() as u32).clamp(1, 12);
     let mut bodies = vec![];
     for index in 0..count {
         let mut rng = root.child("object", u64::from(index)).rng();
-        let size = rng.log(0.4, 1.3);
-        let picked = context.picker.object(&mut rng, |_| true)?;
+        if index < subjects {
+            let size = rng.log(0.4, 1.3);
+            let picked = context.picker.object(&mut rng, |_| true)?;
+            bodies.push(Body::of(picked, &mut rng, size));
+            continue;
+        }
+        // What stands around is what stands in the open, in its own size.
+        let picked =
+            context.picker.object(&mut rng, |group| matches!(group, "plant" | "mineral" | "architecture" | "terrain"))?;
+        let size = match picked.group() {
+            "plant" => rng.log(0.7, 4.0),
+            "architecture" => rng.log(2.0, 6.0),
+            "terrain" => rng.log(4.0, 9.0),
+            _ => rng.log(0.5, 2.0),
+        };
         bodies.push(Body::of(picked, &mut rng, size));
     }
-    let subjects = ((count as f32 * rng.between(0.45, 0.75)).round() as usize).clamp(1, 12);
-    let strays = bodies.split_off(subjects.min(bodies.len()));
+    let strays = bodies.split_off((subjects as usize).min(bodies.len()));
     let area: f32 = bodies.iter().map(|b| (b.radius + GAP).powi(2)).sum();
     let mut reach = Pcg64::tidy(area.sqrt() * rng.between(1.0, 1.5));
     for body in bodies {

@@ -5,6 +5,7 @@ use crate::description::EnvironmentSource;
 use crate::draw::Draw;
 use crate::error::{Error, Problem, Result};
 use crate::load::{Extent, extent};
+use crate::seed::Seed;
 use crate::shapes::Shape;
 use crate::sky;
 use rand_pcg::Pcg64;
@@ -16,6 +17,16 @@ use std::sync::Mutex;
 pub(super) enum Picked {
     Mesh { shape: Shape, family: &'static str, number: u32 },
     Model { path: String, extent: Extent },
+}
+
+impl Picked {
+    /// Group of its shape; none for a file.
+    pub fn group(&self) -> &'static str {
+        match self {
+            Self::Mesh { shape, .. } => shape.group(),
+            Self::Model { .. } => "",
+        }
+    }
 }
 
 /// The environment of a sequence.
@@ -30,7 +41,8 @@ pub(super) struct Light {
 pub(super) struct Picker<'a> {
     pool: &'a Pool<'a>,
     knobs: &'a Composition,
-    meshes: Vec<&'static str>,
+    /// Families and their groups.
+    meshes: Vec<(&'static str, &'static str)>,
     environments: Vec<&'static str>,
 }
 
@@ -77,10 +89,11 @@ impl<'a> Picker<'a> {
         if !problems.is_empty() {
             return Err(Error::Invalid { file: None, problems });
         }
-        Ok(Self { pool, knobs, meshes, environments })
+        let group = |family: &'static str| (family, Shape::random_of(family, &mut Seed::root(0).rng()).group());
+        Ok(Self { pool, knobs, meshes: meshes.into_iter().map(group).collect(), environments })
     }
 
-    /// An object: a model file, or a mesh whose family is one of those that `suits` accepts (any, where it accepts none).
+    /// An object: a model file, or a mesh whose group ([`Shape::group`]) is one of those that `suits` accepts (any, where it accepts none).
     pub fn object(&self, rng: &mut Pcg64, suits: impl Fn(&str) -> bool) -> Result<Picked> {
         let models = self.pool.models;
         if !models.is_empty() && (self.meshes.is_empty() || rng.chance(self.knobs.user_models)) {
@@ -94,9 +107,10 @@ impl<'a> Picker<'a> {
         }))
     }
 
-    /// A mesh of one of the families that `suits` accepts.
+    /// A mesh of one of the groups that `suits` accepts.
     pub fn mesh(&self, rng: &mut Pcg64, suits: &impl Fn(&str) -> bool) -> Option<Picked> {
-        let families: Vec<&'static str> = self.meshes.iter().copied().filter(|family| suits(family)).collect();
+        let families: Vec<&'static str> =
+            self.meshes.iter().filter(|(_, group)| suits(group)).map(|(family, _)| *family).collect();
         let family = *families.get(rng.below(families.len().max(1) as u32) as usize)?;
         let number = self.pool.catalog.draw_mesh(family, rng)?;
         Some(Picked::Mesh { shape: self.pool.catalog.mesh(number), family, number })

@@ -37,8 +37,12 @@ pub(super) fn layout(context: &Context, source: &EnvironmentSource) -> Result<La
     let mut waiting = vec![];
     for index in 0..count {
         let mut rng = root.child("object", u64::from(index)).rng();
-        let size = rng.log(0.35, 1.1);
-        let picked = context.picker.object(&mut rng, |_| true)?;
+        // Every third piece is one that rooms are furnished with, where the pool has any.
+        let furnishing = index % 3 == 0;
+        let picked = context.picker.object(&mut rng, |group| {
+            if furnishing { matches!(group, "furniture" | "vessel" | "plant") } else { group != "terrain" }
+        })?;
+        let size = if picked.group() == "furniture" { rng.log(0.7, 1.3) } else { rng.log(0.35, 1.0) };
         waiting.push(Body::of(picked, &mut rng, size));
     }
     let middle = (count as usize).div_ceil(2);
