@@ -18,19 +18,15 @@ def read_rff(data, layers=None):
     """Header and layers (all, or those named) of a compact frame in `data` (bytes)."""
     import zstandard
 
-    def unzip(block):
-        return zstandard.ZstdDecompressor().decompress(block)
-
+    unzip = zstandard.ZstdDecompressor().decompress
     signature, stored, _ = struct.unpack("<8s2I", data[:16])
     if signature != b"\x93RFF\1\0\0\0":
         raise ValueError("not a compact frame of version 1")
     header, start = json.loads(unzip(data[16 : 16 + stored])), 16 + stored
-    height, width, found = header["height"], header["width"], {}
-    for layer in header["layers"]:
-        if layers is not None and layer["name"] not in layers:
-            continue
+    found = {}
+    for layer in (layer for layer in header["layers"] if layers is None or layer["name"] in layers):
         size, begin = ITEM[layer["encoding"]], start + layer["offset"]
-        planes = np.frombuffer(unzip(data[begin : begin + layer["bytes"]]), "u1").reshape(-1, size, height, width)
+        planes = np.frombuffer(unzip(data[begin : begin + layer["bytes"]]), "u1").reshape(-1, size, header["height"], header["width"])
         numbers = np.ascontiguousarray(np.moveaxis(planes, 1, -1)).view(f"<u{size}")[..., 0]
         if layer["delta"]:
             numbers = np.cumsum(numbers, axis=1, dtype=numbers.dtype)
@@ -55,49 +51,46 @@ def decode(numbers, layer):
         numbers = numbers.view("<f2").astype("f4")
     elif encoding == "float":
         numbers = numbers.view("<f4")
-    elif encoding in ("unit8", "srgb8"):
+    elif encoding == "unit8":
         numbers = numbers.astype("f4") / np.float32(255)
-        if encoding == "srgb8":
-            numbers = np.where(numbers <= 0.04045, numbers / 12.92, ((numbers + 0.055) / 1.055) ** 2.4).astype("f4")
-    elif encoding[0] == "u":
+    elif encoding == "srgb8":
+        n = numbers / 255
+        numbers = np.where(n <= 0.04045, n / 12.92, ((n + 0.055) / 1.055) ** 2.4).astype("f4")
+    else:
         numbers = numbers.astype("u4")
     return np.moveaxis(numbers, 0, -1) if len(layer["components"]) > 1 else numbers[0]
 
 
-def read_exr(source, layers=None):
-    """Header and layers of an OpenEXR frame (path or bytes), named as in compact frames."""
+def read_exr(data, layers=None):
+    """Header and layers of an OpenEXR frame in `data` (bytes), named as in compact frames."""
     import OpenEXR
 
-    if isinstance(source, bytes):  # OpenEXR reads from files only
-        with tempfile.NamedTemporaryFile(suffix=".exr") as file:
-            file.write(source)
-            file.flush()
-            return read_exr(file.name, layers)
-    with OpenEXR.File(str(source), separate_channels=True) as file:
-        header, channels = file.header(), {name: channel.pixels for name, channel in file.channels().items()}
-    groups = {}
+    with tempfile.NamedTemporaryFile(suffix=".exr") as copy:  # OpenEXR reads from files only
+        copy.write(data)
+        copy.flush()
+        with OpenEXR.File(copy.name, separate_channels=True) as file:
+            header, channels, groups = file.header(), {name: c.pixels for name, c in file.channels().items()}, {}
     for name in channels:
         layer, _, component = name.rpartition(".")
         groups.setdefault(layer or ("alpha" if component == "A" else "beauty"), []).append(name)
     found = {}
     for layer, names in groups.items():
         names.sort(key=lambda name: "RGBXYZ".find(name[-1]))
-        pictures = [channels[name] if channels[name].dtype == "u4" else channels[name].astype("f4") for name in names]
         if layers is None or layer in layers:
-            found[layer] = np.stack(pictures, -1) if len(pictures) > 1 else pictures[0]
+            pictures = np.stack([channels[name] for name in names], -1).squeeze(-1 if len(names) == 1 else ())
+            found[layer] = pictures if pictures.dtype == "u4" else pictures.astype("f4")
     return header, found
 
 
 def samples(shard, layers=None):
     """(description, layers) of every frame in a tar shard, in order."""
     with tarfile.open(shard) as archive:
-        frame = None
-        for member in archive:
+        for member in archive:  # a frame, then its description
             data, ending = archive.extractfile(member).read(), member.name.split(".", 1)[1]
-            if ending != "json":
-                frame = read_rff(data, layers) if ending == "rff" else read_exr(data, layers)
-            elif frame is not None:
-                yield json.loads(data), frame[1]
+            if ending == "json":
+                yield json.loads(data), frame
+            else:
+                _, frame = read_rff(data, layers) if ending == "rff" else read_exr(data, layers)
 
 
 def Shards(folder, split="train", layers=("beauty", "albedo", "normal", "depth", "material"), shuffle=True, seed=0):
@@ -105,13 +98,13 @@ def Shards(folder, split="train", layers=("beauty", "albedo", "normal", "depth",
     import torch
 
     def tensor(values):  # ids as signed integers, which torch can compare and index
-        values = values.astype("i8") if values.dtype.kind == "u" else values
-        return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.atleast_3d(values), -1, 0)))
+        values = np.moveaxis(np.atleast_3d(values), -1, 0)
+        return torch.from_numpy(np.ascontiguousarray(values, "i8" if values.dtype.kind == "u" else None))
 
     class Dataset(torch.utils.data.IterableDataset):
         def __iter__(self):
-            names = [s["file"] for s in json.loads((pathlib.Path(folder) / "manifest.json").read_text())["shards"]
-                     if s["split"] == split and s["kind"] == "frames"]
+            shards = json.loads((pathlib.Path(folder) / "manifest.json").read_text())["shards"]
+            names = [s["file"] for s in shards if (s["split"], s["kind"]) == (split, "frames")]
             if shuffle:
                 random.Random(seed).shuffle(names)
             worker = torch.utils.data.get_worker_info()

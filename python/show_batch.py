@@ -10,8 +10,7 @@ from renderflow_data import Shards
 
 
 def srgb(linear):
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.where((c := np.clip(linear, 0, 1)) <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
 
 
 def main(folder, out, split="train"):
@@ -21,7 +20,7 @@ def main(folder, out, split="train"):
         print(f"{name:10}", tuple(value.shape) if torch.is_tensor(value) else value)
     rows = []
     for i in range(len(batch["key"])):
-        layer = {name: batch[name][i].permute(1, 2, 0).numpy() for name in ("beauty", "albedo", "normal", "depth", "material")}
+        layer = {name: value[i].permute(1, 2, 0).numpy() for name, value in batch.items() if np.ndim(value) == 4}
         nearest = np.min(layer["depth"])
         depth = np.repeat(nearest / layer["depth"], 3, -1) if np.isfinite(nearest) else np.zeros_like(layer["beauty"])
         picture = srgb(layer["beauty"] * float(batch["exposure"][i]))

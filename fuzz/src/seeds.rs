@@ -4,6 +4,7 @@ use exr_crate::image::{Encoding, Image as ExrImage, Layer};
 use exr_crate::prelude::*;
 use glam::{Affine3A, Vec3A};
 use image::{DynamicImage, GrayImage, ImageFormat, Luma, RgbImage};
+use renderflow_frame::compact::{self, Keep};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::transforms::{self, Sequence};
@@ -41,6 +42,15 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     frame.irradiance = frame.beauty.clone();
     frame.motion = Some(Image::filled(4, 3, [0.5, -0.5]));
     put("exr", "frame_more_channels.exr", &exr::encode(Path::new("frame.exr"), &frame)?.0)?;
+    for (name, keep) in [("training", Keep::Training), ("all", Keep::All)] {
+        let (file, _) = compact::encode_with(Path::new("frame.rff"), &frame, keep)?;
+        put("rff", &format!("{name}.rff"), &file)?;
+        // The form of the target that puts checksums right: length of the header, header as text, blocks.
+        let stored = u32::from_le_bytes([file[8], file[9], file[10], file[11]]) as usize;
+        let json = zstd::decode_all(&file[16..16 + stored])?;
+        let length = (json.len() as u32).to_le_bytes();
+        put("rff", &format!("{name}.parts"), &[&length, &json[..], &file[16 + stored..]].concat())?;
+    }
 
     // Pictures in every compression and layout of blocks that the library writes, whole and as half floats.
     let pixel = |at: Vec2<usize>| (at.x() as f32, 0.5 * at.y() as f32, f16::from_f32(0.1 + (at.x() % 3) as f32));
