@@ -14,7 +14,7 @@ pub enum Profile {
     /// OpenEXR with every channel ([`crate::exr`]).
     #[default]
     Full,
-    /// What training reads, in a seventh of the bytes ([`crate::compact`]).
+    /// What training reads, in about a seventh of the bytes ([`crate::compact`]).
     Compact,
 }
 

@@ -15,7 +15,7 @@ use half::f16;
 use std::path::Path;
 use zstd::zstd_safe::CParameter;
 
-/// Level of zstd. On rendered frames of 512 x 512: 3 is 4 % larger, 19 is 1 % smaller and ten times slower.
+/// Level of zstd. On rendered frames of 512 x 512 (88 ms): 3 is 8 % larger (18 ms), 6 is 1 % larger (50 ms), 19 is 11 % smaller (1.8 s).
 const LEVEL: i32 = 9;
 
 /// Largest code of a coordinate on the octahedron.
