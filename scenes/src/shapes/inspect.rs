@@ -81,7 +81,8 @@ pub fn inspect(mesh: &Mesh) -> MeshReport {
             continue;
         };
         let (ab, ac) = (b - a, c - a);
-        if !(ab.cross(ac).length() > 1e-7 * ab.length() * ac.length()) || b == c {
+        let area = ab.cross(ac).length();
+        if area.is_nan() || area <= 1e-7 * ab.length() * ac.length() || b == c {
             degenerate += 1;
         }
         let v = t.map(|i| id[i as usize]);
