@@ -177,7 +177,7 @@ impl Cactus {
                         let a = side * dice.between(0.2, 0.9);
                         let at = place.transform_point3(DVec3::new(0.3 * length * a.sin(), length * (0.55 + 0.4 * a.cos()), 0.0));
                         let up = (place.transform_vector3(DVec3::new(a.sin(), a.cos(), dice.between(-0.2, 0.2)))
-                            + DVec3::Y * 0.2)
+                            + DVec3::Y * 0.55)
                             .normalize_or(DVec3::Y);
                         let smaller = length * dice.between(0.75, 0.95);
                         pads.insert(0, (at, up, smaller, spin + dice.between(-0.7, 0.7)));
