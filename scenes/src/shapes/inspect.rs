@@ -81,7 +81,8 @@ pub fn inspect(mesh: &Mesh) -> MeshReport {
             continue;
         };
         let (ab, ac) = (b - a, c - a);
-        if !(ab.cross(ac).length() > 1e-7 * ab.length() * ac.length()) || b == c {
+        let area = ab.cross(ac).length();
+        if area.is_nan() || area <= 1e-7 * ab.length() * ac.length() || b == c {
             degenerate += 1;
         }
         let v = t.map(|i| id[i as usize]);
@@ -122,11 +123,12 @@ pub fn inspect(mesh: &Mesh) -> MeshReport {
     }
 }
 
-/// A point and direction of [`inspect`]'s kind for tests: the triangles whose shading normals look into the body.
+/// How many triangles have shading normals that look into the body. Every vertex must have a normal.
 pub fn inward_normals(mesh: &Mesh) -> usize {
     let looks_in = |t: &&[u32; 3]| {
-        let [a, b, c] = t.map(|i| mesh.positions[i as usize].as_dvec3());
-        let shading: DVec3 = t.iter().map(|&i| mesh.normals[i as usize].as_dvec3()).sum();
+        let corner = |k: usize| mesh.positions.get(t[k] as usize).map(|p| p.as_dvec3());
+        let (Some(a), Some(b), Some(c)) = (corner(0), corner(1), corner(2)) else { return false };
+        let shading: DVec3 = t.iter().filter_map(|&i| mesh.normals.get(i as usize)).map(|n| n.as_dvec3()).sum();
         shading.dot((b - a).cross(c - a)) <= 0.0
     };
     mesh.triangles.iter().filter(looks_in).count()

@@ -374,7 +374,7 @@ impl Column {
             let (mut y, (sin, cos)) = (base - 0.02 + (shaft + 0.04) * v, u.sin_cos());
             if !whole {
                 let rough = crate::noise::fractal(DVec3::new(sin, cos, 0.3) * 1.7, 4, self.seed);
-                let edge = base + shaft * (f64::from(self.whole) + 0.12 * rough).clamp(0.08, 0.97);
+                let edge = base + shaft * (f64::from(self.whole) + 0.06 * rough).clamp(0.08, 0.97);
                 y = base - 0.02 + (edge - base) * v;
             }
             DVec3::new(width * sin, y, width * cos)

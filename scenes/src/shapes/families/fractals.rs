@@ -100,7 +100,7 @@ impl Sponge {
             marks = next;
         }
         let mut b = Builder::default();
-        voxels(&mut b, total, &mut solid, |c| DVec3::from(c.map(|i| marks[i])) * DVec3::from(self.stretch.map(|s| f64::from(s))));
+        voxels(&mut b, total, &mut solid, |c| DVec3::from(c.map(|i| marks[i])) * DVec3::from(self.stretch.map(f64::from)));
         b.keep_largest();
         (b, 30.0)
     }

@@ -2,6 +2,7 @@
 
 pub(super) mod buildings;
 pub(super) mod fractals;
+pub(super) mod furnishings;
 pub(super) mod furniture;
 pub(super) mod implicit;
 pub(super) mod machine;

@@ -92,7 +92,16 @@ impl Cactus {
             pot(&mut b, wide, tall);
             0.85 * tall
         } else {
-            mound(&mut b, 0.42, 0.07, self.seed);
+            mound(
+                &mut b,
+                match self.kind {
+                    CactusKind::Barrel => 0.42,
+                    CactusKind::Opuntia => 0.2,
+                    _ => 0.3,
+                },
+                0.06,
+                self.seed,
+            );
             0.0
         };
         let base = DVec3::Y * ground;
@@ -168,7 +177,7 @@ impl Cactus {
                         let a = side * dice.between(0.2, 0.9);
                         let at = place.transform_point3(DVec3::new(0.3 * length * a.sin(), length * (0.55 + 0.4 * a.cos()), 0.0));
                         let up = (place.transform_vector3(DVec3::new(a.sin(), a.cos(), dice.between(-0.2, 0.2)))
-                            + DVec3::Y * 0.2)
+                            + DVec3::Y * 0.55)
                             .normalize_or(DVec3::Y);
                         let smaller = length * dice.between(0.75, 0.95);
                         pads.insert(0, (at, up, smaller, spin + dice.between(-0.7, 0.7)));
@@ -238,7 +247,7 @@ impl Rosette {
             b.ellipsoid(top, DVec3::new(0.1, 0.06, 0.1), 8);
             for _ in 0..3 {
                 let at = path[3 + dice.below(8)];
-                self.blade(&mut b, &mut dice, at, 0.0, 0.35, 0.06, [0.5, 0.6], 0.012);
+                self.blade(&mut b, at, dice.between(0.0, TAU), [0.35, 0.06, 0.012], [0.5, 0.6]);
             }
             heart = top;
         }
@@ -264,7 +273,7 @@ impl Rosette {
             if self.leaves == Leaves::Fern {
                 self.frond(&mut b, heart, around, length * scale, steep.max(0.5), bend.max(0.4));
             } else {
-                self.blade(&mut b, &mut dice, heart, around, length * scale, wide * scale.sqrt(), [steep, bend], thick);
+                self.blade(&mut b, heart, around, [length * scale, wide * scale.sqrt(), thick], [steep, bend]);
             }
         }
         (b, 50.0)
@@ -291,18 +300,8 @@ impl Rosette {
         }
     }
 
-    fn blade(
-        &self,
-        b: &mut Builder,
-        dice: &mut Dice,
-        heart: DVec3,
-        around: f64,
-        length: f64,
-        wide: f64,
-        [steep, bend]: [f64; 2],
-        thick: f64,
-    ) {
-        let around = if around == 0.0 && wide < 0.07 { dice.between(0.0, TAU) } else { around };
+    /// A leaf from the heart; `[length, half width, thickness]`, `[steepness, bend]` in radians.
+    fn blade(&self, b: &mut Builder, heart: DVec3, around: f64, [length, wide, thick]: [f64; 3], [steep, bend]: [f64; 2]) {
         let line = Self::line(heart, around, length, steep, bend);
         let shape = self.leaves;
         let width = move |s: f64| {
@@ -434,7 +433,7 @@ impl Mushroom {
     fn build(&self) -> (Builder, f64) {
         let mut b = Builder::default();
         let mut dice = Dice::new(self.seed);
-        mound(&mut b, 0.2 + 0.13 * f64::from(self.count).sqrt(), 0.07, self.seed);
+        mound(&mut b, 0.1 + 0.15 * f64::from(self.count - 1).sqrt(), 0.06, self.seed);
         for i in 0..self.count {
             let size = if i == 0 { 1.0 } else { dice.between(0.35, 0.8) };
             let around = 2.399_963 * f64::from(i) + dice.between(-0.4, 0.4);

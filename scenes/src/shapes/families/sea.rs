@@ -15,7 +15,7 @@ model! {
         turns: f32 [1, 9] = rng.between(3.0, 6.5);
         /// Size of a whorl over that of the one before.
         growth: f32 [1.1, 3.5] = rng.between(1.35, 2.4);
-        /// Height of the spire over the width of a whorl: 0 = flat as an ammonite.
+        /// Height of the spire over the width of a whorl: 0 = flat as an ammonite; no higher than whorls still touch.
         spire: f32 [0, 5] = if rng.chance(0.3) { rng.between(0.0, 0.3) } else { rng.between(0.8, 3.2) };
         /// Radius of the tube as a share of its distance from the axis.
         tube: f32 [0.3, 1.1] = rng.between(0.55, 0.95);
@@ -35,7 +35,10 @@ impl Seashell {
         let turns = f64::from(self.turns);
         let rate = f64::from(self.growth).ln() / TAU;
         let steps = ((turns * 56.0) as usize).clamp(32, 300);
-        let (tube, oval, spire) = (f64::from(self.tube), f64::from(self.oval), f64::from(self.spire));
+        let (tube, oval) = (f64::from(self.tube), f64::from(self.oval));
+        // Neighbouring whorls, of sizes 1 and 1 / growth, touch up to this height.
+        let growth = f64::from(self.growth);
+        let spire = f64::from(self.spire).min(0.9 * oval * tube * (growth + 1.0) / (growth - 1.0));
         let (ribs, ridges, depth) = (f64::from(self.ribs), f64::from(self.ridges), f64::from(self.depth));
         let sides = 36;
         let last = TAU * turns;

@@ -135,7 +135,7 @@ impl Chain {
         let (wire, bend) = (f64::from(self.wire), f64::from(self.bend));
         // A ring closes with an even number of links, and none can be smaller than six.
         let ring = self.course == Course::Ring;
-        let n = if ring { (self.links.max(6) + 1) / 2 * 2 } else { self.links } as usize;
+        let n = if ring { 2 * self.links.max(6).div_ceil(2) } else { self.links } as usize;
         let half_width = (0.5 * f64::from(self.width)).max(2.4 * wire) - wire;
         // Links touch where the next one's wire lies inside this one's.
         let pitch = 1.0 - 4.0 * wire;

@@ -233,8 +233,7 @@ impl Tree {
                 }
             }
             Habit::Leafy | Habit::Bush => {
-                let each =
-                    ((amount * 0.9 * f64::from(budget.max(0) as u32) / (32.0 * tips.len().max(1) as f64)) as usize).clamp(3, 14);
+                let each = ((amount * 0.9 * budget as f64 / (32.0 * tips.len().max(1) as f64)) as usize).clamp(3, 14);
                 for &(at, axis, length) in &tips {
                     for _ in 0..each {
                         if budget < 32 {
