@@ -158,11 +158,11 @@ impl CrackedPaint {
             let cell = cells.at(u + bend * a, v + bend * b);
             let worn = wear.texel(x, y);
             // Whole flakes are gone, others only at their rims.
-            let gone = cell.draw(1) + 0.8 * worn < mix(-0.9, 1.9, lost);
+            let gone = cell.draw(1) + 0.8 * worn < mix(-0.35, 1.6, lost);
             let soft = 1.3 * texel * f64::from(self.flakes);
-            let rim = cell.edge - 0.02 - 0.1 * (0.5 + worn).max(0.0) * cell.draw(2);
+            let rim = cell.edge - 0.01 - 0.16 * (0.35 + worn).max(0.0) * cell.draw(2);
             let paint = if gone { 0.0 } else { smooth(-soft, soft, rim) };
-            let crack = (1.0 - smooth(0.0, 0.03 + soft, cell.edge)) * if gone { 0.3 } else { 1.0 };
+            let crack = (1.0 - smooth(0.0, 0.012 + 0.035 * cell.draw(4) + 0.5 * soft, cell.edge)) * if gone { 0.3 } else { 1.0 };
             let wood = gain(colors[2], 1.0 + 0.4 * below.texel(x, y));
             let color = gain(blend(colors[0], colors[1], smooth(-0.6, 0.6, worn + 0.4 * (cell.draw(3) - 0.5))), 1.0 + 0.05 * a);
             // Flakes curl up at their rims.

@@ -241,14 +241,15 @@ impl Concrete {
         let seed = |k: u32| self.seed.wrapping_add(k);
         let blotch = Grid::noise(n, [3, 3], 5, seed(1));
         let fine = Grid::noise(n, [64, 64], 3, seed(2));
-        let holes = Cells::new([28, 28], 0.8, seed(3));
+        let holes = Cells::new([40, 40], 0.8, seed(3));
         let (pores, contrast, boards) = (f64::from(self.pores), f64::from(self.contrast), f64::from(self.boards));
         self.common().maps(wanted, |Place { x, y, u, v, texel }| {
             let (a, grain) = (blotch.texel(x, y), fine.texel(x, y));
-            let cell = holes.at(u, v);
+            let shift = 0.004 * grain;
+            let cell = holes.at(u + shift, v - shift);
             let size = if cell.draw(1) < pores { 0.05 + 0.25 * cell.draw(2).powi(3) } else { 0.0 };
-            let pore = if size > 0.0 { 1.0 - smooth(0.6 * size, size + 28.0 * texel, cell.near) } else { 0.0 };
-            let mut tone = contrast * a + 0.12 * grain;
+            let pore = if size > 0.0 { 1.0 - smooth(0.6 * size, size + 40.0 * texel, cell.near) } else { 0.0 };
+            let mut tone = 1.6 * contrast * a + 0.2 * grain;
             let mut seam = 0.0;
             if self.boards > 0 {
                 let board = floor(v * boards) as u32;

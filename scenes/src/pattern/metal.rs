@@ -97,13 +97,13 @@ impl ChippedPaint {
         let cells = Cells::new([2 * self.chips; 2], 0.8, seed(3));
         let marks = Grid::scratches(n, self.scratches, 0.3, 0.005, 1.0, seed(4));
         let peel = Grid::noise(n, [64, 64], 2, seed(5));
-        let level = mix(0.85, -0.8, f64::from(self.worn));
+        let level = mix(0.62, -0.75, f64::from(self.worn));
         self.common().maps(wanted, |Place { x, y, u, v, .. }| {
             let (a, c) = (wear.texel(x, y), chips.texel(x, y));
             // Flakes have straight rims: whole cells go where wear is high.
             let flake = cells.at(u + 0.004 * c, v + 0.004 * c).draw(1) - 0.5;
-            let amount = 0.6 * a + 0.5 * c + 0.35 * flake - level + 0.9 * (marks.texel(x, y) - 0.45).max(0.0);
-            let (primer, metal) = (smooth(-0.01, 0.03, amount), smooth(0.09, 0.14, amount));
+            let amount = 0.6 * a + 0.5 * c + 0.35 * flake - level + 0.7 * (marks.texel(x, y) - 0.25).max(0.0);
+            let (primer, metal) = (smooth(-0.01, 0.03, amount), smooth(0.045, 0.09, amount));
             let paint = gain(colors[0], 1.0 + 0.1 * a);
             Spot {
                 color: blend(blend(paint, gain(colors[1], 1.0 + 0.2 * c), primer), gain(colors[2], 1.0 + 0.15 * c), metal),

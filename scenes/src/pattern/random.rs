@@ -1,5 +1,11 @@
 //! Random parameters of each kind, in colours that such surfaces have.
 
+mod metal;
+mod natural;
+
+pub(crate) use metal::*;
+pub(crate) use natural::*;
+
 use super::*;
 use crate::draw::Draw;
 use rand_pcg::Pcg64;
@@ -63,7 +69,7 @@ fn near(rng: &mut Pcg64, base: Color, gain: f32) -> Color {
 
 /// Any hue.
 fn dye(rng: &mut Pcg64) -> Color {
-    let (hue, saturation, value) = (rng.between(0.0, 360.0), rng.between(0.3, 0.95), rng.log(0.04, 0.75));
+    let (hue, saturation, value) = (rng.between(0.0, 360.0), rng.between(0.25, 0.92), rng.log(0.07, 0.8));
     Pcg64::hsv(hue, saturation, value)
 }
 
@@ -75,7 +81,7 @@ fn neutral(rng: &mut Pcg64) -> Color {
 
 /// A colour of paint and cloth.
 fn paint(rng: &mut Pcg64) -> Color {
-    if rng.chance(0.65) { dye(rng) } else { neutral(rng) }
+    if rng.chance(0.6) { dye(rng) } else { neutral(rng) }
 }
 
 /// A colour that differs from `other` enough to be told from it.
@@ -187,24 +193,6 @@ pub(crate) fn graffiti(rng: &mut Pcg64) -> Pattern {
     })
 }
 
-/// Of metal or of plastic and wood.
-pub(crate) fn corrugated(rng: &mut Pcg64, metal: bool) -> Pattern {
-    let base = if metal { one_of(rng, &METALS) } else { paint(rng) };
-    let ribs = count(rng, 4, 32);
-    Pattern::Corrugated(Corrugated {
-        colors: [near(rng, base, 1.0), near(rng, [0.22, 0.17, 0.12], 1.0)],
-        roughness: rough(rng, [0.12, 0.5], 0.4),
-        // Slopes of about one half at the steepest, whatever the number of ribs.
-        depth: Pcg64::tidy(rng.between(0.06, 0.22) / ribs as f32),
-        ribs,
-        square: if rng.chance(0.5) { 0.0 } else { rng.between(0.3, 1.0) },
-        dirt: rng.between(0.0, 0.7),
-        metallic: if metal { 1.0 } else { 0.0 },
-        seed: seed(rng),
-        ..Corrugated::default()
-    })
-}
-
 pub(crate) fn bricks(rng: &mut Pcg64) -> Pattern {
     let base = one_of(rng, &BRICKS);
     let joint = one_of(rng, &JOINTS);
@@ -297,248 +285,6 @@ pub(crate) fn concrete(rng: &mut Pcg64) -> Pattern {
         contrast: rng.between(0.2, 0.9),
         seed: seed(rng),
         ..Concrete::default()
-    })
-}
-
-pub(crate) fn planks(rng: &mut Pcg64) -> Pattern {
-    let [light, dark] = one_of(rng, &WOODS);
-    Pattern::Planks(Planks {
-        colors: [near(rng, light, 1.0), near(rng, dark, 1.0), near(rng, [0.03, 0.02, 0.015], 1.0)],
-        roughness: rough(rng, [0.15, 0.5], 0.5),
-        depth: deep(rng, 0.004),
-        boards: count(rng, 3, 12),
-        contrast: rng.between(0.15, 0.9),
-        grain: rng.between(0.3, 1.0),
-        worn: rng.between(0.0, 0.8),
-        seed: seed(rng),
-        ..Planks::default()
-    })
-}
-
-pub(crate) fn wood(rng: &mut Pcg64) -> Pattern {
-    let [light, dark] = one_of(rng, &WOODS);
-    Pattern::Wood(Wood {
-        colors: [near(rng, light, 1.1), near(rng, dark, 1.1), near(rng, dark, 0.4)],
-        roughness: rough(rng, [0.12, 0.5], 0.4),
-        depth: deep(rng, 0.002),
-        rings: count(rng, 6, 32),
-        wavy: rng.between(0.1, 1.0),
-        knots: rng.between(0.0, 0.8),
-        fibres: rng.between(0.2, 1.0),
-        seed: seed(rng),
-        ..Wood::default()
-    })
-}
-
-pub(crate) fn parquet(rng: &mut Pcg64) -> Pattern {
-    let [light, dark] = one_of(rng, &WOODS);
-    Pattern::Parquet(Parquet {
-        colors: [near(rng, light, 1.0), near(rng, dark, 1.1), near(rng, dark, 0.25)],
-        roughness: rough(rng, [0.06, 0.35], 0.4),
-        depth: deep(rng, 0.0015),
-        pairs: count(rng, 1, 3),
-        strips: count(rng, 2, 6),
-        contrast: rng.between(0.2, 0.9),
-        seed: seed(rng),
-        ..Parquet::default()
-    })
-}
-
-pub(crate) fn marble(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &STONES);
-    // Light veins on dark stone, dark or golden ones on light stone.
-    let bright = base[1] > 0.35;
-    let vein = if !bright {
-        near(rng, [0.72, 0.68, 0.6], 1.0)
-    } else if rng.chance(0.3) {
-        near(rng, [0.5, 0.33, 0.12], 1.0)
-    } else {
-        near(rng, base, 0.25)
-    };
-    Pattern::Marble(Marble {
-        colors: [near(rng, base, 1.0), near(rng, base, if bright { 0.72 } else { 1.7 }), vein],
-        roughness: rough(rng, [0.03, 0.25], 0.3),
-        veins: count(rng, 1, 6),
-        turbulence: rng.between(0.15, 1.0),
-        contrast: rng.between(0.2, 1.0),
-        seed: seed(rng),
-        ..Marble::default()
-    })
-}
-
-pub(crate) fn granite(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &STONES);
-    Pattern::Granite(Granite {
-        colors: [near(rng, base, 1.0), near(rng, base, 0.6), near(rng, [0.68, 0.66, 0.63], 1.0), near(rng, [0.04; 3], 1.0)],
-        roughness: rough(rng, [0.05, 0.4], 0.4),
-        depth: if rng.chance(0.6) { 0.0 } else { deep(rng, 0.003) },
-        grains: count(rng, 24, 96),
-        clumps: rng.between(0.0, 1.0),
-        dark: rng.between(0.0, 0.8),
-        seed: seed(rng),
-        ..Granite::default()
-    })
-}
-
-pub(crate) fn terrazzo(rng: &mut Pcg64) -> Pattern {
-    let binder = if rng.chance(0.7) { one_of(rng, &STONES) } else { paint(rng) };
-    let chip = |rng: &mut Pcg64| if rng.chance(0.5) { one_of(rng, &STONES) } else { dye(rng) };
-    Pattern::Terrazzo(Terrazzo {
-        colors: [chip(rng), chip(rng), chip(rng), near(rng, binder, 1.0)],
-        roughness: rough(rng, [0.05, 0.3], 0.4),
-        chips: count(rng, 6, 24),
-        cover: rng.between(0.25, 0.9),
-        variation: rng.between(0.1, 0.8),
-        seed: seed(rng),
-        ..Terrazzo::default()
-    })
-}
-
-pub(crate) fn cracked_earth(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &EARTHS);
-    let plates = count(rng, 3, 12);
-    Pattern::CrackedEarth(CrackedEarth {
-        colors: [near(rng, base, 1.0), near(rng, base, 0.75), near(rng, base, 0.15)],
-        roughness: rough(rng, [0.7, 0.85], 0.2),
-        depth: Pcg64::tidy(rng.between(0.06, 0.16) / plates as f32),
-        plates,
-        gap: rng.between(0.03, 0.15),
-        curl: rng.between(0.0, 1.0),
-        wavy: rng.between(0.1, 1.0),
-        seed: seed(rng),
-        ..CrackedEarth::default()
-    })
-}
-
-pub(crate) fn sand(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &EARTHS);
-    let ripples = if rng.chance(0.25) { 0 } else { count(rng, 4, 24) };
-    Pattern::Sand(Sand {
-        colors: [near(rng, base, 1.1), near(rng, base, 0.8), near(rng, base, 0.4)],
-        roughness: rough(rng, [0.65, 0.85], 0.25),
-        depth: Pcg64::tidy(rng.between(0.08, 0.2) / ripples.max(8) as f32),
-        ripples,
-        wavy: rng.between(0.2, 1.0),
-        grains: count(rng, 48, 128),
-        seed: seed(rng),
-        ..Sand::default()
-    })
-}
-
-pub(crate) fn blotches(rng: &mut Pcg64) -> Pattern {
-    let base = if rng.chance(0.5) { one_of(rng, &EARTHS) } else { paint(rng) };
-    Pattern::Blotches(Blotches {
-        colors: [near(rng, base, 1.0), near(rng, base, 0.6), if rng.chance(0.5) { near(rng, base, 0.35) } else { paint(rng) }],
-        roughness: rough(rng, [0.1, 0.7], 0.5),
-        depth: if rng.chance(0.4) { 0.0 } else { deep(rng, 0.004) },
-        count: count(rng, 2, 10),
-        detail: count(rng, 1, 6),
-        contrast: rng.between(0.0, 1.0),
-        seed: seed(rng),
-        ..Blotches::default()
-    })
-}
-
-pub(crate) fn rust(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &[METALS[0], METALS[1], METALS[7]]);
-    Pattern::Rust(Rust {
-        colors: [near(rng, base, 0.9), near(rng, [0.32, 0.11, 0.03], 1.0), near(rng, [0.09, 0.035, 0.02], 1.0)],
-        roughness: rough(rng, [0.12, 0.4], 0.8),
-        depth: deep(rng, 0.005),
-        patches: count(rng, 1, 8),
-        cover: rng.between(0.15, 0.85),
-        runs: rng.between(0.0, 0.9),
-        seed: seed(rng),
-        ..Rust::default()
-    })
-}
-
-pub(crate) fn scratched(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &METALS);
-    Pattern::Scratched(Scratched {
-        colors: [near(rng, base, 1.0), near(rng, base, 0.45)],
-        roughness: rough(rng, [0.04, 0.25], 0.5),
-        depth: deep(rng, 0.001),
-        scratches: count(rng, 60, 700),
-        spread: if rng.chance(0.6) { 1.0 } else { rng.between(0.0, 0.6) },
-        length: rng.between(0.08, 0.6),
-        tarnish: rng.between(0.0, 0.9),
-        seed: seed(rng),
-        ..Scratched::default()
-    })
-}
-
-pub(crate) fn chipped_paint(rng: &mut Pcg64) -> Pattern {
-    let (base, primer) = (one_of(rng, &METALS), one_of(rng, &[[0.35, 0.12, 0.07], [0.45, 0.45, 0.43], [0.12, 0.13, 0.12]]));
-    Pattern::ChippedPaint(ChippedPaint {
-        colors: [paint(rng), near(rng, primer, 1.0), near(rng, base, 0.85)],
-        roughness: rough(rng, [0.08, 0.4], 0.6),
-        depth: deep(rng, 0.003),
-        chips: count(rng, 4, 20),
-        worn: rng.between(0.1, 0.6),
-        scratches: count(rng, 0, 200),
-        seed: seed(rng),
-        ..ChippedPaint::default()
-    })
-}
-
-pub(crate) fn brushed(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &METALS);
-    Pattern::Brushed(Brushed {
-        colors: [near(rng, base, 1.0), near(rng, base, 0.75)],
-        roughness: rough(rng, [0.1, 0.3], 0.4),
-        depth: deep(rng, 0.0006),
-        lines: count(rng, 60, 240),
-        contrast: rng.between(0.2, 0.9),
-        smudges: rng.between(0.0, 0.7),
-        seed: seed(rng),
-        ..Brushed::default()
-    })
-}
-
-/// Of metal, or the peel of moulded plastic.
-pub(crate) fn hammered(rng: &mut Pcg64, metal: bool) -> Pattern {
-    let base = if metal { one_of(rng, &METALS) } else { paint(rng) };
-    let dents = count(rng, 5, 24);
-    Pattern::Hammered(Hammered {
-        colors: [near(rng, base, 1.0), near(rng, base, 0.35)],
-        roughness: rough(rng, [0.05, 0.3], 0.4),
-        depth: Pcg64::tidy(rng.between(0.05, 0.14) / dents as f32),
-        dents,
-        uneven: rng.between(0.3, 1.0),
-        tarnish: rng.between(0.0, 0.7),
-        metallic: if metal { 1.0 } else { 0.0 },
-        seed: seed(rng),
-        ..Hammered::default()
-    })
-}
-
-pub(crate) fn tread_plate(rng: &mut Pcg64) -> Pattern {
-    let base = one_of(rng, &METALS);
-    let pairs = count(rng, 2, 8);
-    Pattern::TreadPlate(TreadPlate {
-        colors: [near(rng, base, 0.95), near(rng, [0.16, 0.13, 0.1], 1.0)],
-        roughness: rough(rng, [0.12, 0.4], 0.5),
-        depth: Pcg64::tidy(rng.between(0.015, 0.04) / pairs as f32),
-        pairs,
-        length: rng.between(0.28, 0.48),
-        dirt: rng.between(0.0, 0.8),
-        scratches: count(rng, 0, 300),
-        seed: seed(rng),
-        ..TreadPlate::default()
-    })
-}
-
-pub(crate) fn carbon_fibre(rng: &mut Pcg64) -> Pattern {
-    let base = if rng.chance(0.75) { [0.06, 0.06, 0.065] } else { dye(rng) };
-    Pattern::CarbonFibre(CarbonFibre {
-        colors: [near(rng, base, 1.1), near(rng, base, 0.25)],
-        roughness: rough(rng, [0.1, 0.3], 0.35),
-        depth: deep(rng, 0.0015),
-        repeats: count(rng, 2, 8),
-        contrast: rng.between(0.4, 1.0),
-        seed: seed(rng),
-        ..CarbonFibre::default()
     })
 }
 

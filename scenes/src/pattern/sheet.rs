@@ -149,3 +149,22 @@ pub(super) fn normals(n: usize, heights: &[f64], depth: f64) -> Vec<[u16; 4]> {
     }
     texels
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ground that rises along v, which runs down the image: the normal leans back up, where green points.
+    #[test]
+    fn green_points_up_the_image() {
+        let n = 8;
+        let heights: Vec<f64> = (0..n * n).map(|i| field::wave((i / n) as f64 / n as f64)).collect();
+        let texels = normals(n, &heights, 0.1);
+        let green = |y: usize| f64::from(texels[y * n][1]) / 32767.5 - 1.0;
+        // Steepest at row 0: the difference over two of eight rows of a sine is 2 sin(45 degrees).
+        let slope = 0.5 * 0.1 * 8.0 * std::f64::consts::SQRT_2;
+        assert!((green(0) - slope / (1.0 + slope * slope).sqrt()).abs() < 1e-4, "{}", green(0));
+        assert!((green(4) + green(0)).abs() < 1e-4 && green(2).abs() < 1e-4);
+        assert!(texels.iter().all(|t| t[0].abs_diff(32768) <= 1));
+    }
+}

@@ -27,13 +27,13 @@ impl Marble {
         self.common().maps(wanted, |Place { x, y, u, v, .. }| {
             let (a, b) = (u + bend * warp[0].texel(x, y), v + bend * warp[1].texel(x, y));
             // A vein is where noise changes its sign; its width differs along it.
-            let width = mix(0.35, 0.1, contrast);
+            let width = mix(0.3, 0.07, contrast);
             let thick = 1.0 + 0.8 * cloud.texel(x, y);
             let main = 1.0 - smooth(0.0, width * thick.max(0.15), large.at(a, b).abs());
-            let hair = 1.0 - smooth(0.0, 0.08, small.at(b, a).abs());
+            let hair = 1.0 - smooth(0.0, 0.06, small.at(b, a).abs());
             let mist = smooth(-0.3, 0.9, cloud.at(a, b));
             let ground = blend(colors[0], colors[1], mix(0.3, 0.9, contrast) * mist);
-            let vein = (main * main * mix(0.5, 1.0, contrast) + 0.35 * hair * hair * mist).min(1.0);
+            let vein = (main * main * mix(0.5, 1.0, contrast) + 0.6 * hair * hair * mist).min(1.0);
             Spot {
                 color: blend(ground, colors[2], vein),
                 rough: 0.2 + 0.5 * vein + 0.2 * mist,

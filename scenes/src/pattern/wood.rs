@@ -66,9 +66,9 @@ impl Wood {
     pub(super) fn maps(&self, wanted: MapSet) -> Maps {
         let (colors, n) = (self.palette(), self.resolution as usize);
         let seed = |k: u32| self.seed.wrapping_add(k);
-        let warp = Grid::noise(n, [1, 3], 4, seed(1));
+        let warp = Grid::noise(n, [1, 4], 2, seed(1));
         let fine = Grid::noise(n, [8, 160], 2, seed(2));
-        let spots = Cells::new([2, 4], 0.8, seed(3));
+        let spots = Cells::new([2, 3], 0.8, seed(3));
         let (wavy, knots, fibres, rings) =
             (f64::from(self.wavy), f64::from(self.knots), f64::from(self.fibres), f64::from(self.rings));
         self.common().maps(wanted, |Place { x, y, u, v, .. }| {
@@ -77,19 +77,19 @@ impl Wood {
             let cell = spots.at(u, v);
             let (mut knot, mut push) = (0.0, 0.0);
             if cell.draw(1) < knots {
-                let size = 0.1 + 0.12 * cell.draw(2);
+                let size = 0.06 + 0.08 * cell.draw(2);
                 let off = (cell.from * glam::DVec2::new(1.3, 1.0)).length() / size;
                 knot = 1.0 - smooth(0.55, 1.15, off + 0.2 * bend);
-                push = 2.2 * (1.0 - smooth(0.0, 3.2, off)) * cell.from.y.signum() * smooth(0.0, 0.5, cell.from.y.abs() / size);
+                push = 1.6 * (1.0 - smooth(0.0, 3.2, off)) * cell.from.y.signum() * smooth(0.0, 0.5, cell.from.y.abs() / size);
                 // The centre of the knot has rings of its own.
                 push += 0.6 * knot * off;
             }
-            let ring = fraction(v * rings + wavy * 3.5 * bend + push);
+            let ring = fraction(v * rings + wavy * 0.16 * rings * bend + 0.12 * fibre + push);
             // Late wood darkens slowly and ends at once.
             let late = smooth(0.2, 0.92, ring) * (1.0 - smooth(0.95, 1.0, ring));
             let wood = blend(colors[0], colors[1], 0.8 * late + 0.25 * fibres * fibre + 0.15 * bend);
             Spot {
-                color: gain(blend(wood, colors[2], 0.85 * knot), 1.0 + 0.12 * fibres * fibre),
+                color: gain(blend(wood, colors[2], 0.8 * knot), 1.0 + 0.12 * fibres * fibre),
                 rough: 0.35 + 0.3 * fibre + 0.2 * late - 0.2 * knot,
                 metallic: 0.0,
                 height: 0.5 + 0.35 * fibres * fibre + 0.3 * late,
