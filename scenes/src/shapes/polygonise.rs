@@ -47,8 +47,32 @@ impl Grid {
 /// Where the surface crosses a grid edge, and its outward normal there.
 #[derive(Clone, Copy)]
 struct Crossing {
+    /// Three times the grid vertex plus the axis.
+    key: usize,
     at: DVec3,
+    /// The same, away from the grid's vertices, where several crossings would meet.
+    apart: DVec3,
     normal: DVec3,
+}
+
+/// Crossings in the order of their keys, and where to find each: an index, or `NONE`.
+struct Crossings {
+    all: Vec<Crossing>,
+    of: Vec<u32>,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl Crossings {
+    fn get(&self, key: usize) -> Option<&Crossing> {
+        self.of.get(key).and_then(|&i| self.all.get(i as usize))
+    }
+}
+
+/// The vertices of the crossed cells, for each edge of the cell.
+struct Sheets {
+    all: Vec<[Option<Sheet>; 12]>,
+    of: Vec<u32>,
 }
 
 /// A mesh vertex of a cell.
@@ -85,9 +109,9 @@ pub(super) fn polygonise(b: &mut Builder, low: DVec3, high: DVec3, cells: usize,
     polygons(b, &grid, &crossings, &sheets);
 }
 
-/// Crossed edges, keyed by three times the vertex plus the axis.
-fn crossings(grid: &Grid, sharp: bool, field: &impl Field) -> HashMap<usize, Crossing> {
-    let mut found = HashMap::new();
+/// Finds the crossed edges.
+fn crossings(grid: &Grid, sharp: bool, field: &impl Field) -> Crossings {
+    let mut found = Crossings { all: Vec::new(), of: vec![NONE; 3 * grid.values.len()] };
     for index in 0..grid.values.len() {
         let p = grid.position(index);
         for axis in 0..3 {
@@ -109,10 +133,11 @@ fn crossings(grid: &Grid, sharp: bool, field: &impl Field) -> HashMap<usize, Cro
                     t = t0 + (t1 - t0) * (v0 / (v0 - v1)).clamp(0.02, 0.98);
                 }
             }
-            // Off the grid's own vertices, where several crossings would meet.
-            let at = p + AXES[axis] * (t.clamp(0.06, 0.94) * grid.step);
+            let along = |t: f64| p + AXES[axis] * (t * grid.step);
+            let (at, apart) = (along(t), along(t.clamp(0.06, 0.94)));
             let normal = if sharp { gradient(field, at, 0.02 * grid.step) } else { DVec3::ZERO };
-            found.insert(3 * index + axis, Crossing { at, normal });
+            found.of[3 * index + axis] = found.all.len() as u32;
+            found.all.push(Crossing { key: 3 * index + axis, at, apart, normal });
         }
     }
     found
@@ -171,14 +196,9 @@ fn sheet_of_edges(inside: u8) -> [u8; 12] {
 }
 
 /// The vertices of every crossed cell, keyed by its lowest grid vertex: one for each edge of the cell (edges of one sheet share it).
-fn sheets(
-    b: &mut Builder,
-    grid: &Grid,
-    sharp: bool,
-    crossings: &HashMap<usize, Crossing>,
-) -> HashMap<usize, [Option<Sheet>; 12]> {
+fn sheets(b: &mut Builder, grid: &Grid, sharp: bool, crossings: &Crossings) -> Sheets {
     let table: Vec<[u8; 12]> = (0..=255).map(sheet_of_edges).collect();
-    let mut made = HashMap::new();
+    let mut made = Sheets { all: Vec::new(), of: vec![NONE; grid.values.len()] };
     let strides = [grid.stride(0), grid.stride(1), grid.stride(2)];
     let offset: [usize; 8] = std::array::from_fn(|c| (0..3).map(|a| (c >> a & 1) * strides[a]).sum());
     for z in 0..grid.size[2] - 1 {
@@ -198,15 +218,16 @@ fn sheets(
                     }
                     let of: Vec<Crossing> = (0..12)
                         .filter(|&e| usize::from(sheet[e]) == first)
-                        .filter_map(|e| crossings.get(&(3 * (cell + offset[edge_corners(e)[0]]) + e / 4)).copied())
+                        .filter_map(|e| crossings.get(3 * (cell + offset[edge_corners(e)[0]]) + e / 4).copied())
                         .collect();
                     let (at, feature) = place(&of, sharp && alone, grid.position(cell), grid.step);
-                    let made = Sheet { vertex: b.vertex(at), feature };
+                    let one = Sheet { vertex: b.vertex(at), feature };
                     for e in (0..12).filter(|&e| usize::from(sheet[e]) == first) {
-                        vertices[e] = Some(made);
+                        vertices[e] = Some(one);
                     }
                 }
-                made.insert(cell, vertices);
+                made.of[cell] = made.all.len() as u32;
+                made.all.push(vertices);
             }
         }
     }
@@ -219,23 +240,23 @@ fn place(of: &[Crossing], sharp: bool, low: DVec3, step: f64) -> (DVec3, bool) {
     let mut p = of.iter().map(|c| c.at).sum::<DVec3>() / n;
     let mean = of.iter().map(|c| c.normal).sum::<DVec3>().normalize_or_zero();
     let spread = of.iter().map(|c| c.normal.dot(mean)).fold(1.0, f64::min);
+    let margin = DVec3::splat(0.04 * step);
+    let inside = |p: DVec3| p.clamp(low + margin, low + DVec3::splat(step) - margin);
     if !sharp || spread > 0.95 {
-        return (p, false);
+        return (inside(p), false);
     }
     // Descent on the squared distances to the planes: it leaves undetermined directions where the mean of the crossings put them.
     for _ in 0..24 {
         p += of.iter().map(|c| c.normal * c.normal.dot(c.at - p)).sum::<DVec3>() * (1.6 / n);
     }
-    let margin = DVec3::splat(0.04 * step);
-    (p.clamp(low + margin, low + DVec3::splat(step) - margin), spread < 0.88)
+    (inside(p), spread < 0.88)
 }
 
-fn polygons(b: &mut Builder, grid: &Grid, crossings: &HashMap<usize, Crossing>, sheets: &HashMap<usize, [Option<Sheet>; 12]>) {
+fn polygons(b: &mut Builder, grid: &Grid, crossings: &Crossings, sheets: &Sheets) {
     // Extra points in faces where two sheets meet, keyed by the two crossed edges they lie between.
     let mut between: HashMap<(usize, usize), u32> = HashMap::new();
-    let mut keys: Vec<usize> = crossings.keys().copied().collect();
-    keys.sort_unstable();
-    for key in keys {
+    for crossing in &crossings.all {
+        let key = crossing.key;
         let (index, axis) = (key / 3, key % 3);
         let (u, v) = (grid.stride((axis + 1) % 3), grid.stride((axis + 2) % 3));
         let far = index + grid.stride(axis);
@@ -246,7 +267,8 @@ fn polygons(b: &mut Builder, grid: &Grid, crossings: &HashMap<usize, Crossing>, 
         let mut extra = false;
         for (k, (du, dv)) in around.into_iter().enumerate() {
             let cell = index - du * u - dv * v;
-            let Some(sheet) = sheets.get(&cell).and_then(|s| s[axis * 4 + du + 2 * dv]) else { continue };
+            let of_cell = sheets.of.get(cell).and_then(|&i| sheets.all.get(i as usize));
+            let Some(sheet) = of_cell.and_then(|s| s[axis * 4 + du + 2 * dv]) else { continue };
             ring.push((sheet.vertex, sheet.feature));
             let (near_side, far_side) = (beside[k], beside[k] + grid.stride(axis));
             let ambiguous = grid.inside(near_side) != grid.inside(far_side) && grid.inside(near_side) != grid.inside(index);
@@ -255,8 +277,8 @@ fn polygons(b: &mut Builder, grid: &Grid, crossings: &HashMap<usize, Crossing>, 
                 let (end, side) = if grid.inside(index) { (index, near_side) } else { (far, far_side) };
                 let across = if k % 2 == 0 { (axis + 2) % 3 } else { (axis + 1) % 3 };
                 let other = 3 * end.min(side) + across;
-                if let (Some(a), Some(c)) = (crossings.get(&key), crossings.get(&other)) {
-                    let middle = 0.5 * (a.at + c.at);
+                if let Some(c) = crossings.get(other) {
+                    let middle = 0.5 * (crossing.apart + c.apart);
                     let point = *between.entry((key.min(other), key.max(other))).or_insert_with(|| b.vertex(middle));
                     ring.push((point, false));
                     extra = true;
@@ -267,7 +289,7 @@ fn polygons(b: &mut Builder, grid: &Grid, crossings: &HashMap<usize, Crossing>, 
             ring.reverse();
         }
         if extra {
-            let centre = b.vertex(crossings[&key].at);
+            let centre = b.vertex(crossing.apart);
             for k in 0..ring.len() {
                 triangle(b, [centre, ring[k].0, ring[(k + 1) % ring.len()].0]);
             }

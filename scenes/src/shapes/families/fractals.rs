@@ -58,12 +58,13 @@ impl Sponge {
                     Holes::Menger => inner < 2,
                     Holes::Jerusalem => inner != 1,
                     Holes::Clipped => inner != 0,
+                    Holes::Symmetric if inner == 3 || (inner == 2 && n % 2 == 1 && class[124]) => false,
                     Holes::Symmetric => {
                         let mut d = [x, y, z].map(|c| c.min(n - 1 - c));
                         d.sort_unstable();
                         class[d[0] * 25 + d[1] * 5 + d[2]] || (d[1] == 0 && d[2] == 1)
                     }
-                    Holes::Free => class[i] || (border(x) && border(y) && border(z)),
+                    Holes::Free => (class[i] && inner < 3) || (border(x) && border(y) && border(z)),
                 }
             })
             .collect()
@@ -233,12 +234,14 @@ impl Fractal {
                 });
             }
             Recursion::CubeTree => {
-                let make = |p: &mut Builder| p.slab(DVec3::splat(2.0), 0.06);
+                let make = |p: &mut Builder, _: u32| p.slab(DVec3::splat(2.0), 0.06);
                 tree(&mut b, self.levels.min(3), ratio.min(0.52), turn, &make);
             }
             Recursion::BallTree => {
                 crease = 60.0;
-                tree(&mut b, self.levels.min(3), ratio.min(0.5), turn, &|p| p.ball(5, |d| d));
+                tree(&mut b, self.levels.min(3), ratio.min(0.5), turn, &|p, level| {
+                    p.ball([9, 7, 5, 3][level.min(3) as usize], |d| d)
+                });
             }
             Recursion::KochPlate => {
                 let mut outline: Vec<DVec2> = (0..3).map(|i| DVec2::from_angle(FRAC_PI_2 + TAU * f64::from(i) / 3.0)).collect();
@@ -293,12 +296,12 @@ fn scatter(b: &mut Builder, levels: u32, corners: &[DVec3], ratio: f64, turn: f6
 }
 
 /// `make`, half a side long, with smaller copies on its faces, and so on.
-fn tree(b: &mut Builder, levels: u32, ratio: f64, turn: f64, make: &dyn Fn(&mut Builder)) {
+fn tree(b: &mut Builder, levels: u32, ratio: f64, turn: f64, make: &dyn Fn(&mut Builder, u32)) {
     let mut front = vec![(DAffine3::IDENTITY, DVec3::ZERO)];
     for level in 0..=levels {
         let mut next = Vec::new();
         for (place, from) in front {
-            b.part(place, make);
+            b.part(place, |p| make(p, level));
             if level == levels {
                 continue;
             }

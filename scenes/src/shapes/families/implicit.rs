@@ -257,7 +257,7 @@ impl Gyroid {
             surface.max(body)
         };
         // The area, and with it the count of triangles, grows with the periods and the square of the cells: about as many as allowed.
-        let mut cells = 56.0;
+        let mut cells = 48.0;
         loop {
             let mut b = Builder::default();
             polygonise(&mut b, DVec3::splat(-1.1), DVec3::splat(1.1), cells as usize, true, field);
@@ -266,7 +266,7 @@ impl Gyroid {
                 b.keep_largest();
                 return (b, 40.0);
             }
-            cells = (cells * (26_500.0 / count).sqrt()).floor();
+            cells = (cells * (26_000.0 / count).sqrt()).floor();
         }
     }
 }

@@ -22,12 +22,50 @@ pub(in crate::shapes) fn triangulate(outer: &[DVec2], holes: &[Vec<DVec2>]) -> V
     }
     let mut indices: Vec<u32> = Vec::new();
     earcut::Earcut::new().earcut(points.iter().map(|p| p.to_array()), &starts, &mut indices);
-    let corner = |i: u32| points[i as usize];
-    indices
-        .chunks_exact(3)
-        .map(|t| [corner(t[0]), corner(t[1]), corner(t[2])])
-        .map(|[a, b, c]| if (b - a).perp_dot(c - a) < 0.0 { [a, c, b] } else { [a, b, c] })
-        .collect()
+    let mut triangles: Vec<[usize; 3]> = indices.chunks_exact(3).map(|t| [t[0] as usize, t[1] as usize, t[2] as usize]).collect();
+    for t in &mut triangles {
+        if (points[t[1]] - points[t[0]]).perp_dot(points[t[2]] - points[t[0]]) < 0.0 {
+            t.swap(1, 2);
+        }
+    }
+    flip_edges(&points, &mut triangles);
+    triangles.into_iter().map(|t| t.map(|i| points[i])).collect()
+}
+
+/// Lawson's flips (1977) towards the constrained Delaunay triangulation: ear clipping leaves needles, and triangles without area
+/// where an outline runs straight on.
+fn flip_edges(points: &[DVec2], triangles: &mut [[usize; 3]]) {
+    for _ in 0..200 {
+        let mut left: HashMap<(usize, usize), usize> = HashMap::new();
+        for (index, t) in triangles.iter().enumerate() {
+            left.extend((0..3).map(|k| ((t[k], t[(k + 1) % 3]), index)));
+        }
+        let mut touched = vec![false; triangles.len()];
+        let mut flipped = false;
+        for index in 0..triangles.len() {
+            for k in 0..3 {
+                let t = triangles[index];
+                let (a, b, c) = (t[k], t[(k + 1) % 3], t[(k + 2) % 3]);
+                let Some(&other) = left.get(&(b, a)).filter(|&&o| !touched[o] && !touched[index]) else { continue };
+                let Some(&d) = triangles[other].iter().find(|&&i| i != a && i != b) else { continue };
+                // The angles that look at the shared edge: together more than a half turn?
+                let angle = |apex: usize| {
+                    let (p, q) = (points[a] - points[apex], points[b] - points[apex]);
+                    p.perp_dot(q).abs().atan2(p.dot(q))
+                };
+                let area = |i: usize, j: usize, k: usize| (points[j] - points[i]).perp_dot(points[k] - points[i]);
+                let small = 1e-12;
+                if angle(c) + angle(d) > std::f64::consts::PI + 1e-7 && area(c, a, d) > small && area(d, b, c) > small {
+                    triangles[index] = [c, a, d];
+                    triangles[other] = [d, b, c];
+                    (touched[index], touched[other], flipped) = (true, true, true);
+                }
+            }
+        }
+        if !flipped {
+            break;
+        }
+    }
 }
 
 /// A plate of this outline along z from 0 to `height`, its rims bevelled by `bevel`.

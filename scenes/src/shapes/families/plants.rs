@@ -471,12 +471,10 @@ impl Mushroom {
                 let a = p.x.atan2(p.z);
                 place.transform_point3(p + DVec3::Y * (wave * r * reach.powi(3) * (5.0 * a + phase).sin()))
             };
-            b.bent(bend, |p| p.lathe(&turned, if self.count > 5 { 24 } else { 48 }));
-            for k in 0..self.warts.min(100 / self.count) {
-                let (a, s) = (
-                    2.399_963 * f64::from(k),
-                    ((f64::from(k) + 0.5) / f64::from(self.warts.min(100 / self.count))).sqrt() * 0.85,
-                );
+            b.bent(bend, |p| p.lathe(&turned, if self.count > 5 { 24 } else { 40 }));
+            for k in 0..self.warts.min(70 / self.count) {
+                let (a, s) =
+                    (2.399_963 * f64::from(k), ((f64::from(k) + 0.5) / f64::from(self.warts.min(70 / self.count))).sqrt() * 0.85);
                 let y = h * (1.0 - s * s).max(0.0).powf(0.62);
                 let q = DVec3::new(r * s * a.sin(), y * 0.98, r * s * a.cos());
                 let w = 0.05 * r * dice.between(0.6, 1.5);

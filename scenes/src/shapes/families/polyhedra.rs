@@ -168,7 +168,16 @@ impl Lattice {
                     if self.frame == Frame::Beams {
                         b.part(at(c, along(c)), |part| part.slab(DVec3::splat(2.1 * ball), 0.2 * ball));
                     } else {
-                        b.ellipsoid(c, DVec3::splat(ball), if pairs.len() > 150 { 4 } else { 6 });
+                        b.ellipsoid(
+                            c,
+                            DVec3::splat(ball),
+                            match pairs.len() {
+                                0..=60 => 6,
+                                61..=150 => 4,
+                                151..=250 => 3,
+                                _ => 2,
+                            },
+                        );
                     }
                 }
                 (b, if self.frame == Frame::Beams { 25.0 } else { 50.0 })

@@ -95,7 +95,7 @@ impl Vessel {
         let mut b = Builder::default();
         let tall = f64::from(self.tall);
         let points: Vec<(f64, f64)> = self.outline().iter().map(|&(r, y)| (r, y * tall)).collect();
-        let outer = profile(&points, 9);
+        let outer = profile(&points, if points.len() > 6 { 7 } else { 9 });
         let wall = f64::from(self.wall);
         let closed = hollow(&outer, wall, 1.3 * wall);
         let flutes = if self.flutes >= 3 { f64::from(self.flutes) } else { 0.0 };
