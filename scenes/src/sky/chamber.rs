@@ -130,7 +130,7 @@ impl Block {
 
 /// Outward side of face k: 2 * axis + (0 = low, 1 = high).
 fn axis_of(face: usize) -> (usize, f64) {
-    (face / 2, if face % 2 == 0 { -1.0 } else { 1.0 })
+    (face / 2, if face.is_multiple_of(2) { -1.0 } else { 1.0 })
 }
 
 /// The room with its light.
@@ -167,12 +167,12 @@ impl Chamber {
     }
 
     /// Irradiance of a surface at `p` straight from the openings' own light.
-    fn from_openings(&self, p: DVec3, n: DVec3) -> DVec3 {
+    fn light_of_openings(&self, p: DVec3, n: DVec3) -> DVec3 {
         self.panes.iter().map(|pane| pane.mean * form_factor(p, n, pane.centre, pane.half_u, pane.half_v)).sum()
     }
 
     /// Irradiance by the beam at `p`.
-    fn from_beam(&self, p: DVec3, n: DVec3) -> DVec3 {
+    fn light_of_beam(&self, p: DVec3, n: DVec3) -> DVec3 {
         let Some((sun, irradiance)) = self.beam else { return DVec3::ZERO };
         let cos = n.dot(sun);
         if cos <= 0.0 {
@@ -199,7 +199,7 @@ impl Chamber {
         let grid = |n: usize| (0..6 * n * n).map(move |i| (i / (n * n), (i % n) as f64, ((i / n) % n) as f64));
         self.direct = grid(FINE)
             .map(|(face, s, t)| {
-                self.from_openings(self.point(face, s / (FINE - 1) as f64, t / (FINE - 1) as f64), Self::inward(face))
+                self.light_of_openings(self.point(face, s / (FINE - 1) as f64, t / (FINE - 1) as f64), Self::inward(face))
             })
             .collect();
         let patches: Vec<(usize, DVec3, DVec3)> = grid(COARSE)
@@ -208,10 +208,10 @@ impl Chamber {
                 let spread = |k: usize| (f64::from(k as u32) + 0.5) / 3.0;
                 let beam: DVec3 = (0..9)
                     .map(|k| self.point(face, (s + spread(k % 3)) / COARSE as f64, (t + spread(k / 3)) / COARSE as f64))
-                    .map(|p| self.from_beam(p, n))
+                    .map(|p| self.light_of_beam(p, n))
                     .sum();
                 let p = self.point(face, (s + 0.5) / COARSE as f64, (t + 0.5) / COARSE as f64);
-                (face, p, self.from_openings(p, n) + beam / 9.0)
+                (face, p, self.light_of_openings(p, n) + beam / 9.0)
             })
             .collect();
         let extent = self.high - self.low;
@@ -254,7 +254,7 @@ impl Chamber {
                 let mut n = DVec3::ZERO;
                 n[axis] = side;
                 let p = 0.5 * (low + high) + n * (0.5 * (high - low) + 0.01);
-                self.blocks[index].light[face] = self.from_openings(p, n) * 0.8 + average;
+                self.blocks[index].light[face] = self.light_of_openings(p, n) * 0.8 + average;
             }
         }
     }
@@ -336,7 +336,7 @@ impl Chamber {
             let (axis, side) = axis_of(face);
             let mut n = DVec3::ZERO;
             n[axis] = side;
-            return block.color * (block.light[face] + self.from_beam(d * t, n)) / PI;
+            return block.color * (block.light[face] + self.light_of_beam(d * t, n)) / PI;
         }
         let (t, face) = wall;
         let p = d * t;
@@ -345,7 +345,7 @@ impl Chamber {
         let (s, u) = (share((axis + 1) % 3), share((axis + 2) % 3));
         let light = Self::at(&self.direct, FINE, face, s, u, false)
             + Self::at(&self.bounced, COARSE, face, s, u, true)
-            + self.from_beam(p, Self::inward(face));
+            + self.light_of_beam(p, Self::inward(face));
         self.albedo[face] * self.pattern(face, p) * light / PI
     }
 }

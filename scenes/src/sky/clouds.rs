@@ -54,17 +54,19 @@ impl Layer {
         let edge = 1.15 - 1.3 * self.coverage;
         let horizon = smoothstep(0.0, 0.08, d.y);
         match self.kind {
-            CloudKind::Cumulus => smoothstep(edge - 0.1, edge + 0.28, wool(a, c, 5, 0)) * horizon,
+            CloudKind::Cumulus => smoothstep(edge - 0.1, edge + 0.28, wool(a, c, 5, 0)) * smoothstep(0.0, 0.16, d.y),
             CloudKind::Altocumulus => {
                 let bend = noise::gradient(DVec3::new(a, c, 0.2), self.seed.wrapping_add(7));
                 let puff = 0.5 + 0.5 * (5.0 * a + 2.6 * bend).sin() * (6.5 * c + 1.9 * bend + 0.8 * (2.3 * a).sin()).cos();
                 let field = wool(0.45 * a, 0.45 * c, 3, 3);
-                smoothstep(edge - 0.22, edge + 0.3, 0.68 * field + 0.42 * puff - 0.05) * horizon
+                smoothstep(edge - 0.22, edge + 0.3, 0.6 * field + 0.6 * puff - 0.1) * horizon
             }
             CloudKind::Cirrus => {
-                let bend = 0.8 * noise::gradient(DVec3::new(0.5 * a, 0.5 * c, 0.7), self.seed.wrapping_add(5));
-                let streak = wool(0.3 * a + bend, 1.8 * c + 1.5 * bend, 4, 0);
-                smoothstep(edge - 0.3, edge + 0.6, streak) * smoothstep(0.0, 0.15, d.y)
+                let bend = noise::gradient(DVec3::new(0.35 * a, 0.35 * c, 0.7), self.seed.wrapping_add(5));
+                // Fibres within fields.
+                let streak =
+                    0.45 * wool(0.35 * a, 2.6 * c + 0.7 * bend, 4, 0) + 0.55 * wool(0.3 * a + 0.3 * bend, 0.6 * c, 3, 13);
+                smoothstep(edge - 0.22, edge + 0.5, streak) * smoothstep(0.0, 0.2, d.y)
             }
             CloudKind::Stratus => {
                 let sheet = wool(0.35 * a, 0.8 * c, 3, 0);
@@ -89,6 +91,17 @@ impl Layer {
         (-veil * self.depth * self.density(d.with_y(d.y.max(1e-3)))).exp()
     }
 
+    /// 0..=1: whether this part of a heap is turned to the sun, from how its thickness falls that way.
+    fn sunny_side(&self, d: DVec3, sun: DVec3) -> f64 {
+        let thickness = |d: DVec3| {
+            let p = d * (self.pitch / (d.y.max(0.0) + 0.12));
+            noise::fractal(DVec3::new(p.dot(self.along), p.dot(self.across), 0.5), 2, self.seed)
+        };
+        let aside = sun - d * d.dot(sun);
+        let step = aside.normalize_or(DVec3::Y) * 0.06;
+        (0.4 + 1.6 * (thickness(d) - thickness((d + step).normalize()))).clamp(0.0, 1.0)
+    }
+
     /// `behind` seen through the layer.
     pub fn before(&self, behind: DVec3, d: DVec3, light: &CloudLight) -> DVec3 {
         let density = self.density(d);
@@ -100,7 +113,10 @@ impl Layer {
         let rim = smoothstep(0.75, 1.0, toward);
         // Thin parts glow towards the sun, thick ones are grey below; the weights are by eye.
         let (opacity, sunlit, shaded) = match self.kind {
-            CloudKind::Cumulus => (4.0, 0.45 * (0.25 + 0.5 * thin + 1.5 * thin * rim), 0.35 + 0.5 * (1.0 - density)),
+            CloudKind::Cumulus => {
+                let side = self.sunny_side(d, light.sun);
+                (4.0, 0.45 * (0.12 + 0.75 * side + 0.2 * thin + 1.5 * thin * rim), 0.4 + 0.45 * (1.0 - density))
+            }
             CloudKind::Altocumulus => (2.2, 0.42 * (0.4 + 0.4 * thin + 1.8 * thin * rim), 0.6 + 0.3 * (1.0 - density)),
             CloudKind::Cirrus => (0.9, 0.4 * (0.5 + 2.0 * rim * rim), 0.9),
             CloudKind::Stratus => (5.0, 0.16 * (0.6 + 0.8 * thin + 0.8 * rim), 0.75),

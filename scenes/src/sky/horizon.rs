@@ -134,13 +134,14 @@ impl Silhouette {
             HorizonKind::Dunes => {
                 // Lee and windward faces meet in the crest: the slope of the rim says which one this is.
                 let next = row.rim[(at + 12) % STEPS] - row.rim[(at + STEPS - 12) % STEPS];
-                let tilt = (next * 40.0).clamp(-0.9, 0.9);
+                let tilt = (next * 40.0).clamp(-0.9, 0.9) * share;
                 (self.color * (1.0 + 0.12 * grain(60.0, 2)), DVec3::Y * 0.7 - outward * 0.5 - sideways * tilt)
             }
             HorizonKind::Ridges => {
-                let relief = grain(16.0, 4);
-                let normal = DVec3::Y * 0.6 - outward * 0.6 + sideways * (2.2 * relief);
-                let snow = smoothstep(0.45, 0.6, share + 0.5 * relief) * smoothstep(0.5, 0.9, row.shade);
+                // Gullies run down the slope.
+                let relief = noise::fractal(DVec3::new(d.x * 8.0, d.y * 6.0, d.z * 8.0), 4, self.seed.wrapping_add(17));
+                let normal = DVec3::Y * 0.6 - outward * 0.6 + sideways * (1.6 * relief);
+                let snow = smoothstep(0.5, 0.7, share + 0.6 * relief) * smoothstep(0.85, 0.95, row.shade);
                 ((self.color * (1.0 + 0.5 * relief)).lerp(DVec3::splat(0.82), snow), normal)
             }
             HorizonKind::Trees => {
@@ -167,7 +168,8 @@ impl Silhouette {
 
     /// Lit windows, `share` of all, that bring `mean` luminance to the whole map; `seen` says how much of each is not hidden.
     pub fn windows(&self, share: f64, mean: f64, seen: impl Fn(DVec3) -> f64) -> Vec<Point> {
-        if !(share > 0.0 && mean > 0.0) || !matches!(self.kind, HorizonKind::Skyline | HorizonKind::Roofs) {
+        let has_windows = matches!(self.kind, HorizonKind::Skyline | HorizonKind::Roofs);
+        if !(has_windows && share > 0.0 && mean > 0.0) {
             return Vec::new();
         }
         let mut rng = Seed::root(u64::from(self.seed)).child("windows", 0).rng();
@@ -196,7 +198,7 @@ impl Silhouette {
 
 /// Azimuth steps and sine of the elevation from window to window.
 fn spacing(kind: HorizonKind) -> (usize, f64) {
-    if kind == HorizonKind::Roofs { (18, 0.028) } else { (8, 0.017) }
+    if kind == HorizonKind::Roofs { (18, 0.028) } else { (14, 0.026) }
 }
 
 /// Columns and floors of windows, whole numbers at their edges.
@@ -213,15 +215,15 @@ impl Row {
     /// Fills the rim with shares 0..=1 of the height.
     fn raise(&mut self, kind: HorizonKind, seed: u32, rng: &mut Pcg64) {
         match kind {
-            HorizonKind::Hills => self.land(|p| 0.55 + 0.75 * noise::fractal(p * 1.9, 4, seed)),
+            HorizonKind::Hills => self.land(|p| 0.6 + 0.95 * noise::fractal(p * 1.7, 4, seed)),
             HorizonKind::Ridges => self.land(|p| {
                 // Folded noise has sharp crests.
-                let fold = 1.0 - 1.9 * noise::fractal(p * 2.7, 5, seed).abs();
-                0.15 + 0.85 * fold * (0.7 + 0.6 * noise::gradient(p * 1.1, seed ^ 5))
+                let fold = 1.0 - 1.3 * noise::gradient(p * 1.7, seed).abs() - 0.5 * noise::fractal(p * 4.3, 3, seed ^ 9).abs();
+                (0.12 + 0.88 * fold.max(0.0)) * (0.8 + 0.6 * noise::gradient(p * 1.1, seed ^ 5))
             }),
             HorizonKind::Dunes => self.land(|p| {
-                let fold = 1.0 - 1.8 * noise::fractal(p * 1.5, 2, seed).abs();
-                0.2 + 0.8 * fold * (0.75 + 0.5 * noise::gradient(p * 0.9, seed ^ 3))
+                let fold = 1.0 - 1.5 * noise::gradient(p * 1.6, seed).abs();
+                0.1 + 0.9 * fold * (0.85 + 0.5 * noise::gradient(p * 0.9, seed ^ 3))
             }),
             HorizonKind::Cliffs => self.land(|p| {
                 let wall = 0.6 + 0.9 * noise::fractal(p * 1.3, 3, seed);

@@ -169,10 +169,10 @@ pub enum Sky {
         stars: Option<Stars>,
         /// What stands on the horizon.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        horizon: Option<Horizon>,
+        horizon: Option<Box<Horizon>>,
         /// What covers the eye.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        cover: Option<Cover>,
+        cover: Option<Box<Cover>>,
         /// Groups of lamps, at most 4.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         lights: Vec<LightGroup>,
@@ -283,8 +283,8 @@ pub fn render(sky: &Sky, width: usize, height: usize) -> Rgb {
             clouds,
             glows,
             stars: stars.as_ref(),
-            horizon: horizon.as_ref(),
-            cover: cover.as_ref(),
+            horizon: horizon.as_deref(),
+            cover: cover.as_deref(),
             lights,
             ground,
         }),

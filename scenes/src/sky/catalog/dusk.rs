@@ -45,7 +45,7 @@ pub(super) fn sunset_sea(rng: &mut Pcg64) -> Sky {
 
 pub(super) fn sunset_ridges(rng: &mut Pcg64) -> Sky {
     let air = air(rng, 1.0, 12.0);
-    let horizon = skyline(rng, HorizonKind::Ridges, [3.0, 14.0], ROCK, [0.3, 0.85]);
+    let horizon = skyline(rng, HorizonKind::Ridges, [6.0, 22.0], ROCK, [0.3, 0.85]);
     let clouds = if rng.chance(0.5) { vec![layer(rng, CloudKind::Cirrus, [0.3, 0.8])] } else { Vec::new() };
     Place { air, clouds, horizon: Some(horizon), ground: plain(rng, GRASS) }.sky()
 }
@@ -57,7 +57,7 @@ pub(super) fn sunset_skyline(rng: &mut Pcg64) -> Sky {
         luminance: rng.log(0.005, 0.08),
         ..skyline(rng, HorizonKind::Skyline, [5.0, 25.0], CONCRETE, [0.1, 0.6])
     };
-    let clouds = if rng.chance(0.5) { vec![layer(rng, CloudKind::Altocumulus, [0.3, 0.7])] } else { Vec::new() };
+    let clouds = if rng.chance(0.5) { vec![layer(rng, CloudKind::Altocumulus, [0.25, 0.6])] } else { Vec::new() };
     Place { air, clouds, horizon: Some(horizon), ground: plain(rng, CONCRETE) }.sky()
 }
 
@@ -79,7 +79,7 @@ pub(super) fn storm_sunset(rng: &mut Pcg64) -> Sky {
     let level = rng.log(0.5, 4.0);
     let warm = [1.0, rng.between(0.35, 0.6), rng.between(0.1, 0.35)].map(|v| Pcg64::tidy(v * level));
     let glow = Glow { elevation: 2.0, azimuth, width: rng.between(20.0, 60.0), flatness: rng.between(2.0, 6.0), radiance: warm };
-    let horizon = skyline(rng, HorizonKind::Hills, [1.0, 5.0], ROCK, [0.1, 0.4]);
+    let horizon = skyline(rng, HorizonKind::Hills, [2.0, 9.0], ROCK, [0.1, 0.4]);
     glowing(Place { air, clouds, horizon: Some(horizon), ground: plain(rng, SOIL) }.sky(), vec![glow])
 }
 
@@ -111,7 +111,7 @@ pub(super) fn twilight_glow(rng: &mut Pcg64) -> Sky {
         radiance: warm,
     };
     let kind = [HorizonKind::Hills, HorizonKind::Trees, HorizonKind::Roofs][rng.below(3) as usize];
-    let horizon = skyline(rng, kind, [1.5, 12.0], SOIL, [0.0, 0.4]);
+    let horizon = skyline(rng, kind, [3.0, 18.0], SOIL, [0.0, 0.4]);
     let lit = if kind == HorizonKind::Roofs { rng.between(0.1, 0.5) } else { 0.0 };
     let horizon = Horizon { lit, luminance: Pcg64::tidy(0.15 * level), ..horizon };
     let clouds = if rng.chance(0.5) { vec![layer(rng, CloudKind::Cirrus, [0.2, 0.6])] } else { Vec::new() };

@@ -21,7 +21,9 @@ struct Hall {
 impl Hall {
     fn new(rng: &mut Pcg64, low: [f32; 3], high: [f32; 3], walls: [f32; 3], floor: [f32; 3]) -> Self {
         let size = [0, 1, 2].map(|k| rng.between(low[k], high[k]));
-        let walls = shaded(rng, walls);
+        let painted = rng.chance(0.25);
+        let paint = Pcg64::hsv(degrees(rng), rng.between(0.1, 0.45), 1.1);
+        let walls = shaded(rng, if painted { [0, 1, 2].map(|k| walls[k] * paint[k]) } else { walls });
         let furnishing = Furnishing { seed: which(rng), contrast: rng.between(0.1, 0.5), scale: 1.0, ..Furnishing::default() };
         let ceiling = walls.map(|v| Pcg64::tidy((v * 1.1).min(0.9)));
         Self { size, walls, floor: shaded(rng, floor), ceiling, openings: Vec::new(), beam: None, furnishing }
@@ -41,7 +43,10 @@ impl Hall {
             opening.lower = opening.lower.map(|lower| lower.map(|v| Pcg64::tidy((v * light).min(1e4))));
         }
         if let Some(beam) = &mut self.beam {
-            beam.irradiance = beam.irradiance.map(|v| Pcg64::tidy((v * light).min(1e4)));
+            // The sun's disc may be seen from the middle of the room: it shall not drown all else.
+            let most = beam.irradiance[0] * light;
+            let scale = light * (24.0 / most).min(1.0);
+            beam.irradiance = beam.irradiance.map(|v| Pcg64::tidy(v * scale));
         }
         let eye_height = Pcg64::tidy(rng.between(0.25, 0.5) * y.min(4.0));
         let Self { size, walls, floor, ceiling, openings, beam, furnishing } = self;
@@ -353,7 +358,8 @@ pub(super) fn cave_mouth(rng: &mut Pcg64) -> Sky {
             sun.azimuth = Pcg64::tidy(azimuth + rng.between(-30.0, 30.0));
             sun.elevation = rng.between(5.0, 35.0);
         }
-        *luminance = rng.log(0.6, 3.0);
+        *luminance = rng.log(0.4, 1.0);
+        sun.gain = rng.log(0.5, 2.0);
     }
     let rock = Cover {
         kind: CoverKind::Cave,

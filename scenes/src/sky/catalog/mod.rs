@@ -147,6 +147,7 @@ struct Place {
 impl Place {
     fn sky(self) -> Sky {
         let Self { air, clouds, horizon, ground } = self;
+        let horizon = horizon.map(Box::new);
         Sky::Scenery { air, clouds, glows: Vec::new(), stars: None, horizon, cover: None, lights: Vec::new(), ground }
     }
 }
@@ -193,8 +194,14 @@ fn plain(rng: &mut Pcg64, color: [f32; 3]) -> Ground {
 /// A colour near `color`: lighter or darker as a whole and a little in each channel.
 fn shaded(rng: &mut Pcg64, color: [f32; 3]) -> [f32; 3] {
     let level = rng.log(0.65, 1.5);
-    let each = tint(rng, level, 0.18);
+    let each = tint(rng, level, 0.07);
     [0, 1, 2].map(|k| Pcg64::tidy((color[k] * each[k]).min(0.92)))
+}
+
+/// Ground of any common kind.
+fn any_ground(rng: &mut Pcg64) -> Ground {
+    let color = [GRASS, SAND, SOIL, CONCRETE, ASPHALT, ROCK, SNOW, RED_ROCK][rng.below(8) as usize];
+    plain(rng, color)
 }
 
 fn skyline(rng: &mut Pcg64, kind: HorizonKind, height: [f32; 2], color: [f32; 3], haze: [f32; 2]) -> Horizon {

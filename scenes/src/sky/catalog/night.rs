@@ -20,6 +20,7 @@ struct Night {
 impl Night {
     fn sky(self) -> Sky {
         let Self { air, clouds, glows, stars, horizon, lights, ground } = self;
+        let horizon = horizon.map(Box::new);
         Sky::Scenery { air, clouds, glows, stars, horizon, cover: None, lights, ground }
     }
 }
@@ -31,15 +32,15 @@ fn moonlight(rng: &mut Pcg64, highest: f32) -> Air {
         sun: moon,
         sun_tint: [rng.between(0.75, 1.0), rng.between(0.85, 1.0), 1.0],
         turbidity: rng.log(1.6, 4.0),
-        luminance: rng.log(0.03, 0.12),
+        luminance: rng.log(0.04, 0.14),
         tint: [rng.between(0.45, 0.9), rng.between(0.6, 0.95), 1.0],
     }
 }
 
 /// Air that the moon does not light.
 fn dark(rng: &mut Pcg64, level: f32) -> Air {
-    let zenith = [rng.between(0.2, 0.7), rng.between(0.3, 0.7), rng.between(0.6, 1.2)].map(|v| Pcg64::tidy(v * 0.5 * level));
-    Air::Gradient { zenith, horizon: tint(rng, level, 0.4), sharpness: rng.between(0.3, 1.0) }
+    let zenith = [rng.between(0.25, 0.6), rng.between(0.35, 0.65), rng.between(0.6, 1.1)].map(|v| Pcg64::tidy(v * 0.5 * level));
+    Air::Gradient { zenith, horizon: tint(rng, level, 0.25), sharpness: rng.between(0.3, 1.0) }
 }
 
 fn stars(rng: &mut Pcg64, brightest: f32) -> Stars {
@@ -73,7 +74,7 @@ pub(super) fn moonlit_clear(rng: &mut Pcg64) -> Sky {
         clouds: Vec::new(),
         glows: Vec::new(),
         stars: Some(stars(rng, 0.015)),
-        horizon: Some(skyline(rng, kind, [3.0, 18.0], ROCK, [0.1, 0.6])),
+        horizon: Some(skyline(rng, kind, [5.0, 24.0], ROCK, [0.1, 0.6])),
         lights: Vec::new(),
         ground: plain(rng, GRASS),
     }
@@ -109,8 +110,8 @@ pub(super) fn moonlit_sea(rng: &mut Pcg64) -> Sky {
 }
 
 pub(super) fn milky_way(rng: &mut Pcg64) -> Sky {
-    let level = rng.log(0.02, 0.08);
-    let band = rng.log(0.08, 0.4);
+    let level = rng.log(0.05, 0.12);
+    let band = rng.log(0.1, 0.35);
     let milky_way = tint(rng, band, 0.25);
     let kind = [HorizonKind::Ridges, HorizonKind::Dunes, HorizonKind::Trees][rng.below(3) as usize];
     let glow = Glow {
@@ -195,10 +196,10 @@ pub(super) fn harbour(rng: &mut Pcg64) -> Sky {
 
 /// One warm light near the ground.
 pub(super) fn campfire(rng: &mut Pcg64) -> Sky {
-    let fire = lamps(rng, Layout::Fire, &[Palette::Flame], [5, 14], [2.0, 7.0], [-12.0, 6.0]);
+    let fire = lamps(rng, Layout::Fire, &[Palette::Flame], [5, 14], [2.0, 7.0], [3.0, 14.0]);
     let level = rng.log(0.008, 0.04);
     let halo = Glow {
-        elevation: fire.elevation.max(-12.0),
+        elevation: fire.elevation,
         azimuth: fire.azimuth,
         width: rng.between(12.0, 35.0),
         flatness: 1.0,
@@ -218,7 +219,7 @@ pub(super) fn campfire(rng: &mut Pcg64) -> Sky {
 
 /// A town behind the horizon lights haze and clouds.
 pub(super) fn city_glow(rng: &mut Pcg64) -> Sky {
-    let level = rng.log(0.015, 0.06);
+    let level = rng.log(0.04, 0.1);
     let glows = (0..1 + rng.below(3))
         .map(|_| Glow {
             elevation: rng.between(-4.0, 3.0),
@@ -226,7 +227,7 @@ pub(super) fn city_glow(rng: &mut Pcg64) -> Sky {
             width: rng.between(14.0, 50.0),
             flatness: rng.between(1.0, 3.0),
             radiance: {
-                let strength = rng.log(0.15, 2.0);
+                let strength = rng.log(0.3, 2.5);
                 [1.0, rng.between(0.5, 0.85), rng.between(0.15, 0.7)].map(|v| Pcg64::tidy(v * strength))
             },
         })
@@ -237,7 +238,7 @@ pub(super) fn city_glow(rng: &mut Pcg64) -> Sky {
         clouds: if rng.chance(0.6) { vec![layer(rng, CloudKind::Cumulus, [0.2, 0.6])] } else { Vec::new() },
         glows,
         stars: Some(stars(rng, 0.01)),
-        horizon: Some(skyline(rng, kind, [2.0, 10.0], SOIL, [0.0, 0.2])),
+        horizon: Some(skyline(rng, kind, [3.0, 15.0], SOIL, [0.0, 0.2])),
         lights: Vec::new(),
         ground: plain(rng, SOIL),
     }

@@ -1,22 +1,23 @@
 //! Places in the sun; half of them under a low and hard one.
 
 use super::{
-    ASPHALT, CONCRETE, GRASS, LEAVES, Place, RED_ROCK, ROCK, SAND, SEA, SNOW, SOIL, clear, degrees, layer, low_hard_sun, plain,
-    shaded, skyline, sun, which,
+    ASPHALT, CONCRETE, GRASS, LEAVES, Place, RED_ROCK, ROCK, SAND, SEA, SNOW, SOIL, any_ground, clear, degrees, layer,
+    low_hard_sun, plain, shaded, skyline, sun, which,
 };
 use crate::draw::Draw;
-use crate::sky::random::ground;
 use crate::sky::{Air, CloudKind, Cover, CoverKind, Ground, HorizonKind, Sky, Sun};
 use rand_pcg::Pcg64;
 
 pub(super) fn clear_high_sun(rng: &mut Pcg64) -> Sky {
     let sun = sun(rng, 35.0, 85.0);
-    Sky::Daylight { sun, turbidity: rng.log(1.6, 5.0), ground: ground(rng), luminance: rng.log(0.2, 0.7) }
+    let air = clear(rng, sun, 5.0);
+    Place { air, clouds: Vec::new(), horizon: None, ground: any_ground(rng) }.sky()
 }
 
 pub(super) fn clear_low_sun(rng: &mut Pcg64) -> Sky {
     let sun = low_hard_sun(rng);
-    Sky::Daylight { sun, turbidity: rng.log(1.6, 5.0), ground: ground(rng), luminance: rng.log(0.2, 0.7) }
+    let air = clear(rng, sun, 5.0);
+    Place { air, clouds: Vec::new(), horizon: None, ground: any_ground(rng) }.sky()
 }
 
 pub(super) fn hazy_sun(rng: &mut Pcg64) -> Sky {
@@ -28,7 +29,7 @@ pub(super) fn hazy_sun(rng: &mut Pcg64) -> Sky {
         luminance: rng.log(0.25, 0.8),
         tint: [1.0, rng.between(0.94, 1.0), rng.between(0.82, 1.0)],
     };
-    let horizon = rng.chance(0.5).then(|| skyline(rng, HorizonKind::Hills, [2.0, 9.0], GRASS, [0.5, 0.95]));
+    let horizon = rng.chance(0.5).then(|| skyline(rng, HorizonKind::Hills, [4.0, 16.0], GRASS, [0.5, 0.95]));
     Place { air, clouds: Vec::new(), horizon, ground: plain(rng, GRASS) }.sky()
 }
 
@@ -44,14 +45,14 @@ pub(super) fn tinted_sun(rng: &mut Pcg64) -> Sky {
         luminance: rng.log(0.2, 0.6),
         tint: Pcg64::hsv(sky_hue, sky_strength, 1.2),
     };
-    let horizon = rng.chance(0.7).then(|| skyline(rng, HorizonKind::Ridges, [2.0, 14.0], ROCK, [0.2, 0.9]));
+    let horizon = rng.chance(0.7).then(|| skyline(rng, HorizonKind::Ridges, [5.0, 22.0], ROCK, [0.2, 0.9]));
     Place { air, clouds: Vec::new(), horizon, ground: plain(rng, RED_ROCK) }.sky()
 }
 
 pub(super) fn alpine_sun(rng: &mut Pcg64) -> Sky {
     let sun = sun(rng, 15.0, 60.0);
     let air = clear(rng, sun, 2.6);
-    let horizon = skyline(rng, HorizonKind::Ridges, [12.0, 32.0], ROCK, [0.1, 0.6]);
+    let horizon = skyline(rng, HorizonKind::Ridges, [16.0, 42.0], ROCK, [0.1, 0.6]);
     let clouds = if rng.chance(0.5) { vec![layer(rng, CloudKind::Cumulus, [0.1, 0.45])] } else { Vec::new() };
     let color = if rng.chance(0.5) { SNOW } else { GRASS };
     Place { air, clouds, horizon: Some(horizon), ground: plain(rng, color) }.sky()
@@ -62,14 +63,14 @@ pub(super) fn snow_field(rng: &mut Pcg64) -> Sky {
     let air = clear(rng, sun, 3.0);
     let kind = if rng.chance(0.5) { HorizonKind::Trees } else { HorizonKind::Hills };
     let color = if kind == HorizonKind::Trees { LEAVES } else { SNOW };
-    let horizon = skyline(rng, kind, [1.5, 7.0], color, [0.1, 0.5]);
+    let horizon = skyline(rng, kind, [3.0, 14.0], color, [0.1, 0.5]);
     Place { air, clouds: Vec::new(), horizon: Some(horizon), ground: plain(rng, SNOW) }.sky()
 }
 
 pub(super) fn desert_dunes(rng: &mut Pcg64) -> Sky {
     let sun = if rng.chance(0.5) { low_hard_sun(rng) } else { sun(rng, 20.0, 80.0) };
     let air = clear(rng, sun, 6.0);
-    let horizon = skyline(rng, HorizonKind::Dunes, [3.0, 16.0], SAND, [0.1, 0.5]);
+    let horizon = skyline(rng, HorizonKind::Dunes, [6.0, 26.0], SAND, [0.1, 0.5]);
     Place { air, clouds: Vec::new(), horizon: Some(horizon), ground: plain(rng, SAND) }.sky()
 }
 
@@ -85,7 +86,7 @@ pub(super) fn seaside(rng: &mut Pcg64) -> Sky {
     let sun = sun(rng, 20.0, 65.0);
     let air = clear(rng, sun, 5.0);
     let clouds = if rng.chance(0.6) { vec![layer(rng, CloudKind::Cumulus, [0.1, 0.5])] } else { Vec::new() };
-    let horizon = rng.chance(0.4).then(|| skyline(rng, HorizonKind::Hills, [1.0, 5.0], ROCK, [0.4, 0.9]));
+    let horizon = rng.chance(0.4).then(|| skyline(rng, HorizonKind::Hills, [2.0, 9.0], ROCK, [0.4, 0.9]));
     Place { air, clouds, horizon, ground: Ground::Water { color: shaded(rng, SEA), wind: rng.log(1.0, 12.0) } }.sky()
 }
 
@@ -100,7 +101,7 @@ pub(super) fn fair_cumulus(rng: &mut Pcg64) -> Sky {
     let sun = sun(rng, 15.0, 80.0);
     let air = clear(rng, sun, 4.0);
     let clouds = vec![layer(rng, CloudKind::Cumulus, [0.2, 0.65])];
-    let horizon = rng.chance(0.5).then(|| skyline(rng, HorizonKind::Hills, [1.5, 8.0], GRASS, [0.3, 0.8]));
+    let horizon = rng.chance(0.5).then(|| skyline(rng, HorizonKind::Hills, [3.0, 14.0], GRASS, [0.3, 0.8]));
     Place { air, clouds, horizon, ground: plain(rng, GRASS) }.sky()
 }
 
@@ -114,8 +115,8 @@ pub(super) fn cirrus_sun(rng: &mut Pcg64) -> Sky {
 pub(super) fn altocumulus_sun(rng: &mut Pcg64) -> Sky {
     let sun = sun(rng, 6.0, 50.0);
     let air = clear(rng, sun, 4.0);
-    let clouds = vec![layer(rng, CloudKind::Altocumulus, [0.35, 0.85])];
-    let horizon = rng.chance(0.5).then(|| skyline(rng, HorizonKind::Roofs, [2.0, 7.0], CONCRETE, [0.1, 0.6]));
+    let clouds = vec![layer(rng, CloudKind::Altocumulus, [0.3, 0.65])];
+    let horizon = rng.chance(0.5).then(|| skyline(rng, HorizonKind::Roofs, [4.0, 14.0], CONCRETE, [0.1, 0.6]));
     Place { air, clouds, horizon, ground: plain(rng, CONCRETE) }.sky()
 }
 
@@ -131,7 +132,7 @@ pub(super) fn meadow_trees(rng: &mut Pcg64) -> Sky {
 pub(super) fn under(sky: Sky, roof: Cover) -> Sky {
     match sky {
         Sky::Scenery { air, clouds, glows, stars, horizon, lights, ground, .. } => {
-            Sky::Scenery { air, clouds, glows, stars, horizon, cover: Some(roof), lights, ground }
+            Sky::Scenery { air, clouds, glows, stars, horizon, cover: Some(Box::new(roof)), lights, ground }
         }
         other => other,
     }
@@ -143,7 +144,7 @@ pub(super) fn forest_canopy(rng: &mut Pcg64) -> Sky {
     let horizon = rng.chance(0.6).then(|| skyline(rng, HorizonKind::Trees, [6.0, 20.0], LEAVES, [0.1, 0.4]));
     let roof = Cover {
         kind: CoverKind::Leaves,
-        amount: rng.between(0.35, 0.75),
+        amount: rng.between(0.3, 0.65),
         scale: rng.log(0.5, 2.0),
         elevation: 0.0,
         azimuth: 0.0,
@@ -156,7 +157,7 @@ pub(super) fn forest_canopy(rng: &mut Pcg64) -> Sky {
 pub(super) fn village(rng: &mut Pcg64) -> Sky {
     let sun = low_hard_sun(rng);
     let air = clear(rng, sun, 5.0);
-    let horizon = skyline(rng, HorizonKind::Roofs, [6.0, 22.0], [0.45, 0.34, 0.26], [0.0, 0.3]);
+    let horizon = skyline(rng, HorizonKind::Roofs, [12.0, 34.0], [0.45, 0.34, 0.26], [0.0, 0.3]);
     let clouds = if rng.chance(0.6) { vec![layer(rng, CloudKind::Cumulus, [0.1, 0.5])] } else { Vec::new() };
     Place { air, clouds, horizon: Some(horizon), ground: plain(rng, CONCRETE) }.sky()
 }
@@ -197,6 +198,6 @@ pub(super) fn pergola(rng: &mut Pcg64) -> Sky {
 pub(super) fn hills_low_sun(rng: &mut Pcg64) -> Sky {
     let sun = low_hard_sun(rng);
     let air = clear(rng, sun, 6.0);
-    let horizon = skyline(rng, HorizonKind::Hills, [1.5, 9.0], GRASS, [0.2, 0.8]);
+    let horizon = skyline(rng, HorizonKind::Hills, [5.0, 18.0], GRASS, [0.2, 0.8]);
     Place { air, clouds: Vec::new(), horizon: Some(horizon), ground: plain(rng, GRASS) }.sky()
 }

@@ -30,7 +30,7 @@ pub(super) fn overcast_plain(rng: &mut Pcg64) -> Sky {
 pub(super) fn overcast_hills(rng: &mut Pcg64) -> Sky {
     let air = overcast(rng, 2.0);
     let clouds = vec![layer(rng, CloudKind::Stratus, [0.3, 0.8])];
-    let horizon = skyline(rng, HorizonKind::Hills, [3.0, 14.0], GRASS, [0.3, 0.8]);
+    let horizon = skyline(rng, HorizonKind::Hills, [6.0, 24.0], GRASS, [0.3, 0.8]);
     Place { air, clouds, horizon: Some(horizon), ground: plain(rng, GRASS) }.sky()
 }
 
@@ -77,7 +77,7 @@ pub(super) fn storm(rng: &mut Pcg64) -> Sky {
     let sun = sun(rng, 15.0, 60.0);
     let air = clear(rng, sun, 5.0);
     let clouds = vec![layer(rng, CloudKind::Storm, [0.7, 0.97])];
-    let horizon = rng.chance(0.6).then(|| skyline(rng, HorizonKind::Hills, [2.0, 10.0], GRASS, [0.2, 0.6]));
+    let horizon = rng.chance(0.6).then(|| skyline(rng, HorizonKind::Hills, [3.0, 16.0], GRASS, [0.2, 0.6]));
     Place { air, clouds, horizon, ground: plain(rng, GRASS) }.sky()
 }
 
@@ -95,7 +95,7 @@ pub(super) fn storm_break(rng: &mut Pcg64) -> Sky {
         radiance: tint(rng, level, 0.25),
     };
     let kind = if rng.chance(0.5) { HorizonKind::Ridges } else { HorizonKind::Skyline };
-    let horizon = skyline(rng, kind, [2.0, 12.0], ROCK, [0.1, 0.5]);
+    let horizon = skyline(rng, kind, [4.0, 20.0], ROCK, [0.1, 0.5]);
     glowing(Place { air, clouds, horizon: Some(horizon), ground: plain(rng, ROCK) }.sky(), vec![strip])
 }
 

@@ -48,8 +48,20 @@ fn round(lamp: Lamp) -> Lamp {
 }
 
 fn rig(rng: &mut Pcg64, lamps: Vec<Lamp>, darkest: f32, brightest: f32) -> Sky {
-    let dim = rng.log(darkest, brightest);
-    Sky::Studio { lamps, fill: tint(rng, dim, 0.15), floor: tint(rng, 0.7 * dim, 0.15), backdrop: None }
+    let dim = rng.log(darkest.max(0.016), brightest);
+    let backdrop = rng.chance(0.5).then(|| {
+        // Paper or a wall that the lamps light a little, brighter below or above.
+        let (base, rise) = (dim * rng.log(0.5, 8.0), dim * rng.log(0.5, 8.0));
+        Backdrop {
+            azimuth: degrees(rng),
+            width: rng.between(50.0, 220.0),
+            top: rng.between(20.0, 80.0),
+            bottom: if rng.chance(0.5) { -90.0 } else { rng.between(-35.0, -8.0) },
+            base: tint(rng, base, 0.1),
+            rise: tint(rng, rise, 0.1),
+        }
+    });
+    Sky::Studio { lamps, fill: tint(rng, dim, 0.06), floor: tint(rng, 0.7 * dim, 0.06), backdrop }
 }
 
 /// A key light's irradiance: dim to glaring.
@@ -177,14 +189,15 @@ pub(super) fn leaf_gobo(rng: &mut Pcg64) -> Sky {
     let (turn, level, color) = (degrees(rng), key(rng), lamp_color(rng));
     let lamp = Stand::near(rng, turn, 40.0).lamp([rng.log(0.8, 2.6), rng.log(0.8, 2.6)], level, color);
     let mask = Mask::Leaves { open: rng.between(0.25, 0.65), seed: which(rng) };
-    rig(rng, vec![Lamp { softness: 0.1, mask: Some(mask), ..round(lamp) }], 0.01, 0.08)
+    rig(rng, vec![Lamp { softness: 0.1, mask: Some(mask), power: Pcg64::tidy(2.0 * lamp.power), ..round(lamp) }], 0.01, 0.08)
 }
 
 pub(super) fn blinds(rng: &mut Pcg64) -> Sky {
     let (turn, level, color) = (degrees(rng), key(rng), lamp_color(rng));
     let lamp = Stand::within(rng, turn, [8.0, 40.0]).lamp([rng.between(1.2, 2.6), rng.between(1.2, 2.6)], level, color);
     let mask = Mask::Slats { count: 4 + rng.below(11), open: rng.between(0.2, 0.7) };
-    let window = Lamp { softness: 0.0, roll: rng.between(-6.0, 6.0), mask: Some(mask), ..lamp };
+    let window =
+        Lamp { softness: 0.0, power: Pcg64::tidy(2.0 * lamp.power), roll: rng.between(-6.0, 6.0), mask: Some(mask), ..lamp };
     rig(rng, vec![window], 0.01, 0.1)
 }
 
