@@ -275,9 +275,9 @@ fn the_same_request_gives_the_same_bytes() {
 
 /// Of a ground with an orbit, a room with a dolly and open country with a camera in the hand.
 const HASHES: [&str; 3] = [
-    "ac7b9ae90fbcdc03b4e92587e866f3393ec4ad90e9d552b6c18e5cb352b736a0",
-    "547a7c560e475bde15b6deb50b461bf1ccc911fd07a1b614ea55b651321e490c",
-    "80f275ffb3ee0d213455922c245551950982d11425cf83e7cc2533afe2dfd800",
+    "199bf5f890956d2e275c6713dc870626ee53bec380ba5f3b3d8fc9715a599e57",
+    "adca726e2c5a14f9fc596694db174fec420131a55497fbdd44ee07eab5112cf7",
+    "b91d880a874da5d20c2b50e52990cd0c09146a75c7139718969cc2a09dccff5b",
 ];
 
 #[test]
