@@ -99,7 +99,7 @@ fn post(rng: &mut Pcg64, radius: f32) -> Body {
     let (thick, height) = (Pcg64::tidy((rng.between(0.05, 0.25) * radius).max(0.05)), rng.between(1.2, 3.0) * radius.max(0.5));
     let column = Shape::Cylinder { radius: thick, height: Pcg64::tidy(height), bevel: 0.0 };
     Body::composed(
-        "column",
+        "pillar",
         vec![Part::shape(column, Role::Wall, Vec3::new(0.0, 0.5 * Pcg64::tidy(height), 0.0))],
         thick,
         height + 1e-3,
