@@ -248,6 +248,23 @@ fn nerfstudio_sees_the_depths_and_cameras_of_the_frames() {
     }
 }
 
+/// A split or one sequence can be exported alone, and comes out as it does with the others.
+#[test]
+fn parts_of_a_dataset() {
+    let (whole, folder) = (export("cosmos"), tempfile::tempdir().unwrap());
+    let (split, sequence) = sequences(dataset())[0].clone();
+    let part = |from: &Path, name: &str| {
+        let out = folder.path().join(name);
+        succeed(&["dataset", "export", from.to_str().unwrap(), "--to", "cosmos", "--out", out.to_str().unwrap()]);
+        let all = files(whole.path());
+        let found = files(&out);
+        assert!(!found.is_empty() && found.iter().all(|file| all.contains(file)), "{name}");
+        found.len()
+    };
+    let (one, many) = (part(&sequence, "sequence"), part(&dataset().join(split), "split"));
+    assert!(one > 24 && many >= one);
+}
+
 #[test]
 fn cosmos_and_png_files_hold_the_channels() {
     let (cosmos, png) = (export("cosmos"), export("png"));

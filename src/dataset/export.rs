@@ -27,7 +27,7 @@ cosmos:     <clip>.<frame>.{rgb,basecolor,metallic,roughness,normal,depth,env_ld
 png:        every channel as a PNG that can be looked at, 16 bits where 8 would lose something, with data_ranges.json\n\
 coco:       images and instances with run lengths; categories are mesh families")]
 pub struct Options {
-    /// Dataset folder
+    /// Dataset folder, or a split or sequence of it
     dataset: PathBuf,
     /// Tool to write for
     #[arg(long, value_enum)]

@@ -46,7 +46,8 @@ pub struct Sources {
     pub manifest: Option<String>,
 }
 
-/// Finds the sequences in `dataset/{train,val,test}`.
+/// Finds the sequences in `dataset/{train,val,test}`; or `dataset` is one of those folders, or a sequence itself, whose split is by its record or
+/// its folder, and else train.
 ///
 /// # Errors
 /// When there are none; when a sequence's `transforms.json` cannot be read or a name would not do in an archive; when the dataset has a plan
@@ -64,28 +65,43 @@ pub fn open(dataset: &Path) -> Result<Sources> {
         dataset.display()
     );
     let mut sequences = Vec::new();
+    if dataset.join("transforms.json").is_file() {
+        let full = std::path::absolute(dataset).with_context(|| dataset.display().to_string())?;
+        sequences.push(sequence(full.parent().and_then(split_named), full.clone())?);
+    }
+    for folder in sequence_folders(dataset)? {
+        sequences.push(sequence(split_named(&std::path::absolute(dataset)?), folder)?);
+    }
     for split in SPLITS.map(|split| split.name()) {
         let folder = dataset.join(split);
-        if !folder.is_dir() {
-            continue;
-        }
-        let mut folders = Vec::new();
-        for entry in std::fs::read_dir(&folder).with_context(|| format!("{}: cannot list", folder.display()))? {
-            let path = entry.with_context(|| format!("{}: cannot list", folder.display()))?.path();
-            if path.join("transforms.json").is_file() {
-                folders.push(path);
-            }
-        }
-        folders.sort();
-        for folder in folders {
-            sequences.push(sequence(split, folder)?);
+        for folder in if folder.is_dir() { sequence_folders(&folder)? } else { Vec::new() } {
+            sequences.push(sequence(Some(split), folder)?);
         }
     }
-    ensure!(!sequences.is_empty(), "{}: no sequence in train, val or test", dataset.display());
+    ensure!(!sequences.is_empty(), "{}: no sequence in it or in its train, val or test", dataset.display());
     Ok(Sources { sequences, manifest })
 }
 
-fn sequence(split: &'static str, folder: PathBuf) -> Result<Source> {
+/// The split that a folder is called after.
+fn split_named(folder: &Path) -> Option<&'static str> {
+    let name = folder.file_name()?.to_str()?;
+    SPLITS.map(|split| split.name()).into_iter().find(|split| *split == name)
+}
+
+/// Folders with `transforms.json` in `folder`, by name.
+fn sequence_folders(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(|| format!("{}: cannot list", folder.display()))? {
+        let path = entry.with_context(|| format!("{}: cannot list", folder.display()))?.path();
+        if path.join("transforms.json").is_file() {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn sequence(split: Option<&'static str>, folder: PathBuf) -> Result<Source> {
     let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_owned();
     // Readers of archives cut names at the first dot, and some break at other signs.
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
@@ -98,5 +114,6 @@ fn sequence(split: &'static str, folder: PathBuf) -> Result<Source> {
     }
     ensure!(numbers.is_sorted_by(|a, b| a < b), "{}: its frames are not in order", folder.display());
     let record = Record::read(&folder)?;
+    let split = split.or(record.as_ref().map(|record| record.split.name())).unwrap_or("train");
     Ok(Source { split, name, folder, sequence, numbers, record })
 }

@@ -1,7 +1,7 @@
 //! COCO instances: `OUT/<split>/seq-000123_0007.png` and `OUT/annotations/instances_<split>.json`.
 //!
 //! One annotation an object and frame, its mask as compressed run lengths (column by column, as pycocotools has them), from the object ids
-//! at pixel centres. Categories are mesh families: those that the sequence recorded, else what stands in an object's name before `_01`.
+//! at pixel centres. Categories are mesh families: those that the sequence recorded, else what stands in an object's name before the first `_01`.
 //! Category ids count from 1 in the order of the names in the split.
 
 use super::picture::{byte, png};
@@ -143,14 +143,16 @@ struct Named {
     name: String,
 }
 
-/// What stands before the number at the end of a name.
+/// What stands before the first number in a name: `table` for `table_07` and for its part `table_07_2`.
 fn family(name: &str) -> &str {
-    match name.rsplit_once('_') {
-        Some((family, number)) if !family.is_empty() && !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()) => {
-            family
+    let mut end = 0;
+    for word in name.split('_') {
+        if end > 0 && !word.is_empty() && word.bytes().all(|b| b.is_ascii_digit()) {
+            return &name[..end - 1];
         }
-        _ => name,
+        end += word.len() + 1;
     }
+    name
 }
 
 /// Category of each object; object id 1 is the first.
@@ -221,9 +223,14 @@ mod tests {
 
     #[test]
     fn families_are_what_stands_before_the_number() {
-        for (name, expected) in
-            [("pipe_01", "pipe"), ("ground", "ground"), ("gear_box_12", "gear_box"), ("a_b", "a_b"), ("_1", "_1")]
-        {
+        for (name, expected) in [
+            ("pipe_01", "pipe"),
+            ("ground", "ground"),
+            ("gear_box_12", "gear_box"),
+            ("table_07_2", "table"),
+            ("a_b", "a_b"),
+            ("7_1", "7"),
+        ] {
             assert_eq!(family(name), expected);
         }
     }
