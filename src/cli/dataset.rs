@@ -1,6 +1,6 @@
 use super::SplitArg;
 use crate::dataset::plan::{Denoise, Keyframes, Plan, Render};
-use crate::dataset::{Shard, export, manifest, pack, planning, preview, render, stats, verify};
+use crate::dataset::{Shard, export, log, manifest, pack, planning, preview, render, stats, verify};
 use crate::truth::DenoiseMode;
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
@@ -303,12 +303,28 @@ impl VerifyArgs {
 impl StatsArgs {
     fn run(self) -> Result<()> {
         let numbers = stats::numbers(&self.dataset)?;
+        let costs = log::costs(&self.dataset);
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&numbers)?);
+            println!("{}", serde_json::to_string_pretty(&serde_json::json!({ "dataset": numbers, "costs": costs }))?);
         }
         let out = self.out.unwrap_or_else(|| self.dataset.join("stats.html"));
-        file::write_atomic(&out, stats::html(&numbers)?.as_bytes())?;
+        file::write_atomic(&out, stats::html(&numbers, &costs)?.as_bytes())?;
         if !self.json {
+            if costs.frames > 0 {
+                let [compile, render, denoise, write] = costs.stages;
+                println!(
+                    "{} frames made in {:.1} s ({:.3} frames/s); a frame: compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, write \
+                     {write:.3} s; a sequence: load {:.3}, read back {:.3} s; memory by tenths {:.0?} MiB, most {:.0}; {} failures",
+                    costs.frames,
+                    costs.wall,
+                    costs.frames as f64 / costs.wall.max(1e-9),
+                    costs.sequences[0],
+                    costs.sequences[1],
+                    costs.memory,
+                    costs.peak,
+                    costs.failures
+                );
+            }
             let [complete, planned] = numbers.sequences;
             println!(
                 "{complete} of {planned} sequences, {} frames, {} bytes, {} meshes, {} environments: {}",

@@ -46,3 +46,69 @@ impl Log {
         let _ = file.write_all(&line);
     }
 }
+
+/// What the logs of a dataset say its frames cost.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Costs {
+    /// Frames made, over all runs.
+    pub frames: usize,
+    /// Wall seconds from the first to the last line of each run, added up over runs and shards.
+    pub wall: f64,
+    /// Mean seconds a frame of compiling or moving, rendering, denoising and writing.
+    pub stages: [f64; 4],
+    /// Mean seconds a sequence of composing and loading, and of reading back.
+    pub sequences: [f64; 2],
+    /// Failures.
+    pub failures: usize,
+    /// Memory after each frame, MiB: the median of each tenth of the frames in the order of the logs, and the largest.
+    pub memory: Vec<f64>,
+    /// Largest memory after a frame, MiB.
+    pub peak: f64,
+}
+
+/// Reads every log in `out`; lines that cannot be read (a run may have been killed while writing one) are passed over.
+pub fn costs(out: &Path) -> Costs {
+    let Ok(entries) = std::fs::read_dir(out.join("logs")) else { return Costs::default() };
+    let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    let (mut costs, mut memory) = (Costs::default(), Vec::new());
+    let (mut sequences, mut stages) = ([0.0; 3], [0.0; 4]);
+    for path in paths {
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let (mut started, mut last) = (0.0, 0.0);
+        for line in text.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok()) {
+            let number = |key: &str| line[key].as_f64().unwrap_or(0.0);
+            if line["event"] == "start" {
+                costs.wall += last - started;
+                started = number("time");
+            }
+            last = number("time");
+            match line["event"].as_str() {
+                Some("frame") => {
+                    costs.frames += 1;
+                    memory.push(number("rss"));
+                    for (sum, key) in stages.iter_mut().zip(["compile", "render", "denoise", "write"]) {
+                        *sum += number(key);
+                    }
+                }
+                Some("sequence") => {
+                    for (sum, more) in sequences.iter_mut().zip([number("load"), number("check"), 1.0]) {
+                        *sum += more;
+                    }
+                }
+                Some("failure") => costs.failures += 1,
+                _ => {}
+            }
+        }
+        costs.wall += last - started;
+    }
+    costs.stages = stages.map(|sum: f64| sum / costs.frames.max(1) as f64);
+    costs.sequences = [0, 1].map(|i| sequences[i] / f64::max(sequences[2], 1.0));
+    costs.peak = memory.iter().copied().fold(0.0, f64::max);
+    for part in memory.chunks(memory.len().div_ceil(10).max(1)) {
+        let mut part = part.to_vec();
+        part.sort_by(f64::total_cmp);
+        costs.memory.push(part[part.len() / 2]);
+    }
+    costs
+}

@@ -69,7 +69,7 @@ fn mesh_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
 /// (group, family) of every environment family of a catalogue.
 fn environment_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
     let families = (0..catalog.environments().min(256)).map(|k| catalog.environment_family(k));
-    families.map(|family| (sky::group(&family), family.to_owned())).collect()
+    families.map(|family| (sky::group(family), family.to_owned())).collect()
 }
 
 fn groups(members: Vec<(&'static str, String)>) -> BTreeMap<&'static str, Vec<String>> {

@@ -1,5 +1,6 @@
 //! The page that shows what a dataset is like: tables of families and histograms of its pixels, from the records of its sequences.
 
+use super::log::Costs;
 use super::manifest;
 use super::plan::{Plan, SPLITS};
 use super::record::Record;
@@ -119,7 +120,7 @@ fn histogram(axis: &Axis, statistics: &Statistics) -> Bars {
 }
 
 /// The page, self-contained.
-pub fn html(numbers: &Numbers) -> Result<String> {
+pub fn html(numbers: &Numbers, costs: &Costs) -> Result<String> {
     let mut page = String::new();
     let [complete, planned] = numbers.sequences;
     write!(
@@ -137,6 +138,19 @@ pub fn html(numbers: &Numbers) -> Result<String> {
     )?;
     for leak in &numbers.leaks {
         write!(page, "<p class=\"leak\">{}</p>", escape(leak))?;
+    }
+    if costs.frames > 0 {
+        let [compile, render, denoise, write] = costs.stages;
+        write!(
+            page,
+            "<p>{} frames made in {:.1} s, {:.3} a second; a frame takes compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, \
+             write {write:.3} s; memory at most {:.0} MiB; {} failures.</p>",
+            costs.frames,
+            costs.wall,
+            costs.frames as f64 / costs.wall.max(1e-9),
+            costs.peak,
+            costs.failures
+        )?;
     }
     page += "<h2>Pixels</h2><div class=\"all\">";
     for bars in &numbers.histograms {

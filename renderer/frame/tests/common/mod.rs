@@ -32,6 +32,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
         albedo: material.clone(),
         normal: Image::from_fn(width, height, |x, _| if hit(x) { [0.6, 0.0, 0.8] } else { [0.0; 3] }),
         depth: Image::from_fn(width, height, |x, y| if hit(x) { 1.0 + (x + 3 * y) as f32 / 7.0 } else { f32::INFINITY }),
+        distance: Some(Image::from_fn(width, height, |x, y| if hit(x) { 1.5 + (x + 3 * y) as f32 / 6.0 } else { f32::INFINITY })),
         material,
         irradiance: Some(ramp(1.25)),
         guide_albedo: Some(ramp(0.5)),
