@@ -52,6 +52,11 @@ pub(crate) struct Access<T: 'static> {
 }
 
 impl Layer {
+    /// Whether a miss is +inf here; no other layer holds anything infinite.
+    pub(crate) fn is_infinite_at_miss(&self) -> bool {
+        matches!(self.name, "depth" | "distance")
+    }
+
     /// Full channel names, such as `albedo.R`, in the order of [`Self::components`].
     pub fn channel_names(&self) -> impl Iterator<Item = String> + '_ {
         self.components.iter().map(|component| match self.name {

@@ -230,7 +230,7 @@ pub(crate) fn sized<'a, P>(frame: &Frame, layer: &TableLayer, image: &'a Image<P
 
 /// Refuses NaN, and infinities except +inf in depth (a miss).
 pub(crate) fn check_values(name: &str, layer: &TableLayer, width: usize, values: &[f32]) -> std::result::Result<(), String> {
-    let miss = matches!(layer.name, "depth" | "distance");
+    let miss = layer.is_infinite_at_miss();
     match values.iter().position(|&v| !(v.is_finite() || miss && v == f32::INFINITY)) {
         Some(i) => Err(format!("channel {name} is {} at pixel ({}, {})", values[i], i % width, i / width)),
         None => Ok(()),

@@ -85,8 +85,7 @@ fn fill(frame: &mut Frame, layer: &Checked, raw: &[u8]) -> std::result::Result<(
         Field::Rgb(access) => (access.set)(frame, Image { width, height, pixels: picture.floats(block, false)? }),
         Field::Vec2(access) => (access.set)(frame, Image { width, height, pixels: picture.floats(block, false)? }),
         Field::Scalar(access) => {
-            // Depth alone may be infinite: +inf at a miss.
-            let miss = layer.layer.name == "depth";
+            let miss = layer.layer.is_infinite_at_miss();
             let pixels = if block.encoding == Encoding::Depth16 { picture.depth(block)? } else { picture.floats(block, miss)? };
             (access.set)(frame, Image { width, height, pixels: pixels.into_flattened() });
         }
