@@ -365,7 +365,7 @@ fn splits_share_nothing_and_sharing_is_found() {
     let mut twice = records.clone();
     let geometry = twice[0].objects[0].geometry.clone();
     twice[11].objects[0].geometry = geometry.clone();
-    assert_eq!(manifest::leaks(&twice), [format!("geometry {geometry} is in train/seq-000000 and test/seq-000011")]);
+    assert_eq!(manifest::leaks(&twice), [format!("geometry {} is in train/seq-000000 and test/seq-000011", geometry[0])]);
 }
 
 /// A thousand scenes one after the other in one process: what each takes is given back.
@@ -389,4 +389,59 @@ fn a_thousand_scenes_do_not_pile_up() {
     let quarters = [median(&rss[..250]), median(&rss[250..500]), median(&rss[500..750]), median(&rss[750..])];
     println!("median memory of the quarters, MiB: {quarters:?}");
     assert!(quarters[3] < 1.15 * quarters[1], "{quarters:?}");
+}
+
+/// The user's models and maps are mixed in; two files of one body go to one split, what cannot be read is left out, and a file that
+/// changed after planning is refused.
+#[test]
+fn files_of_the_user_are_mixed_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let (models, maps) = (folder.path().join("models"), folder.path().join("maps"));
+    let wedge = |height: f32, remark: &str| {
+        format!("# {remark}\nv 0 0 0\nv 1 0 0\nv 0 0 -1\nv 0 {height} 0\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    };
+    std::fs::create_dir_all(models.join("more")).unwrap();
+    std::fs::create_dir_all(&maps).unwrap();
+    for i in 0..12 {
+        std::fs::write(models.join(format!("wedge{i}.obj")), wedge(1.0 + i as f32, "one")).unwrap();
+        std::fs::write(models.join(format!("more/again{i}.obj")), wedge(1.0 + i as f32, "the same under another name")).unwrap();
+        common::write_map(&maps.join(format!("map{i}.exr")), |x, y| 0.1 + 0.01 * (x + y + i) as f32);
+    }
+    std::fs::write(models.join("broken.obj"), "f 1 2 3\n").unwrap();
+    let sizes = ["--sequences", "20", "--frames", "1", "--resolution", "16", "--spp", "0"];
+    let folders = ["--meshes", models.to_str().unwrap(), "--hdris", maps.to_str().unwrap()];
+    let plan_file = folder.path().join("plan.json").to_str().unwrap().to_owned();
+    let common = ["dataset", "plan", "--seed", "3", "--denoise", "none", "--out", &plan_file];
+    let output = renderflow(&[&common[..], &sizes, &folders].concat());
+    assert!(output.status.success() && stderr(&output).contains("left out: ") && stderr(&output).contains("broken.obj"));
+    let planned = Plan::read(Path::new(&plan_file)).unwrap();
+    let mut seen = 0;
+    for split in [Split::Train, Split::Val, Split::Test] {
+        let sources = planned.splits.of(split);
+        assert!(!sources.models.is_empty() && !sources.hdris.is_empty(), "{split} got none");
+        let names: Vec<&str> = sources.models.iter().map(|file| file.path.as_str()).collect();
+        for name in names.iter().filter_map(|name| name.split("wedge").nth(1)) {
+            assert!(
+                names.iter().any(|other| other.ends_with(&format!("again{name}"))),
+                "{split} has one of two alike: {names:?}"
+            );
+        }
+        seen += names.len();
+    }
+    assert_eq!(seen, 24);
+    let out = folder.path().join("out");
+    let output = render(&plan_file, &out, &[]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let records = manifest::records(&planned, &out).unwrap();
+    assert!(records.iter().flat_map(|r| &r.objects).any(|object| object.file.is_some() && object.family == "file"));
+    assert!(records.iter().any(|r| r.environment.family.starts_with("file:")));
+    verified(&out);
+    // Other files under the same names.
+    for i in 0..12 {
+        std::fs::write(models.join(format!("wedge{i}.obj")), wedge(3.5, "another")).unwrap();
+        std::fs::write(models.join(format!("more/again{i}.obj")), wedge(3.5, "another")).unwrap();
+    }
+    let output = render(&plan_file, &folder.path().join("changed"), &[]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("is not the file that was planned"), "{}", stderr(&output));
 }

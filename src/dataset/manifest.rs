@@ -150,7 +150,7 @@ pub fn leaks(records: &[Record]) -> Vec<String> {
                     Some(file) => ("model", file.clone()),
                     None => ("mesh family", object.family.clone()),
                 });
-                things.push(("geometry", object.geometry.clone()));
+                things.extend(object.geometry.iter().map(|hash| ("geometry", hash.clone())));
             }
             for thing in things {
                 if let Some(other) = seen.get(&thing).filter(|other| other.split != split) {

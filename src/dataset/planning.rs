@@ -1,11 +1,13 @@
 //! Makes a plan: how sequences are shared out, which families and files each split gets.
 
 use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile, hash_file};
+use crate::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use renderflow_scenes::catalog::Catalog;
+use renderflow_scenes::load::{self, ModelView};
 use renderflow_scenes::procedural::Split;
-use renderflow_scenes::{seed::Seed, sky};
-use std::collections::BTreeMap;
+use renderflow_scenes::{seed::Seed, shapes, sky};
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Endings of model files.
@@ -40,16 +42,15 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
     deal(&mut splits, &seed, mesh_families, |sources, name| sources.mesh_families.push(name));
     let environments = groups(environment_families(&catalog));
     deal(&mut splits, &seed, environments, |sources, name| sources.environment_families.push(name));
-    for (folder, endings, add) in [
-        (models, &MODELS[..], (|s: &mut Sources, f| s.models.push(f)) as fn(&mut Sources, UserFile)),
-        (hdris, &MAPS[..], |s: &mut Sources, f| s.hdris.push(f)),
-    ] {
-        let Some(folder) = folder else { continue };
-        let files = user_files(folder, endings)?;
-        ensure!(!files.is_empty(), "{}: no files ending in {}", folder.display(), endings.join(", "));
-        let by_hash: BTreeMap<String, UserFile> = files.into_iter().map(|f| (f.blake3.clone(), f)).collect();
-        let group = BTreeMap::from([("files", by_hash.keys().cloned().collect())]);
-        deal(&mut splits, &seed, group, |sources, hash| add(sources, by_hash[&hash].clone()));
+    if let Some(folder) = models {
+        deal_files(&mut splits, &seed, model_groups(folder)?, |sources, file| sources.models.push(file));
+    }
+    if let Some(folder) = hdris {
+        let files = user_files(folder, &MAPS)?;
+        ensure!(!files.is_empty(), "{}: no files ending in {}", folder.display(), MAPS.join(", "));
+        deal_files(&mut splits, &seed, files.into_iter().map(|file| vec![file]).collect(), |sources, file| {
+            sources.hdris.push(file)
+        });
     }
     for split in SPLITS {
         let sources = splits.of_mut(split);
@@ -104,6 +105,46 @@ fn deal(
             dealt += 1;
         }
     }
+}
+
+/// Deals groups of files, each as a whole.
+fn deal_files(splits: &mut Splits, seed: &Seed, groups: Vec<Vec<UserFile>>, mut add: impl FnMut(&mut Sources, UserFile)) {
+    let by_hash: BTreeMap<String, Vec<UserFile>> = groups.into_iter().map(|group| (group[0].blake3.clone(), group)).collect();
+    let names = BTreeMap::from([("files", by_hash.keys().cloned().collect())]);
+    deal(splits, seed, names, |sources, hash| by_hash[&hash].iter().for_each(|file| add(sources, file.clone())));
+}
+
+/// The models below `folder`, those that share a mesh in one group: the same body under two names must not be in two splits. Models
+/// that cannot be read are left out, and said.
+fn model_groups(folder: &Path) -> Result<Vec<Vec<UserFile>>> {
+    let files = user_files(folder, &MODELS)?;
+    let progress = Progress::new("models", files.len() as u64);
+    let mut groups: Vec<(HashSet<String>, Vec<UserFile>)> = Vec::new();
+    for file in files {
+        let path = Path::new(&file.path);
+        let view = ModelView { ground: false, ..ModelView::default() };
+        let read = load::describe_model(path, None, &view).and_then(|scene| load::load(&scene, Path::new(".")));
+        progress.add(1);
+        let mut hashes: HashSet<String> = match read {
+            Ok(loaded) => loaded.meshes.iter().map(shapes::geometry_hash).collect(),
+            Err(error) => {
+                progress.hide(|| eprintln!("warning: left out: {error}"));
+                continue;
+            }
+        };
+        let mut members = vec![file];
+        let (same, others): (Vec<_>, Vec<_>) = groups.into_iter().partition(|(known, _)| !known.is_disjoint(&hashes));
+        groups = others;
+        for (known, files) in same {
+            hashes.extend(known);
+            members.extend(files);
+        }
+        members.sort_by(|a, b| a.path.cmp(&b.path));
+        groups.push((hashes, members));
+    }
+    progress.finish();
+    ensure!(!groups.is_empty(), "{}: no model ending in {} that can be read", folder.display(), MODELS.join(", "));
+    Ok(groups.into_iter().map(|(_, files)| files).collect())
 }
 
 /// Files below `folder` with one of `endings`, with their hashes; the same content twice counts once.

@@ -91,8 +91,8 @@ pub struct ObjectEntry {
     /// The user's model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// Hash of its geometry (of the first mesh, where a model has several).
-    pub geometry: String,
+    /// Hashes of the geometry of its meshes; one, but for models of several parts.
+    pub geometry: Vec<String>,
 }
 
 /// A frame of a sequence.
@@ -142,8 +142,10 @@ impl Record {
         let geometry = |object: &str| {
             // Parts of a model are named after their object.
             let part = |name: &str| name.strip_prefix(object).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
-            let instance = loaded.instances.iter().find(|instance| part(&instance.name));
-            instance.map(|instance| shapes::geometry_hash(&loaded.meshes[instance.mesh])).unwrap_or_default()
+            let mut meshes: Vec<usize> = loaded.instances.iter().filter(|i| part(&i.name)).map(|i| i.mesh).collect();
+            meshes.sort_unstable();
+            meshes.dedup();
+            meshes.into_iter().map(|mesh| shapes::geometry_hash(&loaded.meshes[mesh])).collect()
         };
         let objects = composed.meshes.iter().map(|used| ObjectEntry {
             name: used.object.clone(),

@@ -100,7 +100,7 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
         sequences: [records.len(), plan.total() as usize],
         frames: records.iter().map(|r| r.frames.len()).sum(),
         bytes: records.iter().flat_map(|r| &r.frames).map(|frame| frame.bytes).sum(),
-        meshes: distinct(&mut objects().map(|object| object.geometry.clone())),
+        meshes: distinct(&mut objects().flat_map(|object| object.geometry.clone())),
         scenes: distinct(&mut records.iter().map(|r| r.scene.clone())),
         environments: distinct(&mut records.iter().map(|r| format!("{} {:?}", r.environment.family, r.environment.number))),
         leaks: if plan.classic { Vec::new() } else { manifest::leaks(&records) },
