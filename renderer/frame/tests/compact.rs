@@ -176,7 +176,7 @@ fn all_layers_can_be_kept_and_any_loaded_alone() {
     let (bytes, _) = compact::encode_with(Path::new(NAME), &frame, Keep::All).unwrap();
     let read = decode(&bytes).unwrap();
     assert_eq!(read.raw, frame.raw.as_ref().map(half));
-    assert_eq!((&read.variance, &read.samples), (&frame.variance, &frame.samples));
+    assert_eq!((&read.variance, &read.samples, &read.distance), (&frame.variance, &frame.samples, &frame.distance));
     assert_eq!(read.light[7], frame.light[7].as_ref().map(half));
     assert_eq!(read.guide_normal, frame.guide_normal.as_ref().map(half));
     assert_eq!(header(&bytes)["left_out"], serde_json::json!([]));
@@ -190,7 +190,7 @@ fn all_layers_can_be_kept_and_any_loaded_alone() {
     assert!(error.starts_with("frame.rff: no layer is called \"deep\"; there are beauty, alpha,"), "{error}");
 
     let training = header(&encode(&frame).0);
-    assert_eq!(training["left_out"].as_array().unwrap().len(), 13);
+    assert_eq!(training["left_out"].as_array().unwrap().len(), 14);
     let wanted = ["beauty", "alpha", "albedo", "normal", "depth", "material", "irradiance", "motion", "motion_prev"];
     let names: Vec<_> = training["layers"].as_array().unwrap().iter().map(|l| l["name"].as_str().unwrap().to_owned()).collect();
     assert_eq!(names[..9], wanted);
