@@ -2,7 +2,8 @@
 //! compared with its motion vectors and depth; normals are compared with the slope of the depth.
 //!
 //! What the checks are for are wrong conventions: distance for planar depth, flipped axes, world-space normals, motion of the wrong
-//! sign, unit or direction, cameras of another frame. Each of them fails by a wide margin.
+//! sign, unit or direction, cameras of another frame. Over 250 sequences of varied scenes at 96 x 96 no motion vector was off, the least share
+//! of points seen again was 0.52, the largest median angle 6.25 degrees, and every normal faced the camera.
 
 use glam::{Vec2, Vec3, Vec3A};
 use renderflow_frame::warp::correspond;
@@ -16,11 +17,11 @@ const MOTION_SHARE: f32 = 2e-3;
 /// Largest share of motion vectors that may be off.
 const MOTION_OFF: f64 = 1e-3;
 /// Least share of the points that are still in the picture a frame later which that frame shows, all others being hidden there.
-const SEEN: f64 = 0.2;
+const SEEN: f64 = 0.3;
 /// Largest median angle between the normal and the slope of the depth, degrees; textures and smooth shading bend normals.
-const NORMAL_ANGLE: f64 = 25.0;
+const NORMAL_ANGLE: f64 = 10.0;
 /// Least share of normals that face the camera; those of smooth shading and of normal maps may point away a little.
-const FACING: f64 = 0.9;
+const FACING: f64 = 0.98;
 /// Fewest pixels that a share is judged by.
 const FEWEST: u64 = 256;
 /// Width of the bins of angles, degrees.
@@ -188,7 +189,9 @@ fn smooth(frame: &Frame, x: usize, y: usize) -> bool {
             && frame.depth.pixels[j].is_finite()
             && Vec3::from(frame.normal.pixels[j]).dot(frame.normal.pixels[i].into()) > 0.95
     };
-    let bend = |a: usize, b: usize| (frame.depth.pixels[a] + frame.depth.pixels[b] - 2.0 * depth).abs() < 2e-3 * depth;
+    // The inverse of a plane's depth is linear in the picture, however steep the plane.
+    let inverse = |j: usize| depth / frame.depth.pixels[j];
+    let bend = |a: usize, b: usize| (inverse(a) + inverse(b) - 2.0).abs() < 2e-3;
     let (left, right, above, below) = (i - 1, i + 1, i - width, i + width);
     [left, right, above, below].into_iter().all(same) && bend(left, right) && bend(above, below)
 }
