@@ -123,6 +123,15 @@ fn shards_merged_are_the_whole() {
     }
     let text = verified(&whole);
     assert!(text.contains("3 sequences, 12 frames") && text.contains("no faults"), "{text}");
+    // Keyframes at full quality, what is between them cheaper; all marked.
+    let records = manifest::records(&Plan::read(Path::new(&plan)).unwrap(), &whole).unwrap();
+    for record in records {
+        let frames: Vec<_> = record.frames.iter().map(|frame| (frame.number, frame.keyframe, frame.spp)).collect();
+        assert_eq!(frames, [(0, true, 8), (1, false, 2), (2, true, 8), (3, false, 2)]);
+        assert_eq!(record.keyframes, [0, 2]);
+        let cameras = whole.join("train").join(&record.name).join("transforms.json");
+        assert_eq!(renderflow_frame::transforms::read(&cameras).unwrap().keyframes, [0, 2]);
+    }
 }
 
 #[cfg(unix)]
