@@ -385,7 +385,7 @@ fn splits_share_nothing_and_sharing_is_found() {
 
 /// A thousand scenes one after the other in one process: what each takes is given back.
 #[test]
-#[ignore = "a minute"]
+#[ignore = "minutes"]
 fn a_thousand_scenes_do_not_pile_up() {
     let folder = tempfile::tempdir().unwrap();
     let sizes = ["--sequences", "1000", "--frames", "1", "--resolution", "24", "--spp", "1"];
