@@ -21,7 +21,9 @@ fn all() -> impl Iterator<Item = Pattern> {
 #[test]
 #[ignore = "writes the maps of every kind as PNG into the folder $RENDERFLOW_PATTERNS, prints seconds"]
 fn write_maps() {
-    let folder = std::env::var_os("RENDERFLOW_PATTERNS").expect("a folder in RENDERFLOW_PATTERNS");
+    let Some(folder) = std::env::var_os("RENDERFLOW_PATTERNS") else {
+        return println!("skipped: RENDERFLOW_PATTERNS names no folder to write to");
+    };
     let folder = Path::new(&folder);
     let (mut total, mut loading) = (0.0, 0.0);
     for pattern in all() {

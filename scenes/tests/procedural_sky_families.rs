@@ -36,7 +36,9 @@ fn concentration(map: &Rgb) -> f64 {
 #[test]
 #[ignore = "writes pictures to look at"]
 fn contact_sheets() {
-    let folder = PathBuf::from(std::env::var("RENDERFLOW_SHEETS").expect("RENDERFLOW_SHEETS names a folder"));
+    let Some(folder) = std::env::var_os("RENDERFLOW_SHEETS").map(PathBuf::from) else {
+        return println!("skipped: RENDERFLOW_SHEETS names no folder to write to");
+    };
     std::fs::create_dir_all(&folder).expect("folder");
     let (columns, width, height) = (6usize, 320usize, 160usize);
     for (page, names) in ENVIRONMENTS.chunks(7).enumerate() {
