@@ -3,11 +3,12 @@
 mod common;
 
 use common::{files, renderflow, stderr, succeed};
-use renderflow::dataset::{Plan, manifest};
+use renderflow::dataset::{Plan, manifest, verify};
 use renderflow_frame::exr;
 use renderflow_scenes::procedural::Split;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 /// Writes a plan with `more` arguments.
@@ -123,8 +124,14 @@ fn shards_merged_are_the_whole() {
     }
     let text = verified(&whole);
     assert!(text.contains("3 sequences, 12 frames") && text.contains("no faults"), "{text}");
-    // Keyframes at full quality, what is between them cheaper; all marked.
+    // What is said of the whole is what was found in all sequences.
     let records = manifest::records(&Plan::read(Path::new(&plan)).unwrap(), &whole).unwrap();
+    let found = verify::verify(&whole, &AtomicBool::new(false)).unwrap();
+    let mut sum = records[0].agreement.clone();
+    records[1..].iter().for_each(|record| sum.add(&record.agreement));
+    assert_eq!(found.agreement, sum);
+    assert!(sum.angles[1..].iter().sum::<u64>() > 0);
+    // Keyframes at full quality, what is between them cheaper; all marked.
     for record in records {
         let frames: Vec<_> = record.frames.iter().map(|frame| (frame.number, frame.keyframe, frame.spp)).collect();
         assert_eq!(frames, [(0, true, 8), (1, false, 2), (2, true, 8), (3, false, 2)]);
@@ -343,6 +350,8 @@ fn plans_say_where_they_are_wrong() {
     refused("\"version\": 2", "\"version\": 1", "/version: 1 is not 2");
     refused("\"gap\": 2", "\"gap\": 0", "/keyframes/gap: 0 is outside");
     refused("\"frames\": 4", "\"frames\": 0", "/frames: 0 is outside");
+    refused("\"frames\": 4", "\"frames\": 10000009", "/frames: 10000009 is outside 1..=100000");
+    refused("\"degrees_per_frame\": 3.6", "\"degrees_per_frame\": 4.3e10", "/composition/degrees_per_frame");
     refused("\"moving\": ", "\"moving\": 7, \"x\": ", "unknown field `x`");
     refused("\"moving\": 0.", "\"moving\": 7.", "/composition/moving");
     // A mesh family of one split added to another.

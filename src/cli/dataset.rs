@@ -121,7 +121,7 @@ pub struct PreviewArgs {
     #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..))]
     spp: u32,
     /// Number in the catalogue of the first mesh and the first environment to show
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]
     first: u32,
     /// Only count the catalogue: distinct meshes and maps, watertight ones, triangles
     #[arg(long)]

@@ -88,8 +88,9 @@ pub fn records(plan: &Plan, out: &Path) -> Result<Vec<Record>> {
 
 /// Collects the records into the manifest.
 pub fn merge(plan: &Plan, out: &Path) -> Result<Manifest> {
-    let manifest = Manifest::new(plan, out, &records(plan, out)?)?;
-    let leaks = leaks(&records(plan, out)?);
+    let records = records(plan, out)?;
+    let manifest = Manifest::new(plan, out, &records)?;
+    let leaks = leaks(&records);
     ensure!(leaks.is_empty() || plan.classic, "splits share what they must not: {}", leaks.join("; "));
     remove_leftovers(out);
     let path = out.join(MANIFEST);
