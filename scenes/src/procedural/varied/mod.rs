@@ -77,7 +77,7 @@ pub struct Composed {
     pub moving: bool,
     /// Whether a material changes.
     pub changing: bool,
-    /// One an object that comes from the pool. Floors, walls, plain furniture and occluders (made of planes, discs, boxes, cylinders
+    /// One an object that comes from the pool. Floors, walls, plain furniture and occluders (made of planes, boxes, spheres, cylinders
     /// and cones) are not in it.
     pub meshes: Vec<Used>,
     /// Family, `builtin:NAME` or `file:PATH`.
