@@ -16,6 +16,11 @@ const MODELS: [&str; 3] = ["gltf", "glb", "obj"];
 const MAPS: [&str; 2] = ["hdr", "exr"];
 /// Of this many members of a group, one goes to the test split and one to the validation split.
 const HELD_OUT: usize = 6;
+/// Families are dealt by this seed, whatever the plan's: what one plan holds out no other learns from, so that a network trained on any
+/// of them may be judged on the program's own test sets. This one holds out grass, gyroids and a low sun: hard cases.
+const FAMILIES: u64 = 2059;
+/// Members of a catalogue that holds every family.
+const ALL: u32 = 256;
 
 /// Shares `sequences` out: a tenth each to validation and test, rounded; the rest to training.
 pub fn share_out(sequences: u32) -> Counts {
@@ -33,15 +38,17 @@ pub fn all_to(split: Split, sequences: u32) -> Counts {
 
 /// The families of the catalogue and the files in two folders of the user's, shared out among the splits: from every group of
 /// families (vessels, furniture, low suns, studios, ...) about one in six goes to the test and to the validation split, so that what is
-/// held out is as varied as what is learnt from. Depends on the seed, the names and the contents of files only.
+/// held out is as varied as what is learnt from. Families are dealt alike for all plans; files by the plan's seed and their contents.
 pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
-    let catalog = plan.catalog();
+    // A small catalogue lacks families; those it has are dealt as in a large one.
+    let catalog = Catalog::new(plan.seed, ALL, ALL);
     let seed = Seed::root(plan.seed);
     let mut splits = Splits::default();
-    let mesh_families = groups(mesh_families(&catalog));
-    deal(&mut splits, &seed, mesh_families, |sources, name| sources.mesh_families.push(name));
+    let all_meshes = groups(mesh_families(&catalog));
+    let fixed = Seed::root(FAMILIES);
+    deal(&mut splits, &fixed, all_meshes, |sources, name| sources.mesh_families.push(name));
     let environments = groups(environment_families(&catalog));
-    deal(&mut splits, &seed, environments, |sources, name| sources.environment_families.push(name));
+    deal(&mut splits, &fixed, environments, |sources, name| sources.environment_families.push(name));
     if let Some(folder) = models {
         deal_files(&mut splits, &seed, model_groups(folder)?, |sources, file| sources.models.push(file));
     }
@@ -52,8 +59,13 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
             sources.hdris.push(file)
         });
     }
+    let there = plan.catalog();
+    let meshes: HashSet<String> = mesh_families(&there).into_iter().map(|(_, name)| name).collect();
+    let maps: HashSet<String> = environment_families(&there).into_iter().map(|(_, name)| name).collect();
     for split in SPLITS {
         let sources = splits.of_mut(split);
+        sources.mesh_families.retain(|name| meshes.contains(name));
+        sources.environment_families.retain(|name| maps.contains(name));
         sources.mesh_families.sort();
         sources.environment_families.sort();
         sources.models.sort_by(|a, b| a.path.cmp(&b.path));
@@ -64,12 +76,12 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
 
 /// (group, family) of every mesh family of a catalogue.
 fn mesh_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
-    (0..catalog.meshes().min(256)).map(|k| (catalog.mesh(k).group(), catalog.mesh_family(k).to_owned())).collect()
+    (0..catalog.meshes().min(ALL)).map(|k| (catalog.mesh(k).group(), catalog.mesh_family(k).to_owned())).collect()
 }
 
 /// (group, family) of every environment family of a catalogue.
 fn environment_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
-    let families = (0..catalog.environments().min(256)).map(|k| catalog.environment_family(k));
+    let families = (0..catalog.environments().min(ALL)).map(|k| catalog.environment_family(k));
     families.map(|family| (sky::group(family), family.to_owned())).collect()
 }
 

@@ -2,6 +2,7 @@
 
 pub mod psnr;
 pub mod report;
+pub mod results;
 pub mod sequence;
 pub mod ssim;
 pub mod table;
