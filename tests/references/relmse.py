@@ -1,4 +1,4 @@
-"""Relative errors by numpy, for the unit test of src/bench/metrics.rs. Writes relmse.json beside this file."""
+"""Relative errors by numpy, for the unit test of src/metrics/relmse.rs. Writes relmse.json beside this file."""
 import json, pathlib
 import numpy as np
 

@@ -74,6 +74,16 @@ pub struct Lpips {
     scale: [f32; 3],
 }
 
+/// What LPIPS needs of one picture: half of the work of a comparison. See [`Lpips::reference`].
+#[derive(Debug)]
+pub struct Reference {
+    backbone: Backbone,
+    width: usize,
+    height: usize,
+    /// Features of each tap, channels last.
+    taps: Vec<Vec<f32>>,
+}
+
 impl Lpips {
     /// Reads the weights of `backbone` from `folder`.
     ///
@@ -103,51 +113,79 @@ impl Lpips {
         Ok(Self { backbone, network, heads, shift, scale })
     }
 
+    /// The network whose features are compared.
+    pub fn backbone(&self) -> Backbone {
+        self.backbone
+    }
+
     /// LPIPS distance of two pictures of display values (sRGB-encoded, 0 to 1): 0 for equal ones, about 1 for unrelated ones.
     ///
     /// # Errors
     /// [`Error::Data`] when the sizes differ, a side is shorter than [`Backbone::smallest_side`], or a value is not finite.
     pub fn distance(&self, a: &Rgb, b: &Rgb) -> Result<f32> {
-        let data = |reason: String| Error::Data { place: "LPIPS".into(), reason };
-        if (a.width, a.height) != (b.width, b.height) {
-            return Err(data(format!("a picture of {}x{} against one of {}x{}", a.width, a.height, b.width, b.height)));
-        }
+        // Before the network runs on one of them.
+        same_size((a.width, a.height), (b.width, b.height))?;
+        self.distance_to(a, &self.reference(b)?)
+    }
+
+    /// The features of a picture that several are compared with.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when a side is shorter than [`Backbone::smallest_side`], or a value is not finite.
+    pub fn reference(&self, picture: &Rgb) -> Result<Reference> {
+        let (width, height) = (picture.width, picture.height);
         let smallest = self.backbone.smallest_side();
-        if a.width.min(a.height) < smallest {
-            return Err(data(format!("{}x{} is too small, this network needs {smallest}x{smallest}", a.width, a.height)));
+        if width.min(height) < smallest {
+            return Err(data(format!("{width}x{height} is too small, this network needs {smallest}x{smallest}")));
         }
-        for image in [a, b] {
-            if image.pixels.len() != image.width * image.height {
-                return Err(data(format!("{} pixels in a picture of {}x{}", image.pixels.len(), image.width, image.height)));
-            }
-            if let Some(i) = image.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite())) {
-                return Err(data(format!("pixel ({}, {}) is not finite", i % image.width, i / image.width)));
-            }
+        if picture.pixels.len() != width * height {
+            return Err(data(format!("{} pixels in a picture of {width}x{height}", picture.pixels.len())));
         }
-        let taps = self.network.taps(self.input(a, b));
-        let distance: f64 = taps.into_iter().zip(&self.heads).map(|(tap, head)| tap_distance(tap, head)).sum();
+        if let Some(i) = picture.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite())) {
+            return Err(data(format!("pixel ({}, {}) is not finite", i % width, i / width)));
+        }
+        let channels_last = |tap: Tensor<4>| tap.permute([0, 2, 3, 1]).into_data().iter::<f32>().collect();
+        let taps = self.network.taps(self.input(picture)).into_iter().map(channels_last).collect();
+        Ok(Reference { backbone: self.backbone, width, height, taps })
+    }
+
+    /// [`Lpips::distance`] of `picture` and the picture that `reference` was made of, to the last bit.
+    ///
+    /// # Errors
+    /// As [`Lpips::distance`], and when `reference` is of the other backbone.
+    pub fn distance_to(&self, picture: &Rgb, reference: &Reference) -> Result<f32> {
+        same_size((picture.width, picture.height), (reference.width, reference.height))?;
+        if reference.backbone != self.backbone {
+            return Err(data(format!("{:?} features compared by {:?}", reference.backbone, self.backbone)));
+        }
+        let features = self.reference(picture)?;
+        let pairs = features.taps.iter().zip(&reference.taps);
+        let distance: f64 = pairs.zip(&self.heads).map(|((a, b), head)| tap_distance(a, b, head)).sum();
         if !distance.is_finite() {
             return Err(data("the distance is not finite: the pictures hold values far outside 0..=1".into()));
         }
         Ok(distance as f32)
     }
 
-    /// Both pictures as one batch `[2, 3, h, w]`, normalised as the networks were trained.
-    fn input(&self, a: &Rgb, b: &Rgb) -> Tensor<4> {
-        let values: Vec<f32> = [a, b]
-            .into_iter()
-            .flat_map(|image| (0..3).map(move |c| (image, c)))
-            .flat_map(|(image, c)| image.pixels.iter().map(move |p| (p[c] * 2.0 - 1.0 - self.shift[c]) / self.scale[c]))
-            .collect();
-        Tensor::from_data(TensorData::new(values, [2, 3, a.height, a.width]), &Device::flex())
+    /// A picture as a batch `[1, 3, h, w]`, normalised as the networks were trained.
+    fn input(&self, picture: &Rgb) -> Tensor<4> {
+        let plane = |c: usize| picture.pixels.iter().map(move |p| (p[c] * 2.0 - 1.0 - self.shift[c]) / self.scale[c]);
+        let values: Vec<f32> = (0..3).flat_map(plane).collect();
+        Tensor::from_data(TensorData::new(values, [1, 3, picture.height, picture.width]), &Device::flex())
     }
 }
 
-/// Mean over pixels of the weighted squared difference of the two unit-length feature vectors. `tap` is `[2, c, h, w]`.
-fn tap_distance(tap: Tensor<4>, head: &[f32]) -> f64 {
+fn data(reason: String) -> Error {
+    Error::Data { place: "LPIPS".into(), reason }
+}
+
+fn same_size(a: (usize, usize), b: (usize, usize)) -> Result<()> {
+    if a == b { Ok(()) } else { Err(data(format!("a picture of {}x{} against one of {}x{}", a.0, a.1, b.0, b.1))) }
+}
+
+/// Mean over pixels of the weighted squared difference of the two unit-length feature vectors, channels last.
+fn tap_distance(a: &[f32], b: &[f32], head: &[f32]) -> f64 {
     let channels = head.len();
-    let values: Vec<f32> = tap.permute([0, 2, 3, 1]).into_data().iter::<f32>().collect();
-    let (a, b) = values.split_at(values.len() / 2);
     let inverse_norm = |f: &[f32]| 1.0 / (f.iter().map(|&v| f64::from(v) * f64::from(v)).sum::<f64>().sqrt() + 1e-10);
     let pixels = a.chunks_exact(channels).zip(b.chunks_exact(channels));
     let count = pixels.len();

@@ -3,6 +3,10 @@
 use renderflow_frame::Image;
 use renderflow_frame::image::Rgb;
 
+/// The most that counts, in dB: an error of 1e-5 of the range, less than a step of 16 bits (1.5e-5). Equal pictures have it too,
+/// so that means over frames stay finite and JSON, which has no infinity, can hold them. See [`capped`].
+pub const CAP: f64 = 100.0;
+
 /// PSNR in dB over the whole picture: `-10 log10(mean squared error)` with peak 1. Equal pictures give +inf.
 pub fn psnr(a: &Rgb, b: &Rgb) -> f64 {
     decibel(a.pixels.iter().zip(&b.pixels).map(|(a, b)| squared_error(a, b)))
@@ -15,8 +19,13 @@ pub fn psnr_masked(a: &Rgb, b: &Rgb, mask: &Image<f32>) -> Option<f64> {
     Some(decibel(inside().map(|(_, (a, b))| squared_error(a, b))))
 }
 
+/// `psnr` dB, at most [`CAP`]: what is stored and what means are made of.
+pub fn capped(psnr: f64) -> f64 {
+    psnr.min(CAP)
+}
+
 fn squared_error(a: &[f32; 3], b: &[f32; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0
+    a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>() / 3.0
 }
 
 fn decibel(errors: impl Iterator<Item = f64>) -> f64 {

@@ -1,0 +1,62 @@
+//! How sure a mean over sequences is, by the bootstrap (Efron 1979): sequences are what was drawn at random, frames of one sequence
+//! are alike; so whole sequences are drawn anew.
+
+use rand_pcg::Pcg64Mcg;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
+
+/// How often the sequences are drawn anew.
+pub const RESAMPLES: usize = 2000;
+/// Share of the means that the interval holds.
+pub const CONFIDENCE: f64 = 0.95;
+/// The same draws for every method and metric, so that intervals do not differ by chance alone.
+const SEED: u64 = 0x5eed;
+
+/// A mean with the interval that holds 95 % of the means of sequences drawn anew (percentile method).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// Mean over the sequences.
+    pub mean: f64,
+    /// Lower and upper end; `None` for a single sequence, which says nothing of others.
+    pub range: Option<[f64; 2]>,
+    /// Number of sequences.
+    pub sequences: usize,
+}
+
+impl Interval {
+    /// Whether the interval leaves out 0: for a difference, that one of the two is better whatever sequences are drawn.
+    pub fn is_clear(&self) -> bool {
+        self.range.is_some_and(|[low, high]| low > 0.0 || high < 0.0)
+    }
+}
+
+/// Interval of the mean of `sequences`, one value each: the mean of its frames. `None` when there are none or one is not finite.
+pub fn bootstrap(sequences: &[f64]) -> Option<Interval> {
+    if sequences.is_empty() || sequences.iter().any(|v| !v.is_finite()) {
+        return None;
+    }
+    let count = sequences.len();
+    let mean = sequences.iter().sum::<f64>() / count as f64;
+    if count == 1 {
+        return Some(Interval { mean, range: None, sequences: 1 });
+    }
+    let mut rng = Pcg64Mcg::seed_from_u64(SEED);
+    // High half of a product: an index below `count` without the division, its bias (count / 2^64) out of sight.
+    let mut draw = || sequences[((u128::from(rng.next_u64()) * count as u128) >> 64) as usize];
+    let mut means: Vec<f64> = (0..RESAMPLES).map(|_| (0..count).map(|_| draw()).sum::<f64>() / count as f64).collect();
+    means.sort_by(f64::total_cmp);
+    let tail = 0.5 * (1.0 - CONFIDENCE);
+    let range = [tail, 1.0 - tail].map(|share| super::relmse::percentile(&means, share));
+    Some(Interval { mean, range: Some(range), sequences: count })
+}
+
+/// Interval of the mean difference `a - b` of two methods on the same sequences, in the same order; sequences that lack either are
+/// left out. Much narrower than the intervals of the two: what makes a sequence hard is hard for both.
+/// `None` when no sequence has both, the lists differ in length, or a value is not finite.
+pub fn bootstrap_difference(a: &[Option<f64>], b: &[Option<f64>]) -> Option<Interval> {
+    if a.len() != b.len() {
+        return None;
+    }
+    let both: Vec<f64> = a.iter().zip(b).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
+    bootstrap(&both)
+}

@@ -1,0 +1,82 @@
+//! How far a picture is from the truth.
+//!
+//! Every metric but the relative error is of display values: sRGB(clamp(exposure x linear)) in 0..=1, as floats, never quantised.
+//! [`Truth`] holds what is computed once for a frame, [`Truth::measure`] compares a picture with it. [`temporal`] needs two frames
+//! and [`bootstrap`] many sequences. Nothing here starts threads, so frames and methods can be measured side by side; all results
+//! are the same for any number of threads. (The network of LPIPS and the warp of [`temporal`] use the threads of their caller.)
+
+pub mod bootstrap;
+mod convolve;
+pub mod flip;
+pub mod psnr;
+pub mod relmse;
+pub mod ssim;
+pub mod temporal;
+
+mod kind;
+mod truth;
+
+pub use kind::Kind;
+pub use truth::{Hdr, Networks, Truth, measure};
+
+use renderflow_frame::Image;
+use serde::{Deserialize, Serialize};
+
+/// What was measured of one picture, or the mean of several ([`Metrics::mean`]).
+///
+/// In JSON what is absent is `null`. "Object" means the pixels the truth's coverage is above 0 at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Metrics {
+    /// PSNR over the object in dB, at most [`psnr::CAP`] (equal pictures); `None` where nothing is covered.
+    pub psnr: Option<f64>,
+    /// PSNR over the full picture in dB, at most [`psnr::CAP`].
+    pub psnr_full: Option<f64>,
+    /// SSIM over the full picture, -1 to 1; `None` below 11x11.
+    pub ssim: Option<f64>,
+    /// Mean of the SSIM of windows centred on the object; `None` where there are none.
+    pub ssim_object: Option<f64>,
+    /// LPIPS with AlexNet, full picture; `None` without weights and below 31x31.
+    pub lpips_alex: Option<f64>,
+    /// LPIPS with SqueezeNet, full picture; `None` without weights and below 17x17.
+    pub lpips_squeeze: Option<f64>,
+    /// FLIP over the full picture, 0 to 1.
+    pub flip: Option<f64>,
+    /// Mean FLIP over the object; `None` where nothing is covered.
+    pub flip_object: Option<f64>,
+    /// Relative squared error of exposed radiance, mean over pixels and channels; `None` for methods that only make display values.
+    pub rel_mse: Option<f64>,
+    /// The same over the object.
+    pub rel_mse_object: Option<f64>,
+    /// The same over the full picture without the 0.1 % of pixels with the largest error.
+    pub rel_mse_robust: Option<f64>,
+    /// Flicker against the frame before, see [`temporal`]; `None` in the first frame. Set by the caller, who has both frames.
+    pub temporal: Option<f64>,
+}
+
+impl Metrics {
+    /// Mean of each metric over those that have it.
+    pub fn mean<'a>(all: impl IntoIterator<Item = &'a Metrics>) -> Metrics {
+        let mut sums = [(0.0, 0usize); Kind::ALL.len()];
+        for metrics in all {
+            for (kind, (sum, count)) in Kind::ALL.into_iter().zip(&mut sums) {
+                if let Some(value) = kind.of(metrics) {
+                    *sum += value;
+                    *count += 1;
+                }
+            }
+        }
+        let mut mean = Metrics::default();
+        for (kind, (sum, count)) in Kind::ALL.into_iter().zip(sums) {
+            *kind.of_mut(&mut mean) = (count > 0).then(|| sum / count as f64);
+        }
+        mean
+    }
+}
+
+/// Mean of the values whose pixel has `mask` above 0; `None` when there are none.
+fn masked_mean(values: impl Iterator<Item = f64>, mask: &Image<f32>) -> Option<f64> {
+    let inside = values.zip(&mask.pixels).filter(|(_, m)| **m > 0.0);
+    let (sum, count) = inside.fold((0.0, 0usize), |(sum, count), (v, _)| (sum + v, count + 1));
+    (count > 0).then(|| sum / count as f64)
+}
