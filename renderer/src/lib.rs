@@ -24,6 +24,7 @@ pub mod ray;
 pub mod record;
 pub mod sampler;
 mod schedule;
+mod shadow;
 mod simd;
 mod skips;
 mod stats;
@@ -41,5 +42,6 @@ pub use integrator::{
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
+pub use shadow::{SHADOW_MAP_SIZE, shadow_map, shadow_maps};
 pub use skips::{Channels, Skips};
 pub use stats::Stats;

@@ -9,6 +9,7 @@ pub mod camera;
 pub mod channel;
 pub mod color;
 pub mod compact;
+pub mod deferred;
 pub mod environment;
 pub mod error;
 pub mod exr;

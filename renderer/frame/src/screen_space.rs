@@ -4,9 +4,11 @@
 //! GTAO); light visibility marches towards the environment's dominant light. Both start from a pattern that repeats every
 //! four pixels and does not change from frame to frame, and end with a filter that averages exactly one period of it.
 
-mod filter;
-mod horizon;
-mod march;
+pub(crate) mod filter;
+pub(crate) mod gather;
+pub(crate) mod horizon;
+pub(crate) mod march;
+pub(crate) mod reflect;
 
 use crate::Camera;
 use crate::environment::Environment;
@@ -31,20 +33,20 @@ pub struct ScreenSpace {
 const PATTERN: usize = 4;
 
 /// The covered surface as points and normals in camera space.
-struct Surface<'a> {
-    camera: &'a Camera,
-    width: usize,
-    height: usize,
+pub(crate) struct Surface<'a> {
+    pub camera: &'a Camera,
+    pub width: usize,
+    pub height: usize,
     /// Points at the pixels' centres, computed once: each is read some hundred times. Pixels without a depth hold [`NOWHERE`].
-    points: Vec<Vec3A>,
-    normals: &'a [[f32; 3]],
+    pub points: Vec<Vec3A>,
+    pub normals: &'a [[f32; 3]],
 }
 
 /// Stands for a pixel without a known depth: infinitely far ahead.
 const NOWHERE: Vec3A = Vec3A::new(0.0, 0.0, f32::NEG_INFINITY);
 
 impl<'a> Surface<'a> {
-    fn new(shading: &'a Shading, camera: &'a Camera) -> Self {
+    pub fn new(shading: &'a Shading, camera: &'a Camera) -> Self {
         let (width, height) = (shading.depth.width, shading.depth.height);
         let (scale_x, scale_y) = (1.0 / camera.fl_x, 1.0 / camera.fl_y);
         let point = |(i, depth): (usize, &f32)| {
@@ -61,18 +63,18 @@ impl<'a> Surface<'a> {
 
     /// Whether pixel `i` has a depth.
     #[inline]
-    fn known(&self, i: usize) -> bool {
+    pub fn known(&self, i: usize) -> bool {
         self.points[i].z.is_finite()
     }
 
     #[inline]
-    fn normal(&self, i: usize) -> Vec3A {
+    pub fn normal(&self, i: usize) -> Vec3A {
         Vec3A::from_array(self.normals[i])
     }
 
     /// Index of the pixel that holds an image point.
     #[inline]
-    fn pixel(&self, x: f32, y: f32) -> Option<usize> {
+    pub fn pixel(&self, x: f32, y: f32) -> Option<usize> {
         // Negative values are caught here: the cast would round them to 0.
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
         inside.then(|| y as usize * self.width + x as usize)
@@ -81,7 +83,7 @@ impl<'a> Surface<'a> {
 
 /// Features of one pixel.
 #[derive(Clone, Copy)]
-struct Sample {
+pub(crate) struct Sample {
     occlusion: f32,
     visibility: f32,
     bent: Vec3A,
@@ -148,7 +150,7 @@ pub fn features(shading: &Shading, camera: &Camera, environment: &Environment) -
 }
 
 /// (turn, step) of the pattern at a pixel, each one of 16 values in 0..1; every 4 x 4 window holds all 16 of each.
-fn phase(x: usize, y: usize) -> (f32, f32) {
+pub(crate) fn phase(x: usize, y: usize) -> (f32, f32) {
     // A 4 x 4 ordered matrix: neighbours differ much, so that small filters see most of the range.
     const TURN: [u8; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
     const STEP: [u8; 16] = [5, 10, 13, 2, 0, 15, 8, 7, 12, 3, 4, 11, 9, 6, 1, 14];

@@ -8,6 +8,10 @@ use rayon::prelude::*;
 /// Half-angle in radians of the cone about the peak that may belong to the dominant light.
 const CONE: f32 = 0.21;
 
+/// Share of what a surface facing it receives below which a light stays in the rest of the environment, see
+/// [`Environment::split_lights`].
+const LEAST_SHARE: f32 = 0.05;
+
 /// A light so far away and so small that one direction stands for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DominantLight {
@@ -89,6 +93,38 @@ impl Environment {
             },
         );
         (light, self.with_map(rest))
+    }
+
+    /// Splits the environment into up to `most` lights, taken one after another, and the rest; all together give the environment's
+    /// energy. It stops at a light that gives a surface facing it less than a twentieth of all it receives. The first light is that
+    /// of [`Self::split_dominant`]; every [`DominantLight::share`] is of what the *whole* environment gives.
+    pub fn split_lights(&self, most: usize) -> (Vec<DominantLight>, Environment) {
+        let (mut lights, mut rest) = (Vec::new(), self.clone());
+        while lights.len() < most {
+            let (mut light, without) = rest.split_dominant();
+            if light.share <= 0.0 {
+                break;
+            }
+            let whole = self.facing_luminance(light.direction);
+            if !lights.is_empty() {
+                light.share = (luminance(light.irradiance) / whole.max(f32::MIN_POSITIVE)).min(1.0);
+            }
+            if light.share < LEAST_SHARE {
+                break;
+            }
+            lights.push(light);
+            rest = without;
+        }
+        (lights, rest)
+    }
+
+    /// Luminance (intensity included) that a surface with normal `n` receives from the whole environment.
+    fn facing_luminance(&self, n: Vec3A) -> f32 {
+        let mut sum = 0.0_f64;
+        self.coarse().for_each_cell(|direction, solid_angle, bright| {
+            sum += f64::from(bright * solid_angle * direction.dot(n).max(0.0));
+        });
+        sum as f32 * self.intensity
     }
 
     fn peak(&self) -> Option<Peak> {

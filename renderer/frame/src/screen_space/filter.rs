@@ -1,7 +1,8 @@
 //! The average over one period of the sampling pattern that stays on one surface.
 
 use super::{Sample, Surface};
-use glam::Vec3A;
+use glam::{Vec3A, Vec4};
+use rayon::prelude::*;
 
 /// Five taps with halved ends cover one period of four, centred.
 const TAPS: [(isize, f32); 5] = [(-2, 0.5), (-1, 1.0), (0, 1.0), (1, 1.0), (2, 0.5)];
@@ -10,13 +11,11 @@ const SAME_NORMAL: f32 = 0.8;
 /// Largest distance from the pixel's tangent plane, as a share of the depth.
 const SAME_PLANE: f32 = 0.01;
 
-/// Mean of `raw` around (x, y) over pixels of the same surface, itself at least.
-pub fn average(surface: &Surface, raw: &[Sample], x: usize, y: usize) -> Sample {
+/// Calls `f(index, weight)` for the pixels around (x, y) that show the same surface, itself at least.
+pub fn neighbours(surface: &Surface, x: usize, y: usize, mut f: impl FnMut(usize, f32)) {
     let here = y * surface.width + x;
     let (n, p) = (surface.normal(here), surface.points[here]);
     let tolerance = SAME_PLANE * -p.z;
-    let mut sum = Sample { occlusion: 0.0, visibility: 0.0, bent: Vec3A::ZERO };
-    let mut total = 0.0;
     for (dy, wy) in TAPS {
         let Some(row) = y.checked_add_signed(dy).filter(|row| *row < surface.height) else { continue };
         for (dx, wx) in TAPS {
@@ -25,14 +24,50 @@ pub fn average(surface: &Surface, raw: &[Sample], x: usize, y: usize) -> Sample 
             let same =
                 surface.known(i) && surface.normal(i).dot(n) > SAME_NORMAL && (surface.points[i] - p).dot(n).abs() < tolerance;
             if same || i == here {
-                let weight = wx * wy;
-                let sample = &raw[i];
-                sum.occlusion += sample.occlusion * weight;
-                sum.visibility += sample.visibility * weight;
-                sum.bent += sample.bent * weight;
-                total += weight;
+                f(i, wx * wy);
             }
         }
     }
+}
+
+/// Mean of `raw` over the [`neighbours`] of (x, y).
+pub fn average(surface: &Surface, raw: &[Sample], x: usize, y: usize) -> Sample {
+    let mut sum = Sample { occlusion: 0.0, visibility: 0.0, bent: Vec3A::ZERO };
+    let mut total = 0.0;
+    neighbours(surface, x, y, |i, weight| {
+        let sample = &raw[i];
+        sum.occlusion += sample.occlusion * weight;
+        sum.visibility += sample.visibility * weight;
+        sum.bent += sample.bent * weight;
+        total += weight;
+    });
     Sample { occlusion: sum.occlusion / total, visibility: sum.visibility / total, bent: sum.bent / total }
+}
+
+/// Four values a pixel, `f(index, (turn, step))` at the pixels with a depth, each the mean over its [`neighbours`]; `otherwise`
+/// elsewhere.
+pub fn smooth(surface: &Surface, otherwise: Vec4, f: impl Fn(usize, (f32, f32)) -> Vec4 + Sync) -> Vec<Vec4> {
+    let (width, row) = (surface.width, surface.width.max(1));
+    let mut raw = vec![otherwise; width * surface.height];
+    raw.par_chunks_mut(row).enumerate().for_each(|(y, values)| {
+        for (x, value) in values.iter_mut().enumerate() {
+            if surface.known(y * width + x) {
+                *value = f(y * width + x, super::phase(x, y));
+            }
+        }
+    });
+    let mut out = vec![otherwise; width * surface.height];
+    out.par_chunks_mut(row).enumerate().for_each(|(y, values)| {
+        for (x, value) in values.iter_mut().enumerate() {
+            if surface.known(y * width + x) {
+                let (mut sum, mut total) = (Vec4::ZERO, 0.0);
+                neighbours(surface, x, y, |i, weight| {
+                    sum += raw[i] * weight;
+                    total += weight;
+                });
+                *value = sum / total;
+            }
+        }
+    });
+    out
 }

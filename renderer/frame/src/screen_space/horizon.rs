@@ -9,15 +9,15 @@ const SLICES: usize = 3;
 /// Depth samples on each side of a slice.
 const STEPS: usize = 12;
 /// Reach of occluders in units of the pixel's depth. The whole environment lights the scene, so large occluders count from afar.
-const RADIUS: f32 = 0.7;
+pub(super) const RADIUS: f32 = 0.7;
 /// Share of the radius over which occlusion fades out.
-const FADE: f32 = 0.2;
+pub(super) const FADE: f32 = 0.2;
 /// How far a horizon falls back (share of the way, per sample) when what lies behind its occluder is seen again:
 /// depth tells nothing of thickness, and this lets light pass behind thin things.
-const THIN: f32 = 0.03;
+pub(super) const THIN: f32 = 0.03;
 
 /// Least sine over the tangent plane of what can occlude.
-const ABOVE: f32 = 0.01;
+pub(super) const ABOVE: f32 = 0.01;
 
 /// Visible share of the cosine-weighted hemisphere and the (unnormalised) cosine-weighted mean open direction in camera space.
 pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32)) -> (f32, Vec3A) {
@@ -61,14 +61,14 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32)) -> (f32,
 }
 
 /// Integrals from 0 to a horizon h of cos(a - n) |sin a| da, times 1, cos a and sin a (a from `v`, n the tilt of the normal).
-struct Arc {
-    area: f32,
+pub(super) struct Arc {
+    pub area: f32,
     along_v: f32,
     along_t: f32,
 }
 
 impl Arc {
-    fn new(h: f32, sin_n: f32, cos_n: f32) -> Self {
+    pub fn new(h: f32, sin_n: f32, cos_n: f32) -> Self {
         // Double and triple angles by products: this runs a million times a frame.
         let (s1, c1) = h.sin_cos();
         let (s2, c2) = (2.0 * s1 * c1, c1 * c1 - s1 * s1);

@@ -1,0 +1,191 @@
+//! The truth's energy-conserving material, as far as a G-buffer knows it: base colour, roughness, metallic, specular.
+//!
+//! A conductor is single-scattering GGX times `1 + F0 (1 - E) / E` (Turquin 2019); a dielectric lies as a coat on a diffuse base that
+//! receives, reciprocally, what the coat lets through, with Burley's retro-reflection (2015) and a second lobe that restores
+//! what its shape does not spread evenly. So under even light the base reflects `base T(wo)`, `T` the coat's transmittance.
+
+use crate::ibl::environment_brdf;
+use glam::Vec3A;
+use std::f32::consts::FRAC_1_PI;
+use std::sync::OnceLock;
+
+/// GGX width below which the truth does not go either.
+const MIN_ALPHA: f32 = 1e-3;
+/// Rows of the table of means, along roughness.
+const ROUGHNESS_STEPS: usize = 33;
+/// Quadrature points of a mean.
+const QUADRATURE: usize = 48;
+
+/// `2 * integral of k(c) w(c) c dc` over 0..=1 for the weights `w` = `1, c, F, F c, F c^2` with `F = (1 - c)^5`.
+type Moments = [f32; 5];
+/// Moments of `k = 1`.
+const UNIT: Moments = [1.0, 2.0 / 3.0, 1.0 / 21.0, 1.0 / 84.0, 1.0 / 252.0];
+
+/// Moments of the environment BRDF's scale and bias for a roughness.
+fn moments(roughness: f32) -> [Moments; 2] {
+    static TABLE: OnceLock<Vec<[Moments; 2]>> = OnceLock::new();
+    let table = TABLE.get_or_init(|| {
+        let row = |r: usize| {
+            let mut sum = [[0.0_f64; 5]; 2];
+            for i in 0..QUADRATURE {
+                // Squared steps, as the factors change fastest at grazing angles: dc = 2 x dx.
+                let x = (i as f32 + 0.5) / QUADRATURE as f32;
+                let c = x * x;
+                let weight = f64::from(2.0 * c * 2.0 * x) / QUADRATURE as f64;
+                let f = schlick_weight(c);
+                let factors = environment_brdf(c, r as f32 / (ROUGHNESS_STEPS - 1) as f32);
+                for (sum, k) in sum.iter_mut().zip(factors) {
+                    for (sum, w) in sum.iter_mut().zip([1.0, c, f, f * c, f * c * c]) {
+                        *sum += weight * f64::from(k * w);
+                    }
+                }
+            }
+            sum.map(|m| m.map(|v| v as f32))
+        };
+        (0..ROUGHNESS_STEPS).map(row).collect()
+    });
+    let at = roughness.clamp(0.0, 1.0) * (ROUGHNESS_STEPS - 1) as f32;
+    let i = (at as usize).min(ROUGHNESS_STEPS - 2);
+    let t = at - i as f32;
+    std::array::from_fn(|k| std::array::from_fn(|m| table[i][k][m] + (table[i + 1][k][m] - table[i][k][m]) * t))
+}
+
+fn schlick_weight(cosine: f32) -> f32 {
+    let m = (1.0 - cosine).clamp(0.0, 1.0);
+    let m2 = m * m;
+    m2 * m2 * m
+}
+
+/// A material seen from one direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Material {
+    /// Diffuse colour, `albedo * (1 - metallic)`.
+    pub base: Vec3A,
+    /// GGX width.
+    pub alpha: f32,
+    roughness: f32,
+    /// Reflectances of the GGX lobe at normal and grazing incidence, compensation of `wo` applied.
+    f0: Vec3A,
+    f90: Vec3A,
+    /// Reflectances of the dielectric coat alone.
+    coat: [f32; 2],
+    /// Share of the light of `wo` that reaches the base.
+    pub transmitted: f32,
+    /// Share of even light that the GGX lobe reflects.
+    pub reflected: Vec3A,
+    n_dot_v: f32,
+    retro: Retro,
+}
+
+/// What the diffuse shape needs: see the text of the truth's diffuse lobe.
+#[derive(Clone, Copy, Debug, Default)]
+struct Retro {
+    b: f32,
+    c: [f32; 3],
+    second: f32,
+    norm: f32,
+    /// `F` and what the shape lacks of its maximum, for `wo`.
+    weight: f32,
+    deficit: f32,
+}
+
+/// What one light gives: outgoing radiance for an irradiance of 1 on a surface facing it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Response {
+    /// Of the base, its colour included.
+    pub diffuse: Vec3A,
+    /// Of the GGX lobe.
+    pub specular: Vec3A,
+}
+
+impl Material {
+    /// `parameters` are (roughness, metallic, specular), each 0..=1; `n_dot_v` in 0..=1.
+    pub fn new(albedo: Vec3A, parameters: [f32; 3], n_dot_v: f32) -> Self {
+        let [roughness, metallic, specular] = parameters;
+        let [scale, bias] = environment_brdf(n_dot_v, roughness);
+        let whole = scale + bias;
+        let coat_f0 = 0.08 * specular;
+        // Schlick's formula would reflect at grazing incidence even without a coat; the truth fades it in the same way.
+        let coat = [coat_f0, (50.0 * coat_f0).min(1.0)];
+        let compensation = Vec3A::ONE + albedo * ((1.0 - whole).max(0.0) / whole.max(1e-3));
+        let f0 = compensation * albedo * metallic + Vec3A::splat(coat[0] * (1.0 - metallic));
+        let f90 = compensation * metallic + Vec3A::splat(coat[1] * (1.0 - metallic));
+        let base = albedo * (1.0 - metallic);
+        let mut material = Self {
+            base,
+            alpha: (roughness * roughness).max(MIN_ALPHA),
+            roughness,
+            f0,
+            f90,
+            coat,
+            transmitted: (1.0 - coat[0] * scale - coat[1] * bias).max(0.0),
+            reflected: f0 * scale + f90 * bias,
+            n_dot_v,
+            retro: Retro::default(),
+        };
+        if base != Vec3A::ZERO {
+            material.retro = Retro::new(roughness, coat, n_dot_v);
+        }
+        material
+    }
+
+    /// Response to a light in direction `l` (unit), a disc of `angular_radius` radians. `cosine` is that between normal and light, the
+    /// part of the disc below the horizon taken off; `n` and `v` unit, in the same space as `l`.
+    pub fn respond(&self, n: Vec3A, v: Vec3A, l: Vec3A, cosine: f32, angular_radius: f32) -> Response {
+        if cosine <= 0.0 {
+            return Response::default();
+        }
+        let mut diffuse = Vec3A::ZERO;
+        if self.base != Vec3A::ZERO {
+            let [scale, bias] = environment_brdf(cosine, self.roughness);
+            let through = self.transmitted * (1.0 - self.coat[0] * scale - self.coat[1] * bias).max(0.0);
+            diffuse = self.base * (FRAC_1_PI * cosine * through * self.retro.shape(self.roughness, cosine, v.dot(l)));
+        }
+        let h = v + l;
+        let length2 = h.length_squared();
+        if length2 < 1e-12 {
+            return Response { diffuse, specular: Vec3A::ZERO };
+        }
+        let h = h / length2.sqrt();
+        let n_dot_h = n.dot(h).clamp(0.0, 1.0);
+        // A disc spreads half vectors over half its radius; the wider lobe keeps its energy, as each is normalised.
+        let spread = 0.5 * angular_radius;
+        let alpha2 = (self.alpha * self.alpha + spread * spread).min(1.0);
+        // 1 - cos^2 would lose a narrow lobe to rounding.
+        let sin2 = n.cross(h).length_squared();
+        let t = sin2 + alpha2 * n_dot_h * n_dot_h;
+        let distribution = FRAC_1_PI * alpha2 / (t * t).max(1e-20);
+        let a2 = self.alpha * self.alpha;
+        let smith = |c: f32| (a2 + (1.0 - a2) * c * c).sqrt();
+        let masking = 0.5 / (self.n_dot_v * smith(cosine) + cosine * smith(self.n_dot_v)).max(1e-9);
+        let fresnel = self.f0 + (self.f90 - self.f0) * schlick_weight(v.dot(h));
+        Response { diffuse, specular: fresnel * (distribution * masking * cosine) }
+    }
+}
+
+impl Retro {
+    fn new(roughness: f32, coat: [f32; 2], cosine: f32) -> Self {
+        let [scale, bias] = moments(roughness);
+        let [m0, m1, f0, f1, f2] = std::array::from_fn(|k| UNIT[k] - coat[0] * scale[k] - coat[1] * bias[k]);
+        let c = [m0 - f0 + roughness * (1.5 * f0 - 0.5 * f2), m1 - f1 + 2.0 * roughness * f1, roughness * (1.5 * f2 - 0.5 * f0)];
+        let mean = c[0] * (m0 - f0) - (f1 * m1 + c[1] * f1 + c[2] * f2);
+        let second = if mean > 1e-6 { roughness / mean } else { 0.0 };
+        let mut retro =
+            Self { b: f1, c, second, norm: (m0 + roughness * (f0 + c[0])).max(1e-3).recip(), weight: 0.0, deficit: 0.0 };
+        retro.weight = schlick_weight(cosine);
+        retro.deficit = retro.deficit(cosine, retro.weight);
+        retro
+    }
+
+    fn deficit(&self, cosine: f32, f: f32) -> f32 {
+        let [c0, c1, c2] = self.c;
+        (c0 * (1.0 - f) - cosine * (self.b + f * (c1 + cosine * c2))).max(0.0)
+    }
+
+    fn shape(&self, roughness: f32, cosine: f32, v_dot_l: f32) -> f32 {
+        let f = schlick_weight(cosine);
+        let r = roughness * (1.0 + v_dot_l).max(0.0);
+        let retro = r * (self.weight + f + self.weight * f * (r - 1.0));
+        self.norm * (1.0 + retro + self.deficit * self.second * self.deficit(cosine, f))
+    }
+}

@@ -1,0 +1,136 @@
+//! Shadow maps: what a distant light sees, and how much of it a point sees.
+
+use crate::image::Image;
+use crate::{Camera, Frame};
+use glam::{Affine3A, Mat3A, Vec2, Vec3A};
+use std::f32::consts::TAU;
+
+/// Depth as seen from a distant light, orthographic: plain data, filled by whoever knows the geometry.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShadowMap {
+    /// World space (relative to the cameras' origin) to the map: x right and y down in texels (centres at +0.5), z in metres away
+    /// from the light.
+    pub world_to_map: Affine3A,
+    /// Metres a texel covers, the same along both axes.
+    pub texel: f32,
+    /// z of the surface nearest to the light at each texel's centre; +inf where there is none.
+    pub depth: Image<f32>,
+    /// Least finite depth, +inf if there is none: how high above a point something may stand.
+    pub nearest: f32,
+}
+
+/// Taps of the blocker search and of the filter. A pixel's are turned by the 4 x 4 pattern, whose filter makes 16 times as many.
+const TAPS: usize = 16;
+/// Widest search and filter, as a share of the map's width.
+const WIDEST: f32 = 0.15;
+/// Offset of the receiver along its normal, texels, where light grazes it.
+const NORMAL_OFFSET: f32 = 1.5;
+/// Depth allowance, texels.
+const BIAS: f32 = 0.7;
+/// Least radius of the filter, texels: hides the texels' stairs.
+const NARROWEST: f32 = 0.9;
+/// Steepest plane of a receiver (depth over width) that taps beside the point are compared with.
+const STEEPEST: f32 = 6.0;
+
+/// A spiral of points even over the unit disc (Vogel 1979).
+#[rustfmt::skip]
+const DISC: [(f32, f32); TAPS] = [
+    (0.176777, 0.000000), (-0.225772, 0.206826), (0.034558, -0.393771), (0.284571, 0.371173),
+    (-0.522223, -0.092374), (0.494695, -0.314685), (-0.165466, 0.615525), (-0.315561, -0.607594),
+    (0.684642, 0.250030), (-0.712256, 0.294009), (0.343354, -0.733729), (0.253730, 0.808932),
+    (-0.764746, -0.443186), (0.897134, -0.197232), (-0.547507, 0.778772), (-0.126487, -0.976090),
+];
+
+/// Orthonormal axes (right, down, away from the light) of a map for the unit direction `light` towards it.
+pub fn axes(light: Vec3A) -> [Vec3A; 3] {
+    let away = -light;
+    let right = away.any_orthonormal_vector();
+    [right, away.cross(right), away]
+}
+
+/// World-space points (relative to the camera's origin) that `frame` shows, the nearest to the camera first: what shadow maps are fitted to.
+pub fn receivers(frame: &Frame, camera: &Camera) -> Vec<Vec3A> {
+    let width = frame.depth.width;
+    let mut seen: Vec<(f32, usize)> = frame.depth.pixels.iter().copied().enumerate().map(|(i, depth)| (depth, i)).collect();
+    seen.retain(|(depth, _)| depth.is_finite());
+    seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let point = |(depth, i)| camera.unproject(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5), depth);
+    seen.into_iter().map(point).collect()
+}
+
+impl ShadowMap {
+    /// A map of `size x size` texels over the square that starts at `low` (metres along the first two of [`axes`]) and is `extent`
+    /// metres wide; `depth` gives z, metres along the third axis, at the world-space axes' coordinates it is later filled at.
+    pub fn new(light: Vec3A, low: [f32; 2], extent: f32, depth: Image<f32>) -> Self {
+        let [right, down, away] = axes(light);
+        let texel = extent / depth.width.max(1) as f32;
+        let rows = Mat3A::from_cols(right / texel, down / texel, away).transpose();
+        let nearest = depth.pixels.iter().copied().filter(|z| z.is_finite()).fold(f32::INFINITY, f32::min);
+        let world_to_map = Affine3A { matrix3: rows, translation: Vec3A::new(-low[0] / texel, -low[1] / texel, 0.0) };
+        Self { world_to_map, texel, depth, nearest }
+    }
+
+    /// Whether a world-space point lies on the map, `margin` texels from its border at least.
+    pub fn covers(&self, p_world: Vec3A, margin: f32) -> bool {
+        let p = self.world_to_map.transform_point3a(p_world);
+        let inside = |at: f32, size: usize| at >= margin && at < size as f32 - margin;
+        inside(p.x, self.depth.width) && inside(p.y, self.depth.height)
+    }
+
+    /// Share, 0..=1, of a light's disc of `angular_radius` radians that a world-space point with unit normal `n_world` sees; `turn`
+    /// (0..1) rotates the taps. A search for blockers gives the width of the penumbra, and the filter is as wide (Fernando 2005).
+    /// Points outside the map are lit.
+    pub fn visibility(&self, p_world: Vec3A, n_world: Vec3A, angular_radius: f32, turn: f32) -> f32 {
+        if !(self.texel > 0.0 && self.texel.is_finite()) {
+            return 1.0;
+        }
+        let texel = self.texel;
+        // The normal in metres along all three axes of the map.
+        let n = (self.world_to_map.matrix3 * n_world) * Vec3A::new(texel, texel, 1.0);
+        let facing = (-n.z).clamp(0.0, 1.0);
+        let sine = (1.0 - facing * facing).sqrt();
+        let p = self.world_to_map.transform_point3a(p_world + n_world * (NORMAL_OFFSET * texel * sine));
+        if !p.is_finite() {
+            return 1.0;
+        }
+        // What the receiver's own plane gains in depth a texel to either side.
+        let slope = [n.x, n.y].map(|along| (along / facing.max(1e-3)).clamp(-STEEPEST, STEEPEST) * texel);
+        let bias = BIAS * texel;
+        // How far above the receiver's plane the map's surface lies at a tap, if it does.
+        let above = |dx: f32, dy: f32| {
+            let z = self.at(p.x + dx, p.y + dy)?;
+            let gap = p.z + slope[0] * dx + slope[1] * dy - bias - z;
+            (gap > 0.0).then_some(gap)
+        };
+        let spread = angular_radius.clamp(0.0, 0.6).tan() / texel;
+        let widest = (WIDEST * self.depth.width as f32).max(NARROWEST);
+        let (sin, cos) = (turn * TAU).sin_cos();
+
+        let search = (spread * (p.z - self.nearest)).clamp(NARROWEST, widest);
+        let (mut blockers, mut sum) = (0.0, 0.0);
+        for (x, y) in DISC {
+            let (dx, dy) = (search * (x * cos - y * sin), search * (x * sin + y * cos));
+            if let Some(gap) = above(dx, dy) {
+                // Only what stands inside the cone of the light; the farther aside, the higher that must be.
+                let reach = spread * gap + NARROWEST;
+                if dx * dx + dy * dy <= reach * reach {
+                    blockers += 1.0;
+                    sum += gap;
+                }
+            }
+        }
+        if blockers == 0.0 {
+            return 1.0;
+        }
+        let radius = (spread * sum / blockers).clamp(NARROWEST, widest);
+        let shadowed = DISC.iter().filter(|(x, y)| above(radius * (x * cos - y * sin), radius * (x * sin + y * cos)).is_some());
+        1.0 - shadowed.count() as f32 / TAPS as f32
+    }
+
+    /// Depth at a point of the map, `None` where nothing is known.
+    #[inline]
+    fn at(&self, x: f32, y: f32) -> Option<f32> {
+        let inside = x >= 0.0 && y >= 0.0 && x < self.depth.width as f32 && y < self.depth.height as f32;
+        inside.then(|| self.depth.pixels[y as usize * self.depth.width + x as usize])
+    }
+}
