@@ -13,4 +13,5 @@ pub mod evaluate;
 pub mod inspect;
 mod memory;
 pub mod progress;
+pub mod report;
 pub mod truth;
