@@ -14,4 +14,5 @@ pub mod inspect;
 mod memory;
 pub mod metrics;
 pub mod progress;
+pub mod report;
 pub mod truth;

@@ -2,13 +2,12 @@
 
 use crate::evaluate::table::{Row, optional};
 use crate::evaluate::{Evaluation, Method};
-use anyhow::{Context, Result};
-use base64::Engine;
+use crate::report::picture::{self, ERROR_GAIN};
+pub use crate::report::picture::{error_map, png};
+use anyhow::Result;
 use renderflow_frame::image::Rgb;
 use std::fmt::Write;
 
-/// Error maps show |difference| times this.
-const ERROR_GAIN: f32 = 4.0;
 const PALETTE: [&str; 8] = ["#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#59a14f", "#b07aa1", "#9c755f", "#edc948"];
 
 /// Pictures of one frame, display values.
@@ -156,37 +155,13 @@ fn frame(page: &mut String, pictures: &FramePictures) -> Result<()> {
     Ok(())
 }
 
-/// Mean absolute difference over the channels, times [`ERROR_GAIN`], on a black-red-yellow-white scale.
-pub fn error_map(a: &Rgb, b: &Rgb) -> Rgb {
-    let pixels = a.pixels.iter().zip(&b.pixels).map(|(a, b)| {
-        let error = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0 * ERROR_GAIN;
-        [0.0, 1.0, 2.0].map(|start| (3.0 * error - start).clamp(0.0, 1.0))
-    });
-    Rgb { width: a.width, height: a.height, pixels: pixels.collect() }
-}
-
 /// The pictures of a frame side by side, truth first; below each its error map.
 pub fn montage(pictures: &FramePictures) -> Rgb {
-    let columns: Vec<&Rgb> =
-        std::iter::once(&pictures.truth).chain(pictures.methods.iter().map(|(_, picture)| picture)).collect();
-    let errors: Vec<Rgb> = columns.iter().map(|picture| error_map(picture, &pictures.truth)).collect();
-    let (width, height) = (pictures.truth.width, pictures.truth.height);
-    Rgb::from_fn(width * columns.len(), 2 * height, |x, y| {
-        if y < height { *columns[x / width].at(x % width, y) } else { *errors[x / width].at(x % width, y - height) }
-    })
-}
-
-/// 8-bit PNG of display values in 0..=1.
-pub fn png(image: &Rgb) -> Result<Vec<u8>> {
-    let bytes = image.pixels.iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect();
-    let buffer = image::RgbImage::from_raw(image.width as u32, image.height as u32, bytes).context("picture size")?;
-    let mut out = std::io::Cursor::new(Vec::new());
-    buffer.write_to(&mut out, image::ImageFormat::Png)?;
-    Ok(out.into_inner())
+    crate::report::picture::montage(&pictures.truth, pictures.methods.iter().map(|(_, picture)| picture))
 }
 
 fn data_url(image: &Rgb) -> Result<String> {
-    Ok(format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png(image)?)))
+    Ok(picture::data_url(&png(image)?))
 }
 
 fn escape(text: &str) -> String {

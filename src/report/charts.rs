@@ -1,0 +1,203 @@
+//! The plots of the report.
+
+use super::View;
+use super::plot::{Level, Line, Plot, Point, Scale, svg};
+use super::table::{self, Filter, Row};
+use crate::evaluate::results::{Group, Metric, Scored};
+use std::collections::BTreeMap;
+
+/// Metrics with plots of their own.
+const PLOTTED: [&str; 4] = ["psnr", "lpips_alex", "flip", "rel_mse"];
+/// Pixels of the plots.
+const SIZE: (f64, f64) = (860.0, 470.0);
+
+/// Error against seconds a frame, every method: a name and a plot a metric.
+pub fn time(view: &View, set: &str) -> Vec<(String, String)> {
+    let rows = view.means.rows(Filter { set: Some(set), ..Filter::default() });
+    each(&rows, |metric| time_plot(view, &rows, metric))
+}
+
+/// A plot a metric that any row has.
+fn each(rows: &[Row], draw: impl Fn(&Metric) -> Option<String>) -> Vec<(String, String)> {
+    let metrics = PLOTTED.iter().filter_map(|id| table::metric(id));
+    let present = metrics.filter(|metric| rows.iter().any(|row| row.cells.contains_key(metric.id)));
+    present
+        .filter_map(|metric| {
+            Some((metric.label.to_owned(), super::html::scroll(&format!("plot of {}", metric.label), &draw(metric)?)))
+        })
+        .collect()
+}
+
+/// Ratios matter in errors, differences in decibels and similarities.
+fn scale(metric: &Metric) -> Scale {
+    if metric.rising { Scale::Linear } else { Scale::Log }
+}
+
+fn axis(metric: &Metric) -> String {
+    let unit = if metric.id.starts_with("psnr") { ", dB" } else { "" };
+    format!("{}{unit} ({} is better)", metric.label, if metric.rising { "up" } else { "down" })
+}
+
+fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
+    let mut lines: BTreeMap<(usize, &str), Line> = BTreeMap::new();
+    for (number, row) in rows.iter().enumerate() {
+        let (Some(cell), Some(seconds)) = (row.cells.get(metric.id), row.seconds) else { continue };
+        let faint = row.method.group == Group::Ablation;
+        let series = row.method.series.as_deref().filter(|_| !faint);
+        // Loose methods are lines of one point.
+        let key = series.map_or((number, row.method.id.as_str()), |series| (usize::MAX, series));
+        let line = lines.entry(key).or_insert_with(|| Line {
+            id: row.method.id.clone(),
+            color: view.palette.color(&row.method.id),
+            joined: series.is_some(),
+            ..Line::default()
+        });
+        let value = table::number(metric, cell.mean);
+        line.points.push(Point {
+            at: (seconds, cell.mean),
+            bar: cell.interval,
+            label: if faint { String::new() } else { short(row, series) },
+            title: format!("{}: {value} at {} s a frame", row.method.label, table::seconds(seconds)),
+            faint,
+        });
+    }
+    for (key, line) in lines.iter_mut().filter(|(_, line)| line.joined) {
+        line.points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0));
+        // The dearest point carries the name of the series.
+        if let Some(last) = line.points.last_mut() {
+            last.label = if last.label.is_empty() { key.1.to_owned() } else { format!("{}, {}", key.1, last.label) };
+        }
+    }
+    (!lines.is_empty()).then(|| {
+        svg(&Plot {
+            title: &format!("{} against seconds a frame", metric.label),
+            x: ("seconds a frame", Scale::Log),
+            y: (&axis(metric), scale(metric)),
+            lines: lines.into_values().collect(),
+            levels: Vec::new(),
+            marks: Vec::new(),
+            size: SIZE,
+        })
+    })
+}
+
+/// What tells a point from others of its series.
+fn short(row: &Row, series: Option<&str>) -> String {
+    match (series, row.method.spp) {
+        (Some(_), Some(spp)) => format!("{spp} spp"),
+        _ => row.method.label.clone(),
+    }
+}
+
+/// Error against samples a pixel for each series of path tracing, other methods as levels: a name and a plot a metric.
+pub fn convergence(view: &View, set: &str) -> Vec<(String, String)> {
+    let rows = view.means.rows(Filter { set: Some(set), without_ablations: true, ..Filter::default() });
+    each(&rows, |metric| convergence_plot(view, &rows, metric))
+}
+
+fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
+    let mut lines: BTreeMap<&str, Line> = BTreeMap::new();
+    let mut levels = Vec::new();
+    for row in rows {
+        let Some(cell) = row.cells.get(metric.id) else { continue };
+        let color = view.palette.color(&row.method.id);
+        let value = table::number(metric, cell.mean);
+        match (&row.method.series, row.method.spp, row.method.group) {
+            (Some(series), Some(spp), _) => {
+                let fresh = || Line { color, joined: true, name: series.clone(), id: series.clone(), ..Line::default() };
+                let title = format!("{}: {value}", row.method.label);
+                let at = (f64::from(spp), cell.mean);
+                lines.entry(series).or_insert_with(fresh).points.push(Point {
+                    at,
+                    bar: cell.interval,
+                    title,
+                    ..Point::default()
+                });
+            }
+            (_, _, Group::PathTraced | Group::EqualTime) => {}
+            _ => levels.push(Level { name: row.method.label.clone(), color, y: cell.mean }),
+        }
+    }
+    lines.values_mut().for_each(|line| line.points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0)));
+    (!lines.is_empty()).then(|| {
+        svg(&Plot {
+            title: &format!("{} against samples a pixel", metric.label),
+            x: ("samples a pixel", Scale::Log),
+            y: (&axis(metric), scale(metric)),
+            lines: lines.into_values().collect(),
+            levels,
+            marks: Vec::new(),
+            size: SIZE,
+        })
+    })
+}
+
+/// What the truth would score against a perfect one, a column a sequence, beside the best method: `None` where nothing is known.
+pub fn truth(view: &View, set: &str) -> Option<String> {
+    let sequences = view.means.sequences(Filter { set: Some(set), ..Filter::default() });
+    let kind = |name: &str, color, value: &dyn Fn(usize, &Scored) -> Option<f64>| {
+        let point = |(column, (number, scored)): (usize, &(usize, &Scored))| {
+            let y = value(*number, scored).filter(|y| y.is_finite())?;
+            let title = format!("{}: {name} {y:.2} dB", scored.about.name);
+            Some(Point { at: (column as f64 + 1.0, y), title, ..Point::default() })
+        };
+        let points: Vec<Point> = sequences.iter().enumerate().filter_map(point).collect();
+        Line { name: if points.is_empty() { String::new() } else { name.to_owned() }, color, points, ..Line::default() }
+    };
+    let lines = [
+        kind("noise of the raw truth", 0, &|_, scored| scored.about.truth.noise),
+        kind("error of the truth", 2, &|_, scored| scored.about.truth.error),
+        kind("best method", 1, &|number, _| {
+            let methods = view.results.about.methods.iter();
+            methods.filter_map(|method| view.means.value(number, &method.id, "psnr")).max_by(f64::total_cmp)
+        }),
+    ];
+    let known = lines[..2].iter().any(|line| !line.points.is_empty());
+    known.then(|| {
+        svg(&Plot {
+            title: "PSNR that the truth would score against a perfect one",
+            x: ("sequence, in the order of the list below", Scale::Linear),
+            y: ("PSNR, dB (up is better)", Scale::Linear),
+            lines: lines.into(),
+            levels: Vec::new(),
+            marks: Vec::new(),
+            size: (SIZE.0, 300.0),
+        })
+    })
+}
+
+/// Metrics over the frames of a sequence, a line a method: a name and a plot a metric.
+pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
+    let scored = &view.results.sequences[number];
+    let about = &scored.about;
+    let filter = Filter { set: Some(&about.set), class: Some(&about.class), name: Some(&about.name), without_ablations: true };
+    let rows = view.means.rows(filter);
+    let draw = |metric: &Metric| {
+        let line = |row: &Row| {
+            let scores = scored.scores.iter().filter(|score| score.method == row.method.id);
+            let value = |score: &crate::evaluate::results::Score| {
+                let y = score.values.get(metric.id).copied().filter(|y| y.is_finite())?;
+                let title = format!("{}, frame {}: {}", row.method.label, score.frame, table::number(metric, y));
+                Some(Point { at: (score.frame as f64, y), title, ..Point::default() })
+            };
+            let mut points: Vec<Point> = scores.filter_map(value).collect();
+            points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0));
+            let (id, name, color) = (row.method.id.clone(), row.method.label.clone(), view.palette.color(&row.method.id));
+            (!points.is_empty()).then_some(Line { id, name, color, joined: true, points })
+        };
+        let lines: Vec<Line> = rows.iter().filter_map(line).collect();
+        let height = SIZE.1.min(300.0).max(80.0 + 14.0 * lines.len() as f64);
+        (!lines.is_empty()).then(|| {
+            svg(&Plot {
+                title: &format!("{} over the frames", metric.label),
+                x: ("frame", Scale::Linear),
+                y: (&axis(metric), scale(metric)),
+                lines,
+                levels: Vec::new(),
+                marks: about.keyframes.iter().map(|frame| *frame as f64).collect(),
+                size: (SIZE.0, height),
+            })
+        })
+    };
+    each(&rows, draw)
+}

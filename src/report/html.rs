@@ -1,0 +1,94 @@
+//! The shell of a page and its small parts.
+
+use std::fmt::Write;
+
+const STYLE: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("script.js");
+
+/// Text as it may stand in an element or an attribute; control characters become spaces.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out += "&amp;",
+            '<' => out += "&lt;",
+            '>' => out += "&gt;",
+            '"' => out += "&quot;",
+            '\'' => out += "&#39;",
+            c if c.is_control() => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// JSON as it may stand in a `script` element.
+pub fn json(value: &impl serde::Serialize) -> serde_json::Result<String> {
+    Ok(serde_json::to_string(value)?.replace('<', "\\u003c"))
+}
+
+/// A whole page. Its policy forbids it to ask for anything from anywhere.
+pub fn page(title: &str, body: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'; \
+         script-src 'unsafe-inline'\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n<link rel=\"icon\" href=\"data:,\">\n<title>{}</title>\n\
+         <style>\n{STYLE}</style>\n</head>\n<body>\n{body}<script>\n{SCRIPT}</script>\n</body>\n</html>\n",
+        escape(title)
+    )
+}
+
+/// A box that scrolls sideways by itself; `label` names it for those who reach it by keyboard.
+pub fn scroll(label: &str, content: &str) -> String {
+    format!("<div class=\"scroll\" role=\"region\" tabindex=\"0\" aria-label=\"{}\">\n{content}</div>\n", escape(label))
+}
+
+/// One of several contents at a time, chosen by name; the first is shown. A single one is shown without a chooser.
+pub fn chooser(label: &str, choices: &[(String, String)]) -> String {
+    let mut out = String::from("<div class=\"choices\">\n");
+    if choices.len() > 1 {
+        let _ = write!(out, "<label>{} <select>", escape(label));
+        for (name, _) in choices {
+            let _ = write!(out, "<option>{}</option>", escape(name));
+        }
+        out += "</select></label>\n";
+    }
+    for (number, (_, content)) in choices.iter().enumerate() {
+        let hidden = if number > 0 { " hidden" } else { "" };
+        let _ = writeln!(out, "<div class=\"choice\"{hidden}>{content}</div>");
+    }
+    out + "</div>\n"
+}
+
+/// Names and values.
+pub fn facts(rows: &[(String, String)]) -> String {
+    let mut out = String::from("<dl class=\"facts\">\n");
+    for (name, value) in rows {
+        let _ = writeln!(out, "<div><dt>{}</dt><dd>{}</dd></div>", escape(name), escape(value));
+    }
+    out + "</dl>\n"
+}
+
+/// A table whose columns sort: heads as (text, explanation), cells as (what to sort by, HTML).
+pub fn table(caption: &str, heads: &[(String, String)], rows: &[Vec<(Option<f64>, String)>]) -> String {
+    let mut out = format!("<table><caption>{}</caption>\n<thead><tr>", escape(caption));
+    for (text, meaning) in heads {
+        let _ =
+            write!(out, "<th scope=\"col\"><button type=\"button\" title=\"{}\">{}</button></th>", escape(meaning), escape(text));
+    }
+    out += "</tr></thead>\n<tbody>\n";
+    for row in rows {
+        out += "<tr>";
+        for (number, (value, content)) in row.iter().enumerate() {
+            let value = value.map_or_else(String::new, |value| format!(" data-value=\"{value}\""));
+            let _ = match number {
+                0 => write!(out, "<th scope=\"row\">{content}</th>"),
+                _ => write!(out, "<td{value}>{content}</td>"),
+            };
+        }
+        out += "</tr>\n";
+    }
+    out += "</tbody></table>\n";
+    scroll(caption, &out)
+}

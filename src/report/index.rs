@@ -1,0 +1,207 @@
+//! The page that one opens first.
+
+use super::html::{self, escape};
+use super::style::{self, NONE};
+use super::table::{self, Filter};
+use super::{View, ablation, charts, picture, summary};
+use crate::evaluate::results::{Group, METRICS, Metric, Scored, TRUTH, picture_file};
+use anyhow::Result;
+use std::fmt::Write;
+
+/// Pixels of thumbnails, longer side.
+const THUMBNAIL: u32 = 160;
+
+/// The whole page.
+pub(super) fn html(view: &View) -> Result<String> {
+    let about = &view.results.about;
+    let sets = table::sets(view.results);
+    let mut body = format!("<header><h1>{}</h1>\n", escape(&about.title));
+    for set in &sets {
+        body += &summary::paragraph(&view.means, set);
+    }
+    body += "<nav aria-label=\"Sections\">";
+    for (number, set) in sets.iter().enumerate() {
+        write!(body, "<a href=\"#set{number}\">{}</a> ", escape(set))?;
+    }
+    body += "<a href=\"#methods\">Methods</a> <a href=\"#metrics\">Metrics</a> <a href=\"#settings\">Settings</a></nav></header>\n<main>\n";
+    for (number, set) in sets.iter().enumerate() {
+        write!(body, "<section id=\"set{number}\">\n<h2>{}</h2>\n", escape(set))?;
+        body += &set_section(view, set)?;
+        body += "</section>\n";
+    }
+    body += &methods(view);
+    body += &metrics();
+    write!(body, "<section id=\"settings\">\n<h2>Settings and machine</h2>\n{}</section>\n", settings(view))?;
+    body += "</main>\n";
+    Ok(html::page(&about.title, &body))
+}
+
+fn set_section(view: &View, set: &str) -> Result<String> {
+    let filter = Filter { set: Some(set), ..Filter::default() };
+    let (sequences, frames) = table::extent(&view.means, filter);
+    let rows = view.means.rows(Filter { without_ablations: true, ..filter });
+    let mut out = format!(
+        "<p>{sequences} sequences, {frames} frames: those that are no keyframes, the same for all methods. Below a mean its 95 % \
+         bootstrap interval over sequences. Columns sort.</p>\n"
+    );
+    out += &style::main_table(&view.palette, &format!("{set}: all classes of scenes"), &rows, sequences);
+    let classes = class_tables(view, set);
+    if !classes.is_empty() {
+        out += "<h3>By class of scene</h3>\n";
+        out += &html::chooser("Metric", &classes);
+    }
+    out += &plots(
+        "Error against time",
+        &charts::time(view, set),
+        "Mean over sequences with its 95 % interval; median seconds. Faint: parts switched on or off.",
+    );
+    out += &plots("Convergence of path tracing", &charts::convergence(view, set), "Other methods as levels.");
+    out += &ablation::section(view, set);
+    out += &truth(view, set);
+    out += &grid(view, set)?;
+    Ok(out)
+}
+
+fn plots(heading: &str, choices: &[(String, String)], note: &str) -> String {
+    if choices.is_empty() {
+        return String::new();
+    }
+    format!("<h3>{heading}</h3>\n<p>{note}</p>\n{}", html::chooser("Metric", choices))
+}
+
+/// Method by class, a table a metric.
+fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
+    let classes = table::classes(view.results, set);
+    let columns: Vec<_> = classes
+        .iter()
+        .map(|class| {
+            let filter = Filter { set: Some(set), class: Some(class), ..Filter::default() };
+            (*class, table::extent(&view.means, filter).0, view.means.rows(filter))
+        })
+        .collect();
+    let all = view.means.rows(Filter { set: Some(set), ..Filter::default() });
+    let mut heads = vec![("method".to_owned(), "How the pictures were made".to_owned())];
+    heads.extend(columns.iter().map(|(class, count, _)| ((*class).to_owned(), format!("{count} sequences"))));
+    let of = table::extent(&view.means, Filter { set: Some(set), ..Filter::default() }).0;
+    let find = |rows: &[table::Row], id: &str, metric: &'static Metric| {
+        style::cell(metric, rows.iter().find(|row| row.method.id == id).and_then(|row| row.cells.get(metric.id)))
+    };
+    let table = |metric: &'static Metric| {
+        let line = |row: &table::Row| {
+            let mut line = vec![(None, style::name(&view.palette, row, of))];
+            line.extend(columns.iter().map(|(_, _, rows)| find(rows, &row.method.id, metric)));
+            line
+        };
+        let with = all.iter().filter(|row| row.cells.contains_key(metric.id));
+        let lines: Vec<_> = with.map(line).collect();
+        let caption = format!("{set}: {} by class of scene", metric.label);
+        (!lines.is_empty()).then(|| (metric.label.to_owned(), html::table(&caption, &heads, &lines)))
+    };
+    METRICS.iter().filter_map(table).collect()
+}
+
+/// What is known of the truth's own error.
+fn truth(view: &View, set: &str) -> String {
+    let sequences = view.means.sequences(Filter { set: Some(set), ..Filter::default() });
+    let decibels = |value: Option<f64>| match value.filter(|value| value.is_finite()) {
+        Some(value) => (Some(value), format!("{value:.2}")),
+        None => (None, NONE.to_owned()),
+    };
+    let line = |scored: &Scored| {
+        let truth = &scored.about.truth;
+        vec![
+            (None, escape(&scored.about.name)),
+            (None, escape(&scored.about.class)),
+            (Some(f64::from(truth.spp)), truth.spp.to_string()),
+            style::seconds(truth.seconds),
+            decibels(truth.noise),
+            decibels(truth.error),
+        ]
+    };
+    let head = |text: &str, meaning: &str| (text.to_owned(), meaning.to_owned());
+    let heads = [
+        head("sequence", "Name of the sequence"),
+        head("class", "Class of scene"),
+        head("spp", "Samples a pixel"),
+        head("s/frame", "Median seconds a frame"),
+        head(
+            "noise, dB",
+            "PSNR (object) that the noise left in the raw picture would score against a perfect one, from its variance",
+        ),
+        head(
+            "error, dB",
+            "PSNR (object) that the truth as it is would score against a perfect one, where a longer render was made to tell",
+        ),
+    ];
+    let lines: Vec<_> = sequences.iter().map(|(_, scored)| line(scored)).collect();
+    let plot = charts::truth(view, set).map_or_else(String::new, |plot| html::scroll("plot of the truth's error", &plot));
+    format!(
+        "<h3>The truth's own error</h3>\n<p>PSNR that the truth would score against a perfect one: a method near it is limited by the \
+         truth.</p>\n{plot}<details><summary>Table of the truth</summary>\n{}</details>\n",
+        html::table(&format!("{set}: the truth"), &heads, &lines)
+    )
+}
+
+/// A card a sequence.
+fn grid(view: &View, set: &str) -> Result<String> {
+    let mut out = String::from("<h3>Sequences</h3>\n<ul class=\"grid\">\n");
+    let main = |group| matches!(group, Group::Baseline | Group::Neural | Group::Other);
+    for (number, scored) in view.means.sequences(Filter { set: Some(set), ..Filter::default() }) {
+        let about = &scored.about;
+        write!(out, "<li><a href=\"{}\">", view.pages[number])?;
+        if let Some(frame) = about.shown.get(about.shown.len() / 2) {
+            let path = scored.pictures.join(picture_file(*frame, TRUTH));
+            if let Some(bytes) = picture::read(&path)? {
+                let url = picture::data_url(&picture::thumbnail(&bytes, THUMBNAIL, &path)?);
+                write!(out, "<img alt=\"\" src=\"{url}\" width=\"{}\" height=\"{}\">", about.width, about.height)?;
+            }
+        }
+        write!(out, "<strong>{}</strong></a> <span class=\"class\">{}</span>\n<dl>", escape(&about.name), escape(&about.class))?;
+        for method in view.results.about.methods.iter().filter(|method| main(method.group)) {
+            if let Some(psnr) = view.means.value(number, &method.id, "psnr") {
+                write!(out, "<div><dt>{}</dt><dd>{psnr:.2}</dd></div>", escape(&method.label))?;
+            }
+        }
+        out += "</dl></li>\n";
+    }
+    Ok(out + "</ul>\n")
+}
+
+fn methods(view: &View) -> String {
+    let rows: Vec<(String, String)> = view
+        .results
+        .about
+        .methods
+        .iter()
+        .map(|method| {
+            let note = if method.note.is_empty() { group(method.group) } else { &method.note };
+            (method.label.clone(), note.to_owned())
+        })
+        .collect();
+    format!("<section id=\"methods\">\n<h2>Methods</h2>\n{}</section>\n", html::facts(&rows))
+}
+
+fn group(group: Group) -> &'static str {
+    match group {
+        Group::Baseline => "Baseline: no network, no rays beyond the camera's.",
+        Group::Ablation => "A baseline with a part switched off or on.",
+        Group::Neural => "The network.",
+        Group::PathTraced => "Path tracing.",
+        Group::EqualTime => "Path tracing given the seconds of another method.",
+        Group::Other => "Pictures from elsewhere.",
+    }
+}
+
+fn metrics() -> String {
+    let rows: Vec<(String, String)> =
+        METRICS.iter().map(|metric| (metric.label.to_owned(), format!("{}.", style::direction(metric)))).collect();
+    format!("<section id=\"metrics\">\n<h2>Metrics</h2>\n{}</section>\n", html::facts(&rows))
+}
+
+fn settings(view: &View) -> String {
+    let about = &view.results.about;
+    let fixed = [("program", &about.program), ("machine", &about.machine), ("display curve", &about.curve)];
+    let mut rows: Vec<(String, String)> = fixed.map(|(name, value)| (name.to_owned(), value.clone())).into();
+    rows.extend(about.settings.iter().cloned());
+    html::facts(&rows)
+}

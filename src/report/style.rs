@@ -1,0 +1,83 @@
+//! Colours and the cells that both kinds of pages share.
+
+use super::html::{self, escape};
+use super::table::{self, COLUMNS, Cell, Row};
+use crate::evaluate::results::{Group, Method, Metric};
+use std::collections::BTreeMap;
+
+/// A colour number a method: methods of one series share theirs, ablations have their parent's.
+pub struct Palette(BTreeMap<String, usize>);
+
+impl Palette {
+    /// Deals colours in the order of the methods.
+    pub fn new(methods: &[Method]) -> Self {
+        let mut colors = BTreeMap::new();
+        let mut series: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut next = 0;
+        for method in methods.iter().filter(|method| method.group != Group::Ablation) {
+            let mut fresh = || {
+                next += 1;
+                next - 1
+            };
+            let color = match &method.series {
+                Some(name) => *series.entry(name).or_insert_with(fresh),
+                None => fresh(),
+            };
+            colors.insert(method.id.clone(), color);
+        }
+        for method in methods.iter().filter(|method| method.group == Group::Ablation) {
+            let parent = table::parent(methods, method).and_then(|parent| colors.get(&parent.id).copied());
+            colors.insert(method.id.clone(), parent.unwrap_or(0));
+        }
+        Self(colors)
+    }
+
+    /// Number of a method's colour.
+    pub fn color(&self, method: &str) -> usize {
+        self.0.get(method).copied().unwrap_or(0)
+    }
+}
+
+/// What is written where there is no value.
+pub const NONE: &str = "<span class=\"none\">–</span>";
+
+/// A method's name with its colour; `of` is how many sequences it could have been scored on.
+pub fn name(palette: &Palette, row: &Row, of: usize) -> String {
+    let color = palette.color(&row.method.id) % super::plot::COLORS;
+    let partly = if row.sequences < of { format!(" <small>{} of {of} sequences</small>", row.sequences) } else { String::new() };
+    format!("<span class=\"dot c{color}\"></span>{}{partly}", escape(&row.method.label))
+}
+
+/// A mean with its interval below it.
+pub fn cell(metric: &Metric, cell: Option<&Cell>) -> (Option<f64>, String) {
+    let Some(cell) = cell else { return (None, NONE.into()) };
+    let mean = table::number(metric, cell.mean);
+    let ends = cell.interval.map(|ends| ends.map(|end| table::number(metric, end)));
+    let ends = ends.map_or_else(String::new, |[a, b]| format!("<small>{a} to {b}</small>"));
+    (Some(cell.mean), format!("{mean}{ends}"))
+}
+
+/// Seconds, or a dash.
+pub fn seconds(value: Option<f64>) -> (Option<f64>, String) {
+    (value, value.map_or_else(|| NONE.into(), table::seconds))
+}
+
+/// The table of the headline metrics.
+pub fn main_table(palette: &Palette, caption: &str, rows: &[Row], of: usize) -> String {
+    let columns: Vec<&Metric> = COLUMNS.iter().filter_map(|id| table::metric(id)).collect();
+    let mut heads = vec![("method".to_owned(), "How the pictures were made".to_owned())];
+    heads.extend(columns.iter().map(|column| (column.label.to_owned(), direction(column))));
+    heads.push(("s/frame".into(), "Median wall seconds a frame; less is better".into()));
+    let line = |row: &Row| {
+        let mut line = vec![(None, name(palette, row, of))];
+        line.extend(columns.iter().map(|column| cell(column, row.cells.get(column.id))));
+        line.push(seconds(row.seconds));
+        line
+    };
+    html::table(caption, &heads, &rows.iter().map(line).collect::<Vec<_>>())
+}
+
+/// What a metric means and which way is better.
+pub fn direction(metric: &Metric) -> String {
+    format!("{}; {} is better", metric.meaning, if metric.rising { "more" } else { "less" })
+}

@@ -1,0 +1,318 @@
+//! Means over frames and sequences with their intervals, and the tables that are printed.
+
+use crate::evaluate::results::{Group, METRICS, Method, Metric, Results, Scored, Sequence};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+
+/// Metrics of the main table, in the order of its columns.
+pub const COLUMNS: [&str; 7] = ["psnr", "ssim", "lpips_alex", "flip", "psnr_full", "rel_mse", "temporal"];
+
+/// Resamples of a bootstrap interval: its ends then move by less than a hundredth of its width from seed to seed.
+const RESAMPLES: usize = 4000;
+
+/// A metric by its id; `None` for one that [`METRICS`] does not list.
+pub fn metric(id: &str) -> Option<&'static Metric> {
+    METRICS.iter().find(|metric| metric.id == id)
+}
+
+/// Mean over sequences of the means over their frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// In the metric's unit.
+    pub mean: f64,
+    /// 95 % bootstrap interval over sequences; `None` for a single one.
+    pub interval: Option<[f64; 2]>,
+    /// Sequences that have a value.
+    pub sequences: usize,
+}
+
+impl Cell {
+    /// `None` for no value.
+    fn of(values: &[f64]) -> Option<Self> {
+        (!values.is_empty()).then(|| Self {
+            mean: values.iter().sum::<f64>() / values.len() as f64,
+            interval: interval(values),
+            sequences: values.len(),
+        })
+    }
+}
+
+/// What a table says of a method.
+#[derive(Clone, Debug)]
+pub struct Row<'a> {
+    /// The method.
+    pub method: &'a Method,
+    /// By id of the metric; one without a value is missing.
+    pub cells: BTreeMap<&'static str, Cell>,
+    /// Median wall seconds over all frames counted.
+    pub seconds: Option<f64>,
+    /// Sequences that the method has been scored on.
+    pub sequences: usize,
+}
+
+impl Row<'_> {
+    /// Mean of a metric.
+    pub fn mean(&self, metric: &str) -> Option<f64> {
+        self.cells.get(metric).map(|cell| cell.mean)
+    }
+}
+
+/// Which part of the results a table is about.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Filter<'a> {
+    /// One set only.
+    pub set: Option<&'a str>,
+    /// One class of scenes only.
+    pub class: Option<&'a str>,
+    /// One sequence only.
+    pub name: Option<&'a str>,
+    /// Leaves out rows of [`Group::Ablation`].
+    pub without_ablations: bool,
+}
+
+impl Filter<'_> {
+    /// Whether the sequence is asked for.
+    pub fn takes(&self, sequence: &Sequence) -> bool {
+        let takes = |wanted: Option<&str>, is: &str| wanted.is_none_or(|wanted| wanted == is);
+        takes(self.set, &sequence.set) && takes(self.class, &sequence.class) && takes(self.name, &sequence.name)
+    }
+}
+
+/// Means over frames, a sequence at a time: all that rows are made from.
+///
+/// All methods are averaged over the same frames: those that are no keyframes, or all where every frame of the sequence is one.
+pub struct Means<'a> {
+    results: &'a Results,
+    /// A sequence each, by method and metric.
+    values: Vec<BTreeMap<(&'a str, &'static str), f64>>,
+    /// A sequence each, by method: seconds of the frames counted.
+    seconds: Vec<BTreeMap<&'a str, Vec<f64>>>,
+    /// A sequence each: methods with a score on a frame counted.
+    scored: Vec<BTreeSet<&'a str>>,
+}
+
+impl<'a> Means<'a> {
+    /// Averages over frames.
+    pub fn new(results: &'a Results) -> Self {
+        let mut means = Self { results, values: Vec::new(), seconds: Vec::new(), scored: Vec::new() };
+        for sequence in &results.sequences {
+            let mut sums: BTreeMap<(&str, &'static str), (f64, usize)> = BTreeMap::new();
+            let mut seconds: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+            let mut scored = BTreeSet::new();
+            let only_keys = sequence.scores.iter().all(|score| score.key);
+            for score in sequence.scores.iter().filter(|score| only_keys || !score.key) {
+                scored.insert(score.method.as_str());
+                seconds.entry(&score.method).or_default().extend(score.seconds.filter(|s| s.is_finite()));
+                for (id, value) in score.values.iter().filter(|(_, value)| value.is_finite()) {
+                    let Some(metric) = metric(id) else { continue };
+                    let sum = sums.entry((&score.method, metric.id)).or_default();
+                    *sum = (sum.0 + value, sum.1 + 1);
+                }
+            }
+            means.values.push(sums.into_iter().map(|(key, (sum, count))| (key, sum / count as f64)).collect());
+            means.seconds.push(seconds);
+            means.scored.push(scored);
+        }
+        means
+    }
+
+    /// Mean over the frames of sequence number `sequence` in the results.
+    pub fn value(&self, sequence: usize, method: &str, metric: &str) -> Option<f64> {
+        let metric = self::metric(metric)?;
+        self.values.get(sequence)?.get(&(method, metric.id)).copied()
+    }
+
+    /// Numbers and sequences that the filter takes.
+    pub fn sequences(&self, filter: Filter) -> Vec<(usize, &'a Scored)> {
+        self.results.sequences.iter().enumerate().filter(|(_, sequence)| filter.takes(&sequence.about)).collect()
+    }
+
+    /// A row for each method that has a score there, in the order of the results' methods.
+    pub fn rows(&self, filter: Filter) -> Vec<Row<'a>> {
+        let sequences = self.sequences(filter);
+        let methods = self.results.about.methods.iter();
+        let asked = methods.filter(|method| !(filter.without_ablations && method.group == Group::Ablation));
+        asked.filter_map(|method| self.row(method, &sequences)).collect()
+    }
+
+    fn row(&self, method: &'a Method, sequences: &[(usize, &Scored)]) -> Option<Row<'a>> {
+        let numbers = || sequences.iter().map(|(number, _)| *number);
+        let count = numbers().filter(|&number| self.scored[number].contains(method.id.as_str())).count();
+        let cell = |metric: &Metric| {
+            let values: Vec<f64> = numbers().filter_map(|number| self.value(number, &method.id, metric.id)).collect();
+            Cell::of(&values)
+        };
+        let seconds = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str())).flatten().copied();
+        (count > 0).then(|| Row {
+            method,
+            cells: METRICS.iter().filter_map(|metric| Some((metric.id, cell(metric)?))).collect(),
+            seconds: median(seconds.collect()),
+            sequences: count,
+        })
+    }
+
+    /// Mean over sequences of what `method` scores above `other` on the same sequence.
+    pub fn difference(&self, filter: Filter, method: &str, other: &str, metric: &str) -> Option<Cell> {
+        let numbers = self.sequences(filter).into_iter().map(|(number, _)| number);
+        let difference = |number| Some(self.value(number, method, metric)? - self.value(number, other, metric)?);
+        Cell::of(&numbers.filter_map(difference).collect::<Vec<f64>>())
+    }
+}
+
+/// Median; `None` for nothing.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    Some(0.5 * (values[last / 2] + values[values.len() / 2]))
+}
+
+/// 95 % percentile bootstrap interval of the mean (Efron 1979), the same for the same values.
+fn interval(values: &[f64]) -> Option<[f64; 2]> {
+    if values.len() < 2 {
+        return None;
+    }
+    let mut state = 1u64;
+    let mut draw = || {
+        // SplitMix64 (Steele, Lea and Flood 2014).
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        let random = u128::from(z ^ (z >> 31));
+        values[((random * values.len() as u128) >> 64) as usize]
+    };
+    let count = values.len() as f64;
+    let mut means: Vec<f64> = (0..RESAMPLES).map(|_| values.iter().map(|_| draw()).sum::<f64>() / count).collect();
+    means.sort_by(f64::total_cmp);
+    let at = |share: f64| means[(share * (RESAMPLES - 1) as f64).round() as usize];
+    Some([at(0.025), at(0.975)])
+}
+
+/// The method that an ablation is a change of: the one whose id its own begins with, or else the last baseline before it.
+pub fn parent<'a>(methods: &'a [Method], ablation: &Method) -> Option<&'a Method> {
+    let whole = |method: &&Method| method.group != Group::Ablation;
+    let begins =
+        |method: &&Method| ablation.id.strip_prefix(&method.id).is_some_and(|rest| rest.starts_with(['-', '_', '.', '+']));
+    let named = methods.iter().filter(whole).filter(begins).max_by_key(|method| method.id.len());
+    let before = || methods.iter().take_while(|method| method.id != ablation.id).filter(|m| m.group == Group::Baseline).last();
+    named.or_else(before)
+}
+
+/// Whether a method reads the truth of keyframes; told by its names, for want of anything better.
+pub fn reads_keyframes(method: &Method) -> bool {
+    ["key", "warp"].iter().any(|word| method.id.to_lowercase().contains(word) || method.label.to_lowercase().contains(word))
+}
+
+/// A value with the digits of its metric.
+pub fn number(metric: &Metric, value: f64) -> String {
+    let digits = metric.digits;
+    // A rare huge value must not widen a column.
+    if value.abs() >= 1e5 { format!("{value:.2e}") } else { format!("{value:.digits$}") }
+}
+
+/// Seconds with three digits that count, down to a microsecond.
+pub fn seconds(value: f64) -> String {
+    let digits = if value >= 100.0 {
+        0
+    } else if value >= 10.0 {
+        1
+    } else if value >= 1.0 {
+        2
+    } else if value >= 0.1 {
+        3
+    } else {
+        4
+    };
+    format!("{value:.digits$}")
+}
+
+/// The sets of the results, in order of first appearance.
+pub fn sets(results: &Results) -> Vec<&str> {
+    unique(results.sequences.iter().map(|sequence| sequence.about.set.as_str()))
+}
+
+/// The classes of a set, in order of first appearance.
+pub fn classes<'a>(results: &'a Results, set: &str) -> Vec<&'a str> {
+    unique(results.sequences.iter().filter(|s| s.about.set == set).map(|sequence| sequence.about.class.as_str()))
+}
+
+fn unique<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut seen = Vec::new();
+    for name in names {
+        if !seen.contains(&name) {
+            seen.push(name);
+        }
+    }
+    seen
+}
+
+/// The main table of each set as Markdown for a terminal; PSNR with its interval, a dash where there is no value.
+pub fn markdown(results: &Results, filter: Filter) -> String {
+    let means = Means::new(results);
+    let mut text = String::new();
+    for set in sets(results).into_iter().filter(|set| filter.set.is_none_or(|wanted| wanted == *set)) {
+        let filter = Filter { set: Some(set), ..filter };
+        let rows = means.rows(filter);
+        if rows.is_empty() {
+            continue;
+        }
+        let (sequences, frames) = extent(&means, filter);
+        let gap = if text.is_empty() { "" } else { "\n" };
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{gap}{set}: {sequences} sequences, {frames} frames that are no keyframes\n");
+        text += &grid(&rows);
+    }
+    text
+}
+
+/// Sequences, and frames that are averaged over in them.
+pub fn extent(means: &Means, filter: Filter) -> (usize, usize) {
+    let sequences = means.sequences(filter);
+    let frames = sequences.iter().map(|(_, sequence)| counted(&sequence.about).len()).sum();
+    (sequences.len(), frames)
+}
+
+/// Frames that means are taken over.
+pub fn counted(sequence: &Sequence) -> Vec<usize> {
+    let rest: Vec<usize> = sequence.frames.iter().copied().filter(|frame| !sequence.keyframes.contains(frame)).collect();
+    if rest.is_empty() { sequence.frames.clone() } else { rest }
+}
+
+/// Rows as Markdown, columns lined up.
+fn grid(rows: &[Row]) -> String {
+    let columns: Vec<&Metric> = COLUMNS.iter().filter_map(|id| metric(id)).collect();
+    let mut lines = vec![vec!["method".to_owned()]];
+    for column in &columns {
+        lines[0].push(column.label.to_owned());
+        lines[0].extend((column.id == "psnr").then(|| "95 %".to_owned()));
+    }
+    lines[0].push("s/frame".into());
+    for row in rows {
+        // A bar would end the cell.
+        let mut line = vec![row.method.label.replace('|', "/").replace(char::is_control, " ")];
+        for column in &columns {
+            let cell = row.cells.get(column.id);
+            line.push(cell.map_or_else(|| "-".into(), |cell| number(column, cell.mean)));
+            if column.id == "psnr" {
+                let ends = cell.and_then(|cell| cell.interval);
+                line.push(ends.map_or_else(|| "-".into(), |[a, b]| format!("{} to {}", number(column, a), number(column, b))));
+            }
+        }
+        line.push(row.seconds.map_or_else(|| "-".into(), seconds));
+        lines.push(line);
+    }
+    let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..lines[0].len()).map(width).collect();
+    let rule: Vec<String> =
+        widths.iter().enumerate().map(|(i, w)| if i == 0 { "-".repeat(w + 2) } else { "-".repeat(w + 1) + ":" }).collect();
+    let mut text = String::new();
+    for (number, line) in lines.iter().enumerate() {
+        for (i, (value, width)) in line.iter().zip(&widths).enumerate() {
+            text += &if i == 0 { format!("| {value:<width$} ") } else { format!("| {value:>width$} ") };
+        }
+        text += "|\n";
+        if number == 0 {
+            text += &format!("|{}|\n", rule.join("|"));
+        }
+    }
+    text
+}
