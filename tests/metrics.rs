@@ -1,6 +1,6 @@
 //! PSNR and SSIM against scikit-image (numbers from `tests/references/skimage_metrics.py`).
 
-use renderflow::evaluate::{psnr::psnr, ssim::ssim};
+use renderflow::metrics::{psnr::psnr, ssim::ssim};
 use renderflow_frame::image::Rgb;
 use serde::Deserialize;
 
