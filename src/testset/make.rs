@@ -49,9 +49,24 @@ pub fn make(
 ) -> Result<Option<SetFile>> {
     let plans = set.plans(sources)?;
     check_scenes(set, &plans)?;
-    let folder = out.join(set.name());
+    make_plans(set.name(), &plans, out, shard, audited, cancel)
+}
+
+/// [`make`] for any plans, by the name of their class.
+///
+/// # Errors
+/// As [`render::run`].
+pub fn make_plans(
+    set: &str,
+    plans: &[(&str, Plan)],
+    out: &Path,
+    shard: Shard,
+    audited: u32,
+    cancel: &AtomicBool,
+) -> Result<Option<SetFile>> {
+    let folder = out.join(set);
     for (i, (name, plan)) in plans.iter().enumerate() {
-        eprintln!("{} {name}, {} of {}", set.name(), i + 1, plans.len());
+        eprintln!("{set} {name}, {} of {}", i + 1, plans.len());
         let class = folder.join(name);
         render::run(plan, &class, shard, cancel).with_context(|| (*name).to_owned())?;
         if audited > 0 {
@@ -61,7 +76,7 @@ pub fn make(
     if !plans.iter().all(|(name, plan)| manifest::complete(plan, &folder.join(name))) {
         return Ok(None);
     }
-    let file = describe(set.name(), &folder, &plans)?;
+    let file = describe(set, &folder, plans)?;
     file::write_json(&folder.join(SET), &file)?;
     Ok(Some(file))
 }
