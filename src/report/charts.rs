@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 /// Metrics with plots of their own.
 const PLOTTED: [&str; 4] = ["psnr", "lpips_alex", "flip", "rel_mse"];
 /// Pixels of the plots.
-const SIZE: (f64, f64) = (860.0, 470.0);
+const SIZE: (f64, f64) = (960.0, 520.0);
 
 /// Error against seconds a frame, every method: a name and a plot a metric.
 pub fn time(view: &View, set: &str) -> Vec<(String, String)> {
@@ -55,7 +55,7 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
         let value = table::number(metric, cell.mean);
         line.points.push(Point {
             at: (seconds, cell.mean),
-            bar: cell.interval,
+            bar: cell.range,
             label: if faint { String::new() } else { short(row, series) },
             title: format!("{}: {value} at {} s a frame", row.method.label, table::seconds(seconds)),
             faint,
@@ -107,12 +107,7 @@ fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String
                 let fresh = || Line { color, joined: true, name: series.clone(), id: series.clone(), ..Line::default() };
                 let title = format!("{}: {value}", row.method.label);
                 let at = (f64::from(spp), cell.mean);
-                lines.entry(series).or_insert_with(fresh).points.push(Point {
-                    at,
-                    bar: cell.interval,
-                    title,
-                    ..Point::default()
-                });
+                lines.entry(series).or_insert_with(fresh).points.push(Point { at, bar: cell.range, title, ..Point::default() });
             }
             (_, _, Group::PathTraced | Group::EqualTime) => {}
             _ => levels.push(Level { name: row.method.label.clone(), color, y: cell.mean }),
@@ -122,7 +117,7 @@ fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String
     (!lines.is_empty()).then(|| {
         svg(&Plot {
             title: &format!("{} against samples a pixel", metric.label),
-            x: ("samples a pixel", Scale::Log),
+            x: ("samples a pixel", Scale::Doubling),
             y: (&axis(metric), scale(metric)),
             lines: lines.into_values().collect(),
             levels,
@@ -156,7 +151,7 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
     known.then(|| {
         svg(&Plot {
             title: "PSNR that the truth would score against a perfect one",
-            x: ("sequence, in the order of the list below", Scale::Linear),
+            x: ("sequence, in the order of the list below", Scale::Count),
             y: ("PSNR, dB (up is better)", Scale::Linear),
             lines: lines.into(),
             levels: Vec::new(),
@@ -164,6 +159,11 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
             size: (SIZE.0, 300.0),
         })
     })
+}
+
+/// Whether a value says that a picture is the truth itself, as on keyframes.
+fn copy(metric: &Metric, value: f64) -> bool {
+    if metric.rising { value >= 99.0 } else { value <= 0.0 }
 }
 
 /// Metrics over the frames of a sequence, a line a method: a name and a plot a metric.
@@ -176,7 +176,7 @@ pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
         let line = |row: &Row| {
             let scores = scored.scores.iter().filter(|score| score.method == row.method.id);
             let value = |score: &crate::evaluate::results::Score| {
-                let y = score.values.get(metric.id).copied().filter(|y| y.is_finite())?;
+                let y = score.values.get(metric.id).copied().filter(|y| y.is_finite() && !(score.key && copy(metric, *y)))?;
                 let title = format!("{}, frame {}: {}", row.method.label, score.frame, table::number(metric, y));
                 Some(Point { at: (score.frame as f64, y), title, ..Point::default() })
             };
@@ -190,7 +190,7 @@ pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
         (!lines.is_empty()).then(|| {
             svg(&Plot {
                 title: &format!("{} over the frames", metric.label),
-                x: ("frame", Scale::Linear),
+                x: ("frame", Scale::Count),
                 y: (&axis(metric), scale(metric)),
                 lines,
                 levels: Vec::new(),

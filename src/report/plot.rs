@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// Number of colour classes in the style sheet.
 pub const COLORS: usize = 10;
 /// Pixels of a letter of the labels, on average over names like ours in common sans-serif fonts at 12 pixels.
-pub const LETTER: f64 = 6.3;
+pub const LETTER: f64 = 7.0;
 /// Left, top, right, bottom.
 const MARGIN: [f64; 4] = [62.0, 14.0, 16.0, 48.0];
 
@@ -16,8 +16,12 @@ const MARGIN: [f64; 4] = [62.0, 14.0, 16.0, 48.0];
 pub enum Scale {
     /// Evenly.
     Linear,
+    /// Evenly, marked at whole numbers only.
+    Count,
     /// By their logarithm; values that are not above 0 are left out.
     Log,
+    /// The same, marked at powers of two.
+    Doubling,
 }
 
 /// A point with its name.
@@ -90,17 +94,22 @@ pub struct Axis {
 }
 
 impl Axis {
+    fn is_log(scale: Scale) -> bool {
+        matches!(scale, Scale::Log | Scale::Doubling)
+    }
+
     /// Covers the values with a little room at both ends.
     pub fn new(values: impl Iterator<Item = f64>, scale: Scale, from: f64, to: f64) -> Self {
-        let usable = values.filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
+        let usable = values.filter(|v| v.is_finite() && (!Self::is_log(scale) || *v > 0.0));
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         let (low, high) = match scale {
             _ if low > high => (1.0, 10.0),
-            Scale::Log => {
+            Scale::Log | Scale::Doubling => {
                 let room = (high / low).powf(0.05).max(1.1);
                 (low / room, high * room)
             }
-            Scale::Linear => {
+            Scale::Count if high - low < 4.0 => (low - 0.4, high + 0.4),
+            Scale::Linear | Scale::Count => {
                 let room = if high > low { 0.05 * (high - low) } else { 0.1 * high.abs().max(1.0) };
                 (low - room, high + room)
             }
@@ -111,8 +120,8 @@ impl Axis {
     /// Place of a value, if it has one.
     pub fn at(&self, value: f64) -> Option<f64> {
         let share = match self.scale {
-            Scale::Linear => (value - self.low) / (self.high - self.low),
-            Scale::Log => (value / self.low).ln() / (self.high / self.low).ln(),
+            Scale::Linear | Scale::Count => (value - self.low) / (self.high - self.low),
+            Scale::Log | Scale::Doubling => (value / self.low).ln() / (self.high / self.low).ln(),
         };
         share.is_finite().then(|| self.from + (self.to - self.from) * share)
     }
@@ -132,7 +141,11 @@ impl Axis {
             let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
             return (first..=last).flat_map(|d| steps.iter().map(move |s| s * 10f64.powi(d))).filter(inside).collect();
         }
-        let rough = (self.high - self.low) / 6.0;
+        if self.scale == Scale::Doubling {
+            return (-20..40).map(|power| 2f64.powi(power)).filter(inside).collect();
+        }
+        let least = if self.scale == Scale::Count { 1.0 } else { 0.0 };
+        let rough = ((self.high - self.low) / 6.0).max(least);
         let decade = 10f64.powf(rough.log10().floor());
         let step = [1.0, 2.0, 5.0, 10.0].map(|s| s * decade).into_iter().find(|s| *s >= rough).unwrap_or(rough);
         let first = (self.low / step).ceil() as i64;
@@ -170,7 +183,7 @@ fn draw(out: &mut String, plot: &Plot) -> std::fmt::Result {
     let right = width - if room > 0.0 { room + 22.0 } else { MARGIN[2] };
     let [left, top, bottom] = [MARGIN[0], MARGIN[1], height - MARGIN[3]];
     let clear = || plot.lines.iter().flat_map(|line| &line.points).filter(|point| !point.faint);
-    let x = Axis::new(clear().map(|p| p.at.0), plot.x.1, left, right);
+    let x = Axis::new(clear().map(|p| p.at.0).chain(plot.marks.iter().copied()), plot.x.1, left, right);
     let ends = clear().flat_map(|p| p.bar.into_iter().flatten().chain([p.at.1]));
     let y = Axis::new(ends.chain(plot.levels.iter().map(|level| level.y)), plot.y.1, bottom, top);
     writeln!(
@@ -246,6 +259,7 @@ fn marks(out: &mut String, line: &Line, (x, y): (&Axis, &Axis), taken: &mut plac
         write!(out, "<g{class}>")?;
         if let Some([a, b]) = point.bar.map(|bar| bar.map(|end| y.within(end))).and_then(|[a, b]| Some([a?, b?])) {
             write!(out, "<path d=\"M{px:.1} {a:.1}V{b:.1}M{:.1} {a:.1}h6M{:.1} {b:.1}h6\"/>", px - 3.0, px - 3.0)?;
+            taken.segment((px, a), (px, b));
         }
         let radius = if point.faint { 2.5 } else { 4.0 };
         writeln!(

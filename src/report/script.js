@@ -84,7 +84,8 @@ function drawError(canvas, picture, truth, gain) {
     for (let c = 0; c < 3; c++) map.data[i + c] = 255 * (sum * gain / 255 - c);
     map.data[i + 3] = 255;
   }
-  canvas.getContext("2d").putImageData(map, 0, 0);
+  // Kept where the processor reaches it: it is written pixel by pixel.
+  canvas.getContext("2d", { willReadFrequently: true }).putImageData(map, 0, 0);
 }
 
 function comparison(data) {

@@ -34,7 +34,7 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
     let (data, left_out) = collect(view, scored)?;
     let title = format!("{} - {}", about.name, view.results.about.title);
     let mut body = format!(
-        "<header>\n{}<h1>{}</h1>\n<p>{} in {}: {} frames of {} x {} pixels, {} of them keyframes.</p></header>\n<main>\n",
+        "<header>\n{}<h1>{}</h1>\n<p>Class {} of set {}: {} frames of {} x {} pixels, {} of them keyframes.</p></header>\n<main>\n",
         links(view, number),
         escape(&about.name),
         escape(&about.class),
@@ -53,7 +53,7 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
     let plots = charts::frames(view, number);
     if !plots.is_empty() {
         body += "<section id=\"curves\"><h2>Over the frames</h2>\n<p>Triangles at the foot mark keyframes, the upright line the frame \
-                 shown above; a click goes to the nearest frame that has pictures.</p>\n";
+                 shown above; a click goes to the nearest frame that has pictures. Where a keyframe's picture is the truth itself it has no point.</p>\n";
         body += &html::chooser("Metric", &plots);
         body += "</section>\n";
     }

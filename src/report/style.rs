@@ -1,8 +1,9 @@
 //! Colours and the cells that both kinds of pages share.
 
 use super::html::{self, escape};
-use super::table::{self, COLUMNS, Cell, Row};
+use super::table::{self, COLUMNS, Row};
 use crate::evaluate::results::{Group, Method, Metric};
+use crate::metrics::bootstrap::Interval;
 use std::collections::BTreeMap;
 
 /// A colour number a method: methods of one series share theirs, ablations have their parent's.
@@ -49,10 +50,10 @@ pub fn name(palette: &Palette, row: &Row, of: usize) -> String {
 }
 
 /// A mean with its interval below it.
-pub fn cell(metric: &Metric, cell: Option<&Cell>) -> (Option<f64>, String) {
+pub fn cell(metric: &Metric, cell: Option<&Interval>) -> (Option<f64>, String) {
     let Some(cell) = cell else { return (None, NONE.into()) };
     let mean = table::number(metric, cell.mean);
-    let ends = cell.interval.map(|ends| ends.map(|end| table::number(metric, end)));
+    let ends = cell.range.map(|ends| ends.map(|end| table::number(metric, end)));
     let ends = ends.map_or_else(String::new, |[a, b]| format!("<small>{a} to {b}</small>"));
     (Some(cell.mean), format!("{mean}{ends}"))
 }
