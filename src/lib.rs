@@ -1,7 +1,8 @@
 //! RenderFlow: from a seed to an evaluated neural image.
 //!
 //! This package is the only one that knows every part: it renders sequences to folders ([`truth`], [`dataset`]), trains on them,
-//! and compares what the network makes of a G-buffer with path-traced truth ([`evaluate`], by [`metrics`]). What it costs and how it
+//! and compares what the network makes of a G-buffer with path-traced truth ([`evaluate`], by [`metrics`], on the sets of [`testset`]),
+//! for a page one can read ([`report`]). What it costs and how it
 //! compares with others is measured in [`bench`]. The command line is in [`cli`].
 // Allowed in `bench::embree` alone, which calls a C library.
 #![deny(unsafe_code)]
@@ -11,8 +12,9 @@ pub mod cli;
 pub mod dataset;
 pub mod evaluate;
 pub mod inspect;
-mod memory;
+mod machine;
 pub mod metrics;
 pub mod progress;
 pub mod report;
+pub mod testset;
 pub mod truth;

@@ -42,6 +42,11 @@ impl Progress {
         self.bar.reset_eta();
     }
 
+    /// Says how many units there are in all, where that was not known.
+    pub fn length(&self, total: u64) {
+        self.bar.set_length(total);
+    }
+
     /// Sets the units done so far.
     pub fn set(&self, done: u64) {
         self.bar.set_position(done);

@@ -105,39 +105,46 @@ fn demo_prints_a_table_and_writes_a_self_contained_report() {
         ])
     };
     let text = run();
-    for row in [
-        "IBL (split sum)",
-        "neural ",
-        "neural + keyframes",
-        "keyframes warped",
-        "path traced, 1 spp",
-        "truth: path traced, 8 spp",
-    ] {
+    for row in ["IBL (split sum)", "Deferred", "neural ", "neural + keyframes", "warped keyframes + Deferred", "1 spp"] {
         assert!(text.contains(row), "{row} missing in\n{text}");
     }
-    let report = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert!(report.matches("data:image/png;base64,").count() >= 3 * (1 + 2 * 5));
-    assert!(!report.contains("http://") && !report.contains("https://"), "the report must not load anything");
+    let report = std::fs::read_to_string(out.join("report/index.html")).unwrap();
+    let page = std::fs::read_to_string(out.join("report/demo-scene-sequence.html")).unwrap();
+    assert!(page.matches("data:image/png;base64,").count() >= 3 * (1 + 6));
+    for page in [report, page] {
+        // The namespace of SVG is a name, not an address.
+        let page = page.replace("http://www.w3.org/2000/svg", "");
+        assert!(!page.contains("http://") && !page.contains("https://"), "the report must not load anything");
+    }
     // Again from the stored truth: the same scores, seconds aside.
-    let scores = |name: &str| {
-        let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join(name)).unwrap()).unwrap();
-        json["prefilter_seconds"] = 0.into();
-        json["scores"].as_array_mut().unwrap().iter_mut().for_each(|s| s["seconds"] = 0.into());
-        json
+    let scores = || {
+        let text = std::fs::read_to_string(out.join("results/demo/scene/sequence.jsonl")).unwrap();
+        let without_seconds = |line: &str| {
+            let mut score: serde_json::Value = serde_json::from_str(line).unwrap();
+            score["seconds"] = 0.into();
+            score
+        };
+        text.lines().map(without_seconds).collect::<Vec<_>>()
     };
-    let first = scores("scores.json");
+    let first = scores();
+    assert_eq!(first.len(), 5 * 6);
+    std::fs::remove_dir_all(out.join("results")).unwrap();
     run();
-    assert_eq!(first, scores("scores.json"));
+    assert_eq!(first, scores());
 }
 
 #[test]
 fn every_subcommand_shows_an_example() {
-    for command in ["demo", "render", "compose", "check", "train", "infer", "evaluate", "hdri", "weights"] {
+    for command in ["demo", "render", "compose", "check", "train", "infer", "evaluate", "report", "hdri", "weights"] {
         let help = succeed(&[command, "--help"]);
         assert!(help.contains("Example"), "{command}: {help}");
     }
     for command in ["plan", "preview", "render", "merge", "verify", "stats", "slurm", "pack", "export"] {
         let help = succeed(&["dataset", command, "--help"]);
         assert!(help.contains("Example"), "dataset {command}: {help}");
+    }
+    for command in ["make", "verify"] {
+        let help = succeed(&["testset", command, "--help"]);
+        assert!(help.contains("Example"), "testset {command}: {help}");
     }
 }

@@ -179,7 +179,7 @@ impl References {
 }
 
 /// The scene compiled with another seed.
-pub(super) fn compile_seeded(loaded: &LoadedScene, seed: u64) -> Result<RenderScene> {
+pub(crate) fn compile_seeded(loaded: &LoadedScene, seed: u64) -> Result<RenderScene> {
     Ok(RenderScene::compile(&LoadedScene { seed, ..loaded.clone() })?)
 }
 

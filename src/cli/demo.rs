@@ -1,18 +1,24 @@
 use super::{SceneArgs, TraceArgs};
 use crate::dataset::SequenceFolder;
-use crate::evaluate::report::{self, FramePictures, Report};
-use crate::evaluate::{Method, Options, sequence, table};
+use crate::evaluate::find::Place;
+use crate::evaluate::method::Way;
+use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
+use crate::evaluate::run;
 use crate::progress::Progress;
-use crate::truth::{self, SequenceJob, TruthSettings};
-use anyhow::Result;
+use crate::report::{self, picture, table};
+use crate::truth::{DenoiseMode, SequenceJob, TruthSettings};
+use anyhow::{Context, Result};
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
-use std::path::PathBuf;
+use renderflow_frame::image::Rgb;
+use renderflow_renderer::denoise::Denoiser;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 /// The whole pipeline on one sequence: compose (or load) a scene, render truth and keyframes along an orbit, render it by split-sum
-/// IBL and by the network without and with keyframes, print the comparison and write report.html. Run again, it goes on where it stopped.
+/// IBL, deferred shading and by the network without and with keyframes, print the comparison and write a report. Run again, it goes on
+/// where it stopped.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow demo\n  renderflow demo --scene model.glb --hdri sky.hdr --out demo-model")]
 pub struct Demo {
@@ -47,7 +53,7 @@ impl Demo {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         // What could fail fast fails before the first ray.
         let renderer = super::network(self.weights.as_deref())?;
-        let lpips = super::lpips()?;
+        let lpips = super::evaluate::lpips()?;
         let (scene, base) = self.scene.describe(self.seed, Some(self.resolution), Some(self.frames))?;
         let settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
 
@@ -66,49 +72,50 @@ impl Demo {
         progress.finish();
         super::print_report(&loaded.report);
 
-        let folder = SequenceFolder::open(&folder)?;
-        let shown = shown_frames(folder.len());
-        let mut pictures: Vec<FramePictures> = Vec::new();
-        let progress = Progress::new("comparing", folder.len() as u64);
-        let options = Options {
-            lpips: lpips.as_ref(),
-            path_traced: &self.path_traced,
+        let denoised = self.trace.denoise != DenoiseMode::None && Denoiser::new().is_ok();
+        let clean = if denoised { "+oidn" } else { "" };
+        let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
+        let ways = Way::list(&format!("ibl,deferred,warp,neural,neural+keys{traced}"))?;
+        let place = Place { set: "demo".into(), class: "scene".into(), folder: SequenceFolder::open(&folder)?, record: None };
+        let options = run::Options {
+            network: Some(&renderer),
+            lpips: &lpips,
+            ways: &ways,
+            guide_samples: 16,
             max_bounces: self.trace.max_bounces,
-            denoise: self.trace.denoise,
-            ..Options::new(&renderer)
+            every: 1,
+            pictures: 3,
+            title: format!("RenderFlow: {name}"),
+            settings: self.settings(&name, &loaded, &settings, serde_json::to_string(renderer.header())?),
         };
-        let mut sink = |method: Option<Method>, frame: usize, picture: &renderflow_frame::image::Rgb| {
-            if !shown.contains(&frame) {
-                return;
-            }
-            match (method, pictures.last_mut()) {
-                (Some(method), Some(last)) => last.methods.push((method, picture.clone())),
-                _ => pictures.push(FramePictures { frame, truth: picture.clone(), methods: Vec::new() }),
-            }
-        };
-        let evaluation = sequence::evaluate(&folder, &options, &mut sink, &progress, cancel)?;
+        let progress = Progress::new("comparing", place.folder.len() as u64);
+        let folder = self.out.join("results");
+        run::run(&[place], &options, &folder, &progress, cancel)?;
         progress.finish();
 
-        let rows = table::rows(std::slice::from_ref(&evaluation));
-        let truth = (self.trace.spp, table::median(truth::seconds(&folder.path)));
-        println!("{}", table::print(&rows, Some(truth)));
-        let settings = self.settings(&name, &loaded, &settings, &evaluation, serde_json::to_string(renderer.header())?);
-        let page = report::html(&Report {
-            title: &format!("RenderFlow: {name}"),
-            rows: &rows,
-            truth,
-            evaluation: &evaluation,
-            pictures: &pictures,
-            settings: &settings,
-        })?;
-        let report_path = self.out.join("report.html");
-        file::write_atomic(&report_path, page.as_bytes())?;
-        file::write_json(&self.out.join("scores.json"), &evaluation)?;
-        for frame in &pictures {
-            let path = self.out.join(format!("comparison.{:04}.png", frame.frame));
-            file::write_atomic(&path, &report::png(&report::montage(frame))?)?;
+        let results = Results::read(&folder)?;
+        print!("{}", table::markdown(&results, table::Filter::default()));
+        for scored in &results.sequences {
+            self.montages(scored, &results)?;
         }
-        println!("peak memory {}\nreport: {}", peak_memory(), report_path.display());
+        let report_folder = self.out.join("report");
+        let progress = Progress::new("report", results.sequences.len() as u64 + 1);
+        report::build(&results, &report_folder, &progress, cancel)?;
+        progress.finish();
+        println!("peak memory {}\nreport: {}", peak_memory(), report_folder.join("index.html").display());
+        Ok(())
+    }
+
+    /// Writes the kept pictures of each frame side by side, errors below.
+    fn montages(&self, scored: &Scored, results: &Results) -> Result<()> {
+        for &frame in &scored.about.shown {
+            let read = |method: &str| read_picture(&scored.pictures.join(picture_file(frame, method)));
+            let truth = read(TRUTH)?;
+            let there = results.about.methods.iter().filter(|m| scored.pictures.join(picture_file(frame, &m.id)).is_file());
+            let others = there.map(|method| read(&method.id)).collect::<Result<Vec<Rgb>>>()?;
+            let montage = picture::montage(&truth, &others);
+            file::write_atomic(&self.out.join(format!("comparison.{frame:04}.png")), &picture::png(&montage)?)?;
+        }
         Ok(())
     }
 
@@ -117,13 +124,11 @@ impl Demo {
         name: &str,
         loaded: &renderflow_scenes::LoadedScene,
         truth: &TruthSettings,
-        evaluation: &crate::evaluate::Evaluation,
         network: String,
     ) -> Vec<(String, String)> {
         let triangles: usize = loaded.instances.iter().map(|i| loaded.meshes[i.mesh].triangles.len()).sum();
         let setting = |name: &str, value: String| (name.to_owned(), value);
         vec![
-            setting("program", format!("renderflow {}", env!("CARGO_PKG_VERSION"))),
             setting("scene", format!("{name}, BLAKE3 {}", loaded.hash)),
             setting(
                 "size",
@@ -140,23 +145,21 @@ impl Demo {
                 ),
             ),
             setting("exposure", format!("{:.6}", renderflow_frame::ibl::exposure(&loaded.environment))),
-            setting("environment prefiltering", format!("{:.3} s a sequence, not in the table", evaluation.prefilter_seconds)),
-            setting("threads", rayon::current_num_threads().to_string()),
             setting("network", network),
         ]
     }
 }
 
-/// Three frames between the first and the last, none of them a keyframe at the default gap.
-fn shown_frames(frames: usize) -> Vec<usize> {
-    let mut shown: Vec<usize> = [1, 2, 3].iter().map(|quarter| (frames - 1) * quarter / 4).collect();
-    shown.dedup();
-    shown
+/// Display values of a PNG file.
+fn read_picture(path: &Path) -> Result<Rgb> {
+    let picture = image::open(path).with_context(|| path.display().to_string())?.into_rgb32f();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    Ok(Rgb { width, height, pixels: picture.pixels().map(|p| p.0).collect() })
 }
 
 /// Largest resident set of this process so far, from the operating system.
 fn peak_memory() -> String {
-    match crate::memory::peak() {
+    match crate::machine::peak() {
         0 => "unknown on this system".into(),
         bytes => format!("{:.0} MiB", bytes as f64 / f64::from(1 << 20)),
     }

@@ -1,55 +1,141 @@
-use crate::dataset::Dataset;
-use crate::evaluate::{Evaluation, Options, sequence, table};
+use crate::evaluate::find::find;
+use crate::evaluate::method::{STANDARD, Way};
+use crate::evaluate::{outside, results::Results, run};
+use crate::metrics::Networks;
 use crate::progress::Progress;
-use crate::truth::DenoiseMode;
-use anyhow::Result;
+use crate::report::table;
+use anyhow::{Result, bail};
 use clap::Args;
-use std::path::PathBuf;
+use renderflow_model::lpips::WEIGHTS_VARIABLE;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// Compares IBL, the network without and with keyframes, and path tracing at few samples with the truth of a dataset.
+const HELP: &str = "\
+Examples:
+  renderflow evaluate --data sets --methods all --every 5 --out results
+  renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" --out results-mine
+  renderflow report results --out report
+
+Methods, in a comma-separated list:
+  ibl                 split-sum image-based lighting
+  deferred            lights taken out of the environment with shadow maps, ambient occlusion, screen-space reflections and
+                      indirect light; deferred-lights, -shadows, -maps, -occlusion, -reflections, -indirect: without that part
+  warp, warp-ibl      keyframes carried along, deferred (or ibl) in the holes, no network
+  neural, neural+keys the network without and with keyframes
+  pt4, pt4+oidn, pt4+fast
+                      path tracing with 4 samples a pixel: raw, denoised by OIDN with least error, or in least time
+  equal-deferred      path tracing + OIDN in the seconds of another method (here deferred); equal-deferred+fast with OIDN in least time
+  standard, all       lists of these
+
+With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
+second: a dataset, a test set, or plain pictures. A picture belongs to the truth of the same path, endings apart, else to that of the
+same folder whose name ends in the same number. Radiance becomes sRGB(clamp(exposure x radiance)); datasets say their exposure.
+
+Sequences that are complete in the results folder are kept: the same command goes on where it was stopped.";
+
+/// Compares methods, or anybody's pictures, with path-traced truth: metrics, intervals, seconds.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow evaluate --data data/test --out results.json")]
+#[command(after_help = HELP)]
 pub struct Evaluate {
-    /// A split of a dataset, or one sequence
-    #[arg(long)]
-    data: PathBuf,
+    /// Folder of pictures to compare
+    #[arg(value_name = "PRED_DIR", requires = "truth", conflicts_with = "data")]
+    pictures: Option<PathBuf>,
+    /// Folder of the truth to compare them with
+    #[arg(value_name = "TRUTH_DIR")]
+    truth: Option<PathBuf>,
+    /// Test sets, a dataset, a split of it, or one sequence, to run the program's own methods on
+    #[arg(long, required_unless_present = "pictures")]
+    data: Option<PathBuf>,
+    /// What to evaluate
+    #[arg(long, default_value = STANDARD, conflicts_with = "pictures")]
+    methods: String,
     /// Weights; those inside the program without it
     #[arg(long)]
     weights: Option<PathBuf>,
-    /// Sample counts of path-traced rows
-    #[arg(long, value_delimiter = ',', default_value = "1,4")]
-    path_traced: Vec<u32>,
-    /// Denoiser of the path-traced rows
-    #[arg(long, value_enum, default_value_t)]
-    denoise: DenoiseMode,
-    /// Every score as JSON
+    /// Of every so many frames evaluate the first two; 1 = all
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "pictures")]
+    every: u32,
+    /// Scattering events of path-traced rows
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    max_bounces: u32,
+    /// Name of the compared pictures in tables
+    #[arg(long, default_value = "pictures", requires = "pictures")]
+    label: String,
+    /// Factor from radiance to display-linear where the truth is no dataset
+    #[arg(long, default_value_t = 1.0, requires = "pictures")]
+    exposure: f32,
+    /// Compare what there is, in place of failing when pictures are missing
+    #[arg(long, requires = "pictures")]
+    partial: bool,
+    /// Frames a sequence whose pictures are kept for the report
+    #[arg(long, default_value_t = 6)]
+    pictures_kept: usize,
+    /// Results folder: scores as JSON lines, pictures
     #[arg(long)]
-    out: Option<PathBuf>,
+    out: PathBuf,
 }
 
 impl Evaluate {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
-        let dataset = Dataset::open(&self.data)?;
-        let renderer = super::network(self.weights.as_deref())?;
-        let lpips = super::lpips()?;
-        let options =
-            Options { lpips: lpips.as_ref(), path_traced: &self.path_traced, denoise: self.denoise, ..Options::new(&renderer) };
-        let progress = Progress::new("evaluate", dataset.sequences.iter().map(|s| s.len() as u64).sum());
-        let mut evaluations: Vec<Evaluation> = Vec::new();
-        for folder in &dataset.sequences {
-            progress.message(folder.name());
-            evaluations.push(sequence::evaluate(folder, &options, &mut |_, _, _| (), &progress, cancel)?);
+        let lpips = lpips()?;
+        match (&self.pictures, &self.truth, &self.data) {
+            (Some(pictures), Some(truth), None) => self.compare(pictures, truth, &lpips, cancel)?,
+            (None, None, Some(data)) => self.methods(data, &lpips, cancel)?,
+            _ => bail!("either --data FOLDER, or two folders: pictures and truth"),
         }
-        progress.finish();
-        let truth = crate::evaluate::sequence::truth_cost(&dataset.sequences);
-        for evaluation in &evaluations {
-            println!("{}\n{}", evaluation.sequence, table::print(&table::rows(std::slice::from_ref(evaluation)), None));
-        }
-        println!("all {} sequences\n{}", evaluations.len(), table::print(&table::rows(&evaluations), truth));
-        if let Some(out) = &self.out {
-            renderflow_frame::file::write_json(out, &evaluations)?;
-        }
+        let results = Results::read(&self.out)?;
+        print!("{}", table::markdown(&results, table::Filter::default()));
         Ok(())
     }
+
+    fn methods(&self, data: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
+        let ways = Way::list(&self.methods)?;
+        let places = find(data)?;
+        let neural = ways.iter().any(|way| matches!(way, Way::Neural { .. }));
+        let network = if neural { Some(super::network(self.weights.as_deref())?) } else { None };
+        let mut settings = Vec::new();
+        if let Some(network) = &network {
+            settings.push(("network".to_owned(), serde_json::to_string(network.header())?));
+        }
+        let options = run::Options {
+            network: network.as_ref(),
+            lpips,
+            ways: &ways,
+            guide_samples: 16,
+            max_bounces: self.max_bounces,
+            every: self.every,
+            pictures: self.pictures_kept,
+            title: "RenderFlow: methods against path-traced truth".into(),
+            settings,
+        };
+        let frames = places.iter().map(|place| run::frames(place, self.every) as u64).sum();
+        let progress = Progress::new("evaluate", frames);
+        run::run(&places, &options, &self.out, &progress, cancel)?;
+        progress.finish();
+        Ok(())
+    }
+
+    fn compare(&self, pictures: &Path, truth: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
+        let options = outside::Options {
+            lpips,
+            label: self.label.clone(),
+            exposure: self.exposure,
+            partial: self.partial,
+            pictures: self.pictures_kept,
+        };
+        let progress = Progress::new("compare", 0);
+        let compared = outside::run(pictures, truth, &options, &self.out, &progress, cancel)?;
+        progress.finish();
+        eprintln!("{compared} pictures compared");
+        Ok(())
+    }
+}
+
+/// LPIPS where its weights are found; otherwise a line that says how to get them.
+pub(super) fn lpips() -> Result<Networks> {
+    let lpips = Networks::find()?;
+    if lpips.alex.is_none() {
+        eprintln!("LPIPS: n/a (no weights; set {WEIGHTS_VARIABLE} to a folder with them, layout in model/README.md)");
+    }
+    Ok(lpips)
 }

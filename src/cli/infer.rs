@@ -1,6 +1,7 @@
 use crate::dataset::Dataset;
-use crate::evaluate::{report, sequence};
+use crate::evaluate::keyframes::{keyframes_for, prepare_keyframes};
 use crate::progress::Progress;
+use crate::report::picture;
 use crate::truth::Interrupted;
 use anyhow::Result;
 use clap::Args;
@@ -35,7 +36,7 @@ impl Infer {
         for folder in &dataset.sequences {
             let tables = IblTables::new(&folder.environment);
             let exposure = folder.sequence.exposure;
-            let prepared = if self.keyframes { sequence::prepare_keyframes(folder, &tables)? } else { Vec::new() };
+            let prepared = if self.keyframes { prepare_keyframes(folder, &tables)? } else { Vec::new() };
             for index in 0..folder.len() {
                 if cancel.load(Ordering::Relaxed) {
                     return Err(Interrupted.into());
@@ -46,10 +47,10 @@ impl Infer {
                     continue;
                 }
                 let mut frame = folder.frame(index)?;
-                let keys = sequence::keyframes_for(folder, &prepared, index);
-                let picture = renderer.render(&frame, folder.camera(index), &folder.environment, &tables, exposure, &keys)?;
-                file::write_atomic(&path.with_extension("png"), &report::png(&picture.map(|p| color::display(*p, exposure)))?)?;
-                frame.beauty = Some(picture);
+                let keys = keyframes_for(folder, &prepared, index);
+                let rendered = renderer.render(&frame, folder.camera(index), &folder.environment, &tables, exposure, &keys)?;
+                file::write_atomic(&path.with_extension("png"), &picture::png(&rendered.map(|p| color::display(*p, exposure)))?)?;
+                frame.beauty = Some(rendered);
                 frame.raw = None;
                 frame.variance = None;
                 frame.info.denoiser = None;

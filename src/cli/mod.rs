@@ -9,8 +9,10 @@ mod evaluate;
 mod hdri;
 mod infer;
 mod render;
+mod report;
 mod slurm;
 mod stress;
+mod testset;
 mod train;
 mod weights;
 
@@ -18,7 +20,6 @@ use crate::truth::{DenoiseMode, Interrupted};
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use renderflow_model::infer::NeuralRenderer;
-use renderflow_model::lpips::{Backbone, Lpips, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_scenes::LoadReport;
 use renderflow_scenes::description::{EnvironmentSource, Scene};
 use renderflow_scenes::load::{self, ModelView};
@@ -64,8 +65,13 @@ enum Command {
     Train(train::Train),
     /// Render the frames of a sequence folder with the network
     Infer(infer::Infer),
-    /// Compare network and baselines with the truth of a dataset
+    /// Make the test sets that numbers are reported on
+    #[command(subcommand)]
+    Testset(testset::TestsetCommand),
+    /// Compare methods, or anybody's pictures, with the truth
     Evaluate(evaluate::Evaluate),
+    /// Make a report from the results of an evaluation
+    Report(report::Report),
     /// Make the skies and studios of hdri/ again
     Hdri(hdri::Hdri),
     /// Print the JSON Schema of scene files
@@ -105,7 +111,9 @@ fn run(cli: Cli) -> Result<()> {
         Command::Dataset(command) => command.run(&cancel),
         Command::Train(command) => command.run(&cancel),
         Command::Infer(command) => command.run(&cancel),
+        Command::Testset(command) => command.run(&cancel),
         Command::Evaluate(command) => command.run(&cancel),
+        Command::Report(command) => command.run(&cancel),
         Command::Hdri(command) => command.run(),
         Command::Schema => {
             println!("{}", serde_json::to_string_pretty(&renderflow_scenes::schema::json_schema())?);
@@ -169,22 +177,6 @@ fn network(weights: Option<&Path>) -> Result<NeuralRenderer> {
         Some(path) => NeuralRenderer::load(path)?,
         None => NeuralRenderer::shipped()?,
     })
-}
-
-/// LPIPS where its weights are found; otherwise a line that says how to get them.
-fn lpips() -> Result<Option<Lpips>> {
-    let location = weights_folder();
-    match Lpips::load(&location.folder, Backbone::Alex) {
-        Ok(lpips) => Ok(Some(lpips)),
-        Err(error) if location.named => Err(error.into()),
-        Err(_) => {
-            eprintln!(
-                "LPIPS: n/a (no weights; set {WEIGHTS_VARIABLE} to a folder with {}, layout in model/README.md)",
-                Backbone::Alex.file_name()
-            );
-            Ok(None)
-        }
-    }
 }
 
 /// The folder relative paths of a file start from.

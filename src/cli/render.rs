@@ -1,8 +1,8 @@
 use super::{SceneArgs, TraceArgs};
 use crate::bench::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
-use crate::evaluate::report;
 use crate::progress::Progress;
+use crate::report::picture;
 use crate::truth::{SequenceJob, TruthSettings};
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -170,7 +170,7 @@ impl Render {
             }
             if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {
                 let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
-                file::write_atomic(&path.with_extension("png"), &report::png(&picture)?)?;
+                file::write_atomic(&path.with_extension("png"), &picture::png(&picture)?)?;
             }
             match frame.info.sampling.as_str() {
                 "" => println!("{}", path.display()),

@@ -1,7 +1,7 @@
 //! The log of a shard: a JSON object a line, appended by every run, so that a thousand machines can be watched by their files.
 
 use super::record::Event;
-use crate::memory;
+use crate::machine;
 use serde::Serialize;
 use std::fs::File;
 use std::io::Write;
@@ -38,7 +38,7 @@ impl Log {
     pub fn write(&self, event: Event<'_>) {
         let Some(file) = &self.file else { return };
         let time = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |t| t.as_secs_f64());
-        let rss = (memory::resident() as f64 / (1 << 20) as f64 * 10.0).round() / 10.0;
+        let rss = (machine::resident() as f64 / (1 << 20) as f64 * 10.0).round() / 10.0;
         let Ok(mut line) = serde_json::to_vec(&Line { time: (time * 1000.0).round() / 1000.0, rss, event }) else { return };
         line.push(b'\n');
         let mut file = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

@@ -11,9 +11,9 @@ use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Endings of model files.
-const MODELS: [&str; 3] = ["gltf", "glb", "obj"];
+pub const MODELS: [&str; 3] = ["gltf", "glb", "obj"];
 /// Endings of environment maps.
-const MAPS: [&str; 2] = ["hdr", "exr"];
+pub const MAPS: [&str; 2] = ["hdr", "exr"];
 /// Of this many members of a group, one goes to the test split and one to the validation split.
 const HELD_OUT: usize = 6;
 /// Families are dealt by this seed, whatever the plan's: what one plan holds out no other learns from, so that a network trained on any
@@ -40,15 +40,15 @@ pub fn all_to(split: Split, sequences: u32) -> Counts {
 /// families (vessels, furniture, low suns, studios, ...) about one in six goes to the test and to the validation split, so that what is
 /// held out is as varied as what is learnt from. Families are dealt alike for all plans; files by the plan's seed and their contents.
 pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
-    // A small catalogue lacks families; those it has are dealt as in a large one.
-    let catalog = Catalog::new(plan.seed, ALL, ALL);
+    let (whole, catalog) = (Catalog::new(plan.seed, ALL, ALL), plan.catalog());
     let seed = Seed::root(plan.seed);
     let mut splits = Splits::default();
-    let all_meshes = groups(mesh_families(&catalog));
-    let fixed = Seed::root(FAMILIES);
-    deal(&mut splits, &fixed, all_meshes, |sources, name| sources.mesh_families.push(name));
-    let environments = groups(environment_families(&catalog));
-    deal(&mut splits, &fixed, environments, |sources, name| sources.environment_families.push(name));
+    let meshes = deal_families(mesh_families(&whole), mesh_families(&catalog));
+    let environments = deal_families(environment_families(&whole), environment_families(&catalog));
+    for ((split, meshes), environments) in SPLITS.into_iter().zip(meshes).zip(environments) {
+        let sources = splits.of_mut(split);
+        (sources.mesh_families, sources.environment_families) = (meshes, environments);
+    }
     if let Some(folder) = models {
         deal_files(&mut splits, &seed, model_groups(folder)?, |sources, file| sources.models.push(file));
     }
@@ -59,19 +59,27 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
             sources.hdris.push(file)
         });
     }
-    let there = plan.catalog();
-    let meshes: HashSet<String> = mesh_families(&there).into_iter().map(|(_, name)| name).collect();
-    let maps: HashSet<String> = environment_families(&there).into_iter().map(|(_, name)| name).collect();
     for split in SPLITS {
         let sources = splits.of_mut(split);
-        sources.mesh_families.retain(|name| meshes.contains(name));
-        sources.environment_families.retain(|name| maps.contains(name));
         sources.mesh_families.sort();
         sources.environment_families.sort();
         sources.models.sort_by(|a, b| a.path.cmp(&b.path));
         sources.hdris.sort_by(|a, b| a.path.cmp(&b.path));
     }
     Ok(splits)
+}
+
+/// Deals the families that are `there` as `all` of them are dealt. A catalogue too small to give every split one that way deals its own
+/// few among the splits: those may be others than the test sets'.
+fn deal_families(all: Vec<(&'static str, String)>, there: Vec<(&'static str, String)>) -> [Vec<String>; 3] {
+    let lists = |members: Vec<(&'static str, String)>| {
+        let mut lists = Splits::default();
+        deal(&mut lists, &Seed::root(FAMILIES), groups(members), |sources, name| sources.mesh_families.push(name));
+        SPLITS.map(|split| lists.of(split).mesh_families.clone())
+    };
+    let names: HashSet<&String> = there.iter().map(|(_, name)| name).collect();
+    let dealt = lists(all).map(|list| list.into_iter().filter(|name| names.contains(name)).collect::<Vec<_>>());
+    if dealt.iter().any(Vec::is_empty) { lists(there) } else { dealt }
 }
 
 /// (group, family) of every mesh family of a catalogue.
@@ -159,7 +167,36 @@ fn model_groups(folder: &Path) -> Result<Vec<Vec<UserFile>>> {
     Ok(groups.into_iter().map(|(_, files)| files).collect())
 }
 
-/// Files below `folder` with one of `endings`, with their hashes; the same content twice counts once.
+/// The files among and below `paths` with one of `endings`, with their hashes, by path.
+///
+/// # Errors
+/// When one cannot be read, or a file that is named has another ending.
+pub fn files_in(paths: &[PathBuf], endings: &[&str]) -> Result<Vec<UserFile>> {
+    let mut files = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            files.extend(user_files(path, endings)?);
+        } else {
+            ensure!(has_ending(path, endings), "{}: its name does not end in {}", path.display(), endings.join(", "));
+            files.push(user_file(path)?);
+        }
+    }
+    files.sort_by(|a, b| a.path.cmp(&b.path));
+    files.dedup_by(|a, b| a.path == b.path);
+    Ok(files)
+}
+
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    endings.contains(&ending.as_str())
+}
+
+fn user_file(path: &Path) -> Result<UserFile> {
+    let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    Ok(UserFile { blake3: hash_file(path)?, path: full.to_string_lossy().into_owned() })
+}
+
+/// Files below `folder` with one of `endings`, with their hashes.
 fn user_files(folder: &Path, endings: &[&str]) -> Result<Vec<UserFile>> {
     let mut files = Vec::new();
     let mut open: Vec<PathBuf> = vec![folder.to_owned()];
@@ -167,12 +204,10 @@ fn user_files(folder: &Path, endings: &[&str]) -> Result<Vec<UserFile>> {
         let unreadable = || format!("{}: cannot list", folder.display());
         for entry in std::fs::read_dir(&folder).with_context(unreadable)? {
             let path = entry.with_context(unreadable)?.path();
-            let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
             if path.is_dir() {
                 open.push(path);
-            } else if endings.contains(&ending.as_str()) {
-                let full = std::path::absolute(&path).with_context(|| path.display().to_string())?;
-                files.push(UserFile { blake3: hash_file(&path)?, path: full.to_string_lossy().into_owned() });
+            } else if has_ending(&path, endings) {
+                files.push(user_file(&path)?);
             }
         }
     }

@@ -1,8 +1,8 @@
 //! Looks at a plan before it is rendered: contact sheets of its meshes, environments and scenes, and a count of its catalogue.
 
 use super::plan::Plan;
-use crate::evaluate::report;
 use crate::progress::Progress;
+use crate::report::picture;
 use crate::truth::{DenoiseMode, Interrupted, TruthSettings};
 use anyhow::{Context, Result};
 use glam::Vec3;
@@ -187,5 +187,5 @@ fn write_sheet(path: &Path, pictures: &[Rgb]) -> Result<()> {
         let picture = pictures.get((y / height) * columns + x / width);
         picture.map_or([0.0; 3], |p| p.pixels[(y % height) * width + x % width])
     });
-    Ok(file::write_atomic(path, &report::png(&sheet)?)?)
+    Ok(file::write_atomic(path, &picture::png(&sheet)?)?)
 }

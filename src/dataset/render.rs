@@ -5,7 +5,7 @@ use super::plan::{Denoise, Plan, Quality};
 use super::record::{Event, Failure, RECORD, Record, failures, write_failures};
 use super::shard::Shard;
 use super::{check, manifest};
-use crate::memory;
+use crate::machine;
 use crate::progress::Progress;
 use crate::truth::{DenoiseMode, Found, Interrupted, OpenSequence, SequenceJob, TruthSettings};
 use anyhow::{Context, Result, bail};
@@ -124,7 +124,7 @@ pub fn run(plan: &Plan, out: &Path, shard: Shard, stop: &AtomicBool) -> Result<S
     log.write(Event::End { made, kept, failed });
     eprintln!(
         "{made} frames made, {kept} kept, {failed} failures, peak memory {:.0} MiB",
-        memory::peak() as f64 / f64::from(1 << 20)
+        machine::peak() as f64 / f64::from(1 << 20)
     );
     if failed > 0 {
         bail!("{failed} failures; see {} in the folders of their sequences", super::record::FAILURES);
@@ -266,7 +266,7 @@ impl Work<'_> {
     fn show(&self, name: &str) {
         let Summary { made, failed, .. } = self.summary;
         let rate = made as f64 / self.started.elapsed().as_secs_f64();
-        let memory = memory::resident() as f64 / f64::from(1 << 20);
+        let memory = machine::resident() as f64 / f64::from(1 << 20);
         let failed = if failed > 0 { format!(", {failed} FAILED") } else { String::new() };
         self.progress.message(format!("{name}  {rate:.2} frames/s, {memory:.0} MiB{failed}"));
     }

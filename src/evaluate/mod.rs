@@ -1,9 +1,10 @@
-//! Compares pictures with path-traced truth: metrics on display values, seconds beside them.
+//! Compares pictures with path-traced truth: every method on every frame of test sequences, metrics and seconds, or anybody's
+//! pictures.
 
-pub mod report;
+pub mod find;
+pub mod keyframes;
+pub mod method;
+pub mod outside;
+mod painter;
 pub mod results;
-pub mod sequence;
-pub mod table;
-
-pub use crate::metrics::{psnr, ssim};
-pub use sequence::{Evaluation, Method, Options, Score};
+pub mod run;

@@ -81,6 +81,13 @@ pub const METRICS: &[Metric] = &[
     },
     Metric { id: "rel_mse_object", label: "relMSE object", meaning: "the same over covered pixels", digits: 4, rising: false },
     Metric {
+        id: "rel_mse_robust",
+        label: "relMSE robust",
+        meaning: "the same without the 0.1 % of pixels with the largest error, full frame",
+        digits: 4,
+        rising: false,
+    },
+    Metric {
         id: "temporal",
         label: "temporal",
         meaning: "mean difference of what changes from the frame before, both carried by the truth's motion; 1000 = white",

@@ -60,3 +60,40 @@ pub fn bootstrap_difference(a: &[Option<f64>], b: &[Option<f64>]) -> Option<Inte
     let both: Vec<f64> = a.iter().zip(b).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
     bootstrap(&both)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_is_surer_than_two_means() {
+        let hard: Vec<f64> = (0..20).map(|i| f64::from(i * 7 % 20)).collect();
+        let [a, b] =
+            [0.5, 0.0].map(|d| hard.iter().enumerate().map(|(i, v)| Some(v + d + 0.1 * (i % 3) as f64 * d)).collect::<Vec<_>>());
+        let present = |v: &[Option<f64>]| bootstrap(&v.iter().flatten().copied().collect::<Vec<_>>()).unwrap();
+        let [low, high] = present(&a).range.unwrap();
+        let difference = bootstrap_difference(&a, &b).unwrap();
+        let [from, to] = difference.range.unwrap();
+        assert!(to - from < 0.05 * (high - low) && difference.is_clear());
+        assert!((difference.mean - (present(&a).mean - present(&b).mean)).abs() < 1e-9);
+        assert!(from < difference.mean && difference.mean < to && !bootstrap_difference(&b, &b).unwrap().is_clear());
+        let some = bootstrap_difference(&[Some(2.0), None, Some(3.0)], &[Some(1.0), Some(9.0), None]).unwrap();
+        assert_eq!((some.mean, some.sequences), (1.0, 1));
+    }
+
+    #[test]
+    fn nothing_is_made_up() {
+        assert_eq!(bootstrap(&[]), None);
+        assert_eq!(bootstrap(&[1.0, f64::NAN]), None);
+        assert_eq!(bootstrap(&[1.0, f64::INFINITY]), None);
+        assert_eq!(bootstrap_difference(&[Some(1.0)], &[]), None);
+        assert_eq!(bootstrap_difference(&[Some(1.0)], &[None]), None);
+        let one = bootstrap(&[4.0]).unwrap();
+        assert_eq!((one.mean, one.range, one.is_clear()), (4.0, None, false));
+        assert_eq!(bootstrap(&[4.0; 7]).unwrap().range, Some([4.0; 2]));
+        let values = [1.0, 5.0, 2.0];
+        assert_eq!(bootstrap(&values), bootstrap(&values));
+        let text = serde_json::to_string(&one).unwrap();
+        assert_eq!(serde_json::from_str::<Interval>(&text).unwrap(), one, "{text}");
+    }
+}

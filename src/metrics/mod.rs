@@ -13,10 +13,8 @@ pub mod relmse;
 pub mod ssim;
 pub mod temporal;
 
-mod kind;
 mod truth;
 
-pub use kind::Kind;
 pub use truth::{Hdr, Networks, Truth, measure};
 
 use renderflow_frame::Image;
@@ -52,26 +50,6 @@ pub struct Metrics {
     pub rel_mse_robust: Option<f64>,
     /// Flicker against the frame before, see [`temporal`]; `None` in the first frame. Set by the caller, who has both frames.
     pub temporal: Option<f64>,
-}
-
-impl Metrics {
-    /// Mean of each metric over those that have it.
-    pub fn mean<'a>(all: impl IntoIterator<Item = &'a Metrics>) -> Metrics {
-        let mut sums = [(0.0, 0usize); Kind::ALL.len()];
-        for metrics in all {
-            for (kind, (sum, count)) in Kind::ALL.into_iter().zip(&mut sums) {
-                if let Some(value) = kind.of(metrics) {
-                    *sum += value;
-                    *count += 1;
-                }
-            }
-        }
-        let mut mean = Metrics::default();
-        for (kind, (sum, count)) in Kind::ALL.into_iter().zip(sums) {
-            *kind.of_mut(&mut mean) = (count > 0).then(|| sum / count as f64);
-        }
-        mean
-    }
 }
 
 /// Mean of the values whose pixel has `mask` above 0; `None` when there are none.

@@ -88,3 +88,109 @@ pub fn temporal(current: Pair<'_>, previous: Pair<'_>, correspondence: &Correspo
         valid,
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Affine3A, DVec3, Vec3};
+    use renderflow_frame::Camera;
+
+    const WIDTH: usize = 24;
+    const HEIGHT: usize = 16;
+
+    /// A wall of object 1 two metres in front of the camera, seen everywhere.
+    fn wall(motion: [f32; 2]) -> Frame {
+        Frame {
+            width: WIDTH,
+            height: HEIGHT,
+            depth: Image::filled(WIDTH, HEIGHT, 2.0),
+            normal: Rgb::filled(WIDTH, HEIGHT, [0.0, 0.0, 1.0]),
+            object_id: Image::filled(WIDTH, HEIGHT, 1),
+            motion_prev: Some(Image::filled(WIDTH, HEIGHT, motion)),
+            ..Frame::default()
+        }
+    }
+
+    /// What hangs on a wall: no two pixels alike.
+    fn pattern(shift: usize) -> Rgb {
+        Rgb::from_fn(WIDTH, HEIGHT, |x, y| [0, 1, 2].map(|c| (((x + shift) * 37 + y * 11 + c * 5) % 16) as f32 / 16.0))
+    }
+
+    fn plus(picture: &Rgb, error: impl Fn(usize) -> f32) -> Rgb {
+        Rgb::from_fn(picture.width, picture.height, |x, y| picture.at(x, y).map(|v| v + error(x)))
+    }
+
+    fn measured(motion: [f32; 2], error: impl Fn(usize) -> f32, error_before: impl Fn(usize) -> f32) -> f64 {
+        let (truth, truth_before) = (pattern(3), pattern(0));
+        let (picture, picture_before) = (plus(&truth, error), plus(&truth_before, error_before));
+        let found = correspondence(&wall(motion), &wall([0.0; 2]), Movement::default());
+        let pair = |picture, truth| Pair { picture, truth };
+        temporal(pair(&picture, &truth), pair(&picture_before, &truth_before), &found).unwrap()
+    }
+
+    #[test]
+    fn only_an_error_that_changes_counts() {
+        for motion in [[3.0, 0.0], [0.4, -1.3], [0.0, 0.0]] {
+            assert_eq!(measured(motion, |_| 0.0, |_| 0.0), 0.0, "the truth flickers by {motion:?}");
+            assert!(measured(motion, |_| 0.3, |_| 0.3) < 1e-6, "a constant error");
+            assert!((measured(motion, |_| 0.1, |_| -0.1) - 0.2).abs() < 1e-6, "the whole picture flickers");
+        }
+        // Every fourth column is too bright. On the wall it is three pixels to the left one frame later.
+        let stripes = |from: usize| move |x: usize| if x >= from && (x - from) % 4 == 0 { 0.4 } else { 0.0 };
+        assert!(measured([3.0, 0.0], stripes(1), stripes(4)) < 1e-6, "an error that stays on the surface");
+        // On the screen: half of the columns of the surface change by 0.4.
+        let stays = measured([3.0, 0.0], stripes(1), stripes(1));
+        assert!((stays - 0.2).abs() < 0.02, "an error that stays on the screen: {stays}");
+    }
+
+    #[test]
+    fn pixels_that_cannot_be_followed_are_left_out() {
+        let (mut current, mut previous) = (wall([2.5, 0.0]), wall([0.0; 2]));
+        current.depth.pixels[5] = f32::INFINITY;
+        // Pixel (10, 0) came from between (12, 0) and (13, 0), (9, 0) from between (11, 0) and (12, 0).
+        previous.object_id.pixels[12] = 2;
+        let found = correspondence(&current, &previous, Movement::default());
+        for x in 0..WIDTH {
+            let expected = x != 5 && x != 9 && x != 10 && (x as f32) < WIDTH as f32 - 2.5;
+            assert_eq!(*found.valid.at(x, 0) > 0.0, expected, "column {x}");
+            assert_eq!(*found.valid.at(x, 1) > 0.0, (x as f32) < WIDTH as f32 - 2.5, "column {x}");
+        }
+        let truth = pattern(0);
+        let pair = Pair { picture: &truth, truth: &truth };
+        assert_eq!(temporal(pair, pair, &found), Some(0.0));
+        let far = correspondence(&wall([100.0, 0.0]), &previous, Movement::default());
+        assert_eq!(temporal(pair, pair, &far), None);
+        let small = truth.crop(0, 0, 4, 4);
+        assert_eq!(temporal(Pair { picture: &small, truth: &truth }, pair, &found), None);
+        current.motion_prev = None;
+        let unknown = correspondence(&current, &previous, Movement::default());
+        assert!(unknown.valid.pixels.iter().all(|v| *v == 0.0));
+        assert_eq!(correspondence(&wall([0.0; 2]), &Frame::default(), Movement::default()).valid.pixels, unknown.valid.pixels);
+    }
+
+    #[test]
+    fn cameras_and_motion_lead_to_the_same_place() {
+        // The camera moves by 0.35 m to the right; at 2 m and a focal length of 20 pixels that is 3.5 pixels.
+        let camera = |x: f32| Camera {
+            width: WIDTH,
+            height: HEIGHT,
+            origin: DVec3::ZERO,
+            fl_x: 20.0,
+            fl_y: 20.0,
+            cx: 12.0,
+            cy: 8.0,
+            camera_to_world: Affine3A::from_translation(Vec3::new(x, 0.0, 0.0)),
+        };
+        let (mut current, mut previous) = (wall([3.5, 0.0]), wall([0.0; 2]));
+        let by_motion = correspondence(&current, &previous, Movement::default());
+        (current.info.camera, previous.info.camera) = (Some(camera(0.35)), Some(camera(0.0)));
+        let by_camera = correspondence(&current, &previous, Movement::default());
+        assert_eq!(by_motion.valid, by_camera.valid);
+        assert!(by_motion.valid.pixels.iter().filter(|v| **v > 0.0).count() >= 20 * HEIGHT);
+        for (i, (a, b)) in by_motion.source.pixels.iter().zip(&by_camera.source.pixels).enumerate() {
+            if by_motion.valid.pixels[i] > 0.0 {
+                assert!((a[0] - b[0]).abs() < 1e-4 && (a[1] - b[1]).abs() < 1e-4, "{i}: {a:?} {b:?}");
+            }
+        }
+    }
+}

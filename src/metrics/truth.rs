@@ -162,3 +162,119 @@ fn check(picture: &Rgb, truth: &Rgb) -> Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::flip::flip;
+    use crate::metrics::psnr::CAP;
+    use crate::metrics::{Kind, ssim::ssim};
+    use rayon::prelude::*;
+
+    fn picture(width: usize, height: usize, phase: f32) -> Rgb {
+        Rgb::from_fn(width, height, |x, y| {
+            [0, 1, 2].map(|c| 0.5 + 0.4 * (0.2 * x as f32 + (0.1 + 0.1 * c as f32) * y as f32 + phase).sin())
+        })
+    }
+
+    fn half(width: usize, height: usize) -> Image<f32> {
+        Image::from_fn(width, height, |x, _| if x >= width / 2 { 0.25 } else { 0.0 })
+    }
+
+    #[test]
+    fn every_value_is_that_of_its_own_function() {
+        let (a, b, mask) = (picture(45, 38, 0.0), picture(45, 38, 0.4), half(45, 38));
+        let networks = Networks::find().unwrap();
+        let hdr = [&a, &b].map(|linear| Hdr { linear, exposure: 2.0 });
+        let metrics = measure(&a, &b, Some(&mask), Some(hdr), &networks).unwrap();
+        assert_eq!(metrics.psnr, psnr_masked(&a, &b, &mask));
+        assert_eq!(metrics.psnr_full, Some(psnr(&a, &b)));
+        assert_eq!(metrics.ssim, ssim(&a, &b));
+        assert_eq!(metrics.ssim_object, ssim_map(&a, &b).unwrap().masked(&mask));
+        let map = flip(&a, &b, Viewing::default()).unwrap();
+        assert_eq!((metrics.flip, metrics.flip_object), (Some(map.mean), map.masked(&mask)));
+        assert_eq!(metrics.temporal, None);
+        for (value, network) in [(metrics.lpips_alex, &networks.alex), (metrics.lpips_squeeze, &networks.squeeze)] {
+            assert_eq!(value, network.as_ref().map(|n| f64::from(n.distance(&a, &b).unwrap())));
+        }
+        let double = |p: &Rgb| p.map(|p| p.map(|v| 2.0 * v));
+        let errors = relative_errors(&double(&a), &double(&b)).unwrap();
+        assert_eq!(metrics.rel_mse, Some(errors.iter().sum::<f64>() / errors.len() as f64));
+        // 1710 pixels: one is left out.
+        let largest = errors.iter().copied().fold(0.0, f64::max);
+        let robust = (errors.iter().sum::<f64>() - largest) / 1709.0;
+        assert!((metrics.rel_mse_robust.unwrap() - robust).abs() < 1e-12);
+        assert!(metrics.rel_mse_object.is_some() && metrics.rel_mse_object != metrics.rel_mse);
+        let text = serde_json::to_string(&metrics).unwrap();
+        assert_eq!(serde_json::from_str::<Metrics>(&text).unwrap(), metrics, "{text}");
+        for kind in Kind::ALL {
+            assert!(text.contains(&format!("{:?}:", kind.key())), "{text}");
+        }
+    }
+
+    #[test]
+    fn equal_pictures_have_the_cap_and_means_stay_finite() {
+        let (a, mask) = (picture(45, 38, 0.0), half(45, 38));
+        let none = Networks::default();
+        let hdr = Hdr { linear: &a, exposure: 1.0 };
+        let same = measure(&a, &a, Some(&mask), Some([hdr; 2]), &none).unwrap();
+        assert_eq!((same.psnr, same.psnr_full), (Some(CAP), Some(CAP)));
+        assert_eq!((same.ssim, same.ssim_object, same.flip, same.flip_object), (Some(1.0), Some(1.0), Some(0.0), Some(0.0)));
+        assert_eq!((same.rel_mse, same.rel_mse_object, same.rel_mse_robust), (Some(0.0), Some(0.0), Some(0.0)));
+        let other = measure(&picture(45, 38, 0.1), &a, None, None, &none).unwrap();
+        let mean = Metrics::mean([&same, &other]);
+        assert_eq!(mean.psnr, Some(CAP), "of the one that has it");
+        assert_eq!(mean.psnr_full, Some(0.5 * (CAP + other.psnr_full.unwrap())));
+        assert_eq!(Metrics::mean([]), Metrics::default());
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_absent() {
+        let networks = Networks::find().unwrap();
+        let (a, b) = (picture(7, 1, 0.0), picture(7, 1, 1.0));
+        let tiny = measure(&a, &b, None, None, &networks).unwrap();
+        let present: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| kind.of(&tiny).is_some()).collect();
+        assert_eq!(present, [Kind::PsnrFull, Kind::Flip]);
+        let empty = Image::filled(20, 20, 0.0);
+        let (a, b) = (picture(20, 20, 0.0), picture(20, 20, 1.0));
+        let metrics = measure(&a, &b, Some(&empty), None, &networks).unwrap();
+        assert_eq!((metrics.psnr, metrics.ssim_object, metrics.flip_object, metrics.lpips_alex), (None, None, None, None));
+        assert_eq!(metrics.lpips_squeeze.is_some(), networks.squeeze.is_some());
+        // Radiance of one of the two is no use.
+        let truth = Truth::new(&b, None, None, &networks).unwrap();
+        assert_eq!(truth.measure(&a, Some(Hdr { linear: &a, exposure: 1.0 })).unwrap().rel_mse, None);
+    }
+
+    #[test]
+    fn bad_pictures_are_named() {
+        let none = Networks::default();
+        let a = picture(12, 12, 0.0);
+        let mut broken = a.clone();
+        broken.pixels[15][2] = f32::NAN;
+        let words = |result: Result<Metrics>| format!("{:#}", result.unwrap_err());
+        assert!(words(measure(&broken, &a, None, None, &none)).contains("pixel (3, 1)"));
+        assert!(words(measure(&a, &broken, None, None, &none)).contains("of the truth"));
+        let hdr = [&broken, &a].map(|linear| Hdr { linear, exposure: 1.0 });
+        assert!(words(measure(&a, &a, None, Some(hdr), &none)).contains("radiance: pixel (3, 1)"));
+        assert!(words(measure(&a, &picture(12, 13, 0.0), None, None, &none)).contains("12 x 13"));
+        assert!(words(measure(&a, &a, Some(&half(12, 11)), None, &none)).contains("12 x 11"));
+        assert!(measure(&Rgb::default(), &Rgb::default(), None, None, &none).is_err());
+        let cut = Rgb { width: 12, height: 12, pixels: vec![[0.0; 3]; 100] };
+        assert!(measure(&cut, &a, None, None, &none).is_err());
+    }
+
+    #[test]
+    fn many_at_once_are_the_same_as_one_by_one() {
+        let networks = Networks::find().unwrap();
+        let (truth_picture, mask) = (picture(45, 38, 0.0), half(45, 38));
+        let truth = Truth::new(&truth_picture, Some(&mask), None, &networks).unwrap();
+        let pictures: Vec<Rgb> = (0..12).map(|i| picture(45, 38, 0.1 * i as f32)).collect();
+        let measured = |threads: usize| -> Vec<Metrics> {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| pictures.par_iter().map(|p| truth.measure(p, None).unwrap()).collect())
+        };
+        let alone = measured(1);
+        assert_eq!(alone, measured(4));
+        assert_eq!(alone, pictures.iter().map(|p| truth.measure(p, None).unwrap()).collect::<Vec<_>>());
+    }
+}

@@ -51,3 +51,11 @@ pub fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
 pub fn write_map(path: &Path, value: impl Fn(usize, usize) -> f32 + Sync) {
     exr::prelude::write_rgb_file(path, 16, 8, |x, y| (value(x, y), value(x, y), value(x, y))).unwrap();
 }
+
+/// Runs `renderflow`, expects failure, and returns what it said.
+#[allow(dead_code)]
+pub fn fail(args: &[&str]) -> String {
+    let output = renderflow(args);
+    assert_eq!(output.status.code(), Some(1), "renderflow {args:?}: {}", stderr(&output));
+    stderr(&output)
+}

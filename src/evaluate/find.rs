@@ -1,0 +1,79 @@
+//! Finds sequences below a folder and says which test set and class of scene each belongs to.
+
+use crate::dataset::SequenceFolder;
+use crate::dataset::record::Record;
+use anyhow::{Context, Result, ensure};
+use renderflow_scenes::procedural::Split;
+use std::path::{Path, PathBuf};
+
+/// A sequence to evaluate.
+#[derive(Clone, Debug)]
+pub struct Place {
+    /// Test set.
+    pub set: String,
+    /// Class of scene.
+    pub class: String,
+    /// The sequence.
+    pub folder: SequenceFolder,
+    /// What its maker wrote down, where it did.
+    pub record: Option<Record>,
+}
+
+/// Every sequence at or below `data`, by set, class and name. Of the folders between `data` and a sequence, those named as splits apart,
+/// the first is the set and the second the class; where there are fewer, the set is the name of `data` and the class the kind of
+/// layout (`scene` where that is not known).
+///
+/// # Errors
+/// When there is none, or one cannot be read.
+pub fn find(data: &Path) -> Result<Vec<Place>> {
+    let mut folders = Vec::new();
+    collect(data, &mut folders)?;
+    ensure!(!folders.is_empty(), "{}: no sequence (a folder with transforms.json) inside", data.display());
+    let mut places = folders.iter().map(|path| place(data, path)).collect::<Result<Vec<_>>>()?;
+    places.sort_by_cached_key(|place| (place.set.clone(), place.class.clone(), place.folder.name()));
+    for pair in places.windows(2) {
+        let name = |place: &Place| (place.set.clone(), place.class.clone(), place.folder.name());
+        ensure!(
+            name(&pair[0]) != name(&pair[1]),
+            "{} and {} would have the same name in the results",
+            pair[0].folder.path.display(),
+            pair[1].folder.path.display()
+        );
+    }
+    Ok(places)
+}
+
+fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
+    if folder.join("transforms.json").is_file() {
+        found.push(folder.to_owned());
+        return Ok(());
+    }
+    let unreadable = || format!("{}: cannot list", folder.display());
+    for entry in std::fs::read_dir(folder).with_context(unreadable)? {
+        let path = entry.with_context(unreadable)?.path();
+        if path.is_dir() {
+            collect(&path, found)?;
+        }
+    }
+    Ok(())
+}
+
+fn place(data: &Path, path: &Path) -> Result<Place> {
+    let folder = SequenceFolder::open(path)?;
+    let record = Record::read(path)?;
+    let between = path.parent().and_then(|parent| parent.strip_prefix(data).ok()).unwrap_or(Path::new(""));
+    let splits = [Split::Train, Split::Val, Split::Test].map(|split| split.name());
+    let names = between.iter().map(|name| name.to_string_lossy().into_owned());
+    let mut names = names.filter(|name| !splits.contains(&name.as_str()));
+    let own = || file_name(data).unwrap_or_else(|| "data".into());
+    let set = names.next().unwrap_or_else(own);
+    let layout = || record.as_ref().map_or_else(|| "scene".into(), |record| record.layout.clone());
+    let class = names.next().unwrap_or_else(layout);
+    Ok(Place { set, class, folder, record })
+}
+
+/// Last part of a path that has a name, `.` and `..` followed.
+fn file_name(path: &Path) -> Option<String> {
+    let path = path.canonicalize().ok()?;
+    path.file_name().map(|name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,359 @@
+//! Anybody's pictures against the truth: names matched by rule, one colour curve, the same metrics.
+
+use super::find::{Place, find};
+use super::results::{ABOUT, About, Group, Method, Score, Sequence, TRUTH, Truth, picture_file};
+use super::run::{CURVE, values, write_scores};
+use crate::metrics::temporal::{Pair, correspondence, temporal};
+use crate::metrics::{self, Hdr, Networks};
+use crate::progress::Progress;
+use crate::report::picture;
+use crate::truth::Interrupted;
+use anyhow::{Context, Result, bail, ensure};
+use rayon::prelude::*;
+use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::{Frame, color, file, hdr};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Endings of pictures that can be compared.
+pub const ENDINGS: [&str; 3] = ["png", "exr", "hdr"];
+
+/// How to compare.
+pub struct Options<'a> {
+    /// LPIPS where its weights are there.
+    pub lpips: &'a Networks,
+    /// Name of the method in tables.
+    pub label: String,
+    /// Factor from radiance to display-linear where the truth does not say; truth that is no dataset has none of its own.
+    pub exposure: f32,
+    /// Compare what there is: truth without a picture is left out.
+    pub partial: bool,
+    /// Frames a sequence whose pictures are kept.
+    pub pictures: usize,
+}
+
+/// One picture: display values, radiance where the file holds it, and coverage where it says.
+struct Read {
+    display: Rgb,
+    linear: Option<Rgb>,
+    alpha: Option<Image<f32>>,
+    frame: Option<Frame>,
+}
+
+/// A picture and what it is compared with.
+struct Match<'a> {
+    /// Of the frame.
+    number: usize,
+    truth: &'a Path,
+    picture: PathBuf,
+}
+
+/// A sequence of truth, or a folder of pictures.
+struct Folder {
+    set: String,
+    class: String,
+    /// Below the truth, without the names of splits; also where its predictions are.
+    name: String,
+    exposure: f32,
+    place: Option<Place>,
+    /// Number (of the frame; else position), file, and the names a prediction may have, the best first.
+    truths: Vec<(usize, PathBuf)>,
+}
+
+/// Compares the pictures below `predictions` with those below `truth` and writes results into `out`. Returns how many were compared.
+///
+/// A picture belongs to the truth of the same path, endings apart; else to the one of the same folder whose name ends in the same
+/// number. The folder of a truth's sequence may be named in full or by its last part, and left out where there is only one.
+///
+/// PNG holds display values as they are. EXR and HDR hold scene-linear radiance, which becomes sRGB(clamp(exposure x radiance)) with the
+/// exposure of the truth's sequence, or `options.exposure` where the truth is no dataset.
+///
+/// # Errors
+/// When a picture is missing (unless `partial`), cannot be read, or differs in size; all missing ones are counted, the first named.
+pub fn run(
+    predictions: &Path,
+    truth: &Path,
+    options: &Options,
+    out: &Path,
+    progress: &Progress,
+    cancel: &AtomicBool,
+) -> Result<usize> {
+    ensure!(options.exposure.is_finite() && options.exposure > 0.0, "the exposure {} is no positive number", options.exposure);
+    let folders = folders(truth, options.exposure)?;
+    let pairs = matched(predictions, &folders, options.partial)?;
+    let method = Method {
+        id: "pictures".into(),
+        label: options.label.clone(),
+        group: Group::Other,
+        series: None,
+        spp: None,
+        note: String::new(),
+    };
+    let about = About {
+        version: 1,
+        program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
+        title: format!("{} against the truth", options.label),
+        machine: crate::machine::processor(),
+        curve: CURVE.into(),
+        methods: vec![method],
+        settings: vec![
+            ("pictures".into(), predictions.display().to_string()),
+            ("truth".into(), truth.display().to_string()),
+            ("exposure where the truth has none".into(), options.exposure.to_string()),
+        ],
+    };
+    file::write_json(&out.join(ABOUT), &about)?;
+    progress.length(pairs.iter().map(|pairs| pairs.len() as u64).sum());
+    let mut compared = 0;
+    for (folder, pairs) in folders.iter().zip(&pairs) {
+        if pairs.is_empty() {
+            continue;
+        }
+        let class = out.join(&folder.set).join(&folder.class);
+        let (about, scores) = sequence(folder, pairs, options, &class, progress, cancel)?;
+        write_scores(&class.join(format!("{}.jsonl", about.name)), &scores)?;
+        file::write_json(&class.join(format!("{}.json", about.name)), &about)?;
+        compared += scores.len();
+    }
+    Ok(compared)
+}
+
+/// The truth of a folder of sequences, or of plain pictures.
+fn folders(truth: &Path, exposure: f32) -> Result<Vec<Folder>> {
+    if let Ok(places) = find(truth) {
+        let folder = |place: Place| Folder {
+            set: place.set.clone(),
+            class: place.class.clone(),
+            name: place.folder.name(),
+            exposure: place.folder.sequence.exposure,
+            truths: place
+                .folder
+                .numbers
+                .iter()
+                .copied()
+                .zip(place.folder.sequence.files.iter().map(|f| place.folder.path.join(f)))
+                .collect(),
+            place: Some(place),
+        };
+        return Ok(places.into_iter().map(folder).collect());
+    }
+    let mut by_folder: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    for path in pictures(truth)? {
+        let parent = path.parent().and_then(|p| p.strip_prefix(truth).ok()).unwrap_or(Path::new(""));
+        by_folder.entry(parent.to_string_lossy().into_owned()).or_default().push(path);
+    }
+    ensure!(!by_folder.is_empty(), "{}: neither sequences nor pictures ({})", truth.display(), ENDINGS.join(", "));
+    let own = truth.file_name().map_or_else(|| "truth".into(), |name| name.to_string_lossy().into_owned());
+    let folder = |(name, paths): (String, Vec<PathBuf>)| {
+        let numbers: Vec<Option<usize>> = paths.iter().map(|path| number(path)).collect();
+        let mut distinct: Vec<usize> = numbers.iter().copied().flatten().collect();
+        distinct.sort_unstable();
+        distinct.dedup();
+        let numbered = distinct.len() == paths.len();
+        let truths = paths.into_iter().enumerate().map(|(i, path)| (if numbered { numbers[i].unwrap_or(i) } else { i }, path));
+        let name = if name.is_empty() { own.clone() } else { name.replace(['/', '\\'], "-") };
+        Folder { set: own.clone(), class: "pictures".into(), name, exposure, place: None, truths: truths.collect() }
+    };
+    Ok(by_folder.into_iter().map(folder).collect())
+}
+
+/// Pictures below a folder, by path.
+fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
+    let unreadable = || format!("{}: cannot list", folder.display());
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(unreadable)? {
+        let path = entry.with_context(unreadable)?.path();
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        if path.is_dir() {
+            found.extend(pictures(&path)?);
+        } else if ENDINGS.contains(&ending.as_str()) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// The number a file's name ends in.
+fn number(path: &Path) -> Option<usize> {
+    let stem = path.file_stem()?.to_string_lossy().into_owned();
+    let end = stem.trim_end_matches(|c: char| !c.is_ascii_digit());
+    let digits = end.len() - end.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    end[end.len() - digits..].parse().ok()
+}
+
+/// The prediction of every truth, by folder.
+fn matched<'a>(predictions: &Path, folders: &'a [Folder], partial: bool) -> Result<Vec<Vec<Match<'a>>>> {
+    let all = pictures(predictions)?;
+    let mut by_name: BTreeMap<(PathBuf, String), &PathBuf> = BTreeMap::new();
+    let mut by_number: BTreeMap<(PathBuf, usize), Vec<&PathBuf>> = BTreeMap::new();
+    for path in &all {
+        let Ok(relative) = path.strip_prefix(predictions) else { continue };
+        let parent = relative.parent().unwrap_or(Path::new("")).to_owned();
+        let stem = relative.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        by_name.insert((parent.clone(), stem), path);
+        if let Some(number) = number(path) {
+            by_number.entry((parent, number)).or_default().push(path);
+        }
+    }
+    let (mut pairs, mut missing) = (Vec::new(), Vec::new());
+    for folder in folders {
+        let mut places = vec![
+            PathBuf::from(&folder.set).join(&folder.class).join(&folder.name),
+            PathBuf::from(&folder.class).join(&folder.name),
+            PathBuf::from(&folder.name),
+        ];
+        if folders.len() == 1 {
+            places.push(PathBuf::new());
+        }
+        let mut found = Vec::new();
+        for (number, truth) in &folder.truths {
+            let stem = truth.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let named = places.iter().find_map(|place| by_name.get(&(place.clone(), stem.clone())).copied());
+            let numbered = || -> Result<Option<&PathBuf>> {
+                let Some(same) = places.iter().find_map(|place| by_number.get(&(place.clone(), *number))) else {
+                    return Ok(None);
+                };
+                ensure!(same.len() == 1, "{} and {} both end in {number}: which is it?", same[0].display(), same[1].display());
+                Ok(Some(same[0]))
+            };
+            match named.map_or_else(numbered, |path| Ok(Some(path)))? {
+                Some(path) => found.push(Match { number: *number, truth: truth.as_path(), picture: path.clone() }),
+                None => missing.push(truth),
+            }
+        }
+        pairs.push(found);
+    }
+    let count: usize = pairs.iter().map(Vec::len).sum();
+    ensure!(count > 0, "{}: none of its {} pictures has the name or number of a truth", predictions.display(), all.len());
+    if let Some(first) = missing.first().filter(|_| !partial) {
+        bail!("{}: no picture for {} of the truths, the first is {}", predictions.display(), missing.len(), first.display());
+    }
+    Ok(pairs)
+}
+
+/// Reads a picture; radiance becomes display values by `exposure`.
+fn read(path: &Path, exposure: f32) -> Result<Read> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if ending == "png" {
+        let bytes = std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
+        let decoded = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png);
+        let picture = decoded.with_context(|| path.display().to_string())?;
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        let has_alpha = picture.color().has_alpha();
+        let pixels = picture.into_rgba32f();
+        let display = Rgb { width, height, pixels: pixels.pixels().map(|p| [p[0], p[1], p[2]]).collect() };
+        let alpha = has_alpha.then(|| Image { width, height, pixels: pixels.pixels().map(|p| p[3]).collect() });
+        return Ok(Read { display, linear: None, alpha, frame: None });
+    }
+    let map = hdr::read(path)?;
+    if map.repaired > 0 {
+        eprintln!("note: {}: {} pixels were not finite or negative and count as black", path.display(), map.repaired);
+    }
+    Ok(Read { display: map.map.map(|p| color::display(*p, exposure)), linear: Some(map.map), alpha: None, frame: None })
+}
+
+impl Folder {
+    fn truth(&self, path: &Path) -> Result<Read> {
+        let Some(_) = &self.place else { return read(path, self.exposure) };
+        let mut frame = renderflow_frame::frame_file::read(path)?;
+        let linear = frame.beauty.take().with_context(|| format!("{}: has no beauty to compare with", path.display()))?;
+        let display = linear.map(|p| color::display(*p, self.exposure));
+        Ok(Read { display, linear: Some(linear), alpha: Some(frame.alpha.clone()), frame: Some(frame) })
+    }
+}
+
+fn sequence(
+    folder: &Folder,
+    pairs: &[Match<'_>],
+    options: &Options,
+    class: &Path,
+    progress: &Progress,
+    cancel: &AtomicBool,
+) -> Result<(Sequence, Vec<Score>)> {
+    let keyframes: Vec<usize> = folder
+        .place
+        .as_ref()
+        .map_or_else(Vec::new, |place| place.folder.sequence.keyframes.iter().map(|&i| place.folder.numbers[i]).collect());
+    let count = options.pictures.min(pairs.len());
+    let shown: Vec<usize> = (0..count).map(|k| pairs[(2 * k + 1) * pairs.len() / (2 * count)].number).collect();
+    // Pairs of neighbours are read twice, so that frames can be compared side by side.
+    let one = |i: usize| -> Result<(Read, Read)> {
+        let Match { truth, picture, .. } = &pairs[i];
+        Ok((folder.truth(truth)?, read(picture, folder.exposure)?))
+    };
+    let score = |i: usize| -> Result<(Score, [usize; 2])> {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(Interrupted.into());
+        }
+        let number = pairs[i].number;
+        let (truth, picture) = one(i)?;
+        // Radiance is compared where both have it.
+        let both = truth.linear.is_some() && picture.linear.is_some();
+        let truth_hdr = truth.linear.as_ref().filter(|_| both).map(|linear| Hdr { linear, exposure: folder.exposure });
+        let picture_hdr = picture.linear.as_ref().filter(|_| both).map(|linear| Hdr { linear, exposure: folder.exposure });
+        let reference = metrics::Truth::new(&truth.display, truth.alpha.as_ref(), truth_hdr, options.lpips)?;
+        let mut metrics =
+            reference.measure(&picture.display, picture_hdr).with_context(|| pairs[i].picture.display().to_string())?;
+        if i > 0
+            && pairs[i - 1].number + 1 == number
+            && let (Some(place), Some(frame)) = (&folder.place, &truth.frame)
+        {
+            let (before, earlier) = one(i - 1)?;
+            let at = |number: usize| place.folder.numbers.iter().position(|&n| n == number).unwrap_or(0);
+            let movement = place.folder.sequence.tracks.between(at(number), at(pairs[i - 1].number));
+            if let Some(previous) = &before.frame {
+                let correspondence = correspondence(frame, previous, movement);
+                let now = Pair { picture: &picture.display, truth: &truth.display };
+                let then = Pair { picture: &earlier.display, truth: &before.display };
+                metrics.temporal = temporal(now, then, &correspondence).map(|t| 1000.0 * t);
+            }
+        }
+        if shown.contains(&number) {
+            let pictures = class.join(&folder.name);
+            file::write_atomic(&pictures.join(picture_file(number, TRUTH)), &picture::png(&truth.display)?)?;
+            file::write_atomic(&pictures.join(picture_file(number, "pictures")), &picture::png(&picture.display)?)?;
+        }
+        progress.add(1);
+        let key = keyframes.contains(&number);
+        let size = [truth.display.width, truth.display.height];
+        let values = values(&metrics)?;
+        Ok((Score { method: "pictures".into(), frame: number, key, seconds: None, spp: None, values }, size))
+    };
+    let scored = (0..pairs.len()).into_par_iter().with_max_len(1).map(score).collect::<Result<Vec<_>>>()?;
+    let [width, height] = scored.first().map_or([0; 2], |(_, size)| *size);
+    let numbers: Vec<usize> = pairs.iter().map(|pair| pair.number).collect();
+    let about = Sequence {
+        set: folder.set.clone(),
+        class: folder.class.clone(),
+        name: folder.name.clone(),
+        width,
+        height,
+        keyframes: keyframes.into_iter().filter(|key| numbers.contains(key)).collect(),
+        frames: numbers,
+        shown,
+        exposure: folder.exposure,
+        truth: Truth::default(),
+        ..Sequence::default()
+    };
+    Ok((about, scored.into_iter().map(|(score, _)| score).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_end_in_numbers() {
+        for (name, expected) in [
+            ("frame.0007.exr", Some(7)),
+            ("12.png", Some(12)),
+            ("view3_final.png", Some(3)),
+            ("a.png", None),
+            ("r_0_05.hdr", Some(5)),
+        ] {
+            assert_eq!(number(Path::new(name)), expected, "{name}");
+        }
+    }
+}

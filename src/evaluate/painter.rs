@@ -1,0 +1,312 @@
+//! Makes the pictures of one sequence by every method, one after the other, each with its seconds.
+
+use super::keyframes::{keyframes_for, prepare_keyframes};
+use super::method::{Clean, Part, Way};
+use super::run::{Options, median};
+use crate::bench::reference::compile_seeded;
+use crate::dataset::SequenceFolder;
+use crate::truth::Interrupted;
+use anyhow::{Context, Result};
+use renderflow_frame::Frame;
+use renderflow_frame::deferred::{self, Lighting, ShadowMap, ShadowMode};
+use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::image::Rgb;
+use renderflow_model::infer::{PreparedKeyframe, warp_only};
+use renderflow_renderer::denoise::{self, Denoiser, Quality};
+use renderflow_renderer::{RenderScene, SHADOW_MAP_SIZE, Settings, render, render_gbuffer, shadow_maps};
+use renderflow_scenes::{description::Scene, load};
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Added to the seed of a sequence: path-traced rows must not have the truth's own samples in them.
+const OTHER_SEED: u64 = 1;
+/// Samples a pixel of the two renders from which the time of any number is told.
+const PROBES: [u32; 2] = [2, 16];
+
+/// A picture by one method.
+pub struct Picture {
+    /// Of the method.
+    pub id: String,
+    /// Scene-linear radiance.
+    pub linear: Rgb,
+    /// Wall seconds from the scene in memory.
+    pub seconds: f64,
+    /// Samples a pixel, for path tracing.
+    pub spp: Option<u32>,
+}
+
+/// What all methods share of one frame.
+struct Shared {
+    index: usize,
+    gbuffer: Frame,
+    /// Seconds of the G-buffer.
+    seconds: f64,
+    /// One list a light, and their seconds; empty where no method needs them.
+    shadows: (Vec<Vec<ShadowMap>>, f64),
+}
+
+/// Everything that lasts for a sequence.
+pub struct Painter<'a> {
+    folder: &'a SequenceFolder,
+    options: &'a Options<'a>,
+    scene: RenderScene,
+    tables: IblTables,
+    /// The lights taken out of the environment, and the rest; none where no method needs them.
+    lighting: Option<Lighting>,
+    /// The whole environment, no light taken out.
+    unlit: Option<Lighting>,
+    keyframes: Vec<PreparedKeyframe>,
+    denoisers: BTreeMap<&'static str, Denoiser>,
+    /// Seconds of path tracing with 0 samples, and of each more.
+    rate: Option<[f64; 2]>,
+    /// Seconds of each denoiser so far.
+    denoised: BTreeMap<&'static str, Vec<f64>>,
+    once: Vec<(String, f64)>,
+}
+
+/// The result of `work` and its wall seconds.
+fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, f64)> {
+    let started = Instant::now();
+    let value = work()?;
+    Ok((value, started.elapsed().as_secs_f64()))
+}
+
+fn name(clean: Clean) -> &'static str {
+    match clean {
+        Clean::Raw => "none",
+        Clean::High => "OIDN",
+        Clean::Fast => "OIDN fast",
+    }
+}
+
+impl<'a> Painter<'a> {
+    /// Loads the scene and does what is done once a sequence.
+    pub fn new(folder: &'a SequenceFolder, options: &'a Options<'a>) -> Result<Self> {
+        let scene: Scene = renderflow_frame::file::read_json(&folder.path.join("scene.json"))?;
+        let loaded = load::load(&scene, &folder.path)?;
+        let scene = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
+        let (tables, prefilter) = timed(|| Ok(IblTables::new(&folder.environment)))?;
+        let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
+        let ways = options.ways;
+        let (mut lighting, mut unlit) = (None, None);
+        if ways.iter().any(Way::is_deferred) {
+            let (made, seconds) = timed(|| Ok(Lighting::new(&folder.environment, deferred::LIGHTS)))?;
+            lighting = Some(made);
+            once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
+        }
+        if ways.contains(&Way::Deferred(Some(Part::Lights))) {
+            unlit = Some(Lighting::new(&folder.environment, 0));
+        }
+        let mut keyframes = Vec::new();
+        if ways.iter().any(Way::needs_keyframes) {
+            let (prepared, seconds) = timed(|| prepare_keyframes(folder, &tables))?;
+            keyframes = prepared;
+            once.push(("preparing keyframes".to_owned(), seconds));
+        }
+        let mut denoisers = BTreeMap::new();
+        for clean in [Clean::High, Clean::Fast] {
+            let wanted = |way: &Way| matches!(way, Way::Traced { clean: c, .. } | Way::Equal { clean: c, .. } if *c == clean);
+            if ways.iter().any(wanted) {
+                let quality = if clean == Clean::Fast { Quality::Fast } else { Quality::High };
+                let options = denoise::Options { quality, clean_guides: true };
+                let denoiser = Denoiser::with_options(options).context("path tracing + OIDN is among the methods")?;
+                denoisers.insert(name(clean), denoiser);
+            }
+        }
+        Ok(Self {
+            folder,
+            options,
+            scene,
+            tables,
+            lighting,
+            unlit,
+            keyframes,
+            denoisers,
+            rate: None,
+            denoised: BTreeMap::new(),
+            once,
+        })
+    }
+
+    /// Seconds spent once a sequence, by what they were spent on.
+    pub fn once(self) -> Vec<(String, f64)> {
+        self.once
+    }
+
+    /// The picture of stored frame `index` by every method.
+    pub fn paint(&mut self, index: usize, cancel: &AtomicBool) -> Result<Vec<Picture>> {
+        self.scene.set_frame(self.folder.numbers[index]);
+        let settings = Settings { guide_samples: self.options.guide_samples, ..Settings::default() };
+        if self.rate.is_none() {
+            self.warm_up(&settings, index, cancel)?;
+        }
+        let (gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, &settings)?))?;
+        let shadows = self.shadows(&gbuffer, index)?;
+        let shared = Shared { index, gbuffer, seconds, shadows };
+        let mut traced: BTreeMap<u32, (Frame, f64)> = BTreeMap::new();
+        let mut made: Vec<Picture> = Vec::new();
+        for way in self.options.ways {
+            let (linear, seconds, spp) = match way {
+                Way::Traced { spp, clean } => {
+                    let (picture, seconds) = self.trace(&shared, *spp, *clean, &mut traced, cancel)?;
+                    (picture, seconds, Some(*spp))
+                }
+                Way::Equal { to, clean } => {
+                    let Some(budget) = made.iter().find(|made| made.id == *to).map(|made| made.seconds) else { continue };
+                    let spp = self.affordable(budget, &shared, *clean);
+                    let (picture, seconds) = self.trace(&shared, spp, *clean, &mut traced, cancel)?;
+                    (picture, seconds, Some(spp))
+                }
+                way => {
+                    let Some((picture, seconds)) = self.shade(way, &shared)? else { continue };
+                    (picture, shared.seconds + seconds, None)
+                }
+            };
+            made.push(Picture { id: way.id(), linear, seconds, spp });
+        }
+        Ok(made)
+    }
+
+    /// The picture of a method that starts from the G-buffer, and its seconds without that; `None` where it cannot be made.
+    fn shade(&self, way: &Way, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
+        let (folder, gbuffer) = (self.folder, &shared.gbuffer);
+        let (camera, environment) = (folder.camera(shared.index), &folder.environment);
+        let exposure = folder.sequence.exposure;
+        let keys = keyframes_for(folder, &self.keyframes, shared.index);
+        if way.needs_keyframes() && keys.is_empty() {
+            return Ok(None);
+        }
+        let made = match way {
+            Way::Deferred(without) => self.deferred(*without, shared)?,
+            Way::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, &self.tables).image))?,
+            Way::Warp { deferred: false } => {
+                timed(|| Ok(warp_only(gbuffer, camera, environment, &self.tables, exposure, &keys)?))?
+            }
+            Way::Neural { keyframes } => {
+                let network = self.options.network.context("the methods need a network")?;
+                if *keyframes && !network.accepts_keyframes() {
+                    return Ok(None);
+                }
+                let keys = if *keyframes { &keys[..] } else { &[] };
+                timed(|| Ok(network.render(gbuffer, camera, environment, &self.tables, exposure, keys)?))?
+            }
+            _ => return Ok(None),
+        };
+        Ok(Some(made))
+    }
+
+    /// The shadow maps of every light taken out of the environment, and their seconds.
+    fn shadows(&self, gbuffer: &Frame, index: usize) -> Result<(Vec<Vec<ShadowMap>>, f64)> {
+        let Some(lighting) = &self.lighting else { return Ok(Default::default()) };
+        timed(|| {
+            let receivers = deferred::receivers(gbuffer, self.folder.camera(index));
+            Ok(shadow_maps(&self.scene, &lighting.lights, &receivers, SHADOW_MAP_SIZE))
+        })
+    }
+
+    /// The deferred picture without one of its parts, and its seconds.
+    fn deferred(&self, without: Option<Part>, shared: &Shared) -> Result<(Rgb, f64)> {
+        let mut options = deferred::Options::default();
+        let mut lighting = &self.lighting;
+        match without {
+            None => {}
+            Some(Part::Lights) => lighting = &self.unlit,
+            Some(Part::Shadows) => options.shadows = ShadowMode::None,
+            Some(Part::Maps) => options.shadows = ShadowMode::ScreenSpace,
+            Some(Part::Occlusion) => options.occlusion = false,
+            Some(Part::Reflections) => options.reflections = false,
+            Some(Part::Indirect) => options.indirect = false,
+        }
+        let lighting = lighting.as_ref().context("the lights of the environment")?;
+        let (maps, mut seconds) = (&shared.shadows.0, 0.0);
+        let maps = if options.shadows == ShadowMode::Map && without != Some(Part::Lights) {
+            seconds += shared.shadows.1;
+            &maps[..]
+        } else {
+            &[]
+        };
+        let camera = self.folder.camera(shared.index);
+        let (picture, shading) = timed(|| Ok(deferred::shade(&shared.gbuffer, camera, lighting, maps, &options).image))?;
+        Ok((picture, seconds + shading))
+    }
+
+    /// Path-traces and cleans a frame. What is rendered with as many samples for another method is not rendered again.
+    fn trace(
+        &mut self,
+        shared: &Shared,
+        spp: u32,
+        clean: Clean,
+        traced: &mut BTreeMap<u32, (Frame, f64)>,
+        cancel: &AtomicBool,
+    ) -> Result<(Rgb, f64)> {
+        let settings = Settings { spp, max_bounces: self.options.max_bounces, ..Settings::default() };
+        let (frame, rendering) = &*match traced.entry(spp) {
+            Entry::Occupied(there) => there.into_mut(),
+            Entry::Vacant(place) => {
+                let rendered = timed(|| Ok(render(&self.scene, &settings, &|_, _| (), cancel)?));
+                if cancel.load(Ordering::Relaxed) {
+                    return Err(Interrupted.into());
+                }
+                place.insert(rendered?)
+            }
+        };
+        let mut seconds = *rendering;
+        let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
+        let Some(denoiser) = self.denoisers.get_mut(name(clean)) else { return Ok((raw.clone(), seconds)) };
+        // Few camera rays make noisy guides; then those of the G-buffer, which all else starts from, serve and count.
+        let guides = if settings.clean_guides() { frame } else { &shared.gbuffer };
+        if !settings.clean_guides() {
+            seconds += shared.seconds;
+        }
+        let (picture, denoising) =
+            timed(|| Ok(denoiser.denoise(raw, guides.guide_albedo.as_ref(), guides.guide_normal.as_ref())?))?;
+        self.denoised.entry(name(clean)).or_default().push(denoising);
+        Ok((picture, seconds + denoising))
+    }
+
+    /// Samples a pixel that path tracing and denoising in `budget` seconds allow; 1 at least.
+    fn affordable(&self, budget: f64, shared: &Shared, clean: Clean) -> u32 {
+        let Some([start, each]) = self.rate else { return 1 };
+        let denoising = self.denoised.get(name(clean)).map_or(0.0, |seconds| median(seconds.clone()));
+        let left = budget - start - denoising;
+        // Where it takes fewer samples than make clean guides, those of the G-buffer cost their time.
+        let settings = |spp| Settings { spp, ..Settings::default() };
+        let samples = |left: f64| (left / each).floor().clamp(1.0, 65536.0) as u32;
+        let with_own = samples(left);
+        if clean == Clean::Raw || settings(with_own).clean_guides() { with_own } else { samples(left - shared.seconds) }
+    }
+
+    /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
+    fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
+        let gbuffer = render_gbuffer(&self.scene, settings)?;
+        let shadows = self.shadows(&gbuffer, index)?;
+        let shared = Shared { index, gbuffer, seconds: 0.0, shadows };
+        for way in self.options.ways {
+            if !matches!(way, Way::Traced { .. } | Way::Equal { .. }) {
+                self.shade(way, &shared)?;
+            }
+        }
+        let mut seconds = [0.0; 2];
+        // The first round warms the caches, the second counts.
+        for _ in 0..2 {
+            let mut traced = BTreeMap::new();
+            for (seconds, spp) in seconds.iter_mut().zip(PROBES) {
+                (_, *seconds) = self.trace(&shared, spp, Clean::Raw, &mut traced, cancel)?;
+            }
+            for clean in [Clean::High, Clean::Fast] {
+                if self.denoisers.contains_key(name(clean)) {
+                    self.trace(&shared, PROBES[0], clean, &mut traced, cancel)?;
+                }
+            }
+        }
+        // The first run of a denoiser builds its network.
+        for seconds in self.denoised.values_mut() {
+            seconds.remove(0);
+        }
+        let each = ((seconds[1] - seconds[0]) / f64::from(PROBES[1] - PROBES[0])).max(1e-6);
+        self.rate = Some([(seconds[0] - f64::from(PROBES[0]) * each).max(0.0), each]);
+        Ok(())
+    }
+}

@@ -1,0 +1,301 @@
+//! Evaluates methods on sequences: one after the other on all threads, so that their seconds are their own; then all metrics at once.
+
+use super::find::Place;
+use super::method::Way;
+use super::painter::{Painter, Picture};
+use super::results::{ABOUT, About, METRICS, Score, Sequence, TRUTH, Truth, picture_file};
+use crate::dataset::record::Record;
+use crate::metrics::temporal::{Pair, correspondence, temporal};
+use crate::metrics::{self, Hdr, Metrics, Networks};
+use crate::progress::Progress;
+use crate::report::picture;
+use crate::testset::{AUDIT, Audit, decibel, display_variance};
+use crate::truth::Interrupted;
+use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Frame, color, file};
+use renderflow_model::infer::NeuralRenderer;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// How radiance becomes what the metrics see.
+pub const CURVE: &str =
+    "sRGB(clamp(exposure x linear, 0, 1)), exposure from the environment alone; metrics on floats, not quantised";
+
+/// What to evaluate, and how.
+pub struct Options<'a> {
+    /// The network, where a method needs it.
+    pub network: Option<&'a NeuralRenderer>,
+    /// LPIPS where its weights are there.
+    pub lpips: &'a Networks,
+    /// Methods, those whose time another one is given before it.
+    pub ways: &'a [Way],
+    /// Camera rays a pixel for the anti-aliased G-buffer.
+    pub guide_samples: u32,
+    /// Scattering events of path-traced rows.
+    pub max_bounces: u32,
+    /// Of every so many frames the first two; 1 = all. Two, since what changes between frames is measured too.
+    pub every: u32,
+    /// Frames a sequence whose pictures are kept.
+    pub pictures: usize,
+    /// Heading of the report.
+    pub title: String,
+    /// Settings beyond these, for the report.
+    pub settings: Vec<(String, String)>,
+}
+
+/// Evaluates `places` into the results folder `out`; sequences that are complete there are kept. One unit of `progress` a frame.
+///
+/// # Errors
+/// [`Interrupted`] when stopped; when the folder holds results of other methods or settings; when a sequence cannot be read or lacks truth.
+pub fn run(places: &[Place], options: &Options, out: &Path, progress: &Progress, cancel: &AtomicBool) -> Result<()> {
+    claim(options, out)?;
+    for place in places {
+        let class = out.join(&place.set).join(&place.class);
+        let done = class.join(format!("{}.json", place.folder.name()));
+        let indices = chosen(&place.folder.numbers, options.every);
+        let there: Option<Sequence> = file::read_json(&done).ok();
+        let numbers: Vec<usize> = indices.iter().map(|&i| place.folder.numbers[i]).collect();
+        if there.is_some_and(|there| there.frames == numbers) {
+            progress.resume(indices.len() as u64);
+            continue;
+        }
+        progress.message(format!("{}/{}/{}", place.set, place.class, place.folder.name()));
+        let work = || sequence(place, &indices, options, &class, progress, cancel);
+        let about = work().with_context(|| place.folder.path.display().to_string())?;
+        file::write_json(&done, &about)?;
+    }
+    Ok(())
+}
+
+/// Frames of a sequence that are evaluated where of every `every` frames the first two are.
+pub fn frames(place: &Place, every: u32) -> usize {
+    chosen(&place.folder.numbers, every).len()
+}
+
+/// Writes what the results are of, or says that the folder holds others.
+fn claim(options: &Options, out: &Path) -> Result<()> {
+    let mut settings = vec![
+        ("camera rays a pixel of the G-buffer".to_owned(), options.guide_samples.to_string()),
+        ("scattering events of a path".to_owned(), options.max_bounces.to_string()),
+        (
+            "frames".to_owned(),
+            match options.every {
+                1 => "all".to_owned(),
+                every => format!("two of every {every}"),
+            },
+        ),
+    ];
+    settings.extend(options.settings.iter().cloned());
+    let about = About {
+        version: 1,
+        program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
+        title: options.title.clone(),
+        machine: format!("{}, {} threads", crate::machine::processor(), rayon::current_num_threads()),
+        curve: CURVE.into(),
+        methods: options.ways.iter().map(Way::describe).collect(),
+        settings,
+    };
+    let path = out.join(ABOUT);
+    if path.is_file() {
+        let there: About = file::read_json(&path)?;
+        if (&there.methods, &there.settings) != (&about.methods, &about.settings) {
+            bail!("{}: the folder holds results of other methods or settings; choose another folder", path.display());
+        }
+    }
+    Ok(file::write_json(&path, &about)?)
+}
+
+/// Indices of the frames to evaluate: of every `every` the first two.
+fn chosen(numbers: &[usize], every: u32) -> Vec<usize> {
+    (0..numbers.len()).filter(|i| (i % every.max(1) as usize) < 2).collect()
+}
+
+/// Spread evenly over the frames that are no keyframes (all, where every one is).
+fn shown(indices: &[usize], keyframes: &[usize], count: usize) -> Vec<usize> {
+    let between: Vec<usize> = indices.iter().copied().filter(|i| !keyframes.contains(i)).collect();
+    let from = if between.is_empty() { indices } else { &between };
+    let count = count.min(from.len());
+    (0..count).map(|k| from[(2 * k + 1) * from.len() / (2 * count)]).collect()
+}
+
+/// A frame evaluated, kept for the next one.
+struct Before {
+    number: usize,
+    index: usize,
+    frame: Frame,
+    truth: Rgb,
+    pictures: BTreeMap<String, Rgb>,
+}
+
+fn sequence(
+    place: &Place,
+    indices: &[usize],
+    options: &Options,
+    class: &Path,
+    progress: &Progress,
+    cancel: &AtomicBool,
+) -> Result<Sequence> {
+    let folder = &place.folder;
+    let exposure = folder.sequence.exposure;
+    let mut painter = Painter::new(folder, options)?;
+    let shown = shown(indices, &folder.sequence.keyframes, options.pictures);
+    let pictures = class.join(folder.name());
+    let (mut scores, mut before, mut noise): (Vec<Score>, Option<Before>, Vec<f64>) = Default::default();
+    for &index in indices {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(Interrupted.into());
+        }
+        let (number, key) = (folder.numbers[index], folder.sequence.keyframes.contains(&index));
+        let frame = folder.frame(index)?;
+        let linear = frame.beauty.as_ref().with_context(|| format!("frame {number} has no beauty to compare with"))?;
+        let display = |picture: &Rgb| picture.map(|p| color::display(*p, exposure));
+        let truth = display(linear);
+        if let (Some(raw), Some(variance)) = (&frame.raw, &frame.variance) {
+            noise.extend(display_variance(raw, variance, &frame.alpha, exposure));
+        }
+        let made = painter.paint(index, cancel)?;
+        let reference = metrics::Truth::new(&truth, Some(&frame.alpha), Some(Hdr { linear, exposure }), options.lpips)?;
+        let moved = before.as_ref().filter(|before| before.number + 1 == number).map(|before| {
+            let movement = folder.sequence.tracks.between(index, before.index);
+            (before, correspondence(&frame, &before.frame, movement))
+        });
+        let measured: Vec<(Picture, Rgb, Metrics)> = made
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|made| {
+                let picture = display(&made.linear);
+                let mut metrics = reference.measure(&picture, Some(Hdr { linear: &made.linear, exposure }))?;
+                if let Some((before, correspondence)) = &moved
+                    && let Some(earlier) = before.pictures.get(&made.id)
+                {
+                    let (now, then) =
+                        (Pair { picture: &picture, truth: &truth }, Pair { picture: earlier, truth: &before.truth });
+                    metrics.temporal = temporal(now, then, correspondence).map(|t| 1000.0 * t);
+                }
+                Ok((made, picture, metrics))
+            })
+            .collect::<Result<_>>()?;
+        let mut kept = BTreeMap::new();
+        if shown.contains(&index) {
+            file::write_atomic(&pictures.join(picture_file(number, TRUTH)), &picture::png(&truth)?)?;
+        }
+        for (made, shown_as, metrics) in measured {
+            if shown.contains(&index) {
+                file::write_atomic(&pictures.join(picture_file(number, &made.id)), &picture::png(&shown_as)?)?;
+            }
+            let seconds = Some(made.seconds);
+            scores.push(Score { method: made.id.clone(), frame: number, key, seconds, spp: made.spp, values: values(&metrics)? });
+            kept.insert(made.id, shown_as);
+        }
+        drop(reference);
+        before = Some(Before { number, index, frame, truth, pictures: kept });
+        progress.add(1);
+    }
+    write_scores(&class.join(format!("{}.jsonl", folder.name())), &scores)?;
+    let numbers = |indices: &[usize]| indices.iter().map(|&i| folder.numbers[i]).collect::<Vec<_>>();
+    let size = folder.camera(0);
+    let error: Option<Audit> = file::read_json(&folder.path.join(AUDIT)).ok();
+    Ok(Sequence {
+        set: place.set.clone(),
+        class: place.class.clone(),
+        name: folder.name(),
+        width: size.width,
+        height: size.height,
+        frames: numbers(indices),
+        keyframes: numbers(&folder.sequence.keyframes).into_iter().filter(|n| numbers(indices).contains(n)).collect(),
+        shown: numbers(&shown),
+        exposure,
+        facts: facts(place),
+        truth: Truth {
+            spp: folder.frame(indices[0])?.info.spp,
+            seconds: Some(median(crate::truth::seconds(&folder.path))).filter(|s| s.is_finite()),
+            noise: (!noise.is_empty()).then(|| decibel(noise.iter().sum::<f64>() / noise.len() as f64)),
+            error: error.map(|audit| audit.error),
+        },
+        once: painter.once(),
+    })
+}
+
+/// Median; NaN for nothing.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.retain(|v| v.is_finite());
+    values.sort_by(f64::total_cmp);
+    if values.is_empty() { f64::NAN } else { 0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2]) }
+}
+
+/// Metrics by the name they have in [`METRICS`].
+pub fn values(metrics: &Metrics) -> Result<BTreeMap<String, f64>> {
+    let serde_json::Value::Object(fields) = serde_json::to_value(metrics)? else { return Ok(BTreeMap::new()) };
+    let known = |id: &str| METRICS.iter().any(|metric| metric.id == id);
+    Ok(fields.into_iter().filter_map(|(id, value)| Some((id, value.as_f64()?))).filter(|(id, _)| known(id)).collect())
+}
+
+/// Writes a score a line.
+pub fn write_scores(path: &Path, scores: &[Score]) -> Result<()> {
+    let mut text = String::new();
+    for score in scores {
+        text += &serde_json::to_string(score)?;
+        text.push('\n');
+    }
+    Ok(file::write_atomic(path, text.as_bytes())?)
+}
+
+/// What the scene of a sequence is like, in words.
+fn facts(place: &Place) -> Vec<(String, String)> {
+    let Some(record) = &place.record else { return Vec::new() };
+    let Record { layout, camera, moving, changing, environment, objects, materials, triangles, .. } = record;
+    let change = match (moving, changing) {
+        (true, true) => "objects move, materials change",
+        (true, false) => "objects move",
+        (false, true) => "materials change",
+        _ => "none but the camera's",
+    };
+    let light = environment.family.rsplit('/').next().unwrap_or_default();
+    let [all, textured, metal] = materials;
+    let facts = [
+        ("layout", layout.clone()),
+        ("camera", camera.clone()),
+        ("change", change.to_owned()),
+        ("light", format!("{light}, concentration {:.1}", environment.concentration)),
+        ("objects", objects.len().to_string()),
+        ("triangles", triangles.to_string()),
+        ("materials", format!("{all}, {textured} textured, {metal} metal")),
+    ];
+    facts.map(|(name, value)| (name.to_owned(), value)).to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_come_in_pairs() {
+        let numbers: Vec<usize> = (0..12).collect();
+        assert_eq!(chosen(&numbers, 1), numbers);
+        assert_eq!(chosen(&numbers, 5), [0, 1, 5, 6, 10, 11]);
+        assert_eq!(chosen(&numbers, 0), numbers);
+    }
+
+    #[test]
+    fn pictures_are_of_frames_between_keyframes() {
+        let all: Vec<usize> = (0..33).collect();
+        let kept = shown(&all, &[0, 16, 32], 3);
+        assert_eq!(kept.len(), 3);
+        assert!(kept.iter().all(|i| i % 16 != 0) && kept.windows(2).all(|w| w[0] < w[1]), "{kept:?}");
+        assert_eq!(shown(&[0, 1], &[0, 1], 5), [0, 1]);
+        assert_eq!(shown(&all, &[], 0), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn every_metric_has_a_column() {
+        let one = serde_json::to_value(Metrics::default()).unwrap();
+        let fields: Vec<&String> = one.as_object().unwrap().keys().collect();
+        for metric in METRICS {
+            assert!(fields.contains(&&metric.id.to_owned()), "{}", metric.id);
+        }
+        assert_eq!(fields.len(), METRICS.len());
+    }
+}

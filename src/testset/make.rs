@@ -1,0 +1,141 @@
+//! Makes a test set: renders what is missing, estimates the error of its truth, and proves all of it.
+
+use super::audit::{AUDIT, Audit};
+use super::{Sources, TestSet, audit, check_scenes};
+use crate::dataset::manifest::MANIFEST;
+use crate::dataset::plan::{Plan, hash_file};
+use crate::dataset::{Shard, manifest, render, verify};
+use crate::evaluate::find::find;
+use anyhow::{Context, Result, bail, ensure};
+use renderflow_frame::file;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// File name of [`SetFile`].
+pub const SET: &str = "set.json";
+
+/// What a finished set consists of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SetFile {
+    /// Name of the set.
+    pub set: String,
+    /// Folder, BLAKE3 of the plan and BLAKE3 of the manifest (which holds those of all files) of every class.
+    pub classes: Vec<(String, String, String)>,
+    /// BLAKE3 of all that: equal where two sets are equal to the byte. Other processors and other versions of the denoiser round
+    /// differently; their scenes are the same and their pictures nearly.
+    pub blake3: String,
+}
+
+impl SetFile {
+    fn new(set: &str, classes: Vec<(String, String, String)>) -> Self {
+        let blake3 = blake3::hash(format!("{classes:?}").as_bytes()).to_hex().to_string();
+        Self { set: set.into(), classes, blake3 }
+    }
+}
+
+/// Makes `set` in `out/<set>`, or goes on with it; a shard makes its part of every class. Returns the finished set; `None` where
+/// other shards have not finished theirs.
+///
+/// # Errors
+/// As [`render::run`]; when this program would not make the scenes of the published set.
+pub fn make(
+    set: TestSet,
+    sources: &Sources,
+    out: &Path,
+    shard: Shard,
+    audited: u32,
+    cancel: &AtomicBool,
+) -> Result<Option<SetFile>> {
+    let plans = set.plans(sources)?;
+    check_scenes(set, &plans)?;
+    make_plans(set.name(), &plans, out, shard, audited, cancel)
+}
+
+/// [`make`] for any plans, by the name of their class.
+///
+/// # Errors
+/// As [`render::run`].
+pub fn make_plans(
+    set: &str,
+    plans: &[(&str, Plan)],
+    out: &Path,
+    shard: Shard,
+    audited: u32,
+    cancel: &AtomicBool,
+) -> Result<Option<SetFile>> {
+    let folder = out.join(set);
+    for (i, (name, plan)) in plans.iter().enumerate() {
+        eprintln!("{set} {name}, {} of {}", i + 1, plans.len());
+        let class = folder.join(name);
+        render::run(plan, &class, shard, cancel).with_context(|| (*name).to_owned())?;
+        if audited > 0 {
+            audit::run(plan, &class, shard, audited, cancel).with_context(|| (*name).to_owned())?;
+        }
+    }
+    if !plans.iter().all(|(name, plan)| manifest::complete(plan, &folder.join(name))) {
+        return Ok(None);
+    }
+    let file = describe(set, &folder, plans)?;
+    file::write_json(&folder.join(SET), &file)?;
+    Ok(Some(file))
+}
+
+fn describe(set: &str, folder: &Path, plans: &[(&str, Plan)]) -> Result<SetFile> {
+    let class = |(name, plan): &(&str, Plan)| -> Result<_> {
+        Ok(((*name).to_owned(), plan.hash(), hash_file(&folder.join(name).join(MANIFEST))?))
+    };
+    Ok(SetFile::new(set, plans.iter().map(class).collect::<Result<_>>()?))
+}
+
+/// Proves the finished set in `folder`: every file's hash, every frame's channels, the plans, the set's own hash. Prints what it finds.
+///
+/// # Errors
+/// When anything is missing or differs.
+pub fn check(folder: &Path, cancel: &AtomicBool) -> Result<SetFile> {
+    let set: SetFile = file::read_json(&folder.join(SET)).context("not a finished test set")?;
+    let mut found = Vec::new();
+    for (name, plan_hash, _) in &set.classes {
+        let class = folder.join(name);
+        let plan = Plan::read(&class.join("plan.json"))?;
+        ensure!(plan.hash() == *plan_hash, "{}: is of another plan than {SET} says", class.display());
+        let verified = verify::verify(&class, cancel)?;
+        println!("{name}: {} sequences, {} frames, {} bytes", verified.sequences, verified.frames, verified.bytes);
+        if let Some(fault) = verified.faults.first() {
+            bail!("{}: {} faults, the first: {fault}", class.display(), verified.faults.len());
+        }
+        found.push((name.clone(), plan.hash(), hash_file(&class.join(MANIFEST))?));
+    }
+    ensure!(SetFile::new(&set.set, found) == set, "{}: {SET} does not say what is there", folder.display());
+    Ok(set)
+}
+
+/// What the audits in the folder of a set say: a line a class, means over its sequences.
+///
+/// # Errors
+/// When an audit cannot be read.
+pub fn audits(folder: &Path) -> Result<Vec<String>> {
+    let mut classes: Vec<(String, Vec<Audit>)> = Vec::new();
+    for place in find(folder)? {
+        let path = place.folder.path.join(AUDIT);
+        if path.is_file() {
+            let audit: Audit = file::read_json(&path)?;
+            match classes.last_mut().filter(|(class, _)| *class == place.class) {
+                Some((_, audits)) => audits.push(audit),
+                None => classes.push((place.class, vec![audit])),
+            }
+        }
+    }
+    let line = |(class, audits): (String, Vec<Audit>)| {
+        let mean = |f: &dyn Fn(&Audit) -> f64| audits.iter().map(f).sum::<f64>() / audits.len() as f64;
+        format!(
+            "{class}: the truth is {:.1} dB from the truth (raw {:.1} dB), by one frame of {} sequences with {:.0} spp ({:.1} dB)",
+            mean(&|a| a.error),
+            mean(&|a| a.raw),
+            audits.len(),
+            mean(&|a| f64::from(a.spp)),
+            mean(&|a| a.longer),
+        )
+    };
+    Ok(classes.into_iter().map(line).collect())
+}

@@ -1,0 +1,218 @@
+//! Evaluation through the binary: methods on a test set, resumed; anybody's pictures; a set that is made and proved.
+
+mod common;
+
+use common::{fail, renderflow, succeed};
+use renderflow::dataset::Shard;
+use renderflow::dataset::plan::{Denoise, Plan};
+use renderflow::evaluate::results::{Results, Score};
+use renderflow::testset::{AUDIT, SET, make_plans};
+use renderflow_frame::{color, exr, frame_file};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// A plan of one tiny sequence of five frames, keyframes at both ends.
+fn plan(folder: &Path, seed: &str) -> PathBuf {
+    let path = folder.join(format!("plan-{seed}.json"));
+    let arguments = ["dataset", "plan", "--seed", seed, "--classic", "--split", "test", "--sequences", "1", "--frames", "5"];
+    let size = ["--resolution", "48", "--spp", "4", "--keyframe-gap", "4", "--denoise", "none", "--out", path.to_str().unwrap()];
+    succeed(&[&arguments[..], &size].concat());
+    path
+}
+
+/// A set of two classes of a tiny sequence each: `set/near` and `set/far`.
+fn set(folder: &Path) -> PathBuf {
+    for (class, seed) in [("near", "3"), ("far", "4")] {
+        let out = folder.join("sets/tiny").join(class);
+        succeed(&["dataset", "render", "--plan", plan(folder, seed).to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    }
+    folder.join("sets")
+}
+
+/// Scores without their seconds.
+fn scores(results: &Path) -> Vec<Vec<Score>> {
+    let results = Results::read(results).unwrap();
+    let without = |scores: Vec<Score>| scores.into_iter().map(|score| Score { seconds: None, ..score }).collect();
+    results.sequences.into_iter().map(|sequence| without(sequence.scores)).collect()
+}
+
+#[test]
+fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path());
+    let out = folder.path().join("results");
+    let run = |out: &Path, methods: &str, threads: &str| {
+        let (data, out) = (data.to_str().unwrap(), out.to_str().unwrap());
+        renderflow(&["--threads", threads, "evaluate", "--data", data, "--methods", methods, "--out", out])
+    };
+    let methods = "ibl,deferred,deferred-shadows,warp,neural,neural+keys,pt2";
+    let first = run(&out, methods, "2");
+    assert!(first.status.success(), "{}", common::stderr(&first));
+    let table = String::from_utf8_lossy(&first.stdout).into_owned();
+    for row in ["tiny", "IBL (split sum)", "Deferred, no shadows", "warped keyframes + Deferred", "neural + keyframes", "2 spp"] {
+        assert!(table.contains(row), "{row} missing in\n{table}");
+    }
+    let all = scores(&out);
+    let names: Vec<String> = Results::read(&out).unwrap().sequences.iter().map(|s| s.about.class.clone()).collect();
+    assert_eq!(names, ["far", "near"]);
+    for sequence in &all {
+        assert_eq!(sequence.len(), 5 * 7);
+        for score in sequence {
+            let value = |id: &str| score.values.get(id).copied();
+            assert_eq!(score.key, score.frame % 4 == 0);
+            assert!(value("psnr").is_some_and(|v| v > 5.0) && value("rel_mse").is_some_and(|v| v >= 0.0), "{score:?}");
+            assert!(value("ssim").is_some() && value("flip").is_some(), "{score:?}");
+            assert_eq!(value("temporal").is_some(), score.frame > 0, "{score:?}");
+            assert_eq!(score.spp, (score.method == "pt2").then_some(2));
+        }
+    }
+    // A sequence that is missing is made again, the others are kept; threads change nothing.
+    let kept = out.join("tiny/far/seq-000000.jsonl");
+    let before = std::fs::read(&kept).unwrap();
+    std::fs::remove_file(out.join("tiny/near/seq-000000.json")).unwrap();
+    assert!(run(&out, methods, "1").status.success());
+    assert_eq!(scores(&out), all);
+    assert_eq!(std::fs::read(&kept).unwrap(), before);
+    // Other methods do not mix in.
+    let other = run(&out, "ibl", "1");
+    assert!(common::stderr(&other).contains("other methods"), "{}", common::stderr(&other));
+    let report = folder.path().join("report");
+    succeed(&["report", out.to_str().unwrap(), "--out", report.to_str().unwrap()]);
+    assert!(report.join("index.html").is_file() && report.join("tiny-near-seq-000000.html").is_file());
+}
+
+#[test]
+fn path_tracing_gets_the_seconds_of_another_method() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path());
+    let out = folder.path().join("results");
+    let (data, out_name) = (data.join("tiny/near"), out.to_str().unwrap());
+    if renderflow_renderer::denoise::Denoiser::new().is_err() {
+        return println!("skipped: this build has no denoiser");
+    }
+    let clean = "equal-pt64";
+    succeed(&["evaluate", "--data", data.to_str().unwrap(), "--methods", clean, "--out", out_name]);
+    let results = Results::read(&out).unwrap();
+    let equal: Vec<&Score> = results.sequences[0].scores.iter().filter(|score| score.method == clean).collect();
+    assert_eq!(equal.len(), 5);
+    assert!(equal.iter().all(|score| score.spp.is_some_and(|spp| (1..=4096).contains(&spp))), "{equal:?}");
+}
+
+/// Truth of `set`'s near class as PNG (16 bits) named by `name`, in `out`.
+fn write_pngs(sequence: &Path, out: &Path, name: impl Fn(usize) -> String) {
+    std::fs::create_dir_all(out).unwrap();
+    let folder = renderflow::dataset::SequenceFolder::open(sequence).unwrap();
+    for number in 0..folder.len() {
+        let frame = folder.frame(number).unwrap();
+        let values = frame.beauty.unwrap().pixels.into_iter().flat_map(|p| color::display(p, folder.sequence.exposure));
+        let values: Vec<u16> = values.map(|v| (v * 65535.0 + 0.5) as u16).collect();
+        let picture = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(48, 48, values).unwrap();
+        picture.save(out.join(name(number))).unwrap();
+    }
+}
+
+#[test]
+fn anybodys_pictures_are_compared_by_name_or_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = set(folder.path()).join("tiny/near");
+    let sequence = truth.join("test/seq-000000");
+    let results = folder.path().join("results");
+    let compare = |pictures: &Path, truth: &Path, more: &[&str]| {
+        let arguments = ["evaluate", pictures.to_str().unwrap(), truth.to_str().unwrap(), "--out", results.to_str().unwrap()];
+        renderflow(&[&arguments[..], more].concat())
+    };
+    let values = |id: &str| -> Vec<f64> {
+        let scores = scores(&results);
+        scores[0].iter().filter_map(|score| score.values.get(id).copied()).collect()
+    };
+    // By number, in the root, in 16 bits: all but equal.
+    let pictures = folder.path().join("mine");
+    write_pngs(&sequence, &pictures, |number| format!("out_{number:02}.png"));
+    let found = compare(&pictures, &truth, &["--label", "my renderer"]);
+    assert!(found.status.success(), "{}", common::stderr(&found));
+    assert!(String::from_utf8_lossy(&found.stdout).contains("my renderer"));
+    assert!(values("psnr").len() == 5 && values("psnr").iter().all(|v| *v > 90.0), "{:?}", values("psnr"));
+    assert!(values("temporal").iter().all(|v| *v < 0.05) && values("temporal").len() == 4);
+    assert!(values("rel_mse").is_empty(), "PNG holds no radiance");
+    // One too few, and one too many of a number.
+    std::fs::remove_file(pictures.join("out_03.png")).unwrap();
+    let missing = common::stderr(&compare(&pictures, &truth, &[]));
+    assert!(missing.contains("no picture for 1 of the truths") && missing.contains("frame.0003"), "{missing}");
+    assert!(compare(&pictures, &truth, &["--partial"]).status.success());
+    assert_eq!(values("psnr").len(), 4);
+    std::fs::copy(pictures.join("out_02.png"), pictures.join("also_2.png")).unwrap();
+    let twice = common::stderr(&compare(&pictures, &truth, &["--partial"]));
+    assert!(twice.contains("both end in 2"), "{twice}");
+    // Radiance, by name, in the sequence's folder: equal, relative error included.
+    let exact = folder.path().join("exact/seq-000000");
+    std::fs::create_dir_all(&exact).unwrap();
+    for number in 0..5 {
+        let file = format!("frame.{number:04}.exr");
+        let mut frame = frame_file::read(&sequence.join(&file)).unwrap();
+        frame.raw = None;
+        exr::write(&exact.join(&file), &frame).unwrap();
+    }
+    let exact_root = folder.path().join("exact");
+    assert!(compare(&exact_root, &truth, &[]).status.success());
+    assert!(values("psnr_full") == [100.0; 5] && values("rel_mse") == [0.0; 5]);
+    // Plain pictures against plain pictures.
+    let (a, b) = (folder.path().join("a"), folder.path().join("b"));
+    write_pngs(&sequence, &a, |number| format!("{number}.png"));
+    write_pngs(&sequence, &b, |number| format!("view{}.png", (number + 1) % 5));
+    assert!(compare(&a, &b, &[]).status.success());
+    assert!(values("psnr").is_empty() && values("psnr_full").iter().all(|v| *v < 60.0));
+    // Sizes must agree, and something must fit.
+    let small = image::RgbImage::new(8, 8);
+    small.save(a.join("2.png")).unwrap();
+    let sizes = common::stderr(&compare(&a, &b, &[]));
+    assert!(sizes.contains("2.png") && sizes.contains("8 x 8"), "{sizes}");
+    let empty = folder.path().join("empty");
+    std::fs::create_dir_all(&empty).unwrap();
+    assert!(common::stderr(&compare(&empty, &truth, &[])).contains("none of its 0 pictures"));
+    assert!(common::stderr(&compare(&a, &empty, &[])).contains("neither sequences nor pictures"));
+}
+
+#[test]
+fn two_folders_or_a_data_set_but_not_both() {
+    for arguments in [&["evaluate", "--out", "x"][..], &["evaluate", "a", "--out", "x"], &["evaluate", "a", "b", "--data", "c", "--out", "x"]] {
+        assert_eq!(renderflow(arguments).status.code(), Some(2), "{arguments:?}");
+    }
+    let error = fail(&["evaluate", "--data", ".", "--methods", "ibl,magic", "--out", "x"]);
+    assert!(error.contains("magic"), "{error}");
+}
+
+#[test]
+fn a_set_is_made_audited_and_proved() {
+    let folder = tempfile::tempdir().unwrap();
+    let plans: Vec<(&str, Plan)> = [("near", "3"), ("far", "4")]
+        .into_iter()
+        .map(|(class, seed)| (class, Plan::read(&plan(folder.path(), seed)).unwrap()))
+        .collect();
+    assert_eq!(plans[0].1.render.denoise, Denoise::None);
+    let out = folder.path().join("sets");
+    let (idle, all) = (AtomicBool::new(false), Shard { index: 1, count: 1 });
+    let made = make_plans("tiny", &plans, &out, all, 64, &idle).unwrap().unwrap();
+    let root = out.join("tiny");
+    let text = succeed(&["testset", "verify", root.to_str().unwrap()]);
+    assert!(text.contains(&made.blake3), "{text}");
+    // 4 samples without a denoiser are far from 64, which are far from perfect.
+    let audit: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(root.join("near/test/seq-000000").join(AUDIT)).unwrap()).unwrap();
+    let value = |key: &str| audit[key].as_f64().unwrap();
+    assert!(value("error") > 10.0 && value("error") < value("longer") && value("error") == value("raw"), "{audit}");
+    // Made again: nothing changes.
+    let before = std::fs::read(root.join(SET)).unwrap();
+    assert_eq!(make_plans("tiny", &plans, &out, all, 64, &idle).unwrap().unwrap(), made);
+    assert_eq!(std::fs::read(root.join(SET)).unwrap(), before);
+    // Half of it by another shard: not finished.
+    let other = folder.path().join("half");
+    assert!(make_plans("tiny", &plans, &other, Shard { index: 2, count: 2 }, 0, &idle).unwrap().is_none());
+    // A frame that was changed is found.
+    let frame = root.join("far/test/seq-000000/frame.0001.exr");
+    let mut bytes = std::fs::read(&frame).unwrap();
+    let last = bytes.len() - 9;
+    bytes[last] ^= 1;
+    std::fs::write(&frame, bytes).unwrap();
+    let error = fail(&["testset", "verify", root.to_str().unwrap()]);
+    assert!(error.contains("frame.0001.exr"), "{error}");
+}
