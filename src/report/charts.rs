@@ -2,6 +2,7 @@
 
 use super::View;
 use super::plot::{Level, Line, Plot, Point, Scale, svg};
+use super::style::short_label;
 use super::table::{self, Filter, Row};
 use crate::evaluate::results::{Group, Metric, Scored};
 use std::collections::BTreeMap;
@@ -56,7 +57,7 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
         line.points.push(Point {
             at: (seconds, cell.mean),
             bar: cell.range,
-            label: if faint { String::new() } else { short(row, series) },
+            label: if faint { String::new() } else { short(view, row, series) },
             title: format!("{}: {value} at {} s a frame", row.method.label, table::seconds(seconds)),
             faint,
         });
@@ -82,10 +83,10 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
 }
 
 /// What tells a point from others of its series.
-fn short(row: &Row, series: Option<&str>) -> String {
+fn short(view: &View, row: &Row, series: Option<&str>) -> String {
     match (series, row.method.spp) {
         (Some(_), Some(spp)) => format!("{spp} spp"),
-        _ => row.method.label.clone(),
+        _ => short_label(&view.results.about.methods, row.method),
     }
 }
 

@@ -154,8 +154,9 @@ function comparison(data) {
       const method = side.select.value;
       setPicture(side.picture, address(frame(), method), `${labels.get(method)}, frame ${frame()}`);
     }
-    find("#frame-number").textContent = "frame " + frame();
-    slider.setAttribute("aria-valuetext", "frame " + frame());
+    const name = frame() + (data.keyframes.includes(frame()) ? ", keyframe" : "");
+    find("#frame-number").textContent = name;
+    slider.setAttribute("aria-valuetext", "frame " + name);
     showStrip();
     showCurves();
     showErrors();

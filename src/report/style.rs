@@ -22,7 +22,8 @@ impl Palette {
             };
             let color = match &method.series {
                 Some(name) => *series.entry(name).or_insert_with(fresh),
-                None => fresh(),
+                // In the time of another method, but by the means of its series.
+                None => of_series(method, &series).map_or_else(fresh, |(_, color)| color),
             };
             colors.insert(method.id.clone(), color);
         }
@@ -37,6 +38,19 @@ impl Palette {
     pub fn color(&self, method: &str) -> usize {
         self.0.get(method).copied().unwrap_or(0)
     }
+}
+
+/// The series whose name a method's label begins with, where it is another row of it with the seconds of some method.
+fn of_series<'a, T: Copy>(method: &Method, series: &BTreeMap<&'a str, T>) -> Option<(&'a str, T)> {
+    let begun = series.iter().filter(|(name, _)| method.group == Group::EqualTime && method.label.starts_with(*name));
+    begun.max_by_key(|(name, _)| name.len()).map(|(name, value)| (*name, *value))
+}
+
+/// A method's label without the name of the series that its colour tells.
+pub fn short_label(methods: &[Method], method: &Method) -> String {
+    let series = methods.iter().filter_map(|method| Some((method.series.as_deref()?, ()))).collect();
+    let rest = of_series(method, &series).and_then(|(name, ())| method.label.strip_prefix(name));
+    rest.map(str::trim).filter(|rest| !rest.is_empty()).unwrap_or(&method.label).to_owned()
 }
 
 /// What is written where there is no value.
