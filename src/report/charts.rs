@@ -1,7 +1,7 @@
 //! The plots of the report.
 
 use super::View;
-use super::plot::{Level, Line, Plot, Point, Scale, svg};
+use super::plot::{Level, Line, Plot, Point, Scale, figure};
 use super::style::short_label;
 use super::table::{self, Filter, Row};
 use crate::evaluate::results::{Group, Metric, Scored};
@@ -22,11 +22,7 @@ pub fn time(view: &View, set: &str) -> Vec<(String, String)> {
 fn each(rows: &[Row], draw: impl Fn(&Metric) -> Option<String>) -> Vec<(String, String)> {
     let metrics = PLOTTED.iter().filter_map(|id| table::metric(id));
     let present = metrics.filter(|metric| rows.iter().any(|row| row.cells.contains_key(metric.id)));
-    present
-        .filter_map(|metric| {
-            Some((metric.label.to_owned(), super::html::scroll(&format!("plot of {}", metric.label), &draw(metric)?)))
-        })
-        .collect()
+    present.filter_map(|metric| Some((metric.label.to_owned(), draw(metric)?))).collect()
 }
 
 /// Ratios matter in errors, differences in decibels and similarities.
@@ -51,6 +47,7 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
             id: row.method.id.clone(),
             color: view.palette.color(&row.method.id),
             joined: series.is_some(),
+            legend: if faint { String::new() } else { series.unwrap_or(&row.method.label).to_owned() },
             ..Line::default()
         });
         let value = table::number(metric, cell.mean);
@@ -70,7 +67,7 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
         }
     }
     (!lines.is_empty()).then(|| {
-        svg(&Plot {
+        figure(&Plot {
             title: &format!("{} against seconds a frame", metric.label),
             x: ("seconds a frame", Scale::Log),
             y: (&axis(metric), scale(metric)),
@@ -105,18 +102,19 @@ fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String
         let value = table::number(metric, cell.mean);
         match (&row.method.series, row.method.spp, row.method.group) {
             (Some(series), Some(spp), _) => {
-                let fresh = || Line { color, joined: true, name: series.clone(), id: series.clone(), ..Line::default() };
+                let fresh =
+                    || Line { color, joined: true, named: true, legend: series.clone(), id: series.clone(), ..Line::default() };
                 let title = format!("{}: {value}", row.method.label);
                 let at = (f64::from(spp), cell.mean);
                 lines.entry(series).or_insert_with(fresh).points.push(Point { at, bar: cell.range, title, ..Point::default() });
             }
             (_, _, Group::PathTraced | Group::EqualTime) => {}
-            _ => levels.push(Level { name: row.method.label.clone(), color, y: cell.mean }),
+            _ => levels.push(Level { name: row.method.label.clone(), named: true, color, y: cell.mean }),
         }
     }
     lines.values_mut().for_each(|line| line.points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0)));
     (!lines.is_empty()).then(|| {
-        svg(&Plot {
+        figure(&Plot {
             title: &format!("{} against samples a pixel", metric.label),
             x: ("samples a pixel", Scale::Doubling),
             y: (&axis(metric), scale(metric)),
@@ -138,7 +136,7 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
             Some(Point { at: (column as f64 + 1.0, y), title, ..Point::default() })
         };
         let points: Vec<Point> = sequences.iter().enumerate().filter_map(point).collect();
-        Line { name: if points.is_empty() { String::new() } else { name.to_owned() }, color, points, ..Line::default() }
+        Line { named: !points.is_empty(), legend: name.to_owned(), color, points, ..Line::default() }
     };
     let lines = [
         kind("noise of the raw truth", 0, &|_, scored| scored.about.truth.noise),
@@ -150,7 +148,7 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
     ];
     let known = lines[..2].iter().any(|line| !line.points.is_empty());
     known.then(|| {
-        svg(&Plot {
+        figure(&Plot {
             title: "PSNR that the truth would score against a perfect one",
             x: ("sequence, in the order of the list below", Scale::Count),
             y: ("PSNR, dB (up is better)", Scale::Linear),
@@ -183,13 +181,13 @@ pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
             };
             let mut points: Vec<Point> = scores.filter_map(value).collect();
             points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0));
-            let (id, name, color) = (row.method.id.clone(), row.method.label.clone(), view.palette.color(&row.method.id));
-            (!points.is_empty()).then_some(Line { id, name, color, joined: true, points })
+            let (id, legend, color) = (row.method.id.clone(), row.method.label.clone(), view.palette.color(&row.method.id));
+            (!points.is_empty()).then_some(Line { id, legend, named: true, color, joined: true, points })
         };
         let lines: Vec<Line> = rows.iter().filter_map(line).collect();
         let height = SIZE.1.min(300.0).max(80.0 + 14.0 * lines.len() as f64);
         (!lines.is_empty()).then(|| {
-            svg(&Plot {
+            figure(&Plot {
                 title: &format!("{} over the frames", metric.label),
                 x: ("frame", Scale::Count),
                 y: (&axis(metric), scale(metric)),

@@ -1,6 +1,6 @@
 //! Plots as inline SVG. Colours come from the page's style sheet (classes `c0` to `c9`), so that they suit light and dark.
 
-use super::html::escape;
+use super::html::{escape, scroll};
 use super::place::{self, Patch};
 use std::fmt::Write;
 
@@ -8,6 +8,8 @@ use std::fmt::Write;
 pub const COLORS: usize = 10;
 /// Pixels of a letter of the labels, on average over names like ours in common sans-serif fonts at 12 pixels.
 pub const LETTER: f64 = 7.0;
+/// Pixels of plots in narrow windows: those of a phone held upright.
+const NARROW: (f64, f64) = (340.0, 380.0);
 /// Left, top, right, bottom.
 const MARGIN: [f64; 4] = [62.0, 14.0, 16.0, 48.0];
 
@@ -48,8 +50,10 @@ pub struct Line {
     pub color: usize,
     /// Whether the points are joined.
     pub joined: bool,
-    /// Written at the right end of the line; empty for none.
-    pub name: String,
+    /// Name in a legend.
+    pub legend: String,
+    /// Whether the name is written at the right end of the line, too.
+    pub named: bool,
     /// In any order for loose points, in the order to join them otherwise.
     pub points: Vec<Point>,
 }
@@ -57,8 +61,10 @@ pub struct Line {
 /// A level to compare with.
 #[derive(Clone, Debug)]
 pub struct Level {
-    /// Written at its right end.
+    /// Name in a legend.
     pub name: String,
+    /// Whether the name is written at its right end, too.
+    pub named: bool,
     /// Number of its colour.
     pub color: usize,
     /// In units of the axis.
@@ -168,8 +174,31 @@ pub fn text_width(text: &str) -> f64 {
     text.chars().count() as f64 * LETTER
 }
 
+/// The plot for wide and for narrow windows, of which the style sheet shows one: names on the lines, or in a legend below.
+pub fn figure(plot: &Plot) -> String {
+    let mut narrow = Plot { size: NARROW, ..plot.clone() };
+    for line in &mut narrow.lines {
+        line.named = false;
+        line.points.iter_mut().filter(|point| text_width(&point.label) > NARROW.0 / 6.0).for_each(|point| point.label.clear());
+    }
+    narrow.levels.iter_mut().for_each(|level| level.named = false);
+    let lines = plot.lines.iter().map(|line| (line.legend.as_str(), line.color, line.id.as_str()));
+    let levels = plot.levels.iter().map(|level| (level.name.as_str(), level.color, ""));
+    let mut legend = String::new();
+    for (name, number, id) in lines.chain(levels).filter(|(name, ..)| !name.is_empty()) {
+        let (dot, id) = (color(number), escape(id));
+        // Writing to a string cannot fail.
+        let _ = write!(legend, "<li class=\"end\" data-method=\"{id}\"><span class=\"dot {dot}\"></span>{}</li>", escape(name));
+    }
+    format!(
+        "{}<div class=\"narrow\">\n{}<ul class=\"legend\">{legend}</ul></div>\n",
+        scroll(plot.title, &svg(plot)).replacen("class=\"scroll\"", "class=\"scroll wide-plot\"", 1),
+        svg(&narrow)
+    )
+}
+
 /// The plot as an `svg` element.
-pub fn svg(plot: &Plot) -> String {
+fn svg(plot: &Plot) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
     let _ = draw(&mut out, plot);
@@ -178,7 +207,8 @@ pub fn svg(plot: &Plot) -> String {
 
 fn draw(out: &mut String, plot: &Plot) -> std::fmt::Result {
     let (width, height) = plot.size;
-    let names = plot.lines.iter().map(|l| l.name.as_str()).chain(plot.levels.iter().map(|l| l.name.as_str()));
+    let lines = plot.lines.iter().filter(|line| line.named).map(|line| line.legend.as_str());
+    let names = lines.chain(plot.levels.iter().filter(|level| level.named).map(|level| level.name.as_str()));
     let room = names.map(text_width).fold(0.0, f64::max);
     let right = width - if room > 0.0 { room + 22.0 } else { MARGIN[2] };
     let [left, top, bottom] = [MARGIN[0], MARGIN[1], height - MARGIN[3]];
@@ -296,10 +326,14 @@ fn label(out: &mut String, text: &str, number: usize, at: (f64, f64), taken: &mu
 
 /// Names at the right ends, pushed apart where they would overlap.
 fn end_names(out: &mut String, plot: &Plot, y: &Axis, [top, right, bottom]: [f64; 3]) -> std::fmt::Result {
-    let lines = plot.lines.iter().filter(|line| !line.name.is_empty());
+    let lines = plot.lines.iter().filter(|line| line.named);
     let ends =
-        lines.filter_map(|line| Some((y.within(line.points.last()?.at.1)?, line.name.as_str(), line.color, line.id.as_str())));
-    let levels = plot.levels.iter().filter_map(|level| Some((y.at(level.y)?, level.name.as_str(), level.color, "")));
+        lines.filter_map(|line| Some((y.within(line.points.last()?.at.1)?, line.legend.as_str(), line.color, line.id.as_str())));
+    let levels = plot
+        .levels
+        .iter()
+        .filter(|level| level.named)
+        .filter_map(|level| Some((y.at(level.y)?, level.name.as_str(), level.color, "")));
     let mut names: Vec<(f64, &str, usize, &str)> = ends.chain(levels).collect();
     names.sort_by(|a, b| a.0.total_cmp(&b.0));
     let spots = place::spread(&names.iter().map(|name| name.0).collect::<Vec<_>>(), 14.0, top + 4.0, bottom);

@@ -138,7 +138,7 @@ function comparison(data) {
   function showCurves() {
     const chosen = sides.map((side) => side.select.value);
     for (const svg of all("#curves svg")) {
-      const lines = all("[data-method]", svg);
+      const lines = all("[data-method]", svg.parentElement);
       const some = lines.some((line) => chosen.includes(line.dataset.method));
       lines.forEach((line) => line.classList.toggle("dim", some && !chosen.includes(line.dataset.method)));
       const [left, right, low, high] = svg.dataset.x.split(" ").map(Number);

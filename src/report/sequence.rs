@@ -158,7 +158,7 @@ fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Res
          <label>Zoom <select id=\"zoom\"><option value=\"0\">fit</option><option value=\"1\">1x</option><option value=\"2\">2x</option>\
          <option value=\"4\">4x</option></select></label>\n\
          <label class=\"check\"><input type=\"checkbox\" id=\"error\"> Error map</label>\n\
-         <label>Error times <select id=\"gain\"><option>1</option><option selected>4</option><option>16</option></select></label>\n</div>\n",
+         <label>times <select id=\"gain\"><option>1</option><option selected>4</option><option>16</option></select></label>\n</div>\n",
         options(0),
         options(right)
     )?;

@@ -16,7 +16,7 @@ impl Palette {
         let mut series: BTreeMap<&str, usize> = BTreeMap::new();
         let mut next = 0;
         for method in methods.iter().filter(|method| method.group != Group::Ablation) {
-            let mut fresh = || {
+            let fresh = || {
                 next += 1;
                 next - 1
             };

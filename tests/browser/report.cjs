@@ -152,7 +152,7 @@ async function frames(page) {
   await page.locator("#play").press("Enter");
   assert.equal(await page.locator("#play").textContent(), "Play");
   // A click on the curve goes to the frame there.
-  const svg = page.locator("#curves .choice:not([hidden]) svg");
+  const svg = page.locator("#curves .choice:not([hidden]) svg").locator("visible=true");
   await svg.scrollIntoViewIfNeeded();
   await svg.evaluate((e) => {
     const [left] = e.dataset.x.split(" ").map(Number);
