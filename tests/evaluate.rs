@@ -174,7 +174,9 @@ fn anybodys_pictures_are_compared_by_name_or_number() {
 
 #[test]
 fn two_folders_or_a_data_set_but_not_both() {
-    for arguments in [&["evaluate", "--out", "x"][..], &["evaluate", "a", "--out", "x"], &["evaluate", "a", "b", "--data", "c", "--out", "x"]] {
+    for arguments in
+        [&["evaluate", "--out", "x"][..], &["evaluate", "a", "--out", "x"], &["evaluate", "a", "b", "--data", "c", "--out", "x"]]
+    {
         assert_eq!(renderflow(arguments).status.code(), Some(2), "{arguments:?}");
     }
     let error = fail(&["evaluate", "--data", ".", "--methods", "ibl,magic", "--out", "x"]);

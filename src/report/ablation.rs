@@ -1,13 +1,14 @@
-//! Parts of baselines switched on and off, each beside what it was taken from.
+//! Parts of baselines switched on and off, beside what they were taken from.
 
 use super::View;
-use super::style::{NONE, cell, name, seconds};
-use super::table::{self, Cell, Filter};
-use super::{html, html::escape};
+use super::html;
+use super::style::{NONE, direction, name, seconds};
+use super::table::{self, Filter, Row};
 use crate::evaluate::results::{Group, Metric};
+use crate::metrics::bootstrap::Interval;
 
 /// Metrics that the table compares.
-const COMPARED: [&str; 4] = ["psnr", "ssim", "lpips_alex", "flip"];
+const COMPARED: [&str; 5] = ["psnr", "ssim", "lpips_alex", "flip", "temporal"];
 
 /// The table of a set; empty where nothing was switched.
 pub fn section(view: &View, set: &str) -> String {
@@ -15,41 +16,49 @@ pub fn section(view: &View, set: &str) -> String {
     let of = view.means.sequences(filter).len();
     let columns: Vec<&Metric> = COMPARED.iter().filter_map(|id| table::metric(id)).collect();
     let rows = view.means.rows(filter);
-    let methods = &view.results.about.methods;
-    let mut lines = Vec::new();
-    for row in rows.iter().filter(|row| row.method.group == Group::Ablation) {
-        let parent = table::parent(methods, row.method);
+    let parent = |row: &Row| table::parent(&view.results.about.methods, row.method).map(|parent| parent.id.as_str());
+    let ablations: Vec<&Row> = rows.iter().filter(|row| row.method.group == Group::Ablation).collect();
+    let line = |row: &Row, parent: Option<&str>| {
         let mut line = vec![(None, name(&view.palette, row, of))];
-        line.push((None, parent.map_or_else(|| NONE.into(), |parent| escape(&parent.label))));
         for column in &columns {
-            line.push(cell(column, row.cells.get(column.id)));
-            let change = parent.and_then(|parent| view.means.difference(filter, &row.method.id, &parent.id, column.id));
-            line.push(signed(column, change));
+            let change = parent.and_then(|parent| view.means.difference(filter, &row.method.id, parent, column.id));
+            line.push(cell(column, row.cells.get(column.id), change));
         }
         line.push(seconds(row.seconds));
-        lines.push(line);
+        line
+    };
+    let mut lines = Vec::new();
+    for whole in rows.iter().filter(|row| row.method.group != Group::Ablation) {
+        let mut parts = ablations.iter().filter(|row| parent(row) == Some(&whole.method.id)).peekable();
+        if parts.peek().is_some() {
+            lines.push(line(whole, None));
+            lines.extend(parts.map(|row| line(row, parent(row))));
+        }
     }
-    if lines.is_empty() {
+    // What was taken from nothing that was scored here.
+    let scored = |id: &str| rows.iter().any(|row| row.method.id == id);
+    lines.extend(ablations.iter().filter(|row| !parent(row).is_some_and(scored)).map(|row| line(row, None)));
+    if ablations.is_empty() {
         return String::new();
     }
-    let mut heads =
-        vec![("method", "A baseline with a part switched".to_owned()), ("compared with", "The baseline itself".to_owned())];
-    for column in &columns {
-        heads.push((column.label, super::style::direction(column)));
-        heads.push((
-            "change",
-            format!("{} of this row less that of the row it is compared with, on the same sequences", column.label),
-        ));
-    }
-    heads.push(("s/frame", "Median wall seconds a frame; less is better".into()));
-    let heads: Vec<(String, String)> = heads.into_iter().map(|(text, meaning)| (text.to_owned(), meaning)).collect();
-    format!("<h3>What parts are worth</h3>\n{}", html::table(&format!("{set}: parts switched on and off"), &heads, &lines))
+    let mut heads = vec![("method".to_owned(), "A baseline, then the same with a part switched".to_owned())];
+    let change = "below it the change from the baseline, on the same sequences; sorts by the change";
+    heads.extend(columns.iter().map(|column| (column.label.to_owned(), format!("{}; {change}", direction(column)))));
+    heads.push(("s/frame".into(), "Median wall seconds a frame; less is better".into()));
+    format!(
+        "<h3>What parts are worth</h3>\n<p>Below a mean its change from the baseline the row was taken from, over the same sequences, with \
+         its 95 % interval; grey where the interval holds 0.</p>\n{}",
+        html::table(&format!("{set}: parts switched on and off"), &heads, &lines)
+    )
 }
 
-/// A change with its sign and interval.
-fn signed(metric: &Metric, change: Option<Cell>) -> (Option<f64>, String) {
-    let Some(change) = change else { return (None, NONE.into()) };
-    let text = |value: f64| format!("{value:+.*}", metric.digits);
-    let ends = change.interval.map_or_else(String::new, |[a, b]| format!("<small>{} to {}</small>", text(a), text(b)));
-    (Some(change.mean), format!("{}{ends}", text(change.mean)))
+/// A mean, and its change with sign and interval.
+fn cell(metric: &Metric, mean: Option<&Interval>, change: Option<Interval>) -> (Option<f64>, String) {
+    let Some(mean) = mean else { return (None, NONE.into()) };
+    let mean = table::number(metric, mean.mean);
+    let Some(change) = change else { return (None, mean) };
+    let text = |value: f64| format!("{value:+.*}", metric.digits).replace('-', "\u{2212}");
+    let ends = change.range.map_or_else(String::new, |[a, b]| format!(" ({} to {})", text(a), text(b)));
+    let class = if change.is_clear() { " class=\"clear\"" } else { "" };
+    (Some(change.mean), format!("{mean}<small{class}>{}{ends}</small>", text(change.mean)))
 }

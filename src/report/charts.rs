@@ -1,7 +1,8 @@
 //! The plots of the report.
 
 use super::View;
-use super::plot::{Level, Line, Plot, Point, Scale, svg};
+use super::plot::{Level, Line, Plot, Point, Scale, figure};
+use super::style::short_label;
 use super::table::{self, Filter, Row};
 use crate::evaluate::results::{Group, Metric, Scored};
 use std::collections::BTreeMap;
@@ -9,7 +10,7 @@ use std::collections::BTreeMap;
 /// Metrics with plots of their own.
 const PLOTTED: [&str; 4] = ["psnr", "lpips_alex", "flip", "rel_mse"];
 /// Pixels of the plots.
-const SIZE: (f64, f64) = (860.0, 470.0);
+const SIZE: (f64, f64) = (960.0, 520.0);
 
 /// Error against seconds a frame, every method: a name and a plot a metric.
 pub fn time(view: &View, set: &str) -> Vec<(String, String)> {
@@ -21,11 +22,7 @@ pub fn time(view: &View, set: &str) -> Vec<(String, String)> {
 fn each(rows: &[Row], draw: impl Fn(&Metric) -> Option<String>) -> Vec<(String, String)> {
     let metrics = PLOTTED.iter().filter_map(|id| table::metric(id));
     let present = metrics.filter(|metric| rows.iter().any(|row| row.cells.contains_key(metric.id)));
-    present
-        .filter_map(|metric| {
-            Some((metric.label.to_owned(), super::html::scroll(&format!("plot of {}", metric.label), &draw(metric)?)))
-        })
-        .collect()
+    present.filter_map(|metric| Some((metric.label.to_owned(), draw(metric)?))).collect()
 }
 
 /// Ratios matter in errors, differences in decibels and similarities.
@@ -50,13 +47,14 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
             id: row.method.id.clone(),
             color: view.palette.color(&row.method.id),
             joined: series.is_some(),
+            legend: if faint { String::new() } else { series.unwrap_or(&row.method.label).to_owned() },
             ..Line::default()
         });
         let value = table::number(metric, cell.mean);
         line.points.push(Point {
             at: (seconds, cell.mean),
-            bar: cell.interval,
-            label: if faint { String::new() } else { short(row, series) },
+            bar: cell.range,
+            label: if faint { String::new() } else { short(view, row, series) },
             title: format!("{}: {value} at {} s a frame", row.method.label, table::seconds(seconds)),
             faint,
         });
@@ -69,7 +67,7 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
         }
     }
     (!lines.is_empty()).then(|| {
-        svg(&Plot {
+        figure(&Plot {
             title: &format!("{} against seconds a frame", metric.label),
             x: ("seconds a frame", Scale::Log),
             y: (&axis(metric), scale(metric)),
@@ -82,10 +80,10 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
 }
 
 /// What tells a point from others of its series.
-fn short(row: &Row, series: Option<&str>) -> String {
+fn short(view: &View, row: &Row, series: Option<&str>) -> String {
     match (series, row.method.spp) {
         (Some(_), Some(spp)) => format!("{spp} spp"),
-        _ => row.method.label.clone(),
+        _ => short_label(&view.results.about.methods, row.method),
     }
 }
 
@@ -104,25 +102,21 @@ fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String
         let value = table::number(metric, cell.mean);
         match (&row.method.series, row.method.spp, row.method.group) {
             (Some(series), Some(spp), _) => {
-                let fresh = || Line { color, joined: true, name: series.clone(), id: series.clone(), ..Line::default() };
+                let fresh =
+                    || Line { color, joined: true, named: true, legend: series.clone(), id: series.clone(), ..Line::default() };
                 let title = format!("{}: {value}", row.method.label);
                 let at = (f64::from(spp), cell.mean);
-                lines.entry(series).or_insert_with(fresh).points.push(Point {
-                    at,
-                    bar: cell.interval,
-                    title,
-                    ..Point::default()
-                });
+                lines.entry(series).or_insert_with(fresh).points.push(Point { at, bar: cell.range, title, ..Point::default() });
             }
             (_, _, Group::PathTraced | Group::EqualTime) => {}
-            _ => levels.push(Level { name: row.method.label.clone(), color, y: cell.mean }),
+            _ => levels.push(Level { name: row.method.label.clone(), named: true, color, y: cell.mean }),
         }
     }
     lines.values_mut().for_each(|line| line.points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0)));
     (!lines.is_empty()).then(|| {
-        svg(&Plot {
+        figure(&Plot {
             title: &format!("{} against samples a pixel", metric.label),
-            x: ("samples a pixel", Scale::Log),
+            x: ("samples a pixel", Scale::Doubling),
             y: (&axis(metric), scale(metric)),
             lines: lines.into_values().collect(),
             levels,
@@ -142,7 +136,7 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
             Some(Point { at: (column as f64 + 1.0, y), title, ..Point::default() })
         };
         let points: Vec<Point> = sequences.iter().enumerate().filter_map(point).collect();
-        Line { name: if points.is_empty() { String::new() } else { name.to_owned() }, color, points, ..Line::default() }
+        Line { named: !points.is_empty(), legend: name.to_owned(), color, points, ..Line::default() }
     };
     let lines = [
         kind("noise of the raw truth", 0, &|_, scored| scored.about.truth.noise),
@@ -154,9 +148,9 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
     ];
     let known = lines[..2].iter().any(|line| !line.points.is_empty());
     known.then(|| {
-        svg(&Plot {
+        figure(&Plot {
             title: "PSNR that the truth would score against a perfect one",
-            x: ("sequence, in the order of the list below", Scale::Linear),
+            x: ("sequence, in the order of the list below", Scale::Count),
             y: ("PSNR, dB (up is better)", Scale::Linear),
             lines: lines.into(),
             levels: Vec::new(),
@@ -164,6 +158,11 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
             size: (SIZE.0, 300.0),
         })
     })
+}
+
+/// Whether a value says that a picture is the truth itself, as on keyframes.
+fn copy(metric: &Metric, value: f64) -> bool {
+    if metric.rising { value >= 99.0 } else { value <= 0.0 }
 }
 
 /// Metrics over the frames of a sequence, a line a method: a name and a plot a metric.
@@ -176,21 +175,21 @@ pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
         let line = |row: &Row| {
             let scores = scored.scores.iter().filter(|score| score.method == row.method.id);
             let value = |score: &crate::evaluate::results::Score| {
-                let y = score.values.get(metric.id).copied().filter(|y| y.is_finite())?;
+                let y = score.values.get(metric.id).copied().filter(|y| y.is_finite() && !(score.key && copy(metric, *y)))?;
                 let title = format!("{}, frame {}: {}", row.method.label, score.frame, table::number(metric, y));
                 Some(Point { at: (score.frame as f64, y), title, ..Point::default() })
             };
             let mut points: Vec<Point> = scores.filter_map(value).collect();
             points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0));
-            let (id, name, color) = (row.method.id.clone(), row.method.label.clone(), view.palette.color(&row.method.id));
-            (!points.is_empty()).then_some(Line { id, name, color, joined: true, points })
+            let (id, legend, color) = (row.method.id.clone(), row.method.label.clone(), view.palette.color(&row.method.id));
+            (!points.is_empty()).then_some(Line { id, legend, named: true, color, joined: true, points })
         };
         let lines: Vec<Line> = rows.iter().filter_map(line).collect();
         let height = SIZE.1.min(300.0).max(80.0 + 14.0 * lines.len() as f64);
         (!lines.is_empty()).then(|| {
-            svg(&Plot {
+            figure(&Plot {
                 title: &format!("{} over the frames", metric.label),
-                x: ("frame", Scale::Linear),
+                x: ("frame", Scale::Count),
                 y: (&axis(metric), scale(metric)),
                 lines,
                 levels: Vec::new(),

@@ -41,21 +41,23 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     let (sequences, frames) = table::extent(&view.means, filter);
     let rows = view.means.rows(Filter { without_ablations: true, ..filter });
     let mut out = format!(
-        "<p>{sequences} sequences, {frames} frames: those that are no keyframes, the same for all methods. Below a mean its 95 % \
-         bootstrap interval over sequences. Columns sort.</p>\n"
+        "<p>{}, {}: those that are no keyframes, the same for all methods. Below a mean its 95 % bootstrap interval over sequences. \
+         A click on a head sorts.</p>\n",
+        table::plural(sequences, "sequence"),
+        table::plural(frames, "frame")
     );
     out += &style::main_table(&view.palette, &format!("{set}: all classes of scenes"), &rows, sequences);
-    let classes = class_tables(view, set);
-    if !classes.is_empty() {
-        out += "<h3>By class of scene</h3>\n";
-        out += &html::chooser("Metric", &classes);
-    }
     out += &plots(
         "Error against time",
         &charts::time(view, set),
         "Mean over sequences with its 95 % interval; median seconds. Faint: parts switched on or off.",
     );
     out += &plots("Convergence of path tracing", &charts::convergence(view, set), "Other methods as levels.");
+    let classes = class_tables(view, set);
+    if !classes.is_empty() {
+        out += "<h3>By class of scene</h3>\n";
+        out += &html::chooser("Metric", &classes);
+    }
     out += &ablation::section(view, set);
     out += &truth(view, set);
     out += &grid(view, set)?;
@@ -81,7 +83,7 @@ fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
         .collect();
     let all = view.means.rows(Filter { set: Some(set), ..Filter::default() });
     let mut heads = vec![("method".to_owned(), "How the pictures were made".to_owned())];
-    heads.extend(columns.iter().map(|(class, count, _)| ((*class).to_owned(), format!("{count} sequences"))));
+    heads.extend(columns.iter().map(|(class, count, _)| ((*class).to_owned(), table::plural(*count, "sequence"))));
     let of = table::extent(&view.means, Filter { set: Some(set), ..Filter::default() }).0;
     let find = |rows: &[table::Row], id: &str, metric: &'static Metric| {
         style::cell(metric, rows.iter().find(|row| row.method.id == id).and_then(|row| row.cells.get(metric.id)))
@@ -134,7 +136,7 @@ fn truth(view: &View, set: &str) -> String {
         ),
     ];
     let lines: Vec<_> = sequences.iter().map(|(_, scored)| line(scored)).collect();
-    let plot = charts::truth(view, set).map_or_else(String::new, |plot| html::scroll("plot of the truth's error", &plot));
+    let plot = charts::truth(view, set).unwrap_or_default();
     format!(
         "<h3>The truth's own error</h3>\n<p>PSNR that the truth would score against a perfect one: a method near it is limited by the \
          truth.</p>\n{plot}<details><summary>Table of the truth</summary>\n{}</details>\n",

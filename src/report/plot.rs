@@ -1,13 +1,15 @@
 //! Plots as inline SVG. Colours come from the page's style sheet (classes `c0` to `c9`), so that they suit light and dark.
 
-use super::html::escape;
+use super::html::{escape, scroll};
 use super::place::{self, Patch};
 use std::fmt::Write;
 
 /// Number of colour classes in the style sheet.
 pub const COLORS: usize = 10;
 /// Pixels of a letter of the labels, on average over names like ours in common sans-serif fonts at 12 pixels.
-pub const LETTER: f64 = 6.3;
+pub const LETTER: f64 = 7.0;
+/// Pixels of plots in narrow windows: those of a phone held upright.
+const NARROW: (f64, f64) = (340.0, 380.0);
 /// Left, top, right, bottom.
 const MARGIN: [f64; 4] = [62.0, 14.0, 16.0, 48.0];
 
@@ -16,8 +18,12 @@ const MARGIN: [f64; 4] = [62.0, 14.0, 16.0, 48.0];
 pub enum Scale {
     /// Evenly.
     Linear,
+    /// Evenly, marked at whole numbers only.
+    Count,
     /// By their logarithm; values that are not above 0 are left out.
     Log,
+    /// The same, marked at powers of two.
+    Doubling,
 }
 
 /// A point with its name.
@@ -44,8 +50,10 @@ pub struct Line {
     pub color: usize,
     /// Whether the points are joined.
     pub joined: bool,
-    /// Written at the right end of the line; empty for none.
-    pub name: String,
+    /// Name in a legend.
+    pub legend: String,
+    /// Whether the name is written at the right end of the line, too.
+    pub named: bool,
     /// In any order for loose points, in the order to join them otherwise.
     pub points: Vec<Point>,
 }
@@ -53,8 +61,10 @@ pub struct Line {
 /// A level to compare with.
 #[derive(Clone, Debug)]
 pub struct Level {
-    /// Written at its right end.
+    /// Name in a legend.
     pub name: String,
+    /// Whether the name is written at its right end, too.
+    pub named: bool,
     /// Number of its colour.
     pub color: usize,
     /// In units of the axis.
@@ -90,17 +100,22 @@ pub struct Axis {
 }
 
 impl Axis {
+    fn is_log(scale: Scale) -> bool {
+        matches!(scale, Scale::Log | Scale::Doubling)
+    }
+
     /// Covers the values with a little room at both ends.
     pub fn new(values: impl Iterator<Item = f64>, scale: Scale, from: f64, to: f64) -> Self {
-        let usable = values.filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
+        let usable = values.filter(|v| v.is_finite() && (!Self::is_log(scale) || *v > 0.0));
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         let (low, high) = match scale {
             _ if low > high => (1.0, 10.0),
-            Scale::Log => {
+            Scale::Log | Scale::Doubling => {
                 let room = (high / low).powf(0.05).max(1.1);
                 (low / room, high * room)
             }
-            Scale::Linear => {
+            Scale::Count if high - low < 4.0 => (low - 0.4, high + 0.4),
+            Scale::Linear | Scale::Count => {
                 let room = if high > low { 0.05 * (high - low) } else { 0.1 * high.abs().max(1.0) };
                 (low - room, high + room)
             }
@@ -111,8 +126,8 @@ impl Axis {
     /// Place of a value, if it has one.
     pub fn at(&self, value: f64) -> Option<f64> {
         let share = match self.scale {
-            Scale::Linear => (value - self.low) / (self.high - self.low),
-            Scale::Log => (value / self.low).ln() / (self.high / self.low).ln(),
+            Scale::Linear | Scale::Count => (value - self.low) / (self.high - self.low),
+            Scale::Log | Scale::Doubling => (value / self.low).ln() / (self.high / self.low).ln(),
         };
         share.is_finite().then(|| self.from + (self.to - self.from) * share)
     }
@@ -132,7 +147,11 @@ impl Axis {
             let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
             return (first..=last).flat_map(|d| steps.iter().map(move |s| s * 10f64.powi(d))).filter(inside).collect();
         }
-        let rough = (self.high - self.low) / 6.0;
+        if self.scale == Scale::Doubling {
+            return (-20..40).map(|power| 2f64.powi(power)).filter(inside).collect();
+        }
+        let least = if self.scale == Scale::Count { 1.0 } else { 0.0 };
+        let rough = ((self.high - self.low) / 6.0).max(least);
         let decade = 10f64.powf(rough.log10().floor());
         let step = [1.0, 2.0, 5.0, 10.0].map(|s| s * decade).into_iter().find(|s| *s >= rough).unwrap_or(rough);
         let first = (self.low / step).ceil() as i64;
@@ -155,8 +174,31 @@ pub fn text_width(text: &str) -> f64 {
     text.chars().count() as f64 * LETTER
 }
 
+/// The plot for wide and for narrow windows, of which the style sheet shows one: names on the lines, or in a legend below.
+pub fn figure(plot: &Plot) -> String {
+    let mut narrow = Plot { size: NARROW, ..plot.clone() };
+    for line in &mut narrow.lines {
+        line.named = false;
+        line.points.iter_mut().filter(|point| text_width(&point.label) > NARROW.0 / 6.0).for_each(|point| point.label.clear());
+    }
+    narrow.levels.iter_mut().for_each(|level| level.named = false);
+    let lines = plot.lines.iter().map(|line| (line.legend.as_str(), line.color, line.id.as_str()));
+    let levels = plot.levels.iter().map(|level| (level.name.as_str(), level.color, ""));
+    let mut legend = String::new();
+    for (name, number, id) in lines.chain(levels).filter(|(name, ..)| !name.is_empty()) {
+        let (dot, id) = (color(number), escape(id));
+        // Writing to a string cannot fail.
+        let _ = write!(legend, "<li class=\"end\" data-method=\"{id}\"><span class=\"dot {dot}\"></span>{}</li>", escape(name));
+    }
+    format!(
+        "{}<div class=\"narrow\">\n{}<ul class=\"legend\">{legend}</ul></div>\n",
+        scroll(plot.title, &svg(plot)).replacen("class=\"scroll\"", "class=\"scroll wide-plot\"", 1),
+        svg(&narrow)
+    )
+}
+
 /// The plot as an `svg` element.
-pub fn svg(plot: &Plot) -> String {
+fn svg(plot: &Plot) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
     let _ = draw(&mut out, plot);
@@ -165,12 +207,13 @@ pub fn svg(plot: &Plot) -> String {
 
 fn draw(out: &mut String, plot: &Plot) -> std::fmt::Result {
     let (width, height) = plot.size;
-    let names = plot.lines.iter().map(|l| l.name.as_str()).chain(plot.levels.iter().map(|l| l.name.as_str()));
+    let lines = plot.lines.iter().filter(|line| line.named).map(|line| line.legend.as_str());
+    let names = lines.chain(plot.levels.iter().filter(|level| level.named).map(|level| level.name.as_str()));
     let room = names.map(text_width).fold(0.0, f64::max);
     let right = width - if room > 0.0 { room + 22.0 } else { MARGIN[2] };
     let [left, top, bottom] = [MARGIN[0], MARGIN[1], height - MARGIN[3]];
     let clear = || plot.lines.iter().flat_map(|line| &line.points).filter(|point| !point.faint);
-    let x = Axis::new(clear().map(|p| p.at.0), plot.x.1, left, right);
+    let x = Axis::new(clear().map(|p| p.at.0).chain(plot.marks.iter().copied()), plot.x.1, left, right);
     let ends = clear().flat_map(|p| p.bar.into_iter().flatten().chain([p.at.1]));
     let y = Axis::new(ends.chain(plot.levels.iter().map(|level| level.y)), plot.y.1, bottom, top);
     writeln!(
@@ -246,6 +289,7 @@ fn marks(out: &mut String, line: &Line, (x, y): (&Axis, &Axis), taken: &mut plac
         write!(out, "<g{class}>")?;
         if let Some([a, b]) = point.bar.map(|bar| bar.map(|end| y.within(end))).and_then(|[a, b]| Some([a?, b?])) {
             write!(out, "<path d=\"M{px:.1} {a:.1}V{b:.1}M{:.1} {a:.1}h6M{:.1} {b:.1}h6\"/>", px - 3.0, px - 3.0)?;
+            taken.segment((px, a), (px, b));
         }
         let radius = if point.faint { 2.5 } else { 4.0 };
         writeln!(
@@ -282,10 +326,14 @@ fn label(out: &mut String, text: &str, number: usize, at: (f64, f64), taken: &mu
 
 /// Names at the right ends, pushed apart where they would overlap.
 fn end_names(out: &mut String, plot: &Plot, y: &Axis, [top, right, bottom]: [f64; 3]) -> std::fmt::Result {
-    let lines = plot.lines.iter().filter(|line| !line.name.is_empty());
+    let lines = plot.lines.iter().filter(|line| line.named);
     let ends =
-        lines.filter_map(|line| Some((y.within(line.points.last()?.at.1)?, line.name.as_str(), line.color, line.id.as_str())));
-    let levels = plot.levels.iter().filter_map(|level| Some((y.at(level.y)?, level.name.as_str(), level.color, "")));
+        lines.filter_map(|line| Some((y.within(line.points.last()?.at.1)?, line.legend.as_str(), line.color, line.id.as_str())));
+    let levels = plot
+        .levels
+        .iter()
+        .filter(|level| level.named)
+        .filter_map(|level| Some((y.at(level.y)?, level.name.as_str(), level.color, "")));
     let mut names: Vec<(f64, &str, usize, &str)> = ends.chain(levels).collect();
     names.sort_by(|a, b| a.0.total_cmp(&b.0));
     let spots = place::spread(&names.iter().map(|name| name.0).collect::<Vec<_>>(), 14.0, top + 4.0, bottom);

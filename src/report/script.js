@@ -84,7 +84,8 @@ function drawError(canvas, picture, truth, gain) {
     for (let c = 0; c < 3; c++) map.data[i + c] = 255 * (sum * gain / 255 - c);
     map.data[i + 3] = 255;
   }
-  canvas.getContext("2d").putImageData(map, 0, 0);
+  // Kept where the processor reaches it: it is written pixel by pixel.
+  canvas.getContext("2d", { willReadFrequently: true }).putImageData(map, 0, 0);
 }
 
 function comparison(data) {
@@ -137,7 +138,7 @@ function comparison(data) {
   function showCurves() {
     const chosen = sides.map((side) => side.select.value);
     for (const svg of all("#curves svg")) {
-      const lines = all("[data-method]", svg);
+      const lines = all("[data-method]", svg.parentElement);
       const some = lines.some((line) => chosen.includes(line.dataset.method));
       lines.forEach((line) => line.classList.toggle("dim", some && !chosen.includes(line.dataset.method)));
       const [left, right, low, high] = svg.dataset.x.split(" ").map(Number);
@@ -153,8 +154,9 @@ function comparison(data) {
       const method = side.select.value;
       setPicture(side.picture, address(frame(), method), `${labels.get(method)}, frame ${frame()}`);
     }
-    find("#frame-number").textContent = "frame " + frame();
-    slider.setAttribute("aria-valuetext", "frame " + frame());
+    const name = frame() + (data.keyframes.includes(frame()) ? ", keyframe" : "");
+    find("#frame-number").textContent = name;
+    slider.setAttribute("aria-valuetext", "frame " + name);
     showStrip();
     showCurves();
     showErrors();

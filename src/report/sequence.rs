@@ -3,7 +3,7 @@
 use super::html::{self, escape};
 use super::table::Filter;
 use super::{View, charts, picture, style};
-use crate::evaluate::results::{Scored, TRUTH, picture_file};
+use crate::evaluate::results::{Group, Scored, TRUTH, picture_file};
 use anyhow::Result;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -19,6 +19,8 @@ struct Data {
     height: usize,
     /// Numbers of the frames with pictures.
     frames: Vec<usize>,
+    /// Numbers of keyframes.
+    keyframes: Vec<usize>,
     /// Ids and labels, the truth first.
     methods: Vec<(String, String)>,
     /// Base64 of PNG files, by frame and method.
@@ -34,7 +36,7 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
     let (data, left_out) = collect(view, scored)?;
     let title = format!("{} - {}", about.name, view.results.about.title);
     let mut body = format!(
-        "<header>\n{}<h1>{}</h1>\n<p>{} in {}: {} frames of {} x {} pixels, {} of them keyframes.</p></header>\n<main>\n",
+        "<header>\n{}<h1>{}</h1>\n<p>Class {} of set {}: {} frames of {} x {} pixels, {} of them keyframes.</p></header>\n<main>\n",
         links(view, number),
         escape(&about.name),
         escape(&about.class),
@@ -44,7 +46,7 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
         about.height,
         about.keyframes.len()
     );
-    body += &comparison(&data, scored, left_out)?;
+    body += &comparison(view, &data, scored, left_out)?;
     let filter = Filter { set: Some(&about.set), class: Some(&about.class), name: Some(&about.name), ..Filter::default() };
     body +=
         "<section><h2>Scores</h2>\n<p>Means over the frames that are no keyframes (over all, where every frame is one).</p>\n";
@@ -53,7 +55,7 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
     let plots = charts::frames(view, number);
     if !plots.is_empty() {
         body += "<section id=\"curves\"><h2>Over the frames</h2>\n<p>Triangles at the foot mark keyframes, the upright line the frame \
-                 shown above; a click goes to the nearest frame that has pictures.</p>\n";
+                 shown above; a click goes to the nearest frame that has pictures. Where a keyframe's picture is the truth itself it has no point.</p>\n";
         body += &html::chooser("Metric", &plots);
         body += "</section>\n";
     }
@@ -110,7 +112,18 @@ fn collect(view: &View, scored: &Scored) -> Result<(Data, usize)> {
             psnr.entry(score.frame).or_default().insert(score.method.clone(), format!("{value:.2} dB"));
         }
     }
-    Ok((Data { width: about.width, height: about.height, frames: kept, methods, pictures, psnr }, left_out))
+    Ok((
+        Data {
+            width: about.width,
+            height: about.height,
+            frames: kept,
+            keyframes: about.keyframes.clone(),
+            methods,
+            pictures,
+            psnr,
+        },
+        left_out,
+    ))
 }
 
 /// Of frames and their bytes, every n-th with the smallest n that fits; one at least.
@@ -121,7 +134,7 @@ fn kept_frames(frames: &[(usize, usize)]) -> Vec<usize> {
     every(n).map(|(frame, _)| *frame).collect()
 }
 
-fn comparison(data: &Data, scored: &Scored, left_out: usize) -> Result<String> {
+fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Result<String> {
     let mut out = String::from("<section id=\"compare\"><h2>Pictures</h2>\n");
     if data.frames.is_empty() {
         return Ok(out + "<p>No pictures were kept.</p></section>\n");
@@ -137,15 +150,17 @@ fn comparison(data: &Data, scored: &Scored, left_out: usize) -> Result<String> {
     let last = data.frames.len() - 1;
     // A frame that is no keyframe says more.
     let first = data.frames.iter().position(|frame| !about.keyframes.contains(frame)).unwrap_or(0);
+    let neural = |id: &str| view.results.about.methods.iter().any(|method| method.id == id && method.group == Group::Neural);
+    let right = data.methods.iter().position(|(id, _)| neural(id)).unwrap_or(1);
     write!(
         out,
         "<div class=\"controls\">\n<label>Left <select id=\"left\">{}</select></label>\n<label>Right <select id=\"right\">{}</select></label>\n\
          <label>Zoom <select id=\"zoom\"><option value=\"0\">fit</option><option value=\"1\">1x</option><option value=\"2\">2x</option>\
          <option value=\"4\">4x</option></select></label>\n\
          <label class=\"check\"><input type=\"checkbox\" id=\"error\"> Error map</label>\n\
-         <label>Error times <select id=\"gain\"><option>1</option><option selected>4</option><option>16</option></select></label>\n</div>\n",
+         <label>times <select id=\"gain\"><option>1</option><option selected>4</option><option>16</option></select></label>\n</div>\n",
         options(0),
-        options(1)
+        options(right)
     )?;
     write!(
         out,

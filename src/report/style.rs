@@ -1,8 +1,9 @@
 //! Colours and the cells that both kinds of pages share.
 
 use super::html::{self, escape};
-use super::table::{self, COLUMNS, Cell, Row};
+use super::table::{self, COLUMNS, Row};
 use crate::evaluate::results::{Group, Method, Metric};
+use crate::metrics::bootstrap::Interval;
 use std::collections::BTreeMap;
 
 /// A colour number a method: methods of one series share theirs, ablations have their parent's.
@@ -15,13 +16,14 @@ impl Palette {
         let mut series: BTreeMap<&str, usize> = BTreeMap::new();
         let mut next = 0;
         for method in methods.iter().filter(|method| method.group != Group::Ablation) {
-            let mut fresh = || {
+            let fresh = || {
                 next += 1;
                 next - 1
             };
             let color = match &method.series {
                 Some(name) => *series.entry(name).or_insert_with(fresh),
-                None => fresh(),
+                // In the time of another method, but by the means of its series.
+                None => of_series(method, &series).map_or_else(fresh, |(_, color)| color),
             };
             colors.insert(method.id.clone(), color);
         }
@@ -38,6 +40,19 @@ impl Palette {
     }
 }
 
+/// The series whose name a method's label begins with, where it is another row of it with the seconds of some method.
+fn of_series<'a, T: Copy>(method: &Method, series: &BTreeMap<&'a str, T>) -> Option<(&'a str, T)> {
+    let begun = series.iter().filter(|(name, _)| method.group == Group::EqualTime && method.label.starts_with(*name));
+    begun.max_by_key(|(name, _)| name.len()).map(|(name, value)| (*name, *value))
+}
+
+/// A method's label without the name of the series that its colour tells.
+pub fn short_label(methods: &[Method], method: &Method) -> String {
+    let series = methods.iter().filter_map(|method| Some((method.series.as_deref()?, ()))).collect();
+    let rest = of_series(method, &series).and_then(|(name, ())| method.label.strip_prefix(name));
+    rest.map(str::trim).filter(|rest| !rest.is_empty()).unwrap_or(&method.label).to_owned()
+}
+
 /// What is written where there is no value.
 pub const NONE: &str = "<span class=\"none\">–</span>";
 
@@ -49,10 +64,10 @@ pub fn name(palette: &Palette, row: &Row, of: usize) -> String {
 }
 
 /// A mean with its interval below it.
-pub fn cell(metric: &Metric, cell: Option<&Cell>) -> (Option<f64>, String) {
+pub fn cell(metric: &Metric, cell: Option<&Interval>) -> (Option<f64>, String) {
     let Some(cell) = cell else { return (None, NONE.into()) };
     let mean = table::number(metric, cell.mean);
-    let ends = cell.interval.map(|ends| ends.map(|end| table::number(metric, end)));
+    let ends = cell.range.map(|ends| ends.map(|end| table::number(metric, end)));
     let ends = ends.map_or_else(String::new, |[a, b]| format!("<small>{a} to {b}</small>"));
     (Some(cell.mean), format!("{mean}{ends}"))
 }

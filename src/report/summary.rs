@@ -37,7 +37,7 @@ pub fn paragraph(means: &Means, set: &str) -> String {
     if sentences.is_empty() {
         return String::new();
     }
-    format!("<p><strong>{}</strong> {}</p>\n", escape(set), sentences.join(" "))
+    format!("<p><strong>{}:</strong> {}</p>\n", escape(set), sentences.join(" "))
 }
 
 fn best<'a, 'r: 'a>(rows: impl Iterator<Item = &'a Row<'r>>) -> Option<&'a Row<'r>> {
@@ -54,7 +54,7 @@ fn value(metric: &Metric, row: &Row) -> String {
 }
 
 fn result(metric: &Metric, row: &Row) -> String {
-    let ends = row.cells.get(metric.id).and_then(|cell| cell.interval);
+    let ends = row.cells.get(metric.id).and_then(|cell| cell.range);
     let ends = ends.map_or_else(String::new, |[a, b]| format!(" ({} to {})", table::number(metric, a), table::number(metric, b)));
     let seconds = row.seconds.map_or_else(String::new, |s| format!(" at {} s a frame", table::seconds(s)));
     format!("{}{ends}{seconds}", value(metric, row))

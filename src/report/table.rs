@@ -1,40 +1,16 @@
 //! Means over frames and sequences with their intervals, and the tables that are printed.
 
 use crate::evaluate::results::{Group, METRICS, Method, Metric, Results, Scored, Sequence};
+use crate::metrics::bootstrap::{self, Interval};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
 /// Metrics of the main table, in the order of its columns.
 pub const COLUMNS: [&str; 7] = ["psnr", "ssim", "lpips_alex", "flip", "psnr_full", "rel_mse", "temporal"];
 
-/// Resamples of a bootstrap interval: its ends then move by less than a hundredth of its width from seed to seed.
-const RESAMPLES: usize = 4000;
-
 /// A metric by its id; `None` for one that [`METRICS`] does not list.
 pub fn metric(id: &str) -> Option<&'static Metric> {
     METRICS.iter().find(|metric| metric.id == id)
-}
-
-/// Mean over sequences of the means over their frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cell {
-    /// In the metric's unit.
-    pub mean: f64,
-    /// 95 % bootstrap interval over sequences; `None` for a single one.
-    pub interval: Option<[f64; 2]>,
-    /// Sequences that have a value.
-    pub sequences: usize,
-}
-
-impl Cell {
-    /// `None` for no value.
-    fn of(values: &[f64]) -> Option<Self> {
-        (!values.is_empty()).then(|| Self {
-            mean: values.iter().sum::<f64>() / values.len() as f64,
-            interval: interval(values),
-            sequences: values.len(),
-        })
-    }
 }
 
 /// What a table says of a method.
@@ -43,7 +19,7 @@ pub struct Row<'a> {
     /// The method.
     pub method: &'a Method,
     /// By id of the metric; one without a value is missing.
-    pub cells: BTreeMap<&'static str, Cell>,
+    pub cells: BTreeMap<&'static str, Interval>,
     /// Median wall seconds over all frames counted.
     pub seconds: Option<f64>,
     /// Sequences that the method has been scored on.
@@ -140,7 +116,7 @@ impl<'a> Means<'a> {
         let count = numbers().filter(|&number| self.scored[number].contains(method.id.as_str())).count();
         let cell = |metric: &Metric| {
             let values: Vec<f64> = numbers().filter_map(|number| self.value(number, &method.id, metric.id)).collect();
-            Cell::of(&values)
+            bootstrap::bootstrap(&values)
         };
         let seconds = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str())).flatten().copied();
         (count > 0).then(|| Row {
@@ -152,10 +128,10 @@ impl<'a> Means<'a> {
     }
 
     /// Mean over sequences of what `method` scores above `other` on the same sequence.
-    pub fn difference(&self, filter: Filter, method: &str, other: &str, metric: &str) -> Option<Cell> {
-        let numbers = self.sequences(filter).into_iter().map(|(number, _)| number);
-        let difference = |number| Some(self.value(number, method, metric)? - self.value(number, other, metric)?);
-        Cell::of(&numbers.filter_map(difference).collect::<Vec<f64>>())
+    pub fn difference(&self, filter: Filter, method: &str, other: &str, metric: &str) -> Option<Interval> {
+        let sequences = self.sequences(filter);
+        let values = |method| sequences.iter().map(|(number, _)| self.value(*number, method, metric)).collect::<Vec<_>>();
+        bootstrap::bootstrap_difference(&values(method), &values(other))
     }
 }
 
@@ -164,27 +140,6 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let last = values.len().checked_sub(1)?;
     Some(0.5 * (values[last / 2] + values[values.len() / 2]))
-}
-
-/// 95 % percentile bootstrap interval of the mean (Efron 1979), the same for the same values.
-fn interval(values: &[f64]) -> Option<[f64; 2]> {
-    if values.len() < 2 {
-        return None;
-    }
-    let mut state = 1u64;
-    let mut draw = || {
-        // SplitMix64 (Steele, Lea and Flood 2014).
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        let random = u128::from(z ^ (z >> 31));
-        values[((random * values.len() as u128) >> 64) as usize]
-    };
-    let count = values.len() as f64;
-    let mut means: Vec<f64> = (0..RESAMPLES).map(|_| values.iter().map(|_| draw()).sum::<f64>() / count).collect();
-    means.sort_by(f64::total_cmp);
-    let at = |share: f64| means[(share * (RESAMPLES - 1) as f64).round() as usize];
-    Some([at(0.025), at(0.975)])
 }
 
 /// The method that an ablation is a change of: the one whose id its own begins with, or else the last baseline before it.
@@ -225,9 +180,12 @@ pub fn seconds(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
-/// The sets of the results, in order of first appearance.
+/// The sets of the results, the one with most sequences first.
 pub fn sets(results: &Results) -> Vec<&str> {
-    unique(results.sequences.iter().map(|sequence| sequence.about.set.as_str()))
+    let mut sets = unique(results.sequences.iter().map(|sequence| sequence.about.set.as_str()));
+    let count = |set: &str| results.sequences.iter().filter(|sequence| sequence.about.set == set).count();
+    sets.sort_by_key(|set| std::cmp::Reverse(count(set)));
+    sets
 }
 
 /// The classes of a set, in order of first appearance.
@@ -258,7 +216,7 @@ pub fn markdown(results: &Results, filter: Filter) -> String {
         let (sequences, frames) = extent(&means, filter);
         let gap = if text.is_empty() { "" } else { "\n" };
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "{gap}{set}: {sequences} sequences, {frames} frames that are no keyframes\n");
+        let _ = writeln!(text, "{gap}{set}: {}, {}\n", plural(sequences, "sequence"), plural(frames, "frame"));
         text += &grid(&rows);
     }
     text
@@ -277,6 +235,11 @@ pub fn counted(sequence: &Sequence) -> Vec<usize> {
     if rest.is_empty() { sequence.frames.clone() } else { rest }
 }
 
+/// A count with its noun.
+pub fn plural(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Rows as Markdown, columns lined up.
 fn grid(rows: &[Row]) -> String {
     let columns: Vec<&Metric> = COLUMNS.iter().filter_map(|id| metric(id)).collect();
@@ -293,7 +256,7 @@ fn grid(rows: &[Row]) -> String {
             let cell = row.cells.get(column.id);
             line.push(cell.map_or_else(|| "-".into(), |cell| number(column, cell.mean)));
             if column.id == "psnr" {
-                let ends = cell.and_then(|cell| cell.interval);
+                let ends = cell.and_then(|cell| cell.range);
                 line.push(ends.map_or_else(|| "-".into(), |[a, b]| format!("{} to {}", number(column, a), number(column, b))));
             }
         }

@@ -34,10 +34,10 @@ fn means_and_intervals_are_those_computed_by_hand() {
     let ibl = &rows[0].cells["psnr"];
     assert!((ibl.mean - 22.0).abs() < 1e-12 && ibl.sequences == 3);
     // The mean of three draws from 21, 22, 23 is 21 or 23 in one of 27 draws each: more than 2.5 %, so the interval ends there.
-    assert_eq!(ibl.interval, Some([21.0, 23.0]));
+    assert_eq!(ibl.range, Some([21.0, 23.0]));
     // Without the third sequence: draws from 31 and 33 are both 31 in a quarter.
     let last = &rows[5].cells["psnr"];
-    assert_eq!((last.mean, last.interval, rows[5].sequences), (32.0, Some([31.0, 33.0]), 2));
+    assert_eq!((last.mean, last.range, rows[5].sequences), (32.0, Some([31.0, 33.0]), 2));
     // Frames 1 to 3 take 11, 12, 13 ms.
     assert!((rows[0].seconds.unwrap() - 0.012).abs() < 1e-12);
     // The temporal value of frame 0 is missing, and keyframes count nowhere anyway.
@@ -48,10 +48,10 @@ fn means_and_intervals_are_those_computed_by_hand() {
     assert!((open[0].mean("psnr").unwrap() - 21.5).abs() < 1e-12);
     // One sequence has no interval.
     let assets = means.rows(table::Filter { set: Some("assets"), ..Default::default() });
-    assert_eq!((assets[0].mean("psnr"), assets[0].cells["psnr"].interval), (Some(20.0), None));
+    assert_eq!((assets[0].mean("psnr"), assets[0].cells["psnr"].range), (Some(20.0), None));
     // The same step on every sequence: no doubt about it.
     let change = means.difference(synthetic, "deferred-shadow", "deferred", "psnr").unwrap();
-    assert_eq!((change.mean, change.interval), (2.0, Some([2.0, 2.0])));
+    assert_eq!((change.mean, change.range), (2.0, Some([2.0, 2.0])));
     assert_eq!(table::parent(&results.about.methods, rows[2].method).unwrap().id, "deferred");
 }
 
@@ -76,11 +76,11 @@ fn the_terminal_gets_lined_up_markdown() {
     let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
     let widths: std::collections::BTreeSet<usize> = lines.iter().map(|line| line.chars().count()).collect();
     assert_eq!((lines.len(), widths.len()), (7, 1), "{text}");
-    assert!(text.starts_with("synthetic: 3 sequences, 9 frames"), "{text}");
+    assert!(text.starts_with("synthetic: 3 sequences, 9 frames\n"), "{text}");
     let ibl: Vec<&str> = lines[2].split('|').map(str::trim).collect();
     assert_eq!(ibl[1..], ["IBL", "22.00", "21.00 to 23.00", "0.5000", "-", "0.5000", "23.00", "-", "0.50", "0.0120", ""]);
     let whole = table::markdown(&results, table::Filter::default());
-    assert!(whole.contains("assets: 1 sequences") && whole.contains("Deferred without shadow"), "{whole}");
+    assert!(whole.contains("assets: 1 sequence, 3 frames") && whole.contains("Deferred without shadow"), "{whole}");
 }
 
 #[test]
