@@ -277,7 +277,10 @@ fn intervals_are_scipys() {
         let off = ((low - case.low) / width, (high - case.high) / width);
         println!("{} sequences: ends off by {:+.3} and {:+.3} of the interval's width", case.count, off.0, off.1);
         assert!(off.0.abs() < 0.05 && off.1.abs() < 0.05, "{off:?} of {width}");
-        wider.push(off.1 - off.0);
+        // Means of two or three sequences take few values: their ends are exact.
+        if case.count >= 8 {
+            wider.push(off.1 - off.0);
+        }
     }
     let wider = wider.iter().sum::<f64>() / wider.len() as f64;
     assert!(wider.abs() < 0.02, "intervals are wider by {wider:+.3} on average");

@@ -136,7 +136,7 @@ mod tests {
             assert!((measured(motion, |_| 0.1, |_| -0.1) - 0.2).abs() < 1e-6, "the whole picture flickers");
         }
         // Every fourth column is too bright. On the wall it is three pixels to the left one frame later.
-        let stripes = |from: usize| move |x: usize| if x >= from && (x - from) % 4 == 0 { 0.4 } else { 0.0 };
+        let stripes = |from: usize| move |x: usize| if x >= from && (x - from).is_multiple_of(4) { 0.4 } else { 0.0 };
         assert!(measured([3.0, 0.0], stripes(1), stripes(4)) < 1e-6, "an error that stays on the surface");
         // On the screen: half of the columns of the surface change by 0.4.
         let stays = measured([3.0, 0.0], stripes(1), stripes(1));
