@@ -1,9 +1,9 @@
 //! How far each feature of the deferred baseline brings a picture towards the truth: PSNR (exposed, sRGB, pixels with coverage) of the split
 //! sum and of deferred shading with features on and off, over the sequences of dataset folders, by layout.
 //!
-//! `cargo run --release -p renderflow-renderer --example deferred_study -- [--each] [--images FOLDER] SEQUENCE_FOLDER...`
+//! `cargo run --release -p renderflow-renderer --example deferred_study -- [--each] [--images FOLDER] [--only VARIANT,...] [--frames N] [--lights N] SEQUENCE_FOLDER...`
 
-use renderflow_frame::deferred::{self, Deferred, Lighting, Options, ShadowMode};
+use renderflow_frame::deferred::{self, Carry, Deferred, Keyframe, Lighting, Options, ShadowMode};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Environment, Frame, color, ibl, transforms};
 use renderflow_renderer::{RenderScene, shadow_maps};
@@ -20,11 +20,6 @@ const ALL: Options =
     Options { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true };
 
 fn variants() -> Vec<(&'static str, Options)> {
-    let only = std::env::var("ONLY").ok();
-    every().into_iter().filter(|v| only.as_ref().is_none_or(|only| only.split(',').any(|o| o == v.0))).collect()
-}
-
-fn every() -> Vec<(&'static str, Options)> {
     vec![
         ("all", ALL),
         (
@@ -41,65 +36,79 @@ fn every() -> Vec<(&'static str, Options)> {
     ]
 }
 
+#[derive(Default)]
+struct Study {
+    folders: Vec<PathBuf>,
+    each: bool,
+    images: Option<PathBuf>,
+    only: Option<String>,
+    frames: Option<usize>,
+    lights: Option<usize>,
+}
+
 fn main() -> Outcome<()> {
+    let mut study = Study::default();
     let mut arguments = std::env::args().skip(1);
-    let (mut folders, mut each, mut images) = (Vec::new(), false, None);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
-            "--each" => each = true,
-            "--images" => images = arguments.next().map(PathBuf::from),
-            _ => folders.push(PathBuf::from(argument)),
+            "--each" => study.each = true,
+            "--images" => study.images = arguments.next().map(PathBuf::from),
+            "--only" => study.only = arguments.next(),
+            "--frames" => study.frames = arguments.next().map(|v| v.parse()).transpose()?,
+            "--lights" => study.lights = arguments.next().map(|v| v.parse()).transpose()?,
+            _ => study.folders.push(PathBuf::from(argument)),
         }
     }
-    let mut sums: BTreeMap<String, (usize, Vec<f64>)> = BTreeMap::new();
+    let wanted = |name: &str| study.only.as_ref().is_none_or(|only| only.split(',').any(|o| o == name));
+    let variants: Vec<_> = variants().into_iter().filter(|v| v.0 == "all" || wanted(v.0)).collect();
+    let names = [&["ibl"], &variants.iter().map(|v| v.0).collect::<Vec<_>>()[..], &["ratio", "fetch"]].concat();
+    println!("{:24}{}", "", names.iter().map(|n| format!("{n:>11}")).collect::<String>());
+    let mut rows: BTreeMap<String, Vec<Vec<f64>>> = BTreeMap::new();
     let mut seconds = [0.0; 3];
-    let names: Vec<_> = std::iter::once("ibl").chain(variants().iter().map(|v| v.0)).collect();
-    println!(
-        "{:34}{}",
-        "",
-        names
-            .iter()
-            .map(|n| format!("{:>11}", n.chars().rev().take(10).collect::<String>().chars().rev().collect::<String>()))
-            .collect::<String>()
-    );
-    for folder in folders {
-        let (layout, values) = match sequence(&folder, images.as_deref(), &mut seconds) {
+    for folder in &study.folders {
+        let (layout, values) = match sequence(&study, &variants, folder, &mut seconds) {
             Ok(found) => found,
             Err(error) => {
                 eprintln!("{}: {error}", folder.display());
                 continue;
             }
         };
-        let frames = values.len();
-        if each {
-            let mean: Vec<f64> = (0..names.len()).map(|k| values.iter().map(|v| v[k]).sum::<f64>() / frames as f64).collect();
-            print_row(&format!("{layout} {}", folder.file_name().unwrap_or_default().to_string_lossy()), &mean);
+        if study.each {
+            print_row(&format!("{layout} {}", folder.file_name().unwrap_or_default().to_string_lossy()), &values);
         }
-        for key in [layout, "all layouts".into()] {
-            let (count, sum) = sums.entry(key).or_insert_with(|| (0, vec![0.0; names.len()]));
-            *count += frames;
-            values.iter().for_each(|v| sum.iter_mut().zip(v).for_each(|(sum, v)| *sum += v));
-        }
+        rows.entry("all layouts".into()).or_default().extend(values.iter().cloned());
+        rows.entry(layout).or_default().extend(values);
     }
-    for (layout, (count, sum)) in &sums {
-        print_row(&format!("{layout} ({count} frames)"), &sum.iter().map(|s| s / *count as f64).collect::<Vec<_>>());
+    for (layout, values) in &rows {
+        print_row(&format!("{layout} ({} frames)", values.len()), values);
     }
-    let frames = sums.get("all layouts").map_or(1, |s| s.0) as f64;
+    let frames = rows.get("all layouts").map_or(1, Vec::len) as f64;
+    let [lighting, maps, shading] = seconds.map(|s| s * 1e3);
     println!(
-        "milliseconds: lighting {:.0} in all, shadow maps {:.1} a frame, shading {:.1} a frame",
-        seconds[0] * 1e3,
-        seconds[1] / frames * 1e3,
-        seconds[2] / frames * 1e3
+        "milliseconds: lighting {:.0} a sequence, shadow maps {:.1} a frame, shading {:.1} a frame",
+        lighting / study.folders.len() as f64,
+        maps / frames,
+        shading / frames
     );
     Ok(())
 }
 
-fn print_row(name: &str, values: &[f64]) {
-    println!("{name:34}{}", values.iter().map(|v| format!("{v:11.2}")).collect::<String>());
+/// Means over the frames that have a value.
+fn print_row(name: &str, rows: &[Vec<f64>]) {
+    let mean = |k: usize| {
+        let values: Vec<f64> = rows.iter().map(|row| row[k]).filter(|v| v.is_finite()).collect();
+        if values.is_empty() { "-".into() } else { format!("{:.2}", values.iter().sum::<f64>() / values.len() as f64) }
+    };
+    println!("{name:24}{}", (0..rows[0].len()).map(|k| format!("{:>11}", mean(k))).collect::<String>());
 }
 
 /// Layout, and the PSNR of each method of each frame.
-fn sequence(folder: &Path, images: Option<&Path>, seconds: &mut [f64; 3]) -> Outcome<(String, Vec<Vec<f64>>)> {
+fn sequence(
+    study: &Study,
+    variants: &[(&str, Options)],
+    folder: &Path,
+    seconds: &mut [f64; 3],
+) -> Outcome<(String, Vec<Vec<f64>>)> {
     let about: serde_json::Value = renderflow_frame::file::read_json(&folder.join("sequence.json"))?;
     let layout = about["layout"].as_str().unwrap_or("?").to_owned();
     let sequence = transforms::read(&folder.join("transforms.json"))?;
@@ -111,18 +120,12 @@ fn sequence(folder: &Path, images: Option<&Path>, seconds: &mut [f64; 3]) -> Out
         intensity: sequence.environment_intensity,
     };
     let start = Instant::now();
-    let most = std::env::var("LIGHTS").ok().and_then(|v| v.parse().ok()).unwrap_or(deferred::LIGHTS);
-    let lighting = Lighting::new(&environment, most);
+    let lighting = Lighting::new(&environment, study.lights.unwrap_or(deferred::LIGHTS));
     seconds[0] += start.elapsed().as_secs_f64();
     let tables = ibl::IblTables::new(&environment);
-    if std::env::var("SHOW").is_ok() {
-        for light in &lighting.lights {
-            println!("   light share {:.3} radius {:.3} direction {:.2}", light.share, light.angular_radius, light.direction);
-        }
-    }
     let mut values = Vec::new();
-    let few = std::env::var("FRAMES").ok().and_then(|v| v.parse().ok()).unwrap_or(usize::MAX);
-    for (file, camera) in sequence.files.iter().zip(&sequence.cameras).take(few) {
+    let (mut frames, mut pictures) = (Vec::new(), Vec::new());
+    for (file, camera) in sequence.files.iter().zip(&sequence.cameras).take(study.frames.unwrap_or(usize::MAX)) {
         let frame = renderflow_frame::frame_file::read(&folder.join(file))?;
         let number = file.split('.').nth(1).and_then(|n| n.parse().ok()).unwrap_or(0);
         scene.set_frame(number);
@@ -131,12 +134,12 @@ fn sequence(folder: &Path, images: Option<&Path>, seconds: &mut [f64; 3]) -> Out
         seconds[1] += start.elapsed().as_secs_f64();
         let split_sum = ibl::shade(&frame, camera, &environment, &tables).image;
         let mut row = vec![psnr(&frame, &split_sum, sequence.exposure)];
-        for (name, options) in variants() {
+        for (name, options) in variants {
             let start = Instant::now();
-            let made: Deferred = deferred::shade(&frame, camera, &lighting, &maps, &options);
-            if name == "all" {
+            let made: Deferred = deferred::shade(&frame, camera, &lighting, &maps, options);
+            if *name == "all" {
                 seconds[2] += start.elapsed().as_secs_f64();
-                if let (Some(images), Some(truth)) = (images, &frame.beauty) {
+                if let (Some(images), Some(truth)) = (&study.images, &frame.beauty) {
                     let black = Rgb::filled(frame.width, frame.height, [0.0; 3]);
                     let sum = |list: &[Rgb]| {
                         Rgb::from_fn(frame.width, frame.height, |x, y| {
@@ -159,30 +162,39 @@ fn sequence(folder: &Path, images: Option<&Path>, seconds: &mut [f64; 3]) -> Out
                     save(&images.join(format!("{layout}_{name}")), &row, sequence.exposure)?;
                 }
             }
-            if name == "all"
-                && let Ok(at) = std::env::var("PIXEL")
-            {
-                let at: Vec<usize> = at.split(',').filter_map(|v| v.parse().ok()).collect();
-                let i = at[1] * frame.width + at[0];
-                println!(
-                    "   {number}: truth {:?} made {:?} depth {} normal {:?} material {:?} occlusion {:?} bent {:?} prefiltered {:?} specular {:?} ambient {:?}",
-                    frame.beauty.as_ref().map(|b| b.pixels[i]),
-                    made.image.pixels[i],
-                    made.shading.depth.pixels[i],
-                    made.shading.normal.pixels[i],
-                    made.shading.material.pixels[i],
-                    made.occlusion.as_ref().map(|o| o.pixels[i]),
-                    made.bent_normal.as_ref().map(|o| o.pixels[i]),
-                    made.shading.prefiltered.pixels[i],
-                    made.ambient_specular.pixels[i],
-                    made.ambient_diffuse.pixels[i]
-                );
-            }
             row.push(psnr(&frame, &made.image, sequence.exposure));
+            if *name == "all" {
+                pictures.push(made.image);
+            }
         }
         values.push(row);
+        frames.push((number, frame));
     }
+    carried(&sequence, &frames, &pictures, &mut values);
     Ok((layout, values))
+}
+
+/// Appends what the first and the last frame as keyframes make of those between, by ratio and as they are; 0 for the keyframes.
+fn carried(sequence: &transforms::Sequence, frames: &[(usize, Frame)], pictures: &[Rgb], values: &mut [Vec<f64>]) {
+    for (i, row) in values.iter_mut().enumerate() {
+        let (number, frame) = &frames[i];
+        let key = |k: usize| {
+            let (at, key) = &frames[k];
+            Some(Keyframe {
+                frame: key,
+                truth: key.beauty.as_ref()?,
+                start: pictures.get(k)?,
+                distance: *at as f32 - *number as f32,
+                movement: sequence.tracks.between(i, k),
+            })
+        };
+        let keys: Vec<Keyframe> = [0, frames.len() - 1].into_iter().filter_map(key).collect();
+        let between = i > 0 && i + 1 < frames.len() && pictures.len() == frames.len();
+        for carry in [Carry::Ratio, Carry::Fetch] {
+            let made = between.then(|| deferred::warp_fill(frame, &pictures[i], &keys, sequence.exposure, carry));
+            row.push(made.map_or(f64::NAN, |made| psnr(frame, &made, sequence.exposure)));
+        }
+    }
 }
 
 fn psnr(frame: &Frame, picture: &Rgb, exposure: f32) -> f64 {

@@ -2,6 +2,7 @@
 
 use super::shadow::ShadowMap;
 use crate::Environment;
+use crate::color::luminance;
 use glam::Vec3A;
 use std::f32::consts::PI;
 
@@ -53,8 +54,8 @@ pub fn sky_cells(environment: &Environment) -> Vec<SkyCell> {
 /// Share of the environment's light that reaches a point.
 #[derive(Clone, Copy, Debug)]
 pub struct SkyShare {
-    /// Of the irradiance, by channel.
-    pub diffuse: Vec3A,
+    /// Of the irradiance.
+    pub diffuse: f32,
     /// Of what a lobe about the mirror direction would receive.
     pub specular: f32,
     /// Cosine-weighted share of the hemisphere that is open.
@@ -75,7 +76,7 @@ pub fn sky_share(
     let alpha2 = roughness.powi(4).max(1e-3);
     // Phong exponent of the lobe of reflected directions of that width.
     let sharpness = (0.5 / alpha2).clamp(1.0, SHARPEST);
-    let (mut seen, mut all) = (Vec3A::ZERO, Vec3A::splat(1e-12));
+    let (mut seen, mut all) = (0.0, 1e-12);
     let (mut mirror_seen, mut mirror_all) = (0.0, 1e-12);
     let (mut open, mut whole) = (0.0, 1e-12);
     for (cell, map) in cells.iter().zip(maps) {
@@ -85,13 +86,13 @@ pub fn sky_share(
             continue;
         }
         let lit = f32::from(u8::from(map.lit(p, n, jitter)));
-        let light = cell.irradiance * cosine;
+        let light = luminance(cell.irradiance.to_array()) * cosine;
         all += light;
         seen += light * lit;
         whole += cosine;
         open += cosine * lit;
         if along > 0.0 {
-            let weight = along.powf(sharpness) * cell.irradiance.element_sum();
+            let weight = along.powf(sharpness) * luminance(cell.irradiance.to_array());
             mirror_all += weight;
             mirror_seen += weight * lit;
         }

@@ -2,7 +2,7 @@
 
 use super::Surface;
 use super::horizon::{ABOVE, Arc, FADE, RADIUS, THIN};
-use glam::Vec3A;
+use glam::{Vec3A, Vec4};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Slices a pixel; the pattern and its filter make 16 times as many.
@@ -10,14 +10,15 @@ const SLICES: usize = 2;
 /// Depth samples on each side of a slice.
 const STEPS: usize = 12;
 
-/// Irradiance over pi that pixel `i` receives from the pixels around it, which send out `lit`: each sample that raises the
+/// Irradiance over pi that pixel `i` receives from the pixels around it, which send out `lit`, and the share of its cosine-weighted hemisphere
+/// that they fill: each sample that raises the
 /// horizon of its slice covers a sector of the hemisphere with its colour (as Mayaux 2018, "Horizon-based indirect lighting").
-pub fn gather(surface: &Surface, lit: &[Vec3A], i: usize, (turn, step): (f32, f32)) -> Vec3A {
+pub fn gather(surface: &Surface, lit: &[Vec3A], i: usize, (turn, step): (f32, f32)) -> Vec4 {
     let p = surface.points[i];
     let v = -p.normalize();
     let n = surface.normal(i);
     let n = (n + v * (1e-3 - n.dot(v)).max(0.0)).normalize_or(v);
-    let (mut sum, mut weight) = (Vec3A::ZERO, 0.0);
+    let (mut sum, mut weight) = (Vec4::ZERO, 0.0);
     for slice in 0..SLICES {
         let (sin, cos) = ((slice as f32 + turn) * PI / SLICES as f32).sin_cos();
         let across = Vec3A::new(cos, sin, 0.0);
@@ -41,7 +42,7 @@ pub fn gather(surface: &Surface, lit: &[Vec3A], i: usize, (turn, step): (f32, f3
             sum += side_light(surface, lit, (p, n, v), (side * cos, side * sin), step, limit.cos(), area) * length;
         }
     }
-    if weight > 1e-6 { (sum / weight).max(Vec3A::ZERO) } else { Vec3A::ZERO }
+    if weight > 1e-6 { (sum / weight).max(Vec4::ZERO) } else { Vec4::ZERO }
 }
 
 fn side_light(
@@ -52,14 +53,14 @@ fn side_light(
     step: f32,
     lowest: f32,
     area: impl Fn(f32) -> f32,
-) -> Vec3A {
+) -> Vec4 {
     let camera = surface.camera;
     let depth = -p.z;
     let radius = RADIUS * depth;
     let (reach_x, reach_y) = (camera.fl_x * cos * radius / depth, -camera.fl_y * sin * radius / depth);
     let (start_x, start_y) = (camera.cx + camera.fl_x * p.x / depth, camera.cy - camera.fl_y * p.y / depth);
     let pixels = (reach_x * reach_x + reach_y * reach_y).sqrt();
-    let mut light = Vec3A::ZERO;
+    let mut light = Vec4::ZERO;
     if pixels.is_nan() || pixels < 1.0 {
         return light;
     }
@@ -86,7 +87,7 @@ fn side_light(
                 let left = area(highest);
                 // A surface that turns away shows this side's colour to nobody here.
                 if surface.normal(under).dot(to) < 0.0 {
-                    light += lit[under] * (open - left).max(0.0);
+                    light += lit[under].extend(1.0) * (open - left).max(0.0);
                 }
                 (open, counted) = (left, highest);
             }
