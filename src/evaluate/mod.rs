@@ -1,6 +1,7 @@
 //! Compares pictures with path-traced truth: every method on every frame of test sequences, metrics and seconds, or anybody's
 //! pictures.
 
+mod engine;
 pub mod find;
 pub mod keyframes;
 pub mod method;

@@ -1,5 +1,6 @@
 //! Makes the pictures of one sequence by every method, one after the other, each with its seconds.
 
+use super::engine::{Engine, Maps};
 use super::keyframes::{keyframes_for, prepare_keyframes};
 use super::method::{Clean, Part, Way};
 use super::run::{Options, median};
@@ -8,12 +9,11 @@ use crate::dataset::SequenceFolder;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
-use renderflow_frame::deferred::{self, Lighting, ShadowMode, Shadows};
 use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_model::infer::{PreparedKeyframe, warp_only};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
-use renderflow_renderer::{RenderScene, Settings, render, render_gbuffer, shadow_maps};
+use renderflow_renderer::{RenderScene, Settings, render, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -43,8 +43,8 @@ struct Shared {
     gbuffer: Frame,
     /// Seconds of the G-buffer.
     seconds: f64,
-    /// Shadow maps, and their seconds; none where no method needs them.
-    shadows: (Shadows, f64),
+    /// None where no method needs them.
+    maps: Maps,
 }
 
 /// Everything that lasts for a sequence.
@@ -53,10 +53,8 @@ pub struct Painter<'a> {
     options: &'a Options<'a>,
     scene: RenderScene,
     tables: IblTables,
-    /// The lights taken out of the environment, and the rest; none where no method needs them.
-    lighting: Option<Lighting>,
-    /// The whole environment, no light taken out.
-    unlit: Option<Lighting>,
+    /// Where a method starts from the deferred picture.
+    engine: Option<Engine<'a>>,
     keyframes: Vec<PreparedKeyframe>,
     denoisers: BTreeMap<&'static str, Denoiser>,
     /// Seconds of path tracing with 0 samples, and of each more.
@@ -67,7 +65,7 @@ pub struct Painter<'a> {
 }
 
 /// The result of `work` and its wall seconds.
-fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, f64)> {
+pub(super) fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, f64)> {
     let started = Instant::now();
     let value = work()?;
     Ok((value, started.elapsed().as_secs_f64()))
@@ -86,21 +84,23 @@ impl<'a> Painter<'a> {
     pub fn new(folder: &'a SequenceFolder, options: &'a Options<'a>) -> Result<Self> {
         let scene: Scene = renderflow_frame::file::read_json(&folder.path.join("scene.json"))?;
         let loaded = load::load(&scene, &folder.path)?;
-        let scene = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
+        let mut scene = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
         let (tables, prefilter) = timed(|| Ok(IblTables::new(&folder.environment)))?;
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
         let ways = options.ways;
-        let (mut lighting, mut unlit) = (None, None);
+        let mut engine = None;
         if ways.iter().any(Way::is_deferred) {
-            let (made, seconds) = timed(|| Ok(Lighting::new(&folder.environment, deferred::LIGHTS)))?;
-            lighting = Some(made);
+            let whole = ways.contains(&Way::Deferred(Some(Part::Lights)));
+            let (made, seconds) = timed(|| Ok(Engine::new(folder, whole)))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
-        }
-        if ways.contains(&Way::Deferred(Some(Part::Lights))) {
-            unlit = Some(Lighting::new(&folder.environment, 0));
+            let engine = engine.insert(made);
+            if ways.contains(&Way::Warp { deferred: true }) {
+                let ((), seconds) = timed(|| engine.prepare_keyframes(&mut scene))?;
+                once.push(("drawing keyframes by deferred shading".to_owned(), seconds));
+            }
         }
         let mut keyframes = Vec::new();
-        if ways.iter().any(Way::needs_keyframes) {
+        if ways.iter().any(|way| way.needs_keyframes() && !way.is_deferred()) {
             let (prepared, seconds) = timed(|| prepare_keyframes(folder, &tables))?;
             keyframes = prepared;
             once.push(("preparing keyframes".to_owned(), seconds));
@@ -115,19 +115,7 @@ impl<'a> Painter<'a> {
                 denoisers.insert(name(clean), denoiser);
             }
         }
-        Ok(Self {
-            folder,
-            options,
-            scene,
-            tables,
-            lighting,
-            unlit,
-            keyframes,
-            denoisers,
-            rate: None,
-            denoised: BTreeMap::new(),
-            once,
-        })
+        Ok(Self { folder, options, scene, tables, engine, keyframes, denoisers, rate: None, denoised: BTreeMap::new(), once })
     }
 
     /// Seconds spent once a sequence, by what they were spent on.
@@ -142,9 +130,7 @@ impl<'a> Painter<'a> {
         if self.rate.is_none() {
             self.warm_up(&settings, index, cancel)?;
         }
-        let (gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, &settings)?))?;
-        let shadows = self.shadows(&self.lighting, &gbuffer, index)?;
-        let shared = Shared { index, gbuffer, seconds, shadows };
+        let shared = self.share(&settings, index)?;
         let mut traced: BTreeMap<u32, (Frame, f64)> = BTreeMap::new();
         let mut made: Vec<Picture> = Vec::new();
         for way in self.options.ways {
@@ -175,11 +161,18 @@ impl<'a> Painter<'a> {
         let (camera, environment) = (folder.camera(shared.index), &folder.environment);
         let exposure = folder.sequence.exposure;
         let keys = keyframes_for(folder, &self.keyframes, shared.index);
-        if way.needs_keyframes() && keys.is_empty() {
+        if way.needs_keyframes() && folder.sequence.keyframes.is_empty() {
             return Ok(None);
         }
         let made = match way {
-            Way::Deferred(without) => self.deferred(*without, shared)?,
+            Way::Deferred(without) => {
+                let engine = self.engine.as_ref().context("the deferred renderer")?;
+                engine.picture(&self.scene, gbuffer, shared.index, &shared.maps, *without)?
+            }
+            Way::Warp { deferred: true } => {
+                let engine = self.engine.as_ref().context("the deferred renderer")?;
+                engine.warped(&self.scene, gbuffer, shared.index, &shared.maps)?
+            }
             Way::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, &self.tables).image))?,
             Way::Warp { deferred: false } => {
                 timed(|| Ok(warp_only(gbuffer, camera, environment, &self.tables, exposure, &keys)?))?
@@ -197,46 +190,12 @@ impl<'a> Painter<'a> {
         Ok(Some(made))
     }
 
-    /// The shadow maps of a lighting, where there is one, and their seconds.
-    fn shadows(&self, lighting: &Option<Lighting>, gbuffer: &Frame, index: usize) -> Result<(Shadows, f64)> {
-        let Some(lighting) = lighting else { return Ok(Default::default()) };
-        timed(|| {
-            let receivers = deferred::receivers(gbuffer, self.folder.camera(index));
-            Ok(shadow_maps(&self.scene, lighting, &receivers))
-        })
-    }
-
-    /// The deferred picture without one of its parts, and its seconds.
-    fn deferred(&self, without: Option<Part>, shared: &Shared) -> Result<(Rgb, f64)> {
-        let mut options = deferred::Options::default();
-        let none = (Shadows::default(), 0.0);
-        let (mut lighting, mut shadows) = (&self.lighting, &shared.shadows);
-        let others;
-        match without {
-            None => {}
-            Some(Part::Lights) => {
-                lighting = &self.unlit;
-                others = self.shadows(lighting, &shared.gbuffer, shared.index)?;
-                shadows = &others;
-            }
-            Some(Part::Shadows) => {
-                (options.shadows, options.sky) = (ShadowMode::None, false);
-                shadows = &none;
-            }
-            Some(Part::Maps) => {
-                (options.shadows, options.sky) = (ShadowMode::ScreenSpace, false);
-                shadows = &none;
-            }
-            // The seconds of its maps stay in: they are made together with those of the lights.
-            Some(Part::Sky) => options.sky = false,
-            Some(Part::Occlusion) => options.occlusion = false,
-            Some(Part::Reflections) => options.reflections = false,
-            Some(Part::Indirect) => options.indirect = false,
-        }
-        let lighting = lighting.as_ref().context("the lights of the environment")?;
-        let camera = self.folder.camera(shared.index);
-        let (picture, shading) = timed(|| Ok(deferred::shade(&shared.gbuffer, camera, lighting, &shadows.0, &options).image))?;
-        Ok((picture, shadows.1 + shading))
+    /// What all methods start from.
+    fn share(&self, settings: &Settings, index: usize) -> Result<Shared> {
+        let (mut gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, settings)?))?;
+        gbuffer.info.camera = Some(*self.folder.camera(index));
+        let maps = self.engine.as_ref().map(|engine| engine.maps(&self.scene, &gbuffer, index)).transpose()?.unwrap_or_default();
+        Ok(Shared { index, gbuffer, seconds, maps })
     }
 
     /// Path-traces and cleans a frame. What is rendered with as many samples for another method is not rendered again.
@@ -287,9 +246,7 @@ impl<'a> Painter<'a> {
 
     /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
     fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
-        let gbuffer = render_gbuffer(&self.scene, settings)?;
-        let shadows = self.shadows(&self.lighting, &gbuffer, index)?;
-        let shared = Shared { index, gbuffer, seconds: 0.0, shadows };
+        let shared = self.share(settings, index)?;
         for way in self.options.ways {
             if !matches!(way, Way::Traced { .. } | Way::Equal { .. }) {
                 self.shade(way, &shared)?;

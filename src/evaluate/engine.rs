@@ -1,0 +1,129 @@
+//! The deferred renderer on one sequence: its lights, shadow maps, parts left out, and keyframes carried over its pictures.
+
+use super::method::Part;
+use super::painter::timed;
+use crate::dataset::SequenceFolder;
+use anyhow::{Context, Result};
+use renderflow_frame::Frame;
+use renderflow_frame::deferred::{self, Carry, Keyframe, Lighting, ShadowMode, Shadows};
+use renderflow_frame::image::Rgb;
+use renderflow_renderer::{RenderScene, shadow_maps};
+
+/// What lasts for a sequence.
+pub struct Engine<'a> {
+    folder: &'a SequenceFolder,
+    /// The lights taken out of the environment, and the rest.
+    lighting: Lighting,
+    /// The whole environment, no light taken out; where a method asks for it.
+    whole: Option<Lighting>,
+    keyframes: Vec<Start>,
+}
+
+/// A keyframe and its deferred picture.
+struct Start {
+    /// Index among the stored frames.
+    index: usize,
+    frame: Frame,
+    truth: Rgb,
+    picture: Rgb,
+}
+
+/// Shadow maps of a frame, and the seconds they took.
+#[derive(Default)]
+pub struct Maps {
+    shadows: Shadows,
+    seconds: f64,
+}
+
+impl<'a> Engine<'a> {
+    /// Takes lights out of the environment and prefilters the rest, with and without them if `whole`.
+    pub fn new(folder: &'a SequenceFolder, whole: bool) -> Self {
+        Self {
+            folder,
+            lighting: Lighting::new(&folder.environment, deferred::LIGHTS),
+            whole: whole.then(|| Lighting::new(&folder.environment, 0)),
+            keyframes: Vec::new(),
+        }
+    }
+
+    /// Draws the keyframes, so that they can be carried. Leaves `scene` at the last one.
+    pub fn prepare_keyframes(&mut self, scene: &mut RenderScene) -> Result<()> {
+        for &index in &self.folder.sequence.keyframes {
+            let mut frame = self.folder.frame(index)?;
+            let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
+            frame.info.camera = Some(*self.folder.camera(index));
+            scene.set_frame(self.folder.numbers[index]);
+            let maps = self.maps(scene, &frame, index)?;
+            let (picture, _) = self.picture(scene, &frame, index, &maps, None)?;
+            self.keyframes.push(Start { index, frame, truth, picture });
+        }
+        Ok(())
+    }
+
+    /// The shadow maps of stored frame `index`, whose G-buffer is `frame` and at which `scene` stands.
+    pub fn maps(&self, scene: &RenderScene, frame: &Frame, index: usize) -> Result<Maps> {
+        self.maps_of(scene, &self.lighting, frame, index)
+    }
+
+    fn maps_of(&self, scene: &RenderScene, lighting: &Lighting, frame: &Frame, index: usize) -> Result<Maps> {
+        let receivers = || deferred::receivers(frame, self.folder.camera(index));
+        let (shadows, seconds) = timed(|| Ok(shadow_maps(scene, lighting, &receivers())))?;
+        Ok(Maps { shadows, seconds })
+    }
+
+    /// The picture of stored frame `index` without one of its parts, and its seconds, shadow maps included.
+    pub fn picture(
+        &self,
+        scene: &RenderScene,
+        frame: &Frame,
+        index: usize,
+        maps: &Maps,
+        without: Option<Part>,
+    ) -> Result<(Rgb, f64)> {
+        let mut options = deferred::Options::default();
+        let (none, others);
+        let (mut lighting, mut maps) = (&self.lighting, maps);
+        match without {
+            None => {}
+            Some(Part::Lights) => {
+                lighting = self.whole.as_ref().context("the environment with its lights")?;
+                others = self.maps_of(scene, lighting, frame, index)?;
+                maps = &others;
+            }
+            Some(part @ (Part::Shadows | Part::Maps)) => {
+                options.shadows = if part == Part::Maps { ShadowMode::ScreenSpace } else { ShadowMode::None };
+                options.sky = false;
+                none = Maps::default();
+                maps = &none;
+            }
+            // The seconds of its maps stay in: they are made together with those of the lights.
+            Some(Part::Sky) => options.sky = false,
+            Some(Part::Occlusion) => options.occlusion = false,
+            Some(Part::Reflections) => options.reflections = false,
+            Some(Part::Indirect) => options.indirect = false,
+        }
+        let camera = self.folder.camera(index);
+        let (picture, shading) = timed(|| Ok(deferred::shade(frame, camera, lighting, &maps.shadows, &options).image))?;
+        Ok((picture, maps.seconds + shading))
+    }
+
+    /// The keyframes carried to stored frame `index`, the deferred picture in the holes; and its seconds, without the G-buffer's.
+    pub fn warped(&self, scene: &RenderScene, frame: &Frame, index: usize, maps: &Maps) -> Result<(Rgb, f64)> {
+        let (current, seconds) = self.picture(scene, frame, index, maps, None)?;
+        let folder = self.folder;
+        let keys: Vec<Keyframe> = self
+            .keyframes
+            .iter()
+            .map(|start| Keyframe {
+                frame: &start.frame,
+                truth: &start.truth,
+                start: &start.picture,
+                distance: folder.numbers[start.index] as f32 - folder.numbers[index] as f32,
+                movement: folder.sequence.tracks.between(index, start.index),
+            })
+            .collect();
+        let exposure = folder.sequence.exposure;
+        let (picture, carrying) = timed(|| Ok(deferred::warp_fill(frame, &current, &keys, exposure, Carry::default())))?;
+        Ok((picture, seconds + carrying))
+    }
+}
