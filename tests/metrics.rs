@@ -143,10 +143,13 @@ impl Worst {
         }
     }
 
-    fn check(self, name: &str, pairs: usize, tolerance: f64) {
-        println!("{name}: worst difference {:.2e} of {} pairs, at {}", self.difference, self.count, self.place);
-        assert!(self.count >= pairs, "{name}: only {} pairs", self.count);
-        assert!(self.difference <= tolerance, "{name}: {:e} at {}", self.difference, self.place);
+    /// Whether there were enough pairs and none differed by more; says so.
+    #[must_use]
+    fn passes(&self, name: &str, pairs: usize, tolerance: f64) -> bool {
+        let passes = self.count >= pairs && self.difference <= tolerance;
+        let verdict = if passes { "" } else { "FAILED " };
+        println!("{verdict}{name}: worst difference {:.2e} of {} pairs, at {}", self.difference, self.count, self.place);
+        passes
     }
 }
 
@@ -175,11 +178,14 @@ fn equal_to_scikit_image() {
         ours_ssim_masked.compare(map.and_then(|m| m.masked(&mask)), case.ssim_masked, &case.pair);
     }
     let [full, masked, ours_ssim, ours_ssim_masked] = worst;
-    full.check("PSNR", 30, 1e-9);
-    masked.check("PSNR masked", 25, 1e-9);
-    ours_ssim.check("SSIM", 25, 1e-9);
-    // The map is of single precision.
-    ours_ssim_masked.check("SSIM masked", 25, 1e-7);
+    let passed = [
+        full.passes("PSNR", 30, 1e-9),
+        masked.passes("PSNR masked", 25, 1e-9),
+        ours_ssim.passes("SSIM", 25, 1e-9),
+        // The map is of single precision.
+        ours_ssim_masked.passes("SSIM masked", 25, 1e-7),
+    ];
+    assert_eq!(passed, [true; 4]);
 }
 
 #[test]
@@ -204,9 +210,12 @@ fn equal_to_flip_evaluator() {
         masked.compare(ours.masked(&case.pair.mask()), case.flip_masked, place);
     }
     // Where edges agree but for rounding (a board and its negative) the square root of their difference makes 1e-8 to 1e-4.
-    mean.check("FLIP", 30, 5e-5);
-    largest.check("FLIP of the worst pixel", 30, 1e-4);
-    masked.check("FLIP masked", 25, 5e-5);
+    let passed = [
+        mean.passes("FLIP", 30, 5e-5),
+        largest.passes("FLIP of the worst pixel", 30, 1e-4),
+        masked.passes("FLIP masked", 25, 5e-5),
+    ];
+    assert_eq!(passed, [true; 3]);
     let text: serde_json::Value = serde_json::from_str(include_str!("references/flip_metrics.json")).unwrap();
     let default = text["default_pixels_per_degree"].as_f64().unwrap();
     assert!((Viewing::default().pixels_per_degree - default).abs() < 1e-5 * default);
@@ -240,8 +249,10 @@ fn equal_to_lpips() {
             }
         }
     }
-    by_alex.check("LPIPS alex", 15, 1e-5);
-    by_squeeze.check("LPIPS squeeze", 20, 1e-5);
+    assert_eq!([by_alex.passes("LPIPS alex", 15, 1e-6), by_squeeze.passes("LPIPS squeeze", 20, 1e-6)], [true; 2]);
+    // Features of one network mean nothing to the other.
+    let picture = scene(40, 40);
+    assert!(alex.distance_to(&picture, &squeeze.reference(&picture).unwrap()).is_err());
 }
 
 #[test]
@@ -254,6 +265,7 @@ fn intervals_are_scipys() {
         low: f64,
         high: f64,
     }
+    let mut wider = Vec::new();
     for case in read::<Case>(include_str!("references/bootstrap_metrics.json")) {
         let mut next = generator(case.seed);
         let values: Vec<f64> = (0..case.count).map(|_| 20.0 + 10.0 * next() * next()).collect();
@@ -265,7 +277,10 @@ fn intervals_are_scipys() {
         let off = ((low - case.low) / width, (high - case.high) / width);
         println!("{} sequences: ends off by {:+.3} and {:+.3} of the interval's width", case.count, off.0, off.1);
         assert!(off.0.abs() < 0.05 && off.1.abs() < 0.05, "{off:?} of {width}");
+        wider.push(off.1 - off.0);
     }
+    let wider = wider.iter().sum::<f64>() / wider.len() as f64;
+    assert!(wider.abs() < 0.02, "intervals are wider by {wider:+.3} on average");
 }
 
 #[test]
@@ -279,8 +294,12 @@ fn edge_cases() {
     assert_eq!(ssim(&a, &other), None);
     assert_eq!(flip(&a, &other, Viewing::default()), None);
     assert_eq!(flip(&Rgb::default(), &Rgb::default(), Viewing::default()), None);
-    for pixels_per_degree in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+    for pixels_per_degree in [0.0, -1.0, 1e-200, 1e9, f64::NAN, f64::INFINITY] {
         assert_eq!(flip(&a, &a, Viewing { pixels_per_degree }), None);
+    }
+    for pixels_per_degree in [0.1, 1.0, 1000.0] {
+        let map = flip(&a, &mixed(16, 16, 4, 0.5), Viewing { pixels_per_degree }).unwrap().map;
+        assert!(map.pixels.iter().all(|v| (0.0..=1.0).contains(v)), "{pixels_per_degree}: {:?}", map.pixels);
     }
     for kind in Kind::ALL {
         assert_eq!(serde_json::to_value(kind).unwrap(), kind.key());

@@ -3,10 +3,10 @@
 //!
 //! `cargo run --release -p renderflow-renderer --example deferred_study -- [--each] [--images FOLDER] SEQUENCE_FOLDER...`
 
-use renderflow_frame::deferred::{self, Deferred, Lighting, Options, ShadowMap, ShadowMode};
+use renderflow_frame::deferred::{self, Deferred, Lighting, Options, ShadowMode};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Environment, Frame, color, ibl, transforms};
-use renderflow_renderer::{RenderScene, SHADOW_MAP_SIZE, shadow_maps};
+use renderflow_renderer::{RenderScene, shadow_maps};
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::load::load;
 use std::collections::BTreeMap;
@@ -16,14 +16,24 @@ use std::time::Instant;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
-const ALL: Options = Options { shadows: ShadowMode::Map, occlusion: true, bent: true, reflections: true, indirect: true };
+const ALL: Options =
+    Options { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true };
 
 fn variants() -> Vec<(&'static str, Options)> {
+    let only = std::env::var("ONLY").ok();
+    every().into_iter().filter(|v| only.as_ref().is_none_or(|only| only.split(',').any(|o| o == v.0))).collect()
+}
+
+fn every() -> Vec<(&'static str, Options)> {
     vec![
         ("all", ALL),
-        ("none", Options { shadows: ShadowMode::None, occlusion: false, bent: false, reflections: false, indirect: false }),
+        (
+            "none",
+            Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false },
+        ),
         ("-shadows", Options { shadows: ShadowMode::None, ..ALL }),
         ("ss-shadow", Options { shadows: ShadowMode::ScreenSpace, ..ALL }),
+        ("-sky", Options { sky: false, ..ALL }),
         ("-occlusion", Options { occlusion: false, ..ALL }),
         ("-bent", Options { bent: false, ..ALL }),
         ("-reflect", Options { reflections: false, ..ALL }),
@@ -44,7 +54,14 @@ fn main() -> Outcome<()> {
     let mut sums: BTreeMap<String, (usize, Vec<f64>)> = BTreeMap::new();
     let mut seconds = [0.0; 3];
     let names: Vec<_> = std::iter::once("ibl").chain(variants().iter().map(|v| v.0)).collect();
-    println!("{:34}{}", "", names.iter().map(|n| format!("{n:>11}")).collect::<String>());
+    println!(
+        "{:34}{}",
+        "",
+        names
+            .iter()
+            .map(|n| format!("{:>11}", n.chars().rev().take(10).collect::<String>().chars().rev().collect::<String>()))
+            .collect::<String>()
+    );
     for folder in folders {
         let (layout, values) = match sequence(&folder, images.as_deref(), &mut seconds) {
             Ok(found) => found,
@@ -104,13 +121,13 @@ fn sequence(folder: &Path, images: Option<&Path>, seconds: &mut [f64; 3]) -> Out
         }
     }
     let mut values = Vec::new();
-    for (file, camera) in sequence.files.iter().zip(&sequence.cameras) {
+    let few = std::env::var("FRAMES").ok().and_then(|v| v.parse().ok()).unwrap_or(usize::MAX);
+    for (file, camera) in sequence.files.iter().zip(&sequence.cameras).take(few) {
         let frame = renderflow_frame::frame_file::read(&folder.join(file))?;
         let number = file.split('.').nth(1).and_then(|n| n.parse().ok()).unwrap_or(0);
         scene.set_frame(number);
         let start = Instant::now();
-        let maps: Vec<Vec<ShadowMap>> =
-            shadow_maps(&scene, &lighting.lights, &deferred::receivers(&frame, camera), SHADOW_MAP_SIZE);
+        let maps = shadow_maps(&scene, &lighting, &deferred::receivers(&frame, camera));
         seconds[1] += start.elapsed().as_secs_f64();
         let split_sum = ibl::shade(&frame, camera, &environment, &tables).image;
         let mut row = vec![psnr(&frame, &split_sum, sequence.exposure)];
@@ -141,6 +158,25 @@ fn sequence(folder: &Path, images: Option<&Path>, seconds: &mut [f64; 3]) -> Out
                     let name = format!("{}_{number:04}.png", folder.file_name().unwrap_or_default().to_string_lossy());
                     save(&images.join(format!("{layout}_{name}")), &row, sequence.exposure)?;
                 }
+            }
+            if name == "all"
+                && let Ok(at) = std::env::var("PIXEL")
+            {
+                let at: Vec<usize> = at.split(',').filter_map(|v| v.parse().ok()).collect();
+                let i = at[1] * frame.width + at[0];
+                println!(
+                    "   {number}: truth {:?} made {:?} depth {} normal {:?} material {:?} occlusion {:?} bent {:?} prefiltered {:?} specular {:?} ambient {:?}",
+                    frame.beauty.as_ref().map(|b| b.pixels[i]),
+                    made.image.pixels[i],
+                    made.shading.depth.pixels[i],
+                    made.shading.normal.pixels[i],
+                    made.shading.material.pixels[i],
+                    made.occlusion.as_ref().map(|o| o.pixels[i]),
+                    made.bent_normal.as_ref().map(|o| o.pixels[i]),
+                    made.shading.prefiltered.pixels[i],
+                    made.ambient_specular.pixels[i],
+                    made.ambient_diffuse.pixels[i]
+                );
             }
             row.push(psnr(&frame, &made.image, sequence.exposure));
         }

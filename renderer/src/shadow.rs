@@ -6,12 +6,13 @@ use crate::features::{Features, with_features};
 use crate::ray::Ray;
 use glam::Vec3A;
 use rayon::prelude::*;
-use renderflow_frame::deferred::{ShadowMap, axes};
-use renderflow_frame::environment::DominantLight;
+use renderflow_frame::deferred::{Lighting, ShadowMap, Shadows, axes};
 use renderflow_frame::image::Image;
 
 /// Texels along each side of a map.
 pub const SHADOW_MAP_SIZE: usize = 1024;
+/// Texels along each side of a map of the sky.
+pub const SKY_MAP_SIZE: usize = 128;
 /// Room around the receivers, as a share of the map: filters reach beyond the outermost.
 const ROOM: f32 = 0.06;
 /// Share of the receivers, the nearest to the camera, that may get a finer map of their own.
@@ -21,18 +22,19 @@ const WORTH: f32 = 0.5;
 /// Blocks of texels that are traced together.
 const BLOCK: usize = 4;
 
-/// Maps of each of `lights` at the scene's current frame, as [`renderflow_frame::deferred::shade`] takes them. They are fitted to
-/// `receivers`, world-space points with the nearest to the camera first ([`renderflow_frame::deferred::receivers`]); where the nearer half of them
-/// lies on less than half the width, it gets a second, finer map. Whatever stands between the receivers and the light casts, however far. Without
-/// receivers there is nothing to shadow and no map.
-pub fn shadow_maps(scene: &RenderScene, lights: &[DominantLight], receivers: &[Vec3A], size: usize) -> Vec<Vec<ShadowMap>> {
+/// Shadow maps of `lighting` at the scene's current frame, as [`renderflow_frame::deferred::shade`] takes them. They are fitted to
+/// `receivers`, world-space points with the nearest to the camera first ([`renderflow_frame::deferred::receivers`]); where the nearer half of
+/// them lies on less than half the width, a light gets a second, finer map. Whatever stands between the receivers and the light casts, however
+/// far. Maps are [`SHADOW_MAP_SIZE`] wide, those of the sky [`SKY_MAP_SIZE`]. Without receivers there is nothing to shadow and no map.
+pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, receivers: &[Vec3A]) -> Shadows {
     let near = &receivers[..(receivers.len() as f32 * NEAR) as usize];
-    let maps = |light: &DominantLight| {
+    let lights = lighting.lights.iter().map(|light| {
         let (Some(all), few) = (Fit::new(light.direction, receivers), Fit::new(light.direction, near)) else { return Vec::new() };
         let few = few.filter(|few| few.extent < WORTH * all.extent);
-        few.iter().chain([&all]).map(|fit| fill(scene, light.direction, fit, size)).collect()
-    };
-    lights.iter().map(maps).collect()
+        few.iter().chain([&all]).map(|fit| fill(scene, light.direction, fit, SHADOW_MAP_SIZE)).collect()
+    });
+    let sky = lighting.sky.iter().filter_map(|cell| shadow_map(scene, cell.direction, receivers, SKY_MAP_SIZE));
+    Shadows { lights: lights.collect(), sky: sky.collect() }
 }
 
 /// One map over all `receivers`, `None` where there are none; `light` is the unit direction towards the light.

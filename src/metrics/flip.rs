@@ -21,7 +21,7 @@ const KNEE_VALUE: f32 = 0.95;
 /// How many pixels fill one degree of the observer's view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewing {
-    /// Pixels per degree, above 0 and finite.
+    /// Pixels per degree, 0.1 to 1000.
     pub pixels_per_degree: f64,
 }
 
@@ -70,10 +70,11 @@ pub struct Seen {
 
 impl Seen {
     /// `picture` holds display values (sRGB curve applied); what is outside 0..=1 is clamped, NaN counts as 0. `None` for a picture
-    /// without pixels or a `viewing` that is no positive number.
+    /// without pixels or a `viewing` out of its range.
     pub fn new(picture: &Rgb, viewing: Viewing) -> Option<Self> {
         let (width, height) = (picture.width, picture.height);
-        let usable = viewing.pixels_per_degree > 0.0 && viewing.pixels_per_degree.is_finite();
+        // Beyond, kernels are single pixels, or wider than any picture.
+        let usable = (0.1..=1000.0).contains(&viewing.pixels_per_degree);
         if picture.pixels.is_empty() || picture.pixels.len() != width * height || !usable {
             return None;
         }

@@ -20,7 +20,7 @@ pub use truth::{Hdr, Networks, Truth, measure};
 use renderflow_frame::Image;
 use serde::{Deserialize, Serialize};
 
-/// What was measured of one picture, or the mean of several ([`Metrics::mean`]).
+/// What was measured of one picture.
 ///
 /// In JSON what is absent is `null`. "Object" means the pixels the truth's coverage is above 0 at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -6,12 +6,15 @@
 mod lighting;
 mod material;
 mod shadow;
+mod sky;
 
-pub use lighting::{LIGHTS, Lighting};
+pub use lighting::{LIGHTS, Lighting, Shadows};
 pub use material::{Material, Response};
 pub use shadow::{ShadowMap, axes, receivers};
+pub use sky::{SKY_CELLS, SkyCell, SkyShare, sky_cells, sky_share};
 
 use crate::camera::Camera;
+use crate::color::luminance;
 use crate::frame::Frame;
 use crate::ibl::{self, Shading};
 use crate::image::{Image, Rgb};
@@ -36,6 +39,8 @@ pub enum ShadowMode {
 pub struct Options {
     /// Shadows of the lights.
     pub shadows: ShadowMode,
+    /// Shadows of the rest of the environment, by [`Shadows::sky`] where there are such maps.
+    pub sky: bool,
     /// Ambient occlusion.
     pub occlusion: bool,
     /// The rest of the environment is looked up along the bent normal instead of the normal; needs `occlusion`.
@@ -48,7 +53,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { shadows: ShadowMode::Map, occlusion: true, bent: true, reflections: true, indirect: true }
+        Self { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true }
     }
 }
 
@@ -93,17 +98,39 @@ const MARGIN: f32 = 8.0;
 ///
 /// # Panics
 /// When a channel of `frame` has not `frame.width * frame.height` pixels.
-pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadow_maps: &[Vec<ShadowMap>], options: &Options) -> Deferred {
+pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shadows, options: &Options) -> Deferred {
     let shading = ibl::shade(frame, camera, &lighting.environment, &lighting.tables);
     let surface = Surface::new(&shading, camera);
-    let visibility = visibility(&surface, camera, lighting, shadow_maps, options.shadows);
+    let visibility = visibility(&surface, camera, lighting, &shadows.lights, options.shadows);
     let occlusion = options.occlusion.then(|| {
+        let reach = horizon::Reach { radius: 0.1, thin: 0.03 };
         filter::smooth(&surface, Vec4::W, |i, phase| {
-            let (open, bent) = horizon::occlusion(&surface, i, phase);
+            let (open, bent) = horizon::occlusion(&surface, i, phase, reach);
             bent.extend(open)
         })
     });
-    let pass = Pass { camera, lighting, options, shading: &shading, visibility: &visibility, occlusion: occlusion.as_deref() };
+    let jitter = 2.0;
+    let sky = (options.sky && !shadows.sky.is_empty()).then(|| {
+        filter::smooth(&surface, Vec4::ONE, |i, phase| {
+            let p = camera.camera_to_world.transform_point3a(surface.points[i]);
+            let n = camera.camera_to_world.matrix3 * surface.normal(i);
+            let v = (camera.position() - p).normalize_or(n);
+            let mirror = n * (2.0 * n.dot(v)) - v;
+            let roughness = shading.material.pixels[i][0];
+            let moved = [phase.0, phase.1].map(|at| (at - 0.5) * jitter);
+            let share = sky_share(&lighting.sky, &shadows.sky, p, n, mirror, roughness, moved);
+            Vec4::new(luminance(share.diffuse.to_array()), share.specular, share.open, 0.0)
+        })
+    });
+    let pass = Pass {
+        sky: sky.as_deref(),
+        camera,
+        lighting,
+        options,
+        shading: &shading,
+        visibility: &visibility,
+        occlusion: occlusion.as_deref(),
+    };
     let (width, height) = (shading.depth.width, shading.depth.height);
     let mut pixels: Vec<Pixel> = Vec::new();
     (0..width * height).into_par_iter().with_min_len(256).map(|i| pass.shade(i)).collect_into_vec(&mut pixels);
@@ -200,6 +227,8 @@ struct Pass<'a> {
     options: &'a Options,
     shading: &'a Shading,
     visibility: &'a [Vec<Vec4>],
+    /// Shares of the sky's diffuse and specular light, and of its directions.
+    sky: Option<&'a [Vec4]>,
     /// Bent normal, and the open share.
     occlusion: Option<&'a [Vec4]>,
 }
@@ -287,7 +316,7 @@ impl Pass<'_> {
         for light in 0..self.lighting.lights.len() {
             let (direct, specular) = self.direct_of(i, light, &view, &material);
             pixel.direct += direct;
-            let specular = specular * crate::color::luminance(self.lighting.lights[light].irradiance) + 1e-20;
+            let specular = specular * luminance(self.lighting.lights[light].irradiance) + 1e-20;
             seen += self.seen(i, light) * specular;
             weight += specular;
         }
@@ -300,10 +329,13 @@ impl Pass<'_> {
             let visible = occlusion[i].w.clamp(0.0, 1.0);
             let bent = self.camera.camera_to_world.matrix3 * self.bent(i);
             open = if self.options.indirect { Vec3A::splat(visible) } else { multi_bounce(visible, pixel.white) };
-            specular_open = specular_occlusion(visible, bent, mirror, roughness);
             if self.options.bent {
                 irradiance = Vec3A::from_array(self.lighting.tables.irradiance(bent));
             }
+        }
+        if let Some(sky) = self.sky {
+            open *= 1.0 + (sky[i].x - 1.0) * 0.7;
+            specular_open *= 1.0 + (sky[i].y - 1.0) * 0.7;
         }
         pixel.ambient_diffuse = pixel.white * irradiance * open;
         pixel.ambient_specular = material.reflected * prefiltered * specular_open;
@@ -364,24 +396,4 @@ fn disc_cosine(cosine: f32, radius: f32) -> f32 {
 fn multi_bounce(open: f32, colour: Vec3A) -> Vec3A {
     let (a, b, c) = (colour * 2.0404 - 0.3324, colour * -4.7951 + 0.6417, colour * 2.7552 + 0.6903);
     (((a * open + b) * open + c) * open).max(Vec3A::splat(open)).min(Vec3A::ONE)
-}
-
-/// Share of a reflection's cone that lies in the cone of open directions about the bent normal (Oat and Sander 2007; Jimenez et al. 2016).
-fn specular_occlusion(open: f32, bent: Vec3A, mirror: Vec3A, roughness: f32) -> f32 {
-    let cos_open = (1.0 - open).max(0.0).sqrt();
-    let cos_lobe = (-std::f32::consts::LOG2_10 * roughness * roughness).exp2().min(0.9999);
-    let (a, b) = (cos_open.acos(), cos_lobe.acos());
-    let apart = bent.dot(mirror).clamp(-1.0, 1.0).acos();
-    let (small, large) = (a.min(b), a.max(b));
-    let whole = 1.0 - cos_open.max(cos_lobe);
-    let area = if small <= large - apart && apart <= large {
-        whole
-    } else if a + b <= apart {
-        0.0
-    } else {
-        let inner = large - small;
-        let x = 1.0 - ((apart - inner) / (a + b - inner).max(1e-4)).clamp(0.0, 1.0);
-        x * x * (3.0 - 2.0 * x) * whole
-    };
-    (area / (1.0 - cos_lobe)).clamp(0.0, 1.0)
 }

@@ -113,7 +113,7 @@ pub fn features(shading: &Shading, camera: &Camera, environment: &Environment) -
                 continue;
             }
             let phase = phase(x, y);
-            let (occlusion, bent) = horizon::occlusion(&surface, i, phase);
+            let (occlusion, bent) = horizon::occlusion(&surface, i, phase, horizon::Reach::FEATURES);
             let visibility = light.map_or(1.0, |light| march::visibility(&surface, i, light, phase));
             *sample = Sample { occlusion, visibility, bent };
         }

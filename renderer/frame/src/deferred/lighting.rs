@@ -1,5 +1,7 @@
 //! The light of a sequence: dominant lights and the rest of the environment.
 
+use super::shadow::ShadowMap;
+use super::sky::{SkyCell, sky_cells};
 use crate::Environment;
 use crate::environment::DominantLight;
 use crate::ibl::IblTables;
@@ -20,6 +22,17 @@ pub struct Lighting {
     pub tables: IblTables,
     /// Prefiltered whole environment, `None` without lights: smooth surfaces mirror the lights in their own shape.
     pub whole: Option<IblTables>,
+    /// `rest` in cells, one for each map of [`Shadows::sky`].
+    pub sky: Vec<SkyCell>,
+}
+
+/// What the lights and the sky see of the scene at one frame; empty lists mean that nothing is known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shadows {
+    /// Of each of [`Lighting::lights`] its maps, the finest first: a pixel takes the first that covers it.
+    pub lights: Vec<Vec<ShadowMap>>,
+    /// One coarse map for each of [`Lighting::sky`].
+    pub sky: Vec<ShadowMap>,
 }
 
 impl Lighting {
@@ -29,6 +42,7 @@ impl Lighting {
         let (lights, rest) = environment.split_lights(most);
         let tables = IblTables::new(&rest);
         let whole = (!lights.is_empty()).then(|| IblTables::new(environment));
-        Self { lights, environment: environment.clone(), rest, tables, whole }
+        let sky = sky_cells(&rest);
+        Self { lights, environment: environment.clone(), rest, tables, whole, sky }
     }
 }

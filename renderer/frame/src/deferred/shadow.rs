@@ -29,6 +29,9 @@ const NORMAL_OFFSET: f32 = 1.5;
 const BIAS: f32 = 0.7;
 /// Least radius of the filter, texels: hides the texels' stairs.
 const NARROWEST: f32 = 0.9;
+/// The same for single taps of coarse maps.
+const COARSE_OFFSET: f32 = 1.5;
+const COARSE_BIAS: f32 = 1.5;
 /// Steepest plane of a receiver (depth over width) that taps beside the point are compared with.
 const STEEPEST: f32 = 6.0;
 
@@ -125,6 +128,12 @@ impl ShadowMap {
         let radius = (spread * sum / blockers).clamp(NARROWEST, widest);
         let shadowed = DISC.iter().filter(|(x, y)| above(radius * (x * cos - y * sin), radius * (x * sin + y * cos)).is_some());
         1.0 - shadowed.count() as f32 / TAPS as f32
+    }
+
+    /// Whether nothing stands between the light and a world-space point with unit normal `n_world`: one tap, moved by `jitter` texels.
+    pub fn lit(&self, p_world: Vec3A, n_world: Vec3A, jitter: [f32; 2]) -> bool {
+        let p = self.world_to_map.transform_point3a(p_world + n_world * (COARSE_OFFSET * self.texel));
+        self.at(p.x + jitter[0], p.y + jitter[1]).is_none_or(|z| z + COARSE_BIAS * self.texel >= p.z)
     }
 
     /// Depth at a point of the map, `None` where nothing is known.

@@ -19,15 +19,29 @@ pub(super) const THIN: f32 = 0.03;
 /// Least sine over the tangent plane of what can occlude.
 pub(super) const ABOVE: f32 = 0.01;
 
+/// How far and how firmly depth samples occlude.
+#[derive(Clone, Copy, Debug)]
+pub struct Reach {
+    /// See [`RADIUS`].
+    pub radius: f32,
+    /// See [`THIN`].
+    pub thin: f32,
+}
+
+impl Reach {
+    /// What the network was given.
+    pub const FEATURES: Self = Self { radius: RADIUS, thin: THIN };
+}
+
 /// Visible share of the cosine-weighted hemisphere and the (unnormalised) cosine-weighted mean open direction in camera space.
-pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32)) -> (f32, Vec3A) {
+pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: Reach) -> (f32, Vec3A) {
     let p = surface.points[i];
     let depth = -p.z;
     let v = -p.normalize();
     // A filtered normal may face away; the horizons are taken about the nearest one that does not.
     let n = surface.normal(i);
     let n = (n + v * (1e-3 - n.dot(v)).max(0.0)).normalize_or(v);
-    let radius = RADIUS * depth;
+    let radius = reach.radius * depth;
 
     // Over all slices the open hemisphere's moment is 2 pi / 3 along n; a slice stands for pi / SLICES.
     let (mut open, mut weight, mut bent) = (0.0, 0.0, n * (2.0 / 3.0 * SLICES as f32));
@@ -43,8 +57,8 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32)) -> (f32,
             continue;
         }
         let tilt = flat.dot(t).atan2(flat.dot(v));
-        let right = horizon(surface, (p, n, v), radius, (cos, sin), step, (tilt + FRAC_PI_2).min(PI).cos());
-        let left = horizon(surface, (p, n, v), radius, (-cos, -sin), step, (tilt - FRAC_PI_2).max(-PI).cos());
+        let right = horizon(surface, (p, n, v), (radius, reach.thin), (cos, sin), step, (tilt + FRAC_PI_2).min(PI).cos());
+        let left = horizon(surface, (p, n, v), (radius, reach.thin), (-cos, -sin), step, (tilt - FRAC_PI_2).max(-PI).cos());
         // Angles from v, left negative, kept inside the normal's hemisphere.
         let h0 = (-left.acos()).max(tilt - FRAC_PI_2);
         let h1 = right.acos().min(tilt + FRAC_PI_2);
@@ -87,7 +101,7 @@ impl Arc {
 fn horizon(
     surface: &Surface,
     (p, n, v): (Vec3A, Vec3A, Vec3A),
-    radius: f32,
+    (radius, thin): (f32, f32),
     (cos, sin): (f32, f32),
     step: f32,
     lowest: f32,
@@ -122,7 +136,7 @@ fn horizon(
             let fade = ((radius - distance) / (FADE * radius)).clamp(0.0, 1.0);
             highest += (cosine - highest) * fade;
         } else {
-            highest += (cosine.max(lowest) - highest) * THIN;
+            highest += (cosine.max(lowest) - highest) * thin;
         }
     }
     highest.clamp(-1.0, 1.0)
