@@ -19,7 +19,7 @@ Examples:
 Methods, in a comma-separated list:
   ibl                 split-sum image-based lighting
   deferred            lights taken out of the environment with shadow maps, ambient occlusion, screen-space reflections and
-                      indirect light; deferred-lights, -shadows, -maps, -occlusion, -reflections, -indirect: without that part
+                      indirect light; deferred-lights, -shadows, -maps, -sky, -occlusion, -reflections, -indirect: without that part
   warp, warp-ibl      keyframes carried along, deferred (or ibl) in the holes, no network
   neural, neural+keys the network without and with keyframes
   pt4, pt4+oidn, pt4+fast

@@ -19,10 +19,12 @@ pub enum Clean {
 pub enum Part {
     /// Lights taken out of the environment and shaded by themselves.
     Lights,
-    /// Shadows of those lights.
+    /// All shadows but ambient occlusion.
     Shadows,
-    /// Shadow maps; screen-space shadows stay.
+    /// Shadow maps of lights and sky; screen-space shadows of the lights stay.
     Maps,
+    /// Shadows of the rest of the environment.
+    Sky,
     /// Ambient occlusion.
     Occlusion,
     /// Screen-space reflections.
@@ -64,10 +66,11 @@ pub enum Way {
     },
 }
 
-const PARTS: [(Part, &str, &str); 6] = [
+const PARTS: [(Part, &str, &str); 7] = [
     (Part::Lights, "lights", "no lights taken out of the environment"),
     (Part::Shadows, "shadows", "no shadows"),
     (Part::Maps, "maps", "screen-space shadows only"),
+    (Part::Sky, "sky", "no shadows of the sky"),
     (Part::Occlusion, "occlusion", "no ambient occlusion"),
     (Part::Reflections, "reflections", "no screen-space reflections"),
     (Part::Indirect, "indirect", "no screen-space indirect light"),
@@ -76,7 +79,7 @@ const PARTS: [(Part, &str, &str); 6] = [
 /// What is evaluated where nobody says otherwise.
 pub const STANDARD: &str = "ibl,deferred,warp,neural,neural+keys,pt1+oidn,pt4+oidn";
 /// Everything: parts switched off, all path-traced rows, equal time.
-pub const ALL: &str = "ibl,deferred,deferred-lights,deferred-shadows,deferred-maps,deferred-occlusion,deferred-reflections,\
+pub const ALL: &str = "ibl,deferred,deferred-lights,deferred-shadows,deferred-maps,deferred-sky,deferred-occlusion,deferred-reflections,\
 deferred-indirect,warp-ibl,warp,neural,neural+keys,pt1,pt2,pt4,pt8,pt1+fast,pt2+fast,pt4+fast,pt8+fast,pt1+oidn,pt2+oidn,pt4+oidn,\
 pt8+oidn,equal-deferred+fast,equal-deferred,equal-neural+keys";
 

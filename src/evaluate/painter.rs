@@ -8,12 +8,12 @@ use crate::dataset::SequenceFolder;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
-use renderflow_frame::deferred::{self, Lighting, ShadowMap, ShadowMode};
+use renderflow_frame::deferred::{self, Lighting, ShadowMode, Shadows};
 use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_model::infer::{PreparedKeyframe, warp_only};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
-use renderflow_renderer::{RenderScene, SHADOW_MAP_SIZE, Settings, render, render_gbuffer, shadow_maps};
+use renderflow_renderer::{RenderScene, Settings, render, render_gbuffer, shadow_maps};
 use renderflow_scenes::{description::Scene, load};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -43,8 +43,8 @@ struct Shared {
     gbuffer: Frame,
     /// Seconds of the G-buffer.
     seconds: f64,
-    /// One list a light, and their seconds; empty where no method needs them.
-    shadows: (Vec<Vec<ShadowMap>>, f64),
+    /// Shadow maps, and their seconds; none where no method needs them.
+    shadows: (Shadows, f64),
 }
 
 /// Everything that lasts for a sequence.
@@ -143,7 +143,7 @@ impl<'a> Painter<'a> {
             self.warm_up(&settings, index, cancel)?;
         }
         let (gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, &settings)?))?;
-        let shadows = self.shadows(&gbuffer, index)?;
+        let shadows = self.shadows(&self.lighting, &gbuffer, index)?;
         let shared = Shared { index, gbuffer, seconds, shadows };
         let mut traced: BTreeMap<u32, (Frame, f64)> = BTreeMap::new();
         let mut made: Vec<Picture> = Vec::new();
@@ -197,39 +197,46 @@ impl<'a> Painter<'a> {
         Ok(Some(made))
     }
 
-    /// The shadow maps of every light taken out of the environment, and their seconds.
-    fn shadows(&self, gbuffer: &Frame, index: usize) -> Result<(Vec<Vec<ShadowMap>>, f64)> {
-        let Some(lighting) = &self.lighting else { return Ok(Default::default()) };
+    /// The shadow maps of a lighting, where there is one, and their seconds.
+    fn shadows(&self, lighting: &Option<Lighting>, gbuffer: &Frame, index: usize) -> Result<(Shadows, f64)> {
+        let Some(lighting) = lighting else { return Ok(Default::default()) };
         timed(|| {
             let receivers = deferred::receivers(gbuffer, self.folder.camera(index));
-            Ok(shadow_maps(&self.scene, &lighting.lights, &receivers, SHADOW_MAP_SIZE))
+            Ok(shadow_maps(&self.scene, lighting, &receivers))
         })
     }
 
     /// The deferred picture without one of its parts, and its seconds.
     fn deferred(&self, without: Option<Part>, shared: &Shared) -> Result<(Rgb, f64)> {
         let mut options = deferred::Options::default();
-        let mut lighting = &self.lighting;
+        let none = (Shadows::default(), 0.0);
+        let (mut lighting, mut shadows) = (&self.lighting, &shared.shadows);
+        let others;
         match without {
             None => {}
-            Some(Part::Lights) => lighting = &self.unlit,
-            Some(Part::Shadows) => options.shadows = ShadowMode::None,
-            Some(Part::Maps) => options.shadows = ShadowMode::ScreenSpace,
+            Some(Part::Lights) => {
+                lighting = &self.unlit;
+                others = self.shadows(lighting, &shared.gbuffer, shared.index)?;
+                shadows = &others;
+            }
+            Some(Part::Shadows) => {
+                (options.shadows, options.sky) = (ShadowMode::None, false);
+                shadows = &none;
+            }
+            Some(Part::Maps) => {
+                (options.shadows, options.sky) = (ShadowMode::ScreenSpace, false);
+                shadows = &none;
+            }
+            // The seconds of its maps stay in: they are made together with those of the lights.
+            Some(Part::Sky) => options.sky = false,
             Some(Part::Occlusion) => options.occlusion = false,
             Some(Part::Reflections) => options.reflections = false,
             Some(Part::Indirect) => options.indirect = false,
         }
         let lighting = lighting.as_ref().context("the lights of the environment")?;
-        let (maps, mut seconds) = (&shared.shadows.0, 0.0);
-        let maps = if options.shadows == ShadowMode::Map && without != Some(Part::Lights) {
-            seconds += shared.shadows.1;
-            &maps[..]
-        } else {
-            &[]
-        };
         let camera = self.folder.camera(shared.index);
-        let (picture, shading) = timed(|| Ok(deferred::shade(&shared.gbuffer, camera, lighting, maps, &options).image))?;
-        Ok((picture, seconds + shading))
+        let (picture, shading) = timed(|| Ok(deferred::shade(&shared.gbuffer, camera, lighting, &shadows.0, &options).image))?;
+        Ok((picture, shadows.1 + shading))
     }
 
     /// Path-traces and cleans a frame. What is rendered with as many samples for another method is not rendered again.
@@ -281,7 +288,7 @@ impl<'a> Painter<'a> {
     /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
     fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
         let gbuffer = render_gbuffer(&self.scene, settings)?;
-        let shadows = self.shadows(&gbuffer, index)?;
+        let shadows = self.shadows(&self.lighting, &gbuffer, index)?;
         let shared = Shared { index, gbuffer, seconds: 0.0, shadows };
         for way in self.options.ways {
             if !matches!(way, Way::Traced { .. } | Way::Equal { .. }) {

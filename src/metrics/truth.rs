@@ -166,10 +166,10 @@ fn check(picture: &Rgb, truth: &Rgb) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::flip::flip;
-    use crate::metrics::psnr::CAP;
     use crate::evaluate::results::METRICS;
     use crate::evaluate::run::values;
+    use crate::metrics::flip::flip;
+    use crate::metrics::psnr::CAP;
     use crate::metrics::ssim::ssim;
     use rayon::prelude::*;
 
