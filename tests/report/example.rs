@@ -42,7 +42,7 @@ fn psnr(method: usize, sequence: f64, frame: usize) -> f64 {
 }
 
 fn score(number: usize, method: &Method, part: f64, frame: usize) -> Score {
-    let key = frame % 4 == 0;
+    let key = frame.is_multiple_of(4);
     let mut values = std::collections::BTreeMap::new();
     for metric in METRICS {
         let value = match metric.id {
@@ -69,7 +69,7 @@ fn picture(frame: usize, method: usize) -> Rgb {
     let (width, height) = SIZE;
     Rgb::from_fn(width, height, |x, y| {
         let ramp = [x as f32 / width as f32, y as f32 / height as f32, frame as f32 / FRAMES as f32];
-        let wrong = if (x / 4 + y / 4) % 2 == 0 { 0.03 * method as f32 } else { 0.0 };
+        let wrong = if (x / 4 + y / 4).is_multiple_of(2) { 0.03 * method as f32 } else { 0.0 };
         ramp.map(|v| (v + wrong).min(1.0))
     })
 }
