@@ -54,7 +54,7 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     );
     out += &plots("Convergence of path tracing", &charts::convergence(view, set), "Other methods as levels.");
     let classes = class_tables(view, set);
-    if !classes.is_empty() {
+    if table::classes(view.results, set).len() > 1 {
         out += "<h3>By class of scene</h3>\n";
         out += &html::chooser("Metric", &classes);
     }

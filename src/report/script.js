@@ -154,7 +154,7 @@ function comparison(data) {
       const method = side.select.value;
       setPicture(side.picture, address(frame(), method), `${labels.get(method)}, frame ${frame()}`);
     }
-    const name = frame() + (data.keyframes.includes(frame()) ? ", keyframe" : "");
+    const name = frame() + (data.keyframes.includes(frame()) ? " (key)" : "");
     find("#frame-number").textContent = name;
     slider.setAttribute("aria-valuetext", "frame " + name);
     showStrip();
