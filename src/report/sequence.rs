@@ -135,7 +135,9 @@ fn kept_frames(frames: &[(usize, usize)]) -> Vec<usize> {
 }
 
 fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Result<String> {
-    let mut out = String::from("<section id=\"compare\"><h2>Pictures</h2>\n");
+    let mut out = String::from(
+        "<section id=\"compare\"><h2>Pictures</h2>\n<noscript><p>A script shows the pictures; it is part of this page.</p></noscript>\n",
+    );
     if data.frames.is_empty() {
         return Ok(out + "<p>No pictures were kept.</p></section>\n");
     }

@@ -82,7 +82,7 @@ pub fn main_table(palette: &Palette, caption: &str, rows: &[Row], of: usize) -> 
     let columns: Vec<&Metric> = COLUMNS.iter().filter_map(|id| table::metric(id)).collect();
     let mut heads = vec![("method".to_owned(), "How the pictures were made".to_owned())];
     heads.extend(columns.iter().map(|column| (column.label.to_owned(), direction(column))));
-    heads.push(("s/frame".into(), "Median wall seconds a frame; less is better".into()));
+    heads.push(("s/frame".into(), "Median wall seconds of a sequence's frames, mean over sequences; less is better".into()));
     let line = |row: &Row| {
         let mut line = vec![(None, name(palette, row, of))];
         line.extend(columns.iter().map(|column| cell(column, row.cells.get(column.id))));

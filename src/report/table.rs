@@ -20,7 +20,7 @@ pub struct Row<'a> {
     pub method: &'a Method,
     /// By id of the metric; one without a value is missing.
     pub cells: BTreeMap<&'static str, Interval>,
-    /// Median wall seconds over all frames counted.
+    /// Mean over sequences of the median wall seconds of the frames counted.
     pub seconds: Option<f64>,
     /// Sequences that the method has been scored on.
     pub sequences: usize,
@@ -118,11 +118,13 @@ impl<'a> Means<'a> {
             let values: Vec<f64> = numbers().filter_map(|number| self.value(number, &method.id, metric.id)).collect();
             bootstrap::bootstrap(&values)
         };
-        let seconds = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str())).flatten().copied();
+        let frames = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str()));
+        let medians: Vec<f64> = frames.filter_map(|seconds| median(seconds.clone())).collect();
         (count > 0).then(|| Row {
             method,
             cells: METRICS.iter().filter_map(|metric| Some((metric.id, cell(metric)?))).collect(),
-            seconds: median(seconds.collect()),
+            // Not the median of all frames: among a few dear and a few cheap scenes it would be one scene's.
+            seconds: bootstrap::bootstrap(&medians).map(|seconds| seconds.mean),
             sequences: count,
         })
     }
