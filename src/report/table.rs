@@ -154,6 +154,12 @@ pub fn parent<'a>(methods: &'a [Method], ablation: &Method) -> Option<&'a Method
     named.or_else(before)
 }
 
+/// The row whose seconds an equal-time method was given: by its id, `equal-` and that row's.
+pub fn given<'r, 'a>(rows: &'r [Row<'a>], method: &Method) -> Option<&'r Row<'a>> {
+    let to = method.id.strip_prefix("equal-").filter(|_| method.group == Group::EqualTime)?;
+    rows.iter().filter(|row| to.starts_with(row.method.id.as_str())).max_by_key(|row| row.method.id.len())
+}
+
 /// Whether a method reads the truth of keyframes; told by its names, for want of anything better.
 pub fn reads_keyframes(method: &Method) -> bool {
     ["key", "warp"].iter().any(|word| method.id.to_lowercase().contains(word) || method.label.to_lowercase().contains(word))

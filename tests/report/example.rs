@@ -33,6 +33,7 @@ pub fn methods() -> Vec<Method> {
         method("neural", "Neural", Group::Neural, None, None),
         method("pt-1", "Path tracing 1 spp", Group::PathTraced, Some("Path tracing"), Some(1)),
         method("pt-4", "Path tracing 4 spp", Group::PathTraced, Some("Path tracing"), Some(4)),
+        method("equal-neural", "Path tracing in the time of Neural", Group::EqualTime, None, None),
     ]
 }
 
