@@ -44,7 +44,7 @@ pub fn section(view: &View, set: &str) -> String {
     let mut heads = vec![("method".to_owned(), "A baseline, then the same with a part switched".to_owned())];
     let change = "below it the change from the baseline, on the same sequences; sorts by the change";
     heads.extend(columns.iter().map(|column| (column.label.to_owned(), format!("{}; {change}", direction(column)))));
-    heads.push(("s/frame".into(), "Median wall seconds a frame; less is better".into()));
+    heads.push(("s/frame".into(), "Median wall seconds of a sequence's frames, mean over sequences; less is better".into()));
     format!(
         "<h3>What parts are worth</h3>\n<p>Below a mean its change from the baseline the row was taken from, over the same sequences, with \
          its 95 % interval; grey where the interval holds 0.</p>\n{}",

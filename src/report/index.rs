@@ -50,11 +50,11 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     out += &plots(
         "Error against time",
         &charts::time(view, set),
-        "Mean over sequences with its 95 % interval; median seconds. Faint: parts switched on or off.",
+        "Mean over sequences with its 95 % interval; seconds as in the table. Faint: parts switched on or off.",
     );
     out += &plots("Convergence of path tracing", &charts::convergence(view, set), "Other methods as levels.");
     let classes = class_tables(view, set);
-    if !classes.is_empty() {
+    if table::classes(view.results, set).len() > 1 {
         out += "<h3>By class of scene</h3>\n";
         out += &html::chooser("Metric", &classes);
     }

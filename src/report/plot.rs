@@ -129,7 +129,7 @@ impl Axis {
             Scale::Linear | Scale::Count => (value - self.low) / (self.high - self.low),
             Scale::Log | Scale::Doubling => (value / self.low).ln() / (self.high / self.low).ln(),
         };
-        share.is_finite().then(|| self.from + (self.to - self.from) * share)
+        share.is_finite().then_some(self.from + (self.to - self.from) * share)
     }
 
     /// Like [`Axis::at`], the ends for what lies beyond.

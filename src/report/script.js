@@ -154,7 +154,7 @@ function comparison(data) {
       const method = side.select.value;
       setPicture(side.picture, address(frame(), method), `${labels.get(method)}, frame ${frame()}`);
     }
-    const name = frame() + (data.keyframes.includes(frame()) ? ", keyframe" : "");
+    const name = frame() + (data.keyframes.includes(frame()) ? " (key)" : "");
     find("#frame-number").textContent = name;
     slider.setAttribute("aria-valuetext", "frame " + name);
     showStrip();
@@ -235,13 +235,20 @@ function comparison(data) {
   }
   divide.addEventListener("input", () => setDivide(Number(divide.value) / 100));
   slider.addEventListener("input", show);
-  sides.forEach((side) => side.select.addEventListener("change", show));
+  // Where the strip scrolls, what was chosen elsewhere must not stay out of sight.
+  function reveal() {
+    const chosen = all(".strip button").find((button) => button.dataset.method === sides[1].select.value);
+    const strip = find(".strip");
+    if (chosen) strip.scrollLeft = chosen.parentElement.offsetLeft - strip.offsetLeft - chosen.offsetWidth;
+  }
+  sides.forEach((side) => side.select.addEventListener("change", () => { show(); reveal(); }));
   [error, gain].forEach((control) => control.addEventListener("change", showErrors));
   zoom.addEventListener("change", resize);
   addEventListener("resize", resize);
   setDivide(Number(divide.value) / 100);
   resize();
   show();
+  reveal();
 }
 
 all("table").forEach(sortable);

@@ -60,7 +60,7 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
         body += "</section>\n";
     }
     write!(body, "<section><h2>Facts</h2>\n{}</section>\n</main>\n", facts(scored))?;
-    write!(body, "<script type=\"application/json\" id=\"data\">{}</script>\n", html::json(&data)?)?;
+    writeln!(body, "<script type=\"application/json\" id=\"data\">{}</script>", html::json(&data)?)?;
     // The shell adds some 20 kB; said to one digit after the point that does not matter.
     let size = format!("{:.1}", (body.len() as f64 + 20e3) / 1e6);
     body = body.replacen(PAGE_SIZE, &size, 1);
@@ -135,7 +135,9 @@ fn kept_frames(frames: &[(usize, usize)]) -> Vec<usize> {
 }
 
 fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Result<String> {
-    let mut out = String::from("<section id=\"compare\"><h2>Pictures</h2>\n");
+    let mut out = String::from(
+        "<section id=\"compare\"><h2>Pictures</h2>\n<noscript><p>A script shows the pictures; it is part of this page.</p></noscript>\n",
+    );
     if data.frames.is_empty() {
         return Ok(out + "<p>No pictures were kept.</p></section>\n");
     }
@@ -177,9 +179,9 @@ fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Res
     )?;
     out += "<p class=\"quiet\">Choose what stands right by its small picture; with Shift, what stands left.</p>\n<ul class=\"strip\">\n";
     for (id, label) in &data.methods {
-        write!(
+        writeln!(
             out,
-            "<li><button type=\"button\" data-method=\"{}\"><img alt=\"\"><span>{}</span> <small></small></button></li>\n",
+            "<li><button type=\"button\" data-method=\"{}\"><img alt=\"\"><span>{}</span> <small></small></button></li>",
             escape(id),
             escape(label)
         )?;

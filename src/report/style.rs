@@ -53,6 +53,9 @@ pub fn short_label(methods: &[Method], method: &Method) -> String {
     rest.map(str::trim).filter(|rest| !rest.is_empty()).unwrap_or(&method.label).to_owned()
 }
 
+/// Seconds count as equal up to this ratio: equal-time rows hit theirs to a few percent on a quiet machine.
+pub const EQUAL: f64 = 1.15;
+
 /// What is written where there is no value.
 pub const NONE: &str = "<span class=\"none\">–</span>";
 
@@ -77,16 +80,26 @@ pub fn seconds(value: Option<f64>) -> (Option<f64>, String) {
     (value, value.map_or_else(|| NONE.into(), table::seconds))
 }
 
+/// Seconds; where an equal-time row has missed those it was given, by how much.
+fn given_seconds(rows: &[Row], row: &Row) -> (Option<f64>, String) {
+    let (value, text) = seconds(row.seconds);
+    let ratio = table::given(rows, row.method).and_then(|given| Some(row.seconds? / given.seconds?));
+    match ratio.filter(|ratio| ratio.is_finite() && !(1.0 / EQUAL..=EQUAL).contains(ratio)) {
+        Some(ratio) => (value, format!("{text}<small>{ratio:.2} x given</small>")),
+        None => (value, text),
+    }
+}
+
 /// The table of the headline metrics.
 pub fn main_table(palette: &Palette, caption: &str, rows: &[Row], of: usize) -> String {
     let columns: Vec<&Metric> = COLUMNS.iter().filter_map(|id| table::metric(id)).collect();
     let mut heads = vec![("method".to_owned(), "How the pictures were made".to_owned())];
     heads.extend(columns.iter().map(|column| (column.label.to_owned(), direction(column))));
-    heads.push(("s/frame".into(), "Median wall seconds a frame; less is better".into()));
+    heads.push(("s/frame".into(), "Median wall seconds of a sequence's frames, mean over sequences; less is better".into()));
     let line = |row: &Row| {
         let mut line = vec![(None, name(palette, row, of))];
         line.extend(columns.iter().map(|column| cell(column, row.cells.get(column.id))));
-        line.push(seconds(row.seconds));
+        line.push(given_seconds(rows, row));
         line
     };
     html::table(caption, &heads, &rows.iter().map(line).collect::<Vec<_>>())

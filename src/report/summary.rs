@@ -1,11 +1,9 @@
 //! What stands where, in a few sentences.
 
 use super::html::escape;
+use super::style::EQUAL;
 use super::table::{self, Filter, Means, Row};
 use crate::evaluate::results::{Group, Metric};
-
-/// A method counts as no dearer than another up to this ratio of seconds: equal-time rows hit their seconds to a few percent.
-const EQUAL: f64 = 1.15;
 
 /// A paragraph on a set; empty where no method has a PSNR.
 pub fn paragraph(means: &Means, set: &str) -> String {

@@ -20,7 +20,7 @@ pub struct Row<'a> {
     pub method: &'a Method,
     /// By id of the metric; one without a value is missing.
     pub cells: BTreeMap<&'static str, Interval>,
-    /// Median wall seconds over all frames counted.
+    /// Mean over sequences of the median wall seconds of the frames counted.
     pub seconds: Option<f64>,
     /// Sequences that the method has been scored on.
     pub sequences: usize,
@@ -118,11 +118,13 @@ impl<'a> Means<'a> {
             let values: Vec<f64> = numbers().filter_map(|number| self.value(number, &method.id, metric.id)).collect();
             bootstrap::bootstrap(&values)
         };
-        let seconds = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str())).flatten().copied();
+        let frames = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str()));
+        let medians: Vec<f64> = frames.filter_map(|seconds| median(seconds.clone())).collect();
         (count > 0).then(|| Row {
             method,
             cells: METRICS.iter().filter_map(|metric| Some((metric.id, cell(metric)?))).collect(),
-            seconds: median(seconds.collect()),
+            // Not the median of all frames: among a few dear and a few cheap scenes it would be one scene's.
+            seconds: bootstrap::bootstrap(&medians).map(|seconds| seconds.mean),
             sequences: count,
         })
     }
@@ -150,6 +152,12 @@ pub fn parent<'a>(methods: &'a [Method], ablation: &Method) -> Option<&'a Method
     let named = methods.iter().filter(whole).filter(begins).max_by_key(|method| method.id.len());
     let before = || methods.iter().take_while(|method| method.id != ablation.id).filter(|m| m.group == Group::Baseline).last();
     named.or_else(before)
+}
+
+/// The row whose seconds an equal-time method was given: by its id, `equal-` and that row's.
+pub fn given<'r, 'a>(rows: &'r [Row<'a>], method: &Method) -> Option<&'r Row<'a>> {
+    let to = method.id.strip_prefix("equal-").filter(|_| method.group == Group::EqualTime)?;
+    rows.iter().filter(|row| to.starts_with(row.method.id.as_str())).max_by_key(|row| row.method.id.len())
 }
 
 /// Whether a method reads the truth of keyframes; told by its names, for want of anything better.

@@ -217,7 +217,7 @@ async function thumbs(page) {
 }
 
 async function main() {
-  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: ["--no-sandbox"] });
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args: ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"] });
   try {
     for (const size of Object.keys(SIZES)) {
       await visit(browser, "index.html", size, {}, async (page) => {

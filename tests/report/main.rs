@@ -29,7 +29,7 @@ fn means_and_intervals_are_those_computed_by_hand() {
     let synthetic = table::Filter { set: Some("synthetic"), ..Default::default() };
     let rows = means.rows(synthetic);
     let ids: Vec<&str> = rows.iter().map(|row| row.method.id.as_str()).collect();
-    assert_eq!(ids, ["ibl", "deferred", "deferred-shadow", "neural", "pt-1", "pt-4"]);
+    assert_eq!(ids, ["ibl", "deferred", "deferred-shadow", "neural", "pt-1", "pt-4", "equal-neural"]);
     // Frames 1 to 3 of sequences at +1, +3, +2: (20 + 21 + 22) / 3 + (1 + 3 + 2) / 3 less 1.
     let ibl = &rows[0].cells["psnr"];
     assert!((ibl.mean - 22.0).abs() < 1e-12 && ibl.sequences == 3);
@@ -38,8 +38,8 @@ fn means_and_intervals_are_those_computed_by_hand() {
     // Without the third sequence: draws from 31 and 33 are both 31 in a quarter.
     let last = &rows[5].cells["psnr"];
     assert_eq!((last.mean, last.range, rows[5].sequences), (32.0, Some([31.0, 33.0]), 2));
-    // Frames 1 to 3 take 11, 12, 13 ms.
-    assert!((rows[0].seconds.unwrap() - 0.012).abs() < 1e-12);
+    // Frames 1 to 3 take 11, 12, 13 ms, and their sequences 10, 30, 20 ms more; the last method has 62 ms, and 10 and 30 more.
+    assert!((rows[0].seconds.unwrap() - 0.032).abs() < 1e-12 && (rows[5].seconds.unwrap() - 0.082).abs() < 1e-12);
     // The temporal value of frame 0 is missing, and keyframes count nowhere anyway.
     assert!((rows[1].mean("temporal").unwrap() - 0.25).abs() < 1e-12);
     assert!(rows[0].mean("rel_mse").is_none() && rows[1].mean("rel_mse").is_some() && rows[1].mean("lpips_alex").is_none());
@@ -52,6 +52,8 @@ fn means_and_intervals_are_those_computed_by_hand() {
     // The same step on every sequence: no doubt about it.
     let change = means.difference(synthetic, "deferred-shadow", "deferred", "psnr").unwrap();
     assert_eq!((change.mean, change.range), (2.0, Some([2.0, 2.0])));
+    assert_eq!(table::given(&rows, rows[6].method).unwrap().method.id, "neural");
+    assert!(table::given(&rows, rows[5].method).is_none());
     assert_eq!(table::parent(&results.about.methods, rows[2].method).unwrap().id, "deferred");
 }
 
@@ -75,10 +77,10 @@ fn the_terminal_gets_lined_up_markdown() {
     let text = table::markdown(&results, table::Filter { set: Some("synthetic"), without_ablations: true, ..Default::default() });
     let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
     let widths: std::collections::BTreeSet<usize> = lines.iter().map(|line| line.chars().count()).collect();
-    assert_eq!((lines.len(), widths.len()), (7, 1), "{text}");
+    assert_eq!((lines.len(), widths.len()), (8, 1), "{text}");
     assert!(text.starts_with("synthetic: 3 sequences, 9 frames\n"), "{text}");
     let ibl: Vec<&str> = lines[2].split('|').map(str::trim).collect();
-    assert_eq!(ibl[1..], ["IBL", "22.00", "21.00 to 23.00", "0.5000", "-", "0.5000", "23.00", "-", "0.50", "0.0120", ""]);
+    assert_eq!(ibl[1..], ["IBL", "22.00", "21.00 to 23.00", "0.5000", "-", "0.5000", "23.00", "-", "0.50", "0.0320", ""]);
     let whole = table::markdown(&results, table::Filter::default());
     assert!(whole.contains("assets: 1 sequence, 3 frames") && whole.contains("Deferred without shadow"), "{whole}");
 }
@@ -126,6 +128,8 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
         "2 of 3 sequences",
         "22.00<small>21.00 to 23.00</small>",
         "a processor, 4 threads",
+        // 92 ms where the network takes 62.
+        "1.48 x given",
     ] {
         assert!(index.contains(text) || index.contains(&text.replace("&#39;", "'")), "{text}");
     }
@@ -136,7 +140,7 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
     let data = page.split("id=\"data\">").nth(1).unwrap().split("</script>").next().unwrap();
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
     assert_eq!(data["frames"], serde_json::json!([0, 1, 2, 3, 4]));
-    assert_eq!(data["methods"].as_array().unwrap().len(), 7);
+    assert_eq!(data["methods"].as_array().unwrap().len(), 8);
     assert_eq!(data["methods"][2][1], example::NASTY);
     assert_eq!(data["psnr"]["1"]["ibl"], "20.00 dB");
     // Pictures are the files, byte for byte.
