@@ -10,7 +10,7 @@ RENDERFLOW = target/release/renderflow
 build: oidn
 	$(CARGO) build --release $(FEATURES)
 
-# Pipeline on one held-out scene; ends with a table and demo-out/report.html.
+# Pipeline on one held-out scene; ends with a table and demo-out/report/index.html.
 demo: build
 	$(RENDERFLOW) demo --out demo-out
 
@@ -28,6 +28,7 @@ test-full: test build
 	$(CARGO) test --release --workspace $(FEATURES) -- --ignored
 	sh tests/python/run.sh
 	sh tests/slurm/run.sh
+	FEATURES="$(FEATURES)" sh tests/browser/run.sh
 	$(RENDERFLOW) stress --again --out target/stress.json
 
 bench: build

@@ -143,6 +143,7 @@ impl<'a> Painter<'a> {
                     let Some(budget) = made.iter().find(|made| made.id == *to).map(|made| made.seconds) else { continue };
                     let spp = self.affordable(budget, &shared, *clean);
                     let (picture, seconds) = self.trace(&shared, spp, *clean, &mut traced, cancel)?;
+                    self.learn(spp, &traced);
                     (picture, seconds, Some(spp))
                 }
                 way => {
@@ -242,6 +243,16 @@ impl<'a> Painter<'a> {
         let samples = |left: f64| (left / each).floor().clamp(1.0, 65536.0) as u32;
         let with_own = samples(left);
         if clean == Clean::Raw || settings(with_own).clean_guides() { with_own } else { samples(left - shared.seconds) }
+    }
+
+    /// What a render took says how many samples the next one may have: scenes cost differently from frame to frame.
+    fn learn(&mut self, spp: u32, traced: &BTreeMap<u32, (Frame, f64)>) {
+        if let (Some([start, each]), Some((_, seconds))) = (&mut self.rate, traced.get(&spp)) {
+            // Few samples tell more of what is done once a frame.
+            let weight = if spp < 8 { 0.0 } else { 0.5 };
+            *each += weight * ((seconds - *start).max(0.0) / f64::from(spp) - *each);
+            *each = each.max(1e-6);
+        }
     }
 
     /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
