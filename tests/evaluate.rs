@@ -45,11 +45,11 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
         let (data, out) = (data.to_str().unwrap(), out.to_str().unwrap());
         renderflow(&["--threads", threads, "evaluate", "--data", data, "--methods", methods, "--out", out])
     };
-    let methods = "ibl,deferred,deferred-shadows,warp,neural,neural+keys,pt2";
+    let methods = "ibl,deferred,deferred-shadows,warp,neural,neural+keys,pt4";
     let first = run(&out, methods, "2");
     assert!(first.status.success(), "{}", common::stderr(&first));
     let table = String::from_utf8_lossy(&first.stdout).into_owned();
-    for row in ["tiny", "IBL (split sum)", "Deferred, no shadows", "warped keyframes + Deferred", "neural + keyframes", "2 spp"] {
+    for row in ["tiny", "IBL (split sum)", "Deferred, no shadows", "warped keyframes + Deferred", "neural + keyframes", "4 spp"] {
         assert!(table.contains(row), "{row} missing in\n{table}");
     }
     let all = scores(&out);
@@ -63,7 +63,12 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
             assert!(value("psnr").is_some_and(|v| v > 5.0) && value("rel_mse").is_some_and(|v| v >= 0.0), "{score:?}");
             assert!(value("ssim").is_some() && value("flip").is_some(), "{score:?}");
             assert_eq!(value("temporal").is_some(), score.frame > 0, "{score:?}");
-            assert_eq!(score.spp, (score.method == "pt2").then_some(2));
+            assert_eq!(score.spp, (score.method == "pt4").then_some(4));
+            // The truth has 4 samples a pixel, too: they must be others.
+            assert!(score.method != "pt4" || value("psnr").is_some_and(|v| v < 50.0), "{score:?}");
+            // Keyframes are what they are carried to.
+            let carried = score.key && matches!(score.method.as_str(), "warp" | "neural+keys");
+            assert_eq!(value("psnr") == Some(100.0), carried, "{score:?}");
         }
     }
     // A sequence that is missing is made again, the others are kept; threads change nothing.
@@ -209,6 +214,11 @@ fn a_set_is_made_audited_and_proved() {
     // Half of it by another shard: not finished.
     let other = folder.path().join("half");
     assert!(make_plans("tiny", &plans, &other, Shard { index: 2, count: 2 }, 0, &idle).unwrap().is_none());
+    // A set that says something else than what is there.
+    std::fs::write(root.join(SET), String::from_utf8(before.clone()).unwrap().replace(&made.blake3, &"0".repeat(64))).unwrap();
+    let error = fail(&["testset", "verify", root.to_str().unwrap()]);
+    assert!(error.contains("does not say what is there"), "{error}");
+    std::fs::write(root.join(SET), before).unwrap();
     // A frame that was changed is found.
     let frame = root.join("far/test/seq-000000/frame.0001.exr");
     let mut bytes = std::fs::read(&frame).unwrap();
