@@ -33,7 +33,7 @@ const NARROWEST: f32 = 0.9;
 const COARSE_OFFSET: f32 = 1.5;
 const COARSE_BIAS: f32 = 1.5;
 /// Steepest plane of a receiver (depth over width) that taps beside the point are compared with.
-const STEEPEST: f32 = 6.0;
+const STEEPEST: f32 = 20.0;
 
 /// A spiral of points even over the unit disc (Vogel 1979).
 #[rustfmt::skip]
