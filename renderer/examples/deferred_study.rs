@@ -26,13 +26,13 @@ fn variants() -> Vec<(&'static str, Options)> {
             "none",
             Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false },
         ),
-        ("-shadows", Options { shadows: ShadowMode::None, ..ALL }),
+        ("no-shadows", Options { shadows: ShadowMode::None, ..ALL }),
         ("ss-shadow", Options { shadows: ShadowMode::ScreenSpace, ..ALL }),
-        ("-sky", Options { sky: false, ..ALL }),
-        ("-occlusion", Options { occlusion: false, ..ALL }),
-        ("-bent", Options { bent: false, ..ALL }),
-        ("-reflect", Options { reflections: false, ..ALL }),
-        ("-indirect", Options { indirect: false, ..ALL }),
+        ("no-sky", Options { sky: false, ..ALL }),
+        ("no-ao", Options { occlusion: false, ..ALL }),
+        ("no-bent", Options { bent: false, ..ALL }),
+        ("no-reflect", Options { reflections: false, ..ALL }),
+        ("no-bounce", Options { indirect: false, ..ALL }),
     ]
 }
 
@@ -56,6 +56,7 @@ fn main() -> Outcome<()> {
             "--only" => study.only = arguments.next(),
             "--frames" => study.frames = arguments.next().map(|v| v.parse()).transpose()?,
             "--lights" => study.lights = arguments.next().map(|v| v.parse()).transpose()?,
+            option if option.starts_with("--") => return Err(format!("unknown option {option}").into()),
             _ => study.folders.push(PathBuf::from(argument)),
         }
     }

@@ -19,13 +19,16 @@ const ROOM: f32 = 0.06;
 const NEAR: f32 = 0.5;
 /// They do where it is so much smaller.
 const WORTH: f32 = 0.5;
+/// Share of the receivers, the nearest, that the sky's maps are fitted to where they are so much closer together than all.
+const SKY_SHARE: f32 = 0.75;
 /// Blocks of texels that are traced together.
 const BLOCK: usize = 4;
 
 /// Shadow maps of `lighting` at the scene's current frame, as [`renderflow_frame::deferred::shade`] takes them. They are fitted to
 /// `receivers`, world-space points with the nearest to the camera first ([`renderflow_frame::deferred::receivers`]); where the nearer half of
 /// them lies on less than half the width, a light gets a second, finer map. Whatever stands between the receivers and the light casts, however
-/// far. Maps are [`SHADOW_MAP_SIZE`] wide, those of the sky [`SKY_MAP_SIZE`]. Without receivers there is nothing to shadow and no map.
+/// far. Receivers beyond the sky's maps are
+/// under an open sky. Maps are [`SHADOW_MAP_SIZE`] wide, those of the sky [`SKY_MAP_SIZE`]. Without receivers there is nothing to shadow and no map.
 pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, receivers: &[Vec3A]) -> Shadows {
     let near = &receivers[..(receivers.len() as f32 * NEAR) as usize];
     let lights = lighting.lights.iter().map(|light| {
@@ -33,7 +36,12 @@ pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, receivers: &[Vec3A]
         let few = few.filter(|few| few.extent < WORTH * all.extent);
         few.iter().chain([&all]).map(|fit| fill(scene, light.direction, fit, SHADOW_MAP_SIZE)).collect()
     });
-    let sky = lighting.sky.iter().filter_map(|cell| shadow_map(scene, cell.direction, receivers, SKY_MAP_SIZE));
+    let most = &receivers[..(receivers.len() as f32 * SKY_SHARE) as usize];
+    let sky = lighting.sky.iter().filter_map(|cell| {
+        let (all, most) = (Fit::new(cell.direction, receivers)?, Fit::new(cell.direction, most));
+        let fit = most.filter(|most| most.extent < WORTH * all.extent).unwrap_or(all);
+        Some(fill(scene, cell.direction, &fit, SKY_MAP_SIZE))
+    });
     Shadows { lights: lights.collect(), sky: sky.collect() }
 }
 

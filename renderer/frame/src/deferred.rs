@@ -45,7 +45,8 @@ pub struct Options {
     pub sky: bool,
     /// Ambient occlusion.
     pub occlusion: bool,
-    /// The rest of the environment is looked up along the bent normal instead of the normal; needs `occlusion`.
+    /// The rest of the environment is looked up along the bent normal instead of the normal; needs `occlusion`, and gives way to the
+    /// sky's maps, which say the same with more to go by.
     pub bent: bool,
     /// Screen-space reflections.
     pub reflections: bool,

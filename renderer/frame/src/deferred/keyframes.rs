@@ -9,9 +9,10 @@ use rayon::prelude::*;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Carry {
     /// By its ratio to the keyframe's own deferred picture, which the current one is multiplied with ([`warp::ratio_fetch`]).
-    #[default]
     Ratio,
-    /// As it is ([`warp::fetch`]).
+    /// As it is ([`warp::fetch`]): on 14 sequences with keyframes eight frames away 0.3 dB better, as deferred pictures, unlike the split sum's,
+    /// err in different ways in different frames.
+    #[default]
     Fetch,
 }
 

@@ -129,13 +129,15 @@ impl Pass<'_> {
             let visible = occlusion[i].w.clamp(0.0, 1.0);
             let bent = self.camera.camera_to_world.matrix3 * self.bent(i);
             open = if self.options.indirect { Vec3A::splat(visible) } else { multi_bounce(visible, pixel.white) };
-            if self.options.bent {
+            // The sky's maps know which part of it is open: bending the normal towards it too was 0.06 dB worse on 42 sequences.
+            if self.options.bent && self.sky.is_none() {
                 irradiance = Vec3A::from_array(self.lighting.tables.irradiance(bent));
             }
         }
         if let Some(sky) = self.sky {
             let least = if self.options.indirect { 0.0 } else { BOUNCED };
-            open *= least + (1.0 - least) * sky[i].x.clamp(0.0, 1.0);
+            // The lesser of both, as both know the same occluders: their product was 0.2 dB worse than no ambient occlusion at all.
+            open = open.min(Vec3A::splat(least + (1.0 - least) * sky[i].x.clamp(0.0, 1.0)));
             specular_open = least + (1.0 - least) * sky[i].y.clamp(0.0, 1.0);
         }
         pixel.ambient_diffuse = pixel.white * irradiance * open;

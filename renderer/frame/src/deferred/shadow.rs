@@ -33,7 +33,7 @@ const NARROWEST: f32 = 0.9;
 const COARSE_OFFSET: f32 = 1.5;
 const COARSE_BIAS: f32 = 1.5;
 /// Steepest plane of a receiver (depth over width) that taps beside the point are compared with.
-const STEEPEST: f32 = 6.0;
+const STEEPEST: f32 = 20.0;
 
 /// A spiral of points even over the unit disc (Vogel 1979).
 #[rustfmt::skip]
@@ -112,6 +112,8 @@ impl ShadowMap {
         let search = (spread * (p.z - self.nearest)).clamp(NARROWEST, widest);
         let (mut blockers, mut sum) = (0.0, 0.0);
         for (x, y) in DISC {
+            // Most taps near the middle: where ground runs on towards the light the search is far wider than anything casts.
+            let (x, y) = (x * (x * x + y * y), y * (x * x + y * y));
             let (dx, dy) = (search * (x * cos - y * sin), search * (x * sin + y * cos));
             if let Some(gap) = above(dx, dy) {
                 // Only what stands inside the cone of the light; the farther aside, the higher that must be.
