@@ -267,18 +267,14 @@ fn wrong_conventions_are_found() {
                 let turn = frame.info.camera.unwrap().camera_to_world.matrix3;
                 frame.normal.pixels.iter_mut().for_each(|n| *n = (turn * glam::Vec3A::from(*n)).to_array());
             },
-            "normals differ from the slope",
+            "read as world space",
         ),
         (
             "motion up in place of down",
             |frame| frame.motion.as_mut().unwrap().pixels.iter_mut().for_each(|m| m[1] = -m[1]),
             "of the motion vectors differ",
         ),
-        (
-            "normals with y down",
-            |frame| frame.normal.pixels.iter_mut().for_each(|n| n[1] = -n[1]),
-            "normals differ from the slope",
-        ),
+        ("normals with y down", |frame| frame.normal.pixels.iter_mut().for_each(|n| n[1] = -n[1]), "read as y down"),
     ];
     for (what, change, expected) in changes {
         for (path, original) in frames.iter().zip(&originals) {

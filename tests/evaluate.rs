@@ -79,7 +79,7 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
     assert_eq!(scores(&out), all);
     assert_eq!(std::fs::read(&kept).unwrap(), before);
     // Other methods do not mix in.
-    let other = run(&out, "ibl", "1");
+    let other = run(&out, "ibl,neural", "1");
     assert!(common::stderr(&other).contains("other methods"), "{}", common::stderr(&other));
     let report = folder.path().join("report");
     succeed(&["report", out.to_str().unwrap(), "--out", report.to_str().unwrap()]);
@@ -100,7 +100,7 @@ fn path_tracing_gets_the_seconds_of_another_method() {
     let results = Results::read(&out).unwrap();
     let equal: Vec<&Score> = results.sequences[0].scores.iter().filter(|score| score.method == clean).collect();
     assert_eq!(equal.len(), 5);
-    assert!(equal.iter().all(|score| score.spp.is_some_and(|spp| (1..=4096).contains(&spp))), "{equal:?}");
+    assert!(equal.iter().all(|score| score.spp.is_some_and(|spp| (1..=65536).contains(&spp))), "{equal:?}");
 }
 
 /// Truth of `set`'s near class as PNG (16 bits) named by `name`, in `out`.
