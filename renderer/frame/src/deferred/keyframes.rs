@@ -5,14 +5,15 @@ use crate::tracks::Movement;
 use crate::{Frame, warp};
 use rayon::prelude::*;
 
-/// How a keyframe's picture is carried.
+/// How a keyframe's picture is carried. PSNR halfway between keyframes 16 frames apart, 18 varied scenes at 256 x 256: deferred alone 29.0,
+/// with keyframes by their ratio 32.1, as they are 30.8, as they are over albedo + 0.05 31.3, their difference over that 31.6 dB.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Carry {
-    /// By its ratio to the keyframe's own deferred picture, which the current one is multiplied with ([`warp::ratio_fetch`]).
-    Ratio,
-    /// As it is ([`warp::fetch`]): on 14 sequences with keyframes eight frames away 0.3 dB better, as deferred pictures, unlike the split sum's,
-    /// err in different ways in different frames.
+    /// By its ratio to the keyframe's own deferred picture, which the current one is multiplied with ([`warp::ratio_fetch`]): textures stay
+    /// sharp and reflections in their new place.
     #[default]
+    Ratio,
+    /// As it is ([`warp::fetch`]).
     Fetch,
 }
 
