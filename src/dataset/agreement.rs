@@ -30,8 +30,11 @@ const FEWEST: u64 = 256;
 /// Width of the bins of angles, degrees.
 const BIN: f64 = 2.5;
 
-/// Other conventions that normals may be in by mistake: name, and what makes camera-space normals of them.
-const RIVALS: [(&str, fn(Vec3A, &Camera) -> Vec3A); 3] = [
+/// Makes camera-space normals of those of another convention.
+type Reading = fn(Vec3A, &Camera) -> Vec3A;
+
+/// Other conventions that normals may be in by mistake.
+const RIVALS: [(&str, Reading); 3] = [
     ("world space", |n, camera| camera.camera_to_world.matrix3.transpose() * n),
     ("y down", |n, _| n * Vec3A::new(1.0, -1.0, 1.0)),
     ("x to the left", |n, _| n * Vec3A::new(-1.0, 1.0, 1.0)),

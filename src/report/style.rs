@@ -63,7 +63,7 @@ pub const NONE: &str = "<span class=\"none\">–</span>";
 pub fn name(palette: &Palette, row: &Row, of: usize) -> String {
     let color = palette.color(&row.method.id) % super::plot::COLORS;
     let partly = if row.sequences < of { format!(" <small>{} of {of} sequences</small>", row.sequences) } else { String::new() };
-    format!("<span class=\"dot c{color}\"></span>{}{partly}", escape(&row.method.label))
+    format!("<span class=\"dot c{color}\"></span>{}{partly}", escape(&row.label()))
 }
 
 /// A mean with its interval below it.

@@ -22,11 +22,22 @@ pub struct Row<'a> {
     pub cells: BTreeMap<&'static str, Interval>,
     /// Mean over sequences of the median wall seconds of the frames counted.
     pub seconds: Option<f64>,
+    /// Mean samples a pixel of the frames counted, for path tracing.
+    pub spp: Option<f64>,
     /// Sequences that the method has been scored on.
     pub sequences: usize,
 }
 
 impl Row<'_> {
+    /// Name in tables; with the samples that the time allowed, where that is what they follow from.
+    pub fn label(&self) -> String {
+        let label = &self.method.label;
+        match self.spp.filter(|_| self.method.group == Group::EqualTime) {
+            Some(spp) => format!("{label} ({spp:.0} spp)"),
+            None => label.clone(),
+        }
+    }
+
     /// Mean of a metric.
     pub fn mean(&self, metric: &str) -> Option<f64> {
         self.cells.get(metric).map(|cell| cell.mean)
@@ -63,6 +74,8 @@ pub struct Means<'a> {
     values: Vec<BTreeMap<(&'a str, &'static str), f64>>,
     /// A sequence each, by method: seconds of the frames counted.
     seconds: Vec<BTreeMap<&'a str, Vec<f64>>>,
+    /// A sequence each, by method: mean samples a pixel of the frames counted.
+    spp: Vec<BTreeMap<&'a str, f64>>,
     /// A sequence each: methods with a score on a frame counted.
     scored: Vec<BTreeSet<&'a str>>,
 }
@@ -70,15 +83,20 @@ pub struct Means<'a> {
 impl<'a> Means<'a> {
     /// Averages over frames.
     pub fn new(results: &'a Results) -> Self {
-        let mut means = Self { results, values: Vec::new(), seconds: Vec::new(), scored: Vec::new() };
+        let mut means = Self { results, values: Vec::new(), seconds: Vec::new(), spp: Vec::new(), scored: Vec::new() };
         for sequence in &results.sequences {
             let mut sums: BTreeMap<(&str, &'static str), (f64, usize)> = BTreeMap::new();
             let mut seconds: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+            let mut samples: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
             let mut scored = BTreeSet::new();
             let only_keys = sequence.scores.iter().all(|score| score.key);
             for score in sequence.scores.iter().filter(|score| only_keys || !score.key) {
                 scored.insert(score.method.as_str());
                 seconds.entry(&score.method).or_default().extend(score.seconds.filter(|s| s.is_finite()));
+                if let Some(spp) = score.spp {
+                    let sum = samples.entry(&score.method).or_default();
+                    *sum = (sum.0 + f64::from(spp), sum.1 + 1);
+                }
                 for (id, value) in score.values.iter().filter(|(_, value)| value.is_finite()) {
                     let Some(metric) = metric(id) else { continue };
                     let sum = sums.entry((&score.method, metric.id)).or_default();
@@ -87,6 +105,7 @@ impl<'a> Means<'a> {
             }
             means.values.push(sums.into_iter().map(|(key, (sum, count))| (key, sum / count as f64)).collect());
             means.seconds.push(seconds);
+            means.spp.push(samples.into_iter().map(|(method, (sum, count))| (method, sum / count as f64)).collect());
             means.scored.push(scored);
         }
         means
@@ -119,12 +138,14 @@ impl<'a> Means<'a> {
             bootstrap::bootstrap(&values)
         };
         let frames = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str()));
+        let spp: Vec<f64> = numbers().filter_map(|number| self.spp[number].get(method.id.as_str()).copied()).collect();
         let medians: Vec<f64> = frames.filter_map(|seconds| median(seconds.clone())).collect();
         (count > 0).then(|| Row {
             method,
             cells: METRICS.iter().filter_map(|metric| Some((metric.id, cell(metric)?))).collect(),
             // Not the median of all frames: among a few dear and a few cheap scenes it would be one scene's.
             seconds: bootstrap::bootstrap(&medians).map(|seconds| seconds.mean),
+            spp: (!spp.is_empty()).then(|| spp.iter().sum::<f64>() / spp.len() as f64),
             sequences: count,
         })
     }
@@ -259,7 +280,7 @@ fn grid(rows: &[Row]) -> String {
     lines[0].push("s/frame".into());
     for row in rows {
         // A bar would end the cell.
-        let mut line = vec![row.method.label.replace('|', "/").replace(char::is_control, " ")];
+        let mut line = vec![row.label().replace('|', "/").replace(char::is_control, " ")];
         for column in &columns {
             let cell = row.cells.get(column.id);
             line.push(cell.map_or_else(|| "-".into(), |cell| number(column, cell.mean)));
