@@ -82,6 +82,7 @@ fn the_terminal_gets_lined_up_markdown() {
     let ibl: Vec<&str> = lines[2].split('|').map(str::trim).collect();
     assert_eq!(ibl[1..], ["IBL", "22.00", "21.00 to 23.00", "0.5000", "-", "0.5000", "23.00", "-", "0.50", "0.0320", ""]);
     let whole = table::markdown(&results, table::Filter::default());
+    assert!(whole.contains("Path tracing in the time of Neural (8 spp)"), "{whole}");
     assert!(whole.contains("assets: 1 sequence, 3 frames") && whole.contains("Deferred without shadow"), "{whole}");
 }
 
