@@ -135,7 +135,7 @@ impl Evaluate {
 pub(super) fn lpips() -> Result<Networks> {
     let lpips = Networks::find()?;
     if lpips.alex.is_none() {
-        eprintln!("LPIPS: n/a (no weights; set {WEIGHTS_VARIABLE} to a folder with them, layout in model/README.md)");
+        eprintln!("LPIPS: left out (no weights; set {WEIGHTS_VARIABLE} to a folder with them, layout in model/README.md)");
     }
     Ok(lpips)
 }
