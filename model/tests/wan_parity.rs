@@ -5,8 +5,10 @@
 mod wan;
 
 use burn::tensor::{Device, Tensor, TensorData};
+use renderflow_model::wan::names::Named;
 use renderflow_model::wan::weights::{LoadOptions, Source, is_context_path, is_text_path, load};
 use renderflow_model::wan::{Activation, Dit, DitConfig, DitInput, Gelu, Probe, Vace, VaceConfig, Vae, VaeConfig};
+use std::collections::BTreeMap;
 use std::path::Path;
 use wan::{Comparison, Fixtures, Values, values};
 
@@ -77,8 +79,11 @@ fn parity_vae() {
 #[test]
 fn parity_vae_original_names() {
     let Some(fixtures) = wan::fixtures() else { return };
-    let Some(weights) = fixtures.optional("vae_weights.original-names.safetensors") else { return };
-    compare_vae(&fixtures, &weights);
+    for file in ["vae_weights.original-names.safetensors", "vae_weights.original-names.pth"] {
+        if let Some(weights) = fixtures.optional(file) {
+            compare_vae(&fixtures, &weights);
+        }
+    }
 }
 
 fn input(references: &mut wan::References, case: &str, text: bool) -> DitInput {
@@ -143,8 +148,11 @@ fn parity_dit() {
 #[test]
 fn parity_dit_original_names() {
     let Some(fixtures) = wan::fixtures() else { return };
-    let Some(weights) = fixtures.optional("dit_weights.original-names.safetensors") else { return };
-    compare_dit(&fixtures, &weights);
+    for file in ["dit_weights.original-names.safetensors", "dit_weights.original-names.pth"] {
+        if let Some(weights) = fixtures.optional(file) {
+            compare_dit(&fixtures, &weights);
+        }
+    }
 }
 
 /// The graph without text reads the same files, leaves the text's tensors aside and gives the same result.
@@ -191,6 +199,23 @@ fn parity_vace() {
     comparison.check("without hints", &values(silent), &values(alone), 1e-7);
     references.all_were_used();
     comparison.finish();
+}
+
+/// Names and shapes of the sets that list them.
+#[test]
+fn parity_names_of_the_set() {
+    let Some(fixtures) = wan::fixtures() else { return };
+    let vae = VaeConfig::read(&fixtures.file("vae_config.json")).expect("configuration");
+    let dit = DitConfig::read(&fixtures.file("dit_config.json")).expect("configuration");
+    let vae = Vae::new(&vae, 0, &Device::flex()).expect("network").entries();
+    let dit = Dit::new(&dit, 0, &Device::flex()).expect("network").entries();
+    for (file, entries) in [("vae_names.json", vae), ("dit_names.json", dit)] {
+        let Some(path) = fixtures.optional(file) else { continue };
+        let text = std::fs::read_to_string(path).expect("names");
+        let want: BTreeMap<String, (String, Vec<usize>)> = serde_json::from_str(&text).expect("names");
+        let got: BTreeMap<_, _> = entries.into_iter().map(|e| (e.diffusers, (e.original, e.shape))).collect();
+        assert_eq!(got, want, "{file}");
+    }
 }
 
 /// What no output can tell: with the published constants another one of these would pass unnoticed.

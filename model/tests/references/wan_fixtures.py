@@ -97,7 +97,9 @@ def keep(tensors):
 def write_weights(folder, kind, model, original):
     state = keep(model.state_dict())
     save_file(state, folder / f"{kind}_weights.diffusers.safetensors")
-    save_file({original(name): t for name, t in state.items()}, folder / f"{kind}_weights.original-names.safetensors")
+    renamed = {original(name): t for name, t in state.items()}
+    save_file(renamed, folder / f"{kind}_weights.original-names.safetensors")
+    torch.save(renamed, folder / f"{kind}_weights.original-names.pth")
     names = {name: [original(name), list(t.shape)] for name, t in state.items()}
     (folder / f"{kind}_names.json").write_text(json.dumps(names, indent=0))
 

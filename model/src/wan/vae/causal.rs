@@ -15,6 +15,7 @@ pub struct Cache {
     slots: Vec<Option<Tensor<5>>>,
     next: usize,
     chunks: usize,
+    zeros: bool,
 }
 
 impl Cache {
@@ -23,10 +24,22 @@ impl Cache {
         Self::default()
     }
 
+    /// Before the first chunk, with frames of zeros in place of those that do not exist: the three-dimensional form, for comparison.
+    #[doc(hidden)]
+    pub fn of_zeros() -> Self {
+        Self { zeros: true, ..Self::default() }
+    }
+
     /// Begins a pass over the next chunk.
     pub(super) fn begin(&mut self) {
-        self.next = 0;
+        self.rewind();
         self.chunks += 1;
+    }
+
+    /// Back to the first convolution. Networks do it themselves; for convolutions that stand alone.
+    #[doc(hidden)]
+    pub fn rewind(&mut self) {
+        self.next = 0;
     }
 
     /// Whether the running pass is the first.
@@ -34,8 +47,12 @@ impl Cache {
         self.chunks == 1
     }
 
-    /// The slot of the next convolution.
-    pub(super) fn slot(&mut self) -> &mut Option<Tensor<5>> {
+    /// Passes by the next convolution.
+    pub(super) fn skip(&mut self) {
+        self.slot();
+    }
+
+    fn slot(&mut self) -> &mut Option<Tensor<5>> {
         let at = self.next;
         self.next += 1;
         if at == self.slots.len() {
@@ -43,18 +60,21 @@ impl Cache {
         }
         &mut self.slots[at]
     }
-}
 
-/// Puts the frames in `slot` before `x` `[b, t, h, w, c]` and stores the last `keep` frames of both there.
-pub(super) fn with_history(slot: &mut Option<Tensor<5>>, x: Tensor<5>, keep: usize) -> Tensor<5> {
-    let both = match slot.take() {
-        Some(history) => Tensor::cat(vec![history, x], 1),
-        None => x,
-    };
-    let frames = both.dims()[1];
-    let kept = keep.min(frames);
-    *slot = Some(both.clone().narrow(1, frames - kept, kept));
-    both
+    /// Puts the frames the next convolution remembers before `x` `[b, t, h, w, c]`; it then remembers the last `keep` of both.
+    pub(super) fn extend(&mut self, x: Tensor<5>, keep: usize) -> Tensor<5> {
+        let zeros = self.zeros;
+        let slot = self.slot();
+        let both = match slot.take() {
+            Some(history) => Tensor::cat(vec![history, x], 1),
+            None if zeros => with_zeros(x, keep),
+            None => x,
+        };
+        let frames = both.dims()[1];
+        let kept = keep.min(frames);
+        *slot = Some(both.clone().narrow(1, frames - kept, kept));
+        both
+    }
 }
 
 /// Convolution `3 x k x k` (k 1 or 3): a frame sees itself and the two before it, zeros before the first.
@@ -76,8 +96,7 @@ impl CausalConv {
     /// `[b, t, h, w, channels in]` to `[b, t, h, w, channels out]`, continuing after the frames in the cache.
     pub fn forward(&self, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         let frames = x.dims()[1];
-        let with = with_history(cache.slot(), x, KEPT);
-        self.over(with, frames)
+        self.over(cache.extend(x, KEPT), frames)
     }
 
     /// The last `frames` frames of the convolution of `x`.

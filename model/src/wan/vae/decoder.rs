@@ -1,6 +1,6 @@
 //! Latents to pictures.
 
-use super::causal::{Cache, CausalConv, with_history};
+use super::causal::{Cache, CausalConv};
 use super::encoder::Conv;
 use super::residual::{Middle, Residual};
 use super::to_first;
@@ -38,14 +38,12 @@ impl Up {
 
     /// Two frames for one, but for the first frame of a clip, which stays one and is not history to those after it.
     fn double(time: &CausalConv, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
-        let first = cache.is_first();
-        let slot = cache.slot();
-        if first {
+        if cache.is_first() {
+            cache.skip();
             return x;
         }
         let [b, t, h, w, c] = x.dims();
-        let with = with_history(slot, x, 2);
-        let y = time.over(with, t);
+        let y = time.over(cache.extend(x, 2), t);
         // The first half of the channels is the earlier frame.
         y.reshape([b, t, h, w, 2, c]).permute([0, 1, 4, 2, 3, 5]).reshape([b, 2 * t, h, w, c])
     }

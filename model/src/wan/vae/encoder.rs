@@ -1,6 +1,6 @@
 //! Pictures to moments.
 
-use super::causal::{Cache, CausalConv, with_history};
+use super::causal::{Cache, CausalConv};
 use super::residual::{Middle, Residual};
 use super::to_first;
 use crate::ops::{self, Stride};
@@ -54,7 +54,7 @@ impl Down {
         let x = self.space(x);
         let Some(time) = &self.time else { return x };
         let first = cache.is_first();
-        let with = with_history(cache.slot(), x.clone(), 1);
+        let with = cache.extend(x.clone(), 1);
         if first { x } else { time.strided(with, 2) }
     }
 

@@ -82,13 +82,19 @@ impl Vae {
         expect(c == config.in_channels, || format!("{c} channels where the autoencoder reads {}", config.in_channels))?;
         expect(config.latent_frames(t).is_some(), || format!("{t} frames; 1 more than a multiple of {frames} is needed"))?;
         expect(h.min(w) >= factor, || format!("a picture of {w}x{h}; {factor}x{factor} is the smallest"))?;
+        Ok(self.moments_after(Cache::new(), pictures, probe))
+    }
+
+    /// [`Self::moments`] of a size that fits, with this cache before the first chunk.
+    #[doc(hidden)]
+    pub fn moments_after(&self, mut cache: Cache, pictures: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
+        let (t, frames) = (pictures.dims()[2], self.config.temporal_factor());
         let x = to_last(pictures);
-        let mut cache = Cache::new();
         let mut chunks = vec![self.encoder.forward(x.clone().narrow(1, 0, 1), &mut cache, probe)];
         for start in (1..t).step_by(frames) {
             chunks.push(self.encoder.forward(x.clone().narrow(1, start, frames), &mut cache, &mut Probe::idle()));
         }
-        Ok(to_first(self.quant.clip(Tensor::cat(chunks, 1))))
+        to_first(self.quant.clip(Tensor::cat(chunks, 1)))
     }
 
     /// Latents of pictures, the means of [`Self::moments`], not normalised: `[b, z, 1 + k, h / s, w / s]`.
@@ -119,9 +125,15 @@ impl Vae {
         let [_, z, t, h, w] = latents.dims();
         expect(z == self.config.z_dim, || format!("{z} channels where a latent has {}", self.config.z_dim))?;
         expect(t > 0 && h > 0 && w > 0, || format!("an empty latent, {t} frames of {w}x{h}"))?;
+        Ok(self.decode_after(Cache::new(), latents, probe))
+    }
+
+    /// [`Self::decode`] of a size that fits, with this cache before the first latent frame.
+    #[doc(hidden)]
+    pub fn decode_after(&self, mut cache: Cache, latents: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
+        let t = latents.dims()[2];
         let x = self.post_quant.clip(to_last(latents));
         probe.report("dec.post_quant_conv", || to_first(x.clone()));
-        let mut cache = Cache::new();
         let mut frames = Vec::with_capacity(t);
         for i in 0..t {
             let chunk = x.clone().narrow(1, i, 1);
@@ -130,7 +142,7 @@ impl Vae {
                 _ => self.decoder.forward(chunk, &mut cache, &mut Probe::idle()),
             });
         }
-        Ok(to_first(Tensor::cat(frames, 1)))
+        to_first(Tensor::cat(frames, 1))
     }
 
     /// Pictures of normalised latents, clamped to -1..=1.
