@@ -1,7 +1,7 @@
 //! VACE: a second row of blocks that reads a context (masked video, masks, references) and gives hints to the transformer's blocks.
 
 use super::config::VaceConfig;
-use super::dit::{Block, Dit, DitInput, expect, patches, token_grid};
+use super::dit::{Block, Dit, DitInput, Prepared, expect, patches, token_grid};
 use super::init::Init;
 use super::layers::Dense;
 use super::names::{self, Entry, Listing, Named};
@@ -68,16 +68,23 @@ impl Vace {
     /// # Errors
     /// [`crate::Error::Data`] when latents, context or scales do not fit.
     pub fn forward(&self, input: DitInput, context: Tensor<5>, scales: Option<&[f32]>, probe: &mut Probe) -> Result<Tensor<5>> {
+        let state = self.dit.prepare(input, probe)?;
+        self.run(state, context, scales, probe)
+    }
+
+    /// [`Self::forward`] of a prepared input.
+    ///
+    /// # Errors
+    /// As [`Self::forward`].
+    pub fn run(&self, mut state: Prepared, context: Tensor<5>, scales: Option<&[f32]>, probe: &mut Probe) -> Result<Tensor<5>> {
         let (config, hints) = (&self.config, self.blocks.len());
-        let ([b, _, f, h, w], [cb, channels, cf, ch, cw]) = (input.latents.dims(), context.dims());
+        let ([b, channels, ..], [f, h, w]) = (context.dims(), state.grid);
         let channels_fit = channels == config.vace_in_channels;
         expect(channels_fit, || format!("{channels} channels of context instead of {}", config.vace_in_channels))?;
-        let size_fits = [cb, ch, cw] == [b, h, w] && cf <= f;
-        expect(size_fits, || format!("context {:?} beside latents {:?}", [cb, channels, cf, ch, cw], input.latents.dims()))?;
+        let [cf, ch, cw] = token_grid(config.dit.patch_size, &context)?;
+        let size_fits = (b, ch, cw) == (state.tokens.dims()[0], h, w) && cf <= f;
+        expect(size_fits, || format!("context {:?} beside {f} x {h} x {w} tokens of latents", context.dims()))?;
         expect(scales.is_none_or(|s| s.len() == hints), || format!("{} scales for {hints} hints", scales.map_or(0, <[_]>::len)))?;
-        token_grid(config.dit.patch_size, &context)?;
-
-        let mut state = self.dit.prepare(input, probe)?;
         let hints = self.hints(&state, context);
         let mut x = state.tokens.clone();
         for (i, block) in self.dit.blocks.iter().enumerate() {
@@ -92,7 +99,7 @@ impl Vace {
     }
 
     /// What each context block has to say to the transformer's tokens before its first block.
-    fn hints(&self, state: &super::dit::Prepared, context: Tensor<5>) -> Vec<Tensor<3>> {
+    fn hints(&self, state: &Prepared, context: Tensor<5>) -> Vec<Tensor<3>> {
         let mut c = self.patch.forward(patches(context, self.config.dit.patch_size));
         let ([b, n, width], [_, tokens, _]) = (c.dims(), state.tokens.dims());
         if n < tokens {
