@@ -107,10 +107,11 @@ fn rounded_waves(dit: &Dit, input: &DitInput) -> Tensor<3> {
     Tensor::from_data(TensorData::new(values, [input.times.len(), 1, 2 * half]), &Device::flex())
 }
 
-/// How far an output moves with [`rounded_waves`].
+/// How far an output moves with [`rounded_waves`]; never so far that a wave that is wrong would pass.
 fn rounding(dit: &Dit, input: &DitInput, output: &Tensor<5>, run: impl Fn(Prepared) -> Tensor<5>) -> f32 {
     let state = dit.prepare_with(input.clone(), rounded_waves(dit, input), &mut Probe::idle()).expect("runs");
-    (run(state) - output.clone()).abs().max().into_scalar()
+    let moved: f32 = (run(state) - output.clone()).abs().max().into_scalar();
+    moved.min(5e-5)
 }
 
 fn compare_dit(fixtures: &Fixtures, weights: &Path) {

@@ -54,6 +54,12 @@ impl<'a> Init<'a> {
         self.weight([from, to], Start::Normal((2.0 / (from + to) as f32).sqrt()))
     }
 
+    /// Offsets of a convolution over `inputs` values, of the variance that PyTorch draws them with. Not zeros: a grey picture (0) would
+    /// have features of exactly zero, and there the slope of the autoencoder's normalisation is 1e12.
+    pub fn offsets(&mut self, inputs: usize, to: usize) -> Param<Tensor<1>> {
+        self.weight([to], Start::Normal((3.0 * inputs as f32).powf(-0.5)))
+    }
+
     /// A vector of zeros.
     pub fn zeros(&mut self, width: usize) -> Param<Tensor<1>> {
         self.weight([width], Start::Constant(0.0))

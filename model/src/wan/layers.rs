@@ -64,8 +64,8 @@ pub struct ChannelNorm {
     pub gamma: Param<Tensor<1>>,
 }
 
-/// The least length a pixel is divided by.
-const LEAST_LENGTH: f32 = 1e-12;
+/// Square of the least length a pixel is divided by. Bounding the square, not the root, keeps the gradient of a pixel of zeros finite.
+const LEAST_SQUARE: f32 = 1e-24;
 
 impl ChannelNorm {
     /// Factor 1.
@@ -76,7 +76,7 @@ impl ChannelNorm {
     /// `[b, t, h, w, c]` to the same shape.
     pub fn forward(&self, x: Tensor<5>) -> Tensor<5> {
         let c = x.dims()[4];
-        let length = (x.clone() * x.clone()).sum_dim(4).sqrt().clamp_min(LEAST_LENGTH);
+        let length = (x.clone() * x.clone()).sum_dim(4).clamp_min(LEAST_SQUARE).sqrt();
         let gamma = self.gamma.val().mul_scalar((c as f32).sqrt()).reshape([1, 1, 1, 1, c]);
         x * length.recip() * gamma
     }

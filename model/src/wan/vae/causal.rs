@@ -89,8 +89,9 @@ pub struct CausalConv {
 impl CausalConv {
     /// He-initialised (He et al. 2015).
     pub fn new(init: &mut Init, k: usize, from: usize, to: usize) -> Self {
-        let std = (2.0 / (3 * k * k * from) as f32).sqrt();
-        Self { weight: init.weight([k, k, 3, from, to], Start::Normal(std)), bias: init.zeros(to) }
+        let inputs = 3 * k * k * from;
+        let std = (2.0 / inputs as f32).sqrt();
+        Self { weight: init.weight([k, k, 3, from, to], Start::Normal(std)), bias: init.offsets(inputs, to) }
     }
 
     /// `[b, t, h, w, channels in]` to `[b, t, h, w, channels out]`, continuing after the frames in the cache.

@@ -24,7 +24,7 @@ pub struct Conv {
 impl Conv {
     pub(super) fn new(init: &mut Init, from: usize, to: usize) -> Self {
         let std = (2.0 / (9 * from) as f32).sqrt();
-        Self { weight: init.weight([3, 3, from, to], Start::Normal(std)), bias: init.zeros(to) }
+        Self { weight: init.weight([3, 3, from, to], Start::Normal(std)), bias: init.offsets(9 * from, to) }
     }
 
     pub(super) fn forward(&self, x: Tensor<4>, stride: Stride) -> Tensor<4> {
