@@ -5,6 +5,13 @@ use burn::module::{Param, ParamId};
 use burn::tensor::{Device, Shape, Tensor, TensorData};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+/// Values drawn from one stream of random numbers; whatever the number of threads, a weight is the same.
+const CHUNK: usize = 1 << 16;
+/// Distances of the seeds of streams: odd, with bits everywhere (the first is the golden ratio).
+const BETWEEN_WEIGHTS: u64 = 0x9E37_79B9_7F4A_7C15;
+const BETWEEN_CHUNKS: u64 = 0xD1B5_4A32_D192_ED03;
 
 /// How a weight begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,15 +39,18 @@ impl<'a> Init<'a> {
     /// A weight that begins with `start`.
     pub fn weight<const D: usize>(&mut self, shape: [usize; D], start: Start) -> Param<Tensor<D>> {
         self.made += 1;
-        // An odd constant (the golden ratio in 64 bits) spreads the streams.
-        let seed = self.seed.wrapping_add(self.made.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let seed = self.seed.wrapping_add(self.made.wrapping_mul(BETWEEN_WEIGHTS));
         let draw = move |device: &Device, require_grad: bool| {
             let count = shape.iter().product();
             let values = match start {
                 Start::Constant(value) => vec![value; count],
                 Start::Normal(std) => {
-                    let mut rng = Pcg64Mcg::seed_from_u64(seed);
-                    (0..count).map(|_| std * crate::network::init::normal(&mut rng)).collect()
+                    let mut values = vec![0.0; count];
+                    values.par_chunks_mut(CHUNK).enumerate().for_each(|(i, chunk)| {
+                        let mut rng = Pcg64Mcg::seed_from_u64(seed.wrapping_add((i as u64).wrapping_mul(BETWEEN_CHUNKS)));
+                        chunk.iter_mut().for_each(|value| *value = std * crate::network::init::normal(&mut rng));
+                    });
+                    values
                 }
             };
             let tensor = Tensor::<D>::from_data(TensorData::new(values, shape), device);
