@@ -237,3 +237,43 @@ fn pytorch_files_are_read() {
     let text = table.to_string();
     assert!(text.contains("conv1.weight") && text.contains("[2, 3, 1, 2, 2]") && text.contains("4 tensors"), "{text}");
 }
+
+/// A damaged file is an error, or weights with other values; never a panic, and never a huge allocation.
+#[test]
+fn damaged_files_do_no_harm() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("dit.safetensors");
+    let network = tiny(1);
+    save(&path, &network, &header(network.config()), Precision::F16, Naming::Diffusers).expect("saves");
+    let state = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/references/wan_state.pth");
+    let files =
+        [(path.clone(), std::fs::read(&path).expect("file")), (folder.path().join("x.pth"), std::fs::read(state).expect("file"))];
+    let mut random = 0x2545_F491_4F6C_DD1Du64;
+    let mut next = |below: usize| {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (random >> 33) as usize % below
+    };
+    for (path, whole) in files {
+        let mut opened = 0;
+        for _ in 0..400 {
+            let mut bytes = whole.clone();
+            for _ in 0..1 + next(3) {
+                // Headers are at the beginning, the directory of an archive at the end.
+                let near = if next(2) == 0 { next(bytes.len().min(4000)) } else { next(bytes.len()) };
+                bytes[near] = next(256) as u8;
+            }
+            if next(8) == 0 {
+                bytes.truncate(next(whole.len()));
+            }
+            std::fs::write(&path, &bytes).expect("write");
+            if let Ok(source) = Source::open(&path) {
+                opened += 1;
+                let _ = source.header();
+                let names: Vec<String> = source.names().map(str::to_string).collect();
+                let _ = names.iter().filter_map(|name| source.read(name).ok()).count();
+                let _ = load(tiny(0), &source, LoadOptions::default());
+            }
+        }
+        println!("{}: {opened} of 400 damaged files opened", path.display());
+    }
+}

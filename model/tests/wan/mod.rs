@@ -11,19 +11,20 @@ pub const VARIABLE: &str = "RENDERFLOW_FIXTURES";
 /// A folder of fixtures.
 pub struct Fixtures {
     pub folder: PathBuf,
-    /// Somebody named it.
-    pub named: bool,
 }
 
 /// The folder in [`VARIABLE`] if that is set, else `shared/spec/fixtures` beside the repository; `None`, with the reason printed,
 /// when the latter is not there.
 pub fn fixtures() -> Option<Fixtures> {
     if let Some(folder) = std::env::var_os(VARIABLE) {
-        return Some(Fixtures { folder: folder.into(), named: true });
+        let folder = PathBuf::from(folder);
+        // Tests run in the folder of their package; whoever types a path is in that of the workspace.
+        let from_workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(&folder);
+        return Some(Fixtures { folder: if folder.is_dir() { folder } else { from_workspace } });
     }
     let folder = beside_repository("shared/spec/fixtures");
     if folder.is_dir() {
-        return Some(Fixtures { folder, named: false });
+        return Some(Fixtures { folder });
     }
     println!("skipped: {} is not there and {VARIABLE} is not set", folder.display());
     None

@@ -46,7 +46,8 @@ pub struct DitInput {
     pub latents: Tensor<5>,
     /// Time of each of the b clips, 0 (data) to 1000 (noise).
     pub times: Vec<f64>,
-    /// Text tokens `[b, tokens, text_dim]`; `None` skips cross-attention.
+    /// Text tokens `[b, tokens, text_dim]`, all of which are attended to (Wan pads texts with zeros to 512); `None` skips
+    /// cross-attention.
     pub text: Option<Tensor<3>>,
 }
 

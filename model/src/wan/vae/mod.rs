@@ -89,12 +89,18 @@ impl Vae {
     #[doc(hidden)]
     pub fn moments_after(&self, mut cache: Cache, pictures: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
         let (t, frames) = (pictures.dims()[2], self.config.temporal_factor());
-        let x = to_last(pictures);
-        let mut chunks = vec![self.encoder.forward(x.clone().narrow(1, 0, 1), &mut cache, probe)];
+        let mut chunks = vec![self.moments_next(pictures.clone().narrow(2, 0, 1), &mut cache, probe)];
         for start in (1..t).step_by(frames) {
-            chunks.push(self.encoder.forward(x.clone().narrow(1, start, frames), &mut cache, &mut Probe::idle()));
+            let chunk = pictures.clone().narrow(2, start, frames);
+            chunks.push(self.moments_next(chunk, &mut cache, &mut Probe::idle()));
         }
-        to_first(self.quant.clip(Tensor::cat(chunks, 1)))
+        Tensor::cat(chunks, 2)
+    }
+
+    /// Moments of the next latent frame of a clip that arrives bit by bit: 1 picture with a new cache, then as many at a time as a
+    /// latent frame spans, of the size of the first. `[b, channels, t, h, w]` to `[b, 2 z, 1, h / s, w / s]`.
+    pub fn moments_next(&self, pictures: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+        to_first(self.quant.clip(self.encoder.forward(to_last(pictures), cache, probe)))
     }
 
     /// Latents of pictures, the means of [`Self::moments`], not normalised: `[b, z, 1 + k, h / s, w / s]`.
@@ -131,18 +137,19 @@ impl Vae {
     /// [`Self::decode`] of a size that fits, with this cache before the first latent frame.
     #[doc(hidden)]
     pub fn decode_after(&self, mut cache: Cache, latents: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
-        let t = latents.dims()[2];
-        let x = self.post_quant.clip(to_last(latents));
-        probe.report("dec.post_quant_conv", || to_first(x.clone()));
-        let mut frames = Vec::with_capacity(t);
-        for i in 0..t {
-            let chunk = x.clone().narrow(1, i, 1);
-            frames.push(match i {
-                0 => self.decoder.forward(chunk, &mut cache, probe),
-                _ => self.decoder.forward(chunk, &mut cache, &mut Probe::idle()),
-            });
+        let mut pictures = vec![self.decode_next(latents.clone().narrow(2, 0, 1), &mut cache, probe)];
+        for i in 1..latents.dims()[2] {
+            pictures.push(self.decode_next(latents.clone().narrow(2, i, 1), &mut cache, &mut Probe::idle()));
         }
-        to_first(Tensor::cat(frames, 1))
+        Tensor::cat(pictures, 2)
+    }
+
+    /// Pictures of the next latent frame, one at a time, of a clip too long to be held: `[b, z, 1, h, w]` to
+    /// `[b, channels, t, s h, s w]`, t = 1 with a new cache, then as many as a latent frame spans.
+    pub fn decode_next(&self, latent: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+        let x = self.post_quant.clip(to_last(latent));
+        probe.report("dec.post_quant_conv", || to_first(x.clone()));
+        to_first(self.decoder.forward(x, cache, probe))
     }
 
     /// Pictures of normalised latents, clamped to -1..=1.
