@@ -7,7 +7,7 @@ use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor, TensorData, module};
 use renderflow_model::wan::init::Init;
 use renderflow_model::wan::names::{Named, Naming};
-use renderflow_model::wan::vae::{Cache, CausalConv};
+use renderflow_model::wan::vae::{Cache, CausalConv, Tiling};
 use renderflow_model::wan::{Dit, DitConfig, DitInput, Probe, Vace, VaceConfig, Vae, VaeConfig};
 use wan::{beside_repository, values};
 
@@ -86,6 +86,26 @@ fn time_is_causal_and_clips_are_apart() {
     assert_eq!(pictures.dims(), [2, 3, 9, 16, 24]);
     let first = vae.decode(all.narrow(0, 0, 1).narrow(2, 0, 2), &mut Probe::idle()).expect("decodes");
     assert!(relative(first, pictures.narrow(0, 0, 1).narrow(2, 0, 5)) < 1e-6);
+}
+
+/// Tiles that overlap widely come near to the whole; a single tile is the whole.
+#[test]
+fn tiles_are_near_the_whole() {
+    let vae = Vae::new(&VaeConfig::tiny(), 3, &Device::flex()).expect("network");
+    let pictures = waves([1, 3, 5, 64, 128], 0.2);
+    let latents = vae.encode(pictures.clone()).expect("encodes");
+    let single = vae.encode_tiled(pictures.clone(), Tiling::default()).expect("encodes");
+    assert_eq!(values(single).values, values(latents.clone()).values);
+    let single = vae.decode_tiled(latents.clone(), Tiling::default()).expect("decodes");
+    let whole = vae.decode(latents.clone(), &mut Probe::idle()).expect("decodes");
+    assert_eq!(values(single).values, values(whole.clone()).values);
+    let tiling = Tiling { size: 8, overlap: 6 };
+    let tiled = vae.encode_tiled(pictures.clone(), tiling).expect("encodes");
+    let (encoder, tiled) = (relative(tiled, latents.clone()), vae.decode_tiled(latents, tiling).expect("decodes"));
+    let decoder = relative(tiled, whole);
+    println!("tiles: encoder {encoder:.2}, decoder {decoder:.2} of the largest value");
+    assert!(encoder < 0.5 && decoder < 0.5);
+    vae.encode_tiled(pictures.narrow(3, 0, 20), tiling).expect_err("no multiple of 8");
 }
 
 /// Both paths of the modulated normalisation, and clips of a batch with times of their own.

@@ -8,10 +8,12 @@ mod causal;
 mod decoder;
 mod encoder;
 mod residual;
+mod tiling;
 
 pub use causal::{Cache, CausalConv};
 pub use decoder::Decoder;
 pub use encoder::Encoder;
+pub use tiling::Tiling;
 
 use super::config::VaeConfig;
 use super::init::Init;
@@ -108,10 +110,14 @@ impl Vae {
     /// # Errors
     /// [`Error::Data`] when the size does not fit, or height or width is no multiple of s.
     pub fn encode(&self, pictures: Tensor<5>) -> Result<Tensor<5>> {
+        self.check_encode(&pictures)?;
+        Ok(self.moments(pictures, &mut Probe::idle())?.narrow(1, 0, self.config.z_dim))
+    }
+
+    fn check_encode(&self, pictures: &Tensor<5>) -> Result<()> {
         let ([_, _, _, h, w], factor) = (pictures.dims(), self.config.spatial_factor());
         let fits = h.is_multiple_of(factor) && w.is_multiple_of(factor);
-        expect(fits, || format!("a picture of {w}x{h}; multiples of {factor} are needed"))?;
-        Ok(self.moments(pictures, &mut Probe::idle())?.narrow(1, 0, self.config.z_dim))
+        expect(fits, || format!("a picture of {w}x{h}; multiples of {factor} are needed"))
     }
 
     /// [`Self::encode`], normalised: what the transformer sees.
