@@ -14,6 +14,7 @@ pub mod ops;
 pub mod parameters;
 pub mod tokens;
 pub mod train;
+pub mod wan;
 pub mod weights;
 
 pub use config::NetworkConfig;

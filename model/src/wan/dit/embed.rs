@@ -1,0 +1,105 @@
+//! Time and text to what the blocks are modulated by and attend to.
+
+use crate::wan::config::{DitConfig, Gelu};
+use crate::wan::init::Init;
+use crate::wan::layers::Dense;
+use crate::wan::names::Listing;
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData, activation};
+
+/// Waves of the times, `[b, 1, length]`: `cos(t w_i)` then `sin(t w_i)`, `w_i = 10000^(-i / half)`, half = `length / 2`.
+///
+/// The angles are taken in f64, as in the original: at t = 1000 an f32 angle is wrong in the fifth digit of its wave.
+pub fn sinusoid(times: &[f64], length: usize, device: &Device) -> Tensor<3> {
+    let half = length / 2;
+    let mut values = Vec::with_capacity(times.len() * length);
+    for &t in times {
+        let angle = |i: usize| t * (-(i as f64) / half as f64 * 10_000f64.ln()).exp();
+        values.extend((0..half).map(|i| angle(i).cos() as f32));
+        values.extend((0..half).map(|i| angle(i).sin() as f32));
+    }
+    Tensor::from_data(TensorData::new(values, [times.len(), 1, length]), device)
+}
+
+/// Time to the modulation of blocks and head.
+#[derive(Module, Debug)]
+pub struct TimeEmbed {
+    linear_1: Dense,
+    linear_2: Dense,
+    proj: Dense,
+}
+
+impl TimeEmbed {
+    pub(super) fn new(init: &mut Init, config: &DitConfig) -> Self {
+        let width = config.width();
+        Self {
+            linear_1: Dense::new(init, config.freq_dim, width),
+            linear_2: Dense::new(init, width, width),
+            proj: Dense::new(init, width, 6 * width),
+        }
+    }
+
+    /// Waves `[b, 1, freq_dim]` to the embedded time `[b, 1, width]` and the blocks' modulation `[b, 6, width]`.
+    pub fn forward(&self, waves: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
+        let time = self.linear_2.forward(self.linear_1.forward_silu(waves));
+        let modulation = self.proj.forward(activation::silu(time.clone()));
+        let [b, _, width] = time.dims();
+        (time, modulation.reshape([b, 6, width]))
+    }
+
+    pub(super) fn list(&self, list: &mut Listing, name: &str) {
+        self.linear_1.list_plain(list, &format!("{name}.time_embedder.linear_1"));
+        self.linear_2.list_plain(list, &format!("{name}.time_embedder.linear_2"));
+        self.proj.list_plain(list, &format!("{name}.time_proj"));
+    }
+}
+
+/// Text tokens to tokens of the transformer's width.
+#[derive(Module, Debug)]
+pub struct TextEmbed {
+    linear_1: Dense,
+    linear_2: Dense,
+    #[module(skip)]
+    activation: Gelu,
+}
+
+impl TextEmbed {
+    pub(super) fn new(init: &mut Init, text_dim: usize, config: &DitConfig) -> Self {
+        let width = config.width();
+        Self {
+            linear_1: Dense::new(init, text_dim, width),
+            linear_2: Dense::new(init, width, width),
+            activation: config.activation,
+        }
+    }
+
+    /// Channels of a text token.
+    pub fn text_dim(&self) -> usize {
+        self.linear_1.weight.lazy_shape()[0]
+    }
+
+    /// `[b, n, text_dim]` to `[b, n, width]`.
+    pub fn forward(&self, text: Tensor<3>) -> Tensor<3> {
+        self.linear_2.forward(self.activation.apply(self.linear_1.forward(text)))
+    }
+
+    pub(super) fn list(&self, list: &mut Listing, name: &str) {
+        self.linear_1.list_plain(list, &format!("{name}.linear_1"));
+        self.linear_2.list_plain(list, &format!("{name}.linear_2"));
+    }
+}
+
+impl Gelu {
+    /// The function, on every value (Hendrycks and Gimpel 2016).
+    pub fn apply<const D: usize>(self, x: Tensor<D>) -> Tensor<D> {
+        match self {
+            // (1 + tanh u) / 2 is the sigmoid of 2 u, which takes a quarter of the time here and loses no digits below zero.
+            Self::Tanh => {
+                const SCALE: f32 = 2.0 * std::f32::consts::FRAC_2_SQRT_PI * std::f32::consts::FRAC_1_SQRT_2;
+                let twice = (x.clone() * x.clone()).mul_scalar(0.044_715 * SCALE).add_scalar(SCALE) * x.clone();
+                x * activation::sigmoid(twice)
+            }
+            Self::Erf => activation::gelu(x),
+        }
+    }
+}

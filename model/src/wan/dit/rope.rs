@@ -1,0 +1,90 @@
+//! Rotary places in time, height and width (Su et al. 2021; three axes as in Wan).
+
+use crate::wan::config::DitConfig;
+use crate::wan::probe::Probe;
+use burn::tensor::{Device, Tensor, TensorData};
+
+/// Angles by which queries and keys are turned, for one list of token places.
+///
+/// Of a head's d channels, height and width turn `2 (d / 6)` each and time the rest, in the order time, height, width; pair j of an
+/// axis of `a` channels turns by `place theta^(-2 j / a)`. Places are real numbers: nothing is looked up in a table.
+#[derive(Clone, Debug)]
+pub struct Rope {
+    /// `[1, n, 1, pairs, 1]`.
+    cos: Tensor<5>,
+    /// Same shape.
+    sin: Tensor<5>,
+}
+
+impl Rope {
+    /// Turns tokens at `places` (time, row, column), in units of tokens.
+    pub fn new(config: &DitConfig, places: &[[f64; 3]], device: &Device) -> Self {
+        let space = 2 * (config.head_dim / 6);
+        let axes = [config.head_dim - 2 * space, space, space];
+        let frequencies: Vec<(usize, f64)> = axes
+            .iter()
+            .enumerate()
+            .flat_map(|(axis, &a)| (0..a / 2).map(move |j| (axis, config.rope_theta.powf(-2.0 * j as f64 / a as f64))))
+            .collect();
+        let shape = [1, places.len(), 1, frequencies.len(), 1];
+        let table = |f: fn(f64) -> f64| {
+            let turn = |place: &[f64; 3]| frequencies.iter().map(move |&(axis, w)| f(place[axis] * w) as f32).collect::<Vec<_>>();
+            Tensor::from_data(TensorData::new(places.iter().flat_map(turn).collect::<Vec<f32>>(), shape), device)
+        };
+        Self { cos: table(f64::cos), sin: table(f64::sin) }
+    }
+
+    /// Turns a grid of frames, rows and columns of tokens; frame i is at the time `first + i step`.
+    pub fn grid(config: &DitConfig, [frames, rows, columns]: [usize; 3], first: f64, step: f64, device: &Device) -> Self {
+        let mut places = Vec::with_capacity(frames * rows * columns);
+        for frame in 0..frames {
+            let time = first + frame as f64 * step;
+            places.extend((0..rows * columns).map(|i| [time, (i / columns) as f64, (i % columns) as f64]));
+        }
+        Self::new(config, &places, device)
+    }
+
+    /// Turns queries or keys `[b, n, c]`: channels 2 i and 2 i + 1 of a head are a pair.
+    pub fn turn(&self, x: Tensor<3>, heads: usize) -> Tensor<3> {
+        let [b, n, c] = x.dims();
+        let pairs = x.reshape([b, n, heads, c / heads / 2, 2]);
+        let (first, second) = (pairs.clone().narrow(4, 0, 1), pairs.narrow(4, 1, 1));
+        let turned_first = first.clone() * self.cos.clone() - second.clone() * self.sin.clone();
+        let turned_second = first * self.sin.clone() + second * self.cos.clone();
+        Tensor::cat(vec![turned_first, turned_second], 4).reshape([b, n, c])
+    }
+
+    /// Reports the tables as diffusers keeps them: each value twice, `[1, n, 1, head_dim]`.
+    pub(super) fn report(&self, probe: &mut Probe) {
+        for (name, table) in [("rope_cos", &self.cos), ("rope_sin", &self.sin)] {
+            probe.report(name, || {
+                let [_, n, _, pairs, _] = table.dims();
+                table.clone().expand([1, n, 1, pairs, 2]).reshape([1, n, 1, 2 * pairs])
+            });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameters::to_vec;
+
+    /// Products of turned tokens depend on the difference of their places only, whole or not, before or after the first.
+    #[test]
+    fn only_offsets_count() {
+        let (config, device) = (DitConfig { heads: 1, ..DitConfig::tiny() }, Device::flex());
+        let row: Vec<f32> = (0..config.head_dim).map(|i| (i * 7 % 5) as f32 - 1.7).collect();
+        let product = |a: [f64; 3], b: [f64; 3]| {
+            let x = Tensor::<3>::from_data(TensorData::new(row.repeat(2), [1, 2, config.head_dim]), &device);
+            let y = to_vec(Rope::new(&config, &[a, b], &device).turn(x, 1));
+            y[..config.head_dim].iter().zip(&y[config.head_dim..]).map(|(a, b)| f64::from(a * b)).sum::<f64>()
+        };
+        let origin = product([0.0; 3], [3.25, 2.0, -1.0]);
+        let moved = product([-4.25, 5.0, 9.5], [-1.0, 7.0, 8.5]);
+        assert!((origin - moved).abs() < 1e-4, "{origin} against {moved}");
+        for other in [[3.0, 2.0, -1.0], [3.25, 1.0, -1.0], [3.25, 2.0, 1.5], [2.0, 3.25, -1.0]] {
+            assert!((origin - product([0.0; 3], other)).abs() > 1e-2, "{other:?} is told apart");
+        }
+    }
+}

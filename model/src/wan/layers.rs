@@ -1,0 +1,159 @@
+//! Layers both networks are made of, on channels-last tensors; the arithmetic is in [`crate::ops`].
+
+use super::init::{Init, Start};
+use super::names::{Layout, Listing};
+use crate::ops;
+use burn::module::{Module, Param};
+use burn::tensor::Tensor;
+
+/// Affine map of the last axis.
+#[derive(Module, Debug)]
+pub struct Dense {
+    /// `[channels in, channels out]`.
+    pub weight: Param<Tensor<2>>,
+    /// `[channels out]`.
+    pub bias: Param<Tensor<1>>,
+}
+
+impl Dense {
+    /// Glorot-initialised, no offset.
+    pub fn new(init: &mut Init, from: usize, to: usize) -> Self {
+        Self { weight: init.matrix(from, to), bias: init.zeros(to) }
+    }
+
+    /// Returns 0 at first.
+    pub fn zero(init: &mut Init, from: usize, to: usize) -> Self {
+        Self { weight: init.weight([from, to], Start::Constant(0.0)), bias: init.zeros(to) }
+    }
+
+    /// `[b, n, channels in]` to `[b, n, channels out]`.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        ops::linear(x, self.weight.val(), self.bias.val(), false)
+    }
+
+    /// With SiLU after it.
+    pub fn forward_silu(&self, x: Tensor<3>) -> Tensor<3> {
+        ops::linear(x, self.weight.val(), self.bias.val(), true)
+    }
+
+    /// `[.., channels in]` to `[.., channels out]`, the same map of every pixel.
+    pub fn clip(&self, x: Tensor<5>) -> Tensor<5> {
+        let [b, t, h, w, c] = x.dims();
+        let y = self.forward(x.reshape([b, t * h * w, c]));
+        let c = y.dims()[2];
+        y.reshape([b, t, h, w, c])
+    }
+
+    /// Its tensors under `name`; the file has them as `[channels out, inner..]`, with the product of `inner` the channels in.
+    pub fn list(&self, list: &mut Listing, name: &str, inner: &[usize]) {
+        list.push(&self.weight, format!("{name}.weight"), Layout::Matrix { inner: inner.to_vec() });
+        list.push(&self.bias, format!("{name}.bias"), Layout::Same);
+    }
+
+    /// [`Self::list`] of a plain matrix.
+    pub fn list_plain(&self, list: &mut Listing, name: &str) {
+        let from = self.weight.lazy_shape()[0];
+        self.list(list, name, &[from]);
+    }
+}
+
+/// Division of a pixel's channels by their length, times `sqrt(channels)` and a learned factor a channel.
+#[derive(Module, Debug)]
+pub struct ChannelNorm {
+    /// `[channels]`.
+    pub gamma: Param<Tensor<1>>,
+}
+
+/// Square of the least length a pixel is divided by. Bounding the square, not the root, keeps the gradient of a pixel of zeros finite.
+const LEAST_SQUARE: f32 = 1e-24;
+
+impl ChannelNorm {
+    /// Factor 1.
+    pub fn new(init: &mut Init, width: usize) -> Self {
+        Self { gamma: init.weight([width], Start::Constant(1.0)) }
+    }
+
+    /// `[b, t, h, w, c]` to the same shape.
+    pub fn forward(&self, x: Tensor<5>) -> Tensor<5> {
+        let c = x.dims()[4];
+        let length = (x.clone() * x.clone()).sum_dim(4).clamp_min(LEAST_SQUARE).sqrt();
+        let gamma = self.gamma.val().mul_scalar((c as f32).sqrt()).reshape([1, 1, 1, 1, c]);
+        x * length.recip() * gamma
+    }
+
+    /// Its tensor under `name`; the file has `ones` axes of length 1 behind the channels.
+    pub fn list(&self, list: &mut Listing, name: &str, ones: usize) {
+        list.push(&self.gamma, format!("{name}.gamma"), Layout::Vector { ones });
+    }
+}
+
+/// Division of a token by the root mean square of all its channels (Zhang and Sennrich 2019).
+#[derive(Module, Debug)]
+pub struct RmsNorm {
+    /// `[channels]`.
+    pub weight: Param<Tensor<1>>,
+    #[module(skip)]
+    eps: f64,
+}
+
+impl RmsNorm {
+    /// Factor 1.
+    pub fn new(init: &mut Init, width: usize, eps: f64) -> Self {
+        Self { weight: init.weight([width], Start::Constant(1.0)), eps }
+    }
+
+    /// `[b, n, c]` to the same shape.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        let c = x.dims()[2];
+        let inverse = (x.clone() * x.clone()).mean_dim(2).add_scalar(self.eps).sqrt().recip();
+        x * inverse * self.weight.val().reshape([1, 1, c])
+    }
+
+    /// Its tensor under `name`.
+    pub fn list(&self, list: &mut Listing, name: &str) {
+        list.push(&self.weight, format!("{name}.weight"), Layout::Same);
+    }
+}
+
+/// Layer normalisation with learned scale and shift (Ba et al. 2016).
+#[derive(Module, Debug)]
+pub struct LayerNorm {
+    /// `[channels]`.
+    pub weight: Param<Tensor<1>>,
+    /// `[channels]`.
+    pub bias: Param<Tensor<1>>,
+    #[module(skip)]
+    eps: f64,
+}
+
+impl LayerNorm {
+    /// Scale 1, shift 0.
+    pub fn new(init: &mut Init, width: usize, eps: f64) -> Self {
+        Self { weight: init.weight([width], Start::Constant(1.0)), bias: init.zeros(width), eps }
+    }
+
+    /// `[b, n, c]` to the same shape.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        burn::tensor::module::layer_norm(x, self.weight.val(), Some(self.bias.val()), self.eps)
+    }
+
+    /// Its tensors under `name`.
+    pub fn list(&self, list: &mut Listing, name: &str) {
+        list.push(&self.weight, format!("{name}.weight"), Layout::Same);
+        list.push(&self.bias, format!("{name}.bias"), Layout::Same);
+    }
+}
+
+/// `norm(x) (1 + scale) + shift`, with the layer normalisation that has no weights of its own.
+///
+/// `x` `[b, n, c]`, `scale` and `shift` `[b, 1, c]`.
+pub fn modulated_norm(x: Tensor<3>, scale: Tensor<3>, shift: Tensor<3>, eps: f64) -> Tensor<3> {
+    use burn::tensor::module::layer_norm;
+    let [b, _, c] = x.dims();
+    if b == 1 {
+        // One pass over x: the modulation is the scale and shift of the normalisation.
+        return layer_norm(x, scale.add_scalar(1.0).reshape([c]), Some(shift.reshape([c])), eps);
+    }
+    let ones = Tensor::ones([c], &x.device());
+    layer_norm(x, ones, None, eps) * scale.add_scalar(1.0) + shift
+}

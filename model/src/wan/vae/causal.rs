@@ -1,0 +1,150 @@
+//! Convolution over time that sees the past only, and what it remembers of it.
+
+use crate::ops::{self, Stride};
+use crate::wan::init::{Init, Start};
+use crate::wan::names::{Layout, Listing};
+use burn::module::{Module, Param};
+use burn::tensor::Tensor;
+
+/// Frames a causal convolution remembers.
+const KEPT: usize = 2;
+
+/// The last frames of the input of every convolution over time, in the order in which a pass visits them.
+#[derive(Clone, Debug, Default)]
+pub struct Cache {
+    slots: Vec<Option<Tensor<5>>>,
+    next: usize,
+    chunks: usize,
+    zeros: bool,
+}
+
+impl Cache {
+    /// Before the first chunk.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Before the first chunk, with frames of zeros in place of those that do not exist: the three-dimensional form, for comparison.
+    #[doc(hidden)]
+    pub fn of_zeros() -> Self {
+        Self { zeros: true, ..Self::default() }
+    }
+
+    /// Begins a pass over the next chunk.
+    pub(super) fn begin(&mut self) {
+        self.rewind();
+        self.chunks += 1;
+    }
+
+    /// Back to the first convolution. Networks do it themselves; for convolutions that stand alone.
+    #[doc(hidden)]
+    pub fn rewind(&mut self) {
+        self.next = 0;
+    }
+
+    /// Whether the running pass is the first.
+    pub(super) fn is_first(&self) -> bool {
+        self.chunks == 1
+    }
+
+    /// Passes by the next convolution.
+    pub(super) fn skip(&mut self) {
+        self.slot();
+    }
+
+    fn slot(&mut self) -> &mut Option<Tensor<5>> {
+        let at = self.next;
+        self.next += 1;
+        if at == self.slots.len() {
+            self.slots.push(None);
+        }
+        &mut self.slots[at]
+    }
+
+    /// Puts the frames the next convolution remembers before `x` `[b, t, h, w, c]`; it then remembers the last `keep` of both.
+    pub(super) fn extend(&mut self, x: Tensor<5>, keep: usize) -> Tensor<5> {
+        let zeros = self.zeros;
+        let slot = self.slot();
+        let both = match slot.take() {
+            Some(history) => Tensor::cat(vec![history, x], 1),
+            None if zeros => with_zeros(x, keep),
+            None => x,
+        };
+        let frames = both.dims()[1];
+        let kept = keep.min(frames);
+        *slot = Some(both.clone().narrow(1, frames - kept, kept));
+        both
+    }
+}
+
+/// Convolution `3 x k x k` (k 1 or 3): a frame sees itself and the two before it, zeros before the first.
+#[derive(Module, Debug)]
+pub struct CausalConv {
+    /// `[k, k, 3, channels in, channels out]`, the newest frame last.
+    pub weight: Param<Tensor<5>>,
+    /// `[channels out]`.
+    pub bias: Param<Tensor<1>>,
+}
+
+impl CausalConv {
+    /// He-initialised (He et al. 2015).
+    pub fn new(init: &mut Init, k: usize, from: usize, to: usize) -> Self {
+        let inputs = 3 * k * k * from;
+        let std = (2.0 / inputs as f32).sqrt();
+        Self { weight: init.weight([k, k, 3, from, to], Start::Normal(std)), bias: init.offsets(inputs, to) }
+    }
+
+    /// `[b, t, h, w, channels in]` to `[b, t, h, w, channels out]`, continuing after the frames in the cache.
+    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
+        let frames = x.dims()[1];
+        self.over(cache.extend(x, KEPT), frames)
+    }
+
+    /// The last `frames` frames of the convolution of `x`.
+    pub(super) fn over(&self, x: Tensor<5>, frames: usize) -> Tensor<5> {
+        let history = x.dims()[1] - frames;
+        if frames == 1 {
+            // Frames that do not exist are zero: their taps are left out rather than multiplied.
+            return self.taps(x, 1, (history + 1).min(3), 1);
+        }
+        let x = if history < KEPT { with_zeros(x, KEPT - history) } else { x };
+        self.taps(x, frames, 3, 1)
+    }
+
+    /// One output frame for each `step` input frames and the two before the last of them, without zeros before the first.
+    pub(super) fn strided(&self, x: Tensor<5>, step: usize) -> Tensor<5> {
+        let frames = (x.dims()[1] - 3) / step + 1;
+        self.taps(x, frames, 3, step)
+    }
+
+    /// Output frame i from the last `taps` taps over input frames `i step ..`.
+    ///
+    /// The frames under the taps stand side by side as channels: a convolution over time and space is one over space.
+    fn taps(&self, x: Tensor<5>, frames: usize, taps: usize, step: usize) -> Tensor<5> {
+        let [b, _, h, w, c] = x.dims();
+        let [k, _, _, _, out] = self.weight.val().dims();
+        let weight = self.weight.val().narrow(2, 3 - taps, taps).reshape([k, k, taps * c, out]);
+        let window = |tap: usize| match step {
+            1 => x.clone().narrow(1, tap, frames),
+            _ => Tensor::cat((0..frames).map(|i| x.clone().narrow(1, tap + i * step, 1)).collect(), 1),
+        };
+        let windows = match taps {
+            1 => window(0),
+            _ => Tensor::cat((0..taps).map(window).collect(), 4),
+        };
+        let pictures = windows.reshape([b * frames, h, w, taps * c]);
+        ops::conv(pictures, weight, self.bias.val(), Stride::One, false).reshape([b, frames, h, w, out])
+    }
+
+    /// Its tensors under `name`.
+    pub fn list(&self, list: &mut Listing, name: &str) {
+        list.push(&self.weight, format!("{name}.weight"), Layout::Kernel3);
+        list.push(&self.bias, format!("{name}.bias"), Layout::Same);
+    }
+}
+
+/// `x` `[b, t, h, w, c]` with `count` frames of zeros before it.
+fn with_zeros(x: Tensor<5>, count: usize) -> Tensor<5> {
+    let [b, _, h, w, c] = x.dims();
+    Tensor::cat(vec![Tensor::zeros([b, count, h, w, c], &x.device()), x], 1)
+}

@@ -1,0 +1,168 @@
+//! A network into a safetensors file, with what it is and where it comes from inside.
+
+use super::load::to_file;
+use super::source::Source;
+use crate::wan::config::{DitConfig, VaceConfig, VaeConfig};
+use crate::wan::names::{Entry, Named, Naming};
+use crate::weights::HEADER;
+use crate::{Error, Result};
+use burn::module::{ModuleVisitor, Param, ParamId};
+use burn::tensor::Tensor;
+use half::{bf16, f16};
+use safetensors::tensor::{Dtype, View};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// What a file holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", content = "config", rename_all = "kebab-case")]
+pub enum Network {
+    /// The autoencoder.
+    WanVae(VaeConfig),
+    /// The transformer.
+    WanDit(DitConfig),
+    /// The transformer with its context path.
+    WanVace(VaceConfig),
+}
+
+/// Where weights come from.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Provenance {
+    /// Files the weights were read from, oldest first.
+    pub sources: Vec<String>,
+    /// Seed of weights that were drawn.
+    pub seed: Option<u64>,
+    /// Training steps since.
+    pub steps: u64,
+    /// Version of this program that wrote the file.
+    pub program: String,
+}
+
+/// This program's entry in the metadata of its files.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// The network.
+    pub network: Network,
+    /// Its history.
+    pub provenance: Provenance,
+}
+
+/// Number format of stored weights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// Single precision.
+    #[default]
+    F32,
+    /// Half precision.
+    F16,
+    /// The upper half of single precision, as the published transformers are stored.
+    Bf16,
+}
+
+impl Source {
+    /// What the file says about itself; `None` for files of other programs.
+    ///
+    /// # Errors
+    /// When there is an entry of this program that does not say what a network of this module says.
+    pub fn header(&self) -> Result<Option<Header>> {
+        let broken = |e: serde_json::Error| Error::malformed(self.path(), format!("header: {e}"));
+        self.header_text().map(|text| serde_json::from_str(text).map_err(broken)).transpose()
+    }
+}
+
+/// Writes `network` under the names of `naming`, beside its place and renamed. Tensors are converted one at a time.
+///
+/// # Errors
+/// When a value is not finite or too large for `precision`; the message names the tensor. When the file cannot be written.
+pub fn save<M: Named>(path: &Path, network: &M, header: &Header, precision: Precision, naming: Naming) -> Result<()> {
+    let entries = network.entries();
+    let by_id: HashMap<ParamId, &Entry> = entries.iter().map(|entry| (entry.id, entry)).collect();
+    let mut writer = Writer { path, by_id, precision, naming, views: Vec::with_capacity(entries.len()), failed: None };
+    network.visit(&mut writer);
+    if let Some(error) = writer.failed {
+        return Err(error);
+    }
+    let text = serde_json::to_string(header).map_err(|e| Error::malformed(path, e.to_string()))?;
+    let metadata = HashMap::from([(HEADER.to_string(), text)]);
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(format!(".{}.partial", std::process::id()));
+    let beside = Path::new(&beside);
+    let written = safetensors::serialize_to_file(writer.views, Some(metadata), beside);
+    let placed = written.map_err(|e| match e {
+        safetensors::SafeTensorError::IoError(e) => Error::io(path, "write")(e),
+        e => Error::malformed(path, e.to_string()),
+    });
+    let placed = placed.and_then(|()| std::fs::rename(beside, path).map_err(Error::io(path, "write")));
+    if placed.is_err() {
+        // The error matters, not whether a part of the file was there to be removed.
+        let _ = std::fs::remove_file(beside);
+    }
+    placed
+}
+
+struct Writer<'a> {
+    path: &'a Path,
+    by_id: HashMap<ParamId, &'a Entry>,
+    precision: Precision,
+    naming: Naming,
+    views: Vec<(String, LazyView<'a>)>,
+    failed: Option<Error>,
+}
+
+impl ModuleVisitor for Writer<'_> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let Some(&entry) = self.by_id.get(&param.id) else { return };
+        let tensor = param.val().without_autodiff();
+        let values = move || tensor.clone().into_data().iter::<f32>().collect::<Vec<f32>>();
+        let most = match self.precision {
+            Precision::F16 => f16::MAX.to_f32(),
+            Precision::F32 => f32::MAX,
+            Precision::Bf16 => bf16::MAX.to_f32(),
+        };
+        let name = entry.name(self.naming).to_string();
+        if let Some(value) = values().into_iter().find(|v| !v.is_finite() || v.abs() > most) {
+            let reason = format!("value {value} cannot be stored");
+            self.failed.get_or_insert(Error::Tensor { path: self.path.into(), tensor: name, reason });
+            return;
+        }
+        self.views.push((name, LazyView { entry, precision: self.precision, values: Box::new(values) }));
+    }
+}
+
+/// A tensor that is converted when it is its turn to be written.
+struct LazyView<'a> {
+    entry: &'a Entry,
+    precision: Precision,
+    values: Box<dyn Fn() -> Vec<f32>>,
+}
+
+impl View for LazyView<'_> {
+    fn dtype(&self) -> Dtype {
+        match self.precision {
+            Precision::F32 => Dtype::F32,
+            Precision::F16 => Dtype::F16,
+            Precision::Bf16 => Dtype::BF16,
+        }
+    }
+
+    fn shape(&self) -> &[usize] {
+        &self.entry.shape
+    }
+
+    fn data(&self) -> Cow<'_, [u8]> {
+        let values = to_file((self.values)(), &self.entry.layout, &self.entry.memory);
+        Cow::Owned(match self.precision {
+            Precision::F32 => values.iter().flat_map(|v| v.to_le_bytes()).collect(),
+            Precision::F16 => values.iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect(),
+            Precision::Bf16 => values.iter().flat_map(|&v| bf16::from_f32(v).to_le_bytes()).collect(),
+        })
+    }
+
+    fn data_len(&self) -> usize {
+        let bytes = if self.precision == Precision::F32 { 4 } else { 2 };
+        self.entry.parameters() as usize * bytes
+    }
+}
