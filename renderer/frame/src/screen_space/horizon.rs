@@ -11,13 +11,13 @@ const STEPS: usize = 12;
 /// Reach of occluders in units of the pixel's depth. The whole environment lights the scene, so large occluders count from afar.
 pub(super) const RADIUS: f32 = 0.7;
 /// Share of the radius over which occlusion fades out.
-pub(super) const FADE: f32 = 0.2;
+const FADE: f32 = 0.2;
 /// How far a horizon falls back (share of the way, per sample) when what lies behind its occluder is seen again:
 /// depth tells nothing of thickness, and this lets light pass behind thin things.
 pub(super) const THIN: f32 = 0.03;
 
 /// Least sine over the tangent plane of what can occlude.
-pub(super) const ABOVE: f32 = 0.01;
+const ABOVE: f32 = 0.01;
 
 /// How far and how firmly depth samples occlude.
 #[derive(Clone, Copy, Debug)]
@@ -33,6 +33,33 @@ impl Reach {
     pub const FEATURES: Self = Self { radius: RADIUS, thin: THIN };
 }
 
+/// A plane through the view direction in which horizons are looked for.
+pub(super) struct Slice {
+    /// (cos, sin) of its direction in the picture.
+    pub towards: (f32, f32),
+    /// Tangent on that side, across the view direction.
+    pub t: Vec3A,
+    /// Angle from the view direction to the normal's projection.
+    pub tilt: f32,
+    /// Length of that projection.
+    pub length: f32,
+}
+
+/// `count` slices, turned by `turn` of their distance, for the unit normal `n` seen from `v`; those that the normal stands across are left out.
+pub(super) fn slices(n: Vec3A, v: Vec3A, turn: f32, count: usize) -> impl Iterator<Item = Slice> {
+    (0..count).filter_map(move |slice| {
+        let (sin, cos) = ((slice as f32 + turn) * PI / count as f32).sin_cos();
+        // In the slice's plane: v, and the tangent `t` on the side of (cos, sin).
+        let across = Vec3A::new(cos, sin, 0.0);
+        let t = (across - v * across.dot(v)).try_normalize()?;
+        let axis = t.cross(v);
+        let flat = n - axis * n.dot(axis);
+        let length = flat.length();
+        let tilt = flat.dot(t).atan2(flat.dot(v));
+        (length >= 1e-4).then_some(Slice { towards: (cos, sin), t, tilt, length })
+    })
+}
+
 /// Visible share of the cosine-weighted hemisphere and the (unnormalised) cosine-weighted mean open direction in camera space.
 pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: Reach) -> (f32, Vec3A) {
     let p = surface.points[i];
@@ -45,20 +72,10 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: R
 
     // Over all slices the open hemisphere's moment is 2 pi / 3 along n; a slice stands for pi / SLICES.
     let (mut open, mut weight, mut bent) = (0.0, 0.0, n * (2.0 / 3.0 * SLICES as f32));
-    for slice in 0..SLICES {
-        let (sin, cos) = ((slice as f32 + turn) * PI / SLICES as f32).sin_cos();
-        // In the slice's plane: v, and the tangent `t` on the side of (cos, sin).
-        let across = Vec3A::new(cos, sin, 0.0);
-        let Some(t) = (across - v * across.dot(v)).try_normalize() else { continue };
-        let axis = t.cross(v);
-        let flat = n - axis * n.dot(axis);
-        let length = flat.length();
-        if length < 1e-4 {
-            continue;
-        }
-        let tilt = flat.dot(t).atan2(flat.dot(v));
-        let right = horizon(surface, (p, n, v), (radius, reach.thin), (cos, sin), step, (tilt + FRAC_PI_2).min(PI).cos());
-        let left = horizon(surface, (p, n, v), (radius, reach.thin), (-cos, -sin), step, (tilt - FRAC_PI_2).max(-PI).cos());
+    for Slice { towards: (cos, sin), t, tilt, length } in slices(n, v, turn, SLICES) {
+        let walk = |towards, limit: f32| Walk { p, n, v, radius, thin: reach.thin, towards, step, lowest: limit.cos() };
+        let right = walk((cos, sin), (tilt + FRAC_PI_2).min(PI)).highest(surface, |_, _, _| ());
+        let left = walk((-cos, -sin), (tilt - FRAC_PI_2).max(-PI)).highest(surface, |_, _, _| ());
         // Angles from v, left negative, kept inside the normal's hemisphere.
         let h0 = (-left.acos()).max(tilt - FRAC_PI_2);
         let h1 = right.acos().min(tilt + FRAC_PI_2);
@@ -97,47 +114,59 @@ impl Arc {
     }
 }
 
-/// Cosine from `v` of the highest occluder of the point `p` with normal `n` towards (`cos`, `sin`) in the picture (+y up), at least `lowest`.
-fn horizon(
-    surface: &Surface,
-    (p, n, v): (Vec3A, Vec3A, Vec3A),
-    (radius, thin): (f32, f32),
-    (cos, sin): (f32, f32),
-    step: f32,
-    lowest: f32,
-) -> f32 {
-    let camera = surface.camera;
-    let depth = -p.z;
-    // The reach in pixels, of a segment parallel to the picture.
-    let (reach_x, reach_y) = (camera.fl_x * cos * radius / depth, -camera.fl_y * sin * radius / depth);
-    let (start_x, start_y) = (camera.cx + camera.fl_x * p.x / depth, camera.cy - camera.fl_y * p.y / depth);
-    let pixels = (reach_x * reach_x + reach_y * reach_y).sqrt();
-    if pixels.is_nan() || pixels < 1.0 {
-        return lowest;
+/// Half a slice: from the point `p` with normal `n`, seen from `v`, towards (`cos`, `sin`) in the picture (+y up).
+pub(super) struct Walk {
+    pub p: Vec3A,
+    pub n: Vec3A,
+    pub v: Vec3A,
+    /// Camera-space metres.
+    pub radius: f32,
+    pub thin: f32,
+    pub towards: (f32, f32),
+    /// Place of the samples, 0..1.
+    pub step: f32,
+    /// Least cosine from `v`.
+    pub lowest: f32,
+}
+
+impl Walk {
+    /// Cosine from `v` of the highest occluder. `raised` is told each pixel that raises it, the way there from `p`, and the cosine then.
+    pub fn highest(&self, surface: &Surface, mut raised: impl FnMut(usize, Vec3A, f32)) -> f32 {
+        let Self { p, n, v, radius, towards: (cos, sin), lowest, .. } = *self;
+        let camera = surface.camera;
+        let depth = -p.z;
+        // The reach in pixels, of a segment parallel to the picture.
+        let (reach_x, reach_y) = (camera.fl_x * cos * radius / depth, -camera.fl_y * sin * radius / depth);
+        let (start_x, start_y) = (camera.cx + camera.fl_x * p.x / depth, camera.cy - camera.fl_y * p.y / depth);
+        let pixels = (reach_x * reach_x + reach_y * reach_y).sqrt();
+        let mut highest = lowest;
+        if pixels.is_nan() || pixels < 1.0 {
+            return highest;
+        }
+        for k in 0..STEPS {
+            // Denser near the pixel, the first one at least one pixel away.
+            let s = (k as f32 + self.step) / STEPS as f32;
+            let s = 1.0 / pixels + s * s * (1.0 - 1.0 / pixels);
+            let Some(under) = surface.pixel(start_x + reach_x * s, start_y + reach_y * s) else { break };
+            if !surface.known(under) {
+                continue;
+            }
+            let to = surface.points[under] - p;
+            let distance2 = to.length_squared();
+            if distance2 < 1e-12 * depth * depth {
+                continue;
+            }
+            let distance = distance2.sqrt();
+            let cosine = to.dot(v) / distance;
+            // Samples snap to pixel centres, off the slice; on the surface's own plane that must not read as occlusion.
+            if cosine > highest && to.dot(n) > ABOVE * distance {
+                let fade = ((radius - distance) / (FADE * radius)).clamp(0.0, 1.0);
+                highest += (cosine - highest) * fade;
+                raised(under, to, highest);
+            } else {
+                highest += (cosine.max(lowest) - highest) * self.thin;
+            }
+        }
+        highest.clamp(-1.0, 1.0)
     }
-    let mut highest = lowest;
-    for k in 0..STEPS {
-        // Denser near the pixel, the first one at least one pixel away.
-        let s = (k as f32 + step) / STEPS as f32;
-        let s = 1.0 / pixels + s * s * (1.0 - 1.0 / pixels);
-        let Some(under) = surface.pixel(start_x + reach_x * s, start_y + reach_y * s) else { break };
-        if !surface.known(under) {
-            continue;
-        }
-        let to = surface.points[under] - p;
-        let distance2 = to.length_squared();
-        if distance2 < 1e-12 * depth * depth {
-            continue;
-        }
-        let distance = distance2.sqrt();
-        let cosine = to.dot(v) / distance;
-        // Samples snap to pixel centres, off the slice; on the surface's own plane that must not read as occlusion.
-        if cosine > highest && to.dot(n) > ABOVE * distance {
-            let fade = ((radius - distance) / (FADE * radius)).clamp(0.0, 1.0);
-            highest += (cosine - highest) * fade;
-        } else {
-            highest += (cosine.max(lowest) - highest) * thin;
-        }
-    }
-    highest.clamp(-1.0, 1.0)
 }
