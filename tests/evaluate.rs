@@ -98,6 +98,9 @@ fn path_tracing_gets_the_seconds_of_another_method() {
     let clean = "equal-pt64";
     succeed(&["evaluate", "--data", data.to_str().unwrap(), "--methods", clean, "--out", out_name]);
     let results = Results::read(&out).unwrap();
+    // The dataset itself: its split is no class.
+    let about = &results.sequences[0].about;
+    assert_eq!((about.set.as_str(), about.class.as_str()), ("near", "ground"));
     let equal: Vec<&Score> = results.sequences[0].scores.iter().filter(|score| score.method == clean).collect();
     assert_eq!(equal.len(), 5);
     assert!(equal.iter().all(|score| score.spp.is_some_and(|spp| (1..=65536).contains(&spp))), "{equal:?}");

@@ -235,14 +235,11 @@ impl<'a> Painter<'a> {
 
     /// Samples a pixel that path tracing and denoising in `budget` seconds allow; 1 at least.
     fn affordable(&self, budget: f64, shared: &Shared, clean: Clean) -> u32 {
-        let Some([start, each]) = self.rate else { return 1 };
+        let Some(rate) = self.rate else { return 1 };
         let denoising = self.denoised.get(name(clean)).map_or(0.0, |seconds| median(seconds.clone()));
-        let left = budget - start - denoising;
         // Where it takes fewer samples than make clean guides, those of the G-buffer cost their time.
-        let settings = |spp| Settings { spp, ..Settings::default() };
-        let samples = |left: f64| (left / each).floor().clamp(1.0, 65536.0) as u32;
-        let with_own = samples(left);
-        if clean == Clean::Raw || settings(with_own).clean_guides() { with_own } else { samples(left - shared.seconds) }
+        let guides = if clean == Clean::Raw { 0.0 } else { shared.seconds };
+        samples(budget - denoising, rate, guides)
     }
 
     /// What a render took says how many samples the next one may have: scenes cost differently from frame to frame.
@@ -283,5 +280,28 @@ impl<'a> Painter<'a> {
         let each = ((seconds[1] - seconds[0]) / f64::from(PROBES[1] - PROBES[0])).max(1e-6);
         self.rate = Some([(seconds[0] - f64::from(PROBES[0]) * each).max(0.0), each]);
         Ok(())
+    }
+}
+
+/// Samples a pixel that `seconds` allow where a render takes `start` seconds and `each` more for a sample, 1 at least; `guides`
+/// seconds go where the samples make no guides of their own.
+fn samples(seconds: f64, [start, each]: [f64; 2], guides: f64) -> u32 {
+    let count = |seconds: f64| ((seconds - start) / each).floor().clamp(1.0, 65536.0) as u32;
+    let own = count(seconds);
+    if (Settings { spp: own, ..Settings::default() }).clean_guides() { own } else { count(seconds - guides) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_fill_the_time() {
+        // Many samples make their own guides; few pay for those of the G-buffer; one is the least.
+        assert_eq!(samples(1.1, [0.1, 0.01], 0.3), 100);
+        assert_eq!(samples(0.5, [0.1, 0.1], 0.1), 3);
+        assert_eq!(samples(0.5, [0.1, 0.1], 0.0), 4);
+        assert_eq!(samples(0.05, [0.1, 0.1], 0.1), 1);
+        assert_eq!(samples(1e9, [0.0, 1e-6], 0.0), 65536);
     }
 }
