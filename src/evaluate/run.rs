@@ -139,6 +139,7 @@ fn sequence(
     cancel: &AtomicBool,
 ) -> Result<Sequence> {
     let folder = &place.folder;
+    let Some(&first) = indices.first() else { bail!("has no frames") };
     let exposure = folder.sequence.exposure;
     let mut painter = Painter::new(folder, options)?;
     let shown = shown(indices, &folder.sequence.keyframes, options.pictures);
@@ -196,7 +197,7 @@ fn sequence(
     }
     write_scores(&class.join(format!("{}.jsonl", folder.name())), &scores)?;
     let numbers = |indices: &[usize]| indices.iter().map(|&i| folder.numbers[i]).collect::<Vec<_>>();
-    let size = folder.camera(0);
+    let size = folder.camera(first);
     let error: Option<Audit> = file::read_json(&folder.path.join(AUDIT)).ok();
     Ok(Sequence {
         set: place.set.clone(),
@@ -210,7 +211,7 @@ fn sequence(
         exposure,
         facts: facts(place),
         truth: Truth {
-            spp: folder.frame(indices[0])?.info.spp,
+            spp: folder.frame(first)?.info.spp,
             seconds: Some(median(crate::truth::seconds(&folder.path))).filter(|s| s.is_finite()),
             noise: (!noise.is_empty()).then(|| decibel(noise.iter().sum::<f64>() / noise.len() as f64)),
             error: error.map(|audit| audit.error),
