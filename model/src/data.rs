@@ -1,6 +1,6 @@
 //! Training data in memory: clips become half-precision network inputs once, batches are random crops of them.
 
-use crate::bridge::{self, TIMES};
+use crate::bridge::{self, Bridge};
 use crate::config::{Curve, Input, NetworkConfig};
 use crate::features::{Features, Physical, STORED, TARGET, write_input};
 use crate::keyframe::{self, StoredKeys};
@@ -177,20 +177,20 @@ pub fn step_rng(seed: u64, step: u64) -> Pcg64Mcg {
 
 impl Batch {
     /// Draws `items` random crops of `size` pixels (a multiple of [`crate::network::PIXEL_MULTIPLE`]); half of them mirrored left to right.
-    /// `times` gives the probability of each of [`TIMES`]. Frames smaller than `size` are never given here.
+    /// Times and noise are those of `bridge`. Frames smaller than `size` are never given here.
     pub fn draw(
         config: &NetworkConfig,
         frames: &[&StoredFrame],
         size: usize,
         items: usize,
-        times: [f32; 4],
+        bridge: Bridge,
         rng: &mut Pcg64Mcg,
     ) -> Self {
-        let chosen: Vec<Item> = (0..items).map(|_| draw_item(frames, size, times, rng)).collect();
-        Self::assemble(config, frames, size, &chosen)
+        let chosen: Vec<Item> = (0..items).map(|_| draw_item(frames, size, bridge, rng)).collect();
+        Self::assemble(config, frames, size, bridge, &chosen)
     }
 
-    fn assemble(config: &NetworkConfig, frames: &[&StoredFrame], size: usize, chosen: &[Item]) -> Self {
+    fn assemble(config: &NetworkConfig, frames: &[&StoredFrame], size: usize, bridge: Bridge, chosen: &[Item]) -> Self {
         let pixels = size * size;
         let channels = config.pixel_channels();
         let parts: Vec<Self> = chosen
@@ -210,7 +210,7 @@ impl Batch {
                 let mut rng = Pcg64Mcg::seed_from_u64(item.noise_seed);
                 for y in 0..size {
                     for x in 0..size {
-                        part.push_pixel(config, frame, item, (x, y), size, &mut rng);
+                        part.push_pixel(config, frame, item, (x, y), size, bridge, &mut rng);
                     }
                 }
                 part
@@ -233,6 +233,7 @@ impl Batch {
         }
     }
 
+    #[allow(clippy::too_many_arguments)]
     fn push_pixel(
         &mut self,
         config: &NetworkConfig,
@@ -240,6 +241,7 @@ impl Batch {
         item: &Item,
         (x, y): (usize, usize),
         size: usize,
+        bridge: Bridge,
         rng: &mut Pcg64Mcg,
     ) {
         let column = item.x + if item.flip { size - 1 - x } else { x };
@@ -262,7 +264,7 @@ impl Batch {
             };
             let noise = if base_time > 0.0 { normal(rng) } else { 0.0 };
             state[0][c] = z0;
-            state[1][c] = bridge::interpolate(z0, z1, base_time, noise);
+            state[1][c] = bridge.interpolate(z0, z1, base_time, noise);
             state[2][c] = z1;
             state[3][c] = linear_to_srgb(exposed.clamp(0.0, 1.0));
         }
@@ -285,7 +287,7 @@ impl Batch {
     }
 }
 
-fn draw_item(frames: &[&StoredFrame], size: usize, times: [f32; 4], rng: &mut Pcg64Mcg) -> Item {
+fn draw_item(frames: &[&StoredFrame], size: usize, bridge: Bridge, rng: &mut Pcg64Mcg) -> Item {
     let coverage = Input::Coverage.offset();
     let mut item = Item { frame: 0, x: 0, y: 0, flip: false, time: 0.0, noise_seed: 0 };
     // A crop of sky teaches nothing: look for one that is covered at one point in eight at least, up to four times.
@@ -307,18 +309,7 @@ fn draw_item(frames: &[&StoredFrame], size: usize, times: [f32; 4], rng: &mut Pc
         }
     }
     item.flip = rng.random_bool(0.5);
-    let total: f32 = times.iter().sum();
-    let mut u = rng.random::<f32>() * total;
-    for (&time, &probability) in TIMES.iter().zip(&times) {
-        if probability <= 0.0 {
-            continue;
-        }
-        item.time = time;
-        u -= probability;
-        if u < 0.0 {
-            break;
-        }
-    }
+    item.time = bridge.times.draw(rng);
     item.noise_seed = rng.random();
     item
 }

@@ -8,6 +8,7 @@ pub mod pool;
 pub mod schedule;
 pub mod stage;
 
+use crate::bridge::{Bridge, SIGMA, Times};
 use crate::config::{KeyframeConfig, NetworkConfig};
 use crate::data::{Batch, ClipSource, step_rng};
 use crate::keyframe::KeyframeNet;
@@ -89,6 +90,10 @@ pub struct Config {
     pub loss: LossWeights,
     /// Probability of each bridge time 0, 1/4, 1/2, 3/4.
     pub time_probabilities: [f32; 4],
+    /// Every time from 0 to [`crate::bridge::LAST_TIME`] alike, in place of the four.
+    pub uniform_times: bool,
+    /// Noise of the bridge, in units of z; 0 for the straight path.
+    pub sigma: f32,
     /// Mebibytes of training data held in memory.
     pub cache_mib: usize,
     /// Steps after which a clip is replaced when not all fit.
@@ -119,6 +124,8 @@ impl Default for Config {
             ema_decay: 0.999,
             loss: LossWeights::default(),
             time_probabilities: [0.7, 0.1, 0.1, 0.1],
+            uniform_times: false,
+            sigma: SIGMA,
             cache_mib: 8192,
             rotate_steps: 20,
             checkpoint_steps: 500,
@@ -129,6 +136,12 @@ impl Default for Config {
 }
 
 impl Config {
+    /// The bridge that training draws from.
+    pub fn bridge(&self) -> Bridge {
+        let times = if self.uniform_times { Times::Uniform } else { Times::Four(self.time_probabilities) };
+        Bridge { sigma: self.sigma, times }
+    }
+
     /// Checks every option.
     ///
     /// # Errors
@@ -163,10 +176,10 @@ impl Config {
             ("loss", [self.loss.display, self.loss.gradient].iter().all(|w| *w >= 0.0 && w.is_finite()), "weights must be >= 0"),
             (
                 "time_probabilities",
-                self.time_probabilities.iter().all(|p| *p >= 0.0 && p.is_finite())
-                    && self.time_probabilities.iter().sum::<f32>() > 0.0,
+                Times::Four(self.time_probabilities).is_valid(),
                 "must be >= 0 and not all 0",
             ),
+            ("sigma", (0.0..=1.0).contains(&self.sigma), "must be in 0..=1"),
             ("checkpoint_steps", self.checkpoint_steps > 0, "must be at least 1"),
             ("log_steps", self.log_steps > 0, "must be at least 1"),
             ("rotate_steps", self.rotate_steps > 0, "must be at least 1"),
@@ -247,7 +260,7 @@ pub fn run(
             };
             let input = header.network.clone();
             Trainer { config, network: &input, device, progress, cancel }.train(
-                &KeyframeStage { base: frozen },
+                &KeyframeStage { base: frozen, sigma: config.sigma },
                 model,
                 source,
                 &finish,
@@ -400,7 +413,7 @@ impl Trainer<'_> {
                         break;
                     }
                 }
-                Batch::draw(self.network, &frames, crop.size, crop.batch, self.config.time_probabilities, &mut rng)
+                Batch::draw(self.network, &frames, crop.size, crop.batch, self.config.bridge(), &mut rng)
             });
             let failed = batch.is_err();
             // The receiver is gone when training has ended.
