@@ -174,11 +174,7 @@ impl Config {
             ("clip_norm", self.clip_norm > 0.0, "must be > 0"),
             ("ema_decay", (0.0..1.0).contains(&self.ema_decay), "must be in 0..1"),
             ("loss", [self.loss.display, self.loss.gradient].iter().all(|w| *w >= 0.0 && w.is_finite()), "weights must be >= 0"),
-            (
-                "time_probabilities",
-                Times::Four(self.time_probabilities).is_valid(),
-                "must be >= 0 and not all 0",
-            ),
+            ("time_probabilities", Times::Four(self.time_probabilities).is_valid(), "must be >= 0 and not all 0"),
             ("sigma", (0.0..=1.0).contains(&self.sigma), "must be in 0..=1"),
             ("checkpoint_steps", self.checkpoint_steps > 0, "must be at least 1"),
             ("log_steps", self.log_steps > 0, "must be at least 1"),

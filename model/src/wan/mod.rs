@@ -13,6 +13,7 @@ pub mod dit;
 pub mod init;
 pub mod layers;
 pub mod names;
+pub mod pictures;
 pub mod probe;
 pub mod vace;
 pub mod vae;
