@@ -38,6 +38,30 @@ pub struct Clip {
     pub keyframes: Vec<usize>,
 }
 
+impl Clip {
+    /// Checks what every kind of training needs.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when lengths disagree, the exposure is no positive number, or a frame has no beauty.
+    pub fn check(&self) -> Result<()> {
+        let (frames, cameras, numbers) = (self.frames.len(), self.cameras.len(), self.numbers.len());
+        if frames == 0 || cameras != frames || numbers != frames {
+            return Err(self.broken(format!("{frames} frames with {cameras} cameras and {numbers} numbers")));
+        }
+        if !(self.exposure.is_finite() && self.exposure > 0.0) {
+            return Err(self.broken(format!("exposure {} is not a positive number", self.exposure)));
+        }
+        match self.frames.iter().position(|frame| frame.beauty.is_none()) {
+            Some(i) => Err(self.broken(format!("frame {i} has no beauty to learn from"))),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn broken(&self, reason: String) -> Error {
+        Error::Data { place: self.name.clone(), reason }
+    }
+}
+
 /// Where training clips come from.
 pub trait ClipSource: Sync {
     /// Number of clips.
@@ -90,17 +114,7 @@ impl StoredFrame {
 /// # Errors
 /// [`Error::Data`] when lengths disagree, a frame has no beauty, or nothing is covered in the whole clip.
 pub fn prepare(clip: &Clip, keys: bool) -> Result<Vec<StoredFrame>> {
-    let broken = |reason: String| Error::Data { place: clip.name.clone(), reason };
-    if clip.frames.is_empty() || clip.cameras.len() != clip.frames.len() || clip.numbers.len() != clip.frames.len() {
-        let (frames, cameras, numbers) = (clip.frames.len(), clip.cameras.len(), clip.numbers.len());
-        return Err(broken(format!("{frames} frames with {cameras} cameras and {numbers} numbers")));
-    }
-    if !(clip.exposure.is_finite() && clip.exposure > 0.0) {
-        return Err(broken(format!("exposure {} is not a positive number", clip.exposure)));
-    }
-    if let Some(i) = clip.frames.iter().position(|frame| frame.beauty.is_none()) {
-        return Err(broken(format!("frame {i} has no beauty to learn from")));
-    }
+    clip.check()?;
     let tables = IblTables::new(&clip.environment);
     let summary = EnvironmentSummary::new(&clip.environment);
     let features: Vec<Features> = clip
@@ -110,7 +124,7 @@ pub fn prepare(clip: &Clip, keys: bool) -> Result<Vec<StoredFrame>> {
         .map(|(frame, camera)| Features::new(frame, camera, &clip.environment, &summary, &tables, clip.exposure))
         .collect();
     if features.iter().all(|f| f.physical.iter().all(|p| p.alpha == 0.0)) {
-        return Err(broken("no pixel of any frame is covered".into()));
+        return Err(clip.broken("no pixel of any frame is covered".into()));
     }
     (0..features.len())
         .into_par_iter()

@@ -109,6 +109,30 @@ impl EnvironmentView {
     }
 }
 
+/// A kind of picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Base colour.
+    Albedo,
+    /// Shading normal.
+    Normal,
+    /// Logarithm of depth.
+    Depth,
+    /// Roughness, metallic, specular.
+    Material,
+    /// The environment around the camera.
+    Environment,
+    /// The truth.
+    Target,
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Albedo, Self::Normal, Self::Depth, Self::Material, Self::Environment, Self::Target];
+}
+
 /// One frame as pictures; see the module. All but `environment` and `mask` are `[3, height, width]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pictures {
@@ -185,6 +209,20 @@ impl Pictures {
             mask: frame.alpha.pixels.iter().map(|a| if *a > 0.0 { 1.0 } else { 0.0 }).collect(),
             target: frame.beauty.as_ref().map(|beauty| plane(&|x, y| shown(*beauty.at(x, y), exposure))),
         })
+    }
+}
+
+impl Pictures {
+    /// The picture of a kind; empty where the frame has no truth.
+    pub fn of(&self, kind: Kind) -> &[f32] {
+        match kind {
+            Kind::Albedo => &self.albedo,
+            Kind::Normal => &self.normal,
+            Kind::Depth => &self.depth,
+            Kind::Material => &self.material,
+            Kind::Environment => &self.environment,
+            Kind::Target => self.target.as_deref().unwrap_or_default(),
+        }
     }
 }
 
