@@ -8,16 +8,22 @@
 //! Sources: RenderFlow, section "Model Architecture", "Keyframe Guidance", "Inverse Rendering"; VACE (Jiang et al. 2025) for the
 //! masked reference; where the paper is silent, the documentation of the item says what was chosen.
 
+mod account;
 mod config;
 mod environment;
+mod files;
+mod group;
 mod inverse;
 mod keyframes;
 mod lora;
 mod names;
 mod stages;
 
+pub use account::{Account, Item, Part};
 pub use config::{Environment, FlowConfig, Intrinsic, InverseConfig, KeyframeConfig, Query};
 pub use environment::EnvironmentAdapter;
+pub use files::Adoption;
+pub use group::Group;
 pub use inverse::{Head, InverseAdapter, InverseBlock};
 pub use keyframes::{KeyframeAdapter, KeyframeBlock, OwnQuery};
 pub use lora::Lora;
