@@ -10,6 +10,7 @@
 pub mod config;
 mod config_file;
 pub mod dit;
+pub mod flow;
 pub mod init;
 pub mod layers;
 pub mod names;
@@ -21,6 +22,7 @@ pub mod weights;
 
 pub use config::{DitConfig, Gelu, VaceConfig, VaeConfig};
 pub use dit::{Dit, DitInput};
+pub use flow::{Flow, FlowConfig};
 pub use probe::{Activation, Probe};
 pub use vace::Vace;
 pub use vae::Vae;
