@@ -76,33 +76,6 @@ pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.try_into_vec_as::<f32>().expect("tensor readable as f32")
 }
 
-/// Calls `set` with the name of every float parameter; where it answers, the parameter learns from then on, or no longer.
-pub fn set_learning<M: Module>(module: M, set: &dyn Fn(&str) -> Option<bool>) -> M {
-    module.map(&mut SetLearning { path: Vec::new(), set })
-}
-
-struct SetLearning<'a> {
-    path: Vec<String>,
-    set: &'a dyn Fn(&str) -> Option<bool>,
-}
-
-impl ModuleMapper for SetLearning<'_> {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        match (self.set)(&self.path.join(".")) {
-            Some(learns) => param.set_require_grad(learns),
-            None => param,
-        }
-    }
-
-    fn enter_module(&mut self, name: &str, _: &str) {
-        self.path.push(name.to_string());
-    }
-
-    fn exit_module(&mut self, _: &str, _: &str) {
-        self.path.pop();
-    }
-}
-
 struct Export<'a> {
     path: Vec<String>,
     wanted: &'a dyn Fn(&str, bool) -> bool,

@@ -144,7 +144,11 @@ impl Lpips {
     pub fn loss(&self, a: Tensor<4>, b: Tensor<4>) -> Result<Tensor<1>> {
         let ([n, channels, height, width], smallest) = (a.dims(), self.backbone.smallest_side());
         if b.dims() != a.dims() || n == 0 || channels != 3 || width.min(height) < smallest {
-            return Err(data(format!("pictures {:?} and {:?}; [b, 3, {smallest}.., {smallest}..] is needed", a.dims(), b.dims())));
+            return Err(data(format!(
+                "pictures {:?} and {:?}; [b, 3, {smallest}.., {smallest}..] is needed",
+                a.dims(),
+                b.dims()
+            )));
         }
         let device = a.device();
         let triple = |v: [f32; 3]| Tensor::<1>::from_data(v, &device).reshape([1, 3, 1, 1]);

@@ -129,8 +129,7 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Albedo, Self::Normal, Self::Depth, Self::Material, Self::Environment, Self::Target];
+    pub const ALL: [Self; 6] = [Self::Albedo, Self::Normal, Self::Depth, Self::Material, Self::Environment, Self::Target];
 }
 
 /// One frame as pictures; see the module. All but `environment` and `mask` are `[3, height, width]`.

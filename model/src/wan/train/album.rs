@@ -1,14 +1,14 @@
 //! Clips as pictures in memory, in half precision.
 
+use crate::Result;
 use crate::data::Clip;
 use crate::train::pool::Stored;
 use crate::wan::pictures::{DepthBounds, EnvironmentView, Kind, Pictures};
-use crate::Result;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
-use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::Frame;
+use renderflow_frame::image::{Image, Rgb};
 
 /// All frames of a clip as pictures.
 #[derive(Clone, Debug, Default)]
@@ -102,14 +102,23 @@ impl Album {
         Ok(Self { width: cut_w, height: cut_h, pages })
     }
 
-    /// Adds a window of a picture to `out`, `[3, height, width]`.
-    pub fn read(&self, page: usize, kind: Kind, window: Window, out: &mut Vec<f32>) {
-        self.read_planes(&self.pages[page].kinds[kind as usize], window, out);
+    /// `frames` pages from `page` on, `[3, frames, height, width]`.
+    pub fn clip(&self, page: usize, frames: usize, kind: Kind, window: Window) -> Vec<f32> {
+        let mut clip = Vec::with_capacity(3 * frames * window.height * window.width);
+        let plane = self.width * self.height;
+        for channel in 0..3 {
+            for page in &self.pages[page..page + frames] {
+                self.read_planes(&page.kinds[kind as usize][channel * plane..][..plane], window, &mut clip);
+            }
+        }
+        clip
     }
 
-    /// Adds a window of a mask to `out`, `[1, height, width]`.
-    pub fn read_mask(&self, page: usize, window: Window, out: &mut Vec<f32>) {
-        self.read_planes(&self.pages[page].mask, window, out);
+    /// The masks of `frames` pages from `page` on, `[1, frames, height, width]`.
+    pub fn masks(&self, page: usize, frames: usize, window: Window) -> Vec<f32> {
+        let mut masks = Vec::with_capacity(frames * window.height * window.width);
+        self.pages[page..page + frames].iter().for_each(|page| self.read_planes(&page.mask, window, &mut masks));
+        masks
     }
 
     /// The whole of a picture.
@@ -119,12 +128,17 @@ impl Album {
 
     fn read_planes(&self, planes: &[f16], window: Window, out: &mut Vec<f32>) {
         for plane in planes.chunks_exact(self.width * self.height) {
-            rows(plane, self.width, window, |row| {
-                let at = out.len();
-                out.resize(at + row.len(), 0.0);
-                row.convert_to_f32_slice(&mut out[at..]);
-            });
+            read_window(plane, self.width, window, out);
         }
+    }
+
+    /// The same with the pictures of these kinds only.
+    pub fn keeping(mut self, kinds: &[Kind]) -> Self {
+        for page in &mut self.pages {
+            let others = Kind::ALL.into_iter().filter(|kind| !kinds.contains(kind));
+            others.for_each(|kind| page.kinds[kind as usize] = Vec::new());
+        }
+        self
     }
 
     /// First pages of the stretches of `1 + step` frames whose numbers follow each other.
@@ -132,6 +146,15 @@ impl Album {
         let numbers: Vec<usize> = self.pages.iter().map(|page| page.number).collect();
         (0..numbers.len()).filter(|&i| i + step < numbers.len() && numbers[i + step] == numbers[i] + step).collect()
     }
+}
+
+/// Adds a window of a plane of `width` columns to `out`.
+pub(in crate::wan) fn read_window(plane: &[f16], width: usize, window: Window, out: &mut Vec<f32>) {
+    rows(plane, width, window, |row| {
+        let at = out.len();
+        out.resize(at + row.len(), 0.0);
+        row.convert_to_f32_slice(&mut out[at..]);
+    });
 }
 
 fn rows<T>(plane: &[T], width: usize, window: Window, mut row: impl FnMut(&[T])) {
@@ -152,9 +175,10 @@ fn reduce(frame: &Frame, factor: usize) -> Frame {
     Frame {
         width,
         height,
-        beauty: frame.beauty.as_ref().map(|image| {
-            Rgb::from_fn(width, height, |x, y| [0, 1, 2].map(|c| mean(x, y, &|x, y| image.at(x, y)[c])))
-        }),
+        beauty: frame
+            .beauty
+            .as_ref()
+            .map(|image| Rgb::from_fn(width, height, |x, y| [0, 1, 2].map(|c| mean(x, y, &|x, y| image.at(x, y)[c])))),
         alpha: Image::from_fn(width, height, |x, y| mean(x, y, &|x, y| *frame.alpha.at(x, y))),
         albedo: sample(&frame.albedo),
         normal: sample(&frame.normal),

@@ -5,7 +5,7 @@ use crate::train::runner;
 use crate::train::schedule::Decay;
 use crate::wan::config::VaeConfig;
 use crate::wan::flow::{FlowConfig, InverseConfig, KeyframeConfig};
-use crate::weights::Precision;
+use crate::wan::weights::Precision;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
