@@ -2,8 +2,12 @@
 //!
 //! A stretch of frames is cut as long videos are rendered: clips of 1 + s frames (s what a latent frame spans, 4 with Wan's
 //! autoencoder), each beginning with the last frame of the one before. The first latent frame of a clip is that of its first
-//! picture by itself, so stills and keyframes cost nothing more. Latents are normalised and kept in half precision: their values
-//! are about 1, and its 11 bits are finer than what the autoencoder tells apart.
+//! picture by itself, so keyframes cost nothing more. Latents are normalised and kept in half precision: their values are about 1,
+//! and its 11 bits are finer than what the autoencoder tells apart. They can be kept in a folder, for the stages that follow.
+
+mod store;
+
+pub use store::Store;
 
 use crate::Result;
 use crate::data::Clip;
@@ -31,24 +35,24 @@ pub fn mask_cells(known: &[bool], latent_frames: usize, cells: usize, plane: usi
 }
 
 /// The latent frame that begins with a picture: that of the picture by itself.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Anchor {
     /// Page of the album.
     pub page: usize,
     /// Number of its frame in the sequence.
     pub number: usize,
     /// `[z, h, w]` of each [`Kind`].
-    kinds: [Vec<f16>; 6],
-    /// What follows, where the stretch goes on for a whole clip.
-    next: Option<Next>,
+    pub(super) kinds: [Vec<f16>; 6],
+    /// What follows, where a clip begins here.
+    pub(super) next: Option<Next>,
 }
 
 /// The second latent frame of a clip.
-#[derive(Clone, Debug, Default)]
-struct Next {
-    kinds: [Vec<f16>; 6],
-    /// Of the clip whose first frame is the truth and whose others are grey.
-    reference: Vec<f16>,
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Next {
+    pub kinds: [Vec<f16>; 6],
+    /// Of the clip whose first frame is the truth and whose others are grey; empty where it is not needed.
+    pub reference: Vec<f16>,
 }
 
 /// One clip at one size.
@@ -58,12 +62,14 @@ pub struct ClipLatents {
     pub height: usize,
     /// Latent columns.
     pub width: usize,
+    /// Distance of the numbers of neighbouring frames; see [`Album::stride`].
+    pub stride: usize,
     /// In order of their frames.
     pub anchors: Vec<Anchor>,
     /// Pictures that predictions are compared with.
     pub album: Album,
-    /// Latents of grey, `[z, 2, h, w]`.
-    grey: Vec<f16>,
+    /// Latents of grey, `[z, 1 or 2, h, w]`.
+    pub(super) grey: Vec<f16>,
 }
 
 impl Stored for ClipLatents {
@@ -90,61 +96,91 @@ pub struct Encoder<'a> {
     pub sizes: Vec<usize>,
     /// What sides of pictures are multiples of.
     pub multiple: usize,
+    /// Whether every frame is needed by itself, not only the first of each clip.
+    pub stills: bool,
     /// Whether clips of several frames are needed.
     pub clips: bool,
     /// Whether the latents of references are needed.
     pub references: bool,
     /// Kinds whose pictures are kept; with any, masks are kept too.
     pub pictures: &'a [Kind],
+    /// Where latents are kept and looked for.
+    pub store: Option<Store>,
 }
 
 impl Encoder<'_> {
     /// The latents of a clip at each size.
     ///
     /// # Errors
-    /// When the clip cannot be used or the autoencoder does not fit.
+    /// When the clip cannot be used, the autoencoder does not fit, or a kept file is broken or cannot be written.
     pub fn encode(&self, clip: &Clip) -> Result<Vec<ClipLatents>> {
-        self.sizes.iter().map(|&size| self.at_size(Album::new(clip, Some(size), size, self.multiple)?)).collect()
+        self.sizes.iter().map(|&size| self.at_size(clip, size)).collect()
     }
 
-    fn at_size(&self, album: Album) -> Result<ClipLatents> {
+    fn at_size(&self, clip: &Clip, size: usize) -> Result<ClipLatents> {
+        let album = Album::new(clip, Some(size), size, self.multiple)?;
+        let file = self.store.as_ref().map(|store| {
+            let settings = [album.width, album.height, self.stills.into(), self.clips.into(), self.references.into()];
+            store.file(clip, &settings)
+        });
+        let mut latents = match file.as_deref().map(store::read).transpose()?.flatten() {
+            Some(latents) => latents,
+            None => {
+                let latents = self.of_album(&album)?;
+                file.as_deref().map(|file| store::write(file, &latents)).transpose()?;
+                latents
+            }
+        };
+        if !self.pictures.is_empty() {
+            latents.album = album.keeping(self.pictures);
+        }
+        Ok(latents)
+    }
+
+    fn of_album(&self, album: &Album) -> Result<ClipLatents> {
         let config = self.vae.config();
         let (step, factor) = (config.temporal_factor(), config.spatial_factor());
-        let (height, width) = (album.height / factor, album.width / factor);
-        let stretches = album.stretches(step);
+        let stretches = if self.clips { album.stretches(step) } else { Vec::new() };
         let mut anchors: Vec<Anchor> = Vec::new();
-        let mut page = 0;
-        while page < album.pages.len() {
-            // A stretch is over where numbers are left out, or where it is shorter than a clip.
-            let whole = self.clips && stretches.binary_search(&page).is_ok();
-            let frames = if whole { 1 + step } else { 1 };
-            let mut anchor =
-                Anchor { page, number: album.pages[page].number, next: whole.then(Next::default), ..Anchor::default() };
-            for kind in Kind::ALL {
-                let (first, second) = self.frames(&album, page, frames, kind, false)?;
-                anchor.kinds[kind as usize] = first;
-                if let Some(next) = &mut anchor.next {
-                    next.kinds[kind as usize] = second;
-                }
+        // The page that the next clip begins with; the pages before it belong to the last.
+        let mut begin = 0;
+        for page in 0..album.pages.len() {
+            let whole = page >= begin && stretches.binary_search(&page).is_ok();
+            // The last frame of a clip begins another, or ends its stretch.
+            if !(self.stills || whole || page >= begin) {
+                continue;
             }
-            if let (Some(next), true) = (&mut anchor.next, self.references) {
-                next.reference = self.frames(&album, page, frames, Kind::Target, true)?.1;
+            if whole {
+                begin = page + step;
             }
-            anchors.push(anchor);
-            page = if whole { page + step } else { self.after(&album, page, step) };
+            anchors.push(self.anchor(album, page, if whole { 1 + step } else { 1 })?);
         }
         let frames = if self.clips { 1 + step } else { 1 };
         let nothing = Tensor::zeros([1, 3, frames, album.height, album.width], &Device::flex());
-        let grey = halves(to_vec(self.vae.encode_normalised(nothing)?));
-        let album = if self.pictures.is_empty() { Album::default() } else { album.keeping(self.pictures) };
-        Ok(ClipLatents { height, width, anchors, album, grey })
+        Ok(ClipLatents {
+            height: album.height / factor,
+            width: album.width / factor,
+            stride: album.stride(),
+            anchors,
+            album: Album::default(),
+            grey: halves(to_vec(self.vae.encode_normalised(nothing)?)),
+        })
     }
 
-    /// The anchor after one that begins no clip: a whole step on, or the first page of what follows a gap.
-    fn after(&self, album: &Album, page: usize, step: usize) -> usize {
-        let number = |page: usize| album.pages[page].number;
-        let end = (page + step).min(album.pages.len());
-        (page + 1..end).find(|&next| number(next) != number(next - 1) + 1).unwrap_or(end)
+    fn anchor(&self, album: &Album, page: usize, frames: usize) -> Result<Anchor> {
+        let next = (frames > 1).then(Next::default);
+        let mut anchor = Anchor { page, number: album.pages[page].number, next, ..Anchor::default() };
+        for kind in Kind::ALL {
+            let (first, second) = self.frames(album, page, frames, kind, false)?;
+            anchor.kinds[kind as usize] = first;
+            if let Some(next) = &mut anchor.next {
+                next.kinds[kind as usize] = second;
+            }
+        }
+        if let (Some(next), true) = (&mut anchor.next, self.references) {
+            next.reference = self.frames(album, page, frames, Kind::Target, true)?.1;
+        }
+        Ok(anchor)
     }
 
     /// First and second latent frame of a clip of a kind; where `reference`, all pictures but the first are grey.

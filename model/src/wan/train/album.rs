@@ -141,10 +141,16 @@ impl Album {
         self
     }
 
-    /// First pages of the stretches of `1 + step` frames whose numbers follow each other.
+    /// Smallest distance of the numbers of two pages: 1, or more where a dataset stores every n-th frame.
+    pub fn stride(&self) -> usize {
+        let distances = self.pages.windows(2).map(|pair| pair[1].number.saturating_sub(pair[0].number));
+        distances.min().unwrap_or(1).max(1)
+    }
+
+    /// First pages of the stretches of `1 + step` pages that are one [`Self::stride`] apart.
     pub fn stretches(&self, step: usize) -> Vec<usize> {
-        let numbers: Vec<usize> = self.pages.iter().map(|page| page.number).collect();
-        (0..numbers.len()).filter(|&i| i + step < numbers.len() && numbers[i + step] == numbers[i] + step).collect()
+        let (pages, distance) = (&self.pages, step * self.stride());
+        (0..pages.len()).filter(|&i| i + step < pages.len() && pages[i + step].number == pages[i].number + distance).collect()
     }
 }
 

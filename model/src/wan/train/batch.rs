@@ -110,9 +110,9 @@ impl Drawing<'_> {
             let fits = anchors.filter(|&anchor| kind.frames == 1 || sized[size].begins_clip(anchor));
             items.extend(fits.map(|anchor| Item { clip, anchor }));
         }
-        let offsets = match self.lesson {
+        let (offsets, stride) = match self.lesson {
             Lesson::Render { gap: Some(gap) } => self.keyframes(&mut items, &at, gap, rng)?,
-            _ => Vec::new(),
+            _ => (Vec::new(), 1),
         };
         if items.is_empty() {
             let reason = format!("no {} frames in a row in the clips in memory", kind.frames);
@@ -128,7 +128,10 @@ impl Drawing<'_> {
         let (side, frames) = (kind.size / factor, vae.latent_frames(kind.frames).unwrap_or(1));
         let mut batch = LatentBatch {
             shape: [kind.items, vae.z_dim, frames, side, side],
-            keyframes: offsets.iter().map(|&o| (Vec::new(), o as f64 / vae.temporal_factor() as f64)).collect(),
+            keyframes: offsets
+                .iter()
+                .map(|&offset| (Vec::new(), offset as f64 / (stride * vae.temporal_factor()) as f64))
+                .collect(),
             intrinsic,
             ..LatentBatch::default()
         };
@@ -169,30 +172,34 @@ impl Drawing<'_> {
     }
 
     /// Chooses where the keyframes of a batch are, in frames from the first of each clip: the nearest at or before it and the next, a
-    /// gap later. Keeps the items that have both, or the one there is.
+    /// gap later. Keeps the items that have both, or the one there is, and the stride of one of them: a batch has one distance.
     fn keyframes<'b>(
         &self,
         items: &mut Vec<Item>,
         at: &dyn Fn(Item) -> &'b ClipLatents,
         gap: usize,
         rng: &mut Pcg64Mcg,
-    ) -> Result<Vec<i64>> {
-        let (step, gap) = (self.network.vae.temporal_factor() as i64, gap as i64);
-        let nearest = (0..gap / step).map(|i| -i * step);
+    ) -> Result<(Vec<i64>, usize)> {
+        let missing = || Error::Data { place: "training data".into(), reason: format!("no keyframe within {gap} frames") };
+        if items.is_empty() {
+            return Err(missing());
+        }
+        let stride = at(items[rng.random_range(0..items.len())]).stride;
+        items.retain(|item| at(*item).stride == stride);
         let has = |item: &Item, offset: i64| at(*item).offset(item.anchor, offset).is_some();
         let mut choices: Vec<Vec<i64>> = Vec::new();
-        for offset in nearest {
-            let both = vec![offset, offset + gap];
+        for offset in (0..gap as i64).step_by(stride).map(|offset| -offset) {
+            let both = vec![offset, offset + gap as i64];
             let complete = items.iter().any(|item| both.iter().all(|o| has(item, *o)));
             let alone = both.iter().find(|o| items.iter().any(|item| has(item, **o)));
             choices.extend(if complete { Some(both) } else { alone.map(|o| vec![*o]) });
         }
         if choices.is_empty() {
-            return Err(Error::Data { place: "training data".into(), reason: format!("no keyframe within {gap} frames") });
+            return Err(missing());
         }
         let offsets = choices.swap_remove(rng.random_range(0..choices.len()));
         items.retain(|item| offsets.iter().all(|o| has(item, *o)));
-        Ok(offsets)
+        Ok((offsets, stride))
     }
 
     fn add(

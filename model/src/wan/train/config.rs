@@ -158,7 +158,7 @@ pub enum Stage {
         /// The adapter; a renderer that has one keeps it.
         #[serde(default)]
         network: KeyframeConfig,
-        /// Frames from a keyframe to the next, a multiple of what a latent frame spans.
+        /// Frames from a keyframe to the next, counted as sequences count them.
         #[serde(default = "sixteen")]
         gap: usize,
         /// The rest.
@@ -217,6 +217,9 @@ pub struct Config {
     pub optimizer: OptimizerConfig,
     /// Folder with the weights of LPIPS ([`crate::lpips::weights_folder`] where none is named).
     pub lpips_weights: Option<PathBuf>,
+    /// Folder where latents are kept, for this run when it is resumed and for later stages with the same autoencoder; `None` makes them
+    /// anew in each run, which takes longer than reading frames.
+    pub latents_folder: Option<PathBuf>,
     /// Mebibytes of training data held in memory.
     pub cache_mib: usize,
     /// Steps after which a clip is replaced when not all fit.
@@ -240,6 +243,7 @@ impl Default for Config {
             batches: vec![BatchConfig { size: 128, frames: 1, items: 8, weight: 1.0 }],
             optimizer: OptimizerConfig::default(),
             lpips_weights: None,
+            latents_folder: None,
             cache_mib: 8192,
             rotate_steps: 50,
             checkpoint_steps: 500,

@@ -18,7 +18,7 @@ pub use config::{AutoencoderLoss, BatchConfig, Config, LatentConfig, OptimizerCo
 
 use super::config::VaeConfig;
 use super::flow::{Flow, FlowConfig, Group};
-use super::latents::{ClipLatents, Encoder};
+use super::latents::{ClipLatents, Encoder, Store};
 use super::names::{Named, Naming};
 use super::pictures::Kind;
 use super::vae::Vae;
@@ -234,12 +234,6 @@ impl Run<'_> {
             return Err(Error::config("stage.latents.autoencoder", reason));
         }
         self.check_batches(network.pixel_multiple(), &network.vae)?;
-        if let Lesson::Render { gap: Some(gap) } = lesson
-            && !gap.is_multiple_of(network.vae.temporal_factor())
-        {
-            let reason = format!("{gap} is no multiple of the {} frames of a latent frame", network.vae.temporal_factor());
-            return Err(Error::config("stage.gap", reason));
-        }
         let drawing = Drawing { network: &network, latents, batches: &config.batches, lesson };
         let vae = vae.no_grad();
         let plain = vae.valid();
@@ -248,6 +242,7 @@ impl Run<'_> {
             vae: &plain,
             sizes: drawing.sizes(),
             multiple: network.pixel_multiple(),
+            stills: config.batches.iter().any(|b| b.frames == 1),
             clips: config.batches.iter().any(|b| b.frames > 1),
             references: latents.reference_probability > 0.0 && lesson != Lesson::Invert,
             pictures: match lesson {
@@ -255,6 +250,7 @@ impl Run<'_> {
                 Lesson::Render { .. } => &[Kind::Target],
                 Lesson::Invert => &[Kind::Albedo, Kind::Normal, Kind::Depth, Kind::Material],
             },
+            store: config.latents_folder.as_deref().map(|folder| Store::new(folder, &plain)),
         };
         let wants_lpips = if lesson == Lesson::Invert { albedo_lpips } else { latents.pixels.lpips };
         let learner = FlowLearner {
