@@ -142,14 +142,15 @@ fn an_autoencoder_learns_and_resumes() {
     };
     resumes(folder.path(), autoencoder, &clips, small);
 
-    let path = some_autoencoder(folder.path(), 60, &clips);
+    let path = some_autoencoder(folder.path(), 150, &clips);
     let losses = losses(&folder.path().join("autoencoder"));
     let mean = |part: &[(u64, f32)]| part.iter().map(|(_, loss)| loss).sum::<f32>() / part.len() as f32;
-    assert!(mean(&losses[40..]) < 0.8 * mean(&losses[..10]), "{losses:?}");
+    let [before, after] = [mean(&losses[..20]), mean(&losses[110..])];
+    assert!(after < 0.6 * before, "{before} at first, {after} at last");
 
     // The statistics it was saved with make its latents standard.
     let (vae, provenance) = open_autoencoder(&path, &VaeConfig::wan(), &Device::flex()).expect("autoencoder");
-    assert_eq!(provenance.steps, 60);
+    assert_eq!(provenance.steps, 150);
     assert!(vae.config().latents_std.iter().all(|s| *s > 0.0 && *s != 1.0), "{:?}", vae.config().latents_std);
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
     for clip in encoded(&vae, &clips, true) {

@@ -14,7 +14,7 @@ use crate::wan::pictures::Kind;
 use crate::wan::probe::Probe;
 use crate::wan::vae::Vae;
 use crate::{Error, Result};
-use burn::module::Module;
+use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -69,6 +69,22 @@ impl PictureBatch {
         let [b, t, h, w] = self.shape;
         Tensor::from_data(TensorData::new(self.pictures.clone(), [b, 3, t, h, w]), device)
     }
+}
+
+/// Logarithm of the variance that latents of a new autoencoder begin with. At 0, where random weights put it, the noise they are drawn
+/// with is larger than what they say, and hundreds of steps teach nothing.
+const LOG_VARIANCE: f32 = -6.0;
+
+/// A new autoencoder, ready to be trained.
+///
+/// # Errors
+/// When the configuration is invalid.
+pub fn new_autoencoder(config: &VaeConfig, seed: u64, device: &Device) -> Result<Vae> {
+    let mut vae = Vae::new(config, seed, device)?;
+    let mut bias = vec![0.0; 2 * config.z_dim];
+    bias[config.z_dim..].fill(LOG_VARIANCE);
+    vae.quant.bias = Param::from_tensor(Tensor::from_data(bias.as_slice(), device));
+    Ok(vae)
 }
 
 /// What the loop needs.

@@ -7,7 +7,8 @@ use crate::wan::config::VaeConfig;
 use crate::wan::flow::{FlowConfig, InverseConfig, KeyframeConfig};
 use crate::wan::weights::Precision;
 use crate::{Error, Result};
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::path::PathBuf;
 
 /// A kind of batch.
@@ -130,8 +131,9 @@ impl Default for LatentConfig {
 pub enum Stage {
     /// An autoencoder, on pictures of all kinds.
     Autoencoder {
-        /// The network, where training does not start from a file; its statistics of latents are measured in training.
-        #[serde(default = "small_autoencoder")]
+        /// The network, where training does not start from a file, or the name of a preset ([`FlowConfig::PRESETS`]); its statistics
+        /// of latents are measured in training.
+        #[serde(default = "small_autoencoder", deserialize_with = "autoencoder_or_preset")]
         network: VaeConfig,
         /// Weights file to start from.
         #[serde(default)]
@@ -142,7 +144,8 @@ pub enum Stage {
     },
     /// The renderer without optional adapters.
     Base {
-        /// The network; its autoencoder is replaced by that of the file.
+        /// The network, or the name of a preset ([`FlowConfig::PRESETS`]); its autoencoder is replaced by that of the file.
+        #[serde(deserialize_with = "network_or_preset")]
         network: Box<FlowConfig>,
         /// Weights file to start from: one of this program, or published ones of Wan or VACE.
         #[serde(default)]
@@ -183,6 +186,32 @@ pub enum Stage {
         #[serde(default)]
         latents: LatentConfig,
     },
+}
+
+fn network_or_preset<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Box<FlowConfig>, D::Error> {
+    match given(deserializer)? {
+        Given::Preset(network) => Ok(network),
+        Given::Value(value) => serde_json::from_value(value).map_err(D::Error::custom),
+    }
+}
+
+fn autoencoder_or_preset<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<VaeConfig, D::Error> {
+    match given(deserializer)? {
+        Given::Preset(network) => Ok(network.vae),
+        Given::Value(value) => serde_json::from_value(value).map_err(D::Error::custom),
+    }
+}
+
+enum Given {
+    Preset(Box<FlowConfig>),
+    Value(serde_json::Value),
+}
+
+fn given<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Given, D::Error> {
+    let value = serde_json::Value::deserialize(deserializer)?;
+    let serde_json::Value::String(name) = &value else { return Ok(Given::Value(value)) };
+    let unknown = || D::Error::custom(format!("{name} is none of the presets {}", FlowConfig::PRESETS.join(", ")));
+    FlowConfig::preset(name).map(|network| Given::Preset(Box::new(network))).ok_or_else(unknown)
 }
 
 fn small_autoencoder() -> VaeConfig {
@@ -358,4 +387,34 @@ pub(super) fn difference(a: &Config, b: &Config) -> Option<&'static str> {
         .into_iter()
         .find(|(_, same)| !same)
         .map(|(option, _)| option)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn configurations_are_read_as_they_are_written() {
+        let text = r#"{"stage": {"base": {"network": "wan-small", "latents": {"autoencoder": "vae.safetensors"}}}, "steps": 7}"#;
+        let config: Config = serde_json::from_str(text).expect("a preset");
+        config.validate().expect("valid");
+        let Stage::Base { network, latents, .. } = &config.stage else { panic!("{:?}", config.stage) };
+        assert_eq!((**network).clone(), FlowConfig::small());
+        assert_eq!((latents.reference_probability, latents.bridge, config.steps), (0.5, Bridge::default(), 7));
+        let again: Config = serde_json::from_str(&serde_json::to_string(&config).expect("text")).expect("the same");
+        assert_eq!(again, config);
+        let default = Config::default();
+        default.validate().expect("valid");
+        let again: Config = serde_json::from_str(&serde_json::to_string(&default).expect("text")).expect("the same");
+        assert_eq!(again, default);
+        for (text, word) in [
+            (r#"{"stage": {"base": {"network": "wan-big"}}}"#, "wan-small"),
+            (r#"{"stage": {"base": {"network": "wan-small", "pixels": 1}}}"#, "pixels"),
+            (r#"{"stage": {"autoencoder": {"network": {"base_dim": 3}}}}"#, "decoder_base_dim"),
+            (r#"{"rate": 3}"#, "rate"),
+        ] {
+            let error = serde_json::from_str::<Config>(text).expect_err("not a configuration").to_string();
+            assert!(error.contains(word), "{error}");
+        }
+    }
 }

@@ -31,7 +31,7 @@ use crate::train::pool::{Make, Pool, PoolSettings, Stored};
 use crate::train::runner::{Learner, Outcome, Report, Runner};
 use crate::{Error, Result};
 use album::Album;
-use autoencoder::{AutoencoderLearner, PictureBatch, Sample};
+use autoencoder::{AutoencoderLearner, PictureBatch, Sample, new_autoencoder};
 use batch::{Drawing, LatentBatch, Lesson};
 use burn::module::Module;
 use burn::tensor::Device;
@@ -155,7 +155,7 @@ impl Run<'_> {
         let config = self.config;
         let (vae, provenance) = match start {
             Some(path) => open_autoencoder(path, network, &self.device)?,
-            None => (Vae::new(network, config.seed, &self.device)?, self.drawn()),
+            None => (new_autoencoder(network, config.seed, &self.device)?, self.drawn()),
         };
         let network = vae.config().clone();
         self.check_batches(network.spatial_factor(), &network)?;
