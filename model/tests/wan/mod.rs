@@ -1,6 +1,9 @@
 //! Reference tensors of the wan networks and how results are compared with them.
 #![allow(dead_code)]
 
+pub mod flow;
+pub mod gradients;
+
 use burn::tensor::{Device, Tensor, TensorData};
 use renderflow_model::wan::weights::Source;
 use std::path::{Path, PathBuf};

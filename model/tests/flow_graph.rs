@@ -1,0 +1,430 @@
+//! The renderer against itself: what adapters change and what they leave alone, stages, keyframes, counts, limits.
+
+mod wan;
+
+use burn::tensor::{Device, Tensor};
+use renderflow_model::parameters;
+use renderflow_model::wan::dit::DitInput;
+use renderflow_model::wan::flow::{
+    Conditions, Environment, Group, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent, Part, Query, Shared,
+};
+use renderflow_model::wan::names::Named;
+use renderflow_model::wan::{Flow, FlowConfig, Probe};
+use wan::flow::{conditions, config, latents, warm, warmed};
+use wan::values;
+
+const CLIP: [usize; 4] = [2, 2, 4, 6];
+const TIMES: [f64; 2] = [0.0, 0.25];
+
+fn both() -> [FlowConfig; 2] {
+    [config(Query::Dedicated, Environment::Pooled, 3), config(Query::Reused, Environment::Tokens, 0)]
+}
+
+fn velocity(flow: &Flow, conditions: &Conditions) -> Vec<f32> {
+    let z_t = latents(CLIP, &Device::flex());
+    values(flow.velocity(z_t, &TIMES, conditions, &mut Probe::idle()).expect("renders")).values
+}
+
+fn invert(flow: &Flow, intrinsic: Intrinsic) -> Vec<f32> {
+    let z_t = latents(CLIP, &Device::flex());
+    values(flow.invert(z_t, &TIMES, intrinsic, &mut Probe::idle()).expect("inverts")).values
+}
+
+/// Largest difference over the largest value.
+fn difference(a: &[f32], b: &[f32]) -> f32 {
+    assert!(a.len() == b.len() && a.iter().chain(b).all(|v| v.is_finite()));
+    let largest = b.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    a.iter().zip(b).fold(0.0f32, |most, (a, b)| most.max((a - b).abs())) / largest
+}
+
+/// The environment's projections, the attributes' embedder where it is 0, and the keyframe adapter leave the backbone bit for bit.
+#[test]
+fn adapters_begin_as_nothing() {
+    let device = Device::flex();
+    for config in both() {
+        let mut flow = Flow::new(&config, 3, &device).expect("network");
+        flow.attributes = warmed(flow.attributes, &device);
+        assert!(
+            velocity(&flow, &conditions(&config, CLIP, &[], &device)).iter().all(|&v| v == 0.0),
+            "the first image is the albedo"
+        );
+        let z_t = values(latents(CLIP, &device)).values;
+        assert!(Intrinsic::ALL.iter().all(|&intrinsic| invert(&flow, intrinsic) == z_t), "and the first albedo is the image");
+
+        // With a head, but adapters that have learned nothing.
+        flow.dit.head = warmed(flow.dit.head, &device);
+        let nothing = parameters::export(&flow.attributes).iter().map(|p| vec![0.0; p.values.len()]).collect::<Vec<_>>();
+        let nothing: Vec<&[f32]> = nothing.iter().map(Vec::as_slice).collect();
+        flow.attributes = parameters::import(flow.attributes, &nothing, &device);
+        let input = DitInput { latents: latents(CLIP, &device), times: vec![1000.0, 750.0], text: None };
+        let plain = values(flow.dit.forward(input, &mut Probe::idle()).expect("runs").neg()).values;
+        assert!(plain.iter().any(|&v| v != 0.0));
+        assert!(velocity(&flow, &conditions(&config, CLIP, &[], &device)) == plain, "environment");
+        assert!(velocity(&flow, &conditions(&config, CLIP, &[0.5, 3.0], &device)) == plain, "keyframes");
+    }
+}
+
+/// What an adapter has learned is not seen where it is not asked for.
+#[test]
+fn adapters_leave_the_rest_alone() {
+    let device = Device::flex();
+    for config in both() {
+        let flow = warm(&config, &device);
+        let (without, with) = (conditions(&config, CLIP, &[], &device), conditions(&config, CLIP, &[0.5], &device));
+        let bare = FlowConfig { keyframes: None, inverse: None, ..config.clone() };
+        let mut base = Flow::new(&bare, 3, &device).expect("network");
+        (base.dit, base.attributes, base.environment) = (flow.dit.clone(), flow.attributes.clone(), flow.environment.clone());
+        assert!(velocity(&base, &without) == velocity(&flow, &without));
+        assert!(difference(&velocity(&flow, &with), &velocity(&flow, &without)) > 1e-3, "keyframes act");
+
+        let moved = |group: Group| {
+            let mut all = parameters::export(&flow);
+            let of_group = all.iter_mut().filter(|p| Group::of(&p.name) == group);
+            of_group.for_each(|p| p.values.iter_mut().for_each(|v| *v = 1.25 * *v + 0.01));
+            let values: Vec<&[f32]> = all.iter().map(|p| p.values.as_slice()).collect();
+            parameters::import(flow.clone(), &values, &device)
+        };
+        let (keyframes, inverse) = (moved(Group::Keyframes), moved(Group::Inverse));
+        assert!(velocity(&keyframes, &without) == velocity(&flow, &without));
+        assert!(velocity(&keyframes, &with) != velocity(&flow, &with));
+        assert!(velocity(&inverse, &with) == velocity(&flow, &with));
+        for intrinsic in Intrinsic::ALL {
+            assert!(invert(&keyframes, intrinsic) == invert(&flow, intrinsic));
+            assert!(invert(&inverse, intrinsic) != invert(&flow, intrinsic));
+        }
+        let each = Intrinsic::ALL.map(|intrinsic| invert(&flow, intrinsic));
+        assert!((1..4).all(|i| each[i] != each[i - 1]), "intrinsics differ");
+    }
+}
+
+#[test]
+fn stages_are_the_whole() {
+    let device = Device::flex();
+    for config in both() {
+        let flow = warm(&config, &device);
+        let run = |(mut tokens, shared): (Tensor<3>, Shared)| {
+            let count = shared.tensors().len();
+            let shared = shared.with_tensors(shared.tensors());
+            (0..config.dit.layers).for_each(|i| tokens = flow.block(i, tokens.clone(), &shared));
+            (count, values(flow.finish(tokens, &shared)).values)
+        };
+        for (keyframes, count) in [(vec![], 3), (vec![-1.0, 2.25], 4)] {
+            let conditions = conditions(&config, CLIP, &keyframes, &device);
+            let prepared = flow.prepare(latents(CLIP, &device), &TIMES, &conditions, &mut Probe::idle()).expect("fits");
+            assert_eq!(prepared.1.grid(), [2, 2, 3]);
+            assert!(run(prepared) == (count, velocity(&flow, &conditions)));
+        }
+        let z_t = latents(CLIP, &device);
+        let prepared = flow.prepare_inverse(z_t.clone(), &TIMES, Intrinsic::Depth, &mut Probe::idle()).expect("fits");
+        let (count, velocity) = run(prepared);
+        assert_eq!(count, 3);
+        let half = velocity.len() / 2;
+        let end: Vec<f32> = values(z_t)
+            .values
+            .iter()
+            .zip(&velocity)
+            .enumerate()
+            .map(|(i, (z, v))| z + if i < half { 1.0 } else { 0.75 } * v)
+            .collect();
+        assert!(difference(&invert(&flow, Intrinsic::Depth), &end) < 1e-6);
+    }
+}
+
+/// Shared tensors reach the blocks: with others in their place the result is another.
+#[test]
+fn shared_tensors_are_what_the_blocks_see() {
+    let device = Device::flex();
+    let [config, _] = both();
+    let flow = warm(&config, &device);
+    let conditions = conditions(&config, CLIP, &[1.0], &device);
+    let (tokens, shared) = flow.prepare(latents(CLIP, &device), &TIMES, &conditions, &mut Probe::idle()).expect("fits");
+    let of = |shared: &Shared| values(flow.finish(flow.block(0, tokens.clone(), shared), shared)).values;
+    for i in 0..shared.tensors().len() {
+        let mut tensors = shared.tensors();
+        tensors[i] = tensors[i].clone().mul_scalar(1.5);
+        assert!(of(&shared.with_tensors(tensors)) != of(&shared), "tensor {i}");
+    }
+}
+
+/// Each clip of a batch is rendered by itself, at its own time.
+#[test]
+fn a_batch_is_its_clips_one_by_one() {
+    let device = Device::flex();
+    for config in both() {
+        let flow = warm(&config, &device);
+        let all = conditions(&config, CLIP, &[0.5, -2.0], &device);
+        let z_t = latents(CLIP, &device);
+        let together = velocity(&flow, &all);
+        let inverse = invert(&flow, Intrinsic::Normal);
+        let size = together.len() / 2;
+        for i in 0..2 {
+            let cut = |x: &Tensor<5>| x.clone().narrow(0, i, 1);
+            let one = Conditions {
+                attributes: cut(&all.attributes),
+                environment: cut(&all.environment),
+                keyframes: all.keyframes.iter().map(|k| KeyframeLatent { latent: cut(&k.latent), time: k.time }).collect(),
+            };
+            let alone = flow.velocity(cut(&z_t), &TIMES[i..=i], &one, &mut Probe::idle()).expect("renders");
+            assert!(difference(&values(alone).values, &together[i * size..][..size]) < 1e-5);
+            let alone = flow.invert(cut(&z_t), &TIMES[i..=i], Intrinsic::Normal, &mut Probe::idle()).expect("inverts");
+            assert!(difference(&values(alone).values, &inverse[i * size..][..size]) < 1e-5);
+        }
+    }
+}
+
+/// Attention to keyframes sees how far away in time they are, whole latent frames or not, before or after.
+#[test]
+fn keyframes_are_placed_by_distances() {
+    let device = Device::flex();
+    for mut config in both() {
+        config.environment = Environment::Pooled;
+        let mut flow = warm(&config, &device);
+        // Without self-attention a token sees itself and the keyframe only.
+        for block in &mut flow.dit.blocks {
+            let out = parameters::export(&block.attention.to_out).iter().map(|p| vec![0.0; p.values.len()]).collect::<Vec<_>>();
+            let out: Vec<&[f32]> = out.iter().map(Vec::as_slice).collect();
+            block.attention.to_out = parameters::import(block.attention.to_out.clone(), &out, &device);
+        }
+        // Three times the same frame.
+        let still = |x: Tensor<5>| x.narrow(2, 0, 1).repeat_dim(2, 3);
+        let clip = [1, 3, 4, 4];
+        let frames = |time: f64| {
+            let Conditions { attributes, environment, keyframes } = conditions(&config, clip, &[time], &device);
+            let conditions = Conditions { attributes: still(attributes), environment: still(environment), keyframes };
+            let v = flow.velocity(still(latents(clip, &device)), &[0.0], &conditions, &mut Probe::idle()).expect("renders");
+            [0, 1, 2].map(|i| values(v.clone().narrow(2, i, 1)).values)
+        };
+        let (near, far) = (frames(1.25), frames(0.25));
+        assert!(difference(&near[1], &far[0]) < 1e-5 && difference(&near[2], &far[1]) < 1e-5);
+        let before = frames(-1.25);
+        assert!(difference(&before[0], &frames(0.75)[2]) < 1e-5);
+        assert!(difference(&near[0], &far[0]) > 1e-3, "distances are told apart");
+        assert!(difference(&near[0], &before[0]) > 1e-3, "before and after are told apart");
+    }
+}
+
+#[test]
+fn the_order_of_keyframes_does_not_matter() {
+    let device = Device::flex();
+    for config in both() {
+        let flow = warm(&config, &device);
+        let mut conditions = conditions(&config, CLIP, &[-1.5, 0.0, 4.25], &device);
+        let one = velocity(&flow, &conditions);
+        conditions.keyframes.rotate_left(1);
+        assert!(difference(&velocity(&flow, &conditions), &one) < 1e-5);
+        conditions.keyframes.swap(0, 1);
+        assert!(difference(&velocity(&flow, &conditions), &one) < 1e-5);
+        conditions.keyframes.pop();
+        assert!(difference(&velocity(&flow, &conditions), &one) > 1e-3, "each one counts");
+    }
+}
+
+/// A mean has no place: with the pooled environment, only its tokens count, not where they are.
+#[test]
+fn a_pooled_environment_has_no_places() {
+    let device = Device::flex();
+    let turned = |config: &FlowConfig| {
+        let flow = warm(config, &device);
+        let mut conditions = conditions(config, CLIP, &[], &device);
+        let one = velocity(&flow, &conditions);
+        let w = conditions.environment.dims()[4];
+        let (left, right) = (conditions.environment.clone().narrow(4, 0, 2), conditions.environment.narrow(4, 2, w - 2));
+        conditions.environment = Tensor::cat(vec![right, left], 4);
+        difference(&velocity(&flow, &conditions), &one)
+    };
+    let [pooled, tokens] = both();
+    assert!(turned(&pooled) < 1e-5);
+    assert!(turned(&tokens) > 1e-3);
+}
+
+/// A correction inside the weights is the correction beside them.
+#[test]
+fn corrections_can_be_merged() {
+    let device = Device::flex();
+    let [config, _] = both();
+    let mut flow = warm(&config, &device);
+    let (keyed, normal) = (conditions(&config, CLIP, &[0.5], &device), invert(&flow, Intrinsic::Normal));
+    let rendered = velocity(&flow, &keyed);
+    let mut merged = flow.clone();
+    for (block, adapter) in merged.dit.blocks.iter_mut().zip(&mut merged.keyframes.as_mut().expect("adapter").blocks) {
+        let [up, down] = adapter.ffn.take().expect("corrections");
+        block.ffn.up = up.merged(block.ffn.up.clone());
+        block.ffn.down = down.merged(block.ffn.down.clone());
+    }
+    assert!(difference(&velocity(&merged, &keyed), &rendered) < 1e-5);
+    for (block, adapter) in flow.dit.blocks.iter_mut().zip(&mut flow.inverse.as_mut().expect("adapter").blocks) {
+        let [q, k, v] = adapter.qkv.take().expect("corrections");
+        block.attention.to_q = q.merged(block.attention.to_q.clone());
+        block.attention.to_k = k.merged(block.attention.to_k.clone());
+        block.attention.to_v = v.merged(block.attention.to_v.clone());
+    }
+    assert!(difference(&invert(&flow, Intrinsic::Normal), &normal) < 1e-5);
+}
+
+/// The published size, item by item, from shapes alone.
+#[test]
+fn parity_parameter_counts_of_the_renderer() {
+    use Part::*;
+    let base = FlowConfig::wan_1_3b();
+    let with_keyframes = base.clone().with_keyframes(KeyframeConfig::default());
+    let account = base.account().expect("valid");
+    println!("{account}");
+    let of_base = [
+        (Backbone, 1_126_858_816),
+        (AttributeEmbedder, 886_272),
+        (EnvironmentEmbedder, 99_840),
+        (EnvironmentAdapter, 141_649_920),
+        (Autoencoder, 126_892_531),
+    ];
+    for (part, parameters) in of_base {
+        assert_eq!(account.of(part), parameters, "{}", part.name());
+    }
+    assert_eq!((account.items.len(), account.total()), (5, 1_396_387_379));
+    assert_eq!(account.total() - account.of(Autoencoder), 1_269_494_848);
+
+    let account = with_keyframes.account().expect("valid");
+    println!("{account}");
+    let added = [(KeyframeAttention, 283_392_000), (KeyframeEmbedder, 99_840), (KeyframeLora, 20_152_320)];
+    for (part, parameters) in of_base.into_iter().chain(added) {
+        assert_eq!(account.of(part), parameters, "{}", part.name());
+    }
+    assert_eq!((account.items.len(), account.total()), (8, 1_700_031_539));
+    assert_eq!(account.of(KeyframeAttention) + account.of(KeyframeEmbedder), 283_491_840);
+
+    // Without queries of its own, and without corrections.
+    let reused = KeyframeConfig { query: Query::Reused, lora_rank: 0, ..KeyframeConfig::default() };
+    let account = base.clone().with_keyframes(reused).account().expect("valid");
+    assert_eq!(account.of(KeyframeAttention), 283_392_000 - 30 * (1536 * 1536 + 2 * 1536));
+    assert_eq!(account.of(KeyframeLora), 0);
+    let account = base.with_inverse(InverseConfig::default()).account().expect("valid");
+    println!("{account}");
+    assert_eq!(account.of(InverseEmbedder), 99_840);
+    assert_eq!(account.of(InverseLora), 30 * 3 * 32 * 2 * 1536);
+    assert_eq!(account.of(InversePrompts), 30 * (9_446_400 + 3_072) + 5 * 4 * 1536);
+    assert_eq!(account.of(InverseHeads), 4 * (1536 * 1536 + 1536 + 1536 * 64 + 64));
+
+    let small = FlowConfig::small().with_keyframes(KeyframeConfig::default()).account().expect("valid");
+    println!("{small}");
+    let transformer = small.total() - small.of(Autoencoder);
+    assert!((19_000_000..21_000_000).contains(&transformer), "{transformer}");
+}
+
+/// Every tensor has a name of its own, and its two groupings agree.
+#[test]
+fn names_tell_the_group() {
+    for config in both() {
+        let flow = Flow::new(&config, 3, &Device::flex()).expect("network");
+        let mut names: Vec<String> = flow.entries().into_iter().flat_map(|e| [e.diffusers, e.original]).collect();
+        let count = parameters::export(&flow).len();
+        names.sort();
+        assert_eq!(flow.entries().len(), count);
+        for naming in [renderflow_model::wan::names::Naming::Diffusers, renderflow_model::wan::names::Naming::Original] {
+            let names: std::collections::HashSet<String> = flow.entries().iter().map(|e| e.name(naming).to_string()).collect();
+            assert_eq!(names.len(), count);
+        }
+        for group in Group::ALL {
+            let parameters = parameters::export(&flow).into_iter().filter(|p| Group::of(&p.name) == group);
+            let parameters: usize = parameters.map(|p| p.values.len()).sum();
+            let tensors = flow.entries().into_iter().filter(|e| Group::of_tensor(&e.diffusers) == group);
+            assert_eq!(tensors.map(|e| e.parameters()).sum::<u64>(), parameters as u64, "{group:?}");
+            assert!(parameters > 0);
+        }
+    }
+}
+
+/// The parts of a renderer do not depend on which others there are; copies begin as copies.
+#[test]
+fn parts_are_drawn_by_themselves() {
+    let device = Device::flex();
+    let [config, _] = both();
+    let flow = Flow::new(&config, 3, &device).expect("network");
+    let alone = Flow::new(&FlowConfig { keyframes: None, ..config.clone() }, 3, &device).expect("network");
+    let of =
+        |flow: &Flow| parameters::export(flow).into_iter().filter(|p| Group::of(&p.name) != Group::Keyframes).collect::<Vec<_>>();
+    assert_eq!(of(&flow), of(&alone));
+    let values = |dense: &renderflow_model::wan::layers::Dense| parameters::export(dense);
+    assert_eq!(values(&flow.environment.embed), values(&flow.dit.patch));
+    assert_eq!(values(&flow.inverse.as_ref().expect("adapter").embed), values(&flow.dit.patch));
+    let other = Flow::new(&config, 4, &device).expect("network");
+    assert!(values(&other.attributes) != values(&flow.attributes));
+}
+
+#[test]
+fn presets_are_valid_and_what_is_not_is_named() {
+    for name in FlowConfig::PRESETS {
+        let config = FlowConfig::preset(name).expect("preset");
+        config.validate().expect("valid");
+        let all = config.with_keyframes(KeyframeConfig::default()).with_inverse(InverseConfig::default());
+        let text = serde_json::to_string(&all).expect("writes");
+        assert_eq!(serde_json::from_str::<FlowConfig>(&text).expect("reads"), all);
+    }
+    assert!(FlowConfig::preset("wan").is_none());
+    let wan = FlowConfig::wan_1_3b();
+    assert_eq!((wan.reference_channels(), wan.attribute_channels(), wan.pixel_multiple()), (96, 144, 16));
+    let [good, _] = both();
+    let wrong = |option: &str, change: &dyn Fn(&mut FlowConfig)| {
+        let mut config = good.clone();
+        change(&mut config);
+        let error = Flow::new(&config, 0, &Device::flex()).expect_err("must fail").to_string();
+        assert!(error.starts_with(&format!("{option}: ")), "{error}");
+    };
+    wrong("dit.text_dim", &|c| c.dit.text_dim = Some(24));
+    wrong("dit.in_channels", &|c| c.dit.in_channels = 5);
+    wrong("dit.out_channels", &|c| c.dit.out_channels = 3);
+    wrong("dit.patch_size", &|c| c.dit.patch_size = [2, 2, 2]);
+    wrong("dit.patch_size", &|c| c.dit.patch_size = [1, 2, 1]);
+    wrong("dit.heads", &|c| c.dit.heads = 0);
+    wrong("vae.z_dim", &|c| c.vae.z_dim = 0);
+    wrong("keyframes.lora_rank", &|c| c.keyframes.as_mut().expect("adapter").lora_rank = 1 << 20);
+    wrong("keyframes.lora_alpha", &|c| c.keyframes.as_mut().expect("adapter").lora_alpha = f32::NAN);
+    wrong("inverse.lora_alpha", &|c| c.inverse.as_mut().expect("adapter").lora_alpha = 0.0);
+    wrong("inverse.prompts", &|c| c.inverse.as_mut().expect("adapter").prompts = 3);
+    wrong("inverse.prompt_tokens", &|c| c.inverse.as_mut().expect("adapter").prompt_tokens = 0);
+}
+
+#[test]
+fn inputs_that_do_not_fit_are_refused() {
+    let device = Device::flex();
+    for config in both() {
+        let flow = warm(&config, &device);
+        let run = |clip: [usize; 4], times: &[f64], change: &dyn Fn(&mut Conditions)| {
+            let mut conditions = conditions(&config, clip, &[0.5], &device);
+            change(&mut conditions);
+            flow.velocity(latents(clip, &device), times, &conditions, &mut Probe::idle())
+        };
+        run(CLIP, &TIMES, &|_| {}).expect("fits");
+        let zeros = |shape| Tensor::<5>::zeros(shape, &device);
+        let channels = config.attribute_channels();
+        let changes: [&dyn Fn(&mut Conditions); 9] = [
+            &|c| c.attributes = zeros([2, channels - 1, 2, 4, 6]),
+            &|c| c.attributes = zeros([2, channels, 1, 4, 6]),
+            &|c| c.environment = zeros([2, 4, 1, 4, 6]),
+            &|c| c.environment = zeros([1, 4, 2, 4, 6]),
+            &|c| c.environment = zeros([2, 4, 2, 3, 6]),
+            &|c| c.keyframes[0].latent = zeros([2, 4, 1, 4, 4]),
+            &|c| c.keyframes[0].latent = zeros([1, 4, 1, 4, 6]),
+            &|c| c.keyframes[0].time = f64::NAN,
+            &|c| c.keyframes[0].time = 1e300,
+        ];
+        for (i, change) in changes.into_iter().enumerate() {
+            let error = run(CLIP, &TIMES, change).expect_err(&format!("change {i} must fail")).to_string();
+            assert!(error.starts_with("transformer: "), "{error}");
+        }
+        let times: [&[f64]; 4] = [&[0.5], &[0.5, 1.5], &[f64::NAN, 0.0], &[-0.1, 0.0]];
+        for times in times {
+            run(CLIP, times, &|_| {}).expect_err("times must fit");
+            flow.invert(latents(CLIP, &device), times, Intrinsic::Albedo, &mut Probe::idle()).expect_err("times must fit");
+        }
+        for clip in [[2, 2, 3, 6], [2, 0, 4, 6]] {
+            run(clip, &TIMES, &|_| {}).expect_err("size must fit");
+            flow.invert(latents(clip, &device), &TIMES, Intrinsic::Albedo, &mut Probe::idle()).expect_err("size must fit");
+        }
+        let bare = FlowConfig { keyframes: None, inverse: None, ..config.clone() };
+        let bare = Flow::new(&bare, 0, &device).expect("network");
+        let conditions = conditions(&config, CLIP, &[0.5], &device);
+        let error = bare.velocity(latents(CLIP, &device), &TIMES, &conditions, &mut Probe::idle()).expect_err("no adapter");
+        assert!(error.to_string().starts_with("keyframes: "), "{error}");
+        let error = bare.invert(latents(CLIP, &device), &TIMES, Intrinsic::Albedo, &mut Probe::idle()).expect_err("no adapter");
+        assert!(error.to_string().starts_with("inverse: "), "{error}");
+    }
+}
