@@ -1,101 +1,17 @@
-//! The renderer against itself: what adapters change and what they leave alone, stages, keyframes, counts, limits.
+//! The renderer as a whole: stages, batches, counts, names, limits.
 
 mod wan;
 
 use burn::tensor::{Device, Tensor};
 use renderflow_model::parameters;
-use renderflow_model::wan::dit::DitInput;
 use renderflow_model::wan::flow::{
-    Conditions, Environment, Group, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent, Part, Query, Shared,
+    Conditions, Group, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent, Part, Query, Shared,
 };
-use renderflow_model::wan::names::Named;
+use renderflow_model::wan::layers::Dense;
+use renderflow_model::wan::names::{Named, Naming};
 use renderflow_model::wan::{Flow, FlowConfig, Probe};
-use wan::flow::{conditions, config, latents, warm, warmed};
+use wan::flow::{CLIP, TIMES, both, conditions, difference, invert, latents, velocity, warm};
 use wan::values;
-
-const CLIP: [usize; 4] = [2, 2, 4, 6];
-const TIMES: [f64; 2] = [0.0, 0.25];
-
-fn both() -> [FlowConfig; 2] {
-    [config(Query::Dedicated, Environment::Pooled, 3), config(Query::Reused, Environment::Tokens, 0)]
-}
-
-fn velocity(flow: &Flow, conditions: &Conditions) -> Vec<f32> {
-    let z_t = latents(CLIP, &Device::flex());
-    values(flow.velocity(z_t, &TIMES, conditions, &mut Probe::idle()).expect("renders")).values
-}
-
-fn invert(flow: &Flow, intrinsic: Intrinsic) -> Vec<f32> {
-    let z_t = latents(CLIP, &Device::flex());
-    values(flow.invert(z_t, &TIMES, intrinsic, &mut Probe::idle()).expect("inverts")).values
-}
-
-/// Largest difference over the largest value.
-fn difference(a: &[f32], b: &[f32]) -> f32 {
-    assert!(a.len() == b.len() && a.iter().chain(b).all(|v| v.is_finite()));
-    let largest = b.iter().fold(0.0f32, |most, v| most.max(v.abs()));
-    a.iter().zip(b).fold(0.0f32, |most, (a, b)| most.max((a - b).abs())) / largest
-}
-
-/// The environment's projections, the attributes' embedder where it is 0, and the keyframe adapter leave the backbone bit for bit.
-#[test]
-fn adapters_begin_as_nothing() {
-    let device = Device::flex();
-    for config in both() {
-        let mut flow = Flow::new(&config, 3, &device).expect("network");
-        flow.attributes = warmed(flow.attributes, &device);
-        assert!(
-            velocity(&flow, &conditions(&config, CLIP, &[], &device)).iter().all(|&v| v == 0.0),
-            "the first image is the albedo"
-        );
-        let z_t = values(latents(CLIP, &device)).values;
-        assert!(Intrinsic::ALL.iter().all(|&intrinsic| invert(&flow, intrinsic) == z_t), "and the first albedo is the image");
-
-        // With a head, but adapters that have learned nothing.
-        flow.dit.head = warmed(flow.dit.head, &device);
-        let nothing = parameters::export(&flow.attributes).iter().map(|p| vec![0.0; p.values.len()]).collect::<Vec<_>>();
-        let nothing: Vec<&[f32]> = nothing.iter().map(Vec::as_slice).collect();
-        flow.attributes = parameters::import(flow.attributes, &nothing, &device);
-        let input = DitInput { latents: latents(CLIP, &device), times: vec![1000.0, 750.0], text: None };
-        let plain = values(flow.dit.forward(input, &mut Probe::idle()).expect("runs").neg()).values;
-        assert!(plain.iter().any(|&v| v != 0.0));
-        assert!(velocity(&flow, &conditions(&config, CLIP, &[], &device)) == plain, "environment");
-        assert!(velocity(&flow, &conditions(&config, CLIP, &[0.5, 3.0], &device)) == plain, "keyframes");
-    }
-}
-
-/// What an adapter has learned is not seen where it is not asked for.
-#[test]
-fn adapters_leave_the_rest_alone() {
-    let device = Device::flex();
-    for config in both() {
-        let flow = warm(&config, &device);
-        let (without, with) = (conditions(&config, CLIP, &[], &device), conditions(&config, CLIP, &[0.5], &device));
-        let bare = FlowConfig { keyframes: None, inverse: None, ..config.clone() };
-        let mut base = Flow::new(&bare, 3, &device).expect("network");
-        (base.dit, base.attributes, base.environment) = (flow.dit.clone(), flow.attributes.clone(), flow.environment.clone());
-        assert!(velocity(&base, &without) == velocity(&flow, &without));
-        assert!(difference(&velocity(&flow, &with), &velocity(&flow, &without)) > 1e-3, "keyframes act");
-
-        let moved = |group: Group| {
-            let mut all = parameters::export(&flow);
-            let of_group = all.iter_mut().filter(|p| Group::of(&p.name) == group);
-            of_group.for_each(|p| p.values.iter_mut().for_each(|v| *v = 1.25 * *v + 0.01));
-            let values: Vec<&[f32]> = all.iter().map(|p| p.values.as_slice()).collect();
-            parameters::import(flow.clone(), &values, &device)
-        };
-        let (keyframes, inverse) = (moved(Group::Keyframes), moved(Group::Inverse));
-        assert!(velocity(&keyframes, &without) == velocity(&flow, &without));
-        assert!(velocity(&keyframes, &with) != velocity(&flow, &with));
-        assert!(velocity(&inverse, &with) == velocity(&flow, &with));
-        for intrinsic in Intrinsic::ALL {
-            assert!(invert(&keyframes, intrinsic) == invert(&flow, intrinsic));
-            assert!(invert(&inverse, intrinsic) != invert(&flow, intrinsic));
-        }
-        let each = Intrinsic::ALL.map(|intrinsic| invert(&flow, intrinsic));
-        assert!((1..4).all(|i| each[i] != each[i - 1]), "intrinsics differ");
-    }
-}
 
 #[test]
 fn stages_are_the_whole() {
@@ -172,95 +88,6 @@ fn a_batch_is_its_clips_one_by_one() {
     }
 }
 
-/// Attention to keyframes sees how far away in time they are, whole latent frames or not, before or after.
-#[test]
-fn keyframes_are_placed_by_distances() {
-    let device = Device::flex();
-    for mut config in both() {
-        config.environment = Environment::Pooled;
-        let mut flow = warm(&config, &device);
-        // Without self-attention a token sees itself and the keyframe only.
-        for block in &mut flow.dit.blocks {
-            let out = parameters::export(&block.attention.to_out).iter().map(|p| vec![0.0; p.values.len()]).collect::<Vec<_>>();
-            let out: Vec<&[f32]> = out.iter().map(Vec::as_slice).collect();
-            block.attention.to_out = parameters::import(block.attention.to_out.clone(), &out, &device);
-        }
-        // Three times the same frame.
-        let still = |x: Tensor<5>| x.narrow(2, 0, 1).repeat_dim(2, 3);
-        let clip = [1, 3, 4, 4];
-        let frames = |time: f64| {
-            let Conditions { attributes, environment, keyframes } = conditions(&config, clip, &[time], &device);
-            let conditions = Conditions { attributes: still(attributes), environment: still(environment), keyframes };
-            let v = flow.velocity(still(latents(clip, &device)), &[0.0], &conditions, &mut Probe::idle()).expect("renders");
-            [0, 1, 2].map(|i| values(v.clone().narrow(2, i, 1)).values)
-        };
-        let (near, far) = (frames(1.25), frames(0.25));
-        assert!(difference(&near[1], &far[0]) < 1e-5 && difference(&near[2], &far[1]) < 1e-5);
-        let before = frames(-1.25);
-        assert!(difference(&before[0], &frames(0.75)[2]) < 1e-5);
-        assert!(difference(&near[0], &far[0]) > 1e-3, "distances are told apart");
-        assert!(difference(&near[0], &before[0]) > 1e-3, "before and after are told apart");
-    }
-}
-
-#[test]
-fn the_order_of_keyframes_does_not_matter() {
-    let device = Device::flex();
-    for config in both() {
-        let flow = warm(&config, &device);
-        let mut conditions = conditions(&config, CLIP, &[-1.5, 0.0, 4.25], &device);
-        let one = velocity(&flow, &conditions);
-        conditions.keyframes.rotate_left(1);
-        assert!(difference(&velocity(&flow, &conditions), &one) < 1e-5);
-        conditions.keyframes.swap(0, 1);
-        assert!(difference(&velocity(&flow, &conditions), &one) < 1e-5);
-        conditions.keyframes.pop();
-        assert!(difference(&velocity(&flow, &conditions), &one) > 1e-3, "each one counts");
-    }
-}
-
-/// A mean has no place: with the pooled environment, only its tokens count, not where they are.
-#[test]
-fn a_pooled_environment_has_no_places() {
-    let device = Device::flex();
-    let turned = |config: &FlowConfig| {
-        let flow = warm(config, &device);
-        let mut conditions = conditions(config, CLIP, &[], &device);
-        let one = velocity(&flow, &conditions);
-        let w = conditions.environment.dims()[4];
-        let (left, right) = (conditions.environment.clone().narrow(4, 0, 2), conditions.environment.narrow(4, 2, w - 2));
-        conditions.environment = Tensor::cat(vec![right, left], 4);
-        difference(&velocity(&flow, &conditions), &one)
-    };
-    let [pooled, tokens] = both();
-    assert!(turned(&pooled) < 1e-5);
-    assert!(turned(&tokens) > 1e-3);
-}
-
-/// A correction inside the weights is the correction beside them.
-#[test]
-fn corrections_can_be_merged() {
-    let device = Device::flex();
-    let [config, _] = both();
-    let mut flow = warm(&config, &device);
-    let (keyed, normal) = (conditions(&config, CLIP, &[0.5], &device), invert(&flow, Intrinsic::Normal));
-    let rendered = velocity(&flow, &keyed);
-    let mut merged = flow.clone();
-    for (block, adapter) in merged.dit.blocks.iter_mut().zip(&mut merged.keyframes.as_mut().expect("adapter").blocks) {
-        let [up, down] = adapter.ffn.take().expect("corrections");
-        block.ffn.up = up.merged(block.ffn.up.clone());
-        block.ffn.down = down.merged(block.ffn.down.clone());
-    }
-    assert!(difference(&velocity(&merged, &keyed), &rendered) < 1e-5);
-    for (block, adapter) in flow.dit.blocks.iter_mut().zip(&mut flow.inverse.as_mut().expect("adapter").blocks) {
-        let [q, k, v] = adapter.qkv.take().expect("corrections");
-        block.attention.to_q = q.merged(block.attention.to_q.clone());
-        block.attention.to_k = k.merged(block.attention.to_k.clone());
-        block.attention.to_v = v.merged(block.attention.to_v.clone());
-    }
-    assert!(difference(&invert(&flow, Intrinsic::Normal), &normal) < 1e-5);
-}
-
 /// The published size, item by item, from shapes alone.
 #[test]
 fn parity_parameter_counts_of_the_renderer() {
@@ -314,11 +141,9 @@ fn parity_parameter_counts_of_the_renderer() {
 fn names_tell_the_group() {
     for config in both() {
         let flow = Flow::new(&config, 3, &Device::flex()).expect("network");
-        let mut names: Vec<String> = flow.entries().into_iter().flat_map(|e| [e.diffusers, e.original]).collect();
         let count = parameters::export(&flow).len();
-        names.sort();
         assert_eq!(flow.entries().len(), count);
-        for naming in [renderflow_model::wan::names::Naming::Diffusers, renderflow_model::wan::names::Naming::Original] {
+        for naming in [Naming::Diffusers, Naming::Original] {
             let names: std::collections::HashSet<String> = flow.entries().iter().map(|e| e.name(naming).to_string()).collect();
             assert_eq!(names.len(), count);
         }
@@ -342,7 +167,7 @@ fn parts_are_drawn_by_themselves() {
     let of =
         |flow: &Flow| parameters::export(flow).into_iter().filter(|p| Group::of(&p.name) != Group::Keyframes).collect::<Vec<_>>();
     assert_eq!(of(&flow), of(&alone));
-    let values = |dense: &renderflow_model::wan::layers::Dense| parameters::export(dense);
+    let values = |dense: &Dense| parameters::export(dense);
     assert_eq!(values(&flow.environment.embed), values(&flow.dit.patch));
     assert_eq!(values(&flow.inverse.as_ref().expect("adapter").embed), values(&flow.dit.patch));
     let other = Flow::new(&config, 4, &device).expect("network");

@@ -1,11 +1,12 @@
 //! Renderers and their inputs at the size of unit tests.
 
 use super::gradients::{tensor, waves};
+use super::values;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use renderflow_model::parameters;
-use renderflow_model::wan::flow::{Conditions, Environment, InverseConfig, KeyframeConfig, KeyframeLatent, Query};
-use renderflow_model::wan::{Flow, FlowConfig};
+use renderflow_model::wan::flow::{Conditions, Environment, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent, Query};
+use renderflow_model::wan::{Flow, FlowConfig, Probe};
 
 /// A small renderer with both adapters.
 pub fn config(query: Query, environment: Environment, lora_rank: usize) -> FlowConfig {
@@ -49,4 +50,33 @@ pub fn conditions(config: &FlowConfig, [b, f, h, w]: [usize; 4], keyframes: &[f6
             .map(|(i, &time)| KeyframeLatent { latent: tensor([b, 4, 1, h, w], 0.4 + i as f32, device), time })
             .collect(),
     }
+}
+
+/// Clips, latent frames, rows and columns.
+pub const CLIP: [usize; 4] = [2, 2, 4, 6];
+/// Times of the clips.
+pub const TIMES: [f64; 2] = [0.0, 0.25];
+
+/// Both variants of everything that has two.
+pub fn both() -> [FlowConfig; 2] {
+    [config(Query::Dedicated, Environment::Pooled, 3), config(Query::Reused, Environment::Tokens, 0)]
+}
+
+/// Velocity of the clips.
+pub fn velocity(flow: &Flow, conditions: &Conditions) -> Vec<f32> {
+    let z_t = latents(CLIP, &Device::flex());
+    values(flow.velocity(z_t, &TIMES, conditions, &mut Probe::idle()).expect("renders")).values
+}
+
+/// Latents behind the clips.
+pub fn invert(flow: &Flow, intrinsic: Intrinsic) -> Vec<f32> {
+    let z_t = latents(CLIP, &Device::flex());
+    values(flow.invert(z_t, &TIMES, intrinsic, &mut Probe::idle()).expect("inverts")).values
+}
+
+/// Largest difference over the largest value.
+pub fn difference(a: &[f32], b: &[f32]) -> f32 {
+    assert!(a.len() == b.len() && a.iter().chain(b).all(|v| v.is_finite()));
+    let largest = b.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    a.iter().zip(b).fold(0.0f32, |most, (a, b)| most.max((a - b).abs())) / largest
 }
