@@ -1,4 +1,5 @@
-//! The graph of the paper: the Wan2.1 video autoencoder and diffusion transformer, with the VACE context path.
+//! The graph of the paper: the Wan2.1 video autoencoder and diffusion transformer, with the VACE context path, and the renderer made
+//! of them ([`flow`]).
 //!
 //! Latents and pictures are `[batch, channels, frames, height, width]` in f32 at this module's border; inside, everything is
 //! channels-last, so that the arithmetic is that of [`crate::ops`]. A network is made without touching memory for its weights

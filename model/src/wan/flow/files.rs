@@ -11,7 +11,8 @@ use std::fmt;
 
 impl Flow {
     /// Reads a renderer that was saved with [`weights::save`] under [`Network::WanFlow`]. `change` may add or leave out adapters: one
-    /// that the file lacks begins as in [`Self::new`] with `seed`, one that the configuration lacks is not read.
+    /// that the file lacks begins as in [`Self::new`] with `seed` (the inverse adapter's embedder with the file's embedder of albedo),
+    /// one that the configuration lacks is not read.
     ///
     /// # Errors
     /// When the file holds something else, the configuration is changed in another way, or tensors do not fit; they are named.
@@ -46,10 +47,13 @@ impl Flow {
             Group::Inverse => config.inverse.is_some(),
         };
         let options = LoadOptions {
-            ignore: &|name| !has(&config, Group::of_tensor(name)),
+            ignore: &|name| has(stored, Group::of_tensor(name)) && !has(&config, Group::of_tensor(name)),
             may_lack: &|name| !has(stored, Group::of_tensor(name)),
         };
-        let (flow, report) = weights::load(Self::new(&config, seed, device)?, source, options)?;
+        let (mut flow, report) = weights::load(Self::new(&config, seed, device)?, source, options)?;
+        if stored.inverse.is_none() {
+            flow.copy_albedo_to_inverse();
+        }
         Ok((flow, Header { network: Network::WanFlow(config), ..header }, report))
     }
 
@@ -112,8 +116,7 @@ impl Flow {
         let albedo = "patch_embedding".to_string();
         flow.environment.embed = flow.dit.patch.copy();
         adoption.copied.push(("environment_embedding".into(), albedo.clone()));
-        if let Some(inverse) = &mut flow.inverse {
-            inverse.embed = flow.dit.patch.copy();
+        if flow.copy_albedo_to_inverse() {
             adoption.copied.push(("inverse_embedding".into(), albedo));
         }
         adoption.zeroed.push("blocks.*.environment_proj".into());
@@ -123,6 +126,12 @@ impl Flow {
             }
         }
         Ok((flow, adoption))
+    }
+
+    /// Begins the embedder of the inverse adapter with that of the albedo; `false` when there is no such adapter.
+    fn copy_albedo_to_inverse(&mut self) -> bool {
+        let copied = self.inverse.as_mut().map(|adapter| adapter.embed = self.dit.patch.copy());
+        copied.is_some()
     }
 }
 

@@ -28,12 +28,14 @@ impl Group {
         }
     }
 
-    /// The group of a tensor in a file, by its diffusers name (see [`crate::wan::names::Entry`]).
+    /// The group of a tensor in a file, by its name under either naming (see [`crate::wan::names::Entry`]).
     pub fn of_tensor(name: &str) -> Self {
         let part = if name.starts_with("blocks.") { name.splitn(3, '.').nth(2) } else { Some(name) }.unwrap_or_default();
-        if part.starts_with("keyframe_") || (part.starts_with("ffn.") && part.contains(".lora_")) {
+        // With keyframes the perceptrons are corrected, on the way back the attention.
+        let (corrects, perceptron) = (part.contains(".lora_"), part.starts_with("ffn."));
+        if part.starts_with("keyframe_") || (corrects && perceptron) {
             Self::Keyframes
-        } else if part.starts_with("inverse_") || (part.starts_with("attn1.") && part.contains(".lora_")) {
+        } else if part.starts_with("inverse_") || corrects {
             Self::Inverse
         } else {
             Self::Base
