@@ -131,11 +131,14 @@ pub(super) fn frames(x: Tensor<5>) -> Tensor<4> {
     x.permute([0, 2, 1, 3, 4]).reshape([b * f, c, h, w])
 }
 
+/// Parts of a loss by name.
+pub(super) type Terms = Vec<(&'static str, f32)>;
+
 /// A loss of several parts.
 #[derive(Default)]
 pub(super) struct Sum {
     loss: Option<Tensor<1>>,
-    terms: Vec<(&'static str, f32)>,
+    terms: Terms,
 }
 
 impl Sum {
@@ -157,7 +160,7 @@ impl Sum {
     }
 
     /// The value of the loss, its parts, and itself to be differentiated.
-    pub fn finish(self) -> Result<(f32, Vec<(&'static str, f32)>, Tensor<1>)> {
+    pub fn finish(self) -> Result<(f32, Terms, Tensor<1>)> {
         let loss = self.loss.ok_or_else(|| Error::config("stage", "all weights of losses are 0"))?;
         let total = to_vec(loss.clone().without_autodiff()).first().copied().unwrap_or(f32::NAN);
         Ok((total, self.terms, loss))

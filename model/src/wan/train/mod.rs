@@ -41,6 +41,7 @@ use std::collections::BTreeMap;
 use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// One line of the log; averages are over the steps since the line before.
@@ -141,6 +142,9 @@ pub fn open_autoencoder(path: &Path, published: &VaeConfig, device: &Device) -> 
     provenance.sources.push(path.display().to_string());
     Ok((vae, provenance))
 }
+
+/// Draws the batch of a step from the clips in memory.
+type Draw<'a, T, B> = &'a (dyn Fn(&[Arc<T>], u64) -> Result<B> + Sync);
 
 struct Run<'a> {
     config: &'a Config,
@@ -273,7 +277,7 @@ impl Run<'_> {
             }
             self.save(&flow, Network::WanFlow(network.clone()), &provenance, optimizer.steps)
         };
-        let draw = |clips: &[std::sync::Arc<Vec<ClipLatents>>], step: u64| -> Result<LatentBatch> {
+        let draw = |clips: &[Arc<Vec<ClipLatents>>], step: u64| -> Result<LatentBatch> {
             drawing.draw(clips, step, &mut step_rng(config.seed, step))
         };
         self.train(&learner, flow, &|clip: &Clip| encoder.encode(clip), &draw, &save)
@@ -285,7 +289,7 @@ impl Run<'_> {
         learner: &L,
         model: L::Model,
         make: Make<T>,
-        draw: &(dyn Fn(&[std::sync::Arc<T>], u64) -> Result<L::Batch> + Sync),
+        draw: Draw<T, L::Batch>,
         save: &dyn Fn(&Optimizer, &L::Model) -> Result<()>,
     ) -> Result<Summary> {
         let config = self.config;
