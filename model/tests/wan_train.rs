@@ -7,6 +7,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use common::clip;
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
+use renderflow_model::lpips::{Backbone, weights_folder};
 use renderflow_model::parameters::{self, to_vec};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
 use renderflow_model::wan::latents::{ClipLatents, Encoder};
@@ -108,9 +109,10 @@ fn inverse(base: &Path, latents: LatentConfig) -> Stage {
     Stage::Inverse { base: base.into(), network, lpips: 0.0, latent: 1.0, latents }
 }
 
-/// With decoded predictions at every second step.
+/// With decoded predictions at every second step, and LPIPS where its weights are.
 fn decoded(autoencoder: &Path) -> LatentConfig {
-    let pixels = PixelLoss { weight: 1.0, lpips: 0.0, gradient: 1.0, period: 2, window: 4 };
+    let there = weights_folder().folder.join(Backbone::Squeeze.file_name()).is_file();
+    let pixels = PixelLoss { weight: 1.0, lpips: if there { 1.0 } else { 0.0 }, gradient: 1.0, period: 2, window: 4 };
     LatentConfig { pixels, ..latents(autoencoder) }
 }
 
@@ -204,6 +206,29 @@ fn every_stage_resumes() {
     let broken = small("latents")(config(&folder.path().join("broken"), with(decoded(&vae)), 4));
     let error = run(&broken, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("broken latents");
     assert!(kept.iter().any(|path| error.to_string().contains(&path.display().to_string())), "{error}");
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let folder = tempfile::tempdir().expect("folder");
+    let clips = [clip(5, SIZE)];
+    let runs = [1, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let folder = folder.path().join(threads.to_string());
+        pool.install(|| {
+            let vae = some_autoencoder(&folder, 2, &clips);
+            let stage = Stage::Base { network: Box::new(FlowConfig::tiny()), start: None, latents: decoded(&vae) };
+            let base = train(&Config { batches: batches(2), ..config(&folder.join("base"), stage, 3) }, &clips).weights;
+            [vae, base].map(|path| std::fs::read(path).expect("weights"))
+        })
+    });
+    assert!(runs[0][0] == runs[1][0], "the autoencoder differs");
+    // The renderer's file names its sources, which are two folders: values are compared.
+    let values = |threads: &str| {
+        let flow = open(&folder.path().join(threads).join("base/weights.safetensors"));
+        parameters::export(&flow).into_iter().map(|p| (p.name, p.values)).collect::<Vec<_>>()
+    };
+    assert!(values("1") == values("3"), "the renderer differs");
 }
 
 /// The renderer's prediction for fixed inputs, and the inverse adapter's nothing: bits.
