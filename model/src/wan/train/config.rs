@@ -46,7 +46,8 @@ pub struct OptimizerConfig {
 impl Default for OptimizerConfig {
     fn default() -> Self {
         Self {
-            learning_rate: 5e-4,
+            // Of 1.25e-4 to 2e-3, the best for the small autoencoder after 400 steps: 20.2 dB; 16.7 dB at 1e-3, 14.2 dB at 2e-3.
+            learning_rate: 3e-4,
             warmup_steps: 200,
             decay: Decay::Cosine,
             weight_decay: 0.01,
