@@ -5,6 +5,7 @@ use super::{Sources, TestSet, audit, check_scenes};
 use crate::dataset::manifest::MANIFEST;
 use crate::dataset::plan::{Plan, hash_file};
 use crate::dataset::{Shard, manifest, render, verify};
+use crate::metrics::psnr::CAP;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
@@ -128,10 +129,13 @@ pub fn audits(set: TestSet, out: &Path) -> Result<Vec<String>> {
 fn line(class: &str, audits: &[Audit]) -> String {
     let count = audits.len();
     let mean = |value: &dyn Fn(&Audit) -> f64| audits.iter().map(value).sum::<f64>() / count as f64;
-    let decibels = |value: fn(&Audit) -> f64| decibel(mean(&|audit| 10f64.powf(-value(audit) / 10.0)));
+    let decibels = |value: fn(&Audit) -> f64| match decibel(mean(&|audit| 10f64.powf(-value(audit) / 10.0))) {
+        CAP.. => "beyond what can be told".to_owned(),
+        decibels => format!("{decibels:.1} dB"),
+    };
     format!(
-        "{class}: the truth's own error is {:.1} dB ({:.1} dB before the denoiser), judged by {:.0} samples a pixel ({:.1} dB) of one \
-         frame of each of {count} sequences",
+        "{class}: the truth's own error is {} (before the denoiser {}), judged by {:.0} samples a pixel ({}) of one frame of each of \
+         {count} sequences",
         decibels(|audit| audit.error),
         decibels(|audit| audit.raw),
         mean(&|audit| f64::from(audit.spp)),
