@@ -9,7 +9,7 @@ use renderflow_model::wan::init::Init;
 use renderflow_model::wan::names::{Named, Naming};
 use renderflow_model::wan::vae::{Cache, CausalConv, Tiling};
 use renderflow_model::wan::{Dit, DitConfig, DitInput, Probe, Vace, VaceConfig, Vae, VaeConfig};
-use wan::{beside_repository, values};
+use wan::{beside_repository, number, values};
 
 /// Values between -1 and 1 without a pattern a convolution could share.
 fn waves<const D: usize>(shape: [usize; D], seed: f32) -> Tensor<D> {
@@ -223,11 +223,6 @@ fn parity_names_and_shapes() {
         }
         println!("{file}: {} names and shapes", want.len());
     }
-}
-
-/// A number from the environment.
-fn number(variable: &str, default: usize) -> usize {
-    std::env::var(variable).ok().and_then(|value| value.parse().ok()).unwrap_or(default)
 }
 
 /// Seconds of the published autoencoder with random weights on one square picture, two- and three-dimensional form in turn.

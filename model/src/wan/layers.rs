@@ -26,6 +26,11 @@ impl Dense {
         Self { weight: init.weight([from, to], Start::Constant(0.0)), bias: init.zeros(to) }
     }
 
+    /// A layer of its own that begins with the same values.
+    pub fn copy(&self) -> Self {
+        Self { weight: Param::from_tensor(self.weight.val().detach()), bias: Param::from_tensor(self.bias.val().detach()) }
+    }
+
     /// `[b, n, channels in]` to `[b, n, channels out]`.
     pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
         ops::linear(x, self.weight.val(), self.bias.val(), false)

@@ -1,4 +1,5 @@
-//! The graph of the paper: the Wan2.1 video autoencoder and diffusion transformer, with the VACE context path.
+//! The graph of the paper: the Wan2.1 video autoencoder and diffusion transformer, with the VACE context path, and the renderer made
+//! of them ([`flow`]).
 //!
 //! Latents and pictures are `[batch, channels, frames, height, width]` in f32 at this module's border; inside, everything is
 //! channels-last, so that the arithmetic is that of [`crate::ops`]. A network is made without touching memory for its weights
@@ -10,6 +11,7 @@
 pub mod config;
 mod config_file;
 pub mod dit;
+pub mod flow;
 pub mod init;
 pub mod layers;
 pub mod names;
@@ -20,6 +22,7 @@ pub mod weights;
 
 pub use config::{DitConfig, Gelu, VaceConfig, VaeConfig};
 pub use dit::{Dit, DitInput};
+pub use flow::{Flow, FlowConfig};
 pub use probe::{Activation, Probe};
 pub use vace::Vace;
 pub use vae::Vae;

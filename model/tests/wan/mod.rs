@@ -1,6 +1,9 @@
 //! Reference tensors of the wan networks and how results are compared with them.
 #![allow(dead_code)]
 
+pub mod flow;
+pub mod gradients;
+
 use burn::tensor::{Device, Tensor, TensorData};
 use renderflow_model::wan::weights::Source;
 use std::path::{Path, PathBuf};
@@ -141,4 +144,9 @@ impl Comparison {
         self.lines.iter().for_each(|line| println!("{line}"));
         assert!(self.wrong.is_empty(), "too far off:\n{}", self.wrong.join("\n"));
     }
+}
+
+/// A number from the environment.
+pub fn number(variable: &str, default: usize) -> usize {
+    std::env::var(variable).ok().and_then(|value| value.parse().ok()).unwrap_or(default)
 }

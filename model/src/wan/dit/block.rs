@@ -31,7 +31,7 @@ pub struct Attention {
 }
 
 impl Attention {
-    pub(super) fn new(init: &mut Init, config: &DitConfig) -> Self {
+    pub(in crate::wan) fn new(init: &mut Init, config: &DitConfig) -> Self {
         let width = config.width();
         Self {
             to_q: Dense::new(init, width, width),
@@ -46,19 +46,34 @@ impl Attention {
 
     /// Tokens `[b, n, width]` among themselves, turned by their places.
     pub fn among(&self, x: Tensor<3>, rope: &Rope) -> Tensor<3> {
-        let q = rope.turn(self.norm_q.forward(self.to_q.forward(x.clone())), self.heads);
-        let k = rope.turn(self.norm_k.forward(self.to_k.forward(x.clone())), self.heads);
-        self.to_out.forward(ops::attention(q, k, self.to_v.forward(x), self.heads))
+        let q = self.turned_query(self.to_q.forward(x.clone()), rope);
+        let k = self.turned_key(self.to_k.forward(x.clone()), rope);
+        self.gather(q, k, self.to_v.forward(x))
+    }
+
+    /// What [`Self::to_q`] returned, normalised and turned.
+    pub(in crate::wan) fn turned_query(&self, q: Tensor<3>, rope: &Rope) -> Tensor<3> {
+        rope.turn(self.norm_q.forward(q), self.heads)
+    }
+
+    /// What [`Self::to_k`] returned, normalised and turned.
+    pub(in crate::wan) fn turned_key(&self, k: Tensor<3>, rope: &Rope) -> Tensor<3> {
+        rope.turn(self.norm_k.forward(k), self.heads)
+    }
+
+    /// Attention of queries to keys and values, projected out.
+    pub(in crate::wan) fn gather(&self, q: Tensor<3>, k: Tensor<3>, v: Tensor<3>) -> Tensor<3> {
+        self.to_out.forward(ops::attention(q, k, v, self.heads))
     }
 
     /// Tokens `[b, n, width]` to others `[b, m, width]` that have no place.
     pub fn towards(&self, x: Tensor<3>, others: Tensor<3>) -> Tensor<3> {
         let q = self.norm_q.forward(self.to_q.forward(x));
         let k = self.norm_k.forward(self.to_k.forward(others.clone()));
-        self.to_out.forward(ops::attention(q, k, self.to_v.forward(others), self.heads))
+        self.gather(q, k, self.to_v.forward(others))
     }
 
-    fn list(&self, list: &mut Listing, name: &str) {
+    pub(in crate::wan) fn list(&self, list: &mut Listing, name: &str) {
         self.to_q.list_plain(list, &format!("{name}.to_q"));
         self.to_k.list_plain(list, &format!("{name}.to_k"));
         self.to_v.list_plain(list, &format!("{name}.to_v"));
@@ -77,6 +92,31 @@ pub struct Cross {
     pub attention: Attention,
 }
 
+impl Cross {
+    pub(in crate::wan) fn new(init: &mut Init, config: &DitConfig) -> Self {
+        Self {
+            norm: config.cross_attn_norm.then(|| LayerNorm::new(init, config.width(), config.layer_norm_eps)),
+            attention: Attention::new(init, config),
+        }
+    }
+
+    /// What tokens `[b, n, width]` gather from others `[b, m, width]` that have no place.
+    pub fn forward(&self, x: Tensor<3>, others: Tensor<3>) -> Tensor<3> {
+        let x = match &self.norm {
+            Some(norm) => norm.forward(x),
+            None => x,
+        };
+        self.attention.towards(x, others)
+    }
+
+    pub(in crate::wan) fn list(&self, list: &mut Listing, attention: &str, norm: &str) {
+        self.attention.list(list, attention);
+        if let Some(layer) = &self.norm {
+            layer.list(list, norm);
+        }
+    }
+}
+
 /// Perceptron with one hidden layer.
 #[derive(Module, Debug)]
 pub struct FeedForward {
@@ -91,7 +131,42 @@ pub struct FeedForward {
 impl FeedForward {
     /// `[b, n, width]` to the same shape.
     pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        self.down.forward(self.activation.apply(self.up.forward(x)))
+        self.down.forward(self.activate(self.up.forward(x)))
+    }
+
+    /// The nonlinearity between the layers.
+    pub(in crate::wan) fn activate(&self, x: Tensor<3>) -> Tensor<3> {
+        self.activation.apply(x)
+    }
+}
+
+/// What runs beside or inside the parts of a block. A block that is given none of its own runs as published.
+pub(in crate::wan) trait Beside {
+    /// Self-attention of the normalised tokens, which the gate scales, and what is added without the gate.
+    fn attend(&self, attention: &Attention, x: Tensor<3>, rope: &Rope) -> (Tensor<3>, Option<Tensor<3>>) {
+        (attention.among(x, rope), None)
+    }
+
+    /// What is added to the tokens between self-attention and perceptron.
+    fn cross(&self, _tokens: &Tensor<3>) -> Option<Tensor<3>> {
+        None
+    }
+
+    /// The perceptron of the normalised tokens.
+    fn perceptron(&self, ffn: &FeedForward, x: Tensor<3>) -> Tensor<3> {
+        ffn.forward(x)
+    }
+}
+
+/// Cross-attention to the text, where there is one.
+struct Text<'a> {
+    cross: Option<&'a Cross>,
+    text: Option<&'a Tensor<3>>,
+}
+
+impl Beside for Text<'_> {
+    fn cross(&self, tokens: &Tensor<3>) -> Option<Tensor<3>> {
+        Some(self.cross?.forward(tokens.clone(), self.text?.clone()))
     }
 }
 
@@ -113,14 +188,10 @@ pub struct Block {
 impl Block {
     pub(in crate::wan) fn new(init: &mut Init, config: &DitConfig) -> Self {
         let (width, eps) = (config.width(), config.layer_norm_eps);
-        let cross = |init: &mut Init| Cross {
-            norm: config.cross_attn_norm.then(|| LayerNorm::new(init, width, eps)),
-            attention: Attention::new(init, config),
-        };
         Self {
             modulation: init.weight([1, 6, width], Start::Normal((width as f32).powf(-0.5))),
             attention: Attention::new(init, config),
-            cross: config.text_dim.map(|_| cross(init)),
+            cross: config.text_dim.map(|_| Cross::new(init, config)),
             ffn: FeedForward {
                 up: Dense::new(init, width, config.ffn_dim),
                 down: Dense::new(init, config.ffn_dim, width),
@@ -132,21 +203,35 @@ impl Block {
 
     /// Tokens `[b, n, width]` to the same shape; reports as `name`.
     pub fn forward(&self, x: Tensor<3>, state: &Prepared, probe: &mut Probe, name: &str) -> Tensor<3> {
-        let modulation = self.modulation.val() + state.modulation.clone();
+        let text = Text { cross: self.cross.as_ref(), text: state.text.as_ref() };
+        self.run(x, &state.modulation, &state.rope, &text, probe, name)
+    }
+
+    /// [`Self::forward`] with the modulation `[b, 6, width]` from the time, the tokens' places, and adapters.
+    pub(in crate::wan) fn run(
+        &self,
+        x: Tensor<3>,
+        modulation: &Tensor<3>,
+        rope: &Rope,
+        beside: &dyn Beside,
+        probe: &mut Probe,
+        name: &str,
+    ) -> Tensor<3> {
+        let modulation = self.modulation.val() + modulation.clone();
         let part = |i: usize| modulation.clone().narrow(1, i, 1);
         let (shift, scale, gate) = (part(0), part(1), part(2));
-        let y = self.attention.among(modulated_norm(x.clone(), scale, shift, self.eps), &state.rope);
+        let (y, ungated) = beside.attend(&self.attention, modulated_norm(x.clone(), scale, shift, self.eps), rope);
         probe.report(&format!("{name}.attn1"), || y.clone());
         let mut x = x + y * gate;
-        if let (Some(cross), Some(text)) = (&self.cross, &state.text) {
-            let normed = match &cross.norm {
-                Some(norm) => norm.forward(x.clone()),
-                None => x.clone(),
-            };
-            x = x + cross.attention.towards(normed, text.clone());
+        if let Some(y) = ungated {
+            probe.report(&format!("{name}.keyframe_attn"), || y.clone());
+            x = x + y;
+        }
+        if let Some(y) = beside.cross(&x) {
+            x = x + y;
         }
         let (shift, scale, gate) = (part(3), part(4), part(5));
-        let x = x.clone() + self.ffn.forward(modulated_norm(x, scale, shift, self.eps)) * gate;
+        let x = x.clone() + beside.perceptron(&self.ffn, modulated_norm(x, scale, shift, self.eps)) * gate;
         probe.report(name, || x.clone());
         x
     }
@@ -155,10 +240,7 @@ impl Block {
         list.push(&self.modulation, format!("{name}.scale_shift_table"), Layout::Same);
         self.attention.list(list, &format!("{name}.attn1"));
         if let Some(cross) = &self.cross {
-            cross.attention.list(list, &format!("{name}.attn2"));
-            if let Some(norm) = &cross.norm {
-                norm.list(list, &format!("{name}.norm2"));
-            }
+            cross.list(list, &format!("{name}.attn2"), &format!("{name}.norm2"));
         }
         self.ffn.up.list_plain(list, &format!("{name}.ffn.net.0.proj"));
         self.ffn.down.list_plain(list, &format!("{name}.ffn.net.2"));

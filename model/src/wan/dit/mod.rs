@@ -7,6 +7,7 @@ mod block;
 mod embed;
 mod rope;
 
+pub(super) use block::Beside;
 pub use block::{Attention, Block, Cross, FeedForward};
 pub use embed::{TextEmbed, TimeEmbed, sinusoid};
 pub use rope::Rope;
@@ -121,10 +122,7 @@ impl Dit {
     /// # Errors
     /// [`Error::Data`] when the input does not fit.
     pub fn prepare(&self, input: DitInput, probe: &mut Probe) -> Result<Prepared> {
-        let valid = |t: &f64| t.is_finite() && t.abs() <= 1e6;
-        expect(input.times.iter().all(valid), || format!("times {:?}; 0 to 1000 are usual", input.times))?;
-        let waves = sinusoid(&input.times, self.config.freq_dim, &input.latents.device());
-        self.prepare_with(input, waves, probe)
+        self.prepare_embedded(&self.patch, input, probe)
     }
 
     /// [`Self::prepare`] with the waves of the times, `[b, 1, freq_dim]`, given.
@@ -132,12 +130,24 @@ impl Dit {
     /// # Errors
     /// As [`Self::prepare`].
     pub fn prepare_with(&self, input: DitInput, waves: Tensor<3>, probe: &mut Probe) -> Result<Prepared> {
+        self.prepare_from(&self.patch, input, waves, probe)
+    }
+
+    /// [`Self::prepare`] with another embedder in place of the transformer's own.
+    pub(super) fn prepare_embedded(&self, patch: &Dense, input: DitInput, probe: &mut Probe) -> Result<Prepared> {
+        let valid = |t: &f64| t.is_finite() && t.abs() <= 1e6;
+        expect(input.times.iter().all(valid), || format!("times {:?}; 0 to 1000 are usual", input.times))?;
+        let waves = sinusoid(&input.times, self.config.freq_dim, &input.latents.device());
+        self.prepare_from(patch, input, waves, probe)
+    }
+
+    fn prepare_from(&self, patch: &Dense, input: DitInput, waves: Tensor<3>, probe: &mut Probe) -> Result<Prepared> {
         let (config, device) = (&self.config, input.latents.device());
         let [b, channels, ..] = input.latents.dims();
         expect(channels == config.in_channels, || format!("{channels} channels of latents instead of {}", config.in_channels))?;
         expect(b > 0 && waves.dims() == [b, 1, config.freq_dim], || format!("{} times for {b} clips", waves.dims()[0]))?;
         let grid = token_grid(config.patch_size, &input.latents)?;
-        let tokens = self.patch.forward(patches(input.latents, config.patch_size));
+        let tokens = patch.forward(patches(input.latents, config.patch_size));
         probe.report("patch_embedding", || {
             let [f, h, w] = grid;
             tokens.clone().reshape([b, f, h, w, config.width()]).permute([0, 4, 1, 2, 3])
@@ -162,12 +172,20 @@ impl Dit {
 
     /// Tokens after the last block to the velocity.
     pub fn finish(&self, state: Prepared) -> Tensor<5> {
-        let config = &self.config;
-        let modulation = self.head_modulation.val() + state.time;
+        self.unpatch(self.head.forward(self.head_norm(state.tokens, state.time)), state.grid)
+    }
+
+    /// Tokens after the last block, as the head reads them; `time` `[b, 1, width]`.
+    pub(super) fn head_norm(&self, tokens: Tensor<3>, time: Tensor<3>) -> Tensor<3> {
+        let modulation = self.head_modulation.val() + time;
         let (shift, scale) = (modulation.clone().narrow(1, 0, 1), modulation.narrow(1, 1, 1));
-        let x = self.head.forward(modulated_norm(state.tokens, scale, shift, config.layer_norm_eps));
-        let ([b, ..], [f, h, w], [pf, ph, pw]) = (x.dims(), state.grid, config.patch_size);
-        let c = config.out_channels;
+        modulated_norm(tokens, scale, shift, self.config.layer_norm_eps)
+    }
+
+    /// Patches `[b, n, values out_channels]` of a grid of tokens to `[b, out_channels, frames, h, w]`.
+    pub(super) fn unpatch(&self, x: Tensor<3>, [f, h, w]: [usize; 3]) -> Tensor<5> {
+        let ([b, ..], [pf, ph, pw]) = (x.dims(), self.config.patch_size);
+        let c = self.config.out_channels;
         // The channel is the fastest axis of a token's values, unlike on the way in.
         x.reshape([b, f, h, w, pf, ph, pw, c]).permute([0, 7, 1, 4, 2, 5, 3, 6]).reshape([b, c, f * pf, h * ph, w * pw])
     }

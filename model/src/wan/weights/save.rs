@@ -3,6 +3,7 @@
 use super::load::to_file;
 use super::source::Source;
 use crate::wan::config::{DitConfig, VaceConfig, VaeConfig};
+use crate::wan::flow::FlowConfig;
 use crate::wan::names::{Entry, Named, Naming};
 use crate::weights::HEADER;
 use crate::{Error, Result};
@@ -25,6 +26,8 @@ pub enum Network {
     WanDit(DitConfig),
     /// The transformer with its context path.
     WanVace(VaceConfig),
+    /// The renderer; without its autoencoder's weights, which have a file of their own.
+    WanFlow(FlowConfig),
 }
 
 /// Where weights come from.

@@ -1,0 +1,55 @@
+//! The environment adapter: a factor and an offset for the tokens at the start of every block.
+
+use super::config::{Environment, FlowConfig};
+use crate::wan::init::Init;
+use crate::wan::layers::Dense;
+use crate::wan::names::Listing;
+use burn::module::Module;
+use burn::tensor::Tensor;
+
+/// `(gamma + 1) f + beta` in every block (RenderFlow, "Envmap Adapter").
+#[derive(Module, Debug)]
+pub struct EnvironmentAdapter {
+    /// A patch of an environment latent to a token.
+    pub embed: Dense,
+    /// For each block, an environment token to its gamma and beta, `[width, 2 width]`; 0 at first.
+    pub blocks: Vec<Dense>,
+    #[module(skip)]
+    form: Environment,
+}
+
+impl EnvironmentAdapter {
+    /// An adapter that leaves the tokens as they are.
+    pub(super) fn new(embed: Dense, init: &mut Init, config: &FlowConfig) -> Self {
+        let width = config.dit.width();
+        let blocks = (0..config.dit.layers).map(|_| Dense::zero(init, width, 2 * width)).collect();
+        Self { embed, blocks, form: config.environment }
+    }
+
+    /// Patches of the environment latents, `[b, frames m, values]`, to what the blocks read: `[b, frames, width]` means, or the
+    /// tokens themselves.
+    pub(super) fn embedded(&self, patches: Tensor<3>, frames: usize) -> Tensor<3> {
+        let tokens = self.embed.forward(patches);
+        let [b, n, width] = tokens.dims();
+        match self.form {
+            // What follows is linear, so that it does not matter whether tokens or their factors and offsets are averaged.
+            Environment::Pooled => tokens.reshape([b, frames, n / frames, width]).mean_dim(2).reshape([b, frames, width]),
+            Environment::Tokens => tokens,
+        }
+    }
+
+    /// Tokens `[b, n, width]` at the start of block `i`, modulated by what [`Self::embedded`] returned.
+    pub(super) fn modulate(&self, i: usize, x: Tensor<3>, environment: Tensor<3>) -> Tensor<3> {
+        let ([b, n, width], parts) = (x.dims(), environment.dims()[1]);
+        let modulation = self.blocks[i].forward(environment).reshape([b, parts, 1, 2 * width]);
+        let (gamma, beta) = (modulation.clone().narrow(3, 0, width), modulation.narrow(3, width, width));
+        (x.reshape([b, parts, n / parts, width]) * gamma.add_scalar(1.0) + beta).reshape([b, n, width])
+    }
+
+    pub(super) fn list(&self, list: &mut Listing, patch: &[usize]) {
+        self.embed.list(list, "environment_embedding", patch);
+        for (i, block) in self.blocks.iter().enumerate() {
+            block.list_plain(list, &format!("blocks.{i}.environment_proj"));
+        }
+    }
+}
