@@ -5,6 +5,7 @@ mod common;
 use common::{fail, renderflow, succeed};
 use renderflow::dataset::Shard;
 use renderflow::dataset::plan::{Denoise, Plan};
+use renderflow::evaluate::find::find;
 use renderflow::evaluate::results::{Results, Score};
 use renderflow::testset::{AUDIT, SET, make_plans};
 use renderflow_frame::{color, exr, frame_file};
@@ -192,6 +193,21 @@ fn two_folders_or_a_data_set_but_not_both() {
 }
 
 #[test]
+fn a_sequence_without_frames_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path());
+    let path = data.join("tiny/near/test/seq-000000/transforms.json");
+    let mut transforms: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    transforms["frames"] = serde_json::json!([]);
+    transforms["object_transforms"] = serde_json::json!({});
+    transforms["keyframes"] = serde_json::json!([]);
+    std::fs::write(&path, transforms.to_string()).unwrap();
+    let out = folder.path().join("results");
+    let error = fail(&["evaluate", "--data", data.to_str().unwrap(), "--methods", "ibl", "--out", out.to_str().unwrap()]);
+    assert!(error.contains("near/test/seq-000000") && error.contains("has no frames"), "{error}");
+}
+
+#[test]
 fn a_set_is_made_audited_and_proved() {
     let folder = tempfile::tempdir().unwrap();
     let plans: Vec<(&str, Plan)> = [("near", "3"), ("far", "4")]
@@ -214,6 +230,12 @@ fn a_set_is_made_audited_and_proved() {
     let before = std::fs::read(root.join(SET)).unwrap();
     assert_eq!(make_plans("tiny", &plans, &out, all, 64, &idle).unwrap().unwrap(), made);
     assert_eq!(std::fs::read(root.join(SET)).unwrap(), before);
+    // The set, a class of it and a sequence of that are called what they are called in a folder of sets.
+    for inside in ["", "tiny", "tiny/far", "tiny/far/test", "tiny/far/test/seq-000000"] {
+        let found: Vec<_> = find(&out.join(inside)).unwrap().into_iter().map(|place| [place.set, place.class]).collect();
+        let expected = if inside.len() > 4 { &[["tiny", "far"]][..] } else { &[["tiny", "far"], ["tiny", "near"]] };
+        assert_eq!(found, expected, "{inside}");
+    }
     // Half of it by another shard: not finished.
     let other = folder.path().join("half");
     assert!(make_plans("tiny", &plans, &other, Shard { index: 2, count: 2 }, 0, &idle).unwrap().is_none());

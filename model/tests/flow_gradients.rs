@@ -4,9 +4,9 @@ mod wan;
 
 use burn::tensor::{Device, Tensor};
 use renderflow_model::parameters;
-use renderflow_model::wan::flow::{Environment, Group, Intrinsic, Query};
+use renderflow_model::wan::flow::{Conditions, Environment, Group, Intrinsic, KeyframeLatent, Query};
 use renderflow_model::wan::{Flow, FlowConfig, Probe};
-use wan::flow::{conditions, config, latents, warm};
+use wan::flow::{both, conditions, config, latents, warm};
 use wan::gradients::{compare, weighed};
 
 const CLIP: [usize; 4] = [2, 2, 4, 2];
@@ -49,6 +49,34 @@ fn a_group_learns_alone() {
             assert_eq!(found.is_some(), Group::of(name) == group, "{name}");
             if let Some(found) = found {
                 assert!(Some(&found) == all.as_ref(), "{name} has another gradient alone");
+            }
+        }
+    }
+}
+
+/// Inputs far from what latents are, nothing at all, and keyframes of another day: values and gradients are numbers.
+#[test]
+fn extreme_inputs_stay_finite() {
+    let device = Device::flex().autodiff();
+    for config in both() {
+        let flow = warm(&config, &device);
+        for factor in [0.0, 1e-20, 1e4, 1e8] {
+            let conditions = conditions(&config, CLIP, &[-1e6, 0.0, 1e6], &device);
+            let conditions = Conditions {
+                attributes: conditions.attributes * factor,
+                environment: conditions.environment * factor,
+                keyframes: conditions.keyframes.into_iter().map(|k| KeyframeLatent { latent: k.latent * factor, ..k }).collect(),
+            };
+            let z_t = latents(CLIP, &device) * factor;
+            let rendered = flow.velocity(z_t.clone(), &[0.0, 1.0], &conditions, &mut Probe::idle()).expect("renders");
+            let back = flow.invert(z_t, &[0.0, 1.0], Intrinsic::Depth, &mut Probe::idle()).expect("inverts");
+            for values in [rendered.clone(), back.clone()].map(|x| wan::values(x.without_autodiff()).values) {
+                assert!(values.iter().all(|v| v.is_finite()), "inputs of {factor}");
+            }
+            let mut found = (weighed(rendered) + weighed(back)).backward();
+            for (parameter, gradient) in parameters::export(&flow).iter().zip(parameters::gradients(&flow, &mut found)) {
+                let finite = gradient.is_none_or(|g| g.iter().all(|v| v.is_finite()));
+                assert!(finite, "{} with inputs of {factor}", parameter.name);
             }
         }
     }

@@ -11,7 +11,7 @@ use renderflow_model::wan::layers::Dense;
 use renderflow_model::wan::names::{Named, Naming};
 use renderflow_model::wan::{Flow, FlowConfig, Probe, Vae};
 use wan::flow::{CLIP, TIMES, both, conditions, difference, invert, latents, velocity, warm};
-use wan::gradients::tensor;
+use wan::gradients::{tensor, weighed};
 use wan::{number, values};
 
 #[test]
@@ -85,6 +85,38 @@ fn a_batch_is_its_clips_one_by_one() {
             assert!(difference(&values(alone).values, &together[i * size..][..size]) < 1e-5);
             let alone = flow.invert(cut(&z_t), &TIMES[i..=i], Intrinsic::Normal, &mut Probe::idle()).expect("inverts");
             assert!(difference(&values(alone).values, &inverse[i * size..][..size]) < 1e-5);
+        }
+    }
+}
+
+/// Values and gradients of a clip large enough to be shared out are the same bits whoever computes them.
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let device = Device::flex().autodiff();
+    let mut config = FlowConfig::small().with_keyframes(KeyframeConfig::default()).with_inverse(InverseConfig::default());
+    config.dit.layers = 1;
+    let flow = warm(&config, &device);
+    let (z, f, h, w) = (16, 2, 20, 36);
+    let conditions = Conditions {
+        attributes: tensor([1, config.attribute_channels(), f, h, w], 0.2, &device),
+        environment: tensor([1, z, f, 32, 64], 0.3, &device),
+        keyframes: vec![KeyframeLatent { latent: tensor([1, z, 1, h, w], 0.4, &device), time: 0.75 }],
+    };
+    let run = || {
+        let z_t = tensor([1, z, f, h, w], 0.1, &device);
+        let rendered = flow.velocity(z_t.clone(), &[0.25], &conditions, &mut Probe::idle()).expect("renders");
+        let back = flow.invert(z_t, &[0.5], Intrinsic::Material, &mut Probe::idle()).expect("inverts");
+        let found = [rendered.clone(), back.clone()].map(|x| values(x.without_autodiff()).values);
+        (found, parameters::gradients(&flow, &mut (weighed(rendered) + weighed(back)).backward()))
+    };
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let (values, gradients) = pool(1).install(run);
+    assert!(values.iter().flatten().all(|v| v.is_finite()) && gradients.iter().flatten().flatten().all(|g| g.is_finite()));
+    for threads in [3, 8] {
+        let (more_values, more_gradients) = pool(threads).install(run);
+        assert!(more_values == values, "values with {threads} threads");
+        for ((parameter, more), one) in parameters::export(&flow).iter().zip(&more_gradients).zip(&gradients) {
+            assert!(more == one, "gradient of {} with {threads} threads", parameter.name);
         }
     }
 }

@@ -6,11 +6,15 @@ mod wan;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use renderflow_model::wan::dit::Prepared;
+use renderflow_model::wan::flow::{Conditions, KeyframeConfig, KeyframeLatent};
 use renderflow_model::wan::names::Named;
 use renderflow_model::wan::weights::{LoadOptions, Source, is_context_path, is_text_path, load};
-use renderflow_model::wan::{Activation, Dit, DitConfig, DitInput, Gelu, Probe, Vace, VaceConfig, Vae, VaeConfig};
+use renderflow_model::wan::{
+    Activation, Dit, DitConfig, DitInput, Flow, FlowConfig, Gelu, Probe, Vace, VaceConfig, Vae, VaeConfig,
+};
 use std::collections::BTreeMap;
 use std::path::Path;
+use wan::gradients::tensor;
 use wan::{Comparison, Fixtures, Values, values};
 
 const VAE: f32 = 2e-5;
@@ -182,6 +186,47 @@ fn parity_dit_without_text() {
         comparison.check(&name, &values(output), &references.values(&name), DIT + rounding);
     }
     comparison.finish();
+}
+
+/// A renderer that has just adopted published weights is the published transformer at `1000 (1 - t)`, with the sign turned, whatever
+/// its attributes, its environment and its keyframes are.
+#[test]
+fn parity_of_an_adopted_renderer() {
+    let Some(fixtures) = wan::fixtures() else { return };
+    let device = Device::flex();
+    let dit = DitConfig::read(&fixtures.file("dit_config.json")).expect("configuration").without_text();
+    let z = dit.in_channels;
+    let vae = VaeConfig { z_dim: z, latents_mean: vec![0.0; z], latents_std: vec![1.0; z], ..VaeConfig::tiny() };
+    let config = FlowConfig { vae, dit, ..FlowConfig::tiny() };
+    let config = config.with_keyframes(KeyframeConfig { lora_rank: 2, ..KeyframeConfig::default() });
+    if let Err(reason) = config.validate() {
+        println!("skipped: these dimensions are no renderer's: {reason}");
+        return;
+    }
+    let files = ["dit_weights.diffusers.safetensors", "dit_weights.original-names.safetensors", "dit_weights.original-names.pth"];
+    for weights in files.into_iter().filter_map(|file| fixtures.optional(file)) {
+        let source = Source::open(&weights).expect("weights");
+        let (flow, _) = Flow::adopt(&config, &source, None, 0, &device).expect("weights that fit");
+        let mut references = fixtures.references("dit_io.safetensors");
+        let mut comparison = Comparison::default();
+        for case in references.starts_of(".nocross.output") {
+            let input = input(&mut references, &format!("{case}."), false);
+            let [b, _, f, h, w] = input.latents.dims();
+            let [_, ph, pw] = config.dit.patch_size;
+            let conditions = Conditions {
+                attributes: tensor([b, config.attribute_channels(), f, h, w], 0.2, &device),
+                environment: tensor([b, z, f, 2 * ph, 4 * pw], 0.3, &device),
+                keyframes: vec![KeyframeLatent { latent: tensor([b, z, 1, h, w], 0.4, &device), time: 0.75 }],
+            };
+            let times: Vec<f64> = input.times.iter().map(|t| 1.0 - t / 1000.0).collect();
+            let velocity = flow.velocity(input.latents.clone(), &times, &conditions, &mut Probe::idle()).expect("renders");
+            let output = flow.dit.forward(input.clone(), &mut Probe::idle()).expect("runs");
+            let rounding = rounding(&flow.dit, &input, &output, |state| flow.dit.run(state, &mut Probe::idle()));
+            let name = format!("{case}.nocross.output");
+            comparison.check(&name, &values(velocity.neg()), &references.values(&name), DIT + rounding);
+        }
+        comparison.finish();
+    }
 }
 
 #[test]

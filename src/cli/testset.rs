@@ -66,7 +66,7 @@ impl Make {
         let assigned = Shard::choose(self.shard)?;
         let made = testset::make(self.set, &sources, &self.out, assigned.shard, self.audit, cancel)?;
         let folder = self.out.join(self.set.name());
-        for line in testset::audits(&folder)? {
+        for line in testset::audits(self.set, &self.out)? {
             println!("{line}");
         }
         match made {

@@ -2,7 +2,9 @@
 
 use crate::dataset::SequenceFolder;
 use crate::dataset::record::Record;
+use crate::testset::{SET, SetFile};
 use anyhow::{Context, Result, ensure};
+use renderflow_frame::file;
 use renderflow_scenes::procedural::Split;
 use std::path::{Path, PathBuf};
 
@@ -21,7 +23,7 @@ pub struct Place {
 
 /// Every sequence at or below `data`, by set, class and name. Of the folders between `data` and a sequence, those named as splits apart,
 /// the first is the set and the second the class; where there are fewer, the set is the name of `data` and the class the kind of
-/// layout (`scene` where that is not known).
+/// layout (`scene` where that is not known). Where `data` is a finished test set or inside of one, names are those of the whole set.
 ///
 /// # Errors
 /// When there is none, or one cannot be read.
@@ -29,7 +31,8 @@ pub fn find(data: &Path) -> Result<Vec<Place>> {
     let mut folders = Vec::new();
     collect(data, &mut folders)?;
     ensure!(!folders.is_empty(), "{}: no sequence (a folder with transforms.json) inside", data.display());
-    let mut places = folders.iter().map(|path| place(data, path)).collect::<Result<Vec<_>>>()?;
+    let above = above(data);
+    let mut places = folders.iter().map(|path| place(data, &above, path)).collect::<Result<Vec<_>>>()?;
     places.sort_by_cached_key(|place| (place.set.clone(), place.class.clone(), place.folder.name()));
     for pair in places.windows(2) {
         let name = |place: &Place| (place.set.clone(), place.class.clone(), place.folder.name());
@@ -41,6 +44,15 @@ pub fn find(data: &Path) -> Result<Vec<Place>> {
         );
     }
     Ok(places)
+}
+
+/// The names of folders that `data` itself stands for: those from the test set on that it is or is inside of.
+fn above(data: &Path) -> Vec<String> {
+    let Ok(whole) = data.canonicalize() else { return Vec::new() };
+    let is_set = |folder: &&Path| file::read_json::<SetFile>(&folder.join(SET)).is_ok();
+    let set = whole.ancestors().find(is_set).and_then(Path::parent);
+    let inside = set.and_then(|root| whole.strip_prefix(root).ok()).unwrap_or(Path::new(""));
+    inside.iter().map(|name| name.to_string_lossy().into_owned()).collect()
 }
 
 fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
@@ -58,12 +70,12 @@ fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
     Ok(())
 }
 
-fn place(data: &Path, path: &Path) -> Result<Place> {
+fn place(data: &Path, above: &[String], path: &Path) -> Result<Place> {
     let folder = SequenceFolder::open(path)?;
     let record = Record::read(path)?;
     let between = path.parent().and_then(|parent| parent.strip_prefix(data).ok()).unwrap_or(Path::new(""));
     let splits = [Split::Train, Split::Val, Split::Test].map(|split| split.name());
-    let names = between.iter().map(|name| name.to_string_lossy().into_owned());
+    let names = above.iter().cloned().chain(between.iter().map(|name| name.to_string_lossy().into_owned()));
     let mut names = names.filter(|name| !splits.contains(&name.as_str()));
     let own = || file_name(data).unwrap_or_else(|| "data".into());
     let set = names.next().unwrap_or_else(own);

@@ -1,11 +1,11 @@
 //! Makes a test set: renders what is missing, estimates the error of its truth, and proves all of it.
 
-use super::audit::{AUDIT, Audit};
+use super::audit::{AUDIT, Audit, decibel};
 use super::{Sources, TestSet, audit, check_scenes};
 use crate::dataset::manifest::MANIFEST;
 use crate::dataset::plan::{Plan, hash_file};
 use crate::dataset::{Shard, manifest, render, verify};
-use crate::evaluate::find::find;
+use crate::metrics::psnr::CAP;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
@@ -110,32 +110,35 @@ pub fn check(folder: &Path, cancel: &AtomicBool) -> Result<SetFile> {
     Ok(set)
 }
 
-/// What the audits in the folder of a set say: a line a class, means over its sequences.
+/// What the audits of the set `set` in the folder `out` say: a line a class, means of squares over its sequences.
 ///
 /// # Errors
 /// When an audit cannot be read.
-pub fn audits(folder: &Path) -> Result<Vec<String>> {
-    let mut classes: Vec<(String, Vec<Audit>)> = Vec::new();
-    for place in find(folder)? {
-        let path = place.folder.path.join(AUDIT);
-        if path.is_file() {
-            let audit: Audit = file::read_json(&path)?;
-            match classes.last_mut().filter(|(class, _)| *class == place.class) {
-                Some((_, audits)) => audits.push(audit),
-                None => classes.push((place.class, vec![audit])),
-            }
-        }
+pub fn audits(set: TestSet, out: &Path) -> Result<Vec<String>> {
+    let mut lines = Vec::new();
+    for class in set.classes() {
+        let folder = out.join(set.name()).join(class.name);
+        let plan = Plan::read(&folder.join("plan.json"))?;
+        let paths = (0..plan.total()).map(|index| render::sequence_folder(&plan, &folder, index).join(AUDIT));
+        let audits = paths.filter(|path| path.is_file()).map(|path| Ok(file::read_json(&path)?)).collect::<Result<Vec<_>>>()?;
+        lines.extend((!audits.is_empty()).then(|| line(class.name, &audits)));
     }
-    let line = |(class, audits): (String, Vec<Audit>)| {
-        let mean = |f: &dyn Fn(&Audit) -> f64| audits.iter().map(f).sum::<f64>() / audits.len() as f64;
-        format!(
-            "{class}: the truth is {:.1} dB from the truth (raw {:.1} dB), by one frame of {} sequences with {:.0} spp ({:.1} dB)",
-            mean(&|a| a.error),
-            mean(&|a| a.raw),
-            audits.len(),
-            mean(&|a| f64::from(a.spp)),
-            mean(&|a| a.longer),
-        )
+    Ok(lines)
+}
+
+fn line(class: &str, audits: &[Audit]) -> String {
+    let count = audits.len();
+    let mean = |value: &dyn Fn(&Audit) -> f64| audits.iter().map(value).sum::<f64>() / count as f64;
+    let decibels = |value: fn(&Audit) -> f64| match decibel(mean(&|audit| 10f64.powf(-value(audit) / 10.0))) {
+        CAP.. => "beyond what can be told".to_owned(),
+        decibels => format!("{decibels:.1} dB"),
     };
-    Ok(classes.into_iter().map(line).collect())
+    format!(
+        "{class}: the truth's own error is {} (before the denoiser {}), judged by {:.0} samples a pixel ({}) of one frame of each of \
+         {count} sequences",
+        decibels(|audit| audit.error),
+        decibels(|audit| audit.raw),
+        mean(&|audit| f64::from(audit.spp)),
+        decibels(|audit| audit.longer),
+    )
 }

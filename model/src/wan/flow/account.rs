@@ -1,9 +1,4 @@
 //! How many parameters the renderer has, item by item.
-//!
-//! The paper gives two numbers, 1.4 B without and 1.7 B with keyframes. They are met when the autoencoder is counted (as the numbers
-//! it gives for other methods count theirs) and each block has one projection of the environment and, with keyframes, an attention
-//! of its own; the rank of the perceptrons' correction is not told by them (8 to 64 all round to 1.7 B). Two projections a block and
-//! no autoencoder would give 1.411 B and 1.69 to 1.72 B, which cannot be excluded; VACE's whole context path (734 M more) can be.
 
 use super::{Flow, FlowConfig, Group};
 use crate::Result;
@@ -105,6 +100,11 @@ impl Part {
 }
 
 /// Parameters of every part a renderer has; displays as a table.
+///
+/// The paper gives two numbers, 1.4 B without and 1.7 B with keyframes. They are met when the autoencoder is counted (as the numbers
+/// it gives for other methods count theirs) and each block has one projection of the environment and, with keyframes, an attention
+/// of its own; the rank of the perceptrons' correction is not told by them (8 to 64 all round to 1.7 B). Two projections a block and
+/// no autoencoder would give 1.411 B and 1.69 to 1.72 B, which cannot be excluded; VACE's whole context path (734 M more) can be.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
     /// In the order of [`Part::ALL`]; parts the renderer lacks are left out.

@@ -7,6 +7,23 @@
 //!
 //! Sources: RenderFlow, section "Model Architecture", "Keyframe Guidance", "Inverse Rendering"; VACE (Jiang et al. 2025) for the
 //! masked reference; where the paper is silent, the documentation of the item says what was chosen.
+//!
+//! # Names in files
+//! The backbone has diffusers' names (or the original ones), the rest these; `s` is the autoencoder's spatial factor:
+//!
+//! | name | shape | what |
+//! |---|---|---|
+//! | `attribute_embedding` | `[width, 2 z + s^2 + 3 z, 1, 2, 2]` | other buffers and the masked reference |
+//! | `environment_embedding` | `[width, z, 1, 2, 2]` | environment |
+//! | `blocks.i.environment_proj` | `[2 width, width]` | gamma, then beta |
+//! | `keyframe_embedding` | `[width, z, 2, 2]` | keyframes |
+//! | `blocks.i.keyframe_attn.{to_q,to_k,to_v,to_out.0,norm_q,norm_k}` | as `blocks.i.attn1` | without `to_q` and `norm_q` where queries are reused |
+//! | `blocks.i.ffn.{net.0.proj,net.2}.{lora_A,lora_B}` | `[rank, in]`, `[out, rank]` | correction with keyframes |
+//! | `inverse_embedding` | `[width, z, 1, 2, 2]` | picture |
+//! | `inverse_prompts` | `[prompts, tokens, width]` | albedo, normal, depth, material, reserve |
+//! | `blocks.i.attn1.{to_q,to_k,to_v}.{lora_A,lora_B}` | `[rank, width]`, `[width, rank]` | correction on the way back |
+//! | `blocks.i.{inverse_attn,inverse_norm}` | as `blocks.i.{attn2,norm2}` | cross-attention to the prompt |
+//! | `inverse_heads.{albedo,normal,depth,material}.{linear_1,linear_2}` | `[width, width]`, `[4 z, width]` | velocity |
 
 mod account;
 mod config;
