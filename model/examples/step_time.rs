@@ -3,6 +3,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use half::f16;
 use rand::RngExt;
+use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::config::NetworkConfig;
 use renderflow_model::data::{Batch, StoredFrame, step_rng};
 use renderflow_model::features::STORED;
@@ -32,7 +33,8 @@ fn main() {
     let mut seconds: Vec<[f64; 3]> = Vec::new();
     for step in 0..12 {
         let start = Instant::now();
-        let batch = Batch::draw(&config, &[&frame], 128, 8, [0.7, 0.1, 0.1, 0.1], &mut step_rng(1, step));
+        let bridge = Bridge { times: Times::Four([0.7, 0.1, 0.1, 0.1]), ..Bridge::default() };
+        let batch = Batch::draw(&config, &[&frame], 128, 8, bridge, &mut step_rng(1, step));
         let drawn = start.elapsed().as_secs_f64();
         let (_, mut gradients) = stage.gradients(&model, batch, LossWeights::default(), &device);
         let backward = start.elapsed().as_secs_f64();

@@ -1,8 +1,12 @@
-//! Bridge matching: the curve that maps radiance to the space of the bridge, and the bridge itself
-//! (RenderFlow, section "Latent-Space Bridge-Matching Training", with the pixel space in place of a latent one).
+//! Bridge matching, for both networks: the curve that maps radiance to the space of the compact network's bridge, and the bridge
+//! itself (RenderFlow, section "Latent-Space Bridge-Matching Training"), in that pixel space or in the latents of an autoencoder.
 
 use crate::config::Curve;
+use crate::{Error, Result};
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
 use renderflow_frame::color::{linear_to_srgb, srgb_to_linear};
+use serde::{Deserialize, Serialize};
 
 /// Noise of the Brownian bridge, in units of z.
 pub const SIGMA: f32 = 0.005;
@@ -66,12 +70,137 @@ pub fn srgb_slope(x: f32) -> f32 {
     if x <= 0.003_130_8 { 12.92 } else { 1.055 / 2.4 * x.powf(1.0 / 2.4 - 1.0) }
 }
 
-/// `z_t = (1 - t) z_0 + t z_1 + sigma sqrt(t (1 - t)) noise`, for one value.
-pub fn interpolate(z0: f32, z1: f32, t: f32, noise: f32) -> f32 {
-    (1.0 - t) * z0 + t * z1 + SIGMA * (t * (1.0 - t)).sqrt() * noise
+/// Which times training sees.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Times {
+    /// [`TIMES`], with these probabilities (any scale). No time is 1, so that the factor `1 / (1 - t)` is 4 at most.
+    Four([f32; 4]),
+    /// Every time from 0 to [`LAST_TIME`] alike.
+    Uniform,
 }
 
-/// Velocity `(z1_hat - z_t) / (1 - t)` of a predicted end point.
+impl Default for Times {
+    /// [`TIMES`] alike (LBM, Chadebec et al. 2025).
+    fn default() -> Self {
+        Self::Four([0.25; 4])
+    }
+}
+
+/// Latest uniform time: at 1 the velocity of a noisy bridge is 0 / 0, here its noise is 32 sigma.
+pub const LAST_TIME: f32 = 0.999;
+
+impl Times {
+    /// One time.
+    pub fn draw(self, rng: &mut Pcg64Mcg) -> f32 {
+        let probabilities = match self {
+            Self::Uniform => return LAST_TIME * rng.random::<f32>(),
+            Self::Four(probabilities) => probabilities,
+        };
+        let total: f32 = probabilities.iter().sum();
+        let mut u = rng.random::<f32>() * total;
+        let mut drawn = 0.0;
+        for (&time, &probability) in TIMES.iter().zip(&probabilities) {
+            if probability <= 0.0 {
+                continue;
+            }
+            drawn = time;
+            u -= probability;
+            if u < 0.0 {
+                break;
+            }
+        }
+        drawn
+    }
+
+    /// Whether there is a time to draw.
+    pub fn is_valid(self) -> bool {
+        match self {
+            Self::Uniform => true,
+            Self::Four(probabilities) => {
+                probabilities.iter().all(|p| *p >= 0.0 && p.is_finite()) && probabilities.iter().sum::<f32>() > 0.0
+            }
+        }
+    }
+}
+
+/// The path between start `z_0` (t = 0) and end `z_1` (t = 1) on which a network is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Bridge {
+    /// Noise of the Brownian bridge, in units of z; 0 for the straight path of an ordinary differential equation.
+    pub sigma: f32,
+    /// Times seen in training.
+    pub times: Times,
+}
+
+impl Default for Bridge {
+    fn default() -> Self {
+        Self { sigma: SIGMA, times: Times::default() }
+    }
+}
+
+impl Bridge {
+    /// Checks both options.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the option.
+    pub fn validate(&self) -> Result<()> {
+        if !(0.0..=1.0).contains(&self.sigma) {
+            return Err(Error::config("bridge.sigma", format!("{} is outside 0..=1", self.sigma)));
+        }
+        if !self.times.is_valid() {
+            return Err(Error::config("bridge.times", "probabilities must be >= 0 and not all 0"));
+        }
+        Ok(())
+    }
+
+    /// `z_t = (1 - t) z_0 + t z_1 + sigma sqrt(t (1 - t)) noise`, for one value and standard normal noise.
+    pub fn interpolate(self, z0: f32, z1: f32, t: f32, noise: f32) -> f32 {
+        (1.0 - t) * z0 + t * z1 + self.sigma * (t * (1.0 - t)).sqrt() * noise
+    }
+}
+
+/// Velocity `(z1_hat - z_t) / (1 - t)` of a predicted end point, and the target of a network when the end point is the true one.
 pub fn velocity(z1_hat: f32, z_t: f32, t: f32) -> f32 {
     (z1_hat - z_t) / (1.0 - t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::step_rng;
+
+    #[test]
+    fn times_follow_their_table() {
+        let mut rng = step_rng(3, 0);
+        let table = Times::Four([0.5, 0.0, 3.0, 1.5]);
+        let mut counts = [0; 4];
+        for _ in 0..20_000 {
+            let t = table.draw(&mut rng);
+            counts[TIMES.iter().position(|time| *time == t).expect("one of the four")] += 1;
+        }
+        for (count, share) in counts.iter().zip([0.1, 0.0, 0.6, 0.3]) {
+            let expected = 20_000.0 * share;
+            // Five standard deviations of a binomial count.
+            assert!((f64::from(*count) - expected).abs() <= 5.0 * (expected * (1.0 - share)).sqrt(), "{counts:?}");
+        }
+        let uniform: Vec<f32> = (0..20_000).map(|_| Times::Uniform.draw(&mut rng)).collect();
+        assert!(uniform.iter().all(|t| (0.0..=LAST_TIME).contains(t)));
+        let mean = uniform.iter().sum::<f32>() / 20_000.0;
+        assert!((mean - 0.4995).abs() < 5.0 * 0.2887 / 20_000f32.sqrt(), "{mean}");
+    }
+
+    #[test]
+    fn a_bridge_without_noise_is_straight() {
+        let straight = Bridge { sigma: 0.0, ..Bridge::default() };
+        for t in [0.0, 0.25, 0.6, LAST_TIME] {
+            let z_t = straight.interpolate(-0.4, 0.8, t, 3.0);
+            assert!((velocity(0.8, z_t, t) - 1.2).abs() < 1e-3, "{t}");
+        }
+        assert!(Bridge { sigma: f32::NAN, ..straight }.validate().is_err());
+        assert!(Bridge { times: Times::Four([0.0; 4]), ..straight }.validate().is_err());
+        assert!(Bridge { times: Times::Four([1.0, f32::NAN, 0.0, 0.0]), ..straight }.validate().is_err());
+        assert!(straight.validate().is_ok());
+    }
 }

@@ -1,6 +1,6 @@
 //! Training data in memory: clips become half-precision network inputs once, batches are random crops of them.
 
-use crate::bridge::{self, TIMES};
+use crate::bridge::{self, Bridge};
 use crate::config::{Curve, Input, NetworkConfig};
 use crate::features::{Features, Physical, STORED, TARGET, write_input};
 use crate::keyframe::{self, StoredKeys};
@@ -36,6 +36,30 @@ pub struct Clip {
     pub tracks: Tracks,
     /// Indices of keyframes, ascending; used by the keyframe stage.
     pub keyframes: Vec<usize>,
+}
+
+impl Clip {
+    /// Checks what every kind of training needs.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when lengths disagree, the exposure is no positive number, or a frame has no beauty.
+    pub fn check(&self) -> Result<()> {
+        let (frames, cameras, numbers) = (self.frames.len(), self.cameras.len(), self.numbers.len());
+        if frames == 0 || cameras != frames || numbers != frames {
+            return Err(self.broken(format!("{frames} frames with {cameras} cameras and {numbers} numbers")));
+        }
+        if !(self.exposure.is_finite() && self.exposure > 0.0) {
+            return Err(self.broken(format!("exposure {} is not a positive number", self.exposure)));
+        }
+        match self.frames.iter().position(|frame| frame.beauty.is_none()) {
+            Some(i) => Err(self.broken(format!("frame {i} has no beauty to learn from"))),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn broken(&self, reason: String) -> Error {
+        Error::Data { place: self.name.clone(), reason }
+    }
 }
 
 /// Where training clips come from.
@@ -90,17 +114,7 @@ impl StoredFrame {
 /// # Errors
 /// [`Error::Data`] when lengths disagree, a frame has no beauty, or nothing is covered in the whole clip.
 pub fn prepare(clip: &Clip, keys: bool) -> Result<Vec<StoredFrame>> {
-    let broken = |reason: String| Error::Data { place: clip.name.clone(), reason };
-    if clip.frames.is_empty() || clip.cameras.len() != clip.frames.len() || clip.numbers.len() != clip.frames.len() {
-        let (frames, cameras, numbers) = (clip.frames.len(), clip.cameras.len(), clip.numbers.len());
-        return Err(broken(format!("{frames} frames with {cameras} cameras and {numbers} numbers")));
-    }
-    if !(clip.exposure.is_finite() && clip.exposure > 0.0) {
-        return Err(broken(format!("exposure {} is not a positive number", clip.exposure)));
-    }
-    if let Some(i) = clip.frames.iter().position(|frame| frame.beauty.is_none()) {
-        return Err(broken(format!("frame {i} has no beauty to learn from")));
-    }
+    clip.check()?;
     let tables = IblTables::new(&clip.environment);
     let summary = EnvironmentSummary::new(&clip.environment);
     let features: Vec<Features> = clip
@@ -110,7 +124,7 @@ pub fn prepare(clip: &Clip, keys: bool) -> Result<Vec<StoredFrame>> {
         .map(|(frame, camera)| Features::new(frame, camera, &clip.environment, &summary, &tables, clip.exposure))
         .collect();
     if features.iter().all(|f| f.physical.iter().all(|p| p.alpha == 0.0)) {
-        return Err(broken("no pixel of any frame is covered".into()));
+        return Err(clip.broken("no pixel of any frame is covered".into()));
     }
     (0..features.len())
         .into_par_iter()
@@ -177,20 +191,20 @@ pub fn step_rng(seed: u64, step: u64) -> Pcg64Mcg {
 
 impl Batch {
     /// Draws `items` random crops of `size` pixels (a multiple of [`crate::network::PIXEL_MULTIPLE`]); half of them mirrored left to right.
-    /// `times` gives the probability of each of [`TIMES`]. Frames smaller than `size` are never given here.
+    /// Times and noise are those of `bridge`. Frames smaller than `size` are never given here.
     pub fn draw(
         config: &NetworkConfig,
         frames: &[&StoredFrame],
         size: usize,
         items: usize,
-        times: [f32; 4],
+        bridge: Bridge,
         rng: &mut Pcg64Mcg,
     ) -> Self {
-        let chosen: Vec<Item> = (0..items).map(|_| draw_item(frames, size, times, rng)).collect();
-        Self::assemble(config, frames, size, &chosen)
+        let chosen: Vec<Item> = (0..items).map(|_| draw_item(frames, size, bridge, rng)).collect();
+        Self::assemble(config, frames, size, bridge, &chosen)
     }
 
-    fn assemble(config: &NetworkConfig, frames: &[&StoredFrame], size: usize, chosen: &[Item]) -> Self {
+    fn assemble(config: &NetworkConfig, frames: &[&StoredFrame], size: usize, bridge: Bridge, chosen: &[Item]) -> Self {
         let pixels = size * size;
         let channels = config.pixel_channels();
         let parts: Vec<Self> = chosen
@@ -210,7 +224,7 @@ impl Batch {
                 let mut rng = Pcg64Mcg::seed_from_u64(item.noise_seed);
                 for y in 0..size {
                     for x in 0..size {
-                        part.push_pixel(config, frame, item, (x, y), size, &mut rng);
+                        part.push_pixel(config, frame, item, (x, y), size, bridge, &mut rng);
                     }
                 }
                 part
@@ -233,6 +247,7 @@ impl Batch {
         }
     }
 
+    #[allow(clippy::too_many_arguments)]
     fn push_pixel(
         &mut self,
         config: &NetworkConfig,
@@ -240,6 +255,7 @@ impl Batch {
         item: &Item,
         (x, y): (usize, usize),
         size: usize,
+        bridge: Bridge,
         rng: &mut Pcg64Mcg,
     ) {
         let column = item.x + if item.flip { size - 1 - x } else { x };
@@ -262,7 +278,7 @@ impl Batch {
             };
             let noise = if base_time > 0.0 { normal(rng) } else { 0.0 };
             state[0][c] = z0;
-            state[1][c] = bridge::interpolate(z0, z1, base_time, noise);
+            state[1][c] = bridge.interpolate(z0, z1, base_time, noise);
             state[2][c] = z1;
             state[3][c] = linear_to_srgb(exposed.clamp(0.0, 1.0));
         }
@@ -285,7 +301,7 @@ impl Batch {
     }
 }
 
-fn draw_item(frames: &[&StoredFrame], size: usize, times: [f32; 4], rng: &mut Pcg64Mcg) -> Item {
+fn draw_item(frames: &[&StoredFrame], size: usize, bridge: Bridge, rng: &mut Pcg64Mcg) -> Item {
     let coverage = Input::Coverage.offset();
     let mut item = Item { frame: 0, x: 0, y: 0, flip: false, time: 0.0, noise_seed: 0 };
     // A crop of sky teaches nothing: look for one that is covered at one point in eight at least, up to four times.
@@ -307,18 +323,7 @@ fn draw_item(frames: &[&StoredFrame], size: usize, times: [f32; 4], rng: &mut Pc
         }
     }
     item.flip = rng.random_bool(0.5);
-    let total: f32 = times.iter().sum();
-    let mut u = rng.random::<f32>() * total;
-    for (&time, &probability) in TIMES.iter().zip(&times) {
-        if probability <= 0.0 {
-            continue;
-        }
-        item.time = time;
-        u -= probability;
-        if u < 0.0 {
-            break;
-        }
-    }
+    item.time = bridge.times.draw(rng);
     item.noise_seed = rng.random();
     item
 }

@@ -16,7 +16,17 @@ pub struct Parameter {
 
 /// All float parameters of `module` in a fixed order.
 pub fn export<M: Module>(module: &M) -> Vec<Parameter> {
-    let mut visitor = Export { path: Vec::new(), found: Vec::new() };
+    export_some(module, &|_, _| true)
+}
+
+/// Those of [`export`] that learn (require a gradient), in its order.
+pub fn export_learning<M: Module>(module: &M) -> Vec<Parameter> {
+    export_some(module, &|_, learns| learns)
+}
+
+/// Those of [`export`] that `wanted` says yes to, given their name and whether they learn.
+pub fn export_some<M: Module>(module: &M, wanted: &dyn Fn(&str, bool) -> bool) -> Vec<Parameter> {
+    let mut visitor = Export { path: Vec::new(), wanted, found: Vec::new() };
     module.visit(&mut visitor);
     visitor.found
 }
@@ -26,7 +36,19 @@ pub fn export<M: Module>(module: &M) -> Vec<Parameter> {
 /// # Panics
 /// When the number of parameters or of their values differs.
 pub fn import<M: Module>(module: M, values: &[&[f32]], device: &Device) -> M {
-    let mut mapper = Import { values: values.iter(), device };
+    import_some(module, values, device, true)
+}
+
+/// [`import`] of the parameters that learn, in the order of [`export_learning`]; the others stay as they are.
+///
+/// # Panics
+/// When the number of parameters or of their values differs.
+pub fn import_learning<M: Module>(module: M, values: &[&[f32]], device: &Device) -> M {
+    import_some(module, values, device, false)
+}
+
+fn import_some<M: Module>(module: M, values: &[&[f32]], device: &Device, all: bool) -> M {
+    let mut mapper = Import { values: values.iter(), device, all };
     let module = module.map(&mut mapper);
     assert!(mapper.values.next().is_none(), "more values than parameters");
     module
@@ -34,7 +56,16 @@ pub fn import<M: Module>(module: M, values: &[&[f32]], device: &Device) -> M {
 
 /// Gradients in the order of [`export`]; `None` where the loss does not depend on the parameter.
 pub fn gradients<M: Module>(module: &M, gradients: &mut Gradients) -> Vec<Option<Vec<f32>>> {
-    let mut visitor = Collect { gradients, found: Vec::new() };
+    gradients_some(module, gradients, true)
+}
+
+/// Gradients in the order of [`export_learning`].
+pub fn gradients_learning<M: Module>(module: &M, gradients: &mut Gradients) -> Vec<Option<Vec<f32>>> {
+    gradients_some(module, gradients, false)
+}
+
+fn gradients_some<M: Module>(module: &M, gradients: &mut Gradients, all: bool) -> Vec<Option<Vec<f32>>> {
+    let mut visitor = Collect { gradients, all, found: Vec::new() };
     module.visit(&mut visitor);
     visitor.found
 }
@@ -45,16 +76,19 @@ pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.try_into_vec_as::<f32>().expect("tensor readable as f32")
 }
 
-struct Export {
+struct Export<'a> {
     path: Vec<String>,
+    wanted: &'a dyn Fn(&str, bool) -> bool,
     found: Vec<Parameter>,
 }
 
-impl ModuleVisitor for Export {
+impl ModuleVisitor for Export<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let value = param.val();
-        let shape = value.dims().to_vec();
-        self.found.push(Parameter { name: self.path.join("."), shape, values: to_vec(value.without_autodiff()) });
+        let (name, value) = (self.path.join("."), param.val());
+        if (self.wanted)(&name, param.is_require_grad()) {
+            let shape = value.dims().to_vec();
+            self.found.push(Parameter { name, shape, values: to_vec(value.without_autodiff()) });
+        }
     }
 
     fn enter_module(&mut self, name: &str, _: &str) {
@@ -69,10 +103,14 @@ impl ModuleVisitor for Export {
 struct Import<'a> {
     values: std::slice::Iter<'a, &'a [f32]>,
     device: &'a Device,
+    all: bool,
 }
 
 impl ModuleMapper for Import<'_> {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        if !self.all && !param.is_require_grad() {
+            return param;
+        }
         let values = self.values.next().expect("as many values as parameters");
         let require_grad = param.is_require_grad();
         param.map(|old| {
@@ -84,11 +122,14 @@ impl ModuleMapper for Import<'_> {
 
 struct Collect<'a> {
     gradients: &'a mut Gradients,
+    all: bool,
     found: Vec<Option<Vec<f32>>>,
 }
 
 impl ModuleVisitor for Collect<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.found.push(param.val().grad_remove(self.gradients).map(to_vec));
+        if self.all || param.is_require_grad() {
+            self.found.push(param.val().grad_remove(self.gradients).map(to_vec));
+        }
     }
 }

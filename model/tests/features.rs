@@ -7,7 +7,7 @@ use glam::{Mat3A, Vec3A};
 use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Environment, Frame};
-use renderflow_model::bridge::{interpolate, log_curve, log_curve_inverse, velocity};
+use renderflow_model::bridge::{Bridge, log_curve, log_curve_inverse, velocity};
 use renderflow_model::config::{Curve, Input, Start};
 use renderflow_model::features::{BACKGROUND, Features, INPUT_CHANNELS, Physical, STORED, TARGET, write_input};
 use renderflow_model::tokens::{EnvironmentSummary, TOKEN_FEATURES, mirrored};
@@ -61,6 +61,7 @@ fn slopes_are_derivatives() {
 
 #[test]
 fn the_bridge_ends_where_it_should() {
+    let interpolate = |z0, z1, t, noise| Bridge::default().interpolate(z0, z1, t, noise);
     assert_eq!(interpolate(-0.4, 0.8, 0.0, 3.0), -0.4);
     // Half way, noise 1: sigma / 2 above the middle.
     assert!((interpolate(-0.4, 0.8, 0.5, 1.0) - 0.2025).abs() < 1e-7);

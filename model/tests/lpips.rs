@@ -135,3 +135,49 @@ fn lpips_names_the_tensor_that_is_wrong() {
     std::fs::write(&target, &broken).expect("write");
     assert!(matches!(load(), Error::Tensor { tensor, .. } if tensor == name));
 }
+
+#[test]
+fn the_loss_is_the_mean_distance_and_has_a_gradient() {
+    use burn::tensor::{Device, Tensor, TensorData};
+    use renderflow_model::parameters::to_vec;
+
+    let Some(weights) = weights() else { return };
+    let device = Device::flex().autodiff();
+    let (width, height) = (48, 40);
+    let pairs = [(waves(width, height, 0.0), waves(width, height, 0.7)), (waves(width, height, 2.0), waves(width, height, 2.2))];
+    let tensor = |pictures: [&Rgb; 2]| {
+        let planes = |p: &Rgb| (0..3).flat_map(|c| p.pixels.iter().map(move |v| 2.0 * v[c] - 1.0)).collect::<Vec<f32>>();
+        let values: Vec<f32> = pictures.into_iter().flat_map(planes).collect();
+        Tensor::<4>::from_data(TensorData::new(values, [2, 3, height, width]), &device)
+    };
+    let (a, b) = (tensor([&pairs[0].0, &pairs[1].0]), tensor([&pairs[0].1, &pairs[1].1]));
+    for (backbone, _) in BACKBONES {
+        let lpips = Lpips::load_on(&weights.join(backbone.file_name()), backbone, &device).expect("weights");
+        let metric = Lpips::load(&weights, backbone).expect("weights");
+        let expected: f32 = pairs.iter().map(|(a, b)| metric.distance(a, b).expect("distance")).sum::<f32>() / 2.0;
+        let number = |x: Tensor<1>| to_vec(x.without_autodiff())[0];
+        let x = a.clone().require_grad();
+        let loss = lpips.loss(x.clone(), b.clone()).expect("loss");
+        let found = number(loss.clone());
+        assert!((found - expected).abs() < 1e-5 * expected.max(0.1), "{backbone:?}: {found} instead of {expected}");
+        let slope = to_vec(x.grad(&loss.backward()).expect("depends on x"));
+        let length = slope.iter().map(|s| f64::from(*s).powi(2)).sum::<f64>().sqrt();
+        assert!(length.is_finite() && length > 0.0);
+        // Along the gradient.
+        let step = 0.02;
+        let moved = |by: f64| {
+            let change: Vec<f32> = slope.iter().map(|s| (by * f64::from(*s) / length) as f32).collect();
+            let change = Tensor::<4>::from_data(TensorData::new(change, [2, 3, height, width]), &device);
+            f64::from(number(lpips.loss(a.clone() + change, b.clone()).expect("loss")))
+        };
+        let difference = (moved(step) - moved(-step)) / (2.0 * step);
+        assert!((difference / length - 1.0).abs() < 0.05, "{backbone:?}: slope {length}, by differences {difference}");
+        // Equal and flat pictures: no distance, and a gradient of zeros.
+        let flat = Tensor::<4>::zeros([1, 3, height, width], &device).require_grad();
+        let loss = lpips.loss(flat.clone(), flat.clone()).expect("loss");
+        assert_eq!(number(loss.clone()), 0.0);
+        assert!(to_vec(flat.grad(&loss.backward()).expect("depends on it")).iter().all(|s| s.is_finite()));
+        let small = Tensor::<4>::zeros([1, 3, 8, 64], &device);
+        assert!(lpips.loss(small.clone(), small).is_err());
+    }
+}

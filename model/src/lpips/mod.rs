@@ -99,10 +99,18 @@ impl Lpips {
     /// # Errors
     /// As [`Lpips::load`].
     pub fn load_file(path: &Path, backbone: Backbone) -> Result<Self> {
+        // Metrics are always measured on the CPU: the same number whatever device trained or rendered.
+        Self::load_on(path, backbone, &Device::flex())
+    }
+
+    /// [`Self::load_file`] onto the device whose tensors [`Self::loss`] is given, one that records gradients in training.
+    ///
+    /// # Errors
+    /// As [`Lpips::load`].
+    pub fn load_on(path: &Path, backbone: Backbone, device: &Device) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
         let weights = Weights::parse(path, &bytes)?;
-        // Metrics are always measured on the CPU: the same number whatever device trained or rendered.
-        let network = Network::read(backbone, &weights, &Device::flex())?;
+        let network = Network::read(backbone, &weights, device)?;
         let heads = network.tap_channels().iter().enumerate();
         let heads = heads.map(|(i, &channels)| weights.values(&format!("lin.{i}.weight"), &[channels])).collect::<Result<_>>()?;
         let triple = |name: &str| weights.values(name, &[3]).map(|v| [v[0], v[1], v[2]]);
@@ -126,6 +134,40 @@ impl Lpips {
         // Before the network runs on one of them.
         same_size((a.width, a.height), (b.width, b.height))?;
         self.distance_to(a, &self.reference(b)?)
+    }
+
+    /// Mean distance of the pictures of two batches `[b, 3, h, w]` of -1..=1 on the device the network was loaded on, `[1]`;
+    /// differentiable with respect to both, with a gradient of zero where the features of both are zero.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when the shapes differ, are not of three channels, or a side is shorter than [`Backbone::smallest_side`].
+    pub fn loss(&self, a: Tensor<4>, b: Tensor<4>) -> Result<Tensor<1>> {
+        let ([n, channels, height, width], smallest) = (a.dims(), self.backbone.smallest_side());
+        if b.dims() != a.dims() || n == 0 || channels != 3 || width.min(height) < smallest {
+            return Err(data(format!(
+                "pictures {:?} and {:?}; [b, 3, {smallest}.., {smallest}..] is needed",
+                a.dims(),
+                b.dims()
+            )));
+        }
+        let device = a.device();
+        let triple = |v: [f32; 3]| Tensor::<1>::from_data(v, &device).reshape([1, 3, 1, 1]);
+        let (shift, scale) = (triple(self.shift), triple(self.scale));
+        let taps = |x: Tensor<4>| self.network.taps((x - shift.clone()) / scale.clone());
+        // Bounding the square, not the root, keeps the slope of a pixel without features finite.
+        let unit = |f: Tensor<4>| f.clone() / (f.clone() * f).sum_dim(1).add_scalar(1e-20).sqrt();
+        let mut sum: Option<Tensor<1>> = None;
+        for ((a, b), head) in taps(a).into_iter().zip(taps(b)).zip(&self.heads) {
+            let [_, c, h, w] = a.dims();
+            let head = Tensor::<1>::from_data(head.as_slice(), &device).reshape([1, c, 1, 1]);
+            let difference = unit(a) - unit(b);
+            let distance = (difference.clone() * difference * head).sum().div_scalar((n * h * w) as f32);
+            sum = Some(match sum {
+                Some(sum) => sum + distance,
+                None => distance,
+            });
+        }
+        sum.ok_or_else(|| data("a network without features".into()))
     }
 
     /// The features of a picture that several are compared with.

@@ -2,18 +2,18 @@
 //! counter is the whole state of the generators.
 
 use super::optimizer::Optimizer;
-use super::{Config, Stage};
 use crate::weights::{open, read_tensor, write_safetensors};
 use crate::{Error, Result};
 use safetensors::tensor::Dtype;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// What stands in a checkpoint besides tensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CheckpointHeader {
+pub struct CheckpointHeader<C> {
     /// Settings of the run.
-    pub config: Config,
+    pub config: C,
     /// Steps done.
     pub step: u64,
     /// Seconds of training so far.
@@ -26,7 +26,7 @@ const PARTS: [&str; 4] = ["value", "first", "second", "average"];
 ///
 /// # Errors
 /// When it cannot be written.
-pub fn save(path: &Path, header: &CheckpointHeader, optimizer: &Optimizer) -> Result<()> {
+pub fn save<C: Serialize>(path: &Path, header: &CheckpointHeader<C>, optimizer: &Optimizer) -> Result<()> {
     let mut entries = Vec::new();
     for slot in &optimizer.slots {
         for (part, values) in PARTS.iter().zip([&slot.parameter.values, &slot.first, &slot.second, &slot.average]) {
@@ -39,19 +39,25 @@ pub fn save(path: &Path, header: &CheckpointHeader, optimizer: &Optimizer) -> Re
     Ok(renderflow_frame::file::write_atomic(path, &write_safetensors(path, &header, tensors)?)?)
 }
 
-/// Reads a checkpoint into `optimizer`, whose parameters give names and shapes. `None` when there is no file.
+/// Reads a checkpoint into `optimizer`, whose parameters give names and shapes. `None` when there is no file. `difference` names the
+/// first option that decides what is learned and that the checkpoint's run had otherwise.
 ///
 /// # Errors
-/// When the file is broken, or was made with settings that decide what is learned and differ from `config`.
-pub fn load(path: &Path, config: &Config, optimizer: &mut Optimizer) -> Result<Option<CheckpointHeader>> {
+/// When the file is broken, or there is such an option.
+pub fn load<C: DeserializeOwned>(
+    path: &Path,
+    difference: &dyn Fn(&C) -> Option<&'static str>,
+    optimizer: &mut Optimizer,
+) -> Result<Option<CheckpointHeader<C>>> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(Error::io(path, "read")(error)),
     };
     let (tensors, header) = open(path, &bytes)?;
-    let header: CheckpointHeader = serde_json::from_str(&header).map_err(|e| Error::malformed(path, format!("header: {e}")))?;
-    if let Some(option) = difference(&header.config, config) {
+    let header: CheckpointHeader<C> =
+        serde_json::from_str(&header).map_err(|e| Error::malformed(path, format!("header: {e}")))?;
+    if let Some(option) = difference(&header.config) {
         return Err(Error::config(option, format!("differs from the run in {}; use another output folder", path.display())));
     }
     for slot in &mut optimizer.slots {
@@ -64,18 +70,4 @@ pub fn load(path: &Path, config: &Config, optimizer: &mut Optimizer) -> Result<O
     }
     optimizer.steps = header.step;
     Ok(Some(header))
-}
-
-/// The first option that may not change between a run and its continuation.
-fn difference(a: &Config, b: &Config) -> Option<&'static str> {
-    let stage = |config: &Config| matches!(config.stage, Stage::Keyframes { .. });
-    [
-        ("network", a.network == b.network),
-        ("seed", a.seed == b.seed),
-        ("crops", a.crops == b.crops),
-        ("stage", stage(a) == stage(b)),
-    ]
-    .into_iter()
-    .find(|(_, same)| !same)
-    .map(|(option, _)| option)
 }

@@ -33,6 +33,12 @@ pub struct Record {
     pub eta: f64,
 }
 
+/// What every kind of record has.
+#[derive(Deserialize)]
+struct Stepped {
+    step: u64,
+}
+
 /// Appends records to a file.
 pub struct Log {
     path: PathBuf,
@@ -48,7 +54,7 @@ impl Log {
         let kept = match std::fs::read_to_string(path) {
             Ok(text) => text
                 .lines()
-                .filter(|line| serde_json::from_str::<Record>(line).is_ok_and(|record| record.step <= resumed))
+                .filter(|line| serde_json::from_str::<Stepped>(line).is_ok_and(|record| record.step <= resumed))
                 .map(|line| format!("{line}\n"))
                 .collect(),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
@@ -63,7 +69,7 @@ impl Log {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn append(&mut self, record: &Record) -> Result<()> {
+    pub fn append(&mut self, record: &impl Serialize) -> Result<()> {
         let mut line = serde_json::to_vec(record).map_err(|e| Error::malformed(&self.path, e.to_string()))?;
         line.push(b'\n');
         self.file.write_all(&line).map_err(Error::io(&self.path, "write"))

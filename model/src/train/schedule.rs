@@ -1,6 +1,27 @@
-//! Learning rate: linear warm-up, then a cosine down to 1% by the share of the run that is done.
+//! Learning rate: linear warm-up, then a cosine down to 1% by the share of the run that is done, or no change.
 
+use super::runner::Settings;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
+
+/// What follows the warm-up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Decay {
+    /// Half a cosine, down to 1%.
+    #[default]
+    Cosine,
+    /// The peak rate to the end.
+    Constant,
+}
+
+/// The rate of a run with these settings.
+pub fn rate(settings: Settings, step: u64, share: f64) -> f64 {
+    match settings.decay {
+        Decay::Cosine => learning_rate(settings.learning_rate, step, settings.warmup_steps, share),
+        Decay::Constant => learning_rate(settings.learning_rate, step, settings.warmup_steps, 0.0),
+    }
+}
 
 /// Share of the peak rate at the end.
 const FLOOR: f64 = 0.01;

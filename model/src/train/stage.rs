@@ -1,7 +1,6 @@
 //! The two stages of training: the base network, and the keyframe network on top of a frozen base.
 
 use super::loss::{self, Loss, LossWeights};
-use crate::bridge::SIGMA;
 use crate::config::NetworkConfig;
 use crate::data::Batch;
 use crate::keyframe::{self, KeyInputs, KeyframeNet};
@@ -36,6 +35,8 @@ pub struct BaseStage {
 pub struct KeyframeStage {
     /// The frozen network, on a device that records no gradients.
     pub base: Network,
+    /// Noise of the bridge.
+    pub sigma: f32,
 }
 
 struct NetworkInput {
@@ -94,7 +95,7 @@ impl Objective for KeyframeStage {
 
         let time = network.times.unsqueeze_dim::<4>(3);
         let rest = time.clone().neg().add_scalar(1.0);
-        let spread = (time.clone() * rest.clone()).sqrt().mul_scalar(SIGMA);
+        let spread = (time.clone() * rest.clone()).sqrt().mul_scalar(self.sigma);
         let z1 = picture(batch.target.clone(), 6).narrow(3, 0, 3);
         let noise = picture(std::mem::take(&mut batch.noise), 3);
         let z_t = keyframe::start(&inputs) * rest + z1 * time.clone() + noise * spread;

@@ -1,0 +1,283 @@
+//! The loop behind every training run: batches one ahead, optimiser, schedule, checkpoints, log, resumption.
+
+use super::checkpoint::{self, CheckpointHeader};
+use super::log::Log;
+use super::optimizer::{Optimizer, StepSettings};
+use super::schedule::{self, Decay};
+use crate::parameters;
+use crate::{Error, Result};
+use burn::module::Module;
+use burn::tensor::Device;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::time::Instant;
+
+/// What one batch teaches.
+pub struct Lesson {
+    /// What was minimised; a loss that is not finite ends the run.
+    pub total: f32,
+    /// Numbers for the log by name, averaged over the steps that give them.
+    pub terms: Vec<(&'static str, f32)>,
+    /// Items of the batch.
+    pub items: usize,
+    /// Gradients in the order of [`parameters::export_learning`].
+    pub gradients: Vec<Option<Vec<f32>>>,
+}
+
+/// What the loop needs of a kind of training.
+pub trait Learner {
+    /// One batch.
+    type Batch: Send;
+    /// The module of which some or all parameters learn.
+    type Model: Module;
+    /// Loss and gradients of `model` on the batch of `step`; tensors are made on `device`, which records them.
+    ///
+    /// # Errors
+    /// When the batch does not fit the model.
+    fn learn(&self, model: &Self::Model, step: u64, batch: Self::Batch, device: &Device) -> Result<Lesson>;
+}
+
+/// Numbers that steer a run.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Optimiser steps; where `minutes` is given, an upper bound.
+    pub steps: u64,
+    /// Minutes over all resumptions.
+    pub minutes: Option<f64>,
+    /// Peak learning rate.
+    pub learning_rate: f64,
+    /// Steps of linear warm-up.
+    pub warmup_steps: u64,
+    /// What follows the warm-up.
+    pub decay: Decay,
+    /// Decoupled weight decay.
+    pub weight_decay: f32,
+    /// Largest gradient norm.
+    pub clip_norm: f32,
+    /// Decay of the moving average of the weights.
+    pub ema_decay: f32,
+    /// Steps between checkpoints.
+    pub checkpoint_steps: u64,
+    /// Steps between log lines and progress reports.
+    pub log_steps: u64,
+}
+
+impl Settings {
+    /// Share of the run that is done.
+    fn share(&self, step: u64, elapsed: f64) -> f64 {
+        let by_steps = step as f64 / self.steps as f64;
+        self.minutes.map_or(by_steps, |minutes| by_steps.max(elapsed / (60.0 * minutes)))
+    }
+}
+
+/// What every line of a log is made of; averages are over the steps since the line before.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Steps done.
+    pub step: u64,
+    /// Share of the run done, 0..=1.
+    pub share: f64,
+    /// Mean of [`Lesson::total`].
+    pub loss: f32,
+    /// Means of [`Lesson::terms`].
+    pub terms: BTreeMap<&'static str, f32>,
+    /// Norm of the gradient before clipping.
+    pub gradient_norm: f32,
+    /// Learning rate.
+    pub lr: f64,
+    /// Items a second.
+    pub items_per_second: f64,
+    /// Seconds of training so far, over all resumptions.
+    pub elapsed: f64,
+    /// Seconds left.
+    pub eta: f64,
+}
+
+/// What a run left behind.
+#[derive(Clone, Debug)]
+pub struct Outcome<R> {
+    /// Steps done in all.
+    pub steps: u64,
+    /// Seconds of training in all.
+    pub elapsed: f64,
+    /// Whether the run reached its end; otherwise it was cancelled and can be resumed.
+    pub finished: bool,
+    /// The last line of the log, if any was written.
+    pub last: Option<R>,
+}
+
+/// One run in one folder, which gets `checkpoint.safetensors` and `log.jsonl`.
+pub struct Runner<'a, C, R> {
+    /// Written into checkpoints.
+    pub config: &'a C,
+    /// The first option that may not differ between a checkpoint's run and this one.
+    pub difference: &'a dyn Fn(&C, &C) -> Option<&'static str>,
+    /// Folder.
+    pub output: &'a Path,
+    /// Numbers.
+    pub settings: Settings,
+    /// Device that records gradients.
+    pub device: Device,
+    /// Makes a line of the log.
+    pub record: &'a dyn Fn(&Report) -> R,
+    /// Told of every line.
+    pub progress: &'a dyn Fn(&R),
+    /// Stops after the current step.
+    pub cancel: &'a AtomicBool,
+}
+
+/// Something to be done with the state of the optimiser; see [`Runner::run`].
+pub type Save<'a, M> = &'a dyn Fn(&Optimizer, &M) -> Result<()>;
+
+impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C, R> {
+    /// Trains `model`, resuming from the checkpoint in the folder if there is one. `batches` is given the first step and returns
+    /// what makes the batch of a step, called for one step after another on a thread of its own. `save` is called after every
+    /// checkpoint and at the end. Returns the trained model too.
+    ///
+    /// # Errors
+    /// Those of its parts, [`Error::Diverged`], and when the folder cannot be written.
+    pub fn run<L: Learner, B: FnMut(u64) -> Result<L::Batch> + Send>(
+        &self,
+        learner: &L,
+        model: L::Model,
+        batches: impl FnOnce(u64) -> Result<B>,
+        save: Save<L::Model>,
+    ) -> Result<(Outcome<R>, L::Model)> {
+        std::fs::create_dir_all(self.output).map_err(Error::io(self.output, "create folder"))?;
+        let path: PathBuf = self.output.join("checkpoint.safetensors");
+        let mut optimizer = Optimizer::new(parameters::export_learning(&model));
+        let differs = |old: &C| (self.difference)(old, self.config);
+        let resumed = checkpoint::load::<C>(&path, &differs, &mut optimizer)?;
+        let before = resumed.map_or(0.0, |header| header.elapsed);
+        let mut log = Log::open(&self.output.join("log.jsonl"), optimizer.steps)?;
+        let first_step = optimizer.steps;
+        let mut make = batches(first_step)?;
+
+        let start = Instant::now();
+        let elapsed = || before + start.elapsed().as_secs_f64();
+        let (mut meter, mut last) = (Meter::default(), None);
+        let keep = |optimizer: &Optimizer, model: &L::Model, elapsed: f64| -> Result<()> {
+            let header = CheckpointHeader { config: self.config.clone(), step: optimizer.steps, elapsed };
+            checkpoint::save(&path, &header, optimizer)?;
+            save(optimizer, model)
+        };
+        // References that may go to another thread; `self` may not.
+        let cancel = self.cancel;
+        let (finished, model) = std::thread::scope(|scope| -> Result<(bool, L::Model)> {
+            // Batches are made one ahead, on a thread of their own.
+            let (sender, receiver) = mpsc::sync_channel::<Result<L::Batch>>(1);
+            scope.spawn(move || {
+                for step in first_step.. {
+                    if cancel.load(Ordering::Relaxed) {
+                        return;
+                    }
+                    let batch = make(step);
+                    let failed = batch.is_err();
+                    // The receiver is gone when training has ended.
+                    if sender.send(batch).is_err() || failed {
+                        return;
+                    }
+                }
+            });
+            let mut model = parameters::import_learning(model, &optimizer.values(), &self.device);
+            loop {
+                let share = self.settings.share(optimizer.steps, elapsed());
+                if share >= 1.0 || cancel.load(Ordering::Relaxed) {
+                    keep(&optimizer, &model, elapsed())?;
+                    return Ok((share >= 1.0, model));
+                }
+                let batch = match receiver.recv() {
+                    Ok(batch) => batch?,
+                    // The producer saw the request to stop first.
+                    Err(_) if cancel.load(Ordering::Relaxed) => continue,
+                    Err(_) => return Err(Error::Data { place: "batches".into(), reason: "producer stopped".into() }),
+                };
+                let lr = schedule::rate(self.settings, optimizer.steps, share);
+                let lesson = learner.learn(&model, optimizer.steps, batch, &self.device)?;
+                let norm = self.step(&mut optimizer, &lesson, lr)?;
+                model = parameters::import_learning(model, &optimizer.values(), &self.device);
+                meter.add(&lesson, norm);
+                if optimizer.steps.is_multiple_of(self.settings.log_steps) {
+                    let report = self.report(&meter, optimizer.steps, lr, [before, elapsed()], first_step);
+                    let record = (self.record)(&report);
+                    log.append(&record)?;
+                    (self.progress)(&record);
+                    last = Some(record);
+                    meter = Meter::default();
+                }
+                if optimizer.steps.is_multiple_of(self.settings.checkpoint_steps) {
+                    keep(&optimizer, &model, elapsed())?;
+                }
+            }
+        })?;
+        Ok((Outcome { steps: optimizer.steps, elapsed: elapsed(), finished, last }, model))
+    }
+
+    fn step(&self, optimizer: &mut Optimizer, lesson: &Lesson, lr: f64) -> Result<f32> {
+        let step = optimizer.steps;
+        if !lesson.total.is_finite() {
+            return Err(Error::Diverged { step, what: "loss".into() });
+        }
+        let settings = StepSettings {
+            learning_rate: lr as f32,
+            weight_decay: self.settings.weight_decay,
+            clip_norm: self.settings.clip_norm,
+            ema_decay: self.settings.ema_decay,
+        };
+        optimizer.step(&lesson.gradients, settings).map_err(|what| Error::Diverged { step, what })
+    }
+
+    fn report(&self, meter: &Meter, step: u64, lr: f64, [before, elapsed]: [f64; 2], first_step: u64) -> Report {
+        let n = meter.steps.max(1) as f64;
+        // By steps from this session's own rate; by time where that ends the run earlier.
+        let rate = (elapsed - before) / (step - first_step).max(1) as f64;
+        let by_steps = rate * self.settings.steps.saturating_sub(step) as f64;
+        let eta = self.settings.minutes.map_or(by_steps, |minutes| by_steps.min((60.0 * minutes - elapsed).max(0.0)));
+        Report {
+            step,
+            share: self.settings.share(step, elapsed).min(1.0),
+            loss: (meter.total / n) as f32,
+            terms: meter.terms.iter().map(|(&name, &(sum, count))| (name, (sum / count as f64) as f32)).collect(),
+            gradient_norm: (meter.norm / n) as f32,
+            lr,
+            items_per_second: meter.items as f64 / meter.since.elapsed().as_secs_f64().max(1e-9),
+            elapsed,
+            eta,
+        }
+    }
+}
+
+/// Sums since the last log line.
+struct Meter {
+    since: Instant,
+    steps: u64,
+    items: usize,
+    total: f64,
+    /// Sum and number of values of each term.
+    terms: BTreeMap<&'static str, (f64, u64)>,
+    norm: f64,
+}
+
+impl Default for Meter {
+    fn default() -> Self {
+        Self { since: Instant::now(), steps: 0, items: 0, total: 0.0, terms: BTreeMap::new(), norm: 0.0 }
+    }
+}
+
+impl Meter {
+    fn add(&mut self, lesson: &Lesson, norm: f32) {
+        self.steps += 1;
+        self.items += lesson.items;
+        self.total += f64::from(lesson.total);
+        self.norm += f64::from(norm);
+        for &(name, value) in &lesson.terms {
+            let (sum, count) = self.terms.entry(name).or_default();
+            *sum += f64::from(value);
+            *count += 1;
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! Frames as the pictures an autoencoder reads: three channels of -1..=1, in planes.
+//!
+//! The paper leaves the encodings open; these are this program's:
+//! - `albedo` and `target` (the truth) in the curve of the metrics, `sRGB(clamp(exposure x))` for radiance, `sRGB(x)` for base colour;
+//! - `normal` in camera space, as it is (`0.5 + 0.5 n` of 0..=1);
+//! - `depth` `ln(z / near) / ln(far / near)` of 0..=1, clamped, three times alike, with bounds that hold for the whole sequence
+//!   (bounds of single frames would flicker);
+//! - `material` (roughness, metallic, specular) of 0..=1;
+//! - pixels that see no surface: albedo is the environment behind them as the target shows it, normal 0, depth 1, material 0;
+//! - `environment` seen from the camera, latitude by longitude with the view direction in the middle, exposed, brought to 0..=1 by
+//!   the extended Reinhard curve with white point 16 channel by channel (as DiffusionRenderer, Liang et al. 2025), in sRGB.
+
+use crate::bridge::MAX_RADIANCE;
+use crate::{Error, Result};
+use glam::{Vec2, Vec3A};
+use rayon::prelude::*;
+use renderflow_frame::color::{display, linear_to_srgb, reinhard, srgb_to_linear};
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Camera, Environment, Frame};
+use serde::{Deserialize, Serialize};
+use std::f32::consts::{PI, TAU};
+
+/// Exposed radiance that the picture of the environment shows as white.
+pub const WHITE: f32 = 16.0;
+
+/// Planar depths of a sequence that its depth pictures show as 0 and 1, metres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthBounds {
+    /// Least depth, > 0.
+    pub near: f32,
+    /// Largest depth, > `near`.
+    pub far: f32,
+}
+
+impl DepthBounds {
+    /// Smallest quotient of the two: a wall at one distance has bounds too.
+    const LEAST_QUOTIENT: f32 = 1.01;
+
+    /// The bounds of frames: their least and their largest depth; 1 m and 1.01 m when no pixel of any frame sees a surface.
+    pub fn of<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> Self {
+        let (mut near, mut far) = (f32::INFINITY, 0.0f32);
+        for frame in frames {
+            for &depth in frame.depth.pixels.iter().filter(|d| is_depth(**d)) {
+                (near, far) = (near.min(depth), far.max(depth));
+            }
+        }
+        if near > far {
+            (near, far) = (1.0, 1.0);
+        }
+        // Beyond these the quotient is no longer a number of single precision.
+        let near = near.clamp(1e-6, 1e12);
+        Self { near, far: far.clamp(near * Self::LEAST_QUOTIENT, 1e14) }
+    }
+
+    /// Checks that a logarithm can be taken.
+    ///
+    /// # Errors
+    /// [`Error::Data`] with the bounds.
+    pub fn validate(self) -> Result<()> {
+        let quotient = self.far / self.near;
+        if self.near > 0.0 && quotient.is_finite() && quotient >= 1.0001 {
+            return Ok(());
+        }
+        Err(Error::Data { place: "depth bounds".into(), reason: format!("{} to {} m is no range", self.near, self.far) })
+    }
+
+    /// Depth in metres to 0..=1; 1 where there is no surface.
+    pub fn encode(self, depth: f32) -> f32 {
+        if is_depth(depth) { ((depth / self.near).ln() / (self.far / self.near).ln()).clamp(0.0, 1.0) } else { 1.0 }
+    }
+
+    /// Inverse of [`Self::encode`] within the bounds.
+    pub fn decode(self, value: f32) -> f32 {
+        self.near * (value.clamp(0.0, 1.0) * (self.far / self.near).ln()).exp()
+    }
+}
+
+fn is_depth(depth: f32) -> bool {
+    depth > 0.0 && depth.is_finite()
+}
+
+/// The environment of a sequence, ready to be shown from any of its cameras.
+#[derive(Clone, Debug)]
+pub struct EnvironmentView {
+    source: Environment,
+    width: usize,
+    height: usize,
+}
+
+impl EnvironmentView {
+    /// Pictures of `width x height`. A finer map is averaged to that size, so that a small sun keeps its energy.
+    pub fn new(environment: &Environment, width: usize, height: usize) -> Self {
+        let (w, h) = (environment.map.width.min(width), environment.map.height.min(height));
+        Self { source: environment.downsampled(w, h), width, height }
+    }
+
+    /// What `camera` has around it, `[3, height, width]` of -1..=1.
+    pub fn picture(&self, camera: &Camera, exposure: f32) -> Vec<f32> {
+        planes(self.width, self.height, |x, y| {
+            let (sin_phi, cos_phi) = (TAU * ((x as f32 + 0.5) / self.width as f32 - 0.5)).sin_cos();
+            let (sin_theta, cos_theta) = (PI * (y as f32 + 0.5) / self.height as f32).sin_cos();
+            let direction = camera.camera_to_world.matrix3 * Vec3A::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta);
+            self.source.radiance(direction).map(|v| {
+                let exposed = (exposure * v).clamp(0.0, MAX_RADIANCE);
+                signed(linear_to_srgb(reinhard(exposed, WHITE).clamp(0.0, 1.0)))
+            })
+        })
+    }
+}
+
+/// A kind of picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Base colour.
+    Albedo,
+    /// Shading normal.
+    Normal,
+    /// Logarithm of depth.
+    Depth,
+    /// Roughness, metallic, specular.
+    Material,
+    /// The environment around the camera.
+    Environment,
+    /// The truth.
+    Target,
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 6] = [Self::Albedo, Self::Normal, Self::Depth, Self::Material, Self::Environment, Self::Target];
+}
+
+/// One frame as pictures; see the module. All but `environment` and `mask` are `[3, height, width]`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pictures {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Base colour.
+    pub albedo: Vec<f32>,
+    /// Shading normal.
+    pub normal: Vec<f32>,
+    /// Logarithm of depth.
+    pub depth: Vec<f32>,
+    /// Roughness, metallic, specular.
+    pub material: Vec<f32>,
+    /// The environment around the camera, `[3, he, we]` of the view it was made with.
+    pub environment: Vec<f32>,
+    /// `[height, width]`: 1 where a surface is seen, 0 elsewhere; what masked metrics count.
+    pub mask: Vec<f32>,
+    /// The truth, where the frame has one.
+    pub target: Option<Vec<f32>>,
+}
+
+impl Pictures {
+    /// The pictures of `frame`. `exposure` maps radiance to display-linear.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when the exposure is no positive number, the bounds are no range, or frame and camera differ in size.
+    pub fn new(
+        frame: &Frame,
+        camera: &Camera,
+        environment: &Environment,
+        view: &EnvironmentView,
+        exposure: f32,
+        bounds: DepthBounds,
+    ) -> Result<Self> {
+        let broken = |reason: String| Error::Data { place: "frame".into(), reason };
+        if !(exposure.is_finite() && exposure > 0.0) {
+            return Err(broken(format!("exposure {exposure} is not a positive number")));
+        }
+        bounds.validate()?;
+        let (width, height) = (frame.width, frame.height);
+        let sizes = [frame.alpha.pixels.len(), frame.albedo.pixels.len(), frame.normal.pixels.len(), frame.depth.pixels.len()];
+        let whole = sizes.iter().chain([&frame.material.pixels.len()]).all(|n| *n == width * height);
+        if width == 0 || height == 0 || (camera.width, camera.height) != (width, height) || !whole {
+            let reason = format!("{width}x{height} pixels with a camera of {}x{}", camera.width, camera.height);
+            return Err(broken(reason));
+        }
+        if frame.beauty.as_ref().is_some_and(|beauty| (beauty.width, beauty.height) != (width, height)) {
+            return Err(broken("its beauty differs in size from its other channels".into()));
+        }
+        let seen = |x: usize, y: usize| is_depth(*frame.depth.at(x, y));
+        let albedo = planes(width, height, |x, y| {
+            if seen(x, y) {
+                frame.albedo.at(x, y).map(|v| signed(linear_to_srgb(finite(v).clamp(0.0, 1.0))))
+            } else {
+                let direction = camera.ray_direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
+                shown(environment.radiance(direction), exposure)
+            }
+        });
+        let plane = |f: &(dyn Fn(usize, usize) -> [f32; 3] + Sync)| planes(width, height, f);
+        Ok(Self {
+            width,
+            height,
+            albedo,
+            normal: plane(&|x, y| {
+                if seen(x, y) { frame.normal.at(x, y).map(|v| finite(v).clamp(-1.0, 1.0)) } else { [0.0; 3] }
+            }),
+            depth: plane(&|x, y| [signed(bounds.encode(*frame.depth.at(x, y))); 3]),
+            material: plane(&|x, y| {
+                if seen(x, y) { frame.material.at(x, y).map(|v| signed(finite(v).clamp(0.0, 1.0))) } else { [-1.0; 3] }
+            }),
+            environment: view.picture(camera, exposure),
+            mask: frame.alpha.pixels.iter().map(|a| if *a > 0.0 { 1.0 } else { 0.0 }).collect(),
+            target: frame.beauty.as_ref().map(|beauty| plane(&|x, y| shown(*beauty.at(x, y), exposure))),
+        })
+    }
+}
+
+impl Pictures {
+    /// The picture of a kind; empty where the frame has no truth.
+    pub fn of(&self, kind: Kind) -> &[f32] {
+        match kind {
+            Kind::Albedo => &self.albedo,
+            Kind::Normal => &self.normal,
+            Kind::Depth => &self.depth,
+            Kind::Material => &self.material,
+            Kind::Environment => &self.environment,
+            Kind::Target => self.target.as_deref().unwrap_or_default(),
+        }
+    }
+}
+
+/// A picture of the target's kind `[3, height, width]` as scene-linear radiance of 0 to display white.
+///
+/// # Errors
+/// [`Error::Data`] when the number of values does not fit.
+pub fn radiance(picture: &[f32], width: usize, height: usize, exposure: f32) -> Result<Rgb> {
+    let pixels = width * height;
+    if picture.len() != 3 * pixels {
+        let reason = format!("{} values where {width}x{height} pixels of 3 are expected", picture.len());
+        return Err(Error::Data { place: "picture".into(), reason });
+    }
+    Ok(Rgb::from_fn(width, height, |x, y| {
+        let i = y * width + x;
+        [0, 1, 2].map(|c| srgb_to_linear((0.5 + 0.5 * finite(picture[c * pixels + i])).clamp(0.0, 1.0)) / exposure)
+    }))
+}
+
+/// Radiance in the curve of the metrics.
+fn shown(radiance: [f32; 3], exposure: f32) -> [f32; 3] {
+    display(radiance.map(finite), exposure).map(signed)
+}
+
+/// 0..=1 to -1..=1.
+fn signed(value: f32) -> f32 {
+    2.0 * value - 1.0
+}
+
+/// NaN shows as 0.
+fn finite(value: f32) -> f32 {
+    if value.is_nan() { 0.0 } else { value }
+}
+
+/// `[3, height, width]` of a function of column and row.
+fn planes(width: usize, height: usize, pixel: impl Fn(usize, usize) -> [f32; 3] + Sync) -> Vec<f32> {
+    let pixels: Vec<[f32; 3]> = (0..width * height).into_par_iter().map(|i| pixel(i % width, i / width)).collect();
+    (0..3).flat_map(|c| pixels.iter().map(move |p| p[c])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_bounds_hold_for_any_frames() {
+        let frame = |depths: &[f32]| Frame {
+            width: depths.len(),
+            height: 1,
+            depth: renderflow_frame::Image { width: depths.len(), height: 1, pixels: depths.to_vec() },
+            ..Frame::default()
+        };
+        let frames = [frame(&[2.0, f32::INFINITY]), frame(&[f32::NAN, 8.0, -1.0])];
+        let bounds = DepthBounds::of(&frames);
+        assert_eq!(bounds, DepthBounds { near: 2.0, far: 8.0 });
+        assert!((bounds.encode(4.0) - 0.5).abs() < 1e-6 && (bounds.decode(0.5) - 4.0).abs() < 1e-5);
+        assert_eq!(
+            [bounds.encode(1.0), bounds.encode(9.0), bounds.encode(f32::INFINITY), bounds.encode(f32::NAN)],
+            [0.0, 1.0, 1.0, 1.0]
+        );
+        for depths in [vec![], vec![f32::INFINITY], vec![5.0, 5.0], vec![1e-30, f32::MAX]] {
+            let bounds = DepthBounds::of(&[frame(&depths)]);
+            bounds.validate().expect("a range");
+            assert!(depths.iter().all(|d| (0.0..=1.0).contains(&bounds.encode(*d))), "{bounds:?}");
+        }
+        for (near, far) in [(0.0, 1.0), (2.0, 2.0), (f32::NAN, 1.0), (1.0, f32::INFINITY), (-1.0, -2.0)] {
+            assert!(DepthBounds { near, far }.validate().is_err(), "{near} to {far}");
+        }
+    }
+
+    /// A sun that rises to the right of the camera is in the right half of the picture, whichever way the camera looks.
+    #[test]
+    fn the_environment_turns_with_the_camera() {
+        let toward_x = Rgb::from_fn(64, 32, |x, y| {
+            // u = 1/4 is +x.
+            if (x as i32 - 16).abs() <= 1 && (y as i32 - 16).abs() <= 1 { [500.0; 3] } else { [0.1; 3] }
+        });
+        let environment = Environment { map: toward_x, rotation: 0.0, intensity: 1.0 };
+        let view = EnvironmentView::new(&environment, 32, 16);
+        for (target, column) in [(Vec3A::NEG_Z, 24), (Vec3A::X, 16), (Vec3A::Z, 8)] {
+            let camera = Camera::look_at(Vec3A::ZERO, target, Vec3A::Y, 1.0, 8, 8);
+            let picture = view.picture(&camera, 1.0);
+            assert!(picture.iter().all(|v| (-1.0..=1.0).contains(v)));
+            let row = &picture[8 * 32..9 * 32];
+            let brightest = (0..32).max_by(|a, b| row[*a].total_cmp(&row[*b])).expect("pixels");
+            assert!(brightest.abs_diff(column) <= 1, "looking at {target}: {brightest}");
+        }
+        // Any exposure gives a picture.
+        let camera = Camera::look_at(Vec3A::ZERO, Vec3A::X, Vec3A::Y, 1.0, 8, 8);
+        assert!(view.picture(&camera, f32::MAX).iter().all(|v| (-1.0..=1.0).contains(v)));
+    }
+}
