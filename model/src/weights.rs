@@ -195,6 +195,15 @@ pub fn save(path: &Path, header: &WeightsHeader, weights: &[Parameter], precisio
     Ok(renderflow_frame::file::write_atomic(path, &encode(header, weights, precision)?)?)
 }
 
+/// Writes the weights of one file to another in `precision`; what they say about themselves is kept.
+///
+/// # Errors
+/// As [`load`] and [`save`].
+pub fn convert(from: &Path, to: &Path, precision: Precision) -> Result<()> {
+    let (network, header) = load(from, &Device::flex())?;
+    save(to, &header, &parameters::export(&network), precision)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -61,11 +61,29 @@ pub fn is_context_path(name: &str) -> bool {
 /// format (the first ten in full); [`Error::Io`] and [`Error::Tensor`] when reading fails or a value is not finite.
 pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Result<(M, LoadReport)> {
     let entries = network.entries();
-    let naming = naming(&entries, source);
+    let (wanted, report) = fit(&entries, source, options)?;
+    let mut mapper = Reader { source, naming: report.naming, wanted, failed: None };
+    let network = network.map(&mut mapper);
+    match mapper.failed {
+        Some(error) => Err(error),
+        None => Ok((network, report)),
+    }
+}
+
+/// Which of `entries` are in `source`.
+///
+/// # Errors
+/// [`Error::Malformed`] as of [`load`].
+pub(super) fn fit<'a>(
+    entries: &'a [Entry],
+    source: &Source,
+    options: LoadOptions,
+) -> Result<(HashMap<ParamId, &'a Entry>, LoadReport)> {
+    let naming = naming(entries, source);
     let mut problems = Vec::new();
     let mut report = LoadReport { naming, read: 0, ignored: Vec::new(), kept: Vec::new() };
     let mut wanted: HashMap<ParamId, &Entry> = HashMap::with_capacity(entries.len());
-    for entry in &entries {
+    for entry in entries {
         let name = entry.name(naming);
         match (source.shape(name), source.element(name)) {
             (None, _) if (options.may_lack)(&entry.diffusers) => report.kept.push(entry.diffusers.clone()),
@@ -91,12 +109,7 @@ pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Resu
         return Err(refusal(source, &problems));
     }
     report.read = wanted.len();
-    let mut mapper = Reader { source, naming, wanted, failed: None };
-    let network = network.map(&mut mapper);
-    match mapper.failed {
-        Some(error) => Err(error),
-        None => Ok((network, report)),
-    }
+    Ok((wanted, report))
 }
 
 /// The naming under which more of the network is found.

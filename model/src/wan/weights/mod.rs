@@ -5,10 +5,14 @@
 //! turned into f32 in this program's order of axes. The most memory in use is that of the network and of two copies of its
 //! largest tensor, as with a mapped file, but without the faults of one that changes while it is mapped.
 
+mod convert;
+mod identify;
 mod load;
 mod save;
 mod source;
 
+pub use convert::{check, convert};
+pub use identify::{Evidence, Found, Identity, identify};
 pub use load::{LoadOptions, LoadReport, is_context_path, is_text_path, load};
 pub use save::{Header, Network, Precision, Provenance, save};
 pub use source::{ElementType, Row, Source, Table};

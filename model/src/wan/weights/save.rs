@@ -3,13 +3,15 @@
 use super::load::to_file;
 use super::source::Source;
 use crate::wan::config::{DitConfig, VaceConfig, VaeConfig};
-use crate::wan::flow::FlowConfig;
+use crate::wan::dit::Dit;
+use crate::wan::flow::{Flow, FlowConfig};
 use crate::wan::names::{Entry, Named, Naming};
+use crate::wan::vace::Vace;
+use crate::wan::vae::Vae;
 use crate::weights::HEADER;
 use crate::{Error, Result};
 use burn::module::{ModuleVisitor, Param, ParamId};
-use burn::tensor::Tensor;
-use half::{bf16, f16};
+use burn::tensor::{Device, Tensor};
 use safetensors::tensor::{Dtype, View};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -28,6 +30,45 @@ pub enum Network {
     WanVace(VaceConfig),
     /// The renderer; without its autoencoder's weights, which have a file of their own.
     WanFlow(FlowConfig),
+}
+
+impl Network {
+    /// Checks that the numbers describe a network.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the option.
+    pub fn validate(&self) -> Result<()> {
+        match self {
+            Self::WanVae(config) => config.validate(),
+            Self::WanDit(config) => config.validate(),
+            Self::WanVace(config) => config.validate(),
+            Self::WanFlow(config) => config.validate(),
+        }
+    }
+
+    /// Every tensor of it; no weights are made.
+    ///
+    /// # Errors
+    /// When the configuration is invalid.
+    pub fn entries(&self) -> Result<Vec<Entry>> {
+        let device = Device::flex();
+        Ok(match self {
+            Self::WanVae(config) => Vae::new(config, 0, &device)?.entries(),
+            Self::WanDit(config) => Dit::new(config, 0, &device)?.entries(),
+            Self::WanVace(config) => Vace::new(config, 0, &device)?.entries(),
+            Self::WanFlow(config) => Flow::new(config, 0, &device)?.entries(),
+        })
+    }
+
+    /// What it is, for people.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::WanVae(_) => "Wan autoencoder",
+            Self::WanDit(_) => "Wan transformer",
+            Self::WanVace(_) => "Wan transformer with VACE's context path",
+            Self::WanFlow(_) => "renderer on Wan's transformer",
+        }
+    }
 }
 
 /// Where weights come from.
@@ -89,17 +130,27 @@ pub fn save<M: Named>(path: &Path, network: &M, header: &Header, precision: Prec
     if let Some(error) = writer.failed {
         return Err(error);
     }
+    write(path, writer.views, header, || Ok(()))
+}
+
+/// A safetensors file of `views` with `header`, beside its place and renamed if `sound` has nothing to say once all is written.
+pub(super) fn write(
+    path: &Path,
+    views: Vec<(String, impl View)>,
+    header: &Header,
+    sound: impl FnOnce() -> Result<()>,
+) -> Result<()> {
     let text = serde_json::to_string(header).map_err(|e| Error::malformed(path, e.to_string()))?;
     let metadata = HashMap::from([(HEADER.to_string(), text)]);
     let mut beside = path.as_os_str().to_owned();
     beside.push(format!(".{}.partial", std::process::id()));
     let beside = Path::new(&beside);
-    let written = safetensors::serialize_to_file(writer.views, Some(metadata), beside);
+    let written = safetensors::serialize_to_file(views, Some(metadata), beside);
     let placed = written.map_err(|e| match e {
         safetensors::SafeTensorError::IoError(e) => Error::io(path, "write")(e),
         e => Error::malformed(path, e.to_string()),
     });
-    let placed = placed.and_then(|()| std::fs::rename(beside, path).map_err(Error::io(path, "write")));
+    let placed = placed.and_then(|()| sound()).and_then(|()| std::fs::rename(beside, path).map_err(Error::io(path, "write")));
     if placed.is_err() {
         // The error matters, not whether a part of the file was there to be removed.
         let _ = std::fs::remove_file(beside);
@@ -121,11 +172,7 @@ impl ModuleVisitor for Writer<'_> {
         let Some(&entry) = self.by_id.get(&param.id) else { return };
         let tensor = param.val().without_autodiff();
         let values = move || tensor.clone().into_data().iter::<f32>().collect::<Vec<f32>>();
-        let most = match self.precision {
-            Precision::F16 => f16::MAX.to_f32(),
-            Precision::F32 => f32::MAX,
-            Precision::Bf16 => bf16::MAX.to_f32(),
-        };
+        let most = self.precision.largest();
         let name = entry.name(self.naming).to_string();
         if let Some(value) = values().into_iter().find(|v| !v.is_finite() || v.abs() > most) {
             let reason = format!("value {value} cannot be stored");
@@ -145,11 +192,7 @@ struct LazyView<'a> {
 
 impl View for LazyView<'_> {
     fn dtype(&self) -> Dtype {
-        match self.precision {
-            Precision::F32 => Dtype::F32,
-            Precision::F16 => Dtype::F16,
-            Precision::Bf16 => Dtype::BF16,
-        }
+        self.precision.dtype()
     }
 
     fn shape(&self) -> &[usize] {
@@ -158,15 +201,10 @@ impl View for LazyView<'_> {
 
     fn data(&self) -> Cow<'_, [u8]> {
         let values = to_file((self.values)(), &self.entry.layout, &self.entry.memory);
-        Cow::Owned(match self.precision {
-            Precision::F32 => values.iter().flat_map(|v| v.to_le_bytes()).collect(),
-            Precision::F16 => values.iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect(),
-            Precision::Bf16 => values.iter().flat_map(|&v| bf16::from_f32(v).to_le_bytes()).collect(),
-        })
+        Cow::Owned(self.precision.bytes(&values))
     }
 
     fn data_len(&self) -> usize {
-        let bytes = if self.precision == Precision::F32 { 4 } else { 2 };
-        self.entry.parameters() as usize * bytes
+        self.entry.parameters() as usize * self.precision.size()
     }
 }
