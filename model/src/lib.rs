@@ -12,6 +12,7 @@ pub mod lpips;
 pub mod network;
 pub mod ops;
 pub mod parameters;
+pub mod renderer;
 pub mod tokens;
 pub mod train;
 pub mod wan;

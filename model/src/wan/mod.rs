@@ -21,6 +21,7 @@ pub mod probe;
 pub mod train;
 pub mod vace;
 pub mod vae;
+pub mod video;
 pub mod weights;
 
 pub use config::{DitConfig, Gelu, VaceConfig, VaeConfig};

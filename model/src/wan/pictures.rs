@@ -39,11 +39,14 @@ impl DepthBounds {
 
     /// The bounds of frames: their least and their largest depth; 1 m and 1.01 m when no pixel of any frame sees a surface.
     pub fn of<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> Self {
+        Self::of_depths(frames.into_iter().flat_map(|frame| frame.depth.pixels.iter().copied()))
+    }
+
+    /// [`Self::of`] frames that have these depths; those that are no positive number are of pixels that see no surface.
+    pub fn of_depths(depths: impl IntoIterator<Item = f32>) -> Self {
         let (mut near, mut far) = (f32::INFINITY, 0.0f32);
-        for frame in frames {
-            for &depth in frame.depth.pixels.iter().filter(|d| is_depth(**d)) {
-                (near, far) = (near.min(depth), far.max(depth));
-            }
+        for depth in depths.into_iter().filter(|d| is_depth(*d)) {
+            (near, far) = (near.min(depth), far.max(depth));
         }
         if near > far {
             (near, far) = (1.0, 1.0);

@@ -1,6 +1,8 @@
 //! A small analytic scene: a sphere on a plane under a sky with a bright spot, its truth a known function of the split sum.
 #![allow(dead_code)]
 
+pub mod sequence;
+
 use glam::{Vec2, Vec3A};
 use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::{Image, Rgb};

@@ -1,0 +1,331 @@
+//! One interface for both networks: the frames of a sequence go in one after the other, pictures come out in the same order.
+//!
+//! [`NeuralRenderer`] (the compact network) makes each frame by itself; [`WanRenderer`] (the paper's graph) makes them in overlapping
+//! clips, so that a picture comes out up to a clip later than its frame went in. The memory in use does not grow with the sequence.
+
+use crate::infer::{Keyframe, NeuralRenderer, PreparedKeyframe};
+use crate::wan::pictures::DepthBounds;
+use crate::wan::video::WanRenderer;
+use crate::{Error, Result, weights};
+use renderflow_frame::ibl::IblTables;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::tracks::Movement;
+use renderflow_frame::{Camera, Environment, Frame};
+use safetensors::tensor::Dtype;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What a renderer says about itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct About {
+    /// Short name: `compact` or `wan`.
+    pub name: &'static str,
+    /// What its weights say about themselves, as JSON.
+    pub header: String,
+    /// Whether it can make use of keyframes.
+    pub keyframes: bool,
+    /// Whether its pictures go beyond display white; otherwise radiance ends there.
+    pub hdr: bool,
+    /// Frames rendered together; 1 = each by itself, in any order.
+    pub clip: usize,
+}
+
+/// How pictures are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Make use of the sequence's keyframes.
+    pub keyframes: bool,
+    /// Euler steps from t = 0; 1 is what the networks are trained for.
+    pub steps: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { keyframes: false, steps: 1 }
+    }
+}
+
+/// A rendered frame that others may be guided by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KeyframePlace {
+    /// Number of the frame in the sequence; distances are counted in them.
+    pub number: usize,
+    /// Index of the frame among those stored.
+    pub index: usize,
+}
+
+/// A sequence, as far as it does not arrive frame by frame. What a renderer does not ask for is never made.
+pub trait Sequence: Sync {
+    /// The light.
+    fn environment(&self) -> &Environment;
+    /// What image-based lighting needs of it.
+    fn tables(&self) -> &IblTables;
+    /// Factor from radiance to display-linear, > 0.
+    fn exposure(&self) -> f32;
+    /// Depths of the whole sequence.
+    ///
+    /// # Errors
+    /// When frames cannot be read.
+    fn depth_bounds(&self) -> Result<DepthBounds>;
+    /// Keyframes, by ascending number.
+    fn keyframes(&self) -> &[KeyframePlace];
+    /// A keyframe with its beauty.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn keyframe(&self, index: usize) -> Result<(Frame, Camera)>;
+    /// How objects moved from stored frame `from` to stored frame `to`.
+    fn movement(&self, from: usize, to: usize) -> Movement<'_>;
+}
+
+/// A frame to be rendered.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// Number of the frame in the sequence.
+    pub number: usize,
+    /// Index of the frame among those stored.
+    pub index: usize,
+    /// Its G-buffer; a beauty is not looked at.
+    pub frame: &'a Frame,
+    /// Its camera.
+    pub camera: &'a Camera,
+}
+
+/// A finished frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendered {
+    /// [`View::index`].
+    pub index: usize,
+    /// Scene-linear radiance.
+    pub linear: Rgb,
+}
+
+/// A network that renders sequences.
+pub trait Renderer: Send + Sync {
+    /// What it is.
+    fn about(&self) -> About;
+    /// Begins with a sequence.
+    ///
+    /// # Errors
+    /// For 0 steps, an exposure that is no positive number, and when keyframes are asked for that the weights cannot use.
+    fn begin<'a>(&'a self, sequence: &'a dyn Sequence, options: Options) -> Result<Box<dyn Session + 'a>>;
+}
+
+/// A sequence being rendered. A renderer that makes clips wants consecutive frames of one size; where a number is left out, what
+/// follows is rendered as if a sequence began there.
+pub trait Session {
+    /// Takes the next frame and returns the frames finished by it, in order: none, one, or a clip.
+    ///
+    /// # Errors
+    /// When the frame does not fit, and nothing has changed then; when a keyframe cannot be read or rendering fails.
+    fn push(&mut self, view: View) -> Result<Vec<Rendered>>;
+    /// Ends the sequence: the frames that were still waited for.
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    fn finish(&mut self) -> Result<Vec<Rendered>>;
+    /// Makes ready what the frame of this number needs beside itself; [`Self::push`] does it where nobody did.
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    fn prepare(&mut self, _number: usize) -> Result<()> {
+        Ok(())
+    }
+    /// What another session needs to go on after the last finished frame; `None` where frames are waited for, and always where each
+    /// is rendered by itself.
+    fn state(&self) -> Option<State> {
+        None
+    }
+    /// Goes on after the frame `view`, with what [`Self::state`] said then: what follows is the same to the bit as without the stop.
+    ///
+    /// # Errors
+    /// When the two do not belong together.
+    fn resume(&mut self, _view: View, _state: State) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// The end of a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// [`View::number`] of the last finished frame.
+    pub number: usize,
+    /// Its columns and rows.
+    pub size: [usize; 2],
+    /// Its picture `[3, height, width]`, display values as -1..=1.
+    pub picture: Vec<f32>,
+}
+
+/// What [`State::encode`] writes beside the picture.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StateHeader {
+    number: usize,
+    size: [usize; 2],
+}
+
+/// Name of the picture in the file of a [`State`].
+const PICTURE: &str = "picture";
+
+impl State {
+    /// As the bytes of a safetensors file.
+    ///
+    /// # Errors
+    /// When the picture has not the size it says.
+    pub fn encode(&self) -> Result<Vec<u8>> {
+        let path = Path::new("state to be written");
+        let header = StateHeader { number: self.number, size: self.size };
+        let header = serde_json::to_string(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
+        let bytes: Vec<u8> = self.picture.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let shape = [3, self.size[1], self.size[0]];
+        weights::write_safetensors(path, &header, std::iter::once((PICTURE, Dtype::F32, &shape[..], &bytes[..])))
+    }
+
+    /// From what [`Self::encode`] wrote; `path` stands in errors.
+    ///
+    /// # Errors
+    /// When the bytes are something else, or a value is not finite.
+    pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
+        let (tensors, header) = weights::open(path, bytes)?;
+        let header = serde_json::from_str(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
+        let StateHeader { number, size } = header;
+        let picture = weights::read_tensor(path, &tensors, PICTURE, &[3, size[1], size[0]])?;
+        Ok(Self { number, size, picture })
+    }
+}
+
+/// How the paper's graph is opened, beside its own weights.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Autoencoder<'a> {
+    /// Its file; [`crate::wan::video::AUTOENCODER_FILE`] beside that of the renderer where none is named.
+    pub file: Option<&'a Path>,
+    /// Pixels a side of the tiles in which larger pictures are encoded and decoded; `None` = always in one piece.
+    pub tile: Option<usize>,
+}
+
+/// Opens the weights of either network: what the file says about itself tells which.
+///
+/// # Errors
+/// When a file cannot be read or holds no network that renders; the message names file and tensor. When an autoencoder is described for
+/// the compact network, which has none.
+pub fn open(path: &Path, autoencoder: Autoencoder) -> Result<Box<dyn Renderer>> {
+    if WanRenderer::recognises(path) {
+        let renderer = WanRenderer::load(path, autoencoder.file)?;
+        return Ok(match autoencoder.tile {
+            Some(pixels) => Box::new(renderer.tiled(pixels)?),
+            None => Box::new(renderer),
+        });
+    }
+    if autoencoder.file.is_some() || autoencoder.tile.is_some() {
+        return Err(Error::malformed(path, "not weights of the paper's network: there is no autoencoder to be named or tiled"));
+    }
+    Ok(Box::new(NeuralRenderer::load(path)?))
+}
+
+/// Checks what every renderer asks of its options.
+pub(crate) fn check(options: Options, exposure: f32) -> Result<()> {
+    if options.steps == 0 {
+        return Err(Error::config("steps", "must be at least 1"));
+    }
+    if !(exposure.is_finite() && exposure > 0.0) {
+        return Err(Error::config("exposure", format!("{exposure} is not a positive number")));
+    }
+    Ok(())
+}
+
+/// The keyframes that matter to frames `first..=last`: the nearest at or before the first, those up to the last, and where there is
+/// none of these the next one.
+pub(crate) fn nearest(places: &[KeyframePlace], first: usize, last: usize) -> Vec<KeyframePlace> {
+    let next = places.partition_point(|place| place.number <= first);
+    let within = places[next..].iter().take_while(|place| place.number <= last).count();
+    places[next.saturating_sub(1)..].iter().take(next.min(1) + within.max(1)).copied().collect()
+}
+
+impl Renderer for NeuralRenderer {
+    fn about(&self) -> About {
+        let header = serde_json::to_string(self.header()).unwrap_or_default();
+        About { name: "compact", header, keyframes: self.accepts_keyframes(), hdr: true, clip: 1 }
+    }
+
+    fn begin<'a>(&'a self, sequence: &'a dyn Sequence, options: Options) -> Result<Box<dyn Session + 'a>> {
+        check(options, sequence.exposure())?;
+        if options.keyframes && !self.accepts_keyframes() {
+            return Err(Error::config("keyframes", "these weights have no keyframe stage"));
+        }
+        Ok(Box::new(Single { renderer: self, sequence, options, keyframes: Vec::new() }))
+    }
+}
+
+/// Frames rendered each by itself.
+struct Single<'a> {
+    renderer: &'a NeuralRenderer,
+    sequence: &'a dyn Sequence,
+    options: Options,
+    /// Those of the last frame: two at most.
+    keyframes: Vec<(KeyframePlace, PreparedKeyframe)>,
+}
+
+impl Session for Single<'_> {
+    fn push(&mut self, view: View) -> Result<Vec<Rendered>> {
+        self.prepare(view.number)?;
+        let sequence = self.sequence;
+        let keyframes: Vec<Keyframe> = self
+            .keyframes
+            .iter()
+            .map(|(place, prepared)| Keyframe {
+                prepared,
+                distance: place.number as f32 - view.number as f32,
+                movement: sequence.movement(view.index, place.index),
+            })
+            .collect();
+        let (environment, tables, exposure) = (sequence.environment(), sequence.tables(), sequence.exposure());
+        let steps = self.options.steps;
+        let linear = self.renderer.render_steps(view.frame, view.camera, environment, tables, exposure, &keyframes, steps)?;
+        Ok(vec![Rendered { index: view.index, linear }])
+    }
+
+    fn finish(&mut self) -> Result<Vec<Rendered>> {
+        Ok(Vec::new())
+    }
+
+    fn prepare(&mut self, number: usize) -> Result<()> {
+        if !self.options.keyframes {
+            return Ok(());
+        }
+        let wanted = nearest(self.sequence.keyframes(), number, number);
+        self.keyframes.retain(|(place, _)| wanted.contains(place));
+        for place in wanted {
+            if self.keyframes.iter().all(|(there, _)| *there != place) {
+                let sequence = self.sequence;
+                let (frame, camera) = sequence.keyframe(place.index)?;
+                let (environment, tables) = (sequence.environment(), sequence.tables());
+                let prepared = PreparedKeyframe::new(&frame, &camera, environment, tables, sequence.exposure())?;
+                self.keyframes.push((place, prepared));
+            }
+        }
+        // Of equal distances the earlier counts.
+        self.keyframes.sort_by_key(|(place, _)| place.number);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clip_is_guided_from_both_sides() {
+        let places: Vec<KeyframePlace> =
+            [4, 6, 7, 20].into_iter().enumerate().map(|(index, number)| KeyframePlace { number, index }).collect();
+        let numbers = |first, last| nearest(&places, first, last).iter().map(|place| place.number).collect::<Vec<_>>();
+        assert_eq!(numbers(0, 0), [4]);
+        assert_eq!(numbers(0, 6), [4, 6]);
+        assert_eq!(numbers(4, 4), [4, 6]);
+        assert_eq!(numbers(4, 8), [4, 6, 7]);
+        assert_eq!(numbers(5, 5), [4, 6]);
+        assert_eq!(numbers(8, 12), [7, 20]);
+        assert_eq!(numbers(20, 24), [20]);
+        assert_eq!(numbers(30, 34), [20]);
+        assert_eq!(nearest(&[], 3, 9), []);
+    }
+}

@@ -1,0 +1,57 @@
+//! From pictures to the buffers behind them.
+
+use super::WanRenderer;
+use super::pixels::Size;
+use crate::parameters::to_vec;
+use crate::wan::flow::Intrinsic;
+use crate::wan::probe::Probe;
+use crate::{Error, Result};
+
+impl WanRenderer {
+    /// Whether the weights hold an inverse adapter.
+    pub fn inverts(&self) -> bool {
+        self.config().inverse.is_some()
+    }
+
+    /// Each of `intrinsics` behind the frames of a clip, `[3, height, width]` of -1..=1 in and out; out per intrinsic, then per frame. One
+    /// frame is a picture by itself; several are consecutive ones, and are padded to a whole clip with the last. `steps` Euler steps.
+    ///
+    /// # Errors
+    /// When there is no inverse adapter, no frame, 0 steps, or a frame has another number of values.
+    pub fn invert(
+        &self,
+        frames: &[&[f32]],
+        [width, height]: [usize; 2],
+        intrinsics: &[Intrinsic],
+        steps: usize,
+    ) -> Result<Vec<Vec<Vec<f32>>>> {
+        let broken = |reason: String| Error::Data { place: "pictures".into(), reason };
+        if steps == 0 {
+            return Err(Error::config("steps", "must be at least 1"));
+        }
+        let values = 3 * width * height;
+        let Some(last) = frames.last() else { return Err(broken("there are none".into())) };
+        if values == 0 || frames.iter().any(|frame| frame.len() != values) {
+            return Err(broken(format!("not all have the {values} values of {width}x{height} pixels")));
+        }
+        let size = Size::new(width, height, self.config().pixel_multiple());
+        let factor = self.config().vae.temporal_factor();
+        let count = 1 + (frames.len() - 1).next_multiple_of(factor);
+        let padded: Vec<&[f32]> = frames.iter().copied().chain(std::iter::repeat_n(*last, count - frames.len())).collect();
+        let start = self.encode(size.clip(&padded, &self.device))?;
+        let mut found = Vec::with_capacity(intrinsics.len());
+        for &intrinsic in intrinsics {
+            let mut z = start.clone();
+            for step in 0..steps {
+                // The whole way that is left is the velocity times 1 - t; a step goes 1 / steps of it all.
+                let t = step as f64 / steps as f64;
+                let end = self.flow.invert(z.clone(), &[t], intrinsic, &mut Probe::idle())?;
+                z = z.clone() + (end - z) * (1.0 / (steps - step) as f64);
+            }
+            let pictures = to_vec(self.decode(z)?);
+            super::clips::all_finite(&pictures)?;
+            found.push((0..frames.len()).map(|i| size.frame(&pictures, count, i)).collect());
+        }
+        Ok(found)
+    }
+}

@@ -1,0 +1,134 @@
+//! Rendering with the paper's graph: sequences of any length in overlapping clips, and the way back from pictures to buffers.
+//!
+//! A clip has 1 + s frames (s what a latent frame spans, 4 with Wan's autoencoder) and begins with the last frame of the clip before
+//! it, whose picture it is given as VACE's masked reference (RenderFlow, section "Long video inference"). Where clips begin depends on
+//! the place in the sequence alone, so that the result does not depend on how the frames arrive, nor on stops between clips; memory
+//! is that of one clip. A sequence that ends inside a clip has its last frame repeated to the clip's end; one of a single frame is a
+//! clip of one, which the autoencoder does in two dimensions.
+
+mod clips;
+mod invert;
+mod pixels;
+
+pub use clips::Clips;
+
+use super::flow::{Flow, FlowConfig};
+use super::latents::mask_cells;
+use super::train::open_autoencoder;
+use super::vae::{Tiling, Vae};
+use super::weights::{Header, Source};
+use crate::renderer::{About, Options, Renderer, Sequence, Session};
+use crate::{Error, Result};
+use burn::tensor::{Device, Tensor, TensorData};
+use std::path::Path;
+
+/// Name of the autoencoder's file where it lies beside the renderer's.
+pub const AUTOENCODER_FILE: &str = "vae.safetensors";
+
+/// The paper's graph with its autoencoder, ready to render.
+#[derive(Debug)]
+pub struct WanRenderer {
+    flow: Flow,
+    vae: Vae,
+    header: Header,
+    tiling: Option<Tiling>,
+    device: Device,
+}
+
+impl WanRenderer {
+    /// Whether a file holds a network of [`crate::wan`] written by this program.
+    pub fn recognises(path: &Path) -> bool {
+        Source::open(path).and_then(|source| source.header()).is_ok_and(|header| header.is_some())
+    }
+
+    /// The renderer in `path`, and its autoencoder in `autoencoder` (a file of this program, or a published one in either layout) or in
+    /// [`AUTOENCODER_FILE`] beside it.
+    ///
+    /// # Errors
+    /// When a file cannot be read, holds another network, or the two do not belong together.
+    pub fn load(path: &Path, autoencoder: Option<&Path>) -> Result<Self> {
+        let device = Device::flex();
+        let (flow, header, _) = Flow::read(&Source::open(path)?, |config| config, 0, &device)?;
+        let beside = path.parent().unwrap_or(Path::new("")).join(AUTOENCODER_FILE);
+        if autoencoder.is_none() && !beside.is_file() {
+            let reason = format!("no {AUTOENCODER_FILE} beside it: name the file of its autoencoder");
+            return Err(Error::malformed(path, reason));
+        }
+        let autoencoder = autoencoder.unwrap_or(&beside);
+        let (vae, _) = open_autoencoder(autoencoder, &flow.config().vae, &device)?;
+        if vae.config() != &flow.config().vae {
+            let reason = format!("not the autoencoder on whose latents {} was trained", path.display());
+            return Err(Error::malformed(autoencoder, reason));
+        }
+        Self::new(flow, vae, header, device)
+    }
+
+    /// From networks in memory, on `device`.
+    ///
+    /// # Errors
+    /// When the two do not belong together.
+    pub fn new(flow: Flow, vae: Vae, header: Header, device: Device) -> Result<Self> {
+        if vae.config() != &flow.config().vae {
+            return Err(Error::config("autoencoder", "is not the one whose latents the renderer was made for"));
+        }
+        Ok(Self { flow, vae, header, tiling: None, device })
+    }
+
+    /// The same with pictures larger than `pixels` a side encoded and decoded in tiles of that size, of which a quarter overlaps, so that
+    /// the autoencoder's memory is that of one; see [`Tiling`] for what that changes. Tokens attend to the whole picture.
+    ///
+    /// # Errors
+    /// When a tile is smaller than four latent pixels.
+    pub fn tiled(self, pixels: usize) -> Result<Self> {
+        let size = pixels / self.config().vae.spatial_factor();
+        if size < 4 {
+            return Err(Error::config("tile", format!("{pixels} pixels are fewer than four latent pixels")));
+        }
+        Ok(Self { tiling: Some(Tiling { size, overlap: size / 4 }), ..self })
+    }
+
+    /// What the network is.
+    pub fn config(&self) -> &FlowConfig {
+        self.flow.config()
+    }
+
+    /// What the weights say about themselves.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Normalised latents of pictures `[1, 3, f, height, width]`.
+    fn encode(&self, pictures: Tensor<5>) -> Result<Tensor<5>> {
+        match self.tiling {
+            Some(tiling) => Ok(self.vae.normalise(self.vae.encode_tiled(pictures, tiling)?)),
+            None => self.vae.encode_normalised(pictures),
+        }
+    }
+
+    /// Pictures of normalised latents, clamped to -1..=1.
+    fn decode(&self, latents: Tensor<5>) -> Result<Tensor<5>> {
+        match self.tiling {
+            Some(tiling) => Ok(self.vae.decode_tiled(self.vae.denormalise(latents), tiling)?.clamp(-1.0, 1.0)),
+            None => self.vae.decode_normalised(latents),
+        }
+    }
+
+    /// The mask of a clip of which `known` frames are given, `[1, s s, f, h, w]` for latents `[1, z, f, h, w]`.
+    fn mask(&self, known: &[bool], latents: &Tensor<5>) -> Tensor<5> {
+        let [b, _, f, h, w] = latents.dims();
+        let cells = self.config().mask_channels();
+        Tensor::from_data(TensorData::new(mask_cells(known, f, cells, h * w), [b, cells, f, h, w]), &self.device)
+    }
+}
+
+impl Renderer for WanRenderer {
+    fn about(&self) -> About {
+        let header = serde_json::to_string(&self.header).unwrap_or_default();
+        let clip = 1 + self.config().vae.temporal_factor();
+        About { name: "wan", header, keyframes: self.config().keyframes.is_some(), hdr: false, clip }
+    }
+
+    fn begin<'a>(&'a self, sequence: &'a dyn Sequence, options: Options) -> Result<Box<dyn Session + 'a>> {
+        Ok(Box::new(Clips::new(self, sequence, options)?))
+    }
+}
