@@ -1,4 +1,4 @@
-use super::{SceneArgs, TraceArgs};
+use super::{AllWeightsArgs, SceneArgs, TraceArgs};
 use crate::dataset::SequenceFolder;
 use crate::evaluate::find::Place;
 use crate::evaluate::method::Way;
@@ -7,17 +7,17 @@ use crate::evaluate::run;
 use crate::progress::Progress;
 use crate::report::{self, picture, table};
 use crate::truth::{DenoiseMode, SequenceJob, TruthSettings};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::denoise::Denoiser;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 /// The whole pipeline on one sequence: compose (or load) a scene, render truth and keyframes along an orbit, render it by split-sum
-/// IBL, deferred shading and by the network without and with keyframes, print the comparison and write a report. Run again, it goes on
+/// IBL, deferred shading and by the networks without and with keyframes, print the comparison and write a report. Run again, it goes on
 /// where it stopped.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow demo\n  renderflow demo --scene model.glb --hdri sky.hdr --out demo-model")]
@@ -38,9 +38,8 @@ pub struct Demo {
     /// Distance of keyframes
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
     keyframe_gap: u32,
-    /// Weights; those inside the program without it
-    #[arg(long)]
-    weights: Option<PathBuf>,
+    #[command(flatten)]
+    weights: AllWeightsArgs,
     /// Sample counts of path-traced rows
     #[arg(long, value_delimiter = ',', default_value = "1,4")]
     path_traced: Vec<u32>,
@@ -52,7 +51,7 @@ pub struct Demo {
 impl Demo {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         // What could fail fast fails before the first ray.
-        let renderer = super::network(self.weights.as_deref())?;
+        let networks = self.weights.open(true)?;
         let lpips = super::evaluate::lpips()?;
         let (scene, base) = self.scene.describe(self.seed, Some(self.resolution), Some(self.frames))?;
         let settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
@@ -75,10 +74,12 @@ impl Demo {
         let denoised = self.trace.denoise != DenoiseMode::None && Denoiser::new().is_ok();
         let clean = if denoised { "+oidn" } else { "" };
         let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
-        let ways = Way::list(&format!("ibl,deferred,warp,neural,neural+keys{traced}"))?;
+        let wan = if networks.wan.is_some() { ",wan,wan+keys" } else { "" };
+        let ways = Way::list(&format!("ibl,deferred,warp,neural,neural+keys{wan}{traced}"))?;
         let place = Place { set: "demo".into(), class: "scene".into(), folder: SequenceFolder::open(&folder)?, record: None };
         let options = run::Options {
-            network: Some(&renderer),
+            network: networks.compact.as_deref(),
+            wan: networks.wan.as_deref(),
             lpips: &lpips,
             ways: &ways,
             guide_samples: 16,
@@ -86,7 +87,7 @@ impl Demo {
             every: 1,
             pictures: 3,
             title: format!("RenderFlow: {name}"),
-            settings: self.settings(&name, &loaded, &settings, serde_json::to_string(renderer.header())?),
+            settings: self.settings(&name, &loaded, &settings, networks.settings()),
         };
         let progress = Progress::new("comparing", place.folder.len() as u64);
         let folder = self.out.join("results");
@@ -109,7 +110,7 @@ impl Demo {
     /// Writes the kept pictures of each frame side by side, errors below.
     fn montages(&self, scored: &Scored, results: &Results) -> Result<()> {
         for &frame in &scored.about.shown {
-            let read = |method: &str| read_picture(&scored.pictures.join(picture_file(frame, method)));
+            let read = |method: &str| picture::display_values(&scored.pictures.join(picture_file(frame, method)));
             let truth = read(TRUTH)?;
             let there = results.about.methods.iter().filter(|m| scored.pictures.join(picture_file(frame, &m.id)).is_file());
             let others = there.map(|method| read(&method.id)).collect::<Result<Vec<Rgb>>>()?;
@@ -124,11 +125,11 @@ impl Demo {
         name: &str,
         loaded: &renderflow_scenes::LoadedScene,
         truth: &TruthSettings,
-        network: String,
+        networks: Vec<(String, String)>,
     ) -> Vec<(String, String)> {
         let triangles: usize = loaded.instances.iter().map(|i| loaded.meshes[i.mesh].triangles.len()).sum();
         let setting = |name: &str, value: String| (name.to_owned(), value);
-        vec![
+        let mut settings = vec![
             setting("scene", format!("{name}, BLAKE3 {}", loaded.hash)),
             setting(
                 "size",
@@ -145,16 +146,10 @@ impl Demo {
                 ),
             ),
             setting("exposure", format!("{:.6}", renderflow_frame::ibl::exposure(&loaded.environment))),
-            setting("network", network),
-        ]
+        ];
+        settings.extend(networks);
+        settings
     }
-}
-
-/// Display values of a PNG file.
-fn read_picture(path: &Path) -> Result<Rgb> {
-    let picture = image::open(path).with_context(|| path.display().to_string())?.into_rgb32f();
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    Ok(Rgb { width, height, pixels: picture.pixels().map(|p| p.0).collect() })
 }
 
 /// Largest resident set of this process so far, from the operating system.

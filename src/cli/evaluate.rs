@@ -1,10 +1,11 @@
+use super::AllWeightsArgs;
 use crate::evaluate::find::find;
-use crate::evaluate::method::{STANDARD, Way};
+use crate::evaluate::method::{Network, STANDARD, Way};
 use crate::evaluate::{outside, results::Results, run};
 use crate::metrics::Networks;
 use crate::progress::Progress;
 use crate::report::table;
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use renderflow_model::lpips::WEIGHTS_VARIABLE;
 use std::path::{Path, PathBuf};
@@ -15,13 +16,15 @@ Examples:
   renderflow evaluate --data sets --methods all --every 5 --out results
   renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" --out results-mine
   renderflow report results --out report
+  renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors --out results-wan
 
 Methods, in a comma-separated list:
   ibl                 split-sum image-based lighting
   deferred            lights taken out of the environment with shadow maps, ambient occlusion, screen-space reflections and
                       indirect light; deferred-lights, -shadows, -maps, -sky, -occlusion, -reflections, -indirect: without that part
   warp, warp-ibl      keyframes carried along, deferred (or ibl) in the holes, no network
-  neural, neural+keys the network without and with keyframes
+  neural, neural+keys the compact network without and with keyframes
+  wan, wan+keys       the paper's network, whose --weights are needed, without and with keyframes
   pt4, pt4+oidn, pt4+fast
                       path tracing with 4 samples a pixel: raw, denoised by OIDN with least error, or in least time
   equal-deferred      path tracing + OIDN in the seconds of another method (here deferred); equal-deferred+fast with OIDN in least time
@@ -49,9 +52,8 @@ pub struct Evaluate {
     /// What to evaluate
     #[arg(long, default_value = STANDARD, conflicts_with = "pictures")]
     methods: String,
-    /// Weights; those inside the program without it
-    #[arg(long)]
-    weights: Option<PathBuf>,
+    #[command(flatten)]
+    weights: AllWeightsArgs,
     /// Of every so many frames evaluate the first two; 1 = all
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "pictures")]
     every: u32,
@@ -91,14 +93,22 @@ impl Evaluate {
     fn methods(&self, data: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
         let ways = Way::list(&self.methods)?;
         let places = find(data)?;
-        let neural = ways.iter().any(|way| matches!(way, Way::Neural { .. }));
-        let network = if neural { Some(super::network(self.weights.as_deref())?) } else { None };
-        let mut settings = Vec::new();
-        if let Some(network) = &network {
-            settings.push(("network".to_owned(), serde_json::to_string(network.header())?));
+        let wants = |network| ways.iter().any(|way| way.network().is_some_and(|(wanted, _)| wanted == network));
+        let mut networks = self.weights.open(wants(Network::Compact))?;
+        ensure!(
+            networks.wan.is_some() || !wants(Network::Wan),
+            "--methods: wan and wan+keys need the weights of the paper's network (--weights FILE)"
+        );
+        if !wants(Network::Compact) {
+            networks.compact = None;
         }
+        if !wants(Network::Wan) {
+            networks.wan = None;
+        }
+        let settings = networks.settings();
         let options = run::Options {
-            network: network.as_ref(),
+            network: networks.compact.as_deref(),
+            wan: networks.wan.as_deref(),
             lpips,
             ways: &ways,
             guide_samples: 16,

@@ -1,65 +1,193 @@
-use crate::dataset::Dataset;
-use crate::evaluate::keyframes::{keyframes_for, prepare_keyframes};
+use super::{WeightsArgs, record};
+use crate::dataset::{Dataset, SequenceFolder, SequenceView};
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::truth::Interrupted;
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
 use clap::Args;
-use renderflow_frame::ibl::IblTables;
 use renderflow_frame::{color, exr, file};
-use std::path::PathBuf;
+use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Renders every frame of a sequence folder with the network, from its G-buffers alone or with its keyframes.
+/// What made the pictures of a folder.
+const RECORD: &str = "infer.json";
+/// Where a network that renders clips was stopped in a sequence.
+const STATE: &str = "stopped.safetensors";
+
+/// Renders every frame of sequence folders with a network, from its G-buffers alone or with its keyframes. The paper's network works in
+/// clips of five frames that overlap by one. Run again with the same weights and options, it goes on where it was stopped.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow infer --data data/test/seq-000000 --keyframes --out neural")]
+#[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes --out neural\n  \
+renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors --out wan-out")]
 pub struct Infer {
     /// A sequence folder, or a folder of them
     #[arg(long)]
     data: PathBuf,
-    /// Weights; those inside the program without it
-    #[arg(long)]
-    weights: Option<PathBuf>,
+    #[command(flatten)]
+    weights: WeightsArgs,
     /// Use the beauty of the sequence's keyframes
     #[arg(long)]
     keyframes: bool,
+    /// Euler steps; 1 is what the networks are trained for
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    steps: u32,
     /// Folder to write to: an EXR with the picture as beauty and a PNG for every frame
     #[arg(long)]
     out: PathBuf,
 }
 
+/// What decides the pictures; written into the folder, so that others are not mixed in.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Record {
+    network: String,
+    /// BLAKE3 of the weights files; empty for the weights inside the program.
+    weights: Vec<String>,
+    header: String,
+    keyframes: bool,
+    steps: u32,
+    tile: Option<usize>,
+}
+
 impl Infer {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         let dataset = Dataset::open(&self.data)?;
-        let renderer = super::network(self.weights.as_deref())?;
+        let renderer = self.weights.open()?;
+        self.claim(&*renderer)?;
         let progress = Progress::new("infer", dataset.sequences.iter().map(|s| s.len() as u64).sum());
         for folder in &dataset.sequences {
-            let tables = IblTables::new(&folder.environment);
-            let exposure = folder.sequence.exposure;
-            let prepared = if self.keyframes { prepare_keyframes(folder, &tables)? } else { Vec::new() };
-            for index in 0..folder.len() {
-                if cancel.load(Ordering::Relaxed) {
-                    return Err(Interrupted.into());
-                }
-                let path = self.out.join(folder.name()).join(&folder.sequence.files[index]);
-                if path.is_file() {
-                    progress.resume(1);
-                    continue;
-                }
-                let mut frame = folder.frame(index)?;
-                let keys = keyframes_for(folder, &prepared, index);
-                let rendered = renderer.render(&frame, folder.camera(index), &folder.environment, &tables, exposure, &keys)?;
-                file::write_atomic(&path.with_extension("png"), &picture::png(&rendered.map(|p| color::display(*p, exposure)))?)?;
-                frame.beauty = Some(rendered);
-                frame.raw = None;
-                frame.variance = None;
-                frame.info.denoiser = None;
-                frame.info.spp = 0;
-                exr::write(&path, &frame)?;
-                progress.add(1);
-            }
+            progress.message(folder.name());
+            let out = self.out.join(folder.name());
+            let work = Work { folder, out, options: self.options(), progress: &progress, cancel };
+            if renderer.about().clip == 1 { work.frames(&*renderer) } else { work.clips(&*renderer) }
+                .with_context(|| folder.path.display().to_string())?;
         }
         progress.finish();
+        Ok(())
+    }
+
+    fn options(&self) -> Options {
+        Options { keyframes: self.keyframes, steps: self.steps as usize }
+    }
+
+    /// Writes what the pictures are made with, or says that the folder holds others.
+    fn claim(&self, renderer: &dyn Renderer) -> Result<()> {
+        let about = renderer.about();
+        ensure!(!self.keyframes || about.keyframes, "--keyframes: these weights cannot make use of any");
+        let record = Record {
+            network: about.name.into(),
+            weights: self.weights.digests()?,
+            header: about.header,
+            keyframes: self.keyframes,
+            steps: self.steps,
+            tile: self.weights.tile,
+        };
+        record::claim(&self.out, RECORD, &record)
+    }
+}
+
+/// One sequence to be rendered.
+struct Work<'a> {
+    folder: &'a SequenceFolder,
+    out: PathBuf,
+    options: Options,
+    progress: &'a Progress,
+    cancel: &'a AtomicBool,
+}
+
+impl Work<'_> {
+    /// Where a frame goes.
+    fn path(&self, index: usize) -> PathBuf {
+        self.out.join(&self.folder.sequence.files[index]).with_extension("exr")
+    }
+
+    /// Frames that do not depend on each other: those that are there are kept.
+    fn frames(&self, renderer: &dyn Renderer) -> Result<()> {
+        let view = SequenceView::new(self.folder);
+        let mut session = renderer.begin(&view, self.options)?;
+        for index in 0..self.folder.len() {
+            if self.path(index).is_file() {
+                self.progress.resume(1);
+            } else {
+                self.push(&mut *session, index)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Frames in clips: what was there when the last clip was written is kept.
+    fn clips(&self, renderer: &dyn Renderer) -> Result<()> {
+        let state = self.out.join(STATE);
+        let done = (0..self.folder.len()).take_while(|&index| self.path(index).is_file()).count();
+        if done == self.folder.len() && !state.is_file() {
+            self.progress.resume(done as u64);
+            return Ok(());
+        }
+        let view = SequenceView::new(self.folder);
+        let mut session = renderer.begin(&view, self.options)?;
+        let start = match self.stopped(&state, done)? {
+            Some((index, state)) => {
+                let frame = self.folder.frame(index)?;
+                let (camera, number) = (self.folder.camera(index), self.folder.numbers[index]);
+                session.resume(View { number, index, frame: &frame, camera }, state)?;
+                index + 1
+            }
+            None => 0,
+        };
+        self.progress.resume(start as u64);
+        for index in start..self.folder.len() {
+            self.push(&mut *session, index)?;
+            if let Some(reached) = session.state() {
+                file::write_atomic(&state, &reached.encode()?)?;
+            }
+        }
+        self.write(session.finish()?)?;
+        match std::fs::remove_file(&state) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("{}: cannot remove", state.display()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The index of the last frame of the last clip that was written, and what the next one begins with; `None` where work begins anew.
+    fn stopped(&self, path: &Path, done: usize) -> Result<Option<(usize, State)>> {
+        let bytes = match std::fs::read(path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error).with_context(|| format!("{}: cannot read", path.display())),
+        };
+        let state = State::decode(path, &bytes)?;
+        let index = self.folder.numbers.iter().position(|number| *number == state.number);
+        // Where frames have been taken away since, all are made again.
+        Ok(index.filter(|index| *index < done).map(|index| (index, state)))
+    }
+
+    fn push(&self, session: &mut dyn Session, index: usize) -> Result<()> {
+        if self.cancel.load(Ordering::Relaxed) {
+            return Err(Interrupted.into());
+        }
+        let frame = self.folder.frame(index)?;
+        let (camera, number) = (self.folder.camera(index), self.folder.numbers[index]);
+        let rendered = session.push(View { number, index, frame: &frame, camera })?;
+        self.write(rendered)
+    }
+
+    fn write(&self, rendered: Vec<Rendered>) -> Result<()> {
+        let exposure = self.folder.sequence.exposure;
+        for Rendered { index, linear } in rendered {
+            let path = self.path(index);
+            let mut frame = self.folder.frame(index)?;
+            file::write_atomic(&path.with_extension("png"), &picture::png(&linear.map(|p| color::display(*p, exposure)))?)?;
+            frame.beauty = Some(linear);
+            frame.raw = None;
+            frame.variance = None;
+            frame.info.denoiser = None;
+            frame.info.spp = 0;
+            exr::write(&path, &frame)?;
+            self.progress.add(1);
+        }
         Ok(())
     }
 }

@@ -8,6 +8,8 @@ mod demo;
 mod evaluate;
 mod hdri;
 mod infer;
+mod invert;
+mod record;
 mod render;
 mod report;
 mod slurm;
@@ -17,9 +19,11 @@ mod train;
 mod weights;
 
 use crate::truth::{DenoiseMode, Interrupted};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 use renderflow_model::infer::NeuralRenderer;
+use renderflow_model::renderer::{self, Autoencoder, Renderer};
+use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
 use renderflow_scenes::LoadReport;
 use renderflow_scenes::description::{EnvironmentSource, Scene};
 use renderflow_scenes::load::{self, ModelView};
@@ -61,10 +65,12 @@ enum Command {
     /// Plan and render datasets
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
-    /// Train the compact network on a dataset
+    /// Train a network on a dataset: the compact one, or the paper's on Wan's autoencoder and transformer
     Train(train::Train),
-    /// Render the frames of a sequence folder with the network
+    /// Render the frames of sequence folders with a network
     Infer(infer::Infer),
+    /// Find albedo, normal, depth and material behind pictures
+    Invert(invert::Invert),
     /// Make the test sets that numbers are reported on
     #[command(subcommand)]
     Testset(testset::TestsetCommand),
@@ -76,7 +82,7 @@ enum Command {
     Hdri(hdri::Hdri),
     /// Print the JSON Schema of scene files
     Schema,
-    /// Describe a weights file
+    /// Describe weights files, list their tensors, convert them
     Weights(weights::Weights),
 }
 
@@ -111,6 +117,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Dataset(command) => command.run(&cancel),
         Command::Train(command) => command.run(&cancel),
         Command::Infer(command) => command.run(&cancel),
+        Command::Invert(command) => command.run(&cancel),
         Command::Testset(command) => command.run(&cancel),
         Command::Evaluate(command) => command.run(&cancel),
         Command::Report(command) => command.run(&cancel),
@@ -171,12 +178,90 @@ struct SceneArgs {
     hdri_rotation: Option<f32>,
 }
 
-/// Weights in a file, or those inside the program.
-fn network(weights: Option<&Path>) -> Result<NeuralRenderer> {
-    Ok(match weights {
-        Some(path) => NeuralRenderer::load(path)?,
-        None => NeuralRenderer::shipped()?,
-    })
+/// Weights of a network that renders.
+#[derive(Args, Clone, Debug)]
+struct WeightsArgs {
+    /// Weights of the compact network or of the paper's, as the file itself says; those inside the program without it
+    #[arg(long)]
+    weights: Option<PathBuf>,
+    /// Weights of the autoencoder of the paper's network; vae.safetensors beside --weights without it
+    #[arg(long, requires = "weights")]
+    vae: Option<PathBuf>,
+    /// Encode and decode pictures of more pixels a side in tiles of so many, a quarter of which overlaps: less memory, other edges
+    #[arg(long, requires = "weights")]
+    tile: Option<usize>,
+}
+
+impl WeightsArgs {
+    fn open(&self) -> Result<Box<dyn Renderer>> {
+        Ok(match &self.weights {
+            Some(path) => renderer::open(path, Autoencoder { file: self.vae.as_deref(), tile: self.tile })?,
+            None => Box::new(NeuralRenderer::shipped()?),
+        })
+    }
+
+    /// BLAKE3 of every file that is read; none for the weights inside the program.
+    fn digests(&self) -> Result<Vec<String>> {
+        let Some(path) = &self.weights else { return Ok(Vec::new()) };
+        let wan = WanRenderer::recognises(path).then(|| self.vae.clone().unwrap_or_else(|| parent(path).join(AUTOENCODER_FILE)));
+        std::iter::once(path).chain(&wan).map(|path| digest(path)).collect()
+    }
+}
+
+/// BLAKE3 of a file, hexadecimal.
+fn digest(path: &Path) -> Result<String> {
+    let unreadable = || format!("{}: cannot read", path.display());
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(std::fs::File::open(path).with_context(unreadable)?).with_context(unreadable)?;
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// Weights of both networks, to be compared.
+#[derive(Args, Clone, Debug)]
+struct AllWeightsArgs {
+    /// Weights of the compact network (those inside the program without it) or of the paper's, as the file itself says; once for each
+    #[arg(long)]
+    weights: Vec<PathBuf>,
+    /// Weights of the autoencoder of the paper's network; vae.safetensors beside its weights without it
+    #[arg(long, requires = "weights")]
+    vae: Option<PathBuf>,
+}
+
+/// The networks that rows of a comparison are made with.
+struct Networks {
+    /// The compact one.
+    compact: Option<Box<dyn Renderer>>,
+    /// The paper's.
+    wan: Option<Box<dyn Renderer>>,
+}
+
+impl AllWeightsArgs {
+    /// The networks in the files; the compact one inside the program where `shipped` and no file holds another.
+    fn open(&self, shipped: bool) -> Result<Networks> {
+        let mut networks = Networks { compact: None, wan: None };
+        for path in &self.weights {
+            let wan = WanRenderer::recognises(path);
+            let place = if wan { &mut networks.wan } else { &mut networks.compact };
+            ensure!(place.is_none(), "{}: --weights names two networks of this kind", path.display());
+            let autoencoder = Autoencoder { file: self.vae.as_deref().filter(|_| wan), tile: None };
+            *place = Some(renderer::open(path, autoencoder)?);
+        }
+        if let Some(vae) = self.vae.as_ref().filter(|_| networks.wan.is_none()) {
+            bail!("{}: an autoencoder, but none of --weights is a network that needs one", vae.display());
+        }
+        if shipped && networks.compact.is_none() {
+            networks.compact = Some(Box::new(NeuralRenderer::shipped()?));
+        }
+        Ok(networks)
+    }
+}
+
+impl Networks {
+    /// What the weights say about themselves, as settings of a report.
+    fn settings(&self) -> Vec<(String, String)> {
+        let named = [("network", &self.compact), ("network (wan)", &self.wan)];
+        named.iter().filter_map(|(name, network)| Some(((*name).to_owned(), network.as_ref()?.about().header))).collect()
+    }
 }
 
 /// The folder relative paths of a file start from.

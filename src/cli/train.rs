@@ -1,18 +1,34 @@
+mod wan;
+
 use crate::dataset::Dataset;
 use crate::progress::Progress;
 use crate::truth::Interrupted;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use renderflow_model::config::{KeyframeConfig, Start};
 use renderflow_model::train::{self, Config, Stage};
+use renderflow_model::wan::FlowConfig;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-/// Trains the compact network on a dataset: first its base, then, on the frozen base, the keyframe stage. Checkpoints as it goes;
-/// run again with the same options, it resumes.
+const HELP: &str = "\
+Examples, the compact network:
+  renderflow train --data data/train --minutes 45 --out runs/base
+  renderflow train --data data/train --minutes 15 --base runs/base/weights.safetensors --out runs/keyframes
+
+The paper's network, from its autoencoder to keyframes and the way back (wan-1.3b begins with published weights: --from FILE):
+  renderflow train --preset wan-small --stage autoencoder --data data/train --minutes 60 --out runs/vae
+  renderflow train --preset wan-small --stage base --vae runs/vae/weights.safetensors --data data/train --minutes 120 --out runs/wan
+  renderflow train --preset wan-small --stage keyframes --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
+      --data data/train --minutes 60 --out runs/wan-keys
+  renderflow train --preset wan-small --stage inverse --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
+      --data data/train --minutes 60 --out runs/wan-inverse";
+
+/// Trains a network on a dataset. The compact one: first its base, then, on the frozen base, the keyframe stage. The paper's: an
+/// autoencoder, the renderer on its latents, then adapters on the frozen renderer. Checkpoints as it goes; run again with the same
+/// options, it resumes.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  renderflow train --data data/train --minutes 45 --out runs/base\n  \
-renderflow train --data data/train --minutes 15 --base runs/base/weights.safetensors --out runs/keyframes")]
+#[command(after_help = HELP)]
 pub struct Train {
     /// A split of a dataset
     #[arg(long)]
@@ -20,13 +36,25 @@ pub struct Train {
     /// Folder for checkpoint, log.jsonl and weights.safetensors
     #[arg(long)]
     out: PathBuf,
-    /// Every option as JSON (as printed by --print-config); flags win over it
+    /// Every option of either network as JSON (as printed by --print-config); flags win over it
     #[arg(long)]
     config: Option<PathBuf>,
-    /// Train the keyframe stage on this base
+    /// A size of the paper's network in place of the compact one
+    #[arg(long, value_parser = FlowConfig::PRESETS, requires = "stage", conflicts_with = "config")]
+    preset: Option<String>,
+    /// What of the paper's network is trained
+    #[arg(long, value_enum, requires = "preset")]
+    stage: Option<wan::StageArg>,
+    /// Weights of the autoencoder of the paper's network
+    #[arg(long)]
+    vae: Option<PathBuf>,
+    /// Weights the paper's network begins with: of this program, or published ones of Wan or VACE
+    #[arg(long)]
+    from: Option<PathBuf>,
+    /// Train an adapter (of the compact network: the keyframe stage) on this base
     #[arg(long)]
     base: Option<PathBuf>,
-    /// Start point of the bridge
+    /// Start point of the bridge of the compact network
     #[arg(long, value_enum)]
     start: Option<StartArg>,
     /// Optimiser steps
@@ -55,6 +83,12 @@ enum StartArg {
 
 impl Train {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+        if let Some(config) = self.wan_config()? {
+            return self.wan(&config, cancel);
+        }
+        for (flag, given) in [("--vae", self.vae.is_some()), ("--from", self.from.is_some())] {
+            ensure!(!given, "{flag} is of the paper's network: name its --preset or a configuration of it");
+        }
         let config = self.config()?;
         if self.print_config {
             println!("{}", serde_json::to_string_pretty(&config)?);

@@ -1,18 +1,255 @@
-use anyhow::Result;
-use clap::Args;
-use std::path::PathBuf;
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, Subcommand, ValueEnum};
+use renderflow_model::infer::NeuralRenderer;
+use renderflow_model::wan::names::Naming;
+use renderflow_model::wan::video::WanRenderer;
+use renderflow_model::wan::weights::{self as wan, Evidence, Found, Identity, Source};
+use renderflow_model::weights;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
-/// Prints configuration and training record of a weights file as JSON.
+/// Prints configuration and training record of a weights file as JSON; lists what is in any weights file, converts published ones.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow weights            (those inside the program)")]
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "Examples:\n  renderflow weights            (those inside the program)\n  renderflow weights inspect Wan2.1_VAE.pth\n  \
+renderflow weights convert Wan2.1_VAE.pth vae.safetensors --naming diffusers --precision bf16"
+)]
 pub struct Weights {
     /// A safetensors file; the weights inside the program without it
     file: Option<PathBuf>,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// List the tensors of weights files: name, shape, number format, parameters; totals by part; what network it is
+    Inspect(Inspect),
+    /// Write a Wan or VACE network as one safetensors file, in either layout and any precision
+    Convert(Convert),
+}
+
+/// Lists what is in weights files: safetensors, the index of a set of shards, PyTorch files, or a folder with one of these.
+#[derive(Args)]
+#[command(
+    after_help = "Example: renderflow weights inspect Wan2.1_VAE.pth transformer/\n\nWhat network it is, is told by what this \
+program wrote into its own files, else by a config.json beside the file, else by names and shapes."
+)]
+struct Inspect {
+    /// Weights files, or folders with one each
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Print one JSON array
+    #[arg(long)]
+    json: bool,
+}
+
+/// Converts between the original and the diffusers layout, from PyTorch files and shards to one safetensors file, and between number
+/// formats. Configuration and provenance are kept; a file with a tensor missing, left over or of another shape is refused.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  renderflow weights convert Wan2.1_VAE.pth vae.safetensors\n  renderflow weights convert transformer/ \
+dit.safetensors --naming original --precision bf16"
+)]
+struct Convert {
+    /// Weights file, index of shards, or folder with one of these
+    input: PathBuf,
+    /// Safetensors file to write
+    output: PathBuf,
+    /// Whose names to use
+    #[arg(long, value_enum, default_value_t)]
+    naming: NamingArg,
+    /// Number format; that of the input where all its tensors share one, else f32
+    #[arg(long, value_enum)]
+    precision: Option<PrecisionArg>,
+}
+
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum NamingArg {
+    #[default]
+    Diffusers,
+    Original,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PrecisionArg {
+    F32,
+    F16,
+    Bf16,
 }
 
 impl Weights {
     pub fn run(self) -> Result<()> {
-        println!("{}", serde_json::to_string_pretty(super::network(self.file.as_deref())?.header())?);
+        match self.command {
+            Some(Command::Inspect(command)) => command.run(),
+            Some(Command::Convert(command)) => command.run(),
+            None => {
+                let header = match &self.file {
+                    None => serde_json::to_string_pretty(NeuralRenderer::shipped()?.header())?,
+                    // Only its list of tensors is read: it may be large.
+                    Some(path) if WanRenderer::recognises(path) => serde_json::to_string_pretty(&Source::open(path)?.header()?)?,
+                    Some(path) => serde_json::to_string_pretty(NeuralRenderer::load(path)?.header())?,
+                };
+                println!("{header}");
+                Ok(())
+            }
+        }
+    }
+}
+
+impl Inspect {
+    fn run(self) -> Result<()> {
+        let (mut array, mut refused) = (Vec::new(), 0);
+        for (i, path) in self.files.iter().enumerate() {
+            match open(path) {
+                Ok((source, identity)) if self.json => array.push(object(&source, &identity)),
+                Ok((source, identity)) => {
+                    if i > 0 {
+                        println!();
+                    }
+                    print(&source, &identity);
+                }
+                Err(error) => {
+                    refused += 1;
+                    eprintln!("error: {error:#}");
+                    array.push(json!({ "path": path.to_string_lossy(), "error": format!("{error:#}") }));
+                }
+            }
+        }
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&array)?);
+        }
+        ensure!(refused == 0, "{refused} of {} files cannot be read", self.files.len());
         Ok(())
+    }
+}
+
+fn open(path: &Path) -> Result<(Source, Identity)> {
+    let source = Source::open(path)?;
+    let identity = wan::identify(&source)?;
+    Ok((source, identity))
+}
+
+/// Whose names a file uses, for people.
+fn naming(naming: Naming) -> &'static str {
+    match naming {
+        Naming::Diffusers => "diffusers",
+        Naming::Original => "original",
+    }
+}
+
+fn evidence(found: &Found) -> String {
+    match &found.evidence {
+        Evidence::Header => "its own header".into(),
+        Evidence::Config(path) => path.display().to_string(),
+        Evidence::Shapes => "names and shapes".into(),
+    }
+}
+
+fn print(source: &Source, identity: &Identity) {
+    let table = source.table();
+    let path = source.path().display();
+    println!("{table}\n");
+    let parts = table.parts();
+    let width = parts.iter().map(|(name, ..)| name.len()).max().unwrap_or(0);
+    for (name, tensors, parameters) in parts {
+        println!("{name:width$}  {tensors:>5} tensors {parameters:>13} parameters");
+    }
+    match identity {
+        Identity::Compact(header) => println!("\n{path}: compact network, {} steps of training", header.steps),
+        Identity::Unknown(reason) => println!("\n{path}: unknown network: {reason}"),
+        Identity::Wan(found) => {
+            let name = found.header.network.name();
+            println!("\n{path}: {name}, {} names, told by {}", naming(found.naming), evidence(found));
+            for assumed in &found.assumed {
+                println!("assumed: {assumed}");
+            }
+            match wan::check(source, &found.header.network) {
+                Ok(report) => println!("all {} tensors fit", report.read),
+                Err(error) => println!("{error}"),
+            }
+        }
+    }
+}
+
+fn object(source: &Source, identity: &Identity) -> Value {
+    let table = source.table();
+    let tensor = |row: &wan::Row| json!({ "name": row.name, "shape": row.shape, "type": row.element.to_string(), "parameters": row.parameters });
+    let part = |(name, tensors, parameters)| json!({ "name": name, "tensors": tensors, "parameters": parameters });
+    let mut object = json!({
+        "path": source.path().to_string_lossy(),
+        "parameters": table.parameters(),
+        "parts": table.parts().into_iter().map(part).collect::<Vec<Value>>(),
+        "tensors": table.rows.iter().map(tensor).collect::<Vec<Value>>(),
+    });
+    let about = match identity {
+        Identity::Compact(header) => json!({ "kind": "compact", "header": header }),
+        Identity::Unknown(reason) => json!({ "kind": null, "reason": reason }),
+        Identity::Wan(found) => {
+            let problem = wan::check(source, &found.header.network).err().map(|error| error.to_string());
+            let network = serde_json::to_value(&found.header.network).unwrap_or_default();
+            json!({
+                "kind": network["kind"],
+                "config": network["config"],
+                "provenance": found.header.provenance,
+                "naming": naming(found.naming),
+                "evidence": evidence(found),
+                "assumed": found.assumed,
+                "fits": problem.is_none(),
+                "problem": problem,
+            })
+        }
+    };
+    if let (Some(object), Value::Object(about)) = (object.as_object_mut(), about) {
+        object.extend(about);
+    }
+    object
+}
+
+impl Convert {
+    fn run(self) -> Result<()> {
+        let (source, identity) = open(&self.input)?;
+        let from = source.path().display();
+        if let Some(folder) = self.output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
+        }
+        match identity {
+            Identity::Unknown(reason) => bail!("{from}: {reason}"),
+            Identity::Compact(_) => {
+                let precision = match self.precision.unwrap_or_else(|| stored(&source)) {
+                    PrecisionArg::F32 => weights::Precision::F32,
+                    PrecisionArg::F16 => weights::Precision::F16,
+                    PrecisionArg::Bf16 => bail!("{from}: the compact network is stored in f16 or f32"),
+                };
+                weights::convert(source.path(), &self.output, precision)?;
+                println!("{}: compact network", self.output.display());
+            }
+            Identity::Wan(found) => {
+                let to = match self.naming {
+                    NamingArg::Diffusers => Naming::Diffusers,
+                    NamingArg::Original => Naming::Original,
+                };
+                let precision = match self.precision.unwrap_or_else(|| stored(&source)) {
+                    PrecisionArg::F32 => wan::Precision::F32,
+                    PrecisionArg::F16 => wan::Precision::F16,
+                    PrecisionArg::Bf16 => wan::Precision::Bf16,
+                };
+                let report = wan::convert(&source, &self.output, &found.header, precision, to)?;
+                let (name, out) = (found.header.network.name(), self.output.display());
+                println!("{out}: {name}, {} tensors, {} names from {}", report.read, naming(to), naming(report.naming));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The number format all tensors share, else single precision.
+fn stored(source: &Source) -> PrecisionArg {
+    let rows = source.table().rows;
+    match rows.first().map(|row| row.element).filter(|first| rows.iter().all(|row| row.element == *first)) {
+        Some(wan::ElementType::F16) => PrecisionArg::F16,
+        Some(wan::ElementType::Bf16) => PrecisionArg::Bf16,
+        _ => PrecisionArg::F32,
     }
 }

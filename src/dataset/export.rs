@@ -5,7 +5,7 @@
 mod coco;
 mod cosmos;
 mod nerfstudio;
-mod picture;
+pub(crate) mod picture;
 mod png;
 
 use super::source::{self, Source};

@@ -18,7 +18,9 @@ pub mod source;
 pub mod statistics;
 pub mod stats;
 pub mod verify;
+pub mod view;
 
 pub use folder::{Dataset, SequenceFolder};
 pub use plan::Plan;
 pub use shard::Shard;
+pub use view::SequenceView;

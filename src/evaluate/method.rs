@@ -33,6 +33,15 @@ pub enum Part {
     Indirect,
 }
 
+/// The networks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Network {
+    /// The compact one.
+    Compact,
+    /// The paper's.
+    Wan,
+}
+
 /// A way to get a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Way {
@@ -47,6 +56,11 @@ pub enum Way {
     },
     /// The network.
     Neural {
+        /// Whether it reads them.
+        keyframes: bool,
+    },
+    /// The paper's network, in clips.
+    Wan {
         /// Whether it reads them.
         keyframes: bool,
     },
@@ -133,6 +147,8 @@ impl Way {
             "warp-ibl" => Self::Warp { deferred: false },
             "neural" => Self::Neural { keyframes: false },
             "neural+keys" => Self::Neural { keyframes: true },
+            "wan" => Self::Wan { keyframes: false },
+            "wan+keys" => Self::Wan { keyframes: true },
             _ => bail!("there is no method {id:?}; the help of `renderflow evaluate` lists them"),
         })
     }
@@ -177,6 +193,8 @@ impl Way {
             Self::Warp { deferred: false } => "warp-ibl".into(),
             Self::Neural { keyframes: false } => "neural".into(),
             Self::Neural { keyframes: true } => "neural+keys".into(),
+            Self::Wan { keyframes: false } => "wan".into(),
+            Self::Wan { keyframes: true } => "wan+keys".into(),
             Self::Traced { spp, clean } => format!("pt{spp}{}", clean.suffix()),
             Self::Equal { to, clean: Clean::Fast } => format!("equal-{to}+fast"),
             Self::Equal { to, .. } => format!("equal-{to}"),
@@ -185,7 +203,16 @@ impl Way {
 
     /// Whether it reads the truth of keyframes.
     pub fn needs_keyframes(&self) -> bool {
-        matches!(self, Self::Warp { .. } | Self::Neural { keyframes: true })
+        matches!(self, Self::Warp { .. } | Self::Neural { keyframes: true } | Self::Wan { keyframes: true })
+    }
+
+    /// Whether a network makes it, and whether it then reads keyframes.
+    pub fn network(&self) -> Option<(Network, bool)> {
+        match self {
+            Self::Neural { keyframes } => Some((Network::Compact, *keyframes)),
+            Self::Wan { keyframes } => Some((Network::Wan, *keyframes)),
+            _ => None,
+        }
     }
 
     /// Whether it starts from the deferred picture.
@@ -211,6 +238,12 @@ impl Way {
             }
             Self::Neural { keyframes: false } => ("neural".into(), Group::Neural, ""),
             Self::Neural { keyframes: true } => ("neural + keyframes".into(), Group::Neural, "reads the truth of keyframes"),
+            Self::Wan { keyframes: false } => {
+                ("wan".into(), Group::Neural, "clips of frames at once; each has its share of their seconds")
+            }
+            Self::Wan { keyframes: true } => {
+                ("wan + keyframes".into(), Group::Neural, "clips of frames at once; reads the truth of keyframes")
+            }
             Self::Traced { spp, clean } => (format!("{spp} spp{}", clean.label()), Group::PathTraced, ""),
             Self::Equal { to, clean } => {
                 let to = Self::parse(to).map_or_else(|_| to.clone(), |way| way.describe().label);
@@ -246,8 +279,8 @@ mod tests {
 
     #[test]
     fn names_lead_back_to_themselves() {
-        let ways = Way::list("all,standard,pt300+fast,equal-ibl").unwrap();
-        assert!(ways.len() >= 28, "{}", ways.len());
+        let ways = Way::list("all,standard,wan,wan+keys,pt300+fast,equal-ibl,equal-wan").unwrap();
+        assert!(ways.len() >= 31, "{}", ways.len());
         for way in &ways {
             assert_eq!(&Way::parse(&way.id()).unwrap(), way);
         }

@@ -7,5 +7,6 @@ pub mod keyframes;
 pub mod method;
 pub mod outside;
 mod painter;
+mod players;
 pub mod results;
 pub mod run;

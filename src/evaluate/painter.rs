@@ -3,15 +3,17 @@
 use super::engine::{Engine, Maps};
 use super::keyframes::{keyframes_for, prepare_keyframes};
 use super::method::{Clean, Part, Way};
+use super::players::Players;
 use super::run::{Options, median};
 use crate::bench::reference::compile_seeded;
-use crate::dataset::SequenceFolder;
+use crate::dataset::{SequenceFolder, SequenceView};
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
-use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_model::infer::{PreparedKeyframe, warp_only};
+use renderflow_model::renderer::Sequence;
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
 use renderflow_renderer::{RenderScene, Settings, render, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
@@ -24,6 +26,9 @@ use std::time::Instant;
 const OTHER_SEED: u64 = 1;
 /// Samples a pixel of the two renders from which the time of any number is told.
 const PROBES: [u32; 2] = [2, 16];
+
+/// What is done once for a keyframe.
+const PREPARING: &str = "preparing keyframes";
 
 /// A picture by one method.
 pub struct Picture {
@@ -50,12 +55,14 @@ struct Shared {
 /// Everything that lasts for a sequence.
 pub struct Painter<'a> {
     folder: &'a SequenceFolder,
+    view: &'a SequenceView<'a>,
     options: &'a Options<'a>,
     scene: RenderScene,
-    tables: IblTables,
     /// Where a method starts from the deferred picture.
     engine: Option<Engine<'a>>,
+    /// Where keyframes are carried into the split sum.
     keyframes: Vec<PreparedKeyframe>,
+    players: Players<'a>,
     denoisers: BTreeMap<&'static str, Denoiser>,
     /// Seconds of path tracing with 0 samples, and of each more.
     rate: Option<[f64; 2]>,
@@ -81,11 +88,12 @@ fn name(clean: Clean) -> &'static str {
 
 impl<'a> Painter<'a> {
     /// Loads the scene and does what is done once a sequence.
-    pub fn new(folder: &'a SequenceFolder, options: &'a Options<'a>) -> Result<Self> {
+    pub fn new(view: &'a SequenceView<'a>, options: &'a Options<'a>) -> Result<Self> {
+        let folder = view.folder;
         let scene: Scene = renderflow_frame::file::read_json(&folder.path.join("scene.json"))?;
         let loaded = load::load(&scene, &folder.path)?;
         let mut scene = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
-        let (tables, prefilter) = timed(|| Ok(IblTables::new(&folder.environment)))?;
+        let (tables, prefilter) = timed(|| Ok(view.tables()))?;
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
         let ways = options.ways;
         let mut engine = None;
@@ -100,10 +108,14 @@ impl<'a> Painter<'a> {
             }
         }
         let mut keyframes = Vec::new();
-        if ways.iter().any(|way| way.needs_keyframes() && !way.is_deferred()) {
-            let (prepared, seconds) = timed(|| prepare_keyframes(folder, &tables))?;
+        if ways.contains(&Way::Warp { deferred: false }) {
+            let (prepared, seconds) = timed(|| prepare_keyframes(folder, tables))?;
             keyframes = prepared;
-            once.push(("preparing keyframes".to_owned(), seconds));
+            once.push((PREPARING.to_owned(), seconds));
+        }
+        let (players, beginning) = timed(|| Players::new(view, options))?;
+        if players.in_clips() {
+            once.push(("reading the range of depths".to_owned(), beginning));
         }
         let mut denoisers = BTreeMap::new();
         for clean in [Clean::High, Clean::Fast] {
@@ -115,21 +127,39 @@ impl<'a> Painter<'a> {
                 denoisers.insert(name(clean), denoiser);
             }
         }
-        Ok(Self { folder, options, scene, tables, engine, keyframes, denoisers, rate: None, denoised: BTreeMap::new(), once })
+        let denoised = BTreeMap::new();
+        Ok(Self { folder, view, options, scene, engine, keyframes, players, denoisers, rate: None, denoised, once })
     }
 
     /// Seconds spent once a sequence, by what they were spent on.
-    pub fn once(self) -> Vec<(String, f64)> {
+    pub fn once(mut self) -> Vec<(String, f64)> {
+        // Keyframes are made ready when they come near.
+        match self.once.iter_mut().find(|(what, _)| what == PREPARING) {
+            Some((_, seconds)) => *seconds += self.players.preparing,
+            None if self.players.preparing > 0.0 => self.once.push((PREPARING.to_owned(), self.players.preparing)),
+            None => {}
+        }
         self.once
     }
 
     /// The picture of stored frame `index` by every method.
     pub fn paint(&mut self, index: usize, cancel: &AtomicBool) -> Result<Vec<Picture>> {
-        self.scene.set_frame(self.folder.numbers[index]);
         let settings = Settings { guide_samples: self.options.guide_samples, ..Settings::default() };
+        self.scene.set_frame(self.folder.numbers[index]);
         if self.rate.is_none() {
             self.warm_up(&settings, index, cancel)?;
         }
+        // Clips take in frames that are not painted yet, or never.
+        while let Some(next) = self.players.wanted(index) {
+            self.scene.set_frame(self.folder.numbers[next]);
+            let mut frame = render_gbuffer(&self.scene, &settings)?;
+            frame.info.camera = Some(*self.folder.camera(next));
+            self.players.push(next, &frame)?;
+            if cancel.load(Ordering::Relaxed) {
+                return Err(Interrupted.into());
+            }
+        }
+        self.scene.set_frame(self.folder.numbers[index]);
         let shared = self.share(&settings, index)?;
         let mut traced: BTreeMap<u32, (Frame, f64)> = BTreeMap::new();
         let mut made: Vec<Picture> = Vec::new();
@@ -147,7 +177,11 @@ impl<'a> Painter<'a> {
                     (picture, seconds, Some(spp))
                 }
                 way => {
-                    let Some((picture, seconds)) = self.shade(way, &shared)? else { continue };
+                    let made = match way.network() {
+                        Some(_) => self.players.picture(way, shared.index, &shared.gbuffer)?,
+                        None => self.shade(way, &shared)?,
+                    };
+                    let Some((picture, seconds)) = made else { continue };
                     (picture, shared.seconds + seconds, None)
                 }
             };
@@ -159,7 +193,7 @@ impl<'a> Painter<'a> {
     /// The picture of a method that starts from the G-buffer, and its seconds without that; `None` where it cannot be made.
     fn shade(&self, way: &Way, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
         let (folder, gbuffer) = (self.folder, &shared.gbuffer);
-        let (camera, environment) = (folder.camera(shared.index), &folder.environment);
+        let (camera, environment, tables) = (folder.camera(shared.index), &folder.environment, self.view.tables());
         let exposure = folder.sequence.exposure;
         let keys = keyframes_for(folder, &self.keyframes, shared.index);
         if way.needs_keyframes() && folder.sequence.keyframes.is_empty() {
@@ -174,18 +208,8 @@ impl<'a> Painter<'a> {
                 let engine = self.engine.as_ref().context("the deferred renderer")?;
                 engine.warped(&self.scene, gbuffer, shared.index, &shared.maps)?
             }
-            Way::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, &self.tables).image))?,
-            Way::Warp { deferred: false } => {
-                timed(|| Ok(warp_only(gbuffer, camera, environment, &self.tables, exposure, &keys)?))?
-            }
-            Way::Neural { keyframes } => {
-                let network = self.options.network.context("the methods need a network")?;
-                if *keyframes && !network.accepts_keyframes() {
-                    return Ok(None);
-                }
-                let keys = if *keyframes { &keys[..] } else { &[] };
-                timed(|| Ok(network.render(gbuffer, camera, environment, &self.tables, exposure, keys)?))?
-            }
+            Way::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, tables).image))?,
+            Way::Warp { deferred: false } => timed(|| Ok(warp_only(gbuffer, camera, environment, tables, exposure, &keys)?))?,
             _ => return Ok(None),
         };
         Ok(Some(made))
@@ -256,7 +280,9 @@ impl<'a> Painter<'a> {
     fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
         let shared = self.share(settings, index)?;
         for way in self.options.ways {
-            if !matches!(way, Way::Traced { .. } | Way::Equal { .. }) {
+            if way.network().is_some() {
+                self.players.warm_up(way, index, &shared.gbuffer)?;
+            } else if !matches!(way, Way::Traced { .. } | Way::Equal { .. }) {
                 self.shade(way, &shared)?;
             }
         }

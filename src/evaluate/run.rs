@@ -1,9 +1,10 @@
 //! Evaluates methods on sequences: one after the other on all threads, so that their seconds are their own; then all metrics at once.
 
 use super::find::Place;
-use super::method::Way;
+use super::method::{Network, Way};
 use super::painter::{Painter, Picture};
 use super::results::{ABOUT, About, METRICS, Score, Sequence, TRUTH, Truth, picture_file};
+use crate::dataset::SequenceView;
 use crate::dataset::record::Record;
 use crate::metrics::temporal::{Pair, correspondence, temporal};
 use crate::metrics::{self, Hdr, Metrics, Networks};
@@ -15,7 +16,7 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, file};
-use renderflow_model::infer::NeuralRenderer;
+use renderflow_model::renderer::Renderer;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,8 +27,10 @@ pub const CURVE: &str =
 
 /// What to evaluate, and how.
 pub struct Options<'a> {
-    /// The network, where a method needs it.
-    pub network: Option<&'a NeuralRenderer>,
+    /// The compact network, where a method needs it.
+    pub network: Option<&'a dyn Renderer>,
+    /// The paper's network, where a method needs it.
+    pub wan: Option<&'a dyn Renderer>,
     /// LPIPS where its weights are there.
     pub lpips: &'a Networks,
     /// Methods, those whose time another one is given before it.
@@ -44,6 +47,19 @@ pub struct Options<'a> {
     pub title: String,
     /// Settings beyond these, for the report.
     pub settings: Vec<(String, String)>,
+}
+
+impl<'a> Options<'a> {
+    /// The network that a method asks for.
+    ///
+    /// # Errors
+    /// When there are no weights of it.
+    pub fn network(&self, network: Network) -> Result<&'a dyn Renderer> {
+        match network {
+            Network::Compact => self.network.context("the methods need the compact network"),
+            Network::Wan => self.wan.context("the methods need weights of the paper's network (--weights)"),
+        }
+    }
 }
 
 /// Evaluates `places` into the results folder `out`; sequences that are complete there are kept. One unit of `progress` a frame.
@@ -141,7 +157,8 @@ fn sequence(
     let folder = &place.folder;
     let Some(&first) = indices.first() else { bail!("has no frames") };
     let exposure = folder.sequence.exposure;
-    let mut painter = Painter::new(folder, options)?;
+    let view = SequenceView::new(folder);
+    let mut painter = Painter::new(&view, options)?;
     let shown = shown(indices, &folder.sequence.keyframes, options.pictures);
     let pictures = class.join(folder.name());
     let (mut scores, mut before, mut noise): (Vec<Score>, Option<Before>, Vec<f64>) = Default::default();

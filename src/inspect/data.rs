@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use renderflow_frame::transforms;
 use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::lpips::{Backbone, Lpips};
+use renderflow_model::wan::weights as wan;
 use serde_json::{Map, Value, json};
 use std::fs::File;
 use std::io::Read;
@@ -52,8 +53,27 @@ fn tensors(found: &mut Counts, header: &Map<String, Value>) {
     found.add("parameters", sizes.iter().sum::<u64>());
 }
 
-/// Weights of this program's network.
+/// Weights of one of the networks, this program's or published ones.
 pub(super) fn weights(path: &Path) -> Result<Counts> {
+    let source = wan::Source::open(path)?;
+    if let wan::Identity::Wan(known) = wan::identify(&source)? {
+        let wan::Found { header, assumed, .. } = *known;
+        wan::check(&source, &header.network)?;
+        // Every value is read as for use.
+        source.names().try_for_each(|name| source.read(name).map(drop))?;
+        let table = source.table();
+        let mut found = Counts::default();
+        found.add("network", header.network.name());
+        found.add("tensors", table.rows.len());
+        found.add("parameters", table.parameters());
+        found.add("steps", header.provenance.steps);
+        if let wan::Network::WanFlow(config) = &header.network {
+            found.add("keyframes", config.keyframes.is_some());
+            found.add("inverse", config.inverse.is_some());
+        }
+        found.notes = assumed;
+        return Ok(found);
+    }
     let renderer = NeuralRenderer::load(path)?;
     let about = renderer.header();
     let mut found = Counts::default();

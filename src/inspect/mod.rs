@@ -40,7 +40,7 @@ pub enum Kind {
     Frame,
     /// An image for textures, PNG or JPEG.
     Texture,
-    /// Weights of the network.
+    /// Weights of a network.
     Weights,
     /// Weights of LPIPS.
     Lpips,

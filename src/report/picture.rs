@@ -40,6 +40,16 @@ fn encode(picture: &image::DynamicImage) -> Result<Vec<u8>> {
     Ok(out.into_inner())
 }
 
+/// Display values of a PNG or JPEG file.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn display_values(path: &Path) -> Result<Rgb> {
+    let picture = image::open(path).with_context(|| path.display().to_string())?.into_rgb32f();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    Ok(Rgb { width, height, pixels: picture.pixels().map(|p| p.0).collect() })
+}
+
 /// Base64 as data URLs want it.
 pub fn base64(bytes: &[u8]) -> String {
     base64::engine::general_purpose::STANDARD.encode(bytes)

@@ -1,0 +1,122 @@
+//! The networks at work on one sequence: the compact one frame by frame, the paper's a clip ahead.
+
+use super::method::Way;
+use super::painter::timed;
+use super::run::Options;
+use crate::dataset::SequenceView;
+use anyhow::Result;
+use renderflow_frame::Frame;
+use renderflow_frame::image::Rgb;
+use renderflow_model::renderer::{self, Renderer, Session, View};
+use std::collections::BTreeMap;
+
+/// One network with or without keyframes.
+struct Player<'a> {
+    way: &'a Way,
+    renderer: &'a dyn Renderer,
+    options: renderer::Options,
+    /// Whether it takes several frames at once.
+    clips: bool,
+    session: Box<dyn Session + 'a>,
+    /// Pictures that are ready, by index of the frame, with their share of the seconds of their clip.
+    ready: BTreeMap<usize, (Rgb, f64)>,
+    /// Seconds spent on the clip that is being taken in.
+    spent: f64,
+}
+
+/// All of them.
+pub struct Players<'a> {
+    view: &'a SequenceView<'a>,
+    players: Vec<Player<'a>>,
+    /// The frame that networks with clips take next.
+    next: usize,
+    /// Seconds of making keyframes ready, for networks that do so beside rendering.
+    pub preparing: f64,
+}
+
+impl<'a> Players<'a> {
+    /// Begins with a sequence. Ways that need keyframes are left out where the sequence has none or the network takes none.
+    pub fn new(view: &'a SequenceView<'a>, options: &'a Options<'a>) -> Result<Self> {
+        let mut players = Vec::new();
+        for way in options.ways {
+            let Some((network, keyframes)) = way.network() else { continue };
+            let renderer = options.network(network)?;
+            if keyframes && (view.folder.sequence.keyframes.is_empty() || !renderer.about().keyframes) {
+                continue;
+            }
+            let options = renderer::Options { keyframes, steps: 1 };
+            let session = renderer.begin(view, options)?;
+            let clips = renderer.about().clip > 1;
+            players.push(Player { way, renderer, options, clips, session, ready: BTreeMap::new(), spent: 0.0 });
+        }
+        Ok(Self { view, players, next: 0, preparing: 0.0 })
+    }
+
+    /// Whether one of them takes several frames at once; such a network asks for the range of depths when it begins.
+    pub fn in_clips(&self) -> bool {
+        self.players.iter().any(|player| player.clips)
+    }
+
+    /// The frame whose G-buffer is needed before frame `index` can be shown; `None` where nothing is.
+    pub fn wanted(&self, index: usize) -> Option<usize> {
+        let waits = |player: &Player| player.clips && !player.ready.contains_key(&index);
+        (self.next < self.view.folder.len() && self.players.iter().any(waits)).then_some(self.next)
+    }
+
+    /// Hands the frame to the networks that work in clips.
+    pub fn push(&mut self, index: usize, frame: &Frame) -> Result<()> {
+        self.next = index + 1;
+        let last = self.next == self.view.folder.len();
+        let view = view(self.view, index, frame);
+        for player in self.players.iter_mut().filter(|player| player.clips) {
+            player.take(|session| {
+                let mut rendered = session.push(view)?;
+                if last {
+                    rendered.extend(session.finish()?);
+                }
+                Ok(rendered)
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Frame `index` by the network and its seconds without the G-buffer; `None` where it cannot be made. Earlier frames are let go.
+    pub fn picture(&mut self, way: &Way, index: usize, frame: &Frame) -> Result<Option<(Rgb, f64)>> {
+        let Some(player) = self.players.iter_mut().find(|player| player.way == way) else { return Ok(None) };
+        if !player.clips {
+            let view = view(self.view, index, frame);
+            let ((), preparing) = timed(|| Ok(player.session.prepare(view.number)?))?;
+            self.preparing += preparing;
+            player.take(|session| session.push(view))?;
+        }
+        player.ready = player.ready.split_off(&index);
+        Ok(player.ready.remove(&index))
+    }
+
+    /// Renders a frame in a session of its own, so that the first one that counts does not pay for caches.
+    pub fn warm_up(&self, way: &Way, index: usize, frame: &Frame) -> Result<()> {
+        let Some(player) = self.players.iter().find(|player| player.way == way) else { return Ok(()) };
+        let mut session = player.renderer.begin(self.view, player.options)?;
+        session.push(view(self.view, index, frame))?;
+        session.finish()?;
+        Ok(())
+    }
+}
+
+impl Player<'_> {
+    /// Lets the session work and shares the seconds among the frames it finishes.
+    fn take(&mut self, work: impl FnOnce(&mut dyn Session) -> renderflow_model::Result<Vec<renderer::Rendered>>) -> Result<()> {
+        let (rendered, seconds) = timed(|| Ok(work(&mut *self.session)?))?;
+        self.spent += seconds;
+        if rendered.is_empty() {
+            return Ok(());
+        }
+        let share = std::mem::take(&mut self.spent) / rendered.len() as f64;
+        self.ready.extend(rendered.into_iter().map(|rendered| (rendered.index, (rendered.linear, share))));
+        Ok(())
+    }
+}
+
+fn view<'f>(view: &'f SequenceView, index: usize, frame: &'f Frame) -> View<'f> {
+    View { number: view.folder.numbers[index], index, frame, camera: view.folder.camera(index) }
+}

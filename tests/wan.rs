@@ -1,0 +1,272 @@
+//! The paper's network through the binary, as small as it gets: trained, looked at, rendered with, turned round, evaluated.
+
+mod common;
+
+use common::{fail, files, renderflow, stderr, succeed};
+use renderflow::dataset::{SequenceFolder, SequenceView};
+use renderflow::evaluate::results::Results;
+use renderflow_frame::{color, frame_file};
+use renderflow_model::renderer::{self, Autoencoder, Options, View};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+const SIDE: usize = 32;
+/// A clip, and two frames of the next.
+const FRAMES: usize = 7;
+
+/// A sequence with keyframes 4 frames apart.
+fn data(folder: &Path) -> PathBuf {
+    let (plan, out) = (folder.join("plan.json"), folder.join("data"));
+    let arguments = ["dataset", "plan", "--seed", "5", "--classic", "--split", "test", "--sequences", "1", "--frames", "7"];
+    let size = ["--resolution", "32", "--spp", "2", "--keyframe-gap", "4", "--denoise", "none", "--out", text(&plan)];
+    succeed(&[&arguments[..], &size].concat());
+    succeed(&["dataset", "render", "--plan", text(&plan), "--out", text(&out)]);
+    out.join("test")
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Weights of every stage: the autoencoder, the renderer with a keyframe adapter, that with an inverse adapter.
+struct Weights {
+    vae: PathBuf,
+    keys: PathBuf,
+    inverse: PathBuf,
+}
+
+fn train(folder: &Path, data: &Path) -> Weights {
+    // The autoencoder by a file of options.
+    let config = json!({
+        "stage": { "autoencoder": { "network": "wan-tiny" } },
+        "batches": [{ "size": 32, "frames": 1, "items": 2, "weight": 1.0 }],
+        "steps": 2,
+    });
+    let path = folder.join("autoencoder.json");
+    std::fs::write(&path, config.to_string()).unwrap();
+    let out = |name: &str| folder.join(name);
+    let said = succeed(&["train", "--config", text(&path), "--data", text(data), "--out", text(&out("vae"))]);
+    assert!(said.contains("2 steps"), "{said}");
+    let weights = |name: &str| out(name).join("weights.safetensors");
+    let vae = weights("vae");
+    let stage = |stage: &str, more: &[&str]| {
+        let (out, common) = (out(stage), ["train", "--preset", "wan-tiny", "--stage", stage, "--vae", text(&vae)]);
+        let run = ["--data", text(data), "--steps", "2", "--out", text(&out)];
+        succeed(&[&common[..], &run, more].concat());
+    };
+    // A preset's options in full are a file of options.
+    let print =
+        |more: &[&str]| succeed(&[&["train", "--data", text(data), "--out", "runs/out", "--print-config"][..], more].concat());
+    let printed = print(&["--preset", "wan-small", "--stage", "base", "--vae", "vae.safetensors", "--minutes", "5"]);
+    std::fs::write(&path, &printed).unwrap();
+    assert_eq!(print(&["--config", text(&path)]), printed);
+    let options: Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!(options["stage"]["base"]["latents"]["autoencoder"], "vae.safetensors");
+    // The compact network's are another's.
+    std::fs::write(&path, print(&[])).unwrap();
+    assert!(print(&["--config", text(&path)]).contains("crops"));
+    stage("base", &[]);
+    stage("keyframes", &["--base", text(&weights("base"))]);
+    stage("inverse", &["--base", text(&weights("keyframes"))]);
+    Weights { keys: weights("keyframes"), inverse: weights("inverse"), vae }
+}
+
+#[test]
+fn the_papers_network_from_training_to_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = data(folder.path());
+    let weights = train(folder.path(), &data);
+    files_say_what_they_are(folder.path(), &weights);
+    sequences_are_rendered(folder.path(), &data, &weights);
+    pictures_are_taken_apart(folder.path(), &data, &weights);
+    rows_stand_beside_the_others(folder.path(), &data, &weights);
+}
+
+fn files_say_what_they_are(folder: &Path, weights: &Weights) {
+    let header: Value = serde_json::from_str(&succeed(&["weights", text(&weights.inverse)])).unwrap();
+    assert_eq!(header["network"]["kind"], "wan-flow");
+    assert!(header["network"]["config"]["inverse"].is_object() && header["provenance"]["steps"] == 6, "{header}");
+
+    let table = succeed(&["weights", "inspect", text(&weights.vae), text(&weights.keys)]);
+    for part in ["decoder.conv_in.weight", "[32, 4, 3, 3, 3]", "Wan autoencoder", "renderer on Wan's transformer", "tensors fit"]
+    {
+        assert!(table.contains(part), "{part} missing in\n{table}");
+    }
+    let list: Value = serde_json::from_str(&succeed(&["weights", "inspect", "--json", text(&weights.vae)])).unwrap();
+    let sum = |key: &str| list[0][key].as_array().unwrap().iter().map(|row| row["parameters"].as_u64().unwrap()).sum::<u64>();
+    assert_eq!(list[0]["parameters"], sum("tensors"));
+    assert_eq!(list[0]["parameters"], sum("parts"));
+    assert_eq!((&list[0]["kind"], &list[0]["fits"]), (&json!("wan-vae"), &json!(true)));
+
+    // To the original names and back, through a file that only shapes tell apart.
+    let (original, back) = (folder.join("converted/original.safetensors"), folder.join("converted/back.safetensors"));
+    succeed(&["weights", "convert", text(&weights.vae), text(&original), "--naming", "original"]);
+    let said = succeed(&["weights", "inspect", text(&original)]);
+    assert!(said.contains("decoder.conv1.weight") && said.contains("original names"), "{said}");
+    succeed(&["weights", "convert", text(&original), text(&back)]);
+    assert!(std::fs::read(&back).unwrap() == std::fs::read(&weights.vae).unwrap(), "there and back is another file");
+    succeed(&["weights", "convert", text(&original), text(&back), "--precision", "bf16"]);
+    let [half, whole] = [&back, &weights.vae].map(|path| std::fs::metadata(path).unwrap().len());
+    assert!(half < whole * 6 / 10, "{half} bytes of {whole}");
+    // The compact network is a file among others.
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/compact.safetensors");
+    let said = succeed(&["weights", "inspect", text(&shipped)]);
+    assert!(said.contains("compact network") && said.contains("4813144"), "{said}");
+    let single = folder.join("converted/single.safetensors");
+    succeed(&["weights", "convert", text(&shipped), text(&single), "--precision", "f32"]);
+    succeed(&["weights", "convert", text(&single), text(&back), "--precision", "f16"]);
+    assert!(std::fs::read(&back).unwrap() == std::fs::read(&shipped).unwrap());
+
+    let accepted = succeed(&["check", text(&weights.vae), text(&weights.inverse)]);
+    for part in ["Wan autoencoder", "keyframes yes", "inverse yes", "steps 6"] {
+        assert!(accepted.contains(part), "{part} missing in\n{accepted}");
+    }
+    // A tensor that is cut off is named.
+    let bytes = std::fs::read(&weights.vae).unwrap();
+    let cut = folder.join("converted/cut.safetensors");
+    std::fs::write(&cut, &bytes[..bytes.len() - 8]).unwrap();
+    for command in
+        [&["weights", "inspect", text(&cut)][..], &["check", text(&cut)], &["weights", "convert", text(&cut), text(&back)]]
+    {
+        let output = renderflow(command);
+        let said = stderr(&output) + &String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.code() == Some(1) && said.contains("cut off"), "{command:?}: {said}");
+    }
+}
+
+fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
+    let infer = |out: &Path, more: &[&str]| {
+        let common = ["infer", "--data", text(data), "--weights", text(&weights.keys), "--vae", text(&weights.vae)];
+        renderflow(&[&common[..], &["--out", text(out)], more].concat())
+    };
+    let [plain, keyed] = ["plain", "keyed"].map(|name| folder.join("infer").join(name));
+    for (out, more) in [(&plain, &[][..]), (&keyed, &["--keyframes"])] {
+        let output = infer(out, more);
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+    let sequence = SequenceFolder::open(&data.join("seq-000000")).unwrap();
+    let read = |out: &Path, i: usize| {
+        let frame = frame_file::read(&out.join(format!("seq-000000/frame.{i:04}.exr"))).unwrap();
+        assert!(out.join(format!("seq-000000/frame.{i:04}.png")).is_file());
+        frame.beauty.unwrap()
+    };
+    for i in 0..FRAMES {
+        let (with, without) = (read(&keyed, i), read(&plain, i));
+        assert_eq!((with.width, with.height), (SIDE, SIDE));
+        // A network of two steps is hardly moved by keyframes; at theirs, they are returned (in the half precision of files).
+        let display = |picture: &renderflow_frame::image::Rgb| picture.map(|p| color::display(*p, sequence.sequence.exposure));
+        let truth = sequence.frame(i).unwrap().beauty.unwrap();
+        let near = |picture| display(picture).pixels.iter().zip(&display(&truth).pixels).all(|(a, b)| (a[0] - b[0]).abs() < 2e-3);
+        assert_eq!((near(&with), near(&without)), (i % 4 == 0, false), "frame {i}");
+    }
+    // Complete: nothing is made again. Without its last frames: the same bytes, whatever is known of where it stopped.
+    let before = files(&plain);
+    assert!(!before.iter().any(|(name, _)| name.contains("stopped")), "the place of a stop is left behind");
+    assert!(infer(&plain, &[]).status.success());
+    assert!(files(&plain) == before);
+    std::fs::remove_file(plain.join("seq-000000/frame.0006.exr")).unwrap();
+    assert!(infer(&plain, &["--threads", "1"]).status.success());
+    assert!(files(&plain) == before);
+    // Stopped after its first clip, which is kept as it is and says how the next begins.
+    let stopped = folder.join("infer/stopped");
+    std::fs::create_dir_all(stopped.join("seq-000000")).unwrap();
+    std::fs::copy(plain.join("infer.json"), stopped.join("infer.json")).unwrap();
+    for i in 0..5 {
+        std::fs::write(stopped.join(format!("seq-000000/frame.{i:04}.exr")), [i as u8]).unwrap();
+    }
+    let renderer = renderer::open(&weights.keys, Autoencoder { file: Some(&weights.vae), tile: None }).unwrap();
+    let view = SequenceView::new(&sequence);
+    let mut session = renderer.begin(&view, Options::default()).unwrap();
+    for index in 0..5 {
+        let (frame, camera) = (sequence.frame(index).unwrap(), sequence.camera(index));
+        session.push(View { number: index, index, frame: &frame, camera }).unwrap();
+    }
+    let state = session.state().unwrap().encode().unwrap();
+    std::fs::write(stopped.join("seq-000000/stopped.safetensors"), state).unwrap();
+    assert!(infer(&stopped, &[]).status.success());
+    for (name, bytes) in files(&stopped) {
+        let kept = (0..5).find(|i| name.ends_with(&format!("frame.{i:04}.exr")));
+        let expected = kept.map_or_else(|| std::fs::read(plain.join(&name)).unwrap(), |i| vec![i as u8]);
+        assert!(bytes == expected, "{name}");
+    }
+    assert!(!stopped.join("seq-000000/stopped.safetensors").exists() && stopped.join("seq-000000/frame.0006.exr").exists());
+    // Other options do not mix in, nor does a folder of something else.
+    let said = stderr(&infer(&plain, &["--steps", "2"]));
+    assert!(said.contains("other weights or options"), "{said}");
+    let said = stderr(&infer(data, &[]));
+    assert!(said.contains("not empty"), "{said}");
+    // Without the autoencoder nothing goes.
+    let said = fail(&["infer", "--data", text(data), "--weights", text(&weights.keys), "--out", text(&folder.join("none"))]);
+    assert!(said.contains("vae.safetensors"), "{said}");
+    assert!(!folder.join("none").exists());
+}
+
+fn pictures_are_taken_apart(folder: &Path, data: &Path, weights: &Weights) {
+    let photos = folder.join("photos");
+    std::fs::create_dir_all(photos.join("more")).unwrap();
+    for (name, side) in [("a.png", 40), ("b.jpg", 24), ("more/a.png", 16)] {
+        image::RgbImage::from_fn(side, 20, |x, y| image::Rgb([8 * x as u8, 10 * y as u8, 90])).save(photos.join(name)).unwrap();
+    }
+    let invert = |more: &[&str]| {
+        let common = ["invert", "--weights", text(&weights.inverse), "--vae", text(&weights.vae)];
+        renderflow(&[&common[..], more].concat())
+    };
+    let out = folder.join("invert");
+    let output = invert(&[text(&photos), "--exr", "--out", text(&out)]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let there = files(&out);
+    assert_eq!(there.len(), 1 + 3 * 4 * 2, "{:?}", there.iter().map(|(name, _)| name).collect::<Vec<_>>());
+    let picture = |name: &str| image::open(out.join(name)).unwrap();
+    assert_eq!((picture("a.albedo.png").width(), picture("a.albedo.png").height()), (40, 20));
+    assert_eq!(picture("more/a.depth.png").color(), image::ColorType::L16);
+    let normals = renderflow_frame::exr::read_rgb(&out.join("b.normal.exr")).unwrap();
+    let unit = |n: &[f32; 3]| (n.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-4;
+    assert!(normals.width == 24 && normals.pixels.iter().all(unit));
+    assert!(invert(&[text(&photos), "--exr", "--out", text(&out)]).status.success());
+    assert!(files(&out) == there);
+    let said = stderr(&invert(&[text(&photos), "--clip", "5", "--out", text(&folder.join("clips"))]));
+    assert!(said.contains("24x20") && said.contains("40x20"), "{said}");
+
+    let out = folder.join("invert-data");
+    let output = invert(&["--data", text(data), "--only", "albedo,depth", "--clip", "5", "--out", text(&out)]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(files(&out).len(), 1 + FRAMES * 2);
+    assert!(out.join("seq-000000/frame.0006.albedo.png").is_file());
+    let (keys, vae) = (text(&weights.keys), text(&weights.vae));
+    let said = fail(&["invert", text(&photos), "--weights", keys, "--vae", vae, "--out", text(&folder.join("none"))]);
+    assert!(said.contains("no inverse adapter"), "{said}");
+}
+
+fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {
+    let out = folder.join("results");
+    let (keys, vae) = (text(&weights.keys), text(&weights.vae));
+    let evaluate = |out: &Path, every: &str| {
+        let what =
+            ["evaluate", "--data", text(data), "--methods", "ibl,neural,wan,wan+keys", "--every", every, "--out", text(out)];
+        succeed(&[&what[..], &["--weights", keys, "--vae", vae]].concat())
+    };
+    let table = evaluate(&out, "1");
+    for row in ["IBL (split sum)", "neural", "wan", "wan + keyframes"] {
+        assert!(table.contains(row), "{row} missing in\n{table}");
+    }
+    let scores = |out: &Path| Results::read(out).unwrap().sequences.remove(0).scores;
+    let all = scores(&out);
+    assert_eq!(all.len(), FRAMES * 4);
+    for score in &all {
+        let psnr = score.values.get("psnr").copied();
+        assert!(psnr.is_some_and(f64::is_finite) && score.seconds.is_some_and(|s| s > 0.0), "{score:?}");
+        assert_eq!(psnr == Some(100.0), score.key && score.method == "wan+keys", "{score:?}");
+    }
+    // The networks see the whole sequence whichever frames are evaluated.
+    let some = folder.join("some");
+    evaluate(&some, "3");
+    for score in scores(&some).iter().filter(|score| score.method == "wan") {
+        let same = all.iter().find(|other| other.method == "wan" && other.frame == score.frame).unwrap();
+        assert_eq!(score.values.get("psnr"), same.values.get("psnr"), "frame {}", score.frame);
+    }
+    let said = fail(&["evaluate", "--data", text(data), "--methods", "wan", "--out", text(&folder.join("none"))]);
+    assert!(said.contains("--weights"), "{said}");
+    let twice = ["--weights", keys, "--weights", text(&weights.inverse), "--vae", vae];
+    let said = fail(&[&["evaluate", "--data", text(data), "--out", text(&folder.join("none"))][..], &twice].concat());
+    assert!(said.contains("two networks of this kind"), "{said}");
+}
