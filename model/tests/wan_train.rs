@@ -168,8 +168,32 @@ fn an_autoencoder_learns_and_resumes() {
             }
         }
     }
+    round_trips_are_counted_by_frame(&vae, &clips);
     let (mean, deviation) = (sum / count, (squares / count).sqrt());
     assert!(mean.abs() < 0.7 && (0.4..2.0).contains(&deviation), "mean {mean}, deviation {deviation}");
+}
+
+/// The albedo of one clip of five frames, counted here.
+fn round_trips_are_counted_by_frame(vae: &Vae, clips: &[Clip]) {
+    use renderflow_model::wan::train::{album::Album, round_trip};
+
+    let found = round_trip(vae, &clips.to_vec(), 5).expect("five frames");
+    assert_eq!(found.iter().map(|row| row.kind).collect::<Vec<_>>(), Kind::ALL);
+    let album = Album::new(&clips[0], None, 8, 8).expect("pictures");
+    let pictures = album.clip(0, 5, Kind::Albedo, album.whole());
+    let tensor = Tensor::<5>::from_data(TensorData::new(pictures.clone(), [1, 3, 5, SIZE, SIZE]), &Device::flex());
+    let back = to_vec(vae.decode_normalised(vae.encode_normalised(tensor).expect("latents")).expect("pictures"));
+    for frame in 0..5 {
+        let mut square = 0.0f64;
+        for i in (0..pictures.len()).filter(|i| i / (SIZE * SIZE) % 5 == frame) {
+            square += f64::from((pictures[i] - back[i]) / 2.0).powi(2) / (3 * SIZE * SIZE) as f64;
+        }
+        let expected = -10.0 * square.log10() as f32;
+        let psnr = found[Kind::Albedo as usize].psnr[frame];
+        assert!((psnr - expected).abs() < 1e-3, "frame {frame}: {psnr} instead of {expected} dB");
+    }
+    assert_eq!(round_trip(vae, &clips.to_vec(), 1).expect("stills")[0].psnr.len(), 1);
+    assert!(round_trip(vae, &clips.to_vec(), 9).is_err());
 }
 
 #[test]

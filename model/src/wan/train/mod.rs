@@ -13,8 +13,10 @@ pub mod config;
 pub mod losses;
 pub mod recompute;
 pub mod renderer;
+mod round_trip;
 
 pub use config::{AutoencoderLoss, BatchConfig, Config, LatentConfig, OptimizerConfig, PixelLoss, Stage};
+pub use round_trip::{RoundTrip, round_trip};
 
 use super::config::VaeConfig;
 use super::flow::{Flow, FlowConfig, Group};
