@@ -100,6 +100,22 @@ pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tens
     }
 }
 
+/// Division of a pixel's channels by their length, times `sqrt(c)` and a factor a channel, and SiLU after it if `silu`.
+///
+/// `x` `[.., c]` with `c` > 0, `gamma` `[c]`; the result has the shape of `x`. A pixel of zeros stays 0.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn channel_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, silu: bool) -> Tensor<D> {
+    let (channels, factors) = (x.dims()[D - 1], gamma.dims()[0]);
+    assert!(channels > 0 && channels == factors, "channel norm: {channels} channels and {factors} factors");
+    if kernels::fits(&x.device(), &[x.dtype(), gamma.dtype()]) {
+        kernels::channel_norm(x, gamma, silu)
+    } else {
+        portable::channel_norm(x, gamma, silu)
+    }
+}
+
 fn check_conv(name: &str, x: [usize; 4], w: [usize; 4], b: [usize; 1]) {
     assert!(matches!(w[0], 1 | 3) && w[1] == w[0], "{name}: weights {w:?} are neither 1 x 1 nor 3 x 3");
     assert!(w[2] == x[3] && w[3] == b[0] && w[2] > 0 && w[3] > 0, "{name}: input {x:?}, weights {w:?} and bias {b:?} do not fit");

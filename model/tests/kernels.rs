@@ -25,6 +25,7 @@ enum Case {
     Decode { batch: usize, height: usize, width: usize, up: usize, skip: usize, outputs: usize },
     Linear { batch: usize, tokens: usize, inputs: usize, outputs: usize, silu: bool },
     Attention { batch: usize, queries: usize, keys: usize, channels: usize, heads: usize },
+    Norm { pixels: usize, channels: usize, silu: bool },
 }
 
 /// Output and the gradient of every input, in order.
@@ -84,6 +85,11 @@ fn run(case: Case) -> Results {
             let v = leaf(rng, [batch, keys, channels], &device);
             collect!(ops::attention(q.clone(), k.clone(), v.clone(), heads), q, k, v)
         }
+        Case::Norm { pixels, channels, silu } => {
+            let x = leaf(rng, [1, 1, pixels, 1, channels], &device);
+            let gamma = leaf(rng, [channels], &device);
+            collect!(ops::channel_norm(x.clone(), gamma.clone(), silu), x, gamma)
+        }
     }
 }
 
@@ -127,6 +133,9 @@ fn cases() -> Vec<Case> {
         [(1, 1, 1, 1, 1), (2, 5, 7, 2, 3), (1, 33, 17, 3, 16), (2, 64, 40, 2, 32), (1, 40, 70, 1, 48)]
     {
         cases.push(Case::Attention { batch, queries, keys, channels: heads * width, heads });
+    }
+    for (pixels, channels) in [(1, 2), (7, 3), (300, 16), (33, 31), (5, 384), (2, 5000)] {
+        cases.extend([false, true].map(|silu| Case::Norm { pixels, channels, silu }));
     }
     cases
 }
@@ -183,6 +192,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         Case::Decode { batch: 2, height: 24, width: 20, up: 64, skip: 32, outputs: 32 },
         Case::Linear { batch: 2, tokens: 1024, inputs: 96, outputs: 160, silu: true },
         Case::Attention { batch: 2, queries: 256, keys: 160, channels: 128, heads: 4 },
+        Case::Norm { pixels: 3000, channels: 48, silu: true },
     ];
     let (one, more) = (with_threads(1), [3, 16].map(with_threads));
     for case in large.into_iter().chain(cases().into_iter().step_by(5)) {
@@ -366,6 +376,7 @@ fn measure_against_the_composition() {
         Case::Decode { batch: 1, height: 64, width: 64, up: 64, skip: 64, outputs: 64 },
         Case::Linear { batch: 1, tokens: 1024, inputs: 256, outputs: 1024, silu: true },
         Case::Attention { batch: 1, queries: 1024, keys: 1024, channels: 256, heads: 8 },
+        Case::Norm { pixels: 65536, channels: 64, silu: true },
     ];
     for case in cases {
         let mut times = [Choice::Composed, Choice::Avx2, Choice::Avx512].map(|choice| (choice, vec![], vec![]));
@@ -433,6 +444,9 @@ fn measure_against_the_composition() {
                 (k, [batch, keys, channels]),
                 (v, [batch, keys, channels])
             ),
+            Case::Norm { pixels, channels, silu } => {
+                timed!(|x, gamma| ops::channel_norm(x, gamma, silu), (x, [1, 1, pixels, 1, channels]), (gamma, [channels]))
+            }
         }
     }
 }

@@ -3,6 +3,7 @@ use super::Kernel;
 use super::attention::Attention;
 use super::convolve::{Convolution, Wanted};
 use super::gather::{Finish, Size};
+use super::norm::ChannelNorm;
 use crate::ops::Stride;
 use burn::backend::autodiff::NodeId;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
@@ -70,6 +71,17 @@ pub trait CpuKernels: Backend {
         heads: usize,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 
+    /// See [`crate::ops::channel_norm`]; differentiable.
+    fn channel_norm(x: FloatTensor<Self>, gamma: FloatTensor<Self>, silu: bool) -> FloatTensor<Self>;
+
+    /// Gradients of x and gamma.
+    fn channel_norm_backward(
+        x: FloatTensor<Self>,
+        gamma: FloatTensor<Self>,
+        gradient: FloatTensor<Self>,
+        silu: bool,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+
     /// The activated output of either convolution, and the sums before the activation. `skip` is any tensor if there is no second picture.
     fn nhwc_with_sums(
         x: FloatTensor<Self>,
@@ -105,6 +117,11 @@ pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tens
 /// [`crate::ops::attention`] by the kernels.
 pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tensor<3> {
     Tensor::from_dispatch(Dispatch::token_attention(q.into_dispatch(), k.into_dispatch(), v.into_dispatch(), heads))
+}
+
+/// [`crate::ops::channel_norm`] by the kernels.
+pub fn channel_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, silu: bool) -> Tensor<D> {
+    Tensor::from_dispatch(Dispatch::channel_norm(x.into_dispatch(), gamma.into_dispatch(), silu))
 }
 
 fn tensor(values: Vec<f32>, shape: Shape) -> FlexTensor {
@@ -183,6 +200,19 @@ impl CpuKernels for Flex {
         let attention = attention_of(&q, &k, heads);
         let [dq, dk, dv] = with_tile!(tile => attention.backward(tile, floats(&q), floats(&k), floats(&v), floats(&gradient)));
         (tensor(dq, q.shape()), tensor(dk, k.shape()), tensor(dv, v.shape()))
+    }
+
+    fn channel_norm(x: FlexTensor, gamma: FlexTensor, silu: bool) -> FlexTensor {
+        let [x, gamma] = [x, gamma].map(|t| t.to_contiguous());
+        let norm = ChannelNorm { x: floats(&x), gamma: floats(&gamma), silu };
+        tensor(with_tile!(tile => norm.forward(tile)), x.shape())
+    }
+
+    fn channel_norm_backward(x: FlexTensor, gamma: FlexTensor, gradient: FlexTensor, silu: bool) -> (FlexTensor, FlexTensor) {
+        let [x, gamma, gradient] = [x, gamma, gradient].map(|t| t.to_contiguous());
+        let norm = ChannelNorm { x: floats(&x), gamma: floats(&gamma), silu };
+        let (dx, dgamma) = with_tile!(tile => norm.backward(tile, floats(&gradient)));
+        (tensor(dx, x.shape()), tensor(dgamma, gamma.shape()))
     }
 
     fn nhwc_conv(x: FlexTensor, w: FlexTensor, b: FlexTensor, stride: Stride, silu: bool) -> FlexTensor {
@@ -304,7 +334,45 @@ impl<B: CpuKernels> Backward<B, 3> for AttentionBackward {
     }
 }
 
+#[derive(Debug)]
+struct NormBackward;
+
+impl<B: CpuKernels> Backward<B, 2> for NormBackward {
+    type State = ([NodeId; 2], bool);
+
+    fn backward(self, ops: Ops<Self::State, 2>, tape: &mut Tape, checkpointer: &mut Checkpointer) {
+        let gradient = tape.consume::<B>(&ops.node);
+        let (inputs, silu) = ops.state;
+        let [x, gamma]: [FloatTensor<B>; 2] = inputs.map(|id| checkpointer.retrieve_node_output(id));
+        let (dx, dgamma) = B::channel_norm_backward(x, gamma, gradient, silu);
+        for (node, gradient) in ops.parents.into_iter().zip([dx, dgamma]) {
+            if let Some(node) = node {
+                tape.register::<B>(node.id, gradient);
+            }
+        }
+    }
+}
+
 impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
+    fn channel_norm(x: FloatTensor<Self>, gamma: FloatTensor<Self>, silu: bool) -> FloatTensor<Self> {
+        match NormBackward.prepare::<C>([x.node(), gamma.node()]).compute_bound().stateful() {
+            OpsKind::Tracked(mut prepared) => {
+                let inputs = [&x, &gamma].map(|t| prepared.checkpoint(t));
+                prepared.finish((inputs, silu), B::channel_norm(x.into_primitive(), gamma.into_primitive(), silu))
+            }
+            OpsKind::UnTracked(prepared) => prepared.finish(B::channel_norm(x.into_primitive(), gamma.into_primitive(), silu)),
+        }
+    }
+
+    fn channel_norm_backward(
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: bool,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        unreachable!("gradients of gradients are not offered")
+    }
+
     fn token_attention(q: FloatTensor<Self>, k: FloatTensor<Self>, v: FloatTensor<Self>, heads: usize) -> FloatTensor<Self> {
         match AttentionBackward.prepare::<C>([q.node(), k.node(), v.node()]).compute_bound().stateful() {
             OpsKind::Tracked(mut prepared) => {

@@ -1,4 +1,4 @@
-//! Convolution and attention for the CPU: implicit matrix products on channels-last pictures, without an im2col buffer.
+//! Convolution, attention and channel normalisation for the CPU: implicit matrix products on channels-last pictures, without an im2col buffer.
 //!
 //! All work is a small tile of outputs kept in registers ([`tile`]), filled from lists of input pixels and packed weights
 //! ([`gather`], [`gradient`]). It exists in AVX-512, in AVX2 and, as their portable twin, in plain Rust; all three return the same bits, for
@@ -12,6 +12,7 @@
 //! forward and 5.7-5.9 times with all gradients in AVX-512, 3.5 and 3.2 times in AVX2. Two runs of `measure_against_the_composition`
 //! in `tests/kernels.rs` (variants alternating in one process, medians of 9, glibc's allocator) on four busy Zen 5 cores; the
 //! fused enlargement (16-19 times forward) and stride 2 gain most, small deep layers and point-wise products least (3 times).
+//! Channel normalisation with SiLU, which burn composes of ten passes on one thread: 24 times forward, 6.6 times with gradients.
 pub mod portable;
 
 mod attention;
@@ -20,12 +21,13 @@ mod convolve;
 mod extension;
 mod gather;
 mod gradient;
+mod norm;
 mod taps;
 mod tile;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use extension::{attention, conv, decode};
+pub(crate) use extension::{attention, channel_norm, conv, decode};
 
 use burn::backend::DispatchDevice;
 use burn::tensor::{DType, Device};

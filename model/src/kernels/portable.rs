@@ -1,4 +1,5 @@
 //! The operations of [`crate::ops`] composed of burn's own, for every device and element type.
+use super::norm::LEAST_SQUARE;
 use crate::ops::Stride;
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Tensor, activation, module};
@@ -35,6 +36,16 @@ pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tens
     };
     let scores = split(q).matmul(split(k).swap_dims(2, 3)).mul_scalar(1.0 / (width as f32).sqrt());
     activation::softmax(scores, 3).matmul(split(v)).swap_dims(1, 2).reshape([batch, n, channels])
+}
+
+/// See [`crate::ops::channel_norm`].
+pub fn channel_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, silu: bool) -> Tensor<D> {
+    let channels = x.dims()[D - 1];
+    let length = (x.clone() * x.clone()).sum_dim(D - 1).clamp_min(LEAST_SQUARE).sqrt();
+    let mut shape = [1; D];
+    shape[D - 1] = channels;
+    let y = x * length.recip() * gamma.mul_scalar((channels as f32).sqrt()).reshape(shape);
+    if silu { activation::silu(y) } else { y }
 }
 
 /// `[b, h, w, c]` to `[b, 2h, 2w, c]`, each pixel repeated 2 x 2 times.

@@ -69,9 +69,6 @@ pub struct ChannelNorm {
     pub gamma: Param<Tensor<1>>,
 }
 
-/// Square of the least length a pixel is divided by. Bounding the square, not the root, keeps the gradient of a pixel of zeros finite.
-const LEAST_SQUARE: f32 = 1e-24;
-
 impl ChannelNorm {
     /// Factor 1.
     pub fn new(init: &mut Init, width: usize) -> Self {
@@ -80,10 +77,12 @@ impl ChannelNorm {
 
     /// `[b, t, h, w, c]` to the same shape.
     pub fn forward(&self, x: Tensor<5>) -> Tensor<5> {
-        let c = x.dims()[4];
-        let length = (x.clone() * x.clone()).sum_dim(4).clamp_min(LEAST_SQUARE).sqrt();
-        let gamma = self.gamma.val().mul_scalar((c as f32).sqrt()).reshape([1, 1, 1, 1, c]);
-        x * length.recip() * gamma
+        ops::channel_norm(x, self.gamma.val(), false)
+    }
+
+    /// With SiLU after it.
+    pub fn forward_silu(&self, x: Tensor<5>) -> Tensor<5> {
+        ops::channel_norm(x, self.gamma.val(), true)
     }
 
     /// Its tensor under `name`; the file has `ones` axes of length 1 behind the channels.

@@ -11,7 +11,7 @@ use crate::wan::layers::ChannelNorm;
 use crate::wan::names::Listing;
 use crate::wan::probe::Probe;
 use burn::module::Module;
-use burn::tensor::{Tensor, activation};
+use burn::tensor::Tensor;
 
 /// Twice the height and width at half the channels, and twice the frame rate if it has a convolution over time.
 #[derive(Module, Debug)]
@@ -116,7 +116,7 @@ impl Decoder {
             }
             probe.report(&format!("dec.up_blocks.{i}"), || to_first(x.clone()));
         }
-        self.conv_out.forward(activation::silu(self.norm_out.forward(x)), cache)
+        self.conv_out.forward(self.norm_out.forward_silu(x), cache)
     }
 
     pub(super) fn list(&self, list: &mut Listing) {

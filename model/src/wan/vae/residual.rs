@@ -7,7 +7,7 @@ use crate::wan::layers::{ChannelNorm, Dense};
 use crate::wan::names::Listing;
 use crate::wan::probe::Probe;
 use burn::module::Module;
-use burn::tensor::{Tensor, activation};
+use burn::tensor::Tensor;
 
 /// Twice normalise, SiLU, convolve; added to the input, which is mapped point-wise where the channels change.
 #[derive(Module, Debug)]
@@ -32,8 +32,8 @@ impl Residual {
 
     /// `[b, t, h, w, from]` to `[b, t, h, w, to]`.
     pub fn forward(&self, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
-        let y = self.conv1.forward(activation::silu(self.norm1.forward(x.clone())), cache);
-        let y = self.conv2.forward(activation::silu(self.norm2.forward(y)), cache);
+        let y = self.conv1.forward(self.norm1.forward_silu(x.clone()), cache);
+        let y = self.conv2.forward(self.norm2.forward_silu(y), cache);
         match &self.shortcut {
             Some(shortcut) => shortcut.clip(x) + y,
             None => x + y,
