@@ -58,7 +58,7 @@ fn measure(case: &str) {
 }
 
 #[test]
-#[ignore]
+#[ignore = "a measurement"]
 fn recomputation_saves_memory() {
     if let Ok(case) = std::env::var(CASE) {
         return measure(&case);

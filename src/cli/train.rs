@@ -6,6 +6,7 @@ use crate::truth::Interrupted;
 use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use renderflow_model::config::{KeyframeConfig, Start};
+use renderflow_model::train::runner::Summary;
 use renderflow_model::train::{self, Config, Stage};
 use renderflow_model::wan::FlowConfig;
 use std::path::PathBuf;
@@ -81,6 +82,16 @@ enum StartArg {
     AlbedoIrradiance,
 }
 
+/// Says where a finished run's weights are; an unfinished one is an interruption.
+fn finish<R>(summary: &Summary<R>, training: &Progress) -> Result<()> {
+    if !summary.finished {
+        return Err(Interrupted.into());
+    }
+    training.finish();
+    println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+    Ok(())
+}
+
 impl Train {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         if let Some(config) = self.wan_config()? {
@@ -113,12 +124,7 @@ impl Train {
             },
             cancel,
         )?;
-        if !summary.finished {
-            return Err(Interrupted.into());
-        }
-        training.finish();
-        println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
-        Ok(())
+        finish(&summary, &training)
     }
 
     fn config(&self) -> Result<Config> {

@@ -28,37 +28,12 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use runner::{Learner, Lesson, Report, Runner};
 use stage::{BaseStage, KeyframeStage, Objective};
-use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 /// What a run reports while it goes on.
-#[derive(Clone, Debug)]
-pub enum Progress {
-    /// Clips are being turned into network inputs.
-    Loading {
-        /// Clips done.
-        done: usize,
-        /// Clips to load.
-        total: usize,
-    },
-    /// Steps have been taken.
-    Step(log::Record),
-}
-
+pub type Progress = runner::Progress<log::Record>;
 /// What a run left behind.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Summary {
-    /// Steps done in all.
-    pub steps: u64,
-    /// Seconds of training in all.
-    pub elapsed: f64,
-    /// Whether the run reached its end; otherwise it was cancelled and can be resumed.
-    pub finished: bool,
-    /// The last line of the log, if any was written.
-    pub last: Option<log::Record>,
-    /// Averaged weights: written at the end and at every checkpoint.
-    pub weights: PathBuf,
-}
+pub type Summary = runner::Summary<log::Record>;
 
 /// Trains, resuming from the checkpoint in `config.output` if there is one.
 ///
@@ -145,7 +120,7 @@ impl Trainer<'_> {
         finish: &dyn Fn(&Optimizer) -> (WeightsHeader, Vec<Parameter>),
     ) -> Result<Summary> {
         let config = self.config;
-        let weights_path = config.output.join("weights.safetensors");
+        let weights_path = runner::weights_path(&config.output);
         let keys = matches!(config.stage, Stage::Keyframes { .. });
         let least = config.crops.iter().map(|crop| crop.size).max().unwrap_or(PIXEL_MULTIPLE);
         let make = move |clip: &Clip| prepare_at_least(clip, keys, least);
@@ -176,9 +151,7 @@ impl Trainer<'_> {
             let (header, parameters) = finish(optimizer);
             weights::save(&weights_path, &header, &parameters, config.precision)
         };
-        let (outcome, _) = runner.run(&Stages { objective, loss: config.loss }, model, batches, &save)?;
-        let runner::Outcome { steps, elapsed, finished, last } = outcome;
-        Ok(Summary { steps, elapsed, finished, last, weights: weights_path })
+        runner.run(&Stages { objective, loss: config.loss }, model, batches, &save)
     }
 }
 

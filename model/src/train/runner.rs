@@ -97,9 +97,23 @@ pub struct Report {
     pub eta: f64,
 }
 
-/// What a run left behind.
+/// What a run reports while it goes on; `R` is a line of its log.
 #[derive(Clone, Debug)]
-pub struct Outcome<R> {
+pub enum Progress<R> {
+    /// Clips are being prepared for the network.
+    Loading {
+        /// Clips done.
+        done: usize,
+        /// Clips to load.
+        total: usize,
+    },
+    /// Steps have been taken.
+    Step(R),
+}
+
+/// What a run left behind; `R` is a line of its log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary<R> {
     /// Steps done in all.
     pub steps: u64,
     /// Seconds of training in all.
@@ -108,6 +122,13 @@ pub struct Outcome<R> {
     pub finished: bool,
     /// The last line of the log, if any was written.
     pub last: Option<R>,
+    /// Averaged weights: written at the end and at every checkpoint.
+    pub weights: PathBuf,
+}
+
+/// Where a run in the folder `output` leaves its averaged weights.
+pub fn weights_path(output: &Path) -> PathBuf {
+    output.join("weights.safetensors")
 }
 
 /// One run in one folder, which gets `checkpoint.safetensors` and `log.jsonl`.
@@ -146,7 +167,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
         model: L::Model,
         batches: impl FnOnce(u64) -> Result<B>,
         save: Save<L::Model>,
-    ) -> Result<(Outcome<R>, L::Model)> {
+    ) -> Result<Summary<R>> {
         std::fs::create_dir_all(self.output).map_err(Error::io(self.output, "create folder"))?;
         let path: PathBuf = self.output.join("checkpoint.safetensors");
         let mut optimizer = Optimizer::new(parameters::export_learning(&model));
@@ -167,7 +188,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
         };
         // References that may go to another thread; `self` may not.
         let cancel = self.cancel;
-        let (finished, model) = std::thread::scope(|scope| -> Result<(bool, L::Model)> {
+        let finished = std::thread::scope(|scope| -> Result<bool> {
             // Batches are made one ahead, on a thread of their own.
             let (sender, receiver) = mpsc::sync_channel::<Result<L::Batch>>(1);
             scope.spawn(move || {
@@ -188,7 +209,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
                 let share = self.settings.share(optimizer.steps, elapsed());
                 if share >= 1.0 || cancel.load(Ordering::Relaxed) {
                     keep(&optimizer, &model, elapsed())?;
-                    return Ok((share >= 1.0, model));
+                    return Ok(share >= 1.0);
                 }
                 let batch = match receiver.recv() {
                     Ok(batch) => batch?,
@@ -214,7 +235,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
                 }
             }
         })?;
-        Ok((Outcome { steps: optimizer.steps, elapsed: elapsed(), finished, last }, model))
+        Ok(Summary { steps: optimizer.steps, elapsed: elapsed(), finished, last, weights: weights_path(self.output) })
     }
 
     fn step(&self, optimizer: &mut Optimizer, lesson: &Lesson, lr: f64) -> Result<f32> {

@@ -1,9 +1,8 @@
 //! Training of the paper's network: which configuration is meant, and the run.
 
-use super::Train;
+use super::{Train, finish};
 use crate::dataset::Dataset;
 use crate::progress::Progress;
-use crate::truth::Interrupted;
 use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
@@ -146,12 +145,7 @@ impl Train {
             }
         };
         let summary = train::run(config, &dataset, &tell, cancel)?;
-        if !summary.finished {
-            return Err(Interrupted.into());
-        }
-        training.finish();
-        println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
-        Ok(())
+        finish(&summary, &training)
     }
 }
 

@@ -30,7 +30,7 @@ use crate::lpips::{Backbone, Lpips, weights_folder};
 use crate::parameters;
 use crate::train::optimizer::Optimizer;
 use crate::train::pool::{Make, Pool, PoolSettings, Stored};
-use crate::train::runner::{Learner, Outcome, Report, Runner};
+use crate::train::runner::{self, Learner, Report, Runner};
 use crate::{Error, Result};
 use album::Album;
 use autoencoder::{AutoencoderLearner, PictureBatch, Sample, new_autoencoder};
@@ -42,7 +42,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -72,33 +72,9 @@ pub struct Record {
 }
 
 /// What a run reports while it goes on.
-#[derive(Clone, Debug)]
-pub enum Progress {
-    /// Clips are being turned into pictures or latents.
-    Loading {
-        /// Clips done.
-        done: usize,
-        /// Clips to load.
-        total: usize,
-    },
-    /// Steps have been taken.
-    Step(Record),
-}
-
+pub type Progress = runner::Progress<Record>;
 /// What a run left behind.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Summary {
-    /// Steps done in all.
-    pub steps: u64,
-    /// Seconds of training in all.
-    pub elapsed: f64,
-    /// Whether the run reached its end; otherwise it was cancelled and can be resumed.
-    pub finished: bool,
-    /// The last line of the log, if any was written.
-    pub last: Option<Record>,
-    /// Averaged weights: written at the end and at every checkpoint.
-    pub weights: PathBuf,
-}
+pub type Summary = runner::Summary<Record>;
 
 /// Trains, resuming from the checkpoint in `config.output` if there is one.
 ///
@@ -311,12 +287,7 @@ impl Run<'_> {
             let mut pool = Pool::load(self.source, make, settings, first_step, self.cancel, &loading)?;
             Ok(move |step| draw(&pool.at(step)?, step))
         };
-        let (Outcome { steps, elapsed, finished, last }, _) = runner.run(learner, model, batches, save)?;
-        Ok(Summary { steps, elapsed, finished, last, weights: self.weights_path() })
-    }
-
-    fn weights_path(&self) -> PathBuf {
-        self.config.output.join("weights.safetensors")
+        runner.run(learner, model, batches, save)
     }
 
     /// The model with its averaged weights: what is evaluated and shipped.
@@ -328,7 +299,7 @@ impl Run<'_> {
     fn save<M: Named>(&self, model: &M, network: Network, provenance: &Provenance, steps: u64) -> Result<()> {
         let provenance = Provenance { steps: provenance.steps + steps, ..provenance.clone() };
         let header = Header { network, provenance };
-        weights::save(&self.weights_path(), model, &header, self.config.precision, Naming::Diffusers)
+        weights::save(&runner::weights_path(&self.config.output), model, &header, self.config.precision, Naming::Diffusers)
     }
 
     fn drawn(&self) -> Provenance {
