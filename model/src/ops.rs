@@ -14,6 +14,9 @@ pub enum Stride {
     One,
     /// Every second pixel, starting with the first: `ceil(height / 2)` by `ceil(width / 2)`.
     Two,
+    /// Every second pixel, of windows of 3 x 3 that begin at the first: `height / 2` by `width / 2`, rounded down. What a window has
+    /// beyond the picture, on the right and below, is zero.
+    Half,
     /// The picture is enlarged two-fold (each pixel becomes 2 x 2 equal ones) and then convolved.
     Up,
 }
@@ -24,6 +27,7 @@ impl Stride {
         match self {
             Self::One => size,
             Self::Two => size.div_ceil(2),
+            Self::Half => size / 2,
             Self::Up => 2 * size,
         }
     }
@@ -37,10 +41,30 @@ impl Stride {
 /// When the shapes do not fit each other.
 pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
     check_conv("conv", x.dims(), w.dims(), b.dims());
+    assert!(stride != Stride::Half || w.dims()[0] == 3, "conv: half the size needs a kernel of 3 x 3");
     if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
         kernels::conv(x, w, b, stride, silu)
     } else {
         portable::conv(x, w, b, stride, silu)
+    }
+}
+
+/// Convolution over time and space of the frames of clips: frame i of the result sees frames `newest + i step` and the two before
+/// it, zeros where there are none; in space as [`conv`] of [`Stride::One`].
+///
+/// `x` `[b, t, h, w, ci]`, `w` `[k, k, 3, ci, co]` with `k` 1 or 3 and the newest frame last, `b` `[co]`; the result is
+/// `[b, (t - 1 - newest) / step + 1, h, w, co]`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, newest: usize) -> Tensor<5> {
+    let ([batch, frames, height, width, ci], [k, k2, taps, wi, co]) = (x.dims(), w.dims());
+    check_conv("convolution over time", [batch, height, width, ci], [k, k2, wi, co], b.dims());
+    assert!(taps == 3 && step > 0 && newest < frames, "convolution over time: {taps} taps, step {step}, frame {newest} of {frames}");
+    if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
+        kernels::conv_over_time(x, w, b, step, newest)
+    } else {
+        portable::conv_over_time(x, w, b, step, newest)
     }
 }
 

@@ -26,6 +26,7 @@ enum Case {
     Linear { batch: usize, tokens: usize, inputs: usize, outputs: usize, silu: bool },
     Attention { batch: usize, queries: usize, keys: usize, channels: usize, heads: usize },
     Norm { pixels: usize, channels: usize, silu: bool },
+    Time { batch: usize, frames: usize, side: usize, inputs: usize, outputs: usize, kernel: usize, step: usize, newest: usize },
 }
 
 /// Output and the gradient of every input, in order.
@@ -90,6 +91,12 @@ fn run(case: Case) -> Results {
             let gamma = leaf(rng, [channels], &device);
             collect!(ops::channel_norm(x.clone(), gamma.clone(), silu), x, gamma)
         }
+        Case::Time { batch, frames, side, inputs, outputs, kernel, step, newest } => {
+            let x = leaf(rng, [batch, frames, side, side + 2, inputs], &device);
+            let w = leaf(rng, [kernel, kernel, 3, inputs, outputs], &device);
+            let b = leaf(rng, [outputs], &device);
+            collect!(ops::conv_over_time(x.clone(), w.clone(), b.clone(), step, newest), x, w, b)
+        }
     }
 }
 
@@ -126,6 +133,10 @@ fn cases() -> Vec<Case> {
                 cases.push(Case::Conv { batch, height, width, inputs, outputs, kernel, stride, silu });
             }
         }
+        if height.min(width) > 1 {
+            let stride = Stride::Half;
+            cases.push(Case::Conv { batch, height, width, inputs, outputs, kernel: 3, stride, silu: i % 2 == 0 });
+        }
         cases.push(Case::Decode { batch, height, width, up: inputs, skip: outputs.div_ceil(2), outputs });
         cases.push(Case::Linear { batch, tokens: height * width, inputs, outputs, silu: i % 2 == 0 });
     }
@@ -133,6 +144,19 @@ fn cases() -> Vec<Case> {
         [(1, 1, 1, 1, 1), (2, 5, 7, 2, 3), (1, 33, 17, 3, 16), (2, 64, 40, 2, 32), (1, 40, 70, 1, 48)]
     {
         cases.push(Case::Attention { batch, queries, keys, channels: heads * width, heads });
+    }
+    // Stills, clips with no, one and two frames of history, every second and third frame; one frame that meets nothing.
+    for (batch, frames, side, inputs, outputs, step, newest) in [
+        (1, 1, 1, 1, 1, 1, 0),
+        (3, 1, 6, 5, 17, 1, 0),
+        (2, 5, 4, 16, 24, 1, 0),
+        (1, 3, 9, 3, 33, 1, 1),
+        (2, 6, 5, 33, 7, 1, 2),
+        (2, 5, 4, 12, 16, 2, 2),
+        (1, 8, 3, 7, 20, 3, 1),
+        (1, 7, 14, 20, 3, 2, 6),
+    ] {
+        cases.extend([1, 3].map(|kernel| Case::Time { batch, frames, side, inputs, outputs, kernel, step, newest }));
     }
     for (pixels, channels) in [(1, 2), (7, 3), (300, 16), (33, 31), (5, 384), (2, 5000)] {
         cases.extend([false, true].map(|silu| Case::Norm { pixels, channels, silu }));
@@ -193,6 +217,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         Case::Linear { batch: 2, tokens: 1024, inputs: 96, outputs: 160, silu: true },
         Case::Attention { batch: 2, queries: 256, keys: 160, channels: 128, heads: 4 },
         Case::Norm { pixels: 3000, channels: 48, silu: true },
+        Case::Time { batch: 2, frames: 5, side: 30, inputs: 40, outputs: 64, kernel: 3, step: 1, newest: 1 },
     ];
     let (one, more) = (with_threads(1), [3, 16].map(with_threads));
     for case in large.into_iter().chain(cases().into_iter().step_by(5)) {
@@ -377,6 +402,8 @@ fn measure_against_the_composition() {
         Case::Linear { batch: 1, tokens: 1024, inputs: 256, outputs: 1024, silu: true },
         Case::Attention { batch: 1, queries: 1024, keys: 1024, channels: 256, heads: 8 },
         Case::Norm { pixels: 65536, channels: 64, silu: true },
+        Case::Time { batch: 1, frames: 6, side: 62, inputs: 64, outputs: 64, kernel: 3, step: 1, newest: 2 },
+        Case::Time { batch: 4, frames: 1, side: 62, inputs: 64, outputs: 64, kernel: 3, step: 1, newest: 0 },
     ];
     for case in cases {
         let mut times = [Choice::Composed, Choice::Avx2, Choice::Avx512].map(|choice| (choice, vec![], vec![]));
@@ -447,6 +474,12 @@ fn measure_against_the_composition() {
             Case::Norm { pixels, channels, silu } => {
                 timed!(|x, gamma| ops::channel_norm(x, gamma, silu), (x, [1, 1, pixels, 1, channels]), (gamma, [channels]))
             }
+            Case::Time { batch, frames, side, inputs, outputs, kernel, step, newest } => timed!(
+                |x, w, b| ops::conv_over_time(x, w, b, step, newest),
+                (x, [batch, frames, side, side + 2, inputs]),
+                (w, [kernel, kernel, 3, inputs, outputs]),
+                (b, [outputs])
+            ),
         }
     }
 }

@@ -1,11 +1,43 @@
 //! Convolution, decoder entry and their gradients on plain slices.
-use super::gather::{Finish, Size, Source, Weights, gather};
+use super::gather::{Finish, Frames, Size, Source, Weights, gather};
 use super::gradient;
 use super::taps::Lattice;
 use super::tile::Tile;
 use crate::ops::Stride;
 
-/// A convolution of one picture, or of an enlarged one beside another.
+/// Frames of a clip, and how a convolution over time reads them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Time {
+    /// Frames of a clip of the input.
+    pub input: usize,
+    /// Input frames from one output frame to the next.
+    pub step: usize,
+    /// The input frame under the newest tap of the first output frame.
+    pub newest: usize,
+}
+
+impl Time {
+    /// Taps of a convolution over time.
+    pub const TAPS: usize = 3;
+
+    /// Frames of a clip of the output.
+    pub fn output(self) -> usize {
+        (self.input - 1 - self.newest) / self.step + 1
+    }
+
+    /// Frames that output frames read under tap `tap`, the newest being the last.
+    fn forward(self, tap: usize) -> Frames {
+        let offset = self.newest as isize - (Self::TAPS - 1 - tap) as isize;
+        Frames { out: self.output(), source: self.input, step: self.step, offset, every: 1 }
+    }
+
+    /// Output frames that read input frames under tap `tap`.
+    fn backward(self, tap: usize) -> Frames {
+        Frames { out: self.input, source: self.output(), step: 1, offset: -self.forward(tap).offset, every: self.step }
+    }
+}
+
+/// A convolution of one picture, of an enlarged one beside another, or of the frames of a clip.
 #[derive(Clone, Copy, Debug)]
 pub struct Convolution<'a> {
     /// The picture, and how it is read.
@@ -16,7 +48,9 @@ pub struct Convolution<'a> {
     pub stride: Stride,
     /// A second picture at the output's size, whose channels follow those of `x`; only with [`Stride::Up`] and a 3 x 3 kernel.
     pub skip: Option<(&'a [f32], Size)>,
-    /// `[kernel, kernel, channels of x and skip, outputs]`.
+    /// The pictures are frames, and the kernel has three taps over time as well; only with [`Stride::One`] and without `skip`.
+    pub time: Option<Time>,
+    /// `[kernel, kernel, channels of x and skip, outputs]`; of a convolution over time `[kernel, kernel, taps, channels, outputs]`.
     pub weights: &'a [f32],
     /// Rows and columns of the kernel, 1 or 3.
     pub kernel: usize,
@@ -54,26 +88,39 @@ impl<'a> Convolution<'a> {
     /// Size of the output.
     pub fn output(&self) -> Size {
         let Size { batch, height, width, .. } = self.size;
+        let batch = self.time.map_or(batch, |time| batch / time.input * time.output());
         Size { batch, height: self.stride.output(height), width: self.stride.output(width), channels: self.outputs }
     }
 
     fn sources(&self) -> Vec<Source<'a>> {
         let lattice = Lattice::forward(self.kernel, self.stride);
-        let mut sources = vec![Source { values: self.x, size: self.size, lattice, first: 0 }];
-        if let Some((values, size)) = self.skip {
-            sources.push(Source { values, size, lattice: Lattice::beside_up(), first: self.size.channels });
+        let x = Source { values: self.x, size: self.size, lattice, frames: Frames::SINGLE, first: 0, onto: 0 };
+        if let Some(time) = self.time {
+            // Frames before the first are zero: a tap that meets only those is left out.
+            let taps = (0..Time::TAPS).map(|tap| Source { frames: time.forward(tap), first: tap * self.size.channels, ..x });
+            return taps.filter(|source| source.frames.meet()).collect();
         }
-        sources
+        let skip = self.skip.map(|(values, size)| Source {
+            values,
+            size,
+            lattice: Lattice::beside_up(),
+            first: self.size.channels,
+            ..x
+        });
+        std::iter::once(x).chain(skip).collect()
     }
 
     fn weights(&self, transposed: bool) -> Weights<'a> {
-        let inputs = self.size.channels + self.skip.map_or(0, |(_, size)| size.channels);
+        let inputs = match self.time {
+            Some(_) => Time::TAPS * self.size.channels,
+            None => self.size.channels + self.skip.map_or(0, |(_, size)| size.channels),
+        };
         Weights { values: self.weights, kernel: self.kernel, inputs, outputs: self.outputs, transposed }
     }
 
     /// The output, and the activated output for [`Finish::SiluAndSums`].
     pub fn forward<T: Tile>(&self, tile: T, bias: &[f32], finish: Finish) -> (Vec<f32>, Option<Vec<f32>>) {
-        gather(tile, &self.sources(), self.weights(false), self.output(), 0, bias, finish)
+        gather(tile, &self.sources(), self.weights(false), self.output(), bias, finish)
     }
 
     /// Gradients, given that of the output; `sums` are those kept by [`Finish::SiluAndSums`] if SiLU was applied.
@@ -88,21 +135,28 @@ impl<'a> Convolution<'a> {
         };
         let mut result = Gradients::default();
         let (out, transposed) = (self.output(), self.weights(true));
-        let input = |lattice: Lattice, size: Size, first: usize| {
-            let source = Source { values: gradient, size: out, lattice, first: 0 };
-            gather(tile, &[source], transposed, size, first, &[], Finish::Plain).0
-        };
+        let input = |sources: &[Source], size: Size| gather(tile, sources, transposed, size, &[], Finish::Plain).0;
+        let lattice = Lattice::backward(self.kernel, self.stride);
+        let source = Source { values: gradient, size: out, lattice, frames: Frames::SINGLE, first: 0, onto: 0 };
         if wanted.x {
-            result.x = input(Lattice::backward(self.kernel, self.stride), self.size, 0);
+            result.x = match self.time {
+                Some(time) => {
+                    let onto = |tap| tap * self.size.channels;
+                    let taps = (0..Time::TAPS).map(|tap| Source { frames: time.backward(tap), onto: onto(tap), ..source });
+                    input(&taps.filter(|source| source.frames.meet()).collect::<Vec<_>>(), self.size)
+                }
+                None => input(&[source], self.size),
+            };
         }
         if let (true, Some((_, size))) = (wanted.skip, self.skip) {
-            result.skip = input(Lattice::backward(self.kernel, Stride::One), size, self.size.channels);
+            let lattice = Lattice::backward(self.kernel, Stride::One);
+            result.skip = input(&[Source { lattice, onto: self.size.channels, ..source }], size);
         }
         if wanted.weights {
             result.weights = vec![0.0; self.weights.len()];
             for mut source in self.sources() {
                 // On its own, the second picture is an ordinary convolution: nine sums instead of thirty-six.
-                if source.first > 0 {
+                if self.skip.is_some() && source.first > 0 {
                     source.lattice = Lattice::forward(self.kernel, Stride::One);
                 }
                 gradient::weights(tile, &source, gradient, out, self.kernel, transposed.inputs, &mut result.weights);

@@ -1,7 +1,7 @@
 //! The kernels as operations of burn's CPU backend, with their gradients.
 use super::Kernel;
 use super::attention::Attention;
-use super::convolve::{Convolution, Wanted};
+use super::convolve::{Convolution, Time, Wanted};
 use super::gather::{Finish, Size};
 use super::norm::ChannelNorm;
 use crate::ops::Stride;
@@ -37,19 +37,15 @@ pub struct Kind {
     /// There is a second picture.
     decode: bool,
     silu: bool,
+    /// The pictures are frames.
+    time: Option<Time>,
 }
 
 /// Convolutions on channels-last tensors, and attention. Pictures, weights and bias as in [`crate::ops`].
 #[backend_extension(Flex, Autodiff)]
 pub trait CpuKernels: Backend {
-    /// See [`crate::ops::conv`]; differentiable.
-    fn nhwc_conv(
-        x: FloatTensor<Self>,
-        w: FloatTensor<Self>,
-        b: FloatTensor<Self>,
-        stride: Stride,
-        silu: bool,
-    ) -> FloatTensor<Self>;
+    /// See [`crate::ops::conv`] and [`crate::ops::conv_over_time`]; differentiable.
+    fn nhwc_conv(x: FloatTensor<Self>, w: FloatTensor<Self>, b: FloatTensor<Self>, kind: Kind) -> FloatTensor<Self>;
 
     /// See [`crate::ops::decode`]; differentiable.
     fn nhwc_decode(
@@ -106,7 +102,15 @@ pub trait CpuKernels: Backend {
 
 /// [`crate::ops::conv`] by the kernels.
 pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
-    Tensor::from_dispatch(Dispatch::nhwc_conv(x.into_dispatch(), w.into_dispatch(), b.into_dispatch(), stride, silu))
+    let kind = Kind { stride, decode: false, silu, time: None };
+    Tensor::from_dispatch(Dispatch::nhwc_conv(x.into_dispatch(), w.into_dispatch(), b.into_dispatch(), kind))
+}
+
+/// [`crate::ops::conv_over_time`] by the kernels.
+pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, newest: usize) -> Tensor<5> {
+    let time = Some(Time { input: x.dims()[1], step, newest });
+    let kind = Kind { stride: Stride::One, decode: false, silu: false, time };
+    Tensor::from_dispatch(Dispatch::nhwc_conv(x.into_dispatch(), w.into_dispatch(), b.into_dispatch(), kind))
 }
 
 /// [`crate::ops::decode`] by the kernels.
@@ -133,28 +137,34 @@ fn floats(t: &FlexTensor) -> &[f32] {
     t.as_slice::<f32>().expect("contiguous 32-bit floats")
 }
 
+/// Size of pictures `[batch, height, width, channels]`, or of the frames of clips `[batch, frames, height, width, channels]`.
 fn size(t: &FlexTensor) -> Size {
-    let [batch, height, width, channels] = t.shape().dims();
-    Size { batch, height, width, channels }
+    let shape = t.shape();
+    let (batch, inner) = shape.split_at(shape.len() - 3);
+    Size { batch: batch.iter().product(), height: inner[0], width: inner[1], channels: inner[2] }
 }
 
-/// A point-wise convolution sees no neighbours, so its pixels may be laid out anew, in rows of a length that makes good tasks.
-fn regroup(size: Size) -> Size {
-    let pixels = size.batch * size.height * size.width;
+/// A point-wise convolution sees no neighbours, so its pixels may be laid out anew, in rows of a length that makes good tasks:
+/// those of all pictures together, or of each on its own if they are `frames`.
+fn regroup(size: Size, frames: bool) -> Size {
+    let pictures = if frames { size.batch } else { 1 };
+    let pixels = size.batch / pictures.max(1) * size.height * size.width;
     match (8..=128).rev().find(|width| pixels.is_multiple_of(*width)) {
-        Some(width) => Size { batch: 1, height: pixels / width, width, channels: size.channels },
+        Some(width) => Size { batch: pictures, height: pixels / width, width, channels: size.channels },
         None => size,
     }
 }
 
 fn convolution<'a>(x: &'a FlexTensor, skip: &'a FlexTensor, w: &'a FlexTensor, kind: Kind) -> Convolution<'a> {
-    let [kernel, _, _, outputs] = w.shape().dims();
+    let shape = w.shape();
+    let (kernel, outputs) = (shape[0], shape[shape.len() - 1]);
     let pointwise = kernel == 1 && kind.stride == Stride::One;
     Convolution {
         x: floats(x),
-        size: if pointwise { regroup(size(x)) } else { size(x) },
+        size: if pointwise { regroup(size(x), kind.time.is_some()) } else { size(x) },
         stride: kind.stride,
         skip: kind.decode.then(|| (floats(skip), size(skip))),
+        time: kind.time,
         weights: floats(w),
         kernel,
         outputs,
@@ -171,8 +181,14 @@ fn forward(
 ) -> (FlexTensor, Option<FlexTensor>) {
     let [x, skip, w, b] = [x, skip, w, b].map(|t| t.to_contiguous());
     let convolution = convolution(&x, &skip, &w, kind);
-    let [batch, height, width, _] = x.shape().dims();
-    let out = Shape::new([batch, kind.stride.output(height), kind.stride.output(width), convolution.outputs]);
+    let mut out = x.shape();
+    let axes = out.len();
+    if let Some(time) = kind.time {
+        out[axes - 4] = time.output();
+    }
+    out[axes - 3] = kind.stride.output(out[axes - 3]);
+    out[axes - 2] = kind.stride.output(out[axes - 2]);
+    out[axes - 1] = convolution.outputs;
     let (y, activated) = with_tile!(tile => convolution.forward(tile, floats(&b), finish));
     (tensor(y, out.clone()), activated.map(|a| tensor(a, out)))
 }
@@ -215,9 +231,9 @@ impl CpuKernels for Flex {
         (tensor(dx, x.shape()), tensor(dgamma, gamma.shape()))
     }
 
-    fn nhwc_conv(x: FlexTensor, w: FlexTensor, b: FlexTensor, stride: Stride, silu: bool) -> FlexTensor {
-        let finish = if silu { Finish::Silu } else { Finish::Plain };
-        forward(x.clone(), x, w, b, Kind { stride, decode: false, silu }, finish).0
+    fn nhwc_conv(x: FlexTensor, w: FlexTensor, b: FlexTensor, kind: Kind) -> FlexTensor {
+        let finish = if kind.silu { Finish::Silu } else { Finish::Plain };
+        forward(x.clone(), x, w, b, kind, finish).0
     }
 
     fn nhwc_decode(x: FlexTensor, skip: FlexTensor, w: FlexTensor, b: FlexTensor) -> FlexTensor {
@@ -252,7 +268,7 @@ impl CpuKernels for Flex {
     }
 }
 
-const DECODE: Kind = Kind { stride: Stride::Up, decode: true, silu: true };
+const DECODE: Kind = Kind { stride: Stride::Up, decode: true, silu: true, time: None };
 
 /// What the backward pass needs: the inputs (through the checkpointer), the sums if there was an activation.
 #[derive(Clone, Debug)]
@@ -396,28 +412,21 @@ impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
         unreachable!("gradients of gradients are not offered")
     }
 
-    fn nhwc_conv(
-        x: FloatTensor<Self>,
-        w: FloatTensor<Self>,
-        b: FloatTensor<Self>,
-        stride: Stride,
-        silu: bool,
-    ) -> FloatTensor<Self> {
+    fn nhwc_conv(x: FloatTensor<Self>, w: FloatTensor<Self>, b: FloatTensor<Self>, kind: Kind) -> FloatTensor<Self> {
         match ConvBackward.prepare::<C>([x.node(), w.node(), b.node()]).compute_bound().stateful() {
             OpsKind::Tracked(mut prepared) => {
                 let (x_id, w_id) = (prepared.checkpoint(&x), prepared.checkpoint(&w));
                 let (x, w, b) = (x.into_primitive(), w.into_primitive(), b.into_primitive());
-                let kind = Kind { stride, decode: false, silu };
-                let (y, sums) = if silu {
+                let (y, sums) = if kind.silu {
                     let (y, sums) = B::nhwc_with_sums(x.clone(), x, w, b, kind);
                     (y, Some(sums))
                 } else {
-                    (B::nhwc_conv(x, w, b, stride, false), None)
+                    (B::nhwc_conv(x, w, b, kind), None)
                 };
                 prepared.finish(Kept { x: x_id, skip: None, w: w_id, sums, kind }, y)
             }
             OpsKind::UnTracked(prepared) => {
-                prepared.finish(B::nhwc_conv(x.into_primitive(), w.into_primitive(), b.into_primitive(), stride, silu))
+                prepared.finish(B::nhwc_conv(x.into_primitive(), w.into_primitive(), b.into_primitive(), kind))
             }
         }
     }

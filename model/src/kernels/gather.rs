@@ -24,6 +24,39 @@ impl Size {
     }
 }
 
+/// Which picture of a source belongs to a picture of the output: frames of clips that are worked through together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frames {
+    /// Frames of a clip of the output.
+    pub out: usize,
+    /// Frames of a clip of the source.
+    pub source: usize,
+    /// Output frame i reads source frame `(i step + offset) / every`, where that is a whole number of 0..source.
+    pub step: usize,
+    /// See `step`.
+    pub offset: isize,
+    /// See `step`.
+    pub every: usize,
+}
+
+impl Frames {
+    /// Each picture is its own.
+    pub const SINGLE: Self = Self { out: 1, source: 1, step: 1, offset: 0, every: 1 };
+
+    /// The source's picture, counted through the batch, for picture `index` of the output; `None` where there is none.
+    pub fn picture(self, index: usize) -> Option<usize> {
+        let (clip, frame) = (index / self.out, index % self.out);
+        let at = usize::try_from((frame * self.step) as isize + self.offset).ok()?;
+        let frame = at / self.every;
+        (at.is_multiple_of(self.every) && frame < self.source).then_some(clip * self.source + frame)
+    }
+
+    /// Whether any frame of the output reads the source.
+    pub fn meet(self) -> bool {
+        (0..self.out).any(|frame| self.picture(frame).is_some())
+    }
+}
+
 /// A picture that is read, and how.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
@@ -33,8 +66,12 @@ pub struct Source<'a> {
     pub size: Size,
     /// Which of its pixels an output pixel reads.
     pub lattice: Lattice,
+    /// Which of its pictures an output picture reads.
+    pub frames: Frames,
     /// Channel of the weights that its first channel meets.
     pub first: usize,
+    /// Channel of the weights that the first channel written meets.
+    pub onto: usize,
 }
 
 /// Convolution weights `[kernel, kernel, inputs, outputs]`.
@@ -88,7 +125,7 @@ struct Packed {
     values: Vec<f32>,
 }
 
-fn pack(sources: &[Source], weights: Weights, outputs: usize, first: usize, wide: usize, py: usize, px: usize) -> Packed {
+fn pack(sources: &[Source], weights: Weights, outputs: usize, wide: usize, py: usize, px: usize) -> Packed {
     let (mut terms, mut summed, mut block) = (vec![], vec![], 0);
     for (index, source) in sources.iter().enumerate() {
         for &(dy, rows) in source.lattice.taps[py] {
@@ -108,7 +145,7 @@ fn pack(sources: &[Source], weights: Weights, outputs: usize, first: usize, wide
                 let source = &sources[term.source];
                 for (k, row) in values[term.start..][..source.size.channels * wide].chunks_exact_mut(wide).enumerate() {
                     for (j, value) in row[..columns].iter_mut().enumerate() {
-                        *value = list.iter().map(|&tap| weights.at(tap, source.first + k, first + i * wide + j)).sum();
+                        *value = list.iter().map(|&tap| weights.at(tap, source.first + k, source.onto + i * wide + j)).sum();
                     }
                 }
             }
@@ -157,7 +194,8 @@ impl Plan {
                 let rows = most.min(columns - c);
                 let first = self.pieces.len();
                 for (index, term) in packed[pass].terms.iter().enumerate() {
-                    let Source { size, lattice: Lattice { step, .. }, values, .. } = sources[term.source];
+                    let Source { size, lattice: Lattice { step, .. }, values, frames, .. } = sources[term.source];
+                    let Some(picture) = frames.picture(picture) else { continue };
                     let sy = (r * step) as isize + term.dy;
                     if sy < 0 || sy >= size.height as isize {
                         continue;
@@ -186,20 +224,19 @@ impl Plan {
     }
 }
 
-/// Sums `sources` into pictures of size `out`; `first` is the channel of the weights that the first channel written meets.
+/// Sums `sources`, of which there is one at least and all have the same spread, into pictures of size `out`.
 /// Returns the output, and the activated one for [`Finish::SiluAndSums`].
 pub fn gather<T: Tile>(
     tile: T,
     sources: &[Source],
     weights: Weights,
     out: Size,
-    first: usize,
     bias: &[f32],
     finish: Finish,
 ) -> (Vec<f32>, Option<Vec<f32>>) {
     let (n, wide, spread) = (out.channels, 2 * T::LANES, sources[0].lattice.spread);
     let packed: Vec<Packed> =
-        (0..spread * spread).map(|p| pack(sources, weights, n, first, wide, p / spread, p % spread)).collect();
+        (0..spread * spread).map(|p| pack(sources, weights, n, wide, p / spread, p % spread)).collect();
     let mut padded_bias = vec![0.0; n.next_multiple_of(wide)];
     padded_bias[..bias.len()].copy_from_slice(bias);
 

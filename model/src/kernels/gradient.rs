@@ -123,9 +123,10 @@ fn list_segments(
         if y >= out.height || sy < 0 || sy >= source.size.height as isize {
             continue;
         }
+        let Some(read) = source.frames.picture(picture) else { continue };
         for c in columns.clone().step_by(PIXELS) {
             let x = ((c * step) as isize + dx) as usize;
-            let a = ((picture * source.size.height + sy as usize) * source.size.width + x) * source.size.channels;
+            let a = ((read * source.size.height + sy as usize) * source.size.width + x) * source.size.channels;
             let b = ((picture * out.height + y) * out.width + c * spread + px) * wide;
             segments.push(Segment { a, b, pixels: PIXELS.min(columns.end - c) });
         }

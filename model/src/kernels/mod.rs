@@ -27,7 +27,7 @@ mod tile;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use extension::{attention, channel_norm, conv, decode};
+pub(crate) use extension::{attention, channel_norm, conv, conv_over_time, decode};
 
 use burn::backend::DispatchDevice;
 use burn::tensor::{DType, Device};

@@ -6,12 +6,27 @@ use burn::tensor::{Tensor, activation, module};
 
 /// See [`crate::ops::conv`].
 pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
-    let x = if stride == Stride::Up { up2(x) } else { x };
-    let step = if stride == Stride::Two { 2 } else { 1 };
-    let half = w.dims()[0] / 2;
+    let x = match stride {
+        Stride::Up => up2(x),
+        Stride::Half => beside_zeros(x),
+        _ => x,
+    };
+    let step = if matches!(stride, Stride::Two | Stride::Half) { 2 } else { 1 };
+    let half = if stride == Stride::Half { 0 } else { w.dims()[0] / 2 };
     let options = ConvOptions::new([step, step], [half, half], [1, 1], 1);
     let y = module::conv2d(x.permute([0, 3, 1, 2]), w.permute([3, 2, 0, 1]), Some(b), options).permute([0, 2, 3, 1]);
     if silu { activation::silu(y) } else { y }
+}
+
+/// See [`crate::ops::conv_over_time`]. The frames under the taps stand side by side as channels.
+pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, newest: usize) -> Tensor<5> {
+    let ([batch, t, height, width, ci], [k, _, taps, _, co]) = (x.dims(), w.dims());
+    let frames = (t - 1 - newest) / step + 1;
+    let before = Tensor::zeros([batch, taps - 1, height, width, ci], &x.device());
+    let x = Tensor::cat(vec![before, x], 1);
+    let window = |tap: usize| Tensor::cat((0..frames).map(|i| x.clone().narrow(1, newest + i * step + tap, 1)).collect(), 1);
+    let pictures = Tensor::cat((0..taps).map(window).collect(), 4).reshape([batch * frames, height, width, taps * ci]);
+    conv(pictures, w.reshape([k, k, taps * ci, co]), b, Stride::One, false).reshape([batch, frames, height, width, co])
 }
 
 /// See [`crate::ops::decode`].
@@ -46,6 +61,13 @@ pub fn channel_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, silu: bool) 
     shape[D - 1] = channels;
     let y = x * length.recip() * gamma.mul_scalar((channels as f32).sqrt()).reshape(shape);
     if silu { activation::silu(y) } else { y }
+}
+
+/// `[b, h, w, c]` to `[b, h + 1, w + 1, c]`, with zeros on the right and below.
+fn beside_zeros(x: Tensor<4>) -> Tensor<4> {
+    let ([b, h, w, c], device) = (x.dims(), x.device());
+    let x = Tensor::cat(vec![x, Tensor::zeros([b, 1, w, c], &device)], 1);
+    Tensor::cat(vec![x, Tensor::zeros([b, h + 1, 1, c], &device)], 2)
 }
 
 /// `[b, h, w, c]` to `[b, 2h, 2w, c]`, each pixel repeated 2 x 2 times.

@@ -19,6 +19,7 @@ pub struct Lattice {
 const NONE: &[AxisTap] = &[];
 const POINT: &[AxisTap] = &[(0, &[0])];
 const THREE: &[AxisTap] = &[(-1, &[0]), (0, &[1]), (1, &[2])];
+const AHEAD: &[AxisTap] = &[(0, &[0]), (1, &[1]), (2, &[2])];
 
 impl Lattice {
     /// Taps of the output of a convolution.
@@ -31,6 +32,7 @@ impl Lattice {
             (Stride::One, _) => (1, 1, [THREE, NONE]),
             (Stride::Two, 1) => (1, 2, [POINT, NONE]),
             (Stride::Two, _) => (1, 2, [THREE, NONE]),
+            (Stride::Half, _) => (1, 2, [AHEAD, NONE]),
             (Stride::Up, 1) => (2, 1, [POINT, POINT]),
             (Stride::Up, _) => (2, 1, [&[(-1, &[0]), (0, &[1, 2])], &[(0, &[0, 1]), (1, &[2])]]),
         };
@@ -44,6 +46,7 @@ impl Lattice {
             (Stride::One, _) => (1, 1, [&[(-1, &[2]), (0, &[1]), (1, &[0])], NONE]),
             (Stride::Two, 1) => (2, 1, [POINT, NONE]),
             (Stride::Two, _) => (2, 1, [&[(0, &[1])], &[(0, &[2]), (1, &[0])]]),
+            (Stride::Half, _) => (2, 1, [&[(-1, &[2]), (0, &[0])], &[(0, &[1])]]),
             (Stride::Up, 1) => (1, 2, [&[(0, &[0]), (1, &[0])], NONE]),
             (Stride::Up, _) => (1, 2, [&[(-1, &[2]), (0, &[1, 2]), (1, &[0, 1]), (2, &[0])], NONE]),
         };
@@ -53,7 +56,7 @@ impl Lattice {
     /// Taps of a 3 x 3 convolution of a full-size input, written for the lattice of one that is enlarged two-fold,
     /// so that the two can be summed in one go.
     pub fn beside_up() -> Self {
-        Self { spread: 2, step: 2, taps: [THREE, &[(0, &[0]), (1, &[1]), (2, &[2])]] }
+        Self { spread: 2, step: 2, taps: [THREE, AHEAD] }
     }
 }
 
@@ -98,8 +101,11 @@ mod tests {
             all
         };
         for kernel in [1, 3] {
-            for stride in [Stride::One, Stride::Two, Stride::Up] {
+            for stride in [Stride::One, Stride::Two, Stride::Half, Stride::Up] {
                 for size in 1..8 {
+                    if (kernel, stride) == (1, Stride::Half) {
+                        continue;
+                    }
                     let forward = triples(Lattice::forward(kernel, stride), stride.output(size), size);
                     let mut backward = triples(Lattice::backward(kernel, stride), size, stride.output(size));
                     for (a, b, _) in &mut backward {

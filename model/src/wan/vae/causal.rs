@@ -1,6 +1,6 @@
 //! Convolution over time that sees the past only, and what it remembers of it.
 
-use crate::ops::{self, Stride};
+use crate::ops;
 use crate::wan::init::{Init, Start};
 use crate::wan::names::{Layout, Listing};
 use burn::module::{Module, Param};
@@ -102,38 +102,13 @@ impl CausalConv {
 
     /// The last `frames` frames of the convolution of `x`.
     pub(super) fn over(&self, x: Tensor<5>, frames: usize) -> Tensor<5> {
-        let history = x.dims()[1] - frames;
-        if frames == 1 {
-            // Frames that do not exist are zero: their taps are left out rather than multiplied.
-            return self.taps(x, 1, (history + 1).min(3), 1);
-        }
-        let x = if history < KEPT { with_zeros(x, KEPT - history) } else { x };
-        self.taps(x, frames, 3, 1)
+        let newest = x.dims()[1] - frames;
+        ops::conv_over_time(x, self.weight.val(), self.bias.val(), 1, newest)
     }
 
     /// One output frame for each `step` input frames and the two before the last of them, without zeros before the first.
     pub(super) fn strided(&self, x: Tensor<5>, step: usize) -> Tensor<5> {
-        let frames = (x.dims()[1] - 3) / step + 1;
-        self.taps(x, frames, 3, step)
-    }
-
-    /// Output frame i from the last `taps` taps over input frames `i step ..`.
-    ///
-    /// The frames under the taps stand side by side as channels: a convolution over time and space is one over space.
-    fn taps(&self, x: Tensor<5>, frames: usize, taps: usize, step: usize) -> Tensor<5> {
-        let [b, _, h, w, c] = x.dims();
-        let [k, _, _, _, out] = self.weight.val().dims();
-        let weight = self.weight.val().narrow(2, 3 - taps, taps).reshape([k, k, taps * c, out]);
-        let window = |tap: usize| match step {
-            1 => x.clone().narrow(1, tap, frames),
-            _ => Tensor::cat((0..frames).map(|i| x.clone().narrow(1, tap + i * step, 1)).collect(), 1),
-        };
-        let windows = match taps {
-            1 => window(0),
-            _ => Tensor::cat((0..taps).map(window).collect(), 4),
-        };
-        let pictures = windows.reshape([b * frames, h, w, taps * c]);
-        ops::conv(pictures, weight, self.bias.val(), Stride::One, false).reshape([b, frames, h, w, out])
+        ops::conv_over_time(x, self.weight.val(), self.bias.val(), step, KEPT)
     }
 
     /// Its tensors under `name`.

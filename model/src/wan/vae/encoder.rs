@@ -58,16 +58,10 @@ impl Down {
         if first { x } else { time.strided(with, 2) }
     }
 
-    /// The published layer pads on the right and below only: its windows begin at even pixels, where those of [`ops::conv`] end
-    /// one later. A row and column of zeros before the picture brings the two together; the first output is not wanted.
     fn space(&self, x: Tensor<5>) -> Tensor<5> {
         let [b, t, h, w, c] = x.dims();
-        let x = x.reshape([b * t, h, w, c]);
-        let device = x.device();
-        let x = Tensor::cat(vec![Tensor::zeros([b * t, 1, w, c], &device), x], 1);
-        let x = Tensor::cat(vec![Tensor::zeros([b * t, h + 1, 1, c], &device), x], 2);
-        let y = self.conv.forward(x, Stride::Two);
-        y.narrow(1, 1, h / 2).narrow(2, 1, w / 2).reshape([b, t, h / 2, w / 2, c])
+        let y = self.conv.forward(x.reshape([b * t, h, w, c]), Stride::Half);
+        y.reshape([b, t, h / 2, w / 2, c])
     }
 
     fn list(&self, list: &mut Listing, name: &str) {
