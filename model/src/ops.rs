@@ -140,6 +140,76 @@ pub fn channel_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, silu: bool) 
     }
 }
 
+/// Division of a token by the root mean square of its channels, times a factor a channel (Zhang and Sennrich 2019).
+///
+/// `x` `[b, n, c]` with `c` > 0, `gamma` `[c]`, `eps` added to the mean square; the result has the shape of `x`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn rms_norm(x: Tensor<3>, gamma: Tensor<1>, eps: f32) -> Tensor<3> {
+    let (channels, factors) = (x.dims()[2], gamma.dims()[0]);
+    assert!(channels > 0 && channels == factors, "norm: {channels} channels and {factors} factors");
+    if kernels::fits(&x.device(), &[x.dtype(), gamma.dtype()]) {
+        kernels::rms_norm(x, gamma, eps)
+    } else {
+        portable::rms_norm(x, gamma, eps)
+    }
+}
+
+/// `factor x + shift`; with `eps` after layer normalisation of x (Ba et al. 2016) that adds `eps` to the variance.
+///
+/// `x` `[b, n, c]`, `factor` and `shift` `[b, g, c]`, each for `n / g` tokens that follow one another; the result has the shape of `x`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn modulate(x: Tensor<3>, factor: Tensor<3>, shift: Tensor<3>, eps: Option<f32>) -> Tensor<3> {
+    let ([b, n, c], [fb, groups, fc]) = (x.dims(), factor.dims());
+    let fits = [fb, fc] == [b, c] && shift.dims() == factor.dims() && c > 0 && groups > 0 && n % groups == 0;
+    assert!(fits, "modulation: {:?}, {:?}, {:?}", x.dims(), factor.dims(), shift.dims());
+    if n > 0 && kernels::fits(&x.device(), &[x.dtype(), factor.dtype(), shift.dtype()]) {
+        kernels::modulate(x, factor, shift, eps)
+    } else {
+        portable::modulate(x, factor, shift, eps)
+    }
+}
+
+/// `x + y gate`. `x` and `y` `[b, n, c]`, `gate` `[b, 1, c]`; the result has the shape of `x`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn gate(x: Tensor<3>, y: Tensor<3>, gate: Tensor<3>) -> Tensor<3> {
+    let [b, n, c] = x.dims();
+    assert!(y.dims() == [b, n, c] && gate.dims() == [b, 1, c], "gate: {:?}, {:?}, {:?}", x.dims(), y.dims(), gate.dims());
+    if n * c > 0 && kernels::fits(&x.device(), &[x.dtype(), y.dtype(), gate.dtype()]) {
+        kernels::gate(x, y, gate)
+    } else {
+        portable::gate(x, y, gate)
+    }
+}
+
+/// Turns pairs of neighbouring channels (Su et al. 2021): `(a, b)` becomes `(a cos - b sin, a sin + b cos)`.
+///
+/// `x` `[b, n, c]`, whose channels are heads of p pairs; `cos` and `sin` `[n, p]`, the same for all heads and not differentiated. The
+/// result has the shape of `x`.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn turn(x: Tensor<3>, cos: Tensor<2>, sin: Tensor<2>) -> Tensor<3> {
+    let ([_, n, c], [rows, pairs]) = (x.dims(), cos.dims());
+    let fits = rows == n && sin.dims() == cos.dims() && pairs > 0 && c % (2 * pairs) == 0;
+    assert!(fits, "turn: {:?}, {:?}, {:?}", x.dims(), cos.dims(), sin.dims());
+    if n * c > 0 && kernels::fits(&x.device(), &[x.dtype(), cos.dtype(), sin.dtype()]) {
+        kernels::turn(x, cos, sin)
+    } else {
+        portable::turn(x, cos, sin)
+    }
+}
+
+/// `x (1 + tanh(sqrt(2 / pi) (x + 0.044715 x^3))) / 2` of every value (Hendrycks and Gimpel 2016).
+pub fn gelu<const D: usize>(x: Tensor<D>) -> Tensor<D> {
+    if kernels::fits(&x.device(), &[x.dtype()]) { kernels::gelu(x) } else { portable::gelu(x) }
+}
+
 fn check_conv(name: &str, x: [usize; 4], w: [usize; 4], b: [usize; 1]) {
     assert!(matches!(w[0], 1 | 3) && w[1] == w[0], "{name}: weights {w:?} are neither 1 x 1 nor 3 x 3");
     assert!(w[2] == x[3] && w[3] == b[0] && w[2] > 0 && w[3] > 0, "{name}: input {x:?}, weights {w:?} and bias {b:?} do not fit");

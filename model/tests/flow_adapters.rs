@@ -108,8 +108,8 @@ fn a_block_is_its_formula() {
             None => (&block.attention.to_q, &block.attention.norm_q),
         };
         let keys = shared.keyframes.clone().expect("keyframes");
-        let q = rope.turn(norm_q.forward(to_q.forward(y.clone())), heads);
-        let k = key_rope.turn(adapter.norm_k.forward(adapter.to_k.forward(keys.clone())), heads);
+        let q = rope.turn(norm_q.forward(to_q.forward(y.clone())));
+        let k = key_rope.turn(adapter.norm_k.forward(adapter.to_k.forward(keys.clone())));
         let attended = adapter.to_out.forward(ops::attention(q, k, adapter.to_v.forward(keys), heads));
         let x = x + block.attention.among(y, &rope) * m(2) + attended;
         let y = modulated_norm(x.clone(), m(4), m(3), dit.layer_norm_eps);

@@ -26,6 +26,11 @@ enum Case {
     Linear { batch: usize, tokens: usize, inputs: usize, outputs: usize, silu: bool },
     Attention { batch: usize, queries: usize, keys: usize, channels: usize, heads: usize },
     Norm { pixels: usize, channels: usize, silu: bool },
+    Rms { batch: usize, tokens: usize, channels: usize },
+    Modulate { batch: usize, tokens: usize, groups: usize, channels: usize, eps: Option<f32> },
+    Gate { batch: usize, tokens: usize, channels: usize },
+    Turn { batch: usize, tokens: usize, heads: usize, pairs: usize },
+    Gelu { count: usize },
     Time { batch: usize, frames: usize, side: usize, inputs: usize, outputs: usize, kernel: usize, step: usize, newest: usize },
 }
 
@@ -91,6 +96,30 @@ fn run(case: Case) -> Results {
             let gamma = leaf(rng, [channels], &device);
             collect!(ops::channel_norm(x.clone(), gamma.clone(), silu), x, gamma)
         }
+        Case::Rms { batch, tokens, channels } => {
+            let (x, gamma) = (leaf(rng, [batch, tokens, channels], &device), leaf(rng, [channels], &device));
+            collect!(ops::rms_norm(x.clone(), gamma.clone(), 0.01), x, gamma)
+        }
+        Case::Modulate { batch, tokens, groups, channels, eps } => {
+            let x = leaf(rng, [batch, tokens, channels], &device);
+            let [factor, shift] = [(); 2].map(|()| leaf(rng, [batch, groups, channels], &device));
+            collect!(ops::modulate(x.clone(), factor.clone(), shift.clone(), eps), x, factor, shift)
+        }
+        Case::Gate { batch, tokens, channels } => {
+            let [x, y] = [(); 2].map(|()| leaf(rng, [batch, tokens, channels], &device));
+            let gate = leaf(rng, [batch, 1, channels], &device);
+            collect!(ops::gate(x.clone(), y.clone(), gate.clone()), x, y, gate)
+        }
+        Case::Turn { batch, tokens, heads, pairs } => {
+            let x = leaf(rng, [batch, tokens, 2 * heads * pairs], &device);
+            let [cos, sin] = [(); 2].map(|()| tensor(rng, [tokens, pairs], &device));
+            collect!(ops::turn(x.clone(), cos, sin), x)
+        }
+        Case::Gelu { count } => {
+            // To where one side is 0 and the other the value itself.
+            let x = leaf(rng, [count], &device);
+            collect!(ops::gelu(x.clone().mul_scalar(12.0)), x)
+        }
         Case::Time { batch, frames, side, inputs, outputs, kernel, step, newest } => {
             let x = leaf(rng, [batch, frames, side, side + 2, inputs], &device);
             let w = leaf(rng, [kernel, kernel, 3, inputs, outputs], &device);
@@ -144,6 +173,14 @@ fn cases() -> Vec<Case> {
         [(1, 1, 1, 1, 1), (2, 5, 7, 2, 3), (1, 33, 17, 3, 16), (2, 64, 40, 2, 32), (1, 40, 70, 1, 48)]
     {
         cases.push(Case::Attention { batch, queries, keys, channels: heads * width, heads });
+    }
+    for (batch, tokens, groups, channels) in
+        [(1, 1, 1, 1), (2, 6, 1, 5), (3, 12, 3, 16), (1, 257, 1, 33), (2, 40, 2, 320), (1, 3, 1, 5000)]
+    {
+        cases.extend([None, Some(0.01)].map(|eps| Case::Modulate { batch, tokens, groups, channels, eps }));
+        cases.extend([Case::Rms { batch, tokens, channels }, Case::Gate { batch, tokens, channels }]);
+        cases.push(Case::Turn { batch, tokens, heads: groups, pairs: channels });
+        cases.push(Case::Gelu { count: tokens * channels });
     }
     // Stills, clips with no, one and two frames of history, every second and third frame; one frame that meets nothing.
     for (batch, frames, side, inputs, outputs, step, newest) in [
@@ -218,6 +255,9 @@ fn results_do_not_depend_on_the_number_of_threads() {
         Case::Attention { batch: 2, queries: 256, keys: 160, channels: 128, heads: 4 },
         Case::Norm { pixels: 3000, channels: 48, silu: true },
         Case::Time { batch: 2, frames: 5, side: 30, inputs: 40, outputs: 64, kernel: 3, step: 1, newest: 1 },
+        Case::Modulate { batch: 3, tokens: 256, groups: 2, channels: 96, eps: Some(1e-6) },
+        Case::Rms { batch: 3, tokens: 256, channels: 96 },
+        Case::Gate { batch: 3, tokens: 256, channels: 96 },
     ];
     let (one, more) = (with_threads(1), [3, 16].map(with_threads));
     for case in large.into_iter().chain(cases().into_iter().step_by(5)) {
@@ -402,6 +442,11 @@ fn measure_against_the_composition() {
         Case::Linear { batch: 1, tokens: 1024, inputs: 256, outputs: 1024, silu: true },
         Case::Attention { batch: 1, queries: 1024, keys: 1024, channels: 256, heads: 8 },
         Case::Norm { pixels: 65536, channels: 64, silu: true },
+        Case::Rms { batch: 4, tokens: 512, channels: 320 },
+        Case::Modulate { batch: 4, tokens: 512, groups: 1, channels: 320, eps: Some(1e-6) },
+        Case::Gate { batch: 4, tokens: 512, channels: 320 },
+        Case::Turn { batch: 4, tokens: 512, heads: 5, pairs: 32 },
+        Case::Gelu { count: 4 * 512 * 1280 },
         Case::Time { batch: 1, frames: 6, side: 62, inputs: 64, outputs: 64, kernel: 3, step: 1, newest: 2 },
         Case::Time { batch: 4, frames: 1, side: 62, inputs: 64, outputs: 64, kernel: 3, step: 1, newest: 0 },
     ];
@@ -474,6 +519,26 @@ fn measure_against_the_composition() {
             Case::Norm { pixels, channels, silu } => {
                 timed!(|x, gamma| ops::channel_norm(x, gamma, silu), (x, [1, 1, pixels, 1, channels]), (gamma, [channels]))
             }
+            Case::Rms { batch, tokens, channels } => {
+                timed!(|x, gamma| ops::rms_norm(x, gamma, 1e-6), (x, [batch, tokens, channels]), (gamma, [channels]))
+            }
+            Case::Modulate { batch, tokens, groups, channels, eps } => timed!(
+                |x, factor, shift| ops::modulate(x, factor, shift, eps),
+                (x, [batch, tokens, channels]),
+                (factor, [batch, groups, channels]),
+                (shift, [batch, groups, channels])
+            ),
+            Case::Gate { batch, tokens, channels } => {
+                let shape = [batch, tokens, channels];
+                timed!(ops::gate, (x, shape), (y, shape), (gate, [batch, 1, channels]))
+            }
+            Case::Turn { batch, tokens, heads, pairs } => timed!(
+                |x, cos: Tensor<2>, sin: Tensor<2>| ops::turn(x, cos.detach(), sin.detach()),
+                (x, [batch, tokens, 2 * heads * pairs]),
+                (cos, [tokens, pairs]),
+                (sin, [tokens, pairs])
+            ),
+            Case::Gelu { count } => timed!(ops::gelu, (x, [count])),
             Case::Time { batch, frames, side, inputs, outputs, kernel, step, newest } => timed!(
                 |x, w, b| ops::conv_over_time(x, w, b, step, newest),
                 (x, [batch, frames, side, side + 2, inputs]),

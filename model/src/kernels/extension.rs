@@ -30,6 +30,8 @@ macro_rules! with_tile {
     };
 }
 
+pub(super) use with_tile;
+
 /// Which operation, apart from its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
@@ -67,14 +69,15 @@ pub trait CpuKernels: Backend {
         heads: usize,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 
-    /// See [`crate::ops::channel_norm`]; differentiable.
-    fn channel_norm(x: FloatTensor<Self>, gamma: FloatTensor<Self>, silu: bool) -> FloatTensor<Self>;
+    /// See [`crate::ops::channel_norm`], and with `eps` [`crate::ops::rms_norm`]; differentiable.
+    fn channel_norm(x: FloatTensor<Self>, gamma: FloatTensor<Self>, eps: Option<f32>, silu: bool) -> FloatTensor<Self>;
 
     /// Gradients of x and gamma.
     fn channel_norm_backward(
         x: FloatTensor<Self>,
         gamma: FloatTensor<Self>,
         gradient: FloatTensor<Self>,
+        eps: Option<f32>,
         silu: bool,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
@@ -125,15 +128,20 @@ pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tens
 
 /// [`crate::ops::channel_norm`] by the kernels.
 pub fn channel_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, silu: bool) -> Tensor<D> {
-    Tensor::from_dispatch(Dispatch::channel_norm(x.into_dispatch(), gamma.into_dispatch(), silu))
+    Tensor::from_dispatch(Dispatch::channel_norm(x.into_dispatch(), gamma.into_dispatch(), None, silu))
 }
 
-fn tensor(values: Vec<f32>, shape: Shape) -> FlexTensor {
+/// [`crate::ops::rms_norm`] by the kernels.
+pub fn rms_norm(x: Tensor<3>, gamma: Tensor<1>, eps: f32) -> Tensor<3> {
+    Tensor::from_dispatch(Dispatch::channel_norm(x.into_dispatch(), gamma.into_dispatch(), Some(eps), false))
+}
+
+pub(super) fn tensor(values: Vec<f32>, shape: Shape) -> FlexTensor {
     FlexTensor::new(Bytes::from_elems(values), Layout::contiguous(shape), DType::F32)
 }
 
 /// Floats of a contiguous tensor; [`super::fits`] lets only 32-bit floats come here.
-fn floats(t: &FlexTensor) -> &[f32] {
+pub(super) fn floats(t: &FlexTensor) -> &[f32] {
     t.as_slice::<f32>().expect("contiguous 32-bit floats")
 }
 
@@ -218,15 +226,21 @@ impl CpuKernels for Flex {
         (tensor(dq, q.shape()), tensor(dk, k.shape()), tensor(dv, v.shape()))
     }
 
-    fn channel_norm(x: FlexTensor, gamma: FlexTensor, silu: bool) -> FlexTensor {
+    fn channel_norm(x: FlexTensor, gamma: FlexTensor, eps: Option<f32>, silu: bool) -> FlexTensor {
         let [x, gamma] = [x, gamma].map(|t| t.to_contiguous());
-        let norm = ChannelNorm { x: floats(&x), gamma: floats(&gamma), silu };
+        let norm = ChannelNorm { x: floats(&x), gamma: floats(&gamma), eps, silu };
         tensor(with_tile!(tile => norm.forward(tile)), x.shape())
     }
 
-    fn channel_norm_backward(x: FlexTensor, gamma: FlexTensor, gradient: FlexTensor, silu: bool) -> (FlexTensor, FlexTensor) {
+    fn channel_norm_backward(
+        x: FlexTensor,
+        gamma: FlexTensor,
+        gradient: FlexTensor,
+        eps: Option<f32>,
+        silu: bool,
+    ) -> (FlexTensor, FlexTensor) {
         let [x, gamma, gradient] = [x, gamma, gradient].map(|t| t.to_contiguous());
-        let norm = ChannelNorm { x: floats(&x), gamma: floats(&gamma), silu };
+        let norm = ChannelNorm { x: floats(&x), gamma: floats(&gamma), eps, silu };
         let (dx, dgamma) = with_tile!(tile => norm.backward(tile, floats(&gradient)));
         (tensor(dx, x.shape()), tensor(dgamma, gamma.shape()))
     }
@@ -354,13 +368,13 @@ impl<B: CpuKernels> Backward<B, 3> for AttentionBackward {
 struct NormBackward;
 
 impl<B: CpuKernels> Backward<B, 2> for NormBackward {
-    type State = ([NodeId; 2], bool);
+    type State = ([NodeId; 2], Option<f32>, bool);
 
     fn backward(self, ops: Ops<Self::State, 2>, tape: &mut Tape, checkpointer: &mut Checkpointer) {
         let gradient = tape.consume::<B>(&ops.node);
-        let (inputs, silu) = ops.state;
+        let (inputs, eps, silu) = ops.state;
         let [x, gamma]: [FloatTensor<B>; 2] = inputs.map(|id| checkpointer.retrieve_node_output(id));
-        let (dx, dgamma) = B::channel_norm_backward(x, gamma, gradient, silu);
+        let (dx, dgamma) = B::channel_norm_backward(x, gamma, gradient, eps, silu);
         for (node, gradient) in ops.parents.into_iter().zip([dx, dgamma]) {
             if let Some(node) = node {
                 tape.register::<B>(node.id, gradient);
@@ -370,13 +384,15 @@ impl<B: CpuKernels> Backward<B, 2> for NormBackward {
 }
 
 impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
-    fn channel_norm(x: FloatTensor<Self>, gamma: FloatTensor<Self>, silu: bool) -> FloatTensor<Self> {
+    fn channel_norm(x: FloatTensor<Self>, gamma: FloatTensor<Self>, eps: Option<f32>, silu: bool) -> FloatTensor<Self> {
         match NormBackward.prepare::<C>([x.node(), gamma.node()]).compute_bound().stateful() {
             OpsKind::Tracked(mut prepared) => {
                 let inputs = [&x, &gamma].map(|t| prepared.checkpoint(t));
-                prepared.finish((inputs, silu), B::channel_norm(x.into_primitive(), gamma.into_primitive(), silu))
+                prepared.finish((inputs, eps, silu), B::channel_norm(x.into_primitive(), gamma.into_primitive(), eps, silu))
             }
-            OpsKind::UnTracked(prepared) => prepared.finish(B::channel_norm(x.into_primitive(), gamma.into_primitive(), silu)),
+            OpsKind::UnTracked(prepared) => {
+                prepared.finish(B::channel_norm(x.into_primitive(), gamma.into_primitive(), eps, silu))
+            }
         }
     }
 
@@ -384,6 +400,7 @@ impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
+        _: Option<f32>,
         _: bool,
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {
         unreachable!("gradients of gradients are not offered")

@@ -22,12 +22,15 @@ mod extension;
 mod gather;
 mod gradient;
 mod norm;
+mod rows;
 mod taps;
 mod tile;
+mod tokens;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use extension::{attention, channel_norm, conv, conv_over_time, decode};
+pub(crate) use extension::{attention, channel_norm, conv, conv_over_time, decode, rms_norm};
+pub(crate) use tokens::{gate, gelu, modulate, turn};
 
 use burn::backend::DispatchDevice;
 use burn::tensor::{DType, Device};

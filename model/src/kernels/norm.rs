@@ -1,4 +1,5 @@
 //! Channel normalisation, with SiLU after it where asked for: one pass over the pixels in place of burn's ten on one thread.
+//! Normalisation by the root mean square is the same but for what keeps the divisor from 0.
 use super::tile::Tile;
 use rayon::prelude::*;
 
@@ -10,13 +11,15 @@ const TASK: usize = 4096;
 /// Partial sums of a row, added in a fixed order: the same bits whatever the width of vectors.
 const LANES: usize = 16;
 
-/// `gamma sqrt(c) x / |x|` of each row of `c` channels, then SiLU if `silu`.
+/// `gamma sqrt(c) x / |x|` of each row of `c` channels, with `eps` `gamma x / sqrt(|x|^2 / c + eps)`; then SiLU if `silu`.
 #[derive(Clone, Copy, Debug)]
 pub struct ChannelNorm<'a> {
     /// Rows of `gamma.len()` channels.
     pub x: &'a [f32],
     /// Factor of each channel.
     pub gamma: &'a [f32],
+    /// Added to the mean square; without it [`LEAST_SQUARE`] bounds the square.
+    pub eps: Option<f32>,
     /// With SiLU.
     pub silu: bool,
 }
@@ -28,10 +31,11 @@ impl ChannelNorm<'_> {
         channels * (TASK / channels).max(1)
     }
 
-    /// Square of a row's length and what the row is multiplied by.
+    /// Square of what a row is divided by, and what it is multiplied by.
     fn scale(&self, row: &[f32]) -> (f32, f32) {
-        let square = product(row, row);
-        (square, (row.len() as f32).sqrt() / square.max(LEAST_SQUARE).sqrt())
+        let (square, count) = (product(row, row), row.len() as f32);
+        let square = self.eps.map_or(square.max(LEAST_SQUARE), |eps| square + count * eps);
+        (square, count.sqrt() / square.sqrt())
     }
 
     /// Normalises whole rows.
@@ -89,7 +93,7 @@ impl ChannelNorm<'_> {
                             *dz *= gamma;
                         }
                         // What lies along the row changes its length alone, which the division takes out again.
-                        let along = if square > LEAST_SQUARE { product(x, dz) / square } else { 0.0 };
+                        let along = if self.eps.is_some() || square > LEAST_SQUARE { product(x, dz) / square } else { 0.0 };
                         for ((dx, dz), x) in dx.iter_mut().zip(&*dz).zip(x) {
                             *dx = scale * (dz - x * along);
                         }
@@ -108,16 +112,22 @@ impl ChannelNorm<'_> {
 
 /// Sum of products of two rows of equal length.
 fn product(a: &[f32], b: &[f32]) -> f32 {
+    sum(a, b, |a, b| a * b)
+}
+
+/// Sum of `term` over two rows of equal length.
+#[inline(always)]
+pub fn sum(a: &[f32], b: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
     let mut sums = [0.0; LANES];
     let (a_whole, a_rest) = a.as_chunks::<LANES>();
     let (b_whole, b_rest) = b.as_chunks::<LANES>();
     for (a, b) in a_whole.iter().zip(b_whole) {
         for lane in 0..LANES {
-            sums[lane] += a[lane] * b[lane];
+            sums[lane] += term(a[lane], b[lane]);
         }
     }
     for ((sum, a), b) in sums.iter_mut().zip(a_rest).zip(b_rest) {
-        *sum += a * b;
+        *sum += term(*a, *b);
     }
     let mut width = LANES / 2;
     while width > 0 {

@@ -86,6 +86,12 @@ pub trait Tile: Copy + Send + Sync {
     /// `d = g * silu'(z)` for slices of equal length.
     fn silu_gradient(self, z: &[f32], g: &[f32], d: &mut [f32]);
 
+    /// `y = x (1 + tanh(sqrt(2 / pi) (x + 0.044715 x^3))) / 2` for slices of equal length.
+    fn gelu(self, x: &[f32], y: &mut [f32]);
+
+    /// `d = g * gelu'(x)` for slices of equal length.
+    fn gelu_gradient(self, x: &[f32], g: &[f32], d: &mut [f32]);
+
     /// Replaces `s` by `exp(s - max(s))` and returns its sum.
     fn exp_and_sum(self, s: &mut [f32]) -> f32;
 }
@@ -150,6 +156,14 @@ impl Tile for Scalar {
         silu_gradient(z, g, d);
     }
 
+    fn gelu(self, x: &[f32], y: &mut [f32]) {
+        gelu(x, y);
+    }
+
+    fn gelu_gradient(self, x: &[f32], g: &[f32], d: &mut [f32]) {
+        gelu_gradient(x, g, d);
+    }
+
     fn exp_and_sum(self, s: &mut [f32]) -> f32 {
         exp_and_sum(s)
     }
@@ -192,6 +206,25 @@ pub(super) fn silu_gradient(z: &[f32], g: &[f32], d: &mut [f32]) {
     for ((d, &z), &g) in d.iter_mut().zip(z).zip(g) {
         let s = sigmoid(z);
         *d = g * s * (z * (1.0 - s) + 1.0);
+    }
+}
+
+/// Twice the argument of GELU's hyperbolic tangent is `x (LINEAR + CUBIC x^2)`; `(1 + tanh u) / 2` is the sigmoid of `2 u`.
+const LINEAR: f32 = 2.0 * std::f32::consts::FRAC_2_SQRT_PI * std::f32::consts::FRAC_1_SQRT_2;
+const CUBIC: f32 = 0.044_715 * LINEAR;
+
+#[inline(always)]
+pub(super) fn gelu(x: &[f32], y: &mut [f32]) {
+    for (y, &x) in y.iter_mut().zip(x) {
+        *y = x * sigmoid(x * (LINEAR + CUBIC * x * x));
+    }
+}
+
+#[inline(always)]
+pub(super) fn gelu_gradient(x: &[f32], g: &[f32], d: &mut [f32]) {
+    for ((d, &x), &g) in d.iter_mut().zip(x).zip(g) {
+        let s = sigmoid(x * (LINEAR + CUBIC * x * x));
+        *d = g * s * (1.0 + x * (1.0 - s) * (LINEAR + 3.0 * CUBIC * x * x));
     }
 }
 

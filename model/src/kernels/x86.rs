@@ -83,6 +83,16 @@ macro_rules! instruction_set {
             }
 
             #[target_feature(enable = $features)]
+            fn vector_gelu(x: &[f32], y: &mut [f32]) {
+                tile::gelu(x, y);
+            }
+
+            #[target_feature(enable = $features)]
+            fn vector_gelu_gradient(x: &[f32], g: &[f32], d: &mut [f32]) {
+                tile::gelu_gradient(x, g, d);
+            }
+
+            #[target_feature(enable = $features)]
             fn vector_exp_and_sum(s: &mut [f32]) -> f32 {
                 tile::exp_and_sum(s)
             }
@@ -110,6 +120,16 @@ macro_rules! instruction_set {
             fn silu_gradient(self, z: &[f32], g: &[f32], d: &mut [f32]) {
                 // SAFETY: as in `tile`.
                 unsafe { Self::vector_silu_gradient(z, g, d) }
+            }
+
+            fn gelu(self, x: &[f32], y: &mut [f32]) {
+                // SAFETY: as in `tile`.
+                unsafe { Self::vector_gelu(x, y) }
+            }
+
+            fn gelu_gradient(self, x: &[f32], g: &[f32], d: &mut [f32]) {
+                // SAFETY: as in `tile`.
+                unsafe { Self::vector_gelu_gradient(x, g, d) }
             }
 
             fn exp_and_sum(self, s: &mut [f32]) -> f32 {

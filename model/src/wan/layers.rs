@@ -108,9 +108,7 @@ impl RmsNorm {
 
     /// `[b, n, c]` to the same shape.
     pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        let c = x.dims()[2];
-        let inverse = (x.clone() * x.clone()).mean_dim(2).add_scalar(self.eps).sqrt().recip();
-        x * inverse * self.weight.val().reshape([1, 1, c])
+        ops::rms_norm(x, self.weight.val(), self.eps as f32)
     }
 
     /// Its tensor under `name`.
@@ -138,7 +136,9 @@ impl LayerNorm {
 
     /// `[b, n, c]` to the same shape.
     pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        burn::tensor::module::layer_norm(x, self.weight.val(), Some(self.bias.val()), self.eps)
+        let [b, _, c] = x.dims();
+        let of = |values: Tensor<1>| values.reshape([1, 1, c]).expand([b, 1, c]);
+        ops::modulate(x, of(self.weight.val()), of(self.bias.val()), Some(self.eps as f32))
     }
 
     /// Its tensors under `name`.
@@ -152,12 +152,5 @@ impl LayerNorm {
 ///
 /// `x` `[b, n, c]`, `scale` and `shift` `[b, 1, c]`.
 pub fn modulated_norm(x: Tensor<3>, scale: Tensor<3>, shift: Tensor<3>, eps: f64) -> Tensor<3> {
-    use burn::tensor::module::layer_norm;
-    let [b, _, c] = x.dims();
-    if b == 1 {
-        // One pass over x: the modulation is the scale and shift of the normalisation.
-        return layer_norm(x, scale.add_scalar(1.0).reshape([c]), Some(shift.reshape([c])), eps);
-    }
-    let ones = Tensor::ones([c], &x.device());
-    layer_norm(x, ones, None, eps) * scale.add_scalar(1.0) + shift
+    ops::modulate(x, scale.add_scalar(1.0), shift, Some(eps as f32))
 }

@@ -53,12 +53,12 @@ impl Attention {
 
     /// What [`Self::to_q`] returned, normalised and turned.
     pub(in crate::wan) fn turned_query(&self, q: Tensor<3>, rope: &Rope) -> Tensor<3> {
-        rope.turn(self.norm_q.forward(q), self.heads)
+        rope.turn(self.norm_q.forward(q))
     }
 
     /// What [`Self::to_k`] returned, normalised and turned.
     pub(in crate::wan) fn turned_key(&self, k: Tensor<3>, rope: &Rope) -> Tensor<3> {
-        rope.turn(self.norm_k.forward(k), self.heads)
+        rope.turn(self.norm_k.forward(k))
     }
 
     /// Attention of queries to keys and values, projected out.
@@ -222,7 +222,7 @@ impl Block {
         let (shift, scale, gate) = (part(0), part(1), part(2));
         let (y, ungated) = beside.attend(&self.attention, modulated_norm(x.clone(), scale, shift, self.eps), rope);
         probe.report(&format!("{name}.attn1"), || y.clone());
-        let mut x = x + y * gate;
+        let mut x = ops::gate(x, y, gate);
         if let Some(y) = ungated {
             probe.report(&format!("{name}.keyframe_attn"), || y.clone());
             x = x + y;
@@ -231,7 +231,8 @@ impl Block {
             x = x + y;
         }
         let (shift, scale, gate) = (part(3), part(4), part(5));
-        let x = x.clone() + beside.perceptron(&self.ffn, modulated_norm(x, scale, shift, self.eps)) * gate;
+        let y = beside.perceptron(&self.ffn, modulated_norm(x.clone(), scale, shift, self.eps));
+        let x = ops::gate(x, y, gate);
         probe.report(name, || x.clone());
         x
     }

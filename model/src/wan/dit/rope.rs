@@ -1,5 +1,6 @@
 //! Rotary places in time, height and width (Su et al. 2021; three axes as in Wan).
 
+use crate::ops;
 use crate::wan::config::DitConfig;
 use crate::wan::probe::Probe;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -10,10 +11,10 @@ use burn::tensor::{Device, Tensor, TensorData};
 /// axis of `a` channels turns by `place theta^(-2 j / a)`. Places are real numbers: nothing is looked up in a table.
 #[derive(Clone, Debug)]
 pub struct Rope {
-    /// `[1, n, 1, pairs, 1]`.
-    cos: Tensor<5>,
+    /// `[n, pairs]`.
+    cos: Tensor<2>,
     /// Same shape.
-    sin: Tensor<5>,
+    sin: Tensor<2>,
 }
 
 impl Rope {
@@ -26,7 +27,7 @@ impl Rope {
             .enumerate()
             .flat_map(|(axis, &a)| (0..a / 2).map(move |j| (axis, config.rope_theta.powf(-2.0 * j as f64 / a as f64))))
             .collect();
-        let shape = [1, places.len(), 1, frequencies.len(), 1];
+        let shape = [places.len(), frequencies.len()];
         let table = |f: fn(f64) -> f64| {
             let turn = |place: &[f64; 3]| frequencies.iter().map(move |&(axis, w)| f(place[axis] * w) as f32).collect::<Vec<_>>();
             Tensor::from_data(TensorData::new(places.iter().flat_map(turn).collect::<Vec<f32>>(), shape), device)
@@ -45,21 +46,16 @@ impl Rope {
     }
 
     /// Turns queries or keys `[b, n, c]`: channels 2 i and 2 i + 1 of a head are a pair.
-    pub fn turn(&self, x: Tensor<3>, heads: usize) -> Tensor<3> {
-        let [b, n, c] = x.dims();
-        let pairs = x.reshape([b, n, heads, c / heads / 2, 2]);
-        let (first, second) = (pairs.clone().narrow(4, 0, 1), pairs.narrow(4, 1, 1));
-        let turned_first = first.clone() * self.cos.clone() - second.clone() * self.sin.clone();
-        let turned_second = first * self.sin.clone() + second * self.cos.clone();
-        Tensor::cat(vec![turned_first, turned_second], 4).reshape([b, n, c])
+    pub fn turn(&self, x: Tensor<3>) -> Tensor<3> {
+        ops::turn(x, self.cos.clone(), self.sin.clone())
     }
 
     /// Reports the tables as diffusers keeps them: each value twice, `[1, n, 1, head_dim]`.
     pub(super) fn report(&self, probe: &mut Probe) {
         for (name, table) in [("rope_cos", &self.cos), ("rope_sin", &self.sin)] {
             probe.report(name, || {
-                let [_, n, _, pairs, _] = table.dims();
-                table.clone().expand([1, n, 1, pairs, 2]).reshape([1, n, 1, 2 * pairs])
+                let [n, pairs] = table.dims();
+                table.clone().reshape([1, n, 1, pairs, 1]).expand([1, n, 1, pairs, 2]).reshape([1, n, 1, 2 * pairs])
             });
         }
     }
@@ -77,7 +73,7 @@ mod tests {
         let row: Vec<f32> = (0..config.head_dim).map(|i| (i * 7 % 5) as f32 - 1.7).collect();
         let product = |a: [f64; 3], b: [f64; 3]| {
             let x = Tensor::<3>::from_data(TensorData::new(row.repeat(2), [1, 2, config.head_dim]), &device);
-            let y = to_vec(Rope::new(&config, &[a, b], &device).turn(x, 1));
+            let y = to_vec(Rope::new(&config, &[a, b], &device).turn(x));
             y[..config.head_dim].iter().zip(&y[config.head_dim..]).map(|(a, b)| f64::from(a * b)).sum::<f64>()
         };
         let origin = product([0.0; 3], [3.25, 2.0, -1.0]);

@@ -1,6 +1,7 @@
 //! The environment adapter: a factor and an offset for the tokens at the start of every block.
 
 use super::config::{Environment, FlowConfig};
+use crate::ops;
 use crate::wan::init::Init;
 use crate::wan::layers::Dense;
 use crate::wan::names::Listing;
@@ -40,10 +41,10 @@ impl EnvironmentAdapter {
 
     /// Tokens `[b, n, width]` at the start of block `i`, modulated by what [`Self::embedded`] returned.
     pub(super) fn modulate(&self, i: usize, x: Tensor<3>, environment: Tensor<3>) -> Tensor<3> {
-        let ([b, n, width], parts) = (x.dims(), environment.dims()[1]);
-        let modulation = self.blocks[i].forward(environment).reshape([b, parts, 1, 2 * width]);
-        let (gamma, beta) = (modulation.clone().narrow(3, 0, width), modulation.narrow(3, width, width));
-        (x.reshape([b, parts, n / parts, width]) * gamma.add_scalar(1.0) + beta).reshape([b, n, width])
+        let width = x.dims()[2];
+        let modulation = self.blocks[i].forward(environment);
+        let (gamma, beta) = (modulation.clone().narrow(2, 0, width), modulation.narrow(2, width, width));
+        ops::modulate(x, gamma.add_scalar(1.0), beta, None)
     }
 
     pub(super) fn list(&self, list: &mut Listing, patch: &[usize]) {

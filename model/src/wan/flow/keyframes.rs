@@ -70,12 +70,12 @@ impl Beside for WithKeyframes<'_> {
         let (block, heads) = (self.block, self.block.heads);
         let q = attention.turned_query(attention.to_q.forward(x.clone()), rope);
         let own = match &block.query {
-            Some(own) => rope.turn(own.norm_q.forward(own.to_q.forward(x.clone())), heads),
+            Some(own) => rope.turn(own.norm_q.forward(own.to_q.forward(x.clone()))),
             None => q.clone(),
         };
         let k = attention.turned_key(attention.to_k.forward(x.clone()), rope);
         let among = attention.gather(q, k, attention.to_v.forward(x));
-        let k = self.places.turn(block.norm_k.forward(block.to_k.forward(self.tokens.clone())), heads);
+        let k = self.places.turn(block.norm_k.forward(block.to_k.forward(self.tokens.clone())));
         let v = block.to_v.forward(self.tokens.clone());
         (among, Some(block.to_out.forward(ops::attention(own, k, v, heads))))
     }
