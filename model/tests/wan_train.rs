@@ -177,7 +177,8 @@ fn an_autoencoder_learns_and_resumes() {
 fn round_trips_are_counted_by_frame(vae: &Vae, clips: &[Clip]) {
     use renderflow_model::wan::train::{album::Album, round_trip};
 
-    let found = round_trip(vae, &clips.to_vec(), 5).expect("five frames");
+    let all = |frames| round_trip(vae, &clips.to_vec(), frames, usize::MAX, &mut |_| Ok(()));
+    let found = all(5).expect("five frames");
     assert_eq!(found.iter().map(|row| row.kind).collect::<Vec<_>>(), Kind::ALL);
     let album = Album::new(&clips[0], None, 8, 8).expect("pictures");
     let pictures = album.clip(0, 5, Kind::Albedo, album.whole());
@@ -192,8 +193,17 @@ fn round_trips_are_counted_by_frame(vae: &Vae, clips: &[Clip]) {
         let psnr = found[Kind::Albedo as usize].psnr[frame];
         assert!((psnr - expected).abs() < 1e-3, "frame {frame}: {psnr} instead of {expected} dB");
     }
-    assert_eq!(round_trip(vae, &clips.to_vec(), 1).expect("stills")[0].psnr.len(), 1);
-    assert!(round_trip(vae, &clips.to_vec(), 9).is_err());
+    let stills = all(1).expect("stills");
+    assert_eq!(stills[0].psnr.len(), 1);
+    assert!(all(9).is_err());
+    let mut done = Vec::new();
+    let mut told = |n| {
+        done.push(n);
+        Ok(())
+    };
+    let first = round_trip(vae, &clips.to_vec(), 1, 1, &mut told).expect("first frames");
+    assert!(first != stills && first[Kind::Albedo as usize].psnr[0].is_finite());
+    assert_eq!(done, (1..=clips.len()).collect::<Vec<_>>());
 }
 
 #[test]

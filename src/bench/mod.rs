@@ -1,5 +1,6 @@
 //! Measurements: the scenes they run on, their errors, and what each subcommand of `renderflow bench` does.
 
+pub mod autoencoder;
 pub mod clock;
 pub mod convergence;
 #[allow(unsafe_code)]

@@ -25,6 +25,8 @@ pub enum Bench {
     Kernels(kernels::Options),
     /// Time against error beside Mitsuba 3 and Cycles
     Peers(peers::Options),
+    /// What an autoencoder of the paper's network loses, by kind of picture and frame of a clip
+    Autoencoder(crate::bench::autoencoder::Options),
 }
 
 impl Bench {
@@ -39,6 +41,7 @@ impl Bench {
             Self::Scenes(options) => options.run(),
             Self::Kernels(options) => options.run(cancel),
             Self::Peers(options) => options.run(cancel),
+            Self::Autoencoder(options) => options.run(cancel),
         }
     }
 }

@@ -18,12 +18,19 @@ pub struct RoundTrip {
     pub psnr: Vec<f32>,
 }
 
-/// Takes every clip of `frames` consecutive frames of `source`, one after another, through the autoencoder. A picture by itself is
-/// `frames` 1; a clip is what training and rendering of videos work on, 5 frames with Wan's autoencoder.
+/// Takes clips of `frames` consecutive frames of `source` through the autoencoder, one after another and at most `most` of a sequence.
+/// A picture by itself is `frames` 1; a clip is what training and rendering of videos work on, 5 frames with Wan's autoencoder.
+/// `told` is called with the number of sequences done after each; its error ends the work.
 ///
 /// # Errors
-/// When a clip cannot be used, there are no such frames in a row, or their number is none the autoencoder takes.
-pub fn round_trip(vae: &Vae, source: &dyn ClipSource, frames: usize) -> Result<Vec<RoundTrip>> {
+/// That of `told`, when a clip cannot be used, there are no such frames in a row, or their number is none the autoencoder takes.
+pub fn round_trip(
+    vae: &Vae,
+    source: &dyn ClipSource,
+    frames: usize,
+    most: usize,
+    told: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<Vec<RoundTrip>> {
     let vae = vae.valid();
     let factor = vae.config().spatial_factor();
     let mut sums = vec![[0.0f64; Kind::ALL.len()]; frames];
@@ -32,12 +39,12 @@ pub fn round_trip(vae: &Vae, source: &dyn ClipSource, frames: usize) -> Result<V
         let clip = source.load(index)?;
         let album = Album::new(&clip, None, factor, factor)?;
         let (h, w) = (album.height, album.width);
-        let mut next = 0;
+        let (mut next, mut taken) = (0, 0);
         for page in album.stretches(frames.saturating_sub(1)) {
-            if page < next {
+            if page < next || taken == most {
                 continue;
             }
-            next = page + frames;
+            (next, taken) = (page + frames, taken + 1);
             count += (3 * h * w) as f64;
             for kind in Kind::ALL {
                 let pictures = album.clip(page, frames, kind, album.whole());
@@ -49,6 +56,7 @@ pub fn round_trip(vae: &Vae, source: &dyn ClipSource, frames: usize) -> Result<V
                 }
             }
         }
+        told(index + 1)?;
     }
     if count == 0.0 {
         let reason = format!("no {frames} frames in a row in any clip");
