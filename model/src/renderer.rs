@@ -30,6 +30,13 @@ pub struct About {
     pub clip: usize,
 }
 
+impl About {
+    /// Whether frames are rendered several at a time.
+    pub fn in_clips(&self, options: Options) -> bool {
+        self.clip > 1 && !options.stills
+    }
+}
+
 /// How pictures are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
@@ -37,11 +44,14 @@ pub struct Options {
     pub keyframes: bool,
     /// Euler steps from t = 0; 1 is what the networks are trained for.
     pub steps: usize,
+    /// Render each frame by itself, in any order, also with a network that makes clips: sharper, since a latent frame then stands for one
+    /// picture, but not held together over time.
+    pub stills: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { keyframes: false, steps: 1 }
+        Self { keyframes: false, steps: 1, stills: false }
     }
 }
 

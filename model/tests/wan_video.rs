@@ -197,7 +197,7 @@ fn the_length_of_a_sequence_changes_nothing_before_its_last_clip() {
 fn stops_between_clips_and_threads_change_no_bit() {
     let renderer = wan(&adapted());
     let sequence = Memory::new(11, &[0, 8]);
-    for options in [Options::default(), Options { keyframes: true, steps: 1 }] {
+    for options in [Options::default(), Options { keyframes: true, ..Options::default() }] {
         let whole = all(&renderer, &sequence, options);
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
@@ -257,7 +257,7 @@ fn what_is_held_does_not_grow_with_the_sequence() {
     let most = |frames: usize| {
         let keyframes: Vec<usize> = (0..frames).step_by(8).collect();
         let sequence = Memory::new(frames, &keyframes);
-        let mut clips = Clips::new(&renderer, &sequence, Options { keyframes: true, steps: 1 }).expect("begins");
+        let mut clips = Clips::new(&renderer, &sequence, Options { keyframes: true, ..Options::default() }).expect("begins");
         let mut most = 0;
         for index in 0..frames {
             clips.push(sequence.view(index)).expect("renders");
@@ -304,7 +304,7 @@ fn keyframes_guide_what_is_between_them_and_are_returned_as_they_are() {
     let renderer = wan(&config);
     let sequence = Memory::new(9, &[0, 8]);
     let without = all(&renderer, &sequence, Options::default());
-    let with = all(&renderer, &sequence, Options { keyframes: true, steps: 1 });
+    let with = all(&renderer, &sequence, Options { keyframes: true, ..Options::default() });
     for (with, without) in with.iter().zip(&without) {
         if [0, 8].contains(&with.index) {
             assert_eq!(Some(&with.linear), sequence.clip.frames[with.index].beauty.as_ref());
@@ -326,7 +326,28 @@ fn keyframes_guide_what_is_between_them_and_are_returned_as_they_are() {
     assert!(all(&bare, &sequence, Options::default()) == without);
     // A sequence without keyframes is rendered without them.
     let none = Memory::new(9, &[]);
-    assert!(all(&renderer, &none, Options { keyframes: true, steps: 1 }) == without);
+    assert!(all(&renderer, &none, Options { keyframes: true, ..Options::default() }) == without);
+}
+
+#[test]
+fn stills_are_clips_of_one_frame_in_any_order() {
+    let renderer = wan(&adapted());
+    let sequence = Memory::new(7, &[0, 6]);
+    for keyframes in [false, true] {
+        let options = Options { keyframes, ..Options::default() };
+        let mut stills = renderer.begin(&sequence, Options { stills: true, ..options }).expect("begins");
+        let clips = all(&renderer, &sequence, options);
+        for index in [3, 1, 2, 6, 0] {
+            let still = stills.push(sequence.view(index)).expect("renders");
+            let mut alone = renderer.begin(&sequence, options).expect("begins");
+            assert!(alone.push(sequence.view(index)).expect("waits").is_empty());
+            assert!(still == alone.finish().expect("renders") && still[0].index == index, "frame {index}");
+            // Within a clip tokens see those of other frames; a keyframe is its own picture either way.
+            assert!((still[0] == clips[index]) == (keyframes && [0, 6].contains(&index)), "frame {index}");
+            assert!(stills.state().is_none());
+        }
+        assert!(stills.finish().expect("nothing left").is_empty());
+    }
 }
 
 #[test]
@@ -337,8 +358,8 @@ fn bad_input_is_refused_in_words() {
         Ok(_) => panic!("must be refused"),
         Err(error) => error.to_string(),
     };
-    assert!(refusal(Options { steps: 0, keyframes: false }).contains("steps"));
-    assert!(refusal(Options { steps: 1, keyframes: true }).contains("keyframe adapter"));
+    assert!(refusal(Options { steps: 0, ..Options::default() }).contains("steps"));
+    assert!(refusal(Options { keyframes: true, ..Options::default() }).contains("keyframe adapter"));
     let mut dark = Memory::new(1, &[]);
     dark.clip.exposure = 0.0;
     assert!(renderer.begin(&dark, Options::default()).is_err());
@@ -454,7 +475,7 @@ fn a_file_tells_which_network_renders() {
     let compact = NeuralRenderer::untrained(&network, 3).expect("network");
     let sequence = Memory::new(6, &[0, 4]);
     let keys: Vec<_> = [0, 4].map(|i| prepared(&sequence, i)).into();
-    let options = Options { keyframes: true, steps: 1 };
+    let options = Options { keyframes: true, ..Options::default() };
     for rendered in all(&compact, &sequence, options) {
         let view = sequence.view(rendered.index);
         let keyframes: Vec<renderflow_model::Keyframe> = [0, 4]

@@ -25,6 +25,8 @@ Methods, in a comma-separated list:
   warp, warp-ibl      keyframes carried along, deferred (or ibl) in the holes, no network
   neural, neural+keys the compact network without and with keyframes
   wan, wan+keys       the paper's network, whose --weights are needed, without and with keyframes
+  wan-stills, wan-stills+keys
+                      the same with each frame rendered by itself
   pt4, pt4+oidn, pt4+fast
                       path tracing with 4 samples a pixel: raw, denoised by OIDN with least error, or in least time
   equal-deferred      path tracing + OIDN in the seconds of another method (here deferred); equal-deferred+fast with OIDN in least time

@@ -17,7 +17,7 @@ const RECORD: &str = "infer.json";
 const STATE: &str = "stopped.safetensors";
 
 /// Renders every frame of sequence folders with a network, from its G-buffers alone or with its keyframes. The paper's network works in
-/// clips of five frames that overlap by one. Run again with the same weights and options, it goes on where it was stopped.
+/// clips of five frames that overlap by one, unless --stills. Run again with the same weights and options, it goes on where it was stopped.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes --out neural\n  \
 renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors --out wan-out")]
@@ -30,6 +30,9 @@ pub struct Infer {
     /// Use the beauty of the sequence's keyframes
     #[arg(long)]
     keyframes: bool,
+    /// Render each frame by itself with the paper's network too: sharper, but not held together over time
+    #[arg(long)]
+    stills: bool,
     /// Euler steps; 1 is what the networks are trained for
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: u32,
@@ -47,6 +50,8 @@ struct Record {
     header: String,
     keyframes: bool,
     steps: u32,
+    #[serde(default)]
+    stills: bool,
     tile: Option<usize>,
 }
 
@@ -60,7 +65,7 @@ impl Infer {
             progress.message(folder.name());
             let out = self.out.join(folder.name());
             let work = Work { folder, out, options: self.options(), progress: &progress, cancel };
-            if renderer.about().clip == 1 { work.frames(&*renderer) } else { work.clips(&*renderer) }
+            if renderer.about().in_clips(self.options()) { work.clips(&*renderer) } else { work.frames(&*renderer) }
                 .with_context(|| folder.path.display().to_string())?;
         }
         progress.finish();
@@ -68,7 +73,7 @@ impl Infer {
     }
 
     fn options(&self) -> Options {
-        Options { keyframes: self.keyframes, steps: self.steps as usize }
+        Options { keyframes: self.keyframes, steps: self.steps as usize, stills: self.stills }
     }
 
     /// Writes what the pictures are made with, or says that the folder holds others.
@@ -81,6 +86,7 @@ impl Infer {
             header: about.header,
             keyframes: self.keyframes,
             steps: self.steps,
+            stills: self.stills,
             tile: self.weights.tile,
         };
         record::claim(&self.out, RECORD, &record)

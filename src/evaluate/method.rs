@@ -63,6 +63,8 @@ pub enum Way {
     Wan {
         /// Whether it reads them.
         keyframes: bool,
+        /// Each frame by itself instead.
+        stills: bool,
     },
     /// Path tracing.
     Traced {
@@ -147,8 +149,10 @@ impl Way {
             "warp-ibl" => Self::Warp { deferred: false },
             "neural" => Self::Neural { keyframes: false },
             "neural+keys" => Self::Neural { keyframes: true },
-            "wan" => Self::Wan { keyframes: false },
-            "wan+keys" => Self::Wan { keyframes: true },
+            "wan" => Self::Wan { keyframes: false, stills: false },
+            "wan+keys" => Self::Wan { keyframes: true, stills: false },
+            "wan-stills" => Self::Wan { keyframes: false, stills: true },
+            "wan-stills+keys" => Self::Wan { keyframes: true, stills: true },
             _ => bail!("there is no method {id:?}; the help of `renderflow evaluate` lists them"),
         })
     }
@@ -193,8 +197,10 @@ impl Way {
             Self::Warp { deferred: false } => "warp-ibl".into(),
             Self::Neural { keyframes: false } => "neural".into(),
             Self::Neural { keyframes: true } => "neural+keys".into(),
-            Self::Wan { keyframes: false } => "wan".into(),
-            Self::Wan { keyframes: true } => "wan+keys".into(),
+            Self::Wan { keyframes, stills } => {
+                let [stills, keyframes] = [(*stills, "-stills"), (*keyframes, "+keys")].map(|(on, name)| if on { name } else { "" });
+                format!("wan{stills}{keyframes}")
+            }
             Self::Traced { spp, clean } => format!("pt{spp}{}", clean.suffix()),
             Self::Equal { to, clean: Clean::Fast } => format!("equal-{to}+fast"),
             Self::Equal { to, .. } => format!("equal-{to}"),
@@ -203,16 +209,21 @@ impl Way {
 
     /// Whether it reads the truth of keyframes.
     pub fn needs_keyframes(&self) -> bool {
-        matches!(self, Self::Warp { .. } | Self::Neural { keyframes: true } | Self::Wan { keyframes: true })
+        matches!(self, Self::Warp { .. } | Self::Neural { keyframes: true } | Self::Wan { keyframes: true, .. })
     }
 
     /// Whether a network makes it, and whether it then reads keyframes.
     pub fn network(&self) -> Option<(Network, bool)> {
         match self {
             Self::Neural { keyframes } => Some((Network::Compact, *keyframes)),
-            Self::Wan { keyframes } => Some((Network::Wan, *keyframes)),
+            Self::Wan { keyframes, .. } => Some((Network::Wan, *keyframes)),
             _ => None,
         }
+    }
+
+    /// Whether a network that makes clips is to make each frame by itself.
+    pub fn in_stills(&self) -> bool {
+        matches!(self, Self::Wan { stills: true, .. })
     }
 
     /// Whether it starts from the deferred picture.
@@ -238,11 +249,15 @@ impl Way {
             }
             Self::Neural { keyframes: false } => ("neural".into(), Group::Neural, ""),
             Self::Neural { keyframes: true } => ("neural + keyframes".into(), Group::Neural, "reads the truth of keyframes"),
-            Self::Wan { keyframes: false } => {
+            Self::Wan { keyframes: false, stills: false } => {
                 ("wan".into(), Group::Neural, "clips of frames at once; each has its share of their seconds")
             }
-            Self::Wan { keyframes: true } => {
+            Self::Wan { keyframes: true, stills: false } => {
                 ("wan + keyframes".into(), Group::Neural, "clips of frames at once; reads the truth of keyframes")
+            }
+            Self::Wan { keyframes: false, stills: true } => ("wan, frame by frame".into(), Group::Neural, ""),
+            Self::Wan { keyframes: true, stills: true } => {
+                ("wan, frame by frame + keyframes".into(), Group::Neural, "reads the truth of keyframes")
             }
             Self::Traced { spp, clean } => (format!("{spp} spp{}", clean.label()), Group::PathTraced, ""),
             Self::Equal { to, clean } => {
@@ -279,7 +294,7 @@ mod tests {
 
     #[test]
     fn names_lead_back_to_themselves() {
-        let ways = Way::list("all,standard,wan,wan+keys,pt300+fast,equal-ibl,equal-wan").unwrap();
+        let ways = Way::list("all,standard,wan,wan+keys,wan-stills,wan-stills+keys,pt300+fast,equal-ibl,equal-wan").unwrap();
         assert!(ways.len() >= 31, "{}", ways.len());
         for way in &ways {
             assert_eq!(&Way::parse(&way.id()).unwrap(), way);

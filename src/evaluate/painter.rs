@@ -114,7 +114,7 @@ impl<'a> Painter<'a> {
             once.push((PREPARING.to_owned(), seconds));
         }
         let (players, beginning) = timed(|| Players::new(view, options))?;
-        if players.in_clips() {
+        if players.read_depths() {
             once.push(("reading the range of depths".to_owned(), beginning));
         }
         let mut denoisers = BTreeMap::new();

@@ -44,17 +44,17 @@ impl<'a> Players<'a> {
             if keyframes && (view.folder.sequence.keyframes.is_empty() || !renderer.about().keyframes) {
                 continue;
             }
-            let options = renderer::Options { keyframes, steps: 1 };
+            let options = renderer::Options { keyframes, stills: way.in_stills(), steps: 1 };
             let session = renderer.begin(view, options)?;
-            let clips = renderer.about().clip > 1;
+            let clips = renderer.about().in_clips(options);
             players.push(Player { way, renderer, options, clips, session, ready: BTreeMap::new(), spent: 0.0 });
         }
         Ok(Self { view, players, next: 0, preparing: 0.0 })
     }
 
-    /// Whether one of them takes several frames at once; such a network asks for the range of depths when it begins.
-    pub fn in_clips(&self) -> bool {
-        self.players.iter().any(|player| player.clips)
+    /// Whether one of them asks for the range of depths when it begins, as networks do that can make clips.
+    pub fn read_depths(&self) -> bool {
+        self.players.iter().any(|player| player.renderer.about().clip > 1)
     }
 
     /// The frame whose G-buffer is needed before frame `index` can be shown; `None` where nothing is.

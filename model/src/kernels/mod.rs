@@ -1,7 +1,8 @@
-//! Convolution, attention and channel normalisation for the CPU: implicit matrix products on channels-last pictures, without an im2col buffer.
+//! Convolution over space and time, attention, and what happens to pixels and tokens in between, for the CPU: implicit matrix products on
+//! channels-last pictures, without an im2col buffer, and single passes over rows.
 //!
 //! All work is a small tile of outputs kept in registers ([`tile`]), filled from lists of input pixels and packed weights
-//! ([`gather`], [`gradient`]). It exists in AVX-512, in AVX2 and, as their portable twin, in plain Rust; all three return the same bits, for
+//! ([`gather`], [`gradient`]); a clip's taps over time are further sources of the same sum, so that no frame is copied. It exists in AVX-512, in AVX2 and, as their portable twin, in plain Rust; all three return the same bits, for
 //! any number of threads. [`crate::ops`] chooses between them and [`portable`], the composition of burn's own operations that
 //! serves every other device and element type.
 //!

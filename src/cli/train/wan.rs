@@ -134,7 +134,10 @@ impl Train {
         let loading = Progress::new("loading", dataset.sequences.len() as u64);
         let training = Progress::new("training", 1000);
         let tell = |progress: &train::Progress| match progress {
-            train::Progress::Loading { done, .. } => loading.set(*done as u64),
+            train::Progress::Loading { done, total } => {
+                loading.length(*total as u64);
+                loading.set(*done as u64);
+            }
             train::Progress::Step(record) => {
                 let psnr = record.psnr.map_or(String::new(), |psnr| format!(" pictures {psnr:.2} dB,"));
                 training.message(format!(

@@ -271,6 +271,10 @@ impl Session for Clips<'_> {
             _ => Vec::new(),
         };
         self.waiting.push(page);
+        if self.options.stills {
+            rendered.extend(self.finish()?);
+            return Ok(rendered);
+        }
         let step = self.renderer.config().vae.temporal_factor();
         if usize::from(self.last.is_some()) + self.waiting.len() > step {
             rendered.extend(self.clip()?);
