@@ -60,7 +60,10 @@ pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool
 pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, newest: usize) -> Tensor<5> {
     let ([batch, frames, height, width, ci], [k, k2, taps, wi, co]) = (x.dims(), w.dims());
     check_conv("convolution over time", [batch, height, width, ci], [k, k2, wi, co], b.dims());
-    assert!(taps == 3 && step > 0 && newest < frames, "convolution over time: {taps} taps, step {step}, frame {newest} of {frames}");
+    assert!(
+        taps == 3 && step > 0 && newest < frames,
+        "convolution over time: {taps} taps, step {step}, frame {newest} of {frames}"
+    );
     if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
         kernels::conv_over_time(x, w, b, step, newest)
     } else {

@@ -73,7 +73,10 @@ impl Options {
         progress.finish();
         ensure!(!found.is_empty(), "{}: no sequences", self.data.display());
         for set in &found {
-            println!("{}, {} sequences: PSNR in dB of pictures by themselves, and of the frames of clips", set.name, set.sequences);
+            println!(
+                "{}, {} sequences: PSNR in dB of pictures by themselves, and of the frames of clips",
+                set.name, set.sequences
+            );
             for (kind, [still, clip]) in &set.kinds {
                 let row = |values: &[f32]| values.iter().map(|v| format!("{v:6.2}")).collect::<Vec<_>>().join(" ");
                 println!("  {kind:12} {} | {}", row(still), row(clip));

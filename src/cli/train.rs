@@ -113,7 +113,10 @@ impl Train {
             &config,
             &dataset,
             &|progress| match progress {
-                train::Progress::Loading { done, .. } => loading.set(*done as u64),
+                train::Progress::Loading { done, total } => {
+                    loading.length(*total as u64);
+                    loading.set(*done as u64);
+                }
                 train::Progress::Step(record) => {
                     training.message(format!(
                         "step {} loss {:.5} display {:.2} dB, {:.1} images/s, {:.0} s left",

@@ -198,7 +198,8 @@ impl Way {
             Self::Neural { keyframes: false } => "neural".into(),
             Self::Neural { keyframes: true } => "neural+keys".into(),
             Self::Wan { keyframes, stills } => {
-                let [stills, keyframes] = [(*stills, "-stills"), (*keyframes, "+keys")].map(|(on, name)| if on { name } else { "" });
+                let [stills, keyframes] =
+                    [(*stills, "-stills"), (*keyframes, "+keys")].map(|(on, name)| if on { name } else { "" });
                 format!("wan{stills}{keyframes}")
             }
             Self::Traced { spp, clean } => format!("pt{spp}{}", clean.suffix()),

@@ -235,8 +235,7 @@ pub fn gather<T: Tile>(
     finish: Finish,
 ) -> (Vec<f32>, Option<Vec<f32>>) {
     let (n, wide, spread) = (out.channels, 2 * T::LANES, sources[0].lattice.spread);
-    let packed: Vec<Packed> =
-        (0..spread * spread).map(|p| pack(sources, weights, n, wide, p / spread, p % spread)).collect();
+    let packed: Vec<Packed> = (0..spread * spread).map(|p| pack(sources, weights, n, wide, p / spread, p % spread)).collect();
     let mut padded_bias = vec![0.0; n.next_multiple_of(wide)];
     padded_bias[..bias.len()].copy_from_slice(bias);
 
