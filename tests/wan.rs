@@ -14,6 +14,9 @@ const SIDE: usize = 32;
 /// A clip, and two frames of the next.
 const FRAMES: usize = 7;
 
+/// All rows of the paper's network, and two to stand beside.
+const METHODS: &str = "ibl,neural,wan,wan+keys,wan-stills,wan-stills+keys";
+
 /// A sequence with keyframes 4 frames apart.
 fn data(folder: &Path) -> PathBuf {
     let (plan, out) = (folder.join("plan.json"), folder.join("data"));
@@ -79,6 +82,7 @@ fn the_papers_network_from_training_to_tables() {
     files_say_what_they_are(folder.path(), &weights);
     sequences_are_rendered(folder.path(), &data, &weights);
     pictures_are_taken_apart(folder.path(), &data, &weights);
+    the_small_weights_render(folder.path(), &data);
     rows_stand_beside_the_others(folder.path(), &data, &weights);
 }
 
@@ -190,6 +194,17 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
         assert!(bytes == expected, "{name}");
     }
     assert!(!stopped.join("seq-000000/stopped.safetensors").exists() && stopped.join("seq-000000/frame.0006.exr").exists());
+    // Frames by themselves: those that are there are kept, whichever they are.
+    let stills = folder.join("infer/stills");
+    assert!(infer(&stills, &["--stills"]).status.success());
+    let before = files(&stills);
+    assert!((0..FRAMES).all(|i| read(&stills, i).pixels != read(&plain, i).pixels));
+    std::fs::remove_file(stills.join("seq-000000/frame.0003.exr")).unwrap();
+    std::fs::remove_file(stills.join("seq-000000/frame.0006.exr")).unwrap();
+    assert!(infer(&stills, &["--stills"]).status.success());
+    assert!(files(&stills) == before);
+    let said = stderr(&infer(&stills, &[]));
+    assert!(said.contains("other weights or options"), "{said}");
     // Other options do not mix in, nor does a folder of something else.
     let said = stderr(&infer(&plain, &["--steps", "2"]));
     assert!(said.contains("other weights or options"), "{said}");
@@ -237,31 +252,45 @@ fn pictures_are_taken_apart(folder: &Path, data: &Path, weights: &Weights) {
     assert!(said.contains("no inverse adapter"), "{said}");
 }
 
+/// What training left in `model/weights/wan-small`, with both adapters; its autoencoder is found beside it.
+fn the_small_weights_render(folder: &Path, data: &Path) {
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/wan-small/weights.safetensors");
+    let said = succeed(&["weights", "inspect", text(&shipped)]);
+    assert!(said.contains("all 526 tensors fit"), "{said}");
+    let out = folder.join("small");
+    succeed(&["infer", "--data", text(data), "--weights", text(&shipped), "--keyframes", "--out", text(&out.join("forward"))]);
+    succeed(&["invert", "--data", text(data), "--weights", text(&shipped), "--out", text(&out.join("back"))]);
+    let frame = frame_file::read(&out.join("forward/seq-000000/frame.0001.exr")).unwrap();
+    let [sum, count] = frame.beauty.unwrap().pixels.iter().flatten().fold([0.0, 0.0], |[s, n], v| [s + v, n + 1.0]);
+    assert!((0.01..100.0).contains(&(sum / count)), "mean {}", sum / count);
+    assert!(out.join("back/seq-000000/frame.0006.normal.png").is_file());
+}
+
 fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {
     let out = folder.join("results");
     let (keys, vae) = (text(&weights.keys), text(&weights.vae));
     let evaluate = |out: &Path, every: &str| {
         let what =
-            ["evaluate", "--data", text(data), "--methods", "ibl,neural,wan,wan+keys", "--every", every, "--out", text(out)];
+            ["evaluate", "--data", text(data), "--methods", METHODS, "--every", every, "--out", text(out)];
         succeed(&[&what[..], &["--weights", keys, "--vae", vae]].concat())
     };
     let table = evaluate(&out, "1");
-    for row in ["IBL (split sum)", "neural", "wan", "wan + keyframes"] {
+    for row in ["IBL (split sum)", "neural", "wan", "wan + keyframes", "wan, frame by frame", "wan, frame by frame + keyframes"] {
         assert!(table.contains(row), "{row} missing in\n{table}");
     }
     let scores = |out: &Path| Results::read(out).unwrap().sequences.remove(0).scores;
     let all = scores(&out);
-    assert_eq!(all.len(), FRAMES * 4);
+    assert_eq!(all.len(), FRAMES * 6);
     for score in &all {
         let psnr = score.values.get("psnr").copied();
         assert!(psnr.is_some_and(f64::is_finite) && score.seconds.is_some_and(|s| s > 0.0), "{score:?}");
-        assert_eq!(psnr == Some(100.0), score.key && score.method == "wan+keys", "{score:?}");
+        assert_eq!(psnr == Some(100.0), score.key && score.method.starts_with("wan") && score.method.ends_with("+keys"), "{score:?}");
     }
     // The networks see the whole sequence whichever frames are evaluated.
     let some = folder.join("some");
     evaluate(&some, "3");
-    for score in scores(&some).iter().filter(|score| score.method == "wan") {
-        let same = all.iter().find(|other| other.method == "wan" && other.frame == score.frame).unwrap();
+    for score in scores(&some).iter().filter(|score| score.method.starts_with("wan")) {
+        let same = all.iter().find(|other| other.method == score.method && other.frame == score.frame).unwrap();
         assert_eq!(score.values.get("psnr"), same.values.get("psnr"), "frame {}", score.frame);
     }
     let said = fail(&["evaluate", "--data", text(data), "--methods", "wan", "--out", text(&folder.join("none"))]);
