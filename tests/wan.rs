@@ -270,8 +270,7 @@ fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {
     let out = folder.join("results");
     let (keys, vae) = (text(&weights.keys), text(&weights.vae));
     let evaluate = |out: &Path, every: &str| {
-        let what =
-            ["evaluate", "--data", text(data), "--methods", METHODS, "--every", every, "--out", text(out)];
+        let what = ["evaluate", "--data", text(data), "--methods", METHODS, "--every", every, "--out", text(out)];
         succeed(&[&what[..], &["--weights", keys, "--vae", vae]].concat())
     };
     let table = evaluate(&out, "1");
@@ -284,7 +283,11 @@ fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {
     for score in &all {
         let psnr = score.values.get("psnr").copied();
         assert!(psnr.is_some_and(f64::is_finite) && score.seconds.is_some_and(|s| s > 0.0), "{score:?}");
-        assert_eq!(psnr == Some(100.0), score.key && score.method.starts_with("wan") && score.method.ends_with("+keys"), "{score:?}");
+        assert_eq!(
+            psnr == Some(100.0),
+            score.key && score.method.starts_with("wan") && score.method.ends_with("+keys"),
+            "{score:?}"
+        );
     }
     // The networks see the whole sequence whichever frames are evaluated.
     let some = folder.join("some");

@@ -483,24 +483,26 @@ fn unusable_settings_and_data_are_named() {
 /// PSNR of two batches of latents as decoded pictures.
 fn psnr(vae: &Vae, a: Tensor<5>, b: Tensor<5>) -> f32 {
     let pictures = |z| to_vec(vae.decode_normalised(z).expect("pictures"));
-    let (a, b) = (pictures(a), pictures(b));
-    let square = a.iter().zip(&b).map(|(a, b)| f64::from((a - b) / 2.0).powi(2)).sum::<f64>() / a.len() as f64;
+    decibels(&pictures(a), &pictures(b))
+}
+
+/// PSNR of values of -1..=1.
+fn decibels(a: &[f32], b: &[f32]) -> f32 {
+    let square = a.iter().zip(b).map(|(a, b)| f64::from((a - b) / 2.0).powi(2)).sum::<f64>() / a.len() as f64;
     (-10.0 * square.max(1e-12).log10()) as f32
 }
 
-/// `wan-tiny` on one clip of five frames; pictures are compared with the autoencoder's own round trip of the truth.
-#[test]
-fn one_clip_is_learned_to_35_db() {
-    let folder = tempfile::tempdir().expect("folder");
-    let clips = [clip(5, SIZE)];
-    let vae = some_autoencoder(folder.path(), 300, &clips);
+/// PSNR, dB, of `wan-tiny` on one clip of five frames: the albedo, the first prediction and that after training beside the
+/// autoencoder's own round trip of the truth; the last beside the truth itself.
+fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4] {
+    let clips = [clip.clone()];
     let stage = || Stage::Base {
         network: Box::new(FlowConfig::tiny()),
         start: None,
-        latents: LatentConfig { reference_probability: 0.0, ..latents(&vae) },
+        latents: LatentConfig { reference_probability: 0.0, ..latents(vae) },
     };
     let score = |path: &Path| {
-        let (vae, _) = open_autoencoder(&vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder");
+        let (vae, _) = open_autoencoder(vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder");
         let encoder = Encoder {
             vae: &vae,
             sizes: vec![SIZE],
@@ -534,13 +536,40 @@ fn one_clip_is_learned_to_35_db() {
         let albedo = tensor(&batch.z_t, 4);
         let truth = albedo.clone() + tensor(&batch.velocity, 4);
         let velocity = flow.velocity(albedo.clone(), &[0.0], &conditions, &mut Probe::idle()).expect("fits");
-        [psnr(&vae, albedo.clone(), truth.clone()), psnr(&vae, albedo + velocity, truth)]
+        let made = albedo.clone() + velocity;
+        let shown = to_vec(vae.decode_normalised(made.clone()).expect("pictures"));
+        let album = renderflow_model::wan::train::album::Album::new(clip, None, SIZE, 16).expect("pictures");
+        let pictures = album.clip(0, 5, Kind::Target, album.whole());
+        [psnr(&vae, albedo, truth.clone()), psnr(&vae, made, truth), decibels(&shown, &pictures)]
     };
-    let [albedo, early] = score(&train(&config(&folder.path().join("early"), stage(), 1), &clips).weights);
-    let settings = Config { log_steps: 100, ..config(&folder.path().join("base"), stage(), 1200) };
-    let [_, late] = score(&train(&settings, &clips).weights);
-    println!("albedo {albedo:.1} dB, after one step {early:.1} dB, after 1200 {late:.1} dB");
+    let [albedo, early, _] = score(&train(&config(&folder.join("early"), stage(), 1), &clips).weights);
+    let settings = Config { log_steps: 100, ..config(&folder.join("base"), stage(), steps) };
+    let [_, late, seen] = score(&train(&settings, &clips).weights);
+    println!("albedo {albedo:.1} dB, after one step {early:.1} dB, after {steps} {late:.1} dB; {seen:.1} dB from the truth");
     // What the autoencoder makes of rounding moves these by a decibel or two.
     assert!(albedo < 30.0 && early < 30.0, "nothing to learn: {albedo} and {early} dB");
+    [albedo, early, late, seen]
+}
+
+#[test]
+fn one_clip_is_learned_to_35_db() {
+    let folder = tempfile::tempdir().expect("folder");
+    let clip = clip(5, SIZE);
+    let vae = some_autoencoder(folder.path(), 300, std::slice::from_ref(&clip));
+    let [.., late, _] = learn_one_clip(folder.path(), &clip, &vae, 1200);
     assert!(late > 35.0, "{late} dB");
+}
+
+/// With an autoencoder that has learned the clip too. What is left is that toy's own loss: it keeps 4 values for 64 pixels.
+#[test]
+#[ignore = "a measurement"]
+fn one_clip_beside_the_truth() {
+    let folder = tempfile::tempdir().expect("folder");
+    let clip = clip(5, SIZE);
+    let mut settings = config(&folder.path().join("autoencoder"), autoencoder(), 5000);
+    settings.optimizer = OptimizerConfig { learning_rate: 3e-3, warmup_steps: 50, ema_decay: 0.99, ..settings.optimizer };
+    settings.log_steps = 500;
+    let vae = train(&settings, std::slice::from_ref(&clip)).weights;
+    let [.., late, seen] = learn_one_clip(folder.path(), &clip, &vae, 1200);
+    assert!(late > 35.0 && seen > 25.0, "{late} and {seen} dB");
 }
