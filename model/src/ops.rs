@@ -1,4 +1,4 @@
-//! The layers the compact network is made of, on channels-last tensors.
+//! What the layers of both networks are made of, on channels-last tensors.
 //!
 //! Pictures are `[batch, height, width, channels]` (NHWC), sequences `[batch, tokens, channels]`, convolution weights
 //! `[k, k, channels in, channels out]` (HWIO). Everything is differentiable with respect to every tensor.

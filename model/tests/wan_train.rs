@@ -546,8 +546,7 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
     let settings = Config { log_steps: 100, ..config(&folder.join("base"), stage(), steps) };
     let [_, late, seen] = score(&train(&settings, &clips).weights);
     println!("albedo {albedo:.1} dB, after one step {early:.1} dB, after {steps} {late:.1} dB; {seen:.1} dB from the truth");
-    // What the autoencoder makes of rounding moves these by a decibel or two.
-    assert!(albedo < 30.0 && early < 30.0, "nothing to learn: {albedo} and {early} dB");
+    assert!(late > albedo.max(early) + 20.0, "little learned: {albedo}, {early} and {late} dB");
     [albedo, early, late, seen]
 }
 

@@ -43,7 +43,7 @@ pub struct Kind {
     time: Option<Time>,
 }
 
-/// Convolutions on channels-last tensors, and attention. Pictures, weights and bias as in [`crate::ops`].
+/// Convolutions on channels-last tensors, attention and channel normalisation. Pictures, weights and bias as in [`crate::ops`].
 #[backend_extension(Flex, Autodiff)]
 pub trait CpuKernels: Backend {
     /// See [`crate::ops::conv`] and [`crate::ops::conv_over_time`]; differentiable.
