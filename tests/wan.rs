@@ -82,6 +82,7 @@ fn the_papers_network_from_training_to_tables() {
     files_say_what_they_are(folder.path(), &weights);
     sequences_are_rendered(folder.path(), &data, &weights);
     pictures_are_taken_apart(folder.path(), &data, &weights);
+    the_autoencoder_is_measured(folder.path(), &data, &weights);
     the_small_weights_render(folder.path(), &data);
     rows_stand_beside_the_others(folder.path(), &data, &weights);
 }
@@ -250,6 +251,16 @@ fn pictures_are_taken_apart(folder: &Path, data: &Path, weights: &Weights) {
     let (keys, vae) = (text(&weights.keys), text(&weights.vae));
     let said = fail(&["invert", text(&photos), "--weights", keys, "--vae", vae, "--out", text(&folder.join("none"))]);
     assert!(said.contains("no inverse adapter"), "{said}");
+}
+
+fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
+    let out = folder.join("bench");
+    let said = succeed(&["bench", "autoencoder", "--vae", text(&weights.vae), "--data", text(data), "--out", text(&out)]);
+    assert!(said.contains("sequences 1:") && said.contains("albedo"), "{said}");
+    let sets: Value = serde_json::from_slice(&std::fs::read(out.join("autoencoder.json")).unwrap()).unwrap();
+    let [still, clip] = [0, 1].map(|i| sets[0]["kinds"]["albedo"][i].as_array().unwrap());
+    // The first frame of a clip is a picture by itself.
+    assert!((still.len(), clip.len()) == (1, 5) && still[0] == clip[0] && clip[0] != clip[1], "{still:?} {clip:?}");
 }
 
 /// What training left in `model/weights/wan-small`, with both adapters; its autoencoder is found beside it.

@@ -74,7 +74,7 @@ impl Options {
         ensure!(!found.is_empty(), "{}: no sequences", self.data.display());
         for set in &found {
             println!(
-                "{}, {} sequences: PSNR in dB of pictures by themselves, and of the frames of clips",
+                "{}, sequences {}: PSNR in dB of pictures by themselves, and of the frames of clips",
                 set.name, set.sequences
             );
             for (kind, [still, clip]) in &set.kinds {
