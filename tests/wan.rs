@@ -83,6 +83,7 @@ fn the_papers_network_from_training_to_tables() {
     sequences_are_rendered(folder.path(), &data, &weights);
     pictures_are_taken_apart(folder.path(), &data, &weights);
     the_autoencoder_is_measured(folder.path(), &data, &weights);
+    recovered_buffers_are_measured(folder.path(), &data, &weights);
     the_small_weights_render(folder.path(), &data);
     rows_stand_beside_the_others(folder.path(), &data, &weights);
 }
@@ -261,6 +262,41 @@ fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
     let [still, clip] = [0, 1].map(|i| sets[0]["kinds"]["albedo"][i].as_array().unwrap());
     // The first frame of a clip is a picture by itself.
     assert!((still.len(), clip.len()) == (1, 5) && still[0] == clip[0] && clip[0] != clip[1], "{still:?} {clip:?}");
+}
+
+/// By the network itself, and from the pictures it wrote.
+fn recovered_buffers_are_measured(folder: &Path, data: &Path, weights: &Weights) {
+    let (out, written) = (folder.join("bench-inverse"), folder.join("invert-all"));
+    let from = ["--weights", text(&weights.inverse), "--vae", text(&weights.vae)];
+    let bench = |from: &[&str], out: &Path| {
+        succeed(&[&["bench", "inverse", "--data", text(data), "--every", "3", "--out", text(out)][..], from].concat());
+        let results: Value = serde_json::from_slice(&std::fs::read(out.join("inverse.json")).unwrap()).unwrap();
+        assert_eq!(results["sets"][0]["frames"], FRAMES.div_ceil(3));
+        results["sets"][0]["rows"].clone()
+    };
+    let [network, start] = [0, 1].map(|i| bench(&from, &out)[i].clone());
+    assert!(network["seconds"].as_f64().unwrap() > 0.0 && start["seconds"].is_null());
+    succeed(&[&["invert", "--data", text(data), "--out", text(&written)][..], &from].concat());
+    let rows = bench(&["--buffers", text(&written)], &out.join("buffers"));
+    assert_eq!((&rows[0]["method"], &rows[1]["values"]), (&json!("buffers"), &start["values"]));
+    let mean = |row: &Value, id: &str| row["values"][id]["mean"].as_f64().unwrap();
+    // 8 bits a value.
+    for (id, within) in [
+        ("albedo_psnr", 0.1),
+        ("albedo_psnr_scaled", 0.1),
+        ("normal_mean", 1.0),
+        ("depth_relative", 0.01),
+        ("roughness_rms", 0.003),
+        ("metallic_rms", 0.003),
+    ] {
+        let [a, b] = [&network, &rows[0]].map(|row| mean(row, id));
+        assert!((a - b).abs() < within && a != mean(&start, id), "{id}: {a} and {b}");
+    }
+    let bench = ["bench", "inverse", "--data", text(data), "--out", text(&out)];
+    let said = fail(&[&bench[..], &["--weights", text(&weights.keys), "--vae", text(&weights.vae)]].concat());
+    assert!(said.contains("no inverse adapter"), "{said}");
+    let said = fail(&[&bench[..], &["--buffers", text(folder)]].concat());
+    assert!(said.contains("no buffers of any frame"), "{said}");
 }
 
 /// What training left in `model/weights/wan-small`, with both adapters; its autoencoder is found beside it.

@@ -7,6 +7,7 @@ pub mod convergence;
 pub mod embree;
 pub mod export;
 pub mod frame;
+pub mod inverse;
 pub mod kernels;
 pub mod metrics;
 pub mod models;

@@ -27,6 +27,8 @@ pub enum Bench {
     Peers(peers::Options),
     /// What an autoencoder of the paper's network loses, by kind of picture and frame of a clip
     Autoencoder(crate::bench::autoencoder::Options),
+    /// What recovered albedo, normals, depth and material are worth
+    Inverse(crate::bench::inverse::Options),
 }
 
 impl Bench {
@@ -42,6 +44,7 @@ impl Bench {
             Self::Kernels(options) => options.run(cancel),
             Self::Peers(options) => options.run(cancel),
             Self::Autoencoder(options) => options.run(cancel),
+            Self::Inverse(options) => options.run(cancel),
         }
     }
 }

@@ -8,6 +8,7 @@
 pub mod bootstrap;
 mod convolve;
 pub mod flip;
+pub mod intrinsics;
 pub mod psnr;
 pub mod relmse;
 pub mod ssim;
