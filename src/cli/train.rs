@@ -10,6 +10,7 @@ use renderflow_model::train::runner::Summary;
 use renderflow_model::train::{self, Config, Stage};
 use renderflow_model::wan::FlowConfig;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 const HELP: &str = "\
@@ -82,14 +83,46 @@ enum StartArg {
     AlbedoIrradiance,
 }
 
-/// Says where a finished run's weights are; an unfinished one is an interruption.
-fn finish<R>(summary: &Summary<R>, training: &Progress) -> Result<()> {
-    if !summary.finished {
-        return Err(Interrupted.into());
+/// The bars of a run.
+struct Bars {
+    loading: Progress,
+    /// From the first step on: what was before is none of its time.
+    training: OnceLock<Progress>,
+}
+
+impl Bars {
+    fn new(dataset: &Dataset) -> Self {
+        Self { loading: Progress::new("loading", dataset.sequences.len() as u64), training: OnceLock::new() }
     }
-    training.finish();
-    println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
-    Ok(())
+
+    fn loading(&self, done: usize, total: usize) {
+        self.loading.length(total as u64);
+        self.loading.set(done as u64);
+    }
+
+    /// `share` of the run is done.
+    fn step(&self, share: f64, message: String) {
+        let done = (1000.0 * share) as u64;
+        let training = self.training.get_or_init(|| {
+            let training = Progress::new("training", 1000);
+            training.resume(done);
+            training
+        });
+        training.message(message);
+        training.set(done);
+    }
+
+    /// Says where a finished run's weights are; an unfinished one is an interruption.
+    fn finish<R>(&self, summary: &Summary<R>) -> Result<()> {
+        if !summary.finished {
+            return Err(Interrupted.into());
+        }
+        if let Some(training) = self.training.get() {
+            training.finish();
+        }
+        println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+        Ok(())
+    }
 }
 
 impl Train {
@@ -106,28 +139,18 @@ impl Train {
             return Ok(());
         }
         let dataset = Dataset::open(&self.data)?;
-        let loading = Progress::new("loading", dataset.sequences.len() as u64);
-        let training = Progress::new("training", 1000);
-
-        let summary = train::run(
-            &config,
-            &dataset,
-            &|progress| match progress {
-                train::Progress::Loading { done, total } => {
-                    loading.length(*total as u64);
-                    loading.set(*done as u64);
-                }
-                train::Progress::Step(record) => {
-                    training.message(format!(
-                        "step {} loss {:.5} display {:.2} dB, {:.1} images/s, {:.0} s left",
-                        record.step, record.loss, record.display_psnr, record.images_per_second, record.eta
-                    ));
-                    training.set((1000.0 * record.share) as u64);
-                }
-            },
-            cancel,
-        )?;
-        finish(&summary, &training)
+        let bars = Bars::new(&dataset);
+        let tell = |progress: &train::Progress| match progress {
+            train::Progress::Loading { done, total } => bars.loading(*done, *total),
+            train::Progress::Step(record) => bars.step(
+                record.share,
+                format!(
+                    "step {} loss {:.5} display {:.2} dB, {:.1} images/s",
+                    record.step, record.loss, record.display_psnr, record.images_per_second
+                ),
+            ),
+        };
+        bars.finish(&train::run(&config, &dataset, &tell, cancel)?)
     }
 
     fn config(&self) -> Result<Config> {

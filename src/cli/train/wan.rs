@@ -1,8 +1,7 @@
 //! Training of the paper's network: which configuration is meant, and the run.
 
-use super::{Train, finish};
+use super::{Bars, Train};
 use crate::dataset::Dataset;
-use crate::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
@@ -131,24 +130,16 @@ impl Train {
             return Ok(());
         }
         let dataset = Dataset::open(&self.data)?;
-        let loading = Progress::new("loading", dataset.sequences.len() as u64);
-        let training = Progress::new("training", 1000);
+        let bars = Bars::new(&dataset);
         let tell = |progress: &train::Progress| match progress {
-            train::Progress::Loading { done, total } => {
-                loading.length(*total as u64);
-                loading.set(*done as u64);
-            }
+            train::Progress::Loading { done, total } => bars.loading(*done, *total),
             train::Progress::Step(record) => {
                 let psnr = record.psnr.map_or(String::new(), |psnr| format!(" pictures {psnr:.2} dB,"));
-                training.message(format!(
-                    "step {} loss {:.5},{psnr} {:.2} items/s, {:.0} s left",
-                    record.step, record.loss, record.items_per_second, record.eta
-                ));
-                training.set((1000.0 * record.share) as u64);
+                let (step, loss, rate) = (record.step, record.loss, record.items_per_second);
+                bars.step(record.share, format!("step {step} loss {loss:.5},{psnr} {rate:.2} items/s"));
             }
         };
-        let summary = train::run(config, &dataset, &tell, cancel)?;
-        finish(&summary, &training)
+        bars.finish(&train::run(config, &dataset, &tell, cancel)?)
     }
 }
 
