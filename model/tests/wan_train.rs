@@ -496,8 +496,12 @@ fn decibels(a: &[f32], b: &[f32]) -> f32 {
 /// autoencoder's own round trip of the truth; the last beside the truth itself.
 fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4] {
     let clips = [clip.clone()];
+    let pictures = open_autoencoder(vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder").0.config().clone();
+    let z = pictures.z_dim;
+    let mut network = FlowConfig { vae: pictures, ..FlowConfig::tiny() };
+    (network.dit.in_channels, network.dit.out_channels) = (z, z);
     let stage = || Stage::Base {
-        network: Box::new(FlowConfig::tiny()),
+        network: Box::new(network.clone()),
         start: None,
         latents: LatentConfig { reference_probability: 0.0, ..latents(vae) },
     };
@@ -530,11 +534,11 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
         };
         let conditions = renderflow_model::wan::flow::Conditions {
             attributes: tensor(&batch.attributes, flow.config().attribute_channels()),
-            environment: tensor(&batch.environment, 4),
+            environment: tensor(&batch.environment, z),
             keyframes: Vec::new(),
         };
-        let albedo = tensor(&batch.z_t, 4);
-        let truth = albedo.clone() + tensor(&batch.velocity, 4);
+        let albedo = tensor(&batch.z_t, z);
+        let truth = albedo.clone() + tensor(&batch.velocity, z);
         let velocity = flow.velocity(albedo.clone(), &[0.0], &conditions, &mut Probe::idle()).expect("fits");
         let made = albedo.clone() + velocity;
         let shown = to_vec(vae.decode_normalised(made.clone()).expect("pictures"));
@@ -559,16 +563,20 @@ fn one_clip_is_learned_to_35_db() {
     assert!(late > 35.0, "{late} dB");
 }
 
-/// With an autoencoder that has learned the clip too. What is left is that toy's own loss: it keeps 4 values for 64 pixels.
+/// Beside the truth itself, with an autoencoder that has learned the clip too: `wan-small`'s, from its shipped weights; what is left is its
+/// loss. (34.9 dB; 32.8 in 2,200 steps without the loss of gradients. The toy keeps 4 values for 64 pixels: 28 dB in 4,000 steps.)
 #[test]
-#[ignore = "a measurement"]
+#[ignore = "minutes"]
 fn one_clip_beside_the_truth() {
     let folder = tempfile::tempdir().expect("folder");
     let clip = clip(5, SIZE);
-    let mut settings = config(&folder.path().join("autoencoder"), autoencoder(), 5000);
-    settings.optimizer = OptimizerConfig { learning_rate: 3e-3, warmup_steps: 50, ema_decay: 0.99, ..settings.optimizer };
-    settings.log_steps = 500;
+    let start = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights/wan-small/vae.safetensors");
+    let network = FlowConfig::preset("wan-small").expect("preset").vae;
+    let stage = Stage::Autoencoder { network, start: Some(start), loss: Default::default() };
+    let mut settings = config(&folder.path().join("autoencoder"), stage, 1800);
+    settings.optimizer = OptimizerConfig { learning_rate: 1e-3, warmup_steps: 20, ema_decay: 0.95, ..settings.optimizer };
+    settings.log_steps = 100;
     let vae = train(&settings, std::slice::from_ref(&clip)).weights;
     let [.., late, seen] = learn_one_clip(folder.path(), &clip, &vae, 1200);
-    assert!(late > 35.0 && seen > 25.0, "{late} and {seen} dB");
+    assert!(late > 35.0 && seen > 34.0, "{late} and {seen} dB");
 }
