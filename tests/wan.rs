@@ -306,18 +306,16 @@ fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/wan-small/weights.safetensors")
 }
 
-/// What training left in `model/weights/wan-small`, with both adapters; its autoencoder is found beside it.
+/// Forwards; the way back is measured above.
 fn the_small_weights_render(folder: &Path, data: &Path) {
     let shipped = shipped();
     let said = succeed(&["weights", "inspect", text(&shipped)]);
     assert!(said.contains("all 526 tensors fit"), "{said}");
     let out = folder.join("small");
-    succeed(&["infer", "--data", text(data), "--weights", text(&shipped), "--keyframes", "--out", text(&out.join("forward"))]);
-    succeed(&["invert", "--data", text(data), "--weights", text(&shipped), "--out", text(&out.join("back"))]);
-    let frame = frame_file::read(&out.join("forward/seq-000000/frame.0001.exr")).unwrap();
+    succeed(&["infer", "--data", text(data), "--weights", text(&shipped), "--keyframes", "--out", text(&out)]);
+    let frame = frame_file::read(&out.join("seq-000000/frame.0001.exr")).unwrap();
     let [sum, count] = frame.beauty.unwrap().pixels.iter().flatten().fold([0.0, 0.0], |[s, n], v| [s + v, n + 1.0]);
     assert!((0.01..100.0).contains(&(sum / count)), "mean {}", sum / count);
-    assert!(out.join("back/seq-000000/frame.0006.normal.png").is_file());
 }
 
 fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {
