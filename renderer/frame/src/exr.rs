@@ -6,7 +6,7 @@ mod open;
 use crate::channel::{Access, Field, LAYERS, Layer as TableLayer, Storage};
 use crate::file::write_atomic;
 use crate::image::{Image, Rgb};
-use crate::{Error, Frame, FrameInfo, Result};
+use crate::{Error, Frame, FrameInfo, Result, rgbe};
 use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
 use ::exr::math::Vec2;
 use ::exr::meta::attribute::{EnvironmentMap, IntegerBounds};
@@ -68,7 +68,7 @@ pub fn encode(name: &Path, frame: &Frame) -> Result<(Vec<u8>, usize)> {
 /// # Errors
 /// When the file is missing, is no OpenEXR, lacks a channel or holds NaN; the message names it.
 pub fn read(path: &Path) -> Result<Frame> {
-    decode(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+    decode(path, &crate::file::read(path)?)
 }
 
 /// [`read`] from memory; `name` stands for the path in errors.
@@ -77,7 +77,7 @@ pub fn read(path: &Path) -> Result<Frame> {
 /// As [`read`].
 pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
     let malformed = |reason: String| Error::malformed(name, reason);
-    let meta = open::meta_data(name, bytes)?;
+    let meta = open::meta_data(name, bytes, rgbe::MAXIMUM_PIXELS)?;
     let [header] = &meta.headers[..] else {
         return Err(malformed(format!("a frame file has one part, this one has {}", meta.headers.len())));
     };
@@ -85,7 +85,8 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
     let info = attributes::read(header).map_err(malformed)?;
     // One thread: in the crate's own pool a panic on damaged data would end the program.
     let reader = ::exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
-    let image = open::guarded(name, || reader.all_attributes().non_parallel().from_buffered(Cursor::new(bytes)))?;
+    let reader = reader.all_attributes().non_parallel();
+    let image = open::guarded(name, bytes, |source| reader.from_buffered(source))?;
     let mut channels = image.layer_data.channel_data.list.into_vec();
     let mut frame = Frame { width: image.layer_data.size.0, height: image.layer_data.size.1, info, ..Frame::default() };
     for layer in LAYERS {
@@ -99,7 +100,7 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
 /// # Errors
 /// When the bytes are no OpenEXR file of one part, or the header is not that of a frame.
 pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
-    let meta = open::meta_data(name, bytes)?;
+    let meta = open::meta_data(name, bytes, rgbe::MAXIMUM_PIXELS)?;
     let [header] = &meta.headers[..] else {
         return Err(Error::malformed(name, format!("a frame file has one part, this one has {}", meta.headers.len())));
     };
@@ -111,7 +112,7 @@ pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
 /// # Errors
 /// When the file is missing or damaged, lacks a channel, or covers a part of its display window only.
 pub fn read_rgb(path: &Path) -> Result<Rgb> {
-    decode_rgb(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+    decode_rgb(path, &crate::file::read(path)?)
 }
 
 /// [`read_rgb`] from memory; `name` stands for the path in errors.
@@ -131,9 +132,16 @@ pub(crate) fn decode_environment(name: &Path, bytes: &[u8]) -> Result<Rgb> {
     }
 }
 
-fn decode_rgb_header(name: &Path, bytes: &[u8]) -> Result<(Rgb, Header)> {
+/// Columns and rows of the picture that [`decode_rgb`] reads; pixels are not decompressed.
+pub(crate) fn rgb_size(name: &Path, bytes: &[u8]) -> Result<[usize; 2]> {
+    let size = rgb_header(name, bytes)?.layer_size;
+    Ok([size.width(), size.height()])
+}
+
+/// The header of the first part that holds `R`, `G`, `B` on a full grid.
+fn rgb_header(name: &Path, bytes: &[u8]) -> Result<Header> {
     let malformed = |reason: String| Error::malformed(name, reason);
-    let meta = open::meta_data(name, bytes)?;
+    let meta = open::meta_data(name, bytes, rgbe::MAXIMUM_TEXELS)?;
     let has = |header: &Header, channel: &str| header.channels.list.iter().any(|c| c.name == *channel);
     let Some(header) = meta.headers.iter().find(|header| ["R", "G", "B"].iter().all(|c| has(header, c))) else {
         let found = meta.headers.iter().flat_map(|header| &header.channels.list);
@@ -142,16 +150,28 @@ fn decode_rgb_header(name: &Path, bytes: &[u8]) -> Result<(Rgb, Header)> {
     };
     check_pixel_grid(header).map_err(malformed)?;
     let window = IntegerBounds { position: header.own_attributes.layer_position, size: header.layer_size };
-    if window != header.shared_attributes.display_window {
-        return Err(malformed("its data window is not its display window: a part of the picture only".into()));
+    let display = header.shared_attributes.display_window;
+    if window != display {
+        let place =
+            |b: IntegerBounds| format!("{} x {} from ({}, {})", b.size.width(), b.size.height(), b.position.x(), b.position.y());
+        return Err(malformed(format!(
+            "its dataWindow, {}, is not its displayWindow, {}: a part of the picture only",
+            place(window),
+            place(display)
+        )));
     }
+    Ok(header.clone())
+}
+
+fn decode_rgb_header(name: &Path, bytes: &[u8]) -> Result<(Rgb, Header)> {
+    let header = rgb_header(name, bytes)?;
     let reader = ::exr::prelude::read().no_deep_data().largest_resolution_level().rgb_channels(
         |size, _| Rgb::filled(size.width(), size.height(), [0.0; 3]),
         |picture, at, (r, g, b): (f32, f32, f32)| picture.pixels[at.y() * picture.width + at.x()] = [r, g, b],
     );
     let reader = reader.first_valid_layer().all_attributes().non_parallel();
-    let image = open::guarded(name, || reader.from_buffered(Cursor::new(bytes)))?;
-    Ok((image.layer_data.channel_data.pixels, header.clone()))
+    let image = open::guarded(name, bytes, |source| reader.from_buffered(source))?;
+    Ok((image.layer_data.channel_data.pixels, header))
 }
 
 fn check_pixel_grid(header: &Header) -> std::result::Result<(), String> {

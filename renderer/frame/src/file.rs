@@ -1,46 +1,228 @@
-//! Files are written beside their place and renamed, so that a reader never sees half of one.
+//! Files are written beside their place and renamed, so that a reader never sees half of one. They are read with a limit, and
+//! only where they are regular files: a pipe or a device would be read for ever.
 
 use crate::{Error, Result};
-use std::io::Write;
-use std::path::Path;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+/// Most bytes of a file that is read whole: frames, maps, models, weights.
+pub const LARGEST: u64 = 8 << 30;
+/// Most bytes of a text: descriptions, records, manifests, plans, logs.
+pub const LARGEST_TEXT: u64 = 256 << 20;
+
+/// Opens a regular file for reading. Pipes, sockets, devices and folders are refused without waiting for them.
+///
+/// # Errors
+/// [`Error::Io`] naming `path`; [`Error::Malformed`] for what is no regular file.
+pub fn open(path: &Path) -> Result<File> {
+    let mut options = File::options();
+    options.read(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::OpenOptionsExt;
+        // A pipe without a writer would keep the call waiting. Regular files ignore the flag.
+        options.custom_flags(rustix::fs::OFlags::NONBLOCK.bits() as i32);
+    }
+    let file = options.open(path).map_err(Error::io(path, "read"))?;
+    let about = file.metadata().map_err(Error::io(path, "read"))?;
+    if about.is_dir() {
+        return Err(Error::malformed(path, "is a folder, not a file"));
+    }
+    if !about.is_file() {
+        return Err(Error::malformed(path, "is a pipe, a socket or a device, not a regular file"));
+    }
+    Ok(file)
+}
+
+/// Reads a regular file of at most [`LARGEST`] bytes.
+///
+/// # Errors
+/// As [`open`]; when the file is larger.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
+    read_at_most(path, LARGEST)
+}
+
+/// Reads a regular file of at most `limit` bytes.
+///
+/// # Errors
+/// As [`open`]; when the file is larger.
+pub fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>> {
+    let file = open(path)?;
+    let length = file.metadata().map_err(Error::io(path, "read"))?.len();
+    let mut bytes = Vec::new();
+    if length <= limit {
+        bytes
+            .try_reserve_exact(length as usize)
+            .map_err(|_| Error::malformed(path, format!("{length} bytes do not fit into memory")))?;
+        // A file may grow while it is read, and some that the system makes up have no length.
+        file.take(limit + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
+    }
+    if length.max(bytes.len() as u64) > limit {
+        return Err(Error::malformed(path, format!("larger than the {limit} bytes that are read of such a file")));
+    }
+    Ok(bytes)
+}
+
+/// Reads a text of at most [`LARGEST_TEXT`] bytes in UTF-8, without its byte order mark.
+///
+/// # Errors
+/// As [`open`]; when the file is larger or not UTF-8.
+pub fn read_text(path: &Path) -> Result<String> {
+    let bytes = read_at_most(path, LARGEST_TEXT)?;
+    let text = String::from_utf8(bytes)
+        .map_err(|error| Error::malformed(path, format!("byte {} is not UTF-8", error.utf8_error().valid_up_to())))?;
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(rest) => rest.to_owned(),
+        None => text,
+    })
+}
+
+/// What the names of temporary files begin and end with. Six letters and digits stand between.
+const DRAFT: [&str; 2] = [".renderflow-", ".tmp"];
+
+/// A file that is being written. It has a temporary name in the folder of its place until [`finish`](Self::finish) renames it.
+/// Dropped before that, it leaves nothing behind, and what is at its place stays as it was.
+#[derive(Debug)]
+pub struct Draft {
+    path: PathBuf,
+    temporary: tempfile::TempPath,
+    /// `None` once it is closed.
+    file: Option<File>,
+}
+
+impl Draft {
+    /// Begins a file that is to be at `path`; the folder is created if missing.
+    ///
+    /// # Errors
+    /// [`Error::Io`] naming `path`; [`Error::Malformed`] where a folder, a pipe, a socket or a device has that name.
+    pub fn new(path: &Path) -> Result<Self> {
+        // A rename would take its place.
+        match std::fs::metadata(path) {
+            Ok(about) if about.is_dir() => return Err(Error::malformed(path, "is a folder, not a file that can be written")),
+            Ok(about) if !about.is_file() => {
+                return Err(Error::malformed(path, "is a pipe, a socket or a device, not a file that can be written"));
+            }
+            _ => {}
+        }
+        let folder = folder_of(path);
+        std::fs::create_dir_all(folder).map_err(Error::io(folder, "create folder"))?;
+        let named = tempfile::Builder::new().prefix(DRAFT[0]).suffix(DRAFT[1]).tempfile_in(folder);
+        let (file, temporary) = named.map_err(Error::io(path, "write"))?.into_parts();
+        Ok(Self { path: path.into(), temporary, file: Some(file) })
+    }
+
+    /// The temporary file, for what writes to a path. It exists and is empty at first.
+    pub fn temporary(&self) -> &Path {
+        &self.temporary
+    }
+
+    /// Stores all that was written and closes the file. A program may have only so many files open.
+    ///
+    /// # Errors
+    /// [`Error::Io`] naming the file's place, for instance on a full disk.
+    pub fn close(&mut self) -> Result<()> {
+        let Some(file) = self.file.take() else { return Ok(()) };
+        file.sync_all().map_err(Error::io(&self.path, "write"))?;
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let readable = std::fs::Permissions::from_mode(0o644);
+            file.set_permissions(readable).map_err(Error::io(&self.path, "write"))?;
+        }
+        Ok(())
+    }
+
+    /// Puts the file at its place, over the one that is there.
+    ///
+    /// # Errors
+    /// As [`close`](Self::close), and when it cannot be renamed.
+    pub fn finish(mut self) -> Result<()> {
+        self.close()?;
+        self.temporary.persist(&self.path).map_err(|e| Error::io(&self.path, "rename")(e.error))
+    }
+}
+
+impl Write for Draft {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.file.as_mut().ok_or(std::io::ErrorKind::BrokenPipe)?.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.as_mut().map_or(Ok(()), File::flush)
+    }
+}
+
+/// The folder that a file is in.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Whether a file of this name is one that a [`Draft`] left behind when its process was killed.
+pub fn is_leftover(name: &str) -> bool {
+    let random = name.strip_prefix(DRAFT[0]).and_then(|rest| rest.strip_suffix(DRAFT[1]));
+    random.is_some_and(|random| random.len() == 6 && random.bytes().all(|b| b.is_ascii_alphanumeric()))
+}
+
+/// Removes the temporary files that killed processes of this program left behind in `folder`. Nothing else is touched, and what
+/// cannot be removed stays.
+pub fn remove_leftovers(folder: &Path) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+        if is_file && entry.file_name().to_str().is_some_and(is_leftover) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
 
 /// Writes `bytes` to a temporary file in the folder of `path` (created if missing), then renames it over `path`.
 /// On any error the temporary file is removed and `path` is as it was.
 ///
 /// # Errors
-/// [`Error::Io`] naming `path`, for instance on a full disk.
+/// [`Error::Io`] naming `path`, for instance on a full disk; as [`Draft::new`].
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    std::fs::create_dir_all(folder).map_err(Error::io(folder, "create folder"))?;
-    let mut temporary =
-        tempfile::Builder::new().prefix(".").suffix(".tmp").tempfile_in(folder).map_err(Error::io(path, "write"))?;
-    temporary.write_all(bytes).map_err(Error::io(path, "write"))?;
-    temporary.as_file().sync_all().map_err(Error::io(path, "write"))?;
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        let readable = std::fs::Permissions::from_mode(0o644);
-        temporary.as_file().set_permissions(readable).map_err(Error::io(path, "write"))?;
-    }
-    temporary.persist(path).map_err(|e| Error::io(path, "rename")(e.error))?;
-    Ok(())
+    let mut draft = Draft::new(path)?;
+    draft.write_all(bytes).map_err(Error::io(path, "write"))?;
+    draft.finish()
 }
 
-/// Reads a JSON file.
+/// Whether the file at `path` holds exactly `bytes`.
+///
+/// # Errors
+/// As [`open`].
+pub fn holds(path: &Path, bytes: &[u8]) -> Result<bool> {
+    let mut file = open(path)?;
+    if file.metadata().map_err(Error::io(path, "read"))?.len() != bytes.len() as u64 {
+        return Ok(false);
+    }
+    let (mut rest, mut buffer) = (bytes, vec![0; 1 << 16]);
+    loop {
+        let count = file.read(&mut buffer).map_err(Error::io(path, "read"))?;
+        match rest.strip_prefix(&buffer[..count]) {
+            Some(after) if count > 0 => rest = after,
+            Some(after) => return Ok(after.is_empty()),
+            None => return Ok(false),
+        }
+    }
+}
+
+/// Reads a JSON file of at most [`LARGEST_TEXT`] bytes; a byte order mark is skipped.
 ///
 /// # Errors
 /// When the file cannot be read, or does not hold a `T`; the message gives file, line and column.
 pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    parse_json(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+    parse_json(path, &read_at_most(path, LARGEST_TEXT)?)
 }
 
 /// [`read_json`] from memory; `name` stands for the path in errors.
-pub(crate) fn parse_json<T: serde::de::DeserializeOwned>(name: &Path, json: &[u8]) -> Result<T> {
+///
+/// # Errors
+/// When the bytes do not hold a `T`; the message gives `name`, line and column.
+pub fn parse_json<T: serde::de::DeserializeOwned>(name: &Path, json: &[u8]) -> Result<T> {
+    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
     // serde_json's message ends with "at line L column C".
-    serde_json::from_slice(json).map_err(|error| Error::malformed(name, error.to_string()))
+    serde_json::from_slice(json).map_err(|error| Error::malformed(name, crate::words::plain(&error.to_string())))
 }
 
 /// Writes a value as indented JSON by [`write_atomic`]. NaN and infinities would become `null`: check them before.
@@ -48,7 +230,95 @@ pub(crate) fn parse_json<T: serde::de::DeserializeOwned>(name: &Path, json: &[u8
 /// # Errors
 /// When the value has no JSON form (a map whose keys are not strings) or the file cannot be written.
 pub fn write_json<T: serde::Serialize + ?Sized>(path: &Path, value: &T) -> Result<()> {
-    let mut json = serde_json::to_vec_pretty(value).map_err(|error| Error::malformed(path, error.to_string()))?;
+    write_atomic(path, &json(path, value)?)
+}
+
+/// The bytes that [`write_json`] writes; `name` stands for the path in errors.
+///
+/// # Errors
+/// When the value has no JSON form.
+pub fn json<T: serde::Serialize + ?Sized>(name: &Path, value: &T) -> Result<Vec<u8>> {
+    let mut json = serde_json::to_vec_pretty(value).map_err(|error| Error::malformed(name, error.to_string()))?;
     json.push(b'\n');
-    write_atomic(path, &json)
+    Ok(json)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_regular_files_of_a_size_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let refusal = |name: &str| read_at_most(&path(name), 8).unwrap_err().to_string();
+        std::fs::write(path("eight"), b"12345678").unwrap();
+        std::fs::write(path("nine"), b"123456789").unwrap();
+        assert_eq!(read_at_most(&path("eight"), 8).unwrap(), b"12345678");
+        assert!(refusal("nine").contains("larger than the 8 bytes"), "{}", refusal("nine"));
+        assert!(refusal("none").contains("cannot read"));
+        rustix::fs::mknodat(rustix::fs::CWD, path("pipe"), rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();
+        assert!(refusal("pipe").contains("not a regular file"));
+        std::os::unix::fs::symlink("pipe", path("link")).unwrap();
+        assert!(refusal("link").contains("not a regular file"));
+        let socket = std::os::unix::net::UnixListener::bind(path("socket")).unwrap();
+        assert!(read(&path("socket")).is_err());
+        drop(socket);
+        assert!(read(folder.path()).unwrap_err().to_string().contains("a folder"));
+    }
+
+    #[test]
+    fn drafts_leave_nothing_and_take_no_other_files_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/x");
+        let names = || std::fs::read_dir(path.parent().unwrap()).unwrap().map(|e| e.unwrap().file_name()).collect::<Vec<_>>();
+        write_atomic(&path, b"old").unwrap();
+        let mut draft = Draft::new(&path).unwrap();
+        draft.write_all(b"new").unwrap();
+        let name = draft.temporary().file_name().unwrap().to_str().unwrap().to_owned();
+        assert!(is_leftover(&name), "{name}");
+        drop(draft);
+        assert_eq!((std::fs::read(&path).unwrap(), names()), (b"old".to_vec(), vec!["x".into()]));
+        let mut draft = Draft::new(&path).unwrap();
+        draft.write_all(b"new").unwrap();
+        draft.close().unwrap();
+        assert!(draft.write_all(b"more").is_err());
+        draft.finish().unwrap();
+        assert_eq!((std::fs::read(&path).unwrap(), names()), (b"new".to_vec(), vec!["x".into()]));
+        assert!(holds(&path, b"new").unwrap() && !holds(&path, b"neu").unwrap() && !holds(&path, b"newer").unwrap());
+        // A pipe stays one: a device of that name would be gone for the whole system.
+        let pipe = folder.path().join("pipe");
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();
+        assert!(write_atomic(&pipe, b"x").unwrap_err().to_string().contains("a pipe"));
+        assert!(!std::fs::symlink_metadata(&pipe).unwrap().is_file());
+        assert!(write_atomic(path.parent().unwrap(), b"x").unwrap_err().to_string().contains("is a folder"));
+    }
+
+    #[test]
+    fn only_own_leftovers_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let others = [".abc.tmp", ".renderflow-abc.tmp", ".renderflow-abc_12.tmp", "renderflow-abc123.tmp", ".renderflow-abc123"];
+        for name in others.iter().chain(&[".renderflow-aB3d5f.tmp"]) {
+            std::fs::write(folder.path().join(name), b"half").unwrap();
+        }
+        std::fs::create_dir(folder.path().join(".renderflow-folder.tmp")).unwrap();
+        remove_leftovers(folder.path());
+        let mut left: Vec<_> =
+            std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        left.sort();
+        let mut expected = [&others[..], &[".renderflow-folder.tmp"]].concat();
+        expected.sort_unstable();
+        assert_eq!(left, expected);
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_skipped() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.json");
+        std::fs::write(&path, b"\xef\xbb\xbf[1, 2]").unwrap();
+        assert_eq!(read_json::<Vec<u8>>(&path).unwrap(), [1, 2]);
+        assert_eq!(read_text(&path).unwrap(), "[1, 2]");
+        std::fs::write(&path, b"ab\xff").unwrap();
+        assert!(read_text(&path).unwrap_err().to_string().contains("byte 2 is not UTF-8"));
+    }
 }

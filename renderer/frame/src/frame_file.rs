@@ -55,7 +55,7 @@ impl Profile {
 /// # Errors
 /// As [`exr::read`] and [`compact::read`]; a file that is neither is reported as OpenEXR's reader sees it.
 pub fn read(path: &Path) -> Result<Frame> {
-    decode(path, &std::fs::read(path).map_err(crate::Error::io(path, "read"))?)
+    decode(path, &crate::file::read(path)?)
 }
 
 /// [`read`] from memory; `name` stands for the path in errors.

@@ -4,6 +4,9 @@ use crate::image::Rgb;
 use crate::{Error, Result, exr, rgbe};
 use std::path::Path;
 
+/// Most bytes of the file of a map: 2^27 texels of four floats, not compressed, and their header.
+const LARGEST: u64 = 9 << 28;
+
 /// An environment map as read, with what had to be repaired.
 #[derive(Clone, Debug)]
 pub struct LoadedMap {
@@ -20,7 +23,7 @@ pub struct LoadedMap {
 /// # Errors
 /// When the file is missing, truncated or neither format; when an `.exr` is no single equirectangular `R`, `G`, `B` picture.
 pub fn read(path: &Path) -> Result<LoadedMap> {
-    decode(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+    decode(path, &crate::file::read_at_most(path, LARGEST)?)
 }
 
 /// Decodes a `.hdr` or `.exr` held in memory; `name` stands for the path in errors.
@@ -33,8 +36,7 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<LoadedMap> {
     } else if bytes.starts_with(rgbe::SIGNATURE) {
         rgbe::decode(bytes).map_err(|reason| Error::malformed(name, reason))?
     } else {
-        let reason = if bytes.is_empty() { "the file is empty" } else { "neither Radiance .hdr nor OpenEXR" };
-        return Err(Error::malformed(name, reason));
+        return Err(neither(name, bytes));
     };
     let mut repaired = 0;
     for texel in &mut map.pixels {
@@ -44,6 +46,24 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<LoadedMap> {
         }
     }
     Ok(LoadedMap { map, repaired })
+}
+
+fn neither(name: &Path, bytes: &[u8]) -> Error {
+    Error::malformed(name, if bytes.is_empty() { "the file is empty" } else { "neither Radiance .hdr nor OpenEXR" })
+}
+
+/// Columns and rows of the picture in a `.hdr` or `.exr` held in memory; pixels are not decoded. `name` stands for the path in errors.
+///
+/// # Errors
+/// When the bytes are neither, or the header is refused as in [`decode`].
+pub fn size(name: &Path, bytes: &[u8]) -> Result<[usize; 2]> {
+    if bytes.starts_with(&exr::SIGNATURE) {
+        exr::rgb_size(name, bytes)
+    } else if !bytes.starts_with(rgbe::SIGNATURE) {
+        Err(neither(name, bytes))
+    } else {
+        rgbe::size(bytes).map_err(|reason| Error::malformed(name, reason))
+    }
 }
 
 /// Encodes as Radiance RGBE with run lengths: the same picture gives the same bytes on every machine.

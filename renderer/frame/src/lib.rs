@@ -19,11 +19,14 @@ pub mod frame_file;
 pub mod hdr;
 pub mod ibl;
 pub mod image;
+pub mod memory;
+pub mod reach;
 mod rgbe;
 pub mod screen_space;
 pub mod tracks;
 pub mod transforms;
 pub mod warp;
+pub mod words;
 
 pub use camera::Camera;
 pub use environment::Environment;

@@ -12,15 +12,17 @@ pub(crate) const SIGNATURE: &[u8] = b"#?";
 const RUN_LENGTH_WIDTHS: std::ops::RangeInclusive<usize> = 8..=32767;
 /// Shorter repetitions cost as much as literals.
 const MINIMUM_RUN: usize = 4;
-/// Most texels accepted: a 16k by 8k map twice over.
+/// Most pixels of a frame accepted, 16384 x 16384.
 pub(crate) const MAXIMUM_PIXELS: usize = 1 << 28;
+/// Most texels of a map accepted, 16384 x 8192: 1.6 GB of floats, and as much again in what a renderer makes of them.
+pub(crate) const MAXIMUM_TEXELS: usize = 1 << 27;
 /// Most columns or rows accepted.
 pub(crate) const MAXIMUM_SIDE: usize = 1 << 16;
 
 /// Texels that one byte of run lengths gives at most: runs of 127 take two bytes in each of four components.
 const TEXELS_PER_BYTE: usize = 16;
 /// Most texels accepted of a file too small to hold them in run lengths, 0.8 GB of floats: the repetitions of the format's first
-/// version make 2^28 texels of 50 kilobytes.
+/// version make 2^27 texels of 25 kilobytes.
 const MAXIMUM_REPEATED: usize = 1 << 26;
 
 /// One texel as stored: three mantissas and the shared exponent.
@@ -123,8 +125,8 @@ fn header(reader: &mut Reader) -> Result<Layout, String> {
         ("-X" | "+X", "-Y" | "+Y") => true,
         _ => return Err(bad_size()),
     };
-    if !(1..=MAXIMUM_SIDE).contains(&rows) || !(1..=MAXIMUM_SIDE).contains(&columns) || rows * columns > MAXIMUM_PIXELS {
-        return Err(format!("{columns} x {rows} is outside 1..={MAXIMUM_SIDE} a side and {MAXIMUM_PIXELS} pixels in all"));
+    if !(1..=MAXIMUM_SIDE).contains(&rows) || !(1..=MAXIMUM_SIDE).contains(&columns) || rows * columns > MAXIMUM_TEXELS {
+        return Err(format!("{columns} x {rows} is outside 1..={MAXIMUM_SIDE} a side and {MAXIMUM_TEXELS} texels in all"));
     }
     let either = |axis| slow_axis == axis || fast_axis == axis;
     Ok(Layout { columns, rows, transposed, flip_x: either("-X"), flip_y: either("+Y") })
@@ -133,6 +135,12 @@ fn header(reader: &mut Reader) -> Result<Layout, String> {
 /// Header text for a message: bounded, whatever the file holds.
 fn shortened(text: &str) -> String {
     text.chars().take(60).collect()
+}
+
+/// Columns and rows of the picture that a file holds; texels are not decoded.
+pub(crate) fn size(bytes: &[u8]) -> Result<[usize; 2], String> {
+    let Layout { columns, rows, transposed, .. } = header(&mut Reader { bytes })?;
+    Ok(if transposed { [rows, columns] } else { [columns, rows] })
 }
 
 /// Decodes a whole file; the error says what is wrong and where.

@@ -3,7 +3,8 @@
 //! Matrices are rows of camera-to-world in OpenGL axes and pixel centres lie at +0.5, which is nerfstudio's own convention; the world's up
 //! is +Y here and +Z there. `camera_angle_x` (radians) is what 3D Gaussian Splatting's loader asks for.
 
-use crate::file::{parse_json, write_json};
+use crate::file::{json, parse_json, write_atomic};
+use crate::reach::plain_name;
 use crate::tracks::Tracks;
 use crate::{Camera, Error, Result};
 use glam::{Affine3A, DVec3, Mat3A, Vec3A};
@@ -16,13 +17,13 @@ use std::path::Path;
 pub struct Sequence {
     /// Camera of each frame.
     pub cameras: Vec<Camera>,
-    /// File of each frame, relative to the folder of `transforms.json`.
+    /// File of each frame beside `transforms.json`: a plain name.
     pub files: Vec<String>,
     /// Indices of the keyframes.
     pub keyframes: Vec<usize>,
     /// Exposure factor of the sequence.
     pub exposure: f32,
-    /// Environment map, relative file name.
+    /// Environment map beside `transforms.json`: a plain name.
     pub environment: String,
     /// Rotation of the environment, radians about +Y.
     pub environment_rotation: f32,
@@ -110,7 +111,15 @@ impl Intrinsics {
 /// When cameras and files differ in number, a matrix is not rigid, a keyframe is no frame, a number is not finite, or the file cannot be
 /// written.
 pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
-    let malformed = |reason: String| Error::malformed(path, reason);
+    write_atomic(path, &encode(path, sequence)?)
+}
+
+/// The bytes of `transforms.json`; `name` stands for the path in errors.
+///
+/// # Errors
+/// As [`write()`], but that nothing is written.
+pub fn encode(name: &Path, sequence: &Sequence) -> Result<Vec<u8>> {
+    let malformed = |reason: String| Error::malformed(name, reason);
     if sequence.cameras.len() != sequence.files.len() {
         return Err(malformed(format!("{} cameras for {} files", sequence.cameras.len(), sequence.files.len())));
     }
@@ -145,7 +154,7 @@ pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
             .map(|(&id, track)| (id, track.iter().map(|&transform| rows(transform, origin)).collect()))
             .collect(),
     };
-    write_json(path, &file)
+    json(name, &file)
 }
 
 /// Reads `transforms.json`.
@@ -153,7 +162,7 @@ pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
 /// # Errors
 /// When the file cannot be read or lacks a key (the message names it), or as in [`write()`].
 pub fn read(path: &Path) -> Result<Sequence> {
-    decode(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+    decode(path, &crate::file::read_at_most(path, crate::file::LARGEST_TEXT)?)
 }
 
 /// [`read`] from memory; `name` stands for the path in errors.
@@ -229,6 +238,10 @@ fn affine(rows: Matrix, origin: DVec3) -> Affine3A {
 }
 
 fn check(sequence: &Sequence) -> std::result::Result<(), String> {
+    plain_name(&sequence.environment).map_err(|reason| format!("/environment/file: {reason}"))?;
+    for (index, file) in sequence.files.iter().enumerate() {
+        plain_name(file).map_err(|reason| format!("/frames/{index}/file_path: {reason}"))?;
+    }
     let finite = |key: &str, value: f32| if value.is_finite() { Ok(()) } else { Err(format!("{key} is {value}")) };
     finite("/exposure", sequence.exposure)?;
     finite("/environment/rotation", sequence.environment_rotation)?;

@@ -75,7 +75,7 @@ fn headers_that_lie() {
         ("/width", json!(0), "0 x 9 is outside"),
         ("/width", json!(1u64 << 62), "is outside"),
         ("/height", json!(65536), "cannot be in"),
-        ("/info/exposure", json!(null), "invalid type"),
+        ("/info/exposure", json!(null), "found null where a number is needed"),
         ("/info/exposure", json!(1e300), "out of range"),
         ("/info/camera/fl_x", json!(1e300), "out of range"),
         ("/conventions", json!("{\"format\": 9}"), "frame format 9"),

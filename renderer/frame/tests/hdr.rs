@@ -133,6 +133,7 @@ fn malformed_headers_and_rows_are_errors_that_say_what_is_wrong() {
         (b"#?RADIANCE\n\n-Y 1 +X one\nabcd", "size line"),
         (b"#?RADIANCE\n\n-Y 0 +X 5\nabcd", "5 x 0 is outside"),
         (b"#?RADIANCE\n\n-Y 65536 +X 65536\nabcd", "65536 x 65536 is outside"),
+        (b"#?RADIANCE\n\n-Y 16384 +X 16384\nabcd", "16384 x 16384 is outside 1..=65536 a side and 134217728 texels in all"),
         (b"#?RADIANCE\n\n-Y 99999999999999999999 +X 1\nabcd", "size line"),
         (b"#?RADIANCE\n\n-Y 1 +X 9\n\x02\x02\x00\x08", "it says it is 8 texels long, the header says 9"),
         (b"#?RADIANCE\n\n-Y 1 +X 4\n\x01\x01\x01\x03", "it begins with a repetition"),
@@ -175,4 +176,13 @@ fn openexr_maps_keep_half_and_float_and_count_repairs() {
     let broken = hdr::read(&broken).unwrap();
     assert!(broken.repaired > 0);
     assert!(broken.map.pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
+}
+
+#[test]
+fn the_size_is_read_without_the_texels() {
+    let size = |bytes: &[u8]| hdr::size(Path::new("sky.hdr"), bytes).map_err(|e| e.to_string());
+    assert_eq!(size(&hdr::encode(&test_map(40, 6))), Ok([40, 6]));
+    assert_eq!(size(b"#?RADIANCE\n\n+X 7 -Y 3\n"), Ok([7, 3]), "columns are stored as rows");
+    assert_eq!(size(b"#?RADIANCE\n\n-Y 8192 +X 16384\n"), Ok([16384, 8192]));
+    assert!(size(b"nothing").unwrap_err().starts_with("sky.hdr: neither Radiance"));
 }

@@ -79,3 +79,23 @@ fn sizes_are_checked_before_allocation() {
         assert!(error.contains("is outside") || error.contains("cannot be in"), "{error}");
     }
 }
+
+/// A refusal says where in the file it is: the byte, and the attribute that it belongs to.
+#[test]
+fn damage_has_a_place() {
+    let (bytes, _) = exr::encode(Path::new("frame.exr"), &common::frame(20, 20)).unwrap();
+    let error = |bytes: &[u8]| exr::decode(Path::new("frame.exr"), bytes).unwrap_err().to_string();
+    let attribute = bytes.windows(11).position(|w| w == b"dataWindow\0").unwrap();
+    let cut = error(&bytes[..attribute + 25]);
+    assert!(cut.contains(&format!("byte {}, attribute \"dataWindow\": ", attribute + 25)), "{cut}");
+    assert!(error(&bytes[..6]).contains("byte 6, in the header: "), "{}", error(&bytes[..6]));
+    assert!(error(b"plain text, no picture").contains("no OpenEXR signature"));
+    let pixels = error(&bytes[..bytes.len() - 1]);
+    assert!(pixels.contains("behind the first header: "), "{pixels}");
+    // The windows of a picture that covers a part of its frame.
+    let display = bytes.windows(20).position(|w| w == b"displayWindow\0box2i\0").unwrap() + 24;
+    let mut part = bytes.clone();
+    part[display + 8..display + 12].copy_from_slice(&99_i32.to_le_bytes());
+    let said = exr::decode_rgb(Path::new("frame.exr"), &part).unwrap_err().to_string();
+    assert!(said.contains("its dataWindow, 20 x 20 from (0, 0), is not its displayWindow, 100 x 20 from (0, 0)"), "{said}");
+}

@@ -123,7 +123,15 @@ fn wrong_values_are_errors_that_say_where() {
         ("/camera_model", "OPENCV_FISHEYE".into(), "OPENCV_FISHEYE"),
         ("/keyframes/1", 20.into(), "/keyframes: 20 is no frame"),
         ("/exposure", "bright".into(), "line 1 column"),
-        ("/exposure", 1e39.into(), "number out of range at line 1 column"),
+        ("/exposure", 1e39.into(), "a number too large at line 1 column"),
+        (
+            "/frames/7/file_path",
+            "../frame.0007.exr".into(),
+            "/frames/7/file_path: \"../frame.0007.exr\" is not the plain name of a file",
+        ),
+        ("/frames/7/file_path", "/frame.0007.exr".into(), "/frames/7/file_path: "),
+        ("/frames/7/file_path", "images/0.exr".into(), "/frames/7/file_path: "),
+        ("/environment/file", "../env.hdr".into(), "/environment/file: \"../env.hdr\" is not the plain name of a file"),
         ("/fl_y", (-1.0).into(), "fl_y of frame 0"),
         ("/w", 0.into(), "0 x 192"),
         ("/frames/4/transform_matrix/3/0", 0.5.into(), "/frames/4/transform_matrix: the last row"),
@@ -135,6 +143,9 @@ fn wrong_values_are_errors_that_say_where() {
         let error = reread(&path, &json).unwrap_err().to_string();
         assert!(error.contains(expected), "{pointer}: {error}");
     }
+    // A byte order mark is no part of the text.
+    std::fs::write(&path, format!("\u{feff}{good}")).unwrap();
+    assert_eq!(transforms::read(&path).unwrap(), sequence());
     std::fs::write(&path, "{\n  \"frames\": [,]\n}").unwrap();
     let error = transforms::read(&path).unwrap_err().to_string();
     assert!(error.contains("line 2 column"), "{error}");
@@ -146,6 +157,7 @@ fn a_sequence_that_could_not_be_read_is_not_written() {
     let path = folder.path().join("transforms.json");
     let mut cases = vec![Sequence { exposure: f32::NAN, ..sequence() }, Sequence { keyframes: vec![20], ..sequence() }];
     cases.push(Sequence { files: vec![], ..sequence() });
+    cases.push(Sequence { environment: "../env.hdr".into(), ..sequence() });
     cases.push(Sequence { tracks: Tracks { objects: [(3, vec![Affine3A::IDENTITY])].into() }, ..sequence() });
     let mut mirrored = sequence();
     mirrored.cameras[1].camera_to_world.matrix3.x_axis *= -1.0;

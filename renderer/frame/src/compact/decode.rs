@@ -16,7 +16,7 @@ use std::sync::LazyLock;
 /// # Errors
 /// When the file cannot be read, or as [`decode`].
 pub fn read(path: &Path) -> Result<Frame> {
-    decode(path, &std::fs::read(path).map_err(Error::io(path, "read"))?)
+    decode(path, &crate::file::read(path)?)
 }
 
 /// [`read`] from memory; `name` stands for the path in errors.

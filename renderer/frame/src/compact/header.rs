@@ -171,7 +171,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     };
     let mut json = vec![0; length];
     decompress(header, &mut json).map_err(|reason| format!("header: {reason}"))?;
-    let header: Header = serde_json::from_slice(&json).map_err(|e| format!("header: {e}"))?;
+    let header: Header = serde_json::from_slice(&json).map_err(|e| format!("header: {}", crate::words::plain(&e.to_string())))?;
     let sides = 1..=rgbe::MAXIMUM_SIDE;
     let (width, height) = (header.width, header.height);
     if !sides.contains(&width) || !sides.contains(&height) || width * height > rgbe::MAXIMUM_PIXELS {
