@@ -5,6 +5,7 @@
 
 use renderflow_frame::deferred::{self, Carry, Deferred, Keyframe, Lighting, Options, ShadowMode};
 use renderflow_frame::image::Rgb;
+use renderflow_frame::reach::Reach;
 use renderflow_frame::{Environment, Frame, color, ibl, transforms};
 use renderflow_renderer::{RenderScene, shadow_maps};
 use renderflow_scenes::description::Scene;
@@ -114,7 +115,7 @@ fn sequence(
     let layout = about["layout"].as_str().unwrap_or("?").to_owned();
     let sequence = transforms::read(&folder.join("transforms.json"))?;
     let scene = Scene::read(&folder.join("scene.json"))?;
-    let mut scene = RenderScene::compile(&load(&scene, folder)?)?;
+    let mut scene = RenderScene::compile(&load(&scene, &Reach::folder(folder).allow(["/"]))?)?;
     let environment = Environment {
         map: renderflow_frame::hdr::read(&folder.join(&sequence.environment))?.map,
         rotation: sequence.environment_rotation,

@@ -12,6 +12,7 @@ mod common;
 
 use glam::{Affine3A, Quat, Vec3, Vec3A};
 use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::reach::Reach;
 use renderflow_frame::{Camera, Environment};
 use renderflow_renderer::{RenderScene, Settings};
 use renderflow_scenes::description::Scene;
@@ -19,7 +20,7 @@ use renderflow_scenes::load::load;
 use renderflow_scenes::{LoadedScene, Material};
 use std::error::Error;
 use std::f32::consts::FRAC_PI_2;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
@@ -51,7 +52,7 @@ fn main() -> Outcome<()> {
     for file in &options.files {
         let description = Scene::read(file)?;
         let name = file.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        scenes.push((name, load(&description, file.parent().unwrap_or(Path::new("")))?));
+        scenes.push((name, load(&description, &Reach::of(file).allow(["/"]))?));
     }
     let single = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     println!("{0} x {0}, {1} spp, {2} seeds, {3} bounces", options.size, options.spp, options.seeds, options.bounces);

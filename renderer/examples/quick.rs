@@ -2,12 +2,13 @@
 //!
 //! `cargo run --release -p renderflow-renderer --example quick -- model.glb out.png --hdri sky.hdr --spp 64 --size 512x512 --ibl`
 
+use renderflow_frame::reach::Reach;
 use renderflow_frame::{color, exr, file, hdr};
 use renderflow_renderer::{RenderScene, Settings, ibl, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Scene};
 use renderflow_scenes::load::{Format, ModelView, describe_model, load};
 use std::error::Error;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -36,20 +37,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [input, output] = positional.as_slice() else { return Err("usage: quick SCENE_OR_MODEL OUTPUT [--hdri MAP] ...".into()) };
 
     let begin = Instant::now();
-    let (mut scene, folder) = if Format::of(input).is_some() {
+    let reach = Reach::of(input).allow(["/"]);
+    let mut scene = if Format::of(input).is_some() {
         let view = ModelView { environment: EnvironmentSource::Constant([1.0; 3]), ..ModelView::default() };
-        (describe_model(input, hdri.as_deref(), &view)?, PathBuf::new())
+        describe_model(input, hdri.as_deref(), &view, &reach)?
     } else {
         let mut scene = Scene::read(input)?;
         if let Some(map) = &hdri {
             scene.environment.source = EnvironmentSource::File(std::path::absolute(map)?.to_string_lossy().into_owned());
         }
-        (scene, input.parent().unwrap_or(Path::new("")).to_path_buf())
+        scene
     };
     if let Some(resolution) = resolution {
         scene.resolution = resolution;
     }
-    let loaded = load(&scene, &folder)?;
+    let loaded = load(&scene, &reach)?;
     let loaded_in = begin.elapsed();
     let begin = Instant::now();
     let mut compiled = RenderScene::compile(&loaded)?;

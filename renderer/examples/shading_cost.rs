@@ -6,6 +6,7 @@
 //! they were, from memory, with nothing in between. Where paths split, each branch counts.
 //! `--render` only renders, as often as `--repeats` says, for `perf stat` and for comparisons of two versions.
 
+use renderflow_frame::reach::Reach;
 use renderflow_renderer::accel::Scratch;
 use renderflow_renderer::ray::Ray;
 use renderflow_renderer::record::{Recorded, record};
@@ -46,7 +47,7 @@ fn main() -> Result<()> {
     )?;
     let mut description = Scene::read(&path)?;
     description.resolution = [size; 2];
-    let loaded = load(&description, path.parent().unwrap_or(Path::new("")))?;
+    let loaded = load(&description, &Reach::of(&path).allow(["/"]))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     // All on the one worker: what it runs is what its clock counts.
     pool.install(|| measure(&RenderScene::compile(&loaded)?, &Settings { spp, ..settings }, repeats, only_render))

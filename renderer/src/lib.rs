@@ -36,8 +36,8 @@ pub use compile::RenderScene;
 pub use error::{Error, Result};
 pub use geometry::{Builds, Sharing};
 pub use integrator::{
-    Budget, DirectLight, Film, Settings, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer,
-    render_mapped, render_with_stats,
+    Budget, DirectLight, Film, Memory, Settings, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer,
+    render_gbuffer_until, render_mapped, render_with_stats,
 };
 pub use material::Mode;
 pub use sampler::Sampler;

@@ -1,4 +1,11 @@
 //! What paths ask of a compiled scene: rays, with holes and single-sided surfaces, and lights.
+//!
+//! **Single-sided surfaces.** A ray passes a single-sided surface that it meets from behind, and every segment of a path is judged in
+//! the direction from the camera to the light: camera rays, bounce rays and shadow rays alike, and rays to pixel centres. (This is how
+//! glTF's back faces are culled, carried on beyond the first surface.) Such a surface can let a path through in one direction only,
+//! so a path from the light must not be judged by the way it travels. Light paths therefore end where they would pass a surface from
+//! behind: seen from the camera's side they would meet its front. What camera paths carry through surfaces from behind no light path
+//! finds, and it is weighed that way. The picture is the same with and without light paths.
 
 use crate::accel::{Candidate, Hit, Scratch};
 use crate::compile::{CompiledMaterial, RenderScene};
@@ -8,9 +15,23 @@ use crate::light::{EnvironmentLight, LightSample, Source};
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::{Vec2, Vec3A};
+use std::cell::Cell;
 
 /// A shadow ray stops this share of its length before its light: the light itself must not stand in its way, nor what touches it.
 const BEFORE_LIGHT: f32 = 1.0 - 1e-5;
+/// A surface passed from behind counts if it lies before this share of the distance: one that coincides with what is hit does not.
+const BEFORE_HIT: f32 = 1.0 - 1e-5;
+
+/// What there is along a ray to the environment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sight {
+    /// A surface that stops it.
+    Hidden,
+    /// Surfaces that it passes from behind, and no other.
+    Through,
+    /// Nothing but holes.
+    Clear,
+}
 
 impl RenderScene {
     /// Whether rays stop at a triangle: not behind single-sided surfaces, not where the alpha mask has a hole.
@@ -18,6 +39,13 @@ impl RenderScene {
     fn stops(&self, candidate: &Candidate) -> bool {
         let material = &self.materials[self.geometry.material(&candidate.hit)];
         (candidate.front || material.double_sided) && self.is_there(material, || self.geometry.uv(&candidate.hit))
+    }
+
+    /// Whether rays pass a triangle because they meet it from behind.
+    #[inline(always)]
+    fn is_behind(&self, candidate: &Candidate) -> bool {
+        let material = &self.materials[self.geometry.material(&candidate.hit)];
+        !(candidate.front || material.double_sided) && self.is_there(material, || self.geometry.uv(&candidate.hit))
     }
 
     /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates are `uv`.
@@ -39,6 +67,25 @@ impl RenderScene {
             return self.geometry.closest_where(ray, scratch, |candidate| self.stops(candidate));
         }
         self.geometry.closest(ray, scratch)
+    }
+
+    /// As [`Self::trace`], and whether the ray passes a single-sided surface from behind on its way there, or to the environment.
+    #[inline(always)]
+    pub(crate) fn trace_noting<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> (Option<Hit>, bool) {
+        if !(F::FULL && self.features().cutouts) {
+            return (self.trace::<F>(ray, scratch), false);
+        }
+        #[cfg(feature = "record")]
+        crate::record::ray(ray, false);
+        // The query shows everything before the hit, and some of what lies beyond.
+        let nearest_passed = Cell::new(f32::INFINITY);
+        let hit = self.geometry.closest_where(ray, scratch, |candidate| {
+            if self.is_behind(candidate) {
+                nearest_passed.set(nearest_passed.get().min(candidate.hit.t));
+            }
+            self.stops(candidate)
+        });
+        (hit, nearest_passed.get() < hit.map_or(f32::INFINITY, |hit| hit.t * BEFORE_HIT))
     }
 
     /// The nearest surface along each of `rays`, which should be close to each other, in `hits`.
@@ -64,14 +111,37 @@ impl RenderScene {
         self.geometry.occluded(ray, scratch)
     }
 
-    /// Whether a surface stands in the way of `ray` to a light sample.
+    /// As [`Self::shadowed`], and whether the ray passes a surface from behind.
     #[inline(always)]
-    pub(crate) fn hides<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> bool {
-        let Source::Emitter { id, .. } = light.source else { return self.shadowed::<F>(ray, scratch) };
+    pub(crate) fn sight<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> Sight {
+        if !(F::FULL && self.features().cutouts) {
+            return if self.shadowed::<F>(ray, scratch) { Sight::Hidden } else { Sight::Clear };
+        }
+        #[cfg(feature = "record")]
+        crate::record::ray(ray, true);
+        let passed = Cell::new(false);
+        let hidden = self.geometry.occluded_where(ray, scratch, |candidate| {
+            if self.is_behind(candidate) {
+                passed.set(true);
+            }
+            self.stops(candidate)
+        });
+        match (hidden, passed.get()) {
+            (true, _) => Sight::Hidden,
+            (false, true) => Sight::Through,
+            (false, false) => Sight::Clear,
+        }
+    }
+
+    /// What there is along `ray` before a light sample. On the way to an emitter, which no light path comes from, nothing is noted.
+    #[inline(always)]
+    pub(crate) fn sight_of<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> Sight {
+        let Source::Emitter { id, .. } = light.source else { return self.sight::<F>(ray, scratch) };
         let end = light.distance * BEFORE_LIGHT;
-        self.geometry.occluded_where(ray, scratch, |candidate| {
+        let hidden = self.geometry.occluded_where(ray, scratch, |candidate| {
             candidate.hit.t < end && self.geometry.locate(&candidate.hit) != self.emitter(id) && self.stops(candidate)
-        })
+        });
+        if hidden { Sight::Hidden } else { Sight::Clear }
     }
 
     /// The environment.

@@ -11,6 +11,11 @@ const TILE: usize = 8;
 /// Tiles whose results are held before they are stored: bounds memory to some 60 MB, whatever the picture's size.
 const BATCH: usize = 4096;
 
+/// Most pixels whose results are held at a time.
+pub(crate) fn most_pixels() -> u64 {
+    (BATCH * TILE * TILE) as u64
+}
+
 /// Called with the work done and the total, in camera rays; from any thread, about once a tile.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 

@@ -129,3 +129,29 @@ fn unusable_guides_are_errors() {
     assert!(matches!(denoiser.denoise(&picture, Some(&small), None), Err(DenoiseError::GuideSize { guide: "albedo", .. })));
     assert!(matches!(denoiser.denoise(&picture, None, Some(&picture)), Err(DenoiseError::NormalAlone)));
 }
+
+/// A flag set from outside ends the work between the layers of the network; the denoiser serves the next picture as if nothing had been.
+#[test]
+fn it_can_be_stopped_and_goes_on_with_the_next_picture() {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
+    let picture = |size: usize| Rgb::from_fn(size, size, |x, y| [((x * y) % 7) as f32, 0.5, ((x + y) % 3) as f32]);
+    let mut denoiser = Denoiser::new().unwrap_or_else(|error| panic!("{error}"));
+    let (small, large) = (picture(64), picture(2400));
+    let expected = denoiser.denoise(&small, None, None).unwrap_or_else(|error| panic!("{error}"));
+    let stopped = AtomicBool::new(true);
+    assert!(matches!(denoiser.denoise_until(&small, None, None, &stopped), Err(DenoiseError::Cancelled)));
+    let cancel = AtomicBool::new(false);
+    let result = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(Duration::from_millis(200));
+            cancel.store(true, Ordering::Relaxed);
+        });
+        denoiser.denoise_until(&large, None, None, &cancel)
+    });
+    // Faster machines than there are may be done before.
+    assert!(matches!(result, Ok(_) | Err(DenoiseError::Cancelled)));
+    println!("stopped: {}", result.is_err());
+    let again = denoiser.denoise(&small, None, None).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(again, expected);
+}

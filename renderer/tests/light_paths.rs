@@ -3,10 +3,12 @@
 mod common;
 
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
-use glam::{Affine3A, Quat, Vec3, Vec3A};
+use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{DirectLight, Filter, Mode, Sampler, Settings};
-use renderflow_scenes::{LoadedScene, Material};
+use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
+use renderflow_scenes::shapes::Shape;
+use renderflow_scenes::{LoadedScene, Material, Mesh, TextureSlot};
 
 const SIZE: [usize; 2] = [24, 16];
 /// Pixels of a block along each axis.
@@ -106,6 +108,75 @@ fn so_they_do_with_emitters_holes_and_instances() {
     });
     assert!((both[0] / both[1] - 1.0).abs() < 1e-3, "{both:?}");
     assert_same("a mirrored instance", shared, settings);
+}
+
+/// A cube about the origin with faces outwards, or inwards.
+fn cube(edge: f32, outwards: bool) -> Mesh {
+    let h = 0.5 * edge;
+    let corner =
+        |i: usize| Vec3::new(if i & 1 == 0 { -h } else { h }, if i & 2 == 0 { -h } else { h }, if i & 4 == 0 { -h } else { h });
+    let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let mut mesh = Mesh { positions: (0..8).map(corner).collect(), uvs: vec![Vec2::ZERO; 8], ..Mesh::default() };
+    for [a, b, c, d] in sides {
+        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    if !outwards {
+        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    mesh
+}
+
+/// Which rays a single-sided surface stops is one rule for paths from both ends: whatever stands between body, floor and light, the
+/// picture is that of camera paths alone.
+#[test]
+fn single_sided_surfaces_are_the_same_from_both_ends() {
+    let settings = Settings { spp: 128, ..Settings::default() };
+    let one_sided = |material: Material| Material { double_sided: false, ..material };
+    let dull = || one_sided(diffuse([0.4, 0.5, 0.6]));
+    let at = |height: f32, turned: bool| {
+        let turn = Quat::from_rotation_x(if turned { std::f32::consts::PI } else { 0.0 });
+        Affine3A::from_rotation_translation(turn, Vec3::new(0.0, height, 0.3))
+    };
+    // The bodies of `caustics` stand on the floor, and a ring of metal hangs above what is put in between.
+    let ring = || renderflow_scenes::shapes::mesh(&Shape::Torus { radius: 0.5, tube: 0.15 });
+    let over = |between: (Mesh, Material, Affine3A)| {
+        let hung = Affine3A::from_translation(Vec3::new(0.0, 1.1, 0.3));
+        let mut loaded = caustics(vec![between, (ring(), metal(0.1), hung)]);
+        loaded.cameras = vec![camera([0.4, 0.7, 3.4], [0.0, 0.3, 0.2], 40.0, SIZE[0], SIZE[1])];
+        loaded
+    };
+    assert_same("a lid that faces down", over((plane(2.0), dull(), at(0.7, true))), settings);
+    assert_same("a lid that faces up", over((plane(2.0), dull(), at(0.7, false))), settings);
+    assert_same("a metal lid that faces up", over((plane(2.0), one_sided(metal(0.2)), at(0.7, false))), settings);
+    assert_same(
+        "a box around a body, faces outwards",
+        over((cube(1.4, true), dull(), place(-0.7, 0.75, 0.0, Vec3::ONE))),
+        settings,
+    );
+    assert_same(
+        "a box around a body, faces inwards",
+        over((cube(1.4, false), dull(), place(-0.7, 0.75, 0.0, Vec3::ONE))),
+        settings,
+    );
+    let lamp = one_sided(Material { emissive: [4.0, 3.0, 2.0], ..diffuse([0.2; 3]) });
+    assert_same("a lamp that faces down", over((plane(0.8), lamp.clone(), at(0.7, true))), settings);
+    assert_same("a lamp that faces up", over((plane(0.8), lamp, at(0.7, false))), settings);
+    // Two sheets at one place make a double-sided one.
+    let mut sheets = over((plane(1.2), dull(), at(0.7, true)));
+    let other = common::instance(3, 3, at(0.7, false));
+    sheets.instances.push(other);
+    assert_same("two sheets at one place", sheets, settings);
+    // Every other column of the lid is cut away.
+    let texels = (0..64).flat_map(|i| [255, 255, 255, if i % 2 == 0 { 0 } else { 255 }]).collect::<Vec<u8>>();
+    let texels = texels.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
+    let texture = Texture::from_rgba8("columns", [8, 8], texels, Encoding::Linear, [Wrap::Clamp; 2]);
+    let slot = Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY });
+    let masked = Material { base_color_texture: slot, alpha_mask: Some(AlphaMask { cutoff: 0.5, factor: 1.0 }), ..dull() };
+    for (name, turned) in [("a lid with holes that faces down", true), ("a lid with holes that faces up", false)] {
+        let mut lid = over((plane(2.0), masked.clone(), at(0.7, turned)));
+        lid.textures.push(texture.clone());
+        assert_same(name, lid, settings);
+    }
 }
 
 fn mean(frame: &Frame) -> f64 {

@@ -1,45 +1,39 @@
 //! Building trees: obvhs' BVH2 (or a balanced one where that fails) collapsed to eight-wide nodes.
 
 use super::collapse::Collapse;
+use super::ploc;
 use super::{EMPTY, LEAF, Node, STACK, Tree};
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::node::Bvh2Node;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
-/// Things that may share one bounding box before obvhs is passed by: PLOC then merges one pair a round, which takes quadratic
-/// time (20 000 identical triangles: 12 s, a tree 20 000 deep).
-const MOST_IDENTICAL: u32 = 1000;
-
-/// Share of boxes in pairs (see [`pairing`]) below which obvhs is passed by. Nested boxes have 0.02, grids, rows and
-/// random boxes of any size 0.1 and more.
-const LEAST_PAIRING: f32 = 0.05;
 /// Most boxes that are worth twice the time.
 const WELL: usize = 1 << 19;
 /// Boxes below which no slow build is slow enough to matter.
 const FEW: usize = 1 << 12;
-/// Neighbours along the Morton curve that [`pairing`] looks at on each side, and boxes and blocks of boxes that it samples.
-const REACH: usize = 14;
-const BLOCK: usize = 128;
-const BLOCKS: usize = 32;
+/// A ray that meets more than this share of all boxes of the tree is not helped by a better one, and bettering it takes quadratic time: each
+/// box might go anywhere. 200 000 boxes within boxes, or as large as the scene, have 0.3 and more, scattered or in rows 0.0001 to 0.001.
+const HOPELESS: f32 = 1.0 / 16.0;
 
 /// A tree over `boxes` with at most `leaf_size` (1 to 8) of them in a leaf.
 pub(super) fn tree(boxes: &[Aabb], leaf_size: usize) -> Tree {
     if boxes.is_empty() {
         return Tree::default();
     }
-    if most_identical(boxes) <= MOST_IDENTICAL && pairing(boxes) > LEAST_PAIRING {
-        // One to a leaf: the collapse knows better what to join.
+    // One to a leaf: the collapse knows better what to join.
+    let mut binary = ploc::build(boxes);
+    if boxes.len() <= FEW || share_met(&binary) <= HOPELESS {
         // Reinsertion of 0.2 in place of 0.05 takes twice the time (0.2 s more for 300 000 triangles) and makes diffuse rays up to 8%
         // faster; 0.3 takes three times and gains nothing more. The fast preset takes two thirds and makes them 6% slower.
-        let reinsertion_batch_ratio = if boxes.len() <= WELL { 0.2 } else { 0.05 };
-        let parameters = BvhBuildParams { max_prims_per_leaf: 1, reinsertion_batch_ratio, ..BvhBuildParams::medium_build() };
-        let binary = build_bvh2(boxes, parameters, &mut std::time::Duration::default());
-        let tree = Collapse::new(&binary, leaf_size).run();
-        if stack_need(&tree.nodes) <= STACK {
-            return tree;
-        }
+        let ratio = if boxes.len() <= WELL { 0.2 } else { 0.05 };
+        let mut optimizer = ReinsertionOptimizer::default();
+        optimizer.run(&mut binary, ratio, None);
+        optimizer.run(&mut binary, 2.0 * ratio, None);
+    }
+    let tree = Collapse::new(&binary, leaf_size).run();
+    if stack_need(&tree.nodes) <= STACK {
+        return tree;
     }
     // Adversarial input (many nested boxes) can make a tree too deep for the stack.
     Collapse::new(&balanced(boxes, leaf_size), leaf_size).run()
@@ -59,47 +53,11 @@ fn stack_need(nodes: &[Node]) -> usize {
     worst
 }
 
-/// Size of the largest group of equal boxes.
-fn most_identical(boxes: &[Aabb]) -> u32 {
-    if boxes.len() <= MOST_IDENTICAL as usize {
-        return 0;
-    }
-    let mut groups = std::collections::HashMap::with_capacity(boxes.len());
-    for b in boxes {
-        *groups.entry([b.min, b.max].map(|v| v.to_array().map(f32::to_bits))).or_insert(0u32) += 1;
-    }
-    groups.into_values().max().unwrap_or(0)
-}
-
-/// Share of boxes that have a mutually best partner, 0..=1, judged by blocks of boxes along the Morton curve. PLOC merges such pairs
-/// round by round; where next to none exist, as in boxes within boxes, it takes quadratic time (20 000 nested triangles: 13 s).
-fn pairing(boxes: &[Aabb]) -> f32 {
-    if boxes.len() <= FEW {
-        return 1.0;
-    }
-    let root = boxes.iter().fold(Aabb::empty(), |all, b| all.union(b));
-    let scale = (root.max - root.min).map(|v| if v > 0.0 { 1023.0 / v } else { 0.0 });
-    let spread = |v: f32| (0..10).fold(0u32, |code, bit| code | ((v as u32 >> bit & 1) << (3 * bit)));
-    let mut order: Vec<(u32, u32)> = (0u32..)
-        .zip(boxes)
-        .map(|(index, b)| {
-            let p = (0.5 * b.min + 0.5 * b.max - root.min) * scale;
-            (spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2, index)
-        })
-        .collect();
-    order.sort_unstable();
-    let (mut paired, mut seen) = (0, 0);
-    for k in 0..BLOCKS {
-        let first = k * (order.len() - BLOCK) / (BLOCKS - 1);
-        let block: Vec<&Aabb> = order[first..first + BLOCK].iter().map(|&(_, index)| &boxes[index as usize]).collect();
-        let near = |i: usize| (i.saturating_sub(REACH)..(i + REACH + 1).min(BLOCK)).filter(move |&j| j != i);
-        let cost = |i: usize, j: usize| block[i].union(block[j]).half_area();
-        let best: Vec<f32> = (0..BLOCK).map(|i| near(i).map(|j| cost(i, j)).fold(f32::INFINITY, f32::min)).collect();
-        let pairs = |i: usize| near(i).any(|j| cost(i, j) == best[i] && best[i] == best[j]);
-        paired += (0..BLOCK).filter(|&i| pairs(i)).count();
-        seen += BLOCK;
-    }
-    paired as f32 / seen as f32
+/// Share of its nodes that a ray through the scene's box meets, by the surface area heuristic; 1 where areas are no numbers.
+fn share_met(binary: &Bvh2) -> f32 {
+    let area = |node: &Bvh2Node| f64::from(node.aabb().half_area());
+    let share = binary.nodes.iter().map(area).sum::<f64>() / (area(&binary.nodes[0]) * binary.nodes.len() as f64);
+    if share.is_finite() { share as f32 } else { 1.0 }
 }
 
 /// A BVH2 that halves the boxes by centre along the longest axis: worse to query, but never deep.
@@ -130,31 +88,215 @@ fn balanced(boxes: &[Aabb], leaf_size: usize) -> Bvh2 {
 mod tests {
     use super::*;
     use glam::Vec3A;
+    use obvhs::BvhBuildParams;
+    use obvhs::bvh2::builder::build_bvh2;
+    use std::time::{Duration, Instant};
+
+    /// Numbers in 0..1 (PCG).
+    struct Random(u32);
+
+    impl Random {
+        fn unit(&mut self) -> f32 {
+            self.0 = self.0.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            (self.0 >> 8) as f32 / (1 << 24) as f32
+        }
+
+        fn point(&mut self) -> Vec3A {
+            Vec3A::new(self.unit(), self.unit(), self.unit())
+        }
+    }
+
+    fn around(center: Vec3A, half: Vec3A) -> Aabb {
+        Aabb::new(center - half, center + half)
+    }
+
+    /// `n` boxes of a kind.
+    fn shape(kind: &str, n: usize) -> Vec<Aabb> {
+        let mut random = Random(1);
+        let half = Vec3A::splat(0.5);
+        let side = (n as f32).sqrt().ceil() as usize;
+        (0..n)
+            .map(|i| {
+                let f = i as f32;
+                match kind {
+                    "row" => around(Vec3A::X * (4.0 * f), half),
+                    // Two triangles of each quad have the same box.
+                    "ribbon" => around(Vec3A::X * (i / 2) as f32, Vec3A::new(0.5, 0.0, 0.5)),
+                    "stairs" => around(Vec3A::new(0.3 * f, 0.2 * f, 0.0), Vec3A::new(0.15, 0.1, 0.5)),
+                    "equal" => around(Vec3A::ZERO, half),
+                    "grid" => around(Vec3A::new((i % side) as f32, 0.0, (i / side) as f32), half),
+                    // Every gap is larger than the one before.
+                    "growing" => around(Vec3A::X * (f + 1e-5 * f * f), Vec3A::splat(1e-3)),
+                    "nested" => around(Vec3A::ZERO, Vec3A::splat(1.0 - f / (n as f32 + 1.0))),
+                    "random" => around(random.point(), 0.01 * random.point()),
+                    "large and random" => around(random.point(), random.point()),
+                    _ => panic!("no boxes are called {kind}"),
+                }
+            })
+            .collect()
+    }
+
+    const ROWS: [&str; 5] = ["row", "ribbon", "stairs", "equal", "growing"];
+
+    fn by_obvhs(boxes: &[Aabb], reinsertion_batch_ratio: f32) -> Bvh2 {
+        let parameters = BvhBuildParams { max_prims_per_leaf: 1, reinsertion_batch_ratio, ..BvhBuildParams::medium_build() };
+        build_bvh2(boxes, parameters, &mut Duration::default())
+    }
 
     #[test]
-    fn nested_boxes_hardly_pair_and_others_do() {
-        let mut state = 1u32;
-        let mut random = || {
-            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            (state >> 8) as f32 / (1 << 24) as f32
-        };
-        let mut any = || Vec3A::new(random(), random(), random());
-        let n = 10_000u16;
-        let around = |c: Vec3A, h: Vec3A| Aabb::new(c - h, c + h);
-        let shapes: [(&str, Vec<Aabb>); 5] = [
-            ("nested", (0..n).map(|i| around(Vec3A::ZERO, Vec3A::splat(0.999f32.powi(i.into())))).collect()),
-            ("random", (0..n).map(|_| around(any(), 0.01 * any())).collect()),
-            ("large and random", (0..n).map(|_| around(any(), any())).collect()),
-            (
-                "grid",
-                (0..n).map(|i| around(Vec3A::new(f32::from(i % 100), 0.0, f32::from(i / 100)), Vec3A::splat(0.5))).collect(),
-            ),
-            ("row", (0..n).map(|i| around(Vec3A::X * f32::from(i), Vec3A::splat(0.5))).collect()),
+    fn boxes_within_boxes_are_hopeless_and_others_are_not() {
+        for (kind, hopeless) in
+            [("nested", true), ("equal", true), ("large and random", true), ("random", false), ("grid", false)]
+                .into_iter()
+                .chain(["row", "ribbon", "stairs", "growing"].map(|kind| (kind, false)))
+        {
+            let share = share_met(&ploc::build(&shape(kind, 10_000)));
+            println!("{kind}: {share}");
+            assert_eq!(share > HOPELESS, hopeless, "{kind}: {share}");
+        }
+    }
+
+    /// The loop of `ploc` is that of obvhs wherever no round stalls: the same nodes in the same places.
+    #[test]
+    fn trees_of_ordinary_boxes_are_those_of_obvhs() {
+        let mut random = Random(3);
+        let mesh: Vec<Aabb> = (0..20_000)
+            .flat_map(|i| {
+                // Triangles in pairs on a bumpy ball, which often have the same box.
+                let (a, b) = ((i % 200) as f32 * 0.0314, (i / 200) as f32 * 0.0314);
+                let at = Vec3A::new(a.cos() * b.sin(), b.cos(), a.sin() * b.sin()) * (1.0 + 0.1 * (7.0 * a).sin());
+                [around(at, Vec3A::splat(0.02)); 2]
+            })
+            .collect();
+        let sizes = (0..5000).map(|_| around(random.point(), random.point() * random.unit().powi(4))).collect();
+        let shapes = [
+            shape("random", 30_000),
+            shape("large and random", 3000),
+            sizes,
+            mesh,
+            shape("random", 40),
+            shape("random", 1),
+            vec![],
         ];
-        for (name, boxes) in shapes {
-            let share = pairing(&boxes);
-            println!("{name}: {share}");
-            assert_eq!(share < LEAST_PAIRING, name == "nested", "{name}: {share}");
+        for (number, boxes) in shapes.iter().enumerate() {
+            let (own, theirs) = (ploc::build(boxes), by_obvhs(boxes, 0.0));
+            assert_eq!(own.primitive_indices, theirs.primitive_indices);
+            let nodes = |bvh: &Bvh2| -> Vec<_> {
+                bvh.nodes.iter().map(|n| (n.aabb().min, n.aabb().max, n.prim_count, n.first_index)).collect()
+            };
+            assert!(nodes(&own) == nodes(&theirs) || boxes.is_empty(), "shape {number}");
+            assert!(own.max_depth == theirs.max_depth || boxes.is_empty(), "shape {number}");
+        }
+    }
+
+    /// Rounds of clustering: as many as the tree is deep at most, which obvhs keeps for its stack. Its own loop takes thousands here.
+    #[test]
+    fn no_row_of_boxes_takes_many_rounds() {
+        for kind in ROWS.into_iter().chain(["nested", "grid", "random"]) {
+            let binary = ploc::build(&shape(kind, 20_000));
+            println!("{kind}: {} rounds at most", binary.max_depth);
+            assert!(binary.max_depth <= 200, "{kind}: {} rounds", binary.max_depth);
+        }
+    }
+
+    #[test]
+    fn every_box_is_in_the_tree_once_and_within_its_parents() {
+        for kind in ROWS.into_iter().chain(["nested", "grid", "random"]) {
+            for n in [1, 2, 3, 700, 5001] {
+                let boxes = shape(kind, n);
+                let binary = ploc::build(&boxes);
+                let mut seen = vec![0; n];
+                for node in &binary.nodes {
+                    if node.is_leaf() {
+                        seen[binary.primitive_indices[node.first_index as usize] as usize] += 1;
+                        continue;
+                    }
+                    for child in [node.first_index, node.first_index + 1].map(|c| binary.nodes[c as usize]) {
+                        assert_eq!(node.aabb().union(child.aabb()), *node.aabb(), "{kind}");
+                    }
+                }
+                assert!(seen.iter().all(|&count| count == 1), "{kind} {n}");
+            }
+        }
+    }
+
+    /// Areas beyond single precision are infinite, and of no area at all not even a number.
+    #[test]
+    fn boxes_beyond_all_bounds_end_too() {
+        let huge = vec![around(Vec3A::ZERO, Vec3A::splat(1e30)); 1000];
+        let odd = vec![Aabb::new(Vec3A::new(-3e38, 0.0, 0.0), Vec3A::new(3e38, 0.0, 0.0)); 1001];
+        for boxes in [huge, odd] {
+            assert_eq!(ploc::build(&boxes).nodes.len(), 2 * boxes.len() - 1);
+        }
+    }
+
+    /// Expected nodes that a ray meets, by the surface area heuristic.
+    fn cost(binary: &Bvh2) -> f32 {
+        share_met(binary) * binary.nodes.len() as f32
+    }
+
+    /// Run by hand on model files: `MODELS="a.obj b.glb" cargo test --release -p renderflow-renderer real_models -- --ignored --nocapture`.
+    #[test]
+    #[ignore = "needs files"]
+    fn trees_of_real_models_are_those_of_obvhs() {
+        let models = std::env::var("MODELS").unwrap_or_default();
+        let (mut same, mut all) = (0, 0);
+        for model in models.split_whitespace().map(std::path::Path::new) {
+            let view = renderflow_scenes::load::ModelView::default();
+            let reach = renderflow_frame::reach::Reach::of(model);
+            let described = renderflow_scenes::load::describe_model(model, None, &view, &reach);
+            let Ok(loaded) = described.and_then(|s| renderflow_scenes::load::load(&s, &reach)) else {
+                continue;
+            };
+            let triangles = loaded.instances.iter().flat_map(|i| {
+                let mesh = &loaded.meshes[i.mesh];
+                mesh.triangles.iter().map(|t| t.map(|v| i.transforms[0].transform_point3a(mesh.positions[v as usize].into())))
+            });
+            let boxes: Vec<Aabb> = triangles.map(|t| Aabb::from_points(&t)).collect();
+            let (own, theirs) = (ploc::build(&boxes), by_obvhs(&boxes, 0.0));
+            let equal = own
+                .nodes
+                .iter()
+                .zip(&theirs.nodes)
+                .all(|(a, b)| (a.aabb(), a.prim_count, a.first_index) == (b.aabb(), b.prim_count, b.first_index));
+            (same, all) = (same + usize::from(equal), all + 1);
+            println!(
+                "{:>8} triangles, same {equal}, cost {:.2} and {:.2}: {}",
+                boxes.len(),
+                cost(&own),
+                cost(&theirs),
+                model.display()
+            );
+        }
+        println!("{same} of {all} the same");
+    }
+
+    /// Run by hand: `cargo test --release -p renderflow-renderer building_time -- --ignored --nocapture`.
+    #[test]
+    #[ignore = "prints seconds"]
+    fn building_time() {
+        let timed = |build: &dyn Fn() -> Bvh2| {
+            let started = Instant::now();
+            let binary = build();
+            (started.elapsed().as_secs_f64(), binary)
+        };
+        println!(
+            "{:>18} {:>7} | {:>8} {:>9} | {:>8} {:>9} | {:>8}",
+            "boxes", "", "obvhs s", "its cost", "ploc s", "its cost", "tree s"
+        );
+        for kind in ["row", "ribbon", "stairs", "equal", "growing", "nested", "grid", "random", "large and random"] {
+            let mut slow = false;
+            for n in [5_000, 10_000, 20_000, 100_000, 200_000] {
+                let boxes = shape(kind, n);
+                let theirs = (!slow).then(|| timed(&|| by_obvhs(&boxes, 0.0)));
+                slow |= theirs.as_ref().is_some_and(|(seconds, _)| *seconds > 3.0);
+                let (seconds, own) = timed(&|| ploc::build(&boxes));
+                let started = Instant::now();
+                tree(&boxes, 8);
+                let all = started.elapsed().as_secs_f64();
+                let theirs = theirs.map_or(["-".into(), "-".into()], |(s, b)| [format!("{s:.3}"), format!("{:.1}", cost(&b))]);
+                println!("{kind:>18} {n:>7} | {:>8} {:>9} | {seconds:8.3} {:9.1} | {all:8.3}", theirs[0], theirs[1], cost(&own));
+            }
         }
     }
 }

@@ -11,6 +11,7 @@ mod instances;
 mod kernel;
 mod leaf;
 mod packet;
+mod ploc;
 mod queries;
 mod refit;
 mod simd;

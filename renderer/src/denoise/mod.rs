@@ -7,6 +7,7 @@
 mod oidn;
 
 use renderflow_frame::image::Rgb;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Largest radiance handed to the denoiser, the largest half float. One pixel of infinite or 1e30 radiance blows up OIDN's
 /// output by 1e17 and disturbs an eighth of the picture; at this bound it disturbs less than half a percent.
@@ -68,6 +69,9 @@ pub enum DenoiseError {
     /// A normal guide came without an albedo guide, which OIDN cannot use.
     #[error("a normal guide needs an albedo guide beside it")]
     NormalAlone,
+    /// The caller asked to stop.
+    #[error("denoising was cancelled")]
+    Cancelled,
 }
 
 /// A denoiser, kept between pictures: its network is built once for each picture size and set of guides.
@@ -107,6 +111,20 @@ impl Denoiser {
     /// # Errors
     /// When a guide has another size, when a normal guide comes alone, or what OIDN reports.
     pub fn denoise(&mut self, color: &Rgb, guide_albedo: Option<&Rgb>, guide_normal: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
+        self.denoise_until(color, guide_albedo, guide_normal, &AtomicBool::new(false))
+    }
+
+    /// As [`Self::denoise`], until `cancel` is set: OIDN asks between the layers of its network.
+    ///
+    /// # Errors
+    /// As [`Self::denoise`], and [`DenoiseError::Cancelled`].
+    pub fn denoise_until(
+        &mut self,
+        color: &Rgb,
+        guide_albedo: Option<&Rgb>,
+        guide_normal: Option<&Rgb>,
+        cancel: &AtomicBool,
+    ) -> Result<Rgb, DenoiseError> {
         let expected = [color.width, color.height];
         for (guide, picture) in [("albedo", guide_albedo), ("normal", guide_normal)] {
             let found = picture.map_or(expected, |picture| [picture.width, picture.height]);
@@ -121,11 +139,15 @@ impl Denoiser {
             return Ok(color.clone());
         }
         let (color, clamped) = bounded(color, 0.0, MAX_RADIANCE);
-        self.clamped += clamped;
         let albedo = guide_albedo.map(|guide| bounded(guide, 0.0, 1.0).0);
         let normal = guide_normal.map(|guide| bounded(guide, -1.0, 1.0).0);
-        let denoised = self.run(&color, albedo.as_ref(), normal.as_ref())?;
-        Ok(bounded(&denoised, 0.0, f32::MAX).0)
+        if cancel.load(Ordering::Relaxed) {
+            return Err(DenoiseError::Cancelled);
+        }
+        self.clamped += clamped;
+        let mut denoised = self.run(color, albedo, normal, cancel)?;
+        bound(&mut denoised, 0.0, f32::MAX);
+        Ok(denoised)
     }
 
     /// Values of all pictures so far that were clamped to [`MAX_RADIANCE`].
@@ -134,26 +156,31 @@ impl Denoiser {
     }
 
     #[cfg(feature = "oidn")]
-    fn run(&mut self, color: &Rgb, albedo: Option<&Rgb>, normal: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
-        self.filter.run(color, albedo, normal)
+    fn run(&mut self, color: Rgb, albedo: Option<Rgb>, normal: Option<Rgb>, cancel: &AtomicBool) -> Result<Rgb, DenoiseError> {
+        self.filter.run(color, albedo, normal, cancel)
     }
 
     #[cfg(not(feature = "oidn"))]
-    fn run(&mut self, _: &Rgb, _: Option<&Rgb>, _: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
+    fn run(&mut self, _: Rgb, _: Option<Rgb>, _: Option<Rgb>, _: &AtomicBool) -> Result<Rgb, DenoiseError> {
         Err(DenoiseError::NotBuilt)
     }
 }
 
 /// `picture` with every value in `low..=high` (NaN becomes 0), and how many lay above.
 fn bounded(picture: &Rgb, low: f32, high: f32) -> (Rgb, u64) {
-    let mut above = 0;
-    let bounded = picture.map(|pixel| {
-        pixel.map(|value| {
-            above += u64::from(value > high);
-            if value.is_nan() { 0.0 } else { value.clamp(low, high) }
-        })
-    });
+    let mut bounded = picture.clone();
+    let above = bound(&mut bounded, low, high);
     (bounded, above)
+}
+
+/// Brings every value into `low..=high` (NaN becomes 0), and says how many lay above.
+fn bound(picture: &mut Rgb, low: f32, high: f32) -> u64 {
+    let mut above = 0;
+    for value in picture.pixels.iter_mut().flatten() {
+        above += u64::from(*value > high);
+        *value = if value.is_nan() { 0.0 } else { value.clamp(low, high) };
+    }
+    above
 }
 
 #[cfg(test)]

@@ -9,8 +9,19 @@ use renderflow_frame::image::Rgb;
 use std::ffi::{CStr, c_void};
 use std::mem::size_of;
 use std::ptr::{self, NonNull};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 const PIXEL: usize = size_of::<[f32; 3]>();
+
+/// Pixels beyond which buffers and network are given back after each picture: gigabytes, beside which making them again is nothing.
+const LARGEST_KEPT: usize = 2048 * 2048;
+
+/// Tells OIDN whether to go on: until the `AtomicBool` behind `user` is set.
+unsafe extern "C" fn goes_on(user: *mut c_void, _: f64) -> bool {
+    // SAFETY: `Filter::run` alone hands this function to OIDN, with a pointer to an `AtomicBool` that lives while the filter runs.
+    let cancel = unsafe { &*user.cast::<AtomicBool>() };
+    !cancel.load(Ordering::Relaxed)
+}
 
 /// An OIDN device with the filter last used.
 pub(super) struct Filter {
@@ -64,8 +75,14 @@ impl Filter {
         Ok(Self { device, options, ready: None })
     }
 
-    /// Values are finite, guides of the picture's size.
-    pub fn run(&mut self, color: &Rgb, albedo: Option<&Rgb>, normal: Option<&Rgb>) -> Result<Rgb, DenoiseError> {
+    /// Values are finite, guides of the picture's size. The pictures are given back once OIDN has them.
+    pub fn run(
+        &mut self,
+        color: Rgb,
+        albedo: Option<Rgb>,
+        normal: Option<Rgb>,
+        cancel: &AtomicBool,
+    ) -> Result<Rgb, DenoiseError> {
         let signature =
             Signature { width: color.width, height: color.height, albedo: albedo.is_some(), normal: normal.is_some() };
         let ready = match self.ready.take().filter(|ready| ready.signature == signature) {
@@ -76,16 +93,27 @@ impl Filter {
         let mut buffers = ready.buffers.iter();
         let mut next = || buffers.next().ok_or_else(|| DenoiseError::Oidn("a buffer is missing".into()));
         let (input, output) = (next()?, next()?);
-        input.write(&color.pixels);
-        for guide in [albedo, normal].into_iter().flatten() {
-            next()?.write(&guide.pixels);
+        for (buffer, picture) in [(Some(input), Some(color)), (None, albedo), (None, normal)] {
+            if let Some(picture) = picture {
+                buffer.map_or_else(&mut next, Ok)?.write(&picture.pixels);
+            }
         }
+        // OIDN asks the monitor while it works, from this thread or its own.
+        let user = ptr::from_ref(cancel).cast_mut().cast::<c_void>();
+        // SAFETY: the filter is alive; `goes_on` reads an `AtomicBool` behind `user`, which outlives the call of the filter, and the
+        // monitor is taken away after it.
+        unsafe { sys::oidnSetFilterProgressMonitorFunction(ready.filter.as_ptr(), Some(goes_on), user) };
         // SAFETY: the filter is committed and its buffers live in `ready`.
         unsafe { sys::oidnExecuteFilter(ready.filter.as_ptr()) };
+        // SAFETY: the filter is alive; no function means no monitor.
+        unsafe { sys::oidnSetFilterProgressMonitorFunction(ready.filter.as_ptr(), None, ptr::null_mut()) };
         self.device.check()?;
-        let mut denoised = Rgb::filled(color.width, color.height, [0.0; 3]);
+        let mut denoised = Rgb::filled(signature.width, signature.height, [0.0; 3]);
         output.read(&mut denoised.pixels);
         self.device.check()?;
+        if signature.width * signature.height > LARGEST_KEPT {
+            self.ready = None;
+        }
         Ok(denoised)
     }
 }
@@ -192,6 +220,9 @@ fn read_error(device: sys::OIDNDevice) -> Result<(), DenoiseError> {
     let code = unsafe { sys::oidnGetDeviceError(device, &mut message) };
     if code == sys::OIDNError_OIDN_ERROR_NONE {
         return Ok(());
+    }
+    if code == sys::OIDNError_OIDN_ERROR_CANCELLED {
+        return Err(DenoiseError::Cancelled);
     }
     let text = if message.is_null() {
         format!("error {code}")

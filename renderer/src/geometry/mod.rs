@@ -110,9 +110,9 @@ impl Geometry {
     /// Places `instances` of `meshes` at frame 0. Every index must lead somewhere; the scene compiler checks them.
     pub fn new(meshes: Vec<Mesh>, instances: Vec<Instance>, wanted: Wanted, sharing: Sharing) -> Self {
         let shared = shared_meshes(&meshes, &instances, sharing);
-        let (mut objects, mut trees, mut object_of) = (Vec::new(), Vec::new(), vec![None; instances.len()]);
+        let (mut objects, mut trees) = (Vec::new(), Vec::new());
         let mut builds = Builds::default();
-        let mut dropped = 0;
+        let mut tree_of = vec![None; meshes.len()];
         for (index, mesh) in meshes.iter().enumerate().filter(|(index, _)| shared[*index]) {
             let (kept, corners): (Vec<u32>, Vec<[Vec3A; 3]>) = mesh
                 .triangles
@@ -121,18 +121,17 @@ impl Geometry {
                 .map(|(triangle, number)| (number, triangle.map(|v| Vec3A::from(mesh.positions[v as usize]))))
                 .filter(|(_, corners)| usable(corners))
                 .unzip();
-            let mut uses = 0;
-            for (instance, object) in instances.iter().zip(&mut object_of) {
-                if instance.mesh == index && can_share(instance) {
-                    *object = Some(objects.len() as u32);
-                    uses += 1;
-                }
-            }
-            dropped += uses * (mesh.triangles.len() - kept.len());
+            tree_of[index] = Some(objects.len() as u32);
             trees.push(Accel::build(&corners));
             objects.push((index, kept));
             builds.objects += 1;
         }
+        let object_of: Vec<Option<u32>> = instances.iter().map(|i| tree_of[i.mesh].filter(|_| can_share(i))).collect();
+        let left_out = |&object: &u32| {
+            let (mesh, kept): &(usize, Vec<u32>) = &objects[object as usize];
+            meshes[*mesh].triangles.len() - kept.len()
+        };
+        let dropped = object_of.iter().flatten().map(left_out).sum();
         let placed = instances
             .iter()
             .map(|instance| {

@@ -12,6 +12,8 @@ use crate::integrator::gbuffer::Visible;
 use crate::schedule::{self, Progress, Tile};
 use crate::stats::Stats;
 use glam::DVec3;
+use renderflow_frame::frame::LIGHT_GROUPS;
+use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -42,6 +44,27 @@ pub struct Film {
     /// What light paths brought.
     #[serde(default)]
     pub(super) light: Light,
+}
+
+/// What the samples of a film say of the light.
+pub(super) struct Beauty {
+    raw: Rgb,
+    variance: Option<Rgb>,
+    samples: Option<Image<u32>>,
+    groups: [Option<Rgb>; LIGHT_GROUPS],
+    /// Samples a pixel, on average.
+    spp: u32,
+    light_paths: bool,
+}
+
+impl Beauty {
+    /// Puts it into a frame, and what made it into the header.
+    pub fn store(self, frame: &mut Frame) {
+        frame.beauty = Some(self.raw.clone());
+        frame.raw = Some(self.raw);
+        (frame.variance, frame.samples, frame.light) = (self.variance, self.samples, self.groups);
+        (frame.info.spp, frame.info.light_paths) = (self.spp, self.light_paths);
+    }
 }
 
 /// What the light paths of a picture brought.
@@ -117,21 +140,33 @@ impl Film {
         Err(Error::Merge(format!("a film holds {} pixels in place of {pixels}", self.pixels.len())))
     }
 
-    /// Fills the beauty's channels.
-    pub(super) fn develop(&self, frame: &mut Frame, settings: &Settings) {
+    /// The picture that the samples make.
+    pub(super) fn beauty(&self, settings: &Settings) -> Beauty {
         let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
         let whole = 0..self.pixels.len();
-        frame.raw = Some(self.mean());
-        frame.variance = settings.channels.variance.then(|| {
+        let variance = settings.channels.variance.then(|| {
             let most = DVec3::splat(f32::MAX.into());
             image(whole.map(|at| self.variance_of_mean(at).min(most).as_vec3().to_array()).collect())
         });
-        frame.samples = self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() });
-        for (group, light) in frame.light.iter_mut().enumerate().take(settings.light_groups as usize) {
+        let mut groups: [Option<Rgb>; LIGHT_GROUPS] = Default::default();
+        for (group, light) in groups.iter_mut().enumerate().take(settings.light_groups as usize) {
             let paths = |at: usize| self.light.groups.get(at).map_or(DVec3::ZERO, |g| g.sum_over(group, self.light.samples));
             let pixel = |(at, g): (usize, &GroupStatistics)| (g.mean(group) + paths(at)).as_vec3().to_array();
             *light = Some(image(self.groups.iter().enumerate().map(pixel).collect()));
         }
+        Beauty {
+            raw: self.mean(),
+            variance,
+            samples: self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() }),
+            groups,
+            spp: self.samples(),
+            light_paths: self.has_light_paths(),
+        }
+    }
+
+    /// Gives back the memory of all but the guides.
+    pub(super) fn keep_guides_alone(&mut self) {
+        (self.pixels, self.groups, self.light) = Default::default();
     }
 
     /// Mean radiance of the samples so far, 0 without any.
@@ -141,7 +176,7 @@ impl Film {
     }
 
     /// Whether light paths were traced.
-    pub(super) fn has_light_paths(&self) -> bool {
+    fn has_light_paths(&self) -> bool {
         self.light.samples > 0
     }
 

@@ -7,6 +7,7 @@ use super::scatter::Scatterer;
 use crate::features::Features;
 use crate::interaction::Interaction;
 use crate::light::{LightSample, Source};
+use crate::query::Sight;
 use crate::sampler::PixelSampler;
 use glam::Vec3A;
 
@@ -43,23 +44,28 @@ impl<F: Features> Tracer<'_, F> {
             Source::Environment { radiance } => (radiance, Origin::Environment(light.wi)),
             Source::Emitter { id, barycentrics, .. } => (scene.emitted(id, barycentrics), Origin::Emitter),
         };
-        let weight = match self.settings.direct {
-            DirectLight::Mis => {
-                let rest = if matches!(origin, Origin::Environment(_)) {
-                    self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi))
-                } else {
-                    0.0
-                };
-                let scattering = path.draws() * scattering.pdf / light.pdf;
-                1.0 / (1.0 + scattering * scattering + rest * rest)
-            }
-            _ => 1.0,
+        let rest = match (self.settings.direct, origin) {
+            (DirectLight::Mis, Origin::Environment(_)) => self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi)),
+            _ => 0.0,
         };
-        let contribution = path.beta * scattering.f_cos * radiance * (weight / light.pdf);
-        if contribution != Vec3A::ZERO || !skips.zero_contributions {
+        // Weighed against light paths of density `rest`.
+        let contribution = |rest: f32| {
+            let weight = match self.settings.direct {
+                DirectLight::Mis => {
+                    let scattering = path.draws() * scattering.pdf / light.pdf;
+                    1.0 / (1.0 + scattering * scattering + rest * rest)
+                }
+                _ => 1.0,
+            };
+            path.beta * scattering.f_cos * radiance * (weight / light.pdf)
+        };
+        let weighed = contribution(rest);
+        if weighed != Vec3A::ZERO || !skips.zero_contributions {
             self.stats.shadow_rays += 1;
-            if !scene.hides::<F>(&surface.spawn(light.wi), &light, &mut self.scratch) {
-                self.add_scattered(path, contribution, origin);
+            match scene.sight_of::<F>(&surface.spawn(light.wi), &light, &mut self.scratch) {
+                Sight::Hidden => {}
+                Sight::Through => self.add_scattered(path, contribution(0.0), origin),
+                Sight::Clear => self.add_scattered(path, weighed, origin),
             }
         }
     }

@@ -134,6 +134,7 @@ pub(super) fn frame<F: Features>(
     settings: &Settings,
     visible: &Visible,
     film: Option<&Film>,
+    cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
     let (width, height) = (scene.camera().width, scene.camera().height);
     let wanted = settings.channels;
@@ -150,7 +151,6 @@ pub(super) fn frame<F: Features>(
     }
     let views = wanted.motion.then(|| Views::new(scene));
     let irradiance = settings.irradiance.then(|| scene.irradiance_map());
-    let never = AtomicBool::new(false);
     let guides = |at: usize, seen: bool, scratch: &mut Scratch, stats: &mut Stats| {
         // The film's are the first hits of its own camera rays.
         let plain = (settings.guide_samples, settings.guide_samples);
@@ -182,7 +182,7 @@ pub(super) fn frame<F: Features>(
         let pixels: Vec<_> = tile.pixels().map(&mut pixel).collect();
         (pixels, stats)
     };
-    schedule::for_tiles((width, height), 1, &|_, _| (), &never, work, |tile, (pixels, tile_stats)| {
+    schedule::for_tiles((width, height), 1, &|_, _| (), cancel, work, |tile, (pixels, tile_stats)| {
         stats += tile_stats;
         for ((x, y), (centre, guides)) in tile.pixels().zip(pixels) {
             let at = y * width + x;

@@ -7,11 +7,13 @@ mod direct;
 mod gbuffer;
 pub mod ibl;
 mod light_paths;
+mod memory;
 mod path;
 mod scatter;
 
 pub use accumulate::Film;
 pub use adaptive::Budget;
+pub use memory::Memory;
 
 use crate::camera::Filter;
 use crate::compile::RenderScene;
@@ -23,7 +25,7 @@ use crate::sampler::{PixelSampler, Sampler};
 use crate::schedule::Progress;
 use crate::skips::{Channels, Skips};
 use crate::stats::Stats;
-use accumulate::{Meter, Work};
+use accumulate::{Beauty, Meter, Work};
 use gbuffer::Visible;
 use gbuffer::frame as gbuffer;
 use light_paths::Casters;
@@ -252,7 +254,7 @@ pub fn render_with_stats(
     settings.check(scene)?;
     let visible = Visible::new(scene, settings);
     let (film, mut stats) = whole(scene, settings, &visible, progress, cancel)?;
-    let (frame, more) = picture(scene, settings, &visible, &film)?;
+    let (frame, more) = finish(scene, settings, &visible, film, cancel)?;
     stats += more;
     Ok((frame, stats))
 }
@@ -318,7 +320,7 @@ pub fn render_mapped(
     let visible = Visible::new(scene, settings);
     let all = 0..adaptive::largest(scene, settings, map)?;
     let (film, mut stats) = samples(scene, settings, &visible, all, Some(&map.pixels), progress, cancel)?;
-    let (frame, more) = picture(scene, settings, &visible, &film)?;
+    let (frame, more) = finish(scene, settings, &visible, film, cancel)?;
     stats += more;
     Ok((frame, stats))
 }
@@ -379,22 +381,43 @@ fn mean(counts: &[u32]) -> u32 {
 pub fn develop(scene: &RenderScene, settings: &Settings, film: &Film) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     film.check(scene, settings)?;
-    picture(scene, settings, &Visible::new(scene, settings), film)
+    let never = AtomicBool::new(false);
+    picture(scene, settings, &Visible::new(scene, settings), film.beauty(settings), film, &never)
 }
 
-fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &Film) -> Result<(Frame, Stats)> {
+/// The frame of a film that is not needed any more: its sums make room for the frame.
+fn finish(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    mut film: Film,
+    cancel: &AtomicBool,
+) -> Result<(Frame, Stats)> {
+    let beauty = film.beauty(settings);
+    if settings.skips.shared_guides {
+        film.keep_guides_alone();
+    }
+    picture(scene, settings, visible, beauty, &film, cancel)
+}
+
+/// The frame of `beauty`, with the guides of `film`.
+fn picture(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    beauty: Beauty,
+    film: &Film,
+    cancel: &AtomicBool,
+) -> Result<(Frame, Stats)> {
     let (mut frame, stats) =
-        with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, visible, Some(film)))?;
-    film.develop(&mut frame, settings);
-    frame.info.spp = film.samples();
+        with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, visible, Some(film), cancel))?;
+    beauty.store(&mut frame);
     if frame.samples.is_some() && settings.budget != Budget::Uniform {
         frame.info.sampling = settings.sampling();
     }
     frame.info.branches = Some(settings.branches()).filter(|&branches| branches > 1);
     frame.info.indirect_limit = settings.clamp_indirect;
-    frame.info.light_paths = film.has_light_paths();
     frame.info.bsdf = settings.bsdf.name().into();
-    frame.beauty.clone_from(&frame.raw);
     Ok((frame, stats))
 }
 
@@ -403,7 +426,16 @@ fn picture(scene: &RenderScene, settings: &Settings, visible: &Visible, film: &F
 /// # Errors
 /// When a setting is out of range.
 pub fn render_gbuffer(scene: &RenderScene, settings: &Settings) -> Result<Frame> {
+    render_gbuffer_until(scene, settings, &AtomicBool::new(false))
+}
+
+/// As [`render_gbuffer`], until `cancel` is set.
+///
+/// # Errors
+/// As [`render_gbuffer`], and when `cancel` was set.
+pub fn render_gbuffer_until(scene: &RenderScene, settings: &Settings, cancel: &AtomicBool) -> Result<Frame> {
     settings.check(scene)?;
     let visible = Visible::new(scene, settings);
-    with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, &visible, None)).map(|(frame, _)| frame)
+    let frame = with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, &visible, None, cancel));
+    frame.map(|(frame, _)| frame)
 }

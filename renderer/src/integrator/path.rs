@@ -10,6 +10,7 @@ use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
 use crate::light::{Ahead, LightGroups};
 use crate::material::{Mode, Prepared};
+use crate::query::Sight;
 use crate::ray::Ray;
 use crate::sampler::{PixelSampler, Points};
 use crate::simd;
@@ -315,19 +316,31 @@ impl<'a, F: Features> Tracer<'a, F> {
             let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
             if contribution != Vec3A::ZERO || !skips.zero_contributions {
                 self.stats.shadow_rays += 1;
-                let hidden = if skips.last_any_hit {
-                    scene.shadowed::<F>(&ray, &mut self.scratch)
+                let sight = if skips.last_any_hit {
+                    scene.sight::<F>(&ray, &mut self.scratch)
                 } else {
-                    scene.trace::<F>(&ray, &mut self.scratch).is_some()
+                    match scene.trace_noting::<F>(&ray, &mut self.scratch) {
+                        (Some(_), _) => Sight::Hidden,
+                        (None, true) => Sight::Through,
+                        (None, false) => Sight::Clear,
+                    }
                 };
-                if !hidden {
-                    self.add_scattered(&path, contribution, Origin::Environment(wi));
+                match sight {
+                    Sight::Hidden => {}
+                    Sight::Clear => self.add_scattered(&path, contribution, Origin::Environment(wi)),
+                    Sight::Through => {
+                        let path = path.unreached();
+                        let light = self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
+                        self.add_scattered(&path, path.beta * light, Origin::Environment(wi));
+                    }
                 }
             }
             return None;
         }
         self.stats.bounce_rays += 1;
-        let Some(hit) = scene.trace::<F>(&ray, &mut self.scratch) else {
+        let (hit, through) = scene.trace_noting::<F>(&ray, &mut self.scratch);
+        let Some(hit) = hit else {
+            let path = if through { path.unreached() } else { path };
             let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
             self.add_scattered(&path, contribution, Origin::Environment(wi));
             return None;
@@ -344,6 +357,9 @@ impl<'a, F: Features> Tracer<'a, F> {
             path.reach = casters.reach(scene, surface, wo, wi, scattered.pdf);
         } else if self.casters.is_some() {
             path.reach *= light_paths::turned::<F>(surface, (bsdf, scatterer), (wo, wi)) / scattered.pdf;
+        }
+        if through {
+            path = path.unreached();
         }
         path.vertex += 1;
         (!last).then_some((path, next, -wi))
@@ -375,11 +391,17 @@ pub(super) struct Path {
     pub beta: Vec3A,
     /// Into how many the first surface splits the path.
     pub branches: f32,
-    /// Of the first surface, what the density of light paths depends on.
+    /// What the density of light paths depends on; 0 where none can come this way.
     pub reach: f32,
 }
 
 impl Path {
+    /// The same, which no light path finds: it passes a surface from behind.
+    #[inline(always)]
+    fn unreached(self) -> Self {
+        Self { reach: 0.0, ..self }
+    }
+
     /// Directions drawn at this surface for one light sample.
     #[inline(always)]
     pub fn draws(&self) -> f32 {

@@ -4,6 +4,7 @@ use super::{Check, Effort, Outcome, Ticker, Worst};
 use crate::compile::RenderScene;
 use crate::integrator::{self, Settings};
 use renderflow_frame::Frame;
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::{Scene, load};
 use std::path::Path;
 
@@ -74,7 +75,7 @@ fn description(scale: f64, offset: [f64; 3], edge: u32) -> String {
 fn picture(size: f64, offset: [f64; 3], light_paths: bool, effort: Effort, ticker: &Ticker<'_>) -> Result<Frame, String> {
     let path = Path::new("still-life.json");
     let scene = Scene::from_json(path, &description(size, offset, effort.pick(48, 96))).map_err(|e| e.to_string())?;
-    let loaded = load::load(&scene, Path::new(".")).map_err(|e| e.to_string())?;
+    let loaded = load::load(&scene, &Reach::folder(".")).map_err(|e| e.to_string())?;
     let dropped = loaded.report.triangles.dropped();
     let compiled = RenderScene::compile(&loaded).map_err(|e| e.to_string())?;
     if dropped + compiled.dropped_triangles() > 0 {

@@ -20,6 +20,8 @@
 //! So the third over the second is `q reach(k-1) pk' (nk . in) / (nk . out)` with `reach(1) = (n1 . in) J / p1` and
 //! `reach(i) = reach(i-1) pi' (ni . in) / (ni . out) / pi`: a path from the camera carries `reach` along. For weights, `pi'` is that of the
 //! interaction as the camera's side sees it, in both directions alike, so that they sum to 1 whatever a light path's own density is.
+//!
+//! Light paths pass no surface from behind, and `reach` is 0 once a path from the camera has (see `crate::query`).
 
 mod casters;
 mod trace;

@@ -13,6 +13,7 @@ use crate::integrator::scatter::Scatterer;
 use crate::interaction::{Cone, Interaction};
 use crate::light::EnvironmentSample;
 use crate::material::Prepared;
+use crate::query::Sight;
 use crate::ray::Ray;
 use crate::sampler::sobol::SEQUENCE;
 use crate::sampler::{PixelSampler, Points, hash};
@@ -158,7 +159,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         let start = center + across(light.wi, [s, t]) * radius + light.wi * radius;
         let mut ray = Ray::new(start, -light.wi);
         self.stats.bounce_rays += 1;
-        let Some(mut hit) = scene.trace::<F>(&ray, &mut self.scratch) else { return };
+        let Some(mut hit) = self.meet(&ray) else { return };
         if scene.geometry.locate(&hit).0 != instance {
             return;
         }
@@ -190,12 +191,12 @@ impl<'a, F: Features> Tracer<'a, F> {
             self.vertices.push((hit, at.p));
             ray = at.spawn(scattered.wi);
             self.stats.bounce_rays += 1;
-            let Some(next) = scene.trace::<F>(&ray, &mut self.scratch) else { return };
+            let Some(next) = self.meet(&ray) else { return };
             hit = next;
             let Some(deposit) = self.connect(&hit, &light, density) else { continue };
             if !lit {
                 self.stats.shadow_rays += 1;
-                if scene.shadowed::<F>(&to_light, &mut self.scratch) {
+                if scene.sight::<F>(&to_light, &mut self.scratch) != Sight::Clear {
                     return;
                 }
                 lit = true;
@@ -206,6 +207,13 @@ impl<'a, F: Features> Tracer<'a, F> {
                 self.stats.non_finite_samples += 1;
             }
         }
+    }
+
+    /// The surface that `ray` meets, unless it passes another from behind: a path from the camera would end there.
+    #[inline(always)]
+    fn meet(&mut self, ray: &Ray) -> Option<Hit> {
+        let (hit, through) = self.scene.trace_noting::<F>(ray, &mut self.scratch);
+        hit.filter(|_| !through)
     }
 
     /// What the path brings to the camera from the surface `landed`, if nothing hides its beginning.

@@ -1,0 +1,61 @@
+//! How much memory a picture takes while it is made.
+
+use super::Settings;
+use super::light_paths::Casters;
+use crate::compile::RenderScene;
+use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
+use crate::schedule;
+use renderflow_frame::frame::LIGHT_GROUPS;
+
+const RGB: usize = size_of::<[f32; 3]>();
+const FLOW: usize = size_of::<[f32; 2]>();
+const NUMBER: usize = size_of::<f32>();
+
+/// Bytes that a picture takes at most at a time, beside the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// While it is traced: the sums of all samples, then the frame beside those of the guides.
+    pub tracing: u64,
+    /// The frame.
+    pub frame: u64,
+}
+
+impl RenderScene {
+    /// Whether light paths will be traced with these settings.
+    pub fn has_light_paths(&self, settings: &Settings) -> bool {
+        Casters::find(self, settings).is_some()
+    }
+}
+
+impl Settings {
+    /// Memory of a picture of `width x height` pixels, with light paths or without.
+    pub fn memory(&self, [width, height]: [usize; 2], light_paths: bool, gbuffer_alone: bool) -> Memory {
+        let pixels = (width as u64).saturating_mul(height as u64);
+        let when = |condition: bool, bytes: usize| if condition { bytes } else { 0 };
+        let groups = (self.light_groups as usize).min(LIGHT_GROUPS);
+        let sums = size_of::<PixelStatistics>() + when(groups > 0, size_of::<GroupStatistics>());
+        let guides = size_of::<GuideStatistics>();
+        let light = when(light_paths, size_of::<LightStatistics>() + when(groups > 0, size_of::<GroupStatistics>()));
+        // Counts and noise of the pixels, of which adaptive sampling needs some more.
+        let spread = when(self.budget != super::Budget::Uniform, 48);
+        let adaptive = when(self.budget != super::Budget::Uniform, size_of::<u32>());
+        // What the film's beauty is, and what camera rays make.
+        let beauty = RGB * (1 + groups) + when(self.channels.variance, RGB) + adaptive;
+        let wanted = self.channels;
+        let centres = NUMBER
+            + when(wanted.gbuffer, 3 * RGB + 3 * NUMBER)
+            + when(wanted.guides, 2 * RGB)
+            + when(wanted.motion, 2 * FLOW)
+            + when(self.irradiance, RGB);
+        // Whether a pixel sees anything, and where bounds begin and end.
+        let seen = size_of::<bool>();
+        let film = sums + guides + light + spread;
+        let tracing = if gbuffer_alone { centres } else { (film + beauty).max(guides + beauty + centres) } + seen;
+        let frame = centres + if gbuffer_alone { 0 } else { beauty + RGB };
+        let under_way = schedule::most_pixels().min(pixels) * if gbuffer_alone { 256 } else { (sums + guides) as u64 };
+        Memory {
+            tracing: pixels.saturating_mul(tracing.max(frame) as u64).saturating_add(under_way),
+            frame: pixels.saturating_mul(frame as u64),
+        }
+    }
+}
