@@ -23,8 +23,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let catalog = Catalog::new(5, 4096, 512);
     let names = |list: &[&str]| list.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
     let (meshes, environments) = (names(catalog.mesh_families()), names(catalog.environment_families()));
-    let pool =
-        Pool { catalog: &catalog, mesh_families: &meshes, environment_families: &environments, models, hdris: &[], builtin: &[] };
+    let pool = Pool {
+        catalog: &catalog,
+        mesh_families: &meshes,
+        environment_families: &environments,
+        models,
+        hdris: &[],
+        builtin: &[],
+        allowed: &[],
+    };
     for number in 0..count.parse()? {
         let begin = Instant::now();
         let request = Request {

@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot, Vec3A};
 use renderflow_frame::Camera;
 use renderflow_frame::camera::near_origin;
+use renderflow_frame::{file, words};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -56,7 +57,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Io`] when it cannot be read, [`Error::Json`] with line and column, [`Error::Invalid`] with every violation.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
+        let text = file::read_text(path).map_err(Error::unreadable)?;
         Self::from_json(path, &text)
     }
 
@@ -65,11 +66,12 @@ impl Scene {
     /// # Errors
     /// As [`Scene::read`].
     pub fn from_json(path: &Path, text: &str) -> Result<Self> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let scene: Self = serde_json::from_str(text).map_err(|e| {
             let (line, column) = (e.line(), e.column());
             let full = e.to_string();
             let place = format!(" at line {line} column {column}");
-            let reason = full.strip_suffix(&place).unwrap_or(&full).to_owned();
+            let reason = words::plain(full.strip_suffix(&place).unwrap_or(&full));
             Error::Json { path: path.into(), line, column, reason }
         })?;
         scene.validate().map_err(|e| match e {

@@ -72,6 +72,12 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
+    /// A name in a file leads to where this program may not read.
+    #[error("{reason}")]
+    Name {
+        /// The name, why it is refused, and what to do.
+        reason: String,
+    },
     /// Something that a scene refers to cannot be loaded.
     #[error("{place}: {source}")]
     At {
@@ -80,7 +86,7 @@ pub enum Error {
         /// The cause.
         source: Box<Error>,
     },
-    /// Reading an environment map failed.
+    /// Reading an environment map, or a file of any kind, failed.
     #[error(transparent)]
     Frame(#[from] renderflow_frame::Error),
 }
@@ -93,6 +99,14 @@ impl Error {
     pub(crate) fn io(path: impl Into<PathBuf>, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| Self::Io { path, action, source }
+    }
+
+    /// The error of reading the model file that an error of reading a file is about.
+    pub(crate) fn unreadable(error: renderflow_frame::Error) -> Self {
+        match error {
+            renderflow_frame::Error::Io { path, action, source } => Self::Io { path, action, source },
+            other => Self::Frame(other),
+        }
     }
 
     /// An error at `place` of the model file `path`.

@@ -3,6 +3,7 @@
 
 mod common;
 
+use common::anywhere;
 use common::{asset, assets_below, empty_scene, grey, model_scene};
 use peak_alloc::PeakAlloc;
 use renderflow_frame::{exr, hdr};
@@ -51,7 +52,7 @@ fn check(scene: &LoadedScene) {
 }
 
 fn model(scene: &Scene) -> Result<(), String> {
-    load::load(scene, Path::new("")).map(|loaded| check(&loaded)).map_err(|e| e.to_string())
+    load::load(scene, &anywhere()).map(|loaded| check(&loaded)).map_err(|e| e.to_string())
 }
 
 /// The file as colour, data and normal map.

@@ -2,14 +2,15 @@
 
 mod common;
 
+use common::anywhere;
 use common::gltf::{FLOAT, File, STRIP, bytes, data_uri, document, square};
 use common::{asset, grey, load_model, model_scene};
 use glam::{Vec2, Vec3};
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::loaded::Wrap;
 use renderflow_scenes::mipmap::{self, Texels};
 use renderflow_scenes::{LoadedScene, load};
 use serde_json::{Value, json};
-use std::path::Path;
 
 /// Sum of the triangles' vector areas in the world.
 fn vector_area(scene: &LoadedScene) -> Vec3 {
@@ -144,7 +145,7 @@ fn materials_textures_and_their_options_arrive() {
 #[test]
 fn a_texture_that_is_missing_or_broken_is_named() {
     let file = File::new(&textured(json!({ "uri": "oak%20wood.png" })));
-    let expected = "/objects/0 (model): material \"painted\", /images/0: cannot use texture FOLDER/oak wood.png: cannot read FOLDER/oak wood.png: ";
+    let expected = "/objects/0 (model): material \"painted\", /images/0: cannot use texture FOLDER/oak wood.png: cannot read: ";
     assert!(file.error().starts_with(expected), "{}", file.error());
     // In grey, nobody wants the texture.
     assert!(load_model(&file.path()).is_ok());
@@ -236,7 +237,185 @@ fn parts_share_an_object_and_have_names_of_their_own() {
     let mut second = scene.objects[0].clone();
     (second.name, second.transform.translation) = ("model/leg".into(), [0.0, 3.0, 0.0]);
     scene.objects.push(second);
-    let loaded = load::load(&scene, Path::new("")).unwrap();
+    let loaded = load::load(&scene, &anywhere()).unwrap();
     let names: Vec<_> = loaded.instances.iter().map(|i| (i.name.as_str(), i.object_id, i.mesh)).collect();
     assert_eq!(names, [("model/leg#2", 1, 0), ("model/leg#3", 1, 0), ("model/leg/leg", 2, 0), ("model/leg/leg#2", 2, 0)]);
+}
+
+/// A closed, single-sided body whose faces point inwards is not there from outside: that is said, and nothing is changed.
+#[test]
+fn bodies_that_are_inside_out_are_noted() {
+    let corners: Vec<f32> = (0..8u8).flat_map(|i| [1, 2, 4].map(|bit| f32::from(u8::from(i & bit != 0)))).collect();
+    let sides: [[u16; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let indices = |inwards: bool, count: usize| -> Vec<u8> {
+        let triangles = sides[..count].iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]);
+        let turned = triangles.map(|[a, b, c]| if inwards { [a, c, b] } else { [a, b, c] });
+        turned.flatten().flat_map(u16::to_le_bytes).collect()
+    };
+    let body = |inwards: bool, sides: usize, double_sided: bool, scale: f32| {
+        let count = 6 * sides;
+        let mut file =
+            document(&[(FLOAT, "VEC3", 8, false, bytes(&corners)), (5123, "SCALAR", count, false, indices(inwards, sides))]);
+        file["materials"] = json!([{ "doubleSided": double_sided }]);
+        file["meshes"][0]["primitives"][0]["indices"] = json!(1);
+        file["meshes"][0]["primitives"][0]["material"] = json!(0);
+        // Twice, one of them perhaps a mirror image: the mesh is named once.
+        file["nodes"] = json!([{ "mesh": 0, "name": "a" }, { "mesh": 0, "name": "b", "scale": [scale, 1, 1] }]);
+        file["scenes"][0]["nodes"] = json!([0, 1]);
+        File::new(&file).load().unwrap()
+    };
+    let said = |scene: &LoadedScene| scene.report.notes.iter().filter(|note| note.contains("point inwards")).count();
+    for scale in [1.0, -1.0] {
+        assert_eq!(said(&body(true, 6, false, scale)), 1, "{scale}");
+        for (inwards, sides, double_sided) in [(false, 6, false), (true, 6, true), (true, 5, false)] {
+            let scene = body(inwards, sides, double_sided, scale);
+            assert_eq!(said(&scene), 0, "{inwards} {sides} {double_sided}: {:?}", scene.report.notes);
+        }
+    }
+    let Some(path) = asset("gltf/edge/gltf-rs/box_sparse.glb") else { return };
+    assert_eq!(said(&renderflow_scenes::load::load(&model_scene(&path, None), &anywhere()).unwrap()), 1);
+}
+
+/// Loads a document as text, perhaps with a byte order mark, or as a container.
+fn load_bytes(bytes: &[u8]) -> Result<usize, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.gltf");
+    std::fs::write(&path, bytes).unwrap();
+    let loaded = load::load(&common::model_scene(&path, None), &anywhere()).map_err(|e| e.to_string())?;
+    Ok(loaded.meshes.iter().map(|mesh| mesh.triangles.len()).sum())
+}
+
+fn container(json: &[u8]) -> Vec<u8> {
+    let mut json = json.to_vec();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let words = [20 + json.len() as u32, json.len() as u32].map(u32::to_le_bytes);
+    [&b"glTF\x02\0\0\0"[..], &words[0], &words[1], b"JSON", &json].concat()
+}
+
+/// All of it is valid glTF 2.0.
+#[test]
+fn every_form_of_a_valid_file_is_read() {
+    let accepted = |what: &str, change: &dyn Fn(&mut Value)| {
+        let mut file = square();
+        change(&mut file);
+        let json = file.to_string().into_bytes();
+        for bytes in [json.clone(), [&b"\xef\xbb\xbf"[..], &json].concat(), container(&json)] {
+            assert_eq!(load_bytes(&bytes), Ok(2), "{what}");
+        }
+    };
+    for extras in [json!("text"), json!([1, 2]), json!(7), json!(true), json!(null), json!({ "a": 1 })] {
+        accepted("extras", &|f| {
+            for place in ["/asset", "/nodes/0", "/meshes/0", "/meshes/0/primitives/0", "/accessors/0", "/buffers/0", "/scenes/0"]
+            {
+                f.pointer_mut(place).unwrap()["extras"] = extras.clone();
+            }
+            f["extras"] = extras.clone();
+        });
+    }
+    accepted("an animation of what is no node", &|f| {
+        let target = json!({ "path": "pointer", "extensions": { "KHR_animation_pointer": { "pointer": "/materials/0/x" } } });
+        let sampler = json!({ "input": 0, "output": 0 });
+        f["animations"] = json!([{ "samplers": [sampler], "channels": [{ "sampler": 0, "target": target }] }]);
+    });
+    accepted("whole numbers with a fraction of zero", &|f| {
+        f["accessors"][0]["count"] = json!(4.0);
+        f["accessors"][0]["componentType"] = json!(5126.0);
+        f["bufferViews"][0]["byteLength"] = json!(48.0);
+        f["meshes"][0]["primitives"][0]["mode"] = json!(5.0);
+        f["scene"] = json!(0.0);
+        f["nodes"][0]["translation"] = json!([1.0, 2.0, -3.0]);
+    });
+    accepted("an attribute of an application", &|f| f["meshes"][0]["primitives"][0]["attributes"]["_TEMPERATURE"] = json!(0));
+}
+
+/// A texture whose image only an extension tells is noted and not used.
+#[test]
+fn a_texture_of_an_extension_is_noted() {
+    for extension in [Some("EXT_texture_webp"), Some("KHR_texture_basisu"), None] {
+        let mut file = square();
+        let mut texture = json!({});
+        if let Some(name) = extension {
+            texture["extensions"][name] = json!({ "source": 0 });
+            file["extensionsUsed"] = json!([name]);
+        }
+        file["textures"] = json!([texture]);
+        file["images"] = json!([{ "uri": "gone.webp", "mimeType": "image/webp" }]);
+        file["materials"] =
+            json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } }, "emissiveTexture": { "index": 0 } }]);
+        file["meshes"][0]["primitives"][0]["material"] = json!(0);
+        let loaded = File::new(&file).load().unwrap();
+        assert!(loaded.textures.is_empty() && loaded.materials[0].base_color_texture.is_none());
+        let notes: Vec<&String> = loaded.report.notes.iter().filter(|note| note.starts_with("/textures/0 is not used")).collect();
+        assert_eq!(notes.len(), 1, "{:?}", loaded.report.notes);
+        assert!(notes[0].contains(extension.unwrap_or("no image")), "{notes:?}");
+    }
+}
+
+/// What is not valid stays refused, with its place and in plain words.
+#[test]
+fn refusals_say_what_is_wrong_and_where() {
+    for (change, expected) in [
+        (
+            &|f: &mut Value| f["accessors"][0]["count"] = json!(4.5) as Value,
+            "/accessors/0/count: not glTF 2.0: found 4.5 where a whole number",
+        ),
+        (&|f| f["nodes"][0]["name"] = json!(7), "/nodes/0/name: not glTF 2.0: found 7 where a string is needed"),
+        (
+            &|f| f["meshes"][0]["primitives"][0]["attributes"]["COLOUR"] = json!(0),
+            "/meshes/0/primitives/0/attributes/COLOUR: no attribute has this name",
+        ),
+        (&|f| f["nodes"][0]["mesh"] = json!(3), "/nodes/0/mesh: there is nothing with the index 3"),
+        (
+            &|f| f["accessors"][0]["componentType"] = json!(77),
+            "/accessors/0/componentType: 77 is not one of the values allowed here",
+        ),
+        (
+            &|f| {
+                f["animations"] =
+                    json!([{ "samplers": [], "channels": [{ "sampler": 0, "target": { "node": 0, "path": "translation" } }] }])
+            },
+            "/animations/0/channels/0/sampler: there is nothing with the index 0",
+        ),
+        (&|f| f["asset"]["version"] = json!("9".repeat(5000)), "/asset/version: \"9999"),
+    ] as [(&dyn Fn(&mut Value), &str); 7]
+    {
+        let mut file = square();
+        change(&mut file);
+        let error = File::new(&file).error();
+        let reason = error.strip_prefix("/objects/0 (model): FOLDER/model.gltf ").unwrap_or(&error);
+        assert!(reason.starts_with(expected) && reason.len() < 200, "{expected}: {error}");
+    }
+    assert!(load_bytes(&container(b"")).unwrap_err().ends_with("there is no JSON in it"));
+    assert!(load_bytes(b"{").unwrap_err().ends_with("not glTF 2.0: the text ends inside an object at line 1 column 1"));
+}
+
+/// Meshes that are not there, or not shown, or all broken.
+#[test]
+fn a_model_without_a_triangle_says_why() {
+    let refusal = |change: &dyn Fn(&mut Value)| {
+        let mut file = square();
+        change(&mut file);
+        let file = File::new(&file);
+        let error = load::describe_model(&file.path(), None, &load::ModelView::default(), &Reach::of(&file.path()));
+        error.unwrap_err().to_string().split_once("model.gltf: ").map(|(_, reason)| reason.to_owned()).expect("names the file")
+    };
+    let none = "the model has no triangle to render";
+    assert_eq!(refusal(&|f| f["nodes"] = json!([{}])), format!("{none} (no node of its scene shows a mesh)"));
+    assert_eq!(
+        refusal(&|f| {
+            f.as_object_mut().unwrap().remove("meshes");
+            f["nodes"] = json!([{}]);
+        }),
+        format!("{none} (the file has no mesh)")
+    );
+    assert_eq!(
+        refusal(&|f| f["meshes"][0]["primitives"][0]["mode"] = json!(0)),
+        format!("{none} (1 primitives of points or lines skipped)")
+    );
+    let mut wrong = document(&[(FLOAT, "VEC3", 3, false, bytes(&STRIP[..9])), (5121, "SCALAR", 3, false, vec![0, 1, 7])]);
+    wrong["meshes"][0]["primitives"][0]["indices"] = json!(1);
+    assert_eq!(
+        refusal(&|f| *f = wrong.clone()),
+        "the model's only triangle cannot be rendered: 1 has a vertex that does not exist (mesh \"mesh 0\": triangle 0 names vertex 7, there are 3)"
+    );
 }

@@ -2,13 +2,13 @@
 
 mod common;
 
+use common::anywhere;
 use common::gltf::{FLOAT, File, STRIP, bytes, data_uri, document};
 use common::{asset, model_scene};
 use renderflow_scenes::loaded::{AlphaMask, Encoding};
 use renderflow_scenes::mipmap::Texels;
 use renderflow_scenes::{LoadReport, LoadedScene, Material, load};
 use serde_json::{Value, json};
-use std::path::Path;
 
 /// PNG of one row of RGBA pixels.
 fn png(pixels: &[[u8; 4]]) -> String {
@@ -82,7 +82,7 @@ fn textures_of_several_models_keep_apart() {
     let mut scene = model_scene(&files[0].path(), None);
     let second = model_scene(&files[1].path(), None).objects.remove(0);
     scene.objects.push(renderflow_scenes::description::Object { name: "second".into(), ..second });
-    let loaded = load::load(&scene, Path::new("")).unwrap();
+    let loaded = load::load(&scene, &anywhere()).unwrap();
     for (instance, pixels) in loaded.instances.iter().zip([OPAQUE, HOLES]) {
         let slot = loaded.materials[instance.material].emissive_texture.as_ref().unwrap();
         assert_eq!(loaded.textures[slot.texture].levels[0].texels, Texels::Bytes(pixels.to_vec()));
@@ -263,7 +263,7 @@ fn real_files_keep_what_they_say() {
     for folder in ["BoomBoxWithAxes", "TwoSidedPlane", "Avocado", "Suzanne"] {
         let Some(path) = asset(&format!("gltf/pbr/{folder}/{folder}.gltf")) else { return };
         let stated: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
-        let scene = load::load(&model_scene(&path, None), Path::new("")).unwrap();
+        let scene = load::load(&model_scene(&path, None), &anywhere()).unwrap();
         assert_eq!(scene.report.triangles.dropped(), 0, "{folder}: {:?}", scene.report.triangles);
         for material in stated["materials"].as_array().unwrap() {
             let Some(name) = material["name"].as_str() else { continue };

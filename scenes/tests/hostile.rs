@@ -2,13 +2,14 @@
 
 mod common;
 
+use common::anywhere;
 use common::{empty_scene, grey, load_model};
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::description::{Geometry, Object, Scene};
 use renderflow_scenes::shapes::Shape;
 use renderflow_scenes::{LoadedScene, load};
 use serde_json::json;
 use std::io::Cursor;
-use std::path::Path;
 
 /// What loading `bytes` as a texture says.
 fn texture_error(bytes: &[u8]) -> String {
@@ -20,7 +21,7 @@ fn texture_error(bytes: &[u8]) -> String {
     let object =
         Object { name: "o".into(), geometry: shape, material: Some("m".into()), transform: Default::default(), motion: None };
     let scene = Scene { materials: vec![material], objects: vec![object], ..empty_scene() };
-    load::load(&scene, folder.path()).map(|_| ()).expect_err("the texture was accepted").to_string()
+    load::load(&scene, &Reach::folder(folder.path())).map(|_| ()).expect_err("the texture was accepted").to_string()
 }
 
 /// A JPEG of 8 x 8 grey texels whose header says otherwise.
@@ -91,7 +92,7 @@ fn obj(text: &[u8]) -> Result<LoadedScene, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.obj");
     std::fs::write(&path, text).unwrap();
-    load::load(&common::model_scene(&path, None), Path::new("")).map_err(|e| e.to_string())
+    load::load(&common::model_scene(&path, None), &anywhere()).map_err(|e| e.to_string())
 }
 
 /// Went to the parser unchecked, whose index arithmetic overflowed.
@@ -105,10 +106,50 @@ fn a_face_with_an_empty_fourth_index_is_checked() {
     assert!(error.contains("model.obj line 2: "), "{error}");
 }
 
-/// A device as material library would be read for ever (`/dev/zero`).
-#[cfg(unix)]
+/// A PNG whose header says 8192 x 8192 texels of 16 bits, with enough bytes behind it to be taken at its word.
+fn png_claiming_much() -> Vec<u8> {
+    let chunk = |kind: &[u8; 4], data: &[u8]| {
+        let body = [&kind[..], data].concat();
+        let crc = body.iter().fold(!0_u32, |crc, &byte| {
+            (0..8).fold(crc ^ u32::from(byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
+        });
+        [&(data.len() as u32).to_be_bytes()[..], &body, &(!crc).to_be_bytes()].concat()
+    };
+    let header = [&8192_u32.to_be_bytes()[..], &8192_u32.to_be_bytes(), &[16, 6, 0, 0, 0]].concat();
+    [&b"\x89PNG\r\n\x1a\n"[..], &chunk(b"IHDR", &header), &chunk(b"IDAT", &vec![0; 1 << 14])].concat()
+}
+
+/// Each is within the limits; all together would be 13 GiB. Nothing is decoded: the file has no texels.
 #[test]
-fn a_material_library_that_is_no_file_is_not_read() {
-    let scene = obj(b"mtllib /dev/null\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    assert!(scene.report.notes.iter().any(|note| note.contains("not a regular file")), "{:?}", scene.report.notes);
+fn textures_that_do_not_fit_together_are_refused_before_they_are_decoded() {
+    let png = png_claiming_much();
+    let mut file = common::gltf::square();
+    let count = 20;
+    for i in 0..count {
+        file["materials"][i] = json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": i } } });
+        file["textures"][i] = json!({ "source": i });
+        file["images"][i] = json!({ "uri": common::gltf::data_uri("image/png", &png) });
+        file["meshes"][0]["primitives"][i] =
+            json!({ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "mode": 5, "material": i });
+    }
+    let error = common::gltf::File::new(&file).error();
+    assert!(
+        error.contains("the 20 textures take 13.3 GiB of memory, more than the ")
+            && error.contains("the largest are image 0 (0.7 GiB)"),
+        "{error}"
+    );
+    // The same of a scene's own materials.
+    let folder = tempfile::tempdir().unwrap();
+    let mut scene = empty_scene();
+    for i in 0..count {
+        std::fs::write(folder.path().join(format!("{i}.png")), &png).unwrap();
+        let mut material = grey(&format!("m{i}"));
+        material.base_color_texture = Some(format!("{i}.png"));
+        scene.materials.push(material);
+        let geometry = Geometry::Shape(Shape::Sphere { radius: 1.0 });
+        let (name, material) = (format!("o{i}"), Some(format!("m{i}")));
+        scene.objects.push(Object { name, geometry, material, transform: Default::default(), motion: None });
+    }
+    let error = load::load(&scene, &Reach::folder(folder.path())).map(drop).unwrap_err().to_string();
+    assert!(error.contains("the 20 textures take 13.3 GiB of memory"), "{error}");
 }

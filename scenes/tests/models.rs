@@ -2,12 +2,12 @@
 
 mod common;
 
+use common::anywhere;
 use common::{asset, assets_below, load_model, model_scene};
 use glam::DVec3;
 use renderflow_scenes::loaded::Encoding;
 use renderflow_scenes::mipmap::{self, Texels};
 use renderflow_scenes::{LoadedScene, load};
-use std::path::Path;
 
 /// World-space triangles, in double precision.
 fn triangles(scene: &LoadedScene) -> Vec<[DVec3; 3]> {
@@ -77,7 +77,7 @@ fn cornell_box_has_its_published_size() {
     assert!((top - DVec3::new(556.0, 548.8, 559.2)).length() < 1e-3, "{top}");
     assert_eq!(found.len(), 36);
     // The textures of its materials do not come with it.
-    let error = load::load(&model_scene(&path, None), Path::new("")).unwrap_err().to_string();
+    let error = load::load(&model_scene(&path, None), &anywhere()).unwrap_err().to_string();
     assert!(error.starts_with("/objects/0 (model): material \"red\": cannot use texture "), "{error}");
     assert!(error.contains("this diffuse texture has spaces.jpg: cannot read: "), "{error}");
 }
@@ -85,7 +85,7 @@ fn cornell_box_has_its_published_size() {
 #[test]
 fn real_materials_arrive_whole() {
     let Some(path) = asset("gltf/pbr/Suzanne/Suzanne.gltf") else { return };
-    let scene = load::load(&model_scene(&path, None), Path::new("")).unwrap();
+    let scene = load::load(&model_scene(&path, None), &anywhere()).unwrap();
     let material = &scene.materials[scene.instances[0].material];
     let color = material.base_color_texture.as_ref().expect("a base colour texture");
     assert!(material.metallic_roughness_texture.is_some() && material.normal_texture.is_none());
@@ -109,7 +109,7 @@ fn malformed_files_are_answered() {
     let mut counts = [0, 0];
     for folder in ["gltf/malformed", "gltf/edge", "obj/edge"] {
         for path in assets_below(folder, &["gltf", "glb", "obj"]) {
-            let result = load::load(&model_scene(&path, None), Path::new(""));
+            let result = load::load(&model_scene(&path, None), &anywhere());
             counts[usize::from(result.is_err())] += 1;
             match result {
                 Ok(scene) => check_invariants(&scene),

@@ -2,8 +2,10 @@
 
 mod common;
 
+use common::anywhere;
 use common::{asset, empty_scene, load_model, model_scene};
 use glam::{Vec2, Vec3, Vec3A};
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::description::EnvironmentSource;
 use renderflow_scenes::load::{self, ModelView};
 use renderflow_scenes::loaded::AlphaMask;
@@ -27,7 +29,7 @@ impl Files {
     }
 
     fn load(&self) -> Result<LoadedScene> {
-        load::load(&model_scene(&self.path("model.obj"), None), Path::new(""))
+        load::load(&model_scene(&self.path("model.obj"), None), &anywhere())
     }
 
     fn error(&self) -> String {
@@ -91,9 +93,38 @@ fn not_a_number_is_dropped_and_counted() {
 fn errors_name_the_line() {
     assert_eq!(
         obj("f 1 2 3\n\nf a b c\n").error(),
-        "/objects/0 (model): FOLDER/model.obj line 7: face parse error (not an OBJ file?)"
+        "/objects/0 (model): FOLDER/model.obj line 7: \"a\" is not a corner of a face: 1, 1/2, 1//3 and 1/2/3 are (not an OBJ file?)"
     );
-    assert!(obj("v 1 2\n").error().contains("model.obj line 5: position parse error"));
+    assert!(obj("v 1 2\n").error().contains("model.obj line 5: v has 2 numbers, 3 are needed"));
+    assert!(obj("v 1 two 3\n").error().contains("model.obj line 5: \"two\" is not a number"));
+}
+
+/// The refusal of a model without a triangle to render says why there is none, and where.
+#[test]
+fn what_becomes_of_the_triangles_is_said() {
+    let refusal = |text: &str| {
+        let files = Files::new(&[("model.obj", text)]);
+        let path = files.path("model.obj");
+        let error = load::describe_model(&path, None, &ModelView::default(), &Reach::of(&path)).unwrap_err().to_string();
+        error.split_once("model.obj: ").map(|(_, reason)| reason.to_owned()).expect("names the file")
+    };
+    assert_eq!(
+        refusal(&format!("{SQUARE}f 1 2 9\nf 1 2 3 -7\n")),
+        "none of the model's 3 triangles can be rendered: 3 have a vertex that does not exist (line 5: the face names vertex \"9\", there are 4)"
+    );
+    assert_eq!(
+        refusal("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 2 2 3\n"),
+        "none of the model's 2 triangles can be rendered: 1 has a coordinate that is not finite (line 1: vertex 1 is (nan, 0, 0)), 1 has no area"
+    );
+    assert_eq!(
+        refusal(&format!("{SQUARE}f 1 2 -9\n")),
+        "the model's only triangle cannot be rendered: 1 has a vertex that does not exist (line 5: the face names vertex \"-9\", there are 4 before it)"
+    );
+    assert_eq!(refusal(SQUARE), "the model has no triangle to render");
+    assert_eq!(refusal(&format!("{SQUARE}l 1 2\n")), "the model has no triangle to render (1 points and lines skipped)");
+    // The first of them is noted where others are rendered.
+    let loaded = obj("f 1 2 3\nf 1 2 9\nf 1 2 8\n").load().unwrap();
+    assert_eq!(loaded.report.notes, ["line 6: the face names vertex \"9\", there are 4: the face is left out"]);
 }
 
 const PAINTED: &str = "mtllib paint.mtl\nusemtl red\nf 1 2 3\nusemtl shiny\nf 1 3 4\n";
@@ -221,12 +252,12 @@ fn a_single_model_is_scaled_placed_and_framed() {
         let Some(path) = asset(name) else { return };
         for resolution in [[96, 64], [64, 96]] {
             let view = ModelView { resolution, frames: 25, degrees_per_frame: 14.4, ..ModelView::default() };
-            let scene = load::describe_model(&path, None, &view).unwrap();
+            let scene = load::describe_model(&path, None, &view, &Reach::of(&path)).unwrap();
             assert!(Path::new(scene_file(&scene)).is_absolute());
             // Geometry is enough here: in grey, no texture is decoded.
             let mut grey = scene.clone();
             grey.objects[0].material = Some("ground".into());
-            let loaded = load::load(&grey, Path::new("")).unwrap();
+            let loaded = load::load(&grey, &anywhere()).unwrap();
             let model = loaded.instances.iter().filter(|i| i.object_id == 1);
             let points: Vec<Vec3A> = model
                 .flat_map(|i| {
@@ -248,10 +279,10 @@ fn a_single_model_is_scaled_placed_and_framed() {
             }
         }
     }
-    let error = load::describe_model(Path::new("gone.glb"), None, &ModelView::default()).unwrap_err().to_string();
+    let error = load::describe_model(Path::new("gone.glb"), None, &ModelView::default(), &anywhere()).unwrap_err().to_string();
     assert!(error.starts_with("gone.glb: cannot read: "), "{error}");
     let empty = Files::new(&[("model.obj", "v 0 0 0\n")]);
-    let error = load::describe_model(&empty.path("model.obj"), None, &ModelView::default()).unwrap_err().to_string();
+    let error = load::describe_model(&empty.path("model.obj"), None, &ModelView::default(), &anywhere()).unwrap_err().to_string();
     assert!(error.ends_with("model.obj: the model has no triangle to render"), "{error}");
 }
 
@@ -266,21 +297,21 @@ fn scene_file(scene: &Scene) -> &str {
 fn environments_load_from_files_names_and_parameters() {
     let mut scene = empty_scene();
     (scene.environment.rotation, scene.environment.intensity) = (-90.0, 2.0);
-    let light = load::load(&scene, Path::new("")).unwrap().environment;
+    let light = load::load(&scene, &anywhere()).unwrap().environment;
     assert!((light.rotation - 1.5 * std::f32::consts::PI).abs() < 1e-6 && light.intensity == 2.0);
     assert_eq!(light.radiance(Vec3A::X), [2.0; 3]);
     // A name and its parameters are the same map.
     let (name, sky) = &renderflow_scenes::sky::library()[0];
     scene.environment.source = EnvironmentSource::Builtin(name.to_string());
-    let named = load::load(&scene, Path::new("")).unwrap().environment;
+    let named = load::load(&scene, &anywhere()).unwrap().environment;
     scene.environment.source = EnvironmentSource::Sky(sky.clone());
-    assert!(named == load::load(&scene, Path::new("")).unwrap().environment && named.map.width > 1);
+    assert!(named == load::load(&scene, &anywhere()).unwrap().environment && named.map.width > 1);
     scene.environment.source = EnvironmentSource::File("gone.hdr".into());
-    let error = load::load(&scene, Path::new("somewhere")).unwrap_err().to_string();
+    let error = load::load(&scene, &Reach::folder("somewhere")).unwrap_err().to_string();
     assert!(error.starts_with("/environment/source: somewhere/gone.hdr: cannot "), "{error}");
     if let Some(path) = asset("hdri/studio_small_03_1k.hdr") {
         scene.environment.source = EnvironmentSource::File(path.file_name().unwrap().to_str().unwrap().into());
-        let loaded = load::load(&scene, path.parent().unwrap()).unwrap();
+        let loaded = load::load(&scene, &Reach::of(&path)).unwrap();
         assert_eq!((loaded.environment.map.width, loaded.environment.map.height), (1024, 512));
     }
 }
@@ -291,9 +322,66 @@ fn normal_maps_need_texture_coordinates() {
     let Some(model) = asset("obj/sphere.obj") else { return };
     let mut scene = model_scene(&model, Some(common::grey("bumpy")));
     scene.materials[0].normal_texture = Some(path.to_str().unwrap().into());
-    let loaded = load::load(&scene, Path::new("")).unwrap();
+    let loaded = load::load(&scene, &anywhere()).unwrap();
     let has_uvs = !loaded.meshes[0].uvs.is_empty();
     assert_eq!(loaded.meshes[0].tangents.is_empty(), !has_uvs);
     assert_eq!(loaded.report.notes.iter().any(|n| n.contains("is not applied")), !has_uvs);
     assert!(load_model(&model).unwrap().meshes[0].tangents.is_empty(), "nobody wants tangents without a normal map");
+}
+
+/// Ground planes under models that bring a floor would fight with it for the pixels.
+#[test]
+fn a_model_with_a_floor_of_its_own_gets_no_ground() {
+    let up = "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 1 4 3 2\n";
+    let down = "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 1 2 3 4\n";
+    let cube = |low: f32, high: f32, half: f32, from: usize, inwards: bool| {
+        let mut text = String::new();
+        for i in 0..8 {
+            let pick = |bit: usize, a: f32, b: f32| if i & bit == 0 { a } else { b };
+            text += &format!("v {} {} {}\n", pick(1, -half, half), pick(2, low, high), pick(4, -half, half));
+        }
+        for [a, b, c, d] in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
+            let [a, b, c, d] = [a, b, c, d].map(|i: usize| i + from);
+            text += &if inwards { format!("f {d} {c} {b} {a}\n") } else { format!("f {a} {b} {c} {d}\n") };
+        }
+        text
+    };
+    // A floor and walls without a front; with a ceiling its floor has something above it.
+    let room = |ceiling: bool| {
+        let mut text = cube(0.0, 2.0, 1.0, 1, true);
+        let keep: Vec<usize> = if ceiling { vec![0, 1, 2, 3, 4] } else { vec![0, 1, 2, 4] };
+        let (faces, corners): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| line.starts_with('f'));
+        let faces: Vec<&str> = keep.into_iter().map(|i| faces[i]).collect();
+        text = [corners, faces].concat().join("\n");
+        text + "\n"
+    };
+    let ball = std::fs::read_to_string(asset("obj/spot/spot_triangulated.obj").unwrap_or_default()).unwrap_or_default();
+    let grounds = [
+        ("a square that faces up", up.into(), false),
+        ("a square that faces down", down.into(), false),
+        ("a floor under a box", up.to_owned() + &cube(0.0, 1.0, 0.4, 5, false), false),
+        ("a room", room(false), false),
+        ("a room with a ceiling", room(true), false),
+        ("a box", cube(0.0, 2.0, 1.0, 1, false), true),
+        ("a box inside out", cube(0.0, 2.0, 1.0, 1, true), true),
+        ("a slab", cube(0.0, 0.1, 1.0, 1, false), true),
+        ("a small sheet under a box", up.replace("1", "0.3").replace("f 0.3 4", "f 1 4") + &cube(0.0, 1.0, 1.0, 5, false), true),
+        ("a square on its edge", "v -1 0 0\nv 1 0 0\nv 1 2 0\nv -1 2 0\nf 1 2 3 4\n".into(), true),
+        ("a table", cube(1.0, 1.1, 1.0, 1, false) + &cube(0.0, 1.0, 0.1, 9, false), true),
+        ("a cow", ball, true),
+    ];
+    for (name, text, wanted) in grounds {
+        if text.is_empty() {
+            continue;
+        }
+        let files = Files::new(&[("model.obj", &text)]);
+        for view in [ModelView::default(), ModelView { ground: false, ..ModelView::default() }] {
+            let scene = load::describe_model(&files.path("model.obj"), None, &view, &anywhere()).unwrap();
+            let found = scene.objects.iter().any(|object| object.name == "ground");
+            assert_eq!(found, wanted && view.ground, "{name}: {text}");
+            scene.validate().unwrap();
+        }
+    }
+    let Some(path) = asset("obj/edge/tobj/cornell_box.obj") else { return };
+    assert_eq!(load::describe_model(&path, None, &ModelView::default(), &anywhere()).unwrap().objects.len(), 1);
 }

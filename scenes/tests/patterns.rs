@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::anywhere;
 use common::empty_scene;
 use renderflow_scenes::description::{Geometry, Material, Object, TextureTransform, TextureWrap};
 use renderflow_scenes::pattern::{self, Map, MapSet, Maps, Pattern};
@@ -236,7 +237,7 @@ fn patterned(name: &str, kind: &str) -> Material {
 }
 
 fn loaded(scene: &Scene) -> LoadedScene {
-    load::load(scene, Path::new("")).unwrap()
+    load::load(scene, &anywhere()).unwrap()
 }
 
 #[test]

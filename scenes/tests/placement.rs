@@ -2,15 +2,16 @@
 
 mod common;
 
+use common::anywhere;
 use common::gltf::{FLOAT, File, bytes, document, square};
 use common::{empty_scene, model_scene};
 use glam::{DAffine3, DVec3, Vec3};
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::description::{CameraPath, Geometry, Motion, Object, Pose, Transform};
 use renderflow_scenes::load::{self, ModelView};
 use renderflow_scenes::shapes::Shape;
 use renderflow_scenes::{LoadedScene, Scene};
 use serde_json::json;
-use std::path::Path;
 
 /// Corners of all triangles at `frame`, seen from the camera of that frame: right, up, back.
 fn seen(scene: &LoadedScene, frame: usize) -> Vec<DVec3> {
@@ -73,7 +74,7 @@ fn yard(shift: DVec3, size: f64) -> Scene {
 
 #[test]
 fn a_scene_far_out_is_seen_as_the_near_one() {
-    let load = |shift, size| load::load(&yard(shift, size), Path::new("")).unwrap();
+    let load = |shift, size| load::load(&yard(shift, size), &anywhere()).unwrap();
     let near = load(DVec3::ZERO, 1.0);
     assert_eq!(near.origin, DVec3::ZERO);
     for (shift, size) in [
@@ -148,7 +149,7 @@ fn node_trees_keep_their_digits() {
         let eye = stands + DVec3::new(0.0, 0.5, 3.0);
         let pose = Pose { eye: eye.to_array(), target: stands.to_array(), up: [0.0, 1.0, 0.0] };
         scene.camera = CameraPath::Poses { poses: vec![pose], vertical_fov: 40.0 };
-        let loaded = load::load(&scene, Path::new("")).unwrap();
+        let loaded = load::load(&scene, &anywhere()).unwrap();
         for (part, expected) in [
             (0, corners.map(|p| turned(p * DVec3::new(2.0, 3.0, 1.0)) + DVec3::new(0.125, 0.25, 0.5) + DVec3::from(far))),
             (1, corners.map(turned)),
@@ -177,7 +178,7 @@ fn meshes_written_far_out_are_moved_without_rounding() {
     let mut scene = model_scene(&written.path(), None);
     scene.objects[0].transform =
         Transform { translation: [133_974.6, 0.0, 2_232_050.8], rotation: [0.0, 30.0, 0.0], ..Default::default() };
-    let loaded = load::load(&scene, Path::new("")).unwrap();
+    let loaded = load::load(&scene, &anywhere()).unwrap();
     let (mesh, transform) = (&loaded.meshes[0], loaded.instances[0].transform(0));
     for (p, v) in mesh.positions.iter().zip(&vertices) {
         let [x, y, z] = v.map(f64::from);
@@ -227,8 +228,8 @@ fn a_model_of_any_size_at_any_place_is_framed() {
         let corner = |x: f64, y: f64, z: f64| format!("v {} {} {}\n", shift + x * size, shift + y * size, shift + z * size);
         let text = [corner(0.0, 0.0, 0.0), corner(2.0, 0.0, 0.0), corner(0.0, 2.0, 0.0), corner(0.0, 0.0, 2.0)].concat();
         std::fs::write(&path, text + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();
-        let scene = load::describe_model(&path, None, &ModelView::default()).unwrap();
-        let loaded = load::load(&scene, Path::new("")).unwrap();
+        let scene = load::describe_model(&path, None, &ModelView::default(), &Reach::of(&path)).unwrap();
+        let loaded = load::load(&scene, &anywhere()).unwrap();
         let mesh = &loaded.meshes[loaded.instances[0].mesh];
         let placed: Vec<Vec3> = mesh
             .triangles

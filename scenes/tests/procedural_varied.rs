@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Object, Scene};
 use renderflow_scenes::load::load;
@@ -44,6 +45,7 @@ impl Lists {
             models: &self.models,
             hdris: &[],
             builtin: &self.builtin,
+            allowed: &[],
         };
         let seed = Seed::root(5).child("sequence", number);
         let name = format!("scene-{number}");
@@ -108,7 +110,7 @@ fn every_layout_with_every_camera_is_valid_and_loads() {
     SCENES[..12].par_iter().for_each(|made| {
         let mut scene = made.scene.clone();
         scene.environment.source = EnvironmentSource::Constant([1.0; 3]);
-        let loaded = load(&scene, Path::new("")).unwrap_or_else(|e| panic!("{}: {e}", scene.name));
+        let loaded = load(&scene, &Reach::folder("")).unwrap_or_else(|e| panic!("{}: {e}", scene.name));
         assert_eq!(loaded.instances.len(), scene.objects.len());
     });
 }
@@ -390,7 +392,7 @@ fn models_of_users_rest_on_the_floor() {
         let made = lists.compose(number, &composition).unwrap();
         let mut scene = made.scene.clone();
         scene.environment.source = EnvironmentSource::Constant([1.0; 3]);
-        let loaded = load(&scene, Path::new("")).unwrap();
+        let loaded = load(&scene, &Reach::folder("")).unwrap();
         for used in made.meshes.iter().filter(|used| used.family == "file") {
             assert_eq!((used.file.as_ref(), used.mesh), (Some(&path), None));
             models += 1;

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{empty_scene, grey};
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::description::{Geometry, Material, Object, Scene};
 use renderflow_scenes::load;
 use renderflow_scenes::shapes::Shape;
@@ -46,7 +47,7 @@ fn only_textures_that_something_looks_at_are_read() {
         ..grey("dark")
     };
     let described = scene(vec![idle, dark, colored], vec![ball("a", "colored"), ball("b", "dark")]);
-    let loaded = load::load(&described, &folder()).unwrap();
+    let loaded = load::load(&described, &Reach::folder(folder())).unwrap();
     assert_eq!((loaded.textures.len(), loaded.materials.len()), (1, 3));
     let slots: Vec<usize> = loaded.materials.iter().map(|m| m.texture_slots().count()).collect();
     assert_eq!(slots, [0, 0, 1]);
@@ -55,14 +56,15 @@ fn only_textures_that_something_looks_at_are_read() {
     assert_eq!(loaded.report.notes, ["material \"idle\" is on no object: its textures are not read"]);
 
     // Everything, where that is asked for: then the images must be there.
-    let error = load::load_everything(&described, &folder()).unwrap_err().to_string();
+    let error = load::load_everything(&described, &Reach::folder(folder())).unwrap_err().to_string();
     assert!(error.contains("gone.png"), "{error}");
 }
 
 #[test]
 fn a_broken_texture_that_is_looked_at_is_an_error_with_its_place() {
     let broken = Material { base_color_texture: Some("textures/gone.png".into()), ..grey("broken") };
-    let error = load::load(&scene(vec![grey("a"), broken], vec![ball("b", "broken")]), &folder()).unwrap_err().to_string();
+    let error =
+        load::load(&scene(vec![grey("a"), broken], vec![ball("b", "broken")]), &Reach::folder(folder())).unwrap_err().to_string();
     assert!(error.starts_with("/materials/1: ") && error.contains("broken") && error.contains("gone.png"), "{error}");
 }
 
@@ -74,7 +76,7 @@ fn normal_maps_need_tangents() {
     let bare = file.path().join("bare.obj");
     std::fs::write(&bare, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let bare = Geometry::File(bare.to_str().unwrap().into());
-    let load = |objects: Vec<Object>| load::load(&scene(vec![bumpy.clone()], objects), &folder()).unwrap();
+    let load = |objects: Vec<Object>| load::load(&scene(vec![bumpy.clone()], objects), &Reach::folder(folder())).unwrap();
     let without = load(vec![object("bare", bare.clone(), "bumpy")]);
     assert_eq!((without.textures.len(), without.materials[0].normal_texture.is_some()), (0, false));
     assert_eq!(without.report.notes.len(), 1, "{:?}", without.report.notes);

@@ -5,22 +5,25 @@ use super::{images, mesh, model};
 use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene, TextureWrap};
 use crate::error::{Error, Problem, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
-use crate::texture::uv_transform;
+use crate::texture::{Budget, uv_transform};
 use crate::{Instance, LoadReport, LoadedScene, Material, MaterialChange, Mesh, Texture, TextureSlot, tangents};
 use glam::{Affine3A, DAffine3, DVec3};
 use renderflow_frame::Environment;
+use renderflow_frame::reach::Reach;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// Validates `scene` and loads what it refers to; relative paths start at `base_folder`, the folder of the scene file.
+/// Validates `scene` and loads what it refers to; `reach` says where relative paths start, the folder of the scene file, and which files
+/// the scene, and the models in it, may name.
 ///
 /// Images that nothing looks at are not read, so they need not be there: those of materials on no object, normal maps on meshes without
 /// texture coordinates, and those that a factor of zero hides.
 ///
 /// # Errors
-/// [`Error::Invalid`] as [`Scene::validate`]; for a file that cannot be read, the place in the scene, the file and the place in it.
-pub fn load(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
-    build(scene, base_folder, false)
+/// [`Error::Invalid`] as [`Scene::validate`]; for a file that cannot be read, the place in the scene, the file and the place in it;
+/// [`Error::Name`] for a name that leads out of reach.
+pub fn load(scene: &Scene, reach: &Reach) -> Result<LoadedScene> {
+    build(scene, reach, false)
 }
 
 /// As [`load`], the images that nothing looks at included: for measurements.
@@ -28,21 +31,22 @@ pub fn load(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
 /// # Errors
 /// As [`load`].
 #[doc(hidden)]
-pub fn load_everything(scene: &Scene, base_folder: &Path) -> Result<LoadedScene> {
-    build(scene, base_folder, true)
+pub fn load_everything(scene: &Scene, reach: &Reach) -> Result<LoadedScene> {
+    build(scene, reach, true)
 }
 
-fn build(scene: &Scene, base_folder: &Path, everything: bool) -> Result<LoadedScene> {
+fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> {
     scene.validate()?;
     let mut report = LoadReport::default();
-    let environment = environment(scene, base_folder, &mut report)?;
-    let mut build = Build { report, ..Build::new(scene, base_folder) };
+    let environment = environment(scene, reach, &mut report)?;
+    let mut build = Build { report, ..Build::new(scene, reach) };
     build.described_materials();
     for (index, object) in scene.objects.iter().enumerate() {
         build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
     }
     build.prepare_tangents();
     build.read_images(everything)?;
+    build.note_inside_out();
     build.mirror();
     build.drop_idle_masks();
     Ok(LoadedScene {
@@ -60,14 +64,14 @@ fn build(scene: &Scene, base_folder: &Path, everything: bool) -> Result<LoadedSc
     })
 }
 
-fn environment(scene: &Scene, base: &Path, report: &mut LoadReport) -> Result<Environment> {
+fn environment(scene: &Scene, reach: &Reach, report: &mut LoadReport) -> Result<Environment> {
     let light = &scene.environment;
     let place = |e: Error| e.at("/environment/source");
     let mut environment = Environment::constant([0.0; 3]);
     match &light.source {
         EnvironmentSource::Constant(radiance) => environment = Environment::constant(*radiance),
         EnvironmentSource::File(file) => {
-            let path = base.join(file);
+            let path = reach.resolve(file).map_err(|reason| place(Error::Name { reason }))?;
             let loaded = renderflow_frame::hdr::read(&path).map_err(|e| place(e.into()))?;
             if loaded.repaired > 0 {
                 let what = "texels that were NaN, infinite or negative became 0";
@@ -105,7 +109,9 @@ struct Placed {
 
 struct Build<'a> {
     scene: &'a Scene,
-    base: &'a Path,
+    reach: &'a Reach,
+    /// What textures may take.
+    budget: Budget,
     /// Where transforms are counted from.
     origin: DVec3,
     meshes: Vec<Mesh>,
@@ -126,10 +132,11 @@ struct Build<'a> {
 }
 
 impl<'a> Build<'a> {
-    fn new(scene: &'a Scene, base: &'a Path) -> Self {
+    fn new(scene: &'a Scene, reach: &'a Reach) -> Self {
         Self {
             scene,
-            base,
+            reach,
+            budget: Budget::of_machine(),
             origin: scene.camera.origin(),
             meshes: vec![],
             centers: vec![],
@@ -193,9 +200,10 @@ impl<'a> Build<'a> {
 
     /// The texture of an image, which is read later.
     fn image(&mut self, user: &Described, place: &str, file: &str, encoding: Encoding) -> TextureSlot {
-        let path = self.base.join(file);
+        // A name that is refused fails where the image is read, if it is.
+        let path = self.reach.resolve(file);
         let wrap = wrap(user);
-        let key = (path.clone(), encoding, wrap);
+        let key = (path.clone().unwrap_or_else(|_| file.into()), encoding, wrap);
         let texture = match self.images.get(&key) {
             Some(&known) => known,
             None => {
@@ -214,13 +222,13 @@ impl<'a> Build<'a> {
     fn read_images(&mut self, everything: bool) -> Result<()> {
         if everything {
             self.patterns.make(&mut self.materials, &mut self.textures, true);
-            return images::read(&self.wanted, &self.materials, &mut self.textures);
+            return images::read(&self.wanted, &self.materials, &mut self.textures, &self.budget);
         }
         for name in images::drop_idle_slots(&mut self.materials, &self.instances, &self.meshes) {
             self.report.notes.push(format!("material {name:?} is on no object: its textures are not read"));
         }
         self.patterns.make(&mut self.materials, &mut self.textures, false);
-        images::read(&self.wanted, &self.materials, &mut self.textures)?;
+        images::read(&self.wanted, &self.materials, &mut self.textures, &self.budget)?;
         images::drop_idle_textures(&mut self.materials, &mut self.textures);
         Ok(())
     }
@@ -246,7 +254,7 @@ impl<'a> Build<'a> {
                 self.instances.push(Instance { name: object.name.clone(), mesh, material, object_id, transforms });
             }
             Geometry::File(file) => {
-                let path = self.base.join(file);
+                let path = self.reach.resolve(file).map_err(|reason| Error::Name { reason })?;
                 if !self.models.contains_key(&path) {
                     let placed = self.add_model(&path, file)?;
                     self.models.insert(path.clone(), placed);
@@ -291,7 +299,7 @@ impl<'a> Build<'a> {
     fn add_model(&mut self, path: &Path, file: &str) -> Result<Placed> {
         // Materials and textures are read only when an object wants them.
         let wanted = self.scene.objects.iter().any(|o| o.material.is_none() && o.geometry == Geometry::File(file.into()));
-        let loaded = model::read(path, wanted)?;
+        let loaded = model::read(path, &self.reach.at(path), wanted.then_some(&self.budget))?;
         let (first_mesh, first_material) = (self.meshes.len(), self.materials.len());
         for mesh in loaded.meshes {
             self.add_mesh(mesh);
@@ -344,6 +352,29 @@ impl<'a> Build<'a> {
                 self.report.notes.push(note);
             }
         }
+    }
+
+    /// Says which bodies of model files face inwards and are not there from outside.
+    fn note_inside_out(&mut self) {
+        let of_files: HashSet<usize> =
+            self.models.values().flat_map(|placed| placed.parts.iter().map(|part| placed.first_mesh + part.mesh)).collect();
+        let mut judged = HashSet::new();
+        let turned: Vec<&Instance> = self
+            .instances
+            .iter()
+            .filter(|i| !self.materials[i.material].double_sided && of_files.contains(&i.mesh) && judged.insert(i.mesh))
+            .filter(|i| mesh::is_inside_out(&self.meshes[i.mesh]))
+            .collect();
+        let Some(first) = turned.first() else { return };
+        let others = match turned.len() - 1 {
+            0 => String::new(),
+            1 => " (and one more mesh)".into(),
+            more => format!(" (and {more} more meshes)"),
+        };
+        self.report.notes.push(format!(
+            "{}{others}: the faces of this closed, single-sided surface point inwards: from outside only its far side is seen",
+            first.name
+        ));
     }
 
     /// Takes masks away that cut nothing, and counts those that stay.

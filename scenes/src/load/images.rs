@@ -2,16 +2,17 @@
 
 use crate::error::{Error, Result};
 use crate::loaded::{Encoding, Wrap};
-use crate::texture;
+use crate::texture::{self, Budget};
 use crate::{Instance, Material, MaterialChange, Mesh, Texture};
-use rayon::prelude::*;
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 /// An image to read into one of the scene's textures.
 pub(super) struct Wanted {
     /// Index of the texture.
     pub texture: usize,
-    pub path: PathBuf,
+    /// `Err` with the reason where the scene may not name it.
+    pub path: std::result::Result<PathBuf, String>,
     /// The material, by place and by name.
     pub place: String,
     pub user: String,
@@ -67,22 +68,25 @@ pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance]
     unused
 }
 
-/// Reads the images that some material looks at.
-pub(super) fn read(wanted: &[Wanted], materials: &[Material], textures: &mut [Texture]) -> Result<()> {
+/// Reads the images that some material looks at, where all fit into `budget`.
+pub(super) fn read(wanted: &[Wanted], materials: &[Material], textures: &mut [Texture], budget: &Budget) -> Result<()> {
     let looked_at = looked_at(materials, textures.len());
     let asked: Vec<&Wanted> = wanted.iter().filter(|w| looked_at[w.texture]).collect();
-    let decoded: Vec<Result<Texture>> = asked
-        .par_iter()
-        .map(|wanted| {
-            let Texture { name, encoding, wrap, .. } = &textures[wanted.texture];
-            let read = texture::read(&wanted.path).and_then(|bytes| texture::decode(&bytes, name.clone(), *encoding, *wrap));
-            read.map_err(|reason| {
-                Error::Texture { user: wanted.user.clone(), path: wanted.path.clone(), reason }.at(wanted.place.clone())
-            })
-        })
-        .collect();
+    let about = |wanted: &&Wanted| {
+        let Texture { name, encoding, wrap, .. } = &textures[wanted.texture];
+        texture::Wanted { name: name.clone(), encoding: *encoding, wrap: *wrap }
+    };
+    let fail = |wanted: &&Wanted, reason: String| {
+        let path = wanted.path.clone().unwrap_or_else(|_| textures[wanted.texture].name.clone().into());
+        Error::Texture { user: wanted.user.clone(), path, reason }.at(wanted.place.clone())
+    };
+    let bytes = |wanted: &&Wanted| match &wanted.path {
+        Ok(path) => texture::read(path).map(Cow::Owned).map_err(|reason| fail(wanted, reason)),
+        Err(reason) => Err(Error::Name { reason: format!("{}: {reason}", wanted.user) }.at(wanted.place.clone())),
+    };
+    let decoded = texture::decode_all(&asked, budget, about, bytes, fail)?;
     for (wanted, texture) in asked.iter().zip(decoded) {
-        textures[wanted.texture] = texture?;
+        textures[wanted.texture] = texture;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use crate::{Mesh, TriangleReport};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 /// Drops triangles that cannot be rendered and those that are there twice, and mends normals, coordinates and tangents.
 pub(crate) fn clean(mesh: &mut Mesh) -> TriangleReport {
@@ -83,6 +83,39 @@ fn shape(positions: &[Vec3], triangle: [u32; 3]) -> Shape {
     }
     let longest = ab.length_squared().max(ac.length_squared()).max(bc.length_squared());
     if longest.powi(2) > TriangleReport::NEEDLE.powi(2) * area { Shape::Needle } else { Shape::Good }
+}
+
+/// Whether a mesh is the surface of a body: each edge is passed as often in one direction as in the other. Vertices at one place are one.
+pub(crate) fn is_closed(mesh: &Mesh) -> bool {
+    let mut known = HashMap::new();
+    let mut place = |v: u32| {
+        let next = known.len() as u32;
+        *known.entry((mesh.positions[v as usize] + Vec3::ZERO).to_array().map(f32::to_bits)).or_insert(next)
+    };
+    let mut edges: HashMap<[u32; 2], i64> = HashMap::new();
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(&mut place);
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            *edges.entry([from.min(to), from.max(to)]).or_default() += if from < to { 1 } else { -1 };
+        }
+    }
+    edges.values().all(|&balance| balance == 0)
+}
+
+/// Whether a mesh is the surface of a body with its front faces on the inside.
+pub(crate) fn is_inside_out(mesh: &Mesh) -> bool {
+    let corners = |t: &[u32; 3]| t.map(|v| mesh.positions[v as usize].as_dvec3());
+    let Some(origin) = mesh.triangles.first().map(|t| corners(t)[0]) else { return false };
+    let (mut volume, mut area, mut sum) = (0.0, 0.0, DVec3::ZERO);
+    for triangle in &mesh.triangles {
+        let [a, b, c] = corners(triangle).map(|p| p - origin);
+        let normal = 0.5 * (b - a).cross(c - a);
+        volume += a.dot(normal) / 3.0;
+        area += normal.length();
+        sum += normal;
+    }
+    // Quick tests first: normals of a closed surface cancel. A ball of this area has a volume of 0.09 `area`^1.5.
+    volume < -1e-4 * area.powf(1.5) && sum.length() <= 1e-3 * area && is_closed(mesh)
 }
 
 /// Keeps the first of the triangles that have the same three corners in the same cyclic order.

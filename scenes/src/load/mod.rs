@@ -1,6 +1,7 @@
 //! Loads everything a scene refers to, once each: environment, model files, textures, shapes, cameras of all frames.
 
 mod build;
+mod floor;
 mod gltf;
 mod images;
 mod mesh;
@@ -21,9 +22,9 @@ pub use model::{Format, ModelView, describe_model};
 /// Reads an image file (PNG or JPEG, by content) as a texture that repeats.
 ///
 /// # Errors
-/// [`Error::Io`] when it cannot be read, [`Error::Model`] with what is wrong with its bytes.
+/// [`Error::Model`] when it cannot be read, with what is wrong with its bytes.
 pub fn read_texture(path: &Path, encoding: Encoding) -> Result<Texture> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let bytes = crate::texture::read(path).map_err(|reason| Error::model(path, "", reason))?;
     let name = path.to_string_lossy().into_owned();
     crate::texture::decode(&bytes, name, encoding, Default::default()).map_err(|reason| Error::model(path, "", reason))
 }
@@ -45,6 +46,7 @@ fn relative(transform: DAffine3, origin: DVec3) -> Affine3A {
 mod tests {
     use super::model;
     use crate::tangents;
+    use renderflow_frame::reach::Reach;
     use std::path::Path;
 
     /// Generated tangents against those that another program wrote into real files. (Suzanne and TwoSidedPlane have tangents
@@ -58,7 +60,7 @@ mod tests {
                 return;
             }
             let (mut corners, mut close, mut same_sign) = (0.0, 0.0, 0.0);
-            for mut stored in model::read(&path, false).unwrap().meshes {
+            for mut stored in model::read(&path, &Reach::of(&path), None).unwrap().meshes {
                 // Triangles without area in the texture have no tangent to compare.
                 let uvs = stored.uvs.clone();
                 let area = |[a, b, c]: [usize; 3]| (uvs[b] - uvs[a]).perp_dot(uvs[c] - uvs[a]).abs();

@@ -5,9 +5,12 @@ use crate::description::{
 };
 use crate::error::{Error, Result};
 use crate::shapes::Shape;
+use crate::texture::Budget;
 use crate::validate::{MAX_COORDINATE, MAX_SIZE, MIN_SIZE};
-use crate::{LoadReport, Material, Mesh, Texture};
+use crate::{LoadReport, Material, Mesh, Texture, TriangleReport};
 use glam::{DAffine3, DVec3};
+use renderflow_frame::reach::Reach;
+use renderflow_frame::words::{number, shortened};
 use std::path::Path;
 
 /// Formats of model files.
@@ -47,7 +50,7 @@ impl Format {
     /// Format of a file: by its content, or else by its name.
     fn of_file(path: &Path) -> Result<Option<Self>> {
         let mut head = Vec::new();
-        let file = std::fs::File::open(path).map_err(Error::io(path, "read"))?;
+        let file = renderflow_frame::file::open(path).map_err(Error::unreadable)?;
         std::io::Read::read_to_end(&mut std::io::Read::take(file, 4096), &mut head).map_err(Error::io(path, "read"))?;
         Ok(Self::sniff(&head).or(Self::of(path)))
     }
@@ -73,13 +76,17 @@ pub(crate) struct Model {
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
     pub report: LoadReport,
+    /// Where the first vertex that does not exist is asked for, where the reader left its triangles out.
+    pub missing_vertex: Option<String>,
+    /// Where the first coordinate that is not finite stands, where the reader can say.
+    pub not_finite: Option<String>,
 }
 
-/// Reads a model file; materials and textures only `with_materials`.
-pub(crate) fn read(path: &Path, with_materials: bool) -> Result<Model> {
+/// Reads a model file, whose names lead where `reach` says; materials and textures only within a budget for the latter.
+pub(crate) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
     match Format::of_file(path)? {
-        Some(Format::Gltf) => super::gltf::read(path, with_materials),
-        Some(Format::Obj) => super::obj::read(path, with_materials),
+        Some(Format::Gltf) => super::gltf::read(path, reach, textures),
+        Some(Format::Obj) => super::obj::read(path, reach, textures),
         None => Err(Error::model(path, "", "neither glTF nor OBJ")),
     }
 }
@@ -99,7 +106,8 @@ pub struct ModelView {
     pub seed: u64,
     /// Light where no environment file is given.
     pub environment: EnvironmentSource,
-    /// Put a grey ground plane under the model?
+    /// Put a grey ground plane under the model? A model that has a floor of its own at that height gets none: where triangles at its
+    /// lowest height that can be seen from above cover half of the rectangle it stands on.
     pub ground: bool,
 }
 
@@ -129,12 +137,12 @@ const MARGIN: f32 = 1.1;
 /// A scene around the model file `model`: scaled to a bounding sphere of 1 metre radius, resting on a grey ground plane,
 /// an orbiting camera that sees all of it, lit by the map `environment` or else by `view.environment`.
 ///
-/// The paths in the scene are absolute, so it can be saved in any folder.
+/// The paths in the scene are absolute, so it can be saved in any folder. `reach` says which files the model may name.
 ///
 /// # Errors
-/// When the model cannot be read or has no triangle.
-pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView) -> Result<Scene> {
-    let (center, radius, lowest) = bounds(model)?;
+/// When the model cannot be read or has no triangle that can be rendered; the message says why its triangles cannot.
+pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView, reach: &Reach) -> Result<Scene> {
+    let (geometry, (center, radius, lowest)) = bounds(model, reach)?;
     let factor = (1.0 / radius) as f32;
     // The centre of the sphere above the origin, the lowest vertex in the plane y = 0. With the factor as the scene has it: far out,
     // its rounding would show.
@@ -156,7 +164,7 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
         motion: None,
     }];
     let mut materials = vec![];
-    if view.ground {
+    if view.ground && !super::floor::is_in(&geometry, lowest, radius) {
         materials.push(Described { name: "ground".into(), base_color: [0.5; 3], roughness: 0.6, ..Described::default() });
         objects.push(Object {
             name: if name == "ground" { "ground plane".into() } else { "ground".into() },
@@ -201,9 +209,9 @@ pub(crate) struct Extent {
 }
 
 /// The room that a model file takes up.
-pub(crate) fn extent(path: &Path) -> Result<Extent> {
-    bounds(path)?;
-    let model = read(path, false)?;
+pub(crate) fn extent(path: &Path, reach: &Reach) -> Result<Extent> {
+    bounds(path, reach)?;
+    let model = read(path, reach, None)?;
     let corners = || {
         model.parts.iter().flat_map(|part| {
             let mesh = &model.meshes[part.mesh];
@@ -216,12 +224,15 @@ pub(crate) fn extent(path: &Path) -> Result<Extent> {
     Ok(Extent { low, high, radius })
 }
 
-/// Centre and radius of a sphere around all triangles of a model file, and the height of its lowest vertex.
-fn bounds(path: &Path) -> Result<(DVec3, f64, f64)> {
-    let mut model = read(path, false)?;
-    model.meshes.iter_mut().for_each(|m| {
-        super::mesh::clean(m);
-    });
+/// A model file without materials, cleaned; centre and radius of a sphere around all its triangles, and the height of its lowest vertex.
+fn bounds(path: &Path, reach: &Reach) -> Result<(Model, (DVec3, f64, f64))> {
+    let mut model = read(path, reach, None)?;
+    let mut dropped = model.report.triangles;
+    // What `clean` takes away cannot be told afterwards.
+    let first_missing = model.meshes.iter().find_map(missing_vertex);
+    for mesh in &mut model.meshes {
+        dropped += super::mesh::clean(mesh);
+    }
     let corners = || {
         model.parts.iter().flat_map(|part| {
             let mesh = &model.meshes[part.mesh];
@@ -231,13 +242,52 @@ fn bounds(path: &Path) -> Result<(DVec3, f64, f64)> {
     };
     let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
     if low.x > high.x {
-        return Err(Error::model(path, "", "the model has no triangle to render"));
+        model.missing_vertex = model.missing_vertex.take().or(first_missing);
+        return Err(Error::model(path, "", nothing_to_render(&model, dropped)));
     }
     let center = 0.5 * low + 0.5 * high;
     let radius = corners().map(|p| p.distance(center)).fold(0.0, f64::max);
     let sizes = f64::from(MIN_SIZE)..=f64::from(MAX_SIZE);
     if !(center.is_finite() && sizes.contains(&radius) && center.abs().max_element() <= MAX_COORDINATE * radius) {
-        return Err(Error::model(path, "", format!("the model has no usable size: it reaches from {low} to {high}")));
+        let corner = |v: DVec3| format!("({})", v.to_array().map(number).join(", "));
+        let reason = format!("the model has no usable size: it reaches from {} to {}", corner(low), corner(high));
+        return Err(Error::model(path, "", reason));
     }
-    Ok((center, radius, low.y))
+    Ok((model, (center, radius, low.y)))
+}
+
+/// The first vertex of a mesh that a triangle names and that does not exist.
+fn missing_vertex(mesh: &Mesh) -> Option<String> {
+    let vertices = mesh.positions.len();
+    let place = mesh.triangles.iter().flatten().position(|&i| i as usize >= vertices)?;
+    let index = mesh.triangles.as_flattened()[place];
+    Some(format!("mesh {:?}: triangle {} names vertex {index}, there are {vertices}", shortened(&mesh.name), place / 3))
+}
+
+/// Why no triangle of a model can be rendered, in words.
+fn nothing_to_render(model: &Model, dropped: TriangleReport) -> String {
+    let because = |reason: String| match model.report.notes.first() {
+        Some(note) => format!("{reason} ({note})"),
+        None => reason,
+    };
+    if dropped.dropped() == 0 {
+        return because("the model has no triangle to render".into());
+    }
+    let at = |place: &Option<String>| place.as_ref().map(|place| format!(" ({place})")).unwrap_or_default();
+    let causes = [
+        (dropped.out_of_range, "a vertex that does not exist", at(&model.missing_vertex)),
+        (dropped.not_finite, "a coordinate that is not finite", at(&model.not_finite)),
+        (dropped.no_area, "no area", String::new()),
+        (dropped.duplicate, "the same corners as another one", String::new()),
+    ];
+    let causes: Vec<String> = causes
+        .iter()
+        .filter(|(count, ..)| *count > 0)
+        .map(|(count, what, at)| format!("{count} {} {what}{at}", if *count == 1 { "has" } else { "have" }))
+        .collect();
+    let causes = causes.join(", ");
+    match dropped.dropped() {
+        1 => format!("the model's only triangle cannot be rendered: {causes}"),
+        count => format!("none of the model's {count} triangles can be rendered: {causes}"),
+    }
 }

@@ -52,26 +52,43 @@ struct Entry<'a> {
 /// # Errors
 /// When a file cannot be written.
 pub fn write_library(folder: &Path) -> Result<()> {
+    library_files()?.into_iter().try_for_each(|(name, bytes)| file::write_atomic(&folder.join(name), &bytes))
+}
+
+/// The files of `hdri/` by name: the maps, and last `manifest.json`.
+///
+/// # Errors
+/// When the manifest has no JSON form.
+pub fn library_files() -> Result<Vec<(String, Vec<u8>)>> {
     let [width, height] = LIBRARY_SIZE;
-    let mut maps = Vec::new();
+    let (mut files, mut maps) = (Vec::new(), Vec::new());
     for (name, sky) in library() {
         let bytes = hdr::encode(&render(sky, width, height));
         let file = format!("{name}.hdr");
-        file::write_atomic(&folder.join(&file), &bytes)?;
         let blake3 = blake3::hash(&bytes).to_hex().to_string();
-        maps.push(Entry { name, file, family: sky.family(), width, height, bytes: bytes.len(), blake3, parameters: sky });
+        maps.push(Entry {
+            name,
+            file: file.clone(),
+            family: sky.family(),
+            width,
+            height,
+            bytes: bytes.len(),
+            blake3,
+            parameters: sky,
+        });
+        files.push((file, bytes));
     }
     let manifest = Manifest {
         note: "Equirectangular radiance maps made by this project's own code; `renderflow hdri --out hdri` makes them again, bit for bit.",
         licence: "CC0-1.0 (own work)",
         maps,
     };
-    let path = folder.join("manifest.json");
-    let mut text = serde_json::to_string_pretty(&manifest)
-        .map_err(|e| renderflow_frame::Error::malformed(&path, format!("cannot be written as JSON: {e}")))?;
-    text.push('\n');
-    file::write_atomic(&path, text.as_bytes())
+    files.push((MANIFEST.into(), file::json(Path::new(MANIFEST), &manifest)?));
+    Ok(files)
 }
+
+/// The list of the maps with their parameters.
+const MANIFEST: &str = "manifest.json";
 
 const SOIL: [f32; 3] = [0.22, 0.19, 0.15];
 const GRASS: [f32; 3] = [0.1, 0.14, 0.06];

@@ -25,7 +25,7 @@ mod weather;
 
 pub use catalog::{ENVIRONMENTS, GROUPS, group, random_of};
 pub use fields::{Lamp, LampShape, Mask, Sun, Wall, Window};
-pub use library::{LIBRARY_SIZE, builtin, library, names, write_library};
+pub use library::{LIBRARY_SIZE, builtin, library, library_files, names, write_library};
 pub use parts::{
     Air, Backdrop, Beam, CloudKind, CloudLayer, Cover, CoverKind, Figure, Finish, Furnishing, Glow, Ground, Horizon, HorizonKind,
     Layout, LightGroup, Opening, Palette, Stars,

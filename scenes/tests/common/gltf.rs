@@ -2,9 +2,10 @@
 
 use super::model_scene;
 use base64::Engine;
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::{LoadedScene, Result, load};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 pub fn data_uri(kind: &str, bytes: &[u8]) -> String {
     format!("data:{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes))
@@ -29,7 +30,7 @@ impl File {
     }
 
     pub fn load(&self) -> Result<LoadedScene> {
-        load::load(&model_scene(&self.path(), None), Path::new(""))
+        load::load(&model_scene(&self.path(), None), &Reach::of(&self.path()))
     }
 
     /// What loading says, without the folder's name.

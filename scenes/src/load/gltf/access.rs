@@ -6,6 +6,7 @@ use super::uri;
 use crate::error::{Error, Result};
 use gltf::accessor::{Accessor, DataType};
 use gltf::{Document, buffer};
+use renderflow_frame::reach::Reach;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -24,14 +25,14 @@ pub(super) struct Buffers<'a> {
 }
 
 impl<'a> Buffers<'a> {
-    /// Reads every buffer: the binary chunk of a `.glb`, a data URI, or a file beside `path`.
-    pub(super) fn read(path: &'a Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Self> {
+    /// Reads every buffer: the binary chunk of a `.glb`, a data URI, or a file that `reach` allows.
+    pub(super) fn read(path: &'a Path, reach: &Reach, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Self> {
         let bytes = document
             .buffers()
             .map(|buffer| {
                 let fail = |reason| Error::model(path, format!("/buffers/{}", buffer.index()), reason);
                 let mut bytes = match buffer.source() {
-                    buffer::Source::Uri(text) => uri::read(path, text).map_err(fail)?,
+                    buffer::Source::Uri(text) => uri::read(reach, text).map_err(fail)?,
                     buffer::Source::Bin => {
                         blob.take().ok_or_else(|| fail("has no uri, and the file has no binary chunk".into()))?
                     }

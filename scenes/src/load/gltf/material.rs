@@ -5,25 +5,29 @@ use super::extension;
 use super::uri;
 use crate::error::{Error, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
-use crate::texture::{self, uv_transform};
+use crate::texture::{self, Budget, uv_transform};
 use crate::validate::MAX_VALUE;
 use crate::{LoadReport, Material, Texture, TextureSlot};
 use glam::Affine2;
 use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
-use rayon::prelude::*;
+use renderflow_frame::reach::Reach;
 use serde_json::Value;
-use std::collections::HashMap;
+use std::borrow::Cow;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 /// Materials used so far, with the textures they need (not yet decoded).
 pub(super) struct Materials<'a> {
     path: &'a Path,
+    reach: &'a Reach,
     document: &'a gltf::Document,
     pub(super) list: Vec<Material>,
     known: HashMap<Option<usize>, usize>,
     wanted: Vec<Wanted>,
     found: HashMap<(usize, Encoding, [u8; 2]), usize>,
+    /// Textures that have no image, each told once.
+    empty: HashSet<usize>,
 }
 
 /// A texture to decode.
@@ -43,8 +47,9 @@ struct Reference<'a> {
 }
 
 impl<'a> Materials<'a> {
-    pub(super) fn new(path: &'a Path, document: &'a gltf::Document) -> Self {
-        Self { path, document, list: vec![], known: HashMap::new(), wanted: vec![], found: HashMap::new() }
+    pub(super) fn new(path: &'a Path, reach: &'a Reach, document: &'a gltf::Document) -> Self {
+        let (known, found, empty) = (HashMap::new(), HashMap::new(), HashSet::new());
+        Self { path, reach, document, list: vec![], known, wanted: vec![], found, empty }
     }
 
     /// Set of texture coordinates (`TEXCOORD_n`) that the textures of `material` are looked up with.
@@ -89,7 +94,7 @@ impl<'a> Materials<'a> {
                 .notes
                 .push(format!("material {name:?} uses several sets of texture coordinates; TEXCOORD_{set} is used for all"));
         }
-        let mut slot = |reference: Option<Reference>| reference.map(|r| self.slot(&r, &name));
+        let mut slot = |reference: Option<Reference>| reference.and_then(|r| self.slot(&r, &name, report));
         let scale = material.normal_texture().map_or(1.0, |t| t.scale());
         let read = Material {
             base_color: [r, g, b].map(unit),
@@ -107,51 +112,79 @@ impl<'a> Materials<'a> {
         Material { name: name.clone(), ..extension::apply(material, read, &name, report) }
     }
 
-    fn slot(&mut self, reference: &Reference, user: &str) -> TextureSlot {
+    /// `None` for a texture without an image: one that only an extension tells.
+    fn slot(&mut self, reference: &Reference, user: &str, report: &mut LoadReport) -> Option<TextureSlot> {
+        let index = reference.texture.index();
+        let texture = &self.document.as_json().textures[index];
+        let image = texture.source.value();
+        if image >= self.document.as_json().images.len() {
+            if self.empty.insert(index) {
+                let others = texture.extensions.iter().flat_map(|e| e.others.keys()).cloned().collect::<Vec<_>>().join(", ");
+                let why =
+                    if others.is_empty() { "it has no image".into() } else { format!("its image is given by {others} only") };
+                report.notes.push(format!("/textures/{index} is not used: {why}"));
+            }
+            return None;
+        }
         let sampler = reference.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
             WrappingMode::ClampToEdge => Wrap::Clamp,
             WrappingMode::MirroredRepeat => Wrap::Mirror,
             WrappingMode::Repeat => Wrap::Repeat,
         });
-        let image = self.document.as_json().textures[reference.texture.index()].source.value();
         let key = (image, reference.encoding, wrap.map(|w| w as u8));
         let texture = *self.found.entry(key).or_insert_with(|| {
             self.wanted.push(Wanted { image, encoding: reference.encoding, wrap, user: user.into() });
             self.wanted.len() - 1
         });
-        TextureSlot { texture, uv_transform: reference.uv_transform }
+        Some(TextureSlot { texture, uv_transform: reference.uv_transform })
     }
 
-    /// Reads and decodes all textures, in parallel.
-    pub(super) fn finish(self, buffers: &Buffers) -> Result<(Vec<Material>, Vec<Texture>)> {
-        let textures = self.wanted.par_iter().map(|w| self.decode(w, buffers)).collect::<Result<_>>()?;
+    /// Reads and decodes all textures, where they fit into `budget`.
+    pub(super) fn finish(self, buffers: &Buffers, budget: &Budget) -> Result<(Vec<Material>, Vec<Texture>)> {
+        let about = |wanted: &Wanted| {
+            let image = &self.document.as_json().images[wanted.image];
+            let file = image.uri.as_ref().filter(|uri| image.buffer_view.is_none() && !uri.starts_with("data:"));
+            let name = file.or(image.name.as_ref()).cloned().unwrap_or_else(|| format!("image {}", wanted.image));
+            texture::Wanted { name, encoding: wanted.encoding, wrap: wanted.wrap }
+        };
+        let textures = texture::decode_all(
+            &self.wanted,
+            budget,
+            about,
+            |wanted| self.bytes(wanted, buffers),
+            |wanted, e| self.fail(wanted, e),
+        )?;
         Ok((self.list, textures))
     }
 
-    fn decode(&self, wanted: &Wanted, buffers: &Buffers) -> Result<Texture> {
+    /// An image that cannot be used.
+    fn fail(&self, wanted: &Wanted, reason: String) -> Error {
+        let image = &self.document.as_json().images[wanted.image];
+        let uri = image.uri.as_ref().filter(|uri| image.buffer_view.is_none() && !uri.starts_with("data:"));
+        let file = uri.and_then(|uri| uri::file(self.reach, uri).ok());
         let user = format!("material {:?}, /images/{}", wanted.user, wanted.image);
-        let fail = |path: &Path, reason| Error::Texture { user: user.clone(), path: path.into(), reason };
+        Error::Texture { user, path: file.unwrap_or_else(|| self.path.into()), reason }
+    }
+
+    /// The file of an image.
+    fn bytes<'b>(&self, wanted: &Wanted, buffers: &'b Buffers) -> Result<Cow<'b, [u8]>> {
+        let fail = |reason: String| self.fail(wanted, reason);
         // Through the JSON: the crate's `Image::source` panics on images without uri and without buffer view (1.4).
         let image = &self.document.as_json().images[wanted.image];
-        let decode = |bytes: &[u8], name: String| texture::decode(bytes, name, wanted.encoding, wanted.wrap);
-        let texture = match (&image.buffer_view, &image.uri) {
+        match (&image.buffer_view, &image.uri) {
             (Some(view), _) => {
                 let view = self.document.views().nth(view.value());
-                let view = view.ok_or_else(|| fail(self.path, "its buffer view does not exist".into()))?;
-                let name = image.name.clone().unwrap_or_else(|| format!("image {}", wanted.image));
-                decode(buffers.view(&view)?, name).map_err(|e| fail(self.path, e))?
+                let view = view.ok_or_else(|| fail("its buffer view does not exist".into()))?;
+                Ok(Cow::Borrowed(buffers.view(&view)?))
             }
+            (None, Some(text)) if text.starts_with("data:") => Ok(Cow::Owned(uri::read(self.reach, text).map_err(fail)?)),
             (None, Some(text)) => {
-                let inside = text.starts_with("data:");
-                let file = if inside { self.path.into() } else { uri::file(self.path, text).map_err(|e| fail(self.path, e))? };
-                let bytes = uri::read(self.path, text).map_err(|e| fail(&file, e))?;
-                let name = if inside { format!("image {}", wanted.image) } else { text.clone() };
-                decode(&bytes, name).map_err(|e| fail(&file, e))?
+                let file = uri::file(self.reach, text);
+                Ok(Cow::Owned(file.and_then(|file| texture::read(&file)).map_err(fail)?))
             }
-            (None, None) => return Err(fail(self.path, "it has neither uri nor bufferView".into())),
-        };
-        Ok(texture)
+            (None, None) => Err(fail("it has neither uri nor bufferView".into())),
+        }
     }
 }
 

@@ -2,18 +2,21 @@
 
 mod access;
 mod container;
+mod document;
 mod extension;
 mod material;
 mod uri;
 
 use super::model::{Model, Part};
 use crate::error::{Error, Result};
+use crate::texture::Budget;
 use crate::{LoadReport, Mesh};
 use access::Buffers;
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, DVec4, Vec2, Vec3, Vec4};
-use gltf::json::validation::{self, Checked, Validate};
 use gltf::{Document, Semantic, mesh::Mode, scene::Transform};
 use material::Materials;
+use renderflow_frame::file;
+use renderflow_frame::reach::Reach;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -28,17 +31,17 @@ const READ: [&str; 5] = [
 /// Extensions that the gltf crate reads here (its cargo features).
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
 
-/// Reads a `.gltf` or `.glb` file; materials and textures only `with_materials`.
-pub(super) fn read(path: &Path, with_materials: bool) -> Result<Model> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
-    let (document, blob) = parse(path, &bytes)?;
+/// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the latter.
+pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
+    let bytes = file::read(path).map_err(Error::unreadable)?;
+    let (document, blob) = document::parse(path, &bytes)?;
     drop(bytes);
-    let buffers = Buffers::read(path, &document, blob)?;
+    let buffers = Buffers::read(path, reach, &document, blob)?;
     let mut reader = Reader {
         path,
         buffers: &buffers,
         model: Model::default(),
-        materials: with_materials.then(|| Materials::new(path, &document)),
+        materials: textures.map(|_| Materials::new(path, reach, &document)),
         meshes: HashMap::new(),
         skipped: Skipped::default(),
     };
@@ -50,57 +53,16 @@ pub(super) fn read(path: &Path, with_materials: bool) -> Result<Model> {
             model.report.notes.push(format!("the extension {extension} is not read"));
         }
     }
-    if let Some(materials) = materials {
-        (model.materials, model.textures) = materials.finish(&buffers)?;
+    if let (Some(materials), Some(budget)) = (materials, textures) {
+        (model.materials, model.textures) = materials.finish(&buffers, budget)?;
+    }
+    if model.meshes.is_empty() {
+        let why = if document.meshes().len() == 0 { "the file has no mesh" } else { "no node of its scene shows a mesh" };
+        if model.report.notes.is_empty() {
+            model.report.notes.push(why.into());
+        }
     }
     Ok(model)
-}
-
-/// The document, validated, and the binary chunk of a `.glb`.
-fn parse(path: &Path, bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>)> {
-    let (json, blob) = container::split(bytes).map_err(|reason| Error::model(path, "", reason))?;
-    let root = gltf::json::Root::from_slice(json).map_err(|e| Error::model(path, "", format!("not glTF 2.0: {e}")))?;
-    let document = Document::from_json_without_validation(root);
-    let root = document.as_json();
-    let version = root.asset.version.split('.').next();
-    if version != Some("2") {
-        return Err(Error::model(path, "/asset/version", format!("{:?} is not 2.x", root.asset.version)));
-    }
-    for (m, mesh) in root.meshes.iter().enumerate() {
-        for (p, primitive) in mesh.primitives.iter().enumerate() {
-            // The crate's validation reads this accessor before it checks the index (1.4).
-            let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
-            if positions.is_some_and(|index| index.value() >= root.accessors.len()) {
-                let place = format!("/meshes/{m}/primitives/{p}/attributes/POSITION");
-                return Err(Error::model(path, place, "the accessor does not exist"));
-            }
-        }
-    }
-    let mut problems = vec![];
-    root.validate(root, gltf::json::Path::new, &mut |place, error| {
-        let place = place().to_string();
-        let read_here = place.starts_with("extensionsRequired") && READ.iter().any(|name| place.contains(name));
-        // Bounds are not used here, primitives without positions are skipped, and accessors without a view are zeros.
-        let absent =
-            place.contains("attributes[\"POSITION\"]") || (place.starts_with("accessors[") && place.ends_with("].bufferView"));
-        let not_needed = absent && matches!(error, validation::Error::Missing);
-        if !read_here && !not_needed {
-            problems.push((place, error));
-        }
-    });
-    // A file that needs an extension looks broken without it: say the cause, not the consequences.
-    let cause = problems.iter().find(|(_, e)| matches!(e, validation::Error::Unsupported)).or(problems.first());
-    if let Some((place, error)) = cause {
-        // "meshes[0].primitives[1].indices" -> "/meshes/0/primitives/1/indices"
-        let pointer = format!("/{}", place.replace('[', "/").replace(']', "").replace('.', "/").replace('"', ""));
-        let more = if problems.len() > 1 { format!(" (and {} more problems)", problems.len() - 1) } else { String::new() };
-        let reason = match error {
-            validation::Error::Unsupported => "a required extension that this program does not read".into(),
-            other => other.to_string(),
-        };
-        return Err(Error::model(path, pointer, format!("{reason}{more}")));
-    }
-    Ok((document, blob.map(<[u8]>::to_vec)))
 }
 
 /// What was met and not rendered.

@@ -3,7 +3,9 @@
 use base64::Engine;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
-use std::path::{Path, PathBuf};
+use renderflow_frame::reach::Reach;
+use renderflow_frame::words::shortened;
+use std::path::PathBuf;
 
 /// Some exporters leave out the padding.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -11,8 +13,8 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
     GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent).with_decode_allow_trailing_bits(true),
 );
 
-/// Bytes behind `uri` as written in the glTF file `model`; the error says what is wrong, in words.
-pub(super) fn read(model: &Path, uri: &str) -> Result<Vec<u8>, String> {
+/// Bytes behind `uri`; the error says what is wrong, in words.
+pub(super) fn read(reach: &Reach, uri: &str) -> Result<Vec<u8>, String> {
     if let Some(rest) = uri.strip_prefix("data:") {
         let (kind, data) = rest.split_once(',').ok_or("the data URI has no comma")?;
         return if kind.ends_with(";base64") {
@@ -21,31 +23,24 @@ pub(super) fn read(model: &Path, uri: &str) -> Result<Vec<u8>, String> {
             Ok(unescaped(data))
         };
     }
-    let path = file(model, uri)?;
-    // A pipe or a device would be read for ever.
-    let kind = std::fs::metadata(&path).map_err(|e| format!("cannot read {}: {e}", path.display()))?;
-    if !kind.is_file() {
-        return Err(format!("{} is not a regular file", path.display()));
-    }
-    std::fs::read(&path).map_err(|e| format!("cannot read {}: {e}", path.display()))
+    let path = file(reach, uri)?;
+    renderflow_frame::file::read(&path).map_err(|e| match &e {
+        renderflow_frame::Error::Io { source, .. } => format!("cannot read {}: {source}", path.display()),
+        other => other.to_string(),
+    })
 }
 
-/// File a relative URI refers to.
-pub(super) fn file(model: &Path, uri: &str) -> Result<PathBuf, String> {
-    let scheme = uri.split_once(':').is_some_and(|(s, _)| !s.contains('/'));
-    if scheme || uri.starts_with(['/', '\\']) {
-        return Err(format!("{:?} is not a path relative to the file", shortened(uri)));
+/// File a relative URI refers to. Its name is what the percent-encoding stands for: what it hides is judged, not how it is written.
+pub(super) fn file(reach: &Reach, uri: &str) -> Result<PathBuf, String> {
+    let relative = || format!("{:?} is not a path relative to the file", shortened(uri));
+    if uri.split_once(':').is_some_and(|(scheme, _)| !scheme.contains('/')) {
+        return Err(relative());
     }
     let name = String::from_utf8(unescaped(uri)).map_err(|_| format!("{:?} is not UTF-8", shortened(uri)))?;
-    if name.is_empty() || name.contains('\0') {
-        return Err(format!("{:?} is not a file name", shortened(uri)));
+    if name.starts_with(['/', '\\']) {
+        return Err(relative());
     }
-    Ok(model.parent().unwrap_or(Path::new("")).join(name))
-}
-
-/// The beginning of a URI, for messages.
-pub(super) fn shortened(uri: &str) -> String {
-    if uri.chars().count() <= 60 { uri.into() } else { uri.chars().take(57).chain("...".chars()).collect() }
+    reach.resolve(&name)
 }
 
 /// Percent-encoding undone (RFC 3986, section 2.1); a stray `%` stays.

@@ -4,6 +4,7 @@
 //! coordinates when only some faces of a group have them. Here each line is checked first, so that such things cost a
 //! face or an attribute, are counted, and errors know their line.
 
+use renderflow_frame::words::shortened;
 use std::borrow::Cow;
 use std::io::{BufRead, Read, Result, Write};
 
@@ -36,6 +37,12 @@ pub(super) struct Lines<'a> {
     /// Names of materials asked for.
     pub(super) materials: Vec<String>,
     pub(super) left_out: LeftOut,
+    /// The last line whose words are not what they should be, and why.
+    pub(super) fault: Option<(usize, String)>,
+    /// The first face with a vertex that does not exist.
+    pub(super) missing_vertex: Option<String>,
+    /// The first vertex with a coordinate that is not finite.
+    pub(super) not_finite: Option<String>,
 }
 
 fn is_newline(byte: &u8) -> bool {
@@ -70,6 +77,9 @@ impl<'a> Lines<'a> {
             attributes: None,
             materials: vec![],
             left_out: LeftOut::default(),
+            fault: None,
+            missing_vertex: None,
+            not_finite: None,
         }
     }
 
@@ -98,15 +108,18 @@ impl<'a> Lines<'a> {
                 // x y z, or x y z w; what follows is a colour.
                 self.left_out.colors += usize::from(given > 4);
                 self.numbers("v", words.take(if given == 4 { 4 } else { 3 }));
+                self.check_numbers(&text, 3);
             }
             Some("vt") => {
                 self.so_far[1] += 1;
                 // One-dimensional textures have u only.
                 self.numbers("vt", words.chain(["0"]).take(2));
+                self.check_numbers(&text, 1);
             }
             Some("vn") => {
                 self.so_far[2] += 1;
                 self.numbers("vn", words.take(3));
+                self.check_numbers(&text, 3);
             }
             Some("f" | "fo") => self.face(words),
             Some("l" | "p") => self.left_out.points_and_lines += 1,
@@ -135,12 +148,50 @@ impl<'a> Lines<'a> {
         }
     }
 
+    /// Keeps what is wrong with the numbers of a line, of which `needed` at least have to be there.
+    fn check_numbers(&mut self, text: &str, needed: usize) {
+        let mut words = text.split_whitespace();
+        let key = words.next().unwrap_or_default();
+        let mut finite = true;
+        for index in 0..needed {
+            let fault = match words.next().map(|word| (word, number(word).parse::<f32>())) {
+                Some((_, Ok(value))) => {
+                    finite &= value.is_finite();
+                    continue;
+                }
+                Some((word, Err(_))) => format!("{:?} is not a number", shortened(word)),
+                None => format!("{key} has {index} numbers, {needed} are needed"),
+            };
+            self.fault = Some((self.line, fault));
+            return;
+        }
+        if key == "v" && !finite && self.not_finite.is_none() {
+            let values: Vec<String> = text.split_whitespace().skip(1).take(3).map(shortened).collect();
+            self.not_finite = Some(format!("line {}: vertex {} is ({})", self.line, self.so_far[0], values.join(", ")));
+        }
+    }
+
+    /// The first corner of a face whose vertex does not exist, as the file writes it.
+    fn missing(&self, words: &[&str]) -> Option<String> {
+        let word = words.iter().find(|word| self.corner(word).is_some_and(|corner| corner[0].is_none()))?;
+        let index = word.split('/').next().unwrap_or_default();
+        let there = if index.starts_with('-') {
+            format!("there are {} before it", self.so_far[0])
+        } else {
+            format!("there are {}", self.total[0])
+        };
+        Some(format!("line {}: the face names vertex {:?}, {there}", self.line, shortened(index)))
+    }
+
     /// Writes a face with positive indices that all exist, or one that tobj refuses where the words are no indices: its own check of
     /// indices overflows.
     fn face<'b>(&mut self, words: impl Iterator<Item = &'b str>) {
         let words: Vec<&str> = words.take_while(|w| !w.starts_with('#')).collect();
         let corners: Option<Vec<[Option<usize>; 3]>> = words.iter().map(|w| self.corner(w)).collect();
         let Some(corners) = corners else {
+            let word = words.iter().find(|w| self.corner(w).is_none()).copied().unwrap_or_default();
+            let fault = format!("{:?} is not a corner of a face: 1, 1/2, 1//3 and 1/2/3 are", shortened(word));
+            self.fault = Some((self.line, fault));
             self.cleaned.extend_from_slice(b"f not an index");
             return;
         };
@@ -150,6 +201,9 @@ impl<'a> Lines<'a> {
         }
         if corners.iter().any(|c| c[0].is_none()) {
             self.left_out.triangles += corners.len() - 2;
+            if self.missing_vertex.is_none() {
+                self.missing_vertex = self.missing(&words);
+            }
             return;
         }
         // An attribute that one corner lacks is of no use to the face.

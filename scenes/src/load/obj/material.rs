@@ -4,26 +4,25 @@ use super::super::model::Model;
 use super::texture::{Statement, Textures};
 use crate::error::{Error, Result};
 use crate::loaded::{AlphaMask, Encoding};
+use crate::texture::Budget;
 use crate::validate::MAX_VALUE;
 use crate::{LoadReport, Material};
 use renderflow_frame::color::luminance;
+use renderflow_frame::file;
+use renderflow_frame::reach::Reach;
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The MTL files of an OBJ file.
 pub(super) struct Libraries<'a> {
-    obj: &'a Path,
+    reach: &'a Reach,
     notes: Vec<String>,
     error: Option<Error>,
 }
 
 impl<'a> Libraries<'a> {
-    pub(super) fn new(obj: &'a Path) -> Self {
-        Self { obj, notes: vec![], error: None }
-    }
-
-    fn folder(&self) -> &'a Path {
-        self.obj.parent().unwrap_or(Path::new(""))
+    pub(super) fn new(reach: &'a Reach) -> Self {
+        Self { reach, notes: vec![], error: None }
     }
 
     /// Reads the library that `mtllib` names. A missing one is noted, a broken one becomes an error of [`Self::finish`].
@@ -32,20 +31,26 @@ impl<'a> Libraries<'a> {
 
         // One name with blanks in it, or several names.
         let text = name.to_string_lossy().replace('\\', "/");
-        let whole = self.folder().join(&text);
-        let names: Vec<PathBuf> =
-            if whole.is_file() { vec![whole] } else { text.split_whitespace().map(|n| self.folder().join(n)).collect() };
-        for path in names {
-            // A pipe or a device would be read for ever.
-            let regular =
-                |m: std::fs::Metadata| if m.is_file() { Ok(()) } else { Err(std::io::Error::other("not a regular file")) };
-            let bytes = match std::fs::metadata(&path).and_then(regular).and_then(|()| std::fs::read(&path)) {
+        let whole = self.reach.resolve(&text).is_ok_and(|path| path.is_file());
+        let names = if whole { vec![text.as_str()] } else { text.split_whitespace().collect() };
+        for name in names {
+            let path = match self.reach.resolve(name) {
+                Ok(path) => path,
+                // Exporters write where the library was on their machine.
+                Err(_) if !self.reach.base().join(name).exists() => {
+                    self.notes.push(format!("the material library {name} is not there; default materials are used"));
+                    continue;
+                }
+                Err(reason) => {
+                    self.error = self.error.take().or(Some(Error::Name { reason: format!("mtllib: {reason}") }));
+                    continue;
+                }
+            };
+            let bytes = match file::read_at_most(&path, file::LARGEST_TEXT) {
                 Ok(bytes) => bytes,
                 Err(e) => {
-                    self.notes.push(format!(
-                        "the material library {} cannot be read ({e}); default materials are used",
-                        path.display()
-                    ));
+                    let (path, reason) = (path.display(), e.reason());
+                    self.notes.push(format!("the material library {path} cannot be used ({reason}); default materials are used"));
                     continue;
                 }
             };
@@ -62,7 +67,13 @@ impl<'a> Libraries<'a> {
     }
 
     /// Puts the materials that are used, and their textures, into `model`, at the indices of `materials`.
-    pub(super) fn finish(mut self, materials: &[tobj::Material], used: &[String], model: &mut Model) -> Result<()> {
+    pub(super) fn finish(
+        mut self,
+        materials: &[tobj::Material],
+        used: &[String],
+        budget: &Budget,
+        model: &mut Model,
+    ) -> Result<()> {
         if let Some(error) = self.error.take() {
             return Err(error);
         }
@@ -73,7 +84,7 @@ impl<'a> Libraries<'a> {
         for name in unknown {
             self.notes.push(format!("no library defines the material {name:?}; the default material is used"));
         }
-        let mut textures = Textures::new(self.folder());
+        let mut textures = Textures::new(self.reach, budget);
         for material in materials {
             // Unused materials keep their place but are not read: their textures may be missing.
             let converted = if used.contains(material.name.as_str()) {

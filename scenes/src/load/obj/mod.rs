@@ -7,25 +7,36 @@ mod texture;
 use super::model::{Model, Part};
 use crate::Mesh;
 use crate::error::{Error, Result};
+use crate::texture::Budget;
 use glam::{DAffine3, Vec2, Vec3};
 use lines::Lines;
+use renderflow_frame::file;
+use renderflow_frame::reach::Reach;
 use std::cell::RefCell;
 use std::path::Path;
 
-/// Reads an `.obj` file; materials and textures only `with_materials`.
-pub(super) fn read(path: &Path, with_materials: bool) -> Result<Model> {
-    let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
-    let mut lines = Lines::new(&text);
-    let libraries = RefCell::new(material::Libraries::new(path));
+/// Reads an `.obj` file, whose names lead where `reach` says; materials and textures only within a budget for the latter.
+pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
+    let text = file::read(path).map_err(Error::unreadable)?;
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    let mut lines = Lines::new(text);
+    let libraries = RefCell::new(material::Libraries::new(reach));
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ..Default::default() };
     let parsed = tobj::load_obj_buf(&mut lines, &options, |name| {
-        if with_materials { libraries.borrow_mut().read(name) } else { Ok(Default::default()) }
+        if textures.is_some() { libraries.borrow_mut().read(name) } else { Ok(Default::default()) }
     });
-    let (models, materials) =
-        parsed.map_err(|e| Error::model(path, format!("line {}", lines.line), format!("{e} (not an OBJ file?)")))?;
+    let (models, materials) = parsed.map_err(|e| {
+        // What was seen in the line is more than the parser says.
+        let (line, reason) =
+            lines.fault.take().filter(|(line, _)| *line == lines.line).unwrap_or_else(|| (lines.line, e.to_string()));
+        Error::model(path, format!("line {line}"), format!("{reason} (not an OBJ file?)"))
+    })?;
     let libraries = libraries.into_inner();
     let mut model = Model::default();
     model.report.triangles.out_of_range = lines.left_out.triangles;
+    model.missing_vertex = lines.missing_vertex.take();
+    model.not_finite = lines.not_finite.take();
+    model.report.notes.extend(model.missing_vertex.iter().map(|place| format!("{place}: the face is left out")));
     for (count, what) in [
         (lines.left_out.points_and_lines, "points and lines skipped"),
         (lines.left_out.attributes, "faces whose texture coordinates or normals do not exist are shown without"),
@@ -35,15 +46,15 @@ pub(super) fn read(path: &Path, with_materials: bool) -> Result<Model> {
             model.report.notes.push(format!("{count} {what}"));
         }
     }
-    if with_materials {
+    if let Some(budget) = textures {
         let materials = materials.unwrap_or_default();
-        libraries.finish(&materials, &lines.materials, &mut model)?;
+        libraries.finish(&materials, &lines.materials, budget, &mut model)?;
     }
     for tobj::Model { mesh, name } in models {
         if mesh.indices.is_empty() {
             continue;
         }
-        let material = mesh.material_id.filter(|_| with_materials);
+        let material = mesh.material_id.filter(|_| textures.is_some());
         model.parts.push(Part { name: name.clone(), mesh: model.meshes.len(), material, transform: DAffine3::IDENTITY });
         model.meshes.push(convert(name, &mesh));
     }

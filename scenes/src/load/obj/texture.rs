@@ -2,16 +2,18 @@
 
 use crate::error::{Error, Result};
 use crate::loaded::{Encoding, Wrap};
-use crate::texture;
+use crate::texture::{self, Budget, Wanted};
 use crate::{Texture, TextureSlot};
 use glam::{Affine2, Mat2, Vec2};
 use image::RgbaImage;
+use renderflow_frame::reach::Reach;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Textures read so far.
 pub(super) struct Textures<'a> {
-    folder: &'a Path,
+    reach: &'a Reach,
+    budget: &'a Budget,
     pub(super) list: Vec<Texture>,
     known: HashMap<Key, usize>,
 }
@@ -34,21 +36,22 @@ enum What {
 }
 
 impl<'a> Textures<'a> {
-    pub(super) fn new(folder: &'a Path) -> Self {
-        Self { folder, list: vec![], known: HashMap::new() }
+    pub(super) fn new(reach: &'a Reach, budget: &'a Budget) -> Self {
+        Self { reach, budget, list: vec![], known: HashMap::new() }
     }
 
     /// The image of one statement.
     pub(super) fn slot(&mut self, material: &str, statement: &Statement, encoding: Encoding) -> Result<TextureSlot> {
-        let path = self.path(statement);
+        let path = self.path(material, statement)?;
         let key = Key { files: [Some(path.clone()), None], what: What::Image(encoding), wrap: statement.wrap() };
+        let budget = self.budget;
         let made = self.once(key, || {
             let fail = |reason| failure(material, &path, reason);
             let bytes = texture::read(&path).map_err(fail)?;
-            let image = texture::decode(&bytes, statement.file.clone(), encoding, [statement.wrap(); 2]).map_err(fail)?;
-            Ok(Some(image))
+            let wanted = Wanted { name: statement.file.clone(), encoding, wrap: [statement.wrap(); 2] };
+            Ok(Some(texture::decode_one(&bytes, wanted, budget).map_err(fail)?))
         })?;
-        let texture = made.ok_or_else(|| failure(material, &self.path(statement), "no image".into()))?;
+        let texture = made.ok_or_else(|| failure(material, &path, "no image".into()))?;
         Ok(TextureSlot { texture, uv_transform: statement.uv_transform() })
     }
 
@@ -63,15 +66,16 @@ impl<'a> Textures<'a> {
         if color.is_some_and(|c| !c.lies_like(opacity)) {
             return Ok(None);
         }
-        let path = self.path(opacity);
-        let key = Key { files: [color.map(|c| self.path(c)), Some(path.clone())], what: What::Masked, wrap: opacity.wrap() };
-        let files = key.files.clone();
+        let path = self.path(material, opacity)?;
+        let color = color.map(|c| self.path(material, c)).transpose()?;
+        let key = Key { files: [color, Some(path.clone())], what: What::Masked, wrap: opacity.wrap() };
+        let (files, budget) = (key.files.clone(), self.budget);
         let texture = self.once(key, || {
             let color = match &files[0] {
-                Some(path) => Some(rgba8(material, path)?.0),
+                Some(path) => Some(rgba8(material, path, budget)?.0),
                 None => None,
             };
-            let (mask, has_alpha) = rgba8(material, &path)?;
+            let (mask, has_alpha) = rgba8(material, &path, budget)?;
             let white = || RgbaImage::from_pixel(mask.width(), mask.height(), image::Rgba([255; 4]));
             let mut image = color.unwrap_or_else(white);
             if image.dimensions() != mask.dimensions() {
@@ -95,13 +99,15 @@ impl<'a> Textures<'a> {
         if metal.is_some_and(|m| !m.lies_like(first)) {
             return Ok(None);
         }
-        let files = [rough, metal].map(|s| s.map(|s| self.path(s)));
+        let path = |s: Option<&Statement>| s.map(|s| self.path(material, s)).transpose();
+        let files = [path(rough)?, path(metal)?];
         let key = Key { files: files.clone(), what: What::MetallicRoughness, wrap: first.wrap() };
+        let budget = self.budget;
         let texture = self.once(key, || {
             let mut image: Option<RgbaImage> = None;
             for (channel, path) in [1, 2].into_iter().zip(&files) {
                 let Some(path) = path else { continue };
-                let grey = rgba8(material, path)?.0;
+                let grey = rgba8(material, path, budget)?.0;
                 let image =
                     image.get_or_insert_with(|| RgbaImage::from_pixel(grey.width(), grey.height(), image::Rgba([255; 4])));
                 if image.dimensions() != grey.dimensions() {
@@ -114,8 +120,9 @@ impl<'a> Textures<'a> {
         Ok(texture.map(|texture| TextureSlot { texture, uv_transform: first.uv_transform() }))
     }
 
-    fn path(&self, statement: &Statement) -> PathBuf {
-        self.folder.join(statement.file.replace('\\', "/"))
+    fn path(&self, material: &str, statement: &Statement) -> Result<PathBuf> {
+        let path = self.reach.resolve(&statement.file.replace('\\', "/"));
+        path.map_err(|reason| Error::Name { reason: format!("material {material:?}: {reason}") })
     }
 
     /// Index of the texture that `key` names, made by `make` at its first use.
@@ -135,8 +142,9 @@ fn failure(material: &str, path: &Path, reason: String) -> Error {
 }
 
 /// Texels of an image file, and whether it has an alpha channel.
-fn rgba8(material: &str, path: &Path) -> Result<(RgbaImage, bool)> {
-    texture::read(path).and_then(|bytes| texture::decode_rgba8(&bytes)).map_err(|reason| failure(material, path, reason))
+fn rgba8(material: &str, path: &Path, budget: &Budget) -> Result<(RgbaImage, bool)> {
+    let decoded = texture::read(path).and_then(|bytes| texture::decode_rgba8(&bytes, &path.display().to_string(), budget));
+    decoded.map_err(|reason| failure(material, path, reason))
 }
 
 fn whole(statement: &Statement, image: RgbaImage, encoding: Encoding) -> Texture {

@@ -29,6 +29,7 @@ use build::Build;
 use glam::Vec3;
 use layout::Context;
 use pick::Picker;
+use std::path::PathBuf;
 
 /// What a split may draw from.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +46,8 @@ pub struct Pool<'a> {
     pub hdris: &'a [String],
     /// Names of maps of `hdri/`.
     pub builtin: &'a [String],
+    /// Folders beside its own that a model may name files of.
+    pub allowed: &'a [PathBuf],
 }
 
 /// What [`compose_varied`] makes.

@@ -9,8 +9,9 @@ use crate::seed::Seed;
 use crate::shapes::Shape;
 use crate::sky;
 use rand_pcg::Pcg64;
+use renderflow_frame::reach::Reach;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 /// Something to be placed.
@@ -98,7 +99,7 @@ impl<'a> Picker<'a> {
         let models = self.pool.models;
         if !models.is_empty() && (self.meshes.is_empty() || rng.chance(self.knobs.user_models)) {
             let path = &models[rng.below(models.len() as u32) as usize];
-            return Ok(Picked::Model { path: path.clone(), extent: extent_of(path)? });
+            return Ok(Picked::Model { path: path.clone(), extent: extent_of(path, self.pool.allowed)? });
         }
         Ok(self.mesh(rng, &suits).or_else(|| self.mesh(rng, &|_| true)).unwrap_or_else(|| {
             // Every family that is left by `new` has a number.
@@ -147,14 +148,15 @@ fn suits(family: &str, layout: &str) -> bool {
 }
 
 /// The room that a model file takes up, read once a process.
-fn extent_of(path: &str) -> Result<Extent> {
+fn extent_of(path: &str, allowed: &[PathBuf]) -> Result<Extent> {
     static KNOWN: Mutex<Option<HashMap<String, Extent>>> = Mutex::new(None);
     let known = || KNOWN.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     if let Some(found) = known().get_or_insert_default().get(path) {
         return Ok(*found);
     }
     // Read with the lock open: reading may run on several threads, and one of them may come here.
-    let read = extent(Path::new(path))?;
+    let file = Path::new(path);
+    let read = extent(file, &Reach::of(file).allow(allowed))?;
     known().get_or_insert_default().insert(path.into(), read);
     Ok(read)
 }
