@@ -71,6 +71,14 @@ pub trait ClipSource: Sync {
     /// # Errors
     /// When its files cannot be read.
     fn load(&self, i: usize) -> Result<Clip>;
+    /// What tells these clips from others: the same text for the same clips, wherever they lie. A run is gone on with only on the
+    /// clips it began with. `None` where nothing tells them apart.
+    ///
+    /// # Errors
+    /// When files cannot be read.
+    fn identity(&self) -> Result<Option<String>> {
+        Ok(None)
+    }
     /// Whether there is nothing to train on.
     fn is_empty(&self) -> bool {
         self.len() == 0

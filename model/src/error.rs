@@ -76,6 +76,15 @@ impl Error {
         move |source| Self::Io { path, action, source }
     }
 
+    /// From reading a file: as if it had been read here.
+    pub(crate) fn unreadable(error: renderflow_frame::Error) -> Self {
+        match error {
+            renderflow_frame::Error::Io { path, action, source } => Self::Io { path, action, source },
+            renderflow_frame::Error::Malformed { path, reason } => Self::Malformed { path, reason },
+            other => Self::Frame(other),
+        }
+    }
+
     /// A format error at `path`.
     pub fn malformed(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
         Self::Malformed { path: path.into(), reason: reason.into() }

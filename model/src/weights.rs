@@ -7,10 +7,15 @@ use crate::{Error, Result};
 use burn::tensor::Device;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use renderflow_frame::file;
+use renderflow_frame::words::plain;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
+
+/// Most bytes of weights that are read whole: a billion values in single precision.
+pub(crate) const LARGEST: u64 = 4 << 30;
 
 /// Key of the header entry in the file's metadata (a single one, so that the same weights give the same bytes).
 pub(crate) const HEADER: &str = "renderflow";
@@ -153,7 +158,8 @@ fn least_values(config: &NetworkConfig) -> u64 {
 /// When the bytes are no weights file, or a tensor is missing, superfluous or of another shape; the message names file and tensor.
 pub fn decode(path: &Path, bytes: &[u8], device: &Device) -> Result<(Network, WeightsHeader)> {
     let (tensors, header) = open(path, bytes)?;
-    let header: WeightsHeader = serde_json::from_str(&header).map_err(|e| Error::malformed(path, format!("header: {e}")))?;
+    let header: WeightsHeader =
+        serde_json::from_str(&header).map_err(|e| Error::malformed(path, format!("header: {}", plain(&e.to_string()))))?;
     header.network.validate().map_err(|e| Error::malformed(path, format!("header: {e}")))?;
     // The network is made before its tensors are compared: a header of 200 bytes could ask for a hundred gigabytes.
     let (least, most) = (least_values(&header.network), bytes.len() as u64 / 2);
@@ -183,7 +189,7 @@ pub fn decode(path: &Path, bytes: &[u8], device: &Device) -> Result<(Network, We
 /// # Errors
 /// As [`decode`], and when the file cannot be read.
 pub fn load(path: &Path, device: &Device) -> Result<(Network, WeightsHeader)> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let bytes = file::read_at_most(path, LARGEST).map_err(Error::unreadable)?;
     decode(path, &bytes, device)
 }
 

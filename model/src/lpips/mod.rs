@@ -13,6 +13,9 @@ use renderflow_frame::image::Rgb;
 use std::path::{Path, PathBuf};
 use weights::Weights;
 
+/// Most bytes of a weights file; those of the networks here have 10 million.
+const LARGEST: u64 = 1 << 30;
+
 /// Environment variable that names the folder with the weights.
 pub const WEIGHTS_VARIABLE: &str = "RENDERFLOW_LPIPS_WEIGHTS";
 
@@ -108,7 +111,7 @@ impl Lpips {
     /// # Errors
     /// As [`Lpips::load`].
     pub fn load_on(path: &Path, backbone: Backbone, device: &Device) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+        let bytes = renderflow_frame::file::read_at_most(path, LARGEST).map_err(Error::unreadable)?;
         let weights = Weights::parse(path, &bytes)?;
         let network = Network::read(backbone, &weights, device)?;
         let heads = network.tap_channels().iter().enumerate();

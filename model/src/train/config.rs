@@ -167,7 +167,7 @@ impl Config {
             ("minutes", self.minutes.is_none_or(|m| m > 0.0 && m.is_finite()), "must be a number > 0"),
             ("learning_rate", self.learning_rate > 0.0 && self.learning_rate <= 1.0, "must be in 0..=1"),
             ("weight_decay", (0.0..=1.0).contains(&self.weight_decay), "must be in 0..=1"),
-            ("clip_norm", self.clip_norm > 0.0, "must be > 0"),
+            ("clip_norm", self.clip_norm > 0.0 && self.clip_norm.is_finite(), "must be a number > 0"),
             ("ema_decay", (0.0..1.0).contains(&self.ema_decay), "must be in 0..1"),
             ("loss", [self.loss.display, self.loss.gradient].iter().all(|w| *w >= 0.0 && w.is_finite()), "weights must be >= 0"),
             ("time_probabilities", Times::Four(self.time_probabilities).is_valid(), "must be >= 0 and not all 0"),
@@ -180,5 +180,18 @@ impl Config {
             Some((option, _, reason)) => Err(Error::config(option, reason)),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_a_checkpoint_cannot_hold_are_refused() {
+        Config::default().validate().expect("valid");
+        // JSON has no infinity: the run could not be resumed.
+        let error = Config { clip_norm: f32::INFINITY, ..Config::default() }.validate().expect_err("no bound").to_string();
+        assert!(error.contains("clip_norm"), "{error}");
     }
 }

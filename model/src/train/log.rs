@@ -3,7 +3,7 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
-use std::io::Write;
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// One line of the log; averages are over the steps since the line before.
@@ -46,19 +46,36 @@ pub struct Log {
 }
 
 impl Log {
+    /// Checks that what is at `path`, if anything, is the log of a run: its first line is a record.
+    ///
+    /// # Errors
+    /// When it is something else, or cannot be read.
+    pub fn check(path: &Path) -> Result<()> {
+        if std::fs::symlink_metadata(path).is_err() {
+            return Ok(());
+        }
+        let mut first = String::new();
+        let file = renderflow_frame::file::open(path)?;
+        BufReader::new(file.take(1 << 20)).read_line(&mut first).map_err(Error::io(path, "read"))?;
+        if first.is_empty() || serde_json::from_str::<Stepped>(&first).is_ok() {
+            return Ok(());
+        }
+        Err(Error::malformed(path, "is there already, and is no log of a training; choose another output folder"))
+    }
+
     /// Opens `path`; lines of steps after `resumed` (written before an interruption, to be done again) are dropped.
     ///
     /// # Errors
     /// When the file cannot be read or written.
     pub fn open(path: &Path, resumed: u64) -> Result<Self> {
-        let kept = match std::fs::read_to_string(path) {
+        let kept = match renderflow_frame::file::read_text(path) {
             Ok(text) => text
                 .lines()
                 .filter(|line| serde_json::from_str::<Stepped>(line).is_ok_and(|record| record.step <= resumed))
                 .map(|line| format!("{line}\n"))
                 .collect(),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-            Err(error) => return Err(Error::io(path, "read")(error)),
+            Err(error) if error.is_missing() => String::new(),
+            Err(error) => return Err(Error::unreadable(error)),
         };
         renderflow_frame::file::write_atomic(path, kept.as_bytes())?;
         let file = File::options().append(true).open(path).map_err(Error::io(path, "open"))?;

@@ -130,10 +130,12 @@ impl Trainer<'_> {
             config,
             difference: &difference,
             output: &config.output,
+            data: source.identity()?,
             settings: config.settings(),
             device: self.device.clone(),
             record: &record,
             progress: &|record: &log::Record| (self.progress)(&Progress::Step(record.clone())),
+            note: &|note| (self.progress)(&Progress::Note(note)),
             cancel: self.cancel,
         };
         let network = self.network;

@@ -107,6 +107,8 @@ pub enum Progress<R> {
         /// Clips to load.
         total: usize,
     },
+    /// Something worth knowing, a sentence.
+    Note(String),
     /// Steps have been taken.
     Step(R),
 }
@@ -139,6 +141,8 @@ pub struct Runner<'a, C, R> {
     pub difference: &'a dyn Fn(&C, &C) -> Option<&'static str>,
     /// Folder.
     pub output: &'a Path,
+    /// What the run learns from ([`ClipSource::identity`](crate::data::ClipSource::identity)): another source than the checkpoint's is refused.
+    pub data: Option<String>,
     /// Numbers.
     pub settings: Settings,
     /// Device that records gradients.
@@ -147,6 +151,8 @@ pub struct Runner<'a, C, R> {
     pub record: &'a dyn Fn(&Report) -> R,
     /// Told of every line.
     pub progress: &'a dyn Fn(&R),
+    /// Told what is worth knowing.
+    pub note: &'a dyn Fn(String),
     /// Stops after the current step.
     pub cancel: &'a AtomicBool,
 }
@@ -168,21 +174,32 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
         batches: impl FnOnce(u64) -> Result<B>,
         save: Save<L::Model>,
     ) -> Result<Summary<R>> {
-        std::fs::create_dir_all(self.output).map_err(Error::io(self.output, "create folder"))?;
         let path: PathBuf = self.output.join("checkpoint.safetensors");
         let mut optimizer = Optimizer::new(parameters::export_learning(&model));
         let differs = |old: &C| (self.difference)(old, self.config);
-        let resumed = checkpoint::load::<C>(&path, &differs, &mut optimizer)?;
+        let resumed = checkpoint::load::<C>(&path, &differs, self.data.as_deref(), &mut optimizer)?;
+        if self.data.is_some() && resumed.as_ref().is_some_and(|header| header.data.is_none()) {
+            (self.note)(format!("{}: does not say what its run learned from; it goes on with this data", path.display()));
+        }
+        let log = self.output.join("log.jsonl");
+        let weights = weights_path(self.output);
+        if resumed.is_none() && std::fs::symlink_metadata(&weights).is_ok() {
+            let reason = "is there already, and no checkpoint says that it is of this run; choose another output folder";
+            return Err(Error::malformed(weights, reason));
+        }
+        Log::check(&log)?;
         let before = resumed.map_or(0.0, |header| header.elapsed);
-        let mut log = Log::open(&self.output.join("log.jsonl"), optimizer.steps)?;
         let first_step = optimizer.steps;
+        // What can be refused is refused before anything is written.
         let mut make = batches(first_step)?;
+        let mut log = Log::open(&log, optimizer.steps)?;
 
         let start = Instant::now();
         let elapsed = || before + start.elapsed().as_secs_f64();
         let (mut meter, mut last) = (Meter::default(), None);
         let keep = |optimizer: &Optimizer, model: &L::Model, elapsed: f64| -> Result<()> {
-            let header = CheckpointHeader { config: self.config.clone(), step: optimizer.steps, elapsed };
+            let data = self.data.clone();
+            let header = CheckpointHeader { config: self.config.clone(), step: optimizer.steps, elapsed, data };
             checkpoint::save(&path, &header, optimizer)?;
             save(optimizer, model)
         };

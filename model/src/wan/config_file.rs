@@ -2,6 +2,8 @@
 
 use super::config::{DitConfig, Gelu, VaceConfig, VaeConfig};
 use crate::{Error, Result};
+use renderflow_frame::file;
+use renderflow_frame::words::plain;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use std::path::Path;
@@ -17,7 +19,7 @@ impl<'a> Options<'a> {
         match serde_json::from_str(text) {
             Ok(Value::Object(values)) => Ok(Self { path, values }),
             Ok(_) => Err(Error::malformed(path, "not a JSON object")),
-            Err(e) => Err(Error::malformed(path, e.to_string())),
+            Err(e) => Err(Error::malformed(path, plain(&e.to_string()))),
         }
     }
 
@@ -26,7 +28,7 @@ impl<'a> Options<'a> {
         let found = names.iter().find_map(|name| self.values.get(*name).filter(|v| !v.is_null()).map(|v| (name, v)));
         let Some((name, value)) = found else { return Ok(None) };
         let parsed = serde_json::from_value(value.clone());
-        parsed.map(Some).map_err(|e| Error::malformed(self.path, format!("/{name}: {value} is no good value: {e}")))
+        parsed.map(Some).map_err(|e| Error::malformed(self.path, format!("/{name}: {}", plain(&e.to_string()))))
     }
 
     fn need<T: DeserializeOwned>(&self, names: &[&str]) -> Result<T> {
@@ -57,7 +59,7 @@ impl<'a> Options<'a> {
 }
 
 fn read(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(Error::io(path, "read"))
+    file::read_text(path).map_err(Error::unreadable)
 }
 
 impl VaeConfig {

@@ -100,13 +100,14 @@ pub(super) fn write(path: &Path, latents: &ClipLatents) -> Result<()> {
 
 /// Reads what [`write`] wrote; `None` when there is no file.
 pub(super) fn read(path: &Path) -> Result<Option<ClipLatents>> {
-    let bytes = match std::fs::read(path) {
+    let bytes = match renderflow_frame::file::read(path) {
         Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(Error::io(path, "read")(error)),
+        Err(error) if error.is_missing() => return Ok(None),
+        Err(error) => return Err(Error::unreadable(error)),
     };
     let (tensors, header) = open(path, &bytes)?;
-    let header: Header = serde_json::from_str(&header).map_err(|e| Error::malformed(path, format!("header: {e}")))?;
+    let header: Header = serde_json::from_str(&header)
+        .map_err(|e| Error::malformed(path, format!("header: {}", renderflow_frame::words::plain(&e.to_string()))))?;
     let [height, width] = header.shape;
     let plane = height.saturating_mul(width);
     let values = |name: &str| halves(path, &tensors, name, plane);

@@ -319,7 +319,7 @@ impl Config {
             ("minutes", self.minutes.is_none_or(|m| m > 0.0 && m.is_finite()), "must be a number > 0"),
             ("optimizer.learning_rate", o.learning_rate > 0.0 && o.learning_rate <= 1.0, "must be in 0..=1"),
             ("optimizer.weight_decay", (0.0..=1.0).contains(&o.weight_decay), "must be in 0..=1"),
-            ("optimizer.clip_norm", o.clip_norm > 0.0, "must be > 0"),
+            ("optimizer.clip_norm", o.clip_norm > 0.0 && o.clip_norm.is_finite(), "must be a number > 0"),
             ("optimizer.ema_decay", (0.0..1.0).contains(&o.ema_decay), "must be in 0..1"),
             ("rotate_steps", self.rotate_steps > 0, "must be at least 1"),
             ("checkpoint_steps", self.checkpoint_steps > 0, "must be at least 1"),
@@ -408,6 +408,9 @@ mod tests {
         default.validate().expect("valid");
         let again: Config = serde_json::from_str(&serde_json::to_string(&default).expect("text")).expect("the same");
         assert_eq!(again, default);
+        // JSON, in which checkpoints hold settings, has no infinity: the run could not be resumed.
+        let endless = Config { optimizer: OptimizerConfig { clip_norm: f32::INFINITY, ..default.optimizer }, ..default };
+        assert!(endless.validate().expect_err("no bound").to_string().contains("optimizer.clip_norm"));
         for (text, word) in [
             (r#"{"stage": {"base": {"network": "wan-big"}}}"#, "wan-small"),
             (r#"{"stage": {"base": {"network": "wan-small", "pixels": 1}}}"#, "pixels"),

@@ -277,10 +277,12 @@ impl Run<'_> {
             config,
             difference: &config::difference,
             output: &config.output,
+            data: self.source.identity()?,
             settings: config.settings(),
             device: self.device.clone(),
             record: &record,
             progress: &|record: &Record| (self.progress)(&Progress::Step(record.clone())),
+            note: &|note| (self.progress)(&Progress::Note(note)),
             cancel: self.cancel,
         };
         let batches = |first_step| {

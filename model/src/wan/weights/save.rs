@@ -12,6 +12,7 @@ use crate::weights::HEADER;
 use crate::{Error, Result};
 use burn::module::{ModuleVisitor, Param, ParamId};
 use burn::tensor::{Device, Tensor};
+use renderflow_frame::file::Draft;
 use safetensors::tensor::{Dtype, View};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -142,20 +143,13 @@ pub(super) fn write(
 ) -> Result<()> {
     let text = serde_json::to_string(header).map_err(|e| Error::malformed(path, e.to_string()))?;
     let metadata = HashMap::from([(HEADER.to_string(), text)]);
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(format!(".{}.partial", std::process::id()));
-    let beside = Path::new(&beside);
-    let written = safetensors::serialize_to_file(views, Some(metadata), beside);
-    let placed = written.map_err(|e| match e {
+    let draft = Draft::new(path)?;
+    safetensors::serialize_to_file(views, Some(metadata), draft.temporary()).map_err(|e| match e {
         safetensors::SafeTensorError::IoError(e) => Error::io(path, "write")(e),
         e => Error::malformed(path, e.to_string()),
-    });
-    let placed = placed.and_then(|()| sound()).and_then(|()| std::fs::rename(beside, path).map_err(Error::io(path, "write")));
-    if placed.is_err() {
-        // The error matters, not whether a part of the file was there to be removed.
-        let _ = std::fs::remove_file(beside);
-    }
-    placed
+    })?;
+    sound()?;
+    Ok(draft.finish()?)
 }
 
 struct Writer<'a> {

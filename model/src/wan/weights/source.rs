@@ -4,6 +4,9 @@ use crate::weights::HEADER;
 use crate::{Error, Result};
 use half::slice::HalfFloatSliceExt;
 use half::{bf16, f16};
+use renderflow_frame::file;
+use renderflow_frame::reach::plain_name;
+use renderflow_frame::words::plain;
 use safetensors::tensor::{Dtype, Metadata};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -127,18 +130,13 @@ impl Source {
         struct Index {
             weight_map: BTreeMap<String, String>,
         }
-        let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
-        let index: Index = serde_json::from_slice(&text).map_err(|e| Error::malformed(path, format!("not an index: {e}")))?;
+        let index: Index = file::read_json(path).map_err(Error::unreadable)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut files = BTreeMap::new();
         let mut tensors = BTreeMap::new();
         for (name, file) in index.weight_map {
-            if Path::new(&file).components().count() != 1 || file.contains(['/', '\\']) || file == ".." {
-                return Err(Error::malformed(
-                    path,
-                    format!("/weight_map/{name}: {file} is not the name of a file beside the index"),
-                ));
-            }
+            plain_name(&file)
+                .map_err(|reason| Error::malformed(path, format!("/weight_map/{name}: {reason} beside the index")))?;
             if !files.contains_key(&file) {
                 files.insert(file.clone(), safetensors_file(&folder.join(&file))?.0);
             }
@@ -265,7 +263,7 @@ fn only_weights(folder: &Path) -> Result<PathBuf> {
 /// Tensors of one safetensors file and this program's entry of its metadata.
 fn safetensors_file(path: &Path) -> Result<(BTreeMap<String, Stored>, Option<String>)> {
     let malformed = |reason: String| Error::malformed(path, format!("not a safetensors file: {reason}"));
-    let mut file = File::open(path).map_err(Error::io(path, "read"))?;
+    let mut file = file::open(path).map_err(Error::unreadable)?;
     let size = file.metadata().map_err(Error::io(path, "read"))?.len();
     let mut length = [0; 8];
     file.read_exact(&mut length).map_err(|_| malformed("shorter than its own length".into()))?;
@@ -275,7 +273,7 @@ fn safetensors_file(path: &Path) -> Result<(BTreeMap<String, Stored>, Option<Str
     }
     let mut text = vec![0; length as usize];
     file.read_exact(&mut text).map_err(Error::io(path, "read"))?;
-    let metadata: Metadata = serde_json::from_slice(&text).map_err(|e| malformed(e.to_string()))?;
+    let metadata: Metadata = serde_json::from_slice(&text).map_err(|e| malformed(plain(&e.to_string())))?;
     let header = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER)).cloned();
     let (data, mut tensors) = (8 + length, BTreeMap::new());
     let file = Arc::new((path.to_path_buf(), Mutex::new(file)));
@@ -305,8 +303,8 @@ fn safetensors_file(path: &Path) -> Result<(BTreeMap<String, Stored>, Option<Str
 /// Tensors of one PyTorch file: a plain dictionary of tensors, or one under `state_dict` or `model`.
 fn torch_file(path: &Path) -> Result<BTreeMap<String, Stored>> {
     use pytorch_reader::DType;
-    // A missing file is told apart from a broken one.
-    File::open(path).map_err(Error::io(path, "read"))?;
+    // A missing file, or a pipe, is told apart from a broken one.
+    file::open(path).map_err(Error::unreadable)?;
     let malformed = |e: pytorch_reader::PytorchError| Error::malformed(path, format!("not a PyTorch file: {e}"));
     let tensors = pytorch_reader::PytorchReader::new(path).map_err(malformed)?.into_tensors();
     let wrapped = |prefix: &str| !tensors.is_empty() && tensors.keys().all(|name| name.starts_with(prefix));
