@@ -7,14 +7,20 @@
 // Allowed in `bench::embree` alone, which calls a C library.
 #![deny(unsafe_code)]
 
+#[macro_use]
+pub mod console;
+
 pub mod bench;
 pub mod cli;
 pub mod dataset;
 pub mod evaluate;
 pub mod inspect;
 mod machine;
+mod memory;
 pub mod metrics;
+pub mod output;
 pub mod progress;
 pub mod report;
+pub mod stop;
 pub mod testset;
 pub mod truth;

@@ -1,14 +1,21 @@
 //! Ground truth of a sequence: path tracing, denoising, G-buffers, one EXR a frame, resumable.
 
+mod decide;
+
+pub use decide::Found;
+
 use crate::bench::watch::Watch;
 use crate::dataset::folder::frame_file;
+use crate::output;
 use crate::progress::Progress;
+use crate::{memory, stop};
 use anyhow::{Context, Result, bail};
-use renderflow_frame::frame_file::{self, Profile};
+use renderflow_frame::frame_file::Profile;
+use renderflow_frame::reach::Reach;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
-use renderflow_renderer::denoise::{Denoiser, Options};
-use renderflow_renderer::{Budget, Mode, RenderScene, Settings, render_gbuffer, render_mapped, render_with_stats};
+use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
+use renderflow_renderer::{Budget, Mode, RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
@@ -122,7 +129,8 @@ impl TruthSettings {
         self.denoiser.as_ref().map(|_| "oidn".to_owned())
     }
 
-    fn of_renderer(&self) -> Settings {
+    /// These settings as the renderer has them.
+    pub fn of_renderer(&self) -> Settings {
         Settings {
             spp: self.spp,
             max_bounces: self.max_bounces,
@@ -174,7 +182,11 @@ impl TruthSettings {
         let started = Instant::now();
         if self.spp == 0 {
             // Coverage and guides want camera rays of their own; there are as many as by default.
-            let frame = render_gbuffer(scene, &Settings { spp: 1, ..self.of_renderer() })?;
+            let frame = render_gbuffer_until(scene, &Settings { spp: 1, ..self.of_renderer() }, cancel);
+            if cancel.load(Ordering::Relaxed) {
+                return Err(Interrupted.into());
+            }
+            let frame = frame?;
             return Ok((frame, [started.elapsed().as_secs_f64(), 0.0]));
         }
         let rendered = match (&self.sample_map, &self.watch) {
@@ -182,7 +194,7 @@ impl TruthSettings {
             (None, Some(watch)) => watch.render(scene, &self.of_renderer(), progress, cancel),
             (Some(path), watch) => {
                 let (settings, frame) = self.mapped(path, scene.frame(), scene.frames())?;
-                let map = frame.samples.with_context(|| format!("{}: has no channel samples.N", path.display()))?;
+                let map = frame.samples.with_context(|| format!("{}: {NO_MAP}", path.display()))?;
                 let render = || render_mapped(scene, &settings, &map, progress, cancel);
                 match watch {
                     None => render().map_err(anyhow::Error::from),
@@ -200,7 +212,14 @@ impl TruthSettings {
         let traced = started.elapsed().as_secs_f64();
         if let (Some(denoiser), Some(raw)) = (&self.denoiser, &frame.raw) {
             let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            frame.beauty = Some(denoiser.denoise(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref())?);
+            frame.beauty = None;
+            // OIDN must not be at work when the process ends: it stops by itself.
+            let denoised =
+                stop::hold(|| denoiser.denoise_until(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref(), cancel));
+            frame.beauty = Some(match denoised {
+                Err(DenoiseError::Cancelled) => return Err(Interrupted.into()),
+                denoised => denoised?,
+            });
             frame.info.denoiser = self.denoiser_name();
             if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
                 watch.after("denoised", beauty, scene.exposure())?;
@@ -214,8 +233,8 @@ impl TruthSettings {
 pub struct SequenceJob {
     /// The scene.
     pub scene: Scene,
-    /// Folder that relative paths in `scene` start from.
-    pub base: PathBuf,
+    /// Where relative paths in `scene` start, and which files it may name.
+    pub base: Reach,
     /// Folder to write to.
     pub out: PathBuf,
     /// Frames 0, gap, 2 gap, ... are keyframes; 0 = none is.
@@ -233,7 +252,13 @@ struct Timing {
 }
 
 /// File with the seconds of each frame of truth.
-const TIMING: &str = "timing.json";
+pub(crate) const TIMING: &str = "timing.json";
+/// The descriptions beside the frames: the scene with full paths, the cameras and files, the light.
+const SCENE: &str = "scene.json";
+const TRANSFORMS: &str = "transforms.json";
+const ENVIRONMENT: &str = "env.hdr";
+/// Said of a frame to take the numbers of samples from.
+const NO_MAP: &str = "has no channel samples.N";
 
 /// Seconds of the frames of truth in `folder` whose making was timed.
 pub fn seconds(folder: &Path) -> Vec<f64> {
@@ -268,13 +293,15 @@ impl Cost {
     }
 }
 
-/// A sequence whose scene is loaded; it is compiled when the first frame is rendered.
+/// A sequence whose scene is loaded; it is compiled when the first frame is rendered. Nothing is written before that.
 pub struct OpenSequence<'a> {
     job: &'a SequenceJob,
     /// The scene.
     pub loaded: LoadedScene,
     compiled: Option<RenderScene>,
     timing: Timing,
+    /// Whether the descriptions in the folder are this sequence's.
+    described: bool,
 }
 
 impl SequenceJob {
@@ -283,49 +310,13 @@ impl SequenceJob {
         (0..frames).step_by(self.frame_step.max(1) as usize)
     }
 
-    /// Loads the scene and writes its descriptions.
+    /// Loads the scene. Nothing is written yet.
     pub fn open(&self) -> Result<OpenSequence<'_>> {
         let loaded = load::load(&self.scene, &self.base)?;
-        self.write_descriptions(&loaded)?;
-        let path = self.out.join(TIMING);
         // A clock is no reason to fail: a broken file starts again.
-        let mut timing: Timing = file::read_json(&path).unwrap_or_default();
+        let mut timing: Timing = file::read_json(&self.out.join(TIMING)).unwrap_or_default();
         timing.seconds.resize(loaded.cameras.len(), None);
-        Ok(OpenSequence { job: self, loaded, compiled: None, timing })
-    }
-
-    /// Renders what is missing; 1000 units of `progress` a frame. Returns the loaded scene.
-    pub fn run(&self, settings: &TruthSettings, progress: &Progress, cancel: &AtomicBool) -> Result<LoadedScene> {
-        let mut sequence = self.open()?;
-        for number in self.numbers(sequence.loaded.cameras.len()) {
-            match sequence.found(number, settings)? {
-                Found::Same => progress.resume(1000),
-                Found::Other(what) => bail!(what),
-                Found::Broken(error) => return Err(error),
-                Found::Nothing => {
-                    sequence.render(number, settings, progress, cancel)?;
-                }
-            }
-        }
-        Ok(sequence.loaded)
-    }
-
-    fn write_descriptions(&self, loaded: &LoadedScene) -> Result<()> {
-        let environment = &loaded.environment;
-        let numbers: Vec<usize> = self.numbers(loaded.cameras.len()).collect();
-        let sequence = transforms::Sequence {
-            cameras: numbers.iter().map(|&n| loaded.cameras[n]).collect(),
-            files: numbers.iter().map(|&n| frame_file(n, self.storage)).collect(),
-            keyframes: (0..numbers.len()).filter(|&i| is_keyframe(self.keyframe_gap, numbers[i])).collect(),
-            exposure: renderflow_frame::ibl::exposure(environment),
-            environment: "env.hdr".into(),
-            environment_rotation: environment.rotation,
-            environment_intensity: environment.intensity,
-            tracks: tracks(loaded, &numbers),
-        };
-        file::write_atomic(&self.out.join("env.hdr"), &hdr::encode(&environment.map))?;
-        transforms::write(&self.out.join("transforms.json"), &sequence)?;
-        Ok(file::write_json(&self.out.join("scene.json"), &with_absolute_paths(&self.scene, &self.base)?)?)
+        Ok(OpenSequence { job: self, loaded, compiled: None, timing, described: false })
     }
 }
 
@@ -335,25 +326,84 @@ impl OpenSequence<'_> {
         self.job.out.join(frame_file(number, self.job.storage))
     }
 
-    /// Renders and writes frame `number`; 1000 units of `progress`.
+    /// Renders the frames `missing` and writes the descriptions; 1000 units of `progress` a frame of the sequence.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when stopped; when a frame cannot be rendered or a file cannot be written.
+    pub fn make(&mut self, missing: &[usize], settings: &TruthSettings, progress: &Progress, cancel: &AtomicBool) -> Result<()> {
+        let kept = self.job.numbers(self.loaded.cameras.len()).count() - missing.len();
+        progress.resume(1000 * kept as u64);
+        for &number in missing {
+            self.render(number, settings, progress, cancel)?;
+        }
+        self.describe()
+    }
+
+    /// Cameras, files and light as `transforms.json` has them.
+    fn sequence(&self) -> Result<transforms::Sequence> {
+        let (job, loaded) = (self.job, &self.loaded);
+        let environment = &loaded.environment;
+        let numbers: Vec<usize> = job.numbers(loaded.cameras.len()).collect();
+        Ok(transforms::Sequence {
+            cameras: numbers.iter().map(|&n| loaded.cameras[n]).collect(),
+            files: numbers.iter().map(|&n| frame_file(n, job.storage)).collect(),
+            keyframes: (0..numbers.len()).filter(|&i| is_keyframe(job.keyframe_gap, numbers[i])).collect(),
+            exposure: renderflow_frame::ibl::exposure(environment),
+            environment: ENVIRONMENT.into(),
+            environment_rotation: environment.rotation,
+            environment_intensity: environment.intensity,
+            tracks: tracks(loaded, &numbers),
+        })
+    }
+
+    /// The descriptions beside the frames: path and bytes.
+    fn descriptions(&self) -> Result<[(PathBuf, Vec<u8>); 3]> {
+        let [environment, cameras, scene] = [ENVIRONMENT, TRANSFORMS, SCENE].map(|name| self.job.out.join(name));
+        let map = hdr::encode(&self.loaded.environment.map);
+        let sequence = transforms::encode(&cameras, &self.sequence()?)?;
+        let text = file::json(&scene, &with_absolute_paths(&self.job.scene, self.job.base.base())?)?;
+        Ok([(environment, map), (cameras, sequence), (scene, text)])
+    }
+
+    /// Writes the descriptions that are not there as they should be.
+    ///
+    /// # Errors
+    /// When one cannot be written.
+    pub fn describe(&mut self) -> Result<()> {
+        if !self.described {
+            stop::hold(|| output::write(&self.descriptions()?, true))?;
+            self.described = true;
+        }
+        Ok(())
+    }
+
+    /// Renders and writes frame `number`, after the descriptions; 1000 units of `progress`.
+    ///
+    /// # Errors
+    /// As [`make`](Self::make).
     pub fn render(&mut self, number: usize, settings: &TruthSettings, progress: &Progress, cancel: &AtomicBool) -> Result<Cost> {
         let started = Instant::now();
-        let scene = match &mut self.compiled {
+        let mut scene = match self.compiled.take() {
             Some(scene) => scene,
-            none => {
+            None => {
                 let compiled = RenderScene::compile(&self.loaded)?;
                 let limited = compiled.environment_repairs().limited;
                 if limited > 0 {
                     eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
                 }
-                none.insert(compiled)
+                compiled
             }
         };
         scene.set_frame(number);
+        let camera = scene.camera();
+        let light_paths = scene.has_light_paths(&settings.of_renderer());
+        memory::ensure(settings, [camera.width, camera.height], light_paths, self.job.storage)?;
+        self.describe()?;
         let compile = started.elapsed().as_secs_f64();
         let before = progress.position();
-        let (frame, [render, denoise]) =
-            settings.frame(scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel)?;
+        let rendered = settings.frame(&scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel);
+        self.compiled = Some(scene);
+        let (frame, [render, denoise]) = rendered?;
         progress.set(before + 1000);
         let written = Instant::now();
         let path = self.path(number);
@@ -361,78 +411,12 @@ impl OpenSequence<'_> {
         if clamped > 0 {
             eprintln!("warning: {}: {clamped} values beyond 65504 were clamped", path.display());
         }
-        file::write_atomic(&path, &bytes)?;
+        stop::hold(|| file::write_atomic(&path, &bytes))?;
         let write = written.elapsed().as_secs_f64();
         self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
-        file::write_json(&self.job.out.join(TIMING), &self.timing)?;
+        stop::hold(|| file::write_json(&self.job.out.join(TIMING), &self.timing))?;
         Ok(Cost { compile, render, denoise, write, bytes: bytes.len() as u64 })
     }
-
-    /// What is at the place of frame `number`: a frame of this scene at these settings, or one that would make the sequence a mixture,
-    /// or nothing that can be read.
-    pub fn found(&self, number: usize, settings: &TruthSettings) -> Result<Found> {
-        let path = self.path(number);
-        if !path.exists() {
-            return Ok(Found::Nothing);
-        }
-        let frame = match frame_file::read(&path) {
-            Ok(frame) => frame,
-            Err(error) => return Ok(Found::Broken(error.into())),
-        };
-        let info = &frame.info;
-        let groups = frame.light.iter().flatten().count();
-        let mut wanted = settings.of_renderer();
-        let samples = match &settings.sample_map {
-            None if settings.budget == Budget::Uniform => info.sampling.is_empty() && info.spp == settings.spp,
-            None => info.sampling == wanted.sampling(),
-            Some(map) => {
-                let (mapped, other) = settings.mapped(map, number, self.loaded.cameras.len())?;
-                wanted = mapped;
-                frame.samples == other.samples
-            }
-        };
-        let branches = info.branches.unwrap_or(1);
-        let traced = || {
-            samples
-                && info.denoiser == settings.denoiser_name()
-                && info.bsdf == settings.bsdf.name()
-                && branches == wanted.branches()
-                && info.indirect_limit == settings.clamp_indirect
-                // Where there are none, the scene may have no use for them.
-                && (wanted.light_paths || !info.light_paths)
-                && (groups == settings.light_groups as usize || self.job.storage == Profile::Compact)
-        };
-        let same = info.scene_hash == self.loaded.hash
-            && if settings.spp == 0 { info.spp == 0 && frame.beauty.is_none() } else { traced() }
-            && frame.irradiance.is_some() == settings.irradiance
-            && (frame.distance.is_some() == settings.distance || self.job.storage == Profile::Compact);
-        Ok(if same {
-            Found::Same
-        } else {
-            Found::Other(format!(
-                "{}: is of another scene or other settings ({} spp{}{}, {branches} a camera ray, {}{} BRDF, {groups} light groups, denoiser {}); remove the folder or choose another",
-                path.display(),
-                info.spp,
-                if info.sampling.is_empty() { "" } else { ", " },
-                info.sampling,
-                info.indirect_limit.map_or_else(String::new, |limit| format!("indirect light within {limit}, ")),
-                info.bsdf,
-                info.denoiser.as_deref().unwrap_or("none")
-            ))
-        })
-    }
-}
-
-/// What is at the place of a frame.
-pub enum Found {
-    /// The frame.
-    Same,
-    /// A frame of another scene or of other settings, in words.
-    Other(String),
-    /// Something that cannot be read as a frame.
-    Broken(anyhow::Error),
-    /// Nothing.
-    Nothing,
 }
 
 /// Transforms of the moving objects at the frames `numbers`.

@@ -50,7 +50,7 @@ impl Options {
         let (vae, _) = open_autoencoder(&self.vae, &VaeConfig::wan(), &Default::default())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
         for place in find::find(&self.data)? {
-            sets.entry(place.set).or_insert_with(|| Dataset { sequences: Vec::new() }).sequences.push(place.folder);
+            sets.entry(place.set).or_default().sequences.push(place.folder);
         }
         let total: usize = sets.values().map(|set| set.sequences.len()).sum();
         let progress = Progress::new("autoencoder", 2 * total as u64);

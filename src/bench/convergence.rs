@@ -91,7 +91,7 @@ impl Options {
     ///
     /// # Errors
     /// When a scene cannot be read, results of other conditions are in the way, or it was interrupted (exit code 75).
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         if self.min_spp > self.max_spp {
             bail!("--min-spp {} is above --max-spp {}", self.min_spp, self.max_spp);
         }
@@ -109,7 +109,7 @@ impl Options {
         let mut shown = Vec::new();
         for (number, name) in names.iter().enumerate() {
             let base = of_scene * number as u64;
-            let subject = scenes::open(name, Some(self.resolution))?;
+            let subject = scenes::open(name, Some(self.resolution), allowed)?;
             progress.message(format!("{}: reference", subject.name));
             let tell = |done: u64| progress.set(base + done);
             let reference = references.get(&subject.name, &subject.loaded, &tell, cancel)?;

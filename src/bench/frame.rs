@@ -10,6 +10,7 @@ use anyhow::Result;
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
+use renderflow_frame::reach::Reach;
 use renderflow_renderer::{Budget, RenderScene, Settings};
 use renderflow_scenes::LoadedScene;
 use renderflow_scenes::load;
@@ -102,7 +103,7 @@ impl Row {
 
 impl Options {
     /// Measures all scenes.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let settings = Settings { spp: self.spp, ..Settings::default() };
         let references = References { folder: self.out.join("references"), spp: self.reference_spp, settings };
         let mut rows = Vec::new();
@@ -112,7 +113,7 @@ impl Options {
         for (name, seed) in scenes {
             let open = || match seed {
                 Some(seed) => self.composed(seed),
-                None => Ok(scenes::open(&name, Some(self.resolution))?.loaded),
+                None => Ok(scenes::open(&name, Some(self.resolution), allowed)?.loaded),
             };
             let stem = Path::new(&name).file_stem().map_or_else(|| name.clone(), |stem| stem.to_string_lossy().into_owned());
             let (loaded, load) = timed(open)?;
@@ -142,7 +143,7 @@ impl Options {
     fn composed(&self, seed: u64) -> Result<LoadedScene> {
         let resolution = [self.resolution; 2];
         let scene = compose(&ComposeOptions { seed, split: Split::Test, resolution, frames: 1, ..ComposeOptions::default() });
-        Ok(load::load(&scene, Path::new("."))?)
+        Ok(load::load(&scene, &Reach::folder("."))?)
     }
 
     /// A frame for each of the seeds.

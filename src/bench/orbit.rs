@@ -104,11 +104,11 @@ pub(super) fn moving(loaded: &LoadedScene, frames: usize) -> LoadedScene {
 
 impl Options {
     /// Measures all sequences.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let mut sequences = Vec::new();
         for name in &self.scene {
             for (motion, move_it) in [("camera", orbit as fn(&LoadedScene, usize) -> LoadedScene), ("objects", moving)] {
-                let measured = self.sequence(name, motion, move_it, cancel)?;
+                let measured = self.sequence(name, motion, move_it, allowed, cancel)?;
                 println!("{}", table(&measured));
                 sequences.push(measured);
             }
@@ -125,12 +125,13 @@ impl Options {
         name: &str,
         motion: &'static str,
         move_it: fn(&LoadedScene, usize) -> LoadedScene,
+        allowed: &[PathBuf],
         cancel: &AtomicBool,
     ) -> Result<Sequence> {
         let settings = Settings { spp: self.spp, ..Settings::default() };
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("frame.exr");
-        let open = || Ok(move_it(&scenes::open(name, Some(self.resolution))?.loaded, self.frames as usize));
+        let open = || Ok(move_it(&scenes::open(name, Some(self.resolution), allowed)?.loaded, self.frames as usize));
         let progress = Progress::new(&format!("{name}, {motion}"), u64::from(self.repeats + self.frames));
 
         let mut alone = Vec::new();

@@ -154,7 +154,7 @@ impl References {
         let camera = &loaded.cameras[0];
         let mut sums = Sums::new(&key, camera.width, camera.height, self.part_spp());
         if path.is_file() {
-            match Sums::decode(&std::fs::read(&path)?) {
+            match Sums::decode(&file::read(&path)?) {
                 Some(found) if found.header.key == key => sums = found,
                 _ => bail!("{}: damaged, or not a reference of this scene; remove it", path.display()),
             }

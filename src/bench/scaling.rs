@@ -143,7 +143,7 @@ impl Options {
     ///
     /// # Errors
     /// When the scene cannot be read, or it was interrupted.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let cores = rayon::current_num_threads() as u64;
         let roomy = free_memory().is_some_and(|free| free >= ROOMY);
         let most = self.max_triangles.unwrap_or(if roomy { 10_000_000 } else { 1_000_000 });
@@ -151,7 +151,7 @@ impl Options {
         let resolutions = doublings(128.min(self.max_resolution.into()), self.max_resolution.into());
         let threads = doublings(1, cores);
         let progress = Progress::new("scaling", (threads.len() + sizes.len() + resolutions.len()) as u64);
-        let subject = scenes::open(&self.scene, Some(512.min(self.max_resolution)))?;
+        let subject = scenes::open(&self.scene, Some(512.min(self.max_resolution)), allowed)?;
         let mut scene = RenderScene::compile(&subject.loaded)?;
 
         let threads = self.over_threads(&scene, &threads, &progress, cancel)?;

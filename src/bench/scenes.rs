@@ -4,6 +4,7 @@ use super::models::{self, Maps, Model};
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
 use renderflow_frame::file;
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::LoadedScene;
 use renderflow_scenes::description::{
     CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material, Object, Pose, Scene, TextureTransform, Transform,
@@ -79,11 +80,12 @@ pub fn exists(name: &str) -> Result<()> {
     Ok(())
 }
 
-/// Loads a scene of the set by name, or else a scene file (`.json`), at `resolution` (pixels along both sides; its own without).
+/// Loads a scene of the set by name, or else a scene file (`.json`), at `resolution` (pixels along both sides; its own without). A scene
+/// file may name files of its folder, and of those that are `allowed`.
 ///
 /// # Errors
 /// When it is neither, or the file or something it refers to cannot be read.
-pub fn open(name: &str, resolution: Option<u32>) -> Result<Subject> {
+pub fn open(name: &str, resolution: Option<u32>, allowed: &[PathBuf]) -> Result<Subject> {
     if let Some(scene) = by_name(name) {
         let loaded = scene.describe(resolution.unwrap_or(RESOLUTION))?.load()?;
         return Ok(Subject { name: name.to_owned(), loaded });
@@ -95,7 +97,7 @@ pub fn open(name: &str, resolution: Option<u32>) -> Result<Subject> {
         scene.resolution = [resolution; 2];
     }
     let stem = path.file_stem().map_or_else(|| name.to_owned(), |s| s.to_string_lossy().into_owned());
-    Ok(Subject { name: stem, loaded: load::load(&scene, path.parent().unwrap_or(Path::new("")))? })
+    Ok(Subject { name: stem, loaded: load::load(&scene, &Reach::of(path).allow(allowed))? })
 }
 
 impl BenchScene {
@@ -130,11 +132,11 @@ impl Described {
     /// When that folder cannot be written.
     pub fn load(&self) -> Result<LoadedScene> {
         if self.files.is_empty() {
-            return Ok(load::load(&self.scene, Path::new(""))?);
+            return Ok(load::load(&self.scene, &Reach::folder(""))?);
         }
         let folder = tempfile::tempdir().context("a folder for the files of a scene")?;
         self.write(folder.path())?;
-        let mut loaded = load::load(&self.scene, folder.path())?;
+        let mut loaded = load::load(&self.scene, &Reach::folder(folder.path()))?;
         let mut hash = blake3::Hasher::new();
         hash.update(loaded.hash.as_bytes());
         for (name, bytes) in &self.files {
@@ -407,6 +409,6 @@ mod tests {
             assert!(!hashes.contains(&loaded.hash));
             hashes.push(loaded.hash);
         }
-        assert!(open("no_such_scene", None).is_err_and(|e| e.to_string().contains("soft_sun")));
+        assert!(open("no_such_scene", None, &[]).is_err_and(|e| e.to_string().contains("soft_sun")));
     }
 }

@@ -110,7 +110,7 @@ impl Bench<'_> {
     }
 
     fn scene(&self, name: &str) -> Result<LoadedScene> {
-        Ok(scenes::open(name, Some(self.options.resolution))?.loaded)
+        Ok(scenes::open(name, Some(self.options.resolution), &[])?.loaded)
     }
 
     /// Measures a row: both ways in turn, after one of each for nothing.

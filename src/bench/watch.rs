@@ -2,6 +2,7 @@
 
 use super::metrics::{self, RelMse};
 use super::{Spent, Stopwatch};
+use crate::report::picture;
 use anyhow::{Context, Result, bail};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, exr, hdr};
@@ -15,6 +16,8 @@ pub struct Target {
     picture: Rgb,
     /// Whether it holds display values (exposed, clamped, sRGB) in place of radiance.
     displayed: bool,
+    /// Seed of its samples, where it is a frame of this program.
+    seed: Option<u64>,
 }
 
 impl Target {
@@ -25,21 +28,29 @@ impl Target {
     /// When it cannot be read, is none of these, or holds a value that is not finite.
     pub fn read(path: &Path) -> Result<Self> {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        let mut seed = None;
         let (picture, displayed) = match extension.to_str() {
-            Some("exr") => (radiance(path)?, false),
+            Some("exr") => {
+                let (picture, own) = radiance(path)?;
+                seed = own;
+                (picture, false)
+            }
             Some("hdr") => (hdr::read(path)?.map, false),
             _ => {
-                let decoded = image::open(path).with_context(|| format!("{}: not a picture to compare with", path.display()))?;
-                let decoded = decoded.into_rgb32f();
-                let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-                (Rgb { width, height, pixels: decoded.pixels().map(|p| p.0).collect() }, true)
+                let decoded = picture::display_values(path);
+                (decoded.with_context(|| format!("{}: not a picture to compare with", path.display()))?, true)
             }
         };
         if let Some(at) = picture.pixels.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
             let (x, y) = (at % picture.width, at / picture.width);
             bail!("{}: pixel ({x}, {y}) is not finite: {:?}", path.display(), picture.pixels[at]);
         }
-        Ok(Self { picture, displayed })
+        Ok(Self { picture, displayed, seed })
+    }
+
+    /// The seed of its samples, where it is a frame of this program.
+    pub fn seed(&self) -> Option<u64> {
+        self.seed
     }
 
     /// # Errors
@@ -71,14 +82,14 @@ impl Target {
     }
 }
 
-/// The raw beauty of a frame of this program, or the root channels of any other file.
-fn radiance(path: &Path) -> Result<Rgb> {
+/// The raw beauty of a frame of this program and its seed, or the root channels of any other file.
+fn radiance(path: &Path) -> Result<(Rgb, Option<u64>)> {
     if let Ok(frame) = exr::read(path)
         && let Some(picture) = frame.raw.or(frame.beauty)
     {
-        return Ok(picture);
+        return Ok((picture, (frame.info.spp > 0).then_some(frame.info.seed)));
     }
-    Ok(exr::read_rgb(path)?)
+    Ok((exr::read_rgb(path)?, None))
 }
 
 /// What is printed of a picture.

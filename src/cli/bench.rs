@@ -33,16 +33,16 @@ pub enum Bench {
 
 impl Bench {
     /// Runs the measurement.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         match self {
-            Self::Convergence(options) => options.run(cancel),
-            Self::Scaling(options) => options.run(cancel),
+            Self::Convergence(options) => options.run(allowed, cancel),
+            Self::Scaling(options) => options.run(allowed, cancel),
             Self::Skip(options) => options.run(cancel),
-            Self::Orbit(options) => options.run(cancel),
-            Self::Frame(options) => options.run(cancel),
+            Self::Orbit(options) => options.run(allowed, cancel),
+            Self::Frame(options) => options.run(allowed, cancel),
             Self::Scenes(options) => options.run(),
-            Self::Kernels(options) => options.run(cancel),
-            Self::Peers(options) => options.run(cancel),
+            Self::Kernels(options) => options.run(allowed, cancel),
+            Self::Peers(options) => options.run(allowed, cancel),
             Self::Autoencoder(options) => options.run(cancel),
             Self::Inverse(options) => options.run(cancel),
         }

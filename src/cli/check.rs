@@ -1,3 +1,4 @@
+use crate::console;
 use crate::inspect::{Inspected, inspect};
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
@@ -12,7 +13,7 @@ use std::sync::mpsc;
 /// glTF, OBJ, environment maps, frames, textures, weights, dataset folders. The kind is found by content.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted."
+    after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted (or nobody reads the list to its end), 130 if interrupted."
 )]
 pub struct Check {
     /// Files and dataset folders
@@ -27,10 +28,10 @@ pub struct Check {
 }
 
 impl Check {
-    pub fn run(self) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf]) -> Result<()> {
         let mut refused = 0;
         let mut array = Vec::new();
-        self.inspect_all(|path, inspected| {
+        self.inspect_all(allowed, |path, inspected| {
             let accepted = inspected.verdict.is_ok();
             refused += usize::from(!accepted);
             if accepted && self.quiet {
@@ -51,14 +52,16 @@ impl Check {
         Ok(())
     }
 
-    /// Inspects several files at a time; `tell` hears of them in order, each as soon as those before it are done.
-    fn inspect_all(&self, mut tell: impl FnMut(&Path, &Inspected)) {
+    /// Inspects several files at a time; `tell` hears of them in order, each as soon as those before it are done. Ends early when nobody
+    /// reads what is printed.
+    fn inspect_all(&self, allowed: &[PathBuf], mut tell: impl FnMut(&Path, &Inspected)) {
         let (sender, receiver) = mpsc::channel();
         std::thread::scope(|scope| {
             scope.spawn(move || {
-                self.files.par_iter().enumerate().for_each_with(sender, |sender, (i, path)| {
+                let wanted = self.files.par_iter().enumerate().take_any_while(|_| !console::is_closed());
+                wanted.for_each_with(sender, |sender, (i, path)| {
                     // Nobody listens any more only when `tell` panicked.
-                    let _ = sender.send((i, guarded(|| inspect(path))));
+                    let _ = sender.send((i, guarded(|| inspect(path, allowed))));
                 });
             });
             let (mut waiting, mut next) = (BTreeMap::new(), 0);
@@ -83,7 +86,7 @@ fn guarded(inspect: impl FnOnce() -> Inspected + UnwindSafe) -> Inspected {
 
 /// The reason of a refusal on one line, without the file's own name in front.
 fn reason(path: &Path, error: &anyhow::Error) -> String {
-    let text = format!("{error:#}");
+    let text = console::message(error);
     let name = path.display().to_string();
     let own = |line: &str| {
         let rest = line.strip_prefix(&name).filter(|rest| rest.starts_with([':', ' ']));

@@ -1,4 +1,5 @@
 use super::SplitArg;
+use crate::output;
 use anyhow::Result;
 use clap::Args;
 use renderflow_scenes::procedural::{ComposeOptions, compose};
@@ -26,6 +27,9 @@ pub struct Compose {
     /// File to write; standard output without it
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Replace the file where another one is there
+    #[arg(long, requires = "out")]
+    overwrite: bool,
 }
 
 impl Compose {
@@ -40,7 +44,10 @@ impl Compose {
         });
         scene.validate()?;
         match self.out {
-            Some(path) => Ok(renderflow_frame::file::write_json(&path, &scene)?),
+            Some(path) => {
+                let text = renderflow_frame::file::json(&path, &scene)?;
+                output::write(&[(path, text)], self.overwrite)
+            }
             None => {
                 println!("{}", serde_json::to_string_pretty(&scene)?);
                 Ok(())

@@ -1,6 +1,7 @@
 use super::SplitArg;
-use crate::dataset::plan::{Denoise, Keyframes, Plan, Render};
-use crate::dataset::{Shard, export, log, manifest, pack, planning, preview, render, stats, verify};
+use crate::dataset::plan::{Allowed, Denoise, Keyframes, Plan, Render};
+use crate::dataset::{Shard, export, log, manifest, mend, pack, planning, preview, render, stats, verify};
+use crate::output;
 use crate::truth::DenoiseMode;
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
@@ -24,6 +25,8 @@ pub enum DatasetCommand {
     Merge(MergeArgs),
     /// Prove a dataset: counts, hashes, values, depth against motion and normals, splits
     Verify(VerifyArgs),
+    /// Make again what is damaged or missing in a dataset, to the same bytes
+    Repair(RepairArgs),
     /// Write a page of histograms
     Stats(StatsArgs),
     /// Write scripts that render a plan on a Slurm or Kubernetes cluster
@@ -102,6 +105,9 @@ pub struct PlanArgs {
     /// File to write; TOML where it is named .toml, else JSON
     #[arg(long)]
     out: PathBuf,
+    /// Replace the file where another one is there: an edited plan, for one
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// Shows what a plan would make.
@@ -131,8 +137,9 @@ pub struct PreviewArgs {
 /// Renders a plan.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow dataset render --plan plan.json --out data --shard 1/4\n\
-A termination signal lets the frame at hand finish (exit code 75); the same command goes on. Frames that fail are recorded\n\
-(failures.json beside them, logs/*.jsonl) and do not stop the others; the same command tries them again.")]
+A termination signal lets the frame at hand finish (exit code 75); the same command goes on. What is finished is hashed and\n\
+held to its record; what is damaged is made again. Frames that fail are recorded (failures.json beside them, logs/*.jsonl)\n\
+and do not stop the others; the same command tries them again.")]
 pub struct RenderArgs {
     /// Plan file
     #[arg(long)]
@@ -150,7 +157,8 @@ pub struct RenderArgs {
 
 /// Writes the manifest.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset merge --plan plan.json --out data")]
+#[command(after_help = "Example: renderflow dataset merge --plan plan.json --out data\n\
+Every file is hashed first; a dataset that is damaged or not complete is refused.")]
 pub struct MergeArgs {
     /// Plan file
     #[arg(long)]
@@ -162,10 +170,24 @@ pub struct MergeArgs {
 
 /// Proves a dataset.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset verify data")]
+#[command(after_help = "Example: renderflow dataset verify data\n\
+Prints each fault with the command that mends it, and notes about what is odd and does no harm. Exit code 1 where there are faults.")]
 pub struct VerifyArgs {
     /// Dataset folder
     dataset: PathBuf,
+}
+
+/// Mends a dataset.
+#[derive(Args)]
+#[command(after_help = "Example: renderflow dataset repair data\n\
+Reads everything as `verify` does, then makes again what is damaged or missing; a dataset that was not complete is completed. What is\n\
+no part of the dataset is not removed: where it is in the way, it is moved to the folder `aside` in the dataset.")]
+pub struct RepairArgs {
+    /// Dataset folder
+    dataset: PathBuf,
+    /// The plan it was made from, should the folder's own be damaged and no log hold it
+    #[arg(long)]
+    plan: Option<PathBuf>,
 }
 
 /// Writes a page of histograms.
@@ -183,26 +205,27 @@ pub struct StatsArgs {
 }
 
 impl DatasetCommand {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         match self {
-            Self::Plan(args) => args.run(),
-            Self::Preview(args) => args.run(cancel),
+            Self::Plan(args) => args.run(allowed),
+            Self::Preview(args) => args.run(allowed, cancel),
             Self::Render(args) => {
-                let plan = Plan::read(&args.plan)?;
+                let plan = Plan { allowed: Allowed(allowed.to_vec()), ..Plan::read(&args.plan)? };
                 let assigned = Shard::choose(args.shard)?;
                 eprintln!("{assigned}");
                 render::run(&plan, &args.out, assigned.shard, cancel)?;
                 Ok(())
             }
             Self::Merge(args) => {
-                let manifest = manifest::merge(&Plan::read(&args.plan)?, &args.out)?;
+                let manifest = manifest::merge(&Plan::read(&args.plan)?, &args.out, cancel)?;
                 let frames = manifest.frames;
                 println!("{} sequences, {} frames", manifest.entries.len(), frames.train + frames.val + frames.test);
                 Ok(())
             }
             Self::Verify(args) => args.run(cancel),
+            Self::Repair(args) => args.run(cancel),
             Self::Stats(args) => args.run(),
-            Self::Slurm(args) => args.run(),
+            Self::Slurm(args) => args.run(allowed),
             Self::Pack(options) => options.run(cancel),
             Self::Export(options) => options.run(cancel),
         }
@@ -210,7 +233,7 @@ impl DatasetCommand {
 }
 
 impl PlanArgs {
-    fn run(self) -> Result<()> {
+    fn run(self, allowed: &[PathBuf]) -> Result<()> {
         let denoise = match self.denoise {
             DenoiseMode::Oidn => Denoise::Oidn,
             DenoiseMode::Auto if Denoiser::new().is_ok() => Denoise::Oidn,
@@ -242,23 +265,31 @@ impl PlanArgs {
             classic: self.classic,
             composition: Composition { degrees_per_frame: self.degrees_per_frame, ..Composition::default() },
             splits: Default::default(),
+            allowed: Allowed(allowed.to_vec()),
         };
         if !self.classic {
             plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref())?;
         }
         plan.check()?;
-        if self.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
-            return Ok(file::write_atomic(&self.out, toml::to_string_pretty(&plan)?.as_bytes())?);
-        }
-        Ok(file::write_json(&self.out, &plan)?)
+        let text = if self.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+            toml::to_string_pretty(&plan)?.into_bytes()
+        } else {
+            file::json(&self.out, &plan)?
+        };
+        output::write(&[(self.out, text)], self.overwrite)
     }
 }
 
 impl PreviewArgs {
-    fn run(self, cancel: &AtomicBool) -> Result<()> {
-        let plan = Plan::read(&self.plan)?;
+    fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        let plan = Plan { allowed: Allowed(allowed.to_vec()), ..Plan::read(&self.plan)? };
+        preview::check_folder(&self.out)?;
         let found = preview::inventory(&plan, cancel)?;
-        file::write_json(&self.out.join("catalog.json"), &found)?;
+        let sheets = if self.count_only { Vec::new() } else { preview::sheets(&plan, self.size, self.spp, self.first, cancel)? };
+        file::write_json(&self.out.join(preview::CATALOG), &found)?;
+        for (name, bytes) in sheets {
+            file::write_atomic(&self.out.join(name), &bytes)?;
+        }
         println!(
             "{} meshes of {} families, {} distinct, {} watertight, {:.0} triangles on average",
             found.meshes,
@@ -273,7 +304,7 @@ impl PreviewArgs {
             found.environment_families.len(),
             found.distinct_environments
         );
-        if self.count_only { Ok(()) } else { preview::sheets(&plan, &self.out, self.size, self.spp, self.first, cancel) }
+        Ok(())
     }
 }
 
@@ -289,14 +320,36 @@ impl VerifyArgs {
             println!("normals against the slope of the depth: {angle:.1} degrees (median)");
         }
         println!("normals that face the camera: {:.1} %", percent(agreement.facing, agreement.covered));
+        for note in &found.notes {
+            println!("NOTE {note}");
+        }
         for fault in &found.faults {
-            println!("FAULT {fault}");
+            println!("FAULT {fault}\n  mend: {}", fault.remedy);
         }
         if !found.faults.is_empty() {
             bail!("{}: {} faults", self.dataset.display(), found.faults.len());
         }
         println!("no faults");
         Ok(())
+    }
+}
+
+impl RepairArgs {
+    fn run(self, cancel: &AtomicBool) -> Result<()> {
+        let plan = self.plan.as_deref().map(Plan::read).transpose()?;
+        let repaired = mend::repair(&self.dataset, plan.as_ref(), cancel)?;
+        let render::Summary { made, kept, damaged, .. } = repaired.summary;
+        println!("{damaged} sequences were damaged; {made} frames made, {kept} kept");
+        for file in &repaired.rewritten {
+            println!("{file} written");
+        }
+        for stranger in &repaired.strangers {
+            println!("FAULT {}: is no sequence of the plan; move it out of the dataset", stranger.display());
+        }
+        match repaired.strangers.len() {
+            0 => Ok(()),
+            more => bail!("{}: {more} folders are no part of the dataset and were left as they are", self.dataset.display()),
+        }
     }
 }
 
@@ -308,6 +361,7 @@ impl StatsArgs {
             println!("{}", serde_json::to_string_pretty(&serde_json::json!({ "dataset": numbers, "costs": costs }))?);
         }
         let out = self.out.unwrap_or_else(|| self.dataset.join("stats.html"));
+        output::check_page(&out)?;
         file::write_atomic(&out, stats::html(&numbers, &costs)?.as_bytes())?;
         if !self.json {
             if costs.frames > 0 {

@@ -13,12 +13,12 @@ use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::denoise::Denoiser;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// The whole pipeline on one sequence: compose (or load) a scene, render truth and keyframes along an orbit, render it by split-sum
-/// IBL, deferred shading and by the networks without and with keyframes, print the comparison and write a report. Run again, it goes on
-/// where it stopped.
+/// The whole pipeline on one sequence: compose (or load) a scene, render truth and keyframes along an orbit, render it by
+/// split-sum IBL, deferred shading and by the networks without and with keyframes, print the comparison and write a report. Run
+/// again, it goes on where it stopped.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow demo\n  renderflow demo --scene model.glb --hdri sky.hdr --out demo-model")]
 pub struct Demo {
@@ -26,9 +26,10 @@ pub struct Demo {
     scene: SceneArgs,
     #[command(flatten)]
     trace: TraceArgs,
-    /// Seed of the composed scene (its light is never one of training)
-    #[arg(long, default_value_t = 2026)]
-    seed: u64,
+    /// Seed: with --scene of the random numbers of sampling, in place of the scene's own; else of the composed scene (2026 by
+    /// default), whose light is never one of training
+    #[arg(long)]
+    seed: Option<u64>,
     /// Pixels along both sides
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=4096))]
     resolution: u32,
@@ -49,16 +50,18 @@ pub struct Demo {
 }
 
 impl Demo {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         // What could fail fast fails before the first ray.
         let networks = self.weights.open(true)?;
         let lpips = super::evaluate::lpips()?;
-        let (scene, base) = self.scene.describe(self.seed, Some(self.resolution), Some(self.frames))?;
+        let (scene, base) = self.scene.describe(allowed, self.seed, 2026, Some(self.resolution), Some(self.frames))?;
         let settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
 
         let progress = Progress::new("path tracing", u64::from(scene.frames) * 1000);
         let folder = self.out.join("sequence");
         let name = scene.name.clone();
+        // The scene beside the frames names the same files in full.
+        let named: Vec<PathBuf> = base.folders().map(Path::to_owned).collect();
         let job = SequenceJob {
             scene,
             base,
@@ -67,16 +70,14 @@ impl Demo {
             frame_step: 1,
             storage: Profile::Full,
         };
-        let loaded = job.run(&settings, &progress, cancel)?;
-        progress.finish();
-        super::print_report(&loaded.report);
+        let mut sequence = job.open()?;
+        let missing = sequence.decide(&settings, None)?;
 
         let denoised = self.trace.denoise != DenoiseMode::None && Denoiser::new().is_ok();
         let clean = if denoised { "+oidn" } else { "" };
         let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
         let wan = if networks.wan.is_some() { ",wan,wan+keys" } else { "" };
         let ways = Way::list(&format!("ibl,deferred,warp,neural,neural+keys{wan}{traced}"))?;
-        let place = Place { set: "demo".into(), class: "scene".into(), folder: SequenceFolder::open(&folder)?, record: None };
         let options = run::Options {
             network: networks.compact.as_deref(),
             wan: networks.wan.as_deref(),
@@ -84,22 +85,29 @@ impl Demo {
             ways: &ways,
             guide_samples: 16,
             max_bounces: self.trace.max_bounces,
+            allowed: &named,
             every: 1,
             pictures: 3,
             title: format!("RenderFlow: {name}"),
-            settings: self.settings(&name, &loaded, &settings, networks.settings()),
+            settings: self.settings(&name, &sequence.loaded, &settings, networks.settings()),
         };
+        let [results_folder, report_folder] = ["results", "report"].map(|name| self.out.join(name));
+        run::check(&options, &results_folder)?;
+        crate::output::check_page(&report_folder.join("index.html"))?;
+
+        sequence.make(&missing, &settings, &progress, cancel)?;
+        progress.finish();
+        super::print_report(&sequence.loaded.report);
+        let place = Place { set: "demo".into(), class: "scene".into(), folder: SequenceFolder::open(&folder)?, record: None };
         let progress = Progress::new("comparing", place.folder.len() as u64);
-        let folder = self.out.join("results");
-        run::run(&[place], &options, &folder, &progress, cancel)?;
+        run::run(&[place], &options, &results_folder, &progress, cancel)?;
         progress.finish();
 
-        let results = Results::read(&folder)?;
+        let results = Results::read(&results_folder)?;
         print!("{}", table::markdown(&results, table::Filter::default()));
         for scored in &results.sequences {
             self.montages(scored, &results)?;
         }
-        let report_folder = self.out.join("report");
         let progress = Progress::new("report", results.sequences.len() as u64 + 1);
         report::build(&results, &report_folder, &progress, cancel)?;
         progress.finish();

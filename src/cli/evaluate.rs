@@ -34,7 +34,8 @@ Methods, in a comma-separated list:
 
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
 second: a dataset, a test set, or plain pictures. A picture belongs to the truth of the same path, endings apart, else to that of the
-same folder whose name ends in the same number. Radiance becomes sRGB(clamp(exposure x radiance)); datasets say their exposure.
+same folder whose name ends in the same number; where one is there in several forms, the EXR or else the HDR file is taken. Radiance
+becomes sRGB(clamp(exposure x radiance)); datasets say their exposure.
 
 Sequences that are complete in the results folder are kept: the same command goes on where it was stopped.";
 
@@ -80,11 +81,11 @@ pub struct Evaluate {
 }
 
 impl Evaluate {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let lpips = lpips()?;
         match (&self.pictures, &self.truth, &self.data) {
             (Some(pictures), Some(truth), None) => self.compare(pictures, truth, &lpips, cancel)?,
-            (None, None, Some(data)) => self.methods(data, &lpips, cancel)?,
+            (None, None, Some(data)) => self.methods(data, &lpips, allowed, cancel)?,
             _ => bail!("either --data FOLDER, or two folders: pictures and truth"),
         }
         let results = Results::read(&self.out)?;
@@ -92,7 +93,7 @@ impl Evaluate {
         Ok(())
     }
 
-    fn methods(&self, data: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
+    fn methods(&self, data: &Path, lpips: &Networks, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let ways = Way::list(&self.methods)?;
         let places = find(data)?;
         let wants = |network| ways.iter().any(|way| way.network().is_some_and(|(wanted, _)| wanted == network));
@@ -115,6 +116,7 @@ impl Evaluate {
             ways: &ways,
             guide_samples: 16,
             max_bounces: self.max_bounces,
+            allowed,
             every: self.every,
             pictures: self.pictures_kept,
             title: "RenderFlow: methods against path-traced truth".into(),

@@ -1,3 +1,4 @@
+use crate::output;
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;
@@ -9,11 +10,16 @@ pub struct Hdri {
     /// Folder to write to
     #[arg(long, default_value = "hdri")]
     out: PathBuf,
+    /// Replace files of these names that hold something else
+    #[arg(long)]
+    overwrite: bool,
 }
 
 impl Hdri {
     pub fn run(self) -> Result<()> {
-        renderflow_scenes::sky::write_library(&self.out)?;
+        let files = renderflow_scenes::sky::library_files()?;
+        let files: Vec<_> = files.into_iter().map(|(name, bytes)| (self.out.join(name), bytes)).collect();
+        output::write(&files, self.overwrite)?;
         for (name, _) in renderflow_scenes::sky::library() {
             println!("{}", self.out.join(name).with_extension("hdr").display());
         }

@@ -1,11 +1,12 @@
-use super::{WeightsArgs, record};
+use super::WeightsArgs;
 use crate::dataset::{Dataset, SequenceFolder, SequenceView};
+use crate::output::Claim;
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::truth::Interrupted;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
-use renderflow_frame::{color, exr, file};
+use renderflow_frame::{color, exr, file, reach};
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -13,6 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What made the pictures of a folder.
 const RECORD: &str = "infer.json";
+/// What a folder with another record holds.
+pub(super) const OTHERS: &str = "pictures of other weights or options";
 /// Where a network that renders clips was stopped in a sequence.
 const STATE: &str = "stopped.safetensors";
 
@@ -59,12 +62,15 @@ impl Infer {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
         let dataset = Dataset::open(&self.data)?;
         let renderer = self.weights.open()?;
-        self.claim(&*renderer)?;
+        let claim = self.claim(&*renderer)?;
+        for folder in &dataset.sequences {
+            ready(folder).with_context(|| folder.path.display().to_string())?;
+        }
         let progress = Progress::new("infer", dataset.sequences.iter().map(|s| s.len() as u64).sum());
         for folder in &dataset.sequences {
             progress.message(folder.name());
             let out = self.out.join(folder.name());
-            let work = Work { folder, out, options: self.options(), progress: &progress, cancel };
+            let work = Work { folder, out, claim: &claim, options: self.options(), progress: &progress, cancel };
             if renderer.about().in_clips(self.options()) { work.clips(&*renderer) } else { work.frames(&*renderer) }
                 .with_context(|| folder.path.display().to_string())?;
         }
@@ -76,8 +82,8 @@ impl Infer {
         Options { keyframes: self.keyframes, steps: self.steps as usize, stills: self.stills }
     }
 
-    /// Writes what the pictures are made with, or says that the folder holds others.
-    fn claim(&self, renderer: &dyn Renderer) -> Result<()> {
+    /// What the pictures are made with, to be written before the first; or says that the folder holds others.
+    fn claim(&self, renderer: &dyn Renderer) -> Result<Claim> {
         let about = renderer.about();
         ensure!(!self.keyframes || about.keyframes, "--keyframes: these weights cannot make use of any");
         let record = Record {
@@ -89,14 +95,25 @@ impl Infer {
             stills: self.stills,
             tile: self.weights.tile,
         };
-        record::claim(&self.out, RECORD, &record)
+        Claim::new(&self.out, RECORD, &record, OTHERS)
     }
+}
+
+/// Checks that the frames are there, and that pictures called after them stay in the folder they are written to.
+pub(super) fn ready(folder: &SequenceFolder) -> Result<()> {
+    for file in &folder.sequence.files {
+        reach::plain_name(file).map_err(|reason| anyhow!("transforms.json: {reason}"))?;
+        ensure!(folder.path.join(file).is_file(), "{file}: is not there");
+    }
+    Ok(())
 }
 
 /// One sequence to be rendered.
 struct Work<'a> {
     folder: &'a SequenceFolder,
     out: PathBuf,
+    /// What is written before the first picture.
+    claim: &'a Claim,
     options: Options,
     progress: &'a Progress,
     cancel: &'a AtomicBool,
@@ -145,10 +162,12 @@ impl Work<'_> {
         for index in start..self.folder.len() {
             self.push(&mut *session, index)?;
             if let Some(reached) = session.state() {
+                self.claim.write()?;
                 file::write_atomic(&state, &reached.encode()?)?;
             }
         }
         self.write(session.finish()?)?;
+        // It is this program's: it was written above, or was read when work began.
         match std::fs::remove_file(&state) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 Err(error).with_context(|| format!("{}: cannot remove", state.display()))
@@ -159,10 +178,10 @@ impl Work<'_> {
 
     /// The index of the last frame of the last clip that was written, and what the next one begins with; `None` where work begins anew.
     fn stopped(&self, path: &Path, done: usize) -> Result<Option<(usize, State)>> {
-        let bytes = match std::fs::read(path) {
+        let bytes = match file::read(path) {
             Ok(bytes) => bytes,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(error).with_context(|| format!("{}: cannot read", path.display())),
+            Err(error) if error.is_missing() => return Ok(None),
+            Err(error) => return Err(error.into()),
         };
         let state = State::decode(path, &bytes)?;
         let index = self.folder.numbers.iter().position(|number| *number == state.number);
@@ -185,6 +204,7 @@ impl Work<'_> {
         for Rendered { index, linear } in rendered {
             let path = self.path(index);
             let mut frame = self.folder.frame(index)?;
+            self.claim.write()?;
             file::write_atomic(&path.with_extension("png"), &picture::png(&linear.map(|p| color::display(*p, exposure)))?)?;
             frame.beauty = Some(linear);
             frame.raw = None;

@@ -1,6 +1,7 @@
-use super::{WeightsArgs, record};
+use super::{WeightsArgs, infer};
 use crate::dataset::export::picture::{byte, png, word};
 use crate::dataset::{Dataset, SequenceFolder};
+use crate::output::Claim;
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::truth::Interrupted;
@@ -125,7 +126,10 @@ impl Invert {
                 only.push(intrinsic);
             }
         }
-        self.claim(&only)?;
+        for folder in dataset.iter().flat_map(|dataset| &dataset.sequences) {
+            infer::ready(folder).with_context(|| folder.path.display().to_string())?;
+        }
+        let claim = self.claim(&only)?;
         let progress = Progress::new("invert", groups.iter().map(|group| group.len() as u64).sum());
         for clip in groups.iter().flat_map(|group| group.chunks(self.clip as usize)) {
             if cancel.load(Ordering::Relaxed) {
@@ -136,14 +140,14 @@ impl Invert {
                 progress.resume(clip.len() as u64);
                 continue;
             }
-            self.clip(&renderer, clip, &only)?;
+            self.clip(&renderer, clip, &only, &claim)?;
             progress.add(clip.len() as u64);
         }
         progress.finish();
         Ok(())
     }
 
-    fn claim(&self, only: &[Intrinsic]) -> Result<()> {
+    fn claim(&self, only: &[Intrinsic]) -> Result<Claim> {
         let record = Record {
             weights: self.weights.digests()?,
             tile: self.weights.tile,
@@ -153,7 +157,7 @@ impl Invert {
             exposure: self.exposure,
             exr: self.exr,
         };
-        record::claim(&self.out, RECORD, &record)
+        Claim::new(&self.out, RECORD, &record, infer::OTHERS)
     }
 
     /// Files of an intrinsic: PNG, and EXR where wanted.
@@ -167,7 +171,7 @@ impl Invert {
     }
 
     /// Takes the pictures of one clip apart.
-    fn clip(&self, renderer: &WanRenderer, clip: &[Item], only: &[Intrinsic]) -> Result<()> {
+    fn clip(&self, renderer: &WanRenderer, clip: &[Item], only: &[Intrinsic], claim: &Claim) -> Result<()> {
         let pictures = clip.iter().map(|item| self.read(item)).collect::<Result<Vec<Rgb>>>()?;
         let Some(Rgb { width, height, .. }) = pictures.first() else { return Ok(()) };
         let (width, height) = (*width, *height);
@@ -179,6 +183,7 @@ impl Invert {
         let planes: Vec<Vec<f32>> = pictures.iter().map(planes).collect();
         let slices: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
         let found = renderer.invert(&slices, [width, height], only, self.steps as usize)?;
+        claim.write()?;
         for (intrinsic, found) in only.iter().zip(found) {
             for (item, values) in clip.iter().zip(found) {
                 self.write(&item.name, *intrinsic, &values, [width, height])?;

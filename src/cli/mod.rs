@@ -9,7 +9,6 @@ mod evaluate;
 mod hdri;
 mod infer;
 mod invert;
-mod record;
 mod render;
 mod report;
 mod slurm;
@@ -18,9 +17,13 @@ mod testset;
 mod train;
 mod weights;
 
+use crate::console::{self, message};
+use crate::stop;
 use crate::truth::{DenoiseMode, Interrupted};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
+use renderflow_frame::file;
+use renderflow_frame::reach::Reach;
 use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::renderer::{self, Autoencoder, Renderer};
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
@@ -30,19 +33,17 @@ use renderflow_scenes::load::{self, ModelView};
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Exit code of work that was interrupted and can be resumed.
-const INTERRUPTED: u8 = 75;
 
 /// From a seed to an evaluated neural image: path-traced ground truth, a single-step neural renderer, and their comparison.
 #[derive(Parser)]
-#[command(version, about, long_about = None, after_help = "Exit codes: 0 done, 1 failed, 2 usage, 75 interrupted and resumable.")]
+#[command(version, about, long_about = None, after_help = "Exit codes: 0 done, 1 failed, 2 usage, 75 interrupted and resumable, 130 interrupted with nothing to resume (check).")]
 struct Cli {
-    /// Threads to use; all cores by default. Results do not depend on it.
+    /// Threads to use, at most 4 for each core; 0, the default, is one for each. Results do not depend on it.
     #[arg(long, global = true)]
     threads: Option<usize>,
+    /// Let scenes and models name files of this folder too, not only of their own; may be given several times
+    #[arg(long, global = true, value_name = "FOLDER")]
+    allow_files: Vec<PathBuf>,
     #[command(subcommand)]
     command: Command,
 }
@@ -90,36 +91,46 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     match run(cli) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => match console::lost_output() {
+            None => ExitCode::SUCCESS,
+            Some(error) => {
+                eprintln!("error: the work is done, but standard output could not be written: {error}");
+                ExitCode::FAILURE
+            }
+        },
         Err(error) if error.downcast_ref::<Interrupted>().is_some() || error.root_cause().is::<Interrupted>() => {
-            eprintln!("{error:#}");
-            ExitCode::from(INTERRUPTED)
+            eprintln!("{}", message(&error));
+            ExitCode::from(stop::RESUMABLE)
         }
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", message(&error));
             ExitCode::FAILURE
         }
     }
 }
 
 fn run(cli: Cli) -> Result<()> {
-    if let Some(threads) = cli.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
+    if let Some(asked) = cli.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads(asked)).build_global().context("--threads")?;
     }
-    let cancel = cancel_flag()?;
+    let cancel = stop::listen()?;
+    let allowed = cli.allow_files;
+    if let Some(missing) = allowed.iter().find(|folder| !folder.exists()) {
+        bail!("--allow-files {}: there is no such folder", missing.display());
+    }
     match cli.command {
-        Command::Demo(command) => command.run(&cancel),
-        Command::Render(command) => command.run(&cancel),
+        Command::Demo(command) => command.run(&allowed, &cancel),
+        Command::Render(command) => command.run(&allowed, &cancel),
         Command::Compose(command) => command.run(),
-        Command::Check(command) => command.run(),
-        Command::Bench(command) => command.run(&cancel),
+        Command::Check(command) => stop::at_once(stop::NOTHING_TO_RESUME, || command.run(&allowed)),
+        Command::Bench(command) => command.run(&allowed, &cancel),
         Command::Stress(command) => command.run(&cancel),
-        Command::Dataset(command) => command.run(&cancel),
+        Command::Dataset(command) => command.run(&allowed, &cancel),
         Command::Train(command) => command.run(&cancel),
         Command::Infer(command) => command.run(&cancel),
         Command::Invert(command) => command.run(&cancel),
-        Command::Testset(command) => command.run(&cancel),
-        Command::Evaluate(command) => command.run(&cancel),
+        Command::Testset(command) => command.run(&allowed, &cancel),
+        Command::Evaluate(command) => command.run(&allowed, &cancel),
         Command::Report(command) => command.run(&cancel),
         Command::Hdri(command) => command.run(),
         Command::Schema => {
@@ -130,18 +141,17 @@ fn run(cli: Cli) -> Result<()> {
     }
 }
 
-/// Set by the first interrupt or termination signal; the second one ends the process.
-fn cancel_flag() -> Result<Arc<AtomicBool>> {
-    let cancel = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&cancel);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::SeqCst) {
-            std::process::exit(i32::from(INTERRUPTED));
-        }
-        eprintln!("stopping after the current step; once more to stop at once");
-    })
-    .context("cannot listen for interrupts")?;
-    Ok(cancel)
+/// Threads for each core beyond which more are of no use, only of memory.
+const THREADS_A_CORE: usize = 4;
+
+/// The number of threads that `--threads` asks for, 0 for all cores; a note where that is too many.
+fn threads(asked: usize) -> usize {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let most = THREADS_A_CORE * cores;
+    if asked > most {
+        eprintln!("note: --threads {asked}: {most} are used, {THREADS_A_CORE} for each of the {cores} cores");
+    }
+    asked.min(most)
 }
 
 /// What a caught panic said.
@@ -210,9 +220,8 @@ impl WeightsArgs {
 
 /// BLAKE3 of a file, hexadecimal.
 fn digest(path: &Path) -> Result<String> {
-    let unreadable = || format!("{}: cannot read", path.display());
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(std::fs::File::open(path).with_context(unreadable)?).with_context(unreadable)?;
+    hasher.update_reader(file::open(path)?).with_context(|| format!("{}: cannot read", path.display()))?;
     Ok(hasher.finalize().to_hex().to_string())
 }
 
@@ -273,22 +282,39 @@ fn parent(path: &Path) -> PathBuf {
 }
 
 impl SceneArgs {
-    /// The scene to work on and the folder its paths start from: a file, or a composed one with light that training never sees.
-    fn describe(&self, seed: u64, resolution: Option<u32>, frames: Option<u32>) -> Result<(Scene, PathBuf)> {
-        let (mut scene, base) = match &self.scene {
+    /// The scene to work on, a file or a composed one with light that training never sees, and what it may name: files of its own folder
+    /// and of those that are `allowed`, and what the user names here. `seed` composes the scene, `composed` where none is given; a scene
+    /// or model from a file is sampled with it.
+    fn describe(
+        &self,
+        allowed: &[PathBuf],
+        seed: Option<u64>,
+        composed: u64,
+        resolution: Option<u32>,
+        frames: Option<u32>,
+    ) -> Result<(Scene, Reach)> {
+        let mut reach = self.scene.as_deref().map_or_else(|| Reach::folder("."), Reach::of).allow(allowed);
+        let mut scene = match &self.scene {
             None => {
-                let options = ComposeOptions { seed, split: Split::Test, ..ComposeOptions::default() };
+                let options = ComposeOptions { seed: seed.unwrap_or(composed), split: Split::Test, ..ComposeOptions::default() };
                 let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
-                (compose(&ComposeOptions { resolution, frames: frames.unwrap_or(options.frames), ..options }), PathBuf::from("."))
+                compose(&ComposeOptions { resolution, frames: frames.unwrap_or(options.frames), ..options })
             }
-            Some(path) if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) => (Scene::read(path)?, parent(path)),
+            Some(path) if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) => Scene::read(path)?,
             Some(path) => {
                 let options = ModelView::default();
                 let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
                 let options = ModelView { resolution, frames: frames.unwrap_or(options.frames), ..options };
-                (load::describe_model(path, None, &options)?, PathBuf::from("."))
+                let scene = load::describe_model(path, None, &options, &reach)?;
+                if options.ground && scene.objects.len() == 1 {
+                    eprintln!("note: {}: the model has a floor of its own, so no ground plane is added", path.display());
+                }
+                scene
             }
         };
+        if let (Some(seed), true) = (seed, self.scene.is_some()) {
+            scene.seed = seed;
+        }
         if let Some(resolution) = resolution {
             scene.resolution = [resolution; 2];
         }
@@ -301,13 +327,14 @@ impl SceneArgs {
                 EnvironmentSource::Builtin(hdri.clone())
             } else {
                 let path = std::path::absolute(hdri).with_context(|| format!("{hdri}: no such path"))?;
+                reach = reach.allow([&path]);
                 EnvironmentSource::File(path.to_string_lossy().into_owned())
             };
         }
         if let Some(rotation) = self.hdri_rotation {
             scene.environment.rotation = rotation;
         }
-        Ok((scene, base))
+        Ok((scene, reach))
     }
 }
 

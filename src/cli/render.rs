@@ -3,6 +3,7 @@ use crate::bench::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
 use crate::progress::Progress;
 use crate::report::picture;
+use crate::stop;
 use crate::truth::{SequenceJob, TruthSettings};
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -35,8 +36,8 @@ pub struct Render {
     /// Samples that share a camera ray, at most: a power of two is taken, fewer where fewer than four rays a pixel would be left
     #[arg(long, default_value_t = Settings::default().branches, value_parser = clap::value_parser!(u32).range(1..=64), conflicts_with = "sample_map")]
     branches: u32,
-    /// Limit what light scattered at two or more surfaces contributes to a sample. Biased, for pictures to look at only: 10 darkened two
-    /// scenes by 0.8 and 2.1 % where it was measured, for 0.55 and 0.15 times the error; no limit without it
+    /// Limit what light scattered at two or more surfaces contributes to a sample. Biased, for pictures to look at only: 10
+    /// darkened two scenes by 0.8 and 2.1 % where it was measured, for 0.55 and 0.15 times the error; no limit without it
     #[arg(long, value_name = "RADIANCE", value_parser = limit)]
     clamp_indirect: Option<f32>,
     /// Trace paths from the camera alone, whatever caustics there are: more noise in the same picture
@@ -60,13 +61,19 @@ pub struct Render {
     /// Distance of keyframes
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
     keyframe_gap: u32,
-    /// Seed of the composed scene, where --scene is not given
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Picture to compare with: seconds and error are printed whenever the samples have doubled, six times up to --spp. A frame of this program (its raw
-    /// beauty), any RGB .exr or .hdr of radiance, or a .png or .jpg of display values; of one frame only
+    /// Seed: with --scene of the random numbers of sampling, in place of the scene's own; else of the composed scene (1 by
+    /// default)
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Picture to compare with: seconds and error are printed whenever the samples have doubled, six times up to --spp. A frame
+    /// of this program (its raw beauty), any RGB .exr or .hdr of radiance, or a .png or .jpg of display values; of one frame
+    /// only. Where the reference was sampled with the same seed, another one is taken, so that both have noise of their own;
+    /// --seed keeps it
     #[arg(long, value_name = "IMAGE")]
     reference: Option<PathBuf>,
+    /// Replace the frames and descriptions of an earlier render in the folder; other files stay as they are
+    #[arg(long)]
+    overwrite: bool,
     /// Folder to write to
     #[arg(long)]
     out: PathBuf,
@@ -113,21 +120,41 @@ enum BsdfArg {
     Published,
 }
 
-/// The reference at `path`, which must fit `scene`.
-fn target(path: &Path, scene: &Scene) -> Result<Target> {
+/// The reference at `path`, which must fit `scene`. Equal seeds are no comparison: parts of the noise would be the same, and the
+/// error smaller than it is. So `scene` gets another seed, unless `chosen` is the user's.
+fn target(path: &Path, scene: &mut Scene, chosen: Option<u64>) -> Result<Target> {
     if scene.frames != 1 {
         bail!("--reference is of one picture, the scene has {} frames; --frames 1 renders the first", scene.frames);
     }
     let target = Target::read(path)?;
     let [width, height] = scene.resolution.map(|v| v as usize);
     target.check_size(width, height).with_context(|| path.display().to_string())?;
+    if target.seed() == Some(scene.seed) {
+        let (path, seed) = (path.display(), scene.seed);
+        if chosen.is_some() {
+            eprintln!(
+                "warning: {path}: was sampled with the same seed {seed}; its noise is partly that of this picture, and errors look too small"
+            );
+        } else {
+            scene.seed = seed ^ 1;
+            eprintln!(
+                "note: {path}: was sampled with the seed {seed} of this scene, so the picture is sampled with {} (--seed {seed} keeps it)",
+                scene.seed
+            );
+        }
+    }
     Ok(target)
 }
 
 impl Render {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
-        let (scene, base) = self.scene.describe(self.seed, self.resolution, self.frames)?;
-        let target = self.reference.as_deref().map(|path| target(path, &scene)).transpose()?;
+    /// What is not stored yet is made again by the same command, so that nothing is lost where a signal ends it at once.
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        stop::at_once(stop::RESUMABLE, || self.render(allowed, cancel))
+    }
+
+    fn render(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        let (mut scene, base) = self.scene.describe(allowed, self.seed, 1, self.resolution, self.frames)?;
+        let target = self.reference.as_deref().map(|path| target(path, &mut scene, self.seed)).transpose()?;
         let bsdf = match self.bsdf {
             BsdfArg::Conserving => Mode::Conserving,
             BsdfArg::Published => Mode::Published,
@@ -145,7 +172,6 @@ impl Render {
         (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
         settings.distance = self.distance;
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
-        let rendered_before = self.out.join(frame_file(0, Profile::Full)).is_file();
         if let Some(target) = target {
             let printer = Arc::clone(&progress);
             settings.watch = Some(Watch::new(target, move |line| printer.print(line)));
@@ -158,7 +184,11 @@ impl Render {
             frame_step: 1,
             storage: Profile::Full,
         };
-        let loaded = job.run(&settings, &progress, cancel)?;
+        let mut sequence = job.open()?;
+        let missing = sequence.decide(&settings, Some(self.overwrite))?;
+        let rendered_before = !missing.contains(&0);
+        sequence.make(&missing, &settings, &progress, cancel)?;
+        let loaded = sequence.loaded;
         progress.finish();
         super::print_report(&loaded.report);
         for index in 0..loaded.cameras.len() {
@@ -170,7 +200,8 @@ impl Render {
             }
             if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {
                 let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
-                file::write_atomic(&path.with_extension("png"), &picture::png(&picture)?)?;
+                let bytes = picture::png(&picture)?;
+                stop::hold(|| file::write_atomic(&path.with_extension("png"), &bytes))?;
             }
             match frame.info.sampling.as_str() {
                 "" => println!("{}", path.display()),

@@ -48,10 +48,13 @@ pub struct SlurmArgs {
     /// The program as the nodes find it; this one unless given
     #[arg(long)]
     program: Option<PathBuf>,
+    /// Replace scripts that were edited, or made with other options
+    #[arg(long)]
+    overwrite: bool,
 }
 
 impl SlurmArgs {
-    pub fn run(self) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf]) -> Result<()> {
         let program = match self.program {
             Some(program) => program,
             None => std::env::current_exe().context("cannot find this program's own file; name it with --program")?,
@@ -61,6 +64,7 @@ impl SlurmArgs {
             program,
             plan: self.plan,
             out: self.out,
+            allowed: allowed.to_vec(),
             folder: self.script_dir,
             partition: self.partition,
             account: self.account,
@@ -72,7 +76,7 @@ impl SlurmArgs {
             grace: self.grace,
             extra: self.extra,
         };
-        let tasks = request.write()?;
+        let tasks = request.write(self.overwrite)?;
         println!("{tasks} tasks, one a sequence; submit them with {}", submit.display());
         Ok(())
     }

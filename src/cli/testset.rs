@@ -49,9 +49,9 @@ pub struct Verify {
 }
 
 impl TestsetCommand {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         match self {
-            Self::Make(make) => make.run(cancel),
+            Self::Make(make) => make.run(allowed, cancel),
             Self::Verify(verify) => {
                 println!("no faults; BLAKE3 {}", testset::check(&verify.set, cancel)?.blake3);
                 Ok(())
@@ -61,8 +61,8 @@ impl TestsetCommand {
 }
 
 impl Make {
-    fn run(self, cancel: &AtomicBool) -> Result<()> {
-        let sources = Sources { models: self.models, hdris: self.hdris };
+    fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        let sources = Sources { models: self.models, hdris: self.hdris, allowed: allowed.to_vec() };
         let assigned = Shard::choose(self.shard)?;
         let made = testset::make(self.set, &sources, &self.out, assigned.shard, self.audit, cancel)?;
         let folder = self.out.join(self.set.name());

@@ -100,6 +100,10 @@ impl Bars {
         self.loading.set(done as u64);
     }
 
+    fn note(&self, note: &str) {
+        self.loading.hide(|| eprintln!("note: {note}"));
+    }
+
     /// `share` of the run is done.
     fn step(&self, share: f64, message: String) {
         let done = (1000.0 * share) as u64;
@@ -138,10 +142,12 @@ impl Train {
             println!("{}", serde_json::to_string_pretty(&config)?);
             return Ok(());
         }
-        let dataset = Dataset::open(&self.data)?;
+        let (dataset, notes) = Dataset::open_to_learn(&self.data)?;
         let bars = Bars::new(&dataset);
+        notes.iter().for_each(|note| bars.note(note));
         let tell = |progress: &train::Progress| match progress {
             train::Progress::Loading { done, total } => bars.loading(*done, *total),
+            train::Progress::Note(note) => bars.note(note),
             train::Progress::Step(record) => bars.step(
                 record.share,
                 format!(

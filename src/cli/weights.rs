@@ -1,5 +1,7 @@
-use anyhow::{Context, Result, bail, ensure};
+use crate::output::{self, OVERWRITE};
+use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand, ValueEnum};
+use renderflow_frame::file::Draft;
 use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::wan::names::Naming;
 use renderflow_model::wan::video::WanRenderer;
@@ -63,6 +65,9 @@ struct Convert {
     /// Number format; that of the input where all its tensors share one, else f32
     #[arg(long, value_enum)]
     precision: Option<PrecisionArg>,
+    /// Replace the file where another one is there
+    #[arg(long)]
+    overwrite: bool,
 }
 
 #[derive(Clone, Copy, Default, ValueEnum)]
@@ -112,8 +117,9 @@ impl Inspect {
                 }
                 Err(error) => {
                     refused += 1;
-                    eprintln!("error: {error:#}");
-                    array.push(json!({ "path": path.to_string_lossy(), "error": format!("{error:#}") }));
+                    let error = crate::console::message(&error);
+                    eprintln!("error: {error}");
+                    array.push(json!({ "path": path.to_string_lossy(), "error": error }));
                 }
             }
         }
@@ -211,10 +217,10 @@ impl Convert {
     fn run(self) -> Result<()> {
         let (source, identity) = open(&self.input)?;
         let from = source.path().display();
-        if let Some(folder) = self.output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
-        }
-        match identity {
+        // Another file may be there: it is compared with what is to be written, and stays.
+        let beside = if output::exists(&self.output) && !self.overwrite { Some(Draft::new(&self.output)?) } else { None };
+        let to_file = beside.as_ref().map_or(self.output.as_path(), Draft::temporary);
+        let done = match identity {
             Identity::Unknown(reason) => bail!("{from}: {reason}"),
             Identity::Compact(_) => {
                 let precision = match self.precision.unwrap_or_else(|| stored(&source)) {
@@ -222,8 +228,8 @@ impl Convert {
                     PrecisionArg::F16 => weights::Precision::F16,
                     PrecisionArg::Bf16 => bail!("{from}: the compact network is stored in f16 or f32"),
                 };
-                weights::convert(source.path(), &self.output, precision)?;
-                println!("{}: compact network", self.output.display());
+                weights::convert(source.path(), to_file, precision)?;
+                format!("{}: compact network", self.output.display())
             }
             Identity::Wan(found) => {
                 let to = match self.naming {
@@ -235,11 +241,16 @@ impl Convert {
                     PrecisionArg::F16 => wan::Precision::F16,
                     PrecisionArg::Bf16 => wan::Precision::Bf16,
                 };
-                let report = wan::convert(&source, &self.output, &found.header, precision, to)?;
+                let report = wan::convert(&source, to_file, &found.header, precision, to)?;
                 let (name, out) = (found.header.network.name(), self.output.display());
-                println!("{out}: {name}, {} tensors, {} names from {}", report.read, naming(to), naming(report.naming));
+                format!("{out}: {name}, {} tensors, {} names from {}", report.read, naming(to), naming(report.naming))
             }
+        };
+        if beside.is_some() {
+            let same = super::digest(to_file)? == super::digest(&self.output)?;
+            ensure!(same, "{}: is there already, with other content; {OVERWRITE}", self.output.display());
         }
+        println!("{done}");
         Ok(())
     }
 }

@@ -1,11 +1,13 @@
 //! The log of a shard: a JSON object a line, appended by every run, so that a thousand machines can be watched by their files.
 
+use super::plan::Plan;
 use super::record::Event;
 use crate::machine;
-use serde::Serialize;
+use renderflow_frame::file;
+use serde::{Deserialize, Serialize};
 use std::fs::File;
-use std::io::Write;
-use std::path::Path;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -28,9 +30,8 @@ impl Log {
     /// Opens `path` to append to it; says so where that is not possible.
     pub fn open(path: &Path) -> Self {
         let folder = path.parent().unwrap_or(Path::new("."));
-        let file = std::fs::create_dir_all(folder)
-            .and_then(|()| File::options().create(true).append(true).open(path))
-            .map_err(|error| eprintln!("warning: {}: no log is kept: {error}", path.display()));
+        let file = std::fs::create_dir_all(folder).and_then(|()| append(path));
+        let file = file.map_err(|error| eprintln!("warning: {}: no log is kept: {error}", path.display()));
         Self { file: file.ok().map(Mutex::new) }
     }
 
@@ -41,10 +42,27 @@ impl Log {
         let rss = (machine::resident() as f64 / (1 << 20) as f64 * 10.0).round() / 10.0;
         let Ok(mut line) = serde_json::to_vec(&Line { time: (time * 1000.0).round() / 1000.0, rss, event }) else { return };
         line.push(b'\n');
-        let mut file = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut log = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         // One call a line: lines of two runs do not mix.
-        let _ = file.write_all(&line);
+        let _ = log.write_all(&line);
     }
+}
+
+/// Opens a log at its end. A line that a killed run began is ended.
+fn append(path: &Path) -> std::io::Result<File> {
+    // A pipe without a reader would keep the call waiting.
+    if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+        return Err(std::io::Error::other("is no regular file"));
+    }
+    let mut log = File::options().create(true).read(true).append(true).open(path)?;
+    let mut last = [b'\n'];
+    if log.seek(SeekFrom::End(-1)).is_ok() {
+        log.read_exact(&mut last)?;
+    }
+    if last != *b"\n" {
+        log.write_all(b"\n")?;
+    }
+    Ok(log)
 }
 
 /// What the logs of a dataset say its frames cost.
@@ -66,15 +84,33 @@ pub struct Costs {
     pub peak: f64,
 }
 
+/// The plans that the logs in `out` hold, in the order of logs and lines.
+pub fn plans(out: &Path) -> Vec<Plan> {
+    #[derive(Deserialize)]
+    struct Start {
+        plan: Plan,
+    }
+    let starts = |text: &str| -> Vec<Plan> {
+        let lines = text.lines().filter(|line| line.contains(r#""event":"start""#));
+        lines.filter_map(|line| Some(serde_json::from_str::<Start>(line).ok()?.plan)).collect()
+    };
+    logs(out).iter().filter_map(|path| file::read_text(path).ok()).flat_map(|text| starts(&text)).collect()
+}
+
+/// The logs in `out`, by name.
+fn logs(out: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(out.join("logs")).into_iter().flatten().flatten();
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+    paths.sort();
+    paths
+}
+
 /// Reads every log in `out`; lines that cannot be read (a run may have been killed while writing one) are passed over.
 pub fn costs(out: &Path) -> Costs {
-    let Ok(entries) = std::fs::read_dir(out.join("logs")) else { return Costs::default() };
-    let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
-    paths.sort();
     let (mut costs, mut memory) = (Costs::default(), Vec::new());
     let (mut sequences, mut stages) = ([0.0; 3], [0.0; 4]);
-    for path in paths {
-        let text = std::fs::read_to_string(&path).unwrap_or_default();
+    for path in logs(out) {
+        let text = file::read_text(&path).unwrap_or_default();
         let (mut started, mut last) = (0.0, 0.0);
         for line in text.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok()) {
             let number = |key: &str| line[key].as_f64().unwrap_or(0.0);

@@ -2,10 +2,13 @@
 
 pub mod agreement;
 pub mod check;
+pub mod damage;
 pub mod export;
 pub mod folder;
+pub mod home;
 pub mod log;
 pub mod manifest;
+pub mod mend;
 pub mod pack;
 pub mod plan;
 pub mod planning;

@@ -1,17 +1,22 @@
 //! WebDataset shards: tar files of equal numbers of samples, with counts and hashes in a manifest.
 //!
-//! `OUT/<split>-000000.tar`, ... hold a sample a frame, `seq-000123_0007.{exr|rff, json}`; `OUT/<split>-sequences.tar` holds a sample a sequence,
-//! `seq-000123.{hdr, json}`: what its frames share. Base names have no dot, because readers cut them at the first one. Samples lie in the
-//! order of sequences and frames: clips can be read as they come, and everything else shuffles shards and samples. The same dataset gives
-//! the same bytes.
+//! `OUT/<split>-000000.tar`, ... hold a sample a frame, `seq-000123_0007.{exr|rff, json}`; `OUT/<split>-sequences.tar` holds a
+//! sample a sequence, `seq-000123.{hdr, json}`: what its frames share. Base names have no dot, because readers cut them at the
+//! first one. Samples lie in the order of sequences and frames: clips can be read as they come, and everything else shuffles
+//! shards and samples. The same dataset gives the same bytes.
+//!
+//! The folder belongs to this program: it was empty at first, and `manifest.json` (`unfinished.json` while there is work left)
+//! carries a seal, a hash of all it says. A list that was edited is refused. Only shards that a sealed list names are ever
+//! removed, and only where the file is the one the list describes, by size and hash.
 
+pub mod list;
 mod sample;
 mod verify;
 mod write;
 
 use super::source::{self, Source};
 use crate::progress::Progress;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
@@ -21,15 +26,18 @@ use std::sync::atomic::AtomicBool;
 
 /// File name of the manifest of shards.
 pub const MANIFEST: &str = "manifest.json";
-/// The shards of a run that did not come to its end.
+/// The program and its version, as its files have them.
+const PROGRAM: &str = concat!("renderflow ", env!("CARGO_PKG_VERSION"));
+/// File name of the list of shards of a run that did not come to its end.
 const UNFINISHED: &str = "unfinished.json";
 
-/// Packs a dataset into WebDataset tar shards; finished shards are kept. With --verify, reads shards and holds them against their manifest.
+/// Packs a dataset into WebDataset tar shards; finished shards are kept. With --verify, reads shards and holds them against their
+/// manifest.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow dataset pack data --out shards --profile compact\n         renderflow dataset pack --verify shards\n\
 Samples are `seq-000123_0007.exr|rff` and `.json` (camera, keyframe, spp, exposure, moving objects, split, hash); the environment and the\n\
-scene of each sequence are in `<split>-sequences.tar`. `manifest.json` is written last."
+scene of each sequence are in `<split>-sequences.tar`. `manifest.json` is written last. The folder must be empty, or one of this command."
 )]
 pub struct Options {
     /// Dataset folder
@@ -79,6 +87,9 @@ pub struct Manifest {
     pub sequences: BTreeMap<String, u64>,
     /// The shards, those of sequences last in each split.
     pub shards: Vec<Shard>,
+    /// BLAKE3 of all this, hexadecimal; empty in folders of earlier versions.
+    #[serde(default)]
+    pub seal: String,
 }
 
 /// One tar file.
@@ -155,27 +166,27 @@ fn plan(sequences: &[Source], samples_per_shard: usize) -> Vec<Planned<'_>> {
 /// Packs the dataset in `dataset` into `out`.
 ///
 /// # Errors
-/// When the dataset is not complete, a frame is missing or not the one its sequence recorded, or a file cannot be written. What is finished is
-/// kept; the same call goes on. When `out` holds files of another dataset they are replaced.
+/// When the dataset is not complete, a frame is missing or not the one its sequence recorded, or a file cannot be written; when
+/// `out` holds files that this program did not pack. What is finished is kept; the same call goes on. Shards of another dataset
+/// are replaced.
 pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames, cancel: &AtomicBool) -> Result<Manifest> {
     let sources = source::open(dataset)?;
-    std::fs::create_dir_all(out).with_context(|| format!("{}: cannot create folder", out.display()))?;
-    super::render::remove_leftovers(out);
     let planned = plan(&sources.sequences, samples_per_shard as usize);
-    let before = finished(out)?;
+    let made_from: Vec<String> = planned.iter().map(|planned| sample::source_hash(planned, profile)).collect::<Result<_>>()?;
+    let before = list::find(out)?;
+    file::remove_leftovers(out);
     // Until it is written again at the end, what is there is no finished set of shards.
+    list::unfinished(out, &before, &[], &[])?;
     let manifest_path = out.join(MANIFEST);
-    if manifest_path.is_file() {
-        file::write_json(&out.join(UNFINISHED), &before)?;
+    if before.finished {
         std::fs::remove_file(&manifest_path).with_context(|| format!("{}: cannot remove", manifest_path.display()))?;
     }
     let total: usize = planned.iter().map(|shard| shard.samples.len()).sum();
     let progress = Progress::new("pack", total as u64);
     let mut shards: Vec<Shard> = Vec::new();
-    for planned in &planned {
+    for (planned, source) in planned.iter().zip(made_from) {
         progress.message(planned.file.clone());
-        let source = sample::source_hash(planned, profile)?;
-        let same = before.iter().find(|shard| shard.file == planned.file && shard.source == source);
+        let same = before.shards.iter().find(|shard| shard.file == planned.file && shard.source == source);
         match same {
             Some(shard) if verify::is_whole(&out.join(&shard.file), shard) => {
                 progress.resume(planned.samples.len() as u64);
@@ -183,17 +194,16 @@ pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames,
             }
             _ => shards.push(write::shard(out, planned, profile, source, &progress, cancel)?),
         }
-        let rest = before.iter().filter(|old| shards.iter().all(|new| new.file != old.file));
-        file::write_json(&out.join(UNFINISHED), &shards.iter().chain(rest).collect::<Vec<_>>())?;
+        list::unfinished(out, &before, &shards, &[])?;
     }
     progress.finish();
+    let mut removed = Vec::new();
     // Shards of an earlier, larger set are in no manifest any more.
-    for old in before.iter().filter(|old| shards.iter().all(|new| new.file != old.file)) {
-        let path = out.join(&old.file);
-        if path.is_file() {
-            std::fs::remove_file(&path).with_context(|| format!("{}: cannot remove", path.display()))?;
-        }
+    for old in before.shards.iter().filter(|old| shards.iter().all(|new| new.file != old.file)) {
+        list::remove(out, old, before.sealed)?;
+        removed.push(old.file.clone());
     }
+    list::unfinished(out, &before, &shards, &removed)?;
     let count = |kind: Kind| {
         let mut counts = BTreeMap::new();
         for shard in shards.iter().filter(|shard| shard.kind == kind) {
@@ -203,31 +213,18 @@ pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames,
     };
     let manifest = Manifest {
         version: 1,
-        program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
+        program: PROGRAM.into(),
         dataset: sources.manifest,
         profile,
         samples_per_shard,
         samples: count(Kind::Frames),
         sequences: count(Kind::Sequences),
         shards,
+        seal: String::new(),
     };
+    let manifest = manifest.sealed()?;
     file::write_json(&manifest_path, &manifest)?;
     let unfinished = out.join(UNFINISHED);
     std::fs::remove_file(&unfinished).with_context(|| format!("{}: cannot remove", unfinished.display()))?;
     Ok(manifest)
-}
-
-/// Shards that earlier runs finished.
-fn finished(out: &Path) -> Result<Vec<Shard>> {
-    let unfinished = out.join(UNFINISHED);
-    if unfinished.is_file() {
-        return Ok(file::read_json(&unfinished)?);
-    }
-    let manifest = out.join(MANIFEST);
-    if !manifest.is_file() {
-        return Ok(Vec::new());
-    }
-    let manifest: Manifest = file::read_json(&manifest).context("not a folder of shards; choose another")?;
-    ensure!(manifest.version == 1, "{}: /version: {} is not 1", out.join(MANIFEST).display(), manifest.version);
-    Ok(manifest.shards)
 }

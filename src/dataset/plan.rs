@@ -2,13 +2,15 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::frame_file::Profile;
+use renderflow_frame::reach::Reach;
+use renderflow_frame::words;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::procedural::varied::{Composed, Composition, Pool, Request, Used, compose_varied};
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
 use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION};
 use renderflow_scenes::{description::EnvironmentSource, seed::Seed};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Most sequences of a plan.
 pub const MAX_SEQUENCES: u32 = 1_000_000;
@@ -54,6 +56,19 @@ pub struct Plan {
     /// What each split may draw from; no two share anything.
     #[serde(default)]
     pub splits: Splits,
+    /// Folders beside their own that its models may name files of.
+    #[serde(skip)]
+    pub allowed: Allowed,
+}
+
+/// Folders that the user of a plan allows its models to name files of: no part of the plan, so plans are equal whatever is allowed.
+#[derive(Clone, Debug, Default)]
+pub struct Allowed(pub Vec<PathBuf>);
+
+impl PartialEq for Allowed {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 fn one() -> u32 {
@@ -229,8 +244,8 @@ impl Plan {
     /// Reads and checks a plan file: TOML where it is named so, else JSON.
     pub fn read(path: &Path) -> Result<Self> {
         let plan: Self = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
-            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display()))?;
-            toml::from_str(&text).map_err(|e| anyhow::anyhow!("{}: {}", path.display(), e.to_string().trim_end()))?
+            let text = renderflow_frame::file::read_text(path)?;
+            toml::from_str(&text).map_err(|e| anyhow::anyhow!("{}{}", path.display(), toml_error(&text, &e)))?
         } else {
             renderflow_frame::file::read_json(path)?
         };
@@ -313,6 +328,13 @@ impl Plan {
         Ok(())
     }
 
+    /// What the scenes of the plan may name: the files that it lists, those that their models name beside them, and what is allowed.
+    pub fn reach(&self) -> Reach {
+        let sources = || SPLITS.into_iter().map(|split| self.splits.of(split));
+        let listed = sources().flat_map(|s| s.models.iter().chain(&s.hdris)).map(|file| &file.path);
+        Reach::folder(".").allow(listed).allow(&self.allowed.0)
+    }
+
     /// Sequences in all.
     pub fn total(&self) -> u32 {
         self.sequences.train + self.sequences.val + self.sequences.test
@@ -321,6 +343,21 @@ impl Plan {
     /// Folder name of sequence `index`.
     pub fn sequence_name(index: u32) -> String {
         format!("seq-{index:06}")
+    }
+
+    /// Seed that all of sequence `index` but its split follows from.
+    fn sequence_seed(&self, index: u32) -> Seed {
+        Seed::root(self.seed).child("sequence", u64::from(index))
+    }
+
+    /// Name of the scene of sequence `index`: no two sequences of a plan have the same.
+    pub fn scene_name(&self, index: u32) -> String {
+        let split = self.split(index);
+        if self.classic {
+            format!("{split}_{}", self.sequence_seed(index).u64())
+        } else {
+            format!("{split}_{}", Self::sequence_name(index))
+        }
     }
 
     /// Split of sequence `index`: the first are to learn from, the last to be reported.
@@ -355,7 +392,7 @@ impl Plan {
 
     /// The scene of sequence `index`; depends on the plan and `index` only.
     pub fn compose(&self, catalog: &Catalog, index: u32) -> Result<Composed> {
-        let seed = Seed::root(self.seed).child("sequence", u64::from(index));
+        let seed = self.sequence_seed(index);
         let split = self.split(index);
         if self.classic {
             return Ok(self.compose_classic(seed.u64(), split));
@@ -370,10 +407,11 @@ impl Plan {
             models: &models,
             hdris: &hdris,
             builtin: &sources.builtin_environments,
+            allowed: &self.allowed.0,
         };
         let request = Request {
             seed,
-            name: format!("{split}_{}", Self::sequence_name(index)),
+            name: self.scene_name(index),
             resolution: self.resolution,
             frames: self.frames,
             composition: &self.composition,
@@ -432,10 +470,18 @@ fn check_file(files: &[UserFile], path: &str) -> Result<()> {
     Ok(())
 }
 
+/// The place and the reason of what a TOML parser found, without the line: it may be long.
+fn toml_error(text: &str, error: &toml::de::Error) -> String {
+    let reason = words::plain(error.message().lines().next().unwrap_or_default());
+    let Some(before) = error.span().and_then(|span| text.get(..span.start)) else { return format!(": {reason}") };
+    let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+    format!(": line {}, column {column}: {reason}", before.matches('\n').count() + 1)
+}
+
 /// BLAKE3 of a file, hexadecimal.
+///
+/// # Errors
+/// When it cannot be read.
 pub fn hash_file(path: &Path) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    let mut file = std::fs::File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
-    std::io::copy(&mut file, &mut hasher).with_context(|| format!("{}: cannot read", path.display()))?;
-    Ok(hasher.finalize().to_hex().to_string())
+    super::damage::hash(path)
 }

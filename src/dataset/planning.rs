@@ -1,8 +1,11 @@
 //! Makes a plan: how sequences are shared out, which families and files each split gets.
 
 use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile, hash_file};
+use crate::console::message;
 use crate::progress::Progress;
 use anyhow::{Context, Result, ensure};
+use renderflow_frame::hdr;
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::load::{self, ModelView};
 use renderflow_scenes::procedural::Split;
@@ -39,6 +42,7 @@ pub fn all_to(split: Split, sequences: u32) -> Counts {
 /// The families of the catalogue and the files in two folders of the user's, shared out among the splits: from every group of
 /// families (vessels, furniture, low suns, studios, ...) about one in six goes to the test and to the validation split, so that what is
 /// held out is as varied as what is learnt from. Families are dealt alike for all plans; files by the plan's seed and their contents.
+/// Files that cannot be used are left out, and said.
 pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
     let (whole, catalog) = (Catalog::new(plan.seed, ALL, ALL), plan.catalog());
     let seed = Seed::root(plan.seed);
@@ -50,14 +54,11 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
         (sources.mesh_families, sources.environment_families) = (meshes, environments);
     }
     if let Some(folder) = models {
-        deal_files(&mut splits, &seed, model_groups(folder)?, |sources, file| sources.models.push(file));
+        deal_files(&mut splits, &seed, model_groups(folder, &plan.allowed.0)?, |sources, file| sources.models.push(file));
     }
     if let Some(folder) = hdris {
-        let files = user_files(folder, &MAPS)?;
-        ensure!(!files.is_empty(), "{}: no files ending in {}", folder.display(), MAPS.join(", "));
-        deal_files(&mut splits, &seed, files.into_iter().map(|file| vec![file]).collect(), |sources, file| {
-            sources.hdris.push(file)
-        });
+        let groups = usable_maps(folder)?.into_iter().map(|file| vec![file]).collect();
+        deal_files(&mut splits, &seed, groups, |sources, file| sources.hdris.push(file));
     }
     for split in SPLITS {
         let sources = splits.of_mut(split);
@@ -136,14 +137,15 @@ fn deal_files(splits: &mut Splits, seed: &Seed, groups: Vec<Vec<UserFile>>, mut 
 
 /// The models below `folder`, those that share a mesh in one group: the same body under two names must not be in two splits. Models
 /// that cannot be read are left out, and said.
-fn model_groups(folder: &Path) -> Result<Vec<Vec<UserFile>>> {
+fn model_groups(folder: &Path, allowed: &[PathBuf]) -> Result<Vec<Vec<UserFile>>> {
     let files = user_files(folder, &MODELS)?;
     let progress = Progress::new("models", files.len() as u64);
     let mut groups: Vec<(HashSet<String>, Vec<UserFile>)> = Vec::new();
     for file in files {
         let path = Path::new(&file.path);
         let view = ModelView { ground: false, ..ModelView::default() };
-        let read = load::describe_model(path, None, &view).and_then(|scene| load::load(&scene, Path::new(".")));
+        let reach = Reach::of(path).allow(allowed);
+        let read = load::describe_model(path, None, &view, &reach).and_then(|scene| load::load(&scene, &reach));
         progress.add(1);
         let mut hashes: HashSet<String> = match read {
             Ok(loaded) => loaded.meshes.iter().map(shapes::geometry_hash).collect(),
@@ -165,6 +167,24 @@ fn model_groups(folder: &Path) -> Result<Vec<Vec<UserFile>>> {
     progress.finish();
     ensure!(!groups.is_empty(), "{}: no model ending in {} that can be read", folder.display(), MODELS.join(", "));
     Ok(groups.into_iter().map(|(_, files)| files).collect())
+}
+
+/// The environment maps below `folder`. Those that cannot be used are left out, and said.
+fn usable_maps(folder: &Path) -> Result<Vec<UserFile>> {
+    let files = user_files(folder, &MAPS)?;
+    let progress = Progress::new("maps", files.len() as u64);
+    let mut usable = Vec::new();
+    for file in files {
+        let read = hdr::read(Path::new(&file.path));
+        progress.add(1);
+        match read {
+            Ok(_) => usable.push(file),
+            Err(error) => progress.hide(|| eprintln!("warning: left out: {error}")),
+        }
+    }
+    progress.finish();
+    ensure!(!usable.is_empty(), "{}: no map ending in {} that can be used", folder.display(), MAPS.join(", "));
+    Ok(usable)
 }
 
 /// The files among and below `paths` with one of `endings`, with their hashes, by path.
@@ -196,7 +216,7 @@ fn user_file(path: &Path) -> Result<UserFile> {
     Ok(UserFile { blake3: hash_file(path)?, path: full.to_string_lossy().into_owned() })
 }
 
-/// Files below `folder` with one of `endings`, with their hashes.
+/// Files below `folder` with one of `endings`, with their hashes. What cannot be read, a pipe for one, is left out, and said.
 fn user_files(folder: &Path, endings: &[&str]) -> Result<Vec<UserFile>> {
     let mut files = Vec::new();
     let mut open: Vec<PathBuf> = vec![folder.to_owned()];
@@ -207,7 +227,10 @@ fn user_files(folder: &Path, endings: &[&str]) -> Result<Vec<UserFile>> {
             if path.is_dir() {
                 open.push(path);
             } else if has_ending(&path, endings) {
-                files.push(user_file(&path)?);
+                match user_file(&path) {
+                    Ok(file) => files.push(file),
+                    Err(error) => eprintln!("warning: left out: {}", message(&error)),
+                }
             }
         }
     }

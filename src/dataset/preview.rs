@@ -1,10 +1,11 @@
 //! Looks at a plan before it is rendered: contact sheets of its meshes, environments and scenes, and a count of its catalogue.
 
 use super::plan::Plan;
+use crate::output;
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::truth::{DenoiseMode, Interrupted, TruthSettings};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use rayon::prelude::*;
 use renderflow_frame::image::{Image, Rgb};
@@ -15,7 +16,7 @@ use renderflow_scenes::description::{
 };
 use renderflow_scenes::shapes::{self, Shape};
 use renderflow_scenes::{load, sky};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,8 +24,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Pictures along a side of a sheet.
 const SIDE: u32 = 8;
 
+/// File name of [`Inventory`] in the folder of the sheets.
+pub const CATALOG: &str = "catalog.json";
+/// File names of the sheets.
+const SHEETS: [&str; 3] = ["meshes.png", "environments.png", "scenes.png"];
+
 /// What a catalogue holds.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inventory {
     /// Meshes.
     pub meshes: usize,
@@ -89,9 +95,24 @@ pub fn inventory(plan: &Plan, stop: &AtomicBool) -> Result<Inventory> {
     Ok(found)
 }
 
-/// Writes `meshes.png`, `environments.png` and `scenes.png`, 64 pictures each of `size` pixels, into `out`.
+/// Checks that a preview may be written into the folder `out`: its files are those of an earlier preview, or not there.
+///
+/// # Errors
+/// When one of them is there and nothing says that it is of a preview.
+pub fn check_folder(out: &Path) -> Result<()> {
+    if file::read_json::<Inventory>(&out.join(CATALOG)).is_ok() {
+        return Ok(());
+    }
+    let places = SHEETS.into_iter().chain([CATALOG]).map(|name| out.join(name));
+    match places.into_iter().find(|path| output::exists(path)) {
+        Some(path) => bail!("{}: is there already, and is of no preview; choose another folder", path.display()),
+        None => Ok(()),
+    }
+}
+
+/// `meshes.png`, `environments.png` and `scenes.png` with their bytes: 64 pictures each of `size` pixels.
 /// Meshes and environments are the first of the catalogue, `first` on; scenes are spread over the plan's sequences.
-pub fn sheets(plan: &Plan, out: &Path, size: u32, spp: u32, first: u32, stop: &AtomicBool) -> Result<()> {
+pub fn sheets(plan: &Plan, size: u32, spp: u32, first: u32, stop: &AtomicBool) -> Result<Vec<(&'static str, Vec<u8>)>> {
     let catalog = plan.catalog();
     let count = SIDE * SIDE;
     let progress = Progress::new("preview", u64::from(3 * count));
@@ -100,7 +121,7 @@ pub fn sheets(plan: &Plan, out: &Path, size: u32, spp: u32, first: u32, stop: &A
         if stop.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
-        let mut compiled = RenderScene::compile(&load::load(scene, Path::new("."))?)?;
+        let mut compiled = RenderScene::compile(&load::load(scene, &plan.reach())?)?;
         compiled.set_frame(frame);
         let (frame, _) = settings.frame(&compiled, &|_, _| (), stop)?;
         progress.add(1);
@@ -110,7 +131,7 @@ pub fn sheets(plan: &Plan, out: &Path, size: u32, spp: u32, first: u32, stop: &A
     let meshes: Vec<Rgb> = (first..first + count)
         .map(|k| picture(&pedestal(&catalog.mesh(k), k, size), 0).with_context(|| format!("mesh {k}: {:?}", catalog.mesh(k))))
         .collect::<Result<_>>()?;
-    write_sheet(&out.join("meshes.png"), &meshes)?;
+    let meshes = sheet(&meshes)?;
     let maps: Vec<Rgb> = (first..first + count)
         .map(|k| {
             let map = sky::render(&catalog.environment(k), 2 * size as usize, size as usize);
@@ -120,7 +141,7 @@ pub fn sheets(plan: &Plan, out: &Path, size: u32, spp: u32, first: u32, stop: &A
             light.map.map(|p| color::display(*p, exposure))
         })
         .collect();
-    write_sheet(&out.join("environments.png"), &maps)?;
+    let maps = sheet(&maps)?;
     let scenes: Vec<Rgb> = (0..count)
         .map(|i| {
             let (index, turn) = (i * plan.total() / count, i % plan.total().max(1));
@@ -132,9 +153,8 @@ pub fn sheets(plan: &Plan, out: &Path, size: u32, spp: u32, first: u32, stop: &A
             picture(&scene, if plan.total() < count { frame as usize } else { 0 })
         })
         .collect::<Result<_>>()?;
-    write_sheet(&out.join("scenes.png"), &scenes)?;
     progress.finish();
-    Ok(())
+    Ok(SHEETS.into_iter().zip([meshes, maps, sheet(&scenes)?]).collect())
 }
 
 /// A shape on a grey floor, seen from slightly above in the light of a studio.
@@ -178,8 +198,8 @@ fn pedestal(shape: &Shape, k: u32, size: u32) -> Scene {
     }
 }
 
-/// Sets pictures of equal size side by side, eight a row, and writes a PNG.
-fn write_sheet(path: &Path, pictures: &[Rgb]) -> Result<()> {
+/// A PNG of pictures of equal size side by side, eight a row.
+fn sheet(pictures: &[Rgb]) -> Result<Vec<u8>> {
     let (width, height) = pictures.first().map_or((1, 1), |p| (p.width, p.height));
     let columns = SIDE as usize;
     let rows = pictures.len().div_ceil(columns);
@@ -187,5 +207,5 @@ fn write_sheet(path: &Path, pictures: &[Rgb]) -> Result<()> {
         let picture = pictures.get((y / height) * columns + x / width);
         picture.map_or([0.0; 3], |p| p.pixels[(y % height) * width + x % width])
     });
-    Ok(file::write_atomic(path, &picture::png(&sheet)?)?)
+    picture::png(&sheet)
 }

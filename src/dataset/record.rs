@@ -1,15 +1,19 @@
 //! `sequence.json`: what a finished sequence consists of. It is written last, so a sequence that has one is complete.
 
 use super::agreement::Agreement;
+use super::folder::frame_file;
 use super::plan::{Plan, Quality};
 use super::statistics::Statistics;
 use crate::truth::{Cost, is_keyframe};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
+use renderflow_frame::file;
+use renderflow_frame::reach::plain_name;
 use renderflow_renderer::light::EnvironmentLight;
 use renderflow_scenes::procedural::Split;
-use renderflow_scenes::procedural::varied::Composed;
+use renderflow_scenes::procedural::varied::{Composed, Used};
 use renderflow_scenes::{LoadedScene, shapes};
 use serde::{Deserialize, Serialize};
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// File name of a record.
@@ -95,6 +99,13 @@ pub struct ObjectEntry {
     pub geometry: Vec<String>,
 }
 
+impl ObjectEntry {
+    fn new(used: &Used, geometry: Vec<String>) -> Self {
+        let Used { object, family, mesh, file } = used.clone();
+        Self { name: object, family, mesh, file, geometry }
+    }
+}
+
 /// A frame of a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameEntry {
@@ -147,13 +158,7 @@ impl Record {
             meshes.dedup();
             meshes.into_iter().map(|mesh| shapes::geometry_hash(&loaded.meshes[mesh])).collect()
         };
-        let objects = composed.meshes.iter().map(|used| ObjectEntry {
-            name: used.object.clone(),
-            family: used.family.clone(),
-            mesh: used.mesh,
-            file: used.file.clone(),
-            geometry: geometry(&used.object),
-        });
+        let objects = composed.meshes.iter().map(|used| ObjectEntry::new(used, geometry(&used.object)));
         let mut on_objects: Vec<usize> = loaded.instances.iter().map(|instance| instance.material).collect();
         on_objects.sort_unstable();
         on_objects.dedup();
@@ -192,42 +197,102 @@ impl Record {
         })
     }
 
+    /// The same with everything that composing alone decides as `composed` has it.
+    #[must_use]
+    pub fn with_composed(&self, composed: &Composed) -> Self {
+        let mut geometry = self.objects.iter().map(|object| object.geometry.clone());
+        let objects = composed.meshes.iter().map(|used| ObjectEntry::new(used, geometry.next().unwrap_or_default()));
+        Self {
+            scene: composed.scene.hash(),
+            seed: composed.scene.seed,
+            layout: composed.layout.to_owned(),
+            camera: composed.camera.to_owned(),
+            moving: composed.moving,
+            changing: composed.changing,
+            environment: EnvironmentEntry {
+                family: composed.environment.clone(),
+                number: composed.environment_number,
+                ..self.environment
+            },
+            objects: objects.collect(),
+            ..self.clone()
+        }
+    }
+
     /// Reads the record in the folder of a sequence; `None` where there is none.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no record, or names files that would not lie beside it.
     pub fn read(folder: &Path) -> Result<Option<Self>> {
+        Ok(Self::read_with_bytes(folder)?.map(|(record, _)| record))
+    }
+
+    /// As [`Self::read`], and the bytes of the file.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_with_bytes(folder: &Path) -> Result<Option<(Self, Vec<u8>)>> {
         let path = folder.join(RECORD);
-        if !path.is_file() {
-            return Ok(None);
-        }
-        let record: Self = renderflow_frame::file::read_json(&path)?;
+        let bytes = match file::read_at_most(&path, file::LARGEST_TEXT) {
+            Err(renderflow_frame::Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => return Ok(None),
+            bytes => bytes?,
+        };
+        let record: Self = file::parse_json(&path, &bytes)?;
         ensure!(record.version == 1, "{}: /version: {} is not 1", path.display(), record.version);
-        Ok(Some(record))
+        let plain = |pointer: String, name: &str| {
+            plain_name(name).map_err(|reason| anyhow!("{}: {pointer}: {reason}", path.display()))?;
+            Ok::<_, anyhow::Error>(())
+        };
+        for (i, frame) in record.frames.iter().enumerate() {
+            plain(format!("/frames/{i}/file"), &frame.file)?;
+        }
+        for (i, (name, _)) in record.descriptions.iter().enumerate() {
+            plain(format!("/descriptions/{i}/0"), name)?;
+        }
+        Ok(Some((record, bytes)))
     }
 
-    /// Whether every file is there with the size it had. Hashes are for `verify`.
-    pub fn is_present(&self, folder: &Path) -> bool {
-        let size = |file: &str| std::fs::metadata(folder.join(file)).map(|about| about.len()).ok();
-        self.frames.iter().all(|frame| size(&frame.file) == Some(frame.bytes))
-            && self.descriptions.iter().all(|(file, _)| size(file).is_some())
+    /// What of it cannot be in the record of sequence `index` of `plan`, a sentence each with the place in the record. Files are not
+    /// looked at.
+    pub fn misfits(&self, plan: &Plan, index: u32) -> Vec<String> {
+        let (split, name) = (plan.split(index), Plan::sequence_name(index));
+        if (self.split, self.index, &self.name) != (split, index, &name) {
+            let number =
+                if self.name == Plan::sequence_name(self.index) { String::new() } else { format!(", number {}", self.index) };
+            return vec![format!("is that of {}/{:.80}{number}", self.split, self.name)];
+        }
+        if self.plan != plan.hash() {
+            return vec![format!("/plan: is of another plan (BLAKE3 {})", self.plan)];
+        }
+        let mut misfits = Vec::new();
+        if !self.keyframes.iter().copied().eq(plan.keyframe_numbers()) {
+            misfits.push("/keyframes: are not those of the plan".to_owned());
+        }
+        if !self.descriptions.iter().map(|(file, _)| file.as_str()).eq(DESCRIPTIONS) {
+            misfits.push(format!("/descriptions: are not {}", DESCRIPTIONS.join(", ")));
+        }
+        let numbers: Vec<usize> = plan.numbers().collect();
+        if self.frames.len() != numbers.len() {
+            misfits.push(format!("/frames: {} frames, the plan has {}", self.frames.len(), numbers.len()));
+        }
+        for (i, (frame, number)) in self.frames.iter().zip(numbers).enumerate() {
+            let samples = plan.samples(number);
+            let right = frame.number == number
+                && frame.file == frame_file(number, plan.storage)
+                && frame.keyframe == is_keyframe(plan.keyframe_gap(), number)
+                && (frame.spp == samples || plan.render.adaptive && samples > 0 && frame.spp > 0);
+            if !right {
+                misfits.push(format!("/frames/{i}: is not frame {number} of the plan"));
+            }
+        }
+        misfits
     }
 
-    /// What `bytes` and hashes say of `found`, the files as they are now: the first that differs.
-    pub fn compare(&self, found: &Checked) -> Result<()> {
-        for ((file, expected), (_, hash)) in self.descriptions.iter().zip(&found.descriptions) {
-            ensure!(expected == hash, "{file}: has BLAKE3 {hash}, {RECORD} says {expected}");
-        }
-        ensure!(self.frames.len() == found.frames.len(), "{} frames, {RECORD} says {}", found.frames.len(), self.frames.len());
-        for (expected, frame) in self.frames.iter().zip(&found.frames) {
-            ensure!(
-                expected.blake3 == frame.blake3,
-                "{}: has BLAKE3 {}, {RECORD} says {}",
-                frame.file,
-                frame.blake3,
-                expected.blake3
-            );
-            ensure!(expected == frame, "{}: is {frame:?}, {RECORD} says {expected:?}", frame.file);
-        }
-        ensure!(self.statistics == found.statistics, "{RECORD}: its statistics are not those of the frames");
-        Ok(())
+    /// The BLAKE3 that it has of a frame or a description.
+    pub fn hash_of(&self, file: &str) -> Option<&str> {
+        let frames = self.frames.iter().map(|frame| (&frame.file, &frame.blake3));
+        let descriptions = self.descriptions.iter().map(|(file, hash)| (file, hash));
+        frames.chain(descriptions).find(|(name, _)| *name == file).map(|(_, hash)| hash.as_str())
     }
 }
 
@@ -262,17 +327,17 @@ impl Plan {
 /// Reads the failures recorded in the folder of a sequence.
 pub fn failures(folder: &Path) -> Result<Vec<Failure>> {
     let path = folder.join(FAILURES);
-    if path.is_file() { Ok(renderflow_frame::file::read_json(&path)?) } else { Ok(Vec::new()) }
+    if path.exists() { Ok(file::read_json(&path)?) } else { Ok(Vec::new()) }
 }
 
 /// Writes them; without any, the file goes.
 pub fn write_failures(folder: &Path, failures: &[Failure]) -> Result<()> {
     let path = folder.join(FAILURES);
     if !failures.is_empty() {
-        return Ok(renderflow_frame::file::write_json(&path, failures)?);
+        return Ok(file::write_json(&path, failures)?);
     }
     match std::fs::remove_file(&path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
             Err(error).with_context(|| format!("{}: cannot remove", path.display()))
         }
         _ => Ok(()),
@@ -293,6 +358,8 @@ pub enum Event<'a> {
         threads: usize,
         /// Frames of this part.
         frames: usize,
+        /// What is made: should `plan.json` be lost, `dataset repair` finds it here.
+        plan: &'a Plan,
     },
     /// A frame was made.
     Frame {

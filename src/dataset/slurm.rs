@@ -3,6 +3,7 @@
 //! The templates are in `src/dataset/slurm/`; `docs/scale-out.md` says how to use what is written.
 
 use crate::dataset::Plan;
+use crate::output;
 use anyhow::{Context, Result, bail, ensure};
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,8 @@ pub struct Request {
     pub plan: PathBuf,
     /// Dataset folder.
     pub out: PathBuf,
+    /// Folders that models may name files of (`--allow-files`).
+    pub allowed: Vec<PathBuf>,
     /// Where to write the scripts; logs go to `logs` inside.
     pub folder: PathBuf,
     /// Slurm partition; the cluster's default unless given.
@@ -78,17 +81,20 @@ impl Request {
     /// Writes `array.sh`, `merge.sh`, `submit.sh` and `kubernetes.yaml`. Returns the number of tasks.
     ///
     /// # Errors
-    /// A plan that cannot be read, paths that are not UTF-8, and options that would end their line or their word in a script.
-    pub fn write(&self) -> Result<u32> {
+    /// A plan that cannot be read, paths that are not UTF-8, and options that would end their line or their word in a script;
+    /// other files of these names, unless `overwrite`.
+    pub fn write(&self, overwrite: bool) -> Result<u32> {
         let tasks = Plan::read(&self.plan)?.total();
         // Slurm replaces %A and the like anywhere in the name of a log; %% is a percent sign, and a backslash ends all that.
         let logs = full(&self.folder.join("logs"))?;
         ensure!(!logs.contains('\\'), "{logs}: Slurm's logs cannot be in a folder with a backslash");
+        let allowed = self.allowed.iter().map(|folder| Ok(format!(" --allow-files {}", quoted(&full(folder)?))));
         let completions = tasks.min(KUBERNETES_COMPLETIONS);
         let values = [
             ("PROGRAM", quoted(&full(&self.program)?)),
             ("PLAN", quoted(&full(&self.plan)?)),
             ("OUT", quoted(&full(&self.out)?)),
+            ("ALLOWED", allowed.collect::<Result<String>>()?),
             ("FOLDER", quoted(&full(&self.folder)?)),
             ("LOGS", quoted(&logs.replace('%', "%%"))),
             ("DIRECTIVES", self.directives()?),
@@ -102,15 +108,12 @@ impl Request {
             ("COMPLETIONS", completions.to_string()),
             ("PARALLELISM", self.tasks_at_once.unwrap_or(completions).min(completions).to_string()),
         ];
-        for (name, template, mode) in [
-            ("array.sh", ARRAY, 0o755),
-            ("merge.sh", MERGE, 0o755),
-            ("submit.sh", SUBMIT, 0o755),
-            ("kubernetes.yaml", KUBERNETES, 0o644),
-        ] {
-            let path = self.folder.join(name);
-            renderflow_frame::file::write_atomic(&path, fill(template, &values)?.as_bytes())?;
-            set_mode(&path, mode).with_context(|| format!("{}: cannot be made executable", path.display()))?;
+        let scripts = [("array.sh", ARRAY), ("merge.sh", MERGE), ("submit.sh", SUBMIT), ("kubernetes.yaml", KUBERNETES)];
+        let file = |(name, template)| Ok((self.folder.join(name), fill(template, &values)?.into_bytes()));
+        let files = scripts.into_iter().map(file).collect::<Result<Vec<_>>>()?;
+        output::write(&files, overwrite)?;
+        for (path, _) in files.iter().filter(|(path, _)| path.extension().is_some_and(|e| e == "sh")) {
+            set_mode(path, 0o755).with_context(|| format!("{}: cannot be made executable", path.display()))?;
         }
         Ok(tasks)
     }
@@ -213,6 +216,7 @@ mod tests {
             program: "renderflow".into(),
             plan: "plan.json".into(),
             out: "out".into(),
+            allowed: Vec::new(),
             folder: "scripts".into(),
             partition: Some(partition.into()),
             account: None,

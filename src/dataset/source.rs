@@ -1,11 +1,14 @@
 //! The sequences of a dataset on disk, for what reads all of them: [`pack`](super::pack) and [`export`](super::export).
 
-use super::folder::frame_number;
-use super::manifest::MANIFEST;
+use super::damage;
+use super::folder::{frame_number, read_transforms};
+use super::home::Home;
+use super::manifest::{MANIFEST, Manifest};
 use super::plan::SPLITS;
 use super::record::Record;
 use anyhow::{Context, Result, ensure};
-use renderflow_frame::transforms::{self, Sequence};
+use renderflow_frame::file;
+use renderflow_frame::transforms::Sequence;
 use std::path::{Path, PathBuf};
 
 /// One sequence. Frames are read on demand.
@@ -46,23 +49,25 @@ pub struct Sources {
     pub manifest: Option<String>,
 }
 
-/// Finds the sequences in `dataset/{train,val,test}`; or `dataset` is one of those folders, or a sequence itself, whose split is by its record or
-/// its folder, and else train.
+/// Finds the sequences in `dataset/{train,val,test}`; or `dataset` is one of those folders, or a sequence itself, whose split is by its folder or
+/// its record, and else train.
 ///
 /// # Errors
 /// When there are none; when a sequence's `transforms.json` cannot be read or a name would not do in an archive; when the dataset has a plan
-/// but no manifest, so that frames may be missing.
+/// and is not whole: files are missing or of another size, records or the manifest are not right, or there are sequences of no plan.
 pub fn open(dataset: &Path) -> Result<Sources> {
-    let manifest = dataset.join(MANIFEST);
-    let manifest = match std::fs::read(&manifest) {
-        Ok(bytes) => Some(blake3::hash(&bytes).to_hex().to_string()),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
-        Err(error) => return Err(error).with_context(|| format!("{}: cannot read", manifest.display())),
+    let path = dataset.join(MANIFEST);
+    let manifest = match file::read_at_most(&path, file::LARGEST_TEXT) {
+        Ok(bytes) => Some(bytes),
+        Err(renderflow_frame::Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error.into()),
     };
+    let home = Home::of(dataset)?;
     ensure!(
-        manifest.is_some() || !dataset.join("plan.json").is_file(),
-        "{}: no {MANIFEST}, so the dataset is not complete; render what is missing and merge it",
-        dataset.display()
+        manifest.is_some() || home.as_ref().is_none_or(|home| home.root != dataset),
+        "{}: no {MANIFEST}, so the dataset is not complete; render what is missing and merge it: {}",
+        dataset.display(),
+        damage::remedy(dataset)
     );
     let mut sequences = Vec::new();
     if dataset.join("transforms.json").is_file() {
@@ -79,7 +84,15 @@ pub fn open(dataset: &Path) -> Result<Sources> {
         }
     }
     ensure!(!sequences.is_empty(), "{}: no sequence in it or in its train, val or test", dataset.display());
-    Ok(Sources { sequences, manifest })
+    if let Some(home) = home {
+        let records = home.accept(&home.indices)?;
+        let whole = home.root == dataset && records.len() == home.plan.total() as usize;
+        if let Some(bytes) = manifest.as_ref().filter(|_| whole) {
+            let made = file::json(&path, &Manifest::new(&home.plan, dataset, &records)?)?;
+            ensure!(made == *bytes, "{}: is not that of its sequences; to mend it: {}", path.display(), damage::remedy(dataset));
+        }
+    }
+    Ok(Sources { sequences, manifest: manifest.map(|bytes| blake3::hash(&bytes).to_hex().to_string()) })
 }
 
 /// The split that a folder is called after.
@@ -106,7 +119,7 @@ fn sequence(split: Option<&'static str>, folder: PathBuf) -> Result<Source> {
     // Readers of archives cut names at the first dot, and some break at other signs.
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     ensure!(!name.is_empty() && name.chars().all(plain), "{}: a name of letters, digits, - and _ is needed", folder.display());
-    let sequence = transforms::read(&folder.join("transforms.json"))?;
+    let sequence = read_transforms(&folder)?;
     let mut numbers = Vec::with_capacity(sequence.files.len());
     for file in &sequence.files {
         let number = frame_number(file);

@@ -128,14 +128,14 @@ impl Statistics {
         }
     }
 
-    /// Adds the counts of `other`.
+    /// Adds the counts of `other`; sums that a damaged record makes too large stay at the largest number.
     pub fn add(&mut self, other: &Self) {
         for axis in AXES {
             let more = axis.counts(other);
             let counts = (axis.pick)(self);
             counts.resize(axis.bins, 0);
             for (count, more) in counts.iter_mut().zip(more) {
-                *count += more;
+                *count = count.saturating_add(more);
             }
         }
     }
@@ -171,5 +171,9 @@ mod tests {
         assert_eq!(axis("roughness").counts(&one)[10], 3);
         assert_eq!(axis("roughness").counts(&one).iter().sum::<u64>(), 4);
         assert_eq!(axis("depth").counts(&one).iter().sum::<u64>(), 1);
+        let most = Statistics { depth: vec![u64::MAX], ..Statistics::default() };
+        one.add(&most);
+        one.add(&most);
+        assert_eq!(axis("depth").counts(&one)[0], u64::MAX);
     }
 }

@@ -6,6 +6,7 @@ use super::plan::{Plan, SPLITS};
 use super::record::Record;
 use super::render::sequence_folder;
 use super::statistics::{AXES, Axis, Statistics};
+use crate::output::GENERATOR;
 use anyhow::{Context, Result, ensure};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -49,9 +50,12 @@ pub struct Numbers {
 /// Reads the records of the complete sequences in `out`.
 pub fn numbers(out: &Path) -> Result<Numbers> {
     let plan = Plan::read(&out.join("plan.json")).context("not a dataset folder")?;
-    let mut records = Vec::new();
+    // Beside each record the number of the folder it lies in.
+    let (mut records, mut places) = (Vec::new(), Vec::new());
     for index in 0..plan.total() {
-        records.extend(Record::read(&sequence_folder(&plan, out, index))?);
+        let record = Record::read(&sequence_folder(&plan, out, index))?;
+        places.extend(record.as_ref().map(|_| index));
+        records.extend(record);
     }
     ensure!(!records.is_empty(), "{}: no sequence is complete yet", out.display());
     let mut statistics = Statistics::default();
@@ -65,6 +69,8 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
         }
         Bars { title: title.into(), bars: counts.into_iter().collect() }
     };
+    // Records of strangers may hold any numbers.
+    let sum = |values: &mut dyn Iterator<Item = u64>| values.fold(0, u64::saturating_add);
     let yes = |flag: bool| if flag { "yes" } else { "no" }.to_owned();
     let objects = || records.iter().flat_map(|record| &record.objects);
     // A light's concentration spans five decades.
@@ -85,25 +91,27 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
             bars: ["all", "textured", "metal"]
                 .iter()
                 .enumerate()
-                .map(|(i, label)| ((*label).to_owned(), records.iter().map(|r| r.materials[i] as u64).sum()))
+                .map(|(i, label)| ((*label).to_owned(), sum(&mut records.iter().map(|r| r.materials[i] as u64))))
                 .collect(),
         },
         count("environment family", &mut records.iter().map(|r| r.environment.family.clone())),
         count("mesh family", &mut objects().map(|object| object.family.clone())),
     ];
+    let leaks = manifest::leaks(&plan, places.iter().copied().zip(&records)).iter().map(ToString::to_string).collect();
     let splits = SPLITS.iter().map(|&split| {
-        let frames = records.iter().filter(|r| r.split == split).map(|r| r.frames.len() as u64).sum();
+        let of_split = records.iter().zip(&places).filter(|(_, place)| plan.split(**place) == split);
+        let frames = of_split.map(|(r, _)| r.frames.len() as u64).sum();
         (split.name().to_owned(), frames)
     });
     let distinct = |labels: &mut dyn Iterator<Item = String>| labels.collect::<BTreeSet<_>>().len();
     Ok(Numbers {
         sequences: [records.len(), plan.total() as usize],
         frames: records.iter().map(|r| r.frames.len()).sum(),
-        bytes: records.iter().flat_map(|r| &r.frames).map(|frame| frame.bytes).sum(),
+        bytes: sum(&mut records.iter().flat_map(|r| &r.frames).map(|frame| frame.bytes)),
         meshes: distinct(&mut objects().flat_map(|object| object.geometry.clone())),
         scenes: distinct(&mut records.iter().map(|r| r.scene.clone())),
         environments: distinct(&mut records.iter().map(|r| format!("{} {:?}", r.environment.family, r.environment.number))),
-        leaks: if plan.classic { Vec::new() } else { manifest::leaks(&records) },
+        leaks: if plan.classic { Vec::new() } else { leaks },
         splits: Bars { title: "frames by split".into(), bars: splits.collect() },
         counts,
         histograms: AXES.iter().map(|axis| histogram(axis, &statistics)).collect(),
@@ -125,7 +133,7 @@ pub fn html(numbers: &Numbers, costs: &Costs) -> Result<String> {
     let [complete, planned] = numbers.sequences;
     write!(
         page,
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{GENERATOR}<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
          <title>Dataset</title><style>{STYLE}</style><h1>Dataset</h1><p>{complete} of {planned} sequences, {} frames, {:.1} MiB \
          ({:.0} bytes a frame); {} distinct scenes, {} distinct meshes, {} distinct environments; {} things shared by splits.</p>",
         numbers.frames,

@@ -1,18 +1,35 @@
 //! Proves a dataset on disk: counts, hashes, values, the agreement of channels, and that splits share nothing.
 
 use super::agreement::Agreement;
-use super::manifest::{self, MANIFEST, Manifest};
+use super::damage::{self, Depth, Made, Part};
+use super::manifest::{self, Listed, MANIFEST, Manifest};
+use super::mend;
 use super::plan::Plan;
-use super::record::Record;
-use super::render::{all_failures, sequence_folder};
+use super::record::{Record, failures};
+use super::render::{guarded, sequence_folder};
 use super::statistics::Statistics;
-use super::{check, record};
 use crate::progress::Progress;
 use crate::truth::Interrupted;
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
 use renderflow_frame::file;
+use std::fmt;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Something that is wrong with a dataset.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// A sentence that begins with the place.
+    pub what: String,
+    /// The command that mends it.
+    pub remedy: String,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.what)
+    }
+}
 
 /// What was found in a dataset.
 #[derive(Clone, Debug, Default)]
@@ -27,8 +44,16 @@ pub struct Verified {
     pub agreement: Agreement,
     /// What the pixels are like.
     pub statistics: Statistics,
-    /// Everything that is wrong, a sentence each.
-    pub faults: Vec<String>,
+    /// Everything that is wrong.
+    pub faults: Vec<Fault>,
+    /// What is odd and does no harm, a sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Verified {
+    fn fault(&mut self, what: String, remedy: String) {
+        self.faults.push(Fault { what, remedy });
+    }
 }
 
 /// Reads the whole dataset in `out`.
@@ -36,51 +61,104 @@ pub struct Verified {
 /// # Errors
 /// When it has no plan, or `stop` was set. What is wrong with it stands in the result.
 pub fn verify(out: &Path, stop: &AtomicBool) -> Result<Verified> {
-    let plan = Plan::read(&out.join("plan.json")).context("not a dataset folder")?;
     let mut found = Verified::default();
+    let plan = match mend::plan_of(out)? {
+        Ok(plan) => plan,
+        Err(reason) => {
+            // Nothing can be held against a plan that is another one.
+            found.fault(format!("{reason}; the rest is not looked at"), damage::remedy(out));
+            return Ok(found);
+        }
+    };
+    let catalog = plan.catalog();
+    let listed = Listed::read(&plan, out);
     let progress = Progress::new("verify", u64::from(plan.total()));
-    let mut records = Vec::new();
+    // With the place of the folder each is in, whatever it says itself.
+    let mut records: Vec<(u32, Record)> = Vec::new();
+    // One a sequence: those that the manifest can be held against.
+    let mut listable: Vec<Option<Record>> = Vec::new();
     for index in 0..plan.total() {
         if stop.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
         let folder = sequence_folder(&plan, out, index);
-        match sequence(&plan, &folder, &mut found) {
-            Ok(record) => records.push(record),
-            Err(error) => found.faults.push(format!("{}: {error:#}", folder.display())),
+        let name = folder.display();
+        let examined = guarded(|| Ok(damage::sequence(&plan, out, index, listed.of(index), Depth::Pixels)))?;
+        for damage in &examined.damage {
+            found.fault(format!("{name}: {damage}"), damage::remedy(out));
         }
+        if examined.is_whole() {
+            match damage::against_plan(&plan, &catalog, index, listed.of(index).is_some(), &examined) {
+                Made::Same => {}
+                Made::Other(reason) => found.fault(format!("{name}: {reason}"), damage::remedy(out)),
+                Made::OtherVersion => found.notes.push(format!(
+                    "{name}: this version of the program makes another scene of the plan: it could not go on with the dataset or mend it"
+                )),
+                Made::Unknown(reason) => found.notes.push(format!("{name}: cannot be held against the plan: {reason}")),
+            }
+            found.sequences += 1;
+            found.frames += examined.checked.frames.len();
+            found.bytes += examined.checked.frames.iter().map(|frame| frame.bytes).sum::<u64>();
+            found.agreement.add(&examined.checked.agreement);
+            found.statistics.add(&examined.checked.statistics);
+        }
+        match failures(&folder) {
+            Ok(failures) => {
+                for failure in failures {
+                    let frame = failure.frame.map_or_else(String::new, |number| format!(" frame {number}"));
+                    found.fault(format!("{name}{frame}: failed when it was made: {}", failure.error), damage::remedy(out));
+                }
+            }
+            Err(error) => found.fault(crate::console::message(&error), damage::remedy(out)),
+        }
+        found.notes.extend(
+            damage::strays(&plan, out, index)?.iter().map(|path| format!("{}: is no part of the dataset", path.display())),
+        );
+        let believed = !examined.damage.iter().any(|damage| damage.part == Part::Record);
+        listable.push(examined.record.clone().filter(|_| believed));
+        records.extend(examined.record.map(|record| (index, record)));
         progress.add(1);
     }
     progress.finish();
-    found.faults.extend(all_failures(&plan, out)?.into_iter().map(|(sequence, failure)| {
-        let frame = failure.frame.map_or_else(String::new, |number| format!(" frame {number}"));
-        format!("{sequence}{frame}: failed when it was made: {}", failure.error)
-    }));
-    if !plan.classic {
-        found.faults.extend(manifest::leaks(&records));
+    for folder in damage::strangers(&plan, out)? {
+        let what = "is no sequence of the plan, but would be taken for one of its split; move it out of the dataset";
+        let shown = damage::quoted(&folder);
+        found.fault(format!("{}: {what}", folder.display()), format!("mv {shown} ELSEWHERE"));
     }
-    if records.len() == plan.total() as usize {
-        match file::read_json::<Manifest>(&out.join(MANIFEST)) {
-            Ok(there) if there == Manifest::new(&plan, out, &records)? => {}
-            Ok(_) => found.faults.push(format!("{MANIFEST}: is not that of these sequences; merge again")),
-            Err(error) => found.faults.push(format!("{error}")),
+    if !plan.classic {
+        for (places, leaks) in manifest::leaks(&plan, records.iter().map(|(index, record)| (*index, record)))
+            .chunk_by(|a, b| a.places == b.places)
+            .map(|same| (&same[0].places, same))
+        {
+            let more = if leaks.len() > 1 { format!(" and {} more", leaks.len() - 1) } else { String::new() };
+            let [one, other] = places;
+            let what = format!("{one} and {other} share what splits must not: {}{more}", leaks[0].what);
+            found.fault(what, damage::remedy(out));
         }
     }
+    manifest_of(&mut found, &plan, out, &listable);
     Ok(found)
 }
 
-/// One sequence: its record, held against its files.
-fn sequence(plan: &Plan, folder: &Path, found: &mut Verified) -> Result<Record> {
-    let Some(record) = Record::read(folder)? else { bail!("no {}: not complete", record::RECORD) };
-    if record.plan != plan.hash() {
-        bail!("{}: is of another plan", record::RECORD);
+/// Holds the manifest against the records that can be believed, one a sequence of the plan.
+fn manifest_of(found: &mut Verified, plan: &Plan, out: &Path, records: &[Option<Record>]) {
+    let path = out.join(MANIFEST);
+    let judge = || -> Result<Option<String>> {
+        let there = file::read_at_most(&path, file::LARGEST_TEXT)?;
+        let manifest: Manifest = file::parse_json(&path, &there)?;
+        if manifest.plan != plan.hash() {
+            return Ok(Some("/plan: is of another plan".into()));
+        }
+        let made = match manifest.corrected(plan, out, records) {
+            Ok(corrected) => file::json(&path, &corrected)?,
+            Err(error) => return Ok(Some(crate::console::message(&error))),
+        };
+        Ok((there != made).then(|| "is not that of these sequences".into()))
+    };
+    match judge() {
+        Ok(None) => {}
+        Ok(Some(reason)) => found.fault(format!("{}: {reason}", path.display()), damage::remedy(out)),
+        // A dataset that is being rendered has none yet, and is not complete either.
+        Err(error) => found.fault(crate::console::message(&error), damage::remedy(out)),
     }
-    let checked = check::sequence(plan, folder)?;
-    record.compare(&checked)?;
-    found.sequences += 1;
-    found.frames += checked.frames.len();
-    found.bytes += checked.frames.iter().map(|frame| frame.bytes).sum::<u64>();
-    found.agreement.add(&checked.agreement);
-    found.statistics.add(&checked.statistics);
-    Ok(record)
 }

@@ -31,7 +31,7 @@ impl<'a> SequenceView<'a> {
 
     fn frame(&self, index: usize) -> Result<Frame> {
         let place = || self.folder.path.display().to_string();
-        self.folder.frame(index).map_err(|error| Error::Data { place: place(), reason: format!("{error:#}") })
+        self.folder.frame(index).map_err(|error| Error::Data { place: place(), reason: crate::console::message(&error) })
     }
 }
 

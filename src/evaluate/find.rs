@@ -5,6 +5,7 @@ use crate::dataset::record::Record;
 use crate::testset::{SET, SetFile};
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::file;
+use renderflow_frame::reach::plain_name;
 use renderflow_scenes::procedural::Split;
 use std::path::{Path, PathBuf};
 
@@ -79,7 +80,11 @@ fn place(data: &Path, above: &[String], path: &Path) -> Result<Place> {
     let mut names = names.filter(|name| !splits.contains(&name.as_str()));
     let own = || file_name(data).unwrap_or_else(|| "data".into());
     let set = names.next().unwrap_or_else(own);
-    let layout = || record.as_ref().map_or_else(|| "scene".into(), |record| record.layout.clone());
+    // Results are written into a folder of this name.
+    let layout = || {
+        let recorded = record.as_ref().map(|record| record.layout.clone());
+        recorded.filter(|layout| plain_name(layout).is_ok()).unwrap_or_else(|| "scene".into())
+    };
     let class = names.next().unwrap_or_else(layout);
     Ok(Place { set, class, folder, record })
 }

@@ -5,6 +5,7 @@ use super::results::{ABOUT, About, Group, Method, Score, Sequence, TRUTH, Truth,
 use super::run::{CURVE, values, write_scores};
 use crate::metrics::temporal::{Pair, correspondence, temporal};
 use crate::metrics::{self, Hdr, Networks};
+use crate::output::Claim;
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::truth::Interrupted;
@@ -13,11 +14,12 @@ use rayon::prelude::*;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Frame, color, file, hdr};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Endings of pictures that can be compared.
-pub const ENDINGS: [&str; 3] = ["png", "exr", "hdr"];
+/// Endings of pictures that can be compared. Of a picture with several the first is taken: radiance before display values.
+pub const ENDINGS: [&str; 3] = ["exr", "hdr", "png"];
 
 /// How to compare.
 pub struct Options<'a> {
@@ -61,16 +63,19 @@ struct Folder {
     truths: Vec<(usize, PathBuf)>,
 }
 
-/// Compares the pictures below `predictions` with those below `truth` and writes results into `out`. Returns how many were compared.
+/// Compares the pictures below `predictions` with those below `truth` and writes results into `out`. Returns how many were
+/// compared.
 ///
 /// A picture belongs to the truth of the same path, endings apart; else to the one of the same folder whose name ends in the same
-/// number. The folder of a truth's sequence may be named in full or by its last part, and left out where there is only one.
+/// number. Where one is there with several endings, the EXR is taken, else the HDR. The folder of a truth's sequence may be named
+/// in full or by its last part, and left out where there is only one.
 ///
-/// PNG holds display values as they are. EXR and HDR hold scene-linear radiance, which becomes sRGB(clamp(exposure x radiance)) with the
-/// exposure of the truth's sequence, or `options.exposure` where the truth is no dataset.
+/// PNG holds display values as they are. EXR and HDR hold scene-linear radiance, which becomes sRGB(clamp(exposure x radiance))
+/// with the exposure of the truth's sequence, or `options.exposure` where the truth is no dataset.
 ///
 /// # Errors
-/// When a picture is missing (unless `partial`), cannot be read, or differs in size; all missing ones are counted, the first named.
+/// When a picture is missing (unless `partial`), cannot be read, or differs in size; all missing ones are counted, the first
+/// named.
 pub fn run(
     predictions: &Path,
     truth: &Path,
@@ -103,7 +108,12 @@ pub fn run(
             ("exposure where the truth has none".into(), options.exposure.to_string()),
         ],
     };
-    file::write_json(&out.join(ABOUT), &about)?;
+    // Truth and pictures are settings here: other ones are another comparison.
+    let claim = Claim::agreed(out, ABOUT, &about, |there: &About| {
+        let same = (&there.methods, &there.settings) == (&about.methods, &about.settings);
+        ensure!(same, "the folder holds results of other pictures or settings; choose another folder");
+        Ok(())
+    })?;
     progress.length(pairs.iter().map(|pairs| pairs.len() as u64).sum());
     let mut compared = 0;
     for (folder, pairs) in folders.iter().zip(&pairs) {
@@ -111,7 +121,11 @@ pub fn run(
             continue;
         }
         let class = out.join(&folder.set).join(&folder.class);
-        let (about, scores) = sequence(folder, pairs, options, &class, progress, cancel)?;
+        let (about, scores, kept) = sequence(folder, pairs, options, progress, cancel)?;
+        claim.write()?;
+        for (name, bytes) in kept {
+            file::write_atomic(&class.join(&folder.name).join(name), &bytes)?;
+        }
         write_scores(&class.join(format!("{}.jsonl", about.name)), &scores)?;
         file::write_json(&class.join(format!("{}.json", about.name)), &about)?;
         compared += scores.len();
@@ -158,16 +172,42 @@ fn folders(truth: &Path, exposure: f32) -> Result<Vec<Folder>> {
     Ok(by_folder.into_iter().map(folder).collect())
 }
 
-/// Pictures below a folder, by path.
+/// Pictures below a folder, by path; of those that differ in their ending alone the one with most in it.
 fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
+    let all = every_picture(folder)?;
+    let count = all.len();
+    let mut best: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
+    let rank = |path: &Path| ENDINGS.iter().position(|known| *known == ending(path));
+    for path in all {
+        match best.entry(path.with_extension("")) {
+            Entry::Vacant(place) => drop(place.insert(path)),
+            Entry::Occupied(mut place) if rank(&path) < rank(place.get()) => drop(place.insert(path)),
+            Entry::Occupied(_) => {}
+        }
+    }
+    if best.len() < count {
+        eprintln!(
+            "note: {}: {} pictures are there in several forms; radiance is taken (EXR, else HDR)",
+            folder.display(),
+            count - best.len()
+        );
+    }
+    Ok(best.into_values().collect())
+}
+
+/// The ending of a file's name, in small letters.
+fn ending(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+fn every_picture(folder: &Path) -> Result<Vec<PathBuf>> {
     let unreadable = || format!("{}: cannot list", folder.display());
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(unreadable)? {
         let path = entry.with_context(unreadable)?.path();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         if path.is_dir() {
-            found.extend(pictures(&path)?);
-        } else if ENDINGS.contains(&ending.as_str()) {
+            found.extend(every_picture(&path)?);
+        } else if ENDINGS.contains(&ending(&path).as_str()) {
             found.push(path);
         }
     }
@@ -233,13 +273,12 @@ fn matched<'a>(predictions: &Path, folders: &'a [Folder], partial: bool) -> Resu
     Ok(pairs)
 }
 
-/// Reads a picture; radiance becomes display values by `exposure`.
-fn read(path: &Path, exposure: f32) -> Result<Read> {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if ending == "png" {
-        let bytes = std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
-        let decoded = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png);
-        let picture = decoded.with_context(|| path.display().to_string())?;
+/// Reads a picture; radiance becomes display values by `exposure`. Its size has to be `expected` where that is known, and is compared before
+/// a pixel is decoded.
+fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read> {
+    let bytes = picture::bytes(path)?;
+    if ending(path) == "png" {
+        let picture = picture::decode(path, &bytes, expected)?;
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let has_alpha = picture.color().has_alpha();
         let pixels = picture.into_rgba32f();
@@ -247,7 +286,10 @@ fn read(path: &Path, exposure: f32) -> Result<Read> {
         let alpha = has_alpha.then(|| Image { width, height, pixels: pixels.pixels().map(|p| p[3]).collect() });
         return Ok(Read { display, linear: None, alpha, frame: None });
     }
-    let map = hdr::read(path)?;
+    if let Some(expected) = expected {
+        picture::same_size(path, hdr::size(path, &bytes)?, expected)?;
+    }
+    let map = hdr::decode(path, &bytes)?;
     if map.repaired > 0 {
         eprintln!("note: {}: {} pixels were not finite or negative and count as black", path.display(), map.repaired);
     }
@@ -256,7 +298,7 @@ fn read(path: &Path, exposure: f32) -> Result<Read> {
 
 impl Folder {
     fn truth(&self, path: &Path) -> Result<Read> {
-        let Some(_) = &self.place else { return read(path, self.exposure) };
+        let Some(_) = &self.place else { return read(path, self.exposure, None) };
         let mut frame = renderflow_frame::frame_file::read(path)?;
         let linear = frame.beauty.take().with_context(|| format!("{}: has no beauty to compare with", path.display()))?;
         let display = linear.map(|p| color::display(*p, self.exposure));
@@ -264,14 +306,17 @@ impl Folder {
     }
 }
 
+/// Name and bytes of a file to be written.
+type NamedFile = (String, Vec<u8>);
+
+/// Compares the pictures of a folder: what it is, the scores, and the pictures to keep by name.
 fn sequence(
     folder: &Folder,
     pairs: &[Match<'_>],
     options: &Options,
-    class: &Path,
     progress: &Progress,
     cancel: &AtomicBool,
-) -> Result<(Sequence, Vec<Score>)> {
+) -> Result<(Sequence, Vec<Score>, Vec<NamedFile>)> {
     let keyframes: Vec<usize> = folder
         .place
         .as_ref()
@@ -281,9 +326,11 @@ fn sequence(
     // Pairs of neighbours are read twice, so that frames can be compared side by side.
     let one = |i: usize| -> Result<(Read, Read)> {
         let Match { truth, picture, .. } = &pairs[i];
-        Ok((folder.truth(truth)?, read(picture, folder.exposure)?))
+        let truth = folder.truth(truth)?;
+        let size = [truth.display.width, truth.display.height];
+        Ok((truth, read(picture, folder.exposure, Some(size))?))
     };
-    let score = |i: usize| -> Result<(Score, [usize; 2])> {
+    let score = |i: usize| -> Result<(Score, [usize; 2], Vec<NamedFile>)> {
         if cancel.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
@@ -310,19 +357,19 @@ fn sequence(
                 metrics.temporal = temporal(now, then, &correspondence).map(|t| 1000.0 * t);
             }
         }
+        let mut kept = Vec::new();
         if shown.contains(&number) {
-            let pictures = class.join(&folder.name);
-            file::write_atomic(&pictures.join(picture_file(number, TRUTH)), &picture::png(&truth.display)?)?;
-            file::write_atomic(&pictures.join(picture_file(number, "pictures")), &picture::png(&picture.display)?)?;
+            kept.push((picture_file(number, TRUTH), picture::png(&truth.display)?));
+            kept.push((picture_file(number, "pictures"), picture::png(&picture.display)?));
         }
         progress.add(1);
         let key = keyframes.contains(&number);
         let size = [truth.display.width, truth.display.height];
         let values = values(&metrics)?;
-        Ok((Score { method: "pictures".into(), frame: number, key, seconds: None, spp: None, values }, size))
+        Ok((Score { method: "pictures".into(), frame: number, key, seconds: None, spp: None, values }, size, kept))
     };
     let scored = (0..pairs.len()).into_par_iter().with_max_len(1).map(score).collect::<Result<Vec<_>>>()?;
-    let [width, height] = scored.first().map_or([0; 2], |(_, size)| *size);
+    let [width, height] = scored.first().map_or([0; 2], |(_, size, _)| *size);
     let numbers: Vec<usize> = pairs.iter().map(|pair| pair.number).collect();
     let about = Sequence {
         set: folder.set.clone(),
@@ -337,7 +384,12 @@ fn sequence(
         truth: Truth::default(),
         ..Sequence::default()
     };
-    Ok((about, scored.into_iter().map(|(score, _)| score).collect()))
+    let (mut scores, mut kept) = (Vec::with_capacity(scored.len()), Vec::new());
+    for (score, _, pictures) in scored {
+        scores.push(score);
+        kept.extend(pictures);
+    }
+    Ok((about, scores, kept))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use anyhow::{Context, Result};
 use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
+use renderflow_frame::reach::Reach;
 use renderflow_model::infer::{PreparedKeyframe, warp_only};
 use renderflow_model::renderer::Sequence;
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
@@ -90,8 +91,9 @@ impl<'a> Painter<'a> {
     /// Loads the scene and does what is done once a sequence.
     pub fn new(view: &'a SequenceView<'a>, options: &'a Options<'a>) -> Result<Self> {
         let folder = view.folder;
-        let scene: Scene = renderflow_frame::file::read_json(&folder.path.join("scene.json"))?;
-        let loaded = load::load(&scene, &folder.path)?;
+        let file = folder.path.join("scene.json");
+        let scene = Scene::read(&file)?;
+        let loaded = load::load(&scene, &Reach::of(&file).allow(options.allowed)).with_context(|| file.display().to_string())?;
         let mut scene = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
         let (tables, prefilter) = timed(|| Ok(view.tables()))?;
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];

@@ -8,6 +8,8 @@
 //! ```
 
 use anyhow::{Context, Result, ensure};
+use renderflow_frame::reach::plain_name;
+use renderflow_frame::{file, words};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -249,14 +251,18 @@ impl Results {
     /// When a file cannot be read; the message names it and the line.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(ABOUT);
-        let about: About = renderflow_frame::file::read_json(&path)?;
+        let about: About = file::read_json(&path)?;
         ensure!(about.version == 1, "{}: /version: {} is not 1", path.display(), about.version);
+        for (i, method) in about.methods.iter().enumerate() {
+            // Names of pictures are made of them.
+            plain_name(&method.id).map_err(|reason| anyhow::anyhow!("{}: /methods/{i}/id: {reason}", path.display()))?;
+        }
         let mut sequences = Vec::new();
         for set in folders(folder)? {
             for class in folders(&set)? {
                 for file in list(&class)?.into_iter().filter(|path| path.extension().is_some_and(|e| e == "json")) {
                     let scores = read_scores(&file.with_extension("jsonl"))?;
-                    let about = renderflow_frame::file::read_json(&file)?;
+                    let about = file::read_json(&file)?;
                     sequences.push(Scored { about, pictures: file.with_extension(""), scores });
                 }
             }
@@ -267,8 +273,12 @@ impl Results {
 
 /// Reads a score a line.
 pub fn read_scores(path: &Path) -> Result<Vec<Score>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display()))?;
-    let line = |(i, line)| serde_json::from_str(line).with_context(|| format!("{}: line {}", path.display(), i + 1));
+    let text = file::read_text(path)?;
+    let line = |(i, line)| {
+        // Every entry is a line of its own: only the column is worth telling.
+        let reason = |e: serde_json::Error| words::plain(&e.to_string()).replace(" at line 1 column ", ", column ");
+        serde_json::from_str(line).map_err(|e| anyhow::anyhow!("{}: line {}: {}", path.display(), i + 1, reason(e)))
+    };
     text.lines().enumerate().map(line).collect()
 }
 

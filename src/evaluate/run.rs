@@ -8,22 +8,26 @@ use crate::dataset::SequenceView;
 use crate::dataset::record::Record;
 use crate::metrics::temporal::{Pair, correspondence, temporal};
 use crate::metrics::{self, Hdr, Metrics, Networks};
+use crate::output::Claim;
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::testset::{AUDIT, Audit, decibel, display_variance};
 use crate::truth::Interrupted;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, file};
 use renderflow_model::renderer::Renderer;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How radiance becomes what the metrics see.
 pub const CURVE: &str =
     "sRGB(clamp(exposure x linear, 0, 1)), exposure from the environment alone; metrics on floats, not quantised";
+
+/// Said of a frame of G-buffers only.
+const NO_BEAUTY: &str = "no beauty to compare with";
 
 /// What to evaluate, and how.
 pub struct Options<'a> {
@@ -39,6 +43,8 @@ pub struct Options<'a> {
     pub guide_samples: u32,
     /// Scattering events of path-traced rows.
     pub max_bounces: u32,
+    /// Folders beside a sequence's own that its scene may name files of.
+    pub allowed: &'a [PathBuf],
     /// Of every so many frames the first two; 1 = all. Two, since what changes between frames is measured too.
     pub every: u32,
     /// Frames a sequence whose pictures are kept.
@@ -67,7 +73,10 @@ impl<'a> Options<'a> {
 /// # Errors
 /// [`Interrupted`] when stopped; when the folder holds results of other methods or settings; when a sequence cannot be read or lacks truth.
 pub fn run(places: &[Place], options: &Options, out: &Path, progress: &Progress, cancel: &AtomicBool) -> Result<()> {
-    claim(options, out)?;
+    let claim = claim(options, out)?;
+    for place in places {
+        ready(place, options.every).with_context(|| place.folder.path.display().to_string())?;
+    }
     for place in places {
         let class = out.join(&place.set).join(&place.class);
         let done = class.join(format!("{}.json", place.folder.name()));
@@ -79,7 +88,7 @@ pub fn run(places: &[Place], options: &Options, out: &Path, progress: &Progress,
             continue;
         }
         progress.message(format!("{}/{}/{}", place.set, place.class, place.folder.name()));
-        let work = || sequence(place, &indices, options, &class, progress, cancel);
+        let work = || sequence(place, &indices, options, &class, &claim, progress, cancel);
         let about = work().with_context(|| place.folder.path.display().to_string())?;
         file::write_json(&done, &about)?;
     }
@@ -91,8 +100,27 @@ pub fn frames(place: &Place, every: u32) -> usize {
     chosen(&place.folder.numbers, every).len()
 }
 
-/// Writes what the results are of, or says that the folder holds others.
-fn claim(options: &Options, out: &Path) -> Result<()> {
+/// Checks that results of these options may be written into the folder `out`.
+///
+/// # Errors
+/// When the folder holds results of other methods or settings, or anything else.
+pub fn check(options: &Options, out: &Path) -> Result<()> {
+    claim(options, out).map(drop)
+}
+
+/// Checks that the truth of a sequence can be compared with, as far as its files and its record tell.
+fn ready(place: &Place, every: u32) -> Result<()> {
+    for index in chosen(&place.folder.numbers, every) {
+        let file = &place.folder.sequence.files[index];
+        ensure!(place.folder.path.join(file).is_file(), "{file}: is not there");
+        let recorded = place.record.iter().flat_map(|record| &record.frames).find(|frame| frame.file == *file);
+        ensure!(recorded.is_none_or(|frame| frame.spp > 0), "frame {} has {NO_BEAUTY}", place.folder.numbers[index]);
+    }
+    Ok(())
+}
+
+/// What the results are of, to be written before the first of them.
+fn claim(options: &Options, out: &Path) -> Result<Claim> {
     let mut settings = vec![
         ("camera rays a pixel of the G-buffer".to_owned(), options.guide_samples.to_string()),
         ("scattering events of a path".to_owned(), options.max_bounces.to_string()),
@@ -114,14 +142,11 @@ fn claim(options: &Options, out: &Path) -> Result<()> {
         methods: options.ways.iter().map(Way::describe).collect(),
         settings,
     };
-    let path = out.join(ABOUT);
-    if path.is_file() {
-        let there: About = file::read_json(&path)?;
-        if (&there.methods, &there.settings) != (&about.methods, &about.settings) {
-            bail!("{}: the folder holds results of other methods or settings; choose another folder", path.display());
-        }
-    }
-    Ok(file::write_json(&path, &about)?)
+    Claim::agreed(out, ABOUT, &about, |there: &About| {
+        let same = (&there.methods, &there.settings) == (&about.methods, &about.settings);
+        ensure!(same, "the folder holds results of other methods or settings; choose another folder");
+        Ok(())
+    })
 }
 
 /// Indices of the frames to evaluate: of every `every` the first two.
@@ -151,6 +176,7 @@ fn sequence(
     indices: &[usize],
     options: &Options,
     class: &Path,
+    claim: &Claim,
     progress: &Progress,
     cancel: &AtomicBool,
 ) -> Result<Sequence> {
@@ -168,7 +194,7 @@ fn sequence(
         }
         let (number, key) = (folder.numbers[index], folder.sequence.keyframes.contains(&index));
         let frame = folder.frame(index)?;
-        let linear = frame.beauty.as_ref().with_context(|| format!("frame {number} has no beauty to compare with"))?;
+        let linear = frame.beauty.as_ref().with_context(|| format!("frame {number} has {NO_BEAUTY}"))?;
         let display = |picture: &Rgb| picture.map(|p| color::display(*p, exposure));
         let truth = display(linear);
         if let (Some(raw), Some(variance)) = (&frame.raw, &frame.variance) {
@@ -197,6 +223,7 @@ fn sequence(
             })
             .collect::<Result<_>>()?;
         let mut kept = BTreeMap::new();
+        claim.write()?;
         if shown.contains(&index) {
             file::write_atomic(&pictures.join(picture_file(number, TRUTH)), &picture::png(&truth)?)?;
         }

@@ -10,7 +10,6 @@ use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::lpips::{Backbone, Lpips};
 use renderflow_model::wan::weights as wan;
 use serde_json::{Map, Value, json};
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -20,7 +19,7 @@ const LONGEST_HEADER: u64 = 100_000_000;
 /// The JSON header of a safetensors file; `None` when there is none that can be read.
 fn header(path: &Path) -> Result<Option<Map<String, Value>>> {
     let unreadable = || format!("{}: cannot read", path.display());
-    let mut file = File::open(path).with_context(unreadable)?;
+    let mut file = renderflow_frame::file::open(path)?;
     let size = file.metadata().with_context(unreadable)?.len();
     let mut length = [0; 8];
     if file.read_exact(&mut length).is_err() {
@@ -137,7 +136,11 @@ pub(super) fn dataset(path: &Path) -> Result<Counts> {
     let faults: Vec<Option<anyhow::Error>> = frames.par_iter().map(|(s, i)| frame(s, *i).err()).collect();
     let broken = faults.iter().flatten().count();
     if let Some(first) = faults.into_iter().flatten().next() {
-        return Err(if broken > 1 { anyhow!("{first:#} (and {} more frames)", broken - 1) } else { first });
+        return Err(if broken > 1 {
+            anyhow!("{} (and {} more frames)", crate::console::message(&first), broken - 1)
+        } else {
+            first
+        });
     }
     let mut found = Counts::default();
     found.add("splits", splits.len());

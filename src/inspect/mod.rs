@@ -10,15 +10,15 @@ mod scene;
 pub(crate) use picture::verify as verify_frame;
 
 use anyhow::{Context, Result, bail};
-use renderflow_frame::compact;
+use renderflow_frame::reach::Reach;
+use renderflow_frame::{compact, file};
 use renderflow_scenes::load::Format;
 use serde::Serialize;
 use serde::de::IgnoredAny;
 use serde_json::Value;
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::{BufReader, Read};
-use std::path::Path;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 /// What a file is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -91,15 +91,15 @@ pub struct Inspected {
     pub verdict: Result<Counts>,
 }
 
-/// Reads the file or folder `path` in full.
-pub fn inspect(path: &Path) -> Inspected {
+/// Reads the file or folder `path` in full. A scene or model may name files of its own folder and of those that are `allowed`.
+pub fn inspect(path: &Path, allowed: &[PathBuf]) -> Inspected {
     let kind = match kind(path) {
         Ok(kind) => kind,
         Err(error) => return Inspected { kind: None, verdict: Err(error) },
     };
     let verdict = match kind {
-        Kind::Scene => scene::scene(path),
-        Kind::Gltf | Kind::Obj => scene::model(path),
+        Kind::Scene => scene::scene(path, &Reach::of(path).allow(allowed)),
+        Kind::Gltf | Kind::Obj => scene::model(path, &Reach::of(path).allow(allowed)),
         Kind::Plan => data::plan(path),
         Kind::Transforms => data::transforms(path),
         Kind::Map => picture::map(path),
@@ -121,8 +121,7 @@ fn kind(path: &Path) -> Result<Kind> {
         return Ok(Kind::Dataset);
     }
     let mut head = Vec::with_capacity(HEAD);
-    let open = || File::open(path).with_context(|| format!("{}: cannot read", path.display()));
-    open()?.take(HEAD as u64).read_to_end(&mut head).with_context(|| format!("{}: cannot read", path.display()))?;
+    file::open(path)?.take(HEAD as u64).read_to_end(&mut head).with_context(|| format!("{}: cannot read", path.display()))?;
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if let Some(kind) = by_signature(path, &head)? {
         return Ok(kind);
@@ -182,8 +181,7 @@ fn by_signature(path: &Path, head: &[u8]) -> Result<Option<Kind>> {
 
 /// Which of the JSON formats a file holds, by the keys at its top.
 fn json_kind(path: &Path, ending: &str) -> Result<Kind> {
-    let file = BufReader::new(File::open(path).with_context(|| format!("{}: cannot read", path.display()))?);
-    let keys = match serde_json::from_reader::<_, HashMap<String, IgnoredAny>>(file) {
+    let keys = match file::read_json::<HashMap<String, IgnoredAny>>(path) {
         Ok(keys) => keys,
         // Broken JSON: its reader will say where. The ending is all there is to go by.
         Err(_) if ending == "gltf" => return Ok(Kind::Gltf),

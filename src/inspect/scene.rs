@@ -3,6 +3,7 @@
 use super::Counts;
 use anyhow::Result;
 use glam::DVec3;
+use renderflow_frame::reach::Reach;
 use renderflow_renderer::RenderScene;
 use renderflow_scenes::description::{EnvironmentSource, Scene, Transform};
 use renderflow_scenes::load::{self, ModelView};
@@ -11,9 +12,8 @@ use serde_json::json;
 use std::path::Path;
 
 /// A scene description with everything it refers to.
-pub(super) fn scene(path: &Path) -> Result<Counts> {
-    let base = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let loaded = load::load(&Scene::read(path)?, base)?;
+pub(super) fn scene(path: &Path, reach: &Reach) -> Result<Counts> {
+    let loaded = load::load(&Scene::read(path)?, reach)?;
     let mut counts = counts(&loaded)?;
     counts.add("frames", loaded.cameras.len());
     let map = &loaded.environment.map;
@@ -23,14 +23,14 @@ pub(super) fn scene(path: &Path) -> Result<Counts> {
 }
 
 /// A model file alone, where and as large as it stands in the file.
-pub(super) fn model(path: &Path) -> Result<Counts> {
+pub(super) fn model(path: &Path, reach: &Reach) -> Result<Counts> {
     let environment = EnvironmentSource::Constant([1.0; 3]);
     let view = ModelView { ground: false, frames: 1, environment, ..ModelView::default() };
-    let mut scene = load::describe_model(path, None, &view)?;
+    let mut scene = load::describe_model(path, None, &view, reach)?;
     for object in &mut scene.objects {
         object.transform = Transform::default();
     }
-    counts(&load::load(&scene, Path::new("."))?)
+    counts(&load::load(&scene, reach)?)
 }
 
 fn counts(loaded: &LoadedScene) -> Result<Counts> {

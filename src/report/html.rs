@@ -1,5 +1,6 @@
 //! The shell of a page and its small parts.
 
+use crate::output::GENERATOR;
 use std::fmt::Write;
 
 const STYLE: &str = include_str!("style.css");
@@ -30,7 +31,7 @@ pub fn json(value: &impl serde::Serialize) -> serde_json::Result<String> {
 /// A whole page. Its policy forbids it to ask for anything from anywhere.
 pub fn page(title: &str, body: &str) -> String {
     format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n{GENERATOR}\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'; \
          script-src 'unsafe-inline'\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<link rel=\"icon\" href=\"data:,\">\n<title>{}</title>\n\

@@ -15,13 +15,18 @@ mod summary;
 pub mod table;
 
 use crate::evaluate::results::Results;
+use crate::output;
 use crate::progress::Progress;
 use crate::truth::Interrupted;
-use anyhow::{Result, ensure};
-use renderflow_frame::file;
+use anyhow::{Context, Result, ensure};
+use renderflow_frame::file::Draft;
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The page one opens.
+const INDEX: &str = "index.html";
 
 /// What the pages are made from.
 struct View<'a> {
@@ -33,10 +38,12 @@ struct View<'a> {
     pages: Vec<String>,
 }
 
-/// Writes `out/index.html` and a page for each sequence; a unit of progress each. The same results make the same bytes.
+/// Writes `out/index.html` and a page for each sequence; a unit of progress each. The same results make the same bytes. The pages
+/// are put at their places together, once all are made.
 ///
 /// # Errors
-/// When there is no sequence, a picture is damaged, a file cannot be written, or with [`Interrupted`].
+/// When there is no sequence, a picture is damaged, another file has the name of a page, a file cannot be written, or with
+/// [`Interrupted`].
 pub fn build(results: &Results, out: &Path, progress: &Progress, cancel: &AtomicBool) -> Result<()> {
     ensure!(!results.sequences.is_empty(), "no sequence is complete: nothing to report");
     let view = View {
@@ -45,23 +52,33 @@ pub fn build(results: &Results, out: &Path, progress: &Progress, cancel: &Atomic
         palette: style::Palette::new(&results.about.methods),
         pages: page_names(results),
     };
-    for number in 0..results.sequences.len() {
+    let index = out.join(INDEX);
+    let places: Vec<PathBuf> = view.pages.iter().map(|page| out.join(page)).collect();
+    places.iter().chain([&index]).try_for_each(|place| output::check_page(place))?;
+    let written = |place: &Path, page: String| -> Result<Draft> {
+        let mut draft = Draft::new(place)?;
+        draft.write_all(page.as_bytes()).with_context(|| format!("{}: cannot write", place.display()))?;
+        draft.close()?;
+        Ok(draft)
+    };
+    let mut drafts = Vec::with_capacity(places.len() + 1);
+    for (number, place) in places.iter().enumerate() {
         if cancel.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
         progress.message(view.pages[number].clone());
-        file::write_atomic(&out.join(&view.pages[number]), sequence::html(&view, number)?.as_bytes())?;
+        drafts.push(written(place, sequence::html(&view, number)?)?);
         progress.add(1);
     }
-    // Written last: whoever opens it finds all that it links to.
-    file::write_atomic(&out.join("index.html"), index::html(&view)?.as_bytes())?;
+    // Last: whoever opens it finds all that it links to.
+    drafts.push(written(&index, index::html(&view)?)?);
     progress.add(1);
-    Ok(())
+    drafts.into_iter().try_for_each(|draft| Ok(draft.finish()?))
 }
 
 /// `<set>-<class>-<sequence>.html`, with what file names and addresses cannot hold replaced, and none twice.
 fn page_names(results: &Results) -> Vec<String> {
-    let mut taken = BTreeSet::from(["index.html".to_owned()]);
+    let mut taken = BTreeSet::from([INDEX.to_owned()]);
     let name = |scored: &crate::evaluate::results::Scored| {
         let about = &scored.about;
         let whole = format!("{}-{}-{}", about.set, about.class, about.name);

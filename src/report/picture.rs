@@ -1,7 +1,9 @@
 //! Pictures for people to look at: PNG, error maps, sheets, thumbnails.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use base64::Engine;
+use image::ImageDecoder;
+use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
 use std::path::Path;
 
@@ -40,12 +42,64 @@ fn encode(picture: &image::DynamicImage) -> Result<Vec<u8>> {
     Ok(out.into_inner())
 }
 
-/// Display values of a PNG or JPEG file.
+/// Most bytes of a picture's file.
+const LARGEST: u64 = 2 << 30;
+/// Most pixels of a picture of which nobody has said how large it should be.
+const MOST_PIXELS: u64 = 1 << 26;
+
+/// Bytes of a picture's file.
 ///
 /// # Errors
 /// When it cannot be read.
+pub fn bytes(path: &Path) -> Result<Vec<u8>> {
+    Ok(file::read_at_most(path, LARGEST)?)
+}
+
+/// Decodes a PNG or JPEG file, which `expected` says the size of where it has to be one: it is compared before a pixel is decoded. `path`
+/// stands in errors.
+///
+/// # Errors
+/// When it is neither, has another size or more pixels than a picture may have, or is damaged.
+pub fn decode(path: &Path, bytes: &[u8], expected: Option<[usize; 2]>) -> Result<image::DynamicImage> {
+    let context = || path.display().to_string();
+    let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().with_context(context)?;
+    ensure!(
+        matches!(reader.format(), Some(image::ImageFormat::Png | image::ImageFormat::Jpeg)),
+        "{}: neither PNG nor JPEG",
+        path.display()
+    );
+    // What is asked for is compared below, before anything is taken for pixels.
+    reader.no_limits();
+    let decoder = reader.into_decoder().with_context(context)?;
+    let (width, height) = decoder.dimensions();
+    match expected {
+        Some(expected) => same_size(path, [width as usize, height as usize], expected)?,
+        None => ensure!(
+            u64::from(width) * u64::from(height) <= MOST_PIXELS,
+            "{}: {width} x {height} is more than the {MOST_PIXELS} pixels that are read of a picture",
+            path.display()
+        ),
+    }
+    image::DynamicImage::from_decoder(decoder).with_context(context)
+}
+
+/// # Errors
+/// When the picture at `path` has another size than what it is compared with.
+pub fn same_size(path: &Path, [width, height]: [usize; 2], [wide, high]: [usize; 2]) -> Result<()> {
+    ensure!(
+        [width, height] == [wide, high],
+        "{}: {width} x {height} pixels where the picture to compare with has {wide} x {high}",
+        path.display()
+    );
+    Ok(())
+}
+
+/// Display values of a PNG or JPEG file.
+///
+/// # Errors
+/// When it cannot be read, or as [`decode`].
 pub fn display_values(path: &Path) -> Result<Rgb> {
-    let picture = image::open(path).with_context(|| path.display().to_string())?.into_rgb32f();
+    let picture = decode(path, &bytes(path)?, None)?.into_rgb32f();
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     Ok(Rgb { width, height, pixels: picture.pixels().map(|p| p.0).collect() })
 }
@@ -65,9 +119,9 @@ pub fn data_url(png: &[u8]) -> String {
 /// # Errors
 /// When it cannot be read, or is something else.
 pub fn read(path: &Path) -> Result<Option<Vec<u8>>> {
-    let bytes = match std::fs::read(path) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        read => read.with_context(|| format!("{}: cannot read", path.display()))?,
+    let bytes = match file::read_at_most(path, LARGEST) {
+        Err(error) if error.is_missing() => return Ok(None),
+        read => read?,
     };
     anyhow::ensure!(bytes.starts_with(b"\x89PNG\r\n\x1a\n"), "{}: not a PNG file", path.display());
     Ok(Some(bytes))
@@ -78,8 +132,7 @@ pub fn read(path: &Path) -> Result<Option<Vec<u8>>> {
 /// # Errors
 /// When the file is damaged.
 pub fn thumbnail(png: &[u8], side: u32, path: &Path) -> Result<Vec<u8>> {
-    let picture = image::load_from_memory_with_format(png, image::ImageFormat::Png)
-        .with_context(|| format!("{}: cannot decode", path.display()))?;
+    let picture = decode(path, png, None)?;
     if picture.width().max(picture.height()) <= side {
         return Ok(png.to_vec());
     }

@@ -8,6 +8,7 @@ use crate::progress::Progress;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
 use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::reach::Reach;
 use renderflow_frame::{color, file};
 use renderflow_renderer::{Settings, render as path_trace};
 use renderflow_scenes::{description::Scene, load};
@@ -86,8 +87,9 @@ fn sequence(plan: &Plan, path: &Path, spp: u32, progress: &(dyn Fn(u64, u64) + S
     let between: Vec<usize> = (0..folder.len()).filter(|i| !folder.sequence.keyframes.contains(i)).collect();
     let index = between.get(between.len() / 2).copied().unwrap_or(0);
     let frame = folder.frame(index)?;
-    let scene: Scene = file::read_json(&path.join("scene.json"))?;
-    let loaded = load::load(&scene, path)?;
+    let scene = Scene::read(&path.join("scene.json"))?;
+    // The scene beside the frames names the files of the plan in full.
+    let loaded = load::load(&scene, &Reach::folder(path).allow(plan.reach().folders()))?;
     let mut compiled = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
     compiled.set_frame(folder.numbers[index]);
     let settings = Settings { spp, max_bounces: plan.render.max_bounces, ..Settings::default() };

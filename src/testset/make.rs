@@ -6,6 +6,7 @@ use crate::dataset::manifest::MANIFEST;
 use crate::dataset::plan::{Plan, hash_file};
 use crate::dataset::{Shard, manifest, render, verify};
 use crate::metrics::psnr::CAP;
+use crate::output;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
@@ -48,8 +49,21 @@ pub fn make(
     cancel: &AtomicBool,
 ) -> Result<Option<SetFile>> {
     let plans = set.plans(sources)?;
+    check_folders(&out.join(set.name()), &plans)?;
     check_scenes(set, &plans)?;
     make_plans(set.name(), &plans, out, shard, audited, cancel)
+}
+
+/// Checks that what is in the folders of the classes, if anything, is of their plans: before any of them is rendered.
+fn check_folders(folder: &Path, plans: &[(&str, Plan)]) -> Result<()> {
+    for (name, plan) in plans {
+        let path = folder.join(name).join("plan.json");
+        if output::exists(&path) {
+            let there: Plan = file::read_json(&path)?;
+            ensure!(there == *plan, "{}: the folder holds a dataset of another plan; choose another folder", path.display());
+        }
+    }
+    Ok(())
 }
 
 /// [`make`] for any plans, by the name of their class.
@@ -65,6 +79,7 @@ pub fn make_plans(
     cancel: &AtomicBool,
 ) -> Result<Option<SetFile>> {
     let folder = out.join(set);
+    check_folders(&folder, plans)?;
     for (i, (name, plan)) in plans.iter().enumerate() {
         eprintln!("{set} {name}, {} of {}", i + 1, plans.len());
         let class = folder.join(name);

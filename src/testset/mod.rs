@@ -9,7 +9,7 @@ mod make;
 pub use audit::{AUDIT, Audit, decibel, display_variance};
 pub use make::{SET, SetFile, audits, check, make, make_plans};
 
-use crate::dataset::plan::{Plan, UserFile};
+use crate::dataset::plan::{Allowed, Plan, UserFile};
 use crate::dataset::planning;
 use anyhow::{Context, Result, ensure};
 use std::path::PathBuf;
@@ -54,6 +54,8 @@ pub struct Sources {
     pub models: Vec<PathBuf>,
     /// Environment maps, or folders of them.
     pub hdris: Vec<PathBuf>,
+    /// Folders beside their own that models may name files of.
+    pub allowed: Vec<PathBuf>,
 }
 
 impl TestSet {
@@ -100,6 +102,7 @@ impl TestSet {
                 plan.splits.test.models = models.clone();
                 plan.splits.test.hdris = hdris.clone();
             }
+            plan.allowed = Allowed(sources.allowed.clone());
             plan.check().with_context(|| format!("plan of {}", class.name))?;
             Ok((class.name, plan))
         };
@@ -169,7 +172,7 @@ mod tests {
     #[test]
     fn the_assets_set_needs_files_and_the_other_none() {
         assert!(TestSet::Assets.plans(&Sources::default()).unwrap_err().to_string().contains("--models"));
-        let sources = Sources { models: vec!["a.obj".into()], hdris: vec![] };
+        let sources = Sources { models: vec!["a.obj".into()], ..Sources::default() };
         assert!(TestSet::Synthetic.plans(&sources).is_err());
     }
 }

@@ -107,7 +107,7 @@ const SCENES: [&str; 4] = ["forest", "million", "interior", "soft_sun"];
 
 impl Options {
     /// Measures and prints.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let embree = if self.no_embree { None } else { find::embree(self.embree.as_deref(), &self.python)? };
         let load_before = load();
         match load_before {
@@ -121,7 +121,8 @@ impl Options {
         let mut scenes = Vec::new();
         for (index, name) in names.iter().enumerate() {
             progress.message(name.clone());
-            let scene = self.measure(name, embree.as_ref(), &progress, cancel)?;
+            let subject = scenes::open(name, Some(self.resolution), allowed)?;
+            let scene = self.measure(subject, embree.as_ref(), &progress, cancel)?;
             progress.set((index as u64 + 1) * UNITS);
             progress.hide(|| print(&scene));
             scenes.push(scene);
@@ -135,8 +136,14 @@ impl Options {
         Ok(())
     }
 
-    fn measure(&self, name: &str, embree: Option<&Embree>, progress: &Progress, cancel: &AtomicBool) -> Result<SceneResult> {
-        let Subject { name, loaded: scene } = scenes::open(name, Some(self.resolution))?;
+    fn measure(
+        &self,
+        subject: Subject,
+        embree: Option<&Embree>,
+        progress: &Progress,
+        cancel: &AtomicBool,
+    ) -> Result<SceneResult> {
+        let Subject { name, loaded: scene } = subject;
         let triangles = flatten(&scene);
         let clock = Clock::start(Of::Thread);
         let accel = Accel::build(&triangles);

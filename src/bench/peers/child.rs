@@ -70,7 +70,7 @@ impl Child {
         let greeting = match child.answer(cancel) {
             Ok(greeting) => greeting,
             Err(error) if error.is::<Interrupted>() => return Err(error),
-            Err(error) => return Ok(Started::Unavailable(format!("{error:#}; see {}", log.display()))),
+            Err(error) => return Ok(Started::Unavailable(format!("{}; see {}", crate::console::message(&error), log.display()))),
         };
         if let Some(reason) = greeting["unavailable"].as_str() {
             return Ok(Started::Unavailable(reason.to_owned()));

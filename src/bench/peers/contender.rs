@@ -146,7 +146,7 @@ impl Contender {
                 let seconds = |name: &str| answer[name].as_f64().filter(|s| s.is_finite() && *s >= 0.0);
                 let seconds = |name| seconds(name).with_context(|| format!("said {answer}, without {name}"));
                 let elapsed = Elapsed { cpu: seconds("cpu")?, wall: seconds("wall")? };
-                let bytes = std::fs::read(&*file).with_context(|| file.display().to_string())?;
+                let bytes = renderflow_frame::file::read(file)?;
                 Ok((picture(&bytes, shot.size)?, elapsed))
             }
         }

@@ -133,7 +133,7 @@ struct Run<'a> {
 
 impl Options {
     /// Measures and prints.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let names = match (self.scene.is_empty(), self.quick) {
             (false, _) => self.scene.clone(),
             (true, true) => vec!["soft_sun".to_owned()],
@@ -182,7 +182,7 @@ impl Options {
         println!("ours: {bsdf} BRDF; the beauty alone, as the others");
         for (index, name) in names.iter().enumerate() {
             run.progress.set(index as u64 * of_scene);
-            run.scene(name)?;
+            run.scene(scenes::open(name, Some(run.settings.resolution), allowed)?)?;
         }
         run.progress.finish();
         println!("\nresults: {}", self.out.join(RESULTS).display());
@@ -246,8 +246,8 @@ impl Options {
 }
 
 impl Run<'_> {
-    fn scene(&mut self, name: &str) -> Result<()> {
-        let scenes::Subject { name, mut loaded } = scenes::open(name, Some(self.settings.resolution))?;
+    fn scene(&mut self, subject: scenes::Subject) -> Result<()> {
+        let scenes::Subject { name, mut loaded } = subject;
         if self.settings.lambertian {
             loaded.materials.iter_mut().for_each(export::make_lambertian);
         }
@@ -306,8 +306,13 @@ impl Run<'_> {
                 }
                 Err(error) => {
                     let id = contender.kind.id;
-                    self.progress
-                        .hide(|| println!("left out {id}: {what}: {error:#} (see {}/messages)", self.options.out.display()));
+                    self.progress.hide(|| {
+                        println!(
+                            "left out {id}: {what}: {} (see {}/messages)",
+                            crate::console::message(&error),
+                            self.options.out.display()
+                        )
+                    });
                     failed.push(id);
                 }
                 Ok(()) => {}

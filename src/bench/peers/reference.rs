@@ -87,7 +87,7 @@ impl Reference {
     }
 
     fn read(path: &Path, size: [usize; 2]) -> Result<Self> {
-        let stored = std::fs::read(path)?;
+        let stored = file::read(path)?;
         let (mean, variance) = stored.split_at(stored.len() / 2);
         Ok(Self { mean: picture(mean, size)?, variance: picture(variance, size)? })
     }

@@ -3,10 +3,10 @@
 use super::{Bench, no_picture};
 use crate::bench::scenes;
 use anyhow::{Context, Result};
+use renderflow_frame::reach::Reach;
 use renderflow_renderer::RenderScene;
 use renderflow_scenes::description::TextureWrap;
 use renderflow_scenes::load;
-use std::path::Path;
 
 /// Measures them.
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
@@ -31,7 +31,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         })
         .collect();
     described.scene.materials.extend(copies);
-    let (scene, folder): (_, &Path) = (&described.scene, folder.path());
+    let (scene, folder) = (&described.scene, &Reach::folder(folder.path()));
     let settings = bench.settings();
     let cancel = bench.cancel;
     bench.row(

@@ -129,10 +129,12 @@ impl Train {
             println!("{}", serde_json::to_string_pretty(config)?);
             return Ok(());
         }
-        let dataset = Dataset::open(&self.data)?;
+        let (dataset, notes) = Dataset::open_to_learn(&self.data)?;
         let bars = Bars::new(&dataset);
+        notes.iter().for_each(|note| bars.note(note));
         let tell = |progress: &train::Progress| match progress {
             train::Progress::Loading { done, total } => bars.loading(*done, *total),
+            train::Progress::Note(note) => bars.note(note),
             train::Progress::Step(record) => {
                 let psnr = record.psnr.map_or(String::new(), |psnr| format!(" pictures {psnr:.2} dB,"));
                 let (step, loss, rate) = (record.step, record.loss, record.items_per_second);

@@ -1,15 +1,18 @@
 //! COCO instances: `OUT/<split>/seq-000123_0007.png` and `OUT/annotations/instances_<split>.json`.
 //!
-//! One annotation an object and frame, its mask as compressed run lengths (column by column, as pycocotools has them), from the object ids
-//! at pixel centres. Categories are mesh families: those that the sequence recorded, else what stands in an object's name before the first `_01`.
-//! Category ids count from 1 in the order of the names in the split.
+//! One annotation an object and frame, its mask as compressed run lengths (column by column, as pycocotools has them), from the
+//! object ids at pixel centres. Categories are mesh families: those that the sequence recorded, else what stands in an object's
+//! name before the first `_01`. A category has the same id in every split: the program's mesh families have theirs by their place
+//! in its list, from 1 on, in all datasets; a user's models (`file`) follow, then what else stands in the scenes of the dataset
+//! (ground, walls, ...), by name. A part of a dataset is exported with the ids of the whole.
 
 use super::picture::{byte, png};
-use super::{Job, displayed, write};
-use crate::dataset::source::Source;
+use super::{Job, displayed};
+use crate::dataset::source::{self, Source};
 use anyhow::{Context, Result};
 use renderflow_frame::Image;
 use renderflow_frame::file;
+use renderflow_scenes::shapes::FAMILIES;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -72,8 +75,9 @@ struct Mask {
     runs: RunLengths,
 }
 
-/// Lengths of runs, first of pixels that are not in the mask, in pycocotools' characters: each count from the third on as its difference to
-/// the one before the last, in groups of five bits, lowest first, bit 6 where another follows (`rleToString` of maskApi.c).
+/// Lengths of runs, first of pixels that are not in the mask, in pycocotools' characters: each count from the third on as its
+/// difference to the one before the last, in groups of five bits, lowest first, bit 6 where another follows (`rleToString` of
+/// maskApi.c).
 fn characters(runs: &[i64]) -> String {
     let mut text = String::new();
     for (i, &run) in runs.iter().enumerate() {
@@ -155,6 +159,43 @@ fn family(name: &str) -> &str {
     name
 }
 
+/// Category names by id, from 1 on.
+#[derive(Default)]
+pub struct Categories(BTreeMap<String, usize>);
+
+impl Categories {
+    /// Those of the dataset in `root`, of which `exported` is a part or the whole.
+    ///
+    /// # Errors
+    /// When a scene cannot be read.
+    pub fn of(root: &Path, exported: &[Source]) -> Result<Self> {
+        let whole = source::open(root).map(|found| found.sequences).unwrap_or_else(|_| {
+            eprintln!("note: {}: is not complete; ids of what is no mesh family may be others once it is", root.display());
+            Vec::new()
+        });
+        let families: Vec<&str> = FAMILIES.into_iter().chain([USERS]).collect();
+        let mut others = BTreeSet::new();
+        for source in if whole.is_empty() { exported } else { &whole } {
+            others.extend(categories(source)?.into_iter().filter(|name| !families.contains(&name.as_str())));
+        }
+        Ok(Self(families.into_iter().map(str::to_owned).chain(others).zip(1..).collect()))
+    }
+
+    fn id(&self, name: &str) -> Result<usize> {
+        self.0.get(name).copied().with_context(|| format!("{name}: is no category of the dataset"))
+    }
+
+    fn list(&self) -> Vec<Category> {
+        let mut list: Vec<Category> =
+            self.0.iter().map(|(name, &id)| Category { id, name: name.clone(), supercategory: "object" }).collect();
+        list.sort_by_key(|category| category.id);
+        list
+    }
+}
+
+/// The family that records have for a user's models.
+const USERS: &str = "file";
+
 /// Category of each object; object id 1 is the first.
 fn categories(source: &Source) -> Result<Vec<String>> {
     let scene: Scene = file::read_json(&source.folder.join("scene.json"))?;
@@ -163,8 +204,8 @@ fn categories(source: &Source) -> Result<Vec<String>> {
 }
 
 /// The sequences of one split.
-pub fn split(sources: &[Source], out: &Path, job: &Job) -> Result<()> {
-    let (mut images, mut found): (Vec<Picture>, Vec<(usize, String, Mask)>) = (Vec::new(), Vec::new());
+pub fn split(sources: &[Source], ids: &Categories, out: &Path, job: &Job) -> Result<()> {
+    let (mut images, mut found): (Vec<Picture>, Vec<(usize, usize, Mask)>) = (Vec::new(), Vec::new());
     for source in sources {
         let categories = categories(source)?;
         let folder = out.join(source.split);
@@ -172,7 +213,7 @@ pub fn split(sources: &[Source], out: &Path, job: &Job) -> Result<()> {
             let picture = displayed(&frame, source.sequence.exposure)?;
             let file_name = format!("{}.png", source.key(index));
             let bytes = png(frame.width, frame.height, picture.pixels.iter().map(|p| p.map(byte)))?;
-            write(folder.join(&file_name), &bytes)?;
+            job.write(folder.join(&file_name), &bytes)?;
             Ok((file_name, frame.width, frame.height, masks(&frame.object_id)))
         })?;
         for (file_name, width, height, masks) in frames {
@@ -180,17 +221,15 @@ pub fn split(sources: &[Source], out: &Path, job: &Job) -> Result<()> {
             for mask in masks {
                 let category = categories.get(mask.object as usize - 1);
                 let category = category.with_context(|| format!("{file_name}: object {} is not in scene.json", mask.object))?;
-                found.push((id, category.clone(), mask));
+                found.push((id, ids.id(category)?, mask));
             }
             images.push(Picture { id, file_name, width, height });
         }
     }
-    let names: BTreeSet<&String> = found.iter().map(|(_, category, _)| category).collect();
-    let names: BTreeMap<&String, usize> = names.into_iter().zip(1..).collect();
     let annotations = found.iter().zip(1..).map(|((image_id, category, mask), id)| Annotation {
         id,
         image_id: *image_id,
-        category_id: names[category],
+        category_id: *category,
         segmentation: mask.runs.clone(),
         area: mask.area,
         bbox: mask.bbox,
@@ -198,11 +237,11 @@ pub fn split(sources: &[Source], out: &Path, job: &Job) -> Result<()> {
         object_id: mask.object,
     });
     let annotations = annotations.collect();
-    let categories = names.iter().map(|(name, &id)| Category { id, name: (*name).clone(), supercategory: "object" }).collect();
+    let categories = ids.list();
     let info = Info { description: "RenderFlow", version: env!("CARGO_PKG_VERSION") };
     let name = format!("annotations/instances_{}.json", sources[0].split);
     let text = serde_json::to_vec(&Instances { info, images, annotations, categories })?;
-    write(out.join(name), &text)
+    job.write(out.join(name), &text)
 }
 
 #[cfg(test)]

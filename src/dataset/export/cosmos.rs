@@ -17,12 +17,12 @@
 //! `<clip>.cameras.json` has its `frames[].transform_matrix` (OpenGL camera-to-world, +Y up) and the range of depth.
 
 use super::picture::{byte, png};
-use super::{Job, displayed, write};
+use super::{Job, displayed};
 use crate::dataset::source::Source;
 use anyhow::Result;
 use glam::Vec3A;
 use renderflow_frame::transforms::{Matrix, rows};
-use renderflow_frame::{Camera, Environment, color, hdr};
+use renderflow_frame::{Camera, Environment, color, file, hdr};
 use serde::Serialize;
 use std::f32::consts::PI;
 use std::path::Path;
@@ -69,7 +69,7 @@ pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
     let map = hdr::read(&source.folder.join(&sequence.environment))?.map;
     let environment = Environment { map, rotation: sequence.environment_rotation, intensity: sequence.environment_intensity };
     // The range of depth is the clip's, so that depth does not flicker; frames are read twice for it.
-    let quiet = Job { progress: None, cancel: job.cancel };
+    let quiet = job.quiet();
     let ranges = quiet.frames(source, |_, frame| {
         let hits = frame.depth.pixels.iter().copied().filter(|d| d.is_finite());
         Ok(hits.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), d| (low.min(d), high.max(d))))
@@ -93,16 +93,17 @@ pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
         // Texels about as large as the pixels that look at them: a small sun is not missed.
         let coarse = environment.downsampled(environment.map.width.min(width), environment.map.height.min(height));
         files.extend(maps(&coarse, &sequence.cameras[index])?);
-        files.iter().try_for_each(|(label, bytes)| write(name(index, label), bytes))
+        files.iter().try_for_each(|(label, bytes)| job.write(name(index, label), bytes))
     })?;
     if let Some(camera) = sequence.cameras.first() {
         let (width, height) = (camera.width, camera.height);
         let directions = (0..width * height).map(|i| direction(width, height, i % width, i / width).to_array());
-        write(name(0, "env_nrm"), &png(width, height, directions.map(normal))?)?;
+        job.write(name(0, "env_nrm"), &png(width, height, directions.map(normal))?)?;
     }
     let frames = sequence.cameras.iter().map(|c| Pose { transform_matrix: rows(c.camera_to_world, c.origin) });
     let cameras = Cameras { depth_range: [near, far], frames: frames.collect() };
-    Ok(renderflow_frame::file::write_json(&folder.join(format!("{}.cameras.json", source.name)), &cameras)?)
+    let path = folder.join(format!("{}.cameras.json", source.name));
+    job.write(path.clone(), &file::json(&path, &cameras)?)
 }
 
 #[cfg(test)]

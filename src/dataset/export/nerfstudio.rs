@@ -5,9 +5,10 @@
 //! stands still, black where it shows the sky or a moving object, which a static scene cannot explain.
 
 use super::picture::{byte, png};
-use super::{Job, displayed, write};
+use super::{Job, displayed};
 use crate::dataset::source::Source;
 use anyhow::Result;
+use renderflow_frame::file;
 use renderflow_frame::transforms::{Matrix, rows};
 use serde::Serialize;
 use std::path::Path;
@@ -73,9 +74,9 @@ pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
         let depth = png(width, height, frame.depth.pixels.iter().map(|&depth| [millimetres(depth)]))?;
         let still = |id: u32| id != 0 && !sequence.tracks.objects.contains_key(&id);
         let mask = png(width, height, frame.object_id.pixels.iter().map(|&id| [if still(id) { 255u8 } else { 0 }]))?;
-        write(folder.join(name("images", index)), &image)?;
-        write(folder.join(name("depths", index)), &depth)?;
-        write(folder.join(name("masks", index)), &mask)
+        job.write(folder.join(name("images", index)), &image)?;
+        job.write(folder.join(name("depths", index)), &depth)?;
+        job.write(folder.join(name("masks", index)), &mask)
     })?;
     let intrinsics: Vec<_> = (sequence.cameras.iter())
         .map(|camera| Intrinsics {
@@ -106,7 +107,8 @@ pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
         applied_transform: UPRIGHT,
         frames: frames.collect(),
     };
-    Ok(renderflow_frame::file::write_json(&folder.join("transforms.json"), &transforms)?)
+    let path = folder.join("transforms.json");
+    job.write(path.clone(), &file::json(&path, &transforms)?)
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@
 //! | `object_id`, `material_id`, `samples` | 16, or 4 x 8 | the number; in four bytes, lowest first, where one is beyond 65535 |
 
 use super::picture::{byte, png, word};
-use super::{Job, displayed, write};
+use super::{Job, displayed};
 use crate::dataset::source::Source;
 use anyhow::Result;
 use half::f16;
@@ -157,18 +157,19 @@ fn pictures(frame: &Frame, exposure: f32, spans: &Spans) -> Result<Vec<(String, 
 
 pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
     let folder = out.join(source.split).join(&source.name);
-    let quiet = Job { progress: None, cancel: job.cancel };
+    let quiet = job.quiet();
     let spans = quiet.frames(source, |_, frame| Ok(Spans::of(&frame)))?;
     let Some(spans) = spans.into_iter().reduce(Spans::with) else { return Ok(()) };
     let ranges = job.frames(source, |index, frame| {
         let mut ranges = BTreeMap::new();
         for (name, bytes, range) in pictures(&frame, source.sequence.exposure, &spans)? {
-            write(folder.join(format!("{name}_{:04}.png", source.numbers[index])), &bytes)?;
+            job.write(folder.join(format!("{name}_{:04}.png", source.numbers[index])), &bytes)?;
             ranges.insert(name, range);
         }
         Ok(ranges)
     })?;
     // Frames between keyframes may lack a picture.
     let all: BTreeMap<String, Range> = ranges.into_iter().flatten().collect();
-    Ok(file::write_json(&folder.join("data_ranges.json"), &all)?)
+    let path = folder.join("data_ranges.json");
+    job.write(path.clone(), &file::json(&path, &all)?)
 }

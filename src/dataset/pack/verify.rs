@@ -7,22 +7,21 @@ use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::Deserialize;
 use std::collections::{BTreeMap, HashSet};
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Length and hash of a file.
-fn hash(path: &Path) -> std::io::Result<(u64, String)> {
+/// Length and hash of a regular file.
+fn hash(path: &Path) -> Result<(u64, String)> {
     let mut hasher = blake3::Hasher::new();
-    let mut file = File::open(path)?;
-    let bytes = std::io::copy(&mut file, &mut hasher)?;
+    let bytes = std::io::copy(&mut file::open(path)?, &mut hasher)?;
     Ok((bytes, hasher.finalize().to_hex().to_string()))
 }
 
 /// Whether the file at `path` is the one that `shard` describes.
 pub fn is_whole(path: &Path, shard: &Shard) -> bool {
-    hash(path).is_ok_and(|(bytes, blake3)| bytes == shard.bytes && blake3 == shard.blake3)
+    std::fs::metadata(path).is_ok_and(|about| about.is_file() && about.len() == shard.bytes)
+        && hash(path).is_ok_and(|(bytes, blake3)| bytes == shard.bytes && blake3 == shard.blake3)
 }
 
 /// Reads every shard in `out`; prints what was found.
@@ -30,8 +29,7 @@ pub fn is_whole(path: &Path, shard: &Shard) -> bool {
 /// # Errors
 /// When there is no manifest, or anything is not as it says; every fault is printed first.
 pub fn verify(out: &Path, cancel: &AtomicBool) -> Result<()> {
-    let manifest: Manifest = file::read_json(&out.join(MANIFEST)).context("not a finished folder of shards")?;
-    ensure!(manifest.version == 1, "{}: /version: {} is not 1", out.join(MANIFEST).display(), manifest.version);
+    let manifest = Manifest::read(out).context("not a finished folder of shards")?;
     let progress = Progress::new("verify", manifest.shards.len() as u64);
     let mut faults = Vec::new();
     let (mut counts, mut keys) = (BTreeMap::new(), HashSet::new());
@@ -42,7 +40,7 @@ pub fn verify(out: &Path, cancel: &AtomicBool) -> Result<()> {
         progress.message(shard.file.clone());
         match check(&out.join(&shard.file), shard, &mut keys) {
             Ok(()) => *counts.entry((shard.split.clone(), shard.kind == Kind::Frames)).or_insert(0) += shard.samples,
-            Err(error) => faults.push(format!("{error:#}")),
+            Err(error) => faults.push(crate::console::message(&error)),
         }
         progress.add(1);
     }
@@ -75,7 +73,7 @@ pub fn verify(out: &Path, cancel: &AtomicBool) -> Result<()> {
 
 /// One shard; `keys` are those of all shards before it.
 fn check(path: &Path, shard: &Shard, keys: &mut HashSet<String>) -> Result<()> {
-    let (bytes, blake3) = hash(path).with_context(|| format!("{}: cannot read", path.display()))?;
+    let (bytes, blake3) = hash(path)?;
     ensure!(bytes == shard.bytes, "{}: {bytes} bytes, the manifest says {}", path.display(), shard.bytes);
     ensure!(blake3 == shard.blake3, "{}: has BLAKE3 {blake3}, the manifest says {}", path.display(), shard.blake3);
     let found = samples(path, shard.kind, keys).with_context(|| path.display().to_string())?;
@@ -95,7 +93,7 @@ struct Described {
 
 /// Walks an archive; returns the number of samples.
 fn samples(path: &Path, kind: Kind, keys: &mut HashSet<String>) -> Result<u64> {
-    let mut archive = tar::Archive::new(BufReader::with_capacity(1 << 20, File::open(path)?));
+    let mut archive = tar::Archive::new(BufReader::with_capacity(1 << 20, file::open(path)?));
     let mut count = 0;
     let mut first: Option<(String, String, String)> = None;
     for entry in archive.entries()? {

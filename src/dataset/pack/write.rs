@@ -6,6 +6,7 @@ use crate::progress::Progress;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
 use rayon::prelude::*;
+use renderflow_frame::file::Draft;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -44,8 +45,8 @@ pub fn shard(
 ) -> Result<Shard> {
     let path = out.join(&planned.file);
     let cannot = || format!("{}: cannot write", path.display());
-    let temporary = tempfile::Builder::new().prefix(".").suffix(".tmp").tempfile_in(out).with_context(cannot)?;
-    let inner = BufWriter::with_capacity(1 << 20, temporary.as_file());
+    let mut draft = Draft::new(&path)?;
+    let inner = BufWriter::with_capacity(1 << 20, &mut draft);
     let mut archive = tar::Builder::new(Hashing { inner, hasher: blake3::Hasher::new(), bytes: 0 });
     for samples in planned.samples.chunks(AT_ONCE) {
         if cancel.load(Ordering::Relaxed) {
@@ -69,13 +70,7 @@ pub fn shard(
     hashing.flush().with_context(cannot)?;
     let (bytes, blake3) = (hashing.bytes, hashing.hasher.finalize().to_hex().to_string());
     drop(hashing);
-    temporary.as_file().sync_all().with_context(cannot)?;
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        temporary.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).with_context(cannot)?;
-    }
-    temporary.persist(&path).map_err(|e| e.error).with_context(cannot)?;
+    draft.finish()?;
     let key = |&(source, index): &(&super::Source, usize)| match planned.kind {
         Kind::Frames => source.key(index),
         Kind::Sequences => source.name.clone(),

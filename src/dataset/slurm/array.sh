@@ -34,7 +34,7 @@ forward() {
 trap forward TERM
 
 say "starts on $(hostname)"
-"$program" dataset render --plan "$plan" --out "$out" --threads "${SLURM_CPUS_PER_TASK:-@CPUS@}" &
+"$program" dataset render --plan "$plan" --out "$out" --threads "${SLURM_CPUS_PER_TASK:-@CPUS@}"@ALLOWED@ &
 child=$!
 [ "$signals" -eq 0 ] || kill -TERM "$child" 2>/dev/null
 status=127

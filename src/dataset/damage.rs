@@ -1,0 +1,391 @@
+//! What is damaged in a dataset: the one judgement that `verify`, `render`, `repair`, `merge`, `pack`, `export` and `train` share.
+//!
+//! A sequence is whole when its record is that of its plan and of the folder it lies in, its scene is the one the record names, and every
+//! file is the one that was recorded. How much of the files is read is the caller's choice, [`Depth`]. BLAKE3 hashes some gigabytes a
+//! second, decoding a frame is fifty times slower, rendering it thousands of times: whoever resumes hashes everything.
+
+use super::check::{self, Header};
+use super::manifest::Listed;
+use super::plan::Plan;
+use super::record::{Checked, DESCRIPTIONS, FrameEntry, RECORD, Record};
+use super::render::sequence_folder;
+use crate::truth::Interrupted;
+use anyhow::Result;
+use rayon::prelude::*;
+use renderflow_frame::file;
+use renderflow_scenes::Scene;
+use renderflow_scenes::catalog::Catalog;
+use renderflow_scenes::description::{EnvironmentSource, Geometry};
+use std::collections::{HashMap, HashSet};
+use std::fmt;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// How closely a sequence is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Depth {
+    /// The record and the scene are read; of other files the sizes.
+    Sizes,
+    /// Every file is hashed.
+    Hashes,
+    /// Every frame is decoded too and held against the plan, its camera and its neighbours.
+    Pixels,
+}
+
+/// What of a sequence is damaged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// `sequence.json`: what it says of files cannot be believed.
+    Record,
+    /// The scene, the cameras or the environment.
+    Description,
+    /// The frame of this number.
+    Frame(usize),
+    /// What the frames say about one another.
+    Sequence,
+}
+
+/// One thing that is wrong with a sequence.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// What is damaged.
+    pub part: Part,
+    /// How, in words that begin with the file where it is one.
+    pub reason: String,
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.reason)
+    }
+}
+
+/// What was found of a sequence.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// Its record, where one can be read, be it right or not.
+    pub record: Option<Record>,
+    /// BLAKE3 of the file of the record.
+    pub record_hash: Option<String>,
+    /// What the files were found to be; at [`Depth::Pixels`] alone.
+    pub checked: Checked,
+    /// What is wrong.
+    pub damage: Vec<Damage>,
+    /// Whether there is no record: the sequence was never finished, or has lost it.
+    pub unfinished: bool,
+}
+
+impl Found {
+    /// Whether nothing is wrong.
+    pub fn is_whole(&self) -> bool {
+        self.damage.is_empty()
+    }
+
+    /// Whether the record can be believed, and says that the file of frame `number` is as it was. Means something from
+    /// [`Depth::Hashes`] on.
+    pub fn vouches_for(&self, number: usize) -> bool {
+        self.record.is_some() && !self.damage.iter().any(|d| matches!(d.part, Part::Record) || d.part == Part::Frame(number))
+    }
+
+    fn add(&mut self, part: Part, reason: impl Into<String>) {
+        self.damage.push(Damage { part, reason: reason.into() });
+    }
+
+    fn has(&self, part: Part) -> bool {
+        self.damage.iter().any(|damage| damage.part == part)
+    }
+}
+
+/// Looks at sequence `index` of the dataset in `out`. `listed` is the BLAKE3 that the dataset's manifest has of its record.
+pub fn sequence(plan: &Plan, out: &Path, index: u32, listed: Option<&str>, depth: Depth) -> Found {
+    let folder = sequence_folder(plan, out, index);
+    let mut found = Found::default();
+    let record = match Record::read_with_bytes(&folder) {
+        Ok(None) => {
+            found.unfinished = true;
+            found.add(Part::Record, format!("{RECORD}: is not there, so the sequence is not complete"));
+            return found;
+        }
+        Err(error) => {
+            found.add(Part::Record, relative(&folder, &crate::console::message(&error)));
+            return found;
+        }
+        Ok(Some((record, bytes))) => {
+            for misfit in record.misfits(plan, index) {
+                found.add(Part::Record, format!("{RECORD}: {misfit}"));
+            }
+            let hash = blake3::hash(&bytes).to_hex().to_string();
+            if found.is_whole() && file::json(&folder, &record).ok().as_ref() != Some(&bytes) {
+                found.add(Part::Record, format!("{RECORD}: is not written as this program writes it"));
+            }
+            if let Some(listed) = listed.filter(|listed| found.is_whole() && *listed != hash) {
+                found.add(Part::Record, format!("{RECORD}: has BLAKE3 {hash}, manifest.json says {listed}"));
+            }
+            found.record_hash = Some(hash);
+            record
+        }
+    };
+    if found.is_whole() {
+        scene(&mut found, plan, index, &folder, &record);
+    }
+    if !found.has(Part::Record) {
+        files(&mut found, plan, &folder, &record, depth);
+    }
+    found.record = Some(record);
+    found
+}
+
+/// Holds the scene against the record and the place.
+fn scene(found: &mut Found, plan: &Plan, index: u32, folder: &Path, record: &Record) {
+    let path = folder.join("scene.json");
+    let scene = match read_scene(&path) {
+        Ok(scene) => scene,
+        Err(error) => return found.add(Part::Description, relative(folder, &crate::console::message(&error))),
+    };
+    let expected = plan.scene_name(index);
+    let hash = scene.hash();
+    let reason = if scene.name != expected {
+        format!("scene.json: /name is {:?}, that of this folder is {expected:?}", scene.name)
+    } else if hash != record.scene && !names_files(&scene) {
+        format!("scene.json: is scene {hash}, {RECORD} says {}", record.scene)
+    } else if scene.seed != record.seed {
+        format!("scene.json: /seed is {}, {RECORD} says {}", scene.seed, record.seed)
+    } else {
+        return;
+    };
+    // Where the file is the one that was recorded, it is the record that contradicts itself.
+    let recorded = fault(folder, "scene.json", None, record.hash_of("scene.json").unwrap_or_default(), Depth::Hashes).is_none();
+    found.add(if recorded { Part::Record } else { Part::Description }, reason);
+}
+
+/// Reads and checks a scene.
+pub(super) fn read_scene(path: &Path) -> Result<Scene> {
+    Ok(Scene::from_json(path, &file::read_text(path)?)?)
+}
+
+/// Whether a scene names files: its copy beside the frames may name them otherwise, and then has another hash.
+pub(super) fn names_files(scene: &Scene) -> bool {
+    let textured = |m: &renderflow_scenes::description::Material| {
+        [&m.base_color_texture, &m.metallic_roughness_texture, &m.normal_texture, &m.emissive_texture].iter().any(|t| t.is_some())
+    };
+    matches!(scene.environment.source, EnvironmentSource::File(_))
+        || scene.materials.iter().any(textured)
+        || scene.objects.iter().any(|object| matches!(object.geometry, Geometry::File(_)))
+}
+
+/// Holds the files against a record that fits.
+fn files(found: &mut Found, plan: &Plan, folder: &Path, record: &Record, depth: Depth) {
+    for (name, hash) in &record.descriptions {
+        // The scene has been judged by what it holds.
+        let known = found.damage.iter().any(|damage| damage.reason.starts_with(name.as_str()));
+        if let Some(reason) = fault(folder, name, None, hash, depth).filter(|_| !known) {
+            found.add(Part::Description, reason);
+        }
+    }
+    if depth == Depth::Pixels {
+        match check::read(plan, folder, Header { scene: &record.scene, seed: record.seed }) {
+            Ok(reading) => {
+                for (part, reason) in reading.faults {
+                    found.add(part, reason);
+                }
+                found.checked = reading.checked;
+            }
+            Err(error) if !found.has(Part::Description) => {
+                found.add(Part::Description, relative(folder, &crate::console::message(&error)));
+            }
+            Err(_) => {}
+        }
+    }
+    let read: HashMap<usize, &FrameEntry> = found.checked.frames.iter().map(|frame| (frame.number, frame)).collect();
+    let frames = record.frames.par_iter().filter(|frame| !found.has(Part::Frame(frame.number)));
+    let damaged: Vec<Damage> = frames
+        .filter_map(|frame| {
+            let reason = match read.get(&frame.number) {
+                Some(&read) => {
+                    (read.blake3 != frame.blake3).then(|| differs(&frame.file, &read.blake3, &frame.blake3)).or_else(|| {
+                        (read != frame).then(|| format!("{RECORD}: what it says of {} is not what the file holds", frame.file))
+                    })
+                }
+                None => fault(folder, &frame.file, Some(frame.bytes), &frame.blake3, depth),
+            };
+            reason.map(|reason| Damage { part: Part::Frame(frame.number), reason })
+        })
+        .collect();
+    found.damage.extend(damaged);
+    if depth == Depth::Pixels && found.is_whole() {
+        let parts = [
+            ("statistics", record.statistics == found.checked.statistics),
+            ("agreement", record.agreement == found.checked.agreement),
+        ];
+        for (name, _) in parts.iter().filter(|(_, same)| !same) {
+            found.add(Part::Record, format!("{RECORD}: /{name}: is not that of the frames"));
+        }
+    }
+}
+
+fn differs(name: &str, found: &str, recorded: &str) -> String {
+    format!("{name}: has BLAKE3 {found}, {RECORD} says {recorded}")
+}
+
+/// What is wrong with a file that was recorded.
+fn fault(folder: &Path, name: &str, bytes: Option<u64>, blake3: &str, depth: Depth) -> Option<String> {
+    let path = folder.join(name);
+    let length = match std::fs::metadata(&path) {
+        Ok(about) if about.is_file() => about.len(),
+        Ok(about) if about.is_dir() => return Some(format!("{name}: is a folder, not a file")),
+        Ok(_) => return Some(format!("{name}: is no regular file")),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Some(format!("{name}: is not there")),
+        Err(error) => return Some(format!("{name}: cannot read: {error}")),
+    };
+    if let Some(bytes) = bytes.filter(|bytes| *bytes != length) {
+        return Some(format!("{name}: has {length} bytes, {RECORD} says {bytes}"));
+    }
+    if depth < Depth::Hashes {
+        return None;
+    }
+    match hash(&path) {
+        Ok(found) => (found != blake3).then(|| differs(name, &found, blake3)),
+        Err(error) => Some(relative(folder, &crate::console::message(&error))),
+    }
+}
+
+/// BLAKE3 of a regular file, hexadecimal.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn hash(path: &Path) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(file::open(path)?).map_err(renderflow_frame::Error::io(path, "read"))?;
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// A message about files in `folder`, which it does not name again.
+pub(super) fn relative(folder: &Path, message: &str) -> String {
+    message.replace(&format!("{}/", folder.display()), "")
+}
+
+/// What making a sequence from its plan would give, as far as nothing has to be rendered for it.
+pub enum Made {
+    /// The same record.
+    Same,
+    /// Another one: the place in it, and what stands there.
+    Other(String),
+    /// Another scene: this version of the program composes the plan otherwise, so that it could not go on with the sequence.
+    OtherVersion,
+    /// It cannot be told, for instance because a model of the user has gone.
+    Unknown(String),
+}
+
+/// Holds a sequence that is whole at [`Depth::Pixels`] against what this program would record of it. Loading the scene for that takes
+/// longer than everything else, and is left out where the manifest lists the record as it stands.
+pub fn against_plan(plan: &Plan, catalog: &Catalog, index: u32, listed: bool, found: &Found) -> Made {
+    let Some(record) = &found.record else { return Made::Unknown(format!("no {RECORD}")) };
+    let make = || -> Result<Made> {
+        let composed = plan.compose(catalog, index)?;
+        if composed.scene.hash() != record.scene {
+            return Ok(Made::OtherVersion);
+        }
+        let made = if listed {
+            record.with_composed(&composed)
+        } else {
+            let loaded = renderflow_scenes::load::load(&composed.scene, &plan.reach())?;
+            Record::new(plan, index, &composed, &loaded, found.checked.clone())?
+        };
+        let [there, made] = [record, &made].map(serde_json::to_value);
+        Ok(difference("", &there?, &made?).map_or(Made::Same, Made::Other))
+    };
+    super::render::guarded(make).unwrap_or_else(|error| Made::Unknown(crate::console::message(&error)))
+}
+
+/// The first place where two values differ.
+fn difference(pointer: &str, there: &serde_json::Value, made: &serde_json::Value) -> Option<String> {
+    use serde_json::Value::{Array, Object};
+    match (there, made) {
+        (Object(a), Object(b)) if a.keys().eq(b.keys()) => {
+            a.iter().zip(b.values()).find_map(|((key, a), b)| difference(&format!("{pointer}/{key}"), a, b))
+        }
+        (Array(a), Array(b)) if a.len() == b.len() => {
+            a.iter().zip(b).enumerate().find_map(|(i, (a, b))| difference(&format!("{pointer}/{i}"), a, b))
+        }
+        _ if there == made => None,
+        _ => {
+            let short = |value: &serde_json::Value| value.to_string().chars().take(80).collect::<String>();
+            Some(format!("{RECORD}: {pointer}: is {}, the plan makes {}", short(there), short(made)))
+        }
+    }
+}
+
+/// Looks at the sequences `indices` in parallel; what is found of each, in order.
+///
+/// # Errors
+/// [`Interrupted`] when `stop` was set.
+pub fn sequences(
+    plan: &Plan,
+    out: &Path,
+    indices: &[u32],
+    listed: &Listed,
+    depth: Depth,
+    stop: &AtomicBool,
+) -> Result<Vec<Found>> {
+    let look = |&index: &u32| {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Interrupted.into());
+        }
+        Ok(sequence(plan, out, index, listed.of(index), depth))
+    };
+    indices.par_iter().with_max_len(1).map(look).collect()
+}
+
+/// Folders in a dataset that hold a sequence and are none of the plan's: training would take them for data of their split.
+///
+/// # Errors
+/// When a folder cannot be listed.
+pub fn strangers(plan: &Plan, out: &Path) -> Result<Vec<PathBuf>> {
+    let known: HashSet<PathBuf> = (0..plan.total()).map(|index| sequence_folder(plan, out, index)).collect();
+    let mut strangers = Vec::new();
+    for parent in std::iter::once(out.to_owned()).chain(super::plan::SPLITS.map(|split| out.join(split.name()))) {
+        let holds = |path: &Path| path.join("transforms.json").exists() || path.join(RECORD).exists();
+        strangers.extend(list(&parent)?.into_iter().filter(|path| !known.contains(path) && path.is_dir() && holds(path)));
+    }
+    Ok(strangers)
+}
+
+/// Files in the folder of sequence `index` that are no part of it: nothing reads them.
+///
+/// # Errors
+/// When the folder cannot be listed.
+pub fn strays(plan: &Plan, out: &Path, index: u32) -> Result<Vec<PathBuf>> {
+    let folder = sequence_folder(plan, out, index);
+    let others = [RECORD, super::record::FAILURES, crate::truth::TIMING, crate::testset::AUDIT];
+    let frames: HashSet<String> = plan.numbers().map(|number| super::folder::frame_file(number, plan.storage)).collect();
+    let own = |name: &str| DESCRIPTIONS.contains(&name) || others.contains(&name) || frames.contains(name);
+    let name = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_str().is_some_and(own));
+    Ok(list(&folder)?.into_iter().filter(|path| !name(path)).collect())
+}
+
+/// What is in a folder, by name; nothing where there is none.
+fn list(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = match std::fs::read_dir(folder) {
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(Vec::new()),
+        entries => entries.map_err(renderflow_frame::Error::io(folder, "list"))?,
+    };
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(entry.map_err(renderflow_frame::Error::io(folder, "list"))?.path());
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+/// The command that mends a dataset.
+pub fn remedy(out: &Path) -> String {
+    format!("renderflow dataset repair {}", quoted(out))
+}
+
+/// A path as a shell takes it.
+pub(super) fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,=@%:".contains(c);
+    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}

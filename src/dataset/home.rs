@@ -1,0 +1,89 @@
+//! The dataset that a folder belongs to, for those who are given a part of one: a split to train on, a sequence to export.
+
+use super::damage::{self, Depth};
+use super::manifest::{self, Listed};
+use super::mend::PLAN;
+use super::plan::{Plan, SPLITS};
+use super::record::Record;
+use super::render::sequence_folder;
+use anyhow::{Context, Result, bail, ensure};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// A folder of a dataset that has a plan.
+#[derive(Clone, Debug)]
+pub struct Home {
+    /// Folder of the dataset.
+    pub root: PathBuf,
+    /// Its plan.
+    pub plan: Plan,
+    /// Sequences of the plan whose place is in the folder.
+    pub indices: Vec<u32>,
+}
+
+impl Home {
+    /// The dataset that `folder` is, or is a split or a sequence of; `None` where no plan says what belongs to it.
+    ///
+    /// # Errors
+    /// When the plan cannot be read, or the folder is no sequence of it.
+    pub fn of(folder: &Path) -> Result<Option<Self>> {
+        let full = std::path::absolute(folder).with_context(|| folder.display().to_string())?;
+        let is_split = |path: &Path| SPLITS.iter().any(|split| path.file_name().is_some_and(|name| name == split.name()));
+        let above = |levels: usize| (0..levels).try_fold(folder.to_owned(), |path, _| parent(&path));
+        let (root, depth) = if folder.join(PLAN).exists() {
+            (folder.to_owned(), 0)
+        } else if is_split(&full) {
+            (above(1).unwrap_or_default(), 1)
+        } else if full.parent().is_some_and(is_split) {
+            (above(2).unwrap_or_default(), 2)
+        } else {
+            return Ok(None);
+        };
+        let path = root.join(PLAN);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let plan = Plan::read(&path)
+            .with_context(|| format!("the plan of the dataset cannot be read; to mend it: {}", damage::remedy(&root)))?;
+        let place = |index: u32| std::path::absolute(sequence_folder(&plan, &root, index)).unwrap_or_default();
+        let inside = |index: &u32| place(*index).starts_with(&full);
+        let indices: Vec<u32> = (0..plan.total()).filter(inside).collect();
+        if depth == 2 && indices.is_empty() {
+            bail!("{}: is no sequence of the dataset it lies in; {REMOVE}", folder.display());
+        }
+        for stranger in damage::strangers(&plan, &root)? {
+            let inside = std::path::absolute(&stranger).is_ok_and(|stranger| stranger.starts_with(&full));
+            ensure!(!inside, "{}: is no sequence of the dataset it lies in; {REMOVE}", stranger.display());
+        }
+        Ok(Some(Self { root, plan, indices }))
+    }
+
+    /// Those of its sequences of which there is a folder.
+    pub fn present(&self) -> Vec<u32> {
+        let there = |index: &u32| sequence_folder(&self.plan, &self.root, *index).is_dir();
+        self.indices.iter().copied().filter(there).collect()
+    }
+
+    /// The records of the sequences `indices`, held to the plan, to their folders, to the scenes and to the sizes of the files.
+    ///
+    /// # Errors
+    /// When a sequence is not complete or damaged; names the command that mends it.
+    pub fn accept(&self, indices: &[u32]) -> Result<Vec<Record>> {
+        let listed = Listed::read(&self.plan, &self.root);
+        let found = damage::sequences(&self.plan, &self.root, indices, &listed, Depth::Sizes, &AtomicBool::new(false))?;
+        manifest::accept(&self.plan, &self.root, indices, found)
+    }
+}
+
+/// What to do about a folder that does not belong.
+const REMOVE: &str = "move it out of there, or the sequences that are wanted to a folder without a plan";
+
+/// The folder above, in the words of the user where they name it.
+fn parent(path: &Path) -> Option<PathBuf> {
+    match path.parent() {
+        Some(parent) if path.file_name().is_some() => {
+            Some(if parent.as_os_str().is_empty() { ".".into() } else { parent.to_owned() })
+        }
+        _ => std::path::absolute(path).ok()?.parent().map(Path::to_owned),
+    }
+}

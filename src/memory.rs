@@ -1,0 +1,71 @@
+//! How much memory a frame takes while it is rendered, denoised and stored: judged before any of it is taken.
+
+use crate::machine;
+use crate::truth::TruthSettings;
+use anyhow::Result;
+use renderflow_frame::channel::{LAYERS, Storage};
+use renderflow_frame::frame_file::Profile;
+use renderflow_renderer::Budget;
+
+/// Bytes of a pixel of three channels.
+const RGB: u64 = size_of::<[f32; 3]>() as u64;
+/// Pixels of the largest tile that OIDN denoises at a time, and the bytes that its network takes for one of them.
+const TILE: u64 = 2160 * 2160;
+const NETWORK: u64 = 480;
+/// Pixels up to which the denoiser keeps buffers and network for the next picture.
+const KEPT: u64 = 2048 * 2048;
+/// What the program takes before it renders anything.
+const PROGRAM: u64 = 40 << 20;
+
+/// Bytes that a frame of `width x height` pixels takes at most while it is made and stored, beside the scene; with light paths or without.
+pub fn of_frame(settings: &TruthSettings, size: [usize; 2], light_paths: bool, storage: Profile) -> u64 {
+    let pixels = (size[0] as u64).saturating_mul(size[1] as u64);
+    let all = |bytes: u64| pixels.saturating_mul(bytes);
+    let memory = settings.of_renderer().memory(size, light_paths, settings.spp == 0);
+    let frame = memory.frame.saturating_add(if settings.distance { all(4) } else { 0 });
+    let denoises = settings.denoiser_name().is_some() && settings.spp > 0;
+    // The denoiser's own pictures (colour, two guides, the result) and its network, and the copies that it is handed.
+    let network = all(4 * RGB).saturating_add(pixels.min(TILE) * NETWORK);
+    let denoising = if denoises { frame.saturating_add(network).saturating_add(all(3 * RGB)) } else { 0 };
+    let kept = if denoises && pixels <= KEPT { network } else { 0 };
+    let encoding = frame.saturating_add(kept).saturating_add(all(encoded(settings, storage)));
+    memory.tracing.max(denoising).max(encoding).saturating_add(PROGRAM)
+}
+
+/// Bytes a pixel that encoding takes: the channels as they are stored, and the file.
+fn encoded(settings: &TruthSettings, storage: Profile) -> u64 {
+    let asked = |name: &str| match (name, name.strip_prefix("light.")) {
+        ("irradiance", _) => settings.irradiance,
+        ("distance", _) => settings.distance,
+        ("samples", _) => settings.budget != Budget::Uniform || settings.sample_map.is_some(),
+        (_, Some(group)) => group.parse().is_ok_and(|group: u32| group < settings.light_groups),
+        _ => true,
+    };
+    let layers = LAYERS.iter().filter(|layer| asked(layer.name));
+    let bytes = |storage: Storage| if storage == Storage::Half { 2 } else { 4 };
+    let stored: u64 = layers.map(|layer| layer.components.len() as u64 * bytes(layer.storage)).sum();
+    match storage {
+        Profile::Full => 2 * stored,
+        Profile::Compact => stored,
+    }
+}
+
+/// Refuses frames that take more memory than there is.
+///
+/// # Errors
+/// With both numbers and ways to need less.
+pub fn ensure(settings: &TruthSettings, size: [usize; 2], light_paths: bool, storage: Profile) -> Result<()> {
+    let ways = [
+        (true, "a smaller resolution"),
+        (settings.light_groups > 0, "fewer light groups"),
+        (settings.denoiser_name().is_some(), "no denoiser (denoise none)"),
+        (light_paths, "no light paths (no-light-paths)"),
+    ];
+    let ways: Vec<&str> = ways.iter().filter(|(helps, _)| *helps).map(|&(_, way)| way).collect();
+    let ways = match ways.split_last() {
+        Some((last, rest)) if !rest.is_empty() => format!("{} or {last} takes less", rest.join(", ")),
+        _ => format!("{} takes less", ways.concat()),
+    };
+    let what = format!("a frame of {} x {} pixels", size[0], size[1]);
+    machine::ensure_memory(&what, of_frame(settings, size, light_paths, storage), &ways)
+}
