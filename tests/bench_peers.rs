@@ -55,7 +55,7 @@ fn read_ply(path: &Path) -> (Vec<Vec<f32>>, Vec<[u32; 3]>) {
 #[test]
 fn an_exported_scene_reads_back() {
     let folder = tempfile::tempdir().unwrap();
-    let loaded = scenes::open("textured", Some(32)).unwrap().loaded;
+    let loaded = scenes::open("textured", Some(32), &[]).unwrap().loaded;
     let path = export::write(&loaded, 6, folder.path()).unwrap();
     let exported: Exported = renderflow_frame::file::read_json(&path).unwrap();
     assert_eq!((exported.camera.width, exported.camera.height, exported.max_bounces), (32, 32, 6));

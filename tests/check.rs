@@ -126,7 +126,7 @@ fn scenes() {
         &file(folder.path(), "range.json", json.to_string()),
         &["scene: ", "/materials/0/roughness: 1.4 is outside", "; ", "/resolution/1"],
     );
-    refused(&file(folder.path(), "cut.json", &text[..text.len() / 2]), &["scene: ", "EOF"]);
+    refused(&file(folder.path(), "cut.json", &text[..text.len() / 2]), &["scene: ", "the text ends"]);
     let wanting = r#"{"version":1,"name":"a","resolution":[8,8],"camera":{"type":"orbit","target":[0,0,0],"distance":3,"elevation":10,
         "azimuth":0,"degrees_per_frame":0,"vertical_fov":40},"environment":{"source":{"file":"none.hdr"}},"objects":[]}"#;
     refused(&file(folder.path(), "wanting.json", wanting), &["scene: ", "/environment/source", "none.hdr", "No such file"]);

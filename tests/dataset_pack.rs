@@ -3,6 +3,7 @@
 mod common;
 
 use common::{files, renderflow, stderr, succeed};
+use renderflow::dataset::pack::Manifest;
 use renderflow_frame::{compact, frame_file};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -149,7 +150,7 @@ fn packing_again_keeps_finished_shards_and_gives_the_same_bytes() {
     std::fs::write(other.join("unfinished.json"), serde_json::to_vec(&[&kept]).unwrap()).unwrap();
     std::fs::remove_file(other.join("manifest.json")).unwrap();
     std::fs::write(other.join(manifest["shards"][1]["file"].as_str().unwrap()), b"half").unwrap();
-    std::fs::write(other.join(".abc.tmp"), b"half").unwrap();
+    std::fs::write(other.join(".renderflow-aB3d5f.tmp"), b"half").unwrap();
     let kept = other.join(kept["file"].as_str().unwrap());
     let before = std::fs::metadata(&kept).unwrap().modified().unwrap();
     let unfinished = verify(&other);
@@ -163,6 +164,138 @@ fn packing_again_keeps_finished_shards_and_gives_the_same_bytes() {
     succeed(&words);
     assert!(verify(&other).status.success());
     assert!(files(&other).len() < files(&whole).len());
+}
+
+/// The list of shards with `edit` made to it and sealed again, as one who knows how would.
+fn forge(path: &Path, edit: impl FnOnce(&mut Manifest)) {
+    let mut manifest: Manifest = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    edit(&mut manifest);
+    manifest.seal.clear();
+    manifest.seal = blake3::hash(&serde_json::to_vec(&manifest).unwrap()).to_hex().to_string();
+    std::fs::write(path, serde_json::to_vec(&manifest).unwrap()).unwrap();
+}
+
+/// Every file below a folder, and what became of packing into one of them.
+fn refused(root: &Path, out: &Path, words: &[&str]) {
+    let before = files(root);
+    let output = pack(dataset(), out, &[]);
+    let said = stderr(&output);
+    assert!(output.status.code() == Some(1) && words.iter().all(|word| said.contains(word)), "{words:?}: {said}");
+    assert!(files(root) == before, "{words:?}: files changed");
+}
+
+#[test]
+fn lists_name_nothing_but_shards_and_are_as_they_were_written() {
+    let root = tempfile::tempdir().unwrap();
+    let out = root.path().join("shards");
+    assert!(pack(dataset(), &out, &[]).status.success());
+    let victim = root.path().join("victim");
+    std::fs::write(&victim, b"precious").unwrap();
+    std::fs::write(out.join("notes.tar"), b"precious").unwrap();
+    std::fs::create_dir(out.join("inside")).unwrap();
+    std::fs::write(out.join("inside/train-000000.tar"), b"precious").unwrap();
+    let (manifest, unfinished) = (out.join("manifest.json"), out.join("unfinished.json"));
+    let good = std::fs::read(&manifest).unwrap();
+    let full = victim.to_str().unwrap();
+    let names = [
+        "../victim",
+        full,
+        "inside/train-000000.tar",
+        "./train-000000.tar",
+        "notes.tar",
+        "manifest.json",
+        "",
+        "..",
+        "train-0.tar",
+    ];
+    for name in names {
+        // Edited by hand, and by one who knows how lists are sealed.
+        std::fs::write(&manifest, String::from_utf8(good.clone()).unwrap().replacen("train-000000.tar", name, 1)).unwrap();
+        refused(root.path(), &out, &["manifest.json"]);
+        let verified = verify(&out);
+        assert!(
+            verified.status.code() == Some(1) && stderr(&verified).contains("/shards/0/file"),
+            "{name}: {}",
+            stderr(&verified)
+        );
+        std::fs::write(&manifest, &good).unwrap();
+        let edit = |manifest: &mut Manifest| {
+            let stolen = blake3::hash(b"precious").to_hex().to_string();
+            (manifest.shards[0].file, manifest.shards[0].blake3, manifest.shards[0].bytes) = (name.into(), stolen, 8);
+        };
+        forge(&manifest, edit);
+        refused(root.path(), &out, &["manifest.json", "/shards/0/file"]);
+        // The list of a run that was stopped is read the same way.
+        let shards = json(&manifest)["shards"].clone();
+        std::fs::write(&unfinished, serde_json::to_vec(&shards).unwrap()).unwrap();
+        std::fs::write(&manifest, &good).unwrap();
+        refused(root.path(), &out, &["unfinished.json", "/0/file"]);
+        std::fs::remove_file(&unfinished).unwrap();
+    }
+    // A list that is changed in any other way is no list of this program's.
+    std::fs::write(&manifest, String::from_utf8(good.clone()).unwrap().replacen("\"samples\": 5", "\"samples\": 6", 1)).unwrap();
+    refused(root.path(), &out, &["manifest.json", "/seal", "was changed"]);
+    std::fs::write(&manifest, &good).unwrap();
+    assert!(pack(dataset(), &out, &[]).status.success());
+    assert!(std::fs::read(&victim).unwrap() == b"precious" && std::fs::read(out.join("notes.tar")).unwrap() == b"precious");
+}
+
+#[test]
+fn only_shards_that_were_packed_are_removed() {
+    let root = tempfile::tempdir().unwrap();
+    let out = root.path().join("shards");
+    let more = ["dataset", "pack", dataset().to_str().unwrap(), "--out", out.to_str().unwrap(), "--samples-per-shard"];
+    let small = || succeed(&[&more[..], &["1"]].concat());
+    let large = || stderr(&renderflow(&[&more[..], &["100"]].concat()));
+    small();
+    let stale = |number: usize| out.join(format!("train-{number:06}.tar"));
+    // One was replaced by its owner, one is a link to a file elsewhere, one is gone.
+    std::fs::write(stale(2), b"precious").unwrap();
+    let elsewhere = root.path().join("elsewhere.tar");
+    std::fs::rename(stale(3), &elsewhere).unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(&elsewhere, stale(3)).unwrap();
+    std::fs::remove_file(stale(4)).unwrap();
+    let said = large();
+    assert!(!stale(1).exists() && !stale(5).exists(), "{said}");
+    assert_eq!(std::fs::read(stale(2)).unwrap(), b"precious");
+    assert!(elsewhere.is_file() && (!cfg!(unix) || std::fs::symlink_metadata(stale(3)).is_ok()));
+    assert!(said.contains("train-000002.tar") && said.contains("not the file that was packed"), "{said}");
+    assert!(!cfg!(unix) || said.contains("train-000003.tar") && said.contains("no regular file"), "{said}");
+    assert!(!said.contains("train-000004.tar"), "{said}");
+
+    // A folder of an earlier version has no seal: its shards are used, none is removed.
+    std::fs::remove_dir_all(&out).unwrap();
+    small();
+    let mut manifest = json(&out.join("manifest.json"));
+    manifest.as_object_mut().unwrap().remove("seal");
+    std::fs::write(out.join("manifest.json"), manifest.to_string()).unwrap();
+    let said = large();
+    assert!(said.contains("train-000001.tar") && said.contains("an earlier version"), "{said}");
+    assert!((1..6).all(|number| stale(number).is_file()));
+    let known = json(&out.join("manifest.json"))["shards"].as_array().unwrap().len();
+    assert!(known < 6, "{known}");
+}
+
+#[test]
+fn shards_go_into_a_folder_of_their_own() {
+    let root = tempfile::tempdir().unwrap();
+    let out = root.path().join("mine");
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("train-000000.tar"), b"precious").unwrap();
+    refused(root.path(), &out, &["not empty", "choose another folder"]);
+    std::fs::write(out.join("manifest.json"), b"{\"name\": \"an app\"}").unwrap();
+    refused(root.path(), &out, &["manifest.json", "not a folder of shards"]);
+    std::fs::write(out.join("unfinished.json"), b"[1]").unwrap();
+    refused(root.path(), &out, &["unfinished.json", "not a list of shards"]);
+    // What is missing in the dataset is found before the folder of earlier shards is touched.
+    let (data, shards) = (root.path().join("data"), root.path().join("shards"));
+    copy(dataset(), &data);
+    assert!(pack(&data, &shards, &[]).status.success());
+    std::fs::remove_file(sequences(&data).pop().unwrap().1.join("frame.0001.exr")).unwrap();
+    let before = files(root.path());
+    assert_eq!(pack(&data, &shards, &[]).status.code(), Some(1));
+    assert!(files(root.path()) == before);
 }
 
 #[test]
@@ -210,7 +343,7 @@ fn datasets_that_are_not_whole_are_refused() {
         let bytes = std::fs::read(first(d).with_file_name("frame.0000.exr")).unwrap();
         std::fs::write(first(d), bytes).unwrap();
     };
-    broken("other", &other, "frame.0001.exr: has BLAKE3");
+    broken("other", &other, "frame.0001.exr: has ");
     broken("empty", &|d| ["train", "val", "test"].iter().for_each(|s| drop(std::fs::remove_dir_all(d.join(s)))), "no sequence");
 }
 
@@ -317,7 +450,20 @@ fn cosmos_and_png_files_hold_the_channels() {
 
 #[test]
 fn coco_masks_are_the_object_ids() {
+    static TABLE: std::sync::OnceLock<Vec<Value>> = std::sync::OnceLock::new();
     let out = export("coco");
+    // A part of the dataset has the ids of the whole.
+    let part = tempfile::tempdir().unwrap();
+    let (split, sequence) = sequences(dataset()).pop().unwrap();
+    succeed(&["dataset", "export", sequence.to_str().unwrap(), "--to", "coco", "--out", part.path().to_str().unwrap()]);
+    let file = format!("annotations/instances_{split}.json");
+    assert_eq!(json(&part.path().join(&file))["categories"], json(&out.path().join(&file))["categories"]);
+    // Families have their ids by the program's list, in every dataset.
+    let table = json(&out.path().join(&file))["categories"].clone();
+    for (i, family) in renderflow_scenes::shapes::FAMILIES.iter().enumerate() {
+        assert_eq!((table[i]["id"].as_u64(), table[i]["name"].as_str()), (Some(i as u64 + 1), Some(*family)));
+    }
+    assert!(table.as_array().unwrap().iter().any(|category| category["name"] == "ground"));
     for split in ["train", "val", "test"] {
         let folders: Vec<_> = sequences(dataset()).into_iter().filter(|s| s.0 == split).collect();
         let path = out.path().join(format!("annotations/instances_{split}.json"));
@@ -328,6 +474,7 @@ fn coco_masks_are_the_object_ids() {
         let found = json(&path);
         let list = |key: &str| found[key].as_array().unwrap().clone();
         assert_eq!(list("images").len(), 3 * folders.len());
+        assert_eq!(*TABLE.get_or_init(|| list("categories")), list("categories"), "{split}: other ids");
         let category = |id: &Value| list("categories").into_iter().find(|c| c["id"] == *id).unwrap()["name"].clone();
         for image in list("images") {
             let name = image["file_name"].as_str().unwrap();

@@ -128,6 +128,8 @@ fn anybodys_pictures_are_compared_by_name_or_number() {
     let results = folder.path().join("results");
     let compare = |pictures: &Path, truth: &Path, more: &[&str]| {
         let arguments = ["evaluate", pictures.to_str().unwrap(), truth.to_str().unwrap(), "--out", results.to_str().unwrap()];
+        // Every comparison has a folder of its own.
+        let _ = std::fs::remove_dir_all(&results);
         renderflow(&[&arguments[..], more].concat())
     };
     let values = |id: &str| -> Vec<f64> {
@@ -163,6 +165,26 @@ fn anybodys_pictures_are_compared_by_name_or_number() {
     }
     let exact_root = folder.path().join("exact");
     assert!(compare(&exact_root, &truth, &[]).status.success());
+    assert!(values("psnr_full") == [100.0; 5] && values("rel_mse") == [0.0; 5]);
+    // A picture in two forms: radiance is compared, and it is said.
+    for number in 0..5 {
+        image::RgbImage::new(48, 48).save(exact.join(format!("frame.{number:04}.png"))).unwrap();
+    }
+    let both = compare(&exact_root, &truth, &[]);
+    assert!(common::stderr(&both).contains("5 pictures are there in several forms"), "{}", common::stderr(&both));
+    assert!(values("psnr_full") == [100.0; 5] && values("rel_mse") == [0.0; 5]);
+    // Also where they are matched by number, and where both sides are plain folders.
+    let numbered = folder.path().join("numbered");
+    std::fs::create_dir_all(&numbered).unwrap();
+    for number in 0..5 {
+        for ending in ["exr", "png"] {
+            std::fs::copy(exact.join(format!("frame.{number:04}.{ending}")), numbered.join(format!("out_{number}.{ending}")))
+                .unwrap();
+        }
+    }
+    assert!(compare(&numbered, &truth, &[]).status.success());
+    assert!(values("rel_mse") == [0.0; 5]);
+    assert!(compare(&numbered, &exact, &[]).status.success());
     assert!(values("psnr_full") == [100.0; 5] && values("rel_mse") == [0.0; 5]);
     // Plain pictures against plain pictures.
     let (a, b) = (folder.path().join("a"), folder.path().join("b"));

@@ -1,5 +1,6 @@
 //! Mean radiance of a diffuse, a metal and a dielectric sphere on a plane, conserving mode, against Mitsuba 3 (numbers from `tests/references/mitsuba_means.py`).
 
+use renderflow_frame::reach::Reach;
 use renderflow_renderer::{RenderScene, Settings, render};
 use renderflow_scenes::{description::Scene, load};
 use serde::Deserialize;
@@ -88,7 +89,7 @@ fn means_agree_with_mitsuba() {
             ]
         }))
         .unwrap();
-        let loaded = load::load(&scene, folder.path()).unwrap();
+        let loaded = load::load(&scene, &Reach::folder(folder.path())).unwrap();
         let compiled = RenderScene::compile(&loaded).unwrap();
         let settings = Settings { spp: 64, max_bounces: 6, ..Settings::default() };
         let frame = render(&compiled, &settings, &|_, _| (), &AtomicBool::new(false)).unwrap();

@@ -140,7 +140,7 @@ fn every_subcommand_shows_an_example() {
         let help = succeed(&[command, "--help"]);
         assert!(help.contains("Example"), "{command}: {help}");
     }
-    for command in ["plan", "preview", "render", "merge", "verify", "stats", "slurm", "pack", "export"] {
+    for command in ["plan", "preview", "render", "merge", "verify", "repair", "stats", "slurm", "pack", "export"] {
         let help = succeed(&["dataset", command, "--help"]);
         assert!(help.contains("Example"), "dataset {command}: {help}");
     }

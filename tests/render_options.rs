@@ -80,9 +80,10 @@ fn frames_tell_how_paths_were_split_and_limited_and_others_do_not_go_on_from_the
 
     for (out, more) in [("plain", &["--branches", "4"][..]), ("plain", &["--clamp-indirect", "10"]), ("limited", &[])] {
         let text = refused(out, more);
-        assert!(text.contains("other settings") && text.contains("2 a camera ray"), "{out} {more:?}: {text}");
+        assert!(text.contains("other settings"), "{out} {more:?}: {text}");
     }
-    assert!(refused("limited", &["--clamp-indirect", "0.02"]).contains("within 0.01"));
+    assert!(refused("plain", &["--branches", "4"]).contains("the number of samples that share a camera ray was 2, now 4"));
+    assert!(refused("limited", &["--clamp-indirect", "0.02"]).contains("the limit of indirect light was 0.01, now 0.02"));
     for bad in ["0", "-1", "inf", "NaN", "x"] {
         assert!(refused("bad", &[&format!("--clamp-indirect={bad}")]).contains("--clamp-indirect"), "{bad}");
     }
@@ -97,4 +98,59 @@ fn frames_tell_how_paths_were_split_and_limited_and_others_do_not_go_on_from_the
     render("replayed", &["--sample-map", &map]);
     assert!(refused("replayed", &["--adaptive", "--branches", "1"]).contains("other settings"));
     assert!(refused("bad", &["--sample-map", &map, "--branches", "2"]).contains("cannot be used"));
+}
+
+/// The seed of a scene file, of its copy beside the frames, and of the frames' headers are one.
+#[test]
+fn a_seed_samples_a_scene_from_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
+    let scene = path("scene.json");
+    succeed(&["compose", "--seed", "7", "--resolution", "24", "24", "--frames", "1", "--out", &scene]);
+    let words = |out: &str, more: &[&str]| -> Vec<String> {
+        let common = ["render", "--scene", scene.as_str(), "--spp", "4", "--denoise", "none", "--out"];
+        common.iter().copied().chain([path(out).as_str()]).chain(more.iter().copied()).map(str::to_owned).collect()
+    };
+    let run = |out: &str, more: &[&str]| renderflow(&words(out, more).iter().map(String::as_str).collect::<Vec<_>>());
+    let read = |out: &str| {
+        let written: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(folder.path().join(out).join("scene.json")).unwrap()).unwrap();
+        (written["seed"].as_u64().unwrap(), exr::read(&folder.path().join(out).join("frame.0000.exr")).unwrap())
+    };
+    let own: serde_json::Value = serde_json::from_slice(&std::fs::read(&scene).unwrap()).unwrap();
+    let own = own["seed"].as_u64().unwrap();
+    assert!(run("own", &[]).status.success() && run("other", &["--seed", "99"]).status.success());
+    let ((seed, plain), (other_seed, other)) = (read("own"), read("other"));
+    assert_eq!((seed, plain.info.seed, other_seed, other.info.seed), (own, own, 99, 99));
+    assert!(plain.raw != other.raw && plain.albedo == other.albedo && plain.depth == other.depth);
+    // The scene as it was written is the same picture without the flag.
+    succeed(&["render", "--scene", &path("other/scene.json"), "--spp", "4", "--denoise", "none", "--out", &path("again")]);
+    assert_eq!(read("again").1.raw, other.raw);
+
+    // A reference of the same seed has the same noise: another seed is taken, and said.
+    let reference = path("own/frame.0000.exr");
+    let compared = run("compared", &["--reference", &reference]);
+    let said = stderr(&compared);
+    assert!(compared.status.success() && said.contains(&format!("was sampled with the seed {own} of this scene")), "{said}");
+    let (seed, frame) = read("compared");
+    assert!(seed != own && frame.info.seed == seed && frame.raw != plain.raw, "{seed}");
+    // Both have 4 samples of their own: the error is theirs, not that of one picture with itself.
+    let table = String::from_utf8_lossy(&compared.stdout).into_owned();
+    let relmse: f64 = table
+        .lines()
+        .find(|line| line.trim_start().starts_with("4 "))
+        .unwrap()
+        .split_whitespace()
+        .nth(3)
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!(relmse > 1e-5, "{table}");
+    // The same command goes on; a seed that is asked for is kept, with a warning; another one needs none.
+    assert!(run("compared", &["--reference", &reference]).status.success());
+    let warned = run("kept", &["--reference", &reference, "--seed", &own.to_string()]);
+    assert!(stderr(&warned).contains("warning") && stderr(&warned).contains("errors look too small"), "{}", stderr(&warned));
+    assert_eq!(read("kept").0, own);
+    let third = run("third", &["--reference", &reference, "--seed", "5"]);
+    assert!(third.status.success() && !stderr(&third).contains("was sampled with"), "{}", stderr(&third));
 }

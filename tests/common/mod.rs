@@ -59,3 +59,26 @@ pub fn fail(args: &[&str]) -> String {
     assert_eq!(output.status.code(), Some(1), "renderflow {args:?}: {}", stderr(&output));
     stderr(&output)
 }
+
+/// Writes options of the compact network for one step of moments on frames of 32 x 32.
+#[allow(dead_code)]
+pub fn write_training(path: &Path, steps: u64) {
+    let printed = succeed(&["train", "--data", "nothing", "--out", "nothing", "--print-config"]);
+    let mut options: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    options["crops"] = serde_json::json!([{ "size": 32, "batch": 1, "weight": 1.0 }]);
+    options["steps"] = steps.into();
+    options["network"]["widths"] = serde_json::json!([8, 8, 8]);
+    options["network"]["token_width"] = 24.into();
+    options["network"]["transformer_blocks"] = 1.into();
+    std::fs::write(path, options.to_string()).unwrap();
+}
+
+/// Copies a folder with all that is in it.
+#[allow(dead_code)]
+pub fn copy(from: &Path, to: &Path) {
+    for (name, bytes) in files(from) {
+        let path = to.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+}

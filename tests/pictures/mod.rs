@@ -1,6 +1,7 @@
 //! Scenes that another renderer has rendered from the same description, and how far our picture of them is from its means.
 
 use glam::DVec3;
+use renderflow_frame::reach::Reach;
 use renderflow_renderer::material::Mode;
 use renderflow_renderer::{RenderScene, Settings, render};
 use renderflow_scenes::{description::Scene, load};
@@ -181,7 +182,7 @@ pub fn blocks(
         "materials": materials, "objects": objects
     }))
     .unwrap();
-    let loaded = load::load(&scene, folder.path()).unwrap();
+    let loaded = load::load(&scene, &Reach::folder(folder.path())).unwrap();
     let compiled = RenderScene::compile(&loaded).unwrap();
     let frame = render(&compiled, settings, &|_, _| (), &AtomicBool::new(false)).unwrap();
     let beauty = frame.beauty.or(frame.raw).unwrap();
