@@ -1,5 +1,6 @@
 //! Scenes around inputs, as JSON, so that they hold for any version of the structs.
 
+use renderflow_frame::reach::Reach;
 use renderflow_scenes::load::ModelView;
 use renderflow_scenes::{LoadedScene, Result, Scene, load};
 use std::path::Path;
@@ -10,7 +11,8 @@ fn parse(text: &str) -> Scene {
 
 /// Loads the model file `name` in `folder`, with its materials, after describing a scene around it.
 pub fn model(folder: &Path, name: &str) -> Result<LoadedScene> {
-    if let Ok(around) = load::describe_model(&folder.join(name), None, &ModelView::default()) {
+    let reach = Reach::folder(folder);
+    if let Ok(around) = load::describe_model(&folder.join(name), None, &ModelView::default(), &reach) {
         around.validate().expect("a scene around a model is valid");
     }
     let scene = format!(
@@ -19,7 +21,7 @@ pub fn model(folder: &Path, name: &str) -> Result<LoadedScene> {
             "environment": {{"source": {{"constant": [1, 1, 1]}}}},
             "objects": [{{"name": "model", "geometry": {{"file": "{name}"}}}}]}}"#
     );
-    load::load(&parse(&scene), folder)
+    load::load(&parse(&scene), &reach)
 }
 
 /// Loads one image file three times: as colour, as data and as a normal map.
@@ -31,5 +33,5 @@ pub fn textures(folder: &Path, name: &str) -> Result<LoadedScene> {
             "materials": [{{"name": "m", "base_color_texture": "{name}", "metallic_roughness_texture": "{name}", "normal_texture": "{name}"}}],
             "objects": [{{"name": "o", "material": "m", "geometry": {{"shape": {{"family": "plane", "size": 1}}}}}}]}}"#
     );
-    load::load(&parse(&scene), folder)
+    load::load(&parse(&scene), &Reach::folder(folder))
 }

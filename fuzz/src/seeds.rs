@@ -133,7 +133,7 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
         put("scene", &format!("sky_{}.json", sky.family()), scene.to_string().as_bytes())?;
     }
 
-    #[cfg(feature = "model")]
+    #[cfg(feature = "all")]
     for (name, keyframes, blocks) in [("smallest", false, 0), ("with_all_stages", true, 1)] {
         use renderflow_model::{NetworkConfig, config::KeyframeConfig, network::Network, parameters, weights};
         let network = NetworkConfig {

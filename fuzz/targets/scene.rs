@@ -2,6 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use renderflow_frame::reach::Reach;
 use renderflow_fuzz::{catch_in_readers, check_scene, names_file, watch};
 use renderflow_scenes::description::{EnvironmentSource, Geometry};
 use renderflow_scenes::{Scene, load, sky};
@@ -32,7 +33,7 @@ fuzz_target!(
         }
         // Files have targets of their own.
         scene.objects.retain(|object| !matches!(object.geometry, Geometry::File(_)));
-        match load::load(&scene, Path::new("/nowhere")) {
+        match load::load(&scene, &Reach::folder("/nowhere")) {
             Ok(loaded) => check_scene(&loaded),
             Err(error) => assert!(!error.to_string().is_empty()),
         }

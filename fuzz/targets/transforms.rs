@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use renderflow_frame::transforms;
-use renderflow_fuzz::{catch_in_readers, names_file, watch};
+use renderflow_fuzz::{catch_in_readers, names_file, plain, watch};
 use std::path::Path;
 
 fuzz_target!(
@@ -19,6 +19,12 @@ fuzz_target!(
                 assert!(camera.position_in_world().is_finite());
             }
             assert!(sequence.tracks.objects.values().flatten().all(|t| t.is_finite()));
+            plain(&sequence.environment);
+            sequence.files.iter().for_each(|file| plain(file));
+            let name = Path::new("transforms.json");
+            let written = transforms::encode(name, &sequence).expect("what was accepted can be written");
+            let again = transforms::decode(name, &written).expect("what was written can be read");
+            assert_eq!((again.files, again.keyframes, again.environment), (sequence.files, sequence.keyframes, sequence.environment));
         }
         Err(error) => names_file(error, &["transforms.json"]),
     })
