@@ -40,7 +40,7 @@ oidn:
 
 # The maps of hdri/ again, bit for bit.
 hdri: build
-	$(RENDERFLOW) hdri --out hdri
+	$(RENDERFLOW) hdri --out hdri --overwrite
 
 clean:
 	$(CARGO) clean
