@@ -223,7 +223,7 @@ fn flipped_frames_and_cut_descriptions_are_made_again() {
             "train/seq-000000: frame.0001.exr: ",
             "train/seq-000001: transforms.json: ",
             "train/seq-000002: env.hdr: ",
-            "train/seq-000003: scene.json: ",
+            "train/seq-000003: scene.json:1:0: ",
             "train/seq-000004: scene.json: is scene ",
             "train/seq-000005: frame.0001.exr: ",
             "train/seq-000006 frame 1: failed when it was made: once",

@@ -111,7 +111,7 @@ fn files_say_what_they_are(folder: &Path, weights: &Weights) {
     assert!(said.contains("decoder.conv1.weight") && said.contains("original names"), "{said}");
     succeed(&["weights", "convert", text(&original), text(&back)]);
     assert!(std::fs::read(&back).unwrap() == std::fs::read(&weights.vae).unwrap(), "there and back is another file");
-    succeed(&["weights", "convert", text(&original), text(&back), "--precision", "bf16"]);
+    succeed(&["weights", "convert", text(&original), text(&back), "--precision", "bf16", "--overwrite"]);
     let [half, whole] = [&back, &weights.vae].map(|path| std::fs::metadata(path).unwrap().len());
     assert!(half < whole * 6 / 10, "{half} bytes of {whole}");
     // The compact network is a file among others.
@@ -120,7 +120,7 @@ fn files_say_what_they_are(folder: &Path, weights: &Weights) {
     assert!(said.contains("compact network") && said.contains("4813144"), "{said}");
     let single = folder.join("converted/single.safetensors");
     succeed(&["weights", "convert", text(&shipped), text(&single), "--precision", "f32"]);
-    succeed(&["weights", "convert", text(&single), text(&back), "--precision", "f16"]);
+    succeed(&["weights", "convert", text(&single), text(&back), "--precision", "f16", "--overwrite"]);
     assert!(std::fs::read(&back).unwrap() == std::fs::read(&shipped).unwrap());
 
     let accepted = succeed(&["check", text(&weights.vae), text(&weights.inverse)]);

@@ -125,13 +125,12 @@ fn textures_that_do_not_fit_together_are_refused_before_they_are_decoded() {
     let png = png_claiming_much();
     let mut file = common::gltf::square();
     let count = 20;
-    for i in 0..count {
-        file["materials"][i] = json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": i } } });
-        file["textures"][i] = json!({ "source": i });
-        file["images"][i] = json!({ "uri": common::gltf::data_uri("image/png", &png) });
-        file["meshes"][0]["primitives"][i] =
-            json!({ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "mode": 5, "material": i });
-    }
+    let list = |item: &dyn Fn(usize) -> serde_json::Value| (0..count).map(item).collect::<serde_json::Value>();
+    file["materials"] = list(&|i| json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": i } } }));
+    file["textures"] = list(&|i| json!({ "source": i }));
+    file["images"] = list(&|_| json!({ "uri": common::gltf::data_uri("image/png", &png) }));
+    file["meshes"][0]["primitives"] =
+        list(&|i| json!({ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "mode": 5, "material": i }));
     let error = common::gltf::File::new(&file).error();
     assert!(
         error.contains("the 20 textures take 13.3 GiB of memory, more than the ")

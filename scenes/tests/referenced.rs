@@ -76,7 +76,9 @@ fn normal_maps_need_tangents() {
     let bare = file.path().join("bare.obj");
     std::fs::write(&bare, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let bare = Geometry::File(bare.to_str().unwrap().into());
-    let load = |objects: Vec<Object>| load::load(&scene(vec![bumpy.clone()], objects), &Reach::folder(folder())).unwrap();
+    let load = |objects: Vec<Object>| {
+        load::load(&scene(vec![bumpy.clone()], objects), &Reach::folder(folder()).allow([file.path()])).unwrap()
+    };
     let without = load(vec![object("bare", bare.clone(), "bumpy")]);
     assert_eq!((without.textures.len(), without.materials[0].normal_texture.is_some()), (0, false));
     assert_eq!(without.report.notes.len(), 1, "{:?}", without.report.notes);

@@ -182,7 +182,7 @@ pub fn blocks(
         "materials": materials, "objects": objects
     }))
     .unwrap();
-    let loaded = load::load(&scene, &Reach::folder(folder.path())).unwrap();
+    let loaded = load::load(&scene, &Reach::folder(folder.path()).allow(assets)).unwrap();
     let compiled = RenderScene::compile(&loaded).unwrap();
     let frame = render(&compiled, settings, &|_, _| (), &AtomicBool::new(false)).unwrap();
     let beauty = frame.beauty.or(frame.raw).unwrap();

@@ -38,7 +38,22 @@ fn root(json: &[u8]) -> std::result::Result<Root, (String, String)> {
     let whole = |error: &serde_json::Error| (String::new(), plain(&error.to_string()));
     let mut value: Value = serde_json::from_slice(json).map_err(|e| whole(&e))?;
     normalise(&mut value);
-    Root::deserialize(&value).map_err(|_| value.as_object().and_then(locate).unwrap_or_else(|| whole(&error)))
+    let Value::Object(top) = &value else {
+        return Err((String::new(), format!("found {} where an object is needed", kind(&value))));
+    };
+    Root::deserialize(&value).map_err(|_| locate(top).unwrap_or_else(|| whole(&error)))
+}
+
+/// What a value is, in words.
+fn kind(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "true or false",
+        Value::Number(_) => "a number",
+        Value::String(_) => "a string",
+        Value::Array(_) => "a list",
+        Value::Object(_) => "an object",
+    }
 }
 
 /// Takes away what is never looked at, and writes whole numbers without a fraction.
@@ -62,8 +77,8 @@ fn tidy(value: &mut Value) {
         Value::Array(items) => items.iter_mut().for_each(tidy),
         Value::Number(n) if n.is_f64() => {
             let v = n.as_f64().unwrap_or_default();
-            // Zero stays as it is: it may be a negative one.
-            if v.fract() == 0.0 && v != 0.0 && v.abs() < LARGEST_WHOLE {
+            let negative_zero = v == 0.0 && v.is_sign_negative();
+            if v.fract() == 0.0 && !negative_zero && v.abs() < LARGEST_WHOLE {
                 *value = Value::from(v as i64);
             }
         }
