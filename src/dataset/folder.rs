@@ -102,12 +102,15 @@ impl SequenceFolder {
     }
 }
 
+/// What to do about a sequence outside of a dataset with a plan, which nothing can mend.
+const AS_IT_IS: &str = "remove its sequence.json to take the sequence as it is";
+
 /// All sequences of one split of a dataset.
 #[derive(Clone, Debug, Default)]
 pub struct Dataset {
     /// Sequences, ordered by name.
     pub sequences: Vec<SequenceFolder>,
-    /// The records that they are held to; empty where nobody asked for them, `None` for sequences of no plan.
+    /// The records that they are held to; empty where nobody asked for them, `None` for sequences without one.
     records: Vec<Option<Record>>,
     /// The dataset with a plan that they are of, where records are held to it.
     root: PathBuf,
@@ -137,13 +140,20 @@ impl Dataset {
     }
 
     /// As [`Self::open`], to learn from. Where the folder is a part of a dataset with a plan, every sequence in it must be complete, whole and
-    /// in its place, and each frame is held to its record when it is read. Also what is worth saying.
+    /// in its place. Each frame is held to its record, where it has one, when it is read. Also what is worth saying.
     ///
     /// # Errors
-    /// As [`Self::open`]; when a sequence is damaged, is not complete, or is of no plan.
+    /// As [`Self::open`]; when a sequence is damaged, is not complete, or does not belong to the plan.
     pub fn open_to_learn(folder: &Path) -> Result<(Self, Vec<String>)> {
         let mut notes = Vec::new();
-        let Some(home) = Home::of(folder)? else { return Ok((Self::open(folder)?, notes)) };
+        let Some(home) = Home::of(folder)? else {
+            let dataset = Self::open(folder)?;
+            let record = |sequence: &SequenceFolder| {
+                Record::read(&sequence.path).map_err(|error| anyhow!("{}; {AS_IT_IS}", crate::console::message(&error)))
+            };
+            let records = dataset.sequences.iter().map(record).collect::<Result<_>>()?;
+            return Ok((Self { records, ..dataset }, notes));
+        };
         let present = home.present();
         let records = home.accept(&present)?;
         if present.len() < home.indices.len() {
@@ -180,8 +190,12 @@ impl Dataset {
     /// Said of a file that is not the one that was recorded.
     fn damaged(&self, index: usize, name: &str) -> String {
         let path = self.sequences[index].path.join(name);
-        let remedy = super::damage::remedy(&self.root);
-        format!("{}: is not the file that sequence.json has recorded; to mend it: {remedy}", path.display())
+        let remedy = if self.root.as_os_str().is_empty() {
+            AS_IT_IS.to_owned()
+        } else {
+            format!("to mend it: {}", super::damage::remedy(&self.root))
+        };
+        format!("{}: is not the file that sequence.json has recorded; {remedy}", path.display())
     }
 
     /// BLAKE3 over the names, the cameras, the environments and the frames of all sequences.

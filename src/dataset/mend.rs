@@ -190,7 +190,8 @@ pub fn other_version(plan: &Plan, folder: &Path, composed: &Scene) -> Option<Str
 pub fn is_misplaced(folder: &Path, record: Option<&Record>, composed: &Scene) -> bool {
     let (Some(record), Ok(scene)) = (record, damage::read_scene(&folder.join("scene.json"))) else { return false };
     let other = (&scene.name, scene.seed) != (&composed.name, composed.seed);
-    other && (scene.hash() == record.scene || damage::names_files(&scene))
+    // The hash of a scene that names files may be another one beside the frames; its seed is not.
+    other && (scene.hash() == record.scene || (damage::names_files(&scene) && scene.seed == record.seed))
 }
 
 /// The numbers of files that are equal to another one.

@@ -237,7 +237,10 @@ impl Work<'_> {
         if let Some(reason) = mend::other_version(self.plan, folder, &composed.scene) {
             return Err(Mixture(reason).into());
         }
+        let nothing = damage::Found::default();
+        let mut found = found;
         if mend::is_misplaced(folder, found.record.as_ref(), &composed.scene) {
+            found = &nothing;
             let aside = mend::set_aside(self.out, folder)?;
             self.note(&format!("{}: another sequence, moved to {}", folder.display(), aside.display()));
         }

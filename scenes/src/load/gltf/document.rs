@@ -119,6 +119,10 @@ fn narrowed(pointer: String, reason: String, value: &Value, error: &dyn Fn(Value
         _ => return (pointer, reason),
     };
     for (key, part) in parts {
+        // No field is missing in what has none.
+        if reason.starts_with("missing field") && !part.is_object() && !part.is_array() {
+            continue;
+        }
         let with = |replaced: Option<Value>| {
             let mut copy = value.clone();
             match (&mut copy, replaced) {
