@@ -112,9 +112,19 @@ fn what_does_not_belong_is_not_learned_from() {
     std::fs::remove_dir_all(missing.join("seq-000001")).unwrap();
     assert!(data.trained(&missing, "fewer").contains("2 steps"));
 
-    // Of a plain folder of sequences: what fits together.
+    // Of a plain folder of sequences: what their records say.
+    let recorded = copied("a/train", "recorded");
+    std::fs::copy(flipped.join("seq-000000/frame.0001.exr"), recorded.join("seq-000000/frame.0001.exr")).unwrap();
+    data.refused(&recorded, "x", &["frame.0001.exr: is not the file that sequence.json has recorded; remove its sequence.json"]);
+    std::fs::write(recorded.join("seq-000000/sequence.json"), "{\"version\": 1, ").unwrap();
+    data.refused(&recorded, "x", &["seq-000000/sequence.json:1:", "remove its sequence.json to take the sequence as it is"]);
+
+    // Without records: what fits together.
     let plain = |name: &str| {
         copy(&data.path("a/train"), &data.path(name));
+        for sequence in ["seq-000000", "seq-000001"] {
+            std::fs::remove_file(data.path(name).join(sequence).join("sequence.json")).unwrap();
+        }
         data.path(name)
     };
     let mixed = plain("mixed");
