@@ -320,18 +320,9 @@ fn maps_that_cannot_be_used_are_left_out_of_a_plan() {
     std::fs::write(maps.join("cut.hdr"), b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 64 +X 128\n\x02\x02").unwrap();
     std::fs::write(maps.join("text.exr"), b"no map").unwrap();
     let plan = folder.path().join("plan.json");
-    let output = renderflow(&[
-        "dataset",
-        "plan",
-        "--seed",
-        "1",
-        "--sequences",
-        "1",
-        "--hdris",
-        maps.to_str().unwrap(),
-        "--out",
-        plan.to_str().unwrap(),
-    ]);
+    let (maps_text, plan_text) = (maps.to_str().unwrap(), plan.to_str().unwrap());
+    let arguments = ["dataset", "plan", "--seed", "1", "--sequences", "1", "--hdris", maps_text, "--out", plan_text];
+    let output = renderflow(&arguments);
     assert!(output.status.success(), "{}", stderr(&output));
     for name in ["cut.hdr", "text.exr"] {
         assert!(stderr(&output).lines().any(|line| line.contains("left out: ") && line.contains(name)), "{}", stderr(&output));
@@ -339,18 +330,7 @@ fn maps_that_cannot_be_used_are_left_out_of_a_plan() {
     let text = std::fs::read_to_string(&plan).unwrap();
     assert!(text.contains("good.hdr") && !text.contains("cut.hdr") && !text.contains("text.exr"), "{text}");
     std::fs::remove_file(maps.join("good.hdr")).unwrap();
-    let said = common::fail(&[
-        "dataset",
-        "plan",
-        "--seed",
-        "1",
-        "--sequences",
-        "1",
-        "--hdris",
-        maps.to_str().unwrap(),
-        "--out",
-        plan.to_str().unwrap(),
-    ]);
+    let said = common::fail(&arguments);
     assert!(said.contains("no map ending in hdr, exr that can be used"), "{said}");
 }
 
