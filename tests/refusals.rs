@@ -184,6 +184,16 @@ fn render_replaces_no_file_of_others() {
 }
 
 #[test]
+fn samples_beyond_the_range_are_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let output = renderflow(&["render", "--seed", "3", "--spp", "16777217", "--out", out.to_str().unwrap()]);
+    let said = stderr(&output);
+    assert!(output.status.code() == Some(2) && said.contains("16777217 is not in 1..=16777216"), "{said}");
+    assert!(!out.exists());
+}
+
+#[test]
 fn a_cut_frame_is_rendered_again() {
     let folder = Folder::new();
     let out = folder.at("out");

@@ -164,7 +164,7 @@ pub(crate) fn panic_message(payload: &(dyn std::any::Any + Send)) -> String {
 #[derive(Args, Clone, Debug)]
 struct TraceArgs {
     /// Samples a pixel
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     spp: u32,
     /// Scattering events of a path
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
