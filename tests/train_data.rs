@@ -117,7 +117,11 @@ fn what_does_not_belong_is_not_learned_from() {
     std::fs::copy(flipped.join("seq-000000/frame.0001.exr"), recorded.join("seq-000000/frame.0001.exr")).unwrap();
     data.refused(&recorded, "x", &["frame.0001.exr: is not the file that sequence.json has recorded; remove its sequence.json"]);
     std::fs::write(recorded.join("seq-000000/sequence.json"), "{\"version\": 1, ").unwrap();
-    data.refused(&recorded, "x", &["seq-000000/sequence.json:1:", "remove its sequence.json to take the sequence as it is"]);
+    data.refused(
+        &recorded,
+        "x",
+        &["seq-000000/sequence.json: the text ends", "remove its sequence.json to take the sequence as it is"],
+    );
 
     // Without records: what fits together.
     let plain = |name: &str| {
