@@ -497,3 +497,17 @@ fn coco_masks_are_the_object_ids() {
         }
     }
 }
+
+/// A dataset that has lost its plan is damaged for everybody, though its manifest is whole.
+#[test]
+fn a_dataset_without_its_plan_is_not_packed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, out) = (folder.path().join("data"), folder.path().join("packed"));
+    copy(dataset(), &data);
+    std::fs::remove_file(data.join("plan.json")).unwrap();
+    let output = pack(&data, &out, &[]);
+    let said = common::stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("no plan.json beside manifest.json") && said.contains("renderflow dataset repair"), "{said}");
+    assert!(!out.exists());
+}

@@ -13,6 +13,7 @@ use crate::truth::Interrupted;
 use anyhow::Result;
 use rayon::prelude::*;
 use renderflow_frame::file;
+use renderflow_frame::words::shell;
 use renderflow_scenes::Scene;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::{EnvironmentSource, Geometry};
@@ -292,8 +293,9 @@ pub fn against_plan(plan: &Plan, catalog: &Catalog, index: u32, listed: bool, fo
             let loaded = renderflow_scenes::load::load(&composed.scene, &plan.reach())?;
             Record::new(plan, index, &composed, &loaded, found.checked.clone())?
         };
-        let [there, made] = [record, &made].map(serde_json::to_value);
-        Ok(difference("", &there?, &made?).map_or(Made::Same, Made::Other))
+        // Through text, in which a number has as few digits as the file.
+        let value = |record: &Record| serde_json::from_str(&serde_json::to_string(record)?);
+        Ok(difference("", &value(record)?, &value(&made)?).map_or(Made::Same, Made::Other))
     };
     super::render::guarded(make).unwrap_or_else(|error| Made::Unknown(crate::console::message(&error)))
 }
@@ -380,12 +382,5 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>> {
 
 /// The command that mends a dataset.
 pub fn remedy(out: &Path) -> String {
-    format!("renderflow dataset repair {}", quoted(out))
-}
-
-/// A path as a shell takes it.
-pub(super) fn quoted(path: &Path) -> String {
-    let text = path.display().to_string();
-    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,=@%:".contains(c);
-    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+    format!("renderflow dataset repair {}", shell(&out.to_string_lossy()))
 }

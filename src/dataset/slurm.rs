@@ -5,6 +5,7 @@
 use crate::dataset::Plan;
 use crate::output;
 use anyhow::{Context, Result, bail, ensure};
+use renderflow_frame::words::shell;
 use std::path::{Path, PathBuf};
 
 const ARRAY: &str = include_str!("slurm/array.sh");
@@ -88,15 +89,15 @@ impl Request {
         // Slurm replaces %A and the like anywhere in the name of a log; %% is a percent sign, and a backslash ends all that.
         let logs = full(&self.folder.join("logs"))?;
         ensure!(!logs.contains('\\'), "{logs}: Slurm's logs cannot be in a folder with a backslash");
-        let allowed = self.allowed.iter().map(|folder| Ok(format!(" --allow-files {}", quoted(&full(folder)?))));
+        let allowed = self.allowed.iter().map(|folder| Ok(format!(" --allow-files {}", shell(&full(folder)?))));
         let completions = tasks.min(KUBERNETES_COMPLETIONS);
         let values = [
-            ("PROGRAM", quoted(&full(&self.program)?)),
-            ("PLAN", quoted(&full(&self.plan)?)),
-            ("OUT", quoted(&full(&self.out)?)),
+            ("PROGRAM", shell(&full(&self.program)?)),
+            ("PLAN", shell(&full(&self.plan)?)),
+            ("OUT", shell(&full(&self.out)?)),
             ("ALLOWED", allowed.collect::<Result<String>>()?),
-            ("FOLDER", quoted(&full(&self.folder)?)),
-            ("LOGS", quoted(&logs.replace('%', "%%"))),
+            ("FOLDER", shell(&full(&self.folder)?)),
+            ("LOGS", shell(&logs.replace('%', "%%"))),
             ("DIRECTIVES", self.directives()?),
             ("TIME", word("--time", &self.time)?.into()),
             ("CPUS", self.cpus.to_string()),
@@ -149,11 +150,6 @@ fn full(path: &Path) -> Result<String> {
     let text = full.to_str().with_context(|| format!("{}: is not UTF-8", full.display()))?;
     ensure!(!text.contains('\0'), "{}: has a zero byte", full.display());
     Ok(text.to_owned())
-}
-
-/// `text` as one word of a shell.
-fn quoted(text: &str) -> String {
-    format!("'{}'", text.replace('\'', r"'\''"))
 }
 
 /// `template` with every `@NAME@` replaced by its value; names are in capitals. Values are not searched.

@@ -4,6 +4,7 @@ use super::damage;
 use super::folder::{frame_number, read_transforms};
 use super::home::Home;
 use super::manifest::{MANIFEST, Manifest};
+use super::mend::PLAN;
 use super::plan::SPLITS;
 use super::record::Record;
 use anyhow::{Context, Result, ensure};
@@ -53,7 +54,7 @@ pub struct Sources {
 /// its record, and else train.
 ///
 /// # Errors
-/// When there are none; when a sequence's `transforms.json` cannot be read or a name would not do in an archive; when the dataset has a plan
+/// When there are none; when there is a manifest and no plan; when a sequence's `transforms.json` cannot be read or a name would not do in an archive; when the dataset has a plan
 /// and is not whole: files are missing or of another size, records or the manifest are not right, or there are sequences of no plan.
 pub fn open(dataset: &Path) -> Result<Sources> {
     let path = dataset.join(MANIFEST);
@@ -66,6 +67,12 @@ pub fn open(dataset: &Path) -> Result<Sources> {
     ensure!(
         manifest.is_some() || home.as_ref().is_none_or(|home| home.root != dataset),
         "{}: no {MANIFEST}, so the dataset is not complete; render what is missing and merge it: {}",
+        dataset.display(),
+        damage::remedy(dataset)
+    );
+    ensure!(
+        manifest.is_none() || home.is_some(),
+        "{}: no {PLAN} beside {MANIFEST}, so nothing tells what belongs to the dataset; to mend it: {}",
         dataset.display(),
         damage::remedy(dataset)
     );

@@ -12,6 +12,7 @@ use crate::progress::Progress;
 use crate::truth::Interrupted;
 use anyhow::Result;
 use renderflow_frame::file;
+use renderflow_frame::words::shell;
 use std::fmt;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -122,7 +123,7 @@ pub fn verify(out: &Path, stop: &AtomicBool) -> Result<Verified> {
     progress.finish();
     for folder in damage::strangers(&plan, out)? {
         let what = "is no sequence of the plan, but would be taken for one of its split; move it out of the dataset";
-        let shown = damage::quoted(&folder);
+        let shown = shell(&folder.to_string_lossy());
         found.fault(format!("{}: {what}", folder.display()), format!("mv {shown} ELSEWHERE"));
     }
     if !plan.classic {

@@ -4,6 +4,7 @@
 //! a file that its owner did not hand over. So a name stays inside the folder of the file that it stands in, unless the user has allowed another folder.
 //! Symbolic links are followed: only the owner of a folder can put one there.
 
+use crate::words;
 use std::path::{Component, Path, PathBuf};
 
 /// Most bytes of a name that is read from a file.
@@ -78,11 +79,7 @@ impl Reach {
 
 /// A folder as a shell reads it; `FOLDER` for one that nobody should paste into a command.
 fn in_shells(folder: &str) -> String {
-    if folder.len() > 255 || folder.chars().any(char::is_control) {
-        return "FOLDER".into();
-    }
-    let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%=".contains(c);
-    if folder.chars().all(plain) { folder.into() } else { format!("'{}'", folder.replace('\'', "'\\''")) }
+    if folder.len() > 255 || folder.chars().any(char::is_control) { "FOLDER".into() } else { words::shell(folder) }
 }
 
 /// The path from the root, `.` and `..` resolved; `None` without a working folder.

@@ -8,6 +8,12 @@ pub fn shortened(text: &str) -> String {
     if text.chars().count() <= LONGEST { text.to_owned() } else { text.chars().take(LONGEST - 3).chain("...".chars()).collect() }
 }
 
+/// A text as one word of a shell, quoted only where it must be.
+pub fn shell(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%=".contains(c);
+    if !text.is_empty() && text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }
+}
+
 /// A number in as few digits as tell it apart: `1e308`, not 309 digits.
 pub fn number(value: f64) -> String {
     let plain = value.to_string();
@@ -193,6 +199,16 @@ mod tests {
             // What is behind a tag is read a second time, and then the column may be one further.
             assert!(said(json).starts_with(expected), "{json}: {}", said(json));
         }
+    }
+
+    #[test]
+    fn a_shell_reads_the_same_word() {
+        for text in ["plain/name-1.toml", "", "two words", "it's", "$HOME;`id`", "a\nb", "*"] {
+            let script = format!("printf %s {}", shell(text));
+            let output = std::process::Command::new("sh").args(["-c", &script]).output().unwrap();
+            assert_eq!(String::from_utf8(output.stdout).unwrap(), text, "{script}");
+        }
+        assert_eq!(shell("data/train"), "data/train");
     }
 
     #[test]
