@@ -1,4 +1,4 @@
-//! Writes the seeds that are made by the project's own writers: `cargo run --bin seeds`.
+//! Writes the seeds that are made by the project's own writers: `cargo run --release --features seeds --bin seeds`.
 
 use exr_crate::image::{Encoding, Image as ExrImage, Layer};
 use exr_crate::prelude::*;

@@ -2,15 +2,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use renderflow::dataset::plan::Plan;
 use renderflow_fuzz::{catch_in_readers, folder, names_file, put, same_again, watch};
 use std::path::PathBuf;
 use std::sync::LazyLock;
-
-/// The file itself: the crate it stands in takes minutes to build.
-#[allow(dead_code)]
-#[path = "../../src/dataset/plan.rs"]
-mod plan;
-use plan::Plan;
 
 static FOLDER: LazyLock<PathBuf> = LazyLock::new(folder);
 

@@ -7,7 +7,6 @@ use renderflow::dataset::manifest::{self, Manifest};
 use renderflow::dataset::record::{self, FAILURES, RECORD, Record};
 use renderflow::dataset::{Plan, stats};
 use renderflow_fuzz::{catch_in_readers, folder, names_file, parts, plain, put, same_again, watch};
-use renderflow_scenes::procedural::Split;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
@@ -44,7 +43,9 @@ fuzz_target!(
                     assert!(record.environment.concentration.is_finite() && record.environment.exposure.is_finite());
                     same_again(&record);
                 }
-                let leaks = manifest::leaks([(Split::Train, &record), (Split::Test, &record)]);
+                let mut two = plan.clone();
+                two.sequences.test = 1;
+                let leaks = manifest::leaks(&two, [(0, &record), (1, &record)]);
                 assert!(!leaks.is_empty(), "a scene in two splits is a leak");
             }
             Err(error) => {

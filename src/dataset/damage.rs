@@ -153,11 +153,16 @@ fn scene(found: &mut Found, plan: &Plan, index: u32, folder: &Path, record: &Rec
     } else if scene.seed != record.seed {
         format!("scene.json: /seed is {}, {RECORD} says {}", scene.seed, record.seed)
     } else {
-        return;
+        String::new()
     };
-    // Where the file is the one that was recorded, it is the record that contradicts itself.
-    let recorded = fault(folder, "scene.json", None, record.hash_of("scene.json").unwrap_or_default(), Depth::Hashes).is_none();
-    found.add(if recorded { Part::Record } else { Part::Description }, reason);
+    let file = fault(folder, "scene.json", None, record.hash_of("scene.json").unwrap_or_default(), Depth::Hashes);
+    match file {
+        // Where the file is the one that was recorded, it is the record that contradicts itself.
+        None if !reason.is_empty() => found.add(Part::Record, reason),
+        None => {}
+        // A scene that names files is told by its file alone.
+        Some(file) => found.add(Part::Description, if reason.is_empty() { file } else { reason }),
+    }
 }
 
 /// Reads and checks a scene.

@@ -138,7 +138,11 @@ impl Source {
             plain_name(&file)
                 .map_err(|reason| Error::malformed(path, format!("/weight_map/{name}: {reason} beside the index")))?;
             if !files.contains_key(&file) {
-                files.insert(file.clone(), safetensors_file(&folder.join(&file))?.0);
+                let shard = folder.join(&file);
+                if !shard.exists() {
+                    return Err(Error::malformed(path, format!("/weight_map/{name}: there is no {file} beside the index")));
+                }
+                files.insert(file.clone(), safetensors_file(&shard)?.0);
             }
             let stored = files.get_mut(&file).and_then(|tensors| tensors.remove(&name));
             let absent = || Error::malformed(path, format!("/weight_map/{name}: not in {file}"));
