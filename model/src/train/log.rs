@@ -71,6 +71,7 @@ impl Log {
         let kept = match renderflow_frame::file::read_text(path) {
             Ok(text) => text
                 .lines()
+                .map(str::trim)
                 .filter(|line| serde_json::from_str::<Stepped>(line).is_ok_and(|record| record.step <= resumed))
                 .map(|line| format!("{line}\n"))
                 .collect(),
@@ -90,5 +91,21 @@ impl Log {
         let mut line = serde_json::to_vec(record).map_err(|e| Error::malformed(&self.path, e.to_string()))?;
         line.push(b'\n');
         self.file.write_all(&line).map_err(Error::io(&self.path, "write"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opening_again_changes_nothing() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("log.jsonl");
+        std::fs::write(&path, "{\"step\": 3}\r\r\r\n{\"step\": 9}\n  {\"step\": 4}\nno record\n").expect("write");
+        for _ in 0..2 {
+            drop(Log::open(&path, 5).expect("opens"));
+            assert_eq!(std::fs::read_to_string(&path).expect("read"), "{\"step\": 3}\n{\"step\": 4}\n");
+        }
     }
 }
