@@ -111,6 +111,9 @@ fn what_does_not_belong_is_not_learned_from() {
     let missing = copied("a", "missing").join("train");
     std::fs::remove_dir_all(missing.join("seq-000001")).unwrap();
     assert!(data.trained(&missing, "fewer").contains("2 steps"));
+    // Without the plan nobody knows that one is missing.
+    std::fs::remove_file(missing.with_file_name("plan.json")).unwrap();
+    data.refused(&missing, "x", &["no plan.json beside manifest.json", "dataset repair"]);
 
     // Of a plain folder of sequences: what their records say.
     let recorded = copied("a/train", "recorded");

@@ -1,7 +1,7 @@
 //! The dataset that a folder belongs to, for those who are given a part of one: a split to train on, a sequence to export.
 
 use super::damage::{self, Depth};
-use super::manifest::{self, Listed};
+use super::manifest::{self, Listed, MANIFEST};
 use super::mend::PLAN;
 use super::plan::{Plan, SPLITS};
 use super::record::Record;
@@ -25,7 +25,7 @@ impl Home {
     /// The dataset that `folder` is, or is a split or a sequence of; `None` where no plan says what belongs to it.
     ///
     /// # Errors
-    /// When the plan cannot be read, or the folder is no sequence of it.
+    /// When the plan cannot be read, or the folder is no sequence of it; when a dataset that the folder is a part of has lost its plan.
     pub fn of(folder: &Path) -> Result<Option<Self>> {
         let full = std::path::absolute(folder).with_context(|| folder.display().to_string())?;
         let is_split = |path: &Path| SPLITS.iter().any(|split| path.file_name().is_some_and(|name| name == split.name()));
@@ -41,6 +41,7 @@ impl Home {
         };
         let path = root.join(PLAN);
         if !path.exists() {
+            keeps_its_plan(&root)?;
             return Ok(None);
         }
         let plan = Plan::read(&path)
@@ -73,6 +74,20 @@ impl Home {
         let found = damage::sequences(&self.plan, &self.root, indices, &listed, Depth::Sizes, &AtomicBool::new(false))?;
         manifest::accept(&self.plan, &self.root, indices, found)
     }
+}
+
+/// Refuses a dataset of which only the manifest tells that it had a plan: nothing says what belongs to it.
+///
+/// # Errors
+/// Names the command that mends it.
+pub fn keeps_its_plan(root: &Path) -> Result<()> {
+    ensure!(
+        root.join(PLAN).exists() || !root.join(MANIFEST).exists(),
+        "{}: no {PLAN} beside {MANIFEST}, so nothing tells what belongs to the dataset; to mend it: {}",
+        root.display(),
+        damage::remedy(root)
+    );
+    Ok(())
 }
 
 /// What to do about a folder that does not belong.

@@ -2,9 +2,8 @@
 
 use super::damage;
 use super::folder::{frame_number, read_transforms};
-use super::home::Home;
+use super::home::{self, Home};
 use super::manifest::{MANIFEST, Manifest};
-use super::mend::PLAN;
 use super::plan::SPLITS;
 use super::record::Record;
 use anyhow::{Context, Result, ensure};
@@ -70,12 +69,7 @@ pub fn open(dataset: &Path) -> Result<Sources> {
         dataset.display(),
         damage::remedy(dataset)
     );
-    ensure!(
-        manifest.is_none() || home.is_some(),
-        "{}: no {PLAN} beside {MANIFEST}, so nothing tells what belongs to the dataset; to mend it: {}",
-        dataset.display(),
-        damage::remedy(dataset)
-    );
+    home::keeps_its_plan(dataset)?;
     let mut sequences = Vec::new();
     if dataset.join("transforms.json").is_file() {
         let full = std::path::absolute(dataset).with_context(|| dataset.display().to_string())?;
