@@ -147,21 +147,25 @@ fn scene(found: &mut Found, plan: &Plan, index: u32, folder: &Path, record: &Rec
     let expected = plan.scene_name(index);
     let hash = scene.hash();
     let reason = if scene.name != expected {
-        format!("scene.json: /name is {:?}, that of this folder is {expected:?}", scene.name)
+        Some(format!("scene.json: /name is {:?}, that of this folder is {expected:?}", scene.name))
     } else if hash != record.scene && !names_files(&scene) {
-        format!("scene.json: is scene {hash}, {RECORD} says {}", record.scene)
+        Some(format!("scene.json: is scene {hash}, {RECORD} says {}", record.scene))
     } else if scene.seed != record.seed {
-        format!("scene.json: /seed is {}, {RECORD} says {}", scene.seed, record.seed)
+        Some(format!("scene.json: /seed is {}, {RECORD} says {}", scene.seed, record.seed))
     } else {
-        String::new()
+        None
     };
+    // The hash of a scene that names no files has told all there is to tell.
+    if reason.is_none() && !names_files(&scene) {
+        return;
+    }
     let file = fault(folder, "scene.json", None, record.hash_of("scene.json").unwrap_or_default(), Depth::Hashes);
-    match file {
-        // Where the file is the one that was recorded, it is the record that contradicts itself.
-        None if !reason.is_empty() => found.add(Part::Record, reason),
-        None => {}
-        // A scene that names files is told by its file alone.
-        Some(file) => found.add(Part::Description, if reason.is_empty() { file } else { reason }),
+    match (reason, file) {
+        (None, None) => {}
+        (None, Some(file)) => found.add(Part::Description, file),
+        (Some(reason), Some(_)) => found.add(Part::Description, reason),
+        // The file is the one that was recorded, so the record contradicts itself.
+        (Some(reason), None) => found.add(Part::Record, reason),
     }
 }
 
@@ -298,7 +302,7 @@ pub fn against_plan(plan: &Plan, catalog: &Catalog, index: u32, listed: bool, fo
             let loaded = renderflow_scenes::load::load(&composed.scene, &plan.reach())?;
             Record::new(plan, index, &composed, &loaded, found.checked.clone())?
         };
-        // Through text, in which a number has as few digits as the file.
+        // Through text: a single-precision 3.6 would otherwise print as 3.5999999046325684.
         let value = |record: &Record| serde_json::from_str(&serde_json::to_string(record)?);
         Ok(difference("", &value(record)?, &value(&made)?).map_or(Made::Same, Made::Other))
     };

@@ -53,8 +53,9 @@ pub struct Sources {
 /// its record, and else train.
 ///
 /// # Errors
-/// When there are none; when there is a manifest and no plan; when a sequence's `transforms.json` cannot be read or a name would not do in an archive; when the dataset has a plan
-/// and is not whole: files are missing or of another size, records or the manifest are not right, or there are sequences of no plan.
+/// When there are none; when there is a manifest and no plan; when a sequence's `transforms.json` cannot be read or a name would not do in an
+/// archive; when the dataset has a plan and is not whole: files are missing or of another size, records or the manifest are not right, or
+/// there are sequences of no plan.
 pub fn open(dataset: &Path) -> Result<Sources> {
     let path = dataset.join(MANIFEST);
     let manifest = match file::read_at_most(&path, file::LARGEST_TEXT) {

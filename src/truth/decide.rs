@@ -198,7 +198,7 @@ impl OpenSequence<'_> {
     fn scene_differences(&self) -> Vec<String> {
         let there = file::read_json::<Scene>(&self.job.out.join(SCENE)).ok();
         let own = with_absolute_paths(&self.job.scene, self.job.base.base()).ok();
-        // Through text, in which a number has as few digits as the file.
+        // Through text: a single-precision 3.6 would otherwise print as 3.5999999046325684.
         let value = |scene: Option<Scene>| serde_json::from_str(&serde_json::to_string(&scene?).ok()?).ok();
         let mut found = Vec::new();
         if let (Some(there), Some(own)) = (value(there), value(own)) {
