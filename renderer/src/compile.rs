@@ -55,6 +55,20 @@ pub(crate) struct CompiledMaterial {
     pub double_sided: bool,
 }
 
+impl CompiledMaterial {
+    /// Whether base colour or normal differ from point to point by a texture.
+    #[inline(always)]
+    pub fn varies(&self) -> bool {
+        self.base_color_texture.is_some() || self.normal_texture.is_some()
+    }
+
+    /// Whether every ray that meets the surface stops there, from either side.
+    #[inline(always)]
+    pub fn is_solid(&self) -> bool {
+        self.double_sided && self.alpha_mask.is_none()
+    }
+}
+
 impl RenderScene {
     /// Compiles `scene` at frame 0.
     ///

@@ -133,6 +133,17 @@ impl GuideStatistics {
         }
     }
 
+    /// Counts rays of which `first` is the mean first hit: all of them meet one surface, or nothing.
+    #[inline]
+    pub fn push_alike(&mut self, count: u64, first: Option<FirstHit>) {
+        self.rays += count;
+        if let Some(first) = first {
+            self.hits += count;
+            self.albedo += first.albedo.as_dvec3() * count as f64;
+            self.normal += first.ns.as_dvec3() * count as f64;
+        }
+    }
+
     /// Counts rays that are known to hit nothing.
     pub fn push_misses(&mut self, count: u64) {
         self.rays += count;
@@ -279,5 +290,9 @@ mod tests {
         guides.push_misses(2);
         assert_eq!(guides.coverage(), 0.25);
         assert!((guides.albedo()[1] - 0.2).abs() < 1e-7 && guides.normal() == Vec3A::Z * 0.25);
+        let (mut alike, first) = (GuideStatistics::default(), FirstHit { albedo: Vec3A::splat(0.8), ns: Vec3A::Z });
+        alike.push_alike(1, Some(first));
+        alike.push_alike(3, None);
+        assert!(alike == guides);
     }
 }

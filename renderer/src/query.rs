@@ -91,13 +91,16 @@ impl RenderScene {
     /// The nearest surface along each of `rays`, which should be close to each other, in `hits`.
     #[inline(always)]
     pub(crate) fn trace_all<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
-        if F::FULL && self.features().cutouts {
-            rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.trace::<F>(ray, scratch));
-            return;
-        }
         #[cfg(feature = "record")]
         crate::record::packet(rays);
         self.geometry.closest_packet(rays, hits, scratch);
+        if F::FULL && self.features().cutouts {
+            // What is nearest of all and stops every ray is what the ray meets; elsewhere holes and back faces decide.
+            let open = |hit: &Hit| !self.materials[self.geometry.material(hit)].is_solid();
+            for (ray, hit) in rays.iter().zip(hits).filter(|(_, hit)| hit.as_ref().is_some_and(open)) {
+                *hit = self.trace::<F>(ray, scratch);
+            }
+        }
     }
 
     /// Whether a surface stands in the way of `ray` to the environment.

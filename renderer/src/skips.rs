@@ -25,6 +25,9 @@ pub struct Skips {
     pub dark_scenes: bool,
     /// No light samples of an environment that is the same from everywhere. Both ways converge to the same picture.
     pub flat_environment: bool,
+    /// No guide rays in pixels whose centre and corners see the same surface without texture, where no beauty is rendered. What is
+    /// narrower than a pixel can be missed between them.
+    pub plain_pixels: bool,
 }
 
 impl Skips {
@@ -38,6 +41,7 @@ impl Skips {
         last_any_hit: true,
         dark_scenes: true,
         flat_environment: true,
+        plain_pixels: true,
     };
 }
 

@@ -4,7 +4,7 @@ mod common;
 
 use glam::{Affine3A, Vec3};
 use renderflow_frame::Frame;
-use renderflow_renderer::{RenderScene, Settings};
+use renderflow_renderer::{RenderScene, Settings, Skips};
 use renderflow_scenes::{LoadedScene, Material};
 
 fn loaded() -> LoadedScene {
@@ -91,7 +91,8 @@ fn the_tree_is_touched_only_when_something_moves() {
 #[test]
 fn the_gbuffer_alone_equals_the_gbuffer_of_the_beauty() {
     let scene = common::compile(&loaded());
-    let settings = Settings { spp: 16, guide_samples: 16, branches: 1, ..Settings::default() };
+    let skips = Skips { plain_pixels: false, ..Skips::ALL };
+    let settings = Settings { spp: 16, guide_samples: 16, branches: 1, skips, ..Settings::default() };
     let full = common::render_with(&scene, &settings).0;
     let alone = renderflow_renderer::render_gbuffer(&scene, &settings).expect("settings in range");
     assert!(alone.beauty.is_none() && alone.info.spp == 0);

@@ -4,8 +4,8 @@ mod common;
 
 use common::{camera, check_frame, compile, diffuse, plane, render_with, scene, sphere, sunny};
 use glam::{Affine2, Affine3A, Vec3};
-use renderflow_frame::{Environment, Frame};
-use renderflow_renderer::{Channels, RenderScene, Settings, Skips, Stats, render_gbuffer};
+use renderflow_frame::{Environment, Frame, Image};
+use renderflow_renderer::{Channels, Filter, RenderScene, Settings, Skips, Stats, render_gbuffer};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
 use renderflow_scenes::{LoadedScene, Material, TextureSlot};
 
@@ -180,6 +180,45 @@ fn channels_are_independent() {
     let (frame, bare) = (gbuffer(Channels::ALL), gbuffer(none));
     assert!(bare.alpha == frame.alpha && bare.depth.pixels.is_empty() && bare.guide_albedo.is_none());
     check_frame(&frame);
+}
+
+/// Root mean square difference of coverage, guide albedo and guide normal.
+fn guide_differences(a: &Frame, b: &Frame) -> [f64; 3] {
+    let values = |frame: &Frame| {
+        let picture = |image: &Option<Image<[f32; 3]>>| image.as_ref().expect("asked for").pixels.as_flattened().to_vec();
+        [frame.alpha.pixels.clone(), picture(&frame.guide_albedo), picture(&frame.guide_normal)]
+    };
+    let (a, b) = (values(a), values(b));
+    [0, 1, 2].map(|i| {
+        let square = |(a, b): (&f32, &f32)| f64::from(a - b).powi(2);
+        (a[i].iter().zip(&b[i]).map(square).sum::<f64>() / a[i].len() as f64).sqrt()
+    })
+}
+
+/// Where centre and corners of a pixel see one plain surface, sixteen rays would say the same: they are not farther from many rays
+/// than sixteen rays in every pixel are, and pixel centres do not notice.
+#[test]
+fn plain_pixels_need_no_guide_rays() {
+    for (name, scene) in &scenes() {
+        let gbuffer = |plain_pixels, guide_samples, filter| {
+            let skips = Skips { plain_pixels, ..Skips::ALL };
+            render_gbuffer(scene, &Settings { guide_samples, filter, ..settings(skips) }).expect("in range")
+        };
+        let (with, without) = (gbuffer(true, 16, Filter::Box), gbuffer(false, 16, Filter::Box));
+        check_frame(&with);
+        assert!(with.albedo == without.albedo && with.normal == without.normal && with.depth == without.depth, "{name}");
+        assert!(with.material == without.material && with.object_id == without.object_id, "{name}");
+        assert!(with.motion == without.motion && with.material_id == without.material_id, "{name}");
+        let many = gbuffer(false, 4096, Filter::Box);
+        let (errors, plain) = (guide_differences(&with, &many), guide_differences(&without, &many));
+        println!("{name}: {errors:.5?} with, {plain:.5?} without");
+        for (error, plain) in errors.into_iter().zip(plain) {
+            assert!(error <= plain * 1.05 + 1e-6, "{name}");
+        }
+        // A filter wider than the pixel sees beyond its corners.
+        let wide = [true, false].map(|plain_pixels| gbuffer(plain_pixels, 16, Filter::BlackmanHarris));
+        assert!(wide[0] == wide[1], "{name}");
+    }
 }
 
 /// The map of irradiance alone is that of all tables, to the bit.

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Environment, file};
-use renderflow_renderer::{Channels, RenderScene, Settings, render_with_stats};
+use renderflow_renderer::{Channels, RenderScene, Settings, Skips, render_gbuffer, render_with_stats};
 use renderflow_scenes::LoadedScene;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -213,11 +213,29 @@ impl Bench<'_> {
         let flat = LoadedScene { environment: Environment::constant([0.7; 3]), ..soft_sun.clone() };
         let noise = (false, "both are noisy, this one less");
         self.switch("flat sky is not sampled", "flat sky", &flat, noise, |s| s.skips.flat_environment = false)?;
+        for name in ["soft_sun", "forest", "textured"] {
+            self.plain_pixels(name)?;
+        }
         let few = "one sample a pixel, against all channels";
         self.channels("beauty alone", &soft_sun, few, Channels::BEAUTY)?;
         self.channels("beauty and guides", &soft_sun, few, Channels { guides: true, ..Channels::BEAUTY })?;
         self.channels("all but motion", &soft_sun, few, Channels { motion: false, ..Channels::ALL })?;
         self.irradiance(&soft_sun)
+    }
+
+    /// A row of the guides of a G-buffer; the picture compared is their albedo.
+    fn plain_pixels(&mut self, scene: &str) -> Result<()> {
+        let name = "plain pixels without guide rays";
+        if !self.wanted(name) {
+            return Ok(());
+        }
+        let compiled = RenderScene::compile(&self.scene(scene)?)?;
+        let gbuffer = |plain_pixels| {
+            let skips = Skips { plain_pixels, ..Skips::ALL };
+            let frame = render_gbuffer(&compiled, &Settings { skips, ..Settings::default() })?;
+            frame.guide_albedo.context("the G-buffer has no guides")
+        };
+        self.row(name, scene, (false, "G-buffer of 16 rays; albedo"), || gbuffer(true), || gbuffer(false))
     }
 
     /// A row of a frame of few samples with some channels against all.

@@ -1,34 +1,30 @@
 //! What camera rays see first: the G-buffer at pixel centres, guides over the pixel, and which pixels can see geometry at all.
 
-use super::path::camera_ray;
+use super::path::{SHOTS, camera_ray_at};
 use super::{Film, Settings};
 use crate::accel::{Hit, Scratch};
-use crate::camera::Projector;
+use crate::camera::{Filter, Projector};
 use crate::compile::RenderScene;
 use crate::error::Result;
 use crate::features::Features;
 use crate::film::{FirstHit, GuideStatistics};
 use crate::interaction::{Cone, Interaction};
 use crate::ray::Ray;
-use crate::schedule::{self, Tile};
+use crate::sampler::Points;
+use crate::schedule::{self, TILE, Tile};
+use crate::simd;
 use crate::stats::Stats;
 use glam::{DVec2, Vec2, Vec3A};
 use renderflow_frame::{Environment, Frame, FrameInfo, Image};
 use std::sync::atomic::AtomicBool;
 
-/// First hit of a guide ray, one of `samples` in its pixel.
-fn first_hit<F: Features>(
-    scene: &RenderScene,
-    ray: &Ray,
-    samples: u32,
-    scratch: &mut Scratch,
-    stats: &mut Stats,
-) -> Option<FirstHit> {
-    stats.camera_rays += 1;
-    let hit = scene.trace::<F>(ray, scratch)?;
-    let surface = Interaction::new::<F>(scene, ray, &hit, Cone::camera(scene.camera(), samples));
-    Some(FirstHit { albedo: surface.surface.base_color, ns: surface.ns })
-}
+/// Largest difference between the unit normals at the centre and at a corner of a pixel that counts as plain.
+const PLAIN_NORMALS: f32 = 0.25;
+/// Shares of the centre and of each corner in the mean over a plain pixel: exact for polynomials of the third degree.
+const CENTRE_SHARE: f32 = 2.0 / 3.0;
+const CORNER_SHARE: f32 = 1.0 / 12.0;
+/// Guide rays a pixel below which asking whether it is plain does not pay.
+const PLAIN_FROM: u32 = 4;
 
 /// The G-buffer of one pixel, from the ray through its centre.
 #[derive(Clone, Copy, Debug)]
@@ -91,39 +87,235 @@ impl Views {
     }
 }
 
-/// Traces the ray through the centre of pixel (x, y).
-#[allow(clippy::too_many_arguments)] // What a thread has at hand for its pixels.
-fn centre<F: Features>(
-    scene: &RenderScene,
-    projector: &Projector,
-    views: Option<&Views>,
-    irradiance: Option<&Environment>,
-    x: usize,
-    y: usize,
-    scratch: &mut Scratch,
-    stats: &mut Stats,
-) -> Centre {
-    let camera = scene.camera();
-    let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-    let ray = crate::camera::ray(camera, pixel);
-    stats.camera_rays += 1;
-    let Some(hit) = scene.trace::<F>(&ray, scratch) else { return Centre::MISS };
-    // One ray stands for the whole pixel here: textures are filtered over it, geometry is not.
-    let surface = Interaction::new::<F>(scene, &ray, &hit, Cone::camera(camera, 1));
-    let instance = &scene.geometry.instances[surface.instance as usize];
+/// What the ray through a corner of a pixel sees, as far as it matters for guides.
+#[derive(Clone, Copy)]
+enum Corner {
+    Nothing,
+    /// A material whose colour and normal no texture changes, and the shading normal.
+    Plain(usize, Vec3A),
+    Textured,
+}
 
-    let motion = views.map(|views| views.motion(scene, &hit)).unwrap_or_default();
-    Centre {
-        albedo: surface.surface.base_color.to_array(),
-        normal: projector.direction_to_camera(surface.ns).normalize().to_array(),
-        // The unnormalised camera direction has length 1 along the view, so its length converts distance to planar depth.
-        depth: hit.t / camera.direction_cam(pixel).length(),
-        material: [surface.surface.roughness, surface.surface.metallic, surface.surface.specular],
-        irradiance: irradiance.map_or([0.0; 3], |map| map.radiance(surface.ns)),
-        motion: motion[0],
-        motion_prev: motion[1],
-        object_id: instance.object_id,
-        material_id: instance.material as u32 + 1,
+/// One pass over the camera rays of a frame.
+struct Pass<'a> {
+    scene: &'a RenderScene,
+    settings: &'a Settings,
+    visible: &'a Visible,
+    /// The film whose camera rays the guides repeat.
+    film: Option<&'a Film>,
+    projector: Projector,
+    views: Option<Views>,
+    irradiance: Option<&'a Environment>,
+    /// Whether anything at pixel centres is asked for.
+    centres: bool,
+    /// Whether guides are asked for.
+    guides: bool,
+}
+
+/// Centre and guides of each pixel of a tile.
+type Pixels = Vec<(Centre, Option<GuideStatistics>)>;
+
+/// A tile of a pass: what one thread works on.
+struct TilePass<'t, 'a, F: Features> {
+    pass: &'t Pass<'a>,
+    tile: Tile,
+    scratch: Scratch,
+    points: Points,
+    stats: Stats,
+    features: std::marker::PhantomData<F>,
+}
+
+impl<F: Features> simd::Work for TilePass<'_, '_, F> {
+    type Output = (Pixels, Stats);
+    #[inline(always)]
+    fn run(mut self) -> (Pixels, Stats) {
+        let pixels = self.pixels();
+        (pixels, self.stats)
+    }
+}
+
+impl<F: Features> TilePass<'_, '_, F> {
+    #[inline(always)]
+    fn pixels(&mut self) -> Pixels {
+        let pass = self.pass;
+        let seen: Vec<bool> = self.tile.pixels().map(|(x, y)| pass.visible.at(x, y)).collect();
+        let any = seen.contains(&true);
+        let plain = any && pass.asks_for_plain();
+        let image_point = |(x, y): (usize, usize), offset: f32| Vec2::new(x as f32 + offset, y as f32 + offset);
+
+        let mut hits = [None; TILE * TILE];
+        if any && (pass.centres || plain) {
+            let points = self.tile.pixels().zip(&seen).map(|(at, &seen)| seen.then(|| image_point(at, 0.5)));
+            self.look_at(points, &mut hits);
+        }
+        let mut corners = [Corner::Nothing; (TILE + 1) * (TILE + 1)];
+        if plain {
+            self.look_at_corners(&seen, &mut corners);
+        }
+
+        let mut pixels = Pixels::with_capacity(seen.len());
+        for (at, (x, y)) in self.tile.pixels().enumerate() {
+            let surface = hits[at].map(|hit| {
+                let ray = crate::camera::ray(pass.scene.camera(), image_point((x, y), 0.5));
+                // One ray stands for the whole pixel here: textures are filtered over it, geometry is not.
+                (hit, Interaction::new::<F>(pass.scene, &ray, &hit, Cone::camera(pass.scene.camera(), 1)))
+            });
+            let guides = pass.guides.then(|| {
+                let rays = pass.rays(y * pass.scene.camera().width + x);
+                let mut guides = GuideStatistics::default();
+                if !seen[at] {
+                    guides.push_misses(rays.0.into());
+                } else if let Some(first) = plain.then(|| self.plain(at, surface.as_ref(), &corners)).flatten() {
+                    guides.push_alike(rays.0.into(), first);
+                } else {
+                    self.push_guides((x, y), rays, &mut guides);
+                }
+                guides
+            });
+            let centre = match &surface {
+                Some((hit, surface)) if pass.centres => pass.centre((x, y), hit, surface),
+                _ => Centre::MISS,
+            };
+            pixels.push((centre, guides));
+        }
+        pixels
+    }
+
+    /// Finds what the rays through image points of the tile meet, sixteen at a time.
+    #[inline(always)]
+    fn look_at(&mut self, points: impl Iterator<Item = Option<Vec2>>, hits: &mut [Option<Hit>]) {
+        let scene = self.pass.scene;
+        let mut rays = [(0, Ray::new(Vec3A::ZERO, Vec3A::Z)); SHOTS];
+        let mut points = points.enumerate().filter_map(|(at, point)| Some((at, point?)));
+        loop {
+            let mut count = 0;
+            for (slot, (at, point)) in rays.iter_mut().zip(points.by_ref()) {
+                *slot = (at, crate::camera::ray(scene.camera(), point));
+                count += 1;
+            }
+            if count == 0 {
+                break;
+            }
+            let mut found = [None; SHOTS];
+            let packet = rays.map(|(_, ray)| ray);
+            scene.trace_all::<F>(&packet[..count], &mut found[..count], &mut self.scratch);
+            self.stats.camera_rays += count as u64;
+            for ((at, _), hit) in rays.iter().zip(found).take(count) {
+                hits[*at] = hit;
+            }
+        }
+    }
+
+    /// Traces rays through the corners of the pixels that are `seen`; neighbours share theirs.
+    #[inline(always)]
+    fn look_at_corners(&mut self, seen: &[bool], corners: &mut [Corner]) {
+        let (scene, tile) = (self.pass.scene, self.tile);
+        let columns = tile.width + 1;
+        let mut wanted = [false; (TILE + 1) * (TILE + 1)];
+        for (at, _) in seen.iter().enumerate().filter(|(_, seen)| **seen) {
+            let first = at / tile.width * columns + at % tile.width;
+            for step in [0, 1, columns, columns + 1] {
+                wanted[first + step] = true;
+            }
+        }
+        let point = |at: usize| Vec2::new((tile.x + at % columns) as f32, (tile.y + at / columns) as f32);
+        let count = columns * (tile.height + 1);
+        let mut hits = [None; (TILE + 1) * (TILE + 1)];
+        self.look_at((0..count).map(|at| wanted[at].then(|| point(at))), &mut hits);
+        for (at, hit) in hits.iter().enumerate().take(count) {
+            let Some(hit) = hit else { continue };
+            let material = scene.geometry.material(hit);
+            corners[at] = if F::TEXTURES && scene.materials[material].varies() {
+                Corner::Textured
+            } else {
+                let ray = crate::camera::ray(scene.camera(), point(at));
+                Corner::Plain(material, Interaction::new::<F>(scene, &ray, hit, Cone::default()).ns)
+            };
+        }
+    }
+
+    /// Mean first hit over pixel `at` of the tile where its centre and its corners see one material without texture, or nothing at all
+    /// (the inner `None`), and `None` where guide rays must find out.
+    #[inline(always)]
+    fn plain(&self, at: usize, centre: Option<&(Hit, Interaction)>, corners: &[Corner]) -> Option<Option<FirstHit>> {
+        let columns = self.tile.width + 1;
+        let first = at / self.tile.width * columns + at % self.tile.width;
+        let corners = [0, 1, columns, columns + 1].map(|step| corners[first + step]);
+        let Some((_, centre)) = centre else {
+            return corners.iter().all(|corner| matches!(corner, Corner::Nothing)).then_some(None);
+        };
+        let mut ns = centre.ns * CENTRE_SHARE;
+        for corner in corners {
+            match corner {
+                Corner::Plain(material, normal)
+                    if material == centre.material && normal.distance_squared(centre.ns) < PLAIN_NORMALS * PLAIN_NORMALS =>
+                {
+                    ns += normal * CORNER_SHARE;
+                }
+                _ => return None,
+            }
+        }
+        Some(Some(FirstHit { albedo: centre.surface.base_color, ns }))
+    }
+
+    /// Adds what the guide rays of a pixel see: so many rays, each of them one of so many `samples`.
+    #[inline(always)]
+    fn push_guides(&mut self, (x, y): (usize, usize), (rays, samples): (u32, u32), guides: &mut GuideStatistics) {
+        let Pass { scene, settings, .. } = *self.pass;
+        let random = settings.random(scene, y * scene.camera().width + x);
+        let cone = Cone::camera(scene.camera(), samples);
+        let mut packet = [Ray::new(Vec3A::ZERO, Vec3A::Z); SHOTS];
+        let mut hits = [None; SHOTS];
+        for start in (0..rays).step_by(SHOTS) {
+            let count = (rays - start).min(SHOTS as u32) as usize;
+            for (index, ray) in (start..rays).zip(&mut packet) {
+                *ray = camera_ray_at(scene, settings, self.points.point(&random, index, 0), (x, y));
+            }
+            scene.trace_all::<F>(&packet[..count], &mut hits[..count], &mut self.scratch);
+            for (ray, hit) in packet.iter().zip(&hits).take(count) {
+                guides.push(hit.map(|hit| {
+                    let surface = Interaction::new::<F>(scene, ray, &hit, cone);
+                    FirstHit { albedo: surface.surface.base_color, ns: surface.ns }
+                }));
+            }
+        }
+        self.stats.camera_rays += u64::from(rays);
+    }
+}
+
+impl Pass<'_> {
+    /// Camera rays of a pixel for its guides, and of how many samples each is one.
+    fn rays(&self, at: usize) -> (u32, u32) {
+        // The film's are the first hits of its own camera rays.
+        let own = (self.settings.guide_samples, self.settings.guide_samples);
+        self.film.map_or(own, |film| (film.pixels[at].count() as u32, self.settings.camera_samples()))
+    }
+
+    /// Whether pixels are asked if they are plain: with a wider filter than the pixel its corners say too little.
+    fn asks_for_plain(&self) -> bool {
+        let rays = self.settings.guide_samples;
+        let possible = self.guides && self.film.is_none() && self.settings.filter == Filter::Box;
+        possible && rays > PLAIN_FROM && self.settings.skips.plain_pixels
+    }
+
+    /// The G-buffer where the ray through the centre of pixel (x, y) meets `surface`.
+    #[inline(always)]
+    fn centre(&self, (x, y): (usize, usize), hit: &Hit, surface: &Interaction) -> Centre {
+        let (scene, camera) = (self.scene, self.scene.camera());
+        let instance = &scene.geometry.instances[surface.instance as usize];
+        let motion = self.views.as_ref().map(|views| views.motion(scene, hit)).unwrap_or_default();
+        Centre {
+            albedo: surface.surface.base_color.to_array(),
+            normal: self.projector.direction_to_camera(surface.ns).normalize().to_array(),
+            // The unnormalised camera direction has length 1 along the view, so its length converts distance to planar depth.
+            depth: hit.t / camera.direction_cam(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)).length(),
+            material: [surface.surface.roughness, surface.surface.metallic, surface.surface.specular],
+            irradiance: self.irradiance.map_or([0.0; 3], |map| map.radiance(surface.ns)),
+            motion: motion[0],
+            motion_prev: motion[1],
+            object_id: instance.object_id,
+            material_id: instance.material as u32 + 1,
+        }
     }
 }
 
@@ -151,36 +343,10 @@ pub(super) fn frame<F: Features>(
     }
     let views = wanted.motion.then(|| Views::new(scene));
     let irradiance = settings.irradiance.then(|| scene.irradiance_map());
-    let guides = |at: usize, seen: bool, scratch: &mut Scratch, stats: &mut Stats| {
-        // The film's are the first hits of its own camera rays.
-        let plain = (settings.guide_samples, settings.guide_samples);
-        let (rays, samples) = film.map_or(plain, |film| (film.pixels[at].count() as u32, settings.camera_samples()));
-        let mut guides = GuideStatistics::default();
-        if !seen {
-            guides.push_misses(rays.into());
-            return guides;
-        }
-        let random = settings.random(scene, at);
-        for index in 0..rays {
-            let ray = camera_ray(scene, settings, &random, (at % width, at / width), index);
-            guides.push(first_hit::<F>(scene, &ray, samples, scratch, stats));
-        }
-        guides
-    };
+    let pass = Pass { scene, settings, visible, film, projector, views, irradiance, centres, guides: kept.is_none() };
     let work = |tile: Tile| {
-        let mut scratch = Scratch::default();
-        let mut stats = Stats::default();
-        let mut pixel = |(x, y): (usize, usize)| {
-            let seen = visible.at(x, y);
-            let centre = if seen && centres {
-                centre::<F>(scene, &projector, views.as_ref(), irradiance, x, y, &mut scratch, &mut stats)
-            } else {
-                Centre::MISS
-            };
-            (centre, kept.is_none().then(|| guides(y * width + x, seen, &mut scratch, &mut stats)))
-        };
-        let pixels: Vec<_> = tile.pixels().map(&mut pixel).collect();
-        (pixels, stats)
+        let (scratch, points, stats) = Default::default();
+        simd::run(TilePass::<F> { pass: &pass, tile, scratch, points, stats, features: std::marker::PhantomData })
     };
     schedule::for_tiles((width, height), 1, &|_, _| (), cancel, work, |tile, (pixels, tile_stats)| {
         stats += tile_stats;

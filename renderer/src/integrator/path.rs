@@ -113,21 +113,14 @@ pub(super) enum Origin {
     Emitter,
 }
 
-/// Camera ray of sample `index` of `pixel`.
-#[inline]
-pub(super) fn camera_ray(
+/// Camera ray of a sample of `pixel`, from the first numbers of its set 0.
+#[inline(always)]
+pub(super) fn camera_ray_at(
     scene: &RenderScene,
     settings: &Settings,
-    sampler: &PixelSampler,
+    [u, v, ..]: [f32; 4],
     pixel: (usize, usize),
-    index: u32,
 ) -> Ray {
-    camera_ray_at(scene, settings, sampler.point(index, 0), pixel)
-}
-
-/// As [`camera_ray`], with the numbers of its set.
-#[inline(always)]
-fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]: [f32; 4], pixel: (usize, usize)) -> Ray {
     let point = Vec2::new(pixel.0 as u32 as f32 + 0.5, pixel.1 as u32 as f32 + 0.5) + settings.filter.sample([u, v]);
     crate::camera::ray(scene.camera(), point)
 }
