@@ -42,6 +42,6 @@ pub use integrator::{
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
-pub use shadow::{SHADOW_MAP_SIZE, SKY_MAP_SIZE, shadow_map, shadow_maps};
+pub use shadow::{SHADOW_MAP_SIZE, SKY_MAP_SIZE, ShadowTiles, shadow_map, shadow_maps};
 pub use skips::{Channels, Skips};
 pub use stats::Stats;

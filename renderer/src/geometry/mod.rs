@@ -276,6 +276,11 @@ impl Geometry {
         self.flat.occluded(ray, scratch) || self.shared.as_ref().is_some_and(|shared| blocked(shared, ray, scratch))
     }
 
+    /// Whether an instance is ever placed elsewhere than at frame 0.
+    pub fn moves(&self) -> bool {
+        self.instances.iter().any(|instance| instance.transforms.len() > 1)
+    }
+
     /// The nearest triangle along `ray` that `accept` accepts. The filter sees some triangles beyond the nearest, in no order; it may
     /// ask for anything about the hit it is shown.
     #[inline]

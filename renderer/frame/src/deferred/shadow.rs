@@ -3,6 +3,7 @@
 use crate::image::Image;
 use crate::{Camera, Frame};
 use glam::{Affine3A, Mat3A, Vec2, Vec3A};
+use rayon::prelude::*;
 use std::f32::consts::TAU;
 
 /// Depth as seen from a distant light, orthographic: plain data, filled by whoever knows the geometry.
@@ -56,7 +57,7 @@ pub fn receivers(frame: &Frame, camera: &Camera) -> Vec<Vec3A> {
     let width = frame.depth.width;
     let mut seen: Vec<(f32, usize)> = frame.depth.pixels.iter().copied().enumerate().map(|(i, depth)| (depth, i)).collect();
     seen.retain(|(depth, _)| depth.is_finite());
-    seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+    seen.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let point = |(depth, i)| camera.unproject(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5), depth);
     seen.into_iter().map(point).collect()
 }
