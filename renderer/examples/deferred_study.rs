@@ -7,7 +7,7 @@ use renderflow_frame::deferred::{self, Carry, Deferred, Keyframe, Lighting, Opti
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_frame::{Environment, Frame, color, ibl, transforms};
-use renderflow_renderer::{RenderScene, shadow_maps};
+use renderflow_renderer::{RenderScene, ShadowTiles};
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::load::load;
 use std::collections::BTreeMap;
@@ -126,13 +126,14 @@ fn sequence(
     seconds[0] += start.elapsed().as_secs_f64();
     let tables = ibl::IblTables::new(&environment);
     let mut values = Vec::new();
+    let mut tiles = ShadowTiles::default();
     let (mut frames, mut pictures) = (Vec::new(), Vec::new());
     for (file, camera) in sequence.files.iter().zip(&sequence.cameras).take(study.frames.unwrap_or(usize::MAX)) {
         let frame = renderflow_frame::frame_file::read(&folder.join(file))?;
         let number = file.split('.').nth(1).and_then(|n| n.parse().ok()).unwrap_or(0);
         scene.set_frame(number);
         let start = Instant::now();
-        let maps = shadow_maps(&scene, &lighting, &deferred::receivers(&frame, camera));
+        let maps = tiles.maps(&scene, &lighting, &deferred::receivers(&frame, camera));
         seconds[1] += start.elapsed().as_secs_f64();
         let split_sum = ibl::shade(&frame, camera, &environment, &tables).image;
         let mut row = vec![psnr(&frame, &split_sum, sequence.exposure)];

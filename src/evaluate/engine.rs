@@ -7,7 +7,8 @@ use anyhow::{Context, Result};
 use renderflow_frame::Frame;
 use renderflow_frame::deferred::{self, Carry, Keyframe, Lighting, ShadowMode, Shadows};
 use renderflow_frame::image::Rgb;
-use renderflow_renderer::{RenderScene, shadow_maps};
+use renderflow_renderer::{RenderScene, ShadowTiles};
+use std::sync::{Mutex, PoisonError};
 
 /// What lasts for a sequence.
 pub struct Engine<'a> {
@@ -17,6 +18,8 @@ pub struct Engine<'a> {
     /// The whole environment, no light taken out; where a method asks for it.
     whole: Option<Lighting>,
     keyframes: Vec<Start>,
+    /// What shadow maps of the frames so far are made of, with `lighting` and with `whole`.
+    tiles: [Mutex<ShadowTiles>; 2],
 }
 
 /// A keyframe and its deferred picture.
@@ -43,7 +46,13 @@ impl<'a> Engine<'a> {
             lighting: Lighting::new(&folder.environment, deferred::LIGHTS),
             whole: whole.then(|| Lighting::new(&folder.environment, 0)),
             keyframes: Vec::new(),
+            tiles: Default::default(),
         }
+    }
+
+    /// Forgets what was kept of earlier frames.
+    pub fn forget(&mut self) {
+        self.tiles = Default::default();
     }
 
     /// Draws the keyframes, so that they can be carried. Leaves `scene` at the last one.
@@ -57,17 +66,26 @@ impl<'a> Engine<'a> {
             let (picture, _) = self.picture(scene, &frame, index, &maps, None)?;
             self.keyframes.push(Start { index, frame, truth, picture });
         }
+        // Frames pay for their own shadow maps.
+        self.forget();
         Ok(())
     }
 
     /// The shadow maps of stored frame `index`, whose G-buffer is `frame` and at which `scene` stands.
     pub fn maps(&self, scene: &RenderScene, frame: &Frame, index: usize) -> Result<Maps> {
-        self.maps_of(scene, &self.lighting, frame, index)
+        self.maps_of(scene, (&self.lighting, &self.tiles[0]), frame, index)
     }
 
-    fn maps_of(&self, scene: &RenderScene, lighting: &Lighting, frame: &Frame, index: usize) -> Result<Maps> {
+    fn maps_of(
+        &self,
+        scene: &RenderScene,
+        (lighting, tiles): (&Lighting, &Mutex<ShadowTiles>),
+        frame: &Frame,
+        index: usize,
+    ) -> Result<Maps> {
         let receivers = || deferred::receivers(frame, self.folder.camera(index));
-        let (shadows, seconds) = timed(|| Ok(shadow_maps(scene, lighting, &receivers())))?;
+        let mut tiles = tiles.lock().unwrap_or_else(PoisonError::into_inner);
+        let (shadows, seconds) = timed(|| Ok(tiles.maps(scene, lighting, &receivers())))?;
         Ok(Maps { shadows, seconds })
     }
 
@@ -80,14 +98,14 @@ impl<'a> Engine<'a> {
         maps: &Maps,
         without: Option<Part>,
     ) -> Result<(Rgb, f64)> {
-        let mut options = deferred::Options::default();
+        let mut options = deferred::Options { parts: false, ..Default::default() };
         let (none, others);
         let (mut lighting, mut maps) = (&self.lighting, maps);
         match without {
             None => {}
             Some(Part::Lights) => {
                 lighting = self.whole.as_ref().context("the environment with its lights")?;
-                others = self.maps_of(scene, lighting, frame, index)?;
+                others = self.maps_of(scene, (lighting, &self.tiles[1]), frame, index)?;
                 maps = &others;
             }
             Some(part @ (Part::Shadows | Part::Maps)) => {

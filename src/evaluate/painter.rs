@@ -301,6 +301,10 @@ impl<'a> Painter<'a> {
                 }
             }
         }
+        // The first frame pays for its own shadow maps.
+        if let Some(engine) = &mut self.engine {
+            engine.forget();
+        }
         // The first run of a denoiser builds its network.
         for seconds in self.denoised.values_mut() {
             seconds.remove(0);

@@ -53,15 +53,18 @@ pub struct Options {
     /// One bounce of indirect light: of what surrounds a pixel in the picture, and where the sky's maps say that something else is in the way,
     /// of the picture's mean.
     pub indirect: bool,
+    /// Whether [`Deferred`] holds the parts of the picture besides the picture itself.
+    pub parts: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true }
+        Self { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true, parts: true }
     }
 }
 
-/// The picture and its parts, scene-linear radiance; parts are 0 where nothing is covered, and not multiplied by coverage:
+/// The picture and its parts, scene-linear radiance; parts are empty unless [`Options::parts`] asks for them, 0 where nothing is covered,
+/// and not multiplied by coverage:
 /// `image = alpha * (sum of direct + ambient_diffuse + ambient_specular + reflections + indirect) + (1 - alpha) * background`.
 #[derive(Clone, Debug)]
 pub struct Deferred {
@@ -127,9 +130,9 @@ pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shad
     let (width, height) = (shading.depth.width, shading.depth.height);
     let all = || (0..width * height).into_par_iter().with_min_len(256);
     let lights = lighting.lights.len();
-    let mut direct = vec![Vec3A::ZERO; width * height * lights];
-    let mut pixels: Vec<Pixel> = if lights == 0 {
-        all().map(|i| pass.shade(i, &mut [])).collect()
+    let mut direct = vec![Vec3A::ZERO; if options.parts { width * height * lights } else { 0 }];
+    let mut pixels: Vec<Pixel> = if direct.is_empty() {
+        all().map_init(|| vec![Vec3A::ZERO; lights], |direct, i| pass.shade(i, direct)).collect()
     } else {
         let chunks = direct.par_chunks_mut(lights).with_min_len(256).enumerate();
         chunks.map(|(i, direct)| pass.shade(i, direct)).collect()
@@ -177,6 +180,24 @@ pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shad
         let surface = pixel.direct + pixel.ambient_diffuse + pixel.specular() * kept(i) + reflected(i) + bounced(i);
         surface * alpha + Vec3A::from_array(shading.background.pixels[i]) * (1.0 - alpha).max(0.0)
     });
+    if !options.parts {
+        let (ambient_diffuse, ambient_specular) = Default::default();
+        let (direct, visibility) = Default::default();
+        let (sky, occlusion, bent_normal, reflections, indirect) = Default::default();
+        return Deferred {
+            image,
+            direct,
+            visibility,
+            sky,
+            occlusion,
+            bent_normal,
+            ambient_diffuse,
+            ambient_specular,
+            reflections,
+            indirect,
+            shading,
+        };
+    }
     let seen = |light: usize| Image { width, height, pixels: all().map(|i| pass.seen(i, light)).collect() };
     Deferred {
         image,

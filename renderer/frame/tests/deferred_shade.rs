@@ -13,7 +13,7 @@ use renderflow_frame::{Camera, Environment, Frame};
 
 const SIZE: usize = 96;
 const OFF: Options =
-    Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false };
+    Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false, parts: true };
 
 /// A bright disc about `direction` before a dim sky.
 fn sunny(direction: Vec3A, sky: f32) -> Environment {
@@ -187,7 +187,12 @@ fn what_is_off_is_absent() {
         Options { indirect: true, ..OFF },
     ];
     for options in alone {
-        assert_ne!(shade(&frame, &camera, &lighting, &shadows, &options).image, off.image, "{options:?}");
+        let made = shade(&frame, &camera, &lighting, &shadows, &options);
+        assert_ne!(made.image, off.image, "{options:?}");
+        // The picture alone is the same picture.
+        let bare = shade(&frame, &camera, &lighting, &shadows, &Options { parts: false, ..options });
+        assert_eq!(bare.image, made.image, "{options:?}");
+        assert!(bare.direct.is_empty() && bare.visibility.is_empty() && bare.ambient_diffuse.pixels.is_empty());
     }
 }
 
