@@ -18,14 +18,14 @@ use std::time::Instant;
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
 const ALL: Options =
-    Options { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true };
+    Options { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true, parts: true };
 
 fn variants() -> Vec<(&'static str, Options)> {
     vec![
         ("all", ALL),
         (
             "none",
-            Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false },
+            Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false, parts: true },
         ),
         ("no-shadows", Options { shadows: ShadowMode::None, ..ALL }),
         ("ss-shadow", Options { shadows: ShadowMode::ScreenSpace, ..ALL }),

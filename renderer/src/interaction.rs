@@ -3,6 +3,7 @@
 use crate::accel::Hit;
 use crate::compile::RenderScene;
 use crate::features::Features;
+use crate::film::FirstHit;
 use crate::material::Surface;
 use crate::ray::Ray;
 use crate::texture::Lookup;
@@ -74,6 +75,19 @@ impl Interaction {
     /// Shading point of `hit` on `ray`, whose cone at its origin is `cone`.
     #[inline(always)]
     pub(crate) fn new<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> Self {
+        Self::at::<F, true>(scene, ray, hit, cone)
+    }
+
+    /// What guides show of the point that [`Self::new`] makes; nothing else is looked up.
+    #[inline(always)]
+    pub(crate) fn guide<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> FirstHit {
+        let point = Self::at::<F, false>(scene, ray, hit, cone);
+        FirstHit { albedo: point.surface.base_color, ns: point.ns }
+    }
+
+    /// The point, its roughness, metal and emission only if `WHOLE`.
+    #[inline(always)]
+    fn at<F: Features, const WHOLE: bool>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> Self {
         let wo = -ray.direction;
         let geometry = &scene.geometry;
         let point = geometry.surface(hit);
@@ -106,7 +120,7 @@ impl Interaction {
         {
             ns = map_normal(ns, tangent, handedness, Vec3A::from_vec4(texture(slot)), *strength);
         }
-        let tangent = if F::FULL && material.surface.anisotropic > 0.0 {
+        let tangent = if WHOLE && F::FULL && material.surface.anisotropic > 0.0 {
             geometry.tangent(hit).map_or(Vec3A::ZERO, |(tangent, _)| tangent)
         } else {
             Vec3A::ZERO
@@ -119,14 +133,14 @@ impl Interaction {
                 surface.base_color *= Vec3A::from_vec4(texture(slot));
                 surface.base_color = surface.base_color.clamp(Vec3A::ZERO, Vec3A::ONE);
             }
-            if let Some(slot) = &material.metallic_roughness_texture {
+            if WHOLE && let Some(slot) = &material.metallic_roughness_texture {
                 let value = texture(slot);
                 surface.roughness = (surface.roughness * value.y).clamp(0.0, 1.0);
                 surface.metallic = (surface.metallic * value.z).clamp(0.0, 1.0);
             }
         }
         let (mut emitted, mut emitter) = (Vec3A::ZERO, None);
-        if F::FULL && material.emissive != Vec3A::ZERO && (front || material.double_sided) {
+        if WHOLE && F::FULL && material.emissive != Vec3A::ZERO && (front || material.double_sided) {
             emitted = scene.emission(material, lookup.uv);
             emitter = scene.emitter_id(point.instance, point.triangle);
         }

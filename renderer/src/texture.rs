@@ -1,16 +1,28 @@
 //! Texture lookups: trilinear between mip levels, with the level chosen by the width of the ray's cone.
 
+use crate::simd;
 use glam::{Affine2, Vec2, Vec4};
 use renderflow_scenes::TextureSlot;
 use renderflow_scenes::loaded::{Texture, Wrap};
 use renderflow_scenes::mipmap::{self, Level, Texels};
 
+/// Share of 1 that every 8-bit value stands for.
+const ALPHAS: [f32; 256] = {
+    let mut values = [0.0; 256];
+    let mut i = 0;
+    while i < 256 {
+        values[i] = i as f32 / 255.0;
+        i += 1;
+    }
+    values
+};
+
 /// A texture with what decoding its texels needs.
 #[derive(Clone, Debug)]
 pub(crate) struct Sampled {
     texture: Texture,
-    /// Colour of every 8-bit value; empty for 16 bits.
-    decode: Vec<f32>,
+    /// Colour of every 8-bit value; unused for 16 bits.
+    decode: Box<[f32; 256]>,
     /// `log2` of the image's edge length, the geometric mean of width and height: level of a footprint of one tile.
     size_log2: f32,
 }
@@ -36,8 +48,7 @@ impl Lookup {
 
 impl Sampled {
     pub fn new(texture: &Texture) -> Self {
-        let bytes = matches!(texture.levels.first().map(|l| &l.texels), Some(Texels::Bytes(_)));
-        let decode = if bytes { (0..256).map(|i| mipmap::decode(texture.encoding, i as f32 / 255.0)).collect() } else { vec![] };
+        let decode = Box::new(ALPHAS.map(|value| mipmap::decode(texture.encoding, value)));
         let area = texture.levels.first().map_or(1.0, |l| l.width as f32 * l.height as f32);
         Self { texture: texture.clone(), decode, size_log2: 0.5 * area.log2() }
     }
@@ -45,6 +56,11 @@ impl Sampled {
     /// Value at `lookup` through `slot`: decoded colour and alpha. White where the texture is empty.
     #[inline]
     pub fn value(&self, slot: &TextureSlot, lookup: Lookup) -> Vec4 {
+        simd::run(Value { texture: self, slot, lookup })
+    }
+
+    #[inline(always)]
+    fn value_here(&self, slot: &TextureSlot, lookup: Lookup) -> Vec4 {
         let levels = &self.texture.levels;
         if levels.is_empty() {
             return Vec4::ONE;
@@ -68,7 +84,7 @@ impl Sampled {
     }
 
     /// Bilinear value of one level; texel centres lie at half-integers. Coordinates that are not finite read the first texel.
-    #[inline]
+    #[inline(always)]
     fn bilinear(&self, level: &Level, uv: Vec2) -> Vec4 {
         let (x0, x1, fx) = taps(uv.x, level.width, self.texture.wrap[0]);
         let (y0, y1, fy) = taps(uv.y, level.height, self.texture.wrap[1]);
@@ -78,12 +94,12 @@ impl Sampled {
         top.lerp(bottom, fy)
     }
 
-    #[inline]
+    #[inline(always)]
     fn texel(&self, level: &Level, at: usize) -> Vec4 {
         match &level.texels {
             Texels::Bytes(texels) => {
                 let [r, g, b, a] = texels[at].map(usize::from);
-                Vec4::new(self.decode[r], self.decode[g], self.decode[b], a as f32 / 255.0)
+                Vec4::new(self.decode[r], self.decode[g], self.decode[b], ALPHAS[a])
             }
             Texels::Words(texels) => {
                 let [r, g, b, a] = texels[at].map(|v| f32::from(v) / 65535.0);
@@ -103,13 +119,28 @@ impl Sampled {
     }
 }
 
+/// The arguments of [`Sampled::value`].
+struct Value<'a> {
+    texture: &'a Sampled,
+    slot: &'a TextureSlot,
+    lookup: Lookup,
+}
+
+impl simd::Work for Value<'_> {
+    type Output = Vec4;
+    #[inline(always)]
+    fn run(self) -> Vec4 {
+        self.texture.value_here(self.slot, self.lookup)
+    }
+}
+
 /// `log2` of the factor by which a transform scales lengths, on average over directions.
 fn scale_log2(transform: &Affine2) -> f32 {
     if *transform == Affine2::IDENTITY { 0.0 } else { 0.5 * transform.matrix2.determinant().abs().log2() }
 }
 
 /// The two texels around coordinate `u` (1 = one tile) and the weight of the second.
-#[inline]
+#[inline(always)]
 fn taps(u: f32, size: usize, wrap: Wrap) -> (usize, usize, f32) {
     // Wrapping before scaling keeps the fraction's precision far from the origin; a tile of a mirrored texture is two wide.
     let n = size as f32;

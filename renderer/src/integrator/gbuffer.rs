@@ -150,7 +150,7 @@ impl<F: Features> TilePass<'_, '_, F> {
         }
         let mut corners = [Corner::Nothing; (TILE + 1) * (TILE + 1)];
         if plain {
-            self.look_at_corners(&seen, &mut corners);
+            self.look_at_corners(&seen, &hits, &mut corners);
         }
 
         let mut pixels = Pixels::with_capacity(seen.len());
@@ -206,13 +206,14 @@ impl<F: Features> TilePass<'_, '_, F> {
         }
     }
 
-    /// Traces rays through the corners of the pixels that are `seen`; neighbours share theirs.
+    /// Traces rays through the corners of the pixels that are `seen` and whose `centres` show no texture; neighbours share theirs.
     #[inline(always)]
-    fn look_at_corners(&mut self, seen: &[bool], corners: &mut [Corner]) {
+    fn look_at_corners(&mut self, seen: &[bool], centres: &[Option<Hit>], corners: &mut [Corner]) {
         let (scene, tile) = (self.pass.scene, self.tile);
         let columns = tile.width + 1;
+        let varies = |hit: &Hit| F::TEXTURES && scene.materials[scene.geometry.material(hit)].varies();
         let mut wanted = [false; (TILE + 1) * (TILE + 1)];
-        for (at, _) in seen.iter().enumerate().filter(|(_, seen)| **seen) {
+        for (at, _) in seen.iter().enumerate().filter(|(at, seen)| **seen && !centres[*at].as_ref().is_some_and(varies)) {
             let first = at / tile.width * columns + at % tile.width;
             for step in [0, 1, columns, columns + 1] {
                 wanted[first + step] = true;
@@ -224,12 +225,12 @@ impl<F: Features> TilePass<'_, '_, F> {
         self.look_at((0..count).map(|at| wanted[at].then(|| point(at))), &mut hits);
         for (at, hit) in hits.iter().enumerate().take(count) {
             let Some(hit) = hit else { continue };
-            let material = scene.geometry.material(hit);
-            corners[at] = if F::TEXTURES && scene.materials[material].varies() {
+            corners[at] = if varies(hit) {
                 Corner::Textured
             } else {
+                let material = scene.geometry.material(hit);
                 let ray = crate::camera::ray(scene.camera(), point(at));
-                Corner::Plain(material, Interaction::new::<F>(scene, &ray, hit, Cone::default()).ns)
+                Corner::Plain(material, Interaction::guide::<F>(scene, &ray, hit, Cone::default()).ns)
             };
         }
     }
@@ -273,10 +274,7 @@ impl<F: Features> TilePass<'_, '_, F> {
             }
             scene.trace_all::<F>(&packet[..count], &mut hits[..count], &mut self.scratch);
             for (ray, hit) in packet.iter().zip(&hits).take(count) {
-                guides.push(hit.map(|hit| {
-                    let surface = Interaction::new::<F>(scene, ray, &hit, cone);
-                    FirstHit { albedo: surface.surface.base_color, ns: surface.ns }
-                }));
+                guides.push(hit.map(|hit| Interaction::guide::<F>(scene, ray, &hit, cone)));
             }
         }
         self.stats.camera_rays += u64::from(rays);
