@@ -4,11 +4,12 @@ mod brdf;
 mod prefilter;
 mod shade;
 
-pub use brdf::environment_brdf;
+pub use brdf::{EnvironmentBrdf, environment_brdf};
 pub use shade::{Shading, shade};
 
 use crate::color::luminance;
 use crate::environment::Environment;
+use crate::fresnel::{Dielectric, MAX_F0};
 use glam::Vec3A;
 
 /// Roughness levels of the prefiltered environment, 0 to 1 in equal steps.
@@ -88,7 +89,12 @@ pub fn irradiance_map(environment: &Environment) -> Environment {
 
 /// Normal-incidence reflectance of a material: `0.08 * specular` for dielectrics, `albedo` for metals.
 pub fn f0(albedo: [f32; 3], metallic: f32, specular: f32) -> [f32; 3] {
-    albedo.map(|a| 0.08 * specular * (1.0 - metallic) + a * metallic)
+    albedo.map(|a| MAX_F0 * specular * (1.0 - metallic) + a * metallic)
+}
+
+/// The dielectric part of a material of this `specular`, 0..=1.
+pub fn dielectric(specular: f32) -> Dielectric {
+    Dielectric::new(MAX_F0 * specular)
 }
 
 /// Factor from scene radiance to display-linear: an unoccluded upward-facing white diffuse surface maps to a luminance of 0.8.

@@ -16,6 +16,7 @@ pub mod exr;
 pub mod file;
 pub mod frame;
 pub mod frame_file;
+pub mod fresnel;
 pub mod hdr;
 pub mod ibl;
 pub mod image;

@@ -2,7 +2,8 @@
 
 use glam::Vec3A;
 use renderflow_frame::environment::Environment;
-use renderflow_frame::ibl::{IblTables, LEVELS, environment_brdf, exposure};
+use renderflow_frame::fresnel::Dielectric;
+use renderflow_frame::ibl::{IblTables, LEVELS, dielectric, environment_brdf, exposure, f0};
 use renderflow_frame::image::Rgb;
 use std::f64::consts::PI;
 
@@ -150,13 +151,24 @@ fn a_small_sun_is_neither_lost_nor_aliased() {
     }
 }
 
-/// (scale, bias) by summing over half vectors in polar coordinates of the normal: no code or sampling scheme shared with the table.
-fn brdf_by_quadrature(nv: f64, roughness: f64) -> [f64; 2] {
+/// Unpolarised reflectance from outside, by Snell's law and Fresnel's two equations.
+fn exact_fresnel(cos: f64, index: f64) -> f64 {
+    let inside = (1.0 - (1.0 - cos * cos) / (index * index)).sqrt();
+    let s = (cos - index * inside) / (cos + index * inside);
+    let p = (index * cos - inside) / (index * cos + inside);
+    0.5 * (s * s + p * p)
+}
+
+const INDICES: [f64; 4] = [1.07, 1.2, 1.5, 1.75];
+
+/// Shares of white light that reflectances of 1, Schlick's weight and dielectrics of [`INDICES`] return, by summing over half vectors
+/// in polar coordinates of the normal: no code or sampling scheme shared with the table.
+fn brdf_by_quadrature(nv: f64, roughness: f64) -> [f64; 6] {
     let alpha = roughness * roughness;
     let v = [(1.0 - nv * nv).sqrt(), 0.0, nv];
     let lambda = |c: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 / (c * c) - 1.0)).sqrt() - 1.0);
     let (steps, turns) = (800, 400);
-    let (mut scale, mut bias) = (0.0, 0.0);
+    let mut sums = [0.0; 6];
     for i in 0..steps {
         // tan(theta_h) = alpha t / (1 - t) spreads the points over the lobe.
         let t = (f64::from(i) + 0.5) / f64::from(steps);
@@ -173,13 +185,14 @@ fn brdf_by_quadrature(nv: f64, roughness: f64) -> [f64; 2] {
                 let g = 1.0 / (1.0 + lambda(nv) + lambda(nl));
                 // f cos(l) dl with dl = 4 v.h dh; f = D G / (4 n.v n.l).
                 let weight = d * g * vh / nv * sin * d_theta * 2.0 * PI / f64::from(turns);
-                let fresnel = (1.0 - vh).powi(5);
-                scale += weight * (1.0 - fresnel);
-                bias += weight * fresnel;
+                let [a, b, c, d] = INDICES.map(|index| exact_fresnel(vh.min(1.0), index));
+                for (sum, fresnel) in sums.iter_mut().zip([1.0, (1.0 - vh).powi(5), a, b, c, d]) {
+                    *sum += weight * fresnel;
+                }
             }
         }
     }
-    [scale, bias]
+    sums
 }
 
 #[test]
@@ -188,20 +201,49 @@ fn brdf_table_agrees_with_quadrature() {
     for roughness in [0.1, 0.23, 0.4, 0.61, 0.8, 1.0] {
         for nv in [0.02, 0.06, 0.15, 0.33, 0.57, 0.81, 1.0] {
             let expected = brdf_by_quadrature(nv, roughness);
-            let found = environment_brdf(nv as f32, roughness as f32);
-            for i in 0..2 {
-                let error = (f64::from(found[i]) - expected[i]).abs();
+            let brdf = environment_brdf(nv as f32, roughness as f32);
+            let [a, b, c, d] = INDICES.map(|index| brdf.dielectric(&of_index(index)));
+            for (found, expected) in [brdf.whole, brdf.parts.x, a, b, c, d].into_iter().zip(expected) {
+                let error = (f64::from(found) - expected).abs();
                 worst = worst.max(error);
-                assert!(error < 2e-3, "n.v {nv} roughness {roughness}: {found:?} against {expected:?}");
+                assert!(error < 2e-3, "n.v {nv} roughness {roughness}: {found} against {expected}");
             }
         }
     }
     println!("worst difference {worst:.5}");
-    // A mirror reflects Schlick's share of F0 exactly.
+    // A mirror reflects Schlick's share of F0 and Fresnel's of a dielectric exactly.
     for nv in [0.1_f32, 0.4, 0.9, 1.0] {
-        let [a, b] = environment_brdf(nv, 0.0);
-        let fresnel = (1.0 - nv).powi(5);
-        assert!((a - (1.0 - fresnel)).abs() < 2e-3 && (b - fresnel).abs() < 2e-3, "{a} {b} at {nv}");
+        let brdf = environment_brdf(nv, 0.0);
+        let schlick = 0.3 + 0.7 * (1.0 - nv).powi(5);
+        assert!((brdf.conductor(Vec3A::splat(0.3)).y - schlick).abs() < 2e-3, "{brdf:?} at {nv}");
+        for index in INDICES {
+            let (found, expected) = (brdf.dielectric(&of_index(index)), exact_fresnel(f64::from(nv), index));
+            assert!((f64::from(found) - expected).abs() < 2e-3, "index {index}: {found} for {expected} at {nv}");
+        }
+    }
+}
+
+fn of_index(index: f64) -> Dielectric {
+    Dielectric::new(((index - 1.0) / (index + 1.0)).powi(2) as f32)
+}
+
+/// Scale and bias on the mixed f0 give what the two parts of a mixture give.
+#[test]
+fn a_mixture_is_that_of_its_parts() {
+    for metallic in [0.0, 0.3, 1.0] {
+        for specular in [0.0, 0.004, 0.3, 1.0] {
+            for (nv, roughness) in [(0.02, 0.3), (0.3, 0.0), (0.6, 1.0)] {
+                let albedo = Vec3A::new(0.9, 0.4, 0.0);
+                let (brdf, surface) = (environment_brdf(nv, roughness), dielectric(specular));
+                let expected = brdf.conductor(albedo) * metallic + brdf.dielectric(&surface) * (1.0 - metallic);
+                let [scale, bias] = brdf.mixture(&surface, metallic);
+                let found = Vec3A::from_array(f0(albedo.to_array(), metallic, specular)) * scale + bias;
+                assert!((found - expected).abs().max_element() < 1e-6, "{metallic} {specular} {nv}: {found} {expected}");
+                assert!(scale >= 0.0 && bias >= 0.0 && scale + bias <= 1.0 + 1e-5, "{scale} {bias}");
+                // Without any dielectric nothing but the conductor reflects.
+                assert!(specular > 0.0 || metallic > 0.0 || found == Vec3A::ZERO, "{found}");
+            }
+        }
     }
 }
 
@@ -209,12 +251,14 @@ fn brdf_table_agrees_with_quadrature() {
 fn brdf_never_creates_energy() {
     for i in 0..=100 {
         for j in 0..=100 {
-            let [a, b] = environment_brdf(i as f32 / 100.0, j as f32 / 100.0);
-            assert!(a >= 0.0 && b >= 0.0 && a + b <= 1.0 + 1e-5, "{a} + {b} at {i}, {j}");
+            let brdf = environment_brdf(i as f32 / 100.0, j as f32 / 100.0);
+            let inside = brdf.parts.min_element() >= 0.0 && brdf.parts.max_element() <= brdf.whole;
+            assert!(inside && brdf.whole <= 1.0 + 1e-5, "{brdf:?} at {i}, {j}");
         }
     }
     for outside in [-1.0, 2.0, f32::INFINITY] {
-        assert!(environment_brdf(outside, outside).iter().all(|v| v.is_finite()));
+        let brdf = environment_brdf(outside, outside);
+        assert!(brdf.whole.is_finite() && brdf.parts.is_finite());
     }
 }
 

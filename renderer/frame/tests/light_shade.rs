@@ -5,7 +5,7 @@ mod light_scene;
 use glam::{Vec2, Vec3A};
 use light_scene::{Surface, render};
 use renderflow_frame::environment::Environment;
-use renderflow_frame::ibl::{IblTables, environment_brdf, f0, shade};
+use renderflow_frame::ibl::{IblTables, dielectric, environment_brdf, shade};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Frame};
 
@@ -45,9 +45,9 @@ fn uniform_light_gives_albedo_plus_reflection() {
             } else {
                 let pixel = Vec2::new((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5);
                 let v = -camera().direction_cam(pixel).normalize();
-                let [a, b] = environment_brdf(v.dot(Vec3A::from_array(frame.normal.pixels[i])).max(1e-3), roughness);
-                let reflectance = f0([0.5; 3], metallic, 0.5)[0];
-                [2.0, 1.0, 0.5].map(|light| light * (0.5 * (1.0 - metallic) + reflectance * a + b))
+                let brdf = environment_brdf(v.dot(Vec3A::from_array(frame.normal.pixels[i])).max(1e-3), roughness);
+                let (metal, coat) = (brdf.conductor(Vec3A::splat(0.5)).x, brdf.dielectric(&dielectric(0.5)));
+                [2.0, 1.0, 0.5].map(|light| light * (metal * metallic + (0.5 + coat) * (1.0 - metallic)))
             };
             for k in 0..3 {
                 let found = shading.image.pixels[i][k];

@@ -1,11 +1,13 @@
 //! Directional albedo of the GGX lobe, tabulated once a process.
 //!
-//! With Schlick's Fresnel the single-scattering albedo is `f0 (e - b) + f90 b`, where `e` is the albedo at Fresnel reflectance 1
-//! and `b` the part weighted by `(1 - cos)^5`. Both depend on (cosine, roughness) only.
+//! With the Fresnel reflectance `f0 + (1 - f0) w(c)` the single-scattering albedo is `f0 (e - b) + b`, where `e` is the albedo at
+//! reflectance 1 and `b` the part weighted by `w`: Schlick's `(1 - c)^5` for conductors, that of a dielectric for coats. The table holds
+//! `b` of the four functions of [`fresnel::basis`], of which every dielectric's is a combination. All depend on (cosine, roughness)
+//! only.
 
-use super::fresnel::schlick_weight;
 use super::ggx::{Ggx, MIN_ALPHA};
-use glam::Vec3A;
+use glam::{DVec4, Vec3A, Vec4};
+use renderflow_frame::fresnel::{self, Dielectric, schlick_weight};
 use std::sync::OnceLock;
 
 /// Nodes along the view, even in [`Abscissa`].
@@ -55,34 +57,20 @@ pub(super) fn lowest_root() -> f32 {
     MIN_ALPHA.sqrt().sqrt()
 }
 
-/// `e` and `b` of the module's text.
+/// Albedo of a lobe seen at one cosine: `e` of the module's text, and the four `b` less their mirror-like parts `e w(cos)`. The rest
+/// is small for smooth surfaces, whose `b` would otherwise need nodes both where `w` changes and where the lobe does; what was taken off
+/// is added again for the `w` asked for, exactly.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Albedo {
     /// Albedo with Fresnel reflectance 1.
     pub e: f32,
-    /// The same weighted by Schlick's `(1 - cos)^5`.
-    pub b: f32,
+    pub rest: Vec4,
 }
 
 impl Albedo {
-    /// Albedo of a lobe with these reflectances at normal and grazing incidence.
-    #[inline(always)]
-    pub fn reflected(self, f0: f32, f90: f32) -> f32 {
-        f0 * (self.e - self.b) + f90 * self.b
-    }
-}
-
-/// What the table holds: `e`, and `b` less its mirror-like part `e (1 - cos)^5`. The rest is small for smooth surfaces, whose `b`
-/// would otherwise need nodes both where Schlick's weight changes and where the lobe does.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Node {
-    e: f32,
-    rest: f32,
-}
-
-impl Node {
-    pub fn new(albedo: Albedo, cos: f32) -> Self {
-        Self { e: albedo.e, rest: albedo.b - albedo.e * schlick_weight(cos) }
+    /// From `e` and the four `b`, for a view at `cos`.
+    pub fn new(e: f32, parts: Vec4, cos: f32) -> Self {
+        Self { e, rest: parts - e * fresnel::basis(cos) }
     }
 
     #[inline(always)]
@@ -90,9 +78,27 @@ impl Node {
         Self { e: self.e + (other.e - self.e) * t, rest: self.rest + (other.rest - self.rest) * t }
     }
 
+    /// The four `b`; `cos` is that of the view here and below.
+    pub fn parts(&self, cos: f32) -> Vec4 {
+        (self.rest + self.e * fresnel::basis(cos)).max(Vec4::ZERO)
+    }
+
+    /// `b` of Schlick's weight.
     #[inline(always)]
-    pub fn albedo(self, cos: f32) -> Albedo {
-        Albedo { e: self.e, b: (self.rest + self.e * schlick_weight(cos)).max(0.0) }
+    pub fn schlick(&self, cos: f32) -> f32 {
+        (self.rest.x + self.e * schlick_weight(cos)).max(0.0)
+    }
+
+    /// `b` of a dielectric's weight.
+    #[inline(always)]
+    pub fn dielectric(&self, surface: &Dielectric, cos: f32) -> f32 {
+        (self.rest.dot(surface.coefficients()) + self.e * surface.weight(cos)).max(0.0)
+    }
+
+    /// Albedo of a lobe with reflectance `f0` at normal incidence and 1 at grazing incidence, given its `b`.
+    #[inline(always)]
+    pub fn reflected(&self, f0: f32, b: f32) -> f32 {
+        f0 * (self.e - b) + b
     }
 }
 
@@ -103,31 +109,34 @@ pub(super) type Moments = [f32; 5];
 /// [`Moments`] of `k = 1`.
 pub(super) const UNIT_MOMENTS: Moments = [1.0, 2.0 / 3.0, 1.0 / 21.0, 1.0 / 84.0, 1.0 / 252.0];
 
-/// [`Moments`] of `e - b` and of `b`.
+/// [`Moments`] of `e`, and for each weight of the four `b`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AlbedoMoments {
-    pub f0: Moments,
-    pub f90: Moments,
+    pub whole: Moments,
+    pub parts: [Vec4; 5],
 }
 
 impl AlbedoMoments {
     #[inline(always)]
     pub fn lerp(&self, other: &Self, t: f32) -> Self {
-        let mix = |a: &Moments, b: &Moments| std::array::from_fn(|k| a[k] + (b[k] - a[k]) * t);
-        Self { f0: mix(&self.f0, &other.f0), f90: mix(&self.f90, &other.f90) }
+        Self {
+            whole: std::array::from_fn(|k| self.whole[k] + (other.whole[k] - self.whole[k]) * t),
+            parts: std::array::from_fn(|k| self.parts[k] + (other.parts[k] - self.parts[k]) * t),
+        }
     }
 
-    /// Moments of what a lobe with these reflectances lets through.
+    /// Moments of what a coat lets through that has the weights of `surface` and the reflectance `f0` at normal incidence.
     #[inline(always)]
-    pub fn transmitted(&self, f0: f32, f90: f32) -> Moments {
-        std::array::from_fn(|k| UNIT_MOMENTS[k] - f0 * self.f0[k] - f90 * self.f90[k])
+    pub fn transmitted(&self, f0: f32, surface: &Dielectric) -> Moments {
+        let coefficients = (1.0 - f0) * surface.coefficients();
+        std::array::from_fn(|k| UNIT_MOMENTS[k] - f0 * self.whole[k] - self.parts[k].dot(coefficients))
     }
 }
 
 #[derive(Debug)]
 pub(super) struct Table {
     /// `[roughness][cosine]`.
-    nodes: Vec<[Node; COSINES]>,
+    nodes: Vec<[Albedo; COSINES]>,
     /// Cosines of the nodes of each row.
     pub cosines: Vec<[f32; COSINES]>,
     /// Of each row as interpolated, so that the lobes built on it close exactly.
@@ -178,7 +187,7 @@ impl Row {
     pub fn at(&self, cos: f32) -> Albedo {
         let (i, s) = self.locate(cos);
         let (lower, upper) = (&self.table.nodes[self.index as usize], &self.table.nodes[self.index as usize + 1]);
-        lower[i].lerp(lower[i + 1], s).lerp(upper[i].lerp(upper[i + 1], s), self.t).albedo(cos)
+        lower[i].lerp(lower[i + 1], s).lerp(upper[i].lerp(upper[i + 1], s), self.t)
     }
 
     /// Means over the hemisphere.
@@ -198,9 +207,9 @@ impl Table {
     }
 
     /// Albedo of row `index` between the nodes `i` and `i + 1`.
-    pub fn value(&self, index: usize, i: usize, s: f32, cos: f32) -> Albedo {
+    pub fn value(&self, index: usize, i: usize, s: f32) -> Albedo {
         let row = &self.nodes[index];
-        row[i].lerp(row[i + 1], s).albedo(cos)
+        row[i].lerp(row[i + 1], s)
     }
 
     /// Parametrisation of the views of row `index`.
@@ -225,7 +234,7 @@ impl Table {
             let (root, abscissa) = (table.root(i), table.abscissa(i));
             let cosines = std::array::from_fn(|j| abscissa.cosine(j as f32 / (COSINES - 1) as f32));
             let ggx = Ggx::new(root.powi(4));
-            let row = cosines.map(|cos| Node::new(integrate(&ggx, cos), cos));
+            let row = cosines.map(|cos| integrate(&ggx, cos));
             (row, cosines, moments(&row, &cosines, abscissa))
         };
         // Not rayon's threads: a worker that waits here would pick up a tile, come back for the table and wait for itself. They all wait
@@ -255,14 +264,15 @@ impl Table {
 /// Albedo for an isotropic surface.
 fn integrate(ggx: &Ggx<false>, cos: f32) -> Albedo {
     // At exactly grazing view the albedo is a limit; a cosine this small is on it.
-    let cos = cos.clamp(1e-6, 1.0);
-    integrate_view(ggx, Vec3A::new((1.0 - cos * cos).sqrt(), 0.0, cos), 0.5, STRATA)
+    let view = cos.clamp(1e-6, 1.0);
+    let (e, parts) = integrate_view(ggx, Vec3A::new((1.0 - view * view).sqrt(), 0.0, view), 0.5, STRATA);
+    Albedo::new(e, parts, cos)
 }
 
-/// Midpoint rule over visible normals: the mean of `G2 / G1` is the albedo. `turn` is the share of a turn of azimuths that stands
+/// `e` and the four `b`. Midpoint rule over visible normals: the mean of `G2 / G1` is the albedo. `turn` is the share of a turn of azimuths that stands
 /// for all of them (0.5 where the two halves mirror each other).
-pub(super) fn integrate_view<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, strata: [usize; 2]) -> Albedo {
-    let (mut e, mut b) = (0.0_f64, 0.0_f64);
+pub(super) fn integrate_view<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, strata: [usize; 2]) -> (f32, Vec4) {
+    let (mut e, mut parts) = (0.0_f64, DVec4::ZERO);
     // Draws of a lobe much wider along x than along y turn within a narrow range of azimuths about y: finer there. The warp is
     // (cos, sin) -> (stretch cos, sin), normalised.
     let stretch = ggx.stretch();
@@ -283,12 +293,12 @@ pub(super) fn integrate_view<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, 
             if let Some(wi) = ggx.sample(wo, u).filter(|wi| wi.z > 0.0) {
                 let weight = weight * share * ggx.masking_ratio(wo, wi);
                 e += f64::from(weight);
-                b += f64::from(weight * schlick_weight(0.5 * (wo + wi).length()));
+                parts += (weight * fresnel::basis(0.5 * (wo + wi).length())).as_dvec4();
             }
         }
     }
     let n = (strata[0] * strata[1]) as f64;
-    Albedo { e: (e / n).min(1.0) as f32, b: (b / n).min(1.0) as f32 }
+    ((e / n).min(1.0) as f32, (parts / n).min(DVec4::ONE).as_vec4())
 }
 
 /// Five-point Gauss rule on 0..1.
@@ -314,18 +324,18 @@ pub(super) fn quadrature(cosines: &[f32; COSINES], abscissa: Abscissa, mut visit
 }
 
 /// [`AlbedoMoments`] of a row.
-fn moments(row: &[Node; COSINES], cosines: &[f32; COSINES], abscissa: Abscissa) -> AlbedoMoments {
-    let mut sums = [[0.0_f64; 5]; 2];
+fn moments(row: &[Albedo; COSINES], cosines: &[f32; COSINES], abscissa: Abscissa) -> AlbedoMoments {
+    let (mut whole, mut sums) = ([0.0_f64; 5], [DVec4::ZERO; 5]);
     quadrature(cosines, abscissa, |i, s, cos, weight| {
-        let albedo = row[i].lerp(row[i + 1], s).albedo(cos as f32);
+        let albedo = row[i].lerp(row[i + 1], s);
+        let parts = albedo.parts(cos as f32).as_dvec4();
         let f = (1.0 - cos).powi(5);
         for (k, factor) in [1.0, cos, f, f * cos, f * cos * cos].into_iter().enumerate() {
-            sums[0][k] += weight * factor * f64::from(albedo.e - albedo.b);
-            sums[1][k] += weight * factor * f64::from(albedo.b);
+            whole[k] += weight * factor * f64::from(albedo.e);
+            sums[k] += weight * factor * parts;
         }
     });
-    let [f0, f90] = sums.map(|sum| sum.map(|v| v as f32));
-    AlbedoMoments { f0, f90 }
+    AlbedoMoments { whole: whole.map(|v| v as f32), parts: sums.map(|v| v.as_vec4()) }
 }
 
 #[cfg(test)]
@@ -338,9 +348,13 @@ mod tests {
         let mut worst: f32 = 0.0;
         for line in include_str!("../../tests/references/ggx_albedo.csv").lines().skip(1) {
             let numbers: Vec<f32> = line.split(',').map(|field| field.parse().unwrap()).collect();
-            let [alpha, cos, e, b] = numbers[..] else { panic!("{line}") };
+            let [alpha, cos, e, b, glass, water, aerogel] = numbers[..] else { panic!("{line}") };
             let albedo = Row::new(alpha.sqrt()).at(cos);
-            worst = worst.max((albedo.e - e).abs()).max((albedo.b - b).abs());
+            worst = worst.max((albedo.e - e).abs()).max((albedo.schlick(cos) - b).abs());
+            for (index, expected) in [(1.5_f32, glass), (1.33, water), (1.1, aerogel)] {
+                let surface = Dielectric::new(((index - 1.0) / (index + 1.0)).powi(2));
+                worst = worst.max((albedo.reflected(surface.f0(), albedo.dielectric(&surface, cos)) - expected).abs());
+            }
         }
         println!("worst: {worst}");
         assert!(worst < 0.003, "{worst}");
@@ -351,19 +365,22 @@ mod tests {
         for roughness in [0.0, 0.1, 0.5, 0.77, 1.0] {
             let row = Row::new(roughness);
             let n = 100_000;
-            let mut sums = [[0.0_f64; 5]; 2];
+            let (mut whole, mut sums) = ([0.0_f64; 5], [DVec4::ZERO; 5]);
             for i in 0..n {
                 // Uniform in cos^2: the weight 2 cos dcos.
                 let cos = ((i as f64 + 0.5) / n as f64).sqrt();
                 let (albedo, f) = (row.at(cos as f32), (1.0 - cos).powi(5));
+                let parts = albedo.parts(cos as f32).as_dvec4();
                 for (k, factor) in [1.0, cos, f, f * cos, f * cos * cos].into_iter().enumerate() {
-                    sums[0][k] += factor * f64::from(albedo.e - albedo.b) / f64::from(n);
-                    sums[1][k] += factor * f64::from(albedo.b) / f64::from(n);
+                    whole[k] += factor * f64::from(albedo.e) / f64::from(n);
+                    sums[k] += factor * parts / f64::from(n);
                 }
             }
             let moments = row.moments();
-            for (sum, moment) in sums.iter().flatten().zip(moments.f0.iter().chain(&moments.f90)) {
-                assert!((sum - f64::from(*moment)).abs() < 1e-4, "{roughness}: {sum} {moment}");
+            for k in 0..5 {
+                let (a, b) = (moments.whole[k], moments.parts[k]);
+                assert!((whole[k] - f64::from(a)).abs() < 1e-4, "{roughness}: {} {a}", whole[k]);
+                assert!((sums[k] - b.as_dvec4()).abs().max_element() < 1e-4, "{roughness}: {} {b}", sums[k]);
             }
         }
     }
@@ -378,11 +395,11 @@ mod tests {
             for cos in [0.0, 1e-4, 1e-3, 0.003, 0.01, 0.02, 0.035, 0.07, 0.15, 0.3, 0.55, 0.8, 0.95, 1.0_f32] {
                 let view = cos.max(1e-6);
                 let wo = Vec3A::new((1.0 - view * view).sqrt(), 0.0, view);
-                let exact = integrate_view(&Ggx::new(super::super::ggx::alpha(roughness)), wo, 0.5, [144, 72]);
+                let (e, parts) = integrate_view(&Ggx::new(super::super::ggx::alpha(roughness)), wo, 0.5, [144, 72]);
                 let albedo = row.at(cos);
-                let error = ((albedo.e - exact.e) / exact.e).abs().max((albedo.b - exact.b).abs());
+                let error = ((albedo.e - e) / e).abs().max((albedo.parts(cos) - parts).abs().max_element());
                 if error > worst.0 {
-                    worst = (error, format!("roughness {roughness} cos {cos}: {albedo:?} {exact:?}"));
+                    worst = (error, format!("roughness {roughness} cos {cos}: {} {}, {e} {parts}", albedo.e, albedo.parts(cos)));
                 }
             }
         }

@@ -4,9 +4,9 @@
 //! stretched by the root of that ratio, and its cosine, spread out by the width that the lobe has along the azimuth
 //! ([`super::albedo`] says how): in these the albedo is smooth. Each ratio is a slice of its own, made when it is first met.
 
-use super::albedo::{Abscissa, Albedo, AlbedoMoments, GAUSS, Node, integrate_view};
+use super::albedo::{Abscissa, Albedo, AlbedoMoments, GAUSS, UNIT_MOMENTS, integrate_view};
 use super::ggx::{Ggx, alpha_xy};
-use glam::Vec3A;
+use glam::{Vec3A, Vec4};
 use std::sync::OnceLock;
 
 /// Nodes along the logarithm of the ratio, and of its slices: root of the roughness, stretched azimuth, cosine.
@@ -21,7 +21,7 @@ const STRATA: [[usize; 2]; 2] = [[20, 40], [28, 80]];
 
 /// The table may be 0.6 % too low (measured, between its nodes at full anisotropy and roughness 1), and compensation would then gain
 /// energy: the albedo is taken this much too high.
-const SURPLUS: f32 = 1.005;
+const SURPLUS: f32 = 1.006;
 
 /// The albedo of one anisotropic lobe, for every view.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +60,7 @@ impl Lobe {
 /// All lobes of one ratio: nodes in the order of [`NODES`], and the means of each roughness.
 #[derive(Debug)]
 struct Slice {
-    nodes: Vec<Node>,
+    nodes: Vec<Albedo>,
     moments: Vec<AlbedoMoments>,
 }
 
@@ -94,17 +94,23 @@ impl Anisotropy {
     pub fn at(&self, w: Vec3A) -> Albedo {
         let place = self.lobe.place(w);
         let [low, high] = self.slices.map(|slice| slice.at(self.root, place));
-        let albedo = low.lerp(high, self.ratio_share).albedo(w.z);
+        let albedo = low.lerp(high, self.ratio_share);
         // No lobe reflects less than 0.11; the bound keeps the compensation finite whatever the table says.
-        let e = (SURPLUS * albedo.e).clamp(0.05, 1.0);
-        Albedo { e, b: (SURPLUS * albedo.b).min(e) }
+        let e = albedo.e.clamp(0.05, 1.0);
+        let surplus = SURPLUS.min(e.recip());
+        Albedo { e: surplus * e, rest: surplus * albedo.rest }
     }
 
-    /// Means over the hemisphere, 3 % low: a base that is thought to receive more reflects less.
+    /// Means over the hemisphere, 3 % and 0.002 low: a base that is thought to receive more reflects less. (Coats of an index near 1
+    /// reflect little, so that a share of it would not outweigh the table's errors.)
     pub fn moments(&self) -> AlbedoMoments {
         let (i, t) = self.root;
         let [low, high] = self.slices.map(|slice| slice.moments[i].lerp(&slice.moments[i + 1], t));
-        AlbedoMoments::default().lerp(&low.lerp(&high, self.ratio_share), 0.97)
+        let mean = low.lerp(&high, self.ratio_share);
+        AlbedoMoments {
+            whole: mean.whole.map(|m| 0.97 * m),
+            parts: std::array::from_fn(|k| 0.97 * mean.parts[k] - 0.002 * UNIT_MOMENTS[k]),
+        }
     }
 }
 
@@ -116,7 +122,7 @@ impl Slice {
     }
 
     #[inline]
-    fn at(&self, (i, r): (usize, f32), [azimuth, x]: [f32; 2]) -> Node {
+    fn at(&self, (i, r): (usize, f32), [azimuth, x]: [f32; 2]) -> Albedo {
         let ((j, s), (k, t)) = (node(azimuth, NODES[1]), node(x, NODES[2]));
         let along = |i: usize, j: usize| {
             let at = (i * NODES[1] + j) * NODES[2] + k;
@@ -145,7 +151,8 @@ impl Slice {
                 for k in 0..NODES[2] {
                     let cos = abscissa.cosine(fraction(k, NODES[2])).clamp(1e-6, 1.0);
                     let sin = (1.0 - cos * cos).sqrt();
-                    slice.nodes.push(Node::new(integrate_view(&ggx, Vec3A::new(sin * x, sin * y, cos), 1.0, strata), cos));
+                    let (e, parts) = integrate_view(&ggx, Vec3A::new(sin * x, sin * y, cos), 1.0, strata);
+                    slice.nodes.push(Albedo::new(e, parts, cos));
                 }
             }
         }
@@ -171,11 +178,12 @@ impl Slice {
                     let phi = (k as f32 + 0.5) / azimuths as f32 * std::f32::consts::FRAC_PI_2;
                     let w = Vec3A::new(sin * phi.cos(), sin * phi.sin(), cos);
                     let row = if i + 1 < NODES[0] { (i, 0.0) } else { (i - 1, 1.0) };
-                    let albedo = self.at(row, lobe.place(w)).albedo(cos);
+                    let albedo = self.at(row, lobe.place(w));
+                    let parts: Vec4 = albedo.parts(cos);
                     for (m, factor) in [1.0, cos, f, f * cos, f * cos * cos].into_iter().enumerate() {
                         let factor = factor * weight / azimuths as f32;
-                        mean.f0[m] += factor * (albedo.e - albedo.b);
-                        mean.f90[m] += factor * albedo.b;
+                        mean.whole[m] += factor * albedo.e;
+                        mean.parts[m] += factor * parts;
                     }
                 }
             }
@@ -200,11 +208,11 @@ mod tests {
                     for phi in [0.0_f32, 0.3, 0.8, 1.2, 1.57] {
                         let sin = (1.0_f32 - cos * cos).sqrt();
                         let wo = Vec3A::new(sin * phi.cos(), sin * phi.sin(), cos);
-                        let (exact, found) = (integrate_view(&ggx, wo, 1.0, [48, 128]), lobe.at(wo));
-                        let error = ((found.e - exact.e) / exact.e).abs().max((found.b - exact.b).abs());
-                        lowest = lowest.min(found.e / exact.e);
+                        let ((e, parts), found) = (integrate_view(&ggx, wo, 1.0, [48, 128]), lobe.at(wo));
+                        let error = ((found.e - e) / e).abs().max((found.parts(cos) - parts).abs().max_element());
+                        lowest = lowest.min(found.e / e);
                         if error > worst.0 {
-                            worst = (error, format!("{anisotropic} {roughness} cos {cos} phi {phi}: {found:?} {exact:?}"));
+                            worst = (error, format!("{anisotropic} {roughness} cos {cos} phi {phi}: {found:?}, {e} {parts}"));
                         }
                     }
                 }

@@ -1,11 +1,12 @@
 //! Burley's clearcoat (2012): a fixed dielectric of reflectance 0.04 with the long-tailed GTR1 distribution.
 //!
-//! `0.25 clearcoat D F V`: `D` is GTR1 of width `mix(0.1, 0.001, gloss)`, `F` Schlick from 0.04, and `V` his separable Smith
-//! term of width 0.25, which holds the `1 / (4 cos_o cos_i)` of microfacet theory, as in his BRDF explorer's code.
+//! `0.25 clearcoat D F V`: `D` is GTR1 of width `mix(0.1, 0.001, gloss)`, `F` the reflectance, and `V` his separable Smith
+//! term of width 0.25, which holds the `1 / (4 cos_o cos_i)` of microfacet theory, as in his BRDF explorer's code. He prints Schlick's
+//! reflectance from 0.04; the conserving form takes that of index 1.5 by Fresnel's equations.
 
-use super::fresnel::schlick_weight;
 use crate::angle::sin_cos_turns;
 use glam::Vec3A;
+use renderflow_frame::fresnel::{Dielectric, schlick_weight};
 use std::f32::consts::PI;
 use std::sync::OnceLock;
 
@@ -14,16 +15,16 @@ const NODES: [usize; 2] = [16, 32];
 /// Strata of the table's integration.
 const STRATA: [usize; 2] = [96, 32];
 
-/// The lobe of one material.
+/// The lobe of one material: with Fresnel's reflectance where `EXACT`, else with Schlick's.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Clearcoat {
+pub(super) struct Clearcoat<const EXACT: bool> {
     /// `0.25 clearcoat`.
     strength: f32,
     gloss: f32,
     alpha2: f32,
 }
 
-impl Clearcoat {
+impl<const EXACT: bool> Clearcoat<EXACT> {
     /// Both in 0..=1.
     pub fn new(clearcoat: f32, gloss: f32) -> Self {
         let alpha = 0.1 + (0.001 - 0.1) * gloss;
@@ -41,7 +42,8 @@ impl Clearcoat {
         // sin^2 + alpha^2 cos^2: the printed 1 + (alpha^2 - 1) cos^2 cancels in the middle of the lobe.
         let t = (h.x * h.x + h.y * h.y + self.alpha2 * h.z * h.z) / len2;
         let d = (self.alpha2 - 1.0) / (PI * self.alpha2.ln() * t);
-        let fresnel = 0.04 + 0.96 * schlick_weight(0.5 * len2.sqrt());
+        let cos_d = 0.5 * len2.sqrt();
+        let fresnel = if EXACT { Dielectric::GLASS.reflectance(cos_d) } else { 0.04 + 0.96 * schlick_weight(cos_d) };
         // Density of the half vector, D cos, over the Jacobian 4 (wo . h).
         let pdf = 0.5 * d * h.z / len2;
         (self.strength * d * fresnel * visibility(wo.z) * visibility(wi.z) * wi.z, pdf)
@@ -62,8 +64,9 @@ impl Clearcoat {
     /// Directional albedo for a view at cosine 0..=1, within 1e-4.
     #[inline]
     pub fn albedo(&self, cos: f32) -> f32 {
-        static TABLE: OnceLock<Vec<[f32; NODES[1]]>> = OnceLock::new();
-        let table = TABLE.get_or_init(|| {
+        // Statics know no generics: one table for each reflectance.
+        static TABLES: [OnceLock<Vec<[f32; NODES[1]]>>; 2] = [const { OnceLock::new() }; 2];
+        let table = TABLES[usize::from(EXACT)].get_or_init(|| {
             let row = |i: usize| {
                 let coat = Self::new(1.0, i as f32 / (NODES[0] - 1) as f32);
                 std::array::from_fn(|j| coat.integrate((j as f32 / (NODES[1] - 1) as f32).powi(2)))

@@ -4,8 +4,9 @@
 //!   several reflections (Turquin 2019). `E` is the directional albedo at reflectance 1. Kulla and Conty's separate lobe (2017)
 //!   is reciprocal where this factor is not, but for smooth metals it is hard to draw (weights in the thousands at grazing view),
 //!   and it needs a second look-up and a second lobe for every metal; paths are only ever traced from the camera.
-//! - Dielectric: single-scattering GGX over a diffuse base that receives, reciprocally, what the coat lets through: see
-//!   [`super::diffuse`].
+//! - Dielectric: single-scattering GGX with the reflectance of Fresnel's equations ([`renderflow_frame::fresnel`]) over a diffuse base
+//!   that receives, reciprocally, what the coat lets through: see [`super::diffuse`]. A tint scales the reflectance at normal incidence
+//!   alone; how it rises from there remains that of the untinted index.
 //! - Sheen and clearcoat lie on top and scale everything below by `1 - E(wo)` of their own albedo. A factor of `wo` alone is not
 //!   reciprocal; but with it the sum is exact for every view, where the reciprocal coupling of the base would need one second lobe
 //!   a layer, and paths are only ever traced from the camera.
@@ -16,10 +17,11 @@ use super::albedo::{Albedo, AlbedoMoments, Row, UNIT_MOMENTS};
 use super::anisotropy::Anisotropy;
 use super::clearcoat::Clearcoat;
 use super::diffuse::{Diffuse, Slant};
-use super::fresnel::{f90, schlick, tint};
+use super::fresnel::tint;
 use super::ggx::{Ggx, alpha, alpha_xy};
 use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
 use glam::Vec3A;
+use renderflow_frame::fresnel::{Dielectric, MAX_F0, schlick_weight};
 use std::f32::consts::FRAC_1_PI;
 
 /// Largest reflectance at normal incidence that a tint may give a dielectric. A saturated blue over its luminance would reach 1 and
@@ -39,7 +41,7 @@ pub(super) struct Conserving<const FULL: bool> {
     /// Colour of the sheen, and whether it is not black.
     sheen: Vec3A,
     has_sheen: bool,
-    clearcoat: Option<Clearcoat>,
+    clearcoat: Option<Clearcoat<true>>,
 }
 
 /// The GGX lobe of coat and conductor together, and what the coat takes from the base.
@@ -48,10 +50,10 @@ struct Coat<const FULL: bool> {
     ggx: Ggx<FULL>,
     row: Row,
     anisotropy: Option<Anisotropy>,
-    /// Reflectance at normal incidence of the dielectric alone, its largest channel, and at grazing incidence.
+    /// The dielectric without its tint; its tinted reflectance at normal incidence, and the largest channel of it.
+    dielectric: Dielectric,
     f0_dielectric: Vec3A,
     f0_max: f32,
-    f90_dielectric: f32,
     /// Colour of the conductor, and its share.
     f0_metal: Vec3A,
     metallic: f32,
@@ -60,9 +62,11 @@ struct Coat<const FULL: bool> {
 /// What depends on `wo` alone.
 #[derive(Clone, Copy)]
 pub(super) struct Outgoing {
-    /// Fresnel reflectances of the GGX lobe, shares and compensation applied.
+    /// Fresnel reflectance of the GGX lobe, shares and compensation applied: `f0` plus Schlick's weight times `conductor` plus the
+    /// dielectric's weight times `dielectric`.
     f0: Vec3A,
-    f90: Vec3A,
+    conductor: Vec3A,
+    dielectric: Vec3A,
     /// What Smith's masking makes of `wo`.
     smith: f32,
     /// What the coat lets through of `wo`'s light.
@@ -95,8 +99,8 @@ impl<const FULL: bool> Coat<FULL> {
 
     /// What the dielectric coat lets through to the base, in the channel it lets through least.
     #[inline(always)]
-    fn transmitted(&self, albedo: Albedo) -> f32 {
-        (1.0 - albedo.reflected(self.f0_max, self.f90_dielectric)).max(0.0)
+    fn transmitted(&self, albedo: &Albedo, cos: f32) -> f32 {
+        (1.0 - albedo.reflected(self.f0_max, albedo.dielectric(&self.dielectric, cos))).max(0.0)
     }
 
     /// GGX value (times cosine) and density.
@@ -110,7 +114,11 @@ impl<const FULL: bool> Coat<FULL> {
         }
         let d = self.ggx.distribution(h, len2);
         // For unit directions the cosine to the half vector is half the length of their sum.
-        let fresnel = schlick(outgoing.f0, outgoing.f90, 0.5 * len2.sqrt());
+        let cos_d = 0.5 * len2.sqrt();
+        let mut fresnel = outgoing.f0 + outgoing.conductor * schlick_weight(cos_d);
+        if self.metallic < 1.0 {
+            fresnel += outgoing.dielectric * self.dielectric.weight(cos_d);
+        }
         (fresnel * (d * self.ggx.visibility_cos(wo, wi, outgoing.smith)), Ggx::<FULL>::pdf(wo, d, outgoing.smith))
     }
 }
@@ -122,12 +130,12 @@ impl<const FULL: bool> Conserving<FULL> {
         let color = surface.base_color;
         let Surface { metallic, roughness, .. } = *surface;
         let base = color * (1.0 - metallic);
-        let f0_max = 0.08 * surface.specular;
-        let mut f0_dielectric = Vec3A::splat(f0_max);
+        let f0_untinted = MAX_F0 * surface.specular;
+        let mut f0_dielectric = Vec3A::splat(f0_untinted);
         if FULL && surface.specular_tint > 0.0 {
             f0_dielectric = (f0_dielectric * Vec3A::ONE.lerp(tint(color), surface.specular_tint)).min(Vec3A::splat(MAX_TINTED));
         }
-        let f0_max = if FULL { f0_dielectric.max_element() } else { f0_max };
+        let f0_max = if FULL { f0_dielectric.max_element() } else { f0_untinted };
         let coat = (metallic > 0.0 || f0_max > 0.0).then(|| {
             let (ggx, anisotropy) = if FULL && surface.anisotropic > 0.0 {
                 let lobe = Anisotropy::new(roughness, surface.anisotropic);
@@ -136,7 +144,8 @@ impl<const FULL: bool> Conserving<FULL> {
                 (Ggx::with_widths([alpha(roughness); 2]), None)
             };
             let row = Row::new(roughness);
-            Coat { ggx, row, anisotropy, f0_dielectric, f0_max, f90_dielectric: f90(f0_max), f0_metal: color, metallic }
+            let dielectric = if metallic < 1.0 { Dielectric::new(f0_untinted) } else { Dielectric::AIR };
+            Coat { ggx, row, anisotropy, dielectric, f0_dielectric, f0_max, f0_metal: color, metallic }
         });
         let has_base = base != Vec3A::ZERO;
         let diffuse = if has_base { Self::diffuse(surface, coat.as_ref()) } else { Diffuse::BLACK };
@@ -155,15 +164,15 @@ impl<const FULL: bool> Conserving<FULL> {
 
     #[inline(always)]
     fn diffuse(surface: &Surface, coat: Option<&Coat<FULL>>) -> Diffuse<FULL> {
-        let (moments, f0, f90) = match coat {
-            Some(coat) => (coat.moments().transmitted(coat.f0_max, coat.f90_dielectric), coat.f0_max, coat.f90_dielectric),
-            None => (UNIT_MOMENTS, 0.0, 0.0),
+        let (moments, f0, dielectric) = match coat {
+            Some(coat) => (coat.moments().transmitted(coat.f0_max, &coat.dielectric), coat.f0_max, coat.dielectric),
+            None => (UNIT_MOMENTS, 0.0, Dielectric::AIR),
         };
         let share = if FULL { surface.subsurface } else { 0.0 };
         Diffuse::new(surface.roughness, share, &moments, || subsurface::Coat {
             row: coat.map_or_else(|| Row::new(surface.roughness), |coat| coat.row),
             f0,
-            f90,
+            surface: dielectric,
         })
     }
 
@@ -172,7 +181,8 @@ impl<const FULL: bool> Conserving<FULL> {
     pub fn outgoing(&self, wo: Vec3A) -> Outgoing {
         let mut outgoing = Outgoing {
             f0: Vec3A::ZERO,
-            f90: Vec3A::ZERO,
+            conductor: Vec3A::ZERO,
+            dielectric: Vec3A::ZERO,
             smith: 1.0,
             transmitted: 1.0,
             diffuse: Slant::default(),
@@ -191,13 +201,16 @@ impl<const FULL: bool> Conserving<FULL> {
             let compensation = Vec3A::ONE + coat.f0_metal * ((1.0 - albedo.e) / albedo.e);
             let metal = compensation * coat.metallic;
             outgoing.f0 = metal * coat.f0_metal + coat.f0_dielectric * (1.0 - coat.metallic);
-            outgoing.f90 = metal + Vec3A::splat(coat.f90_dielectric * (1.0 - coat.metallic));
+            outgoing.conductor = metal * (Vec3A::ONE - coat.f0_metal);
+            outgoing.dielectric = (Vec3A::ONE - coat.f0_dielectric) * (1.0 - coat.metallic);
             outgoing.lobes = Lobes { ggx: 1.0, clearcoat: 0.0, cosine: 0.0 };
             if !self.has_base && !(FULL && (self.has_sheen || self.clearcoat.is_some())) {
                 return outgoing;
             }
-            outgoing.transmitted = coat.transmitted(albedo);
-            specular = (outgoing.f0 * (albedo.e - albedo.b) + outgoing.f90 * albedo.b).max_element();
+            let rise = albedo.dielectric(&coat.dielectric, wo.z);
+            outgoing.transmitted = (1.0 - albedo.reflected(coat.f0_max, rise)).max(0.0);
+            let reflected = outgoing.f0 * albedo.e + outgoing.conductor * albedo.schlick(wo.z) + outgoing.dielectric * rise;
+            specular = reflected.max_element();
         }
         let diffuse = self.base.max_element() * outgoing.transmitted;
         if FULL && (self.has_sheen || self.clearcoat.is_some()) {
@@ -228,7 +241,7 @@ impl<const FULL: bool> Conserving<FULL> {
 
     /// The clearcoat lobe.
     #[inline(always)]
-    pub fn clearcoat(&self) -> Option<&Clearcoat> {
+    pub fn clearcoat(&self) -> Option<&Clearcoat<true>> {
         self.clearcoat.as_ref()
     }
 
@@ -247,7 +260,7 @@ impl<const FULL: bool> Conserving<FULL> {
         pdf = outgoing.lobes.ggx * pdf + outgoing.lobes.cosine * cosine_pdf;
         if self.has_base {
             let through = match &self.coat {
-                Some(coat) => outgoing.transmitted * coat.transmitted(coat.albedo(wi)),
+                Some(coat) => outgoing.transmitted * coat.transmitted(&coat.albedo(wi), wi.z),
                 None => 1.0,
             };
             f_cos += self.base * (through * self.diffuse.eval(&outgoing.diffuse, wo, wi) * cosine_pdf);

@@ -15,9 +15,9 @@
 //! `f_retro` is a polynomial in `wo . wi`, so `h` needs five moments of `T` and no table of its own.
 
 use super::albedo::Moments;
-use super::fresnel::schlick_weight;
 use super::subsurface;
 use glam::Vec3A;
+use renderflow_frame::fresnel::schlick_weight;
 
 /// `f_retro` of the module's text for Schlick weights `fo`, `fi` and `dot` = `wo . wi`.
 #[inline(always)]

@@ -20,7 +20,7 @@ mod subsurface;
 
 use disney::Lobes;
 pub use disney::{Bsdf, Prepared, View};
-pub use fresnel::{f90, schlick};
+pub use fresnel::schlick;
 
 use glam::Vec3A;
 use serde::{Deserialize, Serialize};
@@ -29,10 +29,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// Normalised diffuse and compensation for what single scattering loses: a white furnace closes.
+    /// Normalised diffuse, compensation for what single scattering loses, and dielectrics that reflect by Fresnel's equations: a white
+    /// furnace closes.
     #[default]
     Conserving,
-    /// Formulae as Burley printed them, for comparison with other renderers.
+    /// Formulae as Burley printed them, Schlick's Fresnel among them, for comparison with other renderers.
     Published,
 }
 
@@ -55,7 +56,7 @@ pub struct Surface {
     pub metallic: f32,
     /// Perceptual: the GGX width is `alpha = roughness^2`.
     pub roughness: f32,
-    /// Dielectric reflectance at normal incidence is `0.08 * specular`.
+    /// Dielectric reflectance at normal incidence is `0.08 * specular`: indices of refraction from 1 to 1.79, 1.5 at one half.
     pub specular: f32,
     /// Share of the base colour's hue in the dielectric reflectance.
     pub specular_tint: f32,

@@ -6,10 +6,11 @@
 
 use super::albedo::Row;
 use super::clearcoat::Clearcoat;
-use super::fresnel::{schlick, schlick_weight, tint};
+use super::fresnel::{schlick, tint};
 use super::ggx::{Ggx, alpha_xy};
 use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
 use glam::Vec3A;
+use renderflow_frame::fresnel::schlick_weight;
 use std::f32::consts::FRAC_1_PI;
 
 /// The published scattering function of one surface point.
@@ -24,7 +25,7 @@ pub(super) struct Published {
     row: Row,
     /// `Cspec0`.
     f0: Vec3A,
-    clearcoat: Option<Clearcoat>,
+    clearcoat: Option<Clearcoat<false>>,
 }
 
 impl Published {
@@ -50,7 +51,7 @@ impl Published {
         let albedo = self.row.at(wo.z);
         let clearcoat = self.clearcoat.as_ref().map_or(0.0, |lobe| lobe.albedo(wo.z));
         let cosine = self.base.max_element() + self.sheen.max_element() * sheen::albedo(wo.z);
-        Lobes::new(albedo.reflected(self.f0.max_element(), 1.0), clearcoat, cosine)
+        Lobes::new(albedo.reflected(self.f0.max_element(), albedo.schlick(wo.z)), clearcoat, cosine)
     }
 
     /// The GGX lobe.
@@ -59,7 +60,7 @@ impl Published {
     }
 
     /// The clearcoat lobe.
-    pub fn clearcoat(&self) -> Option<&Clearcoat> {
+    pub fn clearcoat(&self) -> Option<&Clearcoat<false>> {
         self.clearcoat.as_ref()
     }
 

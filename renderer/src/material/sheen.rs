@@ -1,7 +1,7 @@
 //! Burley's sheen (2012): `(1 - cos theta_d)^5` in the sheen colour, not divided by pi.
 
-use super::fresnel::schlick_weight;
 use glam::Vec3A;
+use renderflow_frame::fresnel::schlick_weight;
 use std::sync::OnceLock;
 
 /// Nodes along the cosine.

@@ -1,6 +1,7 @@
 //! Burley's diffuse approximation of subsurface scattering (2012, after Hanrahan and Krueger 1993), relative to a Lambertian lobe.
 
-use super::albedo::{COSINES, ROUGHNESSES, Row, Table, quadrature};
+use super::albedo::{Albedo, COSINES, ROUGHNESSES, Row, Table, quadrature};
+use renderflow_frame::fresnel::{self, Dielectric};
 use std::sync::OnceLock;
 
 /// Roughness of the first row of the albedo's table, `MIN_ALPHA^(1/2)`. The conserving form takes a smoother base as this rough, so
@@ -34,25 +35,46 @@ fn mean_shape(roughness: f64, cos_o: f64, cos_i: f64) -> f64 {
 pub(super) struct Coat {
     /// The row of the base's roughness.
     pub row: Row,
-    /// Reflectances of the coat; both 0 without one.
+    /// Reflectance of the coat at normal incidence, tinted, 0..=1; 0 without one.
     pub f0: f32,
-    /// At grazing incidence.
-    pub f90: f32,
+    /// Its surface without the tint.
+    pub surface: Dielectric,
 }
 
-/// `integral of k(wi) (s - 1) cos / pi dwi` for `k` = 1, `e - b`, `b` (see [`super::albedo`]).
-type Integrals = [f32; 3];
+impl Coat {
+    /// Factors of [`columns`] in what the coat lets through.
+    #[inline]
+    fn factors(&self) -> Integrals {
+        factors(self.f0, self.surface.coefficients().to_array())
+    }
+}
 
-/// Reflectances `(f0, f90)` at which maxima are stored. The integral is affine in both, so its maximum over views is convex, and
-/// between two of these points, where `f90(f0)` is affine, the chord bounds it from above.
-const COATS: [[f32; 2]; 4] = [[0.0, 0.0], [0.02, 1.0], [0.08, 1.0], [1.0, 1.0]];
+/// `integral of k(wi) (s - 1) cos / pi dwi` for the `k` of [`columns`].
+type Integrals = [f32; 6];
+
+/// 1, `e` and the four `b` of an albedo (see [`super::albedo`]).
+fn columns(albedo: &Albedo, cos: f32) -> Integrals {
+    let [a, b, c, d] = albedo.parts(cos).to_array();
+    [1.0, albedo.e, a, b, c, d]
+}
+
+/// What a coat lets through is the sum of [`columns`] times these, for its `f0` and the coefficients of its surface.
+#[inline]
+fn factors(f0: f32, [a, b, c, d]: [f32; 4]) -> Integrals {
+    let rise = f0 - 1.0;
+    [1.0, -f0, rise * a, rise * b, rise * c, rise * d]
+}
+
+/// Reflectances `f0` at which maxima are stored, for each of the surfaces of [`fresnel::nodes`]. The integral is affine in `f0`, and in
+/// the surface between two nodes; so its maximum over views is convex along both, and the chords bound it from above.
+const COATS: [f32; 3] = [0.0, fresnel::MAX_F0, 1.0];
 
 struct Shapes {
     nodes: Vec<[Integrals; COSINES]>,
-    /// Cosine-weighted means of the products of the integrals with 1, `e - b`, `b`.
-    products: Vec<[Integrals; 3]>,
-    /// Maxima over views at [`COATS`].
-    maxima: Vec<[f32; 4]>,
+    /// Cosine-weighted means of the products of the integrals with [`columns`].
+    products: Vec<[Integrals; 6]>,
+    /// Maxima over views, for each surface at [`COATS`].
+    maxima: Vec<Vec<[f32; 3]>>,
 }
 
 impl Shapes {
@@ -71,37 +93,47 @@ impl Shapes {
         let table = Table::get();
         let (cosines, abscissa) = (&table.cosines[index], table.abscissa(index));
         let roughness = f64::from(table.roughness(index));
+        // The same for every view.
+        let mut points = Vec::new();
+        quadrature(cosines, abscissa, |i, s, cos, _| points.push(columns(&table.value(index, i, s), cos as f32)));
         let nodes: [Integrals; COSINES] = std::array::from_fn(|j| {
-            let mut sums = [0.0_f64; 3];
-            quadrature(cosines, abscissa, |i, s, cos, weight| {
-                let albedo = table.value(index, i, s, cos as f32);
+            let mut sums = [0.0_f64; 6];
+            let mut points = points.iter();
+            quadrature(cosines, abscissa, |_, _, cos, weight| {
                 let excess = weight * (mean_shape(roughness, f64::from(cosines[j]), cos) - 1.0);
-                for (sum, k) in sums.iter_mut().zip([1.0, albedo.e - albedo.b, albedo.b]) {
-                    *sum += excess * f64::from(k);
+                for (sum, k) in sums.iter_mut().zip(points.next().into_iter().flatten()) {
+                    *sum += excess * f64::from(*k);
                 }
             });
             sums.map(|v| v as f32)
         });
-        let mut products = [[0.0_f64; 3]; 3];
-        quadrature(cosines, abscissa, |i, s, cos, weight| {
-            let albedo = table.value(index, i, s, cos as f32);
-            for (product, k) in products.iter_mut().zip([1.0, albedo.e - albedo.b, albedo.b]) {
+        let mut products = [[0.0_f64; 6]; 6];
+        let mut points = points.iter();
+        quadrature(cosines, abscissa, |i, s, _, weight| {
+            for (product, k) in products.iter_mut().zip(points.next().into_iter().flatten()) {
                 for (m, value) in product.iter_mut().enumerate() {
                     *value += weight * f64::from(k * (nodes[i][m] + (nodes[i + 1][m] - nodes[i][m]) * s));
                 }
             }
         });
-        let combine = |v: &Integrals, [f0, f90]: [f32; 2]| v[0] - f0 * v[1] - f90 * v[2];
-        self.maxima.push(COATS.map(|coat| nodes.iter().map(|node| combine(node, coat)).fold(f32::MIN, f32::max)));
+        let maximum = |factors: Integrals| nodes.iter().map(|node| dot(node, &factors)).fold(f32::MIN, f32::max);
+        let maxima = |surface: &glam::Vec4| COATS.map(|f0| maximum(factors(f0, surface.to_array())));
+        self.maxima.push(fresnel::nodes().iter().map(maxima).collect());
         self.products.push(products.map(|product| product.map(|v| v as f32)));
         self.nodes.push(nodes);
     }
 }
 
+#[inline]
+fn dot(a: &Integrals, b: &Integrals) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
 /// The subsurface part of a diffuse lobe under a coat, its share applied.
 #[derive(Clone, Copy)]
 pub(super) struct Shape {
-    coat: Coat,
+    row: Row,
+    factors: Integrals,
     share: f32,
     max: f32,
     mean: f32,
@@ -112,20 +144,19 @@ impl Shape {
     pub fn new(coat: Coat, share: f32) -> Self {
         let shapes = Shapes::get();
         let (i, t) = coat.row.rows();
-        let segment = COATS.windows(2).position(|pair| coat.f0 <= pair[1][0]).unwrap_or(COATS.len() - 2);
-        let (low, high) = (COATS[segment][0], COATS[segment + 1][0]);
-        let x = ((coat.f0 - low) / (high - low)).clamp(0.0, 1.0);
-        let bound = |maxima: &[f32; 4]| maxima[segment] + (maxima[segment + 1] - maxima[segment]) * x;
-        let max = bound(&shapes.maxima[i]) * (1.0 - t) + bound(&shapes.maxima[i + 1]) * t;
-        let factors = [1.0, -coat.f0, -coat.f90];
-        let mut mean = 0.0;
-        for (j, a) in factors.into_iter().enumerate() {
-            for (k, b) in factors.into_iter().enumerate() {
-                let (low, high) = (shapes.products[i][j][k], shapes.products[i + 1][j][k]);
-                mean += a * b * (low + (high - low) * t);
-            }
-        }
-        Self { coat, share, max, mean }
+        let segment = usize::from(coat.f0 > COATS[1]);
+        let x = ((coat.f0 - COATS[segment]) / (COATS[segment + 1] - COATS[segment])).clamp(0.0, 1.0);
+        let (node, s) = coat.surface.place();
+        let lerp = |a: f32, b: f32, t: f32| a + (b - a) * t;
+        let bound = |maxima: &[[f32; 3]]| {
+            let along = |maxima: &[f32; 3]| lerp(maxima[segment], maxima[segment + 1], x);
+            lerp(along(&maxima[node]), along(&maxima[node + 1]), s)
+        };
+        let max = lerp(bound(&shapes.maxima[i]), bound(&shapes.maxima[i + 1]), t);
+        let factors = coat.factors();
+        let mean_of = |products: &[Integrals; 6]| dot(&factors, &std::array::from_fn(|j| dot(&products[j], &factors)));
+        let mean = lerp(mean_of(&shapes.products[i]), mean_of(&shapes.products[i + 1]), t);
+        Self { row: coat.row, factors, share, max, mean }
     }
 
     /// Largest value of the integral over views.
@@ -143,15 +174,14 @@ impl Shape {
     /// How far the integral lies below its maximum.
     #[inline]
     pub fn deficit(&self, cos: f32) -> f32 {
-        let (i, s) = self.coat.row.locate(cos);
-        let (j, t) = self.coat.row.rows();
+        let (i, s) = self.row.locate(cos);
+        let (j, t) = self.row.rows();
         let nodes = &Shapes::get().nodes;
-        let mut value = 0.0;
-        for (k, factor) in [1.0, -self.coat.f0, -self.coat.f90].into_iter().enumerate() {
-            let along = |row: &[Integrals; COSINES]| row[i][k] + (row[i + 1][k] - row[i][k]) * s;
-            let (low, high) = (along(&nodes[j]), along(&nodes[j + 1]));
-            value += factor * (low + (high - low) * t);
-        }
-        self.share * (self.max - value).max(0.0)
+        let along = |row: &[Integrals; COSINES]| {
+            let (low, high) = (dot(&row[i], &self.factors), dot(&row[i + 1], &self.factors));
+            low + (high - low) * s
+        };
+        let (low, high) = (along(&nodes[j]), along(&nodes[j + 1]));
+        self.share * (self.max - low - (high - low) * t).max(0.0)
     }
 }

@@ -1,11 +1,12 @@
 //! The truth's energy-conserving material, as far as a G-buffer knows it: base colour, roughness, metallic, specular.
 //!
-//! A conductor is single-scattering GGX times `1 + F0 (1 - E) / E` (Turquin 2019); a dielectric lies as a coat on a diffuse base that
-//! receives, reciprocally, what the coat lets through, with Burley's retro-reflection (2015) and a second lobe that restores
+//! A conductor is single-scattering GGX with Schlick's Fresnel times `1 + F0 (1 - E) / E` (Turquin 2019); a dielectric reflects by
+//! Fresnel's equations and lies as a coat on a diffuse base that receives, reciprocally, what the coat lets through, with Burley's retro-reflection (2015) and a second lobe that restores
 //! what its shape does not spread evenly. So under even light the base reflects `base T(wo)`, `T` the coat's transmittance.
 
-use crate::ibl::environment_brdf;
-use glam::Vec3A;
+use crate::fresnel::{Dielectric, schlick_weight};
+use crate::ibl::{dielectric, environment_brdf};
+use glam::{DVec4, Vec3A, Vec4};
 use std::f32::consts::FRAC_1_PI;
 use std::sync::OnceLock;
 
@@ -21,39 +22,36 @@ type Moments = [f32; 5];
 /// Moments of `k = 1`.
 const UNIT: Moments = [1.0, 2.0 / 3.0, 1.0 / 21.0, 1.0 / 84.0, 1.0 / 252.0];
 
-/// Moments of the environment BRDF's scale and bias for a roughness.
-fn moments(roughness: f32) -> [Moments; 2] {
-    static TABLE: OnceLock<Vec<[Moments; 2]>> = OnceLock::new();
+/// Moments of the environment BRDF for a roughness: of its whole, and of its four parts.
+fn moments(roughness: f32) -> (Moments, [Vec4; 5]) {
+    static TABLE: OnceLock<Vec<(Moments, [Vec4; 5])>> = OnceLock::new();
     let table = TABLE.get_or_init(|| {
         let row = |r: usize| {
-            let mut sum = [[0.0_f64; 5]; 2];
+            let (mut whole, mut parts) = ([0.0_f64; 5], [DVec4::ZERO; 5]);
             for i in 0..QUADRATURE {
                 // Squared steps, as the factors change fastest at grazing angles: dc = 2 x dx.
                 let x = (i as f32 + 0.5) / QUADRATURE as f32;
                 let c = x * x;
                 let weight = f64::from(2.0 * c * 2.0 * x) / QUADRATURE as f64;
                 let f = schlick_weight(c);
-                let factors = environment_brdf(c, r as f32 / (ROUGHNESS_STEPS - 1) as f32);
-                for (sum, k) in sum.iter_mut().zip(factors) {
-                    for (sum, w) in sum.iter_mut().zip([1.0, c, f, f * c, f * c * c]) {
-                        *sum += weight * f64::from(k * w);
-                    }
+                let brdf = environment_brdf(c, r as f32 / (ROUGHNESS_STEPS - 1) as f32);
+                for (k, w) in [1.0, c, f, f * c, f * c * c].into_iter().enumerate() {
+                    whole[k] += weight * f64::from(brdf.whole * w);
+                    parts[k] += (brdf.parts * w).as_dvec4() * weight;
                 }
             }
-            sum.map(|m| m.map(|v| v as f32))
+            (whole.map(|v| v as f32), parts.map(|v| v.as_vec4()))
         };
         (0..ROUGHNESS_STEPS).map(row).collect()
     });
     let at = roughness.clamp(0.0, 1.0) * (ROUGHNESS_STEPS - 1) as f32;
     let i = (at as usize).min(ROUGHNESS_STEPS - 2);
     let t = at - i as f32;
-    std::array::from_fn(|k| std::array::from_fn(|m| table[i][k][m] + (table[i + 1][k][m] - table[i][k][m]) * t))
-}
-
-fn schlick_weight(cosine: f32) -> f32 {
-    let m = (1.0 - cosine).clamp(0.0, 1.0);
-    let m2 = m * m;
-    m2 * m2 * m
+    let ((whole, parts), (whole_next, parts_next)) = (&table[i], &table[i + 1]);
+    (
+        std::array::from_fn(|k| whole[k] + (whole_next[k] - whole[k]) * t),
+        std::array::from_fn(|k| parts[k] + (parts_next[k] - parts[k]) * t),
+    )
 }
 
 /// A material seen from one direction.
@@ -64,11 +62,13 @@ pub struct Material {
     /// GGX width.
     pub alpha: f32,
     roughness: f32,
-    /// Reflectances of the GGX lobe at normal and grazing incidence, compensation of `wo` applied.
+    /// Reflectance of the GGX lobe, compensation of `wo` applied: `f0` plus Schlick's weight times `conductor` plus the coat's times
+    /// `share`.
     f0: Vec3A,
-    f90: Vec3A,
-    /// Reflectances of the dielectric coat alone.
-    coat: [f32; 2],
+    conductor: Vec3A,
+    share: f32,
+    /// The dielectric coat alone.
+    coat: Dielectric,
     /// Share of the light of `wo` that reaches the base.
     pub transmitted: f32,
     /// Share of even light that the GGX lobe reflects.
@@ -102,29 +102,27 @@ impl Material {
     /// `parameters` are (roughness, metallic, specular), each 0..=1; `n_dot_v` in 0..=1.
     pub fn new(albedo: Vec3A, parameters: [f32; 3], n_dot_v: f32) -> Self {
         let [roughness, metallic, specular] = parameters;
-        let [scale, bias] = environment_brdf(n_dot_v, roughness);
-        let whole = scale + bias;
-        let coat_f0 = 0.08 * specular;
-        // Schlick's formula would reflect at grazing incidence even without a coat; the truth fades it in the same way.
-        let coat = [coat_f0, (50.0 * coat_f0).min(1.0)];
-        let compensation = Vec3A::ONE + albedo * ((1.0 - whole).max(0.0) / whole.max(1e-3));
-        let f0 = compensation * albedo * metallic + Vec3A::splat(coat[0] * (1.0 - metallic));
-        let f90 = compensation * metallic + Vec3A::splat(coat[1] * (1.0 - metallic));
+        let brdf = environment_brdf(n_dot_v, roughness);
+        let coat = dielectric(specular);
+        let compensation = Vec3A::ONE + albedo * ((1.0 - brdf.whole).max(0.0) / brdf.whole.max(1e-3));
+        let metal = compensation * metallic;
+        let f0 = metal * albedo + Vec3A::splat(coat.f0() * (1.0 - metallic));
         let base = albedo * (1.0 - metallic);
         let mut material = Self {
             base,
             alpha: (roughness * roughness).max(MIN_ALPHA),
             roughness,
             f0,
-            f90,
+            conductor: metal * (Vec3A::ONE - albedo),
+            share: (1.0 - metallic) * (1.0 - coat.f0()),
             coat,
-            transmitted: (1.0 - coat[0] * scale - coat[1] * bias).max(0.0),
-            reflected: f0 * scale + f90 * bias,
+            transmitted: (1.0 - brdf.dielectric(&coat)).max(0.0),
+            reflected: metal * brdf.conductor(albedo) + brdf.dielectric(&coat) * (1.0 - metallic),
             n_dot_v,
             retro: Retro::default(),
         };
         if base != Vec3A::ZERO {
-            material.retro = Retro::new(roughness, coat, n_dot_v);
+            material.retro = Retro::new(roughness, &coat, n_dot_v);
         }
         material
     }
@@ -137,8 +135,8 @@ impl Material {
         }
         let mut diffuse = Vec3A::ZERO;
         if self.base != Vec3A::ZERO {
-            let [scale, bias] = environment_brdf(cosine, self.roughness);
-            let through = self.transmitted * (1.0 - self.coat[0] * scale - self.coat[1] * bias).max(0.0);
+            let brdf = environment_brdf(cosine, self.roughness);
+            let through = self.transmitted * (1.0 - brdf.dielectric(&self.coat)).max(0.0);
             diffuse = self.base * (FRAC_1_PI * cosine * through * self.retro.shape(self.roughness, cosine, v.dot(l)));
         }
         let h = v + l;
@@ -158,15 +156,18 @@ impl Material {
         let a2 = self.alpha * self.alpha;
         let smith = |c: f32| (a2 + (1.0 - a2) * c * c).sqrt();
         let masking = 0.5 / (self.n_dot_v * smith(cosine) + cosine * smith(self.n_dot_v)).max(1e-9);
-        let fresnel = self.f0 + (self.f90 - self.f0) * schlick_weight(v.dot(h));
+        let v_dot_h = v.dot(h).clamp(0.0, 1.0);
+        let fresnel = self.f0 + self.conductor * schlick_weight(v_dot_h) + self.share * self.coat.weight(v_dot_h);
         Response { diffuse, specular: fresnel * (distribution * masking * cosine) }
     }
 }
 
 impl Retro {
-    fn new(roughness: f32, coat: [f32; 2], cosine: f32) -> Self {
-        let [scale, bias] = moments(roughness);
-        let [m0, m1, f0, f1, f2] = std::array::from_fn(|k| UNIT[k] - coat[0] * scale[k] - coat[1] * bias[k]);
+    fn new(roughness: f32, coat: &Dielectric, cosine: f32) -> Self {
+        let (whole, parts) = moments(roughness);
+        let rise = 1.0 - coat.f0();
+        let [m0, m1, f0, f1, f2] =
+            std::array::from_fn(|k| UNIT[k] - coat.f0() * whole[k] - rise * parts[k].dot(coat.coefficients()));
         let c = [m0 - f0 + roughness * (1.5 * f0 - 0.5 * f2), m1 - f1 + 2.0 * roughness * f1, roughness * (1.5 * f2 - 0.5 * f0)];
         let mean = c[0] * (m0 - f0) - (f1 * m1 + c[1] * f1 + c[2] * f2);
         let second = if mean > 1e-6 { roughness / mean } else { 0.0 };

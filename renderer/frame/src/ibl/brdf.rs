@@ -1,5 +1,7 @@
 //! The environment BRDF: what the split sum multiplies the prefiltered radiance with.
 
+use crate::fresnel::{self, Dielectric};
+use glam::{DVec4, Vec3A, Vec4};
 use std::f32::consts::TAU;
 use std::sync::OnceLock;
 
@@ -9,12 +11,55 @@ const ROUGHNESS_STEPS: usize = 64;
 /// Quadrature points along each of the two random numbers of a visible normal.
 const QUADRATURE: usize = 24;
 
-/// The (scale, bias) on F0 of the split sum for n.v and roughness, each 0..=1: `F0 * scale + bias` is the share of uniform light that
-/// one reflection from the microfacet surface returns (GGX with alpha = roughness^2, height-correlated Smith masking, Schlick's Fresnel).
-/// Values outside 0..=1 are clamped.
+/// Shares of uniform light that one reflection from a microfacet surface returns, for every Fresnel reflectance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EnvironmentBrdf {
+    /// Where the facets reflect everything, 0..=1.
+    pub whole: f32,
+    /// Where they reflect each of the four functions of [`fresnel::basis`], 0..=`whole`.
+    pub parts: Vec4,
+}
+
+impl EnvironmentBrdf {
+    /// Share that a conductor of reflectance `f0` at normal incidence returns, by Schlick's approximation.
+    #[inline]
+    pub fn conductor(&self, f0: Vec3A) -> Vec3A {
+        f0 * (self.whole - self.parts.x) + self.parts.x
+    }
+
+    /// Share that a dielectric returns, within 4e-4 of Fresnel's equations.
+    #[inline]
+    pub fn dielectric(&self, surface: &Dielectric) -> f32 {
+        let rise = self.rise(surface);
+        surface.f0() * (self.whole - rise) + rise
+    }
+
+    /// Share that facets return which reflect `W` of [`Dielectric::weight`].
+    #[inline]
+    pub fn rise(&self, surface: &Dielectric) -> f32 {
+        self.parts.dot(surface.coefficients()).clamp(0.0, self.whole)
+    }
+
+    /// Scale and bias of the split sum for a mixture with the share `metallic` (0..=1) of a conductor: `f0 * scale + bias` with the
+    /// `f0` of [`super::f0`] is the same mixture of [`Self::conductor`] and [`Self::dielectric`].
+    #[inline]
+    pub fn mixture(&self, surface: &Dielectric, metallic: f32) -> [f32; 2] {
+        let schlick = self.parts.x;
+        // The scale of the conductor serves both: the dielectric's other one goes into its bias.
+        let rise = self.rise(surface);
+        let bias = rise + surface.f0() * (schlick - rise);
+        [self.whole - schlick, bias + (schlick - bias) * metallic]
+    }
+
+    fn lerp(&self, other: &Self, t: f32) -> Self {
+        Self { whole: self.whole + (other.whole - self.whole) * t, parts: self.parts + (other.parts - self.parts) * t }
+    }
+}
+
+/// The environment BRDF for n.v and roughness, each 0..=1 (clamped): GGX with alpha = roughness^2, height-correlated Smith masking.
 #[inline]
-pub fn environment_brdf(n_dot_v: f32, roughness: f32) -> [f32; 2] {
-    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
+pub fn environment_brdf(n_dot_v: f32, roughness: f32) -> EnvironmentBrdf {
+    static TABLE: OnceLock<Vec<EnvironmentBrdf>> = OnceLock::new();
     let table = TABLE.get_or_init(|| {
         // One thread: a rayon worker that waits here would pick up a row of pixels, come back for the table and wait for itself.
         (0..N_DOT_V_STEPS * ROUGHNESS_STEPS)
@@ -29,20 +74,17 @@ pub fn environment_brdf(n_dot_v: f32, roughness: f32) -> [f32; 2] {
     let (column, row) = ((x as usize).min(N_DOT_V_STEPS - 2), (y as usize).min(ROUGHNESS_STEPS - 2));
     let (s, t) = (x - column as f32, y - row as f32);
     let first = row * N_DOT_V_STEPS + column;
-    let (a, b, c, d) = (table[first], table[first + 1], table[first + N_DOT_V_STEPS], table[first + N_DOT_V_STEPS + 1]);
-    std::array::from_fn(|i| {
-        let (top, bottom) = (a[i] + (b[i] - a[i]) * s, c[i] + (d[i] - c[i]) * s);
-        top + (bottom - top) * t
-    })
+    let along = |i: usize| table[i].lerp(&table[i + 1], s);
+    along(first).lerp(&along(first + N_DOT_V_STEPS), t)
 }
 
-/// n.v of a table column: squared steps, since both factors change fastest at grazing angles.
+/// n.v of a table column: squared steps, since all shares change fastest at grazing angles.
 fn grid_n_dot_v(column: f32) -> f32 {
     (column / (N_DOT_V_STEPS - 1) as f32).powi(2)
 }
 
-/// Mean of G2/G1 (1 - Fc) and G2/G1 Fc over normals visible from v (Heitz 2018), with Fc = (1 - v.h)^5.
-fn integrate(n_dot_v: f32, roughness: f32) -> [f32; 2] {
+/// Mean of G2/G1, alone and times each function of v.h, over normals visible from v (Heitz 2018).
+fn integrate(n_dot_v: f32, roughness: f32) -> EnvironmentBrdf {
     let alpha = (roughness * roughness).max(1e-4);
     let nv = n_dot_v.max(1e-4);
     let v = glam::Vec3A::new((1.0 - nv * nv).max(0.0).sqrt(), 0.0, nv);
@@ -56,7 +98,7 @@ fn integrate(n_dot_v: f32, roughness: f32) -> [f32; 2] {
     let vh = glam::Vec3A::new(alpha * v.x, 0.0, v.z).normalize();
     let across = glam::Vec3A::Y;
     let up = vh.cross(across);
-    let (mut scale, mut bias) = (0.0_f64, 0.0_f64);
+    let (mut whole, mut parts) = (0.0_f64, DVec4::ZERO);
     for i in 0..QUADRATURE {
         // The height q = s^(3/2) of the disc's hemisphere instead of its radius: points gather near the rim, where GGX has its long tail.
         let s = (i as f32 + 0.5) / QUADRATURE as f32;
@@ -74,12 +116,11 @@ fn integrate(n_dot_v: f32, roughness: f32) -> [f32; 2] {
             let l_z = 2.0 * v_dot_h * h.z - v.z;
             if l_z > 0.0 {
                 let weight = measure * f64::from((1.0 + lambda_v) / (1.0 + lambda_v + lambda(l_z)));
-                let fresnel = f64::from((1.0 - v_dot_h).powi(5));
-                scale += weight * (1.0 - fresnel);
-                bias += weight * fresnel;
+                whole += weight;
+                parts += fresnel::basis(v_dot_h).as_dvec4() * weight;
             }
         }
     }
     let norm: f64 = (0..QUADRATURE).map(|i| 3.0 * ((i as f64 + 0.5) / QUADRATURE as f64).powi(2) * QUADRATURE as f64).sum();
-    [(scale / norm) as f32, (bias / norm) as f32]
+    EnvironmentBrdf { whole: (whole / norm) as f32, parts: (parts / norm).as_vec4() }
 }

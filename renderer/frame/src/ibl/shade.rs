@@ -1,6 +1,6 @@
 //! Shading a G-buffer with the split sum.
 
-use super::{IblTables, environment_brdf, f0};
+use super::{IblTables, dielectric, environment_brdf, f0};
 use crate::environment::Environment;
 use crate::image::{Image, Rgb};
 use crate::{Camera, Frame};
@@ -29,7 +29,7 @@ pub struct Shading {
     pub prefiltered: Rgb,
     /// `prefiltered * (f0 * a + b)`.
     pub specular: Rgb,
-    /// Environment-BRDF scale and bias (a, b).
+    /// Environment-BRDF scale and bias (a, b) of the pixel's mixture of conductor and dielectric ([`super::EnvironmentBrdf::mixture`]).
     pub brdf: Image<[f32; 2]>,
     /// Albedo used (anti-aliased where guides exist), divided by coverage.
     pub albedo: Rgb,
@@ -164,7 +164,7 @@ fn shade_pixel(frame: &Frame, camera: &Camera, environment: &Environment, tables
     let diffuse = albedo * (1.0 - metallic);
     let irradiance = Vec3A::from_array(tables.irradiance(n));
     let prefiltered = Vec3A::from_array(tables.prefiltered(mirror, roughness));
-    let brdf = environment_brdf(n_dot_v.max(MIN_N_DOT_V), roughness);
+    let brdf = environment_brdf(n_dot_v.max(MIN_N_DOT_V), roughness).mixture(&dielectric(specular_level), metallic);
     let reflectance = Vec3A::from_array(f0(albedo.to_array(), metallic, specular_level));
     let specular = prefiltered * (reflectance * brdf[0] + brdf[1]);
     let image = (diffuse * irradiance + specular) * alpha + background * (1.0 - alpha).max(0.0);
