@@ -266,6 +266,12 @@ pub fn seconds(folder: &Path) -> Vec<f64> {
     timing.map(|t| t.seconds.into_iter().flatten().collect()).unwrap_or_default()
 }
 
+/// Seconds of those of the frames `numbers` of truth in `folder` whose making was timed.
+pub fn seconds_of(folder: &Path, numbers: &[usize]) -> Vec<f64> {
+    let timing: Timing = file::read_json(&folder.join(TIMING)).unwrap_or_default();
+    numbers.iter().filter_map(|&number| *timing.seconds.get(number)?).collect()
+}
+
 /// Whether frame `number` is a keyframe where frames 0, gap, 2 gap, ... are; with a gap of 0 none is.
 pub fn is_keyframe(gap: u32, number: usize) -> bool {
     gap > 0 && number.is_multiple_of(gap as usize)

@@ -107,6 +107,55 @@ fn path_tracing_gets_the_seconds_of_another_method() {
     assert!(equal.iter().all(|score| score.spp.is_some_and(|spp| (1..=65536).contains(&spp))), "{equal:?}");
 }
 
+#[test]
+fn neighbours_samples_help_and_budgets_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path()).join("tiny/near");
+    if renderflow_renderer::denoise::Denoiser::new().is_err() {
+        return println!("skipped: this build has no denoiser");
+    }
+    let run = |out: &str, threads: &str, more: &[&str]| -> (Results, String) {
+        let out = folder.path().join(out);
+        let methods = "warp,pt2+oidn,pt2+oidn+gbuffer,pt2+oidn+around,pt2+oidn+before,pt2+oidn+gbuffer+around";
+        let data = ["--threads", threads, "evaluate", "--data", data.to_str().unwrap(), "--methods", methods];
+        let text = succeed(&[&data[..], &["--out", out.to_str().unwrap()], more].concat());
+        (Results::read(&out).unwrap(), text)
+    };
+    let (all, table) = run("all", "2", &["--budgets", ".3"]);
+    let scores = &all.sequences[0].scores;
+    let values = |scores: &[Score], method: &str, frame: usize| -> Score {
+        scores.iter().find(|score| score.method == method && score.frame == frame).unwrap().clone()
+    };
+    let psnr = |method: &str, frame: usize| values(scores, method, frame).values["psnr"];
+    // Four frames' samples beside its own, or two; the first frame has none before.
+    assert!(psnr("pt2+oidn+around", 2) > psnr("pt2+oidn", 2) && psnr("pt2+oidn+before", 2) > psnr("pt2+oidn", 2));
+    assert_eq!(psnr("pt2+oidn+before", 0), psnr("pt2+oidn", 0));
+    assert!((0..5).all(|frame| psnr("pt2+oidn+gbuffer", frame) != psnr("pt2+oidn", frame)), "guides of other rays");
+    // Counts give the same pictures whichever frames are evaluated, on any threads.
+    let (some, _) = run("some", "1", &["--every", "3"]);
+    assert_eq!(some.sequences[0].about.frames, [0, 1, 3, 4]);
+    for score in some.sequences[0].scores.iter().filter(|score| score.method.starts_with("pt2")) {
+        let mut expected = values(scores, &score.method, score.frame).values;
+        // Of frame 3 the frame before is not evaluated.
+        expected.retain(|metric, _| score.values.contains_key(metric));
+        assert_eq!(score.values, expected, "{} of frame {}", score.method, score.frame);
+        assert_eq!(score.spp, Some(2));
+    }
+    // The seconds are those of 256 x 256 pixels: 48 x 48 get a 28th of them, which is hardly a sample and a denoiser.
+    let budget: Vec<&Score> = scores.iter().filter(|score| score.method.starts_with("pt-300ms+")).collect();
+    assert_eq!(budget.len(), 5 * 8);
+    assert!(budget.iter().all(|score| score.spp.is_some_and(|spp| (1..=4096).contains(&spp))), "{budget:?}");
+    // Frames 0 and 4 are keyframes.
+    let about = &all.sequences[0].about;
+    assert_eq!(about.keyframe_gap, Some(4.0));
+    assert_eq!(about.truth_share(), about.truth.keyframe_seconds.map(|seconds| seconds / 4.0));
+    assert!(about.truth.keyframe_seconds.is_some_and(|seconds| seconds > 0.0));
+    for row in ["s/frame with truth", "2 spp + OIDN, guided by a G-buffer", "path traced + OIDN fast, 2 frames before in 0.3 s ("]
+    {
+        assert!(table.contains(row), "{row} missing in\n{table}");
+    }
+}
+
 /// Truth of `set`'s near class as PNG (16 bits) named by `name`, in `out`.
 fn write_pngs(sequence: &Path, out: &Path, name: impl Fn(usize) -> String) {
     std::fs::create_dir_all(out).unwrap();
@@ -209,6 +258,11 @@ fn two_folders_or_a_data_set_but_not_both() {
         [&["evaluate", "--out", "x"][..], &["evaluate", "a", "--out", "x"], &["evaluate", "a", "b", "--data", "c", "--out", "x"]]
     {
         assert_eq!(renderflow(arguments).status.code(), Some(2), "{arguments:?}");
+    }
+    for (budgets, code) in [("0", 1), ("-1", 1), ("0.0005", 1), ("many", 2), (".1,nan", 1)] {
+        let found = renderflow(&["evaluate", "--data", ".", &format!("--budgets={budgets}"), "--out", "x"]);
+        assert_eq!(found.status.code(), Some(code), "{budgets}");
+        assert!(common::stderr(&found).contains("--budgets"), "{}", common::stderr(&found));
     }
     let error = fail(&["evaluate", "--data", ".", "--methods", "ibl,magic", "--out", "x"]);
     assert!(error.contains("magic"), "{error}");

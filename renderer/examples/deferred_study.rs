@@ -25,7 +25,15 @@ fn variants() -> Vec<(&'static str, Options)> {
         ("all", ALL),
         (
             "none",
-            Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false, parts: true },
+            Options {
+                shadows: ShadowMode::None,
+                sky: false,
+                occlusion: false,
+                bent: false,
+                reflections: false,
+                indirect: false,
+                parts: true,
+            },
         ),
         ("no-shadows", Options { shadows: ShadowMode::None, ..ALL }),
         ("ss-shadow", Options { shadows: ShadowMode::ScreenSpace, ..ALL }),

@@ -9,8 +9,8 @@
 use renderflow_frame::Frame;
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::{RenderScene, Settings, Skips, render_gbuffer};
-use renderflow_scenes::description::Scene;
 use renderflow_scenes::LoadedScene;
+use renderflow_scenes::description::Scene;
 use renderflow_scenes::load::load;
 use std::error::Error;
 use std::path::PathBuf;
@@ -65,10 +65,8 @@ fn measure(name: &str, mut loaded: LoadedScene, repeats: usize) -> Result<()> {
     let [Some(a), Some(b)] = frames else { return Err("no repeats".into()) };
     let mut truth = || {
         loaded.seed += 1;
-        Ok::<_, renderflow_renderer::Error>(render_gbuffer(
-            &RenderScene::compile(&loaded)?,
-            &Settings { guide_samples: 256, ..without },
-        )?)
+        let other = RenderScene::compile(&loaded)?;
+        render_gbuffer(&other, &Settings { guide_samples: 256, ..without })
     };
     let (first, second) = (truth()?, truth()?);
     let row = |a: &Frame, b: &Frame, scale: f64| {

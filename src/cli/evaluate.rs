@@ -5,7 +5,7 @@ use crate::evaluate::{outside, results::Results, run};
 use crate::metrics::Networks;
 use crate::progress::Progress;
 use crate::report::table;
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use renderflow_model::lpips::WEIGHTS_VARIABLE;
 use std::path::{Path, PathBuf};
@@ -14,6 +14,7 @@ use std::sync::atomic::AtomicBool;
 const HELP: &str = "\
 Examples:
   renderflow evaluate --data sets --methods all --every 5 --out results
+  renderflow evaluate --data sets --methods standard --budgets .05,.1,.2,.4,.8 --every 10 --out results-budgets
   renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" --out results-mine
   renderflow report results --out report
   renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors --out results-wan
@@ -28,8 +29,14 @@ Methods, in a comma-separated list:
   wan-stills, wan-stills+keys
                       the same with each frame rendered by itself
   pt4, pt4+oidn, pt4+fast
-                      path tracing with 4 samples a pixel: raw, denoised by OIDN with least error, or in least time
+                      path tracing with 4 samples a pixel: raw, denoised by OIDN with least error, or in least time; the denoiser is led by the
+                      camera rays of the samples
+  pt-50ms+oidn        as many samples as 50 ms allow for path tracing and OIDN, 1 at least; for 256 x 256 pixels, else in proportion
   equal-deferred      path tracing + OIDN in the seconds of another method (here deferred); equal-deferred+fast with OIDN in least time
+  ...+gbuffer         after one of these with OIDN: led by a G-buffer of 16 camera rays a pixel, whose seconds it pays
+  ...+around, ...+before
+                      at the end of one of these with OIDN: with the samples of the two frames before and after, or before alone, each
+                      carried along by motion; a frame's samples are traced and paid once
   standard, all       lists of these
 
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
@@ -55,6 +62,10 @@ pub struct Evaluate {
     /// What to evaluate
     #[arg(long, default_value = STANDARD, conflicts_with = "pictures")]
     methods: String,
+    /// Seconds a frame of 256 x 256 pixels (in proportion to the pixels at other sizes) that path tracing with OIDN is given, in every
+    /// form of it, beside the methods; such as .05,.1,.2,.4,.8
+    #[arg(long, value_name = "SECONDS", value_delimiter = ',', conflicts_with = "pictures")]
+    budgets: Vec<f64>,
     #[command(flatten)]
     weights: AllWeightsArgs,
     /// Of every so many frames evaluate the first two; 1 = all
@@ -94,7 +105,9 @@ impl Evaluate {
     }
 
     fn methods(&self, data: &Path, lpips: &Networks, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
-        let ways = Way::list(&self.methods)?;
+        let mut ways = Way::list(&self.methods)?;
+        let budgets = Way::budgets(&self.budgets).context("--budgets")?;
+        ways.extend(budgets.into_iter().filter(|budget| !ways.contains(budget)).collect::<Vec<_>>());
         let places = find(data)?;
         let wants = |network| ways.iter().any(|way| way.network().is_some_and(|(wanted, _)| wanted == network));
         let mut networks = self.weights.open(wants(Network::Compact))?;

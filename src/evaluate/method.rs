@@ -4,7 +4,7 @@ use super::results::{Group, Method};
 use anyhow::{Result, bail, ensure};
 
 /// How a path-traced picture is cleaned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Clean {
     /// Not at all.
     Raw,
@@ -12,6 +12,54 @@ pub enum Clean {
     High,
     /// OIDN in least time.
     Fast,
+}
+
+/// How many samples a pixel a path-traced picture has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Samples {
+    /// This many, 1..=65536.
+    Count(u32),
+    /// As many as this many milliseconds allow for the whole picture, 1 at least; at 256 x 256 pixels, and in proportion to the pixels
+    /// at other sizes.
+    Within(u32),
+    /// As many as the seconds allow that the method of this id took for the frame, 1 at least.
+    AsLongAs(String),
+}
+
+/// Where the denoiser's guides come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Guides {
+    /// The camera rays of the samples themselves.
+    Own,
+    /// A G-buffer of its own, whose seconds are paid.
+    GBuffer,
+}
+
+/// Which other frames' samples are taken in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Neighbours {
+    /// None.
+    Alone,
+    /// Those of the [`REACH`] frames before and after.
+    Around,
+    /// Those of the [`REACH`] frames before.
+    Before,
+}
+
+/// How many frames away samples are taken from.
+pub const REACH: usize = 2;
+
+/// A way to trace a picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tracing {
+    /// How many.
+    pub samples: Samples,
+    /// What follows.
+    pub clean: Clean,
+    /// What the denoiser is led by, where one follows.
+    pub guides: Guides,
+    /// What is taken in beside them.
+    pub neighbours: Neighbours,
 }
 
 /// A part of the deferred renderer.
@@ -67,19 +115,7 @@ pub enum Way {
         stills: bool,
     },
     /// Path tracing.
-    Traced {
-        /// Samples a pixel.
-        spp: u32,
-        /// What follows.
-        clean: Clean,
-    },
-    /// Path tracing in the seconds that another method took.
-    Equal {
-        /// Id of that method.
-        to: String,
-        /// What follows.
-        clean: Clean,
-    },
+    Traced(Tracing),
 }
 
 const PARTS: [(Part, &str, &str); 7] = [
@@ -97,17 +133,13 @@ pub const STANDARD: &str = "ibl,deferred,warp,neural,neural+keys,pt1+oidn,pt4+oi
 /// Everything: parts switched off, all path-traced rows, equal time.
 pub const ALL: &str = "ibl,deferred,deferred-lights,deferred-shadows,deferred-maps,deferred-sky,deferred-occlusion,deferred-reflections,\
 deferred-indirect,warp-ibl,warp,neural,neural+keys,pt1,pt2,pt4,pt8,pt1+fast,pt2+fast,pt4+fast,pt8+fast,pt1+oidn,pt2+oidn,pt4+oidn,\
-pt8+oidn,equal-deferred+fast,equal-deferred,equal-neural+keys";
-
-impl Clean {
-    fn suffix(self) -> &'static str {
-        match self {
-            Self::Raw => "",
-            Self::High => "+oidn",
-            Self::Fast => "+fast",
-        }
-    }
-}
+pt8+oidn,pt1+oidn+gbuffer,pt2+oidn+gbuffer,pt4+oidn+gbuffer,pt8+oidn+gbuffer,pt1+oidn+around,pt2+oidn+around,pt4+oidn+around,\
+pt8+oidn+around,pt1+oidn+before,pt2+oidn+before,pt4+oidn+before,pt8+oidn+before,equal-deferred+fast,equal-deferred,equal-neural+keys";
+/// What is traced in each budget, after the milliseconds.
+const IN_BUDGET: [&str; 8] =
+    ["+fast", "+fast+gbuffer", "+fast+around", "+fast+before", "+oidn", "+oidn+gbuffer", "+oidn+around", "+oidn+before"];
+/// Longest budget, milliseconds: an hour.
+const LONGEST: u32 = 3_600_000;
 
 impl Way {
     /// The way named `id`; the names are in the help of `renderflow evaluate`.
@@ -122,25 +154,8 @@ impl Way {
             };
             return Ok(Self::Deferred(Some(*part)));
         }
-        if let Some(to) = id.strip_prefix("equal-") {
-            let (to, clean) = match to.strip_suffix("+fast") {
-                Some(to) => (to, Clean::Fast),
-                None => (to, Clean::High),
-            };
-            ensure!(!matches!(Self::parse(to)?, Self::Equal { .. }), "{id}: needs a method with a time of its own");
-            return Ok(Self::Equal { to: to.into(), clean });
-        }
-        if let Some(spp) = id.strip_prefix("pt") {
-            let (spp, clean) = match spp.split_once('+') {
-                None => (spp, Clean::Raw),
-                Some((spp, "oidn")) => (spp, Clean::High),
-                Some((spp, "fast")) => (spp, Clean::Fast),
-                Some((_, clean)) => bail!("{id}: +oidn or +fast, not +{clean}"),
-            };
-            return match spp.parse() {
-                Ok(spp @ 1..=65536) => Ok(Self::Traced { spp, clean }),
-                _ => bail!("{id}: {spp:?} is no number of samples, 1..=65536"),
-            };
+        if id.starts_with("equal-") || id.starts_with("pt") {
+            return Tracing::parse(id).map(Self::Traced);
         }
         Ok(match id {
             "ibl" => Self::Ibl,
@@ -177,13 +192,35 @@ impl Way {
             };
             for id in names.split(',') {
                 let way = Self::parse(id)?;
-                if let Self::Equal { to, .. } = &way {
+                if let Self::Traced(Tracing { samples: Samples::AsLongAs(to), .. }) = &way {
                     add(&mut ways, Self::parse(to)?);
                 }
                 add(&mut ways, way);
             }
         }
         ensure!(!ways.is_empty(), "no methods to evaluate");
+        Ok(ways)
+    }
+
+    /// Path tracing in each of `budgets`, seconds a frame of 256 x 256 pixels: with OIDN in least time and of least error, led by its own
+    /// camera rays and by a G-buffer, and with the samples of frames around and before.
+    ///
+    /// # Errors
+    /// When one is no whole number of milliseconds, 1 ms to an hour.
+    pub fn budgets(budgets: &[f64]) -> Result<Vec<Self>> {
+        let mut ways: Vec<Self> = Vec::new();
+        for seconds in budgets {
+            let milliseconds = 1000.0 * seconds;
+            let whole = milliseconds.round();
+            let fits = (milliseconds - whole).abs() < 1e-6 && (1.0..=f64::from(LONGEST)).contains(&whole);
+            ensure!(fits, "a budget of {seconds} s: whole milliseconds from .001 to {} s", LONGEST / 1000);
+            for rest in IN_BUDGET {
+                let way = Self::parse(&format!("pt-{whole}ms{rest}"))?;
+                if !ways.contains(&way) {
+                    ways.push(way);
+                }
+            }
+        }
         Ok(ways)
     }
 
@@ -202,9 +239,7 @@ impl Way {
                     [(*stills, "-stills"), (*keyframes, "+keys")].map(|(on, name)| if on { name } else { "" });
                 format!("wan{stills}{keyframes}")
             }
-            Self::Traced { spp, clean } => format!("pt{spp}{}", clean.suffix()),
-            Self::Equal { to, clean: Clean::Fast } => format!("equal-{to}+fast"),
-            Self::Equal { to, .. } => format!("equal-{to}"),
+            Self::Traced(tracing) => tracing.id(),
         }
     }
 
@@ -260,27 +295,165 @@ impl Way {
             Self::Wan { keyframes: true, stills: true } => {
                 ("wan, frame by frame + keyframes".into(), Group::Neural, "reads the truth of keyframes")
             }
-            Self::Traced { spp, clean } => (format!("{spp} spp{}", clean.label()), Group::PathTraced, ""),
-            Self::Equal { to, clean } => {
-                let to = Self::parse(to).map_or_else(|_| to.clone(), |way| way.describe().label);
-                (format!("path traced{} in the time of {to}", clean.label()), Group::EqualTime, "1 spp at least")
+            Self::Traced(tracing) => return tracing.describe(),
+        };
+        Method { id: self.id(), label, group, series: None, spp: None, budget: None, note: note.into() }
+    }
+}
+
+/// Takes `suffix` off the end of `text` and says whether it was there.
+fn cut(text: &mut &str, suffix: &str) -> bool {
+    let rest = text.strip_suffix(suffix);
+    *text = rest.unwrap_or(text);
+    rest.is_some()
+}
+
+impl Tracing {
+    /// `pt4`, `pt-50ms` or `equal-METHOD`; then `+oidn` or `+fast` (`equal-` has OIDN of least error by itself), `+gbuffer`, and `+around` or
+    /// `+before`.
+    fn parse(id: &str) -> Result<Self> {
+        let mut rest = id;
+        let neighbours = if cut(&mut rest, "+around") {
+            Neighbours::Around
+        } else if cut(&mut rest, "+before") {
+            Neighbours::Before
+        } else {
+            Neighbours::Alone
+        };
+        let guides = if cut(&mut rest, "+gbuffer") { Guides::GBuffer } else { Guides::Own };
+        if let Some(mut to) = rest.strip_prefix("equal-") {
+            let clean = if cut(&mut to, "+fast") { Clean::Fast } else { Clean::High };
+            let to = Way::parse(to)?;
+            let timed = !matches!(&to, Way::Traced(Self { samples: Samples::AsLongAs(_), .. }));
+            ensure!(timed, "{id}: needs a method with a time of its own");
+            return Ok(Self { samples: Samples::AsLongAs(to.id()), clean, guides, neighbours });
+        }
+        let clean = if cut(&mut rest, "+oidn") {
+            Clean::High
+        } else if cut(&mut rest, "+fast") {
+            Clean::Fast
+        } else {
+            Clean::Raw
+        };
+        let Some(samples) = rest.strip_prefix("pt") else { bail!("there is no method {id:?}") };
+        if let Some((_, after)) = samples.split_once('+') {
+            bail!("{id}: +{after} has no place there: +oidn or +fast, then +gbuffer, then +around or +before");
+        }
+        ensure!(
+            clean != Clean::Raw || (guides, neighbours) == (Guides::Own, Neighbours::Alone),
+            "{id}: +gbuffer, +around and +before are for the denoiser: put +oidn or +fast before"
+        );
+        let samples = match samples.strip_prefix('-') {
+            Some(budget) => match budget.strip_suffix("ms").map(str::parse) {
+                Some(Ok(milliseconds @ 1..=LONGEST)) => Samples::Within(milliseconds),
+                _ => bail!("{id}: {budget:?} is no budget, 1ms..={LONGEST}ms"),
+            },
+            None => match samples.parse() {
+                Ok(spp @ 1..=65536) => Samples::Count(spp),
+                _ => bail!("{id}: {samples:?} is no number of samples, 1..=65536"),
+            },
+        };
+        Ok(Self { samples, clean, guides, neighbours })
+    }
+
+    fn id(&self) -> String {
+        let (from, clean) = match (&self.samples, self.clean) {
+            (Samples::Count(spp), clean) => (format!("pt{spp}"), clean.suffix()),
+            (Samples::Within(milliseconds), clean) => (format!("pt-{milliseconds}ms"), clean.suffix()),
+            (Samples::AsLongAs(to), Clean::Fast) => (format!("equal-{to}"), "+fast"),
+            (Samples::AsLongAs(to), _) => (format!("equal-{to}"), ""),
+        };
+        let guides = if self.guides == Guides::GBuffer { "+gbuffer" } else { "" };
+        format!("{from}{clean}{guides}{}", self.neighbours.suffix())
+    }
+
+    /// What follows the samples, in words.
+    fn words(&self) -> String {
+        let guides = if self.guides == Guides::GBuffer { ", guided by a G-buffer" } else { "" };
+        format!("{}{guides}{}", self.clean.label(), self.neighbours.label())
+    }
+
+    fn describe(&self) -> Method {
+        let words = self.words();
+        let series = format!("path traced{words}");
+        let (label, group, budget) = match &self.samples {
+            Samples::Count(spp) => (format!("{spp} spp{words}"), Group::PathTraced, None),
+            Samples::Within(milliseconds) => {
+                let seconds = f64::from(*milliseconds) / 1000.0;
+                (format!("{series} in {seconds} s"), Group::Budget, Some(seconds))
+            }
+            Samples::AsLongAs(to) => {
+                let to = Way::parse(to).map_or_else(|_| to.clone(), |way| way.describe().label);
+                (format!("{series} in the time of {to}"), Group::EqualTime, None)
             }
         };
-        let (series, spp) = match self {
-            Self::Traced { spp, clean } => (Some(format!("path traced{}", clean.label())), Some(*spp)),
-            _ => (None, None),
+        let mut note = Vec::new();
+        match self.samples {
+            Samples::Count(_) => {}
+            Samples::Within(_) => note.push("1 spp at least; seconds at 256 x 256, in proportion to the pixels at other sizes"),
+            Samples::AsLongAs(_) => note.push("1 spp at least"),
+        }
+        note.extend(match self.guides {
+            Guides::Own if self.clean == Clean::Raw => None,
+            Guides::Own => Some("guided by its own camera rays"),
+            Guides::GBuffer => Some("pays for the G-buffer"),
+        });
+        note.extend((self.neighbours != Neighbours::Alone).then_some("each frame's samples are traced and paid once"));
+        let (series, spp) = match self.samples {
+            Samples::Count(spp) => (Some(series), Some(spp)),
+            Samples::Within(_) => (Some(series), None),
+            Samples::AsLongAs(_) => (None, None),
         };
-        Method { id: self.id(), label, group, series, spp, note: note.into() }
+        Method { id: self.id(), label, group, series, spp, budget, note: note.join("; ") }
     }
 }
 
 impl Clean {
+    fn suffix(self) -> &'static str {
+        match self {
+            Self::Raw => "",
+            Self::High => "+oidn",
+            Self::Fast => "+fast",
+        }
+    }
+
     fn label(self) -> &'static str {
         match self {
             Self::Raw => "",
             Self::High => " + OIDN",
             Self::Fast => " + OIDN fast",
         }
+    }
+}
+
+impl Neighbours {
+    fn suffix(self) -> &'static str {
+        match self {
+            Self::Alone => "",
+            Self::Around => "+around",
+            Self::Before => "+before",
+        }
+    }
+
+    fn label(self) -> &'static str {
+        match self {
+            Self::Alone => "",
+            Self::Around => ", 2 frames before and after",
+            Self::Before => ", 2 frames before",
+        }
+    }
+
+    /// Frames whose samples are taken in for frame `index` of `count`, nearest first; itself is not among them.
+    pub fn of(self, index: usize, count: usize) -> Vec<usize> {
+        let before = (1..=REACH).filter_map(|step| index.checked_sub(step));
+        let after = (1..=REACH).map(|step| index + step).filter(|&other| other < count);
+        let mut frames: Vec<usize> = match self {
+            Self::Alone => Vec::new(),
+            Self::Around => before.chain(after).collect(),
+            Self::Before => before.collect(),
+        };
+        frames.sort_by_key(|&other| (other.abs_diff(index), other));
+        frames
     }
 }
 
@@ -295,8 +468,11 @@ mod tests {
 
     #[test]
     fn names_lead_back_to_themselves() {
-        let ways = Way::list("all,standard,wan,wan+keys,wan-stills,wan-stills+keys,pt300+fast,equal-ibl,equal-wan").unwrap();
-        assert!(ways.len() >= 31, "{}", ways.len());
+        let more = "wan,wan+keys,wan-stills,wan-stills+keys,pt300+fast,equal-ibl,equal-wan,equal-pt4+fast,equal-pt4+oidn+gbuffer+before,\
+                    pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
+        let mut ways = Way::list(&format!("all,standard,{more}")).unwrap();
+        ways.extend(Way::budgets(&[0.1, 0.8]).unwrap());
+        assert!(ways.len() >= 60, "{}", ways.len());
         for way in &ways {
             assert_eq!(&Way::parse(&way.id()).unwrap(), way);
         }
@@ -304,6 +480,44 @@ mod tests {
         labels.sort();
         labels.dedup();
         assert_eq!(labels.len(), ways.len(), "two methods share a label");
+    }
+
+    #[test]
+    fn parts_of_a_name_say_what_they_say() {
+        let traced = |samples, clean, guides, neighbours| Way::Traced(Tracing { samples, clean, guides, neighbours });
+        let (own, alone) = (Guides::Own, Neighbours::Alone);
+        for (id, expected) in [
+            ("pt4", traced(Samples::Count(4), Clean::Raw, own, alone)),
+            ("pt4+oidn", traced(Samples::Count(4), Clean::High, own, alone)),
+            ("pt4+fast+gbuffer", traced(Samples::Count(4), Clean::Fast, Guides::GBuffer, alone)),
+            ("pt-50ms+oidn+around", traced(Samples::Within(50), Clean::High, own, Neighbours::Around)),
+            ("equal-ibl+before", traced(Samples::AsLongAs("ibl".into()), Clean::High, own, Neighbours::Before)),
+            // What the seconds are taken of ends where its own parts begin.
+            ("equal-pt4+oidn", traced(Samples::AsLongAs("pt4+oidn".into()), Clean::High, own, alone)),
+            ("equal-pt4+fast", traced(Samples::AsLongAs("pt4".into()), Clean::Fast, own, alone)),
+        ] {
+            assert_eq!(Way::parse(id).unwrap(), expected, "{id}");
+        }
+    }
+
+    #[test]
+    fn budgets_are_rows_of_every_kind() {
+        let ways = Way::budgets(&[0.05, 0.1, 0.05]).unwrap();
+        assert_eq!(ways.len(), 2 * IN_BUDGET.len());
+        let methods: Vec<Method> = ways.iter().map(Way::describe).collect();
+        assert!(methods.iter().all(|method| method.group == Group::Budget && method.spp.is_none()));
+        assert_eq!((methods[0].id.as_str(), methods[0].budget), ("pt-50ms+fast", Some(0.05)));
+        for wrong in [0.0, -0.1, 0.0505, f64::NAN, f64::INFINITY, 3600.001] {
+            assert!(Way::budgets(&[wrong]).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn neighbours_stay_inside_the_sequence() {
+        assert_eq!(Neighbours::Around.of(3, 9), [2, 4, 1, 5]);
+        assert_eq!(Neighbours::Before.of(3, 9), [2, 1]);
+        assert_eq!((Neighbours::Around.of(0, 2), Neighbours::Around.of(8, 9)), (vec![1], vec![7, 6]));
+        assert_eq!((Neighbours::Before.of(0, 9), Neighbours::Alone.of(3, 9)), (vec![], vec![]));
     }
 
     #[test]
@@ -315,7 +529,20 @@ mod tests {
 
     #[test]
     fn unknown_names_are_refused() {
-        for name in ["", ",", "pt", "pt0", "pt99999", "pt4+nice", "deferred-sound", "equal-equal-ibl", "equal-", "cycles"] {
+        let traced = [
+            "pt",
+            "pt0",
+            "pt99999",
+            "pt4+nice",
+            "pt4+gbuffer",
+            "pt4+around",
+            "pt4+around+oidn",
+            "pt4+oidn+fast",
+            "pt4+oidn+around+before",
+        ];
+        let budgets = ["pt-", "pt-50", "pt-0ms", "pt-3600001ms", "pt-ms", "pt--5ms"];
+        let others = ["", ",", "deferred-sound", "equal-equal-ibl", "equal-", "cycles"];
+        for name in traced.iter().chain(&budgets).chain(&others) {
             assert!(Way::list(name).is_err(), "{name}");
         }
     }

@@ -10,3 +10,4 @@ mod painter;
 mod players;
 pub mod results;
 pub mod run;
+mod traced;

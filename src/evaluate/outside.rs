@@ -93,6 +93,7 @@ pub fn run(
         group: Group::Other,
         series: None,
         spp: None,
+        budget: None,
         note: String::new(),
     };
     let about = About {

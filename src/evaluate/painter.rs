@@ -2,9 +2,10 @@
 
 use super::engine::{Engine, Maps};
 use super::keyframes::{keyframes_for, prepare_keyframes};
-use super::method::{Clean, Part, Way};
+use super::method::{Part, Samples, Way};
 use super::players::Players;
-use super::run::{Options, median};
+use super::run::Options;
+use super::traced::{Buffer, Tracer};
 use crate::bench::reference::compile_seeded;
 use crate::dataset::{SequenceFolder, SequenceView};
 use crate::truth::Interrupted;
@@ -15,18 +16,13 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_model::infer::{PreparedKeyframe, warp_only};
 use renderflow_model::renderer::Sequence;
-use renderflow_renderer::denoise::{self, Denoiser, Quality};
-use renderflow_renderer::{RenderScene, Settings, render, render_gbuffer};
+use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
-use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Added to the seed of a sequence: path-traced rows must not have the truth's own samples in them.
 const OTHER_SEED: u64 = 1;
-/// Samples a pixel of the two renders from which the time of any number is told.
-const PROBES: [u32; 2] = [2, 16];
 
 /// What is done once for a keyframe.
 const PREPARING: &str = "preparing keyframes";
@@ -64,11 +60,9 @@ pub struct Painter<'a> {
     /// Where keyframes are carried into the split sum.
     keyframes: Vec<PreparedKeyframe>,
     players: Players<'a>,
-    denoisers: BTreeMap<&'static str, Denoiser>,
-    /// Seconds of path tracing with 0 samples, and of each more.
-    rate: Option<[f64; 2]>,
-    /// Seconds of each denoiser so far.
-    denoised: BTreeMap<&'static str, Vec<f64>>,
+    tracer: Tracer<'a>,
+    /// Whether the first frame pays for nothing but itself.
+    warm: bool,
     once: Vec<(String, f64)>,
 }
 
@@ -77,14 +71,6 @@ pub(super) fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, f64)> {
     let started = Instant::now();
     let value = work()?;
     Ok((value, started.elapsed().as_secs_f64()))
-}
-
-fn name(clean: Clean) -> &'static str {
-    match clean {
-        Clean::Raw => "none",
-        Clean::High => "OIDN",
-        Clean::Fast => "OIDN fast",
-    }
 }
 
 impl<'a> Painter<'a> {
@@ -119,18 +105,8 @@ impl<'a> Painter<'a> {
         if players.read_depths() {
             once.push(("reading the range of depths".to_owned(), beginning));
         }
-        let mut denoisers = BTreeMap::new();
-        for clean in [Clean::High, Clean::Fast] {
-            let wanted = |way: &Way| matches!(way, Way::Traced { clean: c, .. } | Way::Equal { clean: c, .. } if *c == clean);
-            if ways.iter().any(wanted) {
-                let quality = if clean == Clean::Fast { Quality::Fast } else { Quality::High };
-                let options = denoise::Options { quality, clean_guides: true };
-                let denoiser = Denoiser::with_options(options).context("path tracing + OIDN is among the methods")?;
-                denoisers.insert(name(clean), denoiser);
-            }
-        }
-        let denoised = BTreeMap::new();
-        Ok(Self { folder, view, options, scene, engine, keyframes, players, denoisers, rate: None, denoised, once })
+        let tracer = Tracer::new(folder, options)?;
+        Ok(Self { folder, view, options, scene, engine, keyframes, players, tracer, warm: false, once })
     }
 
     /// Seconds spent once a sequence, by what they were spent on.
@@ -148,8 +124,9 @@ impl<'a> Painter<'a> {
     pub fn paint(&mut self, index: usize, cancel: &AtomicBool) -> Result<Vec<Picture>> {
         let settings = Settings { guide_samples: self.options.guide_samples, ..Settings::default() };
         self.scene.set_frame(self.folder.numbers[index]);
-        if self.rate.is_none() {
+        if !self.warm {
             self.warm_up(&settings, index, cancel)?;
+            self.warm = true;
         }
         // Clips take in frames that are not painted yet, or never.
         while let Some(next) = self.players.wanted(index) {
@@ -163,19 +140,20 @@ impl<'a> Painter<'a> {
         }
         self.scene.set_frame(self.folder.numbers[index]);
         let shared = self.share(&settings, index)?;
-        let mut traced: BTreeMap<u32, (Frame, f64)> = BTreeMap::new();
+        self.tracer.forget_before(index);
         let mut made: Vec<Picture> = Vec::new();
         for way in self.options.ways {
             let (linear, seconds, spp) = match way {
-                Way::Traced { spp, clean } => {
-                    let (picture, seconds) = self.trace(&shared, *spp, *clean, &mut traced, cancel)?;
-                    (picture, seconds, Some(*spp))
-                }
-                Way::Equal { to, clean } => {
-                    let Some(budget) = made.iter().find(|made| made.id == *to).map(|made| made.seconds) else { continue };
-                    let spp = self.affordable(budget, &shared, *clean);
-                    let (picture, seconds) = self.trace(&shared, spp, *clean, &mut traced, cancel)?;
-                    self.learn(spp, &traced);
+                Way::Traced(tracing) => {
+                    let given = match &tracing.samples {
+                        Samples::AsLongAs(to) => made.iter().find(|made| made.id == *to).map(|made| made.seconds),
+                        _ => None,
+                    };
+                    if matches!(tracing.samples, Samples::AsLongAs(_)) && given.is_none() {
+                        continue;
+                    }
+                    let (picture, seconds, spp) =
+                        self.tracer.picture(&mut self.scene, tracing, given, shared.buffer(), cancel)?;
                     (picture, seconds, Some(spp))
                 }
                 way => {
@@ -225,115 +203,26 @@ impl<'a> Painter<'a> {
         Ok(Shared { index, gbuffer, seconds, maps })
     }
 
-    /// Path-traces and cleans a frame. What is rendered with as many samples for another method is not rendered again.
-    fn trace(
-        &mut self,
-        shared: &Shared,
-        spp: u32,
-        clean: Clean,
-        traced: &mut BTreeMap<u32, (Frame, f64)>,
-        cancel: &AtomicBool,
-    ) -> Result<(Rgb, f64)> {
-        let settings = Settings { spp, max_bounces: self.options.max_bounces, ..Settings::default() };
-        let (frame, rendering) = &*match traced.entry(spp) {
-            Entry::Occupied(there) => there.into_mut(),
-            Entry::Vacant(place) => {
-                let rendered = timed(|| Ok(render(&self.scene, &settings, &|_, _| (), cancel)?));
-                if cancel.load(Ordering::Relaxed) {
-                    return Err(Interrupted.into());
-                }
-                place.insert(rendered?)
-            }
-        };
-        let mut seconds = *rendering;
-        let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
-        let Some(denoiser) = self.denoisers.get_mut(name(clean)) else { return Ok((raw.clone(), seconds)) };
-        // Few camera rays make noisy guides; then those of the G-buffer, which all else starts from, serve and count.
-        let guides = if settings.clean_guides() { frame } else { &shared.gbuffer };
-        if !settings.clean_guides() {
-            seconds += shared.seconds;
-        }
-        let (picture, denoising) =
-            timed(|| Ok(denoiser.denoise(raw, guides.guide_albedo.as_ref(), guides.guide_normal.as_ref())?))?;
-        self.denoised.entry(name(clean)).or_default().push(denoising);
-        Ok((picture, seconds + denoising))
-    }
-
-    /// Samples a pixel that path tracing and denoising in `budget` seconds allow; 1 at least.
-    fn affordable(&self, budget: f64, shared: &Shared, clean: Clean) -> u32 {
-        let Some(rate) = self.rate else { return 1 };
-        let denoising = self.denoised.get(name(clean)).map_or(0.0, |seconds| median(seconds.clone()));
-        // Where it takes fewer samples than make clean guides, those of the G-buffer cost their time.
-        let guides = if clean == Clean::Raw { 0.0 } else { shared.seconds };
-        samples(budget - denoising, rate, guides)
-    }
-
-    /// What a render took says how many samples the next one may have: scenes cost differently from frame to frame.
-    fn learn(&mut self, spp: u32, traced: &BTreeMap<u32, (Frame, f64)>) {
-        if let (Some([start, each]), Some((_, seconds))) = (&mut self.rate, traced.get(&spp)) {
-            // Few samples tell more of what is done once a frame.
-            let weight = if spp < 8 { 0.0 } else { 0.5 };
-            *each += weight * ((seconds - *start).max(0.0) / f64::from(spp) - *each);
-            *each = each.max(1e-6);
-        }
-    }
-
     /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
     fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
         let shared = self.share(settings, index)?;
         for way in self.options.ways {
             if way.network().is_some() {
                 self.players.warm_up(way, index, &shared.gbuffer)?;
-            } else if !matches!(way, Way::Traced { .. } | Way::Equal { .. }) {
+            } else if !matches!(way, Way::Traced(_)) {
                 self.shade(way, &shared)?;
-            }
-        }
-        let mut seconds = [0.0; 2];
-        // The first round warms the caches, the second counts.
-        for _ in 0..2 {
-            let mut traced = BTreeMap::new();
-            for (seconds, spp) in seconds.iter_mut().zip(PROBES) {
-                (_, *seconds) = self.trace(&shared, spp, Clean::Raw, &mut traced, cancel)?;
-            }
-            for clean in [Clean::High, Clean::Fast] {
-                if self.denoisers.contains_key(name(clean)) {
-                    self.trace(&shared, PROBES[0], clean, &mut traced, cancel)?;
-                }
             }
         }
         // The first frame pays for its own shadow maps.
         if let Some(engine) = &mut self.engine {
             engine.forget();
         }
-        // The first run of a denoiser builds its network.
-        for seconds in self.denoised.values_mut() {
-            seconds.remove(0);
-        }
-        let each = ((seconds[1] - seconds[0]) / f64::from(PROBES[1] - PROBES[0])).max(1e-6);
-        self.rate = Some([(seconds[0] - f64::from(PROBES[0]) * each).max(0.0), each]);
-        Ok(())
+        self.tracer.warm_up(&mut self.scene, self.options.ways, shared.buffer(), cancel)
     }
 }
 
-/// Samples a pixel that `seconds` allow where a render takes `start` seconds and `each` more for a sample, 1 at least; `guides`
-/// seconds go where the samples make no guides of their own.
-fn samples(seconds: f64, [start, each]: [f64; 2], guides: f64) -> u32 {
-    let count = |seconds: f64| ((seconds - start) / each).floor().clamp(1.0, 65536.0) as u32;
-    let own = count(seconds);
-    if (Settings { spp: own, ..Settings::default() }).clean_guides() { own } else { count(seconds - guides) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn samples_fill_the_time() {
-        // Many samples make their own guides; few pay for those of the G-buffer; one is the least.
-        assert_eq!(samples(1.1, [0.1, 0.01], 0.3), 100);
-        assert_eq!(samples(0.5, [0.1, 0.1], 0.1), 3);
-        assert_eq!(samples(0.5, [0.1, 0.1], 0.0), 4);
-        assert_eq!(samples(0.05, [0.1, 0.1], 0.1), 1);
-        assert_eq!(samples(1e9, [0.0, 1e-6], 0.0), 65536);
+impl Shared {
+    fn buffer(&self) -> Buffer<'_> {
+        Buffer { index: self.index, frame: &self.gbuffer, seconds: self.seconds }
     }
 }

@@ -16,6 +16,8 @@ use std::path::{Path, PathBuf};
 
 /// File of [`About`].
 pub const ABOUT: &str = "results.json";
+/// Pixels of the pictures that a budget's seconds are for, 256 x 256; others are given seconds in proportion to theirs.
+pub const BUDGET_PIXELS: f64 = 65536.0;
 /// Stands for the reference where pictures are named by method.
 pub const TRUTH: &str = "truth";
 
@@ -113,6 +115,9 @@ pub struct Method {
     /// Samples a pixel, for rows of path tracing with a fixed number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spp: Option<u32>,
+    /// Seconds that a picture of [`BUDGET_PIXELS`] may take, for rows of a budget.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget: Option<f64>,
     /// What one should know about it, in a sentence.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
@@ -132,8 +137,17 @@ pub enum Group {
     PathTraced,
     /// Path tracing given the seconds of another method.
     EqualTime,
+    /// Path tracing given seconds.
+    Budget,
     /// Pictures from elsewhere.
     Other,
+}
+
+impl Group {
+    /// Whether paths make the picture.
+    pub fn is_traced(self) -> bool {
+        matches!(self, Self::PathTraced | Self::EqualTime | Self::Budget)
+    }
 }
 
 /// The whole evaluation.
@@ -172,6 +186,9 @@ pub struct Sequence {
     pub frames: Vec<usize>,
     /// Numbers of those that are keyframes.
     pub keyframes: Vec<usize>,
+    /// Frames of the whole sequence for each of its keyframes: their distance where there are several. `None` without keyframes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub keyframe_gap: Option<f64>,
     /// Numbers of the frames whose pictures are kept.
     pub shown: Vec<usize>,
     /// Factor from radiance to display-linear.
@@ -192,12 +209,25 @@ pub struct Truth {
     /// Median seconds a frame, where they were kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
+    /// Median seconds of a keyframe, where they were kept: its frames may have more samples than those between.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub keyframe_seconds: Option<f64>,
     /// PSNR (object) that the noise left in the raw picture would score against a perfect one, dB; from its variance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<f64>,
     /// PSNR (object) that the reference as it is would score against a perfect one, dB, where a longer render was made to tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
+}
+
+impl Sequence {
+    /// Seconds a frame that the truth of keyframes costs a method that reads it: theirs, shared over their gap. `None` where they were not
+    /// kept or there are no keyframes.
+    pub fn truth_share(&self) -> Option<f64> {
+        let seconds = self.truth.keyframe_seconds.or(self.truth.seconds)?;
+        let gap = self.keyframe_gap.filter(|gap| *gap > 0.0)?;
+        Some(seconds / gap).filter(|share| share.is_finite())
+    }
 }
 
 /// One method on one frame.

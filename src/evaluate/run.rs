@@ -251,17 +251,29 @@ fn sequence(
         height: size.height,
         frames: numbers(indices),
         keyframes: numbers(&folder.sequence.keyframes).into_iter().filter(|n| numbers(indices).contains(n)).collect(),
+        keyframe_gap: keyframe_gap(&folder.sequence.keyframes, folder.len()),
         shown: numbers(&shown),
         exposure,
         facts: facts(place),
         truth: Truth {
             spp: folder.frame(first)?.info.spp,
             seconds: Some(median(crate::truth::seconds(&folder.path))).filter(|s| s.is_finite()),
+            keyframe_seconds: Some(median(crate::truth::seconds_of(&folder.path, &numbers(&folder.sequence.keyframes))))
+                .filter(|s| s.is_finite()),
             noise: (!noise.is_empty()).then(|| decibel(noise.iter().sum::<f64>() / noise.len() as f64)),
             error: error.map(|audit| audit.error),
         },
         once: painter.once(),
     })
+}
+
+/// Frames for each keyframe of a sequence of `frames`: the distance of its keyframes `keys` where there are several.
+fn keyframe_gap(keys: &[usize], frames: usize) -> Option<f64> {
+    match keys {
+        [] => None,
+        [_] => Some(frames as f64),
+        [first, .., last] => Some((last.abs_diff(*first)) as f64 / (keys.len() - 1) as f64),
+    }
 }
 
 /// Median; NaN for nothing.
@@ -332,6 +344,13 @@ mod tests {
         assert!(kept.iter().all(|i| i % 16 != 0) && kept.windows(2).all(|w| w[0] < w[1]), "{kept:?}");
         assert_eq!(shown(&[0, 1], &[0, 1], 5), [0, 1]);
         assert_eq!(shown(&all, &[], 0), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn keyframes_share_the_frames() {
+        assert_eq!([keyframe_gap(&[], 50), keyframe_gap(&[0], 9)], [None, Some(9.0)]);
+        assert_eq!(keyframe_gap(&[0, 16, 32, 48], 50), Some(16.0));
+        assert_eq!(keyframe_gap(&[0, 4, 9], 10), Some(4.5));
     }
 
     #[test]

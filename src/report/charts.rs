@@ -9,13 +9,46 @@ use std::collections::BTreeMap;
 
 /// Metrics with plots of their own.
 const PLOTTED: [&str; 4] = ["psnr", "lpips_alex", "flip", "rel_mse"];
+/// Metrics that are plotted over all seconds, one below the other.
+const OVER_WHOLE_TIME: [&str; 2] = ["psnr", "temporal"];
 /// Pixels of the plots.
 const SIZE: (f64, f64) = (960.0, 520.0);
 
-/// Error against seconds a frame, every method: a name and a plot a metric.
+/// Error against seconds a frame, every method but those of budgets: a name and a plot a metric.
 pub fn time(view: &View, set: &str) -> Vec<(String, String)> {
-    let rows = view.means.rows(Filter { set: Some(set), ..Filter::default() });
-    each(&rows, |metric| time_plot(view, &rows, metric))
+    let rows = view.means.rows(Filter { set: Some(set), without_budgets: true, ..Filter::default() });
+    each(&rows, |metric| time_plot(view, &rows, metric, &Axis::SECONDS))
+}
+
+/// Error and flicker against all seconds a frame, the truth of keyframes paid: a name and two plots a class of scene, all classes first.
+/// Where path tracing was given budgets, it stands in the plots by them alone.
+pub fn whole_time(view: &View, set: &str) -> Vec<(String, String)> {
+    let classes = table::classes(view.results, set);
+    let each = if classes.len() > 1 { classes.as_slice() } else { &[] };
+    let parts = std::iter::once(("all classes", None)).chain(each.iter().map(|class| (*class, Some(*class))));
+    let part = |(name, class): (&str, Option<&str>)| {
+        let mut rows = view.means.rows(Filter { set: Some(set), class, without_ablations: true, ..Filter::default() });
+        if rows.iter().any(|row| row.method.group == Group::Budget) {
+            rows.retain(|row| row.method.group == Group::Budget || !row.method.group.is_traced());
+        }
+        let metrics = OVER_WHOLE_TIME.iter().filter_map(|id| table::metric(id));
+        let plots: String = metrics.filter_map(|metric| time_plot(view, &rows, metric, &Axis::ALL_SECONDS)).collect();
+        (!plots.is_empty()).then(|| (name.to_owned(), plots))
+    };
+    parts.filter_map(part).collect()
+}
+
+/// Which seconds of a row a plot is over.
+struct Axis {
+    name: &'static str,
+    seconds: fn(&Row) -> Option<f64>,
+    height: f64,
+}
+
+impl Axis {
+    const SECONDS: Self = Self { name: "seconds a frame", seconds: |row| row.seconds, height: SIZE.1 };
+    const ALL_SECONDS: Self =
+        Self { name: "seconds a frame with truth", seconds: |row| row.seconds_with_truth, height: 0.75 * SIZE.1 };
 }
 
 /// A plot a metric that any row has.
@@ -30,15 +63,16 @@ fn scale(metric: &Metric) -> Scale {
     if metric.rising { Scale::Linear } else { Scale::Log }
 }
 
-fn axis(metric: &Metric) -> String {
+/// What an axis of values is called.
+fn named(metric: &Metric) -> String {
     let unit = if metric.id.starts_with("psnr") { ", dB" } else { "" };
     format!("{}{unit} ({} is better)", metric.label, if metric.rising { "up" } else { "down" })
 }
 
-fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
+fn time_plot(view: &View, rows: &[Row], metric: &Metric, axis: &Axis) -> Option<String> {
     let mut lines: BTreeMap<(usize, &str), Line> = BTreeMap::new();
     for (number, row) in rows.iter().enumerate() {
-        let (Some(cell), Some(seconds)) = (row.cells.get(metric.id), row.seconds) else { continue };
+        let (Some(cell), Some(seconds)) = (row.cells.get(metric.id), (axis.seconds)(row)) else { continue };
         let faint = row.method.group == Group::Ablation;
         let series = row.method.series.as_deref().filter(|_| !faint);
         // Loose methods are lines of one point.
@@ -67,13 +101,13 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
     }
     (!lines.is_empty()).then(|| {
         figure(&Plot {
-            title: &format!("{} against seconds a frame", metric.label),
-            x: ("seconds a frame", Scale::Log),
-            y: (&axis(metric), scale(metric)),
+            title: &format!("{} against {}", metric.label, axis.name),
+            x: (axis.name, Scale::Log),
+            y: (&named(metric), scale(metric)),
             lines: lines.into_values().collect(),
             levels: Vec::new(),
             marks: Vec::new(),
-            size: SIZE,
+            size: (SIZE.0, axis.height),
         })
     })
 }
@@ -82,13 +116,15 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String> {
 fn short(view: &View, row: &Row, series: Option<&str>) -> String {
     match (series, row.method.spp) {
         (Some(_), Some(spp)) => format!("{spp} spp"),
+        // Its seconds are the axis.
+        (Some(_), None) if row.method.group == Group::Budget => String::new(),
         _ => short_label(&view.results.about.methods, row.method),
     }
 }
 
 /// Error against samples a pixel for each series of path tracing, other methods as levels: a name and a plot a metric.
 pub fn convergence(view: &View, set: &str) -> Vec<(String, String)> {
-    let rows = view.means.rows(Filter { set: Some(set), without_ablations: true, ..Filter::default() });
+    let rows = view.means.rows(Filter { set: Some(set), without_ablations: true, without_budgets: true, ..Filter::default() });
     each(&rows, |metric| convergence_plot(view, &rows, metric))
 }
 
@@ -116,7 +152,7 @@ fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String
         figure(&Plot {
             title: &format!("{} against samples a pixel", metric.label),
             x: ("samples a pixel", Scale::Doubling),
-            y: (&axis(metric), scale(metric)),
+            y: (&named(metric), scale(metric)),
             lines: lines.into_values().collect(),
             levels,
             marks: Vec::new(),
@@ -168,7 +204,8 @@ fn copy(metric: &Metric, value: f64) -> bool {
 pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
     let scored = &view.results.sequences[number];
     let about = &scored.about;
-    let filter = Filter { set: Some(&about.set), class: Some(&about.class), name: Some(&about.name), without_ablations: true };
+    let (class, name) = (Some(about.class.as_str()), Some(about.name.as_str()));
+    let filter = Filter { set: Some(&about.set), class, name, without_ablations: true, without_budgets: true };
     let rows = view.means.rows(filter);
     let draw = |metric: &Metric| {
         let line = |row: &Row| {
@@ -189,7 +226,7 @@ pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
             figure(&Plot {
                 title: &format!("{} over the frames", metric.label),
                 x: ("frame", Scale::Count),
-                y: (&axis(metric), scale(metric)),
+                y: (&named(metric), scale(metric)),
                 lines,
                 levels: Vec::new(),
                 marks: about.keyframes.iter().map(|frame| *frame as f64).collect(),

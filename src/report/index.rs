@@ -39,7 +39,7 @@ pub(super) fn html(view: &View) -> Result<String> {
 fn set_section(view: &View, set: &str) -> Result<String> {
     let filter = Filter { set: Some(set), ..Filter::default() };
     let (sequences, frames) = table::extent(&view.means, filter);
-    let rows = view.means.rows(Filter { without_ablations: true, ..filter });
+    let rows = view.means.rows(Filter { without_ablations: true, without_budgets: true, ..filter });
     let mut out = format!(
         "<p>{}, {}: those that are no keyframes, the same for all methods. Below a mean its 95 % bootstrap interval over sequences. \
          A click on a head sorts.</p>\n",
@@ -52,6 +52,7 @@ fn set_section(view: &View, set: &str) -> Result<String> {
         &charts::time(view, set),
         "Mean over sequences with its 95 % interval; seconds as in the table. Faint: parts switched on or off.",
     );
+    out += &whole_time(view, filter, sequences);
     out += &plots("Convergence of path tracing", &charts::convergence(view, set), "Other methods as levels.");
     let classes = class_tables(view, set);
     if table::classes(view.results, set).len() > 1 {
@@ -62,6 +63,25 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     out += &truth(view, set);
     out += &grid(view, set)?;
     Ok(out)
+}
+
+/// Error and flicker over all seconds, and the table of what budgets allowed.
+fn whole_time(view: &View, filter: Filter, of: usize) -> String {
+    let Some(set) = filter.set else { return String::new() };
+    let choices = charts::whole_time(view, set);
+    if choices.is_empty() {
+        return String::new();
+    }
+    let note = "The seconds of the keyframes' truth, shared over their gap, are paid by the methods that read it. Joined: path tracing in \
+                budgets of seconds, where it was given such, else by its samples.";
+    let mut out = format!("<h3>Error and flicker against all seconds</h3>\n<p>{note}</p>\n{}", html::chooser("Class", &choices));
+    let mut rows = view.means.rows(filter);
+    rows.retain(|row| row.method.group == Group::Budget);
+    if !rows.is_empty() {
+        let table = style::main_table(&view.palette, &format!("{set}: path tracing in budgets of seconds"), &rows, of);
+        out += &format!("<details><summary>Table of the budgets</summary>\n{table}</details>\n");
+    }
+    out
 }
 
 fn plots(heading: &str, choices: &[(String, String)], note: &str) -> String {
@@ -190,6 +210,7 @@ fn group(group: Group) -> &'static str {
         Group::Neural => "The network.",
         Group::PathTraced => "Path tracing.",
         Group::EqualTime => "Path tracing given the seconds of another method.",
+        Group::Budget => "Path tracing given seconds.",
         Group::Other => "Pictures from elsewhere.",
     }
 }

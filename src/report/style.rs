@@ -80,10 +80,10 @@ pub fn seconds(value: Option<f64>) -> (Option<f64>, String) {
     (value, value.map_or_else(|| NONE.into(), table::seconds))
 }
 
-/// Seconds; where an equal-time row has missed those it was given, by how much.
+/// Seconds; where a row has missed those it was given, by how much.
 fn given_seconds(rows: &[Row], row: &Row) -> (Option<f64>, String) {
     let (value, text) = seconds(row.seconds);
-    let ratio = table::given(rows, row.method).and_then(|given| Some(row.seconds? / given.seconds?));
+    let ratio = table::given_seconds(rows, row).and_then(|given| Some(row.seconds? / given));
     match ratio.filter(|ratio| ratio.is_finite() && !(1.0 / EQUAL..=EQUAL).contains(ratio)) {
         Some(ratio) => (value, format!("{text}<small>{ratio:.2} x given</small>")),
         None => (value, text),
@@ -96,10 +96,13 @@ pub fn main_table(palette: &Palette, caption: &str, rows: &[Row], of: usize) -> 
     let mut heads = vec![("method".to_owned(), "How the pictures were made".to_owned())];
     heads.extend(columns.iter().map(|column| (column.label.to_owned(), direction(column))));
     heads.push(("s/frame".into(), "Median wall seconds of a sequence's frames, mean over sequences; less is better".into()));
+    let with_truth =
+        "The same with the seconds of the keyframes' truth, shared over their gap, where a method reads it; less is better";
+    heads.push((table::WITH_TRUTH.into(), with_truth.into()));
     let line = |row: &Row| {
         let mut line = vec![(None, name(palette, row, of))];
         line.extend(columns.iter().map(|column| cell(column, row.cells.get(column.id))));
-        line.push(given_seconds(rows, row));
+        line.extend([given_seconds(rows, row), seconds(row.seconds_with_truth)]);
         line
     };
     html::table(caption, &heads, &rows.iter().map(line).collect::<Vec<_>>())

@@ -3,14 +3,14 @@
 use super::html::escape;
 use super::style::EQUAL;
 use super::table::{self, Filter, Means, Row};
-use crate::evaluate::results::{Group, Metric};
+use crate::evaluate::results::Metric;
 
 /// A paragraph on a set; empty where no method has a PSNR.
 pub fn paragraph(means: &Means, set: &str) -> String {
     let filter = Filter { set: Some(set), without_ablations: true, ..Filter::default() };
     let rows = means.rows(filter);
     let Some(psnr) = table::metric("psnr") else { return String::new() };
-    let traced = |row: &&Row| matches!(row.method.group, Group::PathTraced | Group::EqualTime);
+    let traced = |row: &&Row| row.method.group.is_traced();
     let keys = |row: &&Row| table::reads_keyframes(row.method);
     let mut sentences = Vec::new();
     let plain = best(rows.iter().filter(|row| !traced(row) && !keys(row)));
@@ -55,7 +55,9 @@ fn result(metric: &Metric, row: &Row) -> String {
     let ends = row.cells.get(metric.id).and_then(|cell| cell.range);
     let ends = ends.map_or_else(String::new, |[a, b]| format!(" ({} to {})", table::number(metric, a), table::number(metric, b)));
     let seconds = row.seconds.map_or_else(String::new, |s| format!(" at {} s a frame", table::seconds(s)));
-    format!("{}{ends}{seconds}", value(metric, row))
+    let paid = row.seconds_with_truth.filter(|_| table::reads_keyframes(row.method));
+    let paid = paid.map_or_else(String::new, |s| format!(", {} s with the truth of its keyframes", table::seconds(s)));
+    format!("{}{ends}{seconds}{paid}", value(metric, row))
 }
 
 fn gap(row: &Row, than: &Row) -> String {

@@ -1,12 +1,15 @@
 //! Means over frames and sequences with their intervals, and the tables that are printed.
 
-use crate::evaluate::results::{Group, METRICS, Method, Metric, Results, Scored, Sequence};
+use crate::evaluate::results::{BUDGET_PIXELS, Group, METRICS, Method, Metric, Results, Scored, Sequence};
 use crate::metrics::bootstrap::{self, Interval};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
 /// Metrics of the main table, in the order of its columns.
 pub const COLUMNS: [&str; 7] = ["psnr", "ssim", "lpips_alex", "flip", "psnr_full", "rel_mse", "temporal"];
+
+/// Head of the column of [`Row::seconds_with_truth`].
+pub const WITH_TRUTH: &str = "s/frame with truth";
 
 /// A metric by its id; `None` for one that [`METRICS`] does not list.
 pub fn metric(id: &str) -> Option<&'static Metric> {
@@ -22,6 +25,10 @@ pub struct Row<'a> {
     pub cells: BTreeMap<&'static str, Interval>,
     /// Mean over sequences of the median wall seconds of the frames counted.
     pub seconds: Option<f64>,
+    /// The same with what the truth of keyframes costs a frame, for methods that read it; `None` where that is not known.
+    pub seconds_with_truth: Option<f64>,
+    /// Mean over sequences of the seconds that the row was given, for rows of a budget.
+    pub budget: Option<f64>,
     /// Mean samples a pixel of the frames counted, for path tracing.
     pub spp: Option<f64>,
     /// Sequences that the method has been scored on.
@@ -32,7 +39,7 @@ impl Row<'_> {
     /// Name in tables; with the samples that the time allowed, where that is what they follow from.
     pub fn label(&self) -> String {
         let label = &self.method.label;
-        match self.spp.filter(|_| self.method.group == Group::EqualTime) {
+        match self.spp.filter(|_| matches!(self.method.group, Group::EqualTime | Group::Budget)) {
             Some(spp) => format!("{label} ({spp:.0} spp)"),
             None => label.clone(),
         }
@@ -55,6 +62,8 @@ pub struct Filter<'a> {
     pub name: Option<&'a str>,
     /// Leaves out rows of [`Group::Ablation`].
     pub without_ablations: bool,
+    /// Leaves out rows of [`Group::Budget`].
+    pub without_budgets: bool,
 }
 
 impl Filter<'_> {
@@ -126,7 +135,12 @@ impl<'a> Means<'a> {
     pub fn rows(&self, filter: Filter) -> Vec<Row<'a>> {
         let sequences = self.sequences(filter);
         let methods = self.results.about.methods.iter();
-        let asked = methods.filter(|method| !(filter.without_ablations && method.group == Group::Ablation));
+        let left_out = |group| match group {
+            Group::Ablation => filter.without_ablations,
+            Group::Budget => filter.without_budgets,
+            _ => false,
+        };
+        let asked = methods.filter(|method| !left_out(method.group));
         asked.filter_map(|method| self.row(method, &sequences)).collect()
     }
 
@@ -140,11 +154,24 @@ impl<'a> Means<'a> {
         let frames = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str()));
         let spp: Vec<f64> = numbers().filter_map(|number| self.spp[number].get(method.id.as_str()).copied()).collect();
         let medians: Vec<f64> = frames.filter_map(|seconds| median(seconds.clone())).collect();
+        let with_truth = |(number, sequence): &(usize, &Scored)| -> Option<Option<f64>> {
+            let seconds = self.seconds[*number].get(method.id.as_str()).and_then(|seconds| median(seconds.clone()))?;
+            let share = if reads_keyframes(method) { sequence.about.truth_share() } else { Some(0.0) };
+            Some(share.map(|share| seconds + share))
+        };
+        let all: Option<Vec<f64>> = sequences.iter().filter_map(with_truth).collect();
+        let pixels = |sequence: &Sequence| (sequence.width * sequence.height) as f64 / BUDGET_PIXELS;
+        let budget = method.budget.map(|budget| {
+            let scored = sequences.iter().filter(|(number, _)| self.scored[*number].contains(method.id.as_str()));
+            scored.map(|(_, sequence)| budget * pixels(&sequence.about)).sum::<f64>() / count.max(1) as f64
+        });
         (count > 0).then(|| Row {
             method,
             cells: METRICS.iter().filter_map(|metric| Some((metric.id, cell(metric)?))).collect(),
             // Not the median of all frames: among a few dear and a few cheap scenes it would be one scene's.
             seconds: bootstrap::bootstrap(&medians).map(|seconds| seconds.mean),
+            seconds_with_truth: all.and_then(|all| bootstrap::bootstrap(&all)).map(|seconds| seconds.mean),
+            budget,
             spp: (!spp.is_empty()).then(|| spp.iter().sum::<f64>() / spp.len() as f64),
             sequences: count,
         })
@@ -181,9 +208,18 @@ pub fn given<'r, 'a>(rows: &'r [Row<'a>], method: &Method) -> Option<&'r Row<'a>
     rows.iter().filter(|row| to.starts_with(row.method.id.as_str())).max_by_key(|row| row.method.id.len())
 }
 
-/// Whether a method reads the truth of keyframes; told by its names, for want of anything better.
+/// Seconds that a row was given, by a budget or another method.
+pub fn given_seconds(rows: &[Row], row: &Row) -> Option<f64> {
+    row.budget.or_else(|| given(rows, row.method)?.seconds)
+}
+
+/// Whether a method reads the truth of keyframes; told by its names, for want of anything better. What is given the time of such a
+/// method does not.
 pub fn reads_keyframes(method: &Method) -> bool {
-    ["key", "warp"].iter().any(|word| method.id.to_lowercase().contains(word) || method.label.to_lowercase().contains(word))
+    !method.group.is_traced()
+        && ["key", "warp"]
+            .iter()
+            .any(|word| method.id.to_lowercase().contains(word) || method.label.to_lowercase().contains(word))
 }
 
 /// A value with the digits of its metric.
@@ -277,7 +313,7 @@ fn grid(rows: &[Row]) -> String {
         lines[0].push(column.label.to_owned());
         lines[0].extend((column.id == "psnr").then(|| "95 %".to_owned()));
     }
-    lines[0].push("s/frame".into());
+    lines[0].extend(["s/frame".to_owned(), WITH_TRUTH.to_owned()]);
     for row in rows {
         // A bar would end the cell.
         let mut line = vec![row.label().replace('|', "/").replace(char::is_control, " ")];
@@ -289,7 +325,7 @@ fn grid(rows: &[Row]) -> String {
                 line.push(ends.map_or_else(|| "-".into(), |[a, b]| format!("{} to {}", number(column, a), number(column, b))));
             }
         }
-        line.push(row.seconds.map_or_else(|| "-".into(), seconds));
+        line.extend([row.seconds, row.seconds_with_truth].map(|value| value.map_or_else(|| "-".into(), seconds)));
         lines.push(line);
     }
     let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);

@@ -2,7 +2,7 @@
 
 mod example;
 
-use renderflow::evaluate::results::Results;
+use renderflow::evaluate::results::{Group, Method, Results};
 use renderflow::progress::Progress;
 use renderflow::report::{self, table};
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ fn means_and_intervals_are_those_computed_by_hand() {
     let synthetic = table::Filter { set: Some("synthetic"), ..Default::default() };
     let rows = means.rows(synthetic);
     let ids: Vec<&str> = rows.iter().map(|row| row.method.id.as_str()).collect();
-    assert_eq!(ids, ["ibl", "deferred", "deferred-shadow", "neural", "pt-1", "pt-4", "equal-neural"]);
+    assert_eq!(ids, ["ibl", "deferred", "deferred-shadow", "neural", "pt-1", "pt-4", "equal-neural", "warp", "pt-4000ms"]);
     // Frames 1 to 3 of sequences at +1, +3, +2: (20 + 21 + 22) / 3 + (1 + 3 + 2) / 3 less 1.
     let ibl = &rows[0].cells["psnr"];
     assert!((ibl.mean - 22.0).abs() < 1e-12 && ibl.sequences == 3);
@@ -58,6 +58,55 @@ fn means_and_intervals_are_those_computed_by_hand() {
 }
 
 #[test]
+fn the_truth_of_keyframes_is_paid_by_who_reads_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut results = results(folder.path());
+    let synthetic = table::Filter { set: Some("synthetic"), ..Default::default() };
+    let of = |results: &Results| -> Vec<[Option<f64>; 2]> {
+        let means = table::Means::new(results);
+        means.rows(synthetic).iter().map(|row| [row.seconds, row.seconds_with_truth]).collect()
+    };
+    let found = of(&results);
+    // A keyframe's truth takes 3 s, and serves four frames.
+    let [warp, with_truth] = found[7].map(Option::unwrap);
+    assert!((warp - 0.102).abs() < 1e-12 && (with_truth - warp - 0.75).abs() < 1e-12, "{found:?}");
+    assert!(found.iter().enumerate().all(|(i, [seconds, with_truth])| i == 7 || seconds == with_truth), "{found:?}");
+    // What is given the time of such a method reads none.
+    let equal = Method { id: "equal-warp".into(), group: Group::EqualTime, ..results.about.methods[7].clone() };
+    assert!(table::reads_keyframes(&results.about.methods[7]) && !table::reads_keyframes(&equal));
+    // The seconds of all frames stand for those of keyframes; where there are none, nothing is said.
+    results.sequences[1].about.truth.keyframe_seconds = None;
+    let mean = 0.75 - (3.0 - 2.5) / 4.0 / 3.0;
+    assert!((of(&results)[7][1].unwrap() - warp - mean).abs() < 1e-12);
+    results.sequences[1].about.truth.seconds = None;
+    assert_eq!((of(&results)[7], of(&results)[0]), ([Some(warp), None], found[0]));
+}
+
+#[test]
+fn results_from_before_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut expected = results(folder.path());
+    for (path, keys) in [("synthetic/open/first.json", &["keyframe_gap"][..]), ("results.json", &[])] {
+        let path = folder.path().join(path);
+        let mut value: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        let fields = value.as_object_mut().unwrap();
+        keys.iter().for_each(|key| assert!(fields.remove(*key).is_some(), "{key}"));
+        if let Some(truth) = fields.get_mut("truth") {
+            assert!(truth.as_object_mut().unwrap().remove("keyframe_seconds").is_some());
+        }
+        if let Some(methods) = fields.get_mut("methods").and_then(|methods| methods.as_array_mut()) {
+            methods.pop();
+            assert!(methods.iter().all(|method| method.get("budget").is_none()), "a field that earlier programs do not know");
+        }
+        std::fs::write(&path, value.to_string()).unwrap();
+    }
+    expected.about.methods.pop();
+    let first = &mut expected.sequences[1].about;
+    (first.keyframe_gap, first.truth.keyframe_seconds) = (None, None);
+    assert_eq!(Results::read(folder.path()).unwrap(), expected);
+}
+
+#[test]
 fn a_sequence_of_keyframes_only_counts_them_all() {
     let folder = tempfile::tempdir().unwrap();
     let mut results = results(folder.path());
@@ -77,12 +126,16 @@ fn the_terminal_gets_lined_up_markdown() {
     let text = table::markdown(&results, table::Filter { set: Some("synthetic"), without_ablations: true, ..Default::default() });
     let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
     let widths: std::collections::BTreeSet<usize> = lines.iter().map(|line| line.chars().count()).collect();
-    assert_eq!((lines.len(), widths.len()), (8, 1), "{text}");
+    assert_eq!((lines.len(), widths.len()), (10, 1), "{text}");
     assert!(text.starts_with("synthetic: 3 sequences, 9 frames\n"), "{text}");
     let ibl: Vec<&str> = lines[2].split('|').map(str::trim).collect();
-    assert_eq!(ibl[1..], ["IBL", "22.00", "21.00 to 23.00", "0.5000", "-", "0.5000", "23.00", "-", "0.50", "0.0320", ""]);
+    assert_eq!(
+        ibl[1..],
+        ["IBL", "22.00", "21.00 to 23.00", "0.5000", "-", "0.5000", "23.00", "-", "0.50", "0.0320", "0.0320", ""]
+    );
     let whole = table::markdown(&results, table::Filter::default());
     assert!(whole.contains("Path tracing in the time of Neural (8 spp)"), "{whole}");
+    assert!(whole.contains("Path tracing in 4 s (8 spp)") && whole.contains("| s/frame with truth |"), "{whole}");
     assert!(whole.contains("assets: 1 sequence, 3 frames") && whole.contains("Deferred without shadow"), "{whole}");
 }
 
@@ -122,6 +175,10 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
     for text in [
         "Example &lt;results&gt;",
         "Error against time",
+        "Error and flicker against all seconds",
+        "temporal against seconds a frame with truth",
+        "Table of the budgets",
+        "s/frame with truth",
         "Convergence of path tracing",
         "What parts are worth",
         "The truth&#39;s own error",
@@ -131,6 +188,8 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
         "a processor, 4 threads",
         // 92 ms where the network takes 62.
         "1.48 x given",
+        // 112 ms where the budget is 93.75.
+        "1.19 x given",
     ] {
         assert!(index.contains(text) || index.contains(&text.replace("&#39;", "'")), "{text}");
     }
@@ -141,7 +200,7 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
     let data = page.split("id=\"data\">").nth(1).unwrap().split("</script>").next().unwrap();
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
     assert_eq!(data["frames"], serde_json::json!([0, 1, 2, 3, 4]));
-    assert_eq!(data["methods"].as_array().unwrap().len(), 8);
+    assert_eq!(data["methods"].as_array().unwrap().len(), 10);
     assert_eq!(data["methods"][2][1], example::NASTY);
     assert_eq!(data["psnr"]["1"]["ibl"], "20.00 dB");
     // Pictures are the files, byte for byte.

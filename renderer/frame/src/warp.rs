@@ -1,4 +1,5 @@
 //! Carries a keyframe's picture to another camera: where a pixel's surface point stood in the keyframe, and whether it was seen there.
+//! The same for the raw samples of neighbouring frames, pixel by pixel.
 
 use crate::image::{Image, Rgb};
 use crate::{Camera, Frame};
@@ -13,6 +14,10 @@ const SLOPE_TOLERANCE: f32 = 0.5;
 const MIN_NORMAL_COSINE: f32 = 0.866;
 /// Taps that weigh less than this are left out: a camera that stands still reads one pixel, in spite of rounding.
 const LEAST_WEIGHT: f32 = 1.0 / 128.0;
+/// Albedo of a pixel may differ from that of the pixel its samples come from by this, in each channel ...
+const ALBEDO_TOLERANCE: f32 = 0.05;
+/// ... plus this share of the larger of the two.
+const ALBEDO_SHARE: f32 = 0.1;
 /// Largest factor by which a keyframe may raise or lower the start image, see [`ratio_fetch`].
 pub const MAX_RATIO: f32 = 16.0;
 /// Display-linear value added to both sides of a ratio, so that black stays finite.
@@ -50,35 +55,94 @@ pub fn correspond(current: &Frame, key: &Frame, object_motion: Option<&ObjectMot
     let row = width.max(1);
     (out.source.pixels.par_chunks_mut(row), out.valid.pixels.par_chunks_mut(row)).into_par_iter().enumerate().for_each(
         |(y, (source, valid))| {
-            // Neighbouring pixels mostly show the same object: ask for its motion once.
-            let mut last: Option<(u32, Option<Affine3A>)> = None;
+            let mut surfaces = Surfaces { current, camera, object_motion, last: None };
             for x in 0..width {
-                let i = y * width + x;
-                let depth = current.depth.pixels[i];
-                if !depth.is_finite() {
-                    continue;
-                }
-                let id = current.object_id.pixels[i];
-                let motion = match last {
-                    Some((known, motion)) if known == id => motion,
-                    _ => object_motion.and_then(|motion| motion(id)),
-                };
-                last = Some((id, motion));
-                let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                let mut p_world = camera.unproject(pixel, depth);
-                let mut n_world = camera.camera_to_world.matrix3 * Vec3A::from_array(current.normal.pixels[i]);
-                if let Some(motion) = motion {
-                    p_world = motion.transform_point3a(p_world);
-                    n_world = moved_normal(&motion.matrix3, n_world);
-                }
-                if let Some(point) = view.locate(p_world) {
+                let Some(surface) = surfaces.at(x, y) else { continue };
+                if let Some(point) = view.locate(surface.p_world) {
                     source[x] = point.to_array();
-                    valid[x] = f32::from(u8::from(view.shows(point, p_world, n_world, id)));
+                    valid[x] = f32::from(u8::from(view.shows(point, &surface)));
                 }
             }
         },
     );
     out
+}
+
+/// For each pixel of `current` the pixel of `other`, by its index along rows, into which its surface point falls; `None` where that
+/// shows something else.
+///
+/// It is for the samples of path tracing, whose noise a look-up between pixels would smear: each pixel's are taken whole or not at all.
+/// `object_motion` is that of [`correspond`], from `current` to `other`. A pixel is carried where its centre hit something, the point
+/// projects into `other`, and the pixel there shows the same object and an albedo that differs by at most 0.05 and 10 % in each
+/// channel. Nothing is carried if either frame lacks its camera.
+pub fn nearest(current: &Frame, other: &Frame, object_motion: Option<&ObjectMotion<'_>>) -> Image<Option<u32>> {
+    let (width, height) = (current.width, current.height);
+    let mut out = Image::filled(width, height, None);
+    let (Some(camera), Some(other_camera)) = (&current.info.camera, &other.info.camera) else { return out };
+    if other.width == 0 || other.height == 0 {
+        return out;
+    }
+    let view = KeyView { frame: other, camera: other_camera, world_to_key: other_camera.world_to_camera() };
+    out.pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        let mut surfaces = Surfaces { current, camera, object_motion, last: None };
+        for (x, place) in row.iter_mut().enumerate() {
+            let Some(surface) = surfaces.at(x, y) else { continue };
+            let Some(point) = view.locate(surface.p_world) else { continue };
+            let (column, line) = ((point.x as usize).min(other.width - 1), (point.y as usize).min(other.height - 1));
+            let there = line * other.width + column;
+            let same = other.object_id.pixels[there] == surface.id
+                && other.depth.pixels[there].is_finite()
+                && alike(current.albedo.pixels[y * width + x], other.albedo.pixels[there]);
+            *place = same.then_some(there as u32);
+        }
+    });
+    out
+}
+
+/// Whether two albedos may be one surface's.
+fn alike(a: [f32; 3], b: [f32; 3]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= ALBEDO_TOLERANCE + ALBEDO_SHARE * a.max(b))
+}
+
+/// What the centre of a pixel sees, where it stands in the other frame.
+struct Surface {
+    p_world: Vec3A,
+    n_world: Vec3A,
+    id: u32,
+}
+
+/// Surfaces that the pixels of a row see.
+struct Surfaces<'a> {
+    current: &'a Frame,
+    camera: &'a Camera,
+    object_motion: Option<&'a ObjectMotion<'a>>,
+    /// Neighbouring pixels mostly show the same object: its motion is asked for once.
+    last: Option<(u32, Option<Affine3A>)>,
+}
+
+impl Surfaces<'_> {
+    /// `None` where the centre of pixel (x, y) hit nothing.
+    fn at(&mut self, x: usize, y: usize) -> Option<Surface> {
+        let i = y * self.current.width + x;
+        let depth = self.current.depth.pixels[i];
+        if !depth.is_finite() {
+            return None;
+        }
+        let id = self.current.object_id.pixels[i];
+        let motion = match self.last {
+            Some((known, motion)) if known == id => motion,
+            _ => self.object_motion.and_then(|motion| motion(id)),
+        };
+        self.last = Some((id, motion));
+        let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+        let mut p_world = self.camera.unproject(pixel, depth);
+        let mut n_world = self.camera.camera_to_world.matrix3 * Vec3A::from_array(self.current.normal.pixels[i]);
+        if let Some(motion) = motion {
+            p_world = motion.transform_point3a(p_world);
+            n_world = moved_normal(&motion.matrix3, n_world);
+        }
+        Some(Surface { p_world, n_world, id })
+    }
 }
 
 /// A normal carried by an affine map: by the inverse transpose, normalised; unchanged by a singular map.
@@ -107,13 +171,13 @@ impl KeyView<'_> {
     }
 
     /// Whether the keyframe shows this surface at `point`.
-    fn shows(&self, point: Vec2, p_world: Vec3A, n_world: Vec3A, id: u32) -> bool {
-        let p = self.world_to_key.transform_point3a(p_world);
-        let n = self.world_to_key.matrix3 * n_world;
+    fn shows(&self, point: Vec2, surface: &Surface) -> bool {
+        let p = self.world_to_key.transform_point3a(surface.p_world);
+        let n = self.world_to_key.matrix3 * surface.n_world;
         let depth = -p.z;
         footprint(point, self.frame.width, self.frame.height).into_iter().filter(|(_, weight)| *weight > 0.0).all(|(i, _)| {
             let seen = self.frame.depth.pixels[i];
-            if self.frame.object_id.pixels[i] != id || !seen.is_finite() {
+            if self.frame.object_id.pixels[i] != surface.id || !seen.is_finite() {
                 return false;
             }
             if Vec3A::from_array(self.frame.normal.pixels[i]).dot(n) < MIN_NORMAL_COSINE {

@@ -9,8 +9,15 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Environment};
 use std::f32::consts::PI;
 
-const OFF: Options =
-    Options { shadows: ShadowMode::None, sky: false, occlusion: false, bent: false, reflections: false, indirect: false, parts: true };
+const OFF: Options = Options {
+    shadows: ShadowMode::None,
+    sky: false,
+    occlusion: false,
+    bent: false,
+    reflections: false,
+    indirect: false,
+    parts: true,
+};
 
 /// Discs (direction, radius, radiance) before a sky of even radiance.
 fn discs(list: &[(Vec3A, f32, [f32; 3])], sky: f32) -> Environment {

@@ -239,7 +239,8 @@ fn a_mixture_is_that_of_its_parts() {
                 let [scale, bias] = brdf.mixture(&surface, metallic);
                 let found = Vec3A::from_array(f0(albedo.to_array(), metallic, specular)) * scale + bias;
                 assert!((found - expected).abs().max_element() < 1e-6, "{metallic} {specular} {nv}: {found} {expected}");
-                assert!(scale >= 0.0 && bias >= 0.0 && scale + bias <= 1.0 + 1e-5, "{scale} {bias}");
+                // Their own sum may pass 1: the dielectric's f0 is never that large.
+                assert!(scale >= 0.0 && bias >= 0.0 && found.max_element() <= brdf.whole + 1e-6, "{scale} {bias}: {found}");
                 // Without any dielectric nothing but the conductor reflects.
                 assert!(specular > 0.0 || metallic > 0.0 || found == Vec3A::ZERO, "{found}");
             }

@@ -5,7 +5,7 @@ mod light_scene;
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use light_scene::{Surface, point, render, trace};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::warp::{Correspondence, MAX_RATIO, correspond, fetch, ratio_fetch};
+use renderflow_frame::warp::{Correspondence, MAX_RATIO, correspond, fetch, nearest, ratio_fetch};
 use renderflow_frame::{Camera, Frame};
 
 const SIZE: usize = 96;
@@ -190,6 +190,80 @@ fn moving_objects_are_followed() {
     let still = correspond(&current, &key, None);
     let wrong = (0..SIZE * SIZE).filter(|i| current.object_id.pixels[*i] == 2 && still.valid.pixels[*i] > 0.0).count();
     assert!(wrong * 20 < all, "{wrong} of {all} pass without motion");
+}
+
+#[test]
+fn samples_come_from_the_pixel_that_holds_the_point() {
+    let scene = scene();
+    let (now, then) = (camera(Vec3A::new(0.3, 1.1, 2.9)), camera(Vec3A::new(0.1, 1.15, 2.9)));
+    let (current, other) = (render(&scene, &now), render(&scene, &then));
+    let carried = nearest(&current, &other, None);
+    let (mut hit, mut kept) = (0, 0);
+    for i in 0..SIZE * SIZE {
+        let expected = current.depth.pixels[i].is_finite().then(|| point(&current, &now, i)).and_then(|p| then.project(p));
+        let Some((expected, _)) = expected else {
+            assert_eq!(carried.pixels[i], None, "nothing is there to be carried");
+            continue;
+        };
+        hit += 1;
+        let Some(there) = carried.pixels[i].map(|there| there as usize) else { continue };
+        kept += 1;
+        let centre = Vec2::new((there % SIZE) as f32 + 0.5, (there / SIZE) as f32 + 0.5);
+        assert!((centre - expected).abs().max_element() < 0.501, "{expected} falls into the pixel around {centre}");
+        assert_eq!(other.object_id.pixels[there], current.object_id.pixels[i]);
+    }
+    println!("{kept} of {hit} carried");
+    assert!(kept as f32 > 0.9 * hit as f32, "{kept} of {hit} carried");
+    // A camera that stands still has every sample where it was.
+    let still = nearest(&current, &current, None);
+    for i in 0..SIZE * SIZE {
+        assert_eq!(still.pixels[i], current.depth.pixels[i].is_finite().then_some(i as u32));
+    }
+}
+
+#[test]
+fn samples_of_other_surfaces_are_not_taken() {
+    let view = camera(Vec3A::new(0.3, 1.1, 2.9));
+    let current = render(&scene(), &view);
+    let hits = current.depth.pixels.iter().filter(|depth| depth.is_finite()).count();
+    let carried = |other: &Frame| nearest(&current, other, None).pixels.iter().flatten().count();
+    // A small difference of albedo is the pixel's own detail, a large one another texture's.
+    let painted = |change: f32| {
+        let mut other = current.clone();
+        other.albedo.pixels.iter_mut().for_each(|albedo| albedo[1] += change);
+        carried(&other)
+    };
+    assert_eq!([painted(0.04), painted(-0.04), painted(0.3), painted(-0.3)], [hits, hits, 0, 0]);
+    let mut named = current.clone();
+    named.object_id.pixels.iter_mut().for_each(|id| *id += u32::from(*id == 2));
+    assert_eq!(carried(&named), hits - current.object_id.pixels.iter().filter(|id| **id == 2).count());
+    // Frames without cameras, without pixels, without surfaces.
+    let mut without = current.clone();
+    without.info.camera = None;
+    let empty = Frame { info: current.info.clone(), ..Frame::default() };
+    let sky = render(&[], &view);
+    assert_eq!([carried(&without), carried(&empty), carried(&sky)], [0; 3]);
+    assert!(nearest(&empty, &current, None).pixels.is_empty());
+}
+
+#[test]
+fn samples_follow_their_object() {
+    let motion = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.4), Vec3::new(0.25, 0.0, 0.1));
+    let centre = Vec3A::new(-0.4, 0.4, 0.2);
+    let with_sphere = |c: Vec3A| vec![Surface::Plane(Vec3A::ZERO, Vec3A::Y), Surface::Sphere(c, 0.4)];
+    let view = camera(Vec3A::new(0.2, 1.0, 3.0));
+    let current = render(&with_sphere(centre), &view);
+    let other = render(&with_sphere(motion.transform_point3a(centre)), &view);
+    let carried = nearest(&current, &other, Some(&|id| (id == 2).then_some(motion)));
+    let mut followed = 0;
+    for i in (0..SIZE * SIZE).filter(|i| current.object_id.pixels[*i] == 2) {
+        let Some(there) = carried.pixels[i].map(|there| there as usize) else { continue };
+        followed += 1;
+        let (expected, _) = view.project(motion.transform_point3a(point(&current, &view, i))).expect("in front");
+        assert_eq!(there, expected.y as usize * SIZE + expected.x as usize);
+    }
+    let all = current.object_id.pixels.iter().filter(|id| **id == 2).count();
+    assert!(followed as f32 > 0.75 * all as f32, "{followed} of {all}");
 }
 
 #[test]
