@@ -23,18 +23,7 @@ const ALL: Options =
 fn variants() -> Vec<(&'static str, Options)> {
     vec![
         ("all", ALL),
-        (
-            "none",
-            Options {
-                shadows: ShadowMode::None,
-                sky: false,
-                occlusion: false,
-                bent: false,
-                reflections: false,
-                indirect: false,
-                parts: true,
-            },
-        ),
+        ("none", Options::NONE),
         ("no-shadows", Options { shadows: ShadowMode::None, ..ALL }),
         ("ss-shadow", Options { shadows: ShadowMode::ScreenSpace, ..ALL }),
         ("no-sky", Options { sky: false, ..ALL }),

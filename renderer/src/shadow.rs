@@ -90,7 +90,8 @@ pub fn shadow_map(scene: &RenderScene, light: Vec3A, radius: f32, receivers: &[V
 }
 
 impl ShadowTiles {
-    /// As [`shadow_maps`]. Where nothing in the scene ever moves, tiles of earlier calls for other frames of it are used again.
+    /// As [`shadow_maps`]. Where nothing in the scene ever moves, tiles of earlier calls are used again; a scene of
+    /// another hash begins without any, so scenes that have no hash must not share one.
     pub fn maps(&mut self, scene: &RenderScene, lighting: &Lighting, receivers: &[Vec3A]) -> Shadows {
         let part = |share: f32| &receivers[..(receivers.len() as f32 * share) as usize];
         let size = (FINENESS * (receivers.len() as f32).sqrt()) as usize;

@@ -57,6 +57,19 @@ pub struct Options {
     pub parts: bool,
 }
 
+impl Options {
+    /// Every feature off: lights without shadows and the split sum of the rest, with the parts of the picture.
+    pub const NONE: Self = Self {
+        shadows: ShadowMode::None,
+        sky: false,
+        occlusion: false,
+        bent: false,
+        reflections: false,
+        indirect: false,
+        parts: true,
+    };
+}
+
 impl Default for Options {
     fn default() -> Self {
         Self { shadows: ShadowMode::Map, sky: true, occlusion: true, bent: true, reflections: true, indirect: true, parts: true }
@@ -181,20 +194,17 @@ pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shad
         surface * alpha + Vec3A::from_array(shading.background.pixels[i]) * (1.0 - alpha).max(0.0)
     });
     if !options.parts {
-        let (ambient_diffuse, ambient_specular) = Default::default();
-        let (direct, visibility) = Default::default();
-        let (sky, occlusion, bent_normal, reflections, indirect) = Default::default();
         return Deferred {
             image,
-            direct,
-            visibility,
-            sky,
-            occlusion,
-            bent_normal,
-            ambient_diffuse,
-            ambient_specular,
-            reflections,
-            indirect,
+            direct: Vec::new(),
+            visibility: Vec::new(),
+            sky: None,
+            occlusion: None,
+            bent_normal: None,
+            ambient_diffuse: Rgb::default(),
+            ambient_specular: Rgb::default(),
+            reflections: None,
+            indirect: None,
             shading,
         };
     }

@@ -4,20 +4,12 @@ mod light_scene;
 
 use glam::Vec3A;
 use light_scene::{Surface, render};
-use renderflow_frame::deferred::{Lighting, Material, Options, ShadowMode, Shadows, shade};
+use renderflow_frame::deferred::{Lighting, Material, Options, Shadows, shade};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Environment};
 use std::f32::consts::PI;
 
-const OFF: Options = Options {
-    shadows: ShadowMode::None,
-    sky: false,
-    occlusion: false,
-    bent: false,
-    reflections: false,
-    indirect: false,
-    parts: true,
-};
+const OFF: Options = Options::NONE;
 
 /// Discs (direction, radius, radiance) before a sky of even radiance.
 fn discs(list: &[(Vec3A, f32, [f32; 3])], sky: f32) -> Environment {

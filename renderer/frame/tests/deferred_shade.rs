@@ -12,15 +12,7 @@ use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame};
 
 const SIZE: usize = 96;
-const OFF: Options = Options {
-    shadows: ShadowMode::None,
-    sky: false,
-    occlusion: false,
-    bent: false,
-    reflections: false,
-    indirect: false,
-    parts: true,
-};
+const OFF: Options = Options::NONE;
 
 /// A bright disc about `direction` before a dim sky.
 fn sunny(direction: Vec3A, sky: f32) -> Environment {

@@ -259,7 +259,7 @@ impl<F: Features> TilePass<'_, '_, F> {
         Some(Some(FirstHit { albedo: centre.surface.base_color, ns }))
     }
 
-    /// Adds what the guide rays of a pixel see: so many rays, each of them one of so many `samples`.
+    /// Adds what the first `rays` guide rays of pixel (x, y) see; each covers one of `samples` equal shares of the pixel.
     #[inline(always)]
     fn push_guides(&mut self, (x, y): (usize, usize), (rays, samples): (u32, u32), guides: &mut GuideStatistics) {
         let Pass { scene, settings, .. } = *self.pass;
@@ -282,7 +282,7 @@ impl<F: Features> TilePass<'_, '_, F> {
 }
 
 impl Pass<'_> {
-    /// Camera rays of a pixel for its guides, and of how many samples each is one.
+    /// How many guide rays a pixel has, and into how many equal shares of it they divide it for texture look-ups.
     fn rays(&self, at: usize) -> (u32, u32) {
         // The film's are the first hits of its own camera rays.
         let own = (self.settings.guide_samples, self.settings.guide_samples);
