@@ -7,7 +7,7 @@ use renderflow::dataset::Shard;
 use renderflow::dataset::plan::{Denoise, Plan};
 use renderflow::evaluate::find::find;
 use renderflow::evaluate::results::{Results, Score};
-use renderflow::testset::{AUDIT, SET, make_plans};
+use renderflow::testset::{AUDIT, Extent, SET, make_plans};
 use renderflow_frame::{color, exr, frame_file};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -292,8 +292,9 @@ fn a_set_is_made_audited_and_proved() {
         .collect();
     assert_eq!(plans[0].1.render.denoise, Denoise::None);
     let out = folder.path().join("sets");
-    let (idle, all) = (AtomicBool::new(false), Shard { index: 1, count: 1 });
-    let made = make_plans("tiny", &plans, &out, all, 64, &idle).unwrap().unwrap();
+    let idle = AtomicBool::new(false);
+    let all = Extent { shard: Shard { index: 1, count: 1 }, every: 1, audited: 64 };
+    let made = make_plans("tiny", &plans, &out, all, &idle).unwrap().unwrap();
     let root = out.join("tiny");
     let text = succeed(&["testset", "verify", root.to_str().unwrap()]);
     assert!(text.contains(&made.blake3), "{text}");
@@ -304,7 +305,7 @@ fn a_set_is_made_audited_and_proved() {
     assert!(value("error") > 10.0 && value("error") < value("longer") && value("error") == value("raw"), "{audit}");
     // Made again: nothing changes.
     let before = std::fs::read(root.join(SET)).unwrap();
-    assert_eq!(make_plans("tiny", &plans, &out, all, 64, &idle).unwrap().unwrap(), made);
+    assert_eq!(make_plans("tiny", &plans, &out, all, &idle).unwrap().unwrap(), made);
     assert_eq!(std::fs::read(root.join(SET)).unwrap(), before);
     // The set, a class of it and a sequence of that are called what they are called in a folder of sets.
     for inside in ["", "tiny", "tiny/far", "tiny/far/test", "tiny/far/test/seq-000000"] {
@@ -314,7 +315,19 @@ fn a_set_is_made_audited_and_proved() {
     }
     // Half of it by another shard: not finished.
     let other = folder.path().join("half");
-    assert!(make_plans("tiny", &plans, &other, Shard { index: 2, count: 2 }, 0, &idle).unwrap().is_none());
+    let half = Extent { shard: Shard { index: 2, count: 2 }, audited: 0, ..all };
+    assert!(make_plans("tiny", &plans, &other, half, &idle).unwrap().is_none());
+    // What an evaluation of two frames in ten reads, and the frame that is audited; then the rest.
+    let some = folder.path().join("some");
+    assert!(make_plans("tiny", &plans, &some, Extent { every: 10, ..all }, &idle).unwrap().is_none());
+    let sequence = some.join("tiny/near/test/seq-000000");
+    let there = [0, 1, 2, 3, 4].map(|number| sequence.join(format!("frame.{number:04}.exr")).is_file());
+    assert_eq!(there, [true, true, true, false, true]);
+    let out_of_some = folder.path().join("results-of-some");
+    let (data, results) = (some.to_str().unwrap(), out_of_some.to_str().unwrap());
+    succeed(&["evaluate", "--data", data, "--methods", "warp", "--every", "10", "--out", results]);
+    assert_eq!(scores(&out_of_some).iter().map(Vec::len).collect::<Vec<_>>(), [2, 2]);
+    assert_eq!(make_plans("tiny", &plans, &some, all, &idle).unwrap().unwrap(), made);
     // A set that says something else than what is there.
     std::fs::write(root.join(SET), String::from_utf8(before.clone()).unwrap().replace(&made.blake3, &"0".repeat(64))).unwrap();
     let error = fail(&["testset", "verify", root.to_str().unwrap()]);

@@ -93,6 +93,67 @@ pub(crate) fn for_tiles<T: Send>(
     Ok(())
 }
 
+/// What one tile has of a picture: a piece of each of its rows, from the top; empty where there is none.
+type Pieces<'a, P> = [&'a mut [P]; TILE];
+
+/// A tile and its pixels in up to three pictures of one size; those that are empty have none.
+pub(crate) struct Plot<'a, A, B, C> {
+    pub tile: Tile,
+    pub first: Pieces<'a, A>,
+    pub second: Pieces<'a, B>,
+    pub third: Pieces<'a, C>,
+}
+
+/// Calls `work` for every tile of pictures of `width x height` pixels (or none), on rayon's threads, to be filled where they are. Calls
+/// `sum` with the results, in order, on this one.
+///
+/// # Errors
+/// As [`for_tiles`].
+pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
+    (width, height): (usize, usize),
+    (mut first, mut second, mut third): (&mut [A], &mut [B], &mut [C]),
+    cancel: &AtomicBool,
+    work: impl Fn(Plot<'_, A, B, C>) -> T + Sync,
+    mut sum: impl FnMut(T),
+) -> Result<()> {
+    let columns = width.div_ceil(TILE).max(1);
+    // As many rows of tiles at a time as hold a batch: their pieces take memory, too.
+    for rows in (0..height.div_ceil(TILE)).collect::<Vec<_>>().chunks(BATCH.div_ceil(columns)) {
+        let mut plots = Vec::with_capacity(rows.len() * columns);
+        for y in rows.iter().map(|row| row * TILE) {
+            let (a, b, c) = (cut(&mut first, width), cut(&mut second, width), cut(&mut third, width));
+            plots.extend(a.into_iter().zip(b).zip(c).enumerate().map(|(column, ((first, second), third))| {
+                let x = column * TILE;
+                let tile = Tile { x, y, width: TILE.min(width - x), height: TILE.min(height - y) };
+                Plot { tile, first, second, third }
+            }));
+        }
+        if let Some(seed) = ORDER.get() {
+            plots.sort_by_cached_key(|plot| hash::child(seed, (plot.tile.y / TILE * columns + plot.tile.x / TILE) as u64));
+        }
+        let run = |plot| (!cancel.load(Ordering::Relaxed)).then(|| work(plot));
+        let results: Vec<Option<T>> = plots.into_par_iter().with_max_len(1).map(run).collect();
+        for result in results {
+            sum(result.ok_or(Error::Cancelled)?);
+        }
+    }
+    Ok(())
+}
+
+/// Takes the next row of tiles off `picture` and cuts it into their pieces.
+fn cut<'a, P>(picture: &mut &'a mut [P], width: usize) -> Vec<Pieces<'a, P>> {
+    let whole = std::mem::take(picture);
+    let (band, rest) = whole.split_at_mut((width * TILE).min(whole.len()));
+    *picture = rest;
+    let mut tiles: Vec<Pieces<'a, P>> = (0..width.div_ceil(TILE)).map(|_| Pieces::default()).collect();
+    for (y, row) in band.chunks_mut(width.max(1)).enumerate() {
+        for (tile, piece) in tiles.iter_mut().zip(row.chunks_mut(TILE)) {
+            tile[y] = piece;
+        }
+    }
+    tiles
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,6 +172,31 @@ mod tests {
             for_tiles(size, 5, &progress, &AtomicBool::new(false), work, store).expect("not cancelled");
             assert!(seen.iter().all(|&n| n == 1));
             assert_eq!(last.into_inner(), (size.0 * size.1 * 5) as u64);
+        }
+    }
+
+    #[test]
+    fn pictures_are_filled_in_place() {
+        for (width, height) in [(0, 0), (1, 1), (8, 8), (9, 17), (640, 3), (3, 640), (2000, 200)] {
+            let (mut first, mut second) = (vec![(0, 0); width * height], vec![0u8; width * height]);
+            let fill = || {
+                let work = |mut plot: Plot<'_, (usize, usize), u8, u8>| {
+                    assert!(plot.third.iter().all(|piece| piece.is_empty()));
+                    for (i, at) in plot.tile.pixels().enumerate() {
+                        let (column, row) = (i % plot.tile.width, i / plot.tile.width);
+                        plot.first[row][column] = at;
+                        plot.second[row][column] += 1;
+                    }
+                    plot.tile.width * plot.tile.height
+                };
+                let mut pixels = 0;
+                let pictures = (&mut first[..], &mut second[..], &mut [][..]);
+                fill_tiles((width, height), pictures, &AtomicBool::new(false), work, |n| pixels += n).expect("not cancelled");
+                pixels
+            };
+            assert_eq!(with_shuffled_tiles(5, fill), width * height);
+            assert!(first.iter().enumerate().all(|(at, &(x, y))| (at % width, at / width) == (x, y)));
+            assert!(second.iter().all(|&n| n == 1));
         }
     }
 

@@ -26,6 +26,13 @@ pub struct Stats {
     pub clamped_contributions: u64,
 }
 
+impl Stats {
+    /// Rays that continue a path or go towards light.
+    pub fn rays(&self) -> u64 {
+        self.bounce_rays + self.shadow_rays
+    }
+}
+
 impl AddAssign for Stats {
     fn add_assign(&mut self, other: Self) {
         self.samples += other.samples;

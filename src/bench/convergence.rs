@@ -54,7 +54,8 @@ impl Method {
 #[command(after_help = "Examples:\n  renderflow bench convergence --out bench\n  \
     renderflow bench convergence --scene soft_sun --scene my/scene.json --resolution 256 --max-spp 256 --out bench_small")]
 pub struct Options {
-    /// Scene of the set (`renderflow bench scenes`) or scene file; may be given several times, all of the set without it
+    /// Scene of the set (`renderflow bench scenes`; `composed` stands for sixteen) or scene file; may be given several times. Without it
+    /// all of the set but the composed ones
     #[arg(long, value_name = "NAME|FILE")]
     scene: Vec<String>,
     /// Pixels along both sides
@@ -95,8 +96,10 @@ impl Options {
         if self.min_spp > self.max_spp {
             bail!("--min-spp {} is above --max-spp {}", self.min_spp, self.max_spp);
         }
-        let names: Vec<String> =
-            if self.scene.is_empty() { scenes::ALL.iter().map(|s| s.name.to_owned()).collect() } else { self.scene.clone() };
+        let names = match self.scene.as_slice() {
+            [] => scenes::ALL.iter().map(|scene| scene.name.to_owned()).collect(),
+            given => scenes::expand(given),
+        };
         names.iter().try_for_each(|name| scenes::exists(name))?;
         let settings = Settings { max_bounces: self.max_bounces, ..Settings::default() };
         let references = References { folder: self.out.join("references"), spp: self.reference_spp, settings };

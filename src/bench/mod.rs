@@ -2,6 +2,7 @@
 
 pub mod autoencoder;
 pub mod clock;
+pub mod composed;
 pub mod convergence;
 #[allow(unsafe_code)]
 pub mod embree;

@@ -1,5 +1,6 @@
 //! The scenes that everything is measured on: made in code, 512 x 512 unless told otherwise, the same on every machine.
 
+use super::composed;
 use super::models::{self, Maps, Model};
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
@@ -35,7 +36,7 @@ pub struct Described {
     pub files: Vec<(String, Vec<u8>)>,
 }
 
-/// Every scene of the set.
+/// Every scene of the set but the composed ones ([`composed`]).
 pub const ALL: [BenchScene; 8] = [
     BenchScene {
         name: "soft_sun",
@@ -56,6 +57,17 @@ pub fn by_name(name: &str) -> Option<&'static BenchScene> {
     ALL.iter().find(|scene| scene.name == name)
 }
 
+/// The scene of the set called `name`, composed or not, `resolution` pixels along both sides; `None` where there is no such scene.
+///
+/// # Errors
+/// When the resolution is out of range.
+pub fn describe(name: &str, resolution: u32) -> Result<Option<Described>> {
+    match by_name(name) {
+        Some(scene) => scene.describe(resolution).map(Some),
+        None => Ok(composed::describe(name, resolution)?.map(|scene| Described { scene, files: Vec::new() })),
+    }
+}
+
 /// A scene to measure, loaded.
 pub struct Subject {
     /// Name of the scene of the set, or of the file.
@@ -70,8 +82,11 @@ pub struct Subject {
 /// When it is neither.
 pub fn exists(name: &str) -> Result<()> {
     let path = Path::new(name);
+    if composed::names().any(|known| known == name) {
+        return Ok(());
+    }
     if by_name(name).is_none() && path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
-        let known: Vec<&str> = ALL.iter().map(|scene| scene.name).collect();
+        let known: Vec<&str> = ALL.iter().map(|scene| scene.name).chain([composed::ALL]).collect();
         bail!("{name}: neither a scene file (.json) nor a scene of the set; there are {}", known.join(", "));
     }
     if by_name(name).is_none() && !path.is_file() {
@@ -80,15 +95,20 @@ pub fn exists(name: &str) -> Result<()> {
     Ok(())
 }
 
+/// Names of scenes, with each of the composed ones in place of the word for all of them.
+pub fn expand(names: &[String]) -> Vec<String> {
+    let each = |name: &String| if name == composed::ALL { composed::names().collect() } else { vec![name.clone()] };
+    names.iter().flat_map(each).collect()
+}
+
 /// Loads a scene of the set by name, or else a scene file (`.json`), at `resolution` (pixels along both sides; its own without). A scene
 /// file may name files of its folder, and of those that are `allowed`.
 ///
 /// # Errors
 /// When it is neither, or the file or something it refers to cannot be read.
 pub fn open(name: &str, resolution: Option<u32>, allowed: &[PathBuf]) -> Result<Subject> {
-    if let Some(scene) = by_name(name) {
-        let loaded = scene.describe(resolution.unwrap_or(RESOLUTION))?.load()?;
-        return Ok(Subject { name: name.to_owned(), loaded });
+    if let Some(described) = describe(name, resolution.unwrap_or(RESOLUTION))? {
+        return Ok(Subject { name: name.to_owned(), loaded: described.load()? });
     }
     exists(name)?;
     let path = Path::new(name);
@@ -410,5 +430,8 @@ mod tests {
             hashes.push(loaded.hash);
         }
         assert!(open("no_such_scene", None, &[]).is_err_and(|e| e.to_string().contains("soft_sun")));
+        let all = expand(&["soft_sun".into(), "composed".into(), "mine.json".into()]);
+        assert!(all.len() == 18 && all[1] == "composed_01" && all[16] == "composed_16", "{all:?}");
+        assert!(all[..17].iter().all(|name| exists(name).is_ok()));
     }
 }

@@ -1,6 +1,6 @@
 //! `renderflow bench`: one subcommand a measurement.
 
-use crate::bench::{kernels, peers, scenes};
+use crate::bench::{composed, kernels, peers, scenes};
 use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -69,11 +69,14 @@ impl Scenes {
     fn run(self) -> Result<()> {
         let Some(name) = self.name else {
             scenes::ALL.iter().for_each(|scene| println!("{:9}  {}", scene.name, scene.about));
+            println!("{:9}  {}", composed::ALL, composed::ABOUT);
             return Ok(());
         };
-        let Some(scene) = scenes::by_name(&name) else { bail!("{name}: no such scene; `renderflow bench scenes` lists them") };
+        let Some(scene) = scenes::describe(&name, self.resolution)? else {
+            bail!("{name}: no such scene; `renderflow bench scenes` lists them")
+        };
         let out = self.out.context("--out says which folder to write the scene to")?;
-        println!("{}", scene.describe(self.resolution)?.write(&out)?.display());
+        println!("{}", scene.write(&out)?.display());
         Ok(())
     }
 }

@@ -141,7 +141,7 @@ pub fn repair(out: &Path, plan: Option<&Plan>, stop: &AtomicBool) -> Result<Repa
         eprintln!("note: {}: is no file, moved to {}", path.display(), aside.display());
     }
     let before = file::read(&path).ok();
-    repaired.summary = render::run_at(&own, out, Shard { index: 1, count: 1 }, Depth::Pixels, stop)?;
+    repaired.summary = render::run_at(&own, out, Shard { index: 1, count: 1 }, (Depth::Pixels, &|_| true), stop)?;
     if before != file::read(&path).ok() {
         repaired.rewritten.push(MANIFEST);
     }

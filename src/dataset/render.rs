@@ -80,6 +80,8 @@ struct Work<'a> {
     out: &'a Path,
     /// How closely what is there is looked at.
     depth: Depth,
+    /// Which frames to make, by number.
+    wanted: &'a dyn Fn(usize) -> bool,
     /// What the manifest says, where there is one.
     listed: Listed,
     /// Sequences that this run has found whole or made.
@@ -106,18 +108,33 @@ pub fn sequence_folder(plan: &Plan, out: &Path, index: u32) -> PathBuf {
 /// [`Interrupted`] when stopped; when the folder belongs to another plan; when nothing can be stored any more; at the end, when frames
 /// failed.
 pub fn run(plan: &Plan, out: &Path, shard: Shard, stop: &AtomicBool) -> Result<Summary> {
-    run_at(plan, out, shard, Depth::Hashes, stop)
+    run_some(plan, out, shard, &|_| true, stop)
 }
 
-/// [`run`], looking as closely as `depth` says at what is there: [`Depth::Hashes`] or [`Depth::Pixels`].
-pub(super) fn run_at(plan: &Plan, out: &Path, shard: Shard, depth: Depth, stop: &AtomicBool) -> Result<Summary> {
+/// [`run`] for those frames of every sequence alone whose number is `wanted`. Sequences that lack others get no record: they count as
+/// unfinished, and a later run makes the rest.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_some(plan: &Plan, out: &Path, shard: Shard, wanted: &dyn Fn(usize) -> bool, stop: &AtomicBool) -> Result<Summary> {
+    run_at(plan, out, shard, (Depth::Hashes, wanted), stop)
+}
+
+/// [`run_some`], looking as closely as `depth` says at what is there: [`Depth::Hashes`] or [`Depth::Pixels`].
+pub(super) fn run_at(
+    plan: &Plan,
+    out: &Path,
+    shard: Shard,
+    (depth, wanted): (Depth, &dyn Fn(usize) -> bool),
+    stop: &AtomicBool,
+) -> Result<Summary> {
     let qualities = Qualities::new(plan)?;
     for settings in [&qualities.full, &qualities.between] {
         memory::ensure(settings, plan.resolution.map(|v| v as usize), false, plan.storage)?;
     }
     mend::claim(plan, out)?;
     let mine: Vec<u32> = (0..plan.total()).filter(|&s| shard.owns(s)).collect();
-    let frames = mine.len() * plan.numbers().count();
+    let frames = mine.len() * plan.numbers().filter(|&number| wanted(number)).count();
     let log = Log::open(&out.join("logs").join(format!("shard-{:05}-of-{:05}.jsonl", shard.index, shard.count)));
     log.write(Event::Start {
         shard: format!("{}/{}", shard.index, shard.count),
@@ -130,6 +147,7 @@ pub(super) fn run_at(plan: &Plan, out: &Path, shard: Shard, depth: Depth, stop: 
         plan,
         out,
         depth,
+        wanted,
         listed: Listed::read(plan, out),
         proven: HashSet::new(),
         catalog: plan.catalog(),
@@ -183,7 +201,7 @@ impl Work<'_> {
         self.stopped()?;
         let name = Plan::sequence_name(index);
         let folder = sequence_folder(self.plan, self.out, index);
-        let frames = self.plan.numbers().count();
+        let frames = self.plan.numbers().filter(|&number| (self.wanted)(number)).count();
         if self.depth == Depth::Pixels {
             mend::clear_places(self.plan, self.out, &folder, |what| self.note(&what))?;
         }
@@ -259,7 +277,7 @@ impl Work<'_> {
         let doubles = mend::doubles(&doubtful.iter().map(|&number| (number, sequence.path(number))).collect::<Vec<_>>());
         // Frames that are there, but for which no record vouches.
         let mut believed = Vec::new();
-        for number in self.plan.numbers() {
+        for number in self.plan.numbers().filter(|&number| (self.wanted)(number)) {
             self.stopped()?;
             if found.vouches_for(number) {
                 self.keep();
@@ -278,6 +296,9 @@ impl Work<'_> {
             return Ok(());
         }
         sequence.describe()?;
+        if !self.plan.numbers().all(|number| sequence.path(number).is_file()) {
+            return Ok(());
+        }
         let started = Instant::now();
         let checked = guarded(|| self.read_back(folder, &sequence))?;
         let (mut bytes, mut hash) = self.record(index, &composed, &sequence, checked)?;

@@ -5,7 +5,7 @@ use crate::dataset::plan::Plan;
 use crate::dataset::{SequenceFolder, Shard, render};
 use crate::metrics::psnr::CAP;
 use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::truth::{Interrupted, is_keyframe};
 use anyhow::{Context, Result};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::reach::Reach;
@@ -62,6 +62,12 @@ pub fn decibel(error: f64) -> f64 {
     if error > 0.0 { (-10.0 * error.log10()).min(CAP) } else { CAP }
 }
 
+/// Number of the frame of each sequence of `plan` that is audited: the middle one that is no keyframe, or the first where all are.
+pub fn frame(plan: &Plan) -> Option<usize> {
+    let between: Vec<usize> = plan.numbers().filter(|&number| !is_keyframe(plan.keyframe_gap(), number)).collect();
+    between.get(between.len() / 2).copied().or(plan.numbers().next())
+}
+
 /// Audits the middle frame that is no keyframe of every sequence of `shard` that has no audit yet.
 pub fn run(plan: &Plan, out: &Path, shard: Shard, spp: u32, cancel: &AtomicBool) -> Result<()> {
     let mine: Vec<u32> = (0..plan.total()).filter(|&index| shard.owns(index)).collect();
@@ -84,9 +90,9 @@ pub fn run(plan: &Plan, out: &Path, shard: Shard, spp: u32, cancel: &AtomicBool)
 
 fn sequence(plan: &Plan, path: &Path, spp: u32, progress: &(dyn Fn(u64, u64) + Sync), cancel: &AtomicBool) -> Result<Audit> {
     let folder = SequenceFolder::open(path)?;
-    let between: Vec<usize> = (0..folder.len()).filter(|i| !folder.sequence.keyframes.contains(i)).collect();
-    let index = between.get(between.len() / 2).copied().unwrap_or(0);
-    let frame = folder.frame(index)?;
+    let index =
+        folder.numbers.iter().position(|&number| Some(number) == frame(plan)).context("the frame to audit is not there")?;
+    let stored = folder.frame(index)?;
     let scene = Scene::read(&path.join("scene.json"))?;
     // The scene beside the frames names the files of the plan in full.
     let loaded = load::load(&scene, &Reach::folder(path).allow(plan.reach().folders()))?;
@@ -100,15 +106,15 @@ fn sequence(plan: &Plan, path: &Path, spp: u32, progress: &(dyn Fn(u64, u64) + S
     let longer = longer?;
     let (mean, variance) = longer.raw.as_ref().zip(longer.variance.as_ref()).context("the path tracer made no picture")?;
     let exposure = folder.sequence.exposure;
-    let noise = display_variance(mean, variance, &frame.alpha, exposure).unwrap_or(0.0);
+    let noise = display_variance(mean, variance, &stored.alpha, exposure).unwrap_or(0.0);
     let display = |picture: &Rgb| picture.map(|p| color::display(*p, exposure));
     let shown = display(mean);
     let error = |picture: &Option<Rgb>| -> Result<f64> {
         let picture = display(picture.as_ref().context("a frame without a picture")?);
-        Ok(decibel(squared_error(&picture, &shown, &frame.alpha) - noise))
+        Ok(decibel(squared_error(&picture, &shown, &stored.alpha) - noise))
     };
-    let raw = if frame.raw.is_some() { &frame.raw } else { &frame.beauty };
-    Ok(Audit { frame: folder.numbers[index], spp, error: error(&frame.beauty)?, raw: error(raw)?, longer: decibel(noise) })
+    let raw = if stored.raw.is_some() { &stored.raw } else { &stored.beauty };
+    Ok(Audit { frame: folder.numbers[index], spp, error: error(&stored.beauty)?, raw: error(raw)?, longer: decibel(noise) })
 }
 
 fn squared_error(a: &Rgb, b: &Rgb, alpha: &Image<f32>) -> f64 {

@@ -7,6 +7,7 @@ use crate::dataset::plan::{Plan, hash_file};
 use crate::dataset::{Shard, manifest, render, verify};
 use crate::metrics::psnr::CAP;
 use crate::output;
+use crate::truth::is_keyframe;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
@@ -35,23 +36,36 @@ impl SetFile {
     }
 }
 
+/// How much of a set is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Extent {
+    /// The part of every class that is this process's.
+    pub shard: Shard,
+    /// Of every so many frames only the first two, beside the keyframes: what an evaluation of two in so many reads; 1 = all.
+    pub every: u32,
+    /// Samples a pixel of the longer render that tells how far the truth is from the truth; 0 = none.
+    pub audited: u32,
+}
+
+impl Extent {
+    /// Whether frame `number` of a sequence of `plan` is made.
+    fn holds(&self, plan: &Plan, number: usize) -> bool {
+        let at = number / plan.frame_step as usize;
+        let audited = self.audited > 0 && audit::frame(plan) == Some(number);
+        at % (self.every.max(1) as usize) < 2 || is_keyframe(plan.keyframe_gap(), number) || audited
+    }
+}
+
 /// Makes `set` in `out/<set>`, or goes on with it; a shard makes its part of every class. Returns the finished set; `None` where
-/// other shards have not finished theirs.
+/// frames or the parts of other shards are missing.
 ///
 /// # Errors
 /// As [`render::run`]; when this program would not make the scenes of the published set.
-pub fn make(
-    set: TestSet,
-    sources: &Sources,
-    out: &Path,
-    shard: Shard,
-    audited: u32,
-    cancel: &AtomicBool,
-) -> Result<Option<SetFile>> {
+pub fn make(set: TestSet, sources: &Sources, out: &Path, extent: Extent, cancel: &AtomicBool) -> Result<Option<SetFile>> {
     let plans = set.plans(sources)?;
     check_folders(&out.join(set.name()), &plans)?;
     check_scenes(set, &plans)?;
-    make_plans(set.name(), &plans, out, shard, audited, cancel)
+    make_plans(set.name(), &plans, out, extent, cancel)
 }
 
 /// Checks that what is in the folders of the classes, if anything, is of their plans: before any of them is rendered.
@@ -70,22 +84,16 @@ fn check_folders(folder: &Path, plans: &[(&str, Plan)]) -> Result<()> {
 ///
 /// # Errors
 /// As [`render::run`].
-pub fn make_plans(
-    set: &str,
-    plans: &[(&str, Plan)],
-    out: &Path,
-    shard: Shard,
-    audited: u32,
-    cancel: &AtomicBool,
-) -> Result<Option<SetFile>> {
+pub fn make_plans(set: &str, plans: &[(&str, Plan)], out: &Path, extent: Extent, cancel: &AtomicBool) -> Result<Option<SetFile>> {
     let folder = out.join(set);
     check_folders(&folder, plans)?;
     for (i, (name, plan)) in plans.iter().enumerate() {
         eprintln!("{set} {name}, {} of {}", i + 1, plans.len());
         let class = folder.join(name);
-        render::run(plan, &class, shard, cancel).with_context(|| (*name).to_owned())?;
-        if audited > 0 {
-            audit::run(plan, &class, shard, audited, cancel).with_context(|| (*name).to_owned())?;
+        let wanted = |number: usize| extent.holds(plan, number);
+        render::run_some(plan, &class, extent.shard, &wanted, cancel).with_context(|| (*name).to_owned())?;
+        if extent.audited > 0 {
+            audit::run(plan, &class, extent.shard, extent.audited, cancel).with_context(|| (*name).to_owned())?;
         }
     }
     if !plans.iter().all(|(name, plan)| manifest::complete(plan, &folder.join(name))) {

@@ -7,7 +7,7 @@ mod audit;
 mod make;
 
 pub use audit::{AUDIT, Audit, decibel, display_variance};
-pub use make::{SET, SetFile, audits, check, make, make_plans};
+pub use make::{Extent, SET, SetFile, audits, check, make, make_plans};
 
 use crate::dataset::plan::{Allowed, Plan, UserFile};
 use crate::dataset::planning;

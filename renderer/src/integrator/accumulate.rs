@@ -4,21 +4,23 @@ use super::Settings;
 use super::adaptive::Budget;
 use super::light_paths::{Casters, Deposit, trace as trace_light};
 use super::path::{SHOTS, Shot, Tracer};
+use super::splitting::light_samples;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::{Features, with_features};
 use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
 use crate::integrator::gbuffer::Visible;
-use crate::schedule::{self, Progress, Tile};
+use crate::schedule::{self, Plot, Progress};
 use crate::stats::Stats;
+use bytemuck::zeroed_vec;
 use glam::DVec3;
+use rayon::prelude::*;
 use renderflow_frame::frame::LIGHT_GROUPS;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 /// Samples of a picture: sums of radiance, its light groups, and what camera rays hit first. Films of disjoint ranges of samples
@@ -109,9 +111,10 @@ impl Film {
             key: key(scene, settings),
             ranges: vec![range],
             map: map.map(map_hash),
-            pixels: vec![PixelStatistics::default(); count],
-            guides: vec![GuideStatistics::default(); count],
-            groups: vec![GroupStatistics::default(); if settings.light_groups > 0 { count } else { 0 }],
+            // Pages that the system clears when the threads that trace first write to them.
+            pixels: zeroed_vec(count),
+            guides: zeroed_vec(count),
+            groups: zeroed_vec(if settings.light_groups > 0 { count } else { 0 }),
             light: Light::default(),
         }
     }
@@ -146,13 +149,13 @@ impl Film {
         let whole = 0..self.pixels.len();
         let variance = settings.channels.variance.then(|| {
             let most = DVec3::splat(f32::MAX.into());
-            image(whole.map(|at| self.variance_of_mean(at).min(most).as_vec3().to_array()).collect())
+            image(whole.into_par_iter().map(|at| self.variance_of_mean(at).min(most).as_vec3().to_array()).collect())
         });
         let mut groups: [Option<Rgb>; LIGHT_GROUPS] = Default::default();
         for (group, light) in groups.iter_mut().enumerate().take(settings.light_groups as usize) {
             let paths = |at: usize| self.light.groups.get(at).map_or(DVec3::ZERO, |g| g.sum_over(group, self.light.samples));
             let pixel = |(at, g): (usize, &GroupStatistics)| (g.mean(group) + paths(at)).as_vec3().to_array();
-            *light = Some(image(self.groups.iter().enumerate().map(pixel).collect()));
+            *light = Some(image(self.groups.par_iter().enumerate().map(pixel).collect()));
         }
         Beauty {
             raw: self.mean(),
@@ -171,7 +174,7 @@ impl Film {
 
     /// Mean radiance of the samples so far, 0 without any.
     pub fn mean(&self) -> Image<[f32; 3]> {
-        let pixels = (0..self.pixels.len()).map(|at| self.mean_of(at).as_vec3().to_array()).collect();
+        let pixels = (0..self.pixels.len()).into_par_iter().map(|at| self.mean_of(at).as_vec3().to_array()).collect();
         Image { width: self.width, height: self.height, pixels }
     }
 
@@ -305,10 +308,22 @@ pub(super) struct Work<'a> {
     pub settings: &'a Settings,
     pub visible: &'a Visible,
     pub casters: Option<&'a Casters>,
+    /// Light samples at the first surface behind a camera ray.
+    lights: u32,
     pub cancel: &'a AtomicBool,
 }
 
-impl Work<'_> {
+impl<'a> Work<'a> {
+    pub fn new(
+        scene: &'a RenderScene,
+        settings: &'a Settings,
+        visible: &'a Visible,
+        casters: Option<&'a Casters>,
+        cancel: &'a AtomicBool,
+    ) -> Self {
+        let lights = light_samples(scene, settings, visible, casters);
+        Self { scene, settings, visible, casters, lights, cancel }
+    }
     /// Light paths of the samples `samples`.
     pub fn light_paths(&self, samples: &Range<u32>) -> u64 {
         self.casters.map_or(0, |casters| casters.paths() * samples.len() as u64)
@@ -317,9 +332,10 @@ impl Work<'_> {
     /// Traces the light paths of the samples `samples` a pixel, which `film` does not hold yet.
     pub fn trace_light(&self, film: &mut Film, samples: Range<u32>, meter: (&Meter<'_>, u64)) -> Result<Stats> {
         let Some(casters) = self.casters.filter(|_| !samples.is_empty()) else { return Ok(Stats::default()) };
+        if film.light.samples == 0 {
+            (film.light.pixels, film.light.groups) = (zeroed_vec(film.pixels.len()), zeroed_vec(film.groups.len()));
+        }
         film.light.samples += samples.len() as u32;
-        film.light.pixels.resize(film.pixels.len(), LightStatistics::default());
-        film.light.groups.resize(film.groups.len(), GroupStatistics::default());
         let groups = self.settings.groups(self.scene);
         let light = &mut film.light;
         let mut store = |deposit: Deposit| {
@@ -345,37 +361,17 @@ impl Work<'_> {
     }
 }
 
-/// What a tile makes of the film.
-#[derive(Default)]
-struct Tally {
-    pixels: Vec<PixelStatistics>,
-    guides: Vec<GuideStatistics>,
-    groups: Vec<GroupStatistics>,
-    stats: Stats,
-}
-
 fn trace<F: Features>(
-    Work { scene, settings, visible, casters, cancel }: Work<'_>,
+    Work { scene, settings, visible, casters, lights, cancel }: Work<'_>,
     film: &mut Film,
     span: &(dyn Fn(usize) -> Range<u32> + Sync),
     (meter, total): (&Meter<'_>, u64),
 ) -> Result<Stats> {
     let (width, height) = (film.width, film.height);
-    let grouped = settings.light_groups > 0;
     let branches = settings.branches();
-    // Tiles are stored when none is at work: nobody ever waits for this lock.
-    let film = RwLock::new(film);
-    let work = |tile: Tile| {
-        let mut tally = Tally::default();
-        {
-            let film = film.read().unwrap_or_else(PoisonError::into_inner);
-            for at in tile.pixels().map(|(x, y)| y * width + x) {
-                tally.pixels.push(film.pixels[at]);
-                tally.guides.push(film.guides[at]);
-                tally.groups.extend(film.groups.get(at));
-            }
-        }
-        let mut tracer = Tracer::<F>::new(scene, settings, casters);
+    let work = |mut plot: Plot<'_, PixelStatistics, GuideStatistics, GroupStatistics>| {
+        let tile = plot.tile;
+        let mut tracer = Tracer::<F>::new(scene, settings, casters, lights);
         let mut samples = 0;
         // Shots with the places of their pixels in the tile. Sixteen may be of several pixels: in the rounds of an adaptive picture a
         // pixel has but few.
@@ -384,10 +380,11 @@ fn trace<F: Features>(
             tracer.aim(shots);
             for (k, (shot, i)) in shots.drain(..).zip(places.drain(..)).enumerate() {
                 let sample = tracer.sample(k, &shot);
-                tally.pixels[i].push(sample.radiance);
-                tally.guides[i].push(sample.first);
-                if grouped {
-                    tally.groups[i].push(tracer.groups());
+                let (column, row) = (i % tile.width, i / tile.width);
+                plot.first[row][column].push(sample.radiance);
+                plot.second[row][column].push(sample.first);
+                if let Some(groups) = plot.third[row].get_mut(column) {
+                    groups.push(tracer.groups());
                 }
             }
         };
@@ -405,22 +402,11 @@ fn trace<F: Features>(
             }
         }
         shoot(&mut shots, &mut places);
-        tally.stats = tracer.into_stats();
         meter.add(samples, total);
-        tally
+        tracer.into_stats()
     };
     let mut stats = Stats::default();
-    schedule::for_tiles((width, height), 1, &|_, _| (), cancel, work, |tile, tally| {
-        stats += tally.stats;
-        let mut film = film.write().unwrap_or_else(PoisonError::into_inner);
-        for (i, (x, y)) in tile.pixels().enumerate() {
-            let at = y * width + x;
-            film.pixels[at] = tally.pixels[i];
-            film.guides[at] = tally.guides[i];
-            if let Some(groups) = tally.groups.get(i) {
-                film.groups[at] = *groups;
-            }
-        }
-    })?;
+    let sums = (&mut film.pixels[..], &mut film.guides[..], &mut film.groups[..]);
+    schedule::fill_tiles((width, height), sums, cancel, work, |tile| stats += tile)?;
     Ok(stats)
 }

@@ -161,7 +161,7 @@ pub(super) fn render(
     let started = Instant::now();
     let (width, height) = (scene.camera().width, scene.camera().height);
     let casters = Casters::find(scene, settings);
-    let work = Work { scene, settings, visible, casters: casters.as_ref(), cancel };
+    let work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
     let mut film = Film::new(scene, settings, 0..settings.spp, None);
     let mut plan = Plan {
         seed: hash::child(hash::child(scene.seed, scene.frame() as u64), 0x4144_4150),

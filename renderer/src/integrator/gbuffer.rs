@@ -15,6 +15,7 @@ use crate::schedule::{self, TILE, Tile};
 use crate::simd;
 use crate::stats::Stats;
 use glam::{DVec2, Vec2, Vec3A};
+use rayon::prelude::*;
 use renderflow_frame::{Environment, Frame, FrameInfo, Image};
 use std::sync::atomic::AtomicBool;
 
@@ -333,7 +334,14 @@ pub(super) fn frame<F: Features>(
     let mut stats = Stats::default();
     let kept = film.filter(|_| settings.skips.shared_guides);
     if let Some(film) = kept {
-        film.guides.iter().enumerate().for_each(|(at, guides)| store_guides(&mut frame, at, guides, &projector));
+        let guides = &film.guides;
+        frame.alpha.pixels = guides.par_iter().map(GuideStatistics::coverage).collect();
+        if let Some(image) = &mut frame.guide_albedo {
+            image.pixels = guides.par_iter().map(GuideStatistics::albedo).collect();
+        }
+        if let Some(image) = &mut frame.guide_normal {
+            image.pixels = guides.par_iter().map(|guides| guide_normal(guides, &projector)).collect();
+        }
     }
     let centres = wanted.gbuffer || wanted.motion || settings.irradiance;
     if !centres && kept.is_some() {
@@ -403,9 +411,13 @@ fn store_guides(frame: &mut Frame, at: usize, guides: &GuideStatistics, projecto
         image.pixels[at] = guides.albedo();
     }
     if let Some(image) = &mut frame.guide_normal {
-        // The mean normal is turned to camera space once, since turning is linear.
-        image.pixels[at] = projector.direction_to_camera(guides.normal()).to_array();
+        image.pixels[at] = guide_normal(guides, projector);
     }
+}
+
+fn guide_normal(guides: &GuideStatistics, projector: &Projector) -> [f32; 3] {
+    // The mean normal is turned to camera space once, since turning is linear.
+    projector.direction_to_camera(guides.normal()).to_array()
 }
 
 fn store(frame: &mut Frame, at: usize, centre: &Centre) {

@@ -54,6 +54,8 @@ pub(super) struct Tracer<'a, F: Features> {
     pub(super) settings: &'a Settings,
     /// Samples that share a camera ray.
     branches: u32,
+    /// Light samples at the first surface behind a camera ray.
+    lights: u32,
     /// The bodies that light paths are aimed at, where there are any.
     pub(super) casters: Option<&'a Casters>,
     /// Directions of the light groups, where asked for.
@@ -106,6 +108,29 @@ impl<F: Features> simd::Work for CameraSample<'_, '_, F> {
     }
 }
 
+/// The arguments of [`Tracer::probe`].
+struct Probes<'t, 'a, F: Features> {
+    tracer: &'t mut Tracer<'a, F>,
+    shots: &'t [Shot],
+}
+
+impl<F: Features> simd::Work for Probes<'_, '_, F> {
+    type Output = Vec<Probe>;
+    #[inline(always)]
+    fn run(self) -> Vec<Probe> {
+        self.tracer.find_probes(self.shots)
+    }
+}
+
+/// What two light samples and two paths bring behind one camera ray, each as if it were the only one of its kind, and the rays they took.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Probe {
+    pub light: [Vec3A; 2],
+    pub path: [Vec3A; 2],
+    pub light_rays: u64,
+    pub path_rays: u64,
+}
+
 /// Where light came from.
 #[derive(Clone, Copy)]
 pub(super) enum Origin {
@@ -121,12 +146,14 @@ pub(super) fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]
 }
 
 impl<'a, F: Features> Tracer<'a, F> {
-    pub fn new(scene: &'a RenderScene, settings: &'a Settings, casters: Option<&'a Casters>) -> Self {
+    /// `lights`: light samples at the first surface behind a camera ray.
+    pub fn new(scene: &'a RenderScene, settings: &'a Settings, casters: Option<&'a Casters>, lights: u32) -> Self {
         Self {
             scene,
             settings,
             directions: settings.groups(scene),
             branches: settings.branches(),
+            lights,
             casters,
             limit: settings.clamp_indirect.unwrap_or(f32::INFINITY),
             radiance: Vec3A::ZERO,
@@ -243,17 +270,53 @@ impl<'a, F: Features> Tracer<'a, F> {
         if self.settings.skips.black_surfaces && split.is_black() {
             return;
         }
-        let branches = self.branches as f32;
-        // One light sample for all branches, with the camera's numbers.
-        let whole = Path { vertex: 1, index, beta: Vec3A::ONE, branches, reach: 0.0 };
-        self.sample_light(sampler, &whole, &first, (bsdf, &split), wo);
+        let path = Path::first(index, self.branches, self.lights);
+        for light in 0..self.lights {
+            self.sample_light(sampler, &path.part(light, self.lights), &first, (bsdf, &split), wo);
+        }
         for branch in 0..self.branches {
-            // Each goes on with numbers of its own, which are stratified over all branches of all samples of the pixel.
-            let path = Path { index: index * self.branches + branch, beta: Vec3A::splat(1.0 / branches), ..whole };
-            if let Some((path, surface, wo)) = self.scatter(sampler, path, &first, (bsdf, &split), wo) {
+            if let Some((path, surface, wo)) = self.scatter(sampler, path.part(branch, self.branches), &first, (bsdf, &split), wo)
+            {
                 self.follow(sampler, path, surface, wo);
             }
         }
+    }
+
+    /// What up to [`SHOTS`] shots bring, light samples and paths apart: two of each behind every camera ray that meets something.
+    pub fn probe(&mut self, shots: &[Shot]) -> Vec<Probe> {
+        simd::run(Probes { tracer: self, shots })
+    }
+
+    #[inline(always)]
+    fn find_probes(&mut self, shots: &[Shot]) -> Vec<Probe> {
+        self.find_first(shots);
+        let mut probes = Vec::with_capacity(shots.len());
+        for (place, shot) in shots.iter().enumerate().take(SHOTS) {
+            let (ray, Some(hit)) = (self.rays[place], self.hits[place]) else { continue };
+            let (first, wo) = (Interaction::new::<F>(self.scene, &ray, &hit, self.camera_cone), -ray.direction);
+            let mode = self.settings.bsdf;
+            let (bsdfs, mut own) = (self.bsdfs, None);
+            let bsdf = bsdf_of::<F>(bsdfs, &first, mode, &mut own);
+            let split = Scatterer::<F>::new(&first, bsdf, wo, mode);
+            let whole = Path::first(shot.index, 2, 2);
+            let mut probe = Probe::default();
+            for part in 0..2 {
+                let before = self.stats.rays();
+                self.radiance = Vec3A::ZERO;
+                self.sample_light(&shot.sampler, &whole.part(part, 2), &first, (bsdf, &split), wo);
+                probe.light[part as usize] = self.radiance * 2.0;
+                let between = self.stats.rays();
+                self.radiance = Vec3A::ZERO;
+                if let Some((path, surface, wo)) = self.scatter(&shot.sampler, whole.part(part, 2), &first, (bsdf, &split), wo) {
+                    self.follow(&shot.sampler, path, surface, wo);
+                }
+                probe.path[part as usize] = self.radiance * 2.0;
+                probe.light_rays += between - before;
+                probe.path_rays += self.stats.rays() - between;
+            }
+            probes.push(probe);
+        }
+        probes
     }
 
     /// Goes on from the second surface of a path.
@@ -379,11 +442,26 @@ pub(super) struct Path {
     pub beta: Vec3A,
     /// Into how many the first surface splits the path.
     pub branches: f32,
+    /// Directions that are drawn at the first surface for one light sample there.
+    first_draws: f32,
     /// What the density of light paths depends on; 0 where none can come this way.
     pub reach: f32,
 }
 
 impl Path {
+    /// At the first surface behind camera ray `index`.
+    #[inline(always)]
+    fn first(index: u32, branches: u32, lights: u32) -> Self {
+        let (branches, lights) = (branches as f32, lights as f32);
+        Self { vertex: 1, index, beta: Vec3A::ONE, branches, first_draws: branches / lights, reach: 0.0 }
+    }
+
+    /// Part `part` of `count` equal ones. Each has numbers of its own, which are stratified over those of all camera rays of the pixel.
+    #[inline(always)]
+    fn part(self, part: u32, count: u32) -> Self {
+        Self { index: self.index * count + part, beta: Vec3A::splat(1.0 / count as f32), ..self }
+    }
+
     /// The same, which no light path finds: it passes a surface from behind.
     #[inline(always)]
     fn unreached(self) -> Self {
@@ -393,7 +471,7 @@ impl Path {
     /// Directions drawn at this surface for one light sample.
     #[inline(always)]
     pub fn draws(&self) -> f32 {
-        if self.vertex == 1 { self.branches } else { 1.0 }
+        if self.vertex == 1 { self.first_draws } else { 1.0 }
     }
 
     /// Plays roulette with the number `u`; survivors stand for those that end.
@@ -449,8 +527,8 @@ mod tests {
             .map(|(at, index)| Shot { sampler: settings.random(&scene, at), pixel: (at % 24, at / 24), index, seen: at % 5 > 0 })
             .collect();
         let (mut together, mut alone) = (
-            Tracer::<Compiled<false, false, false>>::new(&scene, &settings, None),
-            Tracer::<Compiled<false, false, false>>::new(&scene, &settings, None),
+            Tracer::<Compiled<false, false, false>>::new(&scene, &settings, None, 2),
+            Tracer::<Compiled<false, false, false>>::new(&scene, &settings, None, 2),
         );
         let mut met = 0;
         for shots in shots.chunk_by(|a, b| a.seen == b.seen).flat_map(|run| run.chunks(SHOTS)) {

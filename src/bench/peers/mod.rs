@@ -41,7 +41,7 @@ const FORMAT: u32 = 2;
     after_help = "Examples:\n  renderflow bench peers --quick --out peers\n  renderflow bench peers --mitsuba-python venv-mitsuba/bin/python --cycles-python venv-bpy/bin/python --out peers\n  renderflow bench peers --scene soft_sun --scene scene.json --only renderflow --only mitsuba-multijitter --out peers\n\ndocs/benchmarks.md says how to install them and what is measured."
 )]
 pub struct Options {
-    /// Scene of the set or scene file; may be given several times; otherwise soft_sun, studio, overcast, textured and million
+    /// Scene of the set (`composed` stands for sixteen) or scene file; may be given several times; otherwise soft_sun, studio, overcast, textured and million
     #[arg(long, value_name = "NAME|FILE")]
     scene: Vec<String>,
     /// Renderers that take part; may be given several times; otherwise all that are installed
@@ -135,7 +135,7 @@ impl Options {
     /// Measures and prints.
     pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let names = match (self.scene.is_empty(), self.quick) {
-            (false, _) => self.scene.clone(),
+            (false, _) => scenes::expand(&self.scene),
             (true, true) => vec!["soft_sun".to_owned()],
             (true, false) => ["soft_sun", "studio", "overcast", "textured", "million"].map(str::to_owned).into(),
         };
@@ -169,6 +169,7 @@ impl Options {
         if let Some(load) = kernels::load().filter(|load| *load > 0.5) {
             println!("note: the machine is not idle (load {load:.1}): wall times say little");
         }
+        names.iter().try_for_each(|name| scenes::exists(name))?;
         let contenders = self.contenders(settings.threads, cancel)?;
         let measured = self.earlier(&settings);
         // Weighed by samples: references once, every picture of `repeats` twice as a guess of what warming up takes.
@@ -185,6 +186,8 @@ impl Options {
             run.scene(scenes::open(name, Some(run.settings.resolution), allowed)?)?;
         }
         run.progress.finish();
+        let curves: Vec<Curve> = run.measured.scenes.keys().flat_map(|scene| run.curves(scene)).collect();
+        print!("{}", report::summary(&curves, &run.measured.renderers));
         println!("\nresults: {}", self.out.join(RESULTS).display());
         Ok(())
     }

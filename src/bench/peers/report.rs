@@ -143,6 +143,52 @@ pub fn time_to(curve: &[(f64, f64)], target: f64) -> Option<TimeTo> {
     Some(if first.1 <= target { beyond(first) } else { beyond(known.last()?) })
 }
 
+/// Our seconds over those of another renderer at equal errors: the geometric mean over its points. `None` where one of the curves has no
+/// error above its reference's noise.
+fn at_equal_error(ours: &Curve, theirs: &Curve, seconds: fn(&Point) -> f64, error: fn(&RelMse) -> f64) -> Option<f64> {
+    let own: Vec<(f64, f64)> = ours.points.iter().map(|p| (seconds(p), error(&p.error))).collect();
+    let points = theirs.points.iter().filter(|p| error(&p.error) > 0.0);
+    let ratios = points.map(|p| Some(time_to(&own, error(&p.error))?.seconds / seconds(p))).collect::<Option<Vec<_>>>()?;
+    (!ratios.is_empty()).then(|| geometric_mean(&ratios))
+}
+
+fn geometric_mean(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v.ln()).sum::<f64>() / values.len() as f64).exp()
+}
+
+/// Our seconds over those of every other renderer at equal errors, scene by scene; empty where nobody else took part.
+pub fn summary(curves: &[Curve], renderers: &[Named]) -> String {
+    let (ours, others): (Vec<&Named>, Vec<&Named>) = renderers.iter().partition(|r| r.family == OURS);
+    let mut scenes: Vec<&str> = curves.iter().map(|c| c.scene.as_str()).collect();
+    scenes.dedup();
+    let find = |scene: &str, id: &str| curves.iter().find(|c| c.scene == scene && c.renderer == id);
+    let mut text = String::new();
+    for (own, other) in ours.iter().flat_map(|own| others.iter().map(move |other| (own, other))) {
+        let measures: [(fn(&Point) -> f64, fn(&RelMse) -> f64); 4] =
+            [(|p| p.wall, |e| e.mean), (|p| p.wall, |e| e.trimmed), (|p| p.cpu, |e| e.mean), (|p| p.cpu, |e| e.trimmed)];
+        let ratios = |scene: &str| {
+            let (own, other) = (find(scene, &own.id)?, find(scene, &other.id)?);
+            Some(measures.map(|(seconds, error)| at_equal_error(own, other, seconds, error)))
+        };
+        let rows: Vec<(&str, [Option<f64>; 4])> = scenes.iter().filter_map(|scene| Some((*scene, ratios(scene)?))).collect();
+        if rows.is_empty() {
+            continue;
+        }
+        let _ = writeln!(text, "\nseconds of {} over those of {} at equal error", own.label, other.label);
+        let _ = writeln!(text, "  {:27} {:>10} {:>10} {:>12} {:>12}", "scene", "relMSE", "99 %", "cpu, relMSE", "cpu, 99 %");
+        let mut line = |name: &str, values: [Option<f64>; 4]| {
+            let [a, b, c, d] = values.map(|v| v.map_or_else(|| "unknown".into(), |v| format!("{v:.2}")));
+            let _ = writeln!(text, "  {name:27} {a:>10} {b:>10} {c:>12} {d:>12}");
+        };
+        rows.iter().for_each(|(scene, values)| line(scene, *values));
+        let column = |at: usize| rows.iter().filter_map(|(_, values)| values[at]).collect::<Vec<f64>>();
+        let over = |f: &dyn Fn(&[f64]) -> f64| [0, 1, 2, 3].map(|at| Some(column(at)).filter(|c| !c.is_empty()).map(|c| f(&c)));
+        line("geometric mean", over(&geometric_mean));
+        line("largest", over(&|values| values.iter().copied().fold(0.0, f64::max)));
+    }
+    text
+}
+
 /// The tables of one scene.
 pub fn table(title: &str, curves: &[Curve], renderers: &[Named], differences: &[Difference], target: f64) -> String {
     let mut text = format!("\n{title}\n");
@@ -250,5 +296,11 @@ mod tests {
         assert!((curves[1].wall_to_target.unwrap().seconds - 8.0).abs() < 1e-9);
         let text = table("s", &curves, &[named(OURS), named("cycles")], &[], 0.05);
         assert!(text.contains("renderflow takes 0.50 (0.50) of that"), "{text}");
+        let text = summary(&curves, &[named(OURS), named("cycles")]);
+        let line =
+            |name: &str| text.lines().find(|l| l.trim_start().starts_with(name)).unwrap().split_whitespace().collect::<Vec<_>>();
+        assert_eq!(line("s "), ["s", "0.50", "0.50", "0.50", "0.50"], "{text}");
+        assert_eq!(line("geometric")[2..], ["0.50"; 4], "{text}");
+        assert!(summary(&curves[..1], &[named(OURS), named("cycles")]).is_empty());
     }
 }
