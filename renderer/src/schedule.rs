@@ -180,7 +180,7 @@ mod tests {
         for (width, height) in [(0, 0), (1, 1), (8, 8), (9, 17), (640, 3), (3, 640), (2000, 200)] {
             let (mut first, mut second) = (vec![(0, 0); width * height], vec![0u8; width * height]);
             let fill = || {
-                let work = |mut plot: Plot<'_, (usize, usize), u8, u8>| {
+                let work = |plot: Plot<'_, (usize, usize), u8, u8>| {
                     assert!(plot.third.iter().all(|piece| piece.is_empty()));
                     for (i, at) in plot.tile.pixels().enumerate() {
                         let (column, row) = (i % plot.tile.width, i / plot.tile.width);

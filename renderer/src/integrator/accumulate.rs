@@ -393,11 +393,13 @@ fn trace<F: Features>(
             let range = span(at);
             samples += u64::from(range.end.saturating_sub(range.start));
             let (sampler, seen) = (settings.random(scene, at), visible.at(x, y));
-            for index in range.start / branches..range.end / branches {
+            let indices = range.start / branches..range.end / branches;
+            let count = indices.len() as u32;
+            for index in indices {
                 if shots.len() == SHOTS || shots.last().is_some_and(|shot: &Shot| shot.seen != seen) {
                     shoot(&mut shots, &mut places);
                 }
-                shots.push(Shot { sampler, pixel: (x, y), index, seen });
+                shots.push(Shot { sampler, pixel: (x, y), index, count, seen });
                 places.push(i);
             }
         }

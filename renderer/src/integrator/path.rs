@@ -37,6 +37,8 @@ pub(super) struct Shot {
     pub sampler: PixelSampler,
     pub pixel: (usize, usize),
     pub index: u32,
+    /// How many of its pixel are traced one after the other: how much is computed ahead follows it, the sample does not.
+    pub count: u32,
     /// False where the pixel is known to see the environment alone: the same directions are then looked up without asking the tree.
     pub seen: bool,
 }
@@ -195,6 +197,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             return;
         }
         for (ray, shot) in self.rays.iter_mut().zip(shots) {
+            self.points.expect(shot.count);
             *ray = camera_ray_at(self.scene, self.settings, self.points.point(&shot.sampler, shot.index, 0), shot.pixel);
         }
         if seen {
@@ -212,6 +215,8 @@ impl<'a, F: Features> Tracer<'a, F> {
 
     #[inline(always)]
     fn trace(&mut self, place: usize, shot: &Shot) -> Sample {
+        self.points.expect(shot.count * self.branches);
+        self.ahead.expect(shot.count * self.lights);
         self.stats.samples += u64::from(self.branches);
         *(if shot.seen { &mut self.stats.camera_rays } else { &mut self.stats.skipped_rays }) += 1;
         if F::FLAT_ENVIRONMENT && !shot.seen && self.directions.is_none() {
@@ -290,6 +295,8 @@ impl<'a, F: Features> Tracer<'a, F> {
     #[inline(always)]
     fn find_probes(&mut self, shots: &[Shot]) -> Vec<Probe> {
         self.find_first(shots);
+        self.points.expect(2 * shots.len() as u32);
+        self.ahead.expect(2 * shots.len() as u32);
         let mut probes = Vec::with_capacity(shots.len());
         for (place, shot) in shots.iter().enumerate().take(SHOTS) {
             let (ray, Some(hit)) = (self.rays[place], self.hits[place]) else { continue };
@@ -524,7 +531,13 @@ mod tests {
         let settings = Settings { spp: 16, ..Settings::default() };
         let shots: Vec<Shot> = (0..24 * 16)
             .flat_map(|at| (0..3).map(move |index| (at, index)))
-            .map(|(at, index)| Shot { sampler: settings.random(&scene, at), pixel: (at % 24, at / 24), index, seen: at % 5 > 0 })
+            .map(|(at, index)| Shot {
+                sampler: settings.random(&scene, at),
+                pixel: (at % 24, at / 24),
+                index,
+                count: 1 + at as u32 % 20,
+                seen: at % 5 > 0,
+            })
             .collect();
         let (mut together, mut alone) = (
             Tracer::<Compiled<false, false, false>>::new(&scene, &settings, None, 2),
@@ -534,8 +547,9 @@ mod tests {
         for shots in shots.chunk_by(|a, b| a.seen == b.seen).flat_map(|run| run.chunks(SHOTS)) {
             together.aim(shots);
             for (k, shot) in shots.iter().enumerate() {
-                alone.aim(std::slice::from_ref(shot));
-                let (a, b) = (together.sample(k, shot), alone.sample(0, shot));
+                let other = Shot { count: 3, ..*shot };
+                alone.aim(&[other]);
+                let (a, b) = (together.sample(k, shot), alone.sample(0, &other));
                 met += usize::from(a.first.is_some());
                 assert_eq!(a.radiance.to_array().map(f32::to_bits), b.radiance.to_array().map(f32::to_bits), "{:?}", shot.pixel);
                 assert_eq!(a.first.map(|f| (f.albedo, f.ns)), b.first.map(|f| (f.albedo, f.ns)));

@@ -24,15 +24,24 @@ struct Batch {
 /// gives the bits of drawing each.
 pub(crate) struct Ahead {
     batches: [Batch; SETS],
+    /// Whether enough samples of the first vertex are expected for sixteen to be drawn.
+    first: bool,
 }
 
 impl Default for Ahead {
     fn default() -> Self {
-        Self { batches: [Batch { base: 0, number: u32::MAX, asked: 0, ahead: false, drawn: [None; LANES] }; SETS] }
+        Self { batches: [Batch { base: 0, number: u32::MAX, asked: 0, ahead: false, drawn: [None; LANES] }; SETS], first: true }
     }
 }
 
 impl Ahead {
+    /// Says how many consecutive samples of a pixel will be asked for at the first vertex: what is drawn ahead follows it, what is
+    /// returned does not.
+    #[inline(always)]
+    pub fn expect(&mut self, samples: u32) {
+        self.first = samples >= WORTH;
+    }
+
     /// [`EnvironmentLight::sample`] of `light` with the first two numbers of set `set`, an even one, of sample `index`.
     #[inline(always)]
     pub fn sample(
@@ -45,7 +54,7 @@ impl Ahead {
         let number = index / LANES as u32;
         if let Some(batch) = self.batches.get_mut((set / 2).wrapping_sub(1) as usize).filter(|_| sampler.is_sobol()) {
             if batch.number != number || batch.base != sampler.base() {
-                batch.ahead = set == 2 || batch.asked >= WORTH;
+                batch.ahead = (set == 2 && self.first) || batch.asked >= WORTH;
                 (batch.number, batch.base, batch.asked) = (number, sampler.base(), 0);
                 if batch.ahead
                     && let Some([u, v, ..]) = points.batch(sampler, index, set)
@@ -88,6 +97,7 @@ mod tests {
                     (0..12).flat_map(|pixel| [0, 1, 5, 16, 40, 70_000].map(|start| (pixel, start + pixel as u32)))
                 {
                     let sampler = PixelSampler::of_kind(kind, 3, 0, pixel);
+                    ahead.expect(if pixel % 2 == 0 { 1 } else { 16 });
                     for set in [2, 4, 8, 10, 40] {
                         let [u, v, ..] = sampler.point(index, set);
                         assert_eq!(
@@ -98,6 +108,7 @@ mod tests {
                     }
                 }
                 // All samples of a pixel in order, of which only some have later vertices: drawn ahead and then not, and again.
+                ahead.expect(16);
                 for pixel in 0..3 {
                     let sampler = PixelSampler::of_kind(kind, 3, 0, pixel);
                     for index in 0..96 {

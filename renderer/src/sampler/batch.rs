@@ -11,6 +11,8 @@ use sobol_burley::parts::{hash, owen_scramble_rev, u32_to_f32_norm};
 pub const LANES: usize = 16;
 /// One set of a batch, an array a dimension.
 pub type Batched = [[f32; LANES]; 4];
+/// Samples that are asked for of a batch from which on it is cheaper than computing each.
+const WORTH: u32 = 3;
 /// Sets that are kept; paths seldom reach those beyond, which are computed one by one.
 const SETS: usize = 16;
 /// No number of a batch: samples are numbered up to 2^24.
@@ -79,15 +81,23 @@ struct Batch {
 /// Keeps the points that were computed ahead. What it returns depends on the arguments alone.
 pub struct Points {
     batches: [Batch; SETS],
+    /// Whether so few samples of a pixel are asked for that each is computed by itself.
+    few: bool,
 }
 
 impl Default for Points {
     fn default() -> Self {
-        Self { batches: [Batch { base: 0, number: NONE, points: [[0.0; LANES]; 4] }; SETS] }
+        Self { batches: [Batch { base: 0, number: NONE, points: [[0.0; LANES]; 4] }; SETS], few: false }
     }
 }
 
 impl Points {
+    /// Says how many consecutive samples of a pixel will be asked for: what is computed ahead follows it, what is returned does not.
+    #[inline(always)]
+    pub fn expect(&mut self, samples: u32) {
+        self.few = samples < WORTH;
+    }
+
     /// [`PixelSampler::point`] of `sampler`.
     #[inline(always)]
     pub fn point(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> [f32; 4] {
@@ -99,10 +109,11 @@ impl Points {
         }
     }
 
-    /// The points of set `set` of all samples `16 k..16 k + 16` with `index` among them; `None` where they are not kept.
+    /// The points of set `set` of all samples `16 k..16 k + 16` with `index` among them; `None` where they are not kept or too few are
+    /// expected.
     #[inline(always)]
     pub fn batch(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> Option<&Batched> {
-        let batch = self.batches.get_mut(set as usize).filter(|_| sampler.is_sobol())?;
+        let batch = self.batches.get_mut(set as usize).filter(|_| sampler.is_sobol() && !self.few)?;
         let number = index / LANES as u32;
         if batch.number != number || batch.base != sampler.base() {
             *batch = Batch { base: sampler.base(), number, points: batch.points };
@@ -168,6 +179,7 @@ mod tests {
                 let sampler = PixelSampler::of_kind(kind, 5, 1, pixel);
                 // In order, out of order, over the border of a scramble, and with numbers only an interrupted render starts from.
                 let starts = [0, 7, 3, 1 << 10, (1 << 16) - 20, (1 << 20) + 5, (1 << 24) - 40];
+                points.expect(if pixel % 3 == 0 { 1 } else { 16 });
                 for index in starts.into_iter().flat_map(|start| start..start + 40) {
                     for set in [0, 1, 2, 9, SETS as u32 - 1, SETS as u32, 300] {
                         let (found, expected) = (points.point(&sampler, index, set), sampler.point(index, set));
