@@ -109,7 +109,7 @@ fn means_agree_with_mitsuba() {
         println!("{name}: mean differs by {:.3} %, worst block by {:.2} %", 100.0 * whole, 100.0 * worst);
         // Mitsuba's dielectric is Burley's published one: another model than the conserving mode, so not held to 1 %
         // (`published.rs` compares like with like).
-        let limit = if name == "dielectric" { 0.03 } else { 0.01 };
+        let limit = if name == "dielectric" { 0.025 } else { 0.01 };
         assert!(whole < limit, "{name}: mean differs by {whole}");
     }
 }
