@@ -143,9 +143,12 @@ pub fn time_to(curve: &[(f64, f64)], target: f64) -> Option<TimeTo> {
     Some(if first.1 <= target { beyond(first) } else { beyond(known.last()?) })
 }
 
+/// Which seconds and which error of a point are meant.
+type Measure = (fn(&Point) -> f64, fn(&RelMse) -> f64);
+
 /// Our seconds over those of another renderer at equal errors: the geometric mean over its points. `None` where one of the curves has no
 /// error above its reference's noise.
-fn at_equal_error(ours: &Curve, theirs: &Curve, seconds: fn(&Point) -> f64, error: fn(&RelMse) -> f64) -> Option<f64> {
+fn at_equal_error(ours: &Curve, theirs: &Curve, (seconds, error): Measure) -> Option<f64> {
     let own: Vec<(f64, f64)> = ours.points.iter().map(|p| (seconds(p), error(&p.error))).collect();
     let points = theirs.points.iter().filter(|p| error(&p.error) > 0.0);
     let ratios = points.map(|p| Some(time_to(&own, error(&p.error))?.seconds / seconds(p))).collect::<Option<Vec<_>>>()?;
@@ -164,11 +167,11 @@ pub fn summary(curves: &[Curve], renderers: &[Named]) -> String {
     let find = |scene: &str, id: &str| curves.iter().find(|c| c.scene == scene && c.renderer == id);
     let mut text = String::new();
     for (own, other) in ours.iter().flat_map(|own| others.iter().map(move |other| (own, other))) {
-        let measures: [(fn(&Point) -> f64, fn(&RelMse) -> f64); 4] =
+        let measures: [Measure; 4] =
             [(|p| p.wall, |e| e.mean), (|p| p.wall, |e| e.trimmed), (|p| p.cpu, |e| e.mean), (|p| p.cpu, |e| e.trimmed)];
         let ratios = |scene: &str| {
             let (own, other) = (find(scene, &own.id)?, find(scene, &other.id)?);
-            Some(measures.map(|(seconds, error)| at_equal_error(own, other, seconds, error)))
+            Some(measures.map(|measure| at_equal_error(own, other, measure)))
         };
         let rows: Vec<(&str, [Option<f64>; 4])> = scenes.iter().filter_map(|scene| Some((*scene, ratios(scene)?))).collect();
         if rows.is_empty() {
