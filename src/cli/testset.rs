@@ -18,7 +18,7 @@ pub enum TestsetCommand {
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow testset make synthetic --out sets\n  \
 renderflow testset make assets --models models/ --hdris hdris/ --out sets\n\
-The synthetic set takes 4 GB and, on 4 cores, about an hour; with --every 10 a third of both. A termination signal lets the frame at hand finish (exit code 75); the\n\
+The synthetic set takes 4 GB and, on 4 cores, about an hour; with --every 10 some three tenths of both. A termination signal lets the frame at hand finish (exit code 75); the\n\
 same command goes on.")]
 pub struct Make {
     /// Which one

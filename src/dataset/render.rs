@@ -111,8 +111,8 @@ pub fn run(plan: &Plan, out: &Path, shard: Shard, stop: &AtomicBool) -> Result<S
     run_some(plan, out, shard, &|_| true, stop)
 }
 
-/// [`run`] for those frames of every sequence alone whose number is `wanted`. Sequences that lack others get no record: they count as
-/// unfinished, and a later run makes the rest.
+/// [`run`] for those frames of every sequence alone whose number is `wanted`. A sequence whose other frames are not recorded yet gets no
+/// record: it counts as unfinished, and a later run makes the rest.
 ///
 /// # Errors
 /// As [`run`].
@@ -296,7 +296,8 @@ impl Work<'_> {
             return Ok(());
         }
         sequence.describe()?;
-        if !self.plan.numbers().all(|number| sequence.path(number).is_file()) {
+        // A record speaks for all frames: those that nobody looked at keep it from being written.
+        if !self.plan.numbers().all(|number| (self.wanted)(number) || found.vouches_for(number)) {
             return Ok(());
         }
         let started = Instant::now();

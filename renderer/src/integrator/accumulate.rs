@@ -324,6 +324,7 @@ impl<'a> Work<'a> {
         let lights = light_samples(scene, settings, visible, casters);
         Self { scene, settings, visible, casters, lights, cancel }
     }
+
     /// Light paths of the samples `samples`.
     pub fn light_paths(&self, samples: &Range<u32>) -> u64 {
         self.casters.map_or(0, |casters| casters.paths() * samples.len() as u64)

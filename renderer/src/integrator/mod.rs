@@ -78,7 +78,7 @@ pub struct Settings {
     pub channels: Channels,
     /// What is left out because it cannot matter.
     pub skips: Skips,
-    /// Largest number of the samples of a pixel that share a camera ray, 1..=64: what it hits and the light sample there are made once for
+    /// Largest number of the samples of a pixel that share a camera ray, 1..=64: what it hits and the light samples there are made once for
     /// all of them, and each goes on from there with a path of its own. [`Self::branches`] says how many it becomes. What falls is the
     /// time of a path, what rises is the error of as many where much happens within a pixel (edges, small leaves, penumbrae). relMSE
     /// times instructions at 64 samples a pixel, 256 x 256, with 1, 2 and 4 branches, 2 being 1: soft sun 1.21, 1, 1.01; studio 1.13,

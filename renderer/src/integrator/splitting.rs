@@ -7,7 +7,7 @@
 //! `(v_x + v_l / l + v_s / b) (c_x + l c_l + b c_s)`,
 //!
 //! whose least value over `l` is sought (splitting: Arvo and Kirk 1990; Pharr, Jakob and Humphreys 2023, section 2.2.5). Under a smooth sky that
-//! scattering finds anyway the answer is one, where half-shadows are the noise it is eight. Pilot paths of a few pixels tell the
+//! scattering finds anyway the answer is few, where half-shadows are the noise it is many. Pilot paths of a few pixels tell the
 //! variances; their random numbers are their own, so that the picture has no bias.
 
 use super::Settings;
@@ -27,7 +27,7 @@ const FEWEST: usize = 128;
 const MOST: usize = 1024;
 /// Camera rays of each.
 const RAYS: u32 = 4;
-/// Samples of the picture for each of the pilot: it takes about a fiftieth of the time.
+/// Samples of the picture for each of the pilot, at least.
 const SHARE: u64 = 32;
 /// Share of the pixels that count, those with least variance: a few bright dots must not decide.
 const TRIMMED: f64 = 0.98;
@@ -154,7 +154,7 @@ mod tests {
             Part::new(Shape::Plane { size: 20.0 }, diffuse([0.5; 3]), at(0.0, 0.0, 0.0)),
         ];
         let scene = compile(parts, sunny(), camera([0.2, 1.5, 4.0], [0.0, 0.4, 0.0], 45.0, 32, 24)).unwrap();
-        // Sum of the picture, its variance, and the mean variance of a pixel.
+        // Sums of the picture and of its variance.
         let render = |light_samples, branches| {
             let channels = Channels { variance: true, ..Channels::BEAUTY };
             let settings = Settings { spp: 64, light_samples, branches, channels, light_paths: false, ..Settings::default() };
