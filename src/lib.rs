@@ -15,6 +15,7 @@ pub mod cli;
 pub mod dataset;
 pub mod evaluate;
 pub mod inspect;
+pub mod learning;
 mod machine;
 mod memory;
 pub mod metrics;

@@ -426,7 +426,7 @@ impl OpenSequence<'_> {
 }
 
 /// Transforms of the moving objects at the frames `numbers`.
-fn tracks(loaded: &LoadedScene, numbers: &[usize]) -> Tracks {
+pub(crate) fn tracks(loaded: &LoadedScene, numbers: &[usize]) -> Tracks {
     let moving = loaded.instances.iter().filter(|instance| instance.transforms.len() > 1);
     // All instances of an object move alike, and only differences between frames count: any of them tells.
     let track = |instance: &Instance| (instance.object_id, numbers.iter().map(|&n| instance.transform(n)).collect());

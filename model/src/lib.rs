@@ -5,6 +5,7 @@ pub mod config;
 pub mod data;
 pub mod error;
 pub mod features;
+pub mod fusion;
 pub mod infer;
 pub mod kernels;
 pub mod keyframe;

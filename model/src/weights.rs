@@ -50,7 +50,16 @@ pub enum Precision {
 /// # Errors
 /// When a value is not finite; the message names the tensor.
 pub fn encode(header: &WeightsHeader, weights: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
-    let path = Path::new("weights to be written");
+    let header = serde_json::to_string(header).map_err(|e| Error::malformed(TO_BE_WRITTEN, e.to_string()))?;
+    encode_with(&header, weights, precision)
+}
+
+/// Names a file in messages that has no path yet.
+const TO_BE_WRITTEN: &str = "weights to be written";
+
+/// [`encode`] with any header.
+pub(crate) fn encode_with(header: &str, weights: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
+    let path = Path::new(TO_BE_WRITTEN);
     let mut blobs = Vec::with_capacity(weights.len());
     for parameter in weights {
         if let Some(value) = parameter.values.iter().find(|v| !v.is_finite() || v.abs() > f16::MAX.to_f32()) {
@@ -66,10 +75,9 @@ pub fn encode(header: &WeightsHeader, weights: &[Parameter], precision: Precisio
         Precision::F16 => Dtype::F16,
         Precision::F32 => Dtype::F32,
     };
-    let header = serde_json::to_string(header).map_err(|e| Error::malformed(path, e.to_string()))?;
     write_safetensors(
         path,
-        &header,
+        header,
         weights.iter().zip(&blobs).map(|(p, blob)| (p.name.as_str(), dtype, p.shape.as_slice(), blob.as_slice())),
     )
 }

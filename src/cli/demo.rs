@@ -80,6 +80,7 @@ impl Demo {
         let ways = Way::list(&format!("ibl,deferred,warp,neural,neural+keys{wan}{traced}"))?;
         let options = run::Options {
             network: networks.compact.as_deref(),
+            fusion: None,
             wan: networks.wan.as_deref(),
             lpips: &lpips,
             ways: &ways,

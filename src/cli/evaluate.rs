@@ -25,6 +25,9 @@ Methods, in a comma-separated list:
                       indirect light; deferred-lights, -shadows, -maps, -sky, -occlusion, -reflections, -indirect: without that part
   warp, warp-ibl      keyframes carried along, deferred (or ibl) in the holes, no network
   neural, neural+keys the compact network without and with keyframes
+  deferred+neural, warp+neural
+                      the network that reads all that is given, on the terms of deferred shading, without and with keyframes; its --weights
+                      are needed
   wan, wan+keys       the paper's network, whose --weights are needed, without and with keyframes
   wan-stills, wan-stills+keys
                       the same with each frame rendered by itself
@@ -37,6 +40,8 @@ Methods, in a comma-separated list:
   ...+around, ...+before
                       at the end of one of these with OIDN: with the samples of the two frames before and after, or before alone, each
                       carried along by motion; a frame's samples are traced and paid once
+  pt4+neural          the same network in place of OIDN, with the G-buffer that it reads; pt-50ms+neural+around, pt4+neural+before+keys (+keys
+                      last: with keyframes)
   standard, all       lists of these
 
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
@@ -121,9 +126,14 @@ impl Evaluate {
         if !wants(Network::Wan) {
             networks.wan = None;
         }
+        ensure!(
+            networks.fusion.is_some() || !ways.iter().any(Way::is_fused),
+            "--methods: those with +neural need weights of the network that reads samples (--weights FILE)"
+        );
         let settings = networks.settings();
         let options = run::Options {
             network: networks.compact.as_deref(),
+            fusion: networks.fusion.as_ref(),
             wan: networks.wan.as_deref(),
             lpips,
             ways: &ways,

@@ -24,6 +24,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
+use renderflow_model::fusion::Fusion;
 use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::renderer::{self, Autoencoder, Renderer};
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
@@ -240,6 +241,8 @@ struct AllWeightsArgs {
 struct Networks {
     /// The compact one.
     compact: Option<Box<dyn Renderer>>,
+    /// The one that reads all that is given.
+    fusion: Option<Fusion>,
     /// The paper's.
     wan: Option<Box<dyn Renderer>>,
 }
@@ -247,8 +250,13 @@ struct Networks {
 impl AllWeightsArgs {
     /// The networks in the files; the compact one inside the program where `shipped` and no file holds another.
     fn open(&self, shipped: bool) -> Result<Networks> {
-        let mut networks = Networks { compact: None, wan: None };
+        let mut networks = Networks { compact: None, fusion: None, wan: None };
         for path in &self.weights {
+            if Fusion::recognises(path) {
+                ensure!(networks.fusion.is_none(), "{}: --weights names two networks of this kind", path.display());
+                networks.fusion = Some(Fusion::load(path)?);
+                continue;
+            }
             let wan = WanRenderer::recognises(path);
             let place = if wan { &mut networks.wan } else { &mut networks.compact };
             ensure!(place.is_none(), "{}: --weights names two networks of this kind", path.display());
@@ -269,7 +277,11 @@ impl Networks {
     /// What the weights say about themselves, as settings of a report.
     fn settings(&self) -> Vec<(String, String)> {
         let named = [("network", &self.compact), ("network (wan)", &self.wan)];
-        named.iter().filter_map(|(name, network)| Some(((*name).to_owned(), network.as_ref()?.about().header))).collect()
+        let mut settings: Vec<(String, String)> =
+            named.iter().filter_map(|(name, network)| Some(((*name).to_owned(), network.as_ref()?.about().header))).collect();
+        let fusion = self.fusion.as_ref().and_then(|fusion| serde_json::to_string(fusion.header()).ok());
+        settings.extend(fusion.map(|header| ("network (samples)".to_owned(), header)));
+        settings
     }
 }
 

@@ -1,21 +1,23 @@
+mod fusion;
 mod wan;
 
 use crate::dataset::Dataset;
 use crate::progress::Progress;
 use crate::truth::Interrupted;
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use renderflow_model::config::{KeyframeConfig, Start};
 use renderflow_model::train::runner::Summary;
 use renderflow_model::train::{self, Config, Stage};
 use renderflow_model::wan::FlowConfig;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 const HELP: &str = "\
 Examples, the compact network:
   renderflow train --data data/train --minutes 45 --out runs/base
+  renderflow train --plan plan.toml --minutes 120 --out runs/fusion
   renderflow train --data data/train --minutes 15 --base runs/base/weights.safetensors --out runs/keyframes
 
 The paper's network, from its autoencoder to keyframes and the way back (wan-1.3b begins with published weights: --from FILE):
@@ -33,8 +35,12 @@ The paper's network, from its autoencoder to keyframes and the way back (wan-1.3
 #[command(after_help = HELP)]
 pub struct Train {
     /// A split of a dataset
-    #[arg(long)]
-    data: PathBuf,
+    #[arg(long, required_unless_present = "plan")]
+    data: Option<PathBuf>,
+    /// A plan (see `dataset plan`): the network that reads samples, keyframes and deferred shading learns from its training sequences,
+    /// which are composed and rendered beside the steps; nothing is stored
+    #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "start", "cache_mib"])]
+    plan: Option<PathBuf>,
     /// Folder for checkpoint, log.jsonl and weights.safetensors
     #[arg(long)]
     out: PathBuf,
@@ -91,8 +97,8 @@ struct Bars {
 }
 
 impl Bars {
-    fn new(dataset: &Dataset) -> Self {
-        Self { loading: Progress::new("loading", dataset.sequences.len() as u64), training: OnceLock::new() }
+    fn new(sequences: u64) -> Self {
+        Self { loading: Progress::new("loading", sequences), training: OnceLock::new() }
     }
 
     fn loading(&self, done: usize, total: usize) {
@@ -131,6 +137,9 @@ impl Bars {
 
 impl Train {
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+        if let Some(plan) = &self.plan {
+            return self.fusion(plan, cancel);
+        }
         if let Some(config) = self.wan_config()? {
             return self.wan(&config, cancel);
         }
@@ -142,8 +151,8 @@ impl Train {
             println!("{}", serde_json::to_string_pretty(&config)?);
             return Ok(());
         }
-        let (dataset, notes) = Dataset::open_to_learn(&self.data)?;
-        let bars = Bars::new(&dataset);
+        let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
+        let bars = Bars::new(dataset.sequences.len() as u64);
         notes.iter().for_each(|note| bars.note(note));
         let tell = |progress: &train::Progress| match progress {
             train::Progress::Loading { done, total } => bars.loading(*done, *total),
@@ -157,6 +166,10 @@ impl Train {
             ),
         };
         bars.finish(&train::run(&config, &dataset, &tell, cancel)?)
+    }
+
+    fn data(&self) -> Result<&Path> {
+        self.data.as_deref().context("--data is missing")
     }
 
     fn config(&self) -> Result<Config> {

@@ -5,7 +5,7 @@ use super::painter::timed;
 use crate::dataset::SequenceFolder;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
-use renderflow_frame::deferred::{self, Carry, Keyframe, Lighting, ShadowMode, Shadows};
+use renderflow_frame::deferred::{self, Carry, Deferred, Keyframe, Lighting, ShadowMode, Shadows};
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::{RenderScene, ShadowTiles};
 use std::sync::{Mutex, PoisonError};
@@ -123,6 +123,19 @@ impl<'a> Engine<'a> {
         let camera = self.folder.camera(index);
         let (picture, shading) = timed(|| Ok(deferred::shade(frame, camera, lighting, &maps.shadows, &options).image))?;
         Ok((picture, maps.seconds + shading))
+    }
+
+    /// The picture and its parts, and the seconds of it.
+    pub fn parts(&self, frame: &Frame, index: usize, maps: &Maps) -> Result<(Deferred, f64)> {
+        let camera = self.folder.camera(index);
+        let shade = || Ok(deferred::shade(frame, camera, &self.lighting, &maps.shadows, &deferred::Options::default()));
+        let (parts, shading) = timed(shade)?;
+        Ok((parts, maps.seconds + shading))
+    }
+
+    /// The deferred picture of the keyframe that is stored frame `index`, where it is drawn.
+    pub fn keyframe(&self, index: usize) -> Option<&Rgb> {
+        self.keyframes.iter().find(|start| start.index == index).map(|start| &start.picture)
     }
 
     /// The keyframes carried to stored frame `index`, the deferred picture in the holes; and its seconds, without the G-buffer's.

@@ -12,6 +12,8 @@ pub enum Clean {
     High,
     /// OIDN in least time.
     Fast,
+    /// The network that reads all that is given ([`renderflow_model::fusion`]).
+    Neural,
 }
 
 /// How many samples a pixel a path-traced picture has.
@@ -60,6 +62,8 @@ pub struct Tracing {
     pub guides: Guides,
     /// What is taken in beside them.
     pub neighbours: Neighbours,
+    /// Whether the network reads keyframes too.
+    pub keyframes: bool,
 }
 
 /// A part of the deferred renderer.
@@ -102,7 +106,12 @@ pub enum Way {
         /// Which of the two.
         deferred: bool,
     },
-    /// The network.
+    /// The network that reads all that is given, on the terms of deferred shading.
+    Fused {
+        /// Whether it reads keyframes carried over them.
+        keyframes: bool,
+    },
+    /// The compact network.
     Neural {
         /// Whether it reads them.
         keyframes: bool,
@@ -162,6 +171,8 @@ impl Way {
             "deferred" => Self::Deferred(None),
             "warp" => Self::Warp { deferred: true },
             "warp-ibl" => Self::Warp { deferred: false },
+            "deferred+neural" => Self::Fused { keyframes: false },
+            "warp+neural" => Self::Fused { keyframes: true },
             "neural" => Self::Neural { keyframes: false },
             "neural+keys" => Self::Neural { keyframes: true },
             "wan" => Self::Wan { keyframes: false, stills: false },
@@ -232,6 +243,8 @@ impl Way {
             Self::Deferred(Some(part)) => format!("deferred-{}", named(*part).0),
             Self::Warp { deferred: true } => "warp".into(),
             Self::Warp { deferred: false } => "warp-ibl".into(),
+            Self::Fused { keyframes: false } => "deferred+neural".into(),
+            Self::Fused { keyframes: true } => "warp+neural".into(),
             Self::Neural { keyframes: false } => "neural".into(),
             Self::Neural { keyframes: true } => "neural+keys".into(),
             Self::Wan { keyframes, stills } => {
@@ -245,7 +258,12 @@ impl Way {
 
     /// Whether it reads the truth of keyframes.
     pub fn needs_keyframes(&self) -> bool {
-        matches!(self, Self::Warp { .. } | Self::Neural { keyframes: true } | Self::Wan { keyframes: true, .. })
+        match self {
+            Self::Warp { .. } => true,
+            Self::Fused { keyframes } | Self::Neural { keyframes } | Self::Wan { keyframes, .. } => *keyframes,
+            Self::Traced(tracing) => tracing.keyframes,
+            Self::Ibl | Self::Deferred(_) => false,
+        }
     }
 
     /// Whether a network makes it, and whether it then reads keyframes.
@@ -264,7 +282,12 @@ impl Way {
 
     /// Whether it starts from the deferred picture.
     pub fn is_deferred(&self) -> bool {
-        matches!(self, Self::Deferred(_) | Self::Warp { deferred: true })
+        matches!(self, Self::Deferred(_) | Self::Warp { deferred: true } | Self::Fused { .. })
+    }
+
+    /// Whether the network that reads all that is given makes it.
+    pub fn is_fused(&self) -> bool {
+        matches!(self, Self::Fused { .. } | Self::Traced(Tracing { clean: Clean::Neural, .. }))
     }
 
     /// What tables and plots say about it.
@@ -282,6 +305,10 @@ impl Way {
             }
             Self::Warp { deferred: false } => {
                 ("warped keyframes + IBL".into(), Group::Baseline, "no network; reads the truth of keyframes")
+            }
+            Self::Fused { keyframes: false } => ("Deferred + network".into(), Group::Neural, ""),
+            Self::Fused { keyframes: true } => {
+                ("warped keyframes + Deferred + network".into(), Group::Neural, "reads the truth of keyframes")
             }
             Self::Neural { keyframes: false } => ("neural".into(), Group::Neural, ""),
             Self::Neural { keyframes: true } => ("neural + keyframes".into(), Group::Neural, "reads the truth of keyframes"),
@@ -313,6 +340,8 @@ impl Tracing {
     /// `+before`.
     fn parse(id: &str) -> Result<Self> {
         let mut rest = id;
+        // After `equal-` they are part of the other method's name.
+        let keyframes = !id.starts_with("equal-") && cut(&mut rest, "+keys");
         let neighbours = if cut(&mut rest, "+around") {
             Neighbours::Around
         } else if cut(&mut rest, "+before") {
@@ -326,23 +355,30 @@ impl Tracing {
             let to = Way::parse(to)?;
             let timed = !matches!(&to, Way::Traced(Self { samples: Samples::AsLongAs(_), .. }));
             ensure!(timed, "{id}: needs a method with a time of its own");
-            return Ok(Self { samples: Samples::AsLongAs(to.id()), clean, guides, neighbours });
+            return Ok(Self { samples: Samples::AsLongAs(to.id()), clean, guides, neighbours, keyframes });
         }
         let clean = if cut(&mut rest, "+oidn") {
             Clean::High
         } else if cut(&mut rest, "+fast") {
             Clean::Fast
+        } else if cut(&mut rest, "+neural") {
+            Clean::Neural
         } else {
             Clean::Raw
         };
         let Some(samples) = rest.strip_prefix("pt") else { bail!("there is no method {id:?}") };
         if let Some((_, after)) = samples.split_once('+') {
-            bail!("{id}: +{after} has no place there: +oidn or +fast, then +gbuffer, then +around or +before");
+            bail!(
+                "{id}: +{after} has no place there: +oidn, +fast or +neural, then +gbuffer, then +around or +before, then +keys"
+            );
         }
         ensure!(
             clean != Clean::Raw || (guides, neighbours) == (Guides::Own, Neighbours::Alone),
-            "{id}: +gbuffer, +around and +before are for the denoiser: put +oidn or +fast before"
+            "{id}: +gbuffer, +around and +before are for the denoiser: put +oidn, +fast or +neural before"
         );
+        ensure!(!keyframes || clean == Clean::Neural, "{id}: +keys is for the network: put +neural before");
+        // The network reads the G-buffer always.
+        ensure!(guides == Guides::Own || clean != Clean::Neural, "{id}: +neural has a G-buffer by itself");
         let samples = match samples.strip_prefix('-') {
             Some(budget) => match budget.strip_suffix("ms").map(str::parse) {
                 Some(Ok(milliseconds @ 1..=LONGEST)) => Samples::Within(milliseconds),
@@ -353,7 +389,7 @@ impl Tracing {
                 _ => bail!("{id}: {samples:?} is no number of samples, 1..=65536"),
             },
         };
-        Ok(Self { samples, clean, guides, neighbours })
+        Ok(Self { samples, clean, guides, neighbours, keyframes })
     }
 
     fn id(&self) -> String {
@@ -364,13 +400,15 @@ impl Tracing {
             (Samples::AsLongAs(to), _) => (format!("equal-{to}"), ""),
         };
         let guides = if self.guides == Guides::GBuffer { "+gbuffer" } else { "" };
-        format!("{from}{clean}{guides}{}", self.neighbours.suffix())
+        let keyframes = if self.keyframes { "+keys" } else { "" };
+        format!("{from}{clean}{guides}{}{keyframes}", self.neighbours.suffix())
     }
 
     /// What follows the samples, in words.
     fn words(&self) -> String {
         let guides = if self.guides == Guides::GBuffer { ", guided by a G-buffer" } else { "" };
-        format!("{}{guides}{}", self.clean.label(), self.neighbours.label())
+        let keyframes = if self.keyframes { ", keyframes" } else { "" };
+        format!("{}{guides}{}{keyframes}", self.clean.label(), self.neighbours.label())
     }
 
     fn describe(&self) -> Method {
@@ -395,6 +433,7 @@ impl Tracing {
         }
         note.extend(match self.guides {
             Guides::Own if self.clean == Clean::Raw => None,
+            Guides::Own if self.clean == Clean::Neural => Some("pays for the G-buffer"),
             Guides::Own => Some("guided by its own camera rays"),
             Guides::GBuffer => Some("pays for the G-buffer"),
         });
@@ -414,6 +453,7 @@ impl Clean {
             Self::Raw => "",
             Self::High => "+oidn",
             Self::Fast => "+fast",
+            Self::Neural => "+neural",
         }
     }
 
@@ -422,6 +462,7 @@ impl Clean {
             Self::Raw => "",
             Self::High => " + OIDN",
             Self::Fast => " + OIDN fast",
+            Self::Neural => " + network",
         }
     }
 }
@@ -469,7 +510,7 @@ mod tests {
     #[test]
     fn names_lead_back_to_themselves() {
         let more = "wan,wan+keys,wan-stills,wan-stills+keys,pt300+fast,equal-ibl,equal-wan,equal-pt4+fast,equal-pt4+oidn+gbuffer+before,\
-                    pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
+                    pt2+neural,pt-50ms+neural+around,pt4+neural+before+keys,pt1+neural+keys,deferred+neural,warp+neural,pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
         let mut ways = Way::list(&format!("all,standard,{more}")).unwrap();
         ways.extend(Way::budgets(&[0.1, 0.8]).unwrap());
         assert!(ways.len() >= 60, "{}", ways.len());
@@ -484,7 +525,8 @@ mod tests {
 
     #[test]
     fn parts_of_a_name_say_what_they_say() {
-        let traced = |samples, clean, guides, neighbours| Way::Traced(Tracing { samples, clean, guides, neighbours });
+        let traced =
+            |samples, clean, guides, neighbours| Way::Traced(Tracing { samples, clean, guides, neighbours, keyframes: false });
         let (own, alone) = (Guides::Own, Neighbours::Alone);
         for (id, expected) in [
             ("pt4", traced(Samples::Count(4), Clean::Raw, own, alone)),
@@ -539,6 +581,10 @@ mod tests {
             "pt4+around+oidn",
             "pt4+oidn+fast",
             "pt4+oidn+around+before",
+            "pt4+oidn+keys",
+            "pt4+keys",
+            "pt4+neural+gbuffer",
+            "equal-ibl+keys",
         ];
         let budgets = ["pt-", "pt-50", "pt-0ms", "pt-3600001ms", "pt-ms", "pt--5ms"];
         let others = ["", ",", "deferred-sound", "equal-equal-ibl", "equal-", "cycles"];

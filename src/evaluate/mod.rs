@@ -3,6 +3,7 @@
 
 mod engine;
 pub mod find;
+mod fused;
 pub mod keyframes;
 pub mod method;
 pub mod outside;

@@ -1,6 +1,7 @@
 //! Makes the pictures of one sequence by every method, one after the other, each with its seconds.
 
 use super::engine::{Engine, Maps};
+use super::fused::Fused;
 use super::keyframes::{keyframes_for, prepare_keyframes};
 use super::method::{Part, Samples, Way};
 use super::players::Players;
@@ -61,6 +62,8 @@ pub struct Painter<'a> {
     keyframes: Vec<PreparedKeyframe>,
     players: Players<'a>,
     tracer: Tracer<'a>,
+    /// Where a method needs the network that reads all that is given.
+    fused: Option<Fused<'a>>,
     /// Whether the first frame pays for nothing but itself.
     warm: bool,
     once: Vec<(String, f64)>,
@@ -90,7 +93,7 @@ impl<'a> Painter<'a> {
             let (made, seconds) = timed(|| Ok(Engine::new(folder, whole)))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
             let engine = engine.insert(made);
-            if ways.contains(&Way::Warp { deferred: true }) {
+            if ways.iter().any(|way| matches!(way, Way::Warp { deferred: true } | Way::Fused { keyframes: true })) {
                 let ((), seconds) = timed(|| engine.prepare_keyframes(&mut scene))?;
                 once.push(("drawing keyframes by deferred shading".to_owned(), seconds));
             }
@@ -106,7 +109,15 @@ impl<'a> Painter<'a> {
             once.push(("reading the range of depths".to_owned(), beginning));
         }
         let tracer = Tracer::new(folder, options)?;
-        Ok(Self { folder, view, options, scene, engine, keyframes, players, tracer, warm: false, once })
+        let mut fused = None;
+        if ways.iter().any(Way::is_fused) {
+            let network = options.fusion.context("the methods need weights of the network that reads samples (--weights)")?;
+            let fused = fused.insert(Fused::new(folder, network, tables));
+            if ways.iter().any(|way| way.is_fused() && way.needs_keyframes()) {
+                fused.prepare_keyframes(|index| engine.as_ref().and_then(|engine| engine.keyframe(index)).cloned())?;
+            }
+        }
+        Ok(Self { fused, folder, view, options, scene, engine, keyframes, players, tracer, warm: false, once })
     }
 
     /// Seconds spent once a sequence, by what they were spent on.
@@ -145,6 +156,9 @@ impl<'a> Painter<'a> {
         for way in self.options.ways {
             let (linear, seconds, spp) = match way {
                 Way::Traced(tracing) => {
+                    if tracing.keyframes && self.folder.sequence.keyframes.is_empty() {
+                        continue;
+                    }
                     let given = match &tracing.samples {
                         Samples::AsLongAs(to) => made.iter().find(|made| made.id == *to).map(|made| made.seconds),
                         _ => None,
@@ -153,7 +167,7 @@ impl<'a> Painter<'a> {
                         continue;
                     }
                     let (picture, seconds, spp) =
-                        self.tracer.picture(&mut self.scene, tracing, given, shared.buffer(), cancel)?;
+                        self.tracer.picture(&mut self.scene, tracing, given, shared.buffer(), self.fused.as_ref(), cancel)?;
                     (picture, seconds, Some(spp))
                 }
                 way => {
@@ -188,6 +202,13 @@ impl<'a> Painter<'a> {
                 let engine = self.engine.as_ref().context("the deferred renderer")?;
                 engine.warped(&self.scene, gbuffer, shared.index, &shared.maps)?
             }
+            Way::Fused { keyframes } => {
+                let engine = self.engine.as_ref().context("the deferred renderer")?;
+                let fused = self.fused.as_ref().context("the network")?;
+                let (parts, shading) = engine.parts(gbuffer, shared.index, &shared.maps)?;
+                let (picture, drawing) = fused.shaded(shared.buffer(), &parts, *keyframes)?;
+                (picture, shading + drawing)
+            }
             Way::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, tables).image))?,
             Way::Warp { deferred: false } => timed(|| Ok(warp_only(gbuffer, camera, environment, tables, exposure, &keys)?))?,
             _ => return Ok(None),
@@ -217,7 +238,7 @@ impl<'a> Painter<'a> {
         if let Some(engine) = &mut self.engine {
             engine.forget();
         }
-        self.tracer.warm_up(&mut self.scene, self.options.ways, shared.buffer(), cancel)
+        self.tracer.warm_up(&mut self.scene, self.options.ways, shared.buffer(), self.fused.as_ref(), cancel)
     }
 }
 

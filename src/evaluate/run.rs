@@ -17,6 +17,7 @@ use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, file};
+use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -33,6 +34,8 @@ const NO_BEAUTY: &str = "no beauty to compare with";
 pub struct Options<'a> {
     /// The compact network, where a method needs it.
     pub network: Option<&'a dyn Renderer>,
+    /// The network that reads all that is given, where a method needs it.
+    pub fusion: Option<&'a Fusion>,
     /// The paper's network, where a method needs it.
     pub wan: Option<&'a dyn Renderer>,
     /// LPIPS where its weights are there.

@@ -1,6 +1,7 @@
 //! Path tracing for the rows that have it: samples with no more channels than a row needs, those of neighbouring frames carried along, the
 //! denoiser, and the seconds of all of it.
 
+use super::fused::Fused;
 use super::method::{Clean, Guides, Neighbours, REACH, Samples, Tracing, Way};
 use super::painter::timed;
 use super::results::BUDGET_PIXELS;
@@ -34,6 +35,10 @@ struct Needs {
 
 impl Needs {
     fn of(tracing: &Tracing) -> Self {
+        // Samples are divided by the albedo that they saw.
+        if tracing.clean == Clean::Neural {
+            return Self { guides: true, surfaces: false };
+        }
         // A G-buffer has both.
         let own = tracing.guides == Guides::Own;
         Self { guides: own && tracing.clean != Clean::Raw, surfaces: own && tracing.neighbours != Neighbours::Alone }
@@ -41,12 +46,14 @@ impl Needs {
 }
 
 /// Samples of one frame.
-struct Traced {
-    raw: Rgb,
+pub struct Traced {
+    pub raw: Rgb,
+    /// Coverage by their camera rays.
+    pub alpha: Image<f32>,
     /// Albedo and normal over the pixels, where they were asked for.
-    guides: Option<[Rgb; 2]>,
+    pub guides: Option<[Rgb; 2]>,
     /// Samples a pixel.
-    spp: u32,
+    pub spp: u32,
     seconds: f64,
     /// Whether it is kept for the frames near by.
     carried: bool,
@@ -86,7 +93,7 @@ impl<'a> Tracer<'a> {
     /// Opens the denoisers that the methods ask for.
     pub fn new(folder: &'a SequenceFolder, options: &Options) -> Result<Self> {
         let mut denoisers = BTreeMap::new();
-        for tracing in tracings(options.ways).filter(|tracing| tracing.clean != Clean::Raw) {
+        for tracing in tracings(options.ways).filter(|tracing| matches!(tracing.clean, Clean::High | Clean::Fast)) {
             if denoisers.contains_key(&tracing.clean) {
                 continue;
             }
@@ -109,7 +116,14 @@ impl<'a> Tracer<'a> {
     }
 
     /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
-    pub fn warm_up(&mut self, scene: &mut RenderScene, ways: &[Way], buffer: Buffer, cancel: &AtomicBool) -> Result<()> {
+    pub fn warm_up(
+        &mut self,
+        scene: &mut RenderScene,
+        ways: &[Way],
+        buffer: Buffer,
+        fused: Option<&Fused>,
+        cancel: &AtomicBool,
+    ) -> Result<()> {
         for needs in tracings(ways).map(Needs::of) {
             if self.rates.contains_key(&needs) {
                 continue;
@@ -134,7 +148,7 @@ impl<'a> Tracer<'a> {
             for _ in 0..2 {
                 self.denoised.remove(&tracing.clean);
                 self.gathered.remove(&tracing.neighbours);
-                self.picture(scene, &probe, None, buffer, cancel)?;
+                self.picture(scene, &probe, None, buffer, fused, cancel)?;
             }
         }
         self.traced.clear();
@@ -149,6 +163,7 @@ impl<'a> Tracer<'a> {
         tracing: &Tracing,
         given: Option<f64>,
         buffer: Buffer,
+        fused: Option<&Fused>,
         cancel: &AtomicBool,
     ) -> Result<(Rgb, f64, u32)> {
         let needs = Needs::of(tracing);
@@ -174,6 +189,14 @@ impl<'a> Tracer<'a> {
         scene.set_frame(self.folder.numbers[buffer.index]);
         let own = &self.traced[&keys[0]];
         let mut seconds = own.seconds;
+        if tracing.clean == Clean::Neural {
+            let network = fused.context("the methods need weights of the network that reads samples (--weights)")?;
+            let (others, gathering) = timed(|| Ok(self.carried(&keys)))?;
+            let others: Vec<(usize, Carried)> = keys[1..].iter().map(|key| key.0).zip(others).collect();
+            let (picture, drawing) = network.traced(buffer, own, &others, tracing.keyframes)?;
+            self.denoised.entry(tracing.clean).or_default().push(gathering + drawing);
+            return Ok((picture, seconds + buffer.seconds + gathering + drawing, self.traced[&keys[0]].spp));
+        }
         let carried;
         let (raw, guides) = if frames.len() > 1 {
             let (gathered, gathering) = timed(|| Ok(self.gather(&keys)))?;
@@ -217,11 +240,12 @@ impl<'a> Tracer<'a> {
         }
         let (mut frame, seconds) = rendered?;
         let raw = frame.raw.take().context("the path tracer made no picture")?;
+        let alpha = std::mem::take(&mut frame.alpha);
         let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
         if needs.surfaces {
             self.surfaces.entry(index).or_insert_with(|| surface(&frame, self.folder, index));
         }
-        Ok(Traced { raw, guides: guides.filter(|_| needs.guides), spp, seconds, carried: false })
+        Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, seconds, carried: false })
     }
 
     /// What the pixels' centres see of `frames`. Where their samples did not tell, they have G-buffers, which their own rows pay for.
@@ -245,7 +269,15 @@ impl<'a> Tracer<'a> {
 
     /// Samples of the first frame with those of the others added, as many as each has; and its guides likewise.
     fn gather(&self, keys: &[(usize, Needs, u32)]) -> (Rgb, Option<[Rgb; 2]>) {
-        let (index, own) = (keys[0].0, &self.traced[&keys[0]]);
+        add_up(&self.traced[&keys[0]], &self.carried(keys), &self.surfaces[&keys[0].0].object_id)
+    }
+
+    /// Samples of all but the first frame, to be carried to it.
+    fn carried(&self, keys: &[(usize, Needs, u32)]) -> Vec<Carried<'_>> {
+        if keys.len() < 2 {
+            return Vec::new();
+        }
+        let index = keys[0].0;
         let current = &self.surfaces[&index];
         let others = keys[1..].iter().map(|key| {
             let there = &self.surfaces[&key.0];
@@ -259,7 +291,7 @@ impl<'a> Tracer<'a> {
                 to_world: cameras[1],
             }
         });
-        add_up(own, &others.collect::<Vec<_>>(), &current.object_id)
+        others.collect()
     }
 
     /// Samples a pixel for frame `index`: those of the row, or what its seconds allow.
@@ -274,7 +306,7 @@ impl<'a> Tracer<'a> {
         let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| median(seconds.clone())).filter(|s| s.is_finite());
         let mut after = usual(self.denoised.get(&tracing.clean)).unwrap_or(0.0);
         after += usual(self.gathered.get(&tracing.neighbours)).unwrap_or(0.0);
-        if tracing.guides == Guides::GBuffer {
+        if tracing.guides == Guides::GBuffer || tracing.clean == Clean::Neural {
             after += buffer.seconds;
         }
         *self.counts.entry((Way::Traced(tracing.clone()).id(), index)).or_insert_with(|| affordable(budget - after, rate))
@@ -314,10 +346,10 @@ fn surface(frame: &Frame, folder: &SequenceFolder, index: usize) -> Frame {
 }
 
 /// Samples of another frame, to be added.
-struct Carried<'a> {
-    samples: &'a Traced,
+pub struct Carried<'a> {
+    pub samples: &'a Traced,
     /// Of each pixel the one there that shows its surface.
-    source: Image<Option<u32>>,
+    pub source: Image<Option<u32>>,
     /// From here to there.
     movement: Movement<'a>,
     /// From that camera's space to this one's.
@@ -404,7 +436,14 @@ mod tests {
 
     fn traced(spp: u32, value: f32, normal: [f32; 3]) -> Traced {
         let flat = |value| Rgb::filled(2, 1, value);
-        Traced { raw: flat([value; 3]), guides: Some([flat([0.5; 3]), flat(normal)]), spp, seconds: 0.0, carried: false }
+        Traced {
+            raw: flat([value; 3]),
+            alpha: Image::filled(2, 1, 1.0),
+            guides: Some([flat([0.5; 3]), flat(normal)]),
+            spp,
+            seconds: 0.0,
+            carried: false,
+        }
     }
 
     #[test]

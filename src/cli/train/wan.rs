@@ -129,8 +129,8 @@ impl Train {
             println!("{}", serde_json::to_string_pretty(config)?);
             return Ok(());
         }
-        let (dataset, notes) = Dataset::open_to_learn(&self.data)?;
-        let bars = Bars::new(&dataset);
+        let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
+        let bars = Bars::new(dataset.sequences.len() as u64);
         notes.iter().for_each(|note| bars.note(note));
         let tell = |progress: &train::Progress| match progress {
             train::Progress::Loading { done, total } => bars.loading(*done, *total),

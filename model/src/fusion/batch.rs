@@ -1,0 +1,319 @@
+//! Batches: random crops of records, with augmentations that are exact (mirroring, permuted primaries, exposure), and random subsets of
+//! what is given.
+
+use super::graph::MULTIPLE;
+use super::head::Picture;
+use super::record::{CHANNELS, Chosen, Groups, KEYS, Known, NEIGHBOURS, PARTS, Record, at, push_channels, radiance};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+/// How often a combination of groups is learnt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tier {
+    /// Name in logs.
+    pub name: &'static str,
+    /// What is given.
+    pub groups: Groups,
+    /// Share of the batches.
+    pub weight: f32,
+}
+
+const fn groups(deferred: bool, keys: bool, samples: bool, neighbours: bool) -> Groups {
+    Groups { deferred, keys, samples, neighbours }
+}
+
+/// The combinations that are learnt and reported.
+pub const TIERS: [Tier; 6] = [
+    Tier { name: "deferred", groups: groups(true, false, false, false), weight: 0.15 },
+    Tier { name: "deferred+keys", groups: groups(true, true, false, false), weight: 0.2 },
+    Tier { name: "rays", groups: groups(false, false, true, false), weight: 0.25 },
+    Tier { name: "rays+keys", groups: groups(false, true, true, false), weight: 0.1 },
+    Tier { name: "rays+around", groups: groups(false, false, true, true), weight: 0.2 },
+    Tier { name: "rays+around+keys", groups: groups(false, true, true, true), weight: 0.1 },
+];
+
+/// Largest change of exposure, in stops.
+const STOPS: f32 = 1.0;
+/// Neighbours that come before the frame; the others come after.
+pub const BEFORE: usize = NEIGHBOURS / 2;
+
+/// Changes that leave everything as true as it was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Change {
+    /// Left and right are swapped.
+    pub mirror: bool,
+    /// Which primary comes where.
+    pub primaries: [usize; 3],
+    /// Factor of all radiance.
+    pub gain: f32,
+}
+
+impl Change {
+    /// None.
+    pub const NONE: Self = Self { mirror: false, primaries: [0, 1, 2], gain: 1.0 };
+
+    fn draw(rng: &mut Pcg64Mcg) -> Self {
+        const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        Self {
+            mirror: rng.random_bool(0.5),
+            primaries: ORDERS[rng.random_range(0..ORDERS.len())],
+            gain: rng.random_range(-STOPS..STOPS).exp2(),
+        }
+    }
+
+    /// Changes one pixel; its place is not changed here.
+    pub fn apply(&self, stored: &mut [f32]) {
+        if self.mirror {
+            stored[at::NORMAL] = -stored[at::NORMAL];
+        }
+        let mut turn = |from: usize, gain: f32| {
+            let before = [stored[from], stored[from + 1], stored[from + 2]];
+            (0..3).for_each(|c| stored[from + c] = radiance(gain * before[self.primaries[c]]));
+        };
+        turn(at::ALBEDO, 1.0);
+        let plain = std::iter::once(at::BACKGROUND).chain((at::TERMS..at::OPEN).step_by(3)).chain([at::TRUTH]);
+        let counted = (at::KEYS_SHADED..at::TRUTH).step_by(4);
+        plain.chain(counted).for_each(|from| turn(from, self.gain));
+    }
+}
+
+/// One crop of a record.
+#[derive(Clone, Copy, Debug)]
+pub struct Window {
+    /// Left column, even.
+    pub x: usize,
+    /// Top row, even.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// What the network and its head read, and the truth.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    /// Pictures.
+    pub items: usize,
+    /// Columns, a multiple of [`MULTIPLE`].
+    pub width: usize,
+    /// Rows, likewise.
+    pub height: usize,
+    /// What is given.
+    pub groups: Groups,
+    /// `[items][height/2][width/2][4 groups.channels()]`: group by group, in each the four pixels of a block, in each its channels.
+    pub input: Vec<f32>,
+    /// `[items][height][width]`.
+    pub known: Vec<Known>,
+    /// `[items][height][width]`, exposed.
+    pub truth: Vec<[f32; 3]>,
+}
+
+impl Batch {
+    /// Draws `items` crops of `size` pixels a side for one of `tiers`. `None` where no record has what the drawn tier reads.
+    pub fn draw(records: &[&Record<f16>], tiers: &[Tier], size: usize, items: usize, rng: &mut Pcg64Mcg) -> Option<Self> {
+        let tier = &tiers[crate::train::draw_weighted(tiers.iter().map(|tier| tier.weight), rng)];
+        let wanted = tier.groups;
+        let fits = |record: &&&Record<f16>| {
+            let has = record.groups();
+            let given = has.given().into_iter().zip(wanted.given()).all(|(has, wanted)| has || !wanted);
+            given && record.width.min(record.height) >= size
+        };
+        let fitting: Vec<&Record<f16>> = records.iter().filter(fits).copied().collect();
+        if fitting.is_empty() {
+            return None;
+        }
+        let chosen: Vec<_> = (0..items)
+            .map(|_| {
+                let (record, window) = place(&fitting, size, rng);
+                (record, window, choose(record, wanted, rng), Change::draw(rng))
+            })
+            .collect();
+        let parts: Vec<Self> =
+            chosen.par_iter().map(|(record, window, chosen, change)| Self::of(record, *window, chosen, change)).collect();
+        let join = |field: fn(&Self) -> &Vec<f32>| parts.iter().flat_map(|part| field(part).iter().copied()).collect();
+        Some(Self {
+            items,
+            width: size,
+            height: size,
+            groups: wanted,
+            input: join(|part| &part.input),
+            known: parts.iter().flat_map(|part| part.known.iter().copied()).collect(),
+            truth: parts.iter().flat_map(|part| part.truth.iter().copied()).collect(),
+        })
+    }
+
+    /// One crop; places beyond the record repeat its last row and column.
+    pub fn of<T: Stored>(record: &Record<T>, window: Window, chosen: &Chosen, change: &Change) -> Self {
+        let Window { x, y, width, height } = window;
+        debug_assert!(width.is_multiple_of(MULTIPLE) && height.is_multiple_of(MULTIPLE));
+        let channels = chosen.groups.channels();
+        let mut known = vec![Known::default(); width * height];
+        let mut truth = vec![[0.0; 3]; width * height];
+        let mut input = vec![0.0; width * height * channels];
+        // Two rows at a time make a row of blocks.
+        let rows = (known.par_chunks_mut(2 * width), truth.par_chunks_mut(2 * width), input.par_chunks_mut(2 * width * channels));
+        rows.into_par_iter().enumerate().for_each(|(pair, (known, truth, input))| {
+            let mut stored = [0.0; at::COUNT];
+            let mut read = Vec::with_capacity(channels);
+            for i in 0..2 * width {
+                let (column, row) = (i % width, i / width);
+                let source = x + if change.mirror { width - 1 - column } else { column };
+                let (source, line) = (source.min(record.width - 1), (y + 2 * pair + row).min(record.height - 1));
+                T::read(&record.pixels[(line * record.width + source) * at::COUNT..][..at::COUNT], &mut stored);
+                change.apply(&mut stored);
+                known[i] = Known::new(&stored, chosen);
+                truth[i] = [stored[at::TRUTH], stored[at::TRUTH + 1], stored[at::TRUTH + 2]];
+                read.clear();
+                push_channels(&stored, &known[i], chosen, &mut read);
+                let (block, sub) = (column / 2, row * 2 + column % 2);
+                let (mut from, mut to) = (0, 4 * channels * block);
+                for (count, given) in CHANNELS.into_iter().zip(chosen.groups.given()) {
+                    if given {
+                        input[to + sub * count..][..count].copy_from_slice(&read[from..from + count]);
+                        from += count;
+                        to += 4 * count;
+                    }
+                }
+            }
+        });
+        Self { items: 1, width, height, groups: chosen.groups, input, known, truth }
+    }
+
+    /// Picture `item` with the network's outputs for the whole batch.
+    pub fn picture<'a>(&'a self, item: usize, fine: &'a [f32], coarse: &'a [f32]) -> Picture<'a> {
+        let part = |values: &'a [f32]| {
+            let count = values.len() / self.items;
+            &values[item * count..(item + 1) * count]
+        };
+        let pixels = self.width * self.height;
+        Picture {
+            width: self.width,
+            height: self.height,
+            known: &self.known[item * pixels..(item + 1) * pixels],
+            groups: self.groups,
+            fine: part(fine),
+            coarse: part(coarse),
+        }
+    }
+}
+
+/// Numbers of a pixel in either precision.
+pub trait Stored: Copy + Send + Sync {
+    /// As single precision.
+    fn read(from: &[Self], to: &mut [f32]);
+}
+
+impl Stored for f32 {
+    fn read(from: &[Self], to: &mut [f32]) {
+        to.copy_from_slice(from);
+    }
+}
+
+impl Stored for f16 {
+    fn read(from: &[Self], to: &mut [f32]) {
+        from.convert_to_f32_slice(to);
+    }
+}
+
+/// A crop of which one point in eight at least shows a surface, if four tries find one: sky teaches nothing.
+fn place<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&'a Record<f16>, Window) {
+    let mut tries = 0;
+    loop {
+        let record = records[rng.random_range(0..records.len())];
+        let mut even = |room: usize| 2 * rng.random_range(0..=room / 2);
+        let window = Window { x: even(record.width - size), y: even(record.height - size), width: size, height: size };
+        let step = size / 8;
+        let covered = |i: &usize| {
+            let (x, y) = (window.x + (i % 8) * step, window.y + (i / 8) * step);
+            record.pixels[(y * record.width + x) * at::COUNT + at::ALPHA] > f16::ZERO
+        };
+        tries += 1;
+        if tries == 4 || (0..64).filter(covered).count() >= 8 {
+            return (record, window);
+        }
+    }
+}
+
+/// Some of what `record` has of the wanted groups: any number of parts, neighbours on both sides or only before.
+fn choose(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Chosen {
+    let mut chosen = Chosen { groups, ..Chosen::all(record) };
+    let there = record.parts.iter().filter(|spp| **spp > 0).count();
+    let keep = rng.random_range(1..=there.max(1));
+    let first = rng.random_range(0..there.max(1));
+    for part in 0..PARTS {
+        chosen.parts[part] = part < there && (part + there - first) % there < keep;
+    }
+    chosen.spp = (0..PARTS).filter(|part| chosen.parts[*part]).map(|part| record.parts[part] as f32).sum();
+    let before_alone = rng.random_bool(0.3);
+    for (n, spp) in chosen.neighbours.iter_mut().enumerate() {
+        *spp = if groups.neighbours && (n < BEFORE || !before_alone) { record.neighbours[n] as f32 } else { 0.0 };
+    }
+    // Sometimes one keyframe alone.
+    if KEYS == 2 && rng.random_bool(0.2) {
+        chosen.ages[1] = None;
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    fn record(width: usize, height: usize, seed: u64) -> Record<f32> {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let mut record = Record::new(width, height);
+        record.pixels.iter_mut().for_each(|v| *v = rng.random_range(0.1..1.0));
+        record.deferred = true;
+        record.distances = [Some(-3.0), Some(13.0)];
+        record.parts = [2; PARTS];
+        record.neighbours = [2; NEIGHBOURS];
+        record
+    }
+
+    /// Changing a record and reading it is reading it and permuting, mirroring and scaling what was read.
+    #[test]
+    fn changes_are_exact() {
+        let record = record(16, 16, 3);
+        let window = Window { x: 0, y: 0, width: 16, height: 16 };
+        let change = Change { mirror: true, primaries: [2, 0, 1], gain: 0.5 };
+        let chosen = Chosen::all(&record);
+        let (plain, changed) = (Batch::of(&record, window, &chosen, &Change::NONE), Batch::of(&record, window, &chosen, &change));
+        for i in 0..256 {
+            let mirrored = i / 16 * 16 + 15 - i % 16;
+            let (a, b) = (&plain.known[mirrored], &changed.known[i]);
+            for c in 0..3 {
+                let from = change.primaries[c];
+                assert_eq!(b.background[c], 0.5 * a.background[from]);
+                assert_eq!(b.tint[c], a.tint[from]);
+                assert_eq!((b.own[c], b.own[3]), (0.5 * a.own[from], a.own[3]));
+                assert_eq!(b.terms[2][c], 0.5 * a.terms[2][from]);
+                assert_eq!(b.keys[1][c], 0.5 * a.keys[1][from]);
+                assert_eq!(b.others[3][c], 0.5 * a.others[3][from]);
+                assert_eq!(changed.truth[i][c], 0.5 * plain.truth[mirrored][from]);
+            }
+        }
+    }
+
+    #[test]
+    fn batches_have_what_their_tier_reads_and_nothing_else() {
+        let record = record(64, 48, 5).to_half();
+        let mut bare = record.clone();
+        (bare.deferred, bare.distances) = (false, [None; KEYS]);
+        for tier in TIERS {
+            let mut rng = Pcg64Mcg::seed_from_u64(1);
+            let batch = Batch::draw(&[&bare, &record], &[tier], 32, 3, &mut rng).expect("a record has everything");
+            assert_eq!((batch.items, batch.known.len(), batch.groups), (3, 3 * 1024, tier.groups));
+            assert_eq!(batch.input.len(), 3 * 1024 * tier.groups.channels());
+            assert!(batch.known.iter().any(|known| known.own[3] > 0.0) == tier.groups.samples);
+            assert!(batch.known.iter().any(|known| known.trust[0].is_finite()) == tier.groups.keys);
+            assert!(Batch::draw(&[&bare], &[tier], 32, 1, &mut rng).is_some() == !(tier.groups.deferred || tier.groups.keys));
+        }
+        let mut rng = Pcg64Mcg::seed_from_u64(1);
+        assert!(Batch::draw(&[&record], &TIERS, 64, 1, &mut rng).is_none());
+    }
+}

@@ -1,0 +1,207 @@
+//! Fills records: what the path tracer, deferred shading and the warp give becomes what the network reads.
+
+use super::record::{KEYS, NEIGHBOURS, PARTS, Record, TINT, at, radiance};
+use rayon::prelude::*;
+use renderflow_frame::deferred::Deferred;
+use renderflow_frame::ibl::Shading;
+use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::tracks::Movement;
+use renderflow_frame::{Frame, warp};
+
+/// Traced samples of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Samples<'a> {
+    /// Mean radiance, background included.
+    pub raw: &'a Rgb,
+    /// Coverage by the same camera rays.
+    pub alpha: &'a Image<f32>,
+    /// Albedo by the same camera rays, times coverage.
+    pub albedo: &'a Rgb,
+    /// Environment behind each pixel.
+    pub background: &'a Rgb,
+    /// Samples a pixel.
+    pub spp: u32,
+}
+
+impl<'a> Samples<'a> {
+    /// Those of a path-traced frame, `None` where it has no samples or no guides.
+    pub fn of(frame: &'a Frame, background: &'a Rgb) -> Option<Self> {
+        let (raw, albedo) = (frame.raw.as_ref()?, frame.guide_albedo.as_ref()?);
+        Some(Self { raw, alpha: &frame.alpha, albedo, background, spp: frame.info.spp })
+    }
+
+    /// Radiance of the surface over albedo + [`TINT`], times coverage; and coverage.
+    fn at(&self, i: usize, exposure: f32) -> [f32; 4] {
+        let alpha = finite(self.alpha.pixels[i]).clamp(0.0, 1.0);
+        if alpha <= 0.0 {
+            return [0.0; 4];
+        }
+        let over = |c: usize| {
+            let albedo = finite(self.albedo.pixels[i][c] / alpha).clamp(0.0, 1.0);
+            let surface = self.raw.pixels[i][c] - (1.0 - alpha) * self.background.pixels[i][c];
+            radiance(exposure * surface / (albedo + TINT))
+        };
+        [over(0), over(1), over(2), alpha]
+    }
+}
+
+/// A keyframe as it is carried: its G-buffer, and its exposed truth over what is known of it without paths.
+#[derive(Clone, Debug)]
+pub struct Key {
+    /// G-buffer; the header names its camera.
+    pub frame: Frame,
+    /// Scene-linear truth.
+    pub truth: Rgb,
+    /// Deferred picture, where there is one.
+    pub shaded: Option<Rgb>,
+}
+
+impl Record<f32> {
+    /// A record of the G-buffer of `frame`. `shading` is that of the environment that lights it; only its G-buffer values, split-sum factors
+    /// and background are read.
+    pub fn of(frame: &Frame, shading: &Shading, exposure: f32) -> Self {
+        let mut record = Self::new(frame.width, frame.height);
+        let median = median(&shading.depth.pixels);
+        record.each(|i, out| {
+            let alpha = finite(shading.alpha.pixels[i]).clamp(0.0, 1.0);
+            put(out, at::BACKGROUND, shading.background.pixels[i].map(|v| radiance(exposure * v)));
+            if alpha <= 0.0 {
+                return;
+            }
+            out[at::ALPHA] = alpha;
+            let guide = |guide: &Option<Rgb>| guide.as_ref().map(|guide| guide.pixels[i]);
+            let albedo = guide(&frame.guide_albedo).map(|rgb| rgb.map(|v| v / alpha));
+            put(out, at::ALBEDO, albedo.unwrap_or(shading.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0)));
+            let normal = guide(&frame.guide_normal).unwrap_or(shading.normal.pixels[i]);
+            put(out, at::NORMAL, normal.map(|v| finite(v).clamp(-1.0, 1.0)));
+            let depth = shading.depth.pixels[i];
+            let known = depth.is_finite() && depth > 0.0;
+            out[at::DEPTH] = if known { (0.5 * (depth / median).ln()).clamp(-2.0, 2.0) } else { 0.0 };
+            put(out, at::MATERIAL, shading.material.pixels[i].map(|v| finite(v).clamp(0.0, 1.0)));
+            for (out, v) in out[at::BRDF..].iter_mut().zip(shading.brdf.pixels[i]) {
+                *out = finite(v).clamp(0.0, 1.0);
+            }
+        });
+        record
+    }
+
+    /// Adds the terms of deferred shading, which must hold its parts.
+    pub fn add_deferred(&mut self, deferred: &Deferred, exposure: f32) {
+        self.deferred = true;
+        let pixel = |picture: Option<&Rgb>, i: usize| picture.map_or([0.0; 3], |picture| picture.pixels[i]);
+        let share =
+            |picture: Option<&Image<f32>>, i: usize| picture.map_or(1.0, |picture| finite(picture.pixels[i]).clamp(0.0, 1.0));
+        self.each(|i, out| {
+            if out[at::ALPHA] <= 0.0 {
+                return;
+            }
+            let lights = deferred.direct.iter().fold([0.0; 3], |sum, light| add(sum, light.pixels[i]));
+            let reflected = add(pixel(Some(&deferred.ambient_specular), i), pixel(deferred.reflections.as_ref(), i));
+            let terms = [lights, deferred.ambient_diffuse.pixels[i], reflected, pixel(deferred.indirect.as_ref(), i)];
+            for (term, rgb) in terms.into_iter().chain([deferred.shading.irradiance.pixels[i]]).enumerate() {
+                put(out, at::TERMS + 3 * term, rgb.map(|v| radiance(exposure * v)));
+            }
+            let open = [deferred.sky.as_ref(), deferred.occlusion.as_ref(), deferred.visibility.first()];
+            put(out, at::OPEN, open.map(|picture| share(picture, i)));
+        });
+    }
+
+    /// Adds keyframe `k` (0 before, 1 after the frame), `distance` frames away. `frame` is this record's frame, whose header names its
+    /// camera, and `shaded` its deferred picture.
+    pub fn add_key(
+        &mut self,
+        k: usize,
+        key: &Key,
+        distance: f32,
+        frame: &Frame,
+        shaded: Option<&Rgb>,
+        movement: Movement,
+        exposure: f32,
+    ) {
+        assert!(k < KEYS, "keyframe {k} of {KEYS}");
+        self.distances[k] = Some(distance);
+        let found = warp::correspond(frame, &key.frame, Some(&|id| movement.of(id)));
+        let over_shading =
+            key.shaded.as_ref().zip(shaded).map(|(there, here)| warp::ratio_fetch(&key.truth, there, here, &found, exposure));
+        let tint = |frame: &Frame, i: usize| {
+            let alpha = frame.alpha.pixels[i];
+            let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));
+            guide.unwrap_or(frame.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0) + TINT)
+        };
+        let over_tint = Rgb {
+            width: key.truth.width,
+            height: key.truth.height,
+            pixels: (0..key.truth.pixels.len())
+                .map(|i| {
+                    let tint = tint(&key.frame, i);
+                    std::array::from_fn(|c| finite(key.truth.pixels[i][c]) / tint[c])
+                })
+                .collect(),
+        };
+        let over_tint = warp::fetch(&over_tint, &found);
+        self.each(|i, out| {
+            let valid = finite(found.valid.pixels[i]).clamp(0.0, 1.0);
+            if out[at::ALPHA] <= 0.0 || valid <= 0.0 {
+                return;
+            }
+            let here = [out[at::ALBEDO], out[at::ALBEDO + 1], out[at::ALBEDO + 2]];
+            let tinted: [f32; 3] = std::array::from_fn(|c| over_tint.pixels[i][c] * (here[c] + TINT));
+            for (from, rgb) in [(at::KEYS_SHADED, over_shading.as_ref().map(|p| p.pixels[i])), (at::KEYS_TINTED, Some(tinted))] {
+                if let Some(rgb) = rgb {
+                    put(out, from + 4 * k, rgb.map(|v| radiance(exposure * v)));
+                    out[from + 4 * k + 3] = valid;
+                }
+            }
+        });
+    }
+
+    /// Adds samples of this frame as part `part`.
+    pub fn add_part(&mut self, part: usize, samples: &Samples, exposure: f32) {
+        assert!(part < PARTS, "part {part} of {PARTS}");
+        self.parts[part] = samples.spp;
+        self.each(|i, out| out[at::PARTS_ + 4 * part..][..4].copy_from_slice(&samples.at(i, exposure)));
+    }
+
+    /// Adds samples of another frame, taken from the pixel there that `source` names, as neighbour `n`: those before the frame first, the
+    /// nearest first on either side.
+    pub fn add_neighbour(&mut self, n: usize, samples: &Samples, source: &Image<Option<u32>>, exposure: f32) {
+        assert!(n < NEIGHBOURS, "neighbour {n} of {NEIGHBOURS}");
+        self.neighbours[n] = samples.spp;
+        self.each(|i, out| {
+            let carried = source.pixels[i].map_or([0.0; 4], |there| samples.at(there as usize, exposure));
+            out[at::NEIGHBOURS_ + 4 * n..][..4].copy_from_slice(&carried);
+        });
+    }
+
+    /// Adds the truth, scene-linear.
+    pub fn add_truth(&mut self, truth: &Rgb, exposure: f32) {
+        self.each(|i, out| put(out, at::TRUTH, truth.pixels[i].map(|v| radiance(exposure * v))));
+    }
+
+    fn each(&mut self, f: impl Fn(usize, &mut [f32]) + Sync) {
+        let row = self.width.max(1);
+        self.pixels.par_chunks_exact_mut(at::COUNT).with_min_len(row).enumerate().for_each(|(i, out)| f(i, out));
+    }
+}
+
+fn put(out: &mut [f32], from: usize, rgb: [f32; 3]) {
+    out[from..from + 3].copy_from_slice(&rgb);
+}
+
+fn add(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|c| a[c] + b[c])
+}
+
+fn finite(v: f32) -> f32 {
+    if v.is_finite() { v } else { 0.0 }
+}
+
+/// Median depth of what is hit; 1 where nothing is.
+fn median(depths: &[f32]) -> f32 {
+    let mut known: Vec<f32> = depths.iter().copied().filter(|d| d.is_finite() && *d > 0.0).collect();
+    if known.is_empty() {
+        return 1.0;
+    }
+    let middle = known.len() / 2;
+    *known.select_nth_unstable_by(middle, f32::total_cmp).1
+}

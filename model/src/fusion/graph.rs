@@ -1,0 +1,161 @@
+//! The U-Net: dense 3 x 3 convolutions from 1/2 to 1/16 of the picture, without normalisation.
+
+use super::head::{self, KERNEL};
+use super::record::{CHANNELS, Groups};
+use crate::network::init::Init;
+use crate::network::layers::Conv;
+use crate::ops::{self, Stride};
+use crate::{Error, Result};
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+
+/// Levels: 1/2, 1/4, 1/8, 1/16.
+pub const LEVELS: usize = 4;
+/// Pictures are padded to a multiple of this.
+pub const MULTIPLE: usize = 16;
+
+/// Size of the network.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FusionConfig {
+    /// Channels of each level, multiples of 16.
+    pub widths: [usize; LEVELS],
+}
+
+impl Default for FusionConfig {
+    fn default() -> Self {
+        Self { widths: [48, 64, 96, 128] }
+    }
+}
+
+impl FusionConfig {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the option.
+    pub fn validate(&self) -> Result<()> {
+        let fits = |&width: &usize| (16..=1024).contains(&width) && width.is_multiple_of(16);
+        if self.widths.iter().all(fits) { Ok(()) } else { Err(Error::config("widths", "must be multiples of 16 up to 1024")) }
+    }
+
+    /// Values of all parameters.
+    pub fn values(&self) -> usize {
+        let w = self.widths;
+        let conv = |k: usize, from: usize, to: usize| k * k * from * to + to;
+        let refines: usize = w.iter().map(|&width| conv(3, width, width)).sum::<usize>()
+            + w[..LEVELS - 1].iter().map(|&width| conv(3, width, width)).sum::<usize>();
+        let between: usize =
+            (1..LEVELS).map(|level| conv(3, w[level - 1], w[level]) + conv(3, w[level] + w[level - 1], w[level - 1])).sum();
+        let stem = conv(3, 4 * CHANNELS.iter().sum::<usize>(), w[0]);
+        stem + refines + between + conv(1, w[0], head::FINE) + conv(1, w[1], KERNEL)
+    }
+}
+
+/// `x + silu(conv(x))`, the convolution 0 at first.
+#[derive(Module, Debug)]
+pub struct Refine {
+    /// 3 x 3.
+    pub conv: Conv,
+}
+
+impl Refine {
+    fn new(init: &mut Init, width: usize) -> Self {
+        Self { conv: Conv::new(init, 3, width, width, 0.1) }
+    }
+
+    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        x.clone() + self.conv.forward(x, Stride::One, true)
+    }
+}
+
+/// The network.
+#[derive(Module, Debug)]
+pub struct FusionNet {
+    /// Pixel-unshuffled inputs of all groups to the first level.
+    pub stem: Conv,
+    /// To each next level, stride 2.
+    pub reduce: Vec<Conv>,
+    /// At each level on the way down.
+    pub down: Vec<Refine>,
+    /// From each level to the one above it, joined with its skip connection; the coarsest first.
+    pub enter: Vec<Conv>,
+    /// After each of `enter`.
+    pub up: Vec<Refine>,
+    /// Outputs at 1/2.
+    pub fine: Conv,
+    /// Outputs at 1/4: kernels of the coarsest scale.
+    pub coarse: Conv,
+}
+
+/// What the network says of a picture; see [`head`] for the meaning of the channels.
+#[derive(Clone, Debug)]
+pub struct Outputs {
+    /// `[b, h/2, w/2, head::fine(groups)]`.
+    pub fine: Tensor<4>,
+    /// `[b, h/4, w/4, KERNEL]`, where there are samples.
+    pub coarse: Option<Tensor<4>>,
+}
+
+impl FusionNet {
+    /// Random weights drawn from `seed`; the outputs are 0.
+    ///
+    /// # Errors
+    /// When the configuration is invalid.
+    pub fn new(config: &FusionConfig, seed: u64, device: &Device) -> Result<Self> {
+        config.validate()?;
+        let init = &mut Init::new(seed, device);
+        let w = config.widths;
+        let inputs: usize = 4 * CHANNELS.iter().sum::<usize>();
+        // About half of the groups are there at a time.
+        let stem = Conv::new(init, 3, inputs, w[0], 1.4);
+        Ok(Self {
+            stem,
+            reduce: (1..LEVELS).map(|level| Conv::new(init, 3, w[level - 1], w[level], 1.0)).collect(),
+            down: (0..LEVELS).map(|level| Refine::new(init, w[level])).collect(),
+            enter: (0..LEVELS - 1).rev().map(|level| Conv::new(init, 3, w[level + 1] + w[level], w[level], 1.0)).collect(),
+            up: (0..LEVELS - 1).rev().map(|level| Refine::new(init, w[level])).collect(),
+            fine: Conv::new(init, 1, w[0], head::FINE, 0.0),
+            coarse: Conv::new(init, 1, w[1], KERNEL, 0.0),
+        })
+    }
+
+    /// `x` `[b, h/2, w/2, 4 groups.channels()]`, pixel-unshuffled, h and w multiples of [`MULTIPLE`].
+    pub fn forward(&self, x: Tensor<4>, groups: Groups) -> Outputs {
+        let mut x = ops::conv(x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
+        let mut skips = Vec::with_capacity(LEVELS - 1);
+        for level in 0..LEVELS {
+            if level > 0 {
+                skips.push(x.clone());
+                x = self.reduce[level - 1].forward(x, Stride::Two, true);
+            }
+            x = self.down[level].forward(x);
+        }
+        let mut quarter = None;
+        for (enter, up) in self.enter.iter().zip(&self.up) {
+            let skip = skips.pop().expect("a skip connection for each level");
+            quarter = Some(x.clone());
+            x = up.forward(enter.decode(x, skip));
+        }
+        let outputs = head::fine(groups);
+        let (weight, bias) = (self.fine.weight.val().narrow(3, 0, outputs), self.fine.bias.val().narrow(0, 0, outputs));
+        Outputs {
+            fine: ops::conv(x, weight, bias, Stride::One, false),
+            coarse: quarter.filter(|_| groups.samples).map(|x| self.coarse.forward(x, Stride::One, false)),
+        }
+    }
+}
+
+/// The weights of the inputs that are there: the others would meet zeros.
+fn stem_of(weight: &Param<Tensor<4>>, groups: Groups) -> Tensor<4> {
+    let weight = weight.val();
+    let mut parts = Vec::new();
+    let mut from = 0;
+    for (channels, given) in CHANNELS.iter().zip(groups.given()) {
+        if given {
+            parts.push(weight.clone().narrow(2, 4 * from, 4 * channels));
+        }
+        from += channels;
+    }
+    Tensor::cat(parts, 2)
+}

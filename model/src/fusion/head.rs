@@ -1,0 +1,541 @@
+//! From the network's outputs to the picture, and from the derivative of a loss with respect to the picture to that of the outputs.
+//!
+//! All of it is a few operations a pixel on numbers that are not learnt, so it runs fused on the host. With `M` the samples of the frame
+//! and its neighbours in learnt proportion (radiance over the tint times coverage, and coverage), for each scale `l` of 1, 2 and 4 pixels
+//!
+//! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, j over 5 x 5,
+//!
+//! so that pixels which see no surface have no say. The three are brought to full size (bilinear) and blended: the filtered samples. They,
+//! the carried keyframes and the sum of the deferred terms, each term times `exp(g)`, are mixed with softmax weights, a residual times
+//! the tint is added, and coverage puts the environment behind.
+
+use super::record::{Groups, KEYS, Known, NEIGHBOURS, TERMS};
+use crate::bridge::MAX_RADIANCE;
+use rayon::prelude::*;
+
+/// Weights of a kernel.
+pub const KERNEL: usize = SIDE * SIDE;
+const SIDE: usize = 5;
+const REACH: isize = 2;
+/// Scales of the kernels.
+const SCALES: usize = 3;
+/// Candidates: filtered samples, keyframes, deferred shading.
+const CANDIDATES: usize = 2 + KEYS;
+
+/// Outputs for a pixel of the three blocks: what every picture has, what samples add, what neighbours add.
+const BASE: usize = CANDIDATES + TERMS + 3;
+const TRACED: usize = KERNEL + SCALES;
+const MERGE: usize = 1 + NEIGHBOURS;
+/// Outputs at 1/2 with everything: four pixels, and the kernel of scale 2.
+pub const FINE: usize = 4 * (BASE + TRACED + MERGE) + KERNEL;
+
+/// Most of a factor's logarithm.
+const MOST: f32 = 4.0;
+/// Logits before training of the samples where there are some, and of the keyframes, beside 0 of deferred shading.
+const TRUST: [f32; 2] = [5.0, 3.0];
+/// Logit of the middle of a kernel before training.
+const MIDDLE: f32 = 2.0;
+/// Logit of the finest scale before training.
+const FINEST: f32 = 1.0;
+/// Coverage that is no coverage.
+const NOTHING: f32 = 1e-6;
+
+/// Outputs at 1/2 where these groups are there.
+pub fn fine(groups: Groups) -> usize {
+    let traced = if groups.samples { 4 * TRACED + KERNEL } else { 0 };
+    4 * BASE + traced + if groups.neighbours { 4 * MERGE } else { 0 }
+}
+
+/// One picture, or crop, on which the head acts; even width and height, with samples multiples of 4.
+#[derive(Clone, Copy, Debug)]
+pub struct Picture<'a> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// A pixel each.
+    pub known: &'a [Known],
+    /// What is given.
+    pub groups: Groups,
+    /// `[height/2][width/2][fine(groups)]`.
+    pub fine: &'a [f32],
+    /// `[height/4][width/4][KERNEL]`; empty without samples.
+    pub coarse: &'a [f32],
+}
+
+/// Samples at one scale, and what its kernels make of them.
+#[derive(Clone, Debug, Default)]
+struct Scale {
+    width: usize,
+    height: usize,
+    /// Samples over the tint times coverage, coverage.
+    merged: Vec<[f32; 4]>,
+    /// Filtered: the same quotient, and the sum that it was divided by.
+    filtered: Vec<[f32; 4]>,
+}
+
+/// What of the forward pass the backward pass needs.
+#[derive(Clone, Debug, Default)]
+pub struct Tape {
+    scales: Vec<Scale>,
+}
+
+/// A pixel's outputs of the mix, after their non-linearities.
+struct Mix {
+    weights: [f32; CANDIDATES],
+    factors: [f32; TERMS],
+    candidates: [[f32; 3]; CANDIDATES],
+    /// Weights of the scales.
+    scales: [f32; SCALES],
+}
+
+impl Picture<'_> {
+    /// Outputs of pixel i: those of every picture.
+    fn base(&self, i: usize) -> &[f32] {
+        let (block, sub) = self.place(i);
+        &self.fine[block * fine(self.groups) + sub * BASE..][..BASE]
+    }
+
+    /// Where outputs of samples begin for pixel `i`.
+    fn traced_at(&self, i: usize) -> usize {
+        let (block, sub) = self.place(i);
+        block * fine(self.groups) + 4 * BASE + sub * TRACED
+    }
+
+    fn merge_at(&self, i: usize) -> usize {
+        let (block, sub) = self.place(i);
+        block * fine(self.groups) + 4 * BASE + 4 * TRACED + KERNEL + sub * MERGE
+    }
+
+    /// Where the kernel of pixel `i` of a scale begins in its outputs.
+    fn kernel_at(&self, scale: usize, i: usize) -> usize {
+        match scale {
+            0 => self.traced_at(i),
+            1 => i * fine(self.groups) + 4 * BASE + 4 * TRACED,
+            _ => i * KERNEL,
+        }
+    }
+
+    fn kernel(&self, scale: usize, i: usize) -> &[f32] {
+        let outputs = if scale == 2 { self.coarse } else { self.fine };
+        &outputs[self.kernel_at(scale, i)..][..KERNEL]
+    }
+
+    /// Block of 2 x 2 and place in it of a pixel.
+    fn place(&self, i: usize) -> (usize, usize) {
+        let (x, y) = (i % self.width, i / self.width);
+        ((y / 2) * (self.width / 2) + x / 2, (y % 2) * 2 + x % 2)
+    }
+
+    /// Weights of own samples and of the neighbours'; absent ones have no coverage and do no harm.
+    fn merging(&self, i: usize) -> [f32; MERGE] {
+        if !self.groups.neighbours {
+            return std::array::from_fn(|n| if n == 0 { 1.0 } else { 0.0 });
+        }
+        let logits = &self.fine[self.merge_at(i)..][..MERGE];
+        softmax(std::array::from_fn(|n| logits[n]))
+    }
+
+    fn merged(&self, i: usize) -> [f32; 4] {
+        let (known, weights) = (&self.known[i], self.merging(i));
+        let mut sum = known.own.map(|v| v * weights[0]);
+        for (other, weight) in known.others.iter().zip(&weights[1..]) {
+            for (sum, value) in sum.iter_mut().zip(other) {
+                *sum += weight * value;
+            }
+        }
+        sum
+    }
+
+    fn mix(&self, i: usize, scales: &[Scale]) -> Mix {
+        let (known, outputs) = (&self.known[i], self.base(i));
+        let (logits, factors) = (&outputs[..CANDIDATES], &outputs[CANDIDATES..CANDIDATES + TERMS]);
+        let mut mix = Mix {
+            weights: [f32::NEG_INFINITY; CANDIDATES],
+            factors: std::array::from_fn(|term| factors[term].clamp(-MOST, MOST).exp()),
+            candidates: [[0.0; 3]; CANDIDATES],
+            scales: [0.0; SCALES],
+        };
+        if self.groups.samples {
+            let shares = &self.fine[self.traced_at(i) + KERNEL..][..SCALES];
+            mix.scales = softmax([shares[0] + FINEST, shares[1], shares[2]]);
+            let filtered = self.filtered(i, &mix.scales, scales);
+            if filtered[3] > NOTHING {
+                mix.candidates[0] = std::array::from_fn(|c| filtered[c] * known.tint[c]);
+                mix.weights[0] = logits[0] + TRUST[0];
+            }
+        }
+        if self.groups.keys {
+            for k in 0..KEYS {
+                mix.candidates[1 + k] = known.keys[k];
+                mix.weights[1 + k] = logits[1 + k] + TRUST[1] + known.trust[k];
+            }
+        }
+        if self.groups.deferred {
+            for (term, factor) in known.terms.iter().zip(mix.factors) {
+                (0..3).for_each(|c| mix.candidates[1 + KEYS][c] += term[c] * factor);
+            }
+            mix.weights[1 + KEYS] = logits[1 + KEYS];
+        }
+        mix.weights = softmax(mix.weights);
+        mix
+    }
+
+    /// Filtered samples over the tint at pixel `i`, and how much of them there is.
+    fn filtered(&self, i: usize, shares: &[f32; SCALES], scales: &[Scale]) -> [f32; 4] {
+        let mut sum = [0.0; 4];
+        for (scale, share) in scales.iter().zip(shares) {
+            for (at, weight) in taps(i, self.width, scale) {
+                let there = scale.filtered[at];
+                // A place without samples has no say.
+                let weight = share * weight * f32::from(u8::from(there[3] > NOTHING));
+                (0..3).for_each(|c| sum[c] += weight * there[c]);
+                sum[3] += weight;
+            }
+        }
+        if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
+    }
+
+    /// The picture, exposed and linear, 0..=65504.
+    pub fn draw(&self) -> (Vec<[f32; 3]>, Tape) {
+        let mut scales = Vec::new();
+        if self.groups.samples {
+            let all = (0..self.known.len()).into_par_iter().with_min_len(self.width);
+            scales.push(Scale {
+                width: self.width,
+                height: self.height,
+                merged: all.map(|i| self.merged(i)).collect(),
+                filtered: Vec::new(),
+            });
+            for level in 1..SCALES {
+                let finer = &scales[level - 1];
+                let (width, height) = (finer.width / 2, finer.height / 2);
+                let merged = (0..width * height).map(|i| quarter(finer, i, width)).collect();
+                scales.push(Scale { width, height, merged, filtered: Vec::new() });
+            }
+            for (level, scale) in scales.iter_mut().enumerate() {
+                let all = (0..scale.merged.len()).into_par_iter().with_min_len(scale.width);
+                scale.filtered = all.map(|i| filter(scale, i, self.kernel(level, i))).collect();
+            }
+        }
+        let all = (0..self.known.len()).into_par_iter().with_min_len(self.width);
+        let pixels = all.map(|i| self.compose(i, &self.mix(i, &scales)).map(|v| v.clamp(0.0, MAX_RADIANCE))).collect();
+        (pixels, Tape { scales })
+    }
+
+    /// The picture before it is clamped.
+    fn compose(&self, i: usize, mix: &Mix) -> [f32; 3] {
+        let (known, residual) = (&self.known[i], &self.base(i)[CANDIDATES + TERMS..]);
+        std::array::from_fn(|c| {
+            if known.alpha <= 0.0 {
+                return known.background[c];
+            }
+            let mixed: f32 = mix.candidates.iter().zip(mix.weights).map(|(candidate, weight)| candidate[c] * weight).sum();
+            let value = known.alpha * (mixed + known.tint[c] * residual[c]) + (1.0 - known.alpha) * known.background[c];
+            if value.is_nan() { 0.0 } else { value }
+        })
+    }
+
+    /// Derivatives of a loss with respect to `fine` and `coarse`, given those with respect to the pixels of [`Self::draw`].
+    pub fn backward(&self, tape: &Tape, slopes: &[[f32; 3]]) -> (Vec<f32>, Vec<f32>) {
+        let (mut fine_out, mut coarse_out) = (vec![0.0; self.fine.len()], vec![0.0; self.coarse.len()]);
+        let scales = &tape.scales;
+        // Of the filtered samples of each scale.
+        let mut filtered: Vec<Vec<[f32; 3]>> = scales.iter().map(|scale| vec![[0.0; 3]; scale.merged.len()]).collect();
+        for (i, slope) in slopes.iter().enumerate() {
+            let known = &self.known[i];
+            if known.alpha <= 0.0 || slope.iter().all(|v| *v == 0.0) {
+                continue;
+            }
+            let mix = self.mix(i, scales);
+            let value = self.compose(i, &mix);
+            // The clamp passes no derivative.
+            let d: [f32; 3] =
+                std::array::from_fn(|c| if value[c] > 0.0 && value[c] < MAX_RADIANCE { slope[c] * known.alpha } else { 0.0 });
+            let (block, sub) = self.place(i);
+            let base = block * fine(self.groups) + sub * BASE;
+            let along: [f32; CANDIDATES] = std::array::from_fn(|k| (0..3).map(|c| d[c] * mix.candidates[k][c]).sum());
+            let mean: f32 = along.iter().zip(mix.weights).map(|(v, w)| v * w).sum();
+            for k in 0..CANDIDATES {
+                fine_out[base + k] = mix.weights[k] * (along[k] - mean);
+            }
+            if self.groups.deferred {
+                let weight = mix.weights[1 + KEYS];
+                for (term, factor) in mix.factors.iter().enumerate() {
+                    let inside = self.base(i)[CANDIDATES + term].abs() < MOST;
+                    let slope: f32 = (0..3).map(|c| d[c] * known.terms[term][c]).sum();
+                    fine_out[base + CANDIDATES + term] = if inside { weight * factor * slope } else { 0.0 };
+                }
+            }
+            for c in 0..3 {
+                fine_out[base + CANDIDATES + TERMS + c] = d[c] * known.tint[c];
+            }
+            if self.groups.samples {
+                let d: [f32; 3] = std::array::from_fn(|c| d[c] * mix.weights[0] * known.tint[c]);
+                self.spread(i, &mix, d, scales, &mut filtered, &mut fine_out);
+            }
+        }
+        if self.groups.samples {
+            let mut merged: Vec<[f32; 4]> = Vec::new();
+            for level in (0..SCALES).rev() {
+                let scale = &scales[level];
+                let mut into = vec![[0.0; 4]; scale.merged.len()];
+                let out = if level == 2 { &mut coarse_out } else { &mut fine_out };
+                for (i, d) in filtered[level].iter().enumerate() {
+                    if d.iter().any(|v| *v != 0.0) {
+                        let at = self.kernel_at(level, i);
+                        let kernel = self.kernel(level, i);
+                        unfilter(scale, i, kernel, *d, &mut out[at..at + KERNEL], &mut into);
+                    }
+                }
+                // What the coarser scale was averaged from.
+                for (j, d) in merged.iter().enumerate() {
+                    for at in four(j, scale.width / 2, scale.width) {
+                        (0..4).for_each(|c| into[at][c] += 0.25 * d[c]);
+                    }
+                }
+                merged = into;
+            }
+            if self.groups.neighbours {
+                for (i, d) in merged.iter().enumerate() {
+                    let (known, weights) = (&self.known[i], self.merging(i));
+                    let dot = |v: &[f32; 4]| (0..4).map(|c| d[c] * v[c]).sum::<f32>();
+                    let along: [f32; MERGE] =
+                        std::array::from_fn(|n| if n == 0 { dot(&known.own) } else { dot(&known.others[n - 1]) });
+                    let mean: f32 = along.iter().zip(weights).map(|(v, w)| v * w).sum();
+                    let at = self.merge_at(i);
+                    for n in 0..MERGE {
+                        fine_out[at + n] = weights[n] * (along[n] - mean);
+                    }
+                }
+            }
+        }
+        (fine_out, coarse_out)
+    }
+
+    /// Carries the derivative of the blended filtered samples of pixel `i` on to each scale and to the weights of the scales.
+    fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], filtered: &mut [Vec<[f32; 3]>], out: &mut [f32]) {
+        let blended = self.filtered(i, &mix.scales, scales);
+        if blended[3] <= NOTHING {
+            return;
+        }
+        let mut along = [0.0; SCALES];
+        for (level, scale) in scales.iter().enumerate() {
+            for (at, weight) in taps(i, self.width, scale) {
+                let there = scale.filtered[at];
+                if there[3] <= NOTHING {
+                    continue;
+                }
+                let share = weight / blended[3];
+                for c in 0..3 {
+                    along[level] += share * d[c] * (there[c] - blended[c]);
+                    filtered[level][at][c] += mix.scales[level] * share * d[c];
+                }
+            }
+        }
+        let mean: f32 = along.iter().zip(mix.scales).map(|(v, w)| v * w).sum();
+        let at = self.traced_at(i) + KERNEL;
+        for level in 0..SCALES {
+            out[at + level] = mix.scales[level] * (along[level] - mean);
+        }
+    }
+}
+
+/// Softmax; 0 everywhere where every logit is minus infinity.
+fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
+    let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    if most == f32::NEG_INFINITY {
+        return [0.0; N];
+    }
+    let weights = logits.map(|v| (v - most).exp());
+    let total: f32 = weights.iter().sum();
+    weights.map(|v| v / total)
+}
+
+/// The four pixels of the next finer scale, of `fine_width` columns, under pixel `i` of one of `width` columns.
+fn four(i: usize, width: usize, fine_width: usize) -> [usize; 4] {
+    let at = 2 * (i / width) * fine_width + 2 * (i % width);
+    [at, at + 1, at + fine_width, at + fine_width + 1]
+}
+
+/// Mean of the four pixels under pixel `i` of a scale of `width` columns.
+fn quarter(finer: &Scale, i: usize, width: usize) -> [f32; 4] {
+    let under = four(i, width, finer.width).map(|at| finer.merged[at]);
+    std::array::from_fn(|c| 0.25 * (under[0][c] + under[1][c] + under[2][c] + under[3][c]))
+}
+
+/// Bilinear taps of pixel `i` of the full picture of `width` columns in a scale.
+fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
+    if scale.width == width {
+        return [(i, 1.0), (i, 0.0), (i, 0.0), (i, 0.0)];
+    }
+    let step = (width / scale.width) as f32;
+    let along = |position: usize, count: usize| {
+        let at = ((position as f32 + 0.5) / step - 0.5).clamp(0.0, (count - 1) as f32);
+        let first = (at as usize).min(count - 1);
+        (first, (first + 1).min(count - 1), at - first as f32)
+    };
+    let (x, right, s) = along(i % width, scale.width);
+    let (y, below, t) = along(i / width, scale.height);
+    [
+        (y * scale.width + x, (1.0 - s) * (1.0 - t)),
+        (y * scale.width + right, s * (1.0 - t)),
+        (below * scale.width + x, (1.0 - s) * t),
+        (below * scale.width + right, s * t),
+    ]
+}
+
+/// Calls `f(tap, index)` for the taps of a kernel around pixel `i` that lie in the picture.
+#[inline]
+fn around(scale: &Scale, i: usize, mut f: impl FnMut(usize, usize)) {
+    let (x, y) = ((i % scale.width) as isize, (i / scale.width) as isize);
+    for dy in -REACH..=REACH {
+        let row = y + dy;
+        if row < 0 || row >= scale.height as isize {
+            continue;
+        }
+        for dx in -REACH..=REACH {
+            let column = x + dx;
+            if column >= 0 && column < scale.width as isize {
+                let tap = ((dy + REACH) as usize) * SIDE + (dx + REACH) as usize;
+                f(tap, row as usize * scale.width + column as usize);
+            }
+        }
+    }
+}
+
+/// Weights of a kernel; the largest is 1.
+fn weights(kernel: &[f32]) -> [f32; KERNEL] {
+    let mut weights: [f32; KERNEL] = std::array::from_fn(|j| kernel[j]);
+    weights[KERNEL / 2] += MIDDLE;
+    let most = weights.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    weights.map(|v| (v - most).exp())
+}
+
+/// Quotient of the weighted sums around pixel `i`, and the sum that it was divided by.
+fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
+    let weights = weights(kernel);
+    let mut sum = [0.0; 4];
+    around(scale, i, |tap, at| {
+        let there = scale.merged[at];
+        (0..4).for_each(|c| sum[c] += weights[tap] * there[c]);
+    });
+    if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
+}
+
+/// Adds the derivatives that `d`, of the filtered pixel `i`, has for its kernel and for the samples around it.
+fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; 3], out: &mut [f32], into: &mut [[f32; 4]]) {
+    let filtered = scale.filtered[i];
+    if filtered[3] <= NOTHING {
+        return;
+    }
+    let weights = weights(kernel);
+    let mean: f32 = (0..3).map(|c| d[c] * filtered[c]).sum();
+    around(scale, i, |tap, at| {
+        let there = scale.merged[at];
+        let weight = weights[tap] / filtered[3];
+        let along: f32 = (0..3).map(|c| d[c] * there[c]).sum();
+        out[tap] += weight * (along - mean * there[3]);
+        (0..3).for_each(|c| into[at][c] += weight * d[c]);
+        into[at][3] -= weight * mean;
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    fn known(rng: &mut Pcg64Mcg, groups: Groups) -> Known {
+        let mut rgb = || std::array::from_fn(|_| rng.random_range(0.05..1.0));
+        let mut known = Known { background: rgb(), tint: rgb(), ..Known::default() };
+        known.terms = std::array::from_fn(|_| rgb());
+        known.keys = std::array::from_fn(|_| rgb());
+        known.trust = [f32::NEG_INFINITY; KEYS];
+        let traced = |rng: &mut Pcg64Mcg| {
+            let coverage: f32 = if rng.random_bool(0.2) { 0.0 } else { rng.random_range(0.2..1.0) };
+            [0, 1, 2, 3].map(|c| if c == 3 { coverage } else { coverage * rng.random_range(0.0..3.0f32) })
+        };
+        known.own = traced(rng);
+        known.others = std::array::from_fn(|_| traced(rng));
+        known.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
+        if groups.keys {
+            known.trust = [0.2, if rng.random_bool(0.5) { -0.3 } else { f32::NEG_INFINITY }];
+        }
+        known
+    }
+
+    /// Derivatives agree with differences, for every combination of groups.
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let (width, height) = (8, 8);
+        for bits in 0..16 {
+            let [deferred, keys, samples, neighbours] = [0, 1, 2, 3].map(|bit| bits >> bit & 1 == 1);
+            if neighbours && !samples {
+                continue;
+            }
+            let groups = Groups { deferred, keys, samples, neighbours };
+            let mut rng = Pcg64Mcg::seed_from_u64(bits);
+            let known: Vec<Known> = (0..width * height).map(|_| known(&mut rng, groups)).collect();
+            let mut random = |count: usize| -> Vec<f32> { (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() };
+            let fine_outputs = random(width * height / 4 * fine(groups));
+            let coarse_outputs = random(if samples { width * height / 16 * KERNEL } else { 0 });
+            let slopes: Vec<[f32; 3]> = random(3 * width * height).chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+            let loss = |fine: &[f32], coarse: &[f32]| -> f64 {
+                let (drawn, _) = Picture { width, height, known: &known, groups, fine, coarse }.draw();
+                drawn.iter().zip(&slopes).flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] * b[c]))).sum()
+            };
+            let picture = Picture { width, height, known: &known, groups, fine: &fine_outputs, coarse: &coarse_outputs };
+            let (_, tape) = picture.draw();
+            let (d_fine, d_coarse) = picture.backward(&tape, &slopes);
+            let step = 1e-2;
+            let mut worst: f64 = 0.0;
+            for (which, values, slopes) in [(0, &fine_outputs, &d_fine), (1, &coarse_outputs, &d_coarse)] {
+                for i in (0..values.len()).step_by(7) {
+                    let at = |delta: f32| {
+                        let mut moved = values.clone();
+                        moved[i] += delta;
+                        if which == 0 { loss(&moved, &coarse_outputs) } else { loss(&fine_outputs, &moved) }
+                    };
+                    let expected = (at(step) - at(-step)) / f64::from(2.0 * step);
+                    let error = (expected - f64::from(slopes[i])).abs();
+                    // A clamp between the two differences is rare, and would show as a large error.
+                    assert!(error < 3e-3 + 0.02 * expected.abs(), "{groups:?} {which} {i}: {} and {expected}", slopes[i]);
+                    worst = worst.max(expected.abs());
+                }
+            }
+            assert!(worst > 1e-2, "{groups:?}: nothing depends on the outputs");
+        }
+    }
+
+    /// Outputs of 0 give the best picture there is: mostly samples, else keyframes, else deferred shading.
+    #[test]
+    fn an_untrained_network_gives_what_it_was_handed() {
+        let one = Known {
+            alpha: 1.0,
+            tint: [1.0; 3],
+            terms: [[0.1, 0.2, 0.3]; TERMS],
+            keys: [[0.7; 3]; KEYS],
+            trust: [0.0; KEYS],
+            own: [2.0, 2.0, 2.0, 1.0],
+            ..Known::default()
+        };
+        let known = vec![one; 64];
+        let draw = |groups: Groups| {
+            let fine_outputs = vec![0.0; 16 * fine(groups)];
+            let coarse = vec![0.0; if groups.samples { 4 * KERNEL } else { 0 }];
+            let (drawn, _) = Picture { width: 8, height: 8, known: &known, groups, fine: &fine_outputs, coarse: &coarse }.draw();
+            drawn[27]
+        };
+        let deferred = Groups { deferred: true, ..Groups::default() };
+        let mut bare = known[0];
+        bare.trust = [f32::NEG_INFINITY; KEYS];
+        assert!((draw(Groups { samples: true, ..Groups::default() })[0] - 2.0).abs() < 0.2);
+        assert!((draw(Groups { keys: true, ..deferred })[0] - 0.7).abs() < 0.05);
+        let bare = vec![bare; 64];
+        let fine_outputs = vec![0.0; 16 * fine(deferred)];
+        let (drawn, _) = Picture { width: 8, height: 8, known: &bare, groups: deferred, fine: &fine_outputs, coarse: &[] }.draw();
+        assert_eq!(drawn[9].map(|v| (v * 1e5).round()), [40000.0, 80000.0, 120_000.0]);
+    }
+}

@@ -1,0 +1,145 @@
+//! The loss on one picture and its derivative: what PSNR measures, with two terms that keep dark and bright parts and edges honest.
+
+use super::record::Known;
+use crate::bridge::{log_curve, srgb_slope};
+use renderflow_frame::color::linear_to_srgb;
+use serde::{Deserialize, Serialize};
+
+/// Weights of the terms.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LossWeights {
+    /// Squared error of the display picture.
+    pub display: f32,
+    /// Absolute error in the logarithmic curve.
+    pub log: f32,
+    /// Absolute error of the display picture's differences between neighbours.
+    pub gradient: f32,
+}
+
+impl Default for LossWeights {
+    fn default() -> Self {
+        Self { display: 4.0, log: 0.3, gradient: 0.1 }
+    }
+}
+
+/// Sums over the pixels that show a surface, of three channels each.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Loss {
+    /// What is minimised, a mean.
+    pub total: f32,
+    /// Mean squared display error: PSNR is `-10 log10` of it.
+    pub display: f32,
+    /// Mean absolute error in the logarithmic curve.
+    pub log: f32,
+    /// Mean absolute error of differences.
+    pub gradient: f32,
+}
+
+/// Display value of an exposed radiance.
+pub fn display(x: f32) -> f32 {
+    linear_to_srgb(x.clamp(0.0, 1.0))
+}
+
+/// Slope of [`log_curve`].
+fn log_slope(x: f32) -> f32 {
+    8.0 / ((1.0 + 8.0 * x.max(0.0)) * 9f32.ln())
+}
+
+/// Loss of a drawn picture of `width` columns and its derivative with respect to the drawn pixels.
+pub fn loss(
+    width: usize,
+    known: &[Known],
+    drawn: &[[f32; 3]],
+    truth: &[[f32; 3]],
+    weights: LossWeights,
+) -> (Loss, Vec<[f32; 3]>) {
+    let covered = |i: usize| known[i].alpha > 0.0;
+    let count = |pairs: &dyn Fn(usize) -> bool| 3.0 * (0..known.len()).filter(|i| pairs(*i)).count().max(1) as f32;
+    let height = known.len() / width;
+    let right = |i: usize| i % width + 1 < width && covered(i) && covered(i + 1);
+    let below = |i: usize| i / width + 1 < height && covered(i) && covered(i + width);
+    let (n, n_right, n_below) = (count(&covered), count(&right), count(&below));
+
+    let error: Vec<[f32; 3]> =
+        drawn.iter().zip(truth).map(|(a, b)| std::array::from_fn(|c| display(a[c]) - display(b[c]))).collect();
+    let mut of_display = vec![[0.0; 3]; drawn.len()];
+    let mut slopes = vec![[0.0; 3]; drawn.len()];
+    let mut sums = [0.0_f64; 3];
+    for i in (0..drawn.len()).filter(|i| covered(*i)) {
+        for c in 0..3 {
+            let e = error[i][c];
+            sums[0] += f64::from(e * e) / f64::from(n);
+            of_display[i][c] += 2.0 * weights.display * e / n;
+            let along = log_curve(drawn[i][c]) - log_curve(truth[i][c]);
+            sums[1] += f64::from(along.abs()) / f64::from(n);
+            slopes[i][c] += weights.log * sign(along) * log_slope(drawn[i][c]) / n;
+            for (pair, other, n) in [(right(i), i + 1, n_right), (below(i), i + width, n_below)] {
+                if pair {
+                    let difference = e - error[other][c];
+                    sums[2] += f64::from(difference.abs()) / f64::from(n);
+                    let slope = weights.gradient * sign(difference) / n;
+                    of_display[i][c] += slope;
+                    of_display[other][c] -= slope;
+                }
+            }
+        }
+    }
+    for (slope, (of_display, drawn)) in slopes.iter_mut().zip(of_display.iter().zip(drawn)) {
+        for c in 0..3 {
+            // What is brighter than the display shows has no slope there.
+            if drawn[c] > 0.0 && drawn[c] < 1.0 {
+                slope[c] += of_display[c] * srgb_slope(drawn[c]);
+            }
+        }
+    }
+    let [display, log, gradient] = sums.map(|sum| sum as f32);
+    let total = weights.display * display + weights.log * log + weights.gradient * gradient;
+    (Loss { total, display, log, gradient }, slopes)
+}
+
+/// The sign of 0 is 0: a subgradient.
+fn sign(v: f32) -> f32 {
+    if v == 0.0 { 0.0 } else { v.signum() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let mut rng = Pcg64Mcg::seed_from_u64(8);
+        let known: Vec<Known> =
+            (0..48).map(|_| Known { alpha: f32::from(u8::from(rng.random_bool(0.8))), ..Known::default() }).collect();
+        let mut picture =
+            |most: f32| -> Vec<[f32; 3]> { (0..48).map(|_| [(); 3].map(|()| rng.random_range(0.05..most))).collect() };
+        let (drawn, truth) = (picture(1.4), picture(1.4));
+        let weights = LossWeights { display: 3.0, log: 0.7, gradient: 0.2 };
+        let (_, slopes) = loss(8, &known, &drawn, &truth, weights);
+        for i in 0..48 {
+            for c in 0..3 {
+                let step = 1e-3;
+                let at = |delta: f32| {
+                    let mut moved = drawn.clone();
+                    moved[i][c] += delta;
+                    loss(8, &known, &moved, &truth, weights).0.total
+                };
+                let expected = (at(step) - at(-step)) / (2.0 * step);
+                let near_a_corner = (drawn[i][c] - 1.0).abs() < 2.0 * step;
+                assert!(near_a_corner || (slopes[i][c] - expected).abs() < 2e-3, "{i} {c}: {} and {expected}", slopes[i][c]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_truth_has_no_loss() {
+        let known = vec![Known { alpha: 1.0, ..Known::default() }; 16];
+        let picture = vec![[0.3, 0.6, 2.0]; 16];
+        let (loss, slopes) = loss(4, &known, &picture, &picture, LossWeights::default());
+        assert_eq!(loss, Loss::default());
+        assert!(slopes.iter().flatten().all(|v| *v == 0.0));
+    }
+}

@@ -1,0 +1,302 @@
+//! What is known of a frame, a record of numbers a pixel, and what the network reads of it.
+
+use crate::bridge::{MAX_RADIANCE, log_curve};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+
+/// Keyframes that are carried: the nearest before and the nearest after.
+pub const KEYS: usize = 2;
+/// Renders of independent samples that a record holds, at most.
+pub const PARTS: usize = 4;
+/// Neighbouring frames whose samples a record holds, at most.
+pub const NEIGHBOURS: usize = 4;
+/// Terms of deferred shading that get a factor of their own: lights, diffuse sky, reflections, bounced light.
+pub const TERMS: usize = 4;
+
+/// Added to the albedo where radiance is divided by it: what a dielectric reflects without its base.
+pub const TINT: f32 = 0.04;
+/// Frames that count as age 1, and the largest age.
+const AGE: [f32; 2] = [16.0, 2.0];
+
+/// Where the numbers of a pixel begin. Radiance is exposed and linear, 0..=65504.
+pub mod at {
+    use super::{KEYS, NEIGHBOURS, PARTS};
+
+    /// Base colour over the pixel, 0..=1.
+    pub const ALBEDO: usize = 0;
+    /// Normal over the pixel in camera space, shorter than 1 where it varies.
+    pub const NORMAL: usize = 3;
+    /// Half the logarithm of depth over the frame's median, -2..=2.
+    pub const DEPTH: usize = 6;
+    /// Roughness, metallic, specular.
+    pub const MATERIAL: usize = 7;
+    /// Scale and bias of the split sum.
+    pub const BRDF: usize = 10;
+    /// Coverage.
+    pub const ALPHA: usize = 12;
+    /// Environment behind the pixel.
+    pub const BACKGROUND: usize = 13;
+    /// Deferred terms, three channels each: lights, diffuse sky, reflections, bounced light.
+    pub const TERMS: usize = 16;
+    /// Irradiance of the sky without the lights over pi, nothing in its way.
+    pub const SKY: usize = 28;
+    /// Open share of the sky, of the near hemisphere; seen share of the strongest light.
+    pub const OPEN: usize = 31;
+    /// Of each keyframe carried over deferred shading: radiance of the surface, validity.
+    pub const KEYS_SHADED: usize = 34;
+    /// The same carried over the albedo.
+    pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
+    /// Of each part: radiance of the surface over albedo + [`super::TINT`], times coverage; coverage.
+    pub const PARTS_: usize = KEYS_TINTED + 4 * KEYS;
+    /// The same of each neighbour; coverage 0 where it does not show this surface.
+    pub const NEIGHBOURS_: usize = PARTS_ + 4 * PARTS;
+    /// True radiance.
+    pub const TRUTH: usize = NEIGHBOURS_ + 4 * NEIGHBOURS;
+    /// Numbers a pixel.
+    pub const COUNT: usize = TRUTH + 3;
+}
+
+/// Which groups of inputs are given besides the G-buffer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Groups {
+    /// Terms of deferred shading.
+    pub deferred: bool,
+    /// Carried keyframes.
+    pub keys: bool,
+    /// Traced samples of the frame.
+    pub samples: bool,
+    /// Samples of its neighbours; only where there are some of its own.
+    pub neighbours: bool,
+}
+
+/// Channels a pixel that the network reads of each group: G-buffer, deferred, keys, samples, neighbours.
+pub const CHANNELS: [usize; 5] = [13, 18, 5 * KEYS, 5, 5 * NEIGHBOURS];
+
+impl Groups {
+    /// Whether each of the groups of [`CHANNELS`] is there.
+    pub fn given(self) -> [bool; 5] {
+        [true, self.deferred, self.keys, self.samples, self.neighbours]
+    }
+
+    /// Channels a pixel of the groups that are there.
+    pub fn channels(self) -> usize {
+        CHANNELS.iter().zip(self.given()).filter(|(_, given)| *given).map(|(channels, _)| channels).sum()
+    }
+}
+
+/// One frame. `T` is `f32` where it is rendered, `f16` where it is kept to learn from.
+#[derive(Clone, Debug, Default)]
+pub struct Record<T> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `[height][width][at::COUNT]`; 0 where a group is not given.
+    pub pixels: Vec<T>,
+    /// Whether there are deferred terms.
+    pub deferred: bool,
+    /// Frames to each keyframe, where there is one.
+    pub distances: [Option<f32>; KEYS],
+    /// Samples a pixel of each part, 0 = not there.
+    pub parts: [u32; PARTS],
+    /// Samples a pixel of each neighbour, 0 = not there.
+    pub neighbours: [u32; NEIGHBOURS],
+}
+
+impl<T> Record<T> {
+    /// What is given.
+    pub fn groups(&self) -> Groups {
+        let samples = self.parts[0] > 0;
+        Groups {
+            deferred: self.deferred,
+            keys: self.distances.iter().any(Option::is_some),
+            samples,
+            neighbours: samples && self.neighbours.iter().any(|&spp| spp > 0),
+        }
+    }
+}
+
+impl Record<f32> {
+    /// An empty record of a frame.
+    pub fn new(width: usize, height: usize) -> Self {
+        Self { width, height, pixels: vec![0.0; width * height * at::COUNT], ..Self::default() }
+    }
+
+    /// In half precision.
+    pub fn to_half(&self) -> Record<f16> {
+        let mut pixels = vec![f16::ZERO; self.pixels.len()];
+        pixels.convert_from_f32_slice(&self.pixels);
+        Record {
+            width: self.width,
+            height: self.height,
+            pixels,
+            deferred: self.deferred,
+            distances: self.distances,
+            parts: self.parts,
+            neighbours: self.neighbours,
+        }
+    }
+}
+
+impl Record<f16> {
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        2 * self.pixels.len()
+    }
+}
+
+/// What is chosen of a record for one picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Chosen {
+    /// Groups.
+    pub groups: Groups,
+    /// Age of each keyframe (see [`age`]), where it is used.
+    pub ages: [Option<f32>; KEYS],
+    /// Which parts.
+    pub parts: [bool; PARTS],
+    /// Samples a pixel of the chosen parts.
+    pub spp: f32,
+    /// Samples a pixel of each neighbour, 0 where it is not used.
+    pub neighbours: [f32; NEIGHBOURS],
+}
+
+impl Chosen {
+    /// Everything that `record` has.
+    pub fn all<T>(record: &Record<T>) -> Self {
+        let groups = record.groups();
+        Self {
+            groups,
+            ages: record.distances.map(|distance| distance.map(age)),
+            parts: record.parts.map(|spp| spp > 0),
+            spp: record.parts.iter().sum::<u32>() as f32,
+            neighbours: record.neighbours.map(|spp| if groups.neighbours { spp as f32 } else { 0.0 }),
+        }
+    }
+}
+
+/// Age of a keyframe `distance` frames away: in units of 16 frames, 2 at most.
+pub fn age(distance: f32) -> f32 {
+    (distance.abs() / AGE[0]).min(AGE[1])
+}
+
+/// What the head acts on in one pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Known {
+    /// Coverage.
+    pub alpha: f32,
+    /// Environment behind the pixel.
+    pub background: [f32; 3],
+    /// What filtered samples are multiplied with.
+    pub tint: [f32; 3],
+    /// Deferred terms.
+    pub terms: [[f32; 3]; TERMS],
+    /// Carried keyframes.
+    pub keys: [[f32; 3]; KEYS],
+    /// Logarithm of the weight that each keyframe has at first; minus infinity where it shows nothing.
+    pub trust: [f32; KEYS],
+    /// Samples over the tint and their coverage, both times the number of samples.
+    pub own: [f32; 4],
+    /// The same of each neighbour.
+    pub others: [[f32; 4]; NEIGHBOURS],
+}
+
+impl Known {
+    /// Of one record of [`at::COUNT`] numbers.
+    pub fn new(stored: &[f32], chosen: &Chosen) -> Self {
+        let three = |from: usize| [stored[from], stored[from + 1], stored[from + 2]];
+        let mut known = Self {
+            alpha: stored[at::ALPHA],
+            background: three(at::BACKGROUND),
+            tint: three(at::ALBEDO).map(|v| v + TINT),
+            trust: [f32::NEG_INFINITY; KEYS],
+            ..Self::default()
+        };
+        let groups = chosen.groups;
+        if groups.deferred {
+            known.terms = std::array::from_fn(|term| three(at::TERMS + 3 * term));
+        }
+        if groups.keys {
+            let from = keys_at(groups);
+            for k in 0..KEYS {
+                let valid = stored[from + 4 * k + 3];
+                if let (Some(age), true) = (chosen.ages[k], valid > 0.0) {
+                    known.keys[k] = three(from + 4 * k);
+                    known.trust[k] = -(age + 1.0 / AGE[0]).ln();
+                }
+            }
+        }
+        if groups.samples {
+            let used = chosen.parts.iter().filter(|part| **part).count().max(1) as f32;
+            let scale = chosen.spp / used;
+            for part in (0..PARTS).filter(|part| chosen.parts[*part]) {
+                for (sum, value) in known.own.iter_mut().zip(&stored[at::PARTS_ + 4 * part..]) {
+                    *sum += scale * value;
+                }
+            }
+        }
+        if groups.neighbours {
+            for (n, other) in known.others.iter_mut().enumerate() {
+                *other = std::array::from_fn(|c| chosen.neighbours[n] * stored[at::NEIGHBOURS_ + 4 * n + c]);
+            }
+        }
+        known
+    }
+}
+
+/// Which of the two ways to carry keyframes is read: over deferred shading where that is there.
+fn keys_at(groups: Groups) -> usize {
+    if groups.deferred { at::KEYS_SHADED } else { at::KEYS_TINTED }
+}
+
+/// Appends what the network reads of a pixel, [`Groups::channels`] numbers of about -1..=2.
+pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut Vec<f32>) {
+    let groups = chosen.groups;
+    let covered = known.alpha > 0.0;
+    let before = out.len();
+    if !covered {
+        out.resize(before + groups.channels(), 0.0);
+        return;
+    }
+    let colour = |rgb: [f32; 3], out: &mut Vec<f32>| out.extend(rgb.map(log_curve));
+    out.extend_from_slice(&stored[at::ALBEDO..at::BACKGROUND]);
+    if groups.deferred {
+        for term in known.terms {
+            colour(term, out);
+        }
+        colour([stored[at::SKY], stored[at::SKY + 1], stored[at::SKY + 2]], out);
+        out.extend_from_slice(&stored[at::OPEN..at::OPEN + 3]);
+    }
+    if groups.keys {
+        for k in 0..KEYS {
+            let there = known.trust[k] > f32::NEG_INFINITY;
+            // Over the tint, so that texture does not hide what differs.
+            let rgb: [f32; 3] = std::array::from_fn(|c| known.keys[k][c] / known.tint[c]);
+            colour(rgb, out);
+            out.push(f32::from(u8::from(there)));
+            out.push(if there { 1.0 - 0.5 * chosen.ages[k].unwrap_or(AGE[1]) } else { 0.0 });
+        }
+    }
+    let traced = |[r, g, b, coverage]: [f32; 4], spp: f32, out: &mut Vec<f32>| {
+        let scale = if coverage > 0.0 { 1.0 / coverage } else { 0.0 };
+        colour([r, g, b].map(|v| v * scale), out);
+        out.push(if spp > 0.0 { coverage / spp } else { 0.0 });
+        out.push(0.3 * (1.0 + spp).ln());
+    };
+    if groups.samples {
+        traced(known.own, chosen.spp, out);
+    }
+    if groups.neighbours {
+        for (other, spp) in known.others.iter().zip(chosen.neighbours) {
+            traced(*other, spp, out);
+        }
+    }
+    debug_assert_eq!(out.len() - before, groups.channels());
+    for value in &mut out[before..] {
+        *value = if value.is_finite() { value.clamp(-8.0, 8.0) } else { 0.0 };
+    }
+}
+
+/// A number that may be stored as radiance.
+pub fn radiance(v: f32) -> f32 {
+    if v.is_nan() { 0.0 } else { v.clamp(0.0, MAX_RADIANCE) }
+}

@@ -1,0 +1,127 @@
+//! The network that reads all that is given, on one sequence: what it is handed of a frame, and the seconds of that.
+
+use super::painter::timed;
+use super::traced::{Buffer, Carried, Traced};
+use crate::dataset::SequenceFolder;
+use crate::learning::background_of;
+use anyhow::{Context, Result};
+use renderflow_frame::deferred::Deferred;
+use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::image::Rgb;
+use renderflow_model::fusion::batch::BEFORE;
+use renderflow_model::fusion::fill::{Key, Samples};
+use renderflow_model::fusion::record::NEIGHBOURS;
+use renderflow_model::fusion::{Fusion, Record};
+
+/// What lasts for a sequence.
+pub struct Fused<'a> {
+    folder: &'a SequenceFolder,
+    network: &'a Fusion,
+    tables: &'a IblTables,
+    /// Keyframes by index among the stored frames.
+    keys: Vec<(usize, Key)>,
+}
+
+impl<'a> Fused<'a> {
+    /// Without keyframes.
+    pub fn new(folder: &'a SequenceFolder, network: &'a Fusion, tables: &'a IblTables) -> Self {
+        Self { folder, network, tables, keys: Vec::new() }
+    }
+
+    /// Reads the keyframes; `shaded` gives the deferred picture of one, where there is one.
+    pub fn prepare_keyframes(&mut self, shaded: impl Fn(usize) -> Option<Rgb>) -> Result<()> {
+        for &index in &self.folder.sequence.keyframes {
+            let mut frame = self.folder.frame(index)?;
+            let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
+            frame.info.camera = Some(*self.folder.camera(index));
+            self.keys.push((index, Key { frame, truth, shaded: shaded(index) }));
+        }
+        Ok(())
+    }
+
+    /// From the terms of deferred shading, with or without keyframes, and the seconds beside theirs.
+    pub fn shaded(&self, buffer: Buffer, deferred: &Deferred, keyframes: bool) -> Result<(Rgb, f64)> {
+        if let Some(truth) = self.truth(buffer.index, keyframes) {
+            return Ok((truth, 0.0));
+        }
+        let exposure = self.folder.sequence.exposure;
+        timed(|| {
+            let mut record = Record::of(buffer.frame, &deferred.shading, exposure);
+            record.add_deferred(deferred, exposure);
+            if keyframes {
+                self.carry(&mut record, buffer, Some(&deferred.image));
+            }
+            self.draw(&record)
+        })
+    }
+
+    /// From samples of the frame and of its neighbours, with or without keyframes, and the seconds beside those of the samples.
+    pub fn traced(&self, buffer: Buffer, own: &Traced, others: &[(usize, Carried)], keyframes: bool) -> Result<(Rgb, f64)> {
+        if let Some(truth) = self.truth(buffer.index, keyframes) {
+            return Ok((truth, 0.0));
+        }
+        let (folder, index) = (self.folder, buffer.index);
+        let (environment, exposure) = (&folder.environment, folder.sequence.exposure);
+        timed(|| {
+            let shading = ibl::shade(buffer.frame, folder.camera(index), environment, self.tables);
+            let mut record = Record::of(buffer.frame, &shading, exposure);
+            let samples = |traced: &Traced, index: usize| -> Result<(Rgb, Rgb)> {
+                let albedo = traced.guides.as_ref().context("samples without guides")?[0].clone();
+                Ok((albedo, background_of(folder.camera(index), &traced.alpha, environment)))
+            };
+            let (albedo, background) = samples(own, index)?;
+            let of = |traced: &'_ Traced| traced.spp;
+            record.add_part(
+                0,
+                &Samples { raw: &own.raw, alpha: &own.alpha, albedo: &albedo, background: &background, spp: of(own) },
+                exposure,
+            );
+            let (mut before, mut after) = (0, BEFORE);
+            for (there, carried) in others {
+                let (place, limit) = if *there < index { (&mut before, BEFORE) } else { (&mut after, NEIGHBOURS) };
+                if *place < limit {
+                    let traced = carried.samples;
+                    let (albedo, background) = samples(traced, *there)?;
+                    let samples = Samples {
+                        raw: &traced.raw,
+                        alpha: &traced.alpha,
+                        albedo: &albedo,
+                        background: &background,
+                        spp: of(traced),
+                    };
+                    record.add_neighbour(*place, &samples, &carried.source, exposure);
+                    *place += 1;
+                }
+            }
+            if keyframes {
+                self.carry(&mut record, buffer, None);
+            }
+            self.draw(&record)
+        })
+    }
+
+    /// The truth of a frame that is a keyframe.
+    fn truth(&self, index: usize, keyframes: bool) -> Option<Rgb> {
+        let found = self.keys.iter().find(|(key, _)| keyframes && *key == index);
+        found.map(|(_, key)| key.truth.clone())
+    }
+
+    fn carry(&self, record: &mut Record<f32>, buffer: Buffer, shaded: Option<&Rgb>) {
+        let before = self.keys.iter().rfind(|(key, _)| *key < buffer.index);
+        let after = self.keys.iter().find(|(key, _)| *key > buffer.index);
+        let number = |index: usize| self.folder.numbers[index] as f32;
+        for (k, found) in [before, after].into_iter().enumerate() {
+            if let Some((index, key)) = found {
+                let distance = number(*index) - number(buffer.index);
+                let movement = self.folder.sequence.tracks.between(buffer.index, *index);
+                record.add_key(k, key, distance, buffer.frame, shaded, movement, self.folder.sequence.exposure);
+            }
+        }
+    }
+
+    fn draw(&self, record: &Record<f32>) -> Result<Rgb> {
+        let exposure = self.folder.sequence.exposure;
+        let pixels = self.network.render(record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
+        Ok(Rgb { width: record.width, height: record.height, pixels })
+    }
+}

@@ -1,0 +1,200 @@
+//! Frames to learn from, made from a plan and kept nowhere: composed, rendered with few samples and with many, shaded, carried.
+
+use crate::bench::reference::compile_seeded;
+use crate::dataset::plan::Plan;
+use crate::truth;
+use anyhow::{Context, Result};
+use glam::Vec2;
+use half::f16;
+use renderflow_frame::deferred::{self, Deferred, Lighting, Options, Shadows};
+use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::{Camera, Environment, Frame, warp};
+use renderflow_model::fusion::fill::{Key, Samples};
+use renderflow_model::fusion::record::{NEIGHBOURS, PARTS};
+use renderflow_model::fusion::training::Source;
+use renderflow_model::fusion::{Record, batch::BEFORE};
+use renderflow_renderer::denoise::Denoiser;
+use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer, shadow_maps};
+use renderflow_scenes::catalog::Catalog;
+use renderflow_scenes::load;
+use renderflow_scenes::seed::Seed;
+use serde::{Deserialize, Serialize};
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+
+/// Frames between two keyframes.
+const GAP: usize = 16;
+
+/// How frames to learn from are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Recipe {
+    /// Samples a pixel of the truth, denoised where there is a denoiser.
+    pub truth_spp: u32,
+    /// Surfaces that a path may scatter at.
+    pub max_bounces: u32,
+    /// Frames of each sequence between its two keyframes.
+    pub frames: usize,
+    /// Samples a pixel of each part of a frame and of each neighbour; `None` = 1 or 2, and 1, 2 or 4.
+    pub samples: Option<[u32; 2]>,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self { truth_spp: 16, max_bounces: 6, frames: 2, samples: None }
+    }
+}
+
+/// Sequences of a plan, one after the other; where the plan ends it goes on with other seeds.
+pub struct Planned<'a> {
+    plan: &'a Plan,
+    catalog: Catalog,
+    recipe: Recipe,
+    /// Index of the first sequence of the split, and their number.
+    range: [u32; 2],
+    denoiser: Option<Mutex<Denoiser>>,
+    cancel: &'a AtomicBool,
+}
+
+/// One frame, rendered.
+struct Shot {
+    gbuffer: Frame,
+    shaded: Deferred,
+}
+
+impl<'a> Planned<'a> {
+    /// The sequences of `plan` from `first` on, `count` of them.
+    pub fn new(plan: &'a Plan, [first, count]: [u32; 2], recipe: Recipe, cancel: &'a AtomicBool) -> Self {
+        let denoiser = Denoiser::new().ok().map(Mutex::new);
+        Self { plan, catalog: plan.catalog(), recipe, range: [first, count.max(1)], denoiser, cancel }
+    }
+
+    /// The frames of sequence `i`.
+    ///
+    /// # Errors
+    /// When it cannot be composed or rendered.
+    pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
+        let [first, count] = self.range;
+        let (round, index) = (i / u64::from(count), first + (i % u64::from(count)) as u32);
+        let seed = Seed::root(self.plan.seed).child("learning", i);
+        let plan = Plan { seed: self.plan.seed.wrapping_add(round), ..self.plan.clone() };
+        let composed = if round == 0 { plan.compose(&self.catalog, index)? } else { plan.compose(&plan.catalog(), index)? };
+        let loaded = load::load(&composed.scene, &plan.reach())?;
+        let frames = loaded.cameras.len();
+        let numbers: Vec<usize> = (0..frames).collect();
+        let tracks = truth::tracks(&loaded, &numbers);
+        let pick = |name: &str, count: usize| (seed.child(name, 0).u64() % count.max(1) as u64) as usize;
+
+        let gap = GAP.min(frames.saturating_sub(1));
+        let before = pick("before", frames - gap);
+        let keys = [before, before + gap];
+        let mut between: Vec<usize> = (before + 1..before + gap).collect();
+        while between.len() > self.recipe.frames {
+            between.remove(pick("between", between.len() * 7919) % between.len());
+        }
+        let drawn = || [[1, 2][pick("spp", 2)], [1, 2, 2, 4][pick("near", 4)]];
+        let [spp, near_spp] = self.recipe.samples.unwrap_or_else(drawn);
+
+        // Truth, samples and neighbours each have random numbers of their own.
+        let mut scenes = (0..=PARTS as u64)
+            .map(|part| compile_seeded(&loaded, loaded.seed.wrapping_add(part)))
+            .collect::<Result<Vec<RenderScene>>>()?;
+        let exposure = scenes[0].exposure();
+        let lighting = Lighting::new(scenes[0].environment(), deferred::LIGHTS);
+
+        let mut records = Vec::new();
+        let mut carried = Vec::new();
+        for number in keys {
+            let shot = self.shoot(&mut scenes[0], number, &lighting)?;
+            let truth = self.truth(&scenes[0])?;
+            let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading, exposure);
+            record.add_deferred(&shot.shaded, exposure);
+            record.add_truth(&truth, exposure);
+            records.push(record);
+            carried.push(Key { frame: shot.gbuffer, truth, shaded: Some(shot.shaded.image) });
+        }
+        for &number in &between {
+            let shot = self.shoot(&mut scenes[0], number, &lighting)?;
+            let truth = self.truth(&scenes[0])?;
+            let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading, exposure);
+            record.add_deferred(&shot.shaded, exposure);
+            record.add_truth(&truth, exposure);
+            for (k, key) in carried.iter().enumerate() {
+                let distance = keys[k] as f32 - number as f32;
+                let movement = tracks.between(number, keys[k]);
+                record.add_key(k, key, distance, &shot.gbuffer, Some(&shot.shaded.image), movement, exposure);
+            }
+            for part in 0..PARTS {
+                let scene = &mut scenes[1 + part];
+                scene.set_frame(number);
+                let traced = self.trace(scene, spp, false)?;
+                let behind = background_of(scene.camera(), &traced.alpha, &lighting.environment);
+                record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
+            }
+            for n in 0..NEIGHBOURS {
+                let distance = (n % BEFORE + 1) as isize * if n < BEFORE { -1 } else { 1 };
+                let Some(other) = number.checked_add_signed(distance).filter(|other| *other < frames) else { continue };
+                let scene = &mut scenes[1 + n % PARTS];
+                scene.set_frame(other);
+                let traced = self.trace(scene, near_spp, true)?;
+                let behind = background_of(scene.camera(), &traced.alpha, &lighting.environment);
+                let movement = tracks.between(number, other);
+                let source = warp::nearest(&shot.gbuffer, &traced, Some(&|id| movement.of(id)));
+                record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
+            }
+            records.push(record);
+        }
+        Ok(records)
+    }
+
+    /// G-buffer and deferred picture of frame `number`, at which `scene` stands then.
+    fn shoot(&self, scene: &mut RenderScene, number: usize, lighting: &Lighting) -> Result<Shot> {
+        scene.set_frame(number);
+        let mut gbuffer = render_gbuffer(scene, &Settings::default())?;
+        let camera = *scene.camera();
+        gbuffer.info.camera = Some(camera);
+        let shadows: Shadows = shadow_maps(scene, lighting, &deferred::receivers(&gbuffer, &camera));
+        let shaded = deferred::shade(&gbuffer, &camera, lighting, &shadows, &Options::default());
+        Ok(Shot { gbuffer, shaded })
+    }
+
+    fn trace(&self, scene: &RenderScene, spp: u32, surfaces: bool) -> Result<Frame> {
+        let channels = Channels { guides: true, gbuffer: surfaces, ..Channels::BEAUTY };
+        let settings = Settings { spp, max_bounces: self.recipe.max_bounces, channels, ..Settings::default() };
+        let mut traced = render(scene, &settings, &|_, _| (), self.cancel)?;
+        traced.info.camera = Some(*scene.camera());
+        Ok(traced)
+    }
+
+    fn truth(&self, scene: &RenderScene) -> Result<Rgb> {
+        let traced = self.trace(scene, self.recipe.truth_spp, false)?;
+        let raw = traced.raw.context("the path tracer made no picture")?;
+        let Some(denoiser) = &self.denoiser else { return Ok(raw) };
+        let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
+    }
+}
+
+/// The environment behind each pixel; 0 where a surface covers all of it.
+pub fn background_of(camera: &Camera, alpha: &Image<f32>, environment: &Environment) -> Rgb {
+    Rgb::from_fn(alpha.width, alpha.height, |x, y| {
+        if alpha.pixels[y * alpha.width + x] >= 1.0 {
+            return [0.0; 3];
+        }
+        environment.radiance(camera.ray_direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)))
+    })
+}
+
+impl Source for Planned<'_> {
+    fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+        match self.records(i) {
+            Ok(records) => Ok(records.iter().map(Record::to_half).collect()),
+            Err(error) => Err(renderflow_model::Error::Data { place: format!("sequence {i}"), reason: format!("{error:#}") }),
+        }
+    }
+
+    fn identity(&self) -> String {
+        let plan = serde_json::to_string(&(self.plan, &self.recipe, self.range)).unwrap_or_default();
+        blake3::hash(plan.as_bytes()).to_hex().to_string()
+    }
+}
