@@ -1,0 +1,276 @@
+//! The network that reads all that is given: it learns, goes on exactly where it stopped, and gives finite pictures for any input.
+
+use half::f16;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use renderflow_frame::deferred::{Lighting, Options, Shadows, shade};
+use renderflow_frame::ibl;
+use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::tracks::Movement;
+use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_model::fusion::fill::{Key, Samples};
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, TINT, at};
+use renderflow_model::fusion::training::{self, Config, Crop, Progress, Source, validate};
+use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
+use renderflow_model::weights::Precision;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+const SMALL: [usize; 4] = [16, 16, 16, 16];
+
+/// Frames whose truth is known: samples scatter about it, deferred shading is too dark, keyframes are too bright.
+struct Toy;
+
+fn toy(seed: u64) -> Record<f32> {
+    let (width, height) = (64, 48);
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let mut record = Record::new(width, height);
+    let wave: f32 = rng.random_range(0.05..0.2);
+    for i in 0..width * height {
+        let out = &mut record.pixels[i * at::COUNT..][..at::COUNT];
+        let (x, y) = ((i % width) as f32, (i / width) as f32);
+        out[at::ALPHA] = if y < 4.0 { 0.0 } else { 1.0 };
+        for c in 0..3 {
+            let albedo = if (x as usize / 8 + y as usize / 8).is_multiple_of(2) { 0.7 } else { 0.3 };
+            let light = 0.5 + 0.3 * (wave * (x + y)).sin() + 0.05 * c as f32;
+            let truth = light * (albedo + TINT);
+            (out[at::ALBEDO + c], out[at::TRUTH + c]) = (albedo, truth);
+            (out[at::NORMAL + c], out[at::BACKGROUND + c]) = (0.57, 0.2);
+            out[at::TERMS + c] = 0.6 * truth;
+            for k in 0..KEYS {
+                out[at::KEYS_SHADED + 4 * k + c] = 1.2 * truth;
+                out[at::KEYS_TINTED + 4 * k + c] = 1.2 * truth;
+            }
+            for part in 0..PARTS {
+                out[at::PARTS_ + 4 * part + c] = light * rng.random_range(0.2..1.8);
+            }
+            for n in 0..NEIGHBOURS {
+                out[at::NEIGHBOURS_ + 4 * n + c] = light * rng.random_range(0.2..1.8);
+            }
+        }
+        for from in [at::KEYS_SHADED, at::KEYS_TINTED, at::PARTS_, at::NEIGHBOURS_] {
+            (0..4).for_each(|k| out[from + 4 * k % 8 + 3] = 1.0);
+        }
+        for k in 0..PARTS {
+            out[at::PARTS_ + 4 * k + 3] = 1.0;
+            out[at::NEIGHBOURS_ + 4 * k + 3] = 1.0;
+        }
+    }
+    record.deferred = true;
+    record.distances = [Some(-4.0), Some(12.0)];
+    record.parts = [1; PARTS];
+    record.neighbours = [2; NEIGHBOURS];
+    record
+}
+
+impl Source for Toy {
+    fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+        Ok(vec![toy(i).to_half()])
+    }
+
+    fn identity(&self) -> String {
+        "toy".into()
+    }
+}
+
+fn config(output: &Path, steps: u64) -> Config {
+    Config {
+        network: FusionConfig { widths: SMALL },
+        output: output.into(),
+        steps,
+        crops: vec![Crop { size: 32, batch: 2, from: 0.0 }],
+        first: 4,
+        rotate_steps: 5,
+        window: 6,
+        learning_rate: 2e-3,
+        warmup_steps: 5,
+        ema_decay: 0.9,
+        checkpoint_steps: 1000,
+        log_steps: 1,
+        ..Config::default()
+    }
+}
+
+#[test]
+fn every_tier_learns() {
+    let folder = tempfile::tempdir().unwrap();
+    let held_out = [toy(1000).to_half(), toy(1001).to_half()];
+    let config = config(folder.path(), 150);
+    let before = validate(&Fusion::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
+    let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false)).unwrap();
+    assert!(summary.finished && summary.steps == 150);
+    let after = validate(&Fusion::load(&summary.weights).unwrap(), &held_out).unwrap();
+    assert_eq!(before.len(), after.len());
+    for (name, psnr) in &after {
+        let gain = psnr - before[name];
+        assert!(gain > 0.5, "{name}: {} before, {psnr} after", before[name]);
+    }
+    // Each validation is a line.
+    let lines = std::fs::read_to_string(folder.path().join("validation.jsonl")).unwrap();
+    let last: training::Validation = serde_json::from_str(lines.lines().last().unwrap()).unwrap();
+    assert_eq!((last.step, last.psnr.len()), (150, after.len()));
+}
+
+/// A run that was stopped goes on to the same bytes, although the sequences in its window are made again.
+#[test]
+fn stopped_runs_go_on_exactly() {
+    let weights = |stops: &[u64]| {
+        let folder = tempfile::tempdir().unwrap();
+        let config = config(folder.path(), 24);
+        for stop in stops.iter().copied().chain([u64::MAX]) {
+            let cancel = AtomicBool::new(false);
+            let watch = |progress: &Progress| {
+                if let Progress::Step(record) = progress
+                    && record.step >= stop
+                {
+                    cancel.store(true, Ordering::Relaxed);
+                }
+            };
+            let summary = training::run(&config, &Toy, None, &[], &watch, &cancel).unwrap();
+            assert_eq!(summary.finished, stop == u64::MAX);
+        }
+        std::fs::read(folder.path().join("weights.safetensors")).unwrap()
+    };
+    let whole = weights(&[]);
+    assert!(whole == weights(&[9]));
+    assert!(whole == weights(&[3, 17]));
+}
+
+/// A frame of a plane that fills its lower half.
+fn frame(camera: &Camera) -> Frame {
+    let (width, height) = (camera.width, camera.height);
+    let covered = |y: usize| 2 * y >= height;
+    let rgb = |inside: [f32; 3]| Rgb::from_fn(width, height, |_, y| if covered(y) { inside } else { [0.0; 3] });
+    let mut frame = Frame {
+        width,
+        height,
+        alpha: Image::from_fn(width, height, |_, y| f32::from(u8::from(covered(y)))),
+        albedo: rgb([0.6, 0.4, 0.3]),
+        normal: rgb([0.0, 1.0, 0.0]),
+        depth: Image::from_fn(width, height, |_, y| if covered(y) { 2.0 } else { f32::INFINITY }),
+        material: rgb([0.4, 0.0, 0.5]),
+        object_id: Image::from_fn(width, height, |_, y| u32::from(covered(y))),
+        material_id: Image::filled(width, height, 1),
+        guide_albedo: Some(rgb([0.6, 0.4, 0.3])),
+        guide_normal: Some(rgb([0.0, 1.0, 0.0])),
+        ..Frame::default()
+    };
+    frame.info.camera = Some(*camera);
+    frame
+}
+
+fn camera(width: usize, height: usize) -> Camera {
+    Camera::look_at(glam::Vec3A::new(0.0, 1.0, 3.0), glam::Vec3A::ZERO, glam::Vec3A::Y, 0.8, width, height)
+}
+
+/// A record with everything of a frame whose samples and truth are `value`.
+fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
+    let camera = camera(width, height);
+    let frame = frame(&camera);
+    let environment = Environment::constant([0.5; 3]);
+    let lighting = Lighting::new(&environment, 1);
+    let shaded = shade(&frame, &camera, &lighting, &Shadows::default(), &Options::default());
+    let exposure = ibl::exposure(&environment);
+    let raw = Rgb::filled(width, height, value);
+    let background = shaded.shading.background.clone();
+    let albedo = frame.guide_albedo.clone().unwrap();
+    let samples = Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2 };
+    let mut record = Record::of(&frame, &shaded.shading, exposure);
+    record.add_deferred(&shaded, exposure);
+    let key = Key { frame: frame.clone(), truth: raw.clone(), shaded: Some(shaded.image.clone()) };
+    record.add_key(0, &key, -3.0, &frame, Some(&shaded.image), Movement::default(), exposure);
+    record.add_part(0, &samples, exposure);
+    record.add_neighbour(2, &samples, &Image::from_fn(width, height, |x, y| Some((y * width + x) as u32)), exposure);
+    record
+}
+
+/// The pictures of a network of random weights, also of the last layers, which are 0 in an untrained one.
+fn random() -> Fusion {
+    let untrained = Fusion::untrained(&FusionConfig { widths: SMALL }, 7).unwrap();
+    let mut rng = Pcg64Mcg::seed_from_u64(5);
+    let mut parameters = untrained.parameters();
+    for parameter in &mut parameters {
+        parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1));
+    }
+    Fusion::with_parameters(untrained.header().clone(), &parameters).unwrap()
+}
+
+#[test]
+fn any_input_gives_a_finite_picture() {
+    let network = random();
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -5.0, 1e30, 0.0, 1e-40] {
+        for (width, height) in [(24, 18), (1, 1), (3, 40), (17, 2)] {
+            for mixed in [[value; 3], [value, 0.5, 0.5]] {
+                let drawn = network.render(&filled(width, height, mixed)).unwrap();
+                assert_eq!(drawn.len(), width * height);
+                assert!(drawn.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{mixed:?} at {width} x {height}");
+            }
+        }
+    }
+    assert!(network.render(&Record::new(0, 5)).is_err());
+    // Nothing but the environment is drawn where nothing is covered.
+    let record = filled(24, 18, [0.3; 3]);
+    let drawn = network.render(&record).unwrap();
+    let background = &record.pixels[at::BACKGROUND..at::BACKGROUND + 3];
+    assert_eq!(drawn[0].as_slice(), background);
+}
+
+#[test]
+fn threads_do_not_show() {
+    let network = random();
+    let record = toy(3);
+    let draw = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| network.render(&record).unwrap())
+    };
+    let one = draw(1);
+    assert!(one == draw(2) && one == draw(5));
+}
+
+/// Absent groups are as if their weights did not exist.
+#[test]
+fn what_is_not_given_has_no_part() {
+    let network = random();
+    let mut record = filled(24, 18, [0.3; 3]);
+    let everything = network.render(&record).unwrap();
+    (record.parts, record.neighbours) = ([0; PARTS], [0; NEIGHBOURS]);
+    let without = network.render(&record).unwrap();
+    assert!(everything != without);
+    let mut noise = Pcg64Mcg::seed_from_u64(1);
+    for stored in record.pixels.chunks_exact_mut(at::COUNT) {
+        stored[at::PARTS_..at::TRUTH].iter_mut().for_each(|v| *v = noise.random());
+    }
+    assert!(without == network.render(&record).unwrap());
+}
+
+#[test]
+fn weights_files_come_back_and_hostile_ones_do_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("weights.safetensors");
+    let network = random();
+    let write =
+        |precision| std::fs::write(&path, render::encode(network.header(), &network.parameters(), precision).unwrap()).unwrap();
+    write(Precision::F32);
+    assert!(Fusion::recognises(&path));
+    let record = toy(2);
+    assert!(Fusion::load(&path).unwrap().render(&record).unwrap() == network.render(&record).unwrap());
+    write(Precision::F16);
+    let (half, whole) = (Fusion::load(&path).unwrap().render(&record).unwrap(), network.render(&record).unwrap());
+    let worst = half.iter().flatten().zip(whole.iter().flatten()).map(|(a, b)| (a - b).abs());
+    assert!(worst.fold(0.0, f32::max) < 0.02);
+
+    // A header that asks for more than the file has is refused before anything is made.
+    let bytes = std::fs::read(&path).unwrap();
+    let text = String::from_utf8_lossy(&bytes[..400]).into_owned();
+    let at = text.find("[16,16,16,16]").expect("the widths stand in the header");
+    let mut larger = bytes.clone();
+    larger[at..at + 13].copy_from_slice(b"[96,96,96,96]");
+    std::fs::write(&path, &larger).unwrap();
+    let error = Fusion::load(&path).unwrap_err().to_string();
+    assert!(error.contains("values"), "{error}");
+    for length in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        assert!(Fusion::load(&path).is_err(), "{length} bytes");
+    }
+    assert!(!Fusion::recognises(&folder.path().join("nothing")));
+}
