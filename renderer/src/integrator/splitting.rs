@@ -138,7 +138,7 @@ impl Pixel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::scenes::{Part, camera, compile, diffuse, metal, sunny};
+    use crate::verify::scenes::{Part, camera, compile, diffuse, environment, metal, sunny};
     use crate::{Channels, render};
     use glam::Affine3A;
     use renderflow_scenes::shapes::Shape;
@@ -173,6 +173,25 @@ mod tests {
             let settings = Settings { light_samples, ..Settings::default() };
             assert!(crate::render(&scene, &settings, &|_, _| (), &AtomicBool::new(false)).is_err());
         }
+    }
+
+    /// A lamp overhead makes half-shadows of 25 balls, an almost even sky makes none.
+    #[test]
+    fn half_shadows_get_more_light_samples_than_an_even_sky() {
+        let at = |x, y, z| Affine3A::from_translation(glam::Vec3::new(x, y, z));
+        let chosen = |lamp: f32| {
+            let mut parts = vec![Part::new(Shape::Plane { size: 20.0 }, diffuse([0.1; 3]), at(0.0, 0.0, 0.0))];
+            parts.extend((0..25).map(|k| {
+                let (x, z) = ((k % 5) as f32 * 0.5 - 1.0, (k / 5) as f32 * 0.5 - 1.0);
+                Part::new(Shape::Sphere { radius: 0.15 }, diffuse([0.1; 3]), at(x, 0.3, z))
+            }));
+            let sky = environment(128, 64, |d| [if d.y > 0.8 { lamp } else { 1.0 }; 3]);
+            let scene = compile(parts, sky, camera([0.0, 2.0, 3.0], [0.0, 0.2, 0.0], 40.0, 48, 32)).unwrap();
+            let settings = Settings { spp: 64, light_paths: false, ..Settings::default() };
+            light_samples(&scene, &settings, &Visible::new(&scene, &settings), None)
+        };
+        let (even, lamp) = (chosen(1.05), chosen(40.0));
+        assert!(lamp >= 4 * even, "{even} under the sky, {lamp} under the lamp");
     }
 
     #[test]
