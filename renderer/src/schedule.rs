@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Edge of a tile in pixels: neighbouring rays share cache lines of the tree, and there is enough work for many threads.
 pub(crate) const TILE: usize = 8;
-/// Tiles whose results are held before they are stored: bounds memory to some 60 MB, whatever the picture's size.
+/// Tiles whose results are held before they are stored: bounds memory to some 40 MB, whatever the picture's size.
 const BATCH: usize = 4096;
 
 /// Most pixels whose results are held at a time.

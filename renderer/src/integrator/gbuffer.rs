@@ -113,8 +113,12 @@ struct Pass<'a> {
     guides: bool,
 }
 
-/// Centre and guides of each pixel of a tile.
-type Pixels = Vec<(Centre, Option<GuideStatistics>)>;
+/// Centre and guides of a pixel.
+type Pixel = (Centre, Option<GuideStatistics>);
+/// Those of a tile.
+type Pixels = Vec<Pixel>;
+/// Bytes that a pixel takes until it is stored.
+pub(super) const HELD: u64 = size_of::<Pixel>() as u64;
 
 /// A tile of a pass: what one thread works on.
 struct TilePass<'t, 'a, F: Features> {

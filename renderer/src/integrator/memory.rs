@@ -1,6 +1,7 @@
 //! How much memory a picture takes while it is made.
 
 use super::Settings;
+use super::gbuffer;
 use super::light_paths::Casters;
 use crate::compile::RenderScene;
 use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
@@ -14,7 +15,7 @@ const NUMBER: usize = size_of::<f32>();
 /// Bytes that a picture takes at most at a time, beside the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Memory {
-    /// While it is traced: the sums of all samples, then the frame beside those of the guides.
+    /// While it is traced: the sums of all samples with the pictures made of them, then the frame beside the sums of the guides.
     pub tracing: u64,
     /// The frame.
     pub frame: u64,
@@ -47,15 +48,16 @@ impl Settings {
             + when(wanted.guides, 2 * RGB)
             + when(wanted.motion, 2 * FLOW)
             + when(self.irradiance, RGB);
-        // Whether a pixel sees anything, and where bounds begin and end.
+        // Whether a pixel may see geometry.
         let seen = size_of::<bool>();
-        let film = sums + guides + light + spread;
-        let tracing = if gbuffer_alone { centres } else { (film + beauty).max(guides + beauty + centres) } + seen;
+        let [film, kept, made] = if gbuffer_alone { [0; 3] } else { [sums + guides + light + spread, guides, beauty] };
         let frame = centres + if gbuffer_alone { 0 } else { beauty + RGB };
-        let under_way = schedule::most_pixels().min(pixels) * if gbuffer_alone { 256 } else { (sums + guides) as u64 };
-        Memory {
-            tracing: pixels.saturating_mul(tracing.max(frame) as u64).saturating_add(under_way),
-            frame: pixels.saturating_mul(frame as u64),
-        }
+        let all = |bytes: usize| pixels.saturating_mul(bytes as u64);
+        // Tiles of the G-buffer are held until they are stored. They come on top of the film's sums, too, which the allocator gives back
+        // to the system some time after they are freed.
+        let looks = gbuffer_alone || wanted.gbuffer || wanted.motion || self.irradiance;
+        let held = if looks { schedule::most_pixels().min(pixels) * gbuffer::HELD } else { 0 };
+        let traced = all(film.max(kept + centres) + made + seen).saturating_add(held);
+        Memory { tracing: traced.max(all(kept + frame + seen)), frame: all(frame) }
     }
 }
