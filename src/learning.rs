@@ -9,7 +9,7 @@ use half::f16;
 use renderflow_frame::deferred::{self, Deferred, Lighting, Options, Shadows};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Camera, Environment, Frame, warp};
-use renderflow_model::fusion::fill::{Key, Samples};
+use renderflow_model::fusion::fill::{Key, Samples, Seen};
 use renderflow_model::fusion::record::{NEIGHBOURS, PARTS};
 use renderflow_model::fusion::training::Source;
 use renderflow_model::fusion::{Record, batch::BEFORE};
@@ -122,7 +122,7 @@ impl<'a> Planned<'a> {
             for (k, key) in carried.iter().enumerate() {
                 let distance = keys[k] as f32 - number as f32;
                 let movement = tracks.between(number, keys[k]);
-                record.add_key(k, key, distance, &shot.gbuffer, Some(&shot.shaded.image), movement, exposure);
+                record.add_key(k, &Seen { key, distance, movement }, &shot.gbuffer, Some(&shot.shaded.image), exposure);
             }
             for part in 0..PARTS {
                 let scene = &mut scenes[1 + part];

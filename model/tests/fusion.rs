@@ -8,7 +8,7 @@ use renderflow_frame::ibl;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame};
-use renderflow_model::fusion::fill::{Key, Samples};
+use renderflow_model::fusion::fill::{Key, Samples, Seen};
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, TINT, at};
 use renderflow_model::fusion::training::{self, Config, Crop, Progress, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
@@ -178,7 +178,8 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     let mut record = Record::of(&frame, &shaded.shading, exposure);
     record.add_deferred(&shaded, exposure);
     let key = Key { frame: frame.clone(), truth: raw.clone(), shaded: Some(shaded.image.clone()) };
-    record.add_key(0, &key, -3.0, &frame, Some(&shaded.image), Movement::default(), exposure);
+    let seen = Seen { key: &key, distance: -3.0, movement: Movement::default() };
+    record.add_key(0, &seen, &frame, Some(&shaded.image), exposure);
     record.add_part(0, &samples, exposure);
     record.add_neighbour(2, &samples, &Image::from_fn(width, height, |x, y| Some((y * width + x) as u32)), exposure);
     record

@@ -9,7 +9,7 @@ use renderflow_frame::deferred::Deferred;
 use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::batch::BEFORE;
-use renderflow_model::fusion::fill::{Key, Samples};
+use renderflow_model::fusion::fill::{Key, Samples, Seen};
 use renderflow_model::fusion::record::NEIGHBOURS;
 use renderflow_model::fusion::{Fusion, Record};
 
@@ -114,7 +114,8 @@ impl<'a> Fused<'a> {
             if let Some((index, key)) = found {
                 let distance = number(*index) - number(buffer.index);
                 let movement = self.folder.sequence.tracks.between(buffer.index, *index);
-                record.add_key(k, key, distance, buffer.frame, shaded, movement, self.folder.sequence.exposure);
+                let seen = Seen { key, distance, movement };
+                record.add_key(k, &seen, buffer.frame, shaded, self.folder.sequence.exposure);
             }
         }
     }

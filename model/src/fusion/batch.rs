@@ -311,7 +311,7 @@ mod tests {
             assert_eq!(batch.input.len(), 3 * 1024 * tier.groups.channels());
             assert!(batch.known.iter().any(|known| known.own[3] > 0.0) == tier.groups.samples);
             assert!(batch.known.iter().any(|known| known.trust[0].is_finite()) == tier.groups.keys);
-            assert!(Batch::draw(&[&bare], &[tier], 32, 1, &mut rng).is_some() == !(tier.groups.deferred || tier.groups.keys));
+            assert!(Batch::draw(&[&bare], &[tier], 32, 1, &mut rng).is_some() != (tier.groups.deferred || tier.groups.keys));
         }
         let mut rng = Pcg64Mcg::seed_from_u64(1);
         assert!(Batch::draw(&[&record], &TIERS, 64, 1, &mut rng).is_none());

@@ -56,6 +56,17 @@ pub struct Key {
     pub shaded: Option<Rgb>,
 }
 
+/// A keyframe as a frame sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// The keyframe.
+    pub key: &'a Key,
+    /// Frames from the frame to it; negative before it.
+    pub distance: f32,
+    /// How objects moved from the frame to it.
+    pub movement: Movement<'a>,
+}
+
 impl Record<f32> {
     /// A record of the G-buffer of `frame`. `shading` is that of the environment that lights it; only its G-buffer values, split-sum factors
     /// and background are read.
@@ -106,18 +117,10 @@ impl Record<f32> {
         });
     }
 
-    /// Adds keyframe `k` (0 before, 1 after the frame), `distance` frames away. `frame` is this record's frame, whose header names its
-    /// camera, and `shaded` its deferred picture.
-    pub fn add_key(
-        &mut self,
-        k: usize,
-        key: &Key,
-        distance: f32,
-        frame: &Frame,
-        shaded: Option<&Rgb>,
-        movement: Movement,
-        exposure: f32,
-    ) {
+    /// Adds keyframe `k` (0 before, 1 after the frame). `frame` is this record's frame, whose header names its camera, and `shaded` its
+    /// deferred picture.
+    pub fn add_key(&mut self, k: usize, seen: &Seen, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
+        let Seen { key, distance, movement } = *seen;
         assert!(k < KEYS, "keyframe {k} of {KEYS}");
         self.distances[k] = Some(distance);
         let found = warp::correspond(frame, &key.frame, Some(&|id| movement.of(id)));

@@ -5,14 +5,14 @@
 //! al. 2017; on three scales, as Balint et al. 2023), terms of deferred shading get a factor each, candidates are mixed, and a residual
 //! is added. Its last layers begin at zero, so that an untrained network gives the best of the pictures it was handed.
 //!
-//! - [`record`]: what is stored of a pixel, and what the network reads of it,
-//! - [`fill`]: records from G-buffers, deferred shading, keyframes and samples,
-//! - [`graph`]: the U-Net,
-//! - [`head`]: from its outputs to the picture, with derivatives,
-//! - [`batch`]: random crops with exact augmentations,
-//! - [`objective`]: the loss,
-//! - [`training`]: the loop,
-//! - [`render`]: inference.
+//! - [`record`] says what is stored of a pixel and what the network reads of it;
+//! - [`fill`] makes records from G-buffers, deferred shading, keyframes and samples;
+//! - [`graph`] is the U-Net;
+//! - [`head`] goes from its outputs to the picture, with derivatives;
+//! - [`batch`] draws random crops with exact augmentations;
+//! - [`objective`] is the loss;
+//! - [`training`] is the loop;
+//! - [`mod@render`] is inference.
 
 pub mod batch;
 pub mod fill;

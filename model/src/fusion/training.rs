@@ -256,7 +256,7 @@ impl Learner for Objective {
             .collect();
         let scale = 1.0 / batch.items as f32;
         let mean = |of: fn(&super::objective::Loss) -> f32| scale * parts.iter().map(|(loss, _)| of(loss)).sum::<f32>();
-        let joined = |of: fn(&(Vec<f32>, Vec<f32>)) -> &Vec<f32>| -> Vec<f32> {
+        let joined = |of: fn(&Slopes) -> &Vec<f32>| -> Vec<f32> {
             parts.iter().flat_map(|(_, slopes)| of(slopes).iter().map(|v| scale * v)).collect()
         };
         let along = |tensor: Tensor<4>, slopes: Vec<f32>| {
@@ -278,6 +278,9 @@ impl Learner for Objective {
         })
     }
 }
+
+/// Derivatives of the fine and the coarse outputs of a picture.
+type Slopes = (Vec<f32>, Vec<f32>);
 
 /// Sequences in memory; which ones is a function of the step alone.
 struct Pool {
