@@ -194,6 +194,25 @@ mod tests {
         assert!(lamp >= 4 * even, "{even} under the sky, {lamp} under the lamp");
     }
 
+    /// Pictures of one or two samples are as bright as those of many, however many light samples each has.
+    #[test]
+    fn few_samples_are_as_bright_as_many() {
+        let ground = Part::new(Shape::Plane { size: 20.0 }, diffuse([0.5; 3]), Affine3A::IDENTITY);
+        let scene = compile(vec![ground], sunny(), camera([0.0, 1.5, 4.0], [0.0, 0.0, 0.0], 45.0, 48, 32)).unwrap();
+        let mean = |spp, light_samples| {
+            let settings =
+                Settings { spp, light_samples: Some(light_samples), channels: Channels::BEAUTY, ..Settings::default() };
+            let frame = render(&scene, &settings, &|_, _| (), &AtomicBool::new(false)).unwrap();
+            let raw = frame.raw.unwrap();
+            raw.pixels.iter().flatten().map(|v| f64::from(*v)).sum::<f64>() / raw.pixels.len() as f64
+        };
+        let many = mean(64, 1);
+        for (spp, light_samples) in [(1, 1), (1, 8), (1, 16), (2, 4), (2, 8), (3, 4), (4, 2)] {
+            let few = mean(spp, light_samples);
+            assert!((few - many).abs() < 0.1 * many, "{spp} with {light_samples}: {few}, {many} with many");
+        }
+    }
+
     #[test]
     fn variances_of_a_pixel_are_told_apart() {
         let probe = |light: [f32; 2], path: [f32; 2]| Probe {

@@ -54,12 +54,12 @@ impl Ahead {
         let number = index / LANES as u32;
         if let Some(batch) = self.batches.get_mut((set / 2).wrapping_sub(1) as usize).filter(|_| sampler.is_sobol()) {
             if batch.number != number || batch.base != sampler.base() {
-                batch.ahead = (set == 2 && self.first) || batch.asked >= WORTH;
-                (batch.number, batch.base, batch.asked) = (number, sampler.base(), 0);
-                if batch.ahead
-                    && let Some([u, v, ..]) = points.batch(sampler, index, set)
-                {
+                let wanted = (set == 2 && self.first) || batch.asked >= WORTH;
+                (batch.number, batch.base, batch.asked, batch.ahead) = (number, sampler.base(), 0, false);
+                // However few points are expected elsewhere: here sixteen are.
+                if wanted && let Some([u, v, ..]) = points.sixteen(sampler, index, set) {
                     light.sample_all([u, v], &mut batch.drawn);
+                    batch.ahead = true;
                 }
             }
             batch.asked += 1;
@@ -98,6 +98,7 @@ mod tests {
                 {
                     let sampler = PixelSampler::of_kind(kind, 3, 0, pixel);
                     ahead.expect(if pixel % 2 == 0 { 1 } else { 16 });
+                    points.expect(if pixel % 3 == 0 { 1 } else { 16 });
                     for set in [2, 4, 8, 10, 40] {
                         let [u, v, ..] = sampler.point(index, set);
                         assert_eq!(

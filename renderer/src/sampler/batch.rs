@@ -113,7 +113,13 @@ impl Points {
     /// expected.
     #[inline(always)]
     pub fn batch(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> Option<&Batched> {
-        let batch = self.batches.get_mut(set as usize).filter(|_| sampler.is_sobol() && !self.few)?;
+        if self.few { None } else { self.sixteen(sampler, index, set) }
+    }
+
+    /// [`Self::batch`] however few are expected.
+    #[inline(always)]
+    pub fn sixteen(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> Option<&Batched> {
+        let batch = self.batches.get_mut(set as usize).filter(|_| sampler.is_sobol())?;
         let number = index / LANES as u32;
         if batch.number != number || batch.base != sampler.base() {
             *batch = Batch { base: sampler.base(), number, points: batch.points };
