@@ -69,7 +69,12 @@ impl<'a> Planned<'a> {
         Self { plan, catalog: plan.catalog(), recipe, range: [first, count.max(1)], denoiser, cancel }
     }
 
-    /// The frames of sequence `i`.
+    /// Whether the truth is denoised: this build has OIDN.
+    pub fn denoises(&self) -> bool {
+        self.denoiser.is_some()
+    }
+
+    /// The frames of sequence `i`: its two keyframes without samples, then those between with everything.
     ///
     /// # Errors
     /// When it cannot be composed or rendered.

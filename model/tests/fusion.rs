@@ -42,18 +42,18 @@ fn toy(seed: u64) -> Record<f32> {
                 out[at::KEYS_TINTED + 4 * k + c] = 1.2 * truth;
             }
             for part in 0..PARTS {
-                out[at::PARTS_ + 4 * part + c] = light * rng.random_range(0.2..1.8);
+                out[at::SAMPLES + 4 * part + c] = light * rng.random_range(0.2..1.8);
             }
             for n in 0..NEIGHBOURS {
-                out[at::NEIGHBOURS_ + 4 * n + c] = light * rng.random_range(0.2..1.8);
+                out[at::NEARBY + 4 * n + c] = light * rng.random_range(0.2..1.8);
             }
         }
-        for from in [at::KEYS_SHADED, at::KEYS_TINTED, at::PARTS_, at::NEIGHBOURS_] {
+        for from in [at::KEYS_SHADED, at::KEYS_TINTED, at::SAMPLES, at::NEARBY] {
             (0..4).for_each(|k| out[from + 4 * k % 8 + 3] = 1.0);
         }
         for k in 0..PARTS {
-            out[at::PARTS_ + 4 * k + 3] = 1.0;
-            out[at::NEIGHBOURS_ + 4 * k + 3] = 1.0;
+            out[at::SAMPLES + 4 * k + 3] = 1.0;
+            out[at::NEARBY + 4 * k + 3] = 1.0;
         }
     }
     record.deferred = true;
@@ -239,7 +239,7 @@ fn what_is_not_given_has_no_part() {
     assert!(everything != without);
     let mut noise = Pcg64Mcg::seed_from_u64(1);
     for stored in record.pixels.chunks_exact_mut(at::COUNT) {
-        stored[at::PARTS_..at::TRUTH].iter_mut().for_each(|v| *v = noise.random());
+        stored[at::SAMPLES..at::TRUTH].iter_mut().for_each(|v| *v = noise.random());
     }
     assert!(without == network.render(&record).unwrap());
 }

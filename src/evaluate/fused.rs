@@ -65,31 +65,15 @@ impl<'a> Fused<'a> {
         timed(|| {
             let shading = ibl::shade(buffer.frame, folder.camera(index), environment, self.tables);
             let mut record = Record::of(buffer.frame, &shading, exposure);
-            let samples = |traced: &Traced, index: usize| -> Result<(Rgb, Rgb)> {
-                let albedo = traced.guides.as_ref().context("samples without guides")?[0].clone();
-                Ok((albedo, background_of(folder.camera(index), &traced.alpha, environment)))
-            };
-            let (albedo, background) = samples(own, index)?;
-            let of = |traced: &'_ Traced| traced.spp;
-            record.add_part(
-                0,
-                &Samples { raw: &own.raw, alpha: &own.alpha, albedo: &albedo, background: &background, spp: of(own) },
-                exposure,
-            );
+            let background = background_of(folder.camera(index), &own.alpha, environment);
+            record.add_part(0, &samples(own, &background)?, exposure);
             let (mut before, mut after) = (0, BEFORE);
             for (there, carried) in others {
                 let (place, limit) = if *there < index { (&mut before, BEFORE) } else { (&mut after, NEIGHBOURS) };
                 if *place < limit {
                     let traced = carried.samples;
-                    let (albedo, background) = samples(traced, *there)?;
-                    let samples = Samples {
-                        raw: &traced.raw,
-                        alpha: &traced.alpha,
-                        albedo: &albedo,
-                        background: &background,
-                        spp: of(traced),
-                    };
-                    record.add_neighbour(*place, &samples, &carried.source, exposure);
+                    let background = background_of(folder.camera(*there), &traced.alpha, environment);
+                    record.add_neighbour(*place, &samples(traced, &background)?, &carried.source, exposure);
                     *place += 1;
                 }
             }
@@ -125,4 +109,10 @@ impl<'a> Fused<'a> {
         let pixels = self.network.render(record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
         Ok(Rgb { width: record.width, height: record.height, pixels })
     }
+}
+
+/// Samples as the network takes them; `background` is the environment behind their frame.
+fn samples<'a>(traced: &'a Traced, background: &'a Rgb) -> Result<Samples<'a>> {
+    let [albedo, _] = traced.guides.as_ref().context("samples without guides")?;
+    Ok(Samples { raw: &traced.raw, alpha: &traced.alpha, albedo, background, spp: traced.spp })
 }

@@ -162,7 +162,7 @@ impl Record<f32> {
     pub fn add_part(&mut self, part: usize, samples: &Samples, exposure: f32) {
         assert!(part < PARTS, "part {part} of {PARTS}");
         self.parts[part] = samples.spp;
-        self.each(|i, out| out[at::PARTS_ + 4 * part..][..4].copy_from_slice(&samples.at(i, exposure)));
+        self.each(|i, out| out[at::SAMPLES + 4 * part..][..4].copy_from_slice(&samples.at(i, exposure)));
     }
 
     /// Adds samples of another frame, taken from the pixel there that `source` names, as neighbour `n`: those before the frame first, the
@@ -172,7 +172,7 @@ impl Record<f32> {
         self.neighbours[n] = samples.spp;
         self.each(|i, out| {
             let carried = source.pixels[i].map_or([0.0; 4], |there| samples.at(there as usize, exposure));
-            out[at::NEIGHBOURS_ + 4 * n..][..4].copy_from_slice(&carried);
+            out[at::NEARBY + 4 * n..][..4].copy_from_slice(&carried);
         });
     }
 

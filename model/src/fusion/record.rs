@@ -47,11 +47,11 @@ pub mod at {
     /// The same carried over the albedo.
     pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
     /// Of each part: radiance of the surface over albedo + [`super::TINT`], times coverage; coverage.
-    pub const PARTS_: usize = KEYS_TINTED + 4 * KEYS;
+    pub const SAMPLES: usize = KEYS_TINTED + 4 * KEYS;
     /// The same of each neighbour; coverage 0 where it does not show this surface.
-    pub const NEIGHBOURS_: usize = PARTS_ + 4 * PARTS;
+    pub const NEARBY: usize = SAMPLES + 4 * PARTS;
     /// True radiance.
-    pub const TRUTH: usize = NEIGHBOURS_ + 4 * NEIGHBOURS;
+    pub const TRUTH: usize = NEARBY + 4 * NEIGHBOURS;
     /// Numbers a pixel.
     pub const COUNT: usize = TRUTH + 3;
 }
@@ -229,14 +229,14 @@ impl Known {
             let used = chosen.parts.iter().filter(|part| **part).count().max(1) as f32;
             let scale = chosen.spp / used;
             for part in (0..PARTS).filter(|part| chosen.parts[*part]) {
-                for (sum, value) in known.own.iter_mut().zip(&stored[at::PARTS_ + 4 * part..]) {
+                for (sum, value) in known.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
                     *sum += scale * value;
                 }
             }
         }
         if groups.neighbours {
             for (n, other) in known.others.iter_mut().enumerate() {
-                *other = std::array::from_fn(|c| chosen.neighbours[n] * stored[at::NEIGHBOURS_ + 4 * n + c]);
+                *other = std::array::from_fn(|c| chosen.neighbours[n] * stored[at::NEARBY + 4 * n + c]);
             }
         }
         known

@@ -229,8 +229,9 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
                     return Ok(share >= 1.0);
                 }
                 let batch = match receiver.recv() {
+                    // The producer saw the request to stop first, perhaps in the middle of its work.
+                    Ok(Err(_)) if cancel.load(Ordering::Relaxed) => continue,
                     Ok(batch) => batch?,
-                    // The producer saw the request to stop first.
                     Err(_) if cancel.load(Ordering::Relaxed) => continue,
                     Err(_) => return Err(Error::Data { place: "batches".into(), reason: "producer stopped".into() }),
                 };

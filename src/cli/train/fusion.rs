@@ -3,6 +3,7 @@
 use super::{Bars, Train};
 use crate::dataset::plan::Plan;
 use crate::learning::{Planned, Recipe};
+use crate::truth::Interrupted;
 use anyhow::{Result, ensure};
 use renderflow_model::fusion::training::{self, Config, Progress};
 use renderflow_model::fusion::{Fusion, Record};
@@ -27,6 +28,11 @@ const VALIDATION_SEQUENCES: u32 = 8;
 
 impl Train {
     pub(super) fn fusion(&self, plan: &Path, cancel: &AtomicBool) -> Result<()> {
+        // Whatever a render that was stopped says, it was stopped.
+        self.learn_from(plan, cancel).map_err(|error| if cancel.load(Ordering::Relaxed) { Interrupted.into() } else { error })
+    }
+
+    fn learn_from(&self, plan: &Path, cancel: &AtomicBool) -> Result<()> {
         let options = self.fusion_options()?;
         if self.print_config {
             println!("{}", serde_json::to_string_pretty(&options)?);
@@ -43,12 +49,15 @@ impl Train {
             Recipe { truth_spp: VALIDATION_SPP, frames: 1, samples: Some(VALIDATION_SAMPLES), ..options.recipe.clone() },
             cancel,
         );
+        if !tested.denoises() {
+            bars.note("this build has no denoiser: the truth that is learnt from is noisy");
+        }
         let mut validation: Vec<Record<half::f16>> = Vec::new();
         for i in 0..counts.val.min(VALIDATION_SEQUENCES) {
             bars.loading.message(format!("validation, sequence {} of {}", i + 1, counts.val.min(VALIDATION_SEQUENCES)));
             // The last frame of a sequence has everything.
             validation.extend(tested.records(i.into())?.pop().map(|record| record.to_half()));
-            ensure!(!cancel.load(Ordering::Relaxed), crate::truth::Interrupted);
+            ensure!(!cancel.load(Ordering::Relaxed), Interrupted);
         }
         let learnt = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
         let tell = |progress: &Progress| match progress {
