@@ -1,6 +1,5 @@
 //! Frames to learn from, made from a plan and kept nowhere: composed, rendered with few samples and with many, shaded, carried.
 
-use crate::bench::reference::compile_seeded;
 use crate::dataset::plan::Plan;
 use crate::truth;
 use anyhow::{Context, Result};
@@ -100,28 +99,25 @@ impl<'a> Planned<'a> {
         let drawn = || [[1, 2][pick("spp", 2)], [1, 2, 2, 4][pick("near", 4)]];
         let [spp, near_spp] = self.recipe.samples.unwrap_or_else(drawn);
 
-        // Truth, samples and neighbours each have random numbers of their own.
-        let mut scenes = (0..=PARTS as u64)
-            .map(|part| compile_seeded(&loaded, loaded.seed.wrapping_add(part)))
-            .collect::<Result<Vec<RenderScene>>>()?;
-        let exposure = scenes[0].exposure();
-        let lighting = Lighting::new(scenes[0].environment(), deferred::LIGHTS);
+        let mut scene = RenderScene::compile(&loaded)?;
+        let exposure = scene.exposure();
+        let lighting = Lighting::new(scene.environment(), deferred::LIGHTS);
 
         let mut records = Vec::new();
         let mut carried = Vec::new();
         for number in keys {
-            let shot = self.shoot(&mut scenes[0], number, &lighting)?;
-            let truth = self.truth(&scenes[0])?;
-            let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading, exposure);
+            let shot = self.shoot(&mut scene, number, &lighting)?;
+            let truth = self.truth(&scene)?;
+            let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading.surfaces, exposure);
             record.add_deferred(&shot.shaded, exposure);
             record.add_truth(&truth, exposure);
             records.push(record);
             carried.push(Key { frame: shot.gbuffer, truth, shaded: Some(shot.shaded.image) });
         }
         for &number in &between {
-            let shot = self.shoot(&mut scenes[0], number, &lighting)?;
-            let truth = self.truth(&scenes[0])?;
-            let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading, exposure);
+            let shot = self.shoot(&mut scene, number, &lighting)?;
+            let truth = self.truth(&scene)?;
+            let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading.surfaces, exposure);
             record.add_deferred(&shot.shaded, exposure);
             record.add_truth(&truth, exposure);
             for (k, key) in carried.iter().enumerate() {
@@ -129,25 +125,26 @@ impl<'a> Planned<'a> {
                 let movement = tracks.between(number, keys[k]);
                 record.add_key(k, &Seen { key, distance, movement }, &shot.gbuffer, Some(&shot.shaded.image), exposure);
             }
+            // Truth, samples and neighbours each have random numbers of their own.
             for part in 0..PARTS {
-                let scene = &mut scenes[1 + part];
-                scene.set_frame(number);
-                let traced = self.trace(scene, spp, false)?;
+                scene.reseed(loaded.seed.wrapping_add(1 + part as u64));
+                let traced = self.trace(&scene, spp, false)?;
                 let behind = background_of(scene.camera(), &traced.alpha, &lighting.environment);
                 record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
             }
             for n in 0..NEIGHBOURS {
                 let distance = (n % BEFORE + 1) as isize * if n < BEFORE { -1 } else { 1 };
                 let Some(other) = number.checked_add_signed(distance).filter(|other| *other < frames) else { continue };
-                let scene = &mut scenes[1 + n % PARTS];
+                scene.reseed(loaded.seed.wrapping_add(1 + (n % PARTS) as u64));
                 scene.set_frame(other);
-                let traced = self.trace(scene, near_spp, true)?;
+                let traced = self.trace(&scene, near_spp, true)?;
                 let behind = background_of(scene.camera(), &traced.alpha, &lighting.environment);
                 let movement = tracks.between(number, other);
                 let source = warp::nearest(&shot.gbuffer, &traced, Some(&|id| movement.of(id)));
                 record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
             }
             records.push(record);
+            scene.reseed(loaded.seed);
         }
         Ok(records)
     }

@@ -127,8 +127,8 @@ impl Features {
         let mut pixels = vec![0.0; count * STORED];
         let mut physical = vec![Physical::default(); count];
         for (i, stored) in pixels.chunks_exact_mut(STORED).enumerate() {
-            let alpha = finite(shading.alpha.pixels[i]).clamp(0.0, 1.0);
-            let background = exposed(shading.background.pixels[i]);
+            let alpha = finite(shading.surfaces.alpha.pixels[i]).clamp(0.0, 1.0);
+            let background = exposed(shading.surfaces.background.pixels[i]);
             stored[BACKGROUND..BACKGROUND + 3].copy_from_slice(&background.map(log_curve));
             if let Some(beauty) = &frame.beauty {
                 stored[TARGET..TARGET + 3].copy_from_slice(&exposed(beauty.pixels[i]).map(log_curve));
@@ -137,20 +137,20 @@ impl Features {
             if alpha == 0.0 {
                 continue;
             }
-            let n = shading.normal.pixels[i].map(finite);
+            let n = shading.surfaces.normal.pixels[i].map(finite);
             let bent = occlusion.bent_normal.pixels[i].map(finite);
-            let [roughness, metallic, specular] = shading.material.pixels[i].map(unit);
+            let [roughness, metallic, specular] = shading.surfaces.material.pixels[i].map(unit);
             let p = Physical {
-                albedo: shading.albedo.pixels[i].map(unit),
+                albedo: shading.surfaces.albedo.pixels[i].map(unit),
                 metallic,
                 specular,
                 irradiance: exposed(shading.irradiance.pixels[i]),
                 prefiltered: exposed(shading.prefiltered.pixels[i]),
-                brdf: shading.brdf.pixels[i].map(unit),
+                brdf: shading.surfaces.brdf.pixels[i].map(unit),
                 background,
                 alpha,
             };
-            let depth = shading.depth.pixels[i];
+            let depth = shading.surfaces.depth.pixels[i];
             let relative = if depth.is_finite() && depth > 0.0 { (0.5 * (depth / median).ln()).clamp(-2.0, 2.0) } else { 0.0 };
             let received = summary.light_irradiance * Vec3A::from_array(n).dot(light).max(0.0) * std::f32::consts::FRAC_1_PI;
             let total = luminance(shading.irradiance.pixels[i]);
@@ -209,7 +209,7 @@ fn unit(v: f32) -> f32 {
 
 /// Median depth of the covered pixels; 1 when there are none.
 fn median_depth(shading: &Shading) -> f32 {
-    let mut depths: Vec<f32> = shading.depth.pixels.iter().copied().filter(|d| d.is_finite() && *d > 0.0).collect();
+    let mut depths: Vec<f32> = shading.surfaces.depth.pixels.iter().copied().filter(|d| d.is_finite() && *d > 0.0).collect();
     if depths.is_empty() {
         return 1.0;
     }

@@ -172,10 +172,10 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     let shaded = shade(&frame, &camera, &lighting, &Shadows::default(), &Options::default());
     let exposure = ibl::exposure(&environment);
     let raw = Rgb::filled(width, height, value);
-    let background = shaded.shading.background.clone();
+    let background = shaded.shading.surfaces.background.clone();
     let albedo = frame.guide_albedo.clone().unwrap();
     let samples = Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2 };
-    let mut record = Record::of(&frame, &shaded.shading, exposure);
+    let mut record = Record::of(&frame, &shaded.shading.surfaces, exposure);
     record.add_deferred(&shaded, exposure);
     let key = Key { frame: frame.clone(), truth: raw.clone(), shaded: Some(shaded.image.clone()) };
     let seen = Seen { key: &key, distance: -3.0, movement: Movement::default() };

@@ -58,7 +58,7 @@ fn other_starts_begin_at_their_picture() {
         for (i, value) in out.pixels.iter().enumerate().filter(|(i, _)| clip.frames[0].alpha.pixels[*i] > 0.0) {
             for (c, value) in value.iter().enumerate() {
                 let light = if start == Start::Albedo { 1.0 / clip.exposure } else { shading.irradiance.pixels[i][c] };
-                let expected = shading.albedo.pixels[i][c] * light;
+                let expected = shading.surfaces.albedo.pixels[i][c] * light;
                 assert!(
                     (value - expected).abs() <= 2e-6 * expected.max(1.0),
                     "{start:?} pixel {i}: {} instead of {expected}",
@@ -78,7 +78,7 @@ fn the_background_is_the_environment_whatever_the_weights() {
         let out = render(&disturbed(&NetworkConfig { start, ..tiny() }), &clip, 0, &[]);
         let mut seen = 0;
         for (i, value) in out.pixels.iter().enumerate().filter(|(i, _)| clip.frames[0].alpha.pixels[*i] == 0.0) {
-            for (value, expected) in value.iter().zip(shading.background.pixels[i]) {
+            for (value, expected) in value.iter().zip(shading.surfaces.background.pixels[i]) {
                 assert!((value - expected).abs() <= 3e-7 * expected, "pixel {i}: {} instead of {expected}", value);
             }
             seen += 1;

@@ -185,6 +185,11 @@ impl RenderScene {
         }
     }
 
+    /// Other random numbers for all pictures from here on, in place of those of the scene's own seed.
+    pub fn reseed(&mut self, seed: u64) {
+        self.seed = seed;
+    }
+
     /// As [`Self::set_frame`], with nothing kept of the tree over flattened triangles: for measurements.
     #[doc(hidden)]
     pub fn set_frame_anew(&mut self, frame: usize) {

@@ -180,7 +180,9 @@ impl References {
 
 /// The scene compiled with another seed.
 pub(crate) fn compile_seeded(loaded: &LoadedScene, seed: u64) -> Result<RenderScene> {
-    Ok(RenderScene::compile(&LoadedScene { seed, ..loaded.clone() })?)
+    let mut scene = RenderScene::compile(loaded)?;
+    scene.reseed(seed);
+    Ok(scene)
 }
 
 /// The beauty as it was rendered.

@@ -6,7 +6,7 @@ use crate::dataset::SequenceFolder;
 use crate::learning::background_of;
 use anyhow::{Context, Result};
 use renderflow_frame::deferred::Deferred;
-use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::batch::BEFORE;
 use renderflow_model::fusion::fill::{Key, Samples, Seen};
@@ -17,15 +17,14 @@ use renderflow_model::fusion::{Fusion, Record};
 pub struct Fused<'a> {
     folder: &'a SequenceFolder,
     network: &'a Fusion,
-    tables: &'a IblTables,
     /// Keyframes by index among the stored frames.
     keys: Vec<(usize, Key)>,
 }
 
 impl<'a> Fused<'a> {
     /// Without keyframes.
-    pub fn new(folder: &'a SequenceFolder, network: &'a Fusion, tables: &'a IblTables) -> Self {
-        Self { folder, network, tables, keys: Vec::new() }
+    pub fn new(folder: &'a SequenceFolder, network: &'a Fusion) -> Self {
+        Self { folder, network, keys: Vec::new() }
     }
 
     /// Reads the keyframes; `shaded` gives the deferred picture of one, where there is one.
@@ -46,7 +45,7 @@ impl<'a> Fused<'a> {
         }
         let exposure = self.folder.sequence.exposure;
         timed(|| {
-            let mut record = Record::of(buffer.frame, &deferred.shading, exposure);
+            let mut record = Record::of(buffer.frame, &deferred.shading.surfaces, exposure);
             record.add_deferred(deferred, exposure);
             if keyframes {
                 self.carry(&mut record, buffer, Some(&deferred.image));
@@ -63,8 +62,8 @@ impl<'a> Fused<'a> {
         let (folder, index) = (self.folder, buffer.index);
         let (environment, exposure) = (&folder.environment, folder.sequence.exposure);
         timed(|| {
-            let shading = ibl::shade(buffer.frame, folder.camera(index), environment, self.tables);
-            let mut record = Record::of(buffer.frame, &shading, exposure);
+            let surfaces = ibl::surfaces(buffer.frame, folder.camera(index), environment);
+            let mut record = Record::of(buffer.frame, &surfaces, exposure);
             let background = background_of(folder.camera(index), &own.alpha, environment);
             record.add_part(0, &samples(own, &background)?, exposure);
             let (mut before, mut after) = (0, BEFORE);

@@ -112,7 +112,7 @@ impl<'a> Painter<'a> {
         let mut fused = None;
         if ways.iter().any(Way::is_fused) {
             let network = options.fusion.context("the methods need weights of the network that reads samples (--weights)")?;
-            let fused = fused.insert(Fused::new(folder, network, tables));
+            let fused = fused.insert(Fused::new(folder, network));
             if ways.iter().any(|way| way.is_fused() && way.needs_keyframes()) {
                 fused.prepare_keyframes(|index| engine.as_ref().and_then(|engine| engine.keyframe(index)).cloned())?;
             }

@@ -3,7 +3,7 @@
 use super::record::{KEYS, NEIGHBOURS, PARTS, Record, TINT, at, radiance};
 use rayon::prelude::*;
 use renderflow_frame::deferred::Deferred;
-use renderflow_frame::ibl::Shading;
+use renderflow_frame::ibl::Surfaces;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Frame, warp};
@@ -68,28 +68,27 @@ pub struct Seen<'a> {
 }
 
 impl Record<f32> {
-    /// A record of the G-buffer of `frame`. `shading` is that of the environment that lights it; only its G-buffer values, split-sum factors
-    /// and background are read.
-    pub fn of(frame: &Frame, shading: &Shading, exposure: f32) -> Self {
+    /// A record of the G-buffer of `frame`, whose pixels show `surfaces`.
+    pub fn of(frame: &Frame, surfaces: &Surfaces, exposure: f32) -> Self {
         let mut record = Self::new(frame.width, frame.height);
-        let median = median(&shading.depth.pixels);
+        let median = median(&surfaces.depth.pixels);
         record.each(|i, out| {
-            let alpha = finite(shading.alpha.pixels[i]).clamp(0.0, 1.0);
-            put(out, at::BACKGROUND, shading.background.pixels[i].map(|v| radiance(exposure * v)));
+            let alpha = finite(surfaces.alpha.pixels[i]).clamp(0.0, 1.0);
+            put(out, at::BACKGROUND, surfaces.background.pixels[i].map(|v| radiance(exposure * v)));
             if alpha <= 0.0 {
                 return;
             }
             out[at::ALPHA] = alpha;
             let guide = |guide: &Option<Rgb>| guide.as_ref().map(|guide| guide.pixels[i]);
             let albedo = guide(&frame.guide_albedo).map(|rgb| rgb.map(|v| v / alpha));
-            put(out, at::ALBEDO, albedo.unwrap_or(shading.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0)));
-            let normal = guide(&frame.guide_normal).unwrap_or(shading.normal.pixels[i]);
+            put(out, at::ALBEDO, albedo.unwrap_or(surfaces.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0)));
+            let normal = guide(&frame.guide_normal).unwrap_or(surfaces.normal.pixels[i]);
             put(out, at::NORMAL, normal.map(|v| finite(v).clamp(-1.0, 1.0)));
-            let depth = shading.depth.pixels[i];
+            let depth = surfaces.depth.pixels[i];
             let known = depth.is_finite() && depth > 0.0;
             out[at::DEPTH] = if known { (0.5 * (depth / median).ln()).clamp(-2.0, 2.0) } else { 0.0 };
-            put(out, at::MATERIAL, shading.material.pixels[i].map(|v| finite(v).clamp(0.0, 1.0)));
-            for (out, v) in out[at::BRDF..].iter_mut().zip(shading.brdf.pixels[i]) {
+            put(out, at::MATERIAL, surfaces.material.pixels[i].map(|v| finite(v).clamp(0.0, 1.0)));
+            for (out, v) in out[at::BRDF..].iter_mut().zip(surfaces.brdf.pixels[i]) {
                 *out = finite(v).clamp(0.0, 1.0);
             }
         });

@@ -140,7 +140,7 @@ pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shad
         sky: sky.as_deref(),
         occlusion: occlusion.as_deref(),
     };
-    let (width, height) = (shading.depth.width, shading.depth.height);
+    let (width, height) = (shading.surfaces.depth.width, shading.surfaces.depth.height);
     let all = || (0..width * height).into_par_iter().with_min_len(256);
     let lights = lighting.lights.len();
     let mut direct = vec![Vec3A::ZERO; if options.parts { width * height * lights } else { 0 }];
@@ -150,7 +150,7 @@ pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shad
         let chunks = direct.par_chunks_mut(lights).with_min_len(256).enumerate();
         chunks.map(|(i, direct)| pass.shade(i, direct)).collect()
     };
-    let covered = |i: usize| surface.known(i) && shading.alpha.pixels[i] > 0.0;
+    let covered = |i: usize| surface.known(i) && shading.surfaces.alpha.pixels[i] > 0.0;
 
     let mut lit: Vec<Vec3A> = pixels.iter().map(Pixel::sum).collect();
     let indirect = options.indirect.then(|| {
@@ -189,9 +189,9 @@ pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shad
     let reflected = |i: usize| reflections.as_ref().map_or(Vec3A::ZERO, |r| Vec3A::from_vec4(r[i]));
     let bounced = |i: usize| indirect.as_ref().map_or(Vec3A::ZERO, |b| b[i]);
     let image = rgb(&|i| {
-        let (pixel, alpha) = (&pixels[i], shading.alpha.pixels[i]);
+        let (pixel, alpha) = (&pixels[i], shading.surfaces.alpha.pixels[i]);
         let surface = pixel.direct + pixel.ambient_diffuse + pixel.specular() * kept(i) + reflected(i) + bounced(i);
-        surface * alpha + Vec3A::from_array(shading.background.pixels[i]) * (1.0 - alpha).max(0.0)
+        surface * alpha + Vec3A::from_array(shading.surfaces.background.pixels[i]) * (1.0 - alpha).max(0.0)
     });
     if !options.parts {
         return Deferred {
@@ -263,7 +263,7 @@ fn sky(surface: &Surface, shading: &Shading, lighting: &Lighting, shadows: &Shad
         let v = (to_world.translation - p).normalize_or(n);
         let mirror = n * (2.0 * n.dot(v)) - v;
         let jitter = [phase.0, phase.1].map(|at| (at - 0.5) * SKY_JITTER);
-        let share = sky_share(&lighting.sky, &shadows.sky, p, n, mirror, shading.material.pixels[i][0], jitter);
+        let share = sky_share(&lighting.sky, &shadows.sky, p, n, mirror, shading.surfaces.material.pixels[i][0], jitter);
         Vec4::new(share.diffuse, share.specular, share.open, 0.0)
     })
 }

@@ -47,7 +47,7 @@ const NOWHERE: Vec3A = Vec3A::new(0.0, 0.0, f32::NEG_INFINITY);
 
 impl<'a> Surface<'a> {
     pub fn new(shading: &'a Shading, camera: &'a Camera) -> Self {
-        let (width, height) = (shading.depth.width, shading.depth.height);
+        let (width, height) = (shading.surfaces.depth.width, shading.surfaces.depth.height);
         let (scale_x, scale_y) = (1.0 / camera.fl_x, 1.0 / camera.fl_y);
         let point = |(i, depth): (usize, &f32)| {
             let (x, y) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
@@ -57,8 +57,8 @@ impl<'a> Surface<'a> {
                 NOWHERE
             }
         };
-        let points = shading.depth.pixels.par_iter().with_min_len(1024).enumerate().map(point).collect();
-        Self { camera, width, height, points, normals: &shading.normal.pixels }
+        let points = shading.surfaces.depth.pixels.par_iter().with_min_len(1024).enumerate().map(point).collect();
+        Self { camera, width, height, points, normals: &shading.surfaces.normal.pixels }
     }
 
     /// Whether pixel `i` has a depth.
@@ -99,7 +99,7 @@ impl Sample {
 /// # Panics
 /// When a picture of `shading` has another size than its `depth`.
 pub fn features(shading: &Shading, camera: &Camera, environment: &Environment) -> ScreenSpace {
-    let (width, height) = (shading.depth.width, shading.depth.height);
+    let (width, height) = (shading.surfaces.depth.width, shading.surfaces.depth.height);
     let surface = Surface::new(shading, camera);
     let (direction, share) = environment.dominant_direction();
     let light = (share > 0.0).then(|| camera.world_to_camera().matrix3 * direction);

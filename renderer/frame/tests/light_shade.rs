@@ -99,10 +99,10 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
     frame.guide_albedo = Some(guide_albedo);
     frame.guide_normal = Some(guide_normal);
     let shading = shade(&frame, &camera(), &environment, &tables);
-    assert!((shading.material.pixels[i][0] - 0.31).abs() < 1e-6);
-    assert_eq!(shading.depth.pixels[i], frame.depth.pixels[i - 1]);
-    assert!(Vec3A::from_array(shading.normal.pixels[i]).distance(n) < 1e-6);
-    let albedo = shading.albedo.pixels[i];
+    assert!((shading.surfaces.material.pixels[i][0] - 0.31).abs() < 1e-6);
+    assert_eq!(shading.surfaces.depth.pixels[i], frame.depth.pixels[i - 1]);
+    assert!(Vec3A::from_array(shading.surfaces.normal.pixels[i]).distance(n) < 1e-6);
+    let albedo = shading.surfaces.albedo.pixels[i];
     assert!((albedo[0] - 0.8).abs() < 1e-6 && (albedo[2] - 0.2).abs() < 1e-6, "{albedo:?}");
     let ray = camera().ray_direction(Vec2::new((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
     let background = environment.radiance(ray);
@@ -110,11 +110,11 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
         let surface = shading.diffuse.pixels[i][k] * shading.irradiance.pixels[i][k] + shading.specular.pixels[i][k];
         assert!((shading.image.pixels[i][k] - 0.25 * surface - 0.75 * behind).abs() < 1e-5);
     }
-    assert_eq!(shading.background.pixels[i], background);
+    assert_eq!(shading.surfaces.background.pixels[i], background);
     // Open pixels show the background alone.
-    assert_eq!(shading.alpha.pixels[0], 0.0);
-    assert_eq!(shading.image.pixels[0], shading.background.pixels[0]);
-    assert!(shading.depth.pixels[0].is_infinite() && shading.normal.pixels[0] == [0.0; 3]);
+    assert_eq!(shading.surfaces.alpha.pixels[0], 0.0);
+    assert_eq!(shading.image.pixels[0], shading.surfaces.background.pixels[0]);
+    assert!(shading.surfaces.depth.pixels[0].is_infinite() && shading.surfaces.normal.pixels[0] == [0.0; 3]);
 }
 
 #[test]
@@ -127,14 +127,19 @@ fn normals_facing_away_and_lone_coverage_stay_finite() {
         frame.alpha.pixels[i] = [1.0, 0.5, 1e-30, 0.0][i % 4];
     }
     let shading = shade(&frame, &camera(), &environment, &tables);
-    for picture in
-        [&shading.image, &shading.specular, &shading.irradiance, &shading.prefiltered, &shading.normal, &shading.albedo]
-    {
+    for picture in [
+        &shading.image,
+        &shading.specular,
+        &shading.irradiance,
+        &shading.prefiltered,
+        &shading.surfaces.normal,
+        &shading.surfaces.albedo,
+    ] {
         assert!(picture.pixels.iter().flatten().all(|v| v.is_finite()));
     }
     // Covered with nothing hit anywhere near: an unknown rough dielectric, no depth.
     let corner = SIZE + 1;
-    assert!(shading.depth.pixels[corner].is_infinite());
-    assert_eq!(shading.material.pixels[corner], [1.0, 0.0, 0.5]);
+    assert!(shading.surfaces.depth.pixels[corner].is_infinite());
+    assert_eq!(shading.surfaces.material.pixels[corner], [1.0, 0.0, 0.5]);
     assert!(shade(&Frame::default(), &camera(), &environment, &tables).image.pixels.is_empty());
 }

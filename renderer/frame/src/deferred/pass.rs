@@ -66,15 +66,19 @@ struct View {
 
 impl Pass<'_> {
     fn view(&self, i: usize) -> View {
-        let width = self.shading.depth.width;
+        let width = self.shading.surfaces.depth.width;
         let at = Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
         let v = -self.camera.ray_direction(at);
-        let n = (self.camera.camera_to_world.matrix3 * Vec3A::from_array(self.shading.normal.pixels[i])).normalize_or(v);
+        let n = (self.camera.camera_to_world.matrix3 * Vec3A::from_array(self.shading.surfaces.normal.pixels[i])).normalize_or(v);
         View { n, v, n_dot_v: n.dot(v).max(1e-3) }
     }
 
     fn material(&self, i: usize, view: &View) -> Material {
-        Material::new(Vec3A::from_array(self.shading.albedo.pixels[i]), self.shading.material.pixels[i], view.n_dot_v)
+        Material::new(
+            Vec3A::from_array(self.shading.surfaces.albedo.pixels[i]),
+            self.shading.surfaces.material.pixels[i],
+            view.n_dot_v,
+        )
     }
 
     /// Share of a light that pixel `i` sees.
@@ -84,13 +88,13 @@ impl Pass<'_> {
 
     /// Bent normal of pixel `i`, camera space.
     pub fn bent(&self, i: usize) -> Vec3A {
-        let n = Vec3A::from_array(self.shading.normal.pixels[i]);
+        let n = Vec3A::from_array(self.shading.surfaces.normal.pixels[i]);
         self.occlusion.map_or(n, |o| Vec3A::from_vec4(o[i]).normalize_or(n))
     }
 
     /// How much of the light is that of discs: smooth surfaces mirror the lights themselves.
     fn discs(&self, i: usize) -> f32 {
-        if self.lighting.whole.is_none() { 1.0 } else { smoothstep(MIRROR, self.shading.material.pixels[i][0]) }
+        if self.lighting.whole.is_none() { 1.0 } else { smoothstep(MIRROR, self.shading.surfaces.material.pixels[i][0]) }
     }
 
     /// Light of one of the lights, shadowed; and its specular part without shadow and however smooth.
@@ -105,7 +109,7 @@ impl Pass<'_> {
     /// Light of pixel `i`, that of each light in `parts`.
     pub fn shade(&self, i: usize, parts: &mut [Vec3A]) -> Pixel {
         let shading = self.shading;
-        if shading.alpha.pixels[i] <= 0.0 {
+        if shading.surfaces.alpha.pixels[i] <= 0.0 {
             return Pixel::default();
         }
         let view = self.view(i);
@@ -120,7 +124,7 @@ impl Pass<'_> {
             seen += self.seen(i, light) * specular;
             weight += specular;
         }
-        let roughness = shading.material.pixels[i][0];
+        let roughness = shading.surfaces.material.pixels[i][0];
         let mirror = view.n * (2.0 * view.n.dot(view.v)) - view.v;
         let prefiltered = Vec3A::from_array(shading.prefiltered.pixels[i]);
         let (mut open, mut specular_open) = (Vec3A::ONE, 1.0);
@@ -156,8 +160,8 @@ impl Pass<'_> {
 
     /// Light of the picture that pixel `i` reflects, and the share of the lobe that meets it.
     pub fn reflect(&self, surface: &Surface, pyramid: &reflect::Pyramid, i: usize, pixel: &Pixel) -> Vec4 {
-        let width = self.shading.depth.width;
-        let roughness = self.shading.material.pixels[i][0];
+        let width = self.shading.surfaces.depth.width;
+        let roughness = self.shading.surfaces.material.pixels[i][0];
         let strength = 1.0 - smoothstep(REFLECTIVE, roughness);
         if strength <= 0.0 || pixel.reflected.max_element() < 1e-4 {
             return Vec4::ZERO;
