@@ -6,6 +6,7 @@
 //! of burn's own ([`crate::kernels::portable`]). Both give the same numbers up to rounding.
 use crate::kernels::{self, portable};
 use burn::tensor::Tensor;
+use serde::{Deserialize, Serialize};
 
 /// Where a convolution puts its output pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -33,6 +34,32 @@ impl Stride {
     }
 }
 
+/// How a convolution multiplies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Products {
+    /// Floats of 32 bits.
+    #[default]
+    F32,
+    /// Factors are rounded to bf16 (8 bits of mantissa) and products summed in f32, forwards and backwards, where the processor has
+    /// instructions for that (AVX-512 BF16) and the numbers of channels are even; otherwise as [`Self::F32`].
+    Bf16,
+}
+
+/// [`conv`] with a choice of how it multiplies.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn conv_by(products: Products, x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
+    check_conv("conv", x.dims(), w.dims(), b.dims());
+    assert!(stride != Stride::Half || w.dims()[0] == 3, "conv: half the size needs a kernel of 3 x 3");
+    if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
+        kernels::conv(x, w, b, stride, silu, products)
+    } else {
+        portable::conv(x, w, b, stride, silu)
+    }
+}
+
 /// Convolution with zero padding of `k / 2`, and SiLU after it if `silu`.
 ///
 /// `x` `[b, h, w, ci]`, `w` `[k, k, ci, co]` with `k` 1 or 3, `b` `[co]`; the result is `[b, stride.output(h), stride.output(w), co]`.
@@ -40,13 +67,7 @@ impl Stride {
 /// # Panics
 /// When the shapes do not fit each other.
 pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
-    check_conv("conv", x.dims(), w.dims(), b.dims());
-    assert!(stride != Stride::Half || w.dims()[0] == 3, "conv: half the size needs a kernel of 3 x 3");
-    if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
-        kernels::conv(x, w, b, stride, silu)
-    } else {
-        portable::conv(x, w, b, stride, silu)
-    }
+    conv_by(Products::F32, x, w, b, stride, silu)
 }
 
 /// Convolution over time and space of the frames of clips: frame i of the result sees frames `newest + i step` and the two before
@@ -78,12 +99,20 @@ pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, new
 /// # Panics
 /// When the shapes do not fit each other.
 pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
+    decode_by(Products::F32, x, skip, w, b)
+}
+
+/// [`decode`] with a choice of how it multiplies.
+///
+/// # Panics
+/// When the shapes do not fit each other.
+pub fn decode_by(products: Products, x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
     let ([batch, height, width, cu], [sb, sh, sw, cs]) = (x.dims(), skip.dims());
     assert!([sb, sh, sw] == [batch, 2 * height, 2 * width], "decode: skip {:?} is not twice {:?}", skip.dims(), x.dims());
     check_conv("decode", [batch, sh, sw, cu + cs], w.dims(), b.dims());
     assert!(w.dims()[0] == 3, "decode: weights {:?} are not 3 x 3", w.dims());
     if kernels::fits(&x.device(), &[x.dtype(), skip.dtype(), w.dtype(), b.dtype()]) {
-        kernels::decode(x, skip, w, b)
+        kernels::decode(x, skip, w, b, products)
     } else {
         portable::decode(x, skip, w, b)
     }
@@ -98,7 +127,7 @@ pub fn linear(x: Tensor<3>, w: Tensor<2>, b: Tensor<1>, silu: bool) -> Tensor<3>
     check_conv("linear", [batch, 1, n, x.dims()[2]], [1, 1, ci, co], b.dims());
     if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
         let pixels = x.reshape([batch, 1, n, ci]);
-        kernels::conv(pixels, w.reshape([1, 1, ci, co]), b, Stride::One, silu).reshape([batch, n, co])
+        kernels::conv(pixels, w.reshape([1, 1, ci, co]), b, Stride::One, silu, Products::F32).reshape([batch, n, co])
     } else {
         portable::linear(x, w, b, silu)
     }

@@ -3,7 +3,8 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use renderflow_model::kernels::{Choice, force};
-use renderflow_model::ops::{self, Stride};
+use renderflow_model::ops::{self, Products, Stride};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{LazyLock, Mutex, MutexGuard};
 
 /// `force` acts on the whole process, so tests take turns, each beginning with the kernel that users get.
@@ -14,8 +15,13 @@ fn alone() -> MutexGuard<'static, ()> {
     turn
 }
 
+/// Whether noise is made of numbers that bf16 holds exactly, and sums of four of them too.
+static COARSE: AtomicBool = AtomicBool::new(false);
+
 fn noise(rng: &mut Pcg64Mcg, count: usize) -> Vec<f32> {
-    (0..count).map(|_| rng.random_range(-1.0..1.0)).collect()
+    let coarse = COARSE.load(Ordering::Relaxed);
+    let number = |v: f32| if coarse { (64.0 * v).round() / 64.0 } else { v };
+    (0..count).map(|_| number(rng.random_range(-1.0..1.0))).collect()
 }
 
 /// One operation with its sizes: everything a run needs, made from a seed.
@@ -56,6 +62,10 @@ fn gradients<const D: usize>(rng: &mut Pcg64Mcg, y: Tensor<D>, device: &Device) 
 }
 
 fn run(case: Case) -> Results {
+    run_by(Products::F32, case)
+}
+
+fn run_by(products: Products, case: Case) -> Results {
     let device = Device::flex().autodiff();
     let rng = &mut Pcg64Mcg::seed_from_u64(7);
     macro_rules! collect {
@@ -70,14 +80,14 @@ fn run(case: Case) -> Results {
             let x = leaf(rng, [batch, height, width, inputs], &device);
             let w = leaf(rng, [kernel, kernel, inputs, outputs], &device);
             let b = leaf(rng, [outputs], &device);
-            collect!(ops::conv(x.clone(), w.clone(), b.clone(), stride, silu), x, w, b)
+            collect!(ops::conv_by(products, x.clone(), w.clone(), b.clone(), stride, silu), x, w, b)
         }
         Case::Decode { batch, height, width, up, skip, outputs } => {
             let x = leaf(rng, [batch, height, width, up], &device);
             let s = leaf(rng, [batch, 2 * height, 2 * width, skip], &device);
             let w = leaf(rng, [3, 3, up + skip, outputs], &device);
             let b = leaf(rng, [outputs], &device);
-            collect!(ops::decode(x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b)
+            collect!(ops::decode_by(products, x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b)
         }
         Case::Linear { batch, tokens, inputs, outputs, silu } => {
             let x = leaf(rng, [batch, tokens, inputs], &device);
@@ -242,6 +252,39 @@ fn instruction_sets_agree_bit_for_bit() {
             assert!(Some(found) == expected, "{choice:?} {case:?}");
         }
     }
+}
+
+/// With numbers that bf16 holds exactly, its products are those of f32; with others they are as far from them as rounding explains.
+#[test]
+fn products_in_bf16_are_those_of_rounded_factors() {
+    let _turn = alone();
+    let even = |case: &Case| match *case {
+        Case::Conv { inputs, outputs, .. } => inputs % 2 + outputs % 2 == 0,
+        Case::Decode { up, skip, outputs, .. } => up % 2 + skip % 2 + outputs % 2 == 0,
+        _ => false,
+    };
+    let mut cases: Vec<Case> = cases().into_iter().filter(even).collect();
+    for stride in [Stride::One, Stride::Two, Stride::Up] {
+        cases.push(Case::Conv { batch: 2, height: 24, width: 24, inputs: 48, outputs: 64, kernel: 3, stride, silu: false });
+    }
+    let (mut differ, mut worst) = (0, 0.0_f32);
+    for case in &cases {
+        for coarse in [true, false] {
+            COARSE.store(coarse, Ordering::Relaxed);
+            let exact = coarse && !matches!(case, Case::Decode { .. } | Case::Conv { silu: true, .. });
+            let (found, expected) = (run_by(Products::Bf16, *case), run(*case));
+            differ += usize::from(found != expected);
+            for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                let difference = difference(found, expected);
+                // Rounding errs by 2^-9 of each factor at most.
+                let bound = if exact { 1e-5 } else { 0.01 };
+                assert!(difference < bound, "{case:?}: result {i} differs by {difference:e}");
+                worst = worst.max(difference);
+            }
+        }
+    }
+    COARSE.store(false, Ordering::Relaxed);
+    println!("{} cases, {differ} runs differ, largest relative difference {worst:e}", cases.len());
 }
 
 #[test]

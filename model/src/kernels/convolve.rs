@@ -4,6 +4,7 @@ use super::gradient;
 use super::taps::Lattice;
 use super::tile::Tile;
 use crate::ops::Stride;
+use std::borrow::Cow;
 
 /// Frames of a clip, and how a convolution over time reads them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,7 +85,21 @@ pub struct Gradients {
     pub bias: Vec<f32>,
 }
 
+/// Pictures as a tile multiplies them.
+struct Cells<'a> {
+    x: Cow<'a, [f32]>,
+    skip: Option<Cow<'a, [f32]>>,
+    factors: usize,
+}
+
 impl<'a> Convolution<'a> {
+    /// Whether its channels, those read and those written, come in whole cells of `factors`.
+    pub fn fits(&self, factors: usize) -> bool {
+        let skip = self.skip.map_or(0, |(_, size)| size.channels);
+        let even = [self.size.channels, skip, self.outputs].iter().all(|channels| channels.is_multiple_of(factors));
+        even && (factors == 1 || self.time.is_none())
+    }
+
     /// Size of the output.
     pub fn output(&self) -> Size {
         let Size { batch, height, width, .. } = self.size;
@@ -92,19 +107,25 @@ impl<'a> Convolution<'a> {
         Size { batch, height: self.stride.output(height), width: self.stride.output(width), channels: self.outputs }
     }
 
-    fn sources(&self) -> Vec<Source<'a>> {
+    /// The pictures as the tile multiplies them.
+    fn cells<T: Tile>(&self, tile: T) -> Cells<'a> {
+        Cells { x: tile.cells(self.x), skip: self.skip.map(|(values, _)| tile.cells(values)), factors: T::FACTORS }
+    }
+
+    fn sources<'c>(&self, cells: &'c Cells) -> Vec<Source<'c>> {
         let lattice = Lattice::forward(self.kernel, self.stride);
-        let x = Source { values: self.x, size: self.size, lattice, frames: Frames::SINGLE, first: 0, onto: 0 };
+        let size = self.size.cells(cells.factors);
+        let x = Source { values: &cells.x, size, lattice, frames: Frames::SINGLE, first: 0, onto: 0 };
         if let Some(time) = self.time {
             // Frames before the first are zero: a tap that meets only those is left out.
-            let taps = (0..Time::TAPS).map(|tap| Source { frames: time.forward(tap), first: tap * self.size.channels, ..x });
+            let taps = (0..Time::TAPS).map(|tap| Source { frames: time.forward(tap), first: tap * size.channels, ..x });
             return taps.filter(|source| source.frames.meet()).collect();
         }
-        let skip = self.skip.map(|(values, size)| Source {
+        let skip = self.skip.zip(cells.skip.as_ref()).map(|((_, beside), values)| Source {
             values,
-            size,
+            size: beside.cells(cells.factors),
             lattice: Lattice::beside_up(),
-            first: self.size.channels,
+            first: size.channels,
             ..x
         });
         std::iter::once(x).chain(skip).collect()
@@ -120,7 +141,8 @@ impl<'a> Convolution<'a> {
 
     /// The output, and the activated output for [`Finish::SiluAndSums`].
     pub fn forward<T: Tile>(&self, tile: T, bias: &[f32], finish: Finish) -> (Vec<f32>, Option<Vec<f32>>) {
-        gather(tile, &self.sources(), self.weights(false), self.output(), bias, finish)
+        let cells = self.cells(tile);
+        gather(tile, &self.sources(&cells), self.weights(false), self.output(), bias, finish)
     }
 
     /// Gradients, given that of the output; `sums` are those kept by [`Finish::SiluAndSums`] if SiLU was applied.
@@ -137,7 +159,8 @@ impl<'a> Convolution<'a> {
         let (out, transposed) = (self.output(), self.weights(true));
         let input = |sources: &[Source], size: Size| gather(tile, sources, transposed, size, &[], Finish::Plain).0;
         let lattice = Lattice::backward(self.kernel, self.stride);
-        let source = Source { values: gradient, size: out, lattice, frames: Frames::SINGLE, first: 0, onto: 0 };
+        let read = tile.cells(gradient);
+        let source = Source { values: &read, size: out.cells(T::FACTORS), lattice, frames: Frames::SINGLE, first: 0, onto: 0 };
         if wanted.x {
             result.x = match self.time {
                 Some(time) => {
@@ -154,7 +177,9 @@ impl<'a> Convolution<'a> {
         }
         if wanted.weights {
             result.weights = vec![0.0; self.weights.len()];
-            for mut source in self.sources() {
+            // Here sums run over pixels, so that it is those that cells are made of.
+            let floats = Cells { x: Cow::Borrowed(self.x), skip: self.skip.map(|(values, _)| Cow::Borrowed(values)), factors: 1 };
+            for mut source in self.sources(&floats) {
                 // On its own, the second picture is an ordinary convolution: nine sums instead of thirty-six.
                 if self.skip.is_some() && source.first > 0 {
                     source.lattice = Lattice::forward(self.kernel, Stride::One);

@@ -4,7 +4,7 @@ use super::attention::Attention;
 use super::convolve::{Convolution, Time, Wanted};
 use super::gather::{Finish, Size};
 use super::norm::ChannelNorm;
-use crate::ops::Stride;
+use crate::ops::{Products, Stride};
 use burn::backend::autodiff::NodeId;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients as Tape;
@@ -32,6 +32,20 @@ macro_rules! with_tile {
 
 pub(super) use with_tile;
 
+/// [`with_tile`] for a convolution: with pairs in bf16 where those are asked for, the processor has them and the channels come in pairs.
+macro_rules! with_tile_for {
+    ($convolution:ident, $products:expr, $tile:ident => $call:expr) => {{
+        #[cfg(target_arch = "x86_64")]
+        let paired = super::bf16().filter(|_| $products == Products::Bf16 && $convolution.fits(2));
+        #[cfg(not(target_arch = "x86_64"))]
+        let paired: Option<super::tile::Scalar> = None;
+        match paired {
+            Some($tile) => $call,
+            None => with_tile!($tile => $call),
+        }
+    }};
+}
+
 /// Which operation, apart from its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
@@ -41,6 +55,7 @@ pub struct Kind {
     silu: bool,
     /// The pictures are frames.
     time: Option<Time>,
+    products: Products,
 }
 
 /// Convolutions on channels-last tensors, attention and channel normalisation. Pictures, weights and bias as in [`crate::ops`].
@@ -55,6 +70,7 @@ pub trait CpuKernels: Backend {
         skip: FloatTensor<Self>,
         w: FloatTensor<Self>,
         b: FloatTensor<Self>,
+        kind: Kind,
     ) -> FloatTensor<Self>;
 
     /// See [`crate::ops::attention`]; differentiable.
@@ -104,21 +120,23 @@ pub trait CpuKernels: Backend {
 }
 
 /// [`crate::ops::conv`] by the kernels.
-pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
-    let kind = Kind { stride, decode: false, silu, time: None };
+pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool, products: Products) -> Tensor<4> {
+    let kind = Kind { stride, decode: false, silu, time: None, products };
     Tensor::from_dispatch(Dispatch::nhwc_conv(x.into_dispatch(), w.into_dispatch(), b.into_dispatch(), kind))
 }
 
 /// [`crate::ops::conv_over_time`] by the kernels.
 pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, newest: usize) -> Tensor<5> {
     let time = Some(Time { input: x.dims()[1], step, newest });
-    let kind = Kind { stride: Stride::One, decode: false, silu: false, time };
+    let kind = Kind { stride: Stride::One, decode: false, silu: false, time, products: Products::F32 };
     Tensor::from_dispatch(Dispatch::nhwc_conv(x.into_dispatch(), w.into_dispatch(), b.into_dispatch(), kind))
 }
 
 /// [`crate::ops::decode`] by the kernels.
-pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
-    Tensor::from_dispatch(Dispatch::nhwc_decode(x.into_dispatch(), skip.into_dispatch(), w.into_dispatch(), b.into_dispatch()))
+pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>, products: Products) -> Tensor<4> {
+    let kind = Kind { stride: Stride::Up, decode: true, silu: true, time: None, products };
+    let [x, skip, w, b] = [x.into_dispatch(), skip.into_dispatch(), w.into_dispatch(), b.into_dispatch()];
+    Tensor::from_dispatch(Dispatch::nhwc_decode(x, skip, w, b, kind))
 }
 
 /// [`crate::ops::attention`] by the kernels.
@@ -197,7 +215,7 @@ fn forward(
     out[axes - 3] = kind.stride.output(out[axes - 3]);
     out[axes - 2] = kind.stride.output(out[axes - 2]);
     out[axes - 1] = convolution.outputs;
-    let (y, activated) = with_tile!(tile => convolution.forward(tile, floats(&b), finish));
+    let (y, activated) = with_tile_for!(convolution, kind.products, tile => convolution.forward(tile, floats(&b), finish));
     (tensor(y, out.clone()), activated.map(|a| tensor(a, out)))
 }
 
@@ -250,8 +268,8 @@ impl CpuKernels for Flex {
         forward(x.clone(), x, w, b, kind, finish).0
     }
 
-    fn nhwc_decode(x: FlexTensor, skip: FlexTensor, w: FlexTensor, b: FlexTensor) -> FlexTensor {
-        forward(x, skip, w, b, DECODE, Finish::Silu).0
+    fn nhwc_decode(x: FlexTensor, skip: FlexTensor, w: FlexTensor, b: FlexTensor, kind: Kind) -> FlexTensor {
+        forward(x, skip, w, b, kind, Finish::Silu).0
     }
 
     fn nhwc_with_sums(x: FlexTensor, skip: FlexTensor, w: FlexTensor, b: FlexTensor, kind: Kind) -> (FlexTensor, FlexTensor) {
@@ -271,7 +289,8 @@ impl CpuKernels for Flex {
         let [x, skip, w, sums, gradient] = [x, skip, w, sums, gradient].map(|t| t.to_contiguous());
         let convolution = convolution(&x, &skip, &w, kind);
         let sums = kind.silu.then(|| floats(&sums));
-        let found = with_tile!(tile => convolution.backward(tile, sums, floats(&gradient), wanted));
+        let found =
+            with_tile_for!(convolution, kind.products, tile => convolution.backward(tile, sums, floats(&gradient), wanted));
         let like = |wanted: bool, values: Vec<f32>, shape: Shape| tensor(values, if wanted { shape } else { Shape::new([0]) });
         (
             like(wanted.x, found.x, x.shape()),
@@ -281,8 +300,6 @@ impl CpuKernels for Flex {
         )
     }
 }
-
-const DECODE: Kind = Kind { stride: Stride::Up, decode: true, silu: true, time: None };
 
 /// What the backward pass needs: the inputs (through the checkpointer), the sums if there was an activation.
 #[derive(Clone, Debug)]
@@ -453,17 +470,18 @@ impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
         skip: FloatTensor<Self>,
         w: FloatTensor<Self>,
         b: FloatTensor<Self>,
+        kind: Kind,
     ) -> FloatTensor<Self> {
         match DecodeBackward.prepare::<C>([x.node(), skip.node(), w.node(), b.node()]).compute_bound().stateful() {
             OpsKind::Tracked(mut prepared) => {
                 let [x_id, skip_id, w_id] = [&x, &skip, &w].map(|t| prepared.checkpoint(t));
                 let [x, skip, w, b] = [x, skip, w, b].map(|t| t.into_primitive());
-                let (y, sums) = B::nhwc_with_sums(x, skip, w, b, DECODE);
-                prepared.finish(Kept { x: x_id, skip: Some(skip_id), w: w_id, sums: Some(sums), kind: DECODE }, y)
+                let (y, sums) = B::nhwc_with_sums(x, skip, w, b, kind);
+                prepared.finish(Kept { x: x_id, skip: Some(skip_id), w: w_id, sums: Some(sums), kind }, y)
             }
             OpsKind::UnTracked(prepared) => {
                 let [x, skip, w, b] = [x, skip, w, b].map(|t| t.into_primitive());
-                prepared.finish(B::nhwc_decode(x, skip, w, b))
+                prepared.finish(B::nhwc_decode(x, skip, w, b, kind))
             }
         }
     }

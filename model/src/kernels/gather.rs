@@ -18,6 +18,11 @@ pub struct Size {
 }
 
 impl Size {
+    /// The size in cells of `factors` channels each.
+    pub fn cells(self, factors: usize) -> Self {
+        Self { channels: self.channels / factors, ..self }
+    }
+
     /// Floats in all.
     pub fn len(&self) -> usize {
         self.batch * self.height * self.width * self.channels
@@ -57,18 +62,18 @@ impl Frames {
     }
 }
 
-/// A picture that is read, and how.
+/// A picture that is read, and how. Its channels are cells of the tile that reads it ([`Tile::FACTORS`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
-    /// Its floats.
+    /// Its cells.
     pub values: &'a [f32],
-    /// Its size.
+    /// Its size, in cells.
     pub size: Size,
     /// Which of its pixels an output pixel reads.
     pub lattice: Lattice,
     /// Which of its pictures an output picture reads.
     pub frames: Frames,
-    /// Channel of the weights that its first channel meets.
+    /// Channel of the weights, in cells, that its first one meets.
     pub first: usize,
     /// Channel of the weights that the first channel written meets.
     pub onto: usize,
@@ -125,7 +130,7 @@ struct Packed {
     values: Vec<f32>,
 }
 
-fn pack(sources: &[Source], weights: Weights, outputs: usize, wide: usize, py: usize, px: usize) -> Packed {
+fn pack<T: Tile>(sources: &[Source], weights: Weights, outputs: usize, wide: usize, py: usize, px: usize) -> Packed {
     let (mut terms, mut summed, mut block) = (vec![], vec![], 0);
     for (index, source) in sources.iter().enumerate() {
         for &(dy, rows) in source.lattice.taps[py] {
@@ -145,7 +150,10 @@ fn pack(sources: &[Source], weights: Weights, outputs: usize, wide: usize, py: u
                 let source = &sources[term.source];
                 for (k, row) in values[term.start..][..source.size.channels * wide].chunks_exact_mut(wide).enumerate() {
                     for (j, value) in row[..columns].iter_mut().enumerate() {
-                        *value = list.iter().map(|&tap| weights.at(tap, source.first + k, source.onto + i * wide + j)).sum();
+                        *value = T::cell(|factor| {
+                            let from = (source.first + k) * T::FACTORS + factor;
+                            list.iter().map(|&tap| weights.at(tap, from, source.onto + i * wide + j)).sum()
+                        });
                     }
                 }
             }
@@ -235,7 +243,8 @@ pub fn gather<T: Tile>(
     finish: Finish,
 ) -> (Vec<f32>, Option<Vec<f32>>) {
     let (n, wide, spread) = (out.channels, 2 * T::LANES, sources[0].lattice.spread);
-    let packed: Vec<Packed> = (0..spread * spread).map(|p| pack(sources, weights, n, wide, p / spread, p % spread)).collect();
+    let packed: Vec<Packed> =
+        (0..spread * spread).map(|p| pack::<T>(sources, weights, n, wide, p / spread, p % spread)).collect();
     let mut padded_bias = vec![0.0; n.next_multiple_of(wide)];
     padded_bias[..bias.len()].copy_from_slice(bias);
 

@@ -25,6 +25,17 @@ struct Segment {
     pixels: usize,
 }
 
+/// One pair of row and column taps.
+#[derive(Clone, Copy)]
+struct Tap {
+    /// Remainders of the output's row and column.
+    py: usize,
+    px: usize,
+    /// Offsets of the source's row and column.
+    dy: isize,
+    dx: isize,
+}
+
 /// Adds the gradient with respect to the weights `[kernel, kernel, inputs, outputs]` of `source`'s channels to `dw`.
 ///
 /// `gradient` is that of the sums, of size `out`.
@@ -52,6 +63,7 @@ pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, k
     };
 
     let spread = source.lattice.spread;
+    let pairs = (T::FACTORS == 2).then(|| Pairs::new(tile, source, gradient, out, wide));
     // Each pair of row and column taps: lattice remainders, offsets, and the kernel elements that its sum belongs to.
     let mut taps = vec![];
     for py in 0..spread {
@@ -74,9 +86,14 @@ pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, k
     partial.par_chunks_mut(channels * wide).enumerate().for_each(|(i, sums)| {
         let (chunk, (py, px, dy, dx, _)) = (i / taps.len(), &taps[i % taps.len()]);
         let rows = chunk * lattice_rows / chunks..(chunk + 1) * lattice_rows / chunks;
-        let segments = list_segments(source, out, wide, rows, (*py, *px), (*dy, *dx));
+        let tap = Tap { py: *py, px: *px, dy: *dy, dx: *dx };
+        let (values, gradient, steps, segments) = match &pairs {
+            Some(pairs) => (pairs.x(*dx), &pairs.gradient[*px][..], [1, 1], pairs.list_segments(source, out, wide, rows, tap)),
+            None => (source.values, gradient, [source.lattice.step, spread], list_segments(source, out, wide, rows, tap)),
+        };
+        let steps = [steps[0] * channels, steps[1] * wide];
         sums.par_chunks_mut(CHANNELS * wide).enumerate().for_each(|(block, sums)| {
-            accumulate(tile, source, gradient, &segments, block * CHANNELS, wide, sums);
+            accumulate(tile, [values, gradient], steps, &segments, block * CHANNELS, wide, sums);
         });
     });
 
@@ -107,8 +124,7 @@ fn list_segments(
     out: Size,
     wide: usize,
     rows: std::ops::Range<usize>,
-    (py, px): (usize, usize),
-    (dy, dx): (isize, isize),
+    Tap { py, px, dy, dx }: Tap,
 ) -> Vec<Segment> {
     let mut segments = vec![];
     let (spread, step) = (source.lattice.spread, source.lattice.step);
@@ -134,18 +150,90 @@ fn list_segments(
     segments
 }
 
-/// Adds the products over `segments` to `sums` `[channels, wide]`, whose first row is channel `first`.
+/// Cells of two pixels each: those whose products with the gradient are summed under one tap.
+struct Pairs {
+    /// Cells of a row.
+    columns: usize,
+    /// For each offset of columns, `[pictures, rows, cells, channels]` of the source.
+    x: Vec<(isize, Vec<f32>)>,
+    /// For each remainder of columns, `[pictures, rows, cells, wide]` of the gradient.
+    gradient: Vec<Vec<f32>>,
+}
+
+impl Pairs {
+    fn new<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, wide: usize) -> Self {
+        let (spread, step, size) = (source.lattice.spread, source.lattice.step, source.size);
+        let columns = out.width.div_ceil(spread).div_ceil(2);
+        // Pixel `place` of a row of `width`, or zeros beyond its ends.
+        let none = vec![0.0; size.channels.max(wide)];
+        let cells = |values: &[f32], width: usize, channels: usize, place: &(dyn Fn(usize) -> isize + Sync)| {
+            let rows = values.len() / (width * channels);
+            buffer::fill(
+                rows * columns * channels,
+                columns * channels,
+                || (),
+                |(), row, cells| {
+                    let row = &values[row * width * channels..][..width * channels];
+                    let pixel = |column: usize| match usize::try_from(place(column)) {
+                        Ok(x) if x < width => &row[x * channels..][..channels],
+                        _ => &none[..channels],
+                    };
+                    for (j, cells) in cells.chunks_exact_mut(channels).enumerate() {
+                        tile.pair(pixel(2 * j), pixel(2 * j + 1), cells);
+                    }
+                },
+            )
+        };
+        let mut offsets: Vec<isize> =
+            source.lattice.taps[..spread].iter().flat_map(|taps| taps.iter().map(|tap| tap.0)).collect();
+        offsets.sort_unstable();
+        offsets.dedup();
+        let of_offset = |dx: isize| {
+            let place = move |column: usize| (column * step) as isize + dx;
+            (dx, cells(source.values, size.width, size.channels, &place))
+        };
+        let of_remainder = |px: usize| cells(gradient, out.width, wide, &move |column: usize| (column * spread + px) as isize);
+        Self { columns, x: offsets.into_iter().map(of_offset).collect(), gradient: (0..spread).map(of_remainder).collect() }
+    }
+
+    /// Cells of the source under the taps of offset `dx`.
+    fn x(&self, dx: isize) -> &[f32] {
+        self.x.iter().find(|(offset, _)| *offset == dx).map_or(&[], |(_, cells)| cells)
+    }
+
+    /// As [`list_segments`], in cells.
+    fn list_segments(&self, source: &Source, out: Size, wide: usize, rows: std::ops::Range<usize>, tap: Tap) -> Vec<Segment> {
+        let (spread, step) = (source.lattice.spread, source.lattice.step);
+        let per_picture = out.height.div_ceil(spread);
+        let mut segments = vec![];
+        for row in rows {
+            let (picture, r) = (row / per_picture, row % per_picture);
+            let (y, sy) = (r * spread + tap.py, (r * step) as isize + tap.dy);
+            if y >= out.height || sy < 0 || sy >= source.size.height as isize {
+                continue;
+            }
+            for c in (0..self.columns).step_by(PIXELS) {
+                let a = ((picture * source.size.height + sy as usize) * self.columns + c) * source.size.channels;
+                let b = ((picture * out.height + y) * self.columns + c) * wide;
+                segments.push(Segment { a, b, pixels: PIXELS.min(self.columns - c) });
+            }
+        }
+        segments
+    }
+}
+
+/// Adds the products over `segments` of `values` and `gradient` to `sums` `[channels, wide]`, whose first row is channel `first`. `steps`
+/// are the distances from one pixel, or cell of pixels, to the next in each of the two.
 fn accumulate<T: Tile>(
     tile: T,
-    source: &Source,
-    gradient: &[f32],
+    [values, gradient]: [&[f32]; 2],
+    [step, b_step]: [usize; 2],
     segments: &[Segment],
     first: usize,
     wide: usize,
     sums: &mut [f32],
 ) {
-    let (step, channels) = (source.lattice.step * source.size.channels, sums.len() / wide);
-    let b_step = source.lattice.spread * wide;
+    let channels = sums.len() / wide;
     let mut terms: Vec<Term> = Vec::with_capacity(PIXELS);
     let mut rest = segments;
     while !rest.is_empty() {
@@ -158,7 +246,7 @@ fn accumulate<T: Tile>(
             for c in (0..channels).step_by(T::ROWS) {
                 terms.clear();
                 terms.extend(group.iter().map(|s| Term {
-                    a: &source.values[s.a + first + c..],
+                    a: &values[s.a + first + c..],
                     a_row: 1,
                     a_step: step,
                     b: &gradient[s.b + n..],

@@ -35,6 +35,7 @@ mod x86;
 pub(crate) use extension::{attention, channel_norm, conv, conv_over_time, decode, rms_norm};
 pub(crate) use tokens::{gate, gelu, modulate, turn};
 
+use self::tile::Tile as _;
 use burn::backend::DispatchDevice;
 use burn::tensor::{DType, Device};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -95,6 +96,25 @@ impl Kernel {
             _ => avx512().or_else(avx2).or(cfg!(target_arch = "aarch64").then_some(Self::Scalar)),
         }
     }
+}
+
+/// Replaces each value, clamped to -87..=87, by its exponential, within 2 ulp; fastest where there are multiples of 16.
+pub(crate) fn exp(values: &mut [f32]) {
+    match Kernel::active() {
+        #[cfg(target_arch = "x86_64")]
+        Some(Kernel::Avx512(tile)) => tile.exp(values),
+        #[cfg(target_arch = "x86_64")]
+        Some(Kernel::Avx2(tile)) => tile.exp(values),
+        _ => tile::Scalar.exp(values),
+    }
+}
+
+/// The tile of pairs in bf16, where the processor has the instructions and no other kernel is forced.
+#[cfg(target_arch = "x86_64")]
+fn bf16() -> Option<x86::Avx512Bf16> {
+    static FOUND: std::sync::OnceLock<Option<x86::Avx512Bf16>> = std::sync::OnceLock::new();
+    let wanted = matches!(Kernel::active(), Some(Kernel::Avx512(_)));
+    (*FOUND.get_or_init(x86::Avx512Bf16::detect)).filter(|_| wanted)
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -3,6 +3,8 @@
 //! Each output is one chain of fused multiply-adds in the order of the terms, whatever the vector width, so all
 //! implementations of [`Tile`] return the same bits.
 
+use std::borrow::Cow;
+
 /// One sum of a tile: `out[i][j] += sum over k of a[i * a_row + k * a_step] * b[k * b_step + j]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Term<'a> {
@@ -73,6 +75,25 @@ pub trait Tile: Copy + Send + Sync {
     const LANES: usize;
     /// Most rows of a tile.
     const ROWS: usize;
+    /// Factors in each of the 32-bit cells that [`Self::tile`] multiplies: one float, or two neighbours in bf16 whose products are summed.
+    const FACTORS: usize = 1;
+
+    /// The cell of the factors `at(0)..at(FACTORS)`.
+    fn cell(at: impl Fn(usize) -> f32) -> f32 {
+        at(0)
+    }
+
+    /// Cells of factors that follow one another.
+    fn cells(self, values: &[f32]) -> Cow<'_, [f32]> {
+        Cow::Borrowed(values)
+    }
+
+    /// Cells of two factors each, the first from `first` and the second from `second`; all slices are of one length. Only with two
+    /// factors a cell.
+    fn pair(self, first: &[f32], second: &[f32], cells: &mut [f32]) {
+        let _ = (first, second, cells);
+        unreachable!("cells of one factor are not made of two");
+    }
 
     /// Computes a tile of `rows` (1 to `ROWS`) by `vectors * LANES` (`vectors` 1 or 2).
     ///
@@ -94,6 +115,9 @@ pub trait Tile: Copy + Send + Sync {
 
     /// Replaces `s` by `exp(s - max(s))` and returns its sum.
     fn exp_and_sum(self, s: &mut [f32]) -> f32;
+
+    /// Replaces each of `s`, clamped to -87..=87, by its exponential.
+    fn exp(self, s: &mut [f32]);
 }
 
 /// The portable twin of the vector implementations, without `unsafe`. It is the one for processors whose fused
@@ -167,6 +191,10 @@ impl Tile for Scalar {
     fn exp_and_sum(self, s: &mut [f32]) -> f32 {
         exp_and_sum(s)
     }
+
+    fn exp(self, s: &mut [f32]) {
+        exp_each(s);
+    }
 }
 
 /// `exp(x)` for x in -87..=87 within 2 ulp: the polynomial of Cephes' `expf`, without branches so that it vectorises.
@@ -186,6 +214,33 @@ fn exp(x: f32) -> f32 {
         .mul_add(r, 0.5);
     let p = (p * r).mul_add(r, r) + 1.0;
     f32::from_bits((shifted.to_bits() << 23).wrapping_add(p.to_bits()))
+}
+
+/// The low half of the result is `v` in bf16, rounded to the nearest, ties to even.
+#[inline(always)]
+fn bf16(v: f32) -> u32 {
+    let bits = v.to_bits();
+    bits.wrapping_add(0x7fff + (bits >> 16 & 1)) >> 16
+}
+
+/// The cell of two factors in bf16, the first in the low half.
+#[inline(always)]
+pub(super) fn paired(first: f32, second: f32) -> f32 {
+    f32::from_bits(bf16(first) | bf16(second) << 16)
+}
+
+#[inline(always)]
+pub(super) fn pair(first: &[f32], second: &[f32], cells: &mut [f32]) {
+    for ((cell, first), second) in cells.iter_mut().zip(first).zip(second) {
+        *cell = paired(*first, *second);
+    }
+}
+
+#[inline(always)]
+pub(super) fn pair_neighbours(values: &[f32], cells: &mut [f32]) {
+    for (cell, [first, second]) in cells.iter_mut().zip(values.as_chunks::<2>().0) {
+        *cell = paired(*first, *second);
+    }
 }
 
 #[inline(always)]
@@ -225,6 +280,13 @@ pub(super) fn gelu_gradient(x: &[f32], g: &[f32], d: &mut [f32]) {
     for ((d, &x), &g) in d.iter_mut().zip(x).zip(g) {
         let s = sigmoid(x * (LINEAR + CUBIC * x * x));
         *d = g * s * (1.0 + x * (1.0 - s) * (LINEAR + 3.0 * CUBIC * x * x));
+    }
+}
+
+#[inline(always)]
+pub(super) fn exp_each(s: &mut [f32]) {
+    for v in s {
+        *v = exp(v.clamp(-87.0, 87.0));
     }
 }
 

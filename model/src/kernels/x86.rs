@@ -1,10 +1,12 @@
-//! The inner product in AVX-512 and AVX2.
+//! The inner product in AVX-512 (of floats, and of pairs in bf16) and AVX2.
+use super::buffer;
 use super::tile::{self, Output, Start, Term, Tile};
 use std::arch::x86_64::*;
+use std::borrow::Cow;
 
 macro_rules! instruction_set {
     ($name:ident, $doc:literal, $features:literal, [$($feature:tt),+], $vector:ty, $lanes:literal, $rows:literal, [$($row:literal),+],
-     $load:ident, $store:ident, $splat:ident, $fma:ident) => {
+     $load:ident, $store:ident, $splat:ident, $fma:ident, {$($cells:item)*}) => {
         #[doc = $doc]
         #[derive(Clone, Copy, Debug)]
         pub struct $name(());
@@ -96,11 +98,17 @@ macro_rules! instruction_set {
             fn vector_exp_and_sum(s: &mut [f32]) -> f32 {
                 tile::exp_and_sum(s)
             }
+
+            #[target_feature(enable = $features)]
+            fn vector_exp(s: &mut [f32]) {
+                tile::exp_each(s);
+            }
         }
 
         impl Tile for $name {
             const LANES: usize = $lanes;
             const ROWS: usize = $rows;
+            $($cells)*
 
             #[inline]
             fn tile(self, rows: usize, vectors: usize, terms: &[Term], start: Start, out: Output) {
@@ -136,6 +144,11 @@ macro_rules! instruction_set {
                 // SAFETY: as in `tile`.
                 unsafe { Self::vector_exp_and_sum(s) }
             }
+
+            fn exp(self, s: &mut [f32]) {
+                // SAFETY: as in `tile`.
+                unsafe { Self::vector_exp(s) }
+            }
         }
     };
 }
@@ -152,7 +165,8 @@ instruction_set!(
     _mm512_loadu_ps,
     _mm512_storeu_ps,
     _mm512_set1_ps,
-    _mm512_fmadd_ps
+    _mm512_fmadd_ps,
+    {}
 );
 instruction_set!(
     Avx2,
@@ -166,5 +180,60 @@ instruction_set!(
     _mm256_loadu_ps,
     _mm256_storeu_ps,
     _mm256_set1_ps,
-    _mm256_fmadd_ps
+    _mm256_fmadd_ps,
+    {}
 );
+instruction_set!(
+    Avx512Bf16,
+    "Sixteen cells of two factors in bf16 at a time, with sums in f32.",
+    "avx512f,avx512dq,avx512bw,avx512vl,avx512bf16,fma",
+    ["avx512f", "avx512dq", "avx512bw", "avx512vl", "avx512bf16", "fma"],
+    __m512,
+    16,
+    8,
+    [8, 7, 6, 5, 4, 3, 2, 1],
+    _mm512_loadu_ps,
+    _mm512_storeu_ps,
+    _mm512_set1_ps,
+    dot_pairs,
+    {
+        const FACTORS: usize = 2;
+
+        fn cell(at: impl Fn(usize) -> f32) -> f32 {
+            tile::paired(at(0), at(1))
+        }
+
+        fn cells(self, values: &[f32]) -> Cow<'_, [f32]> {
+            const CHUNK: usize = 1 << 13;
+            let write = |(): &mut (), i: usize, cells: &mut [f32]| {
+                // SAFETY: a value of this type exists only after `detect` has found the instructions.
+                unsafe { pair_neighbours(&values[2 * i * CHUNK..][..2 * cells.len()], cells) }
+            };
+            Cow::Owned(buffer::fill(values.len() / 2, CHUNK, || (), write))
+        }
+
+        fn pair(self, first: &[f32], second: &[f32], cells: &mut [f32]) {
+            // SAFETY: as in `cells`.
+            unsafe { pair(first, second, cells) }
+        }
+    }
+);
+
+/// `sum` plus the sum of the two products of each cell.
+#[inline]
+#[target_feature(enable = "avx512f,avx512bf16")]
+fn dot_pairs(a: __m512, b: __m512, sum: __m512) -> __m512 {
+    // SAFETY: both types are 512 bits without a meaning of their own.
+    let [a, b] = unsafe { [std::mem::transmute::<__m512, __m512bh>(a), std::mem::transmute::<__m512, __m512bh>(b)] };
+    _mm512_dpbf16_ps(sum, a, b)
+}
+
+#[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl")]
+fn pair_neighbours(values: &[f32], cells: &mut [f32]) {
+    tile::pair_neighbours(values, cells);
+}
+
+#[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl")]
+fn pair(first: &[f32], second: &[f32], cells: &mut [f32]) {
+    tile::pair(first, second, cells);
+}

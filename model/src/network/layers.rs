@@ -1,7 +1,7 @@
 //! Layers with parameters, on channels-last tensors; the arithmetic is in [`crate::ops`].
 
 use super::init::Init;
-use crate::ops::{self, Stride};
+use crate::ops::{self, Products, Stride};
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
@@ -23,12 +23,22 @@ impl Conv {
 
     /// `[b, h, w, channels in]` to `[b, h', w', channels out]`.
     pub fn forward(&self, x: Tensor<4>, stride: Stride, silu: bool) -> Tensor<4> {
-        ops::conv(x, self.weight.val(), self.bias.val(), stride, silu)
+        self.forward_by(Products::F32, x, stride, silu)
+    }
+
+    /// [`Self::forward`] with a choice of how it multiplies.
+    pub fn forward_by(&self, products: Products, x: Tensor<4>, stride: Stride, silu: bool) -> Tensor<4> {
+        ops::conv_by(products, x, self.weight.val(), self.bias.val(), stride, silu)
     }
 
     /// Decoder entry: `silu(conv(concat(up2(x), skip)))`.
     pub fn decode(&self, x: Tensor<4>, skip: Tensor<4>) -> Tensor<4> {
-        ops::decode(x, skip, self.weight.val(), self.bias.val())
+        self.decode_by(Products::F32, x, skip)
+    }
+
+    /// [`Self::decode`] with a choice of how it multiplies.
+    pub fn decode_by(&self, products: Products, x: Tensor<4>, skip: Tensor<4>) -> Tensor<4> {
+        ops::decode_by(products, x, skip, self.weight.val(), self.bias.val())
     }
 }
 
