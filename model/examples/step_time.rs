@@ -11,7 +11,7 @@ use renderflow_model::network::Network;
 use renderflow_model::parameters;
 use renderflow_model::tokens::{TOKEN_FEATURES, TOKENS};
 use renderflow_model::train::loss::LossWeights;
-use renderflow_model::train::optimizer::{Optimizer, StepSettings};
+use renderflow_model::train::optimizer::{Method, Optimizer, StepSettings};
 use renderflow_model::train::stage::{BaseStage, Objective};
 use std::time::Instant;
 
@@ -29,7 +29,8 @@ fn main() {
     println!("{count} parameters");
 
     let stage = BaseStage { config: config.clone() };
-    let settings = StepSettings { learning_rate: 1e-4, weight_decay: 0.01, clip_norm: 1.0, ema_decay: 0.999 };
+    let settings =
+        StepSettings { method: Method::AdamW, learning_rate: 1e-4, weight_decay: 0.01, clip_norm: 1.0, ema_decay: 0.999 };
     let mut seconds: Vec<[f64; 3]> = Vec::new();
     for step in 0..12 {
         let start = Instant::now();

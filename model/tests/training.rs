@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor};
 use common::{clip, psnr, tiny};
 use renderflow_frame::ibl::IblTables;
 use renderflow_model::config::KeyframeConfig;
-use renderflow_model::train::optimizer::{Optimizer, StepSettings};
+use renderflow_model::train::optimizer::{Method, Optimizer, StepSettings};
 use renderflow_model::train::{Config, CropConfig, Progress, Stage, run};
 use renderflow_model::weights::Precision;
 use renderflow_model::{Error, Keyframe, NeuralRenderer, PreparedKeyframe, parameters, weights};
@@ -135,7 +135,8 @@ fn the_optimiser_is_adamw() {
 
     let device = Device::flex().autodiff();
     let start = [[0.5f32, -1.0, 2.0], [0.1, 0.0, -0.3]];
-    let settings = StepSettings { learning_rate: 0.05, weight_decay: 0.1, clip_norm: f32::INFINITY, ema_decay: 0.9 };
+    let settings =
+        StepSettings { method: Method::AdamW, learning_rate: 0.05, weight_decay: 0.1, clip_norm: f32::INFINITY, ema_decay: 0.9 };
     let mut theirs = Param::from_tensor(Tensor::<2>::from_data(start, &device));
     let mut reference = AdamWConfig::new().with_beta_2(0.99).with_epsilon(1e-8).with_weight_decay(0.1).init();
     let mut ours = Optimizer::new(parameters::export(&theirs));

@@ -4,7 +4,7 @@ use super::head::{self, KERNEL};
 use super::record::{CHANNELS, Groups};
 use crate::network::init::Init;
 use crate::network::layers::Conv;
-use crate::ops::{self, Stride};
+use crate::ops::{self, Products, Stride};
 use crate::{Error, Result};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -64,8 +64,8 @@ impl Refine {
         Self { conv: Conv::new(init, 3, width, width, 0.1) }
     }
 
-    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
-        x.clone() + self.conv.forward(x, Stride::One, true)
+    fn forward(&self, products: Products, x: Tensor<4>) -> Tensor<4> {
+        x.clone() + self.conv.forward_by(products, x, Stride::One, true)
     }
 }
 
@@ -121,27 +121,27 @@ impl FusionNet {
     }
 
     /// `x` `[b, h/2, w/2, 4 groups.channels()]`, pixel-unshuffled, h and w multiples of [`MULTIPLE`].
-    pub fn forward(&self, x: Tensor<4>, groups: Groups) -> Outputs {
-        let mut x = ops::conv(x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
+    pub fn forward(&self, products: Products, x: Tensor<4>, groups: Groups) -> Outputs {
+        let mut x = ops::conv_by(products, x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
         let mut skips = Vec::with_capacity(LEVELS - 1);
         for level in 0..LEVELS {
             if level > 0 {
                 skips.push(x.clone());
-                x = self.reduce[level - 1].forward(x, Stride::Two, true);
+                x = self.reduce[level - 1].forward_by(products, x, Stride::Two, true);
             }
-            x = self.down[level].forward(x);
+            x = self.down[level].forward(products, x);
         }
         let mut quarter = None;
         for (enter, up) in self.enter.iter().zip(&self.up) {
             let skip = skips.pop().expect("a skip connection for each level");
             quarter = Some(x.clone());
-            x = up.forward(enter.decode(x, skip));
+            x = up.forward(products, enter.decode_by(products, x, skip));
         }
         let outputs = head::fine(groups);
         let (weight, bias) = (self.fine.weight.val().narrow(3, 0, outputs), self.fine.bias.val().narrow(0, 0, outputs));
         Outputs {
-            fine: ops::conv(x, weight, bias, Stride::One, false),
-            coarse: quarter.filter(|_| groups.samples).map(|x| self.coarse.forward(x, Stride::One, false)),
+            fine: ops::conv_by(products, x, weight, bias, Stride::One, false),
+            coarse: quarter.filter(|_| groups.samples).map(|x| self.coarse.forward_by(products, x, Stride::One, false)),
         }
     }
 }

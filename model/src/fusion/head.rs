@@ -11,12 +11,15 @@
 
 use super::record::{Groups, KEYS, Known, NEIGHBOURS, TERMS};
 use crate::bridge::MAX_RADIANCE;
+use crate::kernels;
 use rayon::prelude::*;
 
 /// Weights of a kernel.
 pub const KERNEL: usize = SIDE * SIDE;
 const SIDE: usize = 5;
-const REACH: isize = 2;
+const REACH: usize = 2;
+/// [`KERNEL`] as whole vectors.
+const PADDED: usize = KERNEL.next_multiple_of(16);
 /// Scales of the kernels.
 const SCALES: usize = 3;
 /// Candidates: filtered samples, keyframes, deferred shading.
@@ -152,7 +155,7 @@ impl Picture<'_> {
         let (logits, factors) = (&outputs[..CANDIDATES], &outputs[CANDIDATES..CANDIDATES + TERMS]);
         let mut mix = Mix {
             weights: [f32::NEG_INFINITY; CANDIDATES],
-            factors: std::array::from_fn(|term| factors[term].clamp(-MOST, MOST).exp()),
+            factors: exp(std::array::from_fn(|term| factors[term].clamp(-MOST, MOST))),
             candidates: [[0.0; 3]; CANDIDATES],
             scales: [0.0; SCALES],
         };
@@ -347,9 +350,17 @@ fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
     if most == f32::NEG_INFINITY {
         return [0.0; N];
     }
-    let weights = logits.map(|v| (v - most).exp());
+    let weights = exp(logits.map(|v| v - most));
     let total: f32 = weights.iter().sum();
     weights.map(|v| v / total)
+}
+
+/// Exponentials of at most 16 numbers; 0 of minus infinity.
+fn exp<const N: usize>(of: [f32; N]) -> [f32; N] {
+    let mut values = [0.0; 16];
+    values[..N].copy_from_slice(&of);
+    kernels::exp(&mut values);
+    std::array::from_fn(|i| if of[i] == f32::NEG_INFINITY { 0.0 } else { values[i] })
 }
 
 /// The four pixels of the next finer scale, of `fine_width` columns, under pixel `i` of one of `width` columns.
@@ -385,41 +396,36 @@ fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
     ]
 }
 
-/// Calls `f(tap, index)` for the taps of a kernel around pixel `i` that lie in the picture.
+/// The rows of a kernel around pixel `i` that lie in the picture: the first tap, the first pixel and the number of both.
 #[inline]
-fn around(scale: &Scale, i: usize, mut f: impl FnMut(usize, usize)) {
-    let (x, y) = ((i % scale.width) as isize, (i / scale.width) as isize);
-    for dy in -REACH..=REACH {
-        let row = y + dy;
-        if row < 0 || row >= scale.height as isize {
-            continue;
-        }
-        for dx in -REACH..=REACH {
-            let column = x + dx;
-            if column >= 0 && column < scale.width as isize {
-                let tap = ((dy + REACH) as usize) * SIDE + (dx + REACH) as usize;
-                f(tap, row as usize * scale.width + column as usize);
-            }
-        }
-    }
+fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    let (x, y) = (i % scale.width, i / scale.width);
+    let (left, top) = (x.saturating_sub(REACH), y.saturating_sub(REACH));
+    let (right, bottom) = ((x + REACH + 1).min(scale.width), (y + REACH + 1).min(scale.height));
+    let width = scale.width;
+    (top..bottom).map(move |row| ((row + REACH - y) * SIDE + left + REACH - x, row * width + left, right - left))
 }
 
 /// Weights of a kernel; the largest is 1.
-fn weights(kernel: &[f32]) -> [f32; KERNEL] {
-    let mut weights: [f32; KERNEL] = std::array::from_fn(|j| kernel[j]);
+fn weights(kernel: &[f32]) -> [f32; PADDED] {
+    let mut weights = [f32::NEG_INFINITY; PADDED];
+    weights[..KERNEL].copy_from_slice(&kernel[..KERNEL]);
     weights[KERNEL / 2] += MIDDLE;
-    let most = weights.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    weights.map(|v| (v - most).exp())
+    let most = weights.iter().copied().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
+    weights.iter_mut().for_each(|v| *v -= most);
+    kernels::exp(&mut weights);
+    weights
 }
 
 /// Quotient of the weighted sums around pixel `i`, and the sum that it was divided by.
 fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
     let weights = weights(kernel);
     let mut sum = [0.0; 4];
-    around(scale, i, |tap, at| {
-        let there = scale.merged[at];
-        (0..4).for_each(|c| sum[c] += weights[tap] * there[c]);
-    });
+    for (tap, at, count) in rows(scale, i) {
+        for (weight, there) in weights[tap..tap + count].iter().zip(&scale.merged[at..at + count]) {
+            (0..4).for_each(|c| sum[c] += weight * there[c]);
+        }
+    }
     if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
 }
 
@@ -431,14 +437,19 @@ fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; 3], out: &mut [f32
     }
     let weights = weights(kernel);
     let mean: f32 = (0..3).map(|c| d[c] * filtered[c]).sum();
-    around(scale, i, |tap, at| {
-        let there = scale.merged[at];
-        let weight = weights[tap] / filtered[3];
-        let along: f32 = (0..3).map(|c| d[c] * there[c]).sum();
-        out[tap] += weight * (along - mean * there[3]);
-        (0..3).for_each(|c| into[at][c] += weight * d[c]);
-        into[at][3] -= weight * mean;
-    });
+    let along = [d[0], d[1], d[2], -mean];
+    for (tap, at, count) in rows(scale, i) {
+        let taps = weights[tap..tap + count].iter().zip(&mut out[tap..tap + count]);
+        for ((weight, out), (there, into)) in taps.zip(scale.merged[at..at + count].iter().zip(&mut into[at..at + count])) {
+            let weight = weight / filtered[3];
+            let mut sum = 0.0;
+            for c in 0..4 {
+                sum += along[c] * there[c];
+                into[c] += weight * along[c];
+            }
+            *out += weight * sum;
+        }
+    }
 }
 
 #[cfg(test)]

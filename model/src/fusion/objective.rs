@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossWeights {
+    /// Natural logarithm of the mean squared error of the display picture, a picture each: PSNR is what results are told in, and its mean
+    /// over pictures weighs the easy ones and the hard ones alike.
+    pub psnr: f32,
     /// Squared error of the display picture.
     pub display: f32,
     /// Absolute error in the logarithmic curve.
@@ -19,7 +22,7 @@ pub struct LossWeights {
 
 impl Default for LossWeights {
     fn default() -> Self {
-        Self { display: 4.0, log: 0.3, gradient: 0.1 }
+        Self { psnr: 0.01, display: 0.0, log: 0.1, gradient: 0.05 }
     }
 }
 
@@ -40,6 +43,9 @@ pub struct Loss {
 pub fn display(x: f32) -> f32 {
     linear_to_srgb(x.clamp(0.0, 1.0))
 }
+
+/// Added to the mean squared error before its logarithm: that of 50 dB.
+const LEAST: f32 = 1e-5;
 
 /// Slope of [`log_curve`].
 fn log_slope(x: f32) -> f32 {
@@ -63,21 +69,23 @@ pub fn loss(
 
     let error: Vec<[f32; 3]> =
         drawn.iter().zip(truth).map(|(a, b)| std::array::from_fn(|c| display(a[c]) - display(b[c]))).collect();
+    let squares = (0..drawn.len()).filter(|i| covered(*i)).flat_map(|i| error[i]).map(|e| f64::from(e * e)).sum::<f64>();
+    let squares = (squares / f64::from(n)) as f32;
+    let steepness = weights.display + weights.psnr / (squares + LEAST);
     let mut of_display = vec![[0.0; 3]; drawn.len()];
     let mut slopes = vec![[0.0; 3]; drawn.len()];
-    let mut sums = [0.0_f64; 3];
+    let mut sums = [0.0_f64; 2];
     for i in (0..drawn.len()).filter(|i| covered(*i)) {
         for c in 0..3 {
             let e = error[i][c];
-            sums[0] += f64::from(e * e) / f64::from(n);
-            of_display[i][c] += 2.0 * weights.display * e / n;
+            of_display[i][c] += 2.0 * steepness * e / n;
             let along = log_curve(drawn[i][c]) - log_curve(truth[i][c]);
-            sums[1] += f64::from(along.abs()) / f64::from(n);
+            sums[0] += f64::from(along.abs()) / f64::from(n);
             slopes[i][c] += weights.log * sign(along) * log_slope(drawn[i][c]) / n;
             for (pair, other, n) in [(right(i), i + 1, n_right), (below(i), i + width, n_below)] {
                 if pair {
                     let difference = e - error[other][c];
-                    sums[2] += f64::from(difference.abs()) / f64::from(n);
+                    sums[1] += f64::from(difference.abs()) / f64::from(n);
                     let slope = weights.gradient * sign(difference) / n;
                     of_display[i][c] += slope;
                     of_display[other][c] -= slope;
@@ -93,9 +101,10 @@ pub fn loss(
             }
         }
     }
-    let [display, log, gradient] = sums.map(|sum| sum as f32);
-    let total = weights.display * display + weights.log * log + weights.gradient * gradient;
-    (Loss { total, display, log, gradient }, slopes)
+    let [log, gradient] = sums.map(|sum| sum as f32);
+    let of_psnr = weights.psnr * (1.0 + squares / LEAST).ln();
+    let total = of_psnr + weights.display * squares + weights.log * log + weights.gradient * gradient;
+    (Loss { total, display: squares, log, gradient }, slopes)
 }
 
 /// The sign of 0 is 0: a subgradient.
@@ -117,7 +126,7 @@ mod tests {
         let mut picture =
             |most: f32| -> Vec<[f32; 3]> { (0..48).map(|_| [(); 3].map(|()| rng.random_range(0.05..most))).collect() };
         let (drawn, truth) = (picture(1.4), picture(1.4));
-        let weights = LossWeights { display: 3.0, log: 0.7, gradient: 0.2 };
+        let weights = LossWeights { psnr: 0.05, display: 3.0, log: 0.7, gradient: 0.2 };
         let (_, slopes) = loss(8, &known, &drawn, &truth, weights);
         for i in 0..48 {
             for c in 0..3 {

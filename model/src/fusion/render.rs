@@ -3,6 +3,7 @@
 use super::batch::{Batch, Change, Window};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
 use super::record::{Chosen, Record};
+use crate::ops::Products;
 use crate::parameters::{self, Parameter, to_vec};
 use crate::weights::{self, Precision};
 use crate::{Error, Result};
@@ -32,6 +33,7 @@ const LARGEST: u64 = 1 << 30;
 pub struct Fusion {
     network: FusionNet,
     header: Header,
+    products: Products,
     device: Device,
 }
 
@@ -43,7 +45,7 @@ impl Fusion {
     pub fn untrained(config: &FusionConfig, seed: u64) -> Result<Self> {
         let device = Device::flex();
         let header = Header { fusion: config.clone(), steps: 0, seed };
-        Ok(Self { network: FusionNet::new(config, seed, &device)?, header, device })
+        Ok(Self { network: FusionNet::new(config, seed, &device)?, header, products: Products::F32, device })
     }
 
     /// With these parameters, in the order of the network's own.
@@ -54,7 +56,12 @@ impl Fusion {
         let device = Device::flex();
         let network = FusionNet::new(&header.fusion, header.seed, &device)?;
         let values: Vec<&[f32]> = parameters.iter().map(|parameter| parameter.values.as_slice()).collect();
-        Ok(Self { network: parameters::import(network, &values, &device), header, device })
+        Ok(Self { network: parameters::import(network, &values, &device), header, products: Products::F32, device })
+    }
+
+    /// The same network, multiplying in this way.
+    pub fn by(self, products: Products) -> Self {
+        Self { products, ..self }
     }
 
     /// Whether the file at `path` says that it holds weights of this network.
@@ -125,7 +132,7 @@ impl Fusion {
         }
         let window = Window { x: 0, y: 0, width: width.next_multiple_of(MULTIPLE), height: height.next_multiple_of(MULTIPLE) };
         let mut batch = Batch::of(record, window, chosen, &Change::NONE);
-        let outputs = forward(&self.network, &mut batch, &self.device);
+        let outputs = forward(&self.network, self.products, &mut batch, &self.device);
         let fine = to_vec(outputs.fine);
         let coarse = outputs.coarse.map(to_vec).unwrap_or_default();
         let (drawn, _) = batch.picture(0, &fine, &coarse).draw();
@@ -134,10 +141,10 @@ impl Fusion {
 }
 
 /// Runs the network on a batch, whose input it takes.
-pub(super) fn forward(network: &FusionNet, batch: &mut Batch, device: &Device) -> Outputs {
+pub(super) fn forward(network: &FusionNet, products: Products, batch: &mut Batch, device: &Device) -> Outputs {
     let shape = [batch.items, batch.height / 2, batch.width / 2, 4 * batch.groups.channels()];
     let input = Tensor::from_data(TensorData::new(std::mem::take(&mut batch.input), shape), device);
-    network.forward(input, batch.groups)
+    network.forward(products, input, batch.groups)
 }
 
 /// Bytes of a weights file.

@@ -7,8 +7,9 @@ use super::objective::{LossWeights, display, loss};
 use super::record::{Chosen, Groups, Record, at};
 use super::render::{self, Fusion, Header};
 use crate::data::step_rng;
+use crate::ops::Products;
 use crate::parameters;
-use crate::train::optimizer::Optimizer;
+use crate::train::optimizer::{Method, Optimizer};
 use crate::train::runner::{self, Learner, Lesson, Report, Runner};
 use crate::train::schedule::Decay;
 use crate::weights::Precision;
@@ -68,6 +69,10 @@ pub struct Config {
     pub rotate_steps: u64,
     /// Sequences kept in memory, the newest.
     pub window: u64,
+    /// How a step is taken.
+    pub optimizer: Method,
+    /// How convolutions multiply, forwards and backwards.
+    pub products: Products,
     /// Peak learning rate.
     pub learning_rate: f64,
     /// Steps of linear warm-up.
@@ -100,6 +105,8 @@ impl Default for Config {
             first: 16,
             rotate_steps: 40,
             window: 48,
+            optimizer: Method::AdamW,
+            products: Products::F32,
             learning_rate: 5e-4,
             warmup_steps: 200,
             weight_decay: 0.005,
@@ -165,6 +172,7 @@ impl Config {
         runner::Settings {
             steps: self.steps,
             minutes: self.minutes,
+            method: self.optimizer,
             learning_rate: self.learning_rate,
             warmup_steps: self.warmup_steps,
             decay: Decay::Cosine,
@@ -230,8 +238,13 @@ pub enum Progress {
 /// What a run left behind.
 pub type Summary = runner::Summary<LogRecord>;
 
-struct Objective {
-    loss: LossWeights,
+/// What a batch teaches: the network and its head forwards, the loss, and all derivatives.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Objective {
+    /// Weights of the loss.
+    pub loss: LossWeights,
+    /// How convolutions multiply.
+    pub products: Products,
 }
 
 impl Learner for Objective {
@@ -239,7 +252,7 @@ impl Learner for Objective {
     type Model = FusionNet;
 
     fn learn(&self, model: &FusionNet, _: u64, mut batch: Batch, device: &Device) -> Result<Lesson> {
-        let outputs = render::forward(model, &mut batch, device);
+        let outputs = render::forward(model, self.products, &mut batch, device);
         let values = |tensor: &Tensor<4>| parameters::to_vec(tensor.clone().without_autodiff());
         let fine = values(&outputs.fine);
         let coarse = outputs.coarse.as_ref().map(values).unwrap_or_default();
@@ -406,7 +419,7 @@ pub fn run(
             }
             Ok(())
         };
-        runner.run(&Objective { loss: config.loss }, model, batches, &save)
+        runner.run(&Objective { loss: config.loss, products: config.products }, model, batches, &save)
     })
 }
 
@@ -478,6 +491,7 @@ fn difference(a: &Config, b: &Config) -> Option<&'static str> {
     [
         ("network", a.network == b.network),
         ("seed", a.seed == b.seed),
+        ("optimizer", a.optimizer == b.optimizer),
         ("first", a.first == b.first),
         ("rotate_steps", a.rotate_steps == b.rotate_steps),
         ("window", a.window == b.window),

@@ -1,6 +1,7 @@
 //! Settings of a training run.
 
 use super::loss::LossWeights;
+use super::optimizer::Method;
 use super::runner;
 use super::schedule::Decay;
 use crate::bridge::{Bridge, SIGMA, Times};
@@ -119,6 +120,7 @@ impl Default for Config {
 impl Config {
     pub(super) fn settings(&self) -> runner::Settings {
         runner::Settings {
+            method: Method::AdamW,
             steps: self.steps,
             minutes: self.minutes,
             learning_rate: self.learning_rate,

@@ -2,7 +2,7 @@
 
 use super::checkpoint::{self, CheckpointHeader};
 use super::log::Log;
-use super::optimizer::{Optimizer, StepSettings};
+use super::optimizer::{Method, Optimizer, StepSettings};
 use super::schedule::{self, Decay};
 use crate::parameters;
 use crate::{Error, Result};
@@ -48,6 +48,8 @@ pub struct Settings {
     pub steps: u64,
     /// Minutes over all resumptions.
     pub minutes: Option<f64>,
+    /// How a step is taken.
+    pub method: Method,
     /// Peak learning rate.
     pub learning_rate: f64,
     /// Steps of linear warm-up.
@@ -262,6 +264,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
             return Err(Error::Diverged { step, what: "loss".into() });
         }
         let settings = StepSettings {
+            method: self.settings.method,
             learning_rate: lr as f32,
             weight_decay: self.settings.weight_decay,
             clip_norm: self.settings.clip_norm,

@@ -1,6 +1,7 @@
 //! Settings of training runs of the wan networks; one JSON file holds one run.
 
 use crate::bridge::Bridge;
+use crate::train::optimizer::Method;
 use crate::train::runner;
 use crate::train::schedule::Decay;
 use crate::wan::config::VaeConfig;
@@ -288,6 +289,7 @@ impl Config {
     pub(super) fn settings(&self) -> runner::Settings {
         let OptimizerConfig { learning_rate, warmup_steps, decay, weight_decay, clip_norm, ema_decay } = self.optimizer;
         runner::Settings {
+            method: Method::AdamW,
             steps: self.steps,
             minutes: self.minutes,
             learning_rate,
