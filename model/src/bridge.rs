@@ -2,6 +2,7 @@
 //! itself (RenderFlow, section "Latent-Space Bridge-Matching Training"), in that pixel space or in the latents of an autoencoder.
 
 use crate::config::Curve;
+use crate::kernels;
 use crate::{Error, Result};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -24,6 +25,14 @@ fn representable(x: f32) -> f32 {
 pub fn log_curve(x: f32) -> f32 {
     const SCALE: f32 = 0.455_119_6; // 1 / ln 9
     (8.0 * representable(x)).ln_1p() * SCALE
+}
+
+/// [`log_curve`] of every value, within 1e-6; fastest where there are multiples of 16.
+pub(crate) fn log_curves(values: &mut [f32]) {
+    const SCALE: f32 = 0.455_119_6; // 1 / ln 9
+    values.iter_mut().for_each(|v| *v = 8.0f32.mul_add(representable(*v), 1.0));
+    kernels::ln(values);
+    values.iter_mut().for_each(|v| *v *= SCALE);
 }
 
 /// Inverse of [`log_curve`].
@@ -170,6 +179,18 @@ pub fn velocity(z1_hat: f32, z_t: f32, t: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::data::step_rng;
+
+    #[test]
+    fn the_curve_of_many_values_is_that_of_each() {
+        let mut rng = step_rng(9, 0);
+        let mut values: Vec<f32> = (0..1000).map(|_| rng.random_range(-12.0f32..12.0).exp2()).collect();
+        values.extend([0.0, -0.0, -1.0, 1e-38, 1e-6, 1.0, 65504.0, 1e30, f32::INFINITY, f32::NAN]);
+        let expected: Vec<f32> = values.iter().map(|v| log_curve(*v)).collect();
+        log_curves(&mut values);
+        for (found, expected) in values.iter().zip(&expected) {
+            assert!((found - expected).abs() <= 1e-6 * expected.max(1.0), "{found} and {expected}");
+        }
+    }
 
     #[test]
     fn times_follow_their_table() {

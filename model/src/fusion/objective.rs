@@ -1,7 +1,7 @@
 //! The loss on one picture and its derivative: what PSNR measures, with two terms that keep dark and bright parts and edges honest.
 
 use super::record::Known;
-use crate::bridge::{log_curve, srgb_slope};
+use crate::bridge::{log_curves, srgb_slope};
 use renderflow_frame::color::linear_to_srgb;
 use serde::{Deserialize, Serialize};
 
@@ -47,7 +47,7 @@ pub fn display(x: f32) -> f32 {
 /// Added to the mean squared error before its logarithm: that of 50 dB.
 const LEAST: f32 = 1e-5;
 
-/// Slope of [`log_curve`].
+/// Slope of [`crate::bridge::log_curve`].
 fn log_slope(x: f32) -> f32 {
     8.0 / ((1.0 + 8.0 * x.max(0.0)) * 9f32.ln())
 }
@@ -69,6 +69,13 @@ pub fn loss(
 
     let error: Vec<[f32; 3]> =
         drawn.iter().zip(truth).map(|(a, b)| std::array::from_fn(|c| display(a[c]) - display(b[c]))).collect();
+    let log_of = |picture: &[[f32; 3]]| {
+        let mut values = picture.as_flattened().to_vec();
+        log_curves(&mut values);
+        values
+    };
+    let (of_drawn, of_truth) = (log_of(drawn), log_of(truth));
+    let curved = |values: &[f32], i: usize, c: usize| values[3 * i + c];
     let squares = (0..drawn.len()).filter(|i| covered(*i)).flat_map(|i| error[i]).map(|e| f64::from(e * e)).sum::<f64>();
     let squares = (squares / f64::from(n)) as f32;
     let steepness = weights.display + weights.psnr / (squares + LEAST);
@@ -79,7 +86,7 @@ pub fn loss(
         for c in 0..3 {
             let e = error[i][c];
             of_display[i][c] += 2.0 * steepness * e / n;
-            let along = log_curve(drawn[i][c]) - log_curve(truth[i][c]);
+            let along = curved(&of_drawn, i, c) - curved(&of_truth, i, c);
             sums[0] += f64::from(along.abs()) / f64::from(n);
             slopes[i][c] += weights.log * sign(along) * log_slope(drawn[i][c]) / n;
             for (pair, other, n) in [(right(i), i + 1, n_right), (below(i), i + width, n_below)] {

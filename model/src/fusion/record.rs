@@ -1,6 +1,6 @@
 //! What is known of a frame, a record of numbers a pixel, and what the network reads of it.
 
-use crate::bridge::{MAX_RADIANCE, log_curve};
+use crate::bridge::{MAX_RADIANCE, log_curves};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
@@ -248,6 +248,9 @@ fn keys_at(groups: Groups) -> usize {
     if groups.deferred { at::KEYS_SHADED } else { at::KEYS_TINTED }
 }
 
+/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples, neighbours.
+const COLOURS: usize = TERMS + 2 + KEYS + NEIGHBOURS;
+
 /// Appends what the network reads of a pixel, [`Groups::channels`] numbers of about -1..=2.
 pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut Vec<f32>) {
     let groups = chosen.groups;
@@ -257,7 +260,13 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
         out.resize(before + groups.channels(), 0.0);
         return;
     }
-    let colour = |rgb: [f32; 3], out: &mut Vec<f32>| out.extend(rgb.map(log_curve));
+    // Colours go through the curve together.
+    let (mut places, mut count) = ([0; COLOURS], 0);
+    let mut colour = |rgb: [f32; 3], out: &mut Vec<f32>| {
+        places[count] = out.len();
+        count += 1;
+        out.extend(rgb);
+    };
     out.extend_from_slice(&stored[at::ALBEDO..at::BACKGROUND]);
     if groups.deferred {
         for term in known.terms {
@@ -276,7 +285,7 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
             out.push(if there { 1.0 - 0.5 * chosen.ages[k].unwrap_or(AGE[1]) } else { 0.0 });
         }
     }
-    let traced = |[r, g, b, coverage]: [f32; 4], spp: f32, out: &mut Vec<f32>| {
+    let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, out: &mut Vec<f32>| {
         let scale = if coverage > 0.0 { 1.0 / coverage } else { 0.0 };
         colour([r, g, b].map(|v| v * scale), out);
         out.push(if spp > 0.0 { coverage / spp } else { 0.0 });
@@ -291,6 +300,14 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
         }
     }
     debug_assert_eq!(out.len() - before, groups.channels());
+    let mut curved = [0.0; (3 * COLOURS).next_multiple_of(16)];
+    for (curved, at) in curved.chunks_exact_mut(3).zip(&places[..count]) {
+        curved.copy_from_slice(&out[*at..at + 3]);
+    }
+    log_curves(&mut curved[..(3 * count).next_multiple_of(16)]);
+    for (curved, at) in curved.chunks_exact(3).zip(&places[..count]) {
+        out[*at..at + 3].copy_from_slice(curved);
+    }
     for value in &mut out[before..] {
         *value = if value.is_finite() { value.clamp(-8.0, 8.0) } else { 0.0 };
     }

@@ -118,6 +118,9 @@ pub trait Tile: Copy + Send + Sync {
 
     /// Replaces each of `s`, clamped to -87..=87, by its exponential.
     fn exp(self, s: &mut [f32]);
+
+    /// Replaces each of `s`, of at least the least normal number, by its natural logarithm.
+    fn ln(self, s: &mut [f32]);
 }
 
 /// The portable twin of the vector implementations, without `unsafe`. It is the one for processors whose fused
@@ -195,6 +198,10 @@ impl Tile for Scalar {
     fn exp(self, s: &mut [f32]) {
         exp_each(s);
     }
+
+    fn ln(self, s: &mut [f32]) {
+        ln_each(s);
+    }
 }
 
 /// `exp(x)` for x in -87..=87 within 2 ulp: the polynomial of Cephes' `expf`, without branches so that it vectorises.
@@ -214,6 +221,28 @@ fn exp(x: f32) -> f32 {
         .mul_add(r, 0.5);
     let p = (p * r).mul_add(r, r) + 1.0;
     f32::from_bits((shifted.to_bits() << 23).wrapping_add(p.to_bits()))
+}
+
+/// `ln(x)` of a normal number above 0 within 2 ulp of the larger of 1 and the result: the polynomial of Cephes' `logf`, without branches.
+#[inline(always)]
+fn ln(x: f32) -> f32 {
+    // The mantissa is brought to sqrt(1/2)..sqrt(2).
+    const MIDDLE: u32 = 0x3f35_04f3;
+    let bits = x.to_bits().wrapping_sub(MIDDLE);
+    let exponent = (bits as i32 >> 23) as f32;
+    let r = f32::from_bits((bits & 0x007f_ffff).wrapping_add(MIDDLE)) - 1.0;
+    let p = 7.037_683_6e-2_f32
+        .mul_add(r, -1.151_461e-1)
+        .mul_add(r, 1.167_699_9e-1)
+        .mul_add(r, -1.242_014_1e-1)
+        .mul_add(r, 1.424_932_3e-1)
+        .mul_add(r, -1.666_805_8e-1)
+        .mul_add(r, 2.000_071_5e-1)
+        .mul_add(r, -2.499_999_4e-1)
+        .mul_add(r, 3.333_333_1e-1);
+    let square = r * r;
+    let small = exponent.mul_add(-2.121_944_4e-4, p * r * square);
+    exponent.mul_add(355.0 / 512.0, r + square.mul_add(-0.5, small))
 }
 
 /// The low half of the result is `v` in bf16, rounded to the nearest, ties to even.
@@ -287,6 +316,13 @@ pub(super) fn gelu_gradient(x: &[f32], g: &[f32], d: &mut [f32]) {
 pub(super) fn exp_each(s: &mut [f32]) {
     for v in s {
         *v = exp(v.clamp(-87.0, 87.0));
+    }
+}
+
+#[inline(always)]
+pub(super) fn ln_each(s: &mut [f32]) {
+    for v in s {
+        *v = ln(*v);
     }
 }
 
