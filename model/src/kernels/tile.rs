@@ -239,7 +239,7 @@ fn ln(x: f32) -> f32 {
         .mul_add(r, -1.666_805_8e-1)
         .mul_add(r, 2.000_071_5e-1)
         .mul_add(r, -2.499_999_4e-1)
-        .mul_add(r, 3.333_333_1e-1);
+        .mul_add(r, 3.333_333e-1);
     let square = r * r;
     let small = exponent.mul_add(-2.121_944_4e-4, p * r * square);
     exponent.mul_add(355.0 / 512.0, r + square.mul_add(-0.5, small))

@@ -16,9 +16,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::Instant;
 
+/// Steps in a row whose loss or gradient may not be finite; with one more the run ends. A batch may be at fault, a run of them is not.
+const MOST_LEFT_OUT: u32 = 10;
+
 /// What one batch teaches.
 pub struct Lesson {
-    /// What was minimised; a loss that is not finite ends the run.
+    /// What was minimised; a step whose loss is not finite is left out.
     pub total: f32,
     /// Numbers for the log by name, averaged over the steps that give them.
     pub terms: Vec<(&'static str, f32)>,
@@ -168,7 +171,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
     /// checkpoint and at the end. Returns the trained model too.
     ///
     /// # Errors
-    /// Those of its parts, [`Error::Diverged`], and when the folder cannot be written.
+    /// Those of its parts, [`Error::Diverged`] after eleven steps in a row that were not finite, and when the folder cannot be written.
     pub fn run<L: Learner, B: FnMut(u64) -> Result<L::Batch> + Send>(
         &self,
         learner: &L,
@@ -224,6 +227,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
                 }
             });
             let mut model = parameters::import_learning(model, &optimizer.values(), &self.device);
+            let mut left_out = 0;
             loop {
                 let share = self.settings.share(optimizer.steps, elapsed());
                 if share >= 1.0 || cancel.load(Ordering::Relaxed) {
@@ -239,9 +243,21 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
                 };
                 let lr = schedule::rate(self.settings, optimizer.steps, share);
                 let lesson = learner.learn(&model, optimizer.steps, batch, &self.device)?;
-                let norm = self.step(&mut optimizer, &lesson, lr)?;
-                model = parameters::import_learning(model, &optimizer.values(), &self.device);
-                meter.add(&lesson, norm);
+                match self.step(&mut optimizer, &lesson, lr) {
+                    Ok(norm) => {
+                        left_out = 0;
+                        model = parameters::import_learning(model, &optimizer.values(), &self.device);
+                        meter.add(&lesson, norm);
+                    }
+                    Err(what) if left_out == MOST_LEFT_OUT => {
+                        return Err(Error::Diverged { step: optimizer.steps, what });
+                    }
+                    Err(what) => {
+                        left_out += 1;
+                        (self.note)(format!("step {}: {what} is not finite; the step is left out", optimizer.steps));
+                        optimizer.steps += 1;
+                    }
+                }
                 if optimizer.steps.is_multiple_of(self.settings.log_steps) {
                     let report = self.report(&meter, optimizer.steps, lr, [before, elapsed()], first_step);
                     let record = (self.record)(&report);
@@ -258,10 +274,10 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
         Ok(Summary { steps: optimizer.steps, elapsed: elapsed(), finished, last, weights: weights_path(self.output) })
     }
 
-    fn step(&self, optimizer: &mut Optimizer, lesson: &Lesson, lr: f64) -> Result<f32> {
-        let step = optimizer.steps;
+    /// Takes a step; says what is not finite, where nothing is changed.
+    fn step(&self, optimizer: &mut Optimizer, lesson: &Lesson, lr: f64) -> std::result::Result<f32, String> {
         if !lesson.total.is_finite() {
-            return Err(Error::Diverged { step, what: "loss".into() });
+            return Err("the loss".into());
         }
         let settings = StepSettings {
             method: self.settings.method,
@@ -270,7 +286,7 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
             clip_norm: self.settings.clip_norm,
             ema_decay: self.settings.ema_decay,
         };
-        optimizer.step(&lesson.gradients, settings).map_err(|what| Error::Diverged { step, what })
+        optimizer.step(&lesson.gradients, settings).map_err(|what| format!("the gradient of {what}"))
     }
 
     fn report(&self, meter: &Meter, step: u64, lr: f64, [before, elapsed]: [f64; 2], first_step: u64) -> Report {
@@ -321,5 +337,78 @@ impl Meter {
             *sum += f64::from(value);
             *count += 1;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::init::Init;
+    use crate::network::layers::Conv;
+    use std::sync::Mutex;
+
+    /// Every gradient and the loss are the batch.
+    struct Toy;
+
+    impl Learner for Toy {
+        type Batch = f32;
+        type Model = Conv;
+
+        fn learn(&self, model: &Conv, _: u64, batch: f32, _: &Device) -> Result<Lesson> {
+            let like = |parameter: &parameters::Parameter| Some(vec![batch; parameter.values.len()]);
+            let gradients = parameters::export_learning(model).iter().map(like).collect();
+            Ok(Lesson { total: 1.0, terms: Vec::new(), items: 1, gradients })
+        }
+    }
+
+    /// Steps and notes of a run whose batches are not finite at these steps, and its first parameter.
+    fn run(broken: impl Fn(u64) -> bool + Send) -> (Result<Summary<u64>>, Vec<String>) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let notes = Mutex::new(Vec::new());
+        let device = Device::flex().autodiff();
+        let runner = Runner {
+            config: &1_u32,
+            difference: &|_, _| None,
+            output: folder.path(),
+            data: None,
+            settings: Settings {
+                steps: 40,
+                minutes: None,
+                method: Method::AdamW,
+                learning_rate: 0.1,
+                warmup_steps: 1,
+                decay: Decay::Constant,
+                weight_decay: 0.0,
+                clip_norm: 1.0,
+                ema_decay: 0.5,
+                checkpoint_steps: 10,
+                log_steps: 20,
+            },
+            device: device.clone(),
+            record: &|report: &Report| report.step,
+            progress: &|_| (),
+            note: &|note| notes.lock().expect("notes").push(note),
+            cancel: &AtomicBool::new(false),
+        };
+        let model = Conv::new(&mut Init::new(1, &device), 1, 1, 1, 1.0);
+        let batch = move |step: u64| Ok(if broken(step) { f32::NAN } else { 1.0 });
+        let finite = |optimizer: &Optimizer, _: &Conv| {
+            assert!(optimizer.values().iter().flat_map(|values| values.iter()).all(|v| v.is_finite()));
+            Ok(())
+        };
+        let summary = runner.run(&Toy, model, |_| Ok(batch), &finite);
+        (summary, notes.into_inner().expect("notes"))
+    }
+
+    #[test]
+    fn steps_that_are_not_finite_are_named_and_left_out() {
+        let (summary, notes) = run(|step| step == 7 || (20..30).contains(&step));
+        assert_eq!(summary.expect("a run").steps, 40);
+        assert_eq!(notes.len(), 11);
+        assert_eq!(notes[0], "step 7: the gradient of weight is not finite; the step is left out");
+        let (ended, notes) = run(|step| step >= 5);
+        let said = ended.expect_err("nothing can be learnt").to_string();
+        assert!(said.starts_with("step 15: the gradient of weight is not finite"), "{said}");
+        assert_eq!(notes.len(), 10);
     }
 }
