@@ -4,11 +4,11 @@
 
 mod ablation;
 mod charts;
-mod html;
+pub(crate) mod html;
 mod index;
 pub mod picture;
 mod place;
-mod plot;
+pub(crate) mod plot;
 mod sequence;
 mod style;
 mod summary;
