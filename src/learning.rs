@@ -34,13 +34,13 @@ pub struct Recipe {
     pub max_bounces: u32,
     /// Frames of each sequence between its two keyframes.
     pub frames: usize,
-    /// Samples a pixel of each part of a frame and of each neighbour; `None` = 1 or 2, and 1, 2 or 4.
+    /// Samples a pixel of each part of a frame and of each neighbour; `None` = 1, 2, seldom 4 or 8, and 1, 2 or 4.
     pub samples: Option<[u32; 2]>,
 }
 
 impl Default for Recipe {
     fn default() -> Self {
-        Self { truth_spp: 16, max_bounces: 6, frames: 2, samples: None }
+        Self { truth_spp: 16, max_bounces: 6, frames: 3, samples: None }
     }
 }
 
@@ -96,7 +96,7 @@ impl<'a> Planned<'a> {
         while between.len() > self.recipe.frames {
             between.remove(pick("between", between.len() * 7919) % between.len());
         }
-        let drawn = || [[1, 2][pick("spp", 2)], [1, 2, 2, 4][pick("near", 4)]];
+        let drawn = || [[1, 1, 1, 2, 2, 2, 4, 8][pick("spp", 8)], [1, 2, 2, 4][pick("near", 4)]];
         let [spp, near_spp] = self.recipe.samples.unwrap_or_else(drawn);
 
         let mut scene = RenderScene::compile(&loaded)?;
