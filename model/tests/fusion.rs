@@ -9,7 +9,7 @@ use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame};
 use renderflow_model::fusion::fill::{Key, Samples, Seen};
-use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, TINT, at};
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Progress, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
 use renderflow_model::weights::Precision;
@@ -33,7 +33,7 @@ fn toy(seed: u64) -> Record<f32> {
         for c in 0..3 {
             let albedo = if (x as usize / 8 + y as usize / 8).is_multiple_of(2) { 0.7 } else { 0.3 };
             let light = 0.5 + 0.3 * (wave * (x + y)).sin() + 0.05 * c as f32;
-            let truth = light * (albedo + TINT);
+            let truth = light * tint([albedo; 3], out)[c];
             (out[at::ALBEDO + c], out[at::TRUTH + c]) = (albedo, truth);
             (out[at::NORMAL + c], out[at::BACKGROUND + c]) = (0.57, 0.2);
             out[at::TERMS + c] = 0.6 * truth;
@@ -194,6 +194,31 @@ fn random() -> Fusion {
         parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1));
     }
     Fusion::with_parameters(untrained.header().clone(), &parameters).unwrap()
+}
+
+/// Under light that is the same from everywhere the split sum is what samples are divided by, whatever the surface.
+#[test]
+fn samples_over_the_tint_are_the_light() {
+    let camera = camera(24, 18);
+    let mut frame = frame(&camera);
+    let mut rng = Pcg64Mcg::seed_from_u64(2);
+    frame.material.pixels.iter_mut().for_each(|m| *m = [rng.random(), rng.random(), rng.random()]);
+    let albedo = frame.guide_albedo.as_mut().unwrap();
+    albedo.pixels.iter_mut().for_each(|rgb| *rgb = [rng.random(), rng.random(), rng.random()]);
+    let environment = Environment::constant([1.0; 3]);
+    let shading = ibl::shade(&frame, &camera, &environment, &ibl::IblTables::new(&environment));
+    let record = Record::of(&frame, &shading.surfaces, 1.0);
+    let mut compared = 0;
+    for (i, stored) in record.pixels.chunks_exact(at::COUNT).enumerate() {
+        if stored[at::ALPHA] == 1.0 {
+            let found = tint([stored[at::ALBEDO], stored[at::ALBEDO + 1], stored[at::ALBEDO + 2]], stored);
+            for (shaded, tint) in shading.image.pixels[i].iter().zip(found) {
+                assert!(*shaded < tint && *shaded > tint - 0.021, "{shaded} and {tint} at pixel {i}");
+            }
+            compared += 1;
+        }
+    }
+    assert!(compared > 100);
 }
 
 #[test]

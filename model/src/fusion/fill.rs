@@ -1,6 +1,6 @@
 //! Fills records: what the path tracer, deferred shading and the warp give becomes what the network reads.
 
-use super::record::{KEYS, NEIGHBOURS, PARTS, Record, TINT, at, radiance};
+use super::record::{KEYS, NEIGHBOURS, PARTS, Record, TINT, at, radiance, tint};
 use rayon::prelude::*;
 use renderflow_frame::deferred::Deferred;
 use renderflow_frame::ibl::Surfaces;
@@ -30,16 +30,16 @@ impl<'a> Samples<'a> {
         Some(Self { raw, alpha: &frame.alpha, albedo, background, spp: frame.info.spp })
     }
 
-    /// Radiance of the surface over albedo + [`TINT`], times coverage; and coverage.
-    fn at(&self, i: usize, exposure: f32) -> [f32; 4] {
+    /// Radiance of the surface over the tint of its albedo in the pixel with the record `stored`, times coverage; and coverage.
+    fn at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 4] {
         let alpha = finite(self.alpha.pixels[i]).clamp(0.0, 1.0);
         if alpha <= 0.0 {
             return [0.0; 4];
         }
+        let tint = tint(self.albedo.pixels[i].map(|v| finite(v / alpha).clamp(0.0, 1.0)), stored);
         let over = |c: usize| {
-            let albedo = finite(self.albedo.pixels[i][c] / alpha).clamp(0.0, 1.0);
             let surface = self.raw.pixels[i][c] - (1.0 - alpha) * self.background.pixels[i][c];
-            radiance(exposure * surface / (albedo + TINT))
+            radiance(exposure * surface / tint[c])
         };
         [over(0), over(1), over(2), alpha]
     }
@@ -125,7 +125,7 @@ impl Record<f32> {
         let found = warp::correspond(frame, &key.frame, Some(&|id| movement.of(id)));
         let over_shading =
             key.shaded.as_ref().zip(shaded).map(|(there, here)| warp::ratio_fetch(&key.truth, there, here, &found, exposure));
-        let tint = |frame: &Frame, i: usize| {
+        let plain = |frame: &Frame, i: usize| {
             let alpha = frame.alpha.pixels[i];
             let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));
             guide.unwrap_or(frame.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0) + TINT)
@@ -135,8 +135,8 @@ impl Record<f32> {
             height: key.truth.height,
             pixels: (0..key.truth.pixels.len())
                 .map(|i| {
-                    let tint = tint(&key.frame, i);
-                    std::array::from_fn(|c| finite(key.truth.pixels[i][c]) / tint[c])
+                    let plain = plain(&key.frame, i);
+                    std::array::from_fn(|c| finite(key.truth.pixels[i][c]) / plain[c])
                 })
                 .collect(),
         };
@@ -161,7 +161,10 @@ impl Record<f32> {
     pub fn add_part(&mut self, part: usize, samples: &Samples, exposure: f32) {
         assert!(part < PARTS, "part {part} of {PARTS}");
         self.parts[part] = samples.spp;
-        self.each(|i, out| out[at::SAMPLES + 4 * part..][..4].copy_from_slice(&samples.at(i, exposure)));
+        self.each(|i, out| {
+            let own = samples.at(i, out, exposure);
+            out[at::SAMPLES + 4 * part..][..4].copy_from_slice(&own);
+        });
     }
 
     /// Adds samples of another frame, taken from the pixel there that `source` names, as neighbour `n`: those before the frame first, the
@@ -170,7 +173,7 @@ impl Record<f32> {
         assert!(n < NEIGHBOURS, "neighbour {n} of {NEIGHBOURS}");
         self.neighbours[n] = samples.spp;
         self.each(|i, out| {
-            let carried = source.pixels[i].map_or([0.0; 4], |there| samples.at(there as usize, exposure));
+            let carried = source.pixels[i].map_or([0.0; 4], |there| samples.at(there as usize, out, exposure));
             out[at::NEARBY + 4 * n..][..4].copy_from_slice(&carried);
         });
     }

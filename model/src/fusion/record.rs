@@ -3,6 +3,7 @@
 use crate::bridge::{MAX_RADIANCE, log_curves};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use renderflow_frame::ibl;
 
 /// Keyframes that are carried: the nearest before and the nearest after.
 pub const KEYS: usize = 2;
@@ -13,8 +14,10 @@ pub const NEIGHBOURS: usize = 4;
 /// Terms of deferred shading that get a factor of their own: lights, diffuse sky, reflections, bounced light.
 pub const TERMS: usize = 4;
 
-/// Added to the albedo where radiance is divided by it: what a dielectric reflects without its base.
+/// Added to the albedo where keyframes are divided by it: what a dielectric reflects without its base.
 pub const TINT: f32 = 0.04;
+/// Least of what samples are divided by.
+const LEAST: f32 = 0.02;
 /// Frames that count as age 1, and the largest age.
 const AGE: [f32; 2] = [16.0, 2.0];
 
@@ -46,7 +49,7 @@ pub mod at {
     pub const KEYS_SHADED: usize = 34;
     /// The same carried over the albedo.
     pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
-    /// Of each part: radiance of the surface over albedo + [`super::TINT`], times coverage; coverage.
+    /// Of each part: radiance of the surface over its tint ([`super::tint`]), times coverage; coverage.
     pub const SAMPLES: usize = KEYS_TINTED + 4 * KEYS;
     /// The same of each neighbour; coverage 0 where it does not show this surface.
     pub const NEARBY: usize = SAMPLES + 4 * PARTS;
@@ -179,6 +182,14 @@ pub fn age(distance: f32) -> f32 {
     (distance.abs() / AGE[0]).min(AGE[1])
 }
 
+/// What a surface of this albedo in a pixel reflects of light that is the same from everywhere: diffuse base and split sum (Karis 2013).
+/// Samples over it vary less than samples over the albedo where a textured surface shines. `stored` is the pixel's record.
+pub fn tint(albedo: [f32; 3], stored: &[f32]) -> [f32; 3] {
+    let [_, metallic, specular] = [stored[at::MATERIAL], stored[at::MATERIAL + 1], stored[at::MATERIAL + 2]];
+    let f0 = ibl::f0(albedo, metallic, specular);
+    std::array::from_fn(|c| albedo[c] * (1.0 - metallic) + f0[c] * stored[at::BRDF] + stored[at::BRDF + 1] + LEAST)
+}
+
 /// What the head acts on in one pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Known {
@@ -207,7 +218,7 @@ impl Known {
         let mut known = Self {
             alpha: stored[at::ALPHA],
             background: three(at::BACKGROUND),
-            tint: three(at::ALBEDO).map(|v| v + TINT),
+            tint: tint(three(at::ALBEDO), stored),
             trust: [f32::NEG_INFINITY; KEYS],
             ..Self::default()
         };
