@@ -23,7 +23,7 @@ macro_rules! with_tile {
             #[cfg(target_arch = "x86_64")]
             Some(Kernel::Avx2($tile)) => $call,
             _ => {
-                let $tile = super::tile::Scalar;
+                let $tile = $crate::kernels::tile::Scalar;
                 $call
             }
         }

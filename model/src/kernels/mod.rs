@@ -100,24 +100,12 @@ impl Kernel {
 
 /// Replaces each value, clamped to -87..=87, by its exponential, within 2 ulp; fastest where there are multiples of 16.
 pub(crate) fn exp(values: &mut [f32]) {
-    match Kernel::active() {
-        #[cfg(target_arch = "x86_64")]
-        Some(Kernel::Avx512(tile)) => tile.exp(values),
-        #[cfg(target_arch = "x86_64")]
-        Some(Kernel::Avx2(tile)) => tile.exp(values),
-        _ => tile::Scalar.exp(values),
-    }
+    extension::with_tile!(tile => tile.exp(values));
 }
 
 /// Replaces each value, a normal number above 0, by its natural logarithm; fastest where there are multiples of 16.
 pub(crate) fn ln(values: &mut [f32]) {
-    match Kernel::active() {
-        #[cfg(target_arch = "x86_64")]
-        Some(Kernel::Avx512(tile)) => tile.ln(values),
-        #[cfg(target_arch = "x86_64")]
-        Some(Kernel::Avx2(tile)) => tile.ln(values),
-        _ => tile::Scalar.ln(values),
-    }
+    extension::with_tile!(tile => tile.ln(values));
 }
 
 /// The tile of pairs in bf16, where the processor has the instructions and no other kernel is forced.
