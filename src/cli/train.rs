@@ -42,7 +42,7 @@ pub struct Train {
     /// which are composed and rendered beside the steps; nothing is stored
     #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "start", "cache_mib"])]
     plan: Option<PathBuf>,
-    /// Folder for checkpoint, log.jsonl and weights.safetensors
+    /// Folder for checkpoint, log.jsonl and weights.safetensors; with --plan also curves.html, TensorBoard's events and pictures
     #[arg(long)]
     out: PathBuf,
     /// Every option of either network as JSON (as printed by --print-config); flags win over it

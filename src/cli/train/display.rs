@@ -231,7 +231,6 @@ fn masked_checksum(bytes: &[u8]) -> u32 {
 mod tests {
     use super::*;
 
-    /// What TensorFlow 2.17 writes for `brain.Event:2` at second 1.0: length, its checksum, the message, its checksum.
     #[test]
     fn checksums_are_those_of_tfrecord() {
         // The vector of RFC 3720, B.4: 32 bytes of 0.
