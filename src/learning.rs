@@ -34,7 +34,8 @@ pub struct Recipe {
     pub max_bounces: u32,
     /// Frames of each sequence between its two keyframes.
     pub frames: usize,
-    /// Samples a pixel of each part of a frame and of each neighbour; `None` = 1, 2, seldom 4 or 8, and 1, 2 or 4.
+    /// Samples a pixel of each part of a frame and of each neighbour; `None` draws 1 or 2, seldom 4 or 8, for
+    /// the parts and 1, 2 or 4 for the neighbours.
     pub samples: Option<[u32; 2]>,
 }
 

@@ -16,6 +16,9 @@ pub const TIMES: [f32; 4] = [0.0, 0.25, 0.5, 0.75];
 /// Largest exposed radiance that is represented; brighter is clamped (the half-float limit).
 pub const MAX_RADIANCE: f32 = 65504.0;
 
+/// `1 / ln 9`, the scale of [`log_curve`].
+const SCALE: f32 = 0.455_119_6;
+
 /// Clamps to what the curves and half floats represent; NaN becomes 0.
 fn representable(x: f32) -> f32 {
     if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) }
@@ -23,13 +26,11 @@ fn representable(x: f32) -> f32 {
 
 /// `log1p(8 x) / log1p(8)`: 0 at 0, 1 at 1; expects exposed radiance >= 0, clamps to 0..=65504, NaN becomes 0.
 pub fn log_curve(x: f32) -> f32 {
-    const SCALE: f32 = 0.455_119_6; // 1 / ln 9
     (8.0 * representable(x)).ln_1p() * SCALE
 }
 
 /// [`log_curve`] of every value, within 1e-6; fastest where there are multiples of 16.
 pub(crate) fn log_curves(values: &mut [f32]) {
-    const SCALE: f32 = 0.455_119_6; // 1 / ln 9
     values.iter_mut().for_each(|v| *v = 8.0f32.mul_add(representable(*v), 1.0));
     kernels::ln(values);
     values.iter_mut().for_each(|v| *v *= SCALE);

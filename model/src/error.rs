@@ -50,12 +50,12 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
-    /// The loss or a gradient became NaN or infinite; nothing of that step was kept.
+    /// The loss or a gradient was NaN or infinite in too many steps in a row; nothing of those steps was kept.
     #[error("step {step}: {what} is not finite; lower the learning rate or inspect the data of this step")]
     Diverged {
         /// Step that failed.
         step: u64,
-        /// "loss" or the name of a parameter.
+        /// The loss, or the gradient of a named parameter.
         what: String,
     },
     /// This build carries no trained weights.

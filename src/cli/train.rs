@@ -1,5 +1,5 @@
-mod display;
 mod fusion;
+mod monitor;
 mod wan;
 
 use crate::dataset::Dataset;

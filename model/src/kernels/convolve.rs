@@ -159,7 +159,7 @@ impl<'a> Convolution<'a> {
         let (out, transposed) = (self.output(), self.weights(true));
         let input = |sources: &[Source], size: Size| gather(tile, sources, transposed, size, &[], Finish::Plain).0;
         let lattice = Lattice::backward(self.kernel, self.stride);
-        let read = tile.cells(gradient);
+        let read = if wanted.x || wanted.skip { tile.cells(gradient) } else { Cow::default() };
         let source = Source { values: &read, size: out.cells(T::FACTORS), lattice, frames: Frames::SINGLE, first: 0, onto: 0 };
         if wanted.x {
             result.x = match self.time {

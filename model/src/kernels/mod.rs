@@ -6,6 +6,8 @@
 //! any number of threads. [`crate::ops`] chooses between them and [`portable`], the composition of burn's own operations that
 //! serves every other device and element type.
 //!
+//! A fourth, AVX-512 BF16, multiplies factors rounded to bf16 in pairs where that is asked for ([`crate::ops::Products`]); its bits are its own.
+//!
 //! Weights are packed anew in each call to `[outputs / block][tap][inputs][block]`, with a block of two vectors. The
 //! gradient of the input is the same gather over the transposed lattice; that of the weights sums over pixels instead of channels.
 //!

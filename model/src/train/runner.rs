@@ -347,7 +347,7 @@ mod tests {
     use crate::network::layers::Conv;
     use std::sync::Mutex;
 
-    /// Every gradient and the loss are the batch.
+    /// The batch is the value of every gradient.
     struct Toy;
 
     impl Learner for Toy {
@@ -361,7 +361,7 @@ mod tests {
         }
     }
 
-    /// Steps and notes of a run whose batches are not finite at these steps, and its first parameter.
+    /// What a run of 40 steps left, and its notes; batches are NaN at the steps that are `broken`.
     fn run(broken: impl Fn(u64) -> bool + Send) -> (Result<Summary<u64>>, Vec<String>) {
         let folder = tempfile::tempdir().expect("a folder");
         let notes = Mutex::new(Vec::new());

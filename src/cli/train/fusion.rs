@@ -1,6 +1,6 @@
 //! Training of the network that reads all that is given, on sequences made beside the steps.
 
-use super::display::Display;
+use super::monitor::Monitor;
 use super::{Bars, Train};
 use crate::dataset::plan::Plan;
 use crate::learning::{Planned, Recipe};
@@ -61,7 +61,7 @@ impl Train {
             ensure!(!cancel.load(Ordering::Relaxed), Interrupted);
         }
         let learnt = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
-        let display = Display::new(&options.training.output, &validation);
+        let monitor = Monitor::new(&options.training.output, &validation);
         let shown = |done: Result<()>| done.unwrap_or_else(|error| bars.note(&format!("{error:#}")));
         let tell = |progress: &Progress| match progress {
             Progress::Loading { done, total } => bars.loading(*done as usize, *total as usize),
@@ -69,12 +69,12 @@ impl Train {
             Progress::Validated(validated) => {
                 let tiers: Vec<String> = validated.psnr.iter().map(|(name, psnr)| format!("{name} {psnr:.2}")).collect();
                 bars.note(&format!("validation at step {}: {} dB", validated.step, tiers.join(", ")));
-                shown(display.validated(validated));
+                shown(monitor.validated(validated));
             }
             Progress::Step(record) => {
                 let rate = record.items_per_second;
                 bars.step(record.share, format!("step {} loss {:.5}, {rate:.1} crops/s", record.step, record.loss));
-                shown(display.line(record));
+                shown(monitor.line(record));
             }
         };
         let run = || training::run(&options.training, &learnt, start.as_ref(), &validation, &tell, cancel);
