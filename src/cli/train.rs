@@ -1,5 +1,6 @@
 mod fusion;
 mod monitor;
+mod reference;
 mod wan;
 
 use crate::dataset::Dataset;

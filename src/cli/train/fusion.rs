@@ -1,6 +1,7 @@
 //! Training of the network that reads all that is given, on sequences made beside the steps.
 
 use super::monitor::Monitor;
+use super::reference::References;
 use super::{Bars, Train};
 use crate::dataset::plan::Plan;
 use crate::learning::{Planned, Recipe};
@@ -9,6 +10,7 @@ use anyhow::{Result, ensure};
 use renderflow_model::fusion::training::{self, Config, Progress};
 use renderflow_model::fusion::{Fusion, Record};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -60,15 +62,15 @@ impl Train {
             validation.extend(tested.records(i.into())?.pop().map(|record| record.to_half()));
             ensure!(!cancel.load(Ordering::Relaxed), Interrupted);
         }
+        let references = References::measure(&options.training.network, &validation)?;
         let learnt = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
-        let monitor = Monitor::new(&options.training.output, &validation);
+        let monitor = Monitor::new(&options.training.output, &validation, &references);
         let shown = |done: Result<()>| done.unwrap_or_else(|error| bars.note(&format!("{error:#}")));
         let tell = |progress: &Progress| match progress {
             Progress::Loading { done, total } => bars.loading(*done as usize, *total as usize),
             Progress::Note(note) => bars.note(note),
             Progress::Validated(validated) => {
-                let tiers: Vec<String> = validated.psnr.iter().map(|(name, psnr)| format!("{name} {psnr:.2}")).collect();
-                bars.note(&format!("validation at step {}: {} dB", validated.step, tiers.join(", ")));
+                bars.note(&format!("validation at step {}: {} dB", validated.step, listed(&validated.psnr)));
                 shown(monitor.validated(validated));
             }
             Progress::Step(record) => {
@@ -77,6 +79,11 @@ impl Train {
                 shown(monitor.line(record));
             }
         };
+        for (what, psnr) in [("what the network is handed", &references.handed), ("OIDN on the same samples", &references.oidn)] {
+            if !psnr.is_empty() {
+                bars.note(&format!("validation, {what}: {} dB", listed(psnr)));
+            }
+        }
         let run = || training::run(&options.training, &learnt, start.as_ref(), &validation, &tell, cancel);
         bars.finish(&run()?)
     }
@@ -94,4 +101,9 @@ impl Train {
         training.validate()?;
         Ok(options)
     }
+}
+
+/// PSNR by tier in one line.
+fn listed(psnr: &BTreeMap<String, f32>) -> String {
+    psnr.iter().map(|(name, psnr)| format!("{name} {psnr:.2}")).collect::<Vec<_>>().join(", ")
 }

@@ -1,7 +1,8 @@
 //! What a run shows of itself while it goes on: curves as a page of SVG, scalars as TensorBoard events, and pictures of some of the frames
 //! that it is validated on.
 
-use crate::report::plot::{self, Line, Plot, Point, Scale};
+use super::reference::References;
+use crate::report::plot::{self, Level, Line, Plot, Point, Scale};
 use crate::report::{html, picture};
 use anyhow::{Context, Result};
 use half::f16;
@@ -31,11 +32,12 @@ pub(super) struct Monitor<'a> {
     /// Made with the first scalar, so that a refused run leaves nothing behind.
     events: Mutex<Option<Events>>,
     validation: &'a [Record<f16>],
+    references: &'a References,
 }
 
 impl<'a> Monitor<'a> {
-    pub(super) fn new(out: &'a Path, validation: &'a [Record<f16>]) -> Self {
-        Self { out, events: Mutex::new(None), validation }
+    pub(super) fn new(out: &'a Path, validation: &'a [Record<f16>], references: &'a References) -> Self {
+        Self { out, events: Mutex::new(None), validation, references }
     }
 
     /// After a line of the log.
@@ -78,24 +80,31 @@ impl<'a> Monitor<'a> {
         let lines: Vec<LogRecord> = records(&self.out.join("log.jsonl"))?;
         let validations: Vec<Validation> = records(&self.out.join("validation.jsonl"))?;
         let point = |step: u64, value: f32| Point { at: (step as f64, f64::from(value)), ..Point::default() };
-        let loss = vec![("loss".to_owned(), lines.iter().map(|line| point(line.step, line.loss)).collect())];
+        let loss: Vec<(String, Vec<Point>)> =
+            vec![("loss".to_owned(), lines.iter().map(|line| point(line.step, line.loss)).collect())];
         let mut by_tier: BTreeMap<String, Vec<Point>> = BTreeMap::new();
         for validation in &validations {
             for (name, psnr) in &validation.psnr {
                 by_tier.entry(name.clone()).or_default().push(point(validation.step, *psnr));
             }
         }
+        // In the colour of the tier's own line.
+        let level = |(color, name): (usize, &String)| {
+            let y = f64::from(*self.references.oidn.get(name)?);
+            Some(Level { name: format!("OIDN, {name}"), named: true, color, y })
+        };
+        let levels: Vec<Level> = by_tier.keys().enumerate().filter_map(level).collect();
         let body = format!(
             "<h1>Training of {}</h1>\n<h2>Validation</h2>\n{}<h2>Loss of the batches</h2>\n{}",
             html::escape(&self.out.display().to_string()),
-            figure("validation", "PSNR, dB (up is better)", by_tier.into_iter().collect()),
-            figure("loss", "loss", loss)
+            figure("validation", "PSNR, dB (up is better)", by_tier.into_iter().collect(), levels),
+            figure("loss", "loss", loss, Vec::new())
         );
         Ok(html::page("RenderFlow: a training run", &body))
     }
 }
 
-fn figure(title: &str, y: &str, lines: Vec<(String, Vec<Point>)>) -> String {
+fn figure(title: &str, y: &str, lines: Vec<(String, Vec<Point>)>, levels: Vec<Level>) -> String {
     let line = |(color, (name, points)): (usize, (String, Vec<Point>))| Line {
         color,
         joined: true,
@@ -109,7 +118,7 @@ fn figure(title: &str, y: &str, lines: Vec<(String, Vec<Point>)>) -> String {
         x: ("steps", Scale::Linear),
         y: (y, Scale::Linear),
         lines: lines.into_iter().enumerate().map(line).collect(),
-        levels: Vec::new(),
+        levels,
         marks: Vec::new(),
         size: (960.0, 460.0),
     })
