@@ -338,7 +338,7 @@ fn maps_that_cannot_be_used_are_left_out_of_a_plan() {
 #[test]
 fn results_name_no_file_of_another_folder() {
     let folder = tempfile::tempdir().unwrap();
-    let text = r#"{"version": 1, "program": "p", "title": "t", "machine": "m", "curve": "c", "settings": [], "methods":
+    let text = r#"{"version": 2, "program": "p", "title": "t", "machine": "m", "curve": "c", "settings": [], "methods":
         [{"id": "/../../secret", "label": "l", "group": "other", "series": null, "spp": null, "note": ""}]}"#;
     std::fs::write(folder.path().join("results.json"), text).unwrap();
     let out = folder.path().join("report");

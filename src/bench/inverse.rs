@@ -1,7 +1,7 @@
 //! `renderflow bench inverse`: what recovered buffers are worth.
 
 use crate::dataset::SequenceFolder;
-use crate::evaluate::find::{self, Place};
+use crate::evaluate::find::{self, TestSequence};
 use crate::metrics::Networks;
 use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
@@ -120,24 +120,24 @@ impl Options {
             (None, folder) => Method::Folder(folder.as_deref().context("--weights or --buffers")?),
         };
         let networks = Networks::find()?;
-        let places = find::find(&self.data)?;
+        let tests = find::find(&self.data)?;
         if let Method::Folder(_) = method {
             let mut names = BTreeSet::new();
-            let twice = places.iter().map(|place| place.folder.name()).find(|name| !names.insert(name.clone()));
+            let twice = tests.iter().map(|test| test.folder.name()).find(|name| !names.insert(name.clone()));
             ensure!(twice.is_none(), "two sequences are called {}: name one class of scenes", twice.unwrap_or_default());
         }
-        let chosen = |place: &Place| (0..place.folder.len()).step_by(self.every as usize);
-        let progress = Progress::new("inverse", places.iter().map(|place| chosen(place).len() as u64).sum());
+        let chosen = |test: &TestSequence| (0..test.folder.len()).step_by(self.every as usize);
+        let progress = Progress::new("inverse", tests.iter().map(|test| chosen(test).len() as u64).sum());
         let mut sets: BTreeMap<&str, [Tally; 2]> = BTreeMap::new();
-        for place in &places {
-            let tallies = sets.entry(&place.set).or_default();
+        for test in &tests {
+            let tallies = sets.entry(&test.set).or_default();
             let [mut found, mut start] = [Frames::new(), Frames::new()];
-            for index in chosen(place) {
+            for index in chosen(test) {
                 if cancel.load(Ordering::Relaxed) {
                     return Err(Interrupted.into());
                 }
-                let name = || place.folder.path.join(&place.folder.sequence.files[index]).display().to_string();
-                let errors = frame(&method, &place.folder, index, &networks, &mut tallies[0].seconds);
+                let name = || test.folder.path.join(&test.folder.sequence.files[index]).display().to_string();
+                let errors = frame(&method, &test.folder, index, &networks, &mut tallies[0].seconds);
                 let [ours, others] = errors.with_context(name)?;
                 found.push(ours);
                 start.push(others);

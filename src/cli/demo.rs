@@ -1,7 +1,7 @@
 use super::{AllWeightsArgs, SceneArgs, TraceArgs};
 use crate::dataset::SequenceFolder;
-use crate::evaluate::find::Place;
-use crate::evaluate::method::Way;
+use crate::evaluate::find::TestSequence;
+use crate::evaluate::method::Method;
 use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
 use crate::evaluate::run;
 use crate::progress::Progress;
@@ -77,13 +77,13 @@ impl Demo {
         let clean = if denoised { "+oidn" } else { "" };
         let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
         let wan = if networks.wan.is_some() { ",wan,wan+keys" } else { "" };
-        let ways = Way::list(&format!("ibl,deferred,warp,neural,neural+keys{wan}{traced}"))?;
+        let methods = Method::list(&format!("ibl,deferred,warp,neural,neural+keys{wan}{traced}"))?;
         let options = run::Options {
             network: networks.compact.as_deref(),
             fusion: None,
             wan: networks.wan.as_deref(),
             lpips: &lpips,
-            ways: &ways,
+            methods: &methods,
             guide_samples: 16,
             max_bounces: self.trace.max_bounces,
             allowed: &named,
@@ -99,9 +99,10 @@ impl Demo {
         sequence.make(&missing, &settings, &progress, cancel)?;
         progress.finish();
         super::print_report(&sequence.loaded.report);
-        let place = Place { set: "demo".into(), class: "scene".into(), folder: SequenceFolder::open(&folder)?, record: None };
-        let progress = Progress::new("comparing", place.folder.len() as u64);
-        run::run(&[place], &options, &results_folder, &progress, cancel)?;
+        let test =
+            TestSequence { set: "demo".into(), class: "scene".into(), folder: SequenceFolder::open(&folder)?, record: None };
+        let progress = Progress::new("comparing", test.folder.len() as u64);
+        run::run(&[test], &options, &results_folder, &progress, cancel)?;
         progress.finish();
 
         let results = Results::read(&results_folder)?;

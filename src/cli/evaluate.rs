@@ -1,7 +1,7 @@
 use super::AllWeightsArgs;
 use crate::evaluate::find::find;
-use crate::evaluate::method::{Network, STANDARD, Way};
-use crate::evaluate::{outside, results::Results, run};
+use crate::evaluate::method::{Method, Network, help};
+use crate::evaluate::{external, results::Results, run};
 use crate::metrics::Networks;
 use crate::progress::Progress;
 use crate::report::table;
@@ -17,33 +17,9 @@ Examples:
   renderflow evaluate --data sets --methods standard --budgets .05,.1,.2,.4,.8 --every 10 --out results-budgets
   renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" --out results-mine
   renderflow report results --out report
-  renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors --out results-wan
+  renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors --out results-wan";
 
-Methods, in a comma-separated list:
-  ibl                 split-sum image-based lighting
-  deferred            lights taken out of the environment with shadow maps, ambient occlusion, screen-space reflections and
-                      indirect light; deferred-lights, -shadows, -maps, -sky, -occlusion, -reflections, -indirect: without that part
-  warp, warp-ibl      keyframes carried along, deferred (or ibl) in the holes, no network
-  neural, neural+keys the compact network without and with keyframes
-  deferred+neural, warp+neural
-                      the network that reads all that is given, on the terms of deferred shading, without and with keyframes; its --weights
-                      are needed
-  wan, wan+keys       the paper's network, whose --weights are needed, without and with keyframes
-  wan-stills, wan-stills+keys
-                      the same with each frame rendered by itself
-  pt4, pt4+oidn, pt4+fast
-                      path tracing with 4 samples a pixel: raw, denoised by OIDN with least error, or in least time; the denoiser is led by the
-                      camera rays of the samples
-  pt-50ms+oidn        as many samples as 50 ms allow for path tracing and OIDN, 1 at least; for 256 x 256 pixels, else in proportion
-  equal-deferred      path tracing + OIDN in the seconds of another method (here deferred); equal-deferred+fast with OIDN in least time
-  ...+gbuffer         after one of these with OIDN: led by a G-buffer of 16 camera rays a pixel, whose seconds it pays
-  ...+around, ...+before
-                      at the end of one of these with OIDN: with the samples of the two frames before and after, or before alone, each
-                      carried along by motion; a frame's samples are traced and paid once
-  pt4+neural          the same network in place of OIDN, with the G-buffer that it reads; pt-50ms+neural+around, pt4+neural+before+keys (+keys
-                      last: with keyframes)
-  standard, all       lists of these
-
+const HELP_OF_FOLDERS: &str = "\
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
 second: a dataset, a test set, or plain pictures. A picture belongs to the truth of the same path, endings apart, else to that of the
 same folder whose name ends in the same number; where one is there in several forms, the EXR or else the HDR file is taken. Radiance
@@ -53,7 +29,7 @@ Sequences that are complete in the results folder are kept: the same command goe
 
 /// Compares methods, or anybody's pictures, with path-traced truth: metrics, intervals, seconds.
 #[derive(Args)]
-#[command(after_help = HELP)]
+#[command(after_help = format!("{HELP}\n\nMethods, in a comma-separated list:{}\n\n{HELP_OF_FOLDERS}", help()))]
 pub struct Evaluate {
     /// Folder of pictures to compare
     #[arg(value_name = "PRED_DIR", requires = "truth", conflicts_with = "data")]
@@ -65,7 +41,7 @@ pub struct Evaluate {
     #[arg(long, required_unless_present = "pictures")]
     data: Option<PathBuf>,
     /// What to evaluate
-    #[arg(long, default_value = STANDARD, conflicts_with = "pictures")]
+    #[arg(long, default_value = "standard", conflicts_with = "pictures")]
     methods: String,
     /// Seconds a frame of 256 x 256 pixels (in proportion to the pixels at other sizes) that path tracing with OIDN is given, in every
     /// form of it, beside the methods; such as .05,.1,.2,.4,.8
@@ -110,11 +86,11 @@ impl Evaluate {
     }
 
     fn methods(&self, data: &Path, lpips: &Networks, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
-        let mut ways = Way::list(&self.methods)?;
-        let budgets = Way::budgets(&self.budgets).context("--budgets")?;
-        ways.extend(budgets.into_iter().filter(|budget| !ways.contains(budget)).collect::<Vec<_>>());
-        let places = find(data)?;
-        let wants = |network| ways.iter().any(|way| way.network().is_some_and(|(wanted, _)| wanted == network));
+        let mut methods = Method::list(&self.methods)?;
+        let budgets = Method::budgets(&self.budgets).context("--budgets")?;
+        methods.extend(budgets.into_iter().filter(|budget| !methods.contains(budget)).collect::<Vec<_>>());
+        let tests = find(data)?;
+        let wants = |network| methods.iter().any(|method| method.network().is_some_and(|(wanted, _)| wanted == network));
         let mut networks = self.weights.open(wants(Network::Compact))?;
         ensure!(
             networks.wan.is_some() || !wants(Network::Wan),
@@ -127,7 +103,7 @@ impl Evaluate {
             networks.wan = None;
         }
         ensure!(
-            networks.fusion.is_some() || !ways.iter().any(Way::is_fused),
+            networks.fusion.is_some() || !methods.iter().any(Method::is_fused),
             "--methods: those with +neural need weights of the network that reads samples (--weights FILE)"
         );
         let settings = networks.settings();
@@ -136,7 +112,7 @@ impl Evaluate {
             fusion: networks.fusion.as_ref(),
             wan: networks.wan.as_deref(),
             lpips,
-            ways: &ways,
+            methods: &methods,
             guide_samples: 16,
             max_bounces: self.max_bounces,
             allowed,
@@ -145,15 +121,15 @@ impl Evaluate {
             title: "RenderFlow: methods against path-traced truth".into(),
             settings,
         };
-        let frames = places.iter().map(|place| run::frames(place, self.every) as u64).sum();
+        let frames = tests.iter().map(|test| run::frames(test, self.every) as u64).sum();
         let progress = Progress::new("evaluate", frames);
-        run::run(&places, &options, &self.out, &progress, cancel)?;
+        run::run(&tests, &options, &self.out, &progress, cancel)?;
         progress.finish();
         Ok(())
     }
 
     fn compare(&self, pictures: &Path, truth: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
-        let options = outside::Options {
+        let options = external::Options {
             lpips,
             label: self.label.clone(),
             exposure: self.exposure,
@@ -161,7 +137,7 @@ impl Evaluate {
             pictures: self.pictures_kept,
         };
         let progress = Progress::new("compare", 0);
-        let compared = outside::run(pictures, truth, &options, &self.out, &progress, cancel)?;
+        let compared = external::run(pictures, truth, &options, &self.out, &progress, cancel)?;
         progress.finish();
         eprintln!("{compared} pictures compared");
         Ok(())

@@ -1,7 +1,7 @@
 //! The deferred renderer on one sequence: its lights, shadow maps, parts left out, and keyframes carried over its pictures.
 
 use super::method::Part;
-use super::painter::timed;
+use super::renderer::timed;
 use crate::dataset::SequenceFolder;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
@@ -11,7 +11,7 @@ use renderflow_renderer::{RenderScene, ShadowTiles};
 use std::sync::{Mutex, PoisonError};
 
 /// What lasts for a sequence.
-pub struct Engine<'a> {
+pub struct DeferredBaseline<'a> {
     folder: &'a SequenceFolder,
     /// The lights taken out of the environment, and the rest.
     lighting: Lighting,
@@ -38,7 +38,7 @@ pub struct Maps {
     seconds: f64,
 }
 
-impl<'a> Engine<'a> {
+impl<'a> DeferredBaseline<'a> {
     /// Takes lights out of the environment and prefilters the rest, with and without them if `whole`.
     pub fn new(folder: &'a SequenceFolder, whole: bool) -> Self {
         Self {

@@ -1,7 +1,7 @@
 //! Anybody's pictures against the truth: names matched by rule, one colour curve, the same metrics.
 
-use super::find::{Place, find};
-use super::results::{ABOUT, About, Group, Method, Score, Sequence, TRUTH, Truth, picture_file};
+use super::find::{TestSequence, find};
+use super::results::{ABOUT, About, Group, MethodInfo, Score, Sequence, TRUTH, Truth, VERSION, picture_file};
 use super::run::{CURVE, values, write_scores};
 use crate::metrics::temporal::{Pair, correspondence, temporal};
 use crate::metrics::{self, Hdr, Networks};
@@ -58,7 +58,7 @@ struct Folder {
     /// Below the truth, without the names of splits; also where its predictions are.
     name: String,
     exposure: f32,
-    place: Option<Place>,
+    test: Option<TestSequence>,
     /// Number (of the frame; else position), file, and the names a prediction may have, the best first.
     truths: Vec<(usize, PathBuf)>,
 }
@@ -87,17 +87,9 @@ pub fn run(
     ensure!(options.exposure.is_finite() && options.exposure > 0.0, "the exposure {} is no positive number", options.exposure);
     let folders = folders(truth, options.exposure)?;
     let pairs = matched(predictions, &folders, options.partial)?;
-    let method = Method {
-        id: "pictures".into(),
-        label: options.label.clone(),
-        group: Group::Other,
-        series: None,
-        spp: None,
-        budget: None,
-        note: String::new(),
-    };
+    let method = MethodInfo::new("pictures".into(), options.label.clone(), Group::Other);
     let about = About {
-        version: 1,
+        version: VERSION,
         program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
         title: format!("{} against the truth", options.label),
         machine: crate::machine::processor(),
@@ -136,22 +128,22 @@ pub fn run(
 
 /// The truth of a folder of sequences, or of plain pictures.
 fn folders(truth: &Path, exposure: f32) -> Result<Vec<Folder>> {
-    if let Ok(places) = find(truth) {
-        let folder = |place: Place| Folder {
-            set: place.set.clone(),
-            class: place.class.clone(),
-            name: place.folder.name(),
-            exposure: place.folder.sequence.exposure,
-            truths: place
+    if let Ok(tests) = find(truth) {
+        let folder = |test: TestSequence| Folder {
+            set: test.set.clone(),
+            class: test.class.clone(),
+            name: test.folder.name(),
+            exposure: test.folder.sequence.exposure,
+            truths: test
                 .folder
                 .numbers
                 .iter()
                 .copied()
-                .zip(place.folder.sequence.files.iter().map(|f| place.folder.path.join(f)))
+                .zip(test.folder.sequence.files.iter().map(|f| test.folder.path.join(f)))
                 .collect(),
-            place: Some(place),
+            test: Some(test),
         };
-        return Ok(places.into_iter().map(folder).collect());
+        return Ok(tests.into_iter().map(folder).collect());
     }
     let mut by_folder: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     for path in pictures(truth)? {
@@ -168,7 +160,7 @@ fn folders(truth: &Path, exposure: f32) -> Result<Vec<Folder>> {
         let numbered = distinct.len() == paths.len();
         let truths = paths.into_iter().enumerate().map(|(i, path)| (if numbered { numbers[i].unwrap_or(i) } else { i }, path));
         let name = if name.is_empty() { own.clone() } else { name.replace(['/', '\\'], "-") };
-        Folder { set: own.clone(), class: "pictures".into(), name, exposure, place: None, truths: truths.collect() }
+        Folder { set: own.clone(), class: "pictures".into(), name, exposure, test: None, truths: truths.collect() }
     };
     Ok(by_folder.into_iter().map(folder).collect())
 }
@@ -299,7 +291,7 @@ fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read
 
 impl Folder {
     fn truth(&self, path: &Path) -> Result<Read> {
-        let Some(_) = &self.place else { return read(path, self.exposure, None) };
+        let Some(_) = &self.test else { return read(path, self.exposure, None) };
         let mut frame = renderflow_frame::frame_file::read(path)?;
         let linear = frame.beauty.take().with_context(|| format!("{}: has no beauty to compare with", path.display()))?;
         let display = linear.map(|p| color::display(*p, self.exposure));
@@ -319,9 +311,9 @@ fn sequence(
     cancel: &AtomicBool,
 ) -> Result<(Sequence, Vec<Score>, Vec<NamedFile>)> {
     let keyframes: Vec<usize> = folder
-        .place
+        .test
         .as_ref()
-        .map_or_else(Vec::new, |place| place.folder.sequence.keyframes.iter().map(|&i| place.folder.numbers[i]).collect());
+        .map_or_else(Vec::new, |test| test.folder.sequence.keyframes.iter().map(|&i| test.folder.numbers[i]).collect());
     let count = options.pictures.min(pairs.len());
     let shown: Vec<usize> = (0..count).map(|k| pairs[(2 * k + 1) * pairs.len() / (2 * count)].number).collect();
     // Pairs of neighbours are read twice, so that frames can be compared side by side.
@@ -346,11 +338,11 @@ fn sequence(
             reference.measure(&picture.display, picture_hdr).with_context(|| pairs[i].picture.display().to_string())?;
         if i > 0
             && pairs[i - 1].number + 1 == number
-            && let (Some(place), Some(frame)) = (&folder.place, &truth.frame)
+            && let (Some(test), Some(frame)) = (&folder.test, &truth.frame)
         {
             let (before, earlier) = one(i - 1)?;
-            let at = |number: usize| place.folder.numbers.iter().position(|&n| n == number).unwrap_or(0);
-            let movement = place.folder.sequence.tracks.between(at(number), at(pairs[i - 1].number));
+            let at = |number: usize| test.folder.numbers.iter().position(|&n| n == number).unwrap_or(0);
+            let movement = test.folder.sequence.tracks.between(at(number), at(pairs[i - 1].number));
             if let Some(previous) = &before.frame {
                 let correspondence = correspondence(frame, previous, movement);
                 let now = Pair { picture: &picture.display, truth: &truth.display };

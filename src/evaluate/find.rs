@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// A sequence to evaluate.
 #[derive(Clone, Debug)]
-pub struct Place {
+pub struct TestSequence {
     /// Test set.
     pub set: String,
     /// Class of scene.
@@ -28,15 +28,15 @@ pub struct Place {
 ///
 /// # Errors
 /// When there is none, or one cannot be read.
-pub fn find(data: &Path) -> Result<Vec<Place>> {
+pub fn find(data: &Path) -> Result<Vec<TestSequence>> {
     let mut folders = Vec::new();
     collect(data, &mut folders)?;
     ensure!(!folders.is_empty(), "{}: no sequence (a folder with transforms.json) inside", data.display());
     let above = above(data);
-    let mut places = folders.iter().map(|path| place(data, &above, path)).collect::<Result<Vec<_>>>()?;
-    places.sort_by_cached_key(|place| (place.set.clone(), place.class.clone(), place.folder.name()));
-    for pair in places.windows(2) {
-        let name = |place: &Place| (place.set.clone(), place.class.clone(), place.folder.name());
+    let mut tests = folders.iter().map(|path| open(data, &above, path)).collect::<Result<Vec<_>>>()?;
+    tests.sort_by_cached_key(|test| (test.set.clone(), test.class.clone(), test.folder.name()));
+    for pair in tests.windows(2) {
+        let name = |test: &TestSequence| (test.set.clone(), test.class.clone(), test.folder.name());
         ensure!(
             name(&pair[0]) != name(&pair[1]),
             "{} and {} would have the same name in the results",
@@ -44,7 +44,7 @@ pub fn find(data: &Path) -> Result<Vec<Place>> {
             pair[1].folder.path.display()
         );
     }
-    Ok(places)
+    Ok(tests)
 }
 
 /// The names of folders that `data` itself stands for: those from the test set on that it is or is inside of.
@@ -71,7 +71,7 @@ fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
     Ok(())
 }
 
-fn place(data: &Path, above: &[String], path: &Path) -> Result<Place> {
+fn open(data: &Path, above: &[String], path: &Path) -> Result<TestSequence> {
     let folder = SequenceFolder::open(path)?;
     let record = Record::read(path)?;
     let between = path.parent().and_then(|parent| parent.strip_prefix(data).ok()).unwrap_or(Path::new(""));
@@ -86,7 +86,7 @@ fn place(data: &Path, above: &[String], path: &Path) -> Result<Place> {
         recorded.filter(|layout| plain_name(layout).is_ok()).unwrap_or_else(|| "scene".into())
     };
     let class = names.next().unwrap_or_else(layout);
-    Ok(Place { set, class, folder, record })
+    Ok(TestSequence { set, class, folder, record })
 }
 
 /// Last part of a path that has a name, `.` and `..` followed.

@@ -1,6 +1,6 @@
 //! The network that reads all that is given, on one sequence: what it is handed of a frame, and the seconds of that.
 
-use super::painter::timed;
+use super::renderer::timed;
 use super::traced::{Buffer, Carried, Traced};
 use crate::dataset::SequenceFolder;
 use crate::learning::background_of;

@@ -1,70 +1,10 @@
-//! Ways to get a picture, by name.
+//! The methods that are compared. A method is a variant of [`Method`], a row of [`METHODS`] and an arm of `MethodRenderer`: names, lists,
+//! help and the columns of reports follow from the row. Path tracing has a grammar of names in place of rows ([`super::tracing`]).
 
-use super::results::{Group, Method};
-use anyhow::{Result, bail, ensure};
-
-/// How a path-traced picture is cleaned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Clean {
-    /// Not at all.
-    Raw,
-    /// OIDN with least error.
-    High,
-    /// OIDN in least time.
-    Fast,
-    /// The network that reads all that is given ([`renderflow_model::fusion`]).
-    Neural,
-}
-
-/// How many samples a pixel a path-traced picture has.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Samples {
-    /// This many, 1..=65536.
-    Count(u32),
-    /// As many as this many milliseconds allow for the whole picture, 1 at least; at 256 x 256 pixels, and in proportion to the pixels
-    /// at other sizes.
-    Within(u32),
-    /// As many as the seconds allow that the method of this id took for the frame, 1 at least.
-    AsLongAs(String),
-}
-
-/// Where the denoiser's guides come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Guides {
-    /// The camera rays of the samples themselves.
-    Own,
-    /// A G-buffer of its own, whose seconds are paid.
-    GBuffer,
-}
-
-/// Which other frames' samples are taken in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Neighbours {
-    /// None.
-    Alone,
-    /// Those of the [`REACH`] frames before and after.
-    Around,
-    /// Those of the [`REACH`] frames before.
-    Before,
-}
-
-/// How many frames away samples are taken from.
-pub const REACH: usize = 2;
-
-/// A way to trace a picture.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Tracing {
-    /// How many.
-    pub samples: Samples,
-    /// What follows.
-    pub clean: Clean,
-    /// What the denoiser is led by, where one follows.
-    pub guides: Guides,
-    /// What is taken in beside them.
-    pub neighbours: Neighbours,
-    /// Whether the network reads keyframes too.
-    pub keyframes: bool,
-}
+use super::results::{Group, MethodInfo};
+use super::tracing::{self, Clean, Samples, Tracing};
+use anyhow::{Context, Result, ensure};
+use std::fmt::Write;
 
 /// A part of the deferred renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,9 +34,9 @@ pub enum Network {
     Wan,
 }
 
-/// A way to get a picture.
+/// How a picture is made.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Way {
+pub enum Method {
     /// Split-sum image-based lighting.
     Ibl,
     /// The deferred renderer, with a part left out.
@@ -127,132 +67,299 @@ pub enum Way {
     Traced(Tracing),
 }
 
-const PARTS: [(Part, &str, &str); 7] = [
-    (Part::Lights, "lights", "no lights taken out of the environment"),
-    (Part::Shadows, "shadows", "no shadows"),
-    (Part::Maps, "maps", "screen-space shadows only"),
-    (Part::Sky, "sky", "no shadows of the sky"),
-    (Part::Occlusion, "occlusion", "no ambient occlusion"),
-    (Part::Reflections, "reflections", "no screen-space reflections"),
-    (Part::Indirect, "indirect", "no screen-space indirect light"),
+/// All that names, lists, help and tables say of a method.
+#[derive(Debug)]
+pub struct Entry {
+    /// The method.
+    pub method: Method,
+    /// Name in files and options.
+    pub id: &'static str,
+    /// Name in tables.
+    pub label: &'static str,
+    /// What it is listed with.
+    pub group: Group,
+    /// What one should know about its rows, in a few words; nothing where the label says it.
+    pub note: &'static str,
+    /// What it is, for the help.
+    pub help: &'static str,
+    /// Where it is evaluated without being named.
+    pub list: List,
+}
+
+/// Lists that stand for several methods.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum List {
+    /// `standard` and `all`.
+    Standard,
+    /// `all`.
+    All,
+    /// None.
+    Named,
+}
+
+/// Every method but path tracing, in the order of tables.
+pub static METHODS: [Entry; 19] = [
+    Entry {
+        method: Method::Ibl,
+        id: "ibl",
+        label: "IBL (split sum)",
+        group: Group::Baseline,
+        note: "prefiltered environment, no shadows",
+        help: "split-sum image-based lighting",
+        list: List::Standard,
+    },
+    Entry {
+        method: Method::Deferred(None),
+        id: "deferred",
+        label: "Deferred",
+        group: Group::Baseline,
+        note: "lights of the environment with shadow maps, ambient occlusion, screen-space reflections and indirect light",
+        help: "lights taken out of the environment with shadow maps, ambient occlusion, screen-space reflections and indirect light",
+        list: List::Standard,
+    },
+    part(Part::Lights, "deferred-lights", "Deferred, no lights taken out of the environment"),
+    part(Part::Shadows, "deferred-shadows", "Deferred, no shadows"),
+    part(Part::Maps, "deferred-maps", "Deferred, screen-space shadows only"),
+    part(Part::Sky, "deferred-sky", "Deferred, no shadows of the sky"),
+    part(Part::Occlusion, "deferred-occlusion", "Deferred, no ambient occlusion"),
+    part(Part::Reflections, "deferred-reflections", "Deferred, no screen-space reflections"),
+    part(Part::Indirect, "deferred-indirect", "Deferred, no screen-space indirect light"),
+    Entry {
+        method: Method::Warp { deferred: false },
+        id: "warp-ibl",
+        label: "warped keyframes + IBL",
+        group: Group::Baseline,
+        note: "no network; reads the truth of keyframes",
+        help: "keyframes carried along by motion, ibl in the holes; no network",
+        list: List::All,
+    },
+    Entry {
+        method: Method::Warp { deferred: true },
+        id: "warp",
+        label: "warped keyframes + Deferred",
+        group: Group::Baseline,
+        note: "no network; reads the truth of keyframes",
+        help: "keyframes carried along by motion, deferred in the holes; no network",
+        list: List::Standard,
+    },
+    Entry {
+        method: Method::Neural { keyframes: false },
+        id: "neural",
+        label: "neural",
+        group: Group::Neural,
+        note: "",
+        help: "the compact network",
+        list: List::Standard,
+    },
+    Entry {
+        method: Method::Neural { keyframes: true },
+        id: "neural+keys",
+        label: "neural + keyframes",
+        group: Group::Neural,
+        note: "reads the truth of keyframes",
+        help: "the compact network with keyframes",
+        list: List::Standard,
+    },
+    Entry {
+        method: Method::Fused { keyframes: false },
+        id: "deferred+neural",
+        label: "Deferred + network",
+        group: Group::Neural,
+        note: "",
+        help: "the network that reads samples, here on the terms of deferred shading; needs its --weights",
+        list: List::Named,
+    },
+    Entry {
+        method: Method::Fused { keyframes: true },
+        id: "warp+neural",
+        label: "warped keyframes + Deferred + network",
+        group: Group::Neural,
+        note: "reads the truth of keyframes",
+        help: "the same with keyframes",
+        list: List::Named,
+    },
+    Entry {
+        method: Method::Wan { keyframes: false, stills: false },
+        id: "wan",
+        label: "wan",
+        group: Group::Neural,
+        note: "clips of frames at once; each has its share of their seconds",
+        help: "the paper's network; needs its --weights",
+        list: List::Named,
+    },
+    Entry {
+        method: Method::Wan { keyframes: true, stills: false },
+        id: "wan+keys",
+        label: "wan + keyframes",
+        group: Group::Neural,
+        note: "clips of frames at once; reads the truth of keyframes",
+        help: "the same with keyframes",
+        list: List::Named,
+    },
+    Entry {
+        method: Method::Wan { keyframes: false, stills: true },
+        id: "wan-stills",
+        label: "wan, frame by frame",
+        group: Group::Neural,
+        note: "",
+        help: "the paper's network on each frame by itself",
+        list: List::Named,
+    },
+    Entry {
+        method: Method::Wan { keyframes: true, stills: true },
+        id: "wan-stills+keys",
+        label: "wan, frame by frame + keyframes",
+        group: Group::Neural,
+        note: "reads the truth of keyframes",
+        help: "the same with keyframes",
+        list: List::Named,
+    },
 ];
 
-/// What is evaluated where nobody says otherwise.
-pub const STANDARD: &str = "ibl,deferred,warp,neural,neural+keys,pt1+oidn,pt4+oidn";
-/// Everything: parts switched off, all path-traced rows, equal time.
-pub const ALL: &str = "ibl,deferred,deferred-lights,deferred-shadows,deferred-maps,deferred-sky,deferred-occlusion,deferred-reflections,\
-deferred-indirect,warp-ibl,warp,neural,neural+keys,pt1,pt2,pt4,pt8,pt1+fast,pt2+fast,pt4+fast,pt8+fast,pt1+oidn,pt2+oidn,pt4+oidn,\
-pt8+oidn,pt1+oidn+gbuffer,pt2+oidn+gbuffer,pt4+oidn+gbuffer,pt8+oidn+gbuffer,pt1+oidn+around,pt2+oidn+around,pt4+oidn+around,\
-pt8+oidn+around,pt1+oidn+before,pt2+oidn+before,pt4+oidn+before,pt8+oidn+before,equal-deferred+fast,equal-deferred,equal-neural+keys";
-/// What is traced in each budget, after the milliseconds.
-const IN_BUDGET: [&str; 8] =
-    ["+fast", "+fast+gbuffer", "+fast+around", "+fast+before", "+oidn", "+oidn+gbuffer", "+oidn+around", "+oidn+before"];
-/// Longest budget, milliseconds: an hour.
-const LONGEST: u32 = 3_600_000;
+/// The deferred renderer without a part; what it lacks follows `Deferred, ` in the label.
+const fn part(part: Part, id: &'static str, label: &'static str) -> Entry {
+    Entry {
+        method: Method::Deferred(Some(part)),
+        id,
+        label,
+        group: Group::Ablation,
+        note: "",
+        help: "deferred without this part",
+        list: List::All,
+    }
+}
 
-impl Way {
-    /// The way named `id`; the names are in the help of `renderflow evaluate`.
+/// Path-traced rows of the list `standard`.
+const STANDARD_TRACED: [&str; 2] = ["pt1+oidn", "pt4+oidn"];
+/// Path-traced rows of the list `all`: each of these with 1, 2, 4 and 8 samples a pixel, then rows of equal time.
+const ALL_TRACED: [&str; 6] = ["", "+fast", "+oidn", "+oidn+gbuffer", "+oidn+around", "+oidn+before"];
+const ALL_EQUAL: [&str; 3] = ["equal-deferred+fast", "equal-deferred", "equal-neural+keys"];
+
+impl List {
+    /// The names of its methods.
+    fn ids(self) -> Vec<String> {
+        let rows = METHODS.iter().filter(|entry| entry.list <= self).map(|entry| entry.id.to_owned());
+        let traced: Vec<String> = match self {
+            Self::Standard => STANDARD_TRACED.map(str::to_owned).into(),
+            Self::All => {
+                let counted = ALL_TRACED.iter().flat_map(|form| [1, 2, 4, 8].map(|spp| format!("pt{spp}{form}")));
+                counted.chain(ALL_EQUAL.map(str::to_owned)).collect()
+            }
+            Self::Named => Vec::new(),
+        };
+        rows.chain(traced).collect()
+    }
+}
+
+/// The methods, as the help lists them.
+pub fn help() -> String {
+    let rows = METHODS.iter().map(|entry| (entry.id, entry.help)).chain(tracing::HELP);
+    let standard = format!("the list of {}", List::Standard.ids().join(", "));
+    let rows =
+        rows.chain([("standard", standard.as_str()), ("all", "parts switched off, every form of path tracing, equal time")]);
+    let mut text = String::new();
+    for (name, help) in rows {
+        // Writing to a string cannot fail.
+        if name.len() < NAMES {
+            let _ = write!(text, "\n  {name:NAMES$}");
+        } else {
+            let _ = write!(text, "\n  {name}\n  {:NAMES$}", "");
+        }
+        let mut column = 2 + NAMES;
+        for word in help.split(' ') {
+            if column + word.len() > WIDTH {
+                let _ = write!(text, "\n  {:NAMES$}", "");
+                column = 2 + NAMES;
+            }
+            let _ = write!(text, "{word} ");
+            column += word.len() + 1;
+        }
+        text.truncate(text.trim_end().len());
+    }
+    text
+}
+
+/// Columns of the names in the help, and of all of it.
+const NAMES: usize = 24;
+const WIDTH: usize = 130;
+
+impl Method {
+    /// The method named `id`; the names are in the help of `renderflow evaluate`.
     ///
     /// # Errors
     /// When there is none of that name.
     pub fn parse(id: &str) -> Result<Self> {
-        if let Some(part) = id.strip_prefix("deferred-") {
-            let Some((part, ..)) = PARTS.iter().find(|(_, name, _)| *name == part) else {
-                let names: Vec<&str> = PARTS.iter().map(|part| part.1).collect();
-                bail!("{id}: deferred has no part {part:?}, only {}", names.join(", "));
-            };
-            return Ok(Self::Deferred(Some(*part)));
-        }
         if id.starts_with("equal-") || id.starts_with("pt") {
             return Tracing::parse(id).map(Self::Traced);
         }
-        Ok(match id {
-            "ibl" => Self::Ibl,
-            "deferred" => Self::Deferred(None),
-            "warp" => Self::Warp { deferred: true },
-            "warp-ibl" => Self::Warp { deferred: false },
-            "deferred+neural" => Self::Fused { keyframes: false },
-            "warp+neural" => Self::Fused { keyframes: true },
-            "neural" => Self::Neural { keyframes: false },
-            "neural+keys" => Self::Neural { keyframes: true },
-            "wan" => Self::Wan { keyframes: false, stills: false },
-            "wan+keys" => Self::Wan { keyframes: true, stills: false },
-            "wan-stills" => Self::Wan { keyframes: false, stills: true },
-            "wan-stills+keys" => Self::Wan { keyframes: true, stills: true },
-            _ => bail!("there is no method {id:?}; the help of `renderflow evaluate` lists them"),
-        })
+        let found = METHODS.iter().find(|entry| entry.id == id);
+        found
+            .map(|entry| entry.method.clone())
+            .with_context(|| format!("there is no method {id:?}; the help of `renderflow evaluate` lists them"))
     }
 
-    /// The ways of a comma-separated list in which `standard` and `all` stand for lists of their own, each once. A method whose time
+    /// The methods of a comma-separated list in which `standard` and `all` stand for lists of their own, each once. A method whose time
     /// another one is given comes before it.
     ///
     /// # Errors
     /// As [`Self::parse`], and for an empty list.
     pub fn list(text: &str) -> Result<Vec<Self>> {
-        let mut ways: Vec<Self> = Vec::new();
-        let add = |ways: &mut Vec<Self>, way: Self| {
-            if !ways.contains(&way) {
-                ways.push(way);
+        let mut methods: Vec<Self> = Vec::new();
+        let add = |methods: &mut Vec<Self>, method: Self| {
+            if !methods.contains(&method) {
+                methods.push(method);
             }
         };
         for name in text.split(',').map(str::trim).filter(|name| !name.is_empty()) {
-            let names = match name {
-                "standard" => STANDARD,
-                "all" => ALL,
-                other => other,
+            let ids = match name {
+                "standard" => List::Standard.ids(),
+                "all" => List::All.ids(),
+                other => vec![other.to_owned()],
             };
-            for id in names.split(',') {
-                let way = Self::parse(id)?;
-                if let Self::Traced(Tracing { samples: Samples::AsLongAs(to), .. }) = &way {
-                    add(&mut ways, Self::parse(to)?);
+            for id in ids {
+                let method = Self::parse(&id)?;
+                if let Self::Traced(Tracing { samples: Samples::AsLongAs(to), .. }) = &method {
+                    add(&mut methods, Self::parse(to)?);
                 }
-                add(&mut ways, way);
+                add(&mut methods, method);
             }
         }
-        ensure!(!ways.is_empty(), "no methods to evaluate");
-        Ok(ways)
+        ensure!(!methods.is_empty(), "no methods to evaluate");
+        Ok(methods)
     }
 
-    /// Path tracing in each of `budgets`, seconds a frame of 256 x 256 pixels: with OIDN in least time and of least error, led by its own
+    /// Path tracing in each of `budgets`, seconds a frame of 256 x 256 pixels: with OIDN in least time and of least error, guided by its own
     /// camera rays and by a G-buffer, and with the samples of frames around and before.
     ///
     /// # Errors
     /// When one is no whole number of milliseconds, 1 ms to an hour.
     pub fn budgets(budgets: &[f64]) -> Result<Vec<Self>> {
-        let mut ways: Vec<Self> = Vec::new();
+        let mut methods: Vec<Self> = Vec::new();
         for seconds in budgets {
             let milliseconds = 1000.0 * seconds;
             let whole = milliseconds.round();
-            let fits = (milliseconds - whole).abs() < 1e-6 && (1.0..=f64::from(LONGEST)).contains(&whole);
-            ensure!(fits, "a budget of {seconds} s: whole milliseconds from .001 to {} s", LONGEST / 1000);
-            for rest in IN_BUDGET {
-                let way = Self::parse(&format!("pt-{whole}ms{rest}"))?;
-                if !ways.contains(&way) {
-                    ways.push(way);
+            let fits = (milliseconds - whole).abs() < 1e-6 && (1.0..=f64::from(tracing::LONGEST)).contains(&whole);
+            ensure!(fits, "a budget of {seconds} s: whole milliseconds from .001 to {} s", tracing::LONGEST / 1000);
+            for rest in tracing::IN_BUDGET {
+                let method = Self::parse(&format!("pt-{whole}ms{rest}"))?;
+                if !methods.contains(&method) {
+                    methods.push(method);
                 }
             }
         }
-        Ok(ways)
+        Ok(methods)
+    }
+
+    /// Its row of [`METHODS`]; `None` for path tracing.
+    fn entry(&self) -> Option<&'static Entry> {
+        METHODS.iter().find(|entry| entry.method == *self)
     }
 
     /// Name in files and options.
     pub fn id(&self) -> String {
         match self {
-            Self::Ibl => "ibl".into(),
-            Self::Deferred(None) => "deferred".into(),
-            Self::Deferred(Some(part)) => format!("deferred-{}", named(*part).0),
-            Self::Warp { deferred: true } => "warp".into(),
-            Self::Warp { deferred: false } => "warp-ibl".into(),
-            Self::Fused { keyframes: false } => "deferred+neural".into(),
-            Self::Fused { keyframes: true } => "warp+neural".into(),
-            Self::Neural { keyframes: false } => "neural".into(),
-            Self::Neural { keyframes: true } => "neural+keys".into(),
-            Self::Wan { keyframes, stills } => {
-                let [stills, keyframes] =
-                    [(*stills, "-stills"), (*keyframes, "+keys")].map(|(on, name)| if on { name } else { "" });
-                format!("wan{stills}{keyframes}")
-            }
             Self::Traced(tracing) => tracing.id(),
+            other => other.entry().map_or_else(String::new, |entry| entry.id.to_owned()),
         }
     }
 
@@ -291,242 +398,66 @@ impl Way {
     }
 
     /// What tables and plots say about it.
-    pub fn describe(&self) -> Method {
-        let (label, group, note) = match self {
-            Self::Ibl => ("IBL (split sum)".to_owned(), Group::Baseline, "prefiltered environment, no shadows"),
-            Self::Deferred(None) => {
-                let note =
-                    "lights of the environment with shadow maps, ambient occlusion, screen-space reflections and indirect light";
-                ("Deferred".into(), Group::Baseline, note)
-            }
-            Self::Deferred(Some(part)) => (format!("Deferred, {}", named(*part).1), Group::Ablation, ""),
-            Self::Warp { deferred: true } => {
-                ("warped keyframes + Deferred".into(), Group::Baseline, "no network; reads the truth of keyframes")
-            }
-            Self::Warp { deferred: false } => {
-                ("warped keyframes + IBL".into(), Group::Baseline, "no network; reads the truth of keyframes")
-            }
-            Self::Fused { keyframes: false } => ("Deferred + network".into(), Group::Neural, ""),
-            Self::Fused { keyframes: true } => {
-                ("warped keyframes + Deferred + network".into(), Group::Neural, "reads the truth of keyframes")
-            }
-            Self::Neural { keyframes: false } => ("neural".into(), Group::Neural, ""),
-            Self::Neural { keyframes: true } => ("neural + keyframes".into(), Group::Neural, "reads the truth of keyframes"),
-            Self::Wan { keyframes: false, stills: false } => {
-                ("wan".into(), Group::Neural, "clips of frames at once; each has its share of their seconds")
-            }
-            Self::Wan { keyframes: true, stills: false } => {
-                ("wan + keyframes".into(), Group::Neural, "clips of frames at once; reads the truth of keyframes")
-            }
-            Self::Wan { keyframes: false, stills: true } => ("wan, frame by frame".into(), Group::Neural, ""),
-            Self::Wan { keyframes: true, stills: true } => {
-                ("wan, frame by frame + keyframes".into(), Group::Neural, "reads the truth of keyframes")
-            }
-            Self::Traced(tracing) => return tracing.describe(),
-        };
-        Method { id: self.id(), label, group, series: None, spp: None, budget: None, note: note.into() }
-    }
-}
-
-/// Takes `suffix` off the end of `text` and says whether it was there.
-fn cut(text: &mut &str, suffix: &str) -> bool {
-    let rest = text.strip_suffix(suffix);
-    *text = rest.unwrap_or(text);
-    rest.is_some()
-}
-
-impl Tracing {
-    /// `pt4`, `pt-50ms` or `equal-METHOD`; then `+oidn` or `+fast` (`equal-` has OIDN of least error by itself), `+gbuffer`, and `+around` or
-    /// `+before`.
-    fn parse(id: &str) -> Result<Self> {
-        let mut rest = id;
-        // After `equal-` they are part of the other method's name.
-        let keyframes = !id.starts_with("equal-") && cut(&mut rest, "+keys");
-        let neighbours = if cut(&mut rest, "+around") {
-            Neighbours::Around
-        } else if cut(&mut rest, "+before") {
-            Neighbours::Before
-        } else {
-            Neighbours::Alone
-        };
-        let guides = if cut(&mut rest, "+gbuffer") { Guides::GBuffer } else { Guides::Own };
-        if let Some(mut to) = rest.strip_prefix("equal-") {
-            let clean = if cut(&mut to, "+fast") { Clean::Fast } else { Clean::High };
-            let to = Way::parse(to)?;
-            let timed = !matches!(&to, Way::Traced(Self { samples: Samples::AsLongAs(_), .. }));
-            ensure!(timed, "{id}: needs a method with a time of its own");
-            return Ok(Self { samples: Samples::AsLongAs(to.id()), clean, guides, neighbours, keyframes });
+    pub fn describe(&self) -> MethodInfo {
+        if let Self::Traced(tracing) = self {
+            return tracing.describe();
         }
-        let clean = if cut(&mut rest, "+oidn") {
-            Clean::High
-        } else if cut(&mut rest, "+fast") {
-            Clean::Fast
-        } else if cut(&mut rest, "+neural") {
-            Clean::Neural
-        } else {
-            Clean::Raw
-        };
-        let Some(samples) = rest.strip_prefix("pt") else { bail!("there is no method {id:?}") };
-        if let Some((_, after)) = samples.split_once('+') {
-            bail!(
-                "{id}: +{after} has no place there: +oidn, +fast or +neural, then +gbuffer, then +around or +before, then +keys"
-            );
-        }
-        ensure!(
-            clean != Clean::Raw || (guides, neighbours) == (Guides::Own, Neighbours::Alone),
-            "{id}: +gbuffer, +around and +before are for the denoiser: put +oidn, +fast or +neural before"
-        );
-        ensure!(!keyframes || clean == Clean::Neural, "{id}: +keys is for the network: put +neural before");
-        // The network reads the G-buffer always.
-        ensure!(guides == Guides::Own || clean != Clean::Neural, "{id}: +neural has a G-buffer by itself");
-        let samples = match samples.strip_prefix('-') {
-            Some(budget) => match budget.strip_suffix("ms").map(str::parse) {
-                Some(Ok(milliseconds @ 1..=LONGEST)) => Samples::Within(milliseconds),
-                _ => bail!("{id}: {budget:?} is no budget, 1ms..={LONGEST}ms"),
-            },
-            None => match samples.parse() {
-                Ok(spp @ 1..=65536) => Samples::Count(spp),
-                _ => bail!("{id}: {samples:?} is no number of samples, 1..=65536"),
-            },
-        };
-        Ok(Self { samples, clean, guides, neighbours, keyframes })
-    }
-
-    fn id(&self) -> String {
-        let (from, clean) = match (&self.samples, self.clean) {
-            (Samples::Count(spp), clean) => (format!("pt{spp}"), clean.suffix()),
-            (Samples::Within(milliseconds), clean) => (format!("pt-{milliseconds}ms"), clean.suffix()),
-            (Samples::AsLongAs(to), Clean::Fast) => (format!("equal-{to}"), "+fast"),
-            (Samples::AsLongAs(to), _) => (format!("equal-{to}"), ""),
-        };
-        let guides = if self.guides == Guides::GBuffer { "+gbuffer" } else { "" };
-        let keyframes = if self.keyframes { "+keys" } else { "" };
-        format!("{from}{clean}{guides}{}{keyframes}", self.neighbours.suffix())
-    }
-
-    /// What follows the samples, in words.
-    fn words(&self) -> String {
-        let guides = if self.guides == Guides::GBuffer { ", guided by a G-buffer" } else { "" };
-        let keyframes = if self.keyframes { ", keyframes" } else { "" };
-        format!("{}{guides}{}{keyframes}", self.clean.label(), self.neighbours.label())
-    }
-
-    fn describe(&self) -> Method {
-        let words = self.words();
-        let series = format!("path traced{words}");
-        let (label, group, budget) = match &self.samples {
-            Samples::Count(spp) => (format!("{spp} spp{words}"), Group::PathTraced, None),
-            Samples::Within(milliseconds) => {
-                let seconds = f64::from(*milliseconds) / 1000.0;
-                (format!("{series} in {seconds} s"), Group::Budget, Some(seconds))
-            }
-            Samples::AsLongAs(to) => {
-                let to = Way::parse(to).map_or_else(|_| to.clone(), |way| way.describe().label);
-                (format!("{series} in the time of {to}"), Group::EqualTime, None)
-            }
-        };
-        let mut note = Vec::new();
-        match self.samples {
-            Samples::Count(_) => {}
-            Samples::Within(_) => note.push("1 spp at least; seconds at 256 x 256, in proportion to the pixels at other sizes"),
-            Samples::AsLongAs(_) => note.push("1 spp at least"),
-        }
-        note.extend(match self.guides {
-            Guides::Own if self.clean == Clean::Raw => None,
-            Guides::Own if self.clean == Clean::Neural => Some("pays for the G-buffer"),
-            Guides::Own => Some("guided by its own camera rays"),
-            Guides::GBuffer => Some("pays for the G-buffer"),
-        });
-        note.extend((self.neighbours != Neighbours::Alone).then_some("each frame's samples are traced and paid once"));
-        let (series, spp) = match self.samples {
-            Samples::Count(spp) => (Some(series), Some(spp)),
-            Samples::Within(_) => (Some(series), None),
-            Samples::AsLongAs(_) => (None, None),
-        };
-        Method { id: self.id(), label, group, series, spp, budget, note: note.join("; ") }
-    }
-}
-
-impl Clean {
-    fn suffix(self) -> &'static str {
-        match self {
-            Self::Raw => "",
-            Self::High => "+oidn",
-            Self::Fast => "+fast",
-            Self::Neural => "+neural",
+        let Some(entry) = self.entry() else { return MethodInfo::new(self.id(), self.id(), Group::Other) };
+        MethodInfo {
+            note: entry.note.to_owned(),
+            reads_keyframes: self.needs_keyframes(),
+            part_of: matches!(self, Self::Deferred(Some(_))).then(|| Self::Deferred(None).id()),
+            ..MethodInfo::new(entry.id.to_owned(), entry.label.to_owned(), entry.group)
         }
     }
-
-    fn label(self) -> &'static str {
-        match self {
-            Self::Raw => "",
-            Self::High => " + OIDN",
-            Self::Fast => " + OIDN fast",
-            Self::Neural => " + network",
-        }
-    }
-}
-
-impl Neighbours {
-    fn suffix(self) -> &'static str {
-        match self {
-            Self::Alone => "",
-            Self::Around => "+around",
-            Self::Before => "+before",
-        }
-    }
-
-    fn label(self) -> &'static str {
-        match self {
-            Self::Alone => "",
-            Self::Around => ", 2 frames before and after",
-            Self::Before => ", 2 frames before",
-        }
-    }
-
-    /// Frames whose samples are taken in for frame `index` of `count`, nearest first; itself is not among them.
-    pub fn of(self, index: usize, count: usize) -> Vec<usize> {
-        let before = (1..=REACH).filter_map(|step| index.checked_sub(step));
-        let after = (1..=REACH).map(|step| index + step).filter(|&other| other < count);
-        let mut frames: Vec<usize> = match self {
-            Self::Alone => Vec::new(),
-            Self::Around => before.chain(after).collect(),
-            Self::Before => before.collect(),
-        };
-        frames.sort_by_key(|&other| (other.abs_diff(index), other));
-        frames
-    }
-}
-
-/// Name and words of a part.
-fn named(part: Part) -> (&'static str, &'static str) {
-    PARTS.iter().find(|(known, ..)| *known == part).map_or(("", ""), |(_, name, words)| (*name, *words))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::tracing::{Guides, IN_BUDGET, Neighbours};
     use super::*;
 
     #[test]
     fn names_lead_back_to_themselves() {
         let more = "wan,wan+keys,wan-stills,wan-stills+keys,pt300+fast,equal-ibl,equal-wan,equal-pt4+fast,equal-pt4+oidn+gbuffer+before,\
                     pt2+neural,pt-50ms+neural+around,pt4+neural+before+keys,pt1+neural+keys,deferred+neural,warp+neural,pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
-        let mut ways = Way::list(&format!("all,standard,{more}")).unwrap();
-        ways.extend(Way::budgets(&[0.1, 0.8]).unwrap());
-        assert!(ways.len() >= 60, "{}", ways.len());
-        for way in &ways {
-            assert_eq!(&Way::parse(&way.id()).unwrap(), way);
+        let mut methods = Method::list(&format!("all,standard,{more}")).unwrap();
+        methods.extend(Method::budgets(&[0.1, 0.8]).unwrap());
+        assert!(methods.len() >= 60, "{}", methods.len());
+        for method in &methods {
+            assert_eq!(&Method::parse(&method.id()).unwrap(), method);
         }
-        let mut labels: Vec<String> = ways.iter().map(|way| way.describe().label).collect();
+        let mut labels: Vec<String> = methods.iter().map(|method| method.describe().label).collect();
         labels.sort();
         labels.dedup();
-        assert_eq!(labels.len(), ways.len(), "two methods share a label");
+        assert_eq!(labels.len(), methods.len(), "two methods share a label");
+    }
+
+    #[test]
+    fn the_help_names_every_method_in_short_lines() {
+        let help = help();
+        for entry in &METHODS {
+            assert!(help.contains(&format!("\n  {} ", entry.id)), "{}", entry.id);
+        }
+        assert!(help.lines().all(|line| line.len() <= WIDTH && !line.ends_with(' ')), "{help}");
+    }
+
+    #[test]
+    fn what_a_method_is_taken_from_is_said() {
+        let told = |id: &str| {
+            let info = Method::parse(id).unwrap().describe();
+            (info.reads_keyframes, info.time_of, info.part_of)
+        };
+        assert_eq!(told("deferred-sky"), (false, None, Some("deferred".to_owned())));
+        assert_eq!(told("equal-neural+keys"), (false, Some("neural+keys".to_owned()), None));
+        assert_eq!(told("warp+neural"), (true, None, None));
+        assert_eq!([told("pt4+neural+keys"), told("pt4+neural")].map(|told| told.0), [true, false]);
     }
 
     #[test]
     fn parts_of_a_name_say_what_they_say() {
         let traced =
-            |samples, clean, guides, neighbours| Way::Traced(Tracing { samples, clean, guides, neighbours, keyframes: false });
+            |samples, clean, guides, neighbours| Method::Traced(Tracing { samples, clean, guides, neighbours, keyframes: false });
         let (own, alone) = (Guides::Own, Neighbours::Alone);
         for (id, expected) in [
             ("pt4", traced(Samples::Count(4), Clean::Raw, own, alone)),
@@ -538,35 +469,27 @@ mod tests {
             ("equal-pt4+oidn", traced(Samples::AsLongAs("pt4+oidn".into()), Clean::High, own, alone)),
             ("equal-pt4+fast", traced(Samples::AsLongAs("pt4".into()), Clean::Fast, own, alone)),
         ] {
-            assert_eq!(Way::parse(id).unwrap(), expected, "{id}");
+            assert_eq!(Method::parse(id).unwrap(), expected, "{id}");
         }
     }
 
     #[test]
     fn budgets_are_rows_of_every_kind() {
-        let ways = Way::budgets(&[0.05, 0.1, 0.05]).unwrap();
-        assert_eq!(ways.len(), 2 * IN_BUDGET.len());
-        let methods: Vec<Method> = ways.iter().map(Way::describe).collect();
+        let methods = Method::budgets(&[0.05, 0.1, 0.05]).unwrap();
+        assert_eq!(methods.len(), 2 * IN_BUDGET.len());
+        let methods: Vec<MethodInfo> = methods.iter().map(Method::describe).collect();
         assert!(methods.iter().all(|method| method.group == Group::Budget && method.spp.is_none()));
         assert_eq!((methods[0].id.as_str(), methods[0].budget), ("pt-50ms+fast", Some(0.05)));
         for wrong in [0.0, -0.1, 0.0505, f64::NAN, f64::INFINITY, 3600.001] {
-            assert!(Way::budgets(&[wrong]).is_err(), "{wrong}");
+            assert!(Method::budgets(&[wrong]).is_err(), "{wrong}");
         }
     }
 
     #[test]
-    fn neighbours_stay_inside_the_sequence() {
-        assert_eq!(Neighbours::Around.of(3, 9), [2, 4, 1, 5]);
-        assert_eq!(Neighbours::Before.of(3, 9), [2, 1]);
-        assert_eq!((Neighbours::Around.of(0, 2), Neighbours::Around.of(8, 9)), (vec![1], vec![7, 6]));
-        assert_eq!((Neighbours::Before.of(0, 9), Neighbours::Alone.of(3, 9)), (vec![], vec![]));
-    }
-
-    #[test]
     fn what_another_is_measured_against_comes_first() {
-        let ways = Way::list("equal-neural+keys,ibl").unwrap();
-        assert_eq!(ways.iter().map(Way::id).collect::<Vec<_>>(), ["neural+keys", "equal-neural+keys", "ibl"]);
-        assert_eq!(Way::list("ibl, ibl").unwrap().len(), 1);
+        let methods = Method::list("equal-neural+keys,ibl").unwrap();
+        assert_eq!(methods.iter().map(Method::id).collect::<Vec<_>>(), ["neural+keys", "equal-neural+keys", "ibl"]);
+        assert_eq!(Method::list("ibl, ibl").unwrap().len(), 1);
     }
 
     #[test]
@@ -589,7 +512,7 @@ mod tests {
         let budgets = ["pt-", "pt-50", "pt-0ms", "pt-3600001ms", "pt-ms", "pt--5ms"];
         let others = ["", ",", "deferred-sound", "equal-equal-ibl", "equal-", "cycles"];
         for name in traced.iter().chain(&budgets).chain(&others) {
-            assert!(Way::list(name).is_err(), "{name}");
+            assert!(Method::list(name).is_err(), "{name}");
         }
     }
 }

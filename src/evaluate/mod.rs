@@ -1,14 +1,15 @@
 //! Compares pictures with path-traced truth: every method on every frame of test sequences, metrics and seconds, or anybody's
 //! pictures.
 
-mod engine;
+mod baseline;
+pub mod external;
 pub mod find;
 mod fused;
 pub mod keyframes;
 pub mod method;
-pub mod outside;
-mod painter;
-mod players;
+mod renderer;
 pub mod results;
 pub mod run;
+mod sessions;
 mod traced;
+pub mod tracing;

@@ -1,12 +1,13 @@
 //! Makes the pictures of one sequence by every method, one after the other, each with its seconds.
 
-use super::engine::{Engine, Maps};
+use super::baseline::{DeferredBaseline, Maps};
 use super::fused::Fused;
 use super::keyframes::{keyframes_for, prepare_keyframes};
-use super::method::{Part, Samples, Way};
-use super::players::Players;
+use super::method::{Method, Part};
 use super::run::Options;
+use super::sessions::NetworkSessions;
 use super::traced::{Buffer, Tracer};
+use super::tracing::Samples;
 use crate::bench::reference::compile_seeded;
 use crate::dataset::{SequenceFolder, SequenceView};
 use crate::truth::Interrupted;
@@ -51,16 +52,16 @@ struct Shared {
 }
 
 /// Everything that lasts for a sequence.
-pub struct Painter<'a> {
+pub struct MethodRenderer<'a> {
     folder: &'a SequenceFolder,
     view: &'a SequenceView<'a>,
     options: &'a Options<'a>,
     scene: RenderScene,
     /// Where a method starts from the deferred picture.
-    engine: Option<Engine<'a>>,
+    baseline: Option<DeferredBaseline<'a>>,
     /// Where keyframes are carried into the split sum.
     keyframes: Vec<PreparedKeyframe>,
-    players: Players<'a>,
+    sessions: NetworkSessions<'a>,
     tracer: Tracer<'a>,
     /// Where a method needs the network that reads all that is given.
     fused: Option<Fused<'a>>,
@@ -76,7 +77,7 @@ pub(super) fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, f64)> {
     Ok((value, started.elapsed().as_secs_f64()))
 }
 
-impl<'a> Painter<'a> {
+impl<'a> MethodRenderer<'a> {
     /// Loads the scene and does what is done once a sequence.
     pub fn new(view: &'a SequenceView<'a>, options: &'a Options<'a>) -> Result<Self> {
         let folder = view.folder;
@@ -86,53 +87,54 @@ impl<'a> Painter<'a> {
         let mut scene = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
         let (tables, prefilter) = timed(|| Ok(view.tables()))?;
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
-        let ways = options.ways;
-        let mut engine = None;
-        if ways.iter().any(Way::is_deferred) {
-            let whole = ways.contains(&Way::Deferred(Some(Part::Lights)));
-            let (made, seconds) = timed(|| Ok(Engine::new(folder, whole)))?;
+        let methods = options.methods;
+        let mut baseline = None;
+        if methods.iter().any(Method::is_deferred) {
+            let whole = methods.contains(&Method::Deferred(Some(Part::Lights)));
+            let (made, seconds) = timed(|| Ok(DeferredBaseline::new(folder, whole)))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
-            let engine = engine.insert(made);
-            if ways.iter().any(|way| matches!(way, Way::Warp { deferred: true } | Way::Fused { keyframes: true })) {
-                let ((), seconds) = timed(|| engine.prepare_keyframes(&mut scene))?;
+            let baseline = baseline.insert(made);
+            if methods.iter().any(|method| matches!(method, Method::Warp { deferred: true } | Method::Fused { keyframes: true }))
+            {
+                let ((), seconds) = timed(|| baseline.prepare_keyframes(&mut scene))?;
                 once.push(("drawing keyframes by deferred shading".to_owned(), seconds));
             }
         }
         let mut keyframes = Vec::new();
-        if ways.contains(&Way::Warp { deferred: false }) {
+        if methods.contains(&Method::Warp { deferred: false }) {
             let (prepared, seconds) = timed(|| prepare_keyframes(folder, tables))?;
             keyframes = prepared;
             once.push((PREPARING.to_owned(), seconds));
         }
-        let (players, beginning) = timed(|| Players::new(view, options))?;
-        if players.read_depths() {
+        let (sessions, beginning) = timed(|| NetworkSessions::new(view, options))?;
+        if sessions.read_depths() {
             once.push(("reading the range of depths".to_owned(), beginning));
         }
         let tracer = Tracer::new(folder, options)?;
         let mut fused = None;
-        if ways.iter().any(Way::is_fused) {
+        if methods.iter().any(Method::is_fused) {
             let network = options.fusion.context("the methods need weights of the network that reads samples (--weights)")?;
             let fused = fused.insert(Fused::new(folder, network));
-            if ways.iter().any(|way| way.is_fused() && way.needs_keyframes()) {
-                fused.prepare_keyframes(|index| engine.as_ref().and_then(|engine| engine.keyframe(index)).cloned())?;
+            if methods.iter().any(|method| method.is_fused() && method.needs_keyframes()) {
+                fused.prepare_keyframes(|index| baseline.as_ref().and_then(|baseline| baseline.keyframe(index)).cloned())?;
             }
         }
-        Ok(Self { fused, folder, view, options, scene, engine, keyframes, players, tracer, warm: false, once })
+        Ok(Self { fused, folder, view, options, scene, baseline, keyframes, sessions, tracer, warm: false, once })
     }
 
     /// Seconds spent once a sequence, by what they were spent on.
     pub fn once(mut self) -> Vec<(String, f64)> {
         // Keyframes are made ready when they come near.
         match self.once.iter_mut().find(|(what, _)| what == PREPARING) {
-            Some((_, seconds)) => *seconds += self.players.preparing,
-            None if self.players.preparing > 0.0 => self.once.push((PREPARING.to_owned(), self.players.preparing)),
+            Some((_, seconds)) => *seconds += self.sessions.preparing,
+            None if self.sessions.preparing > 0.0 => self.once.push((PREPARING.to_owned(), self.sessions.preparing)),
             None => {}
         }
         self.once
     }
 
     /// The picture of stored frame `index` by every method.
-    pub fn paint(&mut self, index: usize, cancel: &AtomicBool) -> Result<Vec<Picture>> {
+    pub fn render(&mut self, index: usize, cancel: &AtomicBool) -> Result<Vec<Picture>> {
         let settings = Settings { guide_samples: self.options.guide_samples, ..Settings::default() };
         self.scene.set_frame(self.folder.numbers[index]);
         if !self.warm {
@@ -140,11 +142,11 @@ impl<'a> Painter<'a> {
             self.warm = true;
         }
         // Clips take in frames that are not painted yet, or never.
-        while let Some(next) = self.players.wanted(index) {
+        while let Some(next) = self.sessions.wanted(index) {
             self.scene.set_frame(self.folder.numbers[next]);
             let mut frame = render_gbuffer(&self.scene, &settings)?;
             frame.info.camera = Some(*self.folder.camera(next));
-            self.players.push(next, &frame)?;
+            self.sessions.push(next, &frame)?;
             if cancel.load(Ordering::Relaxed) {
                 return Err(Interrupted.into());
             }
@@ -153,9 +155,9 @@ impl<'a> Painter<'a> {
         let shared = self.share(&settings, index)?;
         self.tracer.forget_before(index);
         let mut made: Vec<Picture> = Vec::new();
-        for way in self.options.ways {
-            let (linear, seconds, spp) = match way {
-                Way::Traced(tracing) => {
+        for method in self.options.methods {
+            let (linear, seconds, spp) = match method {
+                Method::Traced(tracing) => {
                     if tracing.keyframes && self.folder.sequence.keyframes.is_empty() {
                         continue;
                     }
@@ -170,47 +172,47 @@ impl<'a> Painter<'a> {
                         self.tracer.picture(&mut self.scene, tracing, given, shared.buffer(), self.fused.as_ref(), cancel)?;
                     (picture, seconds, Some(spp))
                 }
-                way => {
-                    let made = match way.network() {
-                        Some(_) => self.players.picture(way, shared.index, &shared.gbuffer)?,
-                        None => self.shade(way, &shared)?,
+                method => {
+                    let made = match method.network() {
+                        Some(_) => self.sessions.picture(method, shared.index, &shared.gbuffer)?,
+                        None => self.shade(method, &shared)?,
                     };
                     let Some((picture, seconds)) = made else { continue };
                     (picture, shared.seconds + seconds, None)
                 }
             };
-            made.push(Picture { id: way.id(), linear, seconds, spp });
+            made.push(Picture { id: method.id(), linear, seconds, spp });
         }
         Ok(made)
     }
 
     /// The picture of a method that starts from the G-buffer, and its seconds without that; `None` where it cannot be made.
-    fn shade(&self, way: &Way, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
+    fn shade(&self, method: &Method, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
         let (folder, gbuffer) = (self.folder, &shared.gbuffer);
         let (camera, environment, tables) = (folder.camera(shared.index), &folder.environment, self.view.tables());
         let exposure = folder.sequence.exposure;
         let keys = keyframes_for(folder, &self.keyframes, shared.index);
-        if way.needs_keyframes() && folder.sequence.keyframes.is_empty() {
+        if method.needs_keyframes() && folder.sequence.keyframes.is_empty() {
             return Ok(None);
         }
-        let made = match way {
-            Way::Deferred(without) => {
-                let engine = self.engine.as_ref().context("the deferred renderer")?;
-                engine.picture(&self.scene, gbuffer, shared.index, &shared.maps, *without)?
+        let made = match method {
+            Method::Deferred(without) => {
+                let baseline = self.baseline.as_ref().context("the deferred renderer")?;
+                baseline.picture(&self.scene, gbuffer, shared.index, &shared.maps, *without)?
             }
-            Way::Warp { deferred: true } => {
-                let engine = self.engine.as_ref().context("the deferred renderer")?;
-                engine.warped(&self.scene, gbuffer, shared.index, &shared.maps)?
+            Method::Warp { deferred: true } => {
+                let baseline = self.baseline.as_ref().context("the deferred renderer")?;
+                baseline.warped(&self.scene, gbuffer, shared.index, &shared.maps)?
             }
-            Way::Fused { keyframes } => {
-                let engine = self.engine.as_ref().context("the deferred renderer")?;
+            Method::Fused { keyframes } => {
+                let baseline = self.baseline.as_ref().context("the deferred renderer")?;
                 let fused = self.fused.as_ref().context("the network")?;
-                let (parts, shading) = engine.parts(gbuffer, shared.index, &shared.maps)?;
+                let (parts, shading) = baseline.parts(gbuffer, shared.index, &shared.maps)?;
                 let (picture, drawing) = fused.shaded(shared.buffer(), &parts, *keyframes)?;
                 (picture, shading + drawing)
             }
-            Way::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, tables).image))?,
-            Way::Warp { deferred: false } => timed(|| Ok(warp_only(gbuffer, camera, environment, tables, exposure, &keys)?))?,
+            Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, tables).image))?,
+            Method::Warp { deferred: false } => timed(|| Ok(warp_only(gbuffer, camera, environment, tables, exposure, &keys)?))?,
             _ => return Ok(None),
         };
         Ok(Some(made))
@@ -220,25 +222,26 @@ impl<'a> Painter<'a> {
     fn share(&self, settings: &Settings, index: usize) -> Result<Shared> {
         let (mut gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, settings)?))?;
         gbuffer.info.camera = Some(*self.folder.camera(index));
-        let maps = self.engine.as_ref().map(|engine| engine.maps(&self.scene, &gbuffer, index)).transpose()?.unwrap_or_default();
+        let maps =
+            self.baseline.as_ref().map(|baseline| baseline.maps(&self.scene, &gbuffer, index)).transpose()?.unwrap_or_default();
         Ok(Shared { index, gbuffer, seconds, maps })
     }
 
     /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
     fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
         let shared = self.share(settings, index)?;
-        for way in self.options.ways {
-            if way.network().is_some() {
-                self.players.warm_up(way, index, &shared.gbuffer)?;
-            } else if !matches!(way, Way::Traced(_)) {
-                self.shade(way, &shared)?;
+        for method in self.options.methods {
+            if method.network().is_some() {
+                self.sessions.warm_up(method, index, &shared.gbuffer)?;
+            } else if !matches!(method, Method::Traced(_)) {
+                self.shade(method, &shared)?;
             }
         }
         // The first frame pays for its own shadow maps.
-        if let Some(engine) = &mut self.engine {
-            engine.forget();
+        if let Some(baseline) = &mut self.baseline {
+            baseline.forget();
         }
-        self.tracer.warm_up(&mut self.scene, self.options.ways, shared.buffer(), self.fused.as_ref(), cancel)
+        self.tracer.warm_up(&mut self.scene, self.options.methods, shared.buffer(), self.fused.as_ref(), cancel)
     }
 }
 

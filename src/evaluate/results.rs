@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 pub const ABOUT: &str = "results.json";
 /// Pixels of the pictures that a budget's seconds are for, 256 x 256; others are given seconds in proportion to theirs.
 pub const BUDGET_PIXELS: f64 = 65536.0;
+/// Version of the format: since 2 a method says what it reads and what it is measured against, which was told from names before.
+pub const VERSION: u32 = 2;
 /// Stands for the reference where pictures are named by method.
 pub const TRUTH: &str = "truth";
 
@@ -100,9 +102,9 @@ pub const METRICS: &[Metric] = &[
     },
 ];
 
-/// A way to get a picture.
+/// A method to get a picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Method {
+pub struct MethodInfo {
     /// Short name in files: letters, digits, `-`, `_`, `.`, `+`.
     pub id: String,
     /// Name in tables.
@@ -118,9 +120,36 @@ pub struct Method {
     /// Seconds that a picture of [`BUDGET_PIXELS`] may take, for rows of a budget.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub budget: Option<f64>,
+    /// Whether it reads the truth of keyframes, whose seconds are then its own too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub reads_keyframes: bool,
+    /// Id of the method whose seconds it is given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_of: Option<String>,
+    /// Id of the method that it is a part of, or a change of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_of: Option<String>,
     /// What one should know about it, in a sentence.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
+}
+
+impl MethodInfo {
+    /// A method of which nothing more is to be said.
+    pub fn new(id: String, label: String, group: Group) -> Self {
+        Self {
+            id,
+            label,
+            group,
+            series: None,
+            spp: None,
+            budget: None,
+            reads_keyframes: false,
+            time_of: None,
+            part_of: None,
+            note: String::new(),
+        }
+    }
 }
 
 /// Kinds of methods.
@@ -153,7 +182,7 @@ impl Group {
 /// The whole evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// Format version, 1.
+    /// Format version, [`VERSION`].
     pub version: u32,
     /// Program and its version.
     pub program: String,
@@ -164,7 +193,7 @@ pub struct About {
     /// How radiance becomes the display values that metrics see.
     pub curve: String,
     /// In the order of table rows.
-    pub methods: Vec<Method>,
+    pub methods: Vec<MethodInfo>,
     /// Name and value of every setting.
     pub settings: Vec<(String, String)>,
 }
@@ -282,7 +311,8 @@ impl Results {
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(ABOUT);
         let about: About = file::read_json(&path)?;
-        ensure!(about.version == 1, "{}: /version: {} is not 1", path.display(), about.version);
+        let version = about.version;
+        ensure!(version == VERSION, "{}: /version: {version} is not {VERSION}: evaluate again with this program", path.display());
         for (i, method) in about.methods.iter().enumerate() {
             // Names of pictures are made of them.
             plain_name(&method.id).map_err(|reason| anyhow::anyhow!("{}: /methods/{i}/id: {reason}", path.display()))?;

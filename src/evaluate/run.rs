@@ -1,9 +1,9 @@
 //! Evaluates methods on sequences: one after the other on all threads, so that their seconds are their own; then all metrics at once.
 
-use super::find::Place;
-use super::method::{Network, Way};
-use super::painter::{Painter, Picture};
-use super::results::{ABOUT, About, METRICS, Score, Sequence, TRUTH, Truth, picture_file};
+use super::find::TestSequence;
+use super::method::{Method, Network};
+use super::renderer::{MethodRenderer, Picture};
+use super::results::{ABOUT, About, METRICS, Score, Sequence, TRUTH, Truth, VERSION, picture_file};
 use crate::dataset::SequenceView;
 use crate::dataset::record::Record;
 use crate::metrics::temporal::{Pair, correspondence, temporal};
@@ -41,7 +41,7 @@ pub struct Options<'a> {
     /// LPIPS where its weights are there.
     pub lpips: &'a Networks,
     /// Methods, those whose time another one is given before it.
-    pub ways: &'a [Way],
+    pub methods: &'a [Method],
     /// Camera rays a pixel for the anti-aliased G-buffer.
     pub guide_samples: u32,
     /// Scattering events of path-traced rows.
@@ -71,36 +71,36 @@ impl<'a> Options<'a> {
     }
 }
 
-/// Evaluates `places` into the results folder `out`; sequences that are complete there are kept. One unit of `progress` a frame.
+/// Evaluates `tests` into the results folder `out`; sequences that are complete there are kept. One unit of `progress` a frame.
 ///
 /// # Errors
 /// [`Interrupted`] when stopped; when the folder holds results of other methods or settings; when a sequence cannot be read or lacks truth.
-pub fn run(places: &[Place], options: &Options, out: &Path, progress: &Progress, cancel: &AtomicBool) -> Result<()> {
+pub fn run(tests: &[TestSequence], options: &Options, out: &Path, progress: &Progress, cancel: &AtomicBool) -> Result<()> {
     let claim = claim(options, out)?;
-    for place in places {
-        ready(place, options.every).with_context(|| place.folder.path.display().to_string())?;
+    for test in tests {
+        ready(test, options.every).with_context(|| test.folder.path.display().to_string())?;
     }
-    for place in places {
-        let class = out.join(&place.set).join(&place.class);
-        let done = class.join(format!("{}.json", place.folder.name()));
-        let indices = chosen(&place.folder.numbers, options.every);
+    for test in tests {
+        let class = out.join(&test.set).join(&test.class);
+        let done = class.join(format!("{}.json", test.folder.name()));
+        let indices = chosen(&test.folder.numbers, options.every);
         let there: Option<Sequence> = file::read_json(&done).ok();
-        let numbers: Vec<usize> = indices.iter().map(|&i| place.folder.numbers[i]).collect();
+        let numbers: Vec<usize> = indices.iter().map(|&i| test.folder.numbers[i]).collect();
         if there.is_some_and(|there| there.frames == numbers) {
             progress.resume(indices.len() as u64);
             continue;
         }
-        progress.message(format!("{}/{}/{}", place.set, place.class, place.folder.name()));
-        let work = || sequence(place, &indices, options, &class, &claim, progress, cancel);
-        let about = work().with_context(|| place.folder.path.display().to_string())?;
+        progress.message(format!("{}/{}/{}", test.set, test.class, test.folder.name()));
+        let work = || sequence(test, &indices, options, &class, &claim, progress, cancel);
+        let about = work().with_context(|| test.folder.path.display().to_string())?;
         file::write_json(&done, &about)?;
     }
     Ok(())
 }
 
 /// Frames of a sequence that are evaluated where of every `every` frames the first two are.
-pub fn frames(place: &Place, every: u32) -> usize {
-    chosen(&place.folder.numbers, every).len()
+pub fn frames(test: &TestSequence, every: u32) -> usize {
+    chosen(&test.folder.numbers, every).len()
 }
 
 /// Checks that results of these options may be written into the folder `out`.
@@ -112,12 +112,12 @@ pub fn check(options: &Options, out: &Path) -> Result<()> {
 }
 
 /// Checks that the truth of a sequence can be compared with, as far as its files and its record tell.
-fn ready(place: &Place, every: u32) -> Result<()> {
-    for index in chosen(&place.folder.numbers, every) {
-        let file = &place.folder.sequence.files[index];
-        ensure!(place.folder.path.join(file).is_file(), "{file}: is not there");
-        let recorded = place.record.iter().flat_map(|record| &record.frames).find(|frame| frame.file == *file);
-        ensure!(recorded.is_none_or(|frame| frame.spp > 0), "frame {} has {NO_BEAUTY}", place.folder.numbers[index]);
+fn ready(test: &TestSequence, every: u32) -> Result<()> {
+    for index in chosen(&test.folder.numbers, every) {
+        let file = &test.folder.sequence.files[index];
+        ensure!(test.folder.path.join(file).is_file(), "{file}: is not there");
+        let recorded = test.record.iter().flat_map(|record| &record.frames).find(|frame| frame.file == *file);
+        ensure!(recorded.is_none_or(|frame| frame.spp > 0), "frame {} has {NO_BEAUTY}", test.folder.numbers[index]);
     }
     Ok(())
 }
@@ -137,12 +137,12 @@ fn claim(options: &Options, out: &Path) -> Result<Claim> {
     ];
     settings.extend(options.settings.iter().cloned());
     let about = About {
-        version: 1,
+        version: VERSION,
         program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
         title: options.title.clone(),
         machine: format!("{}, {} threads", crate::machine::processor(), rayon::current_num_threads()),
         curve: CURVE.into(),
-        methods: options.ways.iter().map(Way::describe).collect(),
+        methods: options.methods.iter().map(Method::describe).collect(),
         settings,
     };
     Claim::agreed(out, ABOUT, &about, |there: &About| {
@@ -175,7 +175,7 @@ struct Before {
 }
 
 fn sequence(
-    place: &Place,
+    test: &TestSequence,
     indices: &[usize],
     options: &Options,
     class: &Path,
@@ -183,11 +183,11 @@ fn sequence(
     progress: &Progress,
     cancel: &AtomicBool,
 ) -> Result<Sequence> {
-    let folder = &place.folder;
+    let folder = &test.folder;
     let Some(&first) = indices.first() else { bail!("has no frames") };
     let exposure = folder.sequence.exposure;
     let view = SequenceView::new(folder);
-    let mut painter = Painter::new(&view, options)?;
+    let mut renderer = MethodRenderer::new(&view, options)?;
     let shown = shown(indices, &folder.sequence.keyframes, options.pictures);
     let pictures = class.join(folder.name());
     let (mut scores, mut before, mut noise): (Vec<Score>, Option<Before>, Vec<f64>) = Default::default();
@@ -203,7 +203,7 @@ fn sequence(
         if let (Some(raw), Some(variance)) = (&frame.raw, &frame.variance) {
             noise.extend(display_variance(raw, variance, &frame.alpha, exposure));
         }
-        let made = painter.paint(index, cancel)?;
+        let made = renderer.render(index, cancel)?;
         let reference = metrics::Truth::new(&truth, Some(&frame.alpha), Some(Hdr { linear, exposure }), options.lpips)?;
         let moved = before.as_ref().filter(|before| before.number + 1 == number).map(|before| {
             let movement = folder.sequence.tracks.between(index, before.index);
@@ -247,8 +247,8 @@ fn sequence(
     let size = folder.camera(first);
     let error: Option<Audit> = file::read_json(&folder.path.join(AUDIT)).ok();
     Ok(Sequence {
-        set: place.set.clone(),
-        class: place.class.clone(),
+        set: test.set.clone(),
+        class: test.class.clone(),
         name: folder.name(),
         width: size.width,
         height: size.height,
@@ -257,7 +257,7 @@ fn sequence(
         keyframe_gap: keyframe_gap(&folder.sequence.keyframes, folder.len()),
         shown: numbers(&shown),
         exposure,
-        facts: facts(place),
+        facts: facts(test),
         truth: Truth {
             spp: folder.frame(first)?.info.spp,
             seconds: Some(median(crate::truth::seconds(&folder.path))).filter(|s| s.is_finite()),
@@ -266,7 +266,7 @@ fn sequence(
             noise: (!noise.is_empty()).then(|| decibel(noise.iter().sum::<f64>() / noise.len() as f64)),
             error: error.map(|audit| audit.error),
         },
-        once: painter.once(),
+        once: renderer.once(),
     })
 }
 
@@ -304,8 +304,8 @@ pub fn write_scores(path: &Path, scores: &[Score]) -> Result<()> {
 }
 
 /// What the scene of a sequence is like, in words.
-fn facts(place: &Place) -> Vec<(String, String)> {
-    let Some(record) = &place.record else { return Vec::new() };
+fn facts(test: &TestSequence) -> Vec<(String, String)> {
+    let Some(record) = &test.record else { return Vec::new() };
     let Record { layout, camera, moving, changing, environment, objects, materials, triangles, .. } = record;
     let change = match (moving, changing) {
         (true, true) => "objects move, materials change",

@@ -1,7 +1,7 @@
 //! The networks at work on one sequence: the compact one frame by frame, the paper's a clip ahead.
 
-use super::method::Way;
-use super::painter::timed;
+use super::method::Method;
+use super::renderer::timed;
 use super::run::Options;
 use crate::dataset::SequenceView;
 use anyhow::Result;
@@ -11,8 +11,8 @@ use renderflow_model::renderer::{self, Renderer, Session, View};
 use std::collections::BTreeMap;
 
 /// One network with or without keyframes.
-struct Player<'a> {
-    way: &'a Way,
+struct NetworkSession<'a> {
+    method: &'a Method,
     renderer: &'a dyn Renderer,
     options: renderer::Options,
     /// Whether it takes several frames at once.
@@ -25,42 +25,42 @@ struct Player<'a> {
 }
 
 /// All of them.
-pub struct Players<'a> {
+pub struct NetworkSessions<'a> {
     view: &'a SequenceView<'a>,
-    players: Vec<Player<'a>>,
+    networks: Vec<NetworkSession<'a>>,
     /// The frame that networks with clips take next.
     next: usize,
     /// Seconds of making keyframes ready, for networks that do so beside rendering.
     pub preparing: f64,
 }
 
-impl<'a> Players<'a> {
+impl<'a> NetworkSessions<'a> {
     /// Begins with a sequence. Ways that need keyframes are left out where the sequence has none or the network takes none.
     pub fn new(view: &'a SequenceView<'a>, options: &'a Options<'a>) -> Result<Self> {
-        let mut players = Vec::new();
-        for way in options.ways {
-            let Some((network, keyframes)) = way.network() else { continue };
+        let mut networks = Vec::new();
+        for method in options.methods {
+            let Some((network, keyframes)) = method.network() else { continue };
             let renderer = options.network(network)?;
             if keyframes && (view.folder.sequence.keyframes.is_empty() || !renderer.about().keyframes) {
                 continue;
             }
-            let options = renderer::Options { keyframes, stills: way.in_stills(), steps: 1 };
+            let options = renderer::Options { keyframes, stills: method.in_stills(), steps: 1 };
             let session = renderer.begin(view, options)?;
             let clips = renderer.about().in_clips(options);
-            players.push(Player { way, renderer, options, clips, session, ready: BTreeMap::new(), spent: 0.0 });
+            networks.push(NetworkSession { method, renderer, options, clips, session, ready: BTreeMap::new(), spent: 0.0 });
         }
-        Ok(Self { view, players, next: 0, preparing: 0.0 })
+        Ok(Self { view, networks, next: 0, preparing: 0.0 })
     }
 
     /// Whether one of them asks for the range of depths when it begins, as networks do that can make clips.
     pub fn read_depths(&self) -> bool {
-        self.players.iter().any(|player| player.renderer.about().clip > 1)
+        self.networks.iter().any(|network| network.renderer.about().clip > 1)
     }
 
     /// The frame whose G-buffer is needed before frame `index` can be shown; `None` where nothing is.
     pub fn wanted(&self, index: usize) -> Option<usize> {
-        let waits = |player: &Player| player.clips && !player.ready.contains_key(&index);
-        (self.next < self.view.folder.len() && self.players.iter().any(waits)).then_some(self.next)
+        let waits = |network: &NetworkSession| network.clips && !network.ready.contains_key(&index);
+        (self.next < self.view.folder.len() && self.networks.iter().any(waits)).then_some(self.next)
     }
 
     /// Hands the frame to the networks that work in clips.
@@ -68,8 +68,8 @@ impl<'a> Players<'a> {
         self.next = index + 1;
         let last = self.next == self.view.folder.len();
         let view = view(self.view, index, frame);
-        for player in self.players.iter_mut().filter(|player| player.clips) {
-            player.take(|session| {
+        for network in self.networks.iter_mut().filter(|network| network.clips) {
+            network.take(|session| {
                 let mut rendered = session.push(view)?;
                 if last {
                     rendered.extend(session.finish()?);
@@ -81,29 +81,29 @@ impl<'a> Players<'a> {
     }
 
     /// Frame `index` by the network and its seconds without the G-buffer; `None` where it cannot be made. Earlier frames are let go.
-    pub fn picture(&mut self, way: &Way, index: usize, frame: &Frame) -> Result<Option<(Rgb, f64)>> {
-        let Some(player) = self.players.iter_mut().find(|player| player.way == way) else { return Ok(None) };
-        if !player.clips {
+    pub fn picture(&mut self, method: &Method, index: usize, frame: &Frame) -> Result<Option<(Rgb, f64)>> {
+        let Some(network) = self.networks.iter_mut().find(|network| network.method == method) else { return Ok(None) };
+        if !network.clips {
             let view = view(self.view, index, frame);
-            let ((), preparing) = timed(|| Ok(player.session.prepare(view.number)?))?;
+            let ((), preparing) = timed(|| Ok(network.session.prepare(view.number)?))?;
             self.preparing += preparing;
-            player.take(|session| session.push(view))?;
+            network.take(|session| session.push(view))?;
         }
-        player.ready = player.ready.split_off(&index);
-        Ok(player.ready.remove(&index))
+        network.ready = network.ready.split_off(&index);
+        Ok(network.ready.remove(&index))
     }
 
     /// Renders a frame in a session of its own, so that the first one that counts does not pay for caches.
-    pub fn warm_up(&self, way: &Way, index: usize, frame: &Frame) -> Result<()> {
-        let Some(player) = self.players.iter().find(|player| player.way == way) else { return Ok(()) };
-        let mut session = player.renderer.begin(self.view, player.options)?;
+    pub fn warm_up(&self, method: &Method, index: usize, frame: &Frame) -> Result<()> {
+        let Some(network) = self.networks.iter().find(|network| network.method == method) else { return Ok(()) };
+        let mut session = network.renderer.begin(self.view, network.options)?;
         session.push(view(self.view, index, frame))?;
         session.finish()?;
         Ok(())
     }
 }
 
-impl Player<'_> {
+impl NetworkSession<'_> {
     /// Lets the session work and shares the seconds among the frames it finishes.
     fn take(&mut self, work: impl FnOnce(&mut dyn Session) -> renderflow_model::Result<Vec<renderer::Rendered>>) -> Result<()> {
         let (rendered, seconds) = timed(|| Ok(work(&mut *self.session)?))?;

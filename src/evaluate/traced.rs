@@ -2,10 +2,11 @@
 //! denoiser, and the seconds of all of it.
 
 use super::fused::Fused;
-use super::method::{Clean, Guides, Neighbours, REACH, Samples, Tracing, Way};
-use super::painter::timed;
+use super::method::Method;
+use super::renderer::timed;
 use super::results::BUDGET_PIXELS;
 use super::run::{Options, median};
+use super::tracing::{Clean, Guides, Neighbours, REACH, Samples, Tracing};
 use crate::dataset::SequenceFolder;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
@@ -99,7 +100,7 @@ impl<'a> Tracer<'a> {
     /// Opens the denoisers that the methods ask for.
     pub fn new(folder: &'a SequenceFolder, options: &Options) -> Result<Self> {
         let mut denoisers = BTreeMap::new();
-        for tracing in tracings(options.ways).filter(|tracing| matches!(tracing.clean, Clean::High | Clean::Fast)) {
+        for tracing in tracings(options.methods).filter(|tracing| matches!(tracing.clean, Clean::High | Clean::Fast)) {
             let quality = if tracing.clean == Clean::Fast { Quality::Fast } else { Quality::High };
             for clean_guides in [true, false] {
                 let effort = (tracing.clean, clean_guides);
@@ -127,12 +128,12 @@ impl<'a> Tracer<'a> {
     pub fn warm_up(
         &mut self,
         scene: &mut RenderScene,
-        ways: &[Way],
+        methods: &[Method],
         buffer: Buffer,
         fused: Option<&Fused>,
         cancel: &AtomicBool,
     ) -> Result<()> {
-        for needs in tracings(ways).map(Needs::of) {
+        for needs in tracings(methods).map(Needs::of) {
             if self.rates.contains_key(&needs) {
                 continue;
             }
@@ -146,7 +147,7 @@ impl<'a> Tracer<'a> {
             let each = ((seconds[1] - seconds[0]) / f64::from(PROBES[1] - PROBES[0])).max(1e-6);
             self.rates.insert(needs, [(seconds[0] - f64::from(PROBES[0]) * each).max(0.0), each]);
         }
-        for tracing in tracings(ways) {
+        for tracing in tracings(methods) {
             let frames = 1 + tracing.neighbours.of(buffer.index, self.folder.len()).len();
             for spp in [1, CLEAN_GUIDES] {
                 let effort = effort(tracing, frames as u32 * camera_rays(spp));
@@ -332,7 +333,7 @@ impl<'a> Tracer<'a> {
                 spp -= 1;
             }
         }
-        *self.counts.entry((Way::Traced(tracing.clone()).id(), index)).or_insert(spp)
+        *self.counts.entry((Method::Traced(tracing.clone()).id(), index)).or_insert(spp)
     }
 
     /// What a render took says how many samples the next one may have: scenes cost differently from frame to frame.
@@ -354,9 +355,9 @@ fn effort(tracing: &Tracing, rays: u32) -> Effort {
     (tracing.clean, tracing.guides == Guides::GBuffer || tracing.clean == Clean::Neural || rays >= CLEAN_GUIDES)
 }
 
-/// The path-traced ways.
-pub fn tracings(ways: &[Way]) -> impl Iterator<Item = &Tracing> {
-    ways.iter().filter_map(|way| if let Way::Traced(tracing) = way { Some(tracing) } else { None })
+/// The path-traced methods.
+pub fn tracings(methods: &[Method]) -> impl Iterator<Item = &Tracing> {
+    methods.iter().filter_map(|method| if let Method::Traced(tracing) = method { Some(tracing) } else { None })
 }
 
 /// Samples a pixel that `seconds` allow where a render takes `start` seconds and `each` more for a sample; 1 at least.
@@ -456,7 +457,7 @@ mod tests {
     #[test]
     fn rows_ask_for_what_they_read() {
         let needs = |id: &str| {
-            let Way::Traced(tracing) = Way::parse(id).unwrap() else { unreachable!() };
+            let Method::Traced(tracing) = Method::parse(id).unwrap() else { unreachable!() };
             let Needs { guides, surfaces } = Needs::of(&tracing);
             [guides, surfaces]
         };

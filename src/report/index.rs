@@ -91,7 +91,7 @@ fn plots(heading: &str, choices: &[(String, String)], note: &str) -> String {
     format!("<h3>{heading}</h3>\n<p>{note}</p>\n{}", html::chooser("Metric", choices))
 }
 
-/// Method by class, a table a metric.
+/// MethodInfo by class, a table a metric.
 fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
     let classes = table::classes(view.results, set);
     let columns: Vec<_> = classes

@@ -2,7 +2,7 @@
 
 use super::html::{self, escape};
 use super::table::{self, COLUMNS, Row};
-use crate::evaluate::results::{Group, Method, Metric};
+use crate::evaluate::results::{Group, MethodInfo, Metric};
 use crate::metrics::bootstrap::Interval;
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ pub struct Palette(BTreeMap<String, usize>);
 
 impl Palette {
     /// Deals colours in the order of the methods.
-    pub fn new(methods: &[Method]) -> Self {
+    pub fn new(methods: &[MethodInfo]) -> Self {
         let mut colors = BTreeMap::new();
         let mut series: BTreeMap<&str, usize> = BTreeMap::new();
         let mut next = 0;
@@ -41,13 +41,13 @@ impl Palette {
 }
 
 /// The series whose name a method's label begins with, where it is another row of it with the seconds of some method.
-fn of_series<'a, T: Copy>(method: &Method, series: &BTreeMap<&'a str, T>) -> Option<(&'a str, T)> {
+fn of_series<'a, T: Copy>(method: &MethodInfo, series: &BTreeMap<&'a str, T>) -> Option<(&'a str, T)> {
     let begun = series.iter().filter(|(name, _)| method.group == Group::EqualTime && method.label.starts_with(*name));
     begun.max_by_key(|(name, _)| name.len()).map(|(name, value)| (*name, *value))
 }
 
 /// A method's label without the name of the series that its colour tells.
-pub fn short_label(methods: &[Method], method: &Method) -> String {
+pub fn short_label(methods: &[MethodInfo], method: &MethodInfo) -> String {
     let series = methods.iter().filter_map(|method| Some((method.series.as_deref()?, ()))).collect();
     let rest = of_series(method, &series).and_then(|(name, ())| method.label.strip_prefix(name));
     rest.map(str::trim).filter(|rest| !rest.is_empty()).unwrap_or(&method.label).to_owned()

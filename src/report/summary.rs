@@ -11,7 +11,7 @@ pub fn paragraph(means: &Means, set: &str) -> String {
     let rows = means.rows(filter);
     let Some(psnr) = table::metric("psnr") else { return String::new() };
     let traced = |row: &&Row| row.method.group.is_traced();
-    let keys = |row: &&Row| table::reads_keyframes(row.method);
+    let keys = |row: &&Row| row.method.reads_keyframes;
     let mut sentences = Vec::new();
     let plain = best(rows.iter().filter(|row| !traced(row) && !keys(row)));
     if let Some(row) = plain {
@@ -55,7 +55,7 @@ fn result(metric: &Metric, row: &Row) -> String {
     let ends = row.cells.get(metric.id).and_then(|cell| cell.range);
     let ends = ends.map_or_else(String::new, |[a, b]| format!(" ({} to {})", table::number(metric, a), table::number(metric, b)));
     let seconds = row.seconds.map_or_else(String::new, |s| format!(" at {} s a frame", table::seconds(s)));
-    let paid = row.seconds_with_truth.filter(|_| table::reads_keyframes(row.method));
+    let paid = row.seconds_with_truth.filter(|_| row.method.reads_keyframes);
     let paid = paid.map_or_else(String::new, |s| format!(", {} s with the truth of its keyframes", table::seconds(s)));
     format!("{}{ends}{seconds}{paid}", value(metric, row))
 }

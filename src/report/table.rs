@@ -1,6 +1,6 @@
 //! Means over frames and sequences with their intervals, and the tables that are printed.
 
-use crate::evaluate::results::{BUDGET_PIXELS, Group, METRICS, Method, Metric, Results, Scored, Sequence};
+use crate::evaluate::results::{BUDGET_PIXELS, Group, METRICS, MethodInfo, Metric, Results, Scored, Sequence};
 use crate::metrics::bootstrap::{self, Interval};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -20,7 +20,7 @@ pub fn metric(id: &str) -> Option<&'static Metric> {
 #[derive(Clone, Debug)]
 pub struct Row<'a> {
     /// The method.
-    pub method: &'a Method,
+    pub method: &'a MethodInfo,
     /// By id of the metric; one without a value is missing.
     pub cells: BTreeMap<&'static str, Interval>,
     /// Mean over sequences of the median wall seconds of the frames counted.
@@ -144,7 +144,7 @@ impl<'a> Means<'a> {
         asked.filter_map(|method| self.row(method, &sequences)).collect()
     }
 
-    fn row(&self, method: &'a Method, sequences: &[(usize, &Scored)]) -> Option<Row<'a>> {
+    fn row(&self, method: &'a MethodInfo, sequences: &[(usize, &Scored)]) -> Option<Row<'a>> {
         let numbers = || sequences.iter().map(|(number, _)| *number);
         let count = numbers().filter(|&number| self.scored[number].contains(method.id.as_str())).count();
         let cell = |metric: &Metric| {
@@ -156,7 +156,7 @@ impl<'a> Means<'a> {
         let medians: Vec<f64> = frames.filter_map(|seconds| median(seconds.clone())).collect();
         let with_truth = |(number, sequence): &(usize, &Scored)| -> Option<Option<f64>> {
             let seconds = self.seconds[*number].get(method.id.as_str()).and_then(|seconds| median(seconds.clone()))?;
-            let share = if reads_keyframes(method) { sequence.about.truth_share() } else { Some(0.0) };
+            let share = if method.reads_keyframes { sequence.about.truth_share() } else { Some(0.0) };
             Some(share.map(|share| seconds + share))
         };
         let all: Option<Vec<f64>> = sequences.iter().filter_map(with_truth).collect();
@@ -192,34 +192,19 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
     Some(0.5 * (values[last / 2] + values[values.len() / 2]))
 }
 
-/// The method that an ablation is a change of: the one whose id its own begins with, or else the last baseline before it.
-pub fn parent<'a>(methods: &'a [Method], ablation: &Method) -> Option<&'a Method> {
-    let whole = |method: &&Method| method.group != Group::Ablation;
-    let begins =
-        |method: &&Method| ablation.id.strip_prefix(&method.id).is_some_and(|rest| rest.starts_with(['-', '_', '.', '+']));
-    let named = methods.iter().filter(whole).filter(begins).max_by_key(|method| method.id.len());
-    let before = || methods.iter().take_while(|method| method.id != ablation.id).filter(|m| m.group == Group::Baseline).last();
-    named.or_else(before)
+/// The method that an ablation is a change of.
+pub fn parent<'a>(methods: &'a [MethodInfo], ablation: &MethodInfo) -> Option<&'a MethodInfo> {
+    methods.iter().find(|method| ablation.part_of.as_ref() == Some(&method.id))
 }
 
-/// The row whose seconds an equal-time method was given: by its id, `equal-` and that row's.
-pub fn given<'r, 'a>(rows: &'r [Row<'a>], method: &Method) -> Option<&'r Row<'a>> {
-    let to = method.id.strip_prefix("equal-").filter(|_| method.group == Group::EqualTime)?;
-    rows.iter().filter(|row| to.starts_with(row.method.id.as_str())).max_by_key(|row| row.method.id.len())
+/// The row whose seconds an equal-time method was given.
+pub fn given<'r, 'a>(rows: &'r [Row<'a>], method: &MethodInfo) -> Option<&'r Row<'a>> {
+    rows.iter().find(|row| method.time_of.as_ref() == Some(&row.method.id))
 }
 
 /// Seconds that a row was given, by a budget or another method.
 pub fn given_seconds(rows: &[Row], row: &Row) -> Option<f64> {
     row.budget.or_else(|| given(rows, row.method)?.seconds)
-}
-
-/// Whether a method reads the truth of keyframes; told by its names, for want of anything better. What is given the time of such a
-/// method does not.
-pub fn reads_keyframes(method: &Method) -> bool {
-    !method.group.is_traced()
-        && ["key", "warp"]
-            .iter()
-            .any(|word| method.id.to_lowercase().contains(word) || method.label.to_lowercase().contains(word))
 }
 
 /// A value with the digits of its metric.

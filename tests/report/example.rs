@@ -1,6 +1,6 @@
 //! A small results folder made up for tests: two sets, three classes, four sequences, values one can compute by head.
 
-use renderflow::evaluate::results::{About, Group, METRICS, Method, Score, Sequence, TRUTH, Truth, picture_file};
+use renderflow::evaluate::results::{About, Group, METRICS, MethodInfo, Score, Sequence, TRUTH, Truth, VERSION, picture_file};
 use renderflow::report::picture::png;
 use renderflow_frame::file::{write_atomic, write_json};
 use renderflow_frame::image::Rgb;
@@ -21,13 +21,14 @@ const SEQUENCES: [(&str, &str, &str, f64); 4] = [
     ("synthetic", "open", "third", 2.0),
 ];
 
-fn method(id: &str, label: &str, group: Group, series: Option<&str>, spp: Option<u32>) -> Method {
+fn method(id: &str, label: &str, group: Group, series: Option<&str>, spp: Option<u32>) -> MethodInfo {
     let budget = (group == Group::Budget).then_some(4.0);
-    Method { id: id.into(), label: label.into(), group, series: series.map(Into::into), spp, budget, note: String::new() }
+    let series = series.map(Into::into);
+    MethodInfo { series, spp, budget, ..MethodInfo::new(id.into(), label.into(), group) }
 }
 
-pub fn methods() -> Vec<Method> {
-    vec![
+pub fn methods() -> Vec<MethodInfo> {
+    let mut methods = vec![
         method("ibl", "IBL", Group::Baseline, None, None),
         method("deferred", NASTY, Group::Baseline, None, None),
         method("deferred-shadow", "Deferred without shadow", Group::Ablation, None, None),
@@ -38,7 +39,11 @@ pub fn methods() -> Vec<Method> {
         method("warp", "Warped", Group::Baseline, None, None),
         // Of 256 x 256 pixels; the example's 48 x 32 are given 93.75 ms.
         method("pt-4000ms", "Path tracing in 4 s", Group::Budget, Some("Path tracing in a budget"), None),
-    ]
+    ];
+    methods[2].part_of = Some("deferred".into());
+    methods[6].time_of = Some("neural".into());
+    methods[7].reads_keyframes = true;
+    methods
 }
 
 /// PSNR of method number `method` on a frame that is no keyframe: 20, 22, ... plus the sequence's part, frames 1 to 3 at -1, 0, +1.
@@ -46,7 +51,7 @@ fn psnr(method: usize, sequence: f64, frame: usize) -> f64 {
     20.0 + 2.0 * method as f64 + sequence + (frame as f64 - 2.0)
 }
 
-fn score(number: usize, method: &Method, part: f64, frame: usize) -> Score {
+fn score(number: usize, method: &MethodInfo, part: f64, frame: usize) -> Score {
     let key = frame.is_multiple_of(4);
     let mut values = std::collections::BTreeMap::new();
     for metric in METRICS {
@@ -87,7 +92,7 @@ fn picture(frame: usize, method: usize) -> Rgb {
 pub fn write(folder: &Path) {
     let methods = methods();
     let about = About {
-        version: 1,
+        version: VERSION,
         program: "renderflow test".into(),
         title: "Example <results>".into(),
         machine: "a processor, 4 threads".into(),
