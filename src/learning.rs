@@ -3,12 +3,12 @@
 use crate::dataset::plan::Plan;
 use crate::truth;
 use anyhow::{Context, Result};
-use glam::Vec2;
 use half::f16;
 use renderflow_frame::deferred::{self, Deferred, Lighting, Options, Shadows};
-use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::{Camera, Environment, Frame, warp};
-use renderflow_model::fusion::fill::{Key, Samples, Seen};
+use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Frame, warp};
+use renderflow_model::fusion::fill::{Key, Samples, Seen, background};
 use renderflow_model::fusion::record::{NEIGHBOURS, PARTS};
 use renderflow_model::fusion::training::Source;
 use renderflow_model::fusion::{Record, batch::BEFORE};
@@ -103,6 +103,7 @@ impl<'a> Planned<'a> {
         let mut scene = RenderScene::compile(&loaded)?;
         let exposure = scene.exposure();
         let lighting = Lighting::new(scene.environment(), deferred::LIGHTS);
+        let tables = IblTables::new(scene.environment());
 
         let mut records = Vec::new();
         let mut carried = Vec::new();
@@ -126,11 +127,13 @@ impl<'a> Planned<'a> {
                 let movement = tracks.between(number, keys[k]);
                 record.add_key(k, &Seen { key, distance, movement }, &shot.gbuffer, Some(&shot.shaded.image), exposure);
             }
+            let alone = ibl::shade(&shot.gbuffer, scene.camera(), scene.environment(), &tables);
+            record.add_environment(&alone, exposure);
             // Truth, samples and neighbours each have random numbers of their own.
             for part in 0..PARTS {
                 scene.reseed(loaded.seed.wrapping_add(1 + part as u64));
                 let traced = self.trace(&scene, spp, false)?;
-                let behind = background_of(scene.camera(), &traced.alpha, &lighting.environment);
+                let behind = background(scene.camera(), &traced.alpha, &lighting.environment);
                 record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
             }
             for n in 0..NEIGHBOURS {
@@ -139,7 +142,7 @@ impl<'a> Planned<'a> {
                 scene.reseed(loaded.seed.wrapping_add(1 + (n % PARTS) as u64));
                 scene.set_frame(other);
                 let traced = self.trace(&scene, near_spp, true)?;
-                let behind = background_of(scene.camera(), &traced.alpha, &lighting.environment);
+                let behind = background(scene.camera(), &traced.alpha, &lighting.environment);
                 let movement = tracks.between(number, other);
                 let source = warp::nearest(&shot.gbuffer, &traced, Some(&|id| movement.of(id)));
                 record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
@@ -176,16 +179,6 @@ impl<'a> Planned<'a> {
         let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
     }
-}
-
-/// The environment behind each pixel; 0 where a surface covers all of it.
-pub fn background_of(camera: &Camera, alpha: &Image<f32>, environment: &Environment) -> Rgb {
-    Rgb::from_fn(alpha.width, alpha.height, |x, y| {
-        if alpha.pixels[y * alpha.width + x] >= 1.0 {
-            return [0.0; 3];
-        }
-        environment.radiance(camera.ray_direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)))
-    })
 }
 
 impl Source for Planned<'_> {

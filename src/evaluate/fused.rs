@@ -3,13 +3,12 @@
 use super::renderer::timed;
 use super::traced::{Buffer, Carried, Traced};
 use crate::dataset::SequenceFolder;
-use crate::learning::background_of;
 use anyhow::{Context, Result};
 use renderflow_frame::deferred::Deferred;
-use renderflow_frame::ibl;
+use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::batch::BEFORE;
-use renderflow_model::fusion::fill::{Key, Samples, Seen};
+use renderflow_model::fusion::fill::{Key, Samples, Seen, background};
 use renderflow_model::fusion::record::NEIGHBOURS;
 use renderflow_model::fusion::{Fusion, Record};
 
@@ -17,14 +16,16 @@ use renderflow_model::fusion::{Fusion, Record};
 pub struct Fused<'a> {
     folder: &'a SequenceFolder,
     network: &'a Fusion,
+    /// Of the whole environment.
+    tables: &'a IblTables,
     /// Keyframes by index among the stored frames.
     keys: Vec<(usize, Key)>,
 }
 
 impl<'a> Fused<'a> {
     /// Without keyframes.
-    pub fn new(folder: &'a SequenceFolder, network: &'a Fusion) -> Self {
-        Self { folder, network, keys: Vec::new() }
+    pub fn new(folder: &'a SequenceFolder, network: &'a Fusion, tables: &'a IblTables) -> Self {
+        Self { folder, network, tables, keys: Vec::new() }
     }
 
     /// Reads the keyframes; `shaded` gives the deferred picture of one, where there is one.
@@ -62,17 +63,18 @@ impl<'a> Fused<'a> {
         let (folder, index) = (self.folder, buffer.index);
         let (environment, exposure) = (&folder.environment, folder.sequence.exposure);
         timed(|| {
-            let surfaces = ibl::surfaces(buffer.frame, folder.camera(index), environment);
-            let mut record = Record::of(buffer.frame, &surfaces, exposure);
-            let background = background_of(folder.camera(index), &own.alpha, environment);
-            record.add_part(0, &samples(own, &background)?, exposure);
+            let shading = ibl::shade(buffer.frame, folder.camera(index), environment, self.tables);
+            let mut record = Record::of(buffer.frame, &shading.surfaces, exposure);
+            record.add_environment(&shading, exposure);
+            let behind = background(folder.camera(index), &own.alpha, environment);
+            record.add_part(0, &samples(own, &behind)?, exposure);
             let (mut before, mut after) = (0, BEFORE);
             for (there, carried) in others {
                 let (place, limit) = if *there < index { (&mut before, BEFORE) } else { (&mut after, NEIGHBOURS) };
                 if *place < limit {
                     let traced = carried.samples;
-                    let background = background_of(folder.camera(*there), &traced.alpha, environment);
-                    record.add_neighbour(*place, &samples(traced, &background)?, &carried.source, exposure);
+                    let behind = background(folder.camera(*there), &traced.alpha, environment);
+                    record.add_neighbour(*place, &samples(traced, &behind)?, &carried.source, exposure);
                     *place += 1;
                 }
             }

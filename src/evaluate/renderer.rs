@@ -114,7 +114,7 @@ impl<'a> MethodRenderer<'a> {
         let mut fused = None;
         if methods.iter().any(Method::is_fused) {
             let network = options.fusion.context("the methods need weights of the network that reads samples (--weights)")?;
-            let fused = fused.insert(Fused::new(folder, network));
+            let fused = fused.insert(Fused::new(folder, network, tables));
             if methods.iter().any(|method| method.is_fused() && method.needs_keyframes()) {
                 fused.prepare_keyframes(|index| baseline.as_ref().and_then(|baseline| baseline.keyframe(index)).cloned())?;
             }

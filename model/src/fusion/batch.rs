@@ -74,7 +74,7 @@ impl Change {
             (0..3).for_each(|c| stored[from + c] = radiance(gain * before[self.primaries[c]]));
         };
         turn(at::ALBEDO, 1.0);
-        let plain = std::iter::once(at::BACKGROUND).chain((at::TERMS..at::OPEN).step_by(3)).chain([at::TRUTH]);
+        let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH]);
         let counted = (at::KEYS_SHADED..at::TRUTH).step_by(4);
         plain.chain(counted).for_each(|from| turn(from, self.gain));
     }
@@ -291,6 +291,7 @@ mod tests {
                 assert_eq!(b.background[c], 0.5 * a.background[from]);
                 assert_eq!(b.tint[c], a.tint[from]);
                 assert_eq!((b.own[c], b.own[3]), (0.5 * a.own[from], a.own[3]));
+                assert_eq!(b.reflected[c], 0.5 * a.reflected[from]);
                 assert_eq!(b.terms[2][c], 0.5 * a.terms[2][from]);
                 assert_eq!(b.keys[1][c], 0.5 * a.keys[1][from]);
                 assert_eq!(b.others[3][c], 0.5 * a.others[3][from]);

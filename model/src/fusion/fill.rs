@@ -1,12 +1,13 @@
 //! Fills records: what the path tracer, deferred shading and the warp give becomes what the network reads.
 
 use super::record::{KEYS, NEIGHBOURS, PARTS, Record, TINT, at, radiance, tint};
+use glam::Vec2;
 use rayon::prelude::*;
 use renderflow_frame::deferred::Deferred;
-use renderflow_frame::ibl::Surfaces;
+use renderflow_frame::ibl::{Shading, Surfaces};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Frame, warp};
+use renderflow_frame::{Camera, Environment, Frame, warp};
 
 /// Traced samples of a frame.
 #[derive(Clone, Copy, Debug)]
@@ -93,6 +94,16 @@ impl Record<f32> {
             }
         });
         record
+    }
+
+    /// Adds what the whole environment gives with nothing in its way: what goes with samples.
+    pub fn add_environment(&mut self, shading: &Shading, exposure: f32) {
+        self.each(|i, out| {
+            if out[at::ALPHA] > 0.0 {
+                put(out, at::LIT, shading.irradiance.pixels[i].map(|v| radiance(exposure * v)));
+                put(out, at::REFLECTED, shading.specular.pixels[i].map(|v| radiance(exposure * v)));
+            }
+        });
     }
 
     /// Adds the terms of deferred shading, which must hold its parts.
@@ -187,6 +198,18 @@ impl Record<f32> {
         let row = self.width.max(1);
         self.pixels.par_chunks_exact_mut(at::COUNT).with_min_len(row).enumerate().for_each(|(i, out)| f(i, out));
     }
+}
+
+/// The environment behind each pixel; 0 where a surface covers all of it.
+pub fn background(camera: &Camera, alpha: &Image<f32>, environment: &Environment) -> Rgb {
+    let mut out = Rgb::filled(alpha.width, alpha.height, [0.0; 3]);
+    out.pixels.par_iter_mut().zip(&alpha.pixels).with_min_len(alpha.width.max(1)).enumerate().for_each(|(i, (out, alpha))| {
+        if *alpha < 1.0 {
+            let through = Vec2::new((i % camera.width) as f32 + 0.5, (i / camera.width) as f32 + 0.5);
+            *out = environment.radiance(camera.ray_direction(through));
+        }
+    });
+    out
 }
 
 fn put(out: &mut [f32], from: usize, rgb: [f32; 3]) {

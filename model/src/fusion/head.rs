@@ -6,8 +6,9 @@
 //! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, j over 5 x 5,
 //!
 //! so that pixels which see no surface have no say. The three are brought to full size (bilinear) and blended: the filtered samples. They,
-//! the carried keyframes and the sum of the deferred terms, each term times `exp(g)`, are mixed with softmax weights, a residual times
-//! the tint is added, and coverage puts the environment behind.
+//! what the surface mirrors of the environment, the carried keyframes and the sum of the deferred terms, each term times `exp(g)`, are
+//! mixed with softmax weights; some of the mirrored and a residual times the tint are added, and coverage puts the environment behind.
+//! Kernels blur what a smooth surface mirrors, the split sum does not.
 
 use super::record::{Groups, KEYS, Known, NEIGHBOURS, TERMS};
 use crate::bridge::MAX_RADIANCE;
@@ -22,12 +23,13 @@ const REACH: usize = 2;
 const PADDED: usize = KERNEL.next_multiple_of(16);
 /// Scales of the kernels.
 const SCALES: usize = 3;
-/// Candidates: filtered samples, keyframes, deferred shading.
+/// Candidates: filtered samples, keyframes, deferred shading; with samples also what is mirrored of the environment, the last.
 const CANDIDATES: usize = 2 + KEYS;
+const MIXED: usize = CANDIDATES + 1;
 
 /// Outputs for a pixel of the three blocks: what every picture has, what samples add, what neighbours add.
 const BASE: usize = CANDIDATES + TERMS + 3;
-const TRACED: usize = KERNEL + SCALES;
+const TRACED: usize = KERNEL + SCALES + 2;
 const MERGE: usize = 1 + NEIGHBOURS;
 /// Outputs at 1/2 with everything: four pixels, and the kernel of scale 2.
 pub const FINE: usize = 4 * (BASE + TRACED + MERGE) + KERNEL;
@@ -85,9 +87,11 @@ pub struct Tape {
 
 /// A pixel's outputs of the mix, after their non-linearities.
 struct Mix {
-    weights: [f32; CANDIDATES],
+    weights: [f32; MIXED],
     factors: [f32; TERMS],
-    candidates: [[f32; 3]; CANDIDATES],
+    candidates: [[f32; 3]; MIXED],
+    /// How much of what is mirrored is added.
+    shine: f32,
     /// Weights of the scales.
     scales: [f32; SCALES],
 }
@@ -154,14 +158,18 @@ impl Picture<'_> {
         let (known, outputs) = (&self.known[i], self.base(i));
         let (logits, factors) = (&outputs[..CANDIDATES], &outputs[CANDIDATES..CANDIDATES + TERMS]);
         let mut mix = Mix {
-            weights: [f32::NEG_INFINITY; CANDIDATES],
+            weights: [f32::NEG_INFINITY; MIXED],
             factors: exp(std::array::from_fn(|term| factors[term].clamp(-MOST, MOST))),
-            candidates: [[0.0; 3]; CANDIDATES],
+            candidates: [[0.0; 3]; MIXED],
+            shine: 0.0,
             scales: [0.0; SCALES],
         };
         if self.groups.samples {
-            let shares = &self.fine[self.traced_at(i) + KERNEL..][..SCALES];
-            mix.scales = softmax([shares[0] + FINEST, shares[1], shares[2]]);
+            let outputs = &self.fine[self.traced_at(i) + KERNEL..][..SCALES + 2];
+            mix.scales = softmax([outputs[0] + FINEST, outputs[1], outputs[2]]);
+            mix.candidates[CANDIDATES] = known.reflected;
+            mix.weights[CANDIDATES] = outputs[SCALES];
+            mix.shine = outputs[SCALES + 1];
             let filtered = self.filtered(i, &mix.scales, scales);
             if filtered[3] > NOTHING {
                 mix.candidates[0] = std::array::from_fn(|c| filtered[c] * known.tint[c]);
@@ -234,7 +242,8 @@ impl Picture<'_> {
                 return known.background[c];
             }
             let mixed: f32 = mix.candidates.iter().zip(mix.weights).map(|(candidate, weight)| candidate[c] * weight).sum();
-            let value = known.alpha * (mixed + known.tint[c] * residual[c]) + (1.0 - known.alpha) * known.background[c];
+            let added = known.tint[c] * residual[c] + mix.shine * known.reflected[c];
+            let value = known.alpha * (mixed + added) + (1.0 - known.alpha) * known.background[c];
             if value.is_nan() { 0.0 } else { value }
         })
     }
@@ -257,7 +266,7 @@ impl Picture<'_> {
                 std::array::from_fn(|c| if value[c] > 0.0 && value[c] < MAX_RADIANCE { slope[c] * known.alpha } else { 0.0 });
             let (block, sub) = self.place(i);
             let base = block * fine(self.groups) + sub * BASE;
-            let along: [f32; CANDIDATES] = std::array::from_fn(|k| (0..3).map(|c| d[c] * mix.candidates[k][c]).sum());
+            let along: [f32; MIXED] = std::array::from_fn(|k| (0..3).map(|c| d[c] * mix.candidates[k][c]).sum());
             let mean: f32 = along.iter().zip(mix.weights).map(|(v, w)| v * w).sum();
             for k in 0..CANDIDATES {
                 fine_out[base + k] = mix.weights[k] * (along[k] - mean);
@@ -274,6 +283,9 @@ impl Picture<'_> {
                 fine_out[base + CANDIDATES + TERMS + c] = d[c] * known.tint[c];
             }
             if self.groups.samples {
+                let at = self.traced_at(i) + KERNEL + SCALES;
+                fine_out[at] = mix.weights[CANDIDATES] * (along[CANDIDATES] - mean);
+                fine_out[at + 1] = along[CANDIDATES];
                 let d: [f32; 3] = std::array::from_fn(|c| d[c] * mix.weights[0] * known.tint[c]);
                 self.spread(i, &mix, d, scales, &mut filtered, &mut fine_out);
             }
@@ -460,7 +472,7 @@ mod tests {
 
     fn known(rng: &mut Pcg64Mcg, groups: Groups) -> Known {
         let mut rgb = || std::array::from_fn(|_| rng.random_range(0.05..1.0));
-        let mut known = Known { background: rgb(), tint: rgb(), ..Known::default() };
+        let mut known = Known { background: rgb(), tint: rgb(), reflected: rgb(), ..Known::default() };
         known.terms = std::array::from_fn(|_| rgb());
         known.keys = std::array::from_fn(|_| rgb());
         known.trust = [f32::NEG_INFINITY; KEYS];

@@ -39,14 +39,18 @@ pub mod at {
     pub const ALPHA: usize = 12;
     /// Environment behind the pixel.
     pub const BACKGROUND: usize = 13;
+    /// Irradiance of the environment over pi, nothing in its way.
+    pub const LIT: usize = BACKGROUND + 3;
+    /// What the surface mirrors of the environment by the split sum, nothing in its way.
+    pub const REFLECTED: usize = LIT + 3;
     /// Deferred terms, three channels each: lights, diffuse sky, reflections, bounced light.
-    pub const TERMS: usize = 16;
+    pub const TERMS: usize = REFLECTED + 3;
     /// Irradiance of the sky without the lights over pi, nothing in its way.
-    pub const SKY: usize = 28;
+    pub const SKY: usize = TERMS + 3 * super::TERMS;
     /// Open share of the sky, of the near hemisphere; seen share of the strongest light.
-    pub const OPEN: usize = 31;
+    pub const OPEN: usize = SKY + 3;
     /// Of each keyframe carried over deferred shading: radiance of the surface, validity.
-    pub const KEYS_SHADED: usize = 34;
+    pub const KEYS_SHADED: usize = OPEN + 3;
     /// The same carried over the albedo.
     pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
     /// Of each part: radiance of the surface over its tint ([`super::tint`]), times coverage; coverage.
@@ -66,14 +70,14 @@ pub struct Groups {
     pub deferred: bool,
     /// Carried keyframes.
     pub keys: bool,
-    /// Traced samples of the frame.
+    /// Traced samples of the frame, and with them what the environment alone gives.
     pub samples: bool,
     /// Samples of its neighbours; only where there are some of its own.
     pub neighbours: bool,
 }
 
 /// Channels a pixel that the network reads of each group: G-buffer, deferred, keys, samples, neighbours.
-pub const CHANNELS: [usize; 5] = [13, 18, 5 * KEYS, 5, 5 * NEIGHBOURS];
+pub const CHANNELS: [usize; 5] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS];
 
 impl Groups {
     /// Whether each of the groups of [`CHANNELS`] is there.
@@ -199,6 +203,8 @@ pub struct Known {
     pub background: [f32; 3],
     /// What filtered samples are multiplied with.
     pub tint: [f32; 3],
+    /// What the surface mirrors of the environment, nothing in its way.
+    pub reflected: [f32; 3],
     /// Deferred terms.
     pub terms: [[f32; 3]; TERMS],
     /// Carried keyframes.
@@ -237,6 +243,7 @@ impl Known {
             }
         }
         if groups.samples {
+            known.reflected = three(at::REFLECTED);
             let used = chosen.parts.iter().filter(|part| **part).count().max(1) as f32;
             let scale = chosen.spp / used;
             for part in (0..PARTS).filter(|part| chosen.parts[*part]) {
@@ -259,8 +266,8 @@ fn keys_at(groups: Groups) -> usize {
     if groups.deferred { at::KEYS_SHADED } else { at::KEYS_TINTED }
 }
 
-/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples, neighbours.
-const COLOURS: usize = TERMS + 2 + KEYS + NEIGHBOURS;
+/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples and what the environment gives, neighbours.
+const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS;
 
 /// Appends what the network reads of a pixel, [`Groups::channels`] numbers of about -1..=2.
 pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut Vec<f32>) {
@@ -296,18 +303,22 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
             out.push(if there { 1.0 - 0.5 * chosen.ages[k].unwrap_or(AGE[1]) } else { 0.0 });
         }
     }
-    let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, out: &mut Vec<f32>| {
+    let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, light: &[[f32; 3]], out: &mut Vec<f32>| {
         let scale = if coverage > 0.0 { 1.0 / coverage } else { 0.0 };
         colour([r, g, b].map(|v| v * scale), out);
         out.push(if spp > 0.0 { coverage / spp } else { 0.0 });
         out.push(0.3 * (1.0 + spp).ln());
+        light.iter().for_each(|rgb| colour(*rgb, out));
     };
     if groups.samples {
-        traced(known.own, chosen.spp, out);
+        let lit = [stored[at::LIT], stored[at::LIT + 1], stored[at::LIT + 2]];
+        // As samples are: over the tint.
+        let reflected = std::array::from_fn(|c| known.reflected[c] / known.tint[c]);
+        traced(known.own, chosen.spp, &[lit, reflected], out);
     }
     if groups.neighbours {
         for (other, spp) in known.others.iter().zip(chosen.neighbours) {
-            traced(*other, spp, out);
+            traced(*other, spp, &[], out);
         }
     }
     debug_assert_eq!(out.len() - before, groups.channels());
