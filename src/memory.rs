@@ -7,11 +7,6 @@ use renderflow_frame::channel::{LAYERS, Storage};
 use renderflow_frame::frame_file::Profile;
 use renderflow_renderer::Budget;
 
-/// Bytes of a pixel of three channels.
-const RGB: u64 = size_of::<[f32; 3]>() as u64;
-/// Pixels of the largest tile that OIDN denoises at a time, and the bytes that its network takes for one of them.
-const TILE: u64 = 2160 * 2160;
-const NETWORK: u64 = 480;
 /// Pixels up to which the denoiser keeps buffers and network for the next picture.
 const KEPT: u64 = 2048 * 2048;
 /// What the program takes before it renders anything.
@@ -24,10 +19,9 @@ pub fn of_frame(settings: &TruthSettings, size: [usize; 2], light_paths: bool, s
     let memory = settings.of_renderer().memory(size, light_paths, settings.spp == 0);
     let frame = memory.frame.saturating_add(if settings.distance { all(4) } else { 0 });
     let denoises = settings.denoiser_name().is_some() && settings.spp > 0;
-    // The denoiser's own pictures (colour, two guides, the result) and its network, and the copies that it is handed.
-    let network = all(4 * RGB).saturating_add(pixels.min(TILE) * NETWORK);
-    let denoising = if denoises { frame.saturating_add(network).saturating_add(all(3 * RGB)) } else { 0 };
-    let kept = if denoises && pixels <= KEPT { network } else { 0 };
+    let [network, stays] = settings.denoising(pixels);
+    let denoising = if denoises { frame.saturating_add(network) } else { 0 };
+    let kept = if denoises && pixels <= KEPT { stays } else { 0 };
     let encoding = frame.saturating_add(kept).saturating_add(all(encoded(settings, storage)));
     memory.tracing.max(denoising).max(encoding).saturating_add(PROGRAM)
 }

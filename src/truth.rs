@@ -1,7 +1,9 @@
 //! Ground truth of a sequence: path tracing, denoising, G-buffers, one EXR a frame, resumable.
 
+mod clean;
 mod decide;
 
+pub use clean::DenoiseMode;
 pub use decide::Found;
 
 use crate::bench::watch::Watch;
@@ -10,17 +12,17 @@ use crate::output;
 use crate::progress::Progress;
 use crate::{memory, stop};
 use anyhow::{Context, Result, bail};
+use clean::Cleaner;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::reach::Reach;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
-use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
+use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{Budget, Mode, RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -36,17 +38,8 @@ impl std::fmt::Display for Interrupted {
 
 impl std::error::Error for Interrupted {}
 
-/// Whether beauty is denoised.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum DenoiseMode {
-    /// OIDN where it is there; otherwise one warning and the raw picture.
-    #[default]
-    Auto,
-    /// OIDN, or an error that says how to get it.
-    Oidn,
-    /// The raw picture.
-    None,
-}
+/// Why the network makes no truth.
+pub const NO_TRUTH: &str = "is for pictures to look at: truth that a network is compared with must not be its own";
 
 /// How truth is rendered. One denoiser serves all frames.
 pub struct TruthSettings {
@@ -74,7 +67,7 @@ pub struct TruthSettings {
     pub distance: bool,
     /// What compares the picture with a reference while it is rendered.
     pub watch: Option<Watch>,
-    denoiser: Option<Mutex<Denoiser>>,
+    denoiser: Option<Cleaner>,
 }
 
 impl TruthSettings {
@@ -85,19 +78,7 @@ impl TruthSettings {
 
     /// As [`Self::new`] with the samples spread as `budget` says.
     pub fn spread(spp: u32, budget: Budget, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
-        let clean_guides = Settings { spp, budget, ..Settings::default() }.clean_guides();
-        let open = || Denoiser::with_options(Options { clean_guides, ..Options::default() });
-        let denoiser = match mode {
-            DenoiseMode::None => None,
-            DenoiseMode::Oidn => Some(open()?),
-            DenoiseMode::Auto => match open() {
-                Ok(denoiser) => Some(denoiser),
-                Err(error) => {
-                    eprintln!("warning: pictures stay noisy: {error}");
-                    None
-                }
-            },
-        };
+        let denoiser = Cleaner::open(mode, &Settings { spp, budget, ..Settings::default() })?;
         let plain = Settings::default();
         Ok(Self {
             spp,
@@ -112,7 +93,7 @@ impl TruthSettings {
             irradiance: plain.irradiance,
             distance: false,
             watch: None,
-            denoiser: denoiser.map(Mutex::new),
+            denoiser,
         })
     }
 
@@ -126,7 +107,12 @@ impl TruthSettings {
 
     /// Name of the denoiser in use.
     pub fn denoiser_name(&self) -> Option<String> {
-        self.denoiser.as_ref().map(|_| "oidn".to_owned())
+        self.denoiser.as_ref().map(|denoiser| denoiser.name().to_owned())
+    }
+
+    /// Bytes that denoising a picture of so many pixels takes beside its channels, and those of them that are kept for the next picture.
+    pub(crate) fn denoising(&self, pixels: u64) -> [u64; 2] {
+        self.denoiser.as_ref().map_or([0; 2], |denoiser| denoiser.bytes(pixels))
     }
 
     /// These settings as the renderer has them.
@@ -210,16 +196,9 @@ impl TruthSettings {
             eprintln!("warning: {} samples were not finite and count as black", stats.non_finite_samples);
         }
         let traced = started.elapsed().as_secs_f64();
-        if let (Some(denoiser), Some(raw)) = (&self.denoiser, &frame.raw) {
-            let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(denoiser) = &self.denoiser {
             frame.beauty = None;
-            // OIDN must not be at work when the process ends: it stops by itself.
-            let denoised =
-                stop::hold(|| denoiser.denoise_until(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref(), cancel));
-            frame.beauty = Some(match denoised {
-                Err(DenoiseError::Cancelled) => return Err(Interrupted.into()),
-                denoised => denoised?,
-            });
+            frame.beauty = Some(denoiser.clean(scene, &frame, &self.of_renderer(), cancel)?);
             frame.info.denoiser = self.denoiser_name();
             if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
                 watch.after("denoised", beauty, scene.exposure())?;

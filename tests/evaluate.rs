@@ -87,6 +87,50 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
     assert!(report.join("index.html").is_file() && report.join("tiny-near-seq-000000.html").is_file());
 }
 
+/// What `infer` writes is what is evaluated, whatever the threads and however often it is stopped.
+#[test]
+fn the_network_renders_sequences_from_their_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path()).join("tiny/near");
+    let sequence = data.join("test/seq-000000");
+    let run = |out: &str, threads: &str, more: &[&str]| {
+        let (data, out) = (data.join("test"), folder.path().join(out));
+        let common = ["--threads", threads, "infer", "--data", data.to_str().unwrap(), "--out", out.to_str().unwrap()];
+        renderflow(&[&common[..], more].concat())
+    };
+    let picture = |folder: &Path, frame: usize| exr::read(&folder.join(format!("frame.{frame:04}.exr"))).unwrap().beauty.unwrap();
+    let forms: [(&str, &[&str]); 4] = [
+        ("plain", &[]),
+        ("keyed", &["--keyframes"]),
+        ("traced", &["--rays", "2"]),
+        ("around", &["--rays", "2", "--neighbours", "around", "--keyframes"]),
+    ];
+    for (out, more) in forms {
+        let output = run(out, "2", more);
+        assert!(output.status.success(), "{}", common::stderr(&output));
+        let made = folder.path().join(out).join("seq-000000");
+        for frame in 0..5 {
+            let linear = picture(&made, frame);
+            assert!(linear.pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{out} {frame}");
+            // A keyframe is its truth.
+            let carried = frame % 4 == 0 && more.contains(&"--keyframes");
+            assert_eq!(linear == picture(&sequence, frame), carried, "{out} {frame}");
+        }
+    }
+    // It goes on where it was stopped, and the pictures do not depend on where that was.
+    let around = folder.path().join("around/seq-000000/frame.0002.exr");
+    let before = std::fs::read(&around).unwrap();
+    std::fs::remove_file(&around).unwrap();
+    assert!(run("around", "1", forms[3].1).status.success());
+    assert!(std::fs::read(&around).unwrap() == before);
+    // Another number of samples makes other pictures.
+    assert!(common::stderr(&run("traced", "1", &["--rays", "3"])).contains("other weights or options"));
+    assert!(common::stderr(&run("none", "1", &["--stills"])).contains("--stills: is for"));
+    std::fs::remove_file(sequence.join("scene.json")).unwrap();
+    assert!(common::stderr(&run("none", "1", &[])).contains("has no scene.json"));
+    assert!(!folder.path().join("none").exists());
+}
+
 #[test]
 fn path_tracing_gets_the_seconds_of_another_method() {
     let folder = tempfile::tempdir().unwrap();

@@ -154,3 +154,35 @@ fn a_seed_samples_a_scene_from_a_file() {
     let third = run("third", &["--reference", &reference, "--seed", "5"]);
     assert!(third.status.success() && !stderr(&third).contains("was sampled with"), "{}", stderr(&third));
 }
+
+#[test]
+fn the_network_inside_the_program_cleans_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |out: &str, denoise: &str, threads: &str| {
+        let out = folder.path().join(out);
+        let words = ["--threads", threads, "render", "--seed", "3", "--frames", "1", "--resolution", "50", "--spp", "4"];
+        renderflow(&[&words[..], &["--denoise", denoise, "--out", out.to_str().unwrap()]].concat())
+    };
+    let read = |out: &str| exr::read(&folder.path().join(out).join("frame.0000.exr")).unwrap();
+    for (out, denoise, threads) in [("raw", "none", "2"), ("a", "neural", "1"), ("b", "neural", "3")] {
+        let output = render(out, denoise, threads);
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+    let (raw, cleaned) = (read("raw"), read("a"));
+    let name = cleaned.info.denoiser.clone().unwrap();
+    assert!(name.starts_with("neural ") && name.len() == 23, "{name}");
+    assert!(cleaned == read("b"), "the picture depends on the threads");
+    let samples = |frame: &Frame| frame.raw.clone().or(frame.beauty.clone());
+    assert_eq!(samples(&cleaned), samples(&raw));
+    // Neighbouring pixels differ less than before.
+    let roughness = |frame: &Frame| -> f32 {
+        let picture = frame.beauty.as_ref().unwrap();
+        picture.pixels.windows(2).map(|pair| (0..3).map(|c| (pair[0][c] - pair[1][c]).abs().min(1.0)).sum::<f32>()).sum()
+    };
+    assert!(roughness(&cleaned) < 0.8 * roughness(&raw), "nothing was cleaned");
+    assert!(stderr(&render("a", "none", "1")).contains("the denoiser"));
+    let plan = folder.path().join("plan.toml");
+    let truth = ["dataset", "plan", "--seed", "1", "--sequences", "1", "--denoise", "neural", "--out", plan.to_str().unwrap()];
+    let refused = renderflow(&truth);
+    assert!(!refused.status.success() && stderr(&refused).contains("must not be its own"), "{}", stderr(&refused));
+}

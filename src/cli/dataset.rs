@@ -2,7 +2,7 @@ use super::SplitArg;
 use crate::dataset::plan::{Allowed, Denoise, Keyframes, Plan, Render};
 use crate::dataset::{Shard, export, log, manifest, mend, pack, planning, preview, render, stats, verify};
 use crate::output;
-use crate::truth::DenoiseMode;
+use crate::truth::{DenoiseMode, NO_TRUTH};
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
 use renderflow_frame::file;
@@ -237,7 +237,8 @@ impl PlanArgs {
         let denoise = match self.denoise {
             DenoiseMode::Oidn => Denoise::Oidn,
             DenoiseMode::Auto if Denoiser::new().is_ok() => Denoise::Oidn,
-            _ => Denoise::None,
+            DenoiseMode::Neural => bail!("--denoise neural: {NO_TRUTH}"),
+            DenoiseMode::Auto | DenoiseMode::None => Denoise::None,
         };
         let mut plan = Plan {
             version: 2,

@@ -1,13 +1,13 @@
 use super::{AllWeightsArgs, SceneArgs, TraceArgs};
 use crate::dataset::SequenceFolder;
 use crate::evaluate::find::TestSequence;
-use crate::evaluate::method::Method;
+use crate::evaluate::method::{Method, Network};
 use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
-use crate::evaluate::run;
+use crate::evaluate::{renderer, run};
 use crate::progress::Progress;
 use crate::report::{self, picture, table};
-use crate::truth::{DenoiseMode, SequenceJob, TruthSettings};
-use anyhow::Result;
+use crate::truth::{DenoiseMode, NO_TRUTH, SequenceJob, TruthSettings};
+use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
@@ -51,8 +51,15 @@ pub struct Demo {
 
 impl Demo {
     pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        ensure!(self.trace.denoise != DenoiseMode::Neural, "--denoise neural: {NO_TRUTH}");
         // What could fail fast fails before the first ray.
-        let networks = self.weights.open(true)?;
+        let denoised = self.trace.denoise != DenoiseMode::None && Denoiser::new().is_ok();
+        let clean = if denoised { "+oidn" } else { "" };
+        let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
+        let all = Method::list(&format!("ibl,deferred,warp,neural,neural+keys,wan,wan+keys{traced}"))?;
+        let networks = self.weights.open(&all)?;
+        let there = |method: &Method| networks.wan.is_some() || !matches!(method.network(), Some((Network::Wan, _)));
+        let methods: Vec<Method> = all.into_iter().filter(there).collect();
         let lpips = super::evaluate::lpips()?;
         let (scene, base) = self.scene.describe(allowed, self.seed, 2026, Some(self.resolution), Some(self.frames))?;
         let settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
@@ -73,20 +80,18 @@ impl Demo {
         let mut sequence = job.open()?;
         let missing = sequence.decide(&settings, None)?;
 
-        let denoised = self.trace.denoise != DenoiseMode::None && Denoiser::new().is_ok();
-        let clean = if denoised { "+oidn" } else { "" };
-        let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
-        let wan = if networks.wan.is_some() { ",wan,wan+keys" } else { "" };
-        let methods = Method::list(&format!("ibl,deferred,warp,neural,neural+keys{wan}{traced}"))?;
         let options = run::Options {
-            network: networks.compact.as_deref(),
-            fusion: None,
-            wan: networks.wan.as_deref(),
+            rendering: renderer::Options {
+                methods: &methods,
+                fusion: networks.fusion.as_ref(),
+                compact: networks.compact.as_deref(),
+                wan: networks.wan.as_deref(),
+                guide_samples: 16,
+                max_bounces: self.trace.max_bounces,
+                allowed: &named,
+                timed: true,
+            },
             lpips: &lpips,
-            methods: &methods,
-            guide_samples: 16,
-            max_bounces: self.trace.max_bounces,
-            allowed: &named,
             every: 1,
             pictures: 3,
             title: format!("RenderFlow: {name}"),

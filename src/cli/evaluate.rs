@@ -1,7 +1,7 @@
 use super::AllWeightsArgs;
 use crate::evaluate::find::find;
 use crate::evaluate::method::{Method, Network, help};
-use crate::evaluate::{external, results::Results, run};
+use crate::evaluate::{external, renderer, results::Results, run};
 use crate::metrics::Networks;
 use crate::progress::Progress;
 use crate::report::table;
@@ -90,32 +90,24 @@ impl Evaluate {
         let budgets = Method::budgets(&self.budgets).context("--budgets")?;
         methods.extend(budgets.into_iter().filter(|budget| !methods.contains(budget)).collect::<Vec<_>>());
         let tests = find(data)?;
-        let wants = |network| methods.iter().any(|method| method.network().is_some_and(|(wanted, _)| wanted == network));
-        let mut networks = self.weights.open(wants(Network::Compact))?;
+        let networks = self.weights.open(&methods)?;
         ensure!(
-            networks.wan.is_some() || !wants(Network::Wan),
+            networks.wan.is_some() || !methods.iter().any(|method| matches!(method.network(), Some((Network::Wan, _)))),
             "--methods: wan and wan+keys need the weights of the paper's network (--weights FILE)"
-        );
-        if !wants(Network::Compact) {
-            networks.compact = None;
-        }
-        if !wants(Network::Wan) {
-            networks.wan = None;
-        }
-        ensure!(
-            networks.fusion.is_some() || !methods.iter().any(Method::is_fused),
-            "--methods: those with +neural need weights of the network that reads samples (--weights FILE)"
         );
         let settings = networks.settings();
         let options = run::Options {
-            network: networks.compact.as_deref(),
-            fusion: networks.fusion.as_ref(),
-            wan: networks.wan.as_deref(),
+            rendering: renderer::Options {
+                methods: &methods,
+                fusion: networks.fusion.as_ref(),
+                compact: networks.compact.as_deref(),
+                wan: networks.wan.as_deref(),
+                guide_samples: 16,
+                max_bounces: self.max_bounces,
+                allowed,
+                timed: true,
+            },
             lpips,
-            methods: &methods,
-            guide_samples: 16,
-            max_bounces: self.max_bounces,
-            allowed,
             every: self.every,
             pictures: self.pictures_kept,
             title: "RenderFlow: methods against path-traced truth".into(),

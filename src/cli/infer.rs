@@ -1,12 +1,15 @@
 use super::WeightsArgs;
 use crate::dataset::{Dataset, SequenceFolder, SequenceView};
+use crate::evaluate::method::Method;
+use crate::evaluate::renderer::{self, MethodRenderer};
 use crate::output::Claim;
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::truth::Interrupted;
-use anyhow::{Context, Result, anyhow, ensure};
-use clap::Args;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use clap::{Args, ValueEnum};
 use renderflow_frame::{color, exr, file, reach};
+use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -19,10 +22,13 @@ pub(super) const OTHERS: &str = "pictures of other weights or options";
 /// Where a network that renders clips was stopped in a sequence.
 const STATE: &str = "stopped.safetensors";
 
-/// Renders every frame of sequence folders with a network, from its G-buffers alone or with its keyframes. The paper's network works in
-/// clips of five frames that overlap by one, unless --stills. Run again with the same weights and options, it goes on where it was stopped.
+/// Renders every frame of sequence folders with a network: from deferred shading, from keyframes, from a few samples a pixel that are
+/// traced for it, or all of them. The sequences' scenes must be beside the frames, as datasets have them. The compact network and the paper's
+/// (--weights) read G-buffers and keyframes alone; the paper's works in clips of five frames that overlap by one, unless --stills. Run again
+/// with the same weights and options, it goes on where it was stopped.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes --out neural\n  \
+renderflow infer --data data/test --rays 4 --neighbours around --out neural-rays\n  \
 renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors --out wan-out")]
 pub struct Infer {
     /// A sequence folder, or a folder of them
@@ -33,15 +39,30 @@ pub struct Infer {
     /// Use the beauty of the sequence's keyframes
     #[arg(long)]
     keyframes: bool,
+    /// Samples a pixel to trace of each frame, in place of deferred shading
+    #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    rays: Option<u32>,
+    /// Take in samples of the two frames before, or before and after
+    #[arg(long, value_enum, requires = "rays")]
+    neighbours: Option<NeighboursArg>,
+    /// Surfaces that a path of --rays may scatter at
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    max_bounces: u32,
     /// Render each frame by itself with the paper's network too: sharper, but not held together over time
     #[arg(long)]
     stills: bool,
-    /// Euler steps; 1 is what the networks are trained for
+    /// Euler steps of the compact and the paper's network; 1 is what they are trained for
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: u32,
     /// Folder to write to: an EXR with the picture as beauty and a PNG for every frame
     #[arg(long)]
     out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum NeighboursArg {
+    Before,
+    Around,
 }
 
 /// What decides the pictures; written into the folder, so that others are not mixed in.
@@ -56,11 +77,25 @@ struct Record {
     #[serde(default)]
     stills: bool,
     tile: Option<usize>,
+    /// Name of the method in an evaluation; empty for networks that read no samples.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    method: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    max_bounces: Option<u32>,
 }
 
 impl Infer {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let dataset = Dataset::open(&self.data)?;
+        let fusion = match &self.weights.weights {
+            None => Some(Fusion::shipped()?),
+            Some(path) if Fusion::recognises(path) => Some(Fusion::load(path)?),
+            Some(_) => None,
+        };
+        if let Some(fusion) = fusion {
+            return self.with_scene(&dataset, &fusion, allowed, cancel);
+        }
+        ensure!(self.rays.is_none(), "--rays: these weights are of a network that reads no samples");
         let renderer = self.weights.open()?;
         let claim = self.claim(&*renderer)?;
         for folder in &dataset.sequences {
@@ -69,10 +104,71 @@ impl Infer {
         let progress = Progress::new("infer", dataset.sequences.iter().map(|s| s.len() as u64).sum());
         for folder in &dataset.sequences {
             progress.message(folder.name());
-            let out = self.out.join(folder.name());
-            let work = Work { folder, out, claim: &claim, options: self.options(), progress: &progress, cancel };
+            let work = self.work(folder, &claim, &progress, cancel);
             if renderer.about().in_clips(self.options()) { work.clips(&*renderer) } else { work.frames(&*renderer) }
                 .with_context(|| folder.path.display().to_string())?;
+        }
+        progress.finish();
+        Ok(())
+    }
+
+    fn work<'a>(&self, folder: &'a SequenceFolder, claim: &'a Claim, progress: &'a Progress, cancel: &'a AtomicBool) -> Work<'a> {
+        Work { folder, out: self.out.join(folder.name()), claim, options: self.options(), progress, cancel }
+    }
+
+    /// Renders with the network that reads samples and terms of deferred shading, both made from the scene.
+    fn with_scene(&self, dataset: &Dataset, fusion: &Fusion, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        let others = [("--stills", self.stills), ("--steps", self.steps != 1), ("--tile", self.weights.tile.is_some())];
+        if let Some((option, _)) = others.into_iter().find(|(_, given)| *given) {
+            bail!("{option}: is for the compact network or the paper's (--weights)");
+        }
+        let keys = if self.keyframes { "+keys" } else { "" };
+        let neighbours = match self.neighbours {
+            None => "",
+            Some(NeighboursArg::Before) => "+before",
+            Some(NeighboursArg::Around) => "+around",
+        };
+        let id = self.rays.map_or_else(|| format!("neural{keys}"), |rays| format!("pt{rays}+neural{neighbours}{keys}"));
+        let methods = [Method::parse(&id)?];
+        let record = Record {
+            network: "fusion".into(),
+            weights: self.weights.digests()?,
+            header: serde_json::to_string(fusion.header())?,
+            keyframes: self.keyframes,
+            steps: 1,
+            stills: false,
+            tile: None,
+            method: id,
+            max_bounces: self.rays.map(|_| self.max_bounces),
+        };
+        let claim = Claim::new(&self.out, RECORD, &record, OTHERS)?;
+        for folder in &dataset.sequences {
+            let ready = || -> Result<()> {
+                ready(folder)?;
+                let there = folder.path.join("scene.json").is_file();
+                ensure!(
+                    there,
+                    "has no scene.json, and the network shades the scene: other networks (--weights) read G-buffers alone"
+                );
+                ensure!(!self.keyframes || !folder.sequence.keyframes.is_empty(), "--keyframes: the sequence has none");
+                Ok(())
+            };
+            ready().with_context(|| folder.path.display().to_string())?;
+        }
+        let options = renderer::Options {
+            methods: &methods,
+            fusion: Some(fusion),
+            compact: None,
+            wan: None,
+            guide_samples: 16,
+            max_bounces: self.max_bounces,
+            allowed,
+            timed: false,
+        };
+        let progress = Progress::new("infer", dataset.sequences.iter().map(|s| s.len() as u64).sum());
+        for folder in &dataset.sequences {
+            progress.message(folder.name());
+            self.work(folder, &claim, &progress, cancel).methods(&options).with_context(|| folder.path.display().to_string())?;
         }
         progress.finish();
         Ok(())
@@ -94,6 +190,8 @@ impl Infer {
             steps: self.steps,
             stills: self.stills,
             tile: self.weights.tile,
+            method: String::new(),
+            max_bounces: None,
         };
         Claim::new(&self.out, RECORD, &record, OTHERS)
     }
@@ -135,6 +233,25 @@ impl Work<'_> {
             } else {
                 self.push(&mut *session, index)?;
             }
+        }
+        Ok(())
+    }
+
+    /// Frames made from the scene: those that are there are kept.
+    fn methods(&self, options: &renderer::Options) -> Result<()> {
+        let missing: Vec<usize> = (0..self.folder.len()).filter(|&index| !self.path(index).is_file()).collect();
+        self.progress.resume((self.folder.len() - missing.len()) as u64);
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let view = SequenceView::new(self.folder);
+        let mut renderer = MethodRenderer::new(&view, options)?;
+        for index in missing {
+            if self.cancel.load(Ordering::Relaxed) {
+                return Err(Interrupted.into());
+            }
+            let made = renderer.render(index, self.cancel)?;
+            self.write(made.into_iter().map(|made| Rendered { index, linear: made.linear }).collect())?;
         }
         Ok(())
     }

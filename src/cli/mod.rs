@@ -18,6 +18,7 @@ mod train;
 mod weights;
 
 use crate::console::{self, message};
+use crate::evaluate::method::{Method, Network};
 use crate::stop;
 use crate::truth::{DenoiseMode, Interrupted};
 use anyhow::{Context, Result, bail, ensure};
@@ -128,7 +129,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Stress(command) => command.run(&cancel),
         Command::Dataset(command) => command.run(&allowed, &cancel),
         Command::Train(command) => command.run(&cancel),
-        Command::Infer(command) => command.run(&cancel),
+        Command::Infer(command) => command.run(&allowed, &cancel),
         Command::Invert(command) => command.run(&cancel),
         Command::Testset(command) => command.run(&allowed, &cancel),
         Command::Evaluate(command) => command.run(&allowed, &cancel),
@@ -192,7 +193,7 @@ struct SceneArgs {
 /// Weights of a network that renders.
 #[derive(Args, Clone, Debug)]
 struct WeightsArgs {
-    /// Weights of the compact network or of the paper's, as the file itself says; those inside the program without it
+    /// Weights of a network, as the file itself says of which; those inside the program without it
     #[arg(long)]
     weights: Option<PathBuf>,
     /// Weights of the autoencoder of the paper's network; vae.safetensors beside --weights without it
@@ -229,7 +230,8 @@ fn digest(path: &Path) -> Result<String> {
 /// Weights of both networks, to be compared.
 #[derive(Args, Clone, Debug)]
 struct AllWeightsArgs {
-    /// Weights of the compact network (those inside the program without it) or of the paper's, as the file itself says; once for each
+    /// Weights of the network that reads samples or of the compact one (those inside the program without it), or of the paper's, as the
+    /// file itself says; once for each
     #[arg(long)]
     weights: Vec<PathBuf>,
     /// Weights of the autoencoder of the paper's network; vae.safetensors beside its weights without it
@@ -248,8 +250,8 @@ struct Networks {
 }
 
 impl AllWeightsArgs {
-    /// The networks in the files; the compact one inside the program where `shipped` and no file holds another.
-    fn open(&self, shipped: bool) -> Result<Networks> {
+    /// The networks in the files, and those inside the program that `methods` ask for and no file holds another of.
+    fn open(&self, methods: &[Method]) -> Result<Networks> {
         let mut networks = Networks { compact: None, fusion: None, wan: None };
         for path in &self.weights {
             if Fusion::recognises(path) {
@@ -266,8 +268,19 @@ impl AllWeightsArgs {
         if let Some(vae) = self.vae.as_ref().filter(|_| networks.wan.is_none()) {
             bail!("{}: an autoencoder, but none of --weights is a network that needs one", vae.display());
         }
-        if shipped && networks.compact.is_none() {
+        let wants = |network| methods.iter().any(|method| method.network().is_some_and(|(wanted, _)| wanted == network));
+        if !wants(Network::Compact) {
+            networks.compact = None;
+        } else if networks.compact.is_none() {
             networks.compact = Some(Box::new(NeuralRenderer::shipped()?));
+        }
+        if !methods.iter().any(Method::is_fused) {
+            networks.fusion = None;
+        } else if networks.fusion.is_none() {
+            networks.fusion = Some(Fusion::shipped()?);
+        }
+        if !wants(Network::Wan) {
+            networks.wan = None;
         }
         Ok(networks)
     }

@@ -2,6 +2,7 @@ use crate::output::{self, OVERWRITE};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use renderflow_frame::file::Draft;
+use renderflow_model::fusion::Fusion;
 use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::wan::names::Naming;
 use renderflow_model::wan::video::WanRenderer;
@@ -91,7 +92,8 @@ impl Weights {
             Some(Command::Convert(command)) => command.run(),
             None => {
                 let header = match &self.file {
-                    None => serde_json::to_string_pretty(NeuralRenderer::shipped()?.header())?,
+                    None => serde_json::to_string_pretty(Fusion::shipped()?.header())?,
+                    Some(path) if Fusion::recognises(path) => serde_json::to_string_pretty(Fusion::load(path)?.header())?,
                     // Only its list of tensors is read: it may be large.
                     Some(path) if WanRenderer::recognises(path) => serde_json::to_string_pretty(&Source::open(path)?.header()?)?,
                     Some(path) => serde_json::to_string_pretty(NeuralRenderer::load(path)?.header())?,

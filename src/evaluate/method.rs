@@ -47,12 +47,12 @@ pub enum Method {
         deferred: bool,
     },
     /// The network that reads all that is given, on the terms of deferred shading.
-    Fused {
+    Neural {
         /// Whether it reads keyframes carried over them.
         keyframes: bool,
     },
     /// The compact network.
-    Neural {
+    Compact {
         /// Whether it reads them.
         keyframes: bool,
     },
@@ -148,7 +148,7 @@ pub static METHODS: [Entry; 19] = [
         label: "neural",
         group: Group::Neural,
         note: "",
-        help: "the compact network",
+        help: "the network inside the program, on the terms of deferred shading",
         list: List::Standard,
     },
     Entry {
@@ -157,22 +157,22 @@ pub static METHODS: [Entry; 19] = [
         label: "neural + keyframes",
         group: Group::Neural,
         note: "reads the truth of keyframes",
-        help: "the compact network with keyframes",
+        help: "the same with keyframes",
         list: List::Standard,
     },
     Entry {
-        method: Method::Fused { keyframes: false },
-        id: "deferred+neural",
-        label: "Deferred + network",
+        method: Method::Compact { keyframes: false },
+        id: "compact",
+        label: "compact",
         group: Group::Neural,
         note: "",
-        help: "the network that reads samples, here on the terms of deferred shading; needs its --weights",
+        help: "the compact network, which starts from the split sum",
         list: List::Named,
     },
     Entry {
-        method: Method::Fused { keyframes: true },
-        id: "warp+neural",
-        label: "warped keyframes + Deferred + network",
+        method: Method::Compact { keyframes: true },
+        id: "compact+keys",
+        label: "compact + keyframes",
         group: Group::Neural,
         note: "reads the truth of keyframes",
         help: "the same with keyframes",
@@ -367,7 +367,7 @@ impl Method {
     pub fn needs_keyframes(&self) -> bool {
         match self {
             Self::Warp { .. } => true,
-            Self::Fused { keyframes } | Self::Neural { keyframes } | Self::Wan { keyframes, .. } => *keyframes,
+            Self::Neural { keyframes } | Self::Compact { keyframes } | Self::Wan { keyframes, .. } => *keyframes,
             Self::Traced(tracing) => tracing.keyframes,
             Self::Ibl | Self::Deferred(_) => false,
         }
@@ -376,7 +376,7 @@ impl Method {
     /// Whether a network makes it, and whether it then reads keyframes.
     pub fn network(&self) -> Option<(Network, bool)> {
         match self {
-            Self::Neural { keyframes } => Some((Network::Compact, *keyframes)),
+            Self::Compact { keyframes } => Some((Network::Compact, *keyframes)),
             Self::Wan { keyframes, .. } => Some((Network::Wan, *keyframes)),
             _ => None,
         }
@@ -389,12 +389,12 @@ impl Method {
 
     /// Whether it starts from the deferred picture.
     pub fn is_deferred(&self) -> bool {
-        matches!(self, Self::Deferred(_) | Self::Warp { deferred: true } | Self::Fused { .. })
+        matches!(self, Self::Deferred(_) | Self::Warp { deferred: true } | Self::Neural { .. })
     }
 
     /// Whether the network that reads all that is given makes it.
     pub fn is_fused(&self) -> bool {
-        matches!(self, Self::Fused { .. } | Self::Traced(Tracing { clean: Clean::Neural, .. }))
+        matches!(self, Self::Neural { .. } | Self::Traced(Tracing { clean: Clean::Neural, .. }))
     }
 
     /// What tables and plots say about it.
@@ -420,7 +420,7 @@ mod tests {
     #[test]
     fn names_lead_back_to_themselves() {
         let more = "wan,wan+keys,wan-stills,wan-stills+keys,pt300+fast,equal-ibl,equal-wan,equal-pt4+fast,equal-pt4+oidn+gbuffer+before,\
-                    pt2+neural,pt-50ms+neural+around,pt4+neural+before+keys,pt1+neural+keys,deferred+neural,warp+neural,pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
+                    pt2+neural,pt-50ms+neural+around,pt4+neural+before+keys,pt1+neural+keys,compact,compact+keys,pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
         let mut methods = Method::list(&format!("all,standard,{more}")).unwrap();
         methods.extend(Method::budgets(&[0.1, 0.8]).unwrap());
         assert!(methods.len() >= 60, "{}", methods.len());
@@ -450,7 +450,7 @@ mod tests {
         };
         assert_eq!(told("deferred-sky"), (false, None, Some("deferred".to_owned())));
         assert_eq!(told("equal-neural+keys"), (false, Some("neural+keys".to_owned()), None));
-        assert_eq!(told("warp+neural"), (true, None, None));
+        assert_eq!(told("compact+keys"), (true, None, None));
         assert_eq!([told("pt4+neural+keys"), told("pt4+neural")].map(|told| told.0), [true, false]);
     }
 

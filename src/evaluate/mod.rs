@@ -7,7 +7,7 @@ pub mod find;
 mod fused;
 pub mod keyframes;
 pub mod method;
-mod renderer;
+pub mod renderer;
 pub mod results;
 pub mod run;
 mod sessions;

@@ -3,8 +3,7 @@
 use super::baseline::{DeferredBaseline, Maps};
 use super::fused::Fused;
 use super::keyframes::{keyframes_for, prepare_keyframes};
-use super::method::{Method, Part};
-use super::run::Options;
+use super::method::{Method, Network, Part};
 use super::sessions::NetworkSessions;
 use super::traced::{Buffer, Tracer};
 use super::tracing::Samples;
@@ -16,10 +15,12 @@ use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
+use renderflow_model::fusion::Fusion;
 use renderflow_model::infer::{PreparedKeyframe, warp_only};
-use renderflow_model::renderer::Sequence;
+use renderflow_model::renderer::{Renderer, Sequence};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -28,6 +29,39 @@ const OTHER_SEED: u64 = 1;
 
 /// What is done once for a keyframe.
 const PREPARING: &str = "preparing keyframes";
+
+/// The methods that pictures are made by, and what they need.
+pub struct Options<'a> {
+    /// Methods, those whose time another one is given before it.
+    pub methods: &'a [Method],
+    /// The network that reads samples, where a method needs it.
+    pub fusion: Option<&'a Fusion>,
+    /// The compact network, where a method needs it.
+    pub compact: Option<&'a dyn Renderer>,
+    /// The paper's network, where a method needs it.
+    pub wan: Option<&'a dyn Renderer>,
+    /// Camera rays a pixel for the anti-aliased G-buffer.
+    pub guide_samples: u32,
+    /// Scattering events of path-traced rows.
+    pub max_bounces: u32,
+    /// Folders beside a sequence's own that its scene may name files of.
+    pub allowed: &'a [PathBuf],
+    /// Whether seconds count: the first frame is made twice then, so that it pays for nothing but itself.
+    pub timed: bool,
+}
+
+impl<'a> Options<'a> {
+    /// The network that a method asks for.
+    ///
+    /// # Errors
+    /// When there are no weights of it.
+    pub fn network(&self, network: Network) -> Result<&'a dyn Renderer> {
+        match network {
+            Network::Compact => self.compact.context("the methods need the compact network"),
+            Network::Wan => self.wan.context("the methods need weights of the paper's network (--weights)"),
+        }
+    }
+}
 
 /// A picture by one method.
 pub struct Picture {
@@ -94,7 +128,7 @@ impl<'a> MethodRenderer<'a> {
             let (made, seconds) = timed(|| Ok(DeferredBaseline::new(folder, whole)))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
             let baseline = baseline.insert(made);
-            if methods.iter().any(|method| matches!(method, Method::Warp { deferred: true } | Method::Fused { keyframes: true }))
+            if methods.iter().any(|method| matches!(method, Method::Warp { deferred: true } | Method::Neural { keyframes: true }))
             {
                 let ((), seconds) = timed(|| baseline.prepare_keyframes(&mut scene))?;
                 once.push(("drawing keyframes by deferred shading".to_owned(), seconds));
@@ -113,13 +147,13 @@ impl<'a> MethodRenderer<'a> {
         let tracer = Tracer::new(folder, options)?;
         let mut fused = None;
         if methods.iter().any(Method::is_fused) {
-            let network = options.fusion.context("the methods need weights of the network that reads samples (--weights)")?;
+            let network = options.fusion.context("the methods need weights of the network that reads samples")?;
             let fused = fused.insert(Fused::new(folder, network, tables));
             if methods.iter().any(|method| method.is_fused() && method.needs_keyframes()) {
                 fused.prepare_keyframes(|index| baseline.as_ref().and_then(|baseline| baseline.keyframe(index)).cloned())?;
             }
         }
-        Ok(Self { fused, folder, view, options, scene, baseline, keyframes, sessions, tracer, warm: false, once })
+        Ok(Self { fused, folder, view, options, scene, baseline, keyframes, sessions, tracer, warm: !options.timed, once })
     }
 
     /// Seconds spent once a sequence, by what they were spent on.
@@ -204,7 +238,7 @@ impl<'a> MethodRenderer<'a> {
                 let baseline = self.baseline.as_ref().context("the deferred renderer")?;
                 baseline.warped(&self.scene, gbuffer, shared.index, &shared.maps)?
             }
-            Method::Fused { keyframes } => {
+            Method::Neural { keyframes } => {
                 let baseline = self.baseline.as_ref().context("the deferred renderer")?;
                 let fused = self.fused.as_ref().context("the network")?;
                 let (parts, shading) = baseline.parts(gbuffer, shared.index, &shared.maps)?;

@@ -1,8 +1,8 @@
 //! Evaluates methods on sequences: one after the other on all threads, so that their seconds are their own; then all metrics at once.
 
 use super::find::TestSequence;
-use super::method::{Method, Network};
-use super::renderer::{MethodRenderer, Picture};
+use super::method::Method;
+use super::renderer::{self, MethodRenderer, Picture};
 use super::results::{ABOUT, About, METRICS, Score, Sequence, TRUTH, Truth, VERSION, picture_file};
 use crate::dataset::SequenceView;
 use crate::dataset::record::Record;
@@ -17,10 +17,8 @@ use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, file};
-use renderflow_model::fusion::Fusion;
-use renderflow_model::renderer::Renderer;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How radiance becomes what the metrics see.
@@ -32,22 +30,10 @@ const NO_BEAUTY: &str = "no beauty to compare with";
 
 /// What to evaluate, and how.
 pub struct Options<'a> {
-    /// The compact network, where a method needs it.
-    pub network: Option<&'a dyn Renderer>,
-    /// The network that reads all that is given, where a method needs it.
-    pub fusion: Option<&'a Fusion>,
-    /// The paper's network, where a method needs it.
-    pub wan: Option<&'a dyn Renderer>,
+    /// The methods and what they need.
+    pub rendering: renderer::Options<'a>,
     /// LPIPS where its weights are there.
     pub lpips: &'a Networks,
-    /// Methods, those whose time another one is given before it.
-    pub methods: &'a [Method],
-    /// Camera rays a pixel for the anti-aliased G-buffer.
-    pub guide_samples: u32,
-    /// Scattering events of path-traced rows.
-    pub max_bounces: u32,
-    /// Folders beside a sequence's own that its scene may name files of.
-    pub allowed: &'a [PathBuf],
     /// Of every so many frames the first two; 1 = all. Two, since what changes between frames is measured too.
     pub every: u32,
     /// Frames a sequence whose pictures are kept.
@@ -56,19 +42,6 @@ pub struct Options<'a> {
     pub title: String,
     /// Settings beyond these, for the report.
     pub settings: Vec<(String, String)>,
-}
-
-impl<'a> Options<'a> {
-    /// The network that a method asks for.
-    ///
-    /// # Errors
-    /// When there are no weights of it.
-    pub fn network(&self, network: Network) -> Result<&'a dyn Renderer> {
-        match network {
-            Network::Compact => self.network.context("the methods need the compact network"),
-            Network::Wan => self.wan.context("the methods need weights of the paper's network (--weights)"),
-        }
-    }
 }
 
 /// Evaluates `tests` into the results folder `out`; sequences that are complete there are kept. One unit of `progress` a frame.
@@ -125,8 +98,8 @@ fn ready(test: &TestSequence, every: u32) -> Result<()> {
 /// What the results are of, to be written before the first of them.
 fn claim(options: &Options, out: &Path) -> Result<Claim> {
     let mut settings = vec![
-        ("camera rays a pixel of the G-buffer".to_owned(), options.guide_samples.to_string()),
-        ("scattering events of a path".to_owned(), options.max_bounces.to_string()),
+        ("camera rays a pixel of the G-buffer".to_owned(), options.rendering.guide_samples.to_string()),
+        ("scattering events of a path".to_owned(), options.rendering.max_bounces.to_string()),
         (
             "frames".to_owned(),
             match options.every {
@@ -142,7 +115,7 @@ fn claim(options: &Options, out: &Path) -> Result<Claim> {
         title: options.title.clone(),
         machine: format!("{}, {} threads", crate::machine::processor(), rayon::current_num_threads()),
         curve: CURVE.into(),
-        methods: options.methods.iter().map(Method::describe).collect(),
+        methods: options.rendering.methods.iter().map(Method::describe).collect(),
         settings,
     };
     Claim::agreed(out, ABOUT, &about, |there: &About| {
@@ -187,7 +160,7 @@ fn sequence(
     let Some(&first) = indices.first() else { bail!("has no frames") };
     let exposure = folder.sequence.exposure;
     let view = SequenceView::new(folder);
-    let mut renderer = MethodRenderer::new(&view, options)?;
+    let mut methods = MethodRenderer::new(&view, &options.rendering)?;
     let shown = shown(indices, &folder.sequence.keyframes, options.pictures);
     let pictures = class.join(folder.name());
     let (mut scores, mut before, mut noise): (Vec<Score>, Option<Before>, Vec<f64>) = Default::default();
@@ -203,7 +176,7 @@ fn sequence(
         if let (Some(raw), Some(variance)) = (&frame.raw, &frame.variance) {
             noise.extend(display_variance(raw, variance, &frame.alpha, exposure));
         }
-        let made = renderer.render(index, cancel)?;
+        let made = methods.render(index, cancel)?;
         let reference = metrics::Truth::new(&truth, Some(&frame.alpha), Some(Hdr { linear, exposure }), options.lpips)?;
         let moved = before.as_ref().filter(|before| before.number + 1 == number).map(|before| {
             let movement = folder.sequence.tracks.between(index, before.index);
@@ -266,7 +239,7 @@ fn sequence(
             noise: (!noise.is_empty()).then(|| decibel(noise.iter().sum::<f64>() / noise.len() as f64)),
             error: error.map(|audit| audit.error),
         },
-        once: renderer.once(),
+        once: methods.once(),
     })
 }
 

@@ -1,8 +1,7 @@
 //! The networks at work on one sequence: the compact one frame by frame, the paper's a clip ahead.
 
 use super::method::Method;
-use super::renderer::timed;
-use super::run::Options;
+use super::renderer::{Options, timed};
 use crate::dataset::SequenceView;
 use anyhow::Result;
 use renderflow_frame::Frame;

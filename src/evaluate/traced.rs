@@ -3,9 +3,9 @@
 
 use super::fused::Fused;
 use super::method::Method;
-use super::renderer::timed;
+use super::renderer::{Options, timed};
 use super::results::BUDGET_PIXELS;
-use super::run::{Options, median};
+use super::run::median;
 use super::tracing::{Clean, Guides, Neighbours, REACH, Samples, Tracing};
 use crate::dataset::SequenceFolder;
 use crate::truth::Interrupted;

@@ -6,6 +6,7 @@ use crate::dataset::plan::Plan;
 use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
 use renderflow_frame::transforms;
+use renderflow_model::fusion::Fusion;
 use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::lpips::{Backbone, Lpips};
 use renderflow_model::wan::weights as wan;
@@ -73,9 +74,16 @@ pub(super) fn weights(path: &Path) -> Result<Counts> {
         found.notes = assumed;
         return Ok(found);
     }
+    let mut found = Counts::default();
+    if Fusion::recognises(path) {
+        let fusion = Fusion::load(path)?;
+        found.add("network", "fusion");
+        tensors(&mut found, &header(path)?.unwrap_or_default());
+        found.add("steps", fusion.header().steps);
+        return Ok(found);
+    }
     let renderer = NeuralRenderer::load(path)?;
     let about = renderer.header();
-    let mut found = Counts::default();
     tensors(&mut found, &header(path)?.unwrap_or_default());
     found.add("steps", about.steps);
     found.add("keyframe_steps", about.keyframe_steps);

@@ -28,6 +28,18 @@ pub struct Header {
 /// Most bytes of a weights file: some 400 times those of the default network in half precision.
 const LARGEST: u64 = 1 << 30;
 
+#[cfg(shipped_weights)]
+static SHIPPED: Option<&[u8]> = Some(include_bytes!("../../weights/fusion.safetensors"));
+#[cfg(not(shipped_weights))]
+static SHIPPED: Option<&[u8]> = None;
+
+/// Columns and rows of a tile, of which pictures of more are rendered one after the other.
+const TILE: usize = 768;
+/// Pixels of the largest window that the network works on at a time.
+pub const TILE_PIXELS: usize = (TILE + 2 * MARGIN) * (TILE + 2 * MARGIN);
+/// How far from a pixel the network looks, at most: 44 pixels on the way down, 30 on the way up, 11 by kernels; in whole [`MULTIPLE`]s.
+const MARGIN: usize = 96;
+
 /// The network, ready to render. Results depend on the inputs only: never on threads, runs or earlier calls.
 #[derive(Clone, Debug)]
 pub struct Fusion {
@@ -46,6 +58,14 @@ impl Fusion {
         let device = Device::flex();
         let header = Header { fusion: config.clone(), steps: 0, seed };
         Ok(Self { network: FusionNet::new(config, seed, &device)?, header, products: Products::F32, device })
+    }
+
+    /// The weights inside this build.
+    ///
+    /// # Errors
+    /// [`Error::NoShippedWeights`] when it carries none.
+    pub fn shipped() -> Result<Self> {
+        Self::decode(Path::new("shipped weights"), SHIPPED.ok_or(Error::NoShippedWeights)?)
     }
 
     /// With these parameters, in the order of the network's own.
@@ -121,22 +141,45 @@ impl Fusion {
         self.draw(record, &Chosen::all(record))
     }
 
-    /// [`Self::render`] from a part of what the record has.
+    /// [`Self::render`] from a part of what the record has. Large pictures are rendered in tiles that look as far around themselves as the
+    /// network does, so that nothing of the result depends on them.
     ///
     /// # Errors
     /// When the record is empty.
     pub fn draw<T: super::batch::Stored>(&self, record: &Record<T>, chosen: &Chosen) -> Result<Vec<[f32; 3]>> {
+        self.draw_in_tiles(record, chosen, TILE)
+    }
+
+    /// [`Self::draw`] in tiles of `side` columns and rows, a multiple of [`MULTIPLE`].
+    fn draw_in_tiles<T: super::batch::Stored>(&self, record: &Record<T>, chosen: &Chosen, side: usize) -> Result<Vec<[f32; 3]>> {
         let (width, height) = (record.width, record.height);
         if width == 0 || height == 0 {
             return Err(Error::Data { place: "frame".into(), reason: format!("has {width} x {height} pixels") });
         }
-        let window = Window { x: 0, y: 0, width: width.next_multiple_of(MULTIPLE), height: height.next_multiple_of(MULTIPLE) };
+        let mut picture = vec![[0.0; 3]; width * height];
+        for top in (0..height).step_by(side) {
+            for left in (0..width).step_by(side) {
+                let (right, bottom) = ((left + side).min(width), (top + side).min(height));
+                let (x, y) = (left.saturating_sub(MARGIN), top.saturating_sub(MARGIN));
+                let end =
+                    |end: usize, whole: usize| (end + MARGIN).min(whole.next_multiple_of(MULTIPLE)).next_multiple_of(MULTIPLE);
+                let window = Window { x, y, width: end(right, width) - x, height: end(bottom, height) - y };
+                let drawn = self.draw_window(record, chosen, window);
+                for row in top..bottom {
+                    let from = (row - y) * window.width + left - x;
+                    picture[row * width + left..row * width + right].copy_from_slice(&drawn[from..from + right - left]);
+                }
+            }
+        }
+        Ok(picture)
+    }
+
+    fn draw_window<T: super::batch::Stored>(&self, record: &Record<T>, chosen: &Chosen, window: Window) -> Vec<[f32; 3]> {
         let mut batch = Batch::of(record, window, chosen, &Change::NONE);
         let outputs = forward(&self.network, self.products, &mut batch, &self.device);
         let fine = to_vec(outputs.fine);
         let coarse = outputs.coarse.map(to_vec).unwrap_or_default();
-        let (drawn, _) = batch.picture(0, &fine, &coarse).draw();
-        Ok(drawn.chunks_exact(window.width).take(height).flat_map(|row| row[..width].iter().copied()).collect())
+        batch.picture(0, &fine, &coarse).draw().0
     }
 }
 
@@ -168,5 +211,37 @@ pub fn as_single(record: &Record<f16>) -> Record<f32> {
         distances: record.distances,
         parts: record.parts,
         neighbours: record.neighbours,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::{NEIGHBOURS, PARTS, at};
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    /// Tiles see everything that the network looks at: the picture is the same to the last bit.
+    #[test]
+    fn tiles_leave_no_trace() {
+        let mut rng = Pcg64Mcg::seed_from_u64(4);
+        let mut record = Record::<f32>::new(250, 230);
+        record.pixels.iter_mut().for_each(|v| *v = rng.random_range(0.0..1.0));
+        record.pixels.chunks_exact_mut(at::COUNT).for_each(|stored| stored[at::ALPHA] = 1.0);
+        record.parts = [2; PARTS];
+        record.neighbours = [2; NEIGHBOURS];
+        // Weights of every layer, so that what is far away has a say.
+        let fresh = Fusion::untrained(&FusionConfig { widths: [16; 4] }, 5).expect("a network");
+        let mut parameters = fresh.parameters();
+        for parameter in &mut parameters {
+            parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1));
+        }
+        let fusion = Fusion::with_parameters(fresh.header().clone(), &parameters).expect("a network");
+        let chosen = Chosen::all(&record);
+        let whole = fusion.draw_in_tiles(&record, &chosen, 256).expect("a picture");
+        assert!(whole == fusion.draw_in_tiles(&record, &chosen, 64).expect("a picture"));
+        let narrow = |x: usize| Window { x, y: 0, width: 256 - x, height: 240 };
+        let without_margin = fusion.draw_window(&record, &chosen, narrow(128));
+        assert!(without_margin[5 * 128] != whole[5 * 250 + 128], "the test would not see a seam");
     }
 }

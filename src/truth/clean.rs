@@ -1,0 +1,155 @@
+//! What cleans path-traced pictures: OIDN, or the network inside the program.
+
+use super::Interrupted;
+use crate::stop;
+use anyhow::{Context, Result};
+use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Environment, Frame};
+use renderflow_model::fusion::fill::{Samples, background};
+use renderflow_model::fusion::{Fusion, Record, render};
+use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
+use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Bytes of a pixel of three channels.
+const RGB: u64 = size_of::<[f32; 3]>() as u64;
+/// Pixels of the largest tile that OIDN denoises at a time, and the bytes that its network takes for one of them.
+const OIDN_TILE: u64 = 2160 * 2160;
+const OIDN_NETWORK: u64 = 480;
+/// Bytes a pixel of what the network inside the program reads and of its picture, and of the network at work on a pixel.
+const NEURAL_RECORD: u64 = 700;
+const NEURAL_NETWORK: u64 = 1200;
+
+/// Whether beauty is denoised.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum DenoiseMode {
+    /// OIDN where it is there; otherwise one warning and the raw picture.
+    #[default]
+    Auto,
+    /// OIDN, or an error that says how to get it.
+    Oidn,
+    /// The network inside the program: for pictures, not for the truth of datasets.
+    Neural,
+    /// The raw picture.
+    None,
+}
+
+/// A denoiser at work.
+pub(super) enum Cleaner {
+    Oidn(Mutex<Denoiser>),
+    Neural {
+        network: Box<Fusion>,
+        /// What headers of frames say: other weights make other pictures.
+        name: String,
+        /// Of the environment seen last; frames of a sequence share it.
+        tables: Mutex<Option<(Environment, Arc<IblTables>)>>,
+    },
+}
+
+impl Cleaner {
+    /// Opens what `mode` asks for; `settings` are those of the pictures.
+    ///
+    /// # Errors
+    /// When it is asked for and not in this build.
+    pub(super) fn open(mode: DenoiseMode, settings: &Settings) -> Result<Option<Self>> {
+        let clean_guides = settings.clean_guides();
+        let oidn = || Denoiser::with_options(Options { clean_guides, ..Options::default() });
+        Ok(match mode {
+            DenoiseMode::None => None,
+            DenoiseMode::Oidn => Some(Self::Oidn(Mutex::new(oidn()?))),
+            DenoiseMode::Neural => Some(Self::neural(Fusion::shipped()?)),
+            DenoiseMode::Auto => match oidn() {
+                Ok(denoiser) => Some(Self::Oidn(Mutex::new(denoiser))),
+                Err(error) => {
+                    eprintln!("warning: pictures stay noisy: {error}");
+                    None
+                }
+            },
+        })
+    }
+
+    fn neural(network: Fusion) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        for parameter in network.parameters() {
+            parameter.values.iter().for_each(|v| {
+                hasher.update(&v.to_le_bytes());
+            });
+        }
+        let digest = hasher.finalize().to_hex();
+        Self::Neural { network: Box::new(network), name: format!("neural {}", &digest[..16]), tables: Mutex::new(None) }
+    }
+
+    /// Name in the headers of frames.
+    pub(super) fn name(&self) -> &str {
+        match self {
+            Self::Oidn(_) => "oidn",
+            Self::Neural { name, .. } => name,
+        }
+    }
+
+    /// Bytes that denoising a picture of so many pixels takes, and those of them that are kept for the next picture.
+    pub(super) fn bytes(&self, pixels: u64) -> [u64; 2] {
+        let each = |bytes: u64| pixels.saturating_mul(bytes);
+        match self {
+            Self::Oidn(_) => {
+                // Its own pictures (colour, two guides, the result) and its network; besides, the copies that it is handed.
+                let own = each(4 * RGB).saturating_add(pixels.min(OIDN_TILE) * OIDN_NETWORK);
+                [own.saturating_add(each(3 * RGB)), own]
+            }
+            Self::Neural { .. } => {
+                let tile = pixels.min(render::TILE_PIXELS as u64);
+                [each(NEURAL_RECORD).saturating_add(tile * NEURAL_NETWORK), 0]
+            }
+        }
+    }
+
+    /// The clean picture of `frame`, at which `scene` stands.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when stopped; when the denoiser fails or the frame has no samples.
+    pub(super) fn clean(&self, scene: &RenderScene, frame: &Frame, settings: &Settings, cancel: &AtomicBool) -> Result<Rgb> {
+        let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
+        match self {
+            Self::Oidn(denoiser) => {
+                let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
+                // OIDN must not be at work when the process ends: it stops by itself.
+                let denoised =
+                    stop::hold(|| denoiser.denoise_until(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref(), cancel));
+                match denoised {
+                    Err(DenoiseError::Cancelled) => Err(Interrupted.into()),
+                    denoised => Ok(denoised?),
+                }
+            }
+            Self::Neural { network, tables, .. } => {
+                let (camera, environment, exposure) = (scene.camera(), scene.environment(), scene.exposure());
+                // The network learnt from G-buffers of this many camera rays a pixel, also beside fewer samples.
+                let usual = Settings::default();
+                let few = settings.camera_samples() < usual.guide_samples;
+                let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
+                if cancel.load(Ordering::Relaxed) {
+                    return Err(Interrupted.into());
+                }
+                let gbuffer = gbuffer?;
+                let guides = gbuffer.as_ref().unwrap_or(frame);
+                let shading = ibl::shade(guides, camera, environment, &prefiltered(tables, environment));
+                let mut record = Record::of(guides, &shading.surfaces, exposure);
+                record.add_environment(&shading, exposure);
+                let behind = background(camera, &frame.alpha, environment);
+                record.add_part(0, &Samples::of(frame, &behind).context("samples without guides")?, exposure);
+                let pixels = network.render(&record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
+                Ok(Rgb { width: record.width, height: record.height, pixels })
+            }
+        }
+    }
+}
+
+/// The tables of `environment`: those of the last call, where it was the same.
+fn prefiltered(last: &Mutex<Option<(Environment, Arc<IblTables>)>>, environment: &Environment) -> Arc<IblTables> {
+    let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*last {
+        Some((known, tables)) if known == environment => Arc::clone(tables),
+        _ => Arc::clone(&last.insert((environment.clone(), Arc::new(IblTables::new(environment)))).1),
+    }
+}
