@@ -3,7 +3,7 @@
 fn main() {
     println!("cargo::rustc-check-cfg=cfg(shipped_weights)");
     println!("cargo::rerun-if-changed=weights");
-    if ["compact", "fusion"].iter().all(|name| std::path::Path::new(&format!("weights/{name}.safetensors")).is_file()) {
+    if std::path::Path::new("weights/fusion.safetensors").is_file() {
         println!("cargo::rustc-cfg=shipped_weights");
     }
 }

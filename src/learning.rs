@@ -1,13 +1,17 @@
-//! Frames to learn from, made from a plan and kept nowhere: composed, rendered with few samples and with many, shaded, carried.
+//! Frames to learn from, kept nowhere: composed from a plan or read from a dataset, rendered with few samples and with many, shaded, carried.
 
+use crate::dataset::Dataset;
 use crate::dataset::plan::Plan;
 use crate::truth;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use half::f16;
+use rand::seq::SliceRandom;
 use renderflow_frame::deferred::{self, Deferred, Lighting, Options, Shadows};
-use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
+use renderflow_frame::reach::Reach;
 use renderflow_frame::{Frame, warp};
+use renderflow_model::data::step_rng;
 use renderflow_model::fusion::fill::{Key, Samples, Seen, background};
 use renderflow_model::fusion::record::{NEIGHBOURS, PARTS};
 use renderflow_model::fusion::training::Source;
@@ -15,9 +19,12 @@ use renderflow_model::fusion::{Record, batch::BEFORE};
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer, shadow_maps};
 use renderflow_scenes::catalog::Catalog;
-use renderflow_scenes::load;
+use renderflow_scenes::description::Scene;
 use renderflow_scenes::seed::Seed;
+use renderflow_scenes::{LoadedScene, load};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
@@ -49,9 +56,23 @@ impl Default for Recipe {
 pub struct Planned<'a> {
     plan: &'a Plan,
     catalog: Catalog,
-    recipe: Recipe,
     /// Index of the first sequence of the split, and their number.
     range: [u32; 2],
+    maker: Maker<'a>,
+}
+
+/// Sequences of a dataset, in another order each time round. Their truth is read, the rest is made from their scenes.
+pub struct Recorded<'a> {
+    dataset: &'a Dataset,
+    /// BLAKE3 of what it holds.
+    digest: String,
+    allowed: &'a [PathBuf],
+    maker: Maker<'a>,
+}
+
+/// Makes what is learnt of frames.
+struct Maker<'a> {
+    recipe: Recipe,
     denoiser: Option<Mutex<Denoiser>>,
     cancel: &'a AtomicBool,
 }
@@ -62,16 +83,21 @@ struct Shot {
     shaded: Deferred,
 }
 
+/// What is learnt of one sequence: numbers of frames of its scene.
+struct Chosen {
+    keys: [usize; 2],
+    between: Vec<usize>,
+}
+
 impl<'a> Planned<'a> {
     /// The sequences of `plan` from `first` on, `count` of them.
     pub fn new(plan: &'a Plan, [first, count]: [u32; 2], recipe: Recipe, cancel: &'a AtomicBool) -> Self {
-        let denoiser = Denoiser::new().ok().map(Mutex::new);
-        Self { plan, catalog: plan.catalog(), recipe, range: [first, count.max(1)], denoiser, cancel }
+        Self { plan, catalog: plan.catalog(), range: [first, count.max(1)], maker: Maker::new(recipe, cancel) }
     }
 
     /// Whether the truth is denoised: this build has OIDN.
     pub fn denoises(&self) -> bool {
-        self.denoiser.is_some()
+        self.maker.denoiser.is_some()
     }
 
     /// The frames of sequence `i`: its two keyframes without samples, then those between with everything.
@@ -86,39 +112,111 @@ impl<'a> Planned<'a> {
         let composed = if round == 0 { plan.compose(&self.catalog, index)? } else { plan.compose(&plan.catalog(), index)? };
         let loaded = load::load(&composed.scene, &plan.reach())?;
         let frames = loaded.cameras.len();
-        let numbers: Vec<usize> = (0..frames).collect();
-        let tracks = truth::tracks(&loaded, &numbers);
-        let pick = |name: &str, count: usize| (seed.child(name, 0).u64() % count.max(1) as u64) as usize;
-
         let gap = GAP.min(frames.saturating_sub(1));
-        let before = pick("before", frames - gap);
-        let keys = [before, before + gap];
-        let mut between: Vec<usize> = (before + 1..before + gap).collect();
+        let before = pick(seed, "before", frames - gap);
+        let between = (before + 1..before + gap).collect();
+        let chosen = Chosen { keys: [before, before + gap], between: self.maker.some(seed, between) };
+        self.maker.records(&loaded, &chosen, seed, &|_, scene| self.maker.truth(scene))
+    }
+}
+
+impl<'a> Recorded<'a> {
+    /// The sequences of `dataset`, whose scenes may name files of the folders `allowed`.
+    ///
+    /// # Errors
+    /// When a file of the dataset cannot be read, or is not the one that was recorded.
+    pub fn new(dataset: &'a Dataset, allowed: &'a [PathBuf], recipe: Recipe, cancel: &'a AtomicBool) -> Result<Self> {
+        Ok(Self { dataset, digest: dataset.digest()?, allowed, maker: Maker::new(recipe, cancel) })
+    }
+
+    /// The frames of sequence `i`, as [`Planned::records`].
+    ///
+    /// # Errors
+    /// When it cannot be read or rendered, or has fewer than two frames with a beauty.
+    pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
+        let count = self.dataset.sequences.len() as u64;
+        let mut order: Vec<usize> = (0..count as usize).collect();
+        order.shuffle(&mut step_rng(0x6c65_6172, i / count));
+        let which = order[(i % count) as usize];
+        let folder = &self.dataset.sequences[which];
+        let make = || -> Result<Vec<Record<f32>>> {
+            let file = folder.path.join("scene.json");
+            let scene = Scene::read(&file)?;
+            let loaded = load::load(&scene, &Reach::of(&file).allow(self.allowed))?;
+            let seed = Seed::root(loaded.seed).child("learning", i);
+            let last = folder.len().saturating_sub(1);
+            // Two keyframes next to each other; of a sequence without, its ends.
+            let pairs: Vec<[usize; 2]> = folder.sequence.keyframes.windows(2).map(|pair| [pair[0], pair[1]]).collect();
+            let [before, after] = pairs.get(pick(seed, "before", pairs.len())).copied().unwrap_or([0, last]);
+            let numbers = |indices: Range<usize>| indices.map(|index| folder.numbers[index]).collect::<Vec<usize>>();
+            let between = self.maker.some(seed, numbers(before + 1..after.max(before + 1)));
+            let chosen = Chosen { keys: [folder.numbers[before], folder.numbers[after]], between };
+            let truth = |number: usize, _: &RenderScene| {
+                let index = folder.numbers.iter().position(|there| *there == number).context("a frame of the dataset")?;
+                let frame = self.dataset.frame(which, index)?;
+                let name = &folder.sequence.files[index];
+                ensure!(frame.info.scene_hash == loaded.hash, "{name}: is of another scene than scene.json");
+                frame.beauty.with_context(|| format!("{name}: has no beauty"))
+            };
+            self.maker.records(&loaded, &chosen, seed, &truth)
+        };
+        make().with_context(|| folder.path.display().to_string())
+    }
+}
+
+/// One of `count`, by name.
+fn pick(seed: Seed, name: &str, count: usize) -> usize {
+    (seed.child(name, 0).u64() % count.max(1) as u64) as usize
+}
+
+impl<'a> Maker<'a> {
+    fn new(recipe: Recipe, cancel: &'a AtomicBool) -> Self {
+        Self { recipe, denoiser: Denoiser::new().ok().map(Mutex::new), cancel }
+    }
+
+    /// As many of the frames `between` as the recipe asks for.
+    fn some(&self, seed: Seed, mut between: Vec<usize>) -> Vec<usize> {
         while between.len() > self.recipe.frames {
-            between.remove(pick("between", between.len() * 7919) % between.len());
+            between.remove(pick(seed, "between", between.len() * 7919) % between.len());
         }
-        let drawn = || [[1, 1, 1, 2, 2, 2, 4, 8][pick("spp", 8)], [1, 2, 2, 4][pick("near", 4)]];
+        between
+    }
+
+    /// The frames `chosen` of a scene: its two keyframes without samples, then those between with everything. `truth` gives that of a frame, at
+    /// which the scene stands.
+    fn records(
+        &self,
+        loaded: &LoadedScene,
+        chosen: &Chosen,
+        seed: Seed,
+        truth: &dyn Fn(usize, &RenderScene) -> Result<Rgb>,
+    ) -> Result<Vec<Record<f32>>> {
+        let Chosen { keys, between } = chosen;
+        let frames = loaded.cameras.len();
+        let numbers: Vec<usize> = (0..frames).collect();
+        let tracks = truth::tracks(loaded, &numbers);
+        let drawn = || [[1, 1, 1, 2, 2, 2, 4, 8][pick(seed, "spp", 8)], [1, 2, 2, 4][pick(seed, "near", 4)]];
         let [spp, near_spp] = self.recipe.samples.unwrap_or_else(drawn);
 
-        let mut scene = RenderScene::compile(&loaded)?;
+        let mut scene = RenderScene::compile(loaded)?;
         let exposure = scene.exposure();
         let lighting = Lighting::new(scene.environment(), deferred::LIGHTS);
-        let tables = IblTables::new(scene.environment());
+        let tables = lighting.whole.as_ref().unwrap_or(&lighting.tables);
 
         let mut records = Vec::new();
         let mut carried = Vec::new();
-        for number in keys {
+        for &number in keys {
             let shot = self.shoot(&mut scene, number, &lighting)?;
-            let truth = self.truth(&scene)?;
+            let truth = truth(number, &scene)?;
             let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading.surfaces, exposure);
             record.add_deferred(&shot.shaded, exposure);
             record.add_truth(&truth, exposure);
             records.push(record);
             carried.push(Key { frame: shot.gbuffer, truth, shaded: Some(shot.shaded.image) });
         }
-        for &number in &between {
+        for &number in between {
             let shot = self.shoot(&mut scene, number, &lighting)?;
-            let truth = self.truth(&scene)?;
+            let truth = truth(number, &scene)?;
             let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading.surfaces, exposure);
             record.add_deferred(&shot.shaded, exposure);
             record.add_truth(&truth, exposure);
@@ -127,7 +225,7 @@ impl<'a> Planned<'a> {
                 let movement = tracks.between(number, keys[k]);
                 record.add_key(k, &Seen { key, distance, movement }, &shot.gbuffer, Some(&shot.shaded.image), exposure);
             }
-            let alone = ibl::shade(&shot.gbuffer, scene.camera(), scene.environment(), &tables);
+            let alone = ibl::shade(&shot.gbuffer, scene.camera(), scene.environment(), tables);
             record.add_environment(&alone, exposure);
             // Truth, samples and neighbours each have random numbers of their own.
             for part in 0..PARTS {
@@ -183,14 +281,28 @@ impl<'a> Planned<'a> {
 
 impl Source for Planned<'_> {
     fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
-        match self.records(i) {
-            Ok(records) => Ok(records.iter().map(Record::to_half).collect()),
-            Err(error) => Err(renderflow_model::Error::Data { place: format!("sequence {i}"), reason: format!("{error:#}") }),
-        }
+        halved(i, self.records(i))
     }
 
     fn identity(&self) -> String {
-        let plan = serde_json::to_string(&(self.plan, &self.recipe, self.range)).unwrap_or_default();
+        let plan = serde_json::to_string(&(self.plan, &self.maker.recipe, self.range)).unwrap_or_default();
         blake3::hash(plan.as_bytes()).to_hex().to_string()
     }
+}
+
+impl Source for Recorded<'_> {
+    fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+        halved(i, self.records(i))
+    }
+
+    fn identity(&self) -> String {
+        let recipe = serde_json::to_string(&self.maker.recipe).unwrap_or_default();
+        blake3::hash(format!("{} {recipe}", self.digest).as_bytes()).to_hex().to_string()
+    }
+}
+
+fn halved(i: u64, made: Result<Vec<Record<f32>>>) -> renderflow_model::Result<Vec<Record<f16>>> {
+    let reason =
+        |error: anyhow::Error| renderflow_model::Error::Data { place: format!("sequence {i}"), reason: format!("{error:#}") };
+    made.map(|records| records.iter().map(Record::to_half).collect()).map_err(reason)
 }

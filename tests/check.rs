@@ -202,8 +202,8 @@ fn textures() {
 #[test]
 fn weights() {
     let folder = folder();
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/compact.safetensors");
-    accepted(&shipped, &["weights, tensors 200", "parameters 4813144", "keyframes yes"]);
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/fusion.safetensors");
+    accepted(&shipped, &["weights, network fusion", "tensors 32", "parameters 1093530"]);
     let bytes = std::fs::read(shipped).unwrap();
     refused(&file(folder.path(), "cut.safetensors", &bytes[..bytes.len() - 1000]), &["weights: "]);
     refused(

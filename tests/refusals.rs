@@ -279,7 +279,7 @@ fn composed_scenes_and_maps_and_scripts_are_not_replaced() {
 #[test]
 fn converted_weights_replace_no_other_file() {
     let folder = Folder::new();
-    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/compact.safetensors");
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors");
     let out = folder.put("w.safetensors", "mine");
     for (precision, others) in [("f16", "f32"), ("f32", "f16")] {
         let convert = ["weights", "convert", shipped, &out, "--precision", precision];
@@ -365,10 +365,13 @@ fn networks_write_into_folders_of_their_own() {
     // Frames are smaller than the crops: no folder, no empty log.
     refused(folder.path(), &["train", "--data", train, "--steps", "1", "--out", &out], &["smaller than the crop"]);
     // Somebody's log and weights; the folder of a run has a checkpoint.
+    let options = folder.at("options.json");
+    common::write_training(Path::new(&options), 1);
     for (name, words) in [("logs/log.jsonl", "no log of a training"), ("weights/weights.safetensors", "no checkpoint")] {
         folder.put(name, "mine\n");
         let out = folder.at(name.split('/').next().unwrap());
-        refused(folder.path(), &["train", "--data", train, "--steps", "1", "--out", &out], &[name, words, "choose another"]);
+        let command = ["train", "--config", &options, "--data", train, "--out", &out];
+        refused(folder.path(), &command, &[name, words, "choose another"]);
     }
 }
 
@@ -476,7 +479,7 @@ fn a_full_disk_leaves_no_parts_of_files() {
     let program = env!("CARGO_BIN_EXE_renderflow");
     let (plan, data) = dataset();
     let (plan, data) = (plan.display(), data.display());
-    let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/compact.safetensors");
+    let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors");
     for command in [
         format!("dataset pack '{data}' --out '{disk}/x'"),
         format!("dataset export '{data}' --to png --out '{disk}/x'"),

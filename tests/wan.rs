@@ -65,7 +65,7 @@ fn train(folder: &Path, data: &Path) -> Weights {
     assert_eq!(print(&["--config", text(&path)]), printed);
     let options: Value = serde_json::from_str(&printed).unwrap();
     assert_eq!(options["stage"]["base"]["latents"]["autoencoder"], "vae.safetensors");
-    // The compact network's are another's.
+    // Those of the other network are another's.
     std::fs::write(&path, print(&[])).unwrap();
     assert!(print(&["--config", text(&path)]).contains("crops"));
     stage("base", "2", &[]);
@@ -114,10 +114,10 @@ fn files_say_what_they_are(folder: &Path, weights: &Weights) {
     succeed(&["weights", "convert", text(&original), text(&back), "--precision", "bf16", "--overwrite"]);
     let [half, whole] = [&back, &weights.vae].map(|path| std::fs::metadata(path).unwrap().len());
     assert!(half < whole * 6 / 10, "{half} bytes of {whole}");
-    // The compact network is a file among others.
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/compact.safetensors");
+    // The network inside the program is a file among others.
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/fusion.safetensors");
     let said = succeed(&["weights", "inspect", text(&shipped)]);
-    assert!(said.contains("compact network") && said.contains("4813144"), "{said}");
+    assert!(said.contains("network that reads samples") && said.contains("1093530"), "{said}");
     let single = folder.join("converted/single.safetensors");
     succeed(&["weights", "convert", text(&shipped), text(&single), "--precision", "f32"]);
     succeed(&["weights", "convert", text(&single), text(&back), "--precision", "f16", "--overwrite"]);

@@ -134,25 +134,10 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     }
 
     #[cfg(feature = "all")]
-    for (name, keyframes, blocks) in [("smallest", false, 0), ("with_all_stages", true, 1)] {
-        use renderflow_model::{NetworkConfig, config::KeyframeConfig, network::Network, parameters, weights};
-        let network = NetworkConfig {
-            inputs: vec![],
-            widths: [1; 3],
-            encoder_blocks: [blocks, 0, 0],
-            decoder_blocks: [0, 0, blocks],
-            token_width: 4,
-            heads: 1,
-            transformer_blocks: blocks,
-            mlp_ratio: 1,
-            condition_width: 1,
-            keyframes: keyframes.then_some(KeyframeConfig { widths: [1; 3] }),
-            ..NetworkConfig::default()
-        };
-        let values = parameters::export(&Network::new(&network, 1, &burn::tensor::Device::flex())?);
-        let header = weights::WeightsHeader { network, steps: 1, keyframe_steps: 0, seed: 1 };
-        let precision = if keyframes { weights::Precision::F16 } else { weights::Precision::F32 };
-        put("weights", &format!("{name}.safetensors"), &weights::encode(&header, &values, precision)?)?;
+    for (name, precision) in [("half", renderflow_model::weights::Precision::F16), ("single", renderflow_model::weights::Precision::F32)] {
+        use renderflow_model::fusion::{Fusion, FusionConfig, render};
+        let fusion = Fusion::untrained(&FusionConfig { widths: [16; 4] }, 1)?;
+        put("weights", &format!("{name}.safetensors"), &render::encode(fusion.header(), &fusion.parameters(), precision)?)?;
     }
     Ok(())
 }

@@ -4,9 +4,9 @@
 use libfuzzer_sys::fuzz_target;
 use renderflow_fuzz::{catch_in_readers, folder, names_file, put, same_again, watch};
 use renderflow_model::parameters::Parameter;
-use renderflow_model::train::Config;
+use renderflow_model::fusion::training::Config;
 use renderflow_model::train::checkpoint::{self, CheckpointHeader};
-use renderflow_model::train::optimizer::{Optimizer, StepSettings};
+use renderflow_model::train::optimizer::{Method, Optimizer, StepSettings};
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
@@ -54,7 +54,7 @@ fn check(bytes: &[u8]) {
     assert!(again == optimizer && read == header);
     same_again::<CheckpointHeader<Config>>(&header);
     // And goes on at all.
-    let settings = StepSettings { learning_rate: 0.0, weight_decay: 0.0, clip_norm: 1.0, ema_decay: 0.5 };
+    let settings = StepSettings { method: Method::AdamW, learning_rate: 0.0, weight_decay: 0.0, clip_norm: 1.0, ema_decay: 0.5 };
     let gradients = optimizer.slots.iter().map(|slot| Some(vec![0.0; slot.first.len()])).collect::<Vec<_>>();
     optimizer.step(&gradients, settings).expect("a gradient of zeros is finite");
 }

@@ -4,7 +4,8 @@
 use libfuzzer_sys::fuzz_target;
 use renderflow::dataset::log::costs;
 use renderflow_fuzz::{catch_in_readers, folder, names_file, put, same_again, text, watch};
-use renderflow_model::train::log::{Log, Record};
+use renderflow_model::fusion::training::LogRecord;
+use renderflow_model::train::log::Log;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
@@ -31,7 +32,7 @@ fuzz_target!(
                 let kept = std::fs::read_to_string(&path).expect("a log can be read");
                 for line in kept.lines() {
                     assert!(text(bytes).is_some_and(|text| text.lines().any(|before| before.trim() == line)), "a new line {line}");
-                    if let Ok(record) = serde_json::from_str::<Record>(line) {
+                    if let Ok(record) = serde_json::from_str::<LogRecord>(line) {
                         assert!(record.step <= RESUMED);
                         same_again(&record);
                     }

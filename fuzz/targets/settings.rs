@@ -5,14 +5,14 @@ use libfuzzer_sys::fuzz_target;
 use renderflow_frame::file::parse_json;
 use renderflow_fuzz::{catch_in_readers, names_file, same_again, text, watch};
 use renderflow_model::wan::{DitConfig, VaceConfig, VaeConfig};
-use renderflow_model::{train, wan};
+use renderflow_model::{fusion, wan};
 use std::path::Path;
 
 fuzz_target!(
     init: catch_in_readers(),
     |bytes: &[u8]| watch(|| {
         let name = Path::new("config.json");
-        match parse_json::<train::Config>(name, bytes) {
+        match parse_json::<fusion::training::Config>(name, bytes) {
             Ok(config) if config.validate().is_ok() => same_again(&config),
             Ok(_) => {}
             Err(error) => names_file(error, &["config.json"]),

@@ -1,12 +1,10 @@
-//! Bridge matching, for both networks: the curve that maps radiance to the space of the compact network's bridge, and the bridge
-//! itself (RenderFlow, section "Latent-Space Bridge-Matching Training"), in that pixel space or in the latents of an autoencoder.
+//! Bridge matching (RenderFlow, section "Latent-Space Bridge-Matching Training") in the latents of an autoencoder, and the logarithmic curve
+//! in which networks read radiance.
 
-use crate::config::Curve;
 use crate::kernels;
 use crate::{Error, Result};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
-use renderflow_frame::color::{linear_to_srgb, srgb_to_linear};
 use serde::{Deserialize, Serialize};
 
 /// Noise of the Brownian bridge, in units of z.
@@ -34,45 +32,6 @@ pub(crate) fn log_curves(values: &mut [f32]) {
     values.iter_mut().for_each(|v| *v = 8.0f32.mul_add(representable(*v), 1.0));
     kernels::ln(values);
     values.iter_mut().for_each(|v| *v *= SCALE);
-}
-
-/// Inverse of [`log_curve`].
-pub fn log_curve_inverse(c: f32) -> f32 {
-    const LN_9: f32 = 2.197_224_6;
-    (c * LN_9).exp_m1() * 0.125
-}
-
-impl Curve {
-    /// Exposed radiance to z (-1 at 0, 1 at display white).
-    pub fn encode(self, x: f32) -> f32 {
-        match self {
-            Self::Log => 2.0 * log_curve(x) - 1.0,
-            Self::Srgb => 2.0 * linear_to_srgb(representable(x)) - 1.0,
-        }
-    }
-
-    /// z to exposed radiance, clamped to 0..=65504.
-    pub fn decode(self, z: f32) -> f32 {
-        let x = match self {
-            Self::Log => log_curve_inverse(0.5 * (z + 1.0)),
-            Self::Srgb => srgb_to_linear(0.5 * (z + 1.0)),
-        };
-        representable(x)
-    }
-
-    /// Derivative of [`Self::encode`] at x > 0.
-    pub fn encode_slope(self, x: f32) -> f32 {
-        match self {
-            Self::Log => 2.0 * 8.0 / ((1.0 + 8.0 * x) * 9f32.ln()),
-            Self::Srgb => 2.0 * srgb_slope(x),
-        }
-    }
-
-    /// Derivative of [`Self::decode`] at z; 0 where it is clamped.
-    pub fn decode_slope(self, z: f32) -> f32 {
-        let x = self.decode(z);
-        if x > 0.0 && x < MAX_RADIANCE { 1.0 / self.encode_slope(x) } else { 0.0 }
-    }
 }
 
 /// Derivative of the sRGB transfer function at x > 0.

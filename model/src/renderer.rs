@@ -1,9 +1,8 @@
-//! One interface for both networks: the frames of a sequence go in one after the other, pictures come out in the same order.
+//! Networks that render sequences: frames go in one after the other, pictures come out in the same order.
 //!
-//! [`NeuralRenderer`] (the compact network) makes each frame by itself; [`WanRenderer`] (the paper's graph) makes them in overlapping
-//! clips, so that a picture comes out up to a clip later than its frame went in. The memory in use does not grow with the sequence.
+//! [`WanRenderer`] (the paper's graph) makes them in overlapping clips, so that a picture comes out up to a clip later than its frame went
+//! in, or each by itself. The memory in use does not grow with the sequence.
 
-use crate::infer::{Keyframe, NeuralRenderer, PreparedKeyframe};
 use crate::wan::pictures::DepthBounds;
 use crate::wan::video::WanRenderer;
 use crate::{Error, Result, weights};
@@ -18,7 +17,7 @@ use std::path::Path;
 /// What a renderer says about itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct About {
-    /// Short name: `compact` or `wan`.
+    /// Short name: `wan`.
     pub name: &'static str,
     /// What its weights say about themselves, as JSON.
     pub header: String,
@@ -42,7 +41,7 @@ impl About {
 pub struct Options {
     /// Make use of the sequence's keyframes.
     pub keyframes: bool,
-    /// Euler steps from t = 0; 1 is what the networks are trained for.
+    /// Euler steps from t = 0; 1 is what the network is trained for.
     pub steps: usize,
     /// Render each frame by itself, in any order, also with a network that makes clips: sharper, since a latent frame then stands for one
     /// picture, but not held together over time.
@@ -213,23 +212,16 @@ pub struct Autoencoder<'a> {
     pub tile: Option<usize>,
 }
 
-/// Opens the weights of either network: what the file says about itself tells which.
+/// Opens weights of the paper's network, which say so themselves.
 ///
 /// # Errors
-/// When a file cannot be read or holds no network that renders; the message names file and tensor. When an autoencoder is described for
-/// the compact network, which has none.
+/// When a file cannot be read or holds another network; the message names file and tensor.
 pub fn open(path: &Path, autoencoder: Autoencoder) -> Result<Box<dyn Renderer>> {
-    if WanRenderer::recognises(path) {
-        let renderer = WanRenderer::load(path, autoencoder.file)?;
-        return Ok(match autoencoder.tile {
-            Some(pixels) => Box::new(renderer.tiled(pixels)?),
-            None => Box::new(renderer),
-        });
-    }
-    if autoencoder.file.is_some() || autoencoder.tile.is_some() {
-        return Err(Error::malformed(path, "not weights of the paper's network: there is no autoencoder to be named or tiled"));
-    }
-    Ok(Box::new(NeuralRenderer::load(path)?))
+    let renderer = WanRenderer::load(path, autoencoder.file)?;
+    Ok(match autoencoder.tile {
+        Some(pixels) => Box::new(renderer.tiled(pixels)?),
+        None => Box::new(renderer),
+    })
 }
 
 /// Checks what every renderer asks of its options.
@@ -249,74 +241,6 @@ pub(crate) fn nearest(places: &[KeyframePlace], first: usize, last: usize) -> Ve
     let next = places.partition_point(|place| place.number <= first);
     let within = places[next..].iter().take_while(|place| place.number <= last).count();
     places[next.saturating_sub(1)..].iter().take(next.min(1) + within.max(1)).copied().collect()
-}
-
-impl Renderer for NeuralRenderer {
-    fn about(&self) -> About {
-        let header = serde_json::to_string(self.header()).unwrap_or_default();
-        About { name: "compact", header, keyframes: self.accepts_keyframes(), hdr: true, clip: 1 }
-    }
-
-    fn begin<'a>(&'a self, sequence: &'a dyn Sequence, options: Options) -> Result<Box<dyn Session + 'a>> {
-        check(options, sequence.exposure())?;
-        if options.keyframes && !self.accepts_keyframes() {
-            return Err(Error::config("keyframes", "these weights have no keyframe stage"));
-        }
-        Ok(Box::new(Single { renderer: self, sequence, options, keyframes: Vec::new() }))
-    }
-}
-
-/// Frames rendered each by itself.
-struct Single<'a> {
-    renderer: &'a NeuralRenderer,
-    sequence: &'a dyn Sequence,
-    options: Options,
-    /// Those of the last frame: two at most.
-    keyframes: Vec<(KeyframePlace, PreparedKeyframe)>,
-}
-
-impl Session for Single<'_> {
-    fn push(&mut self, view: View) -> Result<Vec<Rendered>> {
-        self.prepare(view.number)?;
-        let sequence = self.sequence;
-        let keyframes: Vec<Keyframe> = self
-            .keyframes
-            .iter()
-            .map(|(place, prepared)| Keyframe {
-                prepared,
-                distance: place.number as f32 - view.number as f32,
-                movement: sequence.movement(view.index, place.index),
-            })
-            .collect();
-        let (environment, tables, exposure) = (sequence.environment(), sequence.tables(), sequence.exposure());
-        let steps = self.options.steps;
-        let linear = self.renderer.render_steps(view.frame, view.camera, environment, tables, exposure, &keyframes, steps)?;
-        Ok(vec![Rendered { index: view.index, linear }])
-    }
-
-    fn finish(&mut self) -> Result<Vec<Rendered>> {
-        Ok(Vec::new())
-    }
-
-    fn prepare(&mut self, number: usize) -> Result<()> {
-        if !self.options.keyframes {
-            return Ok(());
-        }
-        let wanted = nearest(self.sequence.keyframes(), number, number);
-        self.keyframes.retain(|(place, _)| wanted.contains(place));
-        for place in wanted {
-            if self.keyframes.iter().all(|(there, _)| *there != place) {
-                let sequence = self.sequence;
-                let (frame, camera) = sequence.keyframe(place.index)?;
-                let (environment, tables) = (sequence.environment(), sequence.tables());
-                let prepared = PreparedKeyframe::new(&frame, &camera, environment, tables, sequence.exposure())?;
-                self.keyframes.push((place, prepared));
-            }
-        }
-        // Of equal distances the earlier counts.
-        self.keyframes.sort_by_key(|(place, _)| place.number);
-        Ok(())
-    }
 }
 
 #[cfg(test)]

@@ -6,16 +6,14 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::clip;
 use common::sequence::{Bounded, Memory, SIDE};
-use renderflow_frame::image::Rgb;
 use renderflow_model::parameters::{self, to_vec};
-use renderflow_model::renderer::{self, Autoencoder, Options, Rendered, Renderer, Sequence, Session, State, View};
+use renderflow_model::renderer::{self, Autoencoder, Options, Rendered, Renderer, Session, State, View};
 use renderflow_model::wan::flow::{Conditions, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent};
 use renderflow_model::wan::names::Naming;
 use renderflow_model::wan::pictures::{DepthBounds, Kind, Pictures, radiance};
 use renderflow_model::wan::video::{AUTOENCODER_FILE, Clips, WanRenderer};
 use renderflow_model::wan::weights::{Header, Network, Precision, Provenance, save};
 use renderflow_model::wan::{Flow, FlowConfig, Probe, Vae};
-use renderflow_model::{NetworkConfig, NeuralRenderer};
 
 /// A module whose parameters are all moved away from their initial values, zeros among them.
 fn disturbed<M: Module>(module: M) -> M {
@@ -470,35 +468,6 @@ fn a_file_tells_which_network_renders() {
     let message = refusal(&path(AUTOENCODER_FILE), None);
     assert!(message.contains("another network"), "{message}");
 
-    // The compact network through the same interface is the network.
-    let network = NetworkConfig { keyframes: Some(Default::default()), ..NetworkConfig::tiny() };
-    let compact = NeuralRenderer::untrained(&network, 3).expect("network");
-    let sequence = Memory::new(6, &[0, 4]);
-    let keys: Vec<_> = [0, 4].map(|i| prepared(&sequence, i)).into();
-    let options = Options { keyframes: true, ..Options::default() };
-    for rendered in all(&compact, &sequence, options) {
-        let view = sequence.view(rendered.index);
-        let keyframes: Vec<renderflow_model::Keyframe> = [0, 4]
-            .iter()
-            .zip(&keys)
-            .map(|(&at, prepared)| renderflow_model::Keyframe {
-                prepared,
-                distance: at as f32 - rendered.index as f32,
-                movement: sequence.movement(rendered.index, at),
-            })
-            .collect();
-        let (light, tables, exposure) = (sequence.environment(), sequence.tables(), sequence.exposure());
-        let expected: Rgb = compact.render(view.frame, view.camera, light, tables, exposure, &keyframes).expect("renders");
-        assert_eq!(rendered.linear, expected);
-    }
-    let about = compact.about();
-    assert_eq!((about.name, about.keyframes, about.hdr, about.clip), ("compact", true, true, 1));
     let message = refusal(&path("nothing.safetensors"), None);
     assert!(message.contains("nothing.safetensors"), "{message}");
-}
-
-fn prepared(sequence: &Memory, index: usize) -> renderflow_model::PreparedKeyframe {
-    let view = sequence.view(index);
-    let (light, tables) = (sequence.environment(), sequence.tables());
-    renderflow_model::PreparedKeyframe::new(view.frame, view.camera, light, tables, sequence.exposure()).expect("keyframe")
 }

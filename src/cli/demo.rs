@@ -1,7 +1,7 @@
 use super::{AllWeightsArgs, SceneArgs, TraceArgs};
 use crate::dataset::SequenceFolder;
 use crate::evaluate::find::TestSequence;
-use crate::evaluate::method::{Method, Network};
+use crate::evaluate::method::Method;
 use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
 use crate::evaluate::{renderer, run};
 use crate::progress::Progress;
@@ -58,7 +58,7 @@ impl Demo {
         let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
         let all = Method::list(&format!("ibl,deferred,warp,neural,neural+keys,wan,wan+keys{traced}"))?;
         let networks = self.weights.open(&all)?;
-        let there = |method: &Method| networks.wan.is_some() || !matches!(method.network(), Some((Network::Wan, _)));
+        let there = |method: &Method| networks.wan.is_some() || !method.is_wan();
         let methods: Vec<Method> = all.into_iter().filter(there).collect();
         let lpips = super::evaluate::lpips()?;
         let (scene, base) = self.scene.describe(allowed, self.seed, 2026, Some(self.resolution), Some(self.frames))?;
@@ -84,7 +84,6 @@ impl Demo {
             rendering: renderer::Options {
                 methods: &methods,
                 fusion: networks.fusion.as_ref(),
-                compact: networks.compact.as_deref(),
                 wan: networks.wan.as_deref(),
                 guide_samples: 16,
                 max_bounces: self.trace.max_bounces,

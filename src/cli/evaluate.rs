@@ -1,6 +1,6 @@
 use super::AllWeightsArgs;
 use crate::evaluate::find::find;
-use crate::evaluate::method::{Method, Network, help};
+use crate::evaluate::method::{Method, help};
 use crate::evaluate::{external, renderer, results::Results, run};
 use crate::metrics::Networks;
 use crate::progress::Progress;
@@ -92,7 +92,7 @@ impl Evaluate {
         let tests = find(data)?;
         let networks = self.weights.open(&methods)?;
         ensure!(
-            networks.wan.is_some() || !methods.iter().any(|method| matches!(method.network(), Some((Network::Wan, _)))),
+            networks.wan.is_some() || !methods.iter().any(Method::is_wan),
             "--methods: wan and wan+keys need the weights of the paper's network (--weights FILE)"
         );
         let settings = networks.settings();
@@ -100,7 +100,6 @@ impl Evaluate {
             rendering: renderer::Options {
                 methods: &methods,
                 fusion: networks.fusion.as_ref(),
-                compact: networks.compact.as_deref(),
                 wan: networks.wan.as_deref(),
                 guide_samples: 16,
                 max_bounces: self.max_bounces,

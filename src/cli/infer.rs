@@ -23,9 +23,9 @@ pub(super) const OTHERS: &str = "pictures of other weights or options";
 const STATE: &str = "stopped.safetensors";
 
 /// Renders every frame of sequence folders with a network: from deferred shading, from keyframes, from a few samples a pixel that are
-/// traced for it, or all of them. The sequences' scenes must be beside the frames, as datasets have them. The compact network and the paper's
-/// (--weights) read G-buffers and keyframes alone; the paper's works in clips of five frames that overlap by one, unless --stills. Run again
-/// with the same weights and options, it goes on where it was stopped.
+/// traced for it, or all of them. The sequences' scenes must be beside the frames, as datasets have them. The paper's network (--weights) reads
+/// G-buffers and keyframes alone, and works in clips of five frames that overlap by one, unless --stills. Run again with the same weights and
+/// options, it goes on where it was stopped.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes --out neural\n  \
 renderflow infer --data data/test --rays 4 --neighbours around --out neural-rays\n  \
@@ -51,7 +51,7 @@ pub struct Infer {
     /// Render each frame by itself with the paper's network too: sharper, but not held together over time
     #[arg(long)]
     stills: bool,
-    /// Euler steps of the compact and the paper's network; 1 is what they are trained for
+    /// Euler steps of the paper's network; 1 is what it is trained for
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: u32,
     /// Folder to write to: an EXR with the picture as beauty and a PNG for every frame
@@ -87,16 +87,12 @@ struct Record {
 impl Infer {
     pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let dataset = Dataset::open(&self.data)?;
-        let fusion = match &self.weights.weights {
-            None => Some(Fusion::shipped()?),
-            Some(path) if Fusion::recognises(path) => Some(Fusion::load(path)?),
-            Some(_) => None,
+        let weights = match (self.weights.fusion()?, &self.weights.weights) {
+            (None, Some(weights)) => weights,
+            (fusion, _) => return self.with_scene(&dataset, &fusion.context("no weights")?, allowed, cancel),
         };
-        if let Some(fusion) = fusion {
-            return self.with_scene(&dataset, &fusion, allowed, cancel);
-        }
         ensure!(self.rays.is_none(), "--rays: these weights are of a network that reads no samples");
-        let renderer = self.weights.open()?;
+        let renderer = self.weights.wan(weights)?;
         let claim = self.claim(&*renderer)?;
         for folder in &dataset.sequences {
             ready(folder).with_context(|| folder.path.display().to_string())?;
@@ -120,7 +116,7 @@ impl Infer {
     fn with_scene(&self, dataset: &Dataset, fusion: &Fusion, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let others = [("--stills", self.stills), ("--steps", self.steps != 1), ("--tile", self.weights.tile.is_some())];
         if let Some((option, _)) = others.into_iter().find(|(_, given)| *given) {
-            bail!("{option}: is for the compact network or the paper's (--weights)");
+            bail!("{option}: is for the paper's network (--weights)");
         }
         let keys = if self.keyframes { "+keys" } else { "" };
         let neighbours = match self.neighbours {
@@ -158,7 +154,6 @@ impl Infer {
         let options = renderer::Options {
             methods: &methods,
             fusion: Some(fusion),
-            compact: None,
             wan: None,
             guide_samples: 16,
             max_bounces: self.max_bounces,

@@ -18,7 +18,7 @@ mod train;
 mod weights;
 
 use crate::console::{self, message};
-use crate::evaluate::method::{Method, Network};
+use crate::evaluate::method::Method;
 use crate::stop;
 use crate::truth::{DenoiseMode, Interrupted};
 use anyhow::{Context, Result, bail, ensure};
@@ -26,7 +26,6 @@ use clap::{Args, Parser, Subcommand};
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
 use renderflow_model::fusion::Fusion;
-use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::renderer::{self, Autoencoder, Renderer};
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
 use renderflow_scenes::LoadReport;
@@ -68,7 +67,7 @@ enum Command {
     /// Plan and render datasets
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
-    /// Train a network on a dataset: the compact one, or the paper's on Wan's autoencoder and transformer
+    /// Train a network: the one that reads samples, or the paper's on Wan's autoencoder and transformer
     Train(train::Train),
     /// Render the frames of sequence folders with a network
     Infer(infer::Infer),
@@ -128,7 +127,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Bench(command) => command.run(&allowed, &cancel),
         Command::Stress(command) => command.run(&cancel),
         Command::Dataset(command) => command.run(&allowed, &cancel),
-        Command::Train(command) => command.run(&cancel),
+        Command::Train(command) => command.run(&allowed, &cancel),
         Command::Infer(command) => command.run(&allowed, &cancel),
         Command::Invert(command) => command.run(&cancel),
         Command::Testset(command) => command.run(&allowed, &cancel),
@@ -205,11 +204,18 @@ struct WeightsArgs {
 }
 
 impl WeightsArgs {
-    fn open(&self) -> Result<Box<dyn Renderer>> {
+    /// The network that reads samples, where it is the one that is asked for.
+    fn fusion(&self) -> Result<Option<Fusion>> {
         Ok(match &self.weights {
-            Some(path) => renderer::open(path, Autoencoder { file: self.vae.as_deref(), tile: self.tile })?,
-            None => Box::new(NeuralRenderer::shipped()?),
+            None => Some(Fusion::shipped()?),
+            Some(path) if Fusion::recognises(path) => Some(Fusion::load(path)?),
+            Some(_) => None,
         })
+    }
+
+    /// The paper's network in the file at `weights`.
+    fn wan(&self, weights: &Path) -> Result<Box<dyn Renderer>> {
+        Ok(renderer::open(weights, Autoencoder { file: self.vae.as_deref(), tile: self.tile })?)
     }
 
     /// BLAKE3 of every file that is read; none for the weights inside the program.
@@ -230,8 +236,8 @@ fn digest(path: &Path) -> Result<String> {
 /// Weights of both networks, to be compared.
 #[derive(Args, Clone, Debug)]
 struct AllWeightsArgs {
-    /// Weights of the network that reads samples or of the compact one (those inside the program without it), or of the paper's, as the
-    /// file itself says; once for each
+    /// Weights of the network that reads samples (those inside the program without it) or of the paper's, as the file itself says; once for
+    /// each
     #[arg(long)]
     weights: Vec<PathBuf>,
     /// Weights of the autoencoder of the paper's network; vae.safetensors beside its weights without it
@@ -241,45 +247,34 @@ struct AllWeightsArgs {
 
 /// The networks that rows of a comparison are made with.
 struct Networks {
-    /// The compact one.
-    compact: Option<Box<dyn Renderer>>,
-    /// The one that reads all that is given.
+    /// The one that reads samples.
     fusion: Option<Fusion>,
     /// The paper's.
     wan: Option<Box<dyn Renderer>>,
 }
 
 impl AllWeightsArgs {
-    /// The networks in the files, and those inside the program that `methods` ask for and no file holds another of.
+    /// The networks in the files that `methods` ask for; that inside the program where they ask for it and no file holds another.
     fn open(&self, methods: &[Method]) -> Result<Networks> {
-        let mut networks = Networks { compact: None, fusion: None, wan: None };
+        let mut networks = Networks { fusion: None, wan: None };
         for path in &self.weights {
+            let twice = || format!("{}: --weights names two networks of this kind", path.display());
             if Fusion::recognises(path) {
-                ensure!(networks.fusion.is_none(), "{}: --weights names two networks of this kind", path.display());
-                networks.fusion = Some(Fusion::load(path)?);
-                continue;
+                ensure!(networks.fusion.replace(Fusion::load(path)?).is_none(), twice());
+            } else {
+                let autoencoder = Autoencoder { file: self.vae.as_deref(), tile: None };
+                ensure!(networks.wan.replace(renderer::open(path, autoencoder)?).is_none(), twice());
             }
-            let wan = WanRenderer::recognises(path);
-            let place = if wan { &mut networks.wan } else { &mut networks.compact };
-            ensure!(place.is_none(), "{}: --weights names two networks of this kind", path.display());
-            let autoencoder = Autoencoder { file: self.vae.as_deref().filter(|_| wan), tile: None };
-            *place = Some(renderer::open(path, autoencoder)?);
         }
         if let Some(vae) = self.vae.as_ref().filter(|_| networks.wan.is_none()) {
             bail!("{}: an autoencoder, but none of --weights is a network that needs one", vae.display());
         }
-        let wants = |network| methods.iter().any(|method| method.network().is_some_and(|(wanted, _)| wanted == network));
-        if !wants(Network::Compact) {
-            networks.compact = None;
-        } else if networks.compact.is_none() {
-            networks.compact = Some(Box::new(NeuralRenderer::shipped()?));
-        }
-        if !methods.iter().any(Method::is_fused) {
+        if !methods.iter().any(Method::is_neural) {
             networks.fusion = None;
         } else if networks.fusion.is_none() {
             networks.fusion = Some(Fusion::shipped()?);
         }
-        if !wants(Network::Wan) {
+        if !methods.iter().any(Method::is_wan) {
             networks.wan = None;
         }
         Ok(networks)
@@ -289,12 +284,10 @@ impl AllWeightsArgs {
 impl Networks {
     /// What the weights say about themselves, as settings of a report.
     fn settings(&self) -> Vec<(String, String)> {
-        let named = [("network", &self.compact), ("network (wan)", &self.wan)];
-        let mut settings: Vec<(String, String)> =
-            named.iter().filter_map(|(name, network)| Some(((*name).to_owned(), network.as_ref()?.about().header))).collect();
         let fusion = self.fusion.as_ref().and_then(|fusion| serde_json::to_string(fusion.header()).ok());
-        settings.extend(fusion.map(|header| ("network (samples)".to_owned(), header)));
-        settings
+        let wan = self.wan.as_ref().map(|wan| wan.about().header);
+        let named = [("network", fusion), ("network (wan)", wan)];
+        named.into_iter().filter_map(|(name, header)| Some((name.to_owned(), header?))).collect()
     }
 }
 

@@ -3,7 +3,6 @@ use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use renderflow_frame::file::Draft;
 use renderflow_model::fusion::Fusion;
-use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::wan::names::Naming;
 use renderflow_model::wan::video::WanRenderer;
 use renderflow_model::wan::weights::{self as wan, Evidence, Found, Identity, Source};
@@ -93,10 +92,9 @@ impl Weights {
             None => {
                 let header = match &self.file {
                     None => serde_json::to_string_pretty(Fusion::shipped()?.header())?,
-                    Some(path) if Fusion::recognises(path) => serde_json::to_string_pretty(Fusion::load(path)?.header())?,
                     // Only its list of tensors is read: it may be large.
                     Some(path) if WanRenderer::recognises(path) => serde_json::to_string_pretty(&Source::open(path)?.header()?)?,
-                    Some(path) => serde_json::to_string_pretty(NeuralRenderer::load(path)?.header())?,
+                    Some(path) => serde_json::to_string_pretty(Fusion::load(path)?.header())?,
                 };
                 println!("{header}");
                 Ok(())
@@ -165,7 +163,7 @@ fn print(source: &Source, identity: &Identity) {
         println!("{name:width$}  {tensors:>5} tensors {parameters:>13} parameters");
     }
     match identity {
-        Identity::Compact(header) => println!("\n{path}: compact network, {} steps of training", header.steps),
+        Identity::Fusion(header) => println!("\n{path}: network that reads samples, {} steps of training", header.steps),
         Identity::Unknown(reason) => println!("\n{path}: unknown network: {reason}"),
         Identity::Wan(found) => {
             let name = found.header.network.name();
@@ -192,7 +190,7 @@ fn object(source: &Source, identity: &Identity) -> Value {
         "tensors": table.rows.iter().map(tensor).collect::<Vec<Value>>(),
     });
     let about = match identity {
-        Identity::Compact(header) => json!({ "kind": "compact", "header": header }),
+        Identity::Fusion(header) => json!({ "kind": "fusion", "header": header }),
         Identity::Unknown(reason) => json!({ "kind": null, "reason": reason }),
         Identity::Wan(found) => {
             let problem = wan::check(source, &found.header.network).err().map(|error| error.to_string());
@@ -224,14 +222,14 @@ impl Convert {
         let to_file = beside.as_ref().map_or(self.output.as_path(), Draft::temporary);
         let done = match identity {
             Identity::Unknown(reason) => bail!("{from}: {reason}"),
-            Identity::Compact(_) => {
+            Identity::Fusion(_) => {
                 let precision = match self.precision.unwrap_or_else(|| stored(&source)) {
                     PrecisionArg::F32 => weights::Precision::F32,
                     PrecisionArg::F16 => weights::Precision::F16,
-                    PrecisionArg::Bf16 => bail!("{from}: the compact network is stored in f16 or f32"),
+                    PrecisionArg::Bf16 => bail!("{from}: this network is stored in f16 or f32"),
                 };
-                weights::convert(source.path(), to_file, precision)?;
-                format!("{}: compact network", self.output.display())
+                Fusion::load(source.path())?.save(to_file, precision)?;
+                format!("{}: network that reads samples", self.output.display())
             }
             Identity::Wan(found) => {
                 let to = match self.naming {

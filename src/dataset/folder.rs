@@ -199,7 +199,7 @@ impl Dataset {
     }
 
     /// BLAKE3 over the names, the cameras, the environments and the frames of all sequences.
-    fn digest(&self) -> Result<String> {
+    pub(crate) fn digest(&self) -> Result<String> {
         let sequence = |index: usize| -> Result<Vec<String>> {
             let folder = &self.sequences[index];
             let mut parts = vec![folder.name()];
@@ -215,7 +215,7 @@ impl Dataset {
     }
 
     /// A frame to learn from, held to its record and to its camera.
-    fn frame(&self, index: usize, at: usize) -> Result<Frame> {
+    pub(crate) fn frame(&self, index: usize, at: usize) -> Result<Frame> {
         let folder = &self.sequences[index];
         let path = folder.file(at)?;
         let bytes = file::read(&path)?;

@@ -1,11 +1,12 @@
 //! The deferred renderer on one sequence: its lights, shadow maps, parts left out, and keyframes carried over its pictures.
 
+use super::keyframes::{self, Keyframe};
 use super::method::Part;
 use super::renderer::timed;
 use crate::dataset::SequenceFolder;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
-use renderflow_frame::deferred::{self, Carry, Deferred, Keyframe, Lighting, ShadowMode, Shadows};
+use renderflow_frame::deferred::{self, Deferred, Lighting, ShadowMode, Shadows};
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::{RenderScene, ShadowTiles};
 use std::sync::{Mutex, PoisonError};
@@ -17,18 +18,9 @@ pub struct DeferredBaseline<'a> {
     lighting: Lighting,
     /// The whole environment, no light taken out; where a method asks for it.
     whole: Option<Lighting>,
-    keyframes: Vec<Start>,
+    keyframes: Vec<Keyframe>,
     /// What shadow maps of the frames so far are made of, with `lighting` and with `whole`.
     tiles: [Mutex<ShadowTiles>; 2],
-}
-
-/// A keyframe and its deferred picture.
-struct Start {
-    /// Index among the stored frames.
-    index: usize,
-    frame: Frame,
-    truth: Rgb,
-    picture: Rgb,
 }
 
 /// Shadow maps of a frame, and the seconds they took.
@@ -57,15 +49,11 @@ impl<'a> DeferredBaseline<'a> {
 
     /// Draws the keyframes, so that they can be carried. Leaves `scene` at the last one.
     pub fn prepare_keyframes(&mut self, scene: &mut RenderScene) -> Result<()> {
-        for &index in &self.folder.sequence.keyframes {
-            let mut frame = self.folder.frame(index)?;
-            let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
-            frame.info.camera = Some(*self.folder.camera(index));
+        self.keyframes = keyframes::prepare(self.folder, |index, frame| {
             scene.set_frame(self.folder.numbers[index]);
-            let maps = self.maps(scene, &frame, index)?;
-            let (picture, _) = self.picture(scene, &frame, index, &maps, None)?;
-            self.keyframes.push(Start { index, frame, truth, picture });
-        }
+            let maps = self.maps(scene, frame, index)?;
+            Ok(self.picture(scene, frame, index, &maps, None)?.0)
+        })?;
         // Frames pay for their own shadow maps.
         self.forget();
         Ok(())
@@ -135,26 +123,14 @@ impl<'a> DeferredBaseline<'a> {
 
     /// The deferred picture of the keyframe that is stored frame `index`, where it is drawn.
     pub fn keyframe(&self, index: usize) -> Option<&Rgb> {
-        self.keyframes.iter().find(|start| start.index == index).map(|start| &start.picture)
+        self.keyframes.iter().find(|key| key.index == index).map(|key| &key.start)
     }
 
     /// The keyframes carried to stored frame `index`, the deferred picture in the holes; and its seconds, without the G-buffer's.
     pub fn warped(&self, scene: &RenderScene, frame: &Frame, index: usize, maps: &Maps) -> Result<(Rgb, f64)> {
         let (current, seconds) = self.picture(scene, frame, index, maps, None)?;
-        let folder = self.folder;
-        let keys: Vec<Keyframe> = self
-            .keyframes
-            .iter()
-            .map(|start| Keyframe {
-                frame: &start.frame,
-                truth: &start.truth,
-                start: &start.picture,
-                distance: folder.numbers[start.index] as f32 - folder.numbers[index] as f32,
-                movement: folder.sequence.tracks.between(index, start.index),
-            })
-            .collect();
-        let exposure = folder.sequence.exposure;
-        let (picture, carrying) = timed(|| Ok(deferred::warp_fill(frame, &current, &keys, exposure, Carry::default())))?;
+        let carry = || Ok(keyframes::carry(self.folder, &self.keyframes, index, frame, &current));
+        let (picture, carrying) = timed(carry)?;
         Ok((picture, seconds + carrying))
     }
 }

@@ -1,27 +1,50 @@
-//! Keyframes of a sequence, ready to be carried to its other frames.
+//! Keyframes of a sequence, carried to its other frames over a picture that is made without paths.
 
 use crate::dataset::SequenceFolder;
-use anyhow::Result;
-use renderflow_frame::ibl::IblTables;
-use renderflow_model::infer::{Keyframe, PreparedKeyframe};
+use anyhow::{Context, Result};
+use renderflow_frame::Frame;
+use renderflow_frame::deferred::{self, Carry};
+use renderflow_frame::image::Rgb;
 
-/// Truth of every keyframe of `folder`, ready to be carried to other frames; in the order of `sequence.keyframes`.
-pub fn prepare_keyframes(folder: &SequenceFolder, tables: &IblTables) -> Result<Vec<PreparedKeyframe>> {
-    let prepare = |&key: &usize| -> Result<PreparedKeyframe> {
-        let frame = folder.frame(key)?;
-        Ok(PreparedKeyframe::new(&frame, folder.camera(key), &folder.environment, tables, folder.sequence.exposure)?)
-    };
-    folder.sequence.keyframes.iter().map(prepare).collect()
+/// A keyframe and what its truth is divided by.
+pub struct Keyframe {
+    /// Index among the stored frames.
+    pub index: usize,
+    /// Its G-buffer.
+    pub frame: Frame,
+    /// Its truth.
+    pub truth: Rgb,
+    /// The picture that is made of it without paths.
+    pub start: Rgb,
 }
 
-/// The keyframes as seen from stored frame `index`: all of them, with their distance in frames.
-pub fn keyframes_for<'a>(folder: &'a SequenceFolder, prepared: &'a [PreparedKeyframe], index: usize) -> Vec<Keyframe<'a>> {
-    let here = folder.numbers[index] as f32;
-    let keys = folder.sequence.keyframes.iter().zip(prepared);
-    keys.map(|(&key, prepared)| Keyframe {
-        prepared,
-        distance: folder.numbers[key] as f32 - here,
-        movement: folder.sequence.tracks.between(index, key),
-    })
-    .collect()
+/// Reads the keyframes of `folder`; `draw` makes the picture of one from its index and G-buffer.
+///
+/// # Errors
+/// When one cannot be read, has no beauty, or cannot be drawn.
+pub fn prepare(folder: &SequenceFolder, mut draw: impl FnMut(usize, &Frame) -> Result<Rgb>) -> Result<Vec<Keyframe>> {
+    let keyframe = |&index: &usize| {
+        let mut frame = folder.frame(index)?;
+        let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
+        frame.info.camera = Some(*folder.camera(index));
+        let start = draw(index, &frame)?;
+        Ok(Keyframe { index, frame, truth, start })
+    };
+    folder.sequence.keyframes.iter().map(keyframe).collect()
+}
+
+/// The keyframes carried to stored frame `index` with the G-buffer `frame`, over `current`, the picture that is made of it without paths.
+pub fn carry(folder: &SequenceFolder, keys: &[Keyframe], index: usize, frame: &Frame, current: &Rgb) -> Rgb {
+    let seen = |key: &Keyframe| folder.numbers[key.index] as f32 - folder.numbers[index] as f32;
+    let keys: Vec<deferred::Keyframe> = keys
+        .iter()
+        .map(|key| deferred::Keyframe {
+            frame: &key.frame,
+            truth: &key.truth,
+            start: &key.start,
+            distance: seen(key),
+            movement: folder.sequence.tracks.between(index, key.index),
+        })
+        .collect();
+    deferred::warp_fill(frame, current, &keys, folder.sequence.exposure, Carry::default())
 }

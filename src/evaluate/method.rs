@@ -25,15 +25,6 @@ pub enum Part {
     Indirect,
 }
 
-/// The networks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Network {
-    /// The compact one.
-    Compact,
-    /// The paper's.
-    Wan,
-}
-
 /// How a picture is made.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Method {
@@ -46,14 +37,9 @@ pub enum Method {
         /// Which of the two.
         deferred: bool,
     },
-    /// The network that reads all that is given, on the terms of deferred shading.
+    /// The network that reads samples, here on the terms of deferred shading.
     Neural {
         /// Whether it reads keyframes carried over them.
-        keyframes: bool,
-    },
-    /// The compact network.
-    Compact {
-        /// Whether it reads them.
         keyframes: bool,
     },
     /// The paper's network, in clips.
@@ -98,7 +84,7 @@ pub enum List {
 }
 
 /// Every method but path tracing, in the order of tables.
-pub static METHODS: [Entry; 19] = [
+pub static METHODS: [Entry; 17] = [
     Entry {
         method: Method::Ibl,
         id: "ibl",
@@ -159,24 +145,6 @@ pub static METHODS: [Entry; 19] = [
         note: "reads the truth of keyframes",
         help: "the same with keyframes",
         list: List::Standard,
-    },
-    Entry {
-        method: Method::Compact { keyframes: false },
-        id: "compact",
-        label: "compact",
-        group: Group::Neural,
-        note: "",
-        help: "the compact network, which starts from the split sum",
-        list: List::Named,
-    },
-    Entry {
-        method: Method::Compact { keyframes: true },
-        id: "compact+keys",
-        label: "compact + keyframes",
-        group: Group::Neural,
-        note: "reads the truth of keyframes",
-        help: "the same with keyframes",
-        list: List::Named,
     },
     Entry {
         method: Method::Wan { keyframes: false, stills: false },
@@ -268,6 +236,7 @@ pub fn help() -> String {
         let mut column = 2 + NAMES;
         for word in help.split(' ') {
             if column + word.len() > WIDTH {
+                text.truncate(text.trim_end().len());
                 let _ = write!(text, "\n  {:NAMES$}", "");
                 column = 2 + NAMES;
             }
@@ -367,24 +336,15 @@ impl Method {
     pub fn needs_keyframes(&self) -> bool {
         match self {
             Self::Warp { .. } => true,
-            Self::Neural { keyframes } | Self::Compact { keyframes } | Self::Wan { keyframes, .. } => *keyframes,
+            Self::Neural { keyframes } | Self::Wan { keyframes, .. } => *keyframes,
             Self::Traced(tracing) => tracing.keyframes,
             Self::Ibl | Self::Deferred(_) => false,
         }
     }
 
-    /// Whether a network makes it, and whether it then reads keyframes.
-    pub fn network(&self) -> Option<(Network, bool)> {
-        match self {
-            Self::Compact { keyframes } => Some((Network::Compact, *keyframes)),
-            Self::Wan { keyframes, .. } => Some((Network::Wan, *keyframes)),
-            _ => None,
-        }
-    }
-
-    /// Whether a network that makes clips is to make each frame by itself.
-    pub fn in_stills(&self) -> bool {
-        matches!(self, Self::Wan { stills: true, .. })
+    /// Whether the paper's network makes it.
+    pub fn is_wan(&self) -> bool {
+        matches!(self, Self::Wan { .. })
     }
 
     /// Whether it starts from the deferred picture.
@@ -392,8 +352,8 @@ impl Method {
         matches!(self, Self::Deferred(_) | Self::Warp { deferred: true } | Self::Neural { .. })
     }
 
-    /// Whether the network that reads all that is given makes it.
-    pub fn is_fused(&self) -> bool {
+    /// Whether the network that reads samples makes it, whatever it is given.
+    pub fn is_neural(&self) -> bool {
         matches!(self, Self::Neural { .. } | Self::Traced(Tracing { clean: Clean::Neural, .. }))
     }
 
@@ -420,7 +380,7 @@ mod tests {
     #[test]
     fn names_lead_back_to_themselves() {
         let more = "wan,wan+keys,wan-stills,wan-stills+keys,pt300+fast,equal-ibl,equal-wan,equal-pt4+fast,equal-pt4+oidn+gbuffer+before,\
-                    pt2+neural,pt-50ms+neural+around,pt4+neural+before+keys,pt1+neural+keys,compact,compact+keys,pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
+                    pt2+neural,pt-50ms+neural+around,pt4+neural+before+keys,pt1+neural+keys,pt-50ms,pt-50ms+oidn,pt-800ms+fast+gbuffer+around,pt4+fast+before";
         let mut methods = Method::list(&format!("all,standard,{more}")).unwrap();
         methods.extend(Method::budgets(&[0.1, 0.8]).unwrap());
         assert!(methods.len() >= 60, "{}", methods.len());
@@ -450,7 +410,7 @@ mod tests {
         };
         assert_eq!(told("deferred-sky"), (false, None, Some("deferred".to_owned())));
         assert_eq!(told("equal-neural+keys"), (false, Some("neural+keys".to_owned()), None));
-        assert_eq!(told("compact+keys"), (true, None, None));
+        assert_eq!(told("neural+keys"), (true, None, None));
         assert_eq!([told("pt4+neural+keys"), told("pt4+neural")].map(|told| told.0), [true, false]);
     }
 

@@ -2,8 +2,8 @@
 
 use super::baseline::{DeferredBaseline, Maps};
 use super::fused::Fused;
-use super::keyframes::{keyframes_for, prepare_keyframes};
-use super::method::{Method, Network, Part};
+use super::keyframes::{self, Keyframe};
+use super::method::{Method, Part};
 use super::sessions::NetworkSessions;
 use super::traced::{Buffer, Tracer};
 use super::tracing::Samples;
@@ -16,7 +16,6 @@ use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_model::fusion::Fusion;
-use renderflow_model::infer::{PreparedKeyframe, warp_only};
 use renderflow_model::renderer::{Renderer, Sequence};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
@@ -36,8 +35,6 @@ pub struct Options<'a> {
     pub methods: &'a [Method],
     /// The network that reads samples, where a method needs it.
     pub fusion: Option<&'a Fusion>,
-    /// The compact network, where a method needs it.
-    pub compact: Option<&'a dyn Renderer>,
     /// The paper's network, where a method needs it.
     pub wan: Option<&'a dyn Renderer>,
     /// Camera rays a pixel for the anti-aliased G-buffer.
@@ -48,19 +45,6 @@ pub struct Options<'a> {
     pub allowed: &'a [PathBuf],
     /// Whether seconds count: the first frame is made twice then, so that it pays for nothing but itself.
     pub timed: bool,
-}
-
-impl<'a> Options<'a> {
-    /// The network that a method asks for.
-    ///
-    /// # Errors
-    /// When there are no weights of it.
-    pub fn network(&self, network: Network) -> Result<&'a dyn Renderer> {
-        match network {
-            Network::Compact => self.compact.context("the methods need the compact network"),
-            Network::Wan => self.wan.context("the methods need weights of the paper's network (--weights)"),
-        }
-    }
 }
 
 /// A picture by one method.
@@ -94,7 +78,7 @@ pub struct MethodRenderer<'a> {
     /// Where a method starts from the deferred picture.
     baseline: Option<DeferredBaseline<'a>>,
     /// Where keyframes are carried into the split sum.
-    keyframes: Vec<PreparedKeyframe>,
+    keyframes: Vec<Keyframe>,
     sessions: NetworkSessions<'a>,
     tracer: Tracer<'a>,
     /// Where a method needs the network that reads all that is given.
@@ -136,7 +120,10 @@ impl<'a> MethodRenderer<'a> {
         }
         let mut keyframes = Vec::new();
         if methods.contains(&Method::Warp { deferred: false }) {
-            let (prepared, seconds) = timed(|| prepare_keyframes(folder, tables))?;
+            let (prepared, seconds) = timed(|| {
+                let draw = |index, frame: &Frame| Ok(ibl::shade(frame, folder.camera(index), &folder.environment, tables).image);
+                keyframes::prepare(folder, draw)
+            })?;
             keyframes = prepared;
             once.push((PREPARING.to_owned(), seconds));
         }
@@ -146,10 +133,10 @@ impl<'a> MethodRenderer<'a> {
         }
         let tracer = Tracer::new(folder, options)?;
         let mut fused = None;
-        if methods.iter().any(Method::is_fused) {
+        if methods.iter().any(Method::is_neural) {
             let network = options.fusion.context("the methods need weights of the network that reads samples")?;
             let fused = fused.insert(Fused::new(folder, network, tables));
-            if methods.iter().any(|method| method.is_fused() && method.needs_keyframes()) {
+            if methods.iter().any(|method| method.is_neural() && method.needs_keyframes()) {
                 fused.prepare_keyframes(|index| baseline.as_ref().and_then(|baseline| baseline.keyframe(index)).cloned())?;
             }
         }
@@ -207,9 +194,9 @@ impl<'a> MethodRenderer<'a> {
                     (picture, seconds, Some(spp))
                 }
                 method => {
-                    let made = match method.network() {
-                        Some(_) => self.sessions.picture(method, shared.index, &shared.gbuffer)?,
-                        None => self.shade(method, &shared)?,
+                    let made = match method {
+                        Method::Wan { .. } => self.sessions.picture(method, shared.index, &shared.gbuffer)?,
+                        method => self.shade(method, &shared)?,
                     };
                     let Some((picture, seconds)) = made else { continue };
                     (picture, shared.seconds + seconds, None)
@@ -224,8 +211,6 @@ impl<'a> MethodRenderer<'a> {
     fn shade(&self, method: &Method, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
         let (folder, gbuffer) = (self.folder, &shared.gbuffer);
         let (camera, environment, tables) = (folder.camera(shared.index), &folder.environment, self.view.tables());
-        let exposure = folder.sequence.exposure;
-        let keys = keyframes_for(folder, &self.keyframes, shared.index);
         if method.needs_keyframes() && folder.sequence.keyframes.is_empty() {
             return Ok(None);
         }
@@ -246,7 +231,10 @@ impl<'a> MethodRenderer<'a> {
                 (picture, shading + drawing)
             }
             Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, tables).image))?,
-            Method::Warp { deferred: false } => timed(|| Ok(warp_only(gbuffer, camera, environment, tables, exposure, &keys)?))?,
+            Method::Warp { deferred: false } => timed(|| {
+                let current = ibl::shade(gbuffer, camera, environment, tables).image;
+                Ok(keyframes::carry(folder, &self.keyframes, shared.index, gbuffer, &current))
+            })?,
             _ => return Ok(None),
         };
         Ok(Some(made))
@@ -265,7 +253,7 @@ impl<'a> MethodRenderer<'a> {
     fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
         let shared = self.share(settings, index)?;
         for method in self.options.methods {
-            if method.network().is_some() {
+            if method.is_wan() {
                 self.sessions.warm_up(method, index, &shared.gbuffer)?;
             } else if !matches!(method, Method::Traced(_)) {
                 self.shade(method, &shared)?;

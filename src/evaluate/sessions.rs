@@ -1,9 +1,9 @@
-//! The networks at work on one sequence: the compact one frame by frame, the paper's a clip ahead.
+//! The paper's network at work on one sequence: with and without keyframes, a clip ahead or frame by frame.
 
 use super::method::Method;
 use super::renderer::{Options, timed};
 use crate::dataset::SequenceView;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use renderflow_frame::Frame;
 use renderflow_frame::image::Rgb;
 use renderflow_model::renderer::{self, Renderer, Session, View};
@@ -34,16 +34,16 @@ pub struct NetworkSessions<'a> {
 }
 
 impl<'a> NetworkSessions<'a> {
-    /// Begins with a sequence. Ways that need keyframes are left out where the sequence has none or the network takes none.
+    /// Begins with a sequence. Methods that need keyframes are left out where the sequence has none or the network takes none.
     pub fn new(view: &'a SequenceView<'a>, options: &'a Options<'a>) -> Result<Self> {
         let mut networks = Vec::new();
         for method in options.methods {
-            let Some((network, keyframes)) = method.network() else { continue };
-            let renderer = options.network(network)?;
+            let Method::Wan { keyframes, stills } = *method else { continue };
+            let renderer = options.wan.context("the methods need weights of the paper's network (--weights)")?;
             if keyframes && (view.folder.sequence.keyframes.is_empty() || !renderer.about().keyframes) {
                 continue;
             }
-            let options = renderer::Options { keyframes, stills: method.in_stills(), steps: 1 };
+            let options = renderer::Options { keyframes, stills, steps: 1 };
             let session = renderer.begin(view, options)?;
             let clips = renderer.about().in_clips(options);
             networks.push(NetworkSession { method, renderer, options, clips, session, ready: BTreeMap::new(), spent: 0.0 });

@@ -7,7 +7,6 @@ use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
 use renderflow_frame::transforms;
 use renderflow_model::fusion::Fusion;
-use renderflow_model::infer::NeuralRenderer;
 use renderflow_model::lpips::{Backbone, Lpips};
 use renderflow_model::wan::weights as wan;
 use serde_json::{Map, Value, json};
@@ -74,20 +73,11 @@ pub(super) fn weights(path: &Path) -> Result<Counts> {
         found.notes = assumed;
         return Ok(found);
     }
+    let fusion = Fusion::load(path)?;
     let mut found = Counts::default();
-    if Fusion::recognises(path) {
-        let fusion = Fusion::load(path)?;
-        found.add("network", "fusion");
-        tensors(&mut found, &header(path)?.unwrap_or_default());
-        found.add("steps", fusion.header().steps);
-        return Ok(found);
-    }
-    let renderer = NeuralRenderer::load(path)?;
-    let about = renderer.header();
+    found.add("network", "fusion");
     tensors(&mut found, &header(path)?.unwrap_or_default());
-    found.add("steps", about.steps);
-    found.add("keyframe_steps", about.keyframe_steps);
-    found.add("keyframes", renderer.accepts_keyframes());
+    found.add("steps", fusion.header().steps);
     Ok(found)
 }
 

@@ -60,16 +60,17 @@ pub fn fail(args: &[&str]) -> String {
     stderr(&output)
 }
 
-/// Writes options of the compact network for one step of moments on frames of 32 x 32.
+/// Writes options of a small network for steps of moments on frames of 32 x 32.
 #[allow(dead_code)]
 pub fn write_training(path: &Path, steps: u64) {
     let printed = succeed(&["train", "--data", "nothing", "--out", "nothing", "--print-config"]);
     let mut options: serde_json::Value = serde_json::from_str(&printed).unwrap();
-    options["crops"] = serde_json::json!([{ "size": 32, "batch": 1, "weight": 1.0 }]);
-    options["steps"] = steps.into();
-    options["network"]["widths"] = serde_json::json!([8, 8, 8]);
-    options["network"]["token_width"] = 24.into();
-    options["network"]["transformer_blocks"] = 1.into();
+    options["training"]["crops"] = serde_json::json!([{ "size": 32, "batch": 1, "from": 0.0 }]);
+    options["training"]["steps"] = steps.into();
+    options["training"]["network"]["widths"] = serde_json::json!([16, 16, 16, 16]);
+    options["training"]["first"] = 2.into();
+    options["training"]["window"] = 2.into();
+    options["recipe"]["frames"] = 1.into();
     std::fs::write(path, options.to_string()).unwrap();
 }
 

@@ -116,11 +116,23 @@ impl Fusion {
             return Err(Error::malformed(path, reason));
         }
         let fresh = parameters::export(&FusionNet::new(&header.fusion, header.seed, &Device::flex())?);
+        if let Some(extra) = tensors.names().into_iter().find(|name| fresh.iter().all(|parameter| parameter.name != **name)) {
+            let reason = "not part of the network its header describes".into();
+            return Err(Error::Tensor { path: path.into(), tensor: extra.to_owned(), reason });
+        }
         let read = |parameter: Parameter| -> Result<Parameter> {
             let values = weights::read_tensor(path, &tensors, &parameter.name, &parameter.shape)?;
             Ok(Parameter { values, ..parameter })
         };
         Self::with_parameters(header, &fresh.into_iter().map(read).collect::<Result<Vec<_>>>()?)
+    }
+
+    /// Writes a weights file, beside its place and renamed.
+    ///
+    /// # Errors
+    /// When it cannot be written, or a value is not finite.
+    pub fn save(&self, path: &Path, precision: Precision) -> Result<()> {
+        Ok(file::write_atomic(path, &encode(&self.header, &self.parameters(), precision)?)?)
     }
 
     /// Its parameters on the host.
@@ -196,7 +208,7 @@ pub(super) fn forward(network: &FusionNet, products: Products, batch: &mut Batch
 /// When a value is not finite.
 pub fn encode(header: &Header, parameters: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
     let header = serde_json::to_string(header).map_err(|e| Error::malformed("weights to be written", e.to_string()))?;
-    weights::encode_with(&header, parameters, precision)
+    weights::encode(&header, parameters, precision)
 }
 
 /// A record in half precision is read as one in single precision is, up to rounding.

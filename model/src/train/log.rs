@@ -6,33 +6,6 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
-/// One line of the log; averages are over the steps since the line before.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Record {
-    /// Steps done.
-    pub step: u64,
-    /// Share of the run done, 0..=1.
-    pub share: f64,
-    /// Total loss.
-    pub loss: f32,
-    /// Squared error in z.
-    pub bridge: f32,
-    /// PSNR of the display picture over covered pixels, from the mean squared error.
-    pub display_psnr: f32,
-    /// Absolute difference of display gradients.
-    pub gradient: f32,
-    /// Norm of the gradient before clipping.
-    pub gradient_norm: f32,
-    /// Learning rate.
-    pub lr: f64,
-    /// Crops a second.
-    pub images_per_second: f64,
-    /// Seconds of training so far, over all resumptions.
-    pub elapsed: f64,
-    /// Seconds left.
-    pub eta: f64,
-}
-
 /// What every kind of record has.
 #[derive(Deserialize)]
 struct Stepped {

@@ -1,6 +1,6 @@
 //! Clips in memory: all of them when they fit, otherwise a window that slides over a seeded order as training goes on.
 
-use crate::data::{Clip, ClipSource, StoredFrame, step_rng};
+use crate::data::{Clip, ClipSource, step_rng};
 use crate::{Error, Result};
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
@@ -23,12 +23,6 @@ pub struct PoolSettings {
 pub trait Stored: Default + Send + Sync {
     /// Memory it takes.
     fn bytes(&self) -> usize;
-}
-
-impl Stored for Vec<StoredFrame> {
-    fn bytes(&self) -> usize {
-        self.iter().map(StoredFrame::bytes).sum()
-    }
 }
 
 /// Makes what is kept of a clip; called from several threads.

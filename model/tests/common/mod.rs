@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3A};
 use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Camera, Environment, Frame, FrameInfo};
-use renderflow_model::{Clip, NetworkConfig};
+use renderflow_model::Clip;
 
 /// A blue-white gradient with a warm spot.
 pub fn sky() -> Environment {
@@ -105,11 +105,6 @@ fn with_truth(camera: &Camera, environment: &Environment, tables: &IblTables) ->
         [start[0] * occlusion, start[1] * occlusion * 0.9, start[2] * occlusion * 0.8]
     }));
     frame
-}
-
-/// The tiny network.
-pub fn tiny() -> NetworkConfig {
-    NetworkConfig::tiny()
 }
 
 /// PSNR of the display pictures over covered pixels.

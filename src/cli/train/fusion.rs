@@ -1,17 +1,20 @@
-//! Training of the network that reads all that is given, on sequences made beside the steps.
+//! Training of the network that reads samples, on sequences made beside the steps.
 
 use super::monitor::Monitor;
 use super::reference::References;
 use super::{Bars, Train};
+use crate::dataset::Dataset;
 use crate::dataset::plan::Plan;
-use crate::learning::{Planned, Recipe};
+use crate::learning::{Planned, Recipe, Recorded};
 use crate::truth::Interrupted;
-use anyhow::{Result, ensure};
-use renderflow_model::fusion::training::{self, Config, Progress};
+use anyhow::{Context, Result, ensure};
+use half::f16;
+use renderflow_model::fusion::training::{self, Config, Progress, Source};
 use renderflow_model::fusion::{Fusion, Record};
+use renderflow_scenes::procedural::Split;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The options of a run as JSON.
@@ -22,6 +25,23 @@ struct Options {
     recipe: Recipe,
 }
 
+impl Options {
+    /// Refuses frames of which no crop can be taken, before anything is rendered.
+    fn fits(&self, [width, height]: [usize; 2]) -> Result<()> {
+        let crop = self.training.crops.iter().map(|crop| crop.size).max().unwrap_or(0);
+        ensure!(
+            width.min(height) >= crop,
+            "frames of {width} x {height} pixels are smaller than the crop of {crop} (--config FILE sets crops)"
+        );
+        Ok(())
+    }
+
+    /// How the frames are made that a run is validated on.
+    fn validation(&self) -> Recipe {
+        Recipe { truth_spp: VALIDATION_SPP, frames: 1, samples: Some(VALIDATION_SAMPLES), ..self.recipe.clone() }
+    }
+}
+
 /// Samples a pixel of the truth of sequences that a run is validated on.
 const VALIDATION_SPP: u32 = 64;
 /// Samples a pixel of each part of their frames, and of each neighbour.
@@ -30,41 +50,78 @@ const VALIDATION_SAMPLES: [u32; 2] = [1, 2];
 const VALIDATION_SEQUENCES: u32 = 8;
 
 impl Train {
-    pub(super) fn fusion(&self, plan: &Path, cancel: &AtomicBool) -> Result<()> {
+    pub(super) fn fusion(&self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         // Whatever a render that was stopped says, it was stopped.
-        self.learn_from(plan, cancel).map_err(|error| if cancel.load(Ordering::Relaxed) { Interrupted.into() } else { error })
+        self.learn(allowed, cancel).map_err(|error| if cancel.load(Ordering::Relaxed) { Interrupted.into() } else { error })
     }
 
-    fn learn_from(&self, plan: &Path, cancel: &AtomicBool) -> Result<()> {
+    fn learn(&self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        for (flag, given) in [("--vae", self.vae.is_some()), ("--cache-mib", self.cache_mib.is_some())] {
+            ensure!(!given, "{flag} is of the paper's network: name its --preset or a configuration of it");
+        }
         let options = self.fusion_options()?;
         if self.print_config {
             println!("{}", serde_json::to_string_pretty(&options)?);
             return Ok(());
         }
+        match &self.plan {
+            Some(plan) => self.learn_from_plan(&options, plan, cancel),
+            None => self.learn_from_dataset(&options, self.data()?, allowed, cancel),
+        }
+    }
+
+    fn learn_from_plan(&self, options: &Options, plan: &Path, cancel: &AtomicBool) -> Result<()> {
         let plan = Plan::read(plan)?;
         let counts = plan.sequences;
         ensure!(counts.train > 0, "the plan has no sequences to learn from");
+        options.fits(plan.resolution.map(|side| side as usize)).context("the plan")?;
         let bars = Bars::new(options.training.first);
-        let start = self.from.as_deref().map(Fusion::load).transpose()?;
-        let tested = Planned::new(
-            &plan,
-            [counts.train, counts.val],
-            Recipe { truth_spp: VALIDATION_SPP, frames: 1, samples: Some(VALIDATION_SAMPLES), ..options.recipe.clone() },
-            cancel,
-        );
+        let tested = Planned::new(&plan, [counts.train, counts.val], options.validation(), cancel);
         if !tested.denoises() {
             bars.note("this build has no denoiser: the truth that is learnt from is noisy");
         }
-        let mut validation: Vec<Record<half::f16>> = Vec::new();
-        for i in 0..counts.val.min(VALIDATION_SEQUENCES) {
-            bars.loading.message(format!("validation, sequence {} of {}", i + 1, counts.val.min(VALIDATION_SEQUENCES)));
-            // The last frame of a sequence has everything.
-            validation.extend(tested.records(i.into())?.pop().map(|record| record.to_half()));
-            ensure!(!cancel.load(Ordering::Relaxed), Interrupted);
-        }
-        let references = References::measure(&options.training.network, &validation)?;
+        let validation = validation(&bars, counts.val, &|i| tested.records(i), cancel)?;
         let learnt = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
-        let monitor = Monitor::new(&options.training.output, &validation, &references);
+        self.learn_beside(options, &learnt, &validation, &bars, cancel)
+    }
+
+    fn learn_from_dataset(&self, options: &Options, data: &Path, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        let (dataset, notes) = Dataset::open_to_learn(data)?;
+        let bars = Bars::new(options.training.first);
+        notes.iter().for_each(|note| bars.note(note));
+        for folder in &dataset.sequences {
+            let camera = folder.sequence.cameras.iter().min_by_key(|camera| camera.width.min(camera.height));
+            let size = camera.map_or([0; 2], |camera| [camera.width, camera.height]);
+            options.fits(size).with_context(|| folder.path.display().to_string())?;
+        }
+        let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));
+        let held_out = match beside.filter(|folder| folder.is_dir() && !same(folder, data)) {
+            Some(folder) => Some(Dataset::open_to_learn(&folder)?.0),
+            None => {
+                bars.note("there is no split val beside the data: nothing is validated");
+                None
+            }
+        };
+        let mut records = Vec::new();
+        if let Some(held_out) = &held_out {
+            let tested = Recorded::new(held_out, allowed, options.validation(), cancel)?;
+            records = validation(&bars, held_out.sequences.len() as u32, &|i| tested.records(i), cancel)?;
+        }
+        let learnt = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
+        self.learn_beside(options, &learnt, &records, &bars, cancel)
+    }
+
+    fn learn_beside(
+        &self,
+        options: &Options,
+        source: &dyn Source,
+        validation: &[Record<f16>],
+        bars: &Bars,
+        cancel: &AtomicBool,
+    ) -> Result<()> {
+        let start = self.from.as_deref().map(Fusion::load).transpose()?;
+        let references = References::measure(&options.training.network, validation)?;
+        let monitor = Monitor::new(&options.training.output, validation, &references);
         let shown = |done: Result<()>| done.unwrap_or_else(|error| bars.note(&format!("{error:#}")));
         let tell = |progress: &Progress| match progress {
             Progress::Loading { done, total } => bars.loading(*done as usize, *total as usize),
@@ -84,8 +141,7 @@ impl Train {
                 bars.note(&format!("validation, {what}: {} dB", listed(psnr)));
             }
         }
-        let run = || training::run(&options.training, &learnt, start.as_ref(), &validation, &tell, cancel);
-        bars.finish(&run()?)
+        bars.finish(&training::run(&options.training, source, start.as_ref(), validation, &tell, cancel)?)
     }
 
     fn fusion_options(&self) -> Result<Options> {
@@ -106,4 +162,27 @@ impl Train {
 /// PSNR by tier in one line.
 fn listed(psnr: &BTreeMap<String, f32>) -> String {
     psnr.iter().map(|(name, psnr)| format!("{name} {psnr:.2}")).collect::<Vec<_>>().join(", ")
+}
+
+/// One frame of each of the first of `count` sequences.
+fn validation(
+    bars: &Bars,
+    count: u32,
+    records: &dyn Fn(u64) -> Result<Vec<Record<f32>>>,
+    cancel: &AtomicBool,
+) -> Result<Vec<Record<f16>>> {
+    let count = count.min(VALIDATION_SEQUENCES);
+    let mut validation = Vec::new();
+    for i in 0..count {
+        bars.loading.message(format!("validation, sequence {} of {count}", i + 1));
+        // The last frame of a sequence has everything.
+        validation.extend(records(i.into())?.pop().map(|record| record.to_half()));
+        ensure!(!cancel.load(Ordering::Relaxed), Interrupted);
+    }
+    Ok(validation)
+}
+
+/// Whether two paths lead to one folder.
+fn same(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

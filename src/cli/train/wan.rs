@@ -2,7 +2,7 @@
 
 use super::{Bars, Train};
 use crate::dataset::Dataset;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_model::train::schedule::Decay;
@@ -40,7 +40,6 @@ impl Train {
             },
             _ => return Ok(None),
         };
-        ensure!(self.start.is_none(), "--start is of the compact network: the paper's begins with the albedo");
         self.name_files(&mut config.stage)?;
         config.output = self.out.clone();
         config.steps = self.steps.unwrap_or(config.steps);
@@ -145,14 +144,10 @@ impl Train {
     }
 }
 
-/// A configuration of the paper's network; `None` where the file is one of the compact network.
+/// A configuration of the paper's network; `None` where the file is one of the other network.
 fn read(path: &Path) -> Result<Option<Config>> {
     let value: Value = renderflow_frame::file::read_json(path)?;
-    // Of the options every configuration prints, these are the one network's alone.
-    let has = |keys: &[&str]| keys.iter().any(|key| value.get(key).is_some());
-    let stage = value.get("stage").and_then(Value::as_object).is_some_and(|stage| !stage.contains_key("keyframes"));
-    if has(&["batches", "optimizer"]) || (stage && !has(&["network", "crops"])) {
-        return Ok(Some(renderflow_frame::file::read_json(path)?));
-    }
-    Ok(None)
+    // The other network's options are those of its training and of the frames that it learns from.
+    let others = ["training", "recipe"].iter().any(|key| value.get(key).is_some());
+    Ok(if others { None } else { Some(renderflow_frame::file::read_json(path)?) })
 }

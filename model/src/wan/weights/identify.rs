@@ -2,9 +2,9 @@
 
 use super::save::{Header, Network, Provenance};
 use super::source::{Source, Table};
+use crate::fusion;
 use crate::wan::config::{DitConfig, VaceConfig, VaeConfig};
 use crate::wan::names::{Naming, dit_original, vae_original};
-use crate::weights::WeightsHeader;
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -17,8 +17,8 @@ const CONFIG: &str = "config.json";
 /// What a file holds.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Identity {
-    /// This program's compact network.
-    Compact(Box<WeightsHeader>),
+    /// This program's network that reads samples.
+    Fusion(Box<fusion::render::Header>),
     /// A network of this module, this program's own or a published one.
     Wan(Box<Found>),
     /// Something else; the reason in a sentence.
@@ -58,7 +58,7 @@ pub fn identify(source: &Source) -> Result<Identity> {
         let broken = |e: serde_json::Error| Error::malformed(source.path(), format!("header: {e}"));
         let value: serde_json::Value = serde_json::from_str(text).map_err(broken)?;
         if value.pointer("/network/kind").is_none() {
-            return Ok(Identity::Compact(Box::new(serde_json::from_value(value).map_err(broken)?)));
+            return Ok(Identity::Fusion(Box::new(serde_json::from_value(value).map_err(broken)?)));
         }
         let header: Header = serde_json::from_value(value).map_err(broken)?;
         header.network.validate().map_err(|e| Error::malformed(source.path(), format!("header: {e}")))?;
