@@ -22,6 +22,9 @@ const OIDN_NETWORK: u64 = 480;
 const NEURAL_RECORD: u64 = 700;
 const NEURAL_NETWORK: u64 = 1200;
 
+/// Most samples a pixel that the network inside the program learnt from.
+const NEURAL_MOST: u32 = 32;
+
 /// Whether beauty is denoised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum DenoiseMode {
@@ -30,7 +33,7 @@ pub enum DenoiseMode {
     Auto,
     /// OIDN, or an error that says how to get it.
     Oidn,
-    /// The network inside the program: for pictures, not for the truth of datasets.
+    /// The network inside the program: for pictures of up to 32 samples a pixel, not for the truth of datasets.
     Neural,
     /// The raw picture.
     None,
@@ -59,7 +62,15 @@ impl Cleaner {
         Ok(match mode {
             DenoiseMode::None => None,
             DenoiseMode::Oidn => Some(Self::Oidn(Mutex::new(oidn()?))),
-            DenoiseMode::Neural => Some(Self::neural(Fusion::shipped()?)),
+            DenoiseMode::Neural => {
+                if settings.spp > NEURAL_MOST {
+                    let spp = settings.spp;
+                    eprintln!(
+                        "note: the network learnt from up to {NEURAL_MOST} samples a pixel; with {spp} OIDN has less error"
+                    );
+                }
+                Some(Self::neural(Fusion::shipped()?))
+            }
             DenoiseMode::Auto => match oidn() {
                 Ok(denoiser) => Some(Self::Oidn(Mutex::new(denoiser))),
                 Err(error) => {
