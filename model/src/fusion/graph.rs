@@ -65,7 +65,7 @@ impl Refine {
     }
 
     fn forward(&self, products: Products, x: Tensor<4>) -> Tensor<4> {
-        x.clone() + self.conv.forward_by(products, x, Stride::One, true)
+        x.clone() + self.conv.forward(products, x, Stride::One, true)
     }
 }
 
@@ -127,7 +127,7 @@ impl FusionNet {
         for level in 0..LEVELS {
             if level > 0 {
                 skips.push(x.clone());
-                x = self.reduce[level - 1].forward_by(products, x, Stride::Two, true);
+                x = self.reduce[level - 1].forward(products, x, Stride::Two, true);
             }
             x = self.down[level].forward(products, x);
         }
@@ -135,13 +135,13 @@ impl FusionNet {
         for (enter, up) in self.enter.iter().zip(&self.up) {
             let skip = skips.pop().expect("a skip connection for each level");
             quarter = Some(x.clone());
-            x = up.forward(products, enter.decode_by(products, x, skip));
+            x = up.forward(products, enter.decode(products, x, skip));
         }
         let outputs = head::fine(groups);
         let (weight, bias) = (self.fine.weight.val().narrow(3, 0, outputs), self.fine.bias.val().narrow(0, 0, outputs));
         Outputs {
             fine: ops::conv_by(products, x, weight, bias, Stride::One, false),
-            coarse: quarter.filter(|_| groups.samples).map(|x| self.coarse.forward_by(products, x, Stride::One, false)),
+            coarse: quarter.filter(|_| groups.samples).map(|x| self.coarse.forward(products, x, Stride::One, false)),
         }
     }
 }
