@@ -19,8 +19,8 @@ const RGB: u64 = size_of::<[f32; 3]>() as u64;
 const OIDN_TILE: u64 = 2160 * 2160;
 const OIDN_NETWORK: u64 = 480;
 /// Bytes a pixel of what the network inside the program reads and of its picture, and of the network at work on a pixel.
-const NEURAL_RECORD: u64 = 700;
-const NEURAL_NETWORK: u64 = 1200;
+const NEURAL_RECORD: u64 = 560;
+const NEURAL_NETWORK: u64 = 800;
 
 /// Most samples a pixel that the network inside the program learnt from.
 const NEURAL_MOST: u32 = 32;
