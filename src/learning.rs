@@ -126,6 +126,7 @@ impl<'a> Recorded<'a> {
     /// # Errors
     /// When a file of the dataset cannot be read, or is not the one that was recorded.
     pub fn new(dataset: &'a Dataset, allowed: &'a [PathBuf], recipe: Recipe, cancel: &'a AtomicBool) -> Result<Self> {
+        (0..dataset.sequences.len()).try_for_each(|index| dataset.check_scene(index))?;
         Ok(Self { dataset, digest: dataset.digest()?, allowed, maker: Maker::new(recipe, cancel) })
     }
 

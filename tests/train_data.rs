@@ -108,6 +108,10 @@ fn what_does_not_belong_is_not_learned_from() {
     bytes[last] ^= 1;
     std::fs::write(&frame, &bytes).unwrap();
     data.refused(&flipped, "x", &["frame.0001.exr: is not the file that sequence.json has recorded", "dataset repair"]);
+    let rewritten = copied("a", "rewritten").join("train");
+    let scene = rewritten.join("seq-000001/scene.json");
+    std::fs::write(&scene, std::fs::read_to_string(&scene).unwrap() + "\n").unwrap();
+    data.refused(&rewritten, "x", &["seq-000001", "scene.json", "dataset repair"]);
     let missing = copied("a", "missing").join("train");
     std::fs::remove_dir_all(missing.join("seq-000001")).unwrap();
     assert!(data.trained(&missing, "fewer").contains("2 steps"));

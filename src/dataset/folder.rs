@@ -183,6 +183,11 @@ impl Dataset {
         }
     }
 
+    /// Checks that the scene of a sequence is the one that was recorded.
+    pub(crate) fn check_scene(&self, index: usize) -> Result<()> {
+        self.hash_of(index, "scene.json", false).map(drop)
+    }
+
     fn record(&self, index: usize) -> Option<&Record> {
         self.records.get(index)?.as_ref()
     }
