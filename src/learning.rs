@@ -133,7 +133,7 @@ impl<'a> Recorded<'a> {
     /// The frames of sequence `i`, as [`Planned::records`].
     ///
     /// # Errors
-    /// When it cannot be read or rendered, or has fewer than two frames with a beauty.
+    /// When it cannot be read or rendered, or a frame that is learnt has no beauty, another size or another scene.
     pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
         let count = self.dataset.sequences.len() as u64;
         let mut order: Vec<usize> = (0..count as usize).collect();
@@ -141,6 +141,7 @@ impl<'a> Recorded<'a> {
         let which = order[(i % count) as usize];
         let folder = &self.dataset.sequences[which];
         let make = || -> Result<Vec<Record<f32>>> {
+            ensure!(!folder.is_empty(), "has no frames");
             let file = folder.path.join("scene.json");
             let scene = Scene::read(&file)?;
             let loaded = load::load(&scene, &Reach::of(&file).allow(self.allowed))?;
@@ -163,6 +164,13 @@ impl<'a> Recorded<'a> {
         };
         make().with_context(|| folder.path.display().to_string())
     }
+}
+
+/// `truth`, which must have the size of the frame that it is of.
+fn fitting(truth: Rgb, frame: &Frame) -> Result<Rgb> {
+    let (found, expected) = ([truth.width, truth.height], [frame.width, frame.height]);
+    ensure!(found == expected, "the truth has {found:?} pixels where the scene has {expected:?}");
+    Ok(truth)
 }
 
 /// One of `count`, by name.
@@ -208,7 +216,7 @@ impl<'a> Maker<'a> {
         let mut carried = Vec::new();
         for &number in keys {
             let shot = self.shoot(&mut scene, number, &lighting)?;
-            let truth = truth(number, &scene)?;
+            let truth = fitting(truth(number, &scene)?, &shot.gbuffer)?;
             let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading.surfaces, exposure);
             record.add_deferred(&shot.shaded, exposure);
             record.add_truth(&truth, exposure);
@@ -217,7 +225,7 @@ impl<'a> Maker<'a> {
         }
         for &number in between {
             let shot = self.shoot(&mut scene, number, &lighting)?;
-            let truth = truth(number, &scene)?;
+            let truth = fitting(truth(number, &scene)?, &shot.gbuffer)?;
             let mut record = Record::of(&shot.gbuffer, &shot.shaded.shading.surfaces, exposure);
             record.add_deferred(&shot.shaded, exposure);
             record.add_truth(&truth, exposure);

@@ -1,4 +1,4 @@
-//! Times training steps and inference of the network that reads all that is given, with the shares of the head and of the batches, which
+//! Times training steps and inference of the network that reads samples, with the shares of the head and of the batches, which
 //! are made beside the steps: `cargo run --release -p renderflow-model --example fusion_time`.
 
 use burn::tensor::Device;

@@ -1,4 +1,4 @@
-//! The network that reads all that is given: it learns, goes on exactly where it stopped, and gives finite pictures for any input.
+//! The network that reads samples: it learns, goes on exactly where it stopped, and gives finite pictures for any input.
 
 use half::f16;
 use rand::{RngExt, SeedableRng};

@@ -144,7 +144,7 @@ impl Infer {
                 let there = folder.path.join("scene.json").is_file();
                 ensure!(
                     there,
-                    "has no scene.json, and the network shades the scene: other networks (--weights) read G-buffers alone"
+                    "has no scene.json, and the network shades the scene: the paper's (--weights) reads G-buffers alone"
                 );
                 ensure!(!self.keyframes || !folder.sequence.keyframes.is_empty(), "--keyframes: the sequence has none");
                 Ok(())

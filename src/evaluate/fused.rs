@@ -1,4 +1,4 @@
-//! The network that reads all that is given, on one sequence: what it is handed of a frame, and the seconds of that.
+//! The network that reads samples, on one sequence: what it is handed of a frame, and the seconds that this takes.
 
 use super::renderer::timed;
 use super::traced::{Buffer, Carried, Traced};

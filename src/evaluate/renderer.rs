@@ -81,7 +81,7 @@ pub struct MethodRenderer<'a> {
     keyframes: Vec<Keyframe>,
     sessions: NetworkSessions<'a>,
     tracer: Tracer<'a>,
-    /// Where a method needs the network that reads all that is given.
+    /// Where a method needs the network that reads samples.
     fused: Option<Fused<'a>>,
     /// Whether the first frame pays for nothing but itself.
     warm: bool,

@@ -102,7 +102,7 @@ pub const METRICS: &[Metric] = &[
     },
 ];
 
-/// A method to get a picture.
+/// What tables and plots say of a method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MethodInfo {
     /// Short name in files: letters, digits, `-`, `_`, `.`, `+`.

@@ -13,7 +13,7 @@ pub enum Clean {
     High,
     /// OIDN in least time.
     Fast,
-    /// The network that reads all that is given ([`renderflow_model::fusion`]).
+    /// The network that reads samples ([`renderflow_model::fusion`]).
     Neural,
 }
 
@@ -52,7 +52,7 @@ pub enum Neighbours {
 /// How many frames away samples are taken from.
 pub const REACH: usize = 2;
 
-/// A method to trace a picture.
+/// How a path-traced picture is made.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tracing {
     /// How many.
