@@ -5,6 +5,7 @@ use crate::dataset::plan::Plan;
 use crate::truth;
 use anyhow::{Context, Result, ensure};
 use half::f16;
+use rand::RngExt;
 use rand::seq::SliceRandom;
 use renderflow_frame::deferred::{self, Deferred, Lighting, Options, Shadows};
 use renderflow_frame::ibl;
@@ -13,10 +14,10 @@ use renderflow_frame::reach::Reach;
 use renderflow_frame::{Frame, warp};
 use renderflow_model::data::step_rng;
 use renderflow_model::fusion::fill::{Key, Samples, Seen, background};
-use renderflow_model::fusion::record::{NEIGHBOURS, PARTS};
+use renderflow_model::fusion::record::{self, ALL_BEFORE, AROUND, NEIGHBOURS, PARTS, PICTURES};
 use renderflow_model::fusion::training::Source;
 use renderflow_model::fusion::{Record, batch::BEFORE};
-use renderflow_renderer::denoise::Denoiser;
+use renderflow_renderer::denoise::{self, Denoiser, Quality};
 use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer, shadow_maps};
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::Scene;
@@ -25,8 +26,8 @@ use renderflow_scenes::{LoadedScene, load};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::PathBuf;
-use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, PoisonError};
 
 /// Frames between two keyframes.
 const GAP: usize = 16;
@@ -41,14 +42,16 @@ pub struct Recipe {
     pub max_bounces: u32,
     /// Frames of each sequence between its two keyframes.
     pub frames: usize,
-    /// Samples a pixel of each part of a frame and of each neighbour; `None` draws 1 or 2, seldom 4 or 8, for
-    /// the parts and 1, 2 or 4 for the neighbours.
-    pub samples: Option<[u32; 2]>,
+    /// Samples a pixel of each part of a frame; each neighbour has as many as the first part. `None` draws them: 1, 2, 4 and 8 or 16, in any
+    /// order.
+    pub samples: Option<[u32; PARTS]>,
+    /// Share of the denoised pictures, 0..=1, that OIDN makes in least time; it makes the others with least error.
+    pub fast: f64,
 }
 
 impl Default for Recipe {
     fn default() -> Self {
-        Self { truth_spp: 16, max_bounces: 6, frames: 3, samples: None }
+        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4 }
     }
 }
 
@@ -73,7 +76,8 @@ pub struct Recorded<'a> {
 /// Makes what is learnt of frames.
 struct Maker<'a> {
     recipe: Recipe,
-    denoiser: Option<Mutex<Denoiser>>,
+    /// With least error, and in least time; `None` where this build has no denoiser.
+    denoisers: Option<[Mutex<Denoiser>; 2]>,
     cancel: &'a AtomicBool,
 }
 
@@ -97,7 +101,7 @@ impl<'a> Planned<'a> {
 
     /// Whether the truth is denoised: this build has OIDN.
     pub fn denoises(&self) -> bool {
-        self.maker.denoiser.is_some()
+        self.maker.denoisers.is_some()
     }
 
     /// The frames of sequence `i`: its two keyframes without samples, then those between with everything.
@@ -180,7 +184,10 @@ fn pick(seed: Seed, name: &str, count: usize) -> usize {
 
 impl<'a> Maker<'a> {
     fn new(recipe: Recipe, cancel: &'a AtomicBool) -> Self {
-        Self { recipe, denoiser: Denoiser::new().ok().map(Mutex::new), cancel }
+        let open =
+            |quality| Denoiser::with_options(denoise::Options { quality, ..denoise::Options::default() }).ok().map(Mutex::new);
+        let denoisers = open(Quality::High).zip(open(Quality::Fast)).map(|(high, fast)| [high, fast]);
+        Self { recipe, denoisers, cancel }
     }
 
     /// As many of the frames `between` as the recipe asks for.
@@ -204,8 +211,6 @@ impl<'a> Maker<'a> {
         let frames = loaded.cameras.len();
         let numbers: Vec<usize> = (0..frames).collect();
         let tracks = truth::tracks(loaded, &numbers);
-        let drawn = || [[1, 1, 1, 2, 2, 2, 4, 8][pick(seed, "spp", 8)], [1, 2, 2, 4][pick(seed, "near", 4)]];
-        let [spp, near_spp] = self.recipe.samples.unwrap_or_else(drawn);
 
         let mut scene = RenderScene::compile(loaded)?;
         let exposure = scene.exposure();
@@ -237,7 +242,8 @@ impl<'a> Maker<'a> {
             let alone = ibl::shade(&shot.gbuffer, scene.camera(), scene.environment(), tables);
             record.add_environment(&alone, exposure);
             // Truth, samples and neighbours each have random numbers of their own.
-            for part in 0..PARTS {
+            let samples = self.samples(seed, number);
+            for (part, spp) in samples.into_iter().enumerate() {
                 scene.reseed(loaded.seed.wrapping_add(1 + part as u64));
                 let traced = self.trace(&scene, spp, false)?;
                 let behind = background(scene.camera(), &traced.alpha, &lighting.environment);
@@ -248,12 +254,13 @@ impl<'a> Maker<'a> {
                 let Some(other) = number.checked_add_signed(distance).filter(|other| *other < frames) else { continue };
                 scene.reseed(loaded.seed.wrapping_add(1 + (n % PARTS) as u64));
                 scene.set_frame(other);
-                let traced = self.trace(&scene, near_spp, true)?;
+                let traced = self.trace(&scene, samples[0], true)?;
                 let behind = background(scene.camera(), &traced.alpha, &lighting.environment);
                 let movement = tracks.between(number, other);
                 let source = warp::nearest(&shot.gbuffer, &traced, Some(&|id| movement.of(id)));
                 record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
             }
+            self.add_denoised(&mut record, seed.child("denoised", number as u64), exposure)?;
             records.push(record);
             scene.reseed(loaded.seed);
         }
@@ -282,9 +289,48 @@ impl<'a> Maker<'a> {
     fn truth(&self, scene: &RenderScene) -> Result<Rgb> {
         let traced = self.trace(scene, self.recipe.truth_spp, false)?;
         let raw = traced.raw.context("the path tracer made no picture")?;
-        let Some(denoiser) = &self.denoiser else { return Ok(raw) };
-        let mut denoiser = denoiser.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
+        match &self.denoisers {
+            Some([denoiser, _]) => {
+                let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
+                Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
+            }
+            None => Ok(raw),
+        }
+    }
+
+    /// Samples a pixel of each part of frame `number`.
+    fn samples(&self, seed: Seed, number: usize) -> [u32; PARTS] {
+        self.recipe.samples.unwrap_or_else(|| {
+            let mut rng = seed.child("samples", number as u64).rng();
+            let mut samples = [1, 2, 4, if rng.random_bool(0.3) { 16 } else { 8 }];
+            samples.shuffle(&mut rng);
+            samples
+        })
+    }
+
+    /// Adds what OIDN makes of each part alone, and of the first with its neighbours.
+    fn add_denoised(&self, record: &mut Record<f32>, seed: Seed, exposure: f32) -> Result<()> {
+        let Some(denoisers) = &self.denoisers else { return Ok(()) };
+        let all = record::Chosen::all(record);
+        for place in 0..PICTURES {
+            if place >= PARTS && !all.groups.neighbours {
+                break;
+            }
+            let part = if place < PARTS { place } else { 0 };
+            let neighbours = std::array::from_fn(|n| match place {
+                AROUND => all.neighbours[n],
+                ALL_BEFORE if n < BEFORE => all.neighbours[n],
+                _ => 0.0,
+            });
+            let groups = record::Groups { neighbours: neighbours.iter().any(|spp| *spp > 0.0), ..all.groups };
+            let parts = std::array::from_fn(|other| other == part);
+            let chosen = record::Chosen { groups, parts, spp: record.parts[part] as f32, neighbours, ..all };
+            let [color, albedo, normal] = record.noisy(&chosen, exposure);
+            let fast = seed.child("fast", place as u64).rng().random_bool(self.recipe.fast.clamp(0.0, 1.0));
+            let mut denoiser = denoisers[usize::from(fast)].lock().unwrap_or_else(PoisonError::into_inner);
+            record.add_denoised(place, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
+        }
+        Ok(())
     }
 }
 

@@ -11,6 +11,7 @@ use clap::{Args, ValueEnum};
 use renderflow_frame::{color, exr, file, reach};
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
+use renderflow_renderer::denoise::Denoiser;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -45,6 +46,10 @@ pub struct Infer {
     /// Take in samples of the two frames before, or before and after
     #[arg(long, value_enum, requires = "rays")]
     neighbours: Option<NeighboursArg>,
+    /// What is made of the samples of --rays and read beside them: OIDN's picture of least error or of least time; by default the former where
+    /// this build has OIDN
+    #[arg(long, value_enum, requires = "rays")]
+    denoised: Option<DenoisedArg>,
     /// Surfaces that a path of --rays may scatter at
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
     max_bounces: u32,
@@ -63,6 +68,13 @@ pub struct Infer {
 enum NeighboursArg {
     Before,
     Around,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DenoisedArg {
+    Oidn,
+    Fast,
+    None,
 }
 
 /// What decides the pictures; written into the folder, so that others are not mixed in.
@@ -124,7 +136,16 @@ impl Infer {
             Some(NeighboursArg::Before) => "+before",
             Some(NeighboursArg::Around) => "+around",
         };
-        let id = self.rays.map_or_else(|| format!("neural{keys}"), |rays| format!("pt{rays}+neural{neighbours}{keys}"));
+        let denoised = match self.denoised {
+            Some(DenoisedArg::None) => "",
+            Some(DenoisedArg::Fast) => "+fast",
+            None if Denoiser::new().is_err() => "",
+            Some(DenoisedArg::Oidn) | None => "+oidn",
+        };
+        let id = match self.rays {
+            Some(rays) => format!("pt{rays}{denoised}+neural{neighbours}{keys}"),
+            None => format!("neural{keys}"),
+        };
         let methods = [Method::parse(&id)?];
         let record = Record {
             network: "fusion".into(),

@@ -9,8 +9,9 @@ use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::batch::BEFORE;
 use renderflow_model::fusion::fill::{Key, Samples, Seen, background};
-use renderflow_model::fusion::record::NEIGHBOURS;
+use renderflow_model::fusion::record::{Chosen, NEIGHBOURS};
 use renderflow_model::fusion::{Fusion, Record};
+use renderflow_renderer::denoise::Denoiser;
 
 /// What lasts for a sequence.
 pub struct Fused<'a> {
@@ -55,8 +56,16 @@ impl<'a> Fused<'a> {
         })
     }
 
-    /// From samples of the frame and of its neighbours, with or without keyframes, and the seconds beside those of the samples.
-    pub fn traced(&self, buffer: Buffer, own: &Traced, others: &[(usize, Carried)], keyframes: bool) -> Result<(Rgb, f64)> {
+    /// From samples of the frame and of its neighbours, with or without keyframes and what `denoiser` makes of the samples, and the seconds
+    /// beside those of the samples.
+    pub fn traced(
+        &self,
+        buffer: Buffer,
+        own: &Traced,
+        others: &[(usize, Carried)],
+        keyframes: bool,
+        denoiser: Option<&mut Denoiser>,
+    ) -> Result<(Rgb, f64)> {
         if let Some(truth) = self.truth(buffer.index, keyframes) {
             return Ok((truth, 0.0));
         }
@@ -80,6 +89,10 @@ impl<'a> Fused<'a> {
             }
             if keyframes {
                 self.carry(&mut record, buffer, None);
+            }
+            if let Some(denoiser) = denoiser {
+                let [color, albedo, normal] = record.noisy(&Chosen::all(&record), exposure);
+                record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
             self.draw(&record)
         })

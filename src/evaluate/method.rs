@@ -354,7 +354,7 @@ impl Method {
 
     /// Whether the network that reads samples makes it, whatever it is given.
     pub fn is_neural(&self) -> bool {
-        matches!(self, Self::Neural { .. } | Self::Traced(Tracing { clean: Clean::Neural, .. }))
+        matches!(self, Self::Neural { .. } | Self::Traced(Tracing { clean: Clean::Neural(_), .. }))
     }
 
     /// What tables and plots say about it.

@@ -40,7 +40,7 @@ struct Needs {
 impl Needs {
     fn of(tracing: &Tracing) -> Self {
         // Samples are divided by the albedo that they saw.
-        if tracing.clean == Clean::Neural {
+        if tracing.clean.is_neural() {
             return Self { guides: true, surfaces: false };
         }
         // A G-buffer has both.
@@ -81,7 +81,8 @@ pub struct Buffer<'a> {
 pub struct Tracer<'a> {
     folder: &'a SequenceFolder,
     max_bounces: u32,
-    denoisers: BTreeMap<Effort, Denoiser>,
+    /// By effort, and by whether they are told that the guides are clean.
+    denoisers: BTreeMap<(Quality, bool), Denoiser>,
     /// Seconds of path tracing with 0 samples, and of each more.
     rates: BTreeMap<Needs, [f64; 2]>,
     /// Seconds of each denoiser so far.
@@ -100,11 +101,12 @@ impl<'a> Tracer<'a> {
     /// Opens the denoisers that the methods ask for.
     pub fn new(folder: &'a SequenceFolder, options: &Options) -> Result<Self> {
         let mut denoisers = BTreeMap::new();
-        for tracing in tracings(options.methods).filter(|tracing| matches!(tracing.clean, Clean::High | Clean::Fast)) {
-            let quality = if tracing.clean == Clean::Fast { Quality::Fast } else { Quality::High };
+        for tracing in tracings(options.methods) {
+            let Some(quality) = tracing.clean.oidn() else { continue };
             for clean_guides in [true, false] {
-                let effort = (tracing.clean, clean_guides);
-                if !denoisers.contains_key(&effort) && (clean_guides || tracing.guides == Guides::Own) {
+                let effort = (quality, clean_guides);
+                let noisy = tracing.guides == Guides::Own && !tracing.clean.is_neural();
+                if !denoisers.contains_key(&effort) && (clean_guides || noisy) {
                     let options = denoise::Options { quality, clean_guides };
                     let denoiser = Denoiser::with_options(options).context("path tracing + OIDN is among the methods")?;
                     denoisers.insert(effort, denoiser);
@@ -200,16 +202,23 @@ impl<'a> Tracer<'a> {
             self.see(scene, buffer, &frames)?;
         }
         scene.set_frame(self.folder.numbers[buffer.index]);
-        let own = &self.traced[&keys[0]];
-        let mut seconds = own.seconds;
-        if tracing.clean == Clean::Neural {
+        if tracing.clean.is_neural() {
             let network = fused.context("the methods need weights of the network that reads samples (--weights)")?;
+            // Taken out for as long as samples are borrowed.
+            let key = tracing.clean.oidn().map(|quality| (quality, true));
+            let mut denoiser = key.and_then(|key| self.denoisers.remove(&key));
+            let own = &self.traced[&keys[0]];
             let (others, gathering) = timed(|| Ok(self.carried(&keys)))?;
             let others: Vec<(usize, Carried)> = keys[1..].iter().map(|key| key.0).zip(others).collect();
-            let (picture, drawing) = network.traced(buffer, own, &others, tracing.keyframes)?;
-            self.denoised.entry((Clean::Neural, true)).or_default().push(gathering + drawing);
-            return Ok((picture, seconds + buffer.seconds + gathering + drawing, self.traced[&keys[0]].spp));
+            let drawn = network.traced(buffer, own, &others, tracing.keyframes, denoiser.as_mut());
+            let (seconds, spp) = (own.seconds, own.spp);
+            self.denoisers.extend(key.zip(denoiser));
+            let (picture, drawing) = drawn?;
+            self.denoised.entry((tracing.clean, true)).or_default().push(gathering + drawing);
+            return Ok((picture, seconds + buffer.seconds + gathering + drawing, spp));
         }
+        let own = &self.traced[&keys[0]];
+        let mut seconds = own.seconds;
         let carried;
         let (raw, guides) = if frames.len() > 1 {
             let (gathered, gathering) = timed(|| Ok(self.gather(&keys)))?;
@@ -222,7 +231,8 @@ impl<'a> Tracer<'a> {
         };
         let spp = own.spp;
         let effort = effort(tracing, keys.iter().map(|key| camera_rays(key.2)).sum());
-        let Some(denoiser) = self.denoisers.get_mut(&effort) else { return Ok((raw.clone(), seconds, spp)) };
+        let denoiser = tracing.clean.oidn().and_then(|quality| self.denoisers.get_mut(&(quality, effort.1)));
+        let Some(denoiser) = denoiser else { return Ok((raw.clone(), seconds, spp)) };
         let [albedo, normal] = match (tracing.guides, guides) {
             (Guides::Own, Some([albedo, normal])) => [Some(albedo), Some(normal)],
             _ => {
@@ -319,7 +329,7 @@ impl<'a> Tracer<'a> {
         let Some(&rate) = self.rates.get(&Needs::of(tracing)) else { return 1 };
         let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| median(seconds.clone())).filter(|s| s.is_finite());
         let mut others = usual(self.gathered.get(&tracing.neighbours)).unwrap_or(0.0);
-        if tracing.guides == Guides::GBuffer || tracing.clean == Clean::Neural {
+        if tracing.guides == Guides::GBuffer || tracing.clean.is_neural() {
             others += buffer.seconds;
         }
         let frames = 1 + tracing.neighbours.of(index, self.folder.len()).len() as u32;
@@ -352,7 +362,7 @@ fn camera_rays(spp: u32) -> u32 {
 
 /// How a picture is denoised whose guides are of this many camera rays a pixel.
 fn effort(tracing: &Tracing, rays: u32) -> Effort {
-    (tracing.clean, tracing.guides == Guides::GBuffer || tracing.clean == Clean::Neural || rays >= CLEAN_GUIDES)
+    (tracing.clean, tracing.guides == Guides::GBuffer || tracing.clean.is_neural() || rays >= CLEAN_GUIDES)
 }
 
 /// The path-traced methods.

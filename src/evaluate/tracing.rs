@@ -3,6 +3,7 @@
 use super::method::Method;
 use super::results::{Group, MethodInfo};
 use anyhow::{Result, bail, ensure};
+use renderflow_renderer::denoise::Quality;
 
 /// How a path-traced picture is cleaned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -13,8 +14,8 @@ pub enum Clean {
     High,
     /// OIDN in least time.
     Fast,
-    /// The network that reads samples ([`renderflow_model::fusion`]).
-    Neural,
+    /// The network that reads samples ([`renderflow_model::fusion`]), and with them what OIDN makes of them where it is named.
+    Neural(Option<Quality>),
 }
 
 /// How many samples a pixel a path-traced picture has.
@@ -105,28 +106,33 @@ impl Tracing {
             ensure!(timed, "{id}: needs a method with a time of its own");
             return Ok(Self { samples: Samples::AsLongAs(to.id()), clean, guides, neighbours, keyframes });
         }
-        let clean = if cut(&mut rest, "+oidn") {
-            Clean::High
+        let neural = cut(&mut rest, "+neural");
+        let denoised = if cut(&mut rest, "+oidn") {
+            Some(Quality::High)
         } else if cut(&mut rest, "+fast") {
-            Clean::Fast
-        } else if cut(&mut rest, "+neural") {
-            Clean::Neural
+            Some(Quality::Fast)
         } else {
-            Clean::Raw
+            None
+        };
+        let clean = match denoised {
+            _ if neural => Clean::Neural(denoised),
+            Some(Quality::Fast) => Clean::Fast,
+            Some(_) => Clean::High,
+            None => Clean::Raw,
         };
         let Some(samples) = rest.strip_prefix("pt") else { bail!("there is no method {id:?}") };
         if let Some((_, after)) = samples.split_once('+') {
             bail!(
-                "{id}: +{after} has no place there: +oidn, +fast or +neural, then +gbuffer, then +around or +before, then +keys"
+                "{id}: +{after} has no place there: +oidn or +fast, +neural, then +gbuffer, then +around or +before, then +keys"
             );
         }
         ensure!(
             clean != Clean::Raw || (guides, neighbours) == (Guides::Own, Neighbours::Alone),
             "{id}: +gbuffer, +around and +before are for the denoiser: put +oidn, +fast or +neural before"
         );
-        ensure!(!keyframes || clean == Clean::Neural, "{id}: +keys is for the network: put +neural before");
+        ensure!(!keyframes || neural, "{id}: +keys is for the network: put +neural before");
         // The network reads the G-buffer always.
-        ensure!(guides == Guides::Own || clean != Clean::Neural, "{id}: +neural has a G-buffer by itself");
+        ensure!(guides == Guides::Own || !neural, "{id}: +neural has a G-buffer by itself");
         let samples = match samples.strip_prefix('-') {
             Some(budget) => match budget.strip_suffix("ms").map(str::parse) {
                 Some(Ok(milliseconds @ 1..=LONGEST)) => Samples::Within(milliseconds),
@@ -183,7 +189,7 @@ impl Tracing {
         }
         note.extend(match self.guides {
             Guides::Own if self.clean == Clean::Raw => None,
-            Guides::Own if self.clean == Clean::Neural => Some("pays for the G-buffer"),
+            Guides::Own if self.clean.is_neural() => Some("pays for the G-buffer"),
             Guides::Own => Some("guided by its own camera rays"),
             Guides::GBuffer => Some("pays for the G-buffer"),
         });
@@ -207,12 +213,28 @@ impl Tracing {
 }
 
 impl Clean {
+    /// The effort of OIDN, where it is at work.
+    pub(super) fn oidn(self) -> Option<Quality> {
+        match self {
+            Self::Raw => None,
+            Self::High => Some(Quality::High),
+            Self::Fast => Some(Quality::Fast),
+            Self::Neural(denoised) => denoised,
+        }
+    }
+
+    pub(super) fn is_neural(self) -> bool {
+        matches!(self, Self::Neural(_))
+    }
+
     fn suffix(self) -> &'static str {
         match self {
             Self::Raw => "",
             Self::High => "+oidn",
             Self::Fast => "+fast",
-            Self::Neural => "+neural",
+            Self::Neural(None) => "+neural",
+            Self::Neural(Some(Quality::Fast)) => "+fast+neural",
+            Self::Neural(Some(_)) => "+oidn+neural",
         }
     }
 
@@ -221,7 +243,9 @@ impl Clean {
             Self::Raw => "",
             Self::High => " + OIDN",
             Self::Fast => " + OIDN fast",
-            Self::Neural => " + network",
+            Self::Neural(None) => " + network",
+            Self::Neural(Some(Quality::Fast)) => " + OIDN fast + network",
+            Self::Neural(Some(_)) => " + OIDN + network",
         }
     }
 }
@@ -281,7 +305,8 @@ pub(super) const HELP: [(&str, &str); 6] = [
     (
         "pt4+neural",
         "the network that reads samples in place of OIDN, with the G-buffer that it reads; also pt-50ms+neural+around, \
-         pt4+neural+before+keys (+keys last: with keyframes)",
+         pt4+neural+before+keys (+keys last: with keyframes); pt4+oidn+neural, pt4+fast+neural: what OIDN makes of the samples, guided by \
+         that G-buffer, is handed to the network beside them",
     ),
 ];
 

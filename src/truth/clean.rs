@@ -7,6 +7,7 @@ use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Environment, Frame};
 use renderflow_model::fusion::fill::{Samples, background};
+use renderflow_model::fusion::record::Chosen;
 use renderflow_model::fusion::{Fusion, Record, render};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
@@ -19,7 +20,7 @@ const RGB: u64 = size_of::<[f32; 3]>() as u64;
 const OIDN_TILE: u64 = 2160 * 2160;
 const OIDN_NETWORK: u64 = 480;
 /// Bytes a pixel of what the network inside the program reads and of its picture, and of the network at work on a pixel.
-const NEURAL_RECORD: u64 = 560;
+const NEURAL_RECORD: u64 = 640;
 const NEURAL_NETWORK: u64 = 800;
 
 /// Most samples a pixel that the network inside the program learnt from.
@@ -33,7 +34,8 @@ pub enum DenoiseMode {
     Auto,
     /// OIDN, or an error that says how to get it.
     Oidn,
-    /// The network inside the program: for pictures of up to 32 samples a pixel, not for the truth of datasets.
+    /// The network inside the program, which reads OIDN's picture too where OIDN is there: for pictures of up to 32 samples a pixel, not for the
+    /// truth of datasets.
     Neural,
     /// The raw picture.
     None,
@@ -44,6 +46,8 @@ pub(super) enum Cleaner {
     Oidn(Mutex<Denoiser>),
     Neural {
         network: Box<Fusion>,
+        /// What else is made of the samples and handed to the network.
+        oidn: Option<Mutex<Denoiser>>,
         /// What headers of frames say: other weights make other pictures.
         name: String,
         /// Of the environment seen last; frames of a sequence share it.
@@ -69,7 +73,8 @@ impl Cleaner {
                         "note: the network learnt from up to {NEURAL_MOST} samples a pixel; with {spp} OIDN has less error"
                     );
                 }
-                Some(Self::neural(Fusion::shipped()?))
+                // The network reads a G-buffer, whose guides are clean.
+                Some(Self::neural(Fusion::shipped()?, Denoiser::new().ok()))
             }
             DenoiseMode::Auto => match oidn() {
                 Ok(denoiser) => Some(Self::Oidn(Mutex::new(denoiser))),
@@ -81,7 +86,7 @@ impl Cleaner {
         })
     }
 
-    fn neural(network: Fusion) -> Self {
+    fn neural(network: Fusion, oidn: Option<Denoiser>) -> Self {
         let mut hasher = blake3::Hasher::new();
         for parameter in network.parameters() {
             parameter.values.iter().for_each(|v| {
@@ -89,7 +94,13 @@ impl Cleaner {
             });
         }
         let digest = hasher.finalize().to_hex();
-        Self::Neural { network: Box::new(network), name: format!("neural {}", &digest[..16]), tables: Mutex::new(None) }
+        let after = if oidn.is_some() { "oidn + " } else { "" };
+        Self::Neural {
+            network: Box::new(network),
+            oidn: oidn.map(Mutex::new),
+            name: format!("{after}neural {}", &digest[..16]),
+            tables: Mutex::new(None),
+        }
     }
 
     /// Name in the headers of frames.
@@ -104,14 +115,15 @@ impl Cleaner {
     pub(super) fn bytes(&self, pixels: u64) -> [u64; 2] {
         let each = |bytes: u64| pixels.saturating_mul(bytes);
         match self {
-            Self::Oidn(_) => {
-                // Its own pictures (colour, two guides, the result) and its network; besides, the copies that it is handed.
-                let own = each(4 * RGB).saturating_add(pixels.min(OIDN_TILE) * OIDN_NETWORK);
-                [own.saturating_add(each(3 * RGB)), own]
-            }
-            Self::Neural { .. } => {
+            // Besides its own pictures the copies that it is handed.
+            Self::Oidn(_) => [oidn_bytes(pixels).saturating_add(each(3 * RGB)), oidn_bytes(pixels)],
+            Self::Neural { oidn, .. } => {
                 let tile = pixels.min(render::TILE_PIXELS as u64);
-                [each(NEURAL_RECORD).saturating_add(tile * NEURAL_NETWORK), 0]
+                let network = each(NEURAL_RECORD).saturating_add(tile * NEURAL_NETWORK);
+                match oidn {
+                    Some(_) => [network.saturating_add(each(3 * RGB)).saturating_add(oidn_bytes(pixels)), oidn_bytes(pixels)],
+                    None => [network, 0],
+                }
             }
         }
     }
@@ -123,17 +135,8 @@ impl Cleaner {
     pub(super) fn clean(&self, scene: &RenderScene, frame: &Frame, settings: &Settings, cancel: &AtomicBool) -> Result<Rgb> {
         let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
         match self {
-            Self::Oidn(denoiser) => {
-                let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
-                // OIDN must not be at work when the process ends: it stops by itself.
-                let denoised =
-                    stop::hold(|| denoiser.denoise_until(raw, frame.guide_albedo.as_ref(), frame.guide_normal.as_ref(), cancel));
-                match denoised {
-                    Err(DenoiseError::Cancelled) => Err(Interrupted.into()),
-                    denoised => Ok(denoised?),
-                }
-            }
-            Self::Neural { network, tables, .. } => {
+            Self::Oidn(denoiser) => denoise(denoiser, raw, [frame.guide_albedo.as_ref(), frame.guide_normal.as_ref()], cancel),
+            Self::Neural { network, oidn, tables, .. } => {
                 let (camera, environment, exposure) = (scene.camera(), scene.environment(), scene.exposure());
                 // The network learnt from G-buffers of this many camera rays a pixel, also beside fewer samples.
                 let usual = Settings::default();
@@ -149,10 +152,33 @@ impl Cleaner {
                 record.add_environment(&shading, exposure);
                 let behind = background(camera, &frame.alpha, environment);
                 record.add_part(0, &Samples::of(frame, &behind).context("samples without guides")?, exposure);
+                if let Some(oidn) = oidn {
+                    let [color, albedo, normal] = record.noisy(&Chosen::all(&record), exposure);
+                    let denoised = denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?;
+                    record.add_denoised(0, &denoised, exposure);
+                }
                 let pixels = network.render(&record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
                 Ok(Rgb { width: record.width, height: record.height, pixels })
             }
         }
+    }
+}
+
+/// Bytes that OIDN takes for a picture of so many pixels: its own copies (colour, two guides, the result) and its network.
+fn oidn_bytes(pixels: u64) -> u64 {
+    pixels.saturating_mul(4 * RGB).saturating_add(pixels.min(OIDN_TILE) * OIDN_NETWORK)
+}
+
+/// What OIDN makes of `color`, guided by albedo and normals.
+///
+/// # Errors
+/// [`Interrupted`] when stopped; when OIDN fails.
+fn denoise(denoiser: &Mutex<Denoiser>, color: &Rgb, [albedo, normal]: [Option<&Rgb>; 2], cancel: &AtomicBool) -> Result<Rgb> {
+    let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
+    // OIDN must not be at work when the process ends: it stops by itself.
+    match stop::hold(|| denoiser.denoise_until(color, albedo, normal, cancel)) {
+        Err(DenoiseError::Cancelled) => Err(Interrupted.into()),
+        denoised => Ok(denoised?),
     }
 }
 

@@ -3,9 +3,10 @@
 
 use super::graph::MULTIPLE;
 use super::head::Picture;
-use super::record::{CHANNELS, Chosen, Groups, KEYS, Known, NEIGHBOURS, PARTS, Record, at, push_channels, radiance};
+use super::record::{
+    ALL_BEFORE, AROUND, CHANNELS, Chosen, Groups, KEYS, Known, NEIGHBOURS, PARTS, Record, Stored, at, push_channels, radiance,
+};
 use half::f16;
-use half::slice::HalfFloatSliceExt;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -21,18 +22,31 @@ pub struct Tier {
     pub weight: f32,
 }
 
-const fn groups(deferred: bool, keys: bool, samples: bool, neighbours: bool) -> Groups {
-    Groups { deferred, keys, samples, neighbours }
+const NONE: Groups = Groups { deferred: false, keys: false, samples: false, neighbours: false, denoised: false };
+const DEFERRED: Groups = Groups { deferred: true, ..NONE };
+const RAYS: Groups = Groups { samples: true, ..NONE };
+const DENOISED: Groups = Groups { denoised: true, ..RAYS };
+
+const fn with_keys(groups: Groups) -> Groups {
+    Groups { keys: true, ..groups }
+}
+
+const fn with_neighbours(groups: Groups) -> Groups {
+    Groups { neighbours: true, ..groups }
 }
 
 /// The combinations that are learnt and reported.
-pub const TIERS: [Tier; 6] = [
-    Tier { name: "deferred", groups: groups(true, false, false, false), weight: 0.15 },
-    Tier { name: "deferred+keys", groups: groups(true, true, false, false), weight: 0.2 },
-    Tier { name: "rays", groups: groups(false, false, true, false), weight: 0.25 },
-    Tier { name: "rays+keys", groups: groups(false, true, true, false), weight: 0.1 },
-    Tier { name: "rays+around", groups: groups(false, false, true, true), weight: 0.2 },
-    Tier { name: "rays+around+keys", groups: groups(false, true, true, true), weight: 0.1 },
+pub const TIERS: [Tier; 10] = [
+    Tier { name: "deferred", groups: DEFERRED, weight: 0.1 },
+    Tier { name: "deferred+keys", groups: with_keys(DEFERRED), weight: 0.15 },
+    Tier { name: "rays", groups: RAYS, weight: 0.15 },
+    Tier { name: "rays+keys", groups: with_keys(RAYS), weight: 0.05 },
+    Tier { name: "rays+around", groups: with_neighbours(RAYS), weight: 0.1 },
+    Tier { name: "rays+around+keys", groups: with_keys(with_neighbours(RAYS)), weight: 0.05 },
+    Tier { name: "denoised", groups: DENOISED, weight: 0.15 },
+    Tier { name: "denoised+keys", groups: with_keys(DENOISED), weight: 0.05 },
+    Tier { name: "denoised+around", groups: with_neighbours(DENOISED), weight: 0.15 },
+    Tier { name: "denoised+around+keys", groups: with_keys(with_neighbours(DENOISED)), weight: 0.05 },
 ];
 
 /// Largest change of exposure, in stops.
@@ -75,8 +89,9 @@ impl Change {
         };
         turn(at::ALBEDO, 1.0);
         let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH]);
-        let counted = (at::KEYS_SHADED..at::TRUTH).step_by(4);
-        plain.chain(counted).for_each(|from| turn(from, self.gain));
+        let denoised = (at::DENOISED..at::TRUTH).step_by(3);
+        let counted = (at::KEYS_SHADED..at::DENOISED).step_by(4);
+        plain.chain(denoised).chain(counted).for_each(|from| turn(from, self.gain));
     }
 }
 
@@ -201,24 +216,6 @@ impl Batch {
     }
 }
 
-/// Numbers of a pixel in either precision.
-pub trait Stored: Copy + Send + Sync {
-    /// As single precision.
-    fn read(from: &[Self], to: &mut [f32]);
-}
-
-impl Stored for f32 {
-    fn read(from: &[Self], to: &mut [f32]) {
-        to.copy_from_slice(from);
-    }
-}
-
-impl Stored for f16 {
-    fn read(from: &[Self], to: &mut [f32]) {
-        from.convert_to_f32_slice(to);
-    }
-}
-
 /// A crop of which one point in eight at least shows a surface, if four tries find one: sky teaches nothing.
 fn place<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&'a Record<f16>, Window) {
     let mut tries = 0;
@@ -238,17 +235,28 @@ fn place<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&
     }
 }
 
-/// Some of what `record` has of the wanted groups: any number of parts, neighbours on both sides or only before.
+/// Some of what `record` has of the wanted groups: any number of parts, neighbours on both sides or only before; with a denoised picture the
+/// samples that it was made of.
 fn choose(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Chosen {
     let mut chosen = Chosen { groups, ..Chosen::all(record) };
     let there = record.parts.iter().filter(|spp| **spp > 0).count();
-    let keep = rng.random_range(1..=there.max(1));
-    let first = rng.random_range(0..there.max(1));
+    let before_alone = rng.random_bool(0.3);
+    let (mut first, mut keep) = (rng.random_range(0..there.max(1)), rng.random_range(1..=there.max(1)));
+    if groups.denoised {
+        keep = 1;
+        if groups.neighbours {
+            first = 0;
+        }
+        chosen.picture = match (groups.neighbours, before_alone) {
+            (false, _) => first,
+            (true, false) => AROUND,
+            (true, true) => ALL_BEFORE,
+        };
+    }
     for part in 0..PARTS {
         chosen.parts[part] = part < there && (part + there - first) % there < keep;
     }
     chosen.spp = (0..PARTS).filter(|part| chosen.parts[*part]).map(|part| record.parts[part] as f32).sum();
-    let before_alone = rng.random_bool(0.3);
     for (n, spp) in chosen.neighbours.iter_mut().enumerate() {
         *spp = if groups.neighbours && (n < BEFORE || !before_alone) { record.neighbours[n] as f32 } else { 0.0 };
     }
@@ -261,6 +269,7 @@ fn choose(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Chosen {
 
 #[cfg(test)]
 mod tests {
+    use super::super::record::PICTURES;
     use super::*;
     use rand::SeedableRng;
 
@@ -272,6 +281,7 @@ mod tests {
         record.distances = [Some(-3.0), Some(13.0)];
         record.parts = [2; PARTS];
         record.neighbours = [2; NEIGHBOURS];
+        record.denoised = [true; PICTURES];
         record
     }
 
@@ -295,6 +305,7 @@ mod tests {
                 assert_eq!(b.terms[2][c], 0.5 * a.terms[2][from]);
                 assert_eq!(b.keys[1][c], 0.5 * a.keys[1][from]);
                 assert_eq!(b.others[3][c], 0.5 * a.others[3][from]);
+                assert_eq!(b.denoised.unwrap()[c], 0.5 * a.denoised.unwrap()[from]);
                 assert_eq!(changed.truth[i][c], 0.5 * plain.truth[mirrored][from]);
             }
         }
@@ -312,6 +323,7 @@ mod tests {
             assert_eq!(batch.input.len(), 3 * 1024 * tier.groups.channels());
             assert!(batch.known.iter().any(|known| known.own[3] > 0.0) == tier.groups.samples);
             assert!(batch.known.iter().any(|known| known.trust[0].is_finite()) == tier.groups.keys);
+            assert!(batch.known.iter().all(|known| known.denoised.is_some()) == tier.groups.denoised);
             assert!(Batch::draw(&[&bare], &[tier], 32, 1, &mut rng).is_some() != (tier.groups.deferred || tier.groups.keys));
         }
         let mut rng = Pcg64Mcg::seed_from_u64(1);

@@ -1,6 +1,6 @@
 //! Fills records: what the path tracer, deferred shading and the warp give becomes what the network reads.
 
-use super::record::{KEYS, NEIGHBOURS, PARTS, Record, TINT, at, radiance, tint};
+use super::record::{Chosen, KEYS, Known, NEIGHBOURS, PARTS, PICTURES, Record, TINT, at, radiance, tint};
 use glam::Vec2;
 use rayon::prelude::*;
 use renderflow_frame::deferred::Deferred;
@@ -186,6 +186,44 @@ impl Record<f32> {
         self.each(|i, out| {
             let carried = source.pixels[i].map_or([0.0; 4], |there| samples.at(there as usize, out, exposure));
             out[at::NEARBY + 4 * n..][..4].copy_from_slice(&carried);
+        });
+    }
+
+    /// The picture of the samples that are `chosen`, carried neighbours among them, as another denoiser takes it: scene-linear, with the albedo and
+    /// the normals of the frame as guides. The tint that samples were divided by is that of the pixel here, so that edges come out a little
+    /// cleaner than they were.
+    pub fn noisy(&self, chosen: &Chosen, exposure: f32) -> [Rgb; 3] {
+        let mut pictures = [(); 3].map(|()| Rgb::filled(self.width, self.height, [0.0; 3]));
+        let [colors, albedos, normals] = &mut pictures;
+        let row = self.width.max(1);
+        let guides = albedos.pixels.par_iter_mut().zip(&mut normals.pixels);
+        let stored = self.pixels.par_chunks_exact(at::COUNT).with_min_len(row);
+        stored.zip(&mut colors.pixels).zip(guides).for_each(|((stored, color), (albedo, normal))| {
+            let known = Known::new(stored, chosen);
+            let sum = known.others.iter().fold(known.own, |sum, other| std::array::from_fn(|c| sum[c] + other[c]));
+            // How much of the pixel is covered, as its own samples see it.
+            let covered = (known.own[3] / chosen.spp.max(1.0)).clamp(0.0, 1.0);
+            let scale = if sum[3] > 0.0 { covered / sum[3] } else { 0.0 };
+            let of = |c: usize| sum[c] * scale * known.tint[c] + (1.0 - covered) * known.background[c];
+            *color = [of(0), of(1), of(2)].map(|v| v / exposure);
+            *albedo = [0, 1, 2].map(|c| known.alpha * stored[at::ALBEDO + c]);
+            *normal = [0, 1, 2].map(|c| stored[at::NORMAL + c]);
+        });
+        pictures
+    }
+
+    /// Adds what another denoiser made of samples as picture `place`, scene-linear, background included.
+    pub fn add_denoised(&mut self, place: usize, picture: &Rgb, exposure: f32) {
+        assert!(place < PICTURES, "picture {place} of {PICTURES}");
+        self.denoised[place] = true;
+        self.each(|i, out| {
+            let alpha = out[at::ALPHA];
+            if alpha <= 0.0 {
+                return;
+            }
+            let behind = |c: usize| (1.0 - alpha) * out[at::BACKGROUND + c];
+            let surface: [f32; 3] = std::array::from_fn(|c| (exposure * finite(picture.pixels[i][c]) - behind(c)) / alpha);
+            put(out, at::DENOISED + 3 * place, surface.map(radiance));
         });
     }
 

@@ -6,8 +6,8 @@
 //! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, j over 5 x 5,
 //!
 //! so that pixels which see no surface have no say. The three are brought to full size (bilinear) and blended: the filtered samples. They,
-//! what the surface mirrors of the environment, the carried keyframes and the sum of the deferred terms, each term times `exp(g)`, are
-//! mixed with softmax weights; some of the mirrored and a residual times the tint are added, and coverage puts the environment behind.
+//! what the surface mirrors of the environment, a picture that another denoiser made of the samples, the carried keyframes and the sum of
+//! the deferred terms, each term times `exp(g)`, are mixed with softmax weights; some of the mirrored and a residual times the tint are added, and coverage puts the environment behind.
 //! Kernels blur what a smooth surface mirrors, the split sum does not.
 
 use super::record::{Groups, KEYS, Known, NEIGHBOURS, TERMS};
@@ -23,13 +23,15 @@ const REACH: usize = 2;
 const PADDED: usize = KERNEL.next_multiple_of(16);
 /// Scales of the kernels.
 const SCALES: usize = 3;
-/// Candidates: filtered samples, keyframes, deferred shading; with samples also what is mirrored of the environment, the last.
+/// Candidates: filtered samples, keyframes, deferred shading; with samples also what is mirrored of the environment, and the denoised picture.
 const CANDIDATES: usize = 2 + KEYS;
-const MIXED: usize = CANDIDATES + 1;
+const MIRRORED: usize = CANDIDATES;
+const DENOISED: usize = CANDIDATES + 1;
+const MIXED: usize = CANDIDATES + 2;
 
 /// Outputs for a pixel of the three blocks: what every picture has, what samples add, what neighbours add.
 const BASE: usize = CANDIDATES + TERMS + 3;
-const TRACED: usize = KERNEL + SCALES + 2;
+const TRACED: usize = KERNEL + SCALES + 3;
 const MERGE: usize = 1 + NEIGHBOURS;
 /// Outputs at 1/2 with everything: four pixels, and the kernel of scale 2.
 pub const FINE: usize = 4 * (BASE + TRACED + MERGE) + KERNEL;
@@ -38,6 +40,8 @@ pub const FINE: usize = 4 * (BASE + TRACED + MERGE) + KERNEL;
 const MOST: f32 = 4.0;
 /// Logits before training of the samples where there are some, and of the keyframes, beside 0 of deferred shading.
 const TRUST: [f32; 2] = [5.0, 3.0];
+/// The same of a denoised picture.
+const TRUST_DENOISED: f32 = 8.0;
 /// Logit of the middle of a kernel before training.
 const MIDDLE: f32 = 2.0;
 /// Logit of the finest scale before training.
@@ -165,11 +169,15 @@ impl Picture<'_> {
             scales: [0.0; SCALES],
         };
         if self.groups.samples {
-            let outputs = &self.fine[self.traced_at(i) + KERNEL..][..SCALES + 2];
+            let outputs = &self.fine[self.traced_at(i) + KERNEL..][..SCALES + 3];
             mix.scales = softmax([outputs[0] + FINEST, outputs[1], outputs[2]]);
-            mix.candidates[CANDIDATES] = known.reflected;
-            mix.weights[CANDIDATES] = outputs[SCALES];
+            mix.candidates[MIRRORED] = known.reflected;
+            mix.weights[MIRRORED] = outputs[SCALES];
             mix.shine = outputs[SCALES + 1];
+            if let Some(denoised) = known.denoised {
+                mix.candidates[DENOISED] = denoised;
+                mix.weights[DENOISED] = outputs[SCALES + 2] + TRUST_DENOISED;
+            }
             let filtered = self.filtered(i, &mix.scales, scales);
             if filtered[3] > NOTHING {
                 mix.candidates[0] = std::array::from_fn(|c| filtered[c] * known.tint[c]);
@@ -284,8 +292,9 @@ impl Picture<'_> {
             }
             if self.groups.samples {
                 let at = self.traced_at(i) + KERNEL + SCALES;
-                fine_out[at] = mix.weights[CANDIDATES] * (along[CANDIDATES] - mean);
-                fine_out[at + 1] = along[CANDIDATES];
+                fine_out[at] = mix.weights[MIRRORED] * (along[MIRRORED] - mean);
+                fine_out[at + 1] = along[MIRRORED];
+                fine_out[at + 2] = mix.weights[DENOISED] * (along[DENOISED] - mean);
                 let d: [f32; 3] = std::array::from_fn(|c| d[c] * mix.weights[0] * known.tint[c]);
                 self.spread(i, &mix, d, scales, &mut filtered, &mut fine_out);
             }
@@ -483,6 +492,7 @@ mod tests {
         known.own = traced(rng);
         known.others = std::array::from_fn(|_| traced(rng));
         known.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
+        known.denoised = groups.denoised.then(|| std::array::from_fn(|_| rng.random_range(0.05..1.0)));
         if groups.keys {
             known.trust = [0.2, if rng.random_bool(0.5) { -0.3 } else { f32::NEG_INFINITY }];
         }
@@ -493,12 +503,12 @@ mod tests {
     #[test]
     fn derivatives_agree_with_differences() {
         let (width, height) = (8, 8);
-        for bits in 0..16 {
-            let [deferred, keys, samples, neighbours] = [0, 1, 2, 3].map(|bit| bits >> bit & 1 == 1);
-            if neighbours && !samples {
+        for bits in 0..32 {
+            let [deferred, keys, samples, neighbours, denoised] = [0, 1, 2, 3, 4].map(|bit| bits >> bit & 1 == 1);
+            if (neighbours || denoised) && !samples {
                 continue;
             }
-            let groups = Groups { deferred, keys, samples, neighbours };
+            let groups = Groups { deferred, keys, samples, neighbours, denoised };
             let mut rng = Pcg64Mcg::seed_from_u64(bits);
             let known: Vec<Known> = (0..width * height).map(|_| known(&mut rng, groups)).collect();
             let mut random = |count: usize| -> Vec<f32> { (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() };
@@ -532,7 +542,7 @@ mod tests {
         }
     }
 
-    /// Outputs of 0 give the best picture there is: mostly samples, else keyframes, else deferred shading.
+    /// Outputs of 0 give the best picture there is: mostly that of another denoiser, else samples, else keyframes, else deferred shading.
     #[test]
     fn an_untrained_network_gives_what_it_was_handed() {
         let one = Known {
@@ -554,7 +564,8 @@ mod tests {
         let deferred = Groups { deferred: true, ..Groups::default() };
         let mut bare = known[0];
         bare.trust = [f32::NEG_INFINITY; KEYS];
-        assert!((draw(Groups { samples: true, ..Groups::default() })[0] - 2.0).abs() < 0.2);
+        let samples = Groups { samples: true, ..Groups::default() };
+        assert!((draw(samples)[0] - 2.0).abs() < 0.2);
         assert!((draw(Groups { keys: true, ..deferred })[0] - 0.7).abs() < 0.05);
         let bare = vec![bare; 64];
         let fine_outputs = vec![0.0; 16 * fine(deferred)];

@@ -11,6 +11,12 @@ pub const KEYS: usize = 2;
 pub const PARTS: usize = 4;
 /// Neighbouring frames whose samples a record holds, at most.
 pub const NEIGHBOURS: usize = 4;
+/// Denoised pictures that a record holds, at most: one of each part alone, then [`AROUND`] and [`ALL_BEFORE`].
+pub const PICTURES: usize = PARTS + 2;
+/// Of the denoised pictures, the one of the first part with all neighbours.
+pub const AROUND: usize = PARTS;
+/// Of the denoised pictures, the one of the first part with the neighbours before the frame.
+pub const ALL_BEFORE: usize = PARTS + 1;
 /// Terms of deferred shading that get a factor of their own: lights, diffuse sky, reflections, bounced light.
 pub const TERMS: usize = 4;
 
@@ -23,7 +29,7 @@ const AGE: [f32; 2] = [16.0, 2.0];
 
 /// Where the numbers of a pixel begin. Radiance is exposed and linear, 0..=65504.
 pub mod at {
-    use super::{KEYS, NEIGHBOURS, PARTS};
+    use super::{KEYS, NEIGHBOURS, PARTS, PICTURES};
 
     /// Base colour over the pixel, 0..=1.
     pub const ALBEDO: usize = 0;
@@ -57,8 +63,10 @@ pub mod at {
     pub const SAMPLES: usize = KEYS_TINTED + 4 * KEYS;
     /// The same of each neighbour; coverage 0 where it does not show this surface.
     pub const NEARBY: usize = SAMPLES + 4 * PARTS;
+    /// Of each denoised picture: radiance of the surface.
+    pub const DENOISED: usize = NEARBY + 4 * NEIGHBOURS;
     /// True radiance.
-    pub const TRUTH: usize = NEARBY + 4 * NEIGHBOURS;
+    pub const TRUTH: usize = DENOISED + 3 * PICTURES;
     /// Numbers a pixel.
     pub const COUNT: usize = TRUTH + 3;
 }
@@ -74,15 +82,17 @@ pub struct Groups {
     pub samples: bool,
     /// Samples of its neighbours; only where there are some of its own.
     pub neighbours: bool,
+    /// A picture that another denoiser made of these samples; only where there are some.
+    pub denoised: bool,
 }
 
-/// Channels a pixel that the network reads of each group: G-buffer, deferred, keys, samples, neighbours.
-pub const CHANNELS: [usize; 5] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS];
+/// Channels a pixel that the network reads of each group: G-buffer, deferred, keys, samples, neighbours, denoised.
+pub const CHANNELS: [usize; 6] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS, 3];
 
 impl Groups {
     /// Whether each of the groups of [`CHANNELS`] is there.
-    pub fn given(self) -> [bool; 5] {
-        [true, self.deferred, self.keys, self.samples, self.neighbours]
+    pub fn given(self) -> [bool; 6] {
+        [true, self.deferred, self.keys, self.samples, self.neighbours, self.denoised]
     }
 
     /// Channels a pixel of the groups that are there.
@@ -108,6 +118,8 @@ pub struct Record<T> {
     pub parts: [u32; PARTS],
     /// Samples a pixel of each neighbour, 0 = not there.
     pub neighbours: [u32; NEIGHBOURS],
+    /// Which denoised pictures are there.
+    pub denoised: [bool; PICTURES],
 }
 
 impl<T> Record<T> {
@@ -119,6 +131,7 @@ impl<T> Record<T> {
             keys: self.distances.iter().any(Option::is_some),
             samples,
             neighbours: samples && self.neighbours.iter().any(|&spp| spp > 0),
+            denoised: samples && self.denoised.contains(&true),
         }
     }
 }
@@ -141,6 +154,7 @@ impl Record<f32> {
             distances: self.distances,
             parts: self.parts,
             neighbours: self.neighbours,
+            denoised: self.denoised,
         }
     }
 }
@@ -165,10 +179,12 @@ pub struct Chosen {
     pub spp: f32,
     /// Samples a pixel of each neighbour, 0 where it is not used.
     pub neighbours: [f32; NEIGHBOURS],
+    /// Which denoised picture; read only where the groups have one.
+    pub picture: usize,
 }
 
 impl Chosen {
-    /// Everything that `record` has.
+    /// Everything that `record` has; of several denoised pictures the first.
     pub fn all<T>(record: &Record<T>) -> Self {
         let groups = record.groups();
         Self {
@@ -177,6 +193,7 @@ impl Chosen {
             parts: record.parts.map(|spp| spp > 0),
             spp: record.parts.iter().sum::<u32>() as f32,
             neighbours: record.neighbours.map(|spp| if groups.neighbours { spp as f32 } else { 0.0 }),
+            picture: record.denoised.iter().position(|there| *there).unwrap_or(0),
         }
     }
 }
@@ -215,6 +232,8 @@ pub struct Known {
     pub own: [f32; 4],
     /// The same of each neighbour.
     pub others: [[f32; 4]; NEIGHBOURS],
+    /// Radiance of the surface in the denoised picture, where there is one.
+    pub denoised: Option<[f32; 3]>,
 }
 
 impl Known {
@@ -257,7 +276,26 @@ impl Known {
                 *other = std::array::from_fn(|c| chosen.neighbours[n] * stored[at::NEARBY + 4 * n + c]);
             }
         }
+        known.denoised = groups.denoised.then(|| three(at::DENOISED + 3 * chosen.picture));
         known
+    }
+}
+
+/// Numbers of a pixel in either precision.
+pub trait Stored: Copy + Send + Sync {
+    /// As single precision.
+    fn read(from: &[Self], to: &mut [f32]);
+}
+
+impl Stored for f32 {
+    fn read(from: &[Self], to: &mut [f32]) {
+        to.copy_from_slice(from);
+    }
+}
+
+impl Stored for f16 {
+    fn read(from: &[Self], to: &mut [f32]) {
+        from.convert_to_f32_slice(to);
     }
 }
 
@@ -266,8 +304,8 @@ fn keys_at(groups: Groups) -> usize {
     if groups.deferred { at::KEYS_SHADED } else { at::KEYS_TINTED }
 }
 
-/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples and what the environment gives, neighbours.
-const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS;
+/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples and what the environment gives, neighbours, denoised.
+const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS + 1;
 
 /// Appends what the network reads of a pixel, [`Groups::channels`] numbers of about -1..=2.
 pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut Vec<f32>) {
@@ -320,6 +358,9 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
         for (other, spp) in known.others.iter().zip(chosen.neighbours) {
             traced(*other, spp, &[], out);
         }
+    }
+    if let Some(denoised) = known.denoised {
+        colour(std::array::from_fn(|c| denoised[c] / known.tint[c]), out);
     }
     debug_assert_eq!(out.len() - before, groups.channels());
     let mut curved = [0.0; (3 * COLOURS).next_multiple_of(16)];

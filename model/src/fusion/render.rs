@@ -2,7 +2,7 @@
 
 use super::batch::{Batch, Change, Window};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
-use super::record::{Chosen, Record};
+use super::record::{Chosen, Record, Stored};
 use crate::ops::Products;
 use crate::parameters::{self, Parameter, to_vec};
 use crate::weights::{self, Precision};
@@ -158,12 +158,12 @@ impl Fusion {
     ///
     /// # Errors
     /// When the record is empty.
-    pub fn draw<T: super::batch::Stored>(&self, record: &Record<T>, chosen: &Chosen) -> Result<Vec<[f32; 3]>> {
+    pub fn draw<T: Stored>(&self, record: &Record<T>, chosen: &Chosen) -> Result<Vec<[f32; 3]>> {
         self.draw_in_tiles(record, chosen, TILE)
     }
 
     /// [`Self::draw`] in tiles of `side` columns and rows, a multiple of [`MULTIPLE`].
-    fn draw_in_tiles<T: super::batch::Stored>(&self, record: &Record<T>, chosen: &Chosen, side: usize) -> Result<Vec<[f32; 3]>> {
+    fn draw_in_tiles<T: Stored>(&self, record: &Record<T>, chosen: &Chosen, side: usize) -> Result<Vec<[f32; 3]>> {
         let (width, height) = (record.width, record.height);
         if width == 0 || height == 0 {
             return Err(Error::Data { place: "frame".into(), reason: format!("has {width} x {height} pixels") });
@@ -186,7 +186,7 @@ impl Fusion {
         Ok(picture)
     }
 
-    fn draw_window<T: super::batch::Stored>(&self, record: &Record<T>, chosen: &Chosen, window: Window) -> Vec<[f32; 3]> {
+    fn draw_window<T: Stored>(&self, record: &Record<T>, chosen: &Chosen, window: Window) -> Vec<[f32; 3]> {
         let mut batch = Batch::of(record, window, chosen, &Change::NONE);
         let outputs = forward(&self.network, self.products, &mut batch, &self.device);
         let fine = to_vec(outputs.fine);
@@ -214,7 +214,7 @@ pub fn encode(header: &Header, parameters: &[Parameter], precision: Precision) -
 /// A record in half precision is read as one in single precision is, up to rounding.
 pub fn as_single(record: &Record<f16>) -> Record<f32> {
     let mut single = Record::new(record.width, record.height);
-    <f16 as super::batch::Stored>::read(&record.pixels, &mut single.pixels);
+    <f16 as Stored>::read(&record.pixels, &mut single.pixels);
     Record {
         pixels: single.pixels,
         width: record.width,
@@ -223,12 +223,13 @@ pub fn as_single(record: &Record<f16>) -> Record<f32> {
         distances: record.distances,
         parts: record.parts,
         neighbours: record.neighbours,
+        denoised: record.denoised,
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::{NEIGHBOURS, PARTS, at};
+    use super::super::record::{NEIGHBOURS, PARTS, PICTURES, at};
     use super::*;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
@@ -242,6 +243,7 @@ mod tests {
         record.pixels.chunks_exact_mut(at::COUNT).for_each(|stored| stored[at::ALPHA] = 1.0);
         record.parts = [2; PARTS];
         record.neighbours = [2; NEIGHBOURS];
+        record.denoised = [true; PICTURES];
         // Weights of every layer, so that what is far away has a say.
         let fresh = Fusion::untrained(&FusionConfig { widths: [16; 4] }, 5).expect("a network");
         let mut parameters = fresh.parameters();

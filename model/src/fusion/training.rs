@@ -4,7 +4,7 @@
 use super::batch::{Batch, TIERS, Tier};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE};
 use super::objective::{LossWeights, display, loss};
-use super::record::{Chosen, Groups, Record, at};
+use super::record::{AROUND, Chosen, PARTS, Record, at};
 use super::render::{self, Fusion, Header};
 use crate::data::step_rng;
 use crate::ops::Products;
@@ -423,26 +423,29 @@ pub fn run(
     })
 }
 
-/// What is validated: each tier that a record can serve, with all it has; with samples by their number.
+/// What is validated: each tier that a record can serve, with all it has; with samples those of one part, of each part where nothing else
+/// is given.
 pub fn variants(record: &Record<f16>) -> Vec<(String, Chosen)> {
-    let has = record.groups();
+    let has = record.groups().given();
     let mut found = Vec::new();
     for tier in TIERS {
-        let Groups { deferred, keys, samples, neighbours } = tier.groups;
-        if (deferred && !has.deferred) || (keys && !has.keys) || (samples && !has.samples) || (neighbours && !has.neighbours) {
+        if has.into_iter().zip(tier.groups.given()).any(|(has, given)| given && !has) {
             continue;
         }
         let all = Chosen { groups: tier.groups, ..Chosen::all(record) };
-        if !samples {
+        if !tier.groups.samples {
             found.push((tier.name.to_owned(), all));
             continue;
         }
-        let there = record.parts.iter().filter(|spp| **spp > 0).count();
-        for keep in [1, 2, 4].into_iter().filter(|keep| *keep <= there) {
+        let alone = !tier.groups.keys && !tier.groups.neighbours;
+        for part in (0..if alone { PARTS } else { 1 }).filter(|part| record.parts[*part] > 0) {
             let mut chosen = all;
-            chosen.parts = std::array::from_fn(|part| part < keep);
-            chosen.spp = record.parts[..keep].iter().sum::<u32>() as f32;
-            found.push((format!("{} {}", tier.name, chosen.spp), chosen));
+            chosen.parts = std::array::from_fn(|other| other == part);
+            chosen.spp = record.parts[part] as f32;
+            chosen.picture = if tier.groups.neighbours { AROUND } else { part };
+            if !tier.groups.denoised || record.denoised[chosen.picture] {
+                found.push((format!("{} {}", tier.name, chosen.spp), chosen));
+            }
         }
     }
     found

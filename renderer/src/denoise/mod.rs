@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub const MAX_RADIANCE: f32 = 65504.0;
 
 /// Effort of the denoiser.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Quality {
     /// Least time, for previews.
     Fast,

@@ -9,6 +9,7 @@ use crate::learning::{Planned, Recipe, Recorded};
 use crate::truth::Interrupted;
 use anyhow::{Context, Result, ensure};
 use half::f16;
+use renderflow_model::fusion::record::PARTS;
 use renderflow_model::fusion::training::{self, Config, Progress, Source};
 use renderflow_model::fusion::{Fusion, Record};
 use renderflow_scenes::procedural::Split;
@@ -38,14 +39,20 @@ impl Options {
 
     /// How the frames are made that a run is validated on.
     fn validation(&self) -> Recipe {
-        Recipe { truth_spp: VALIDATION_SPP, frames: 1, samples: Some(VALIDATION_SAMPLES), ..self.recipe.clone() }
+        Recipe {
+            truth_spp: self.recipe.truth_spp.max(VALIDATION_SPP),
+            frames: 1,
+            samples: Some(VALIDATION_SAMPLES),
+            fast: 0.0,
+            ..self.recipe.clone()
+        }
     }
 }
 
-/// Samples a pixel of the truth of sequences that a run is validated on.
-const VALIDATION_SPP: u32 = 64;
-/// Samples a pixel of each part of their frames, and of each neighbour.
-const VALIDATION_SAMPLES: [u32; 2] = [1, 2];
+/// Samples a pixel of the truth of sequences that a run is validated on, at least.
+const VALIDATION_SPP: u32 = 128;
+/// Samples a pixel of each part of their frames; of each neighbour as many as of the first.
+const VALIDATION_SAMPLES: [u32; PARTS] = [4, 1, 2, 8];
 /// Most sequences that a run is validated on.
 const VALIDATION_SEQUENCES: u32 = 8;
 

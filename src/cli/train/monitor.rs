@@ -22,7 +22,7 @@ use std::sync::Mutex;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// What is drawn of the frames that a run is validated on.
-const SHEETS: [&str; 3] = ["deferred+keys", "rays 1", "rays+around+keys 1"];
+const SHEETS: [&str; 4] = ["deferred+keys", "rays 1", "denoised 4", "denoised+around+keys 4"];
 /// Most frames of a sheet.
 const FRAMES: usize = 4;
 
