@@ -239,7 +239,7 @@ impl<'a> Maker<'a> {
                 let movement = tracks.between(number, keys[k]);
                 record.add_key(k, &Seen { key, distance, movement }, &shot.gbuffer, Some(&shot.shaded.image), exposure);
             }
-            let alone = ibl::shade(&shot.gbuffer, scene.camera(), scene.environment(), tables);
+            let alone = ibl::shade(&shot.gbuffer, scene.environment(), tables);
             record.add_environment(&alone, exposure);
             // Truth, samples and neighbours each have random numbers of their own.
             let samples = self.samples(seed, number);
@@ -270,20 +270,16 @@ impl<'a> Maker<'a> {
     /// G-buffer and deferred picture of frame `number`, at which `scene` stands then.
     fn shoot(&self, scene: &mut RenderScene, number: usize, lighting: &Lighting) -> Result<Shot> {
         scene.set_frame(number);
-        let mut gbuffer = render_gbuffer(scene, &Settings::default())?;
-        let camera = *scene.camera();
-        gbuffer.info.camera = Some(camera);
-        let shadows: Shadows = shadow_maps(scene, lighting, &deferred::receivers(&gbuffer, &camera));
-        let shaded = deferred::shade(&gbuffer, &camera, lighting, &shadows, &Options::default());
+        let gbuffer = render_gbuffer(scene, &Settings::default())?;
+        let shadows: Shadows = shadow_maps(scene, lighting, &deferred::receivers(&gbuffer));
+        let shaded = deferred::shade(&gbuffer, lighting, &shadows, &Options::default());
         Ok(Shot { gbuffer, shaded })
     }
 
     fn trace(&self, scene: &RenderScene, spp: u32, surfaces: bool) -> Result<Frame> {
         let channels = Channels { guides: true, gbuffer: surfaces, ..Channels::BEAUTY };
         let settings = Settings { spp, max_bounces: self.recipe.max_bounces, channels, ..Settings::default() };
-        let mut traced = render(scene, &settings, &|_, _| (), self.cancel)?;
-        traced.info.camera = Some(*scene.camera());
-        Ok(traced)
+        Ok(render(scene, &settings, &|_, _| (), self.cancel)?)
     }
 
     fn truth(&self, scene: &RenderScene) -> Result<Rgb> {

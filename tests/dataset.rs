@@ -252,7 +252,7 @@ fn wrong_conventions_are_found() {
         (
             "distance in place of depth",
             |frame| {
-                let camera = frame.info.camera.unwrap();
+                let camera = frame.info.camera;
                 for (i, depth) in frame.depth.pixels.iter_mut().enumerate() {
                     let pixel = glam::Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
                     *depth *= camera.direction_cam(pixel).length();
@@ -264,7 +264,7 @@ fn wrong_conventions_are_found() {
         (
             "normals in the world",
             |frame| {
-                let turn = frame.info.camera.unwrap().camera_to_world.matrix3;
+                let turn = frame.info.camera.camera_to_world.matrix3;
                 frame.normal.pixels.iter_mut().for_each(|n| *n = (turn * glam::Vec3A::from(*n)).to_array());
             },
             "read as world space",

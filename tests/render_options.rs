@@ -170,7 +170,7 @@ fn the_network_inside_the_program_cleans_pictures() {
     }
     let (raw, cleaned) = (read("raw"), read("a"));
     let name = cleaned.info.denoiser.clone().unwrap();
-    let name = name.strip_prefix("oidn + ").unwrap_or(name);
+    let name = name.strip_prefix("oidn + ").unwrap_or(&name);
     assert!(name.starts_with("neural ") && name.len() == 23, "{name}");
     assert!(cleaned == read("b"), "the picture depends on the threads");
     let samples = |frame: &Frame| frame.raw.clone().or(frame.beauty.clone());

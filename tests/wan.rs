@@ -184,8 +184,8 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
     let view = SequenceView::new(&sequence);
     let mut session = renderer.begin(&view, Options::default()).unwrap();
     for index in 0..5 {
-        let (frame, camera) = (sequence.frame(index).unwrap(), sequence.camera(index));
-        session.push(View { number: index, index, frame: &frame, camera }).unwrap();
+        let frame = sequence.frame(index).unwrap();
+        session.push(View { number: index, index, frame: &frame }).unwrap();
     }
     let state = session.state().unwrap().encode().unwrap();
     std::fs::write(stopped.join("seq-000000/stopped.safetensors"), state).unwrap();

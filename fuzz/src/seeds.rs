@@ -33,7 +33,7 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
         material: ramp(0.25),
         object_id: Image::filled(4, 3, 1),
         material_id: Image::filled(4, 3, 2),
-        info: FrameInfo { camera: Some(camera), spp: 4, seed: 7, exposure: 0.5, ..FrameInfo::default() },
+        info: FrameInfo { camera, spp: 4, seed: 7, exposure: 0.5, ..FrameInfo::default() },
         ..Frame::default()
     };
     put("exr", "frame.exr", &exr::encode(Path::new("frame.exr"), &frame)?.0)?;

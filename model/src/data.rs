@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use renderflow_frame::tracks::Tracks;
-use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_frame::{Environment, Frame};
 
 /// One sequence as it was rendered: consecutive frames under one environment.
 #[derive(Clone, Debug)]
@@ -13,8 +13,6 @@ pub struct Clip {
     pub name: String,
     /// Frames with `beauty`.
     pub frames: Vec<Frame>,
-    /// Camera of each frame.
-    pub cameras: Vec<Camera>,
     /// Light of the sequence.
     pub environment: Environment,
     /// Factor from radiance to display-linear.
@@ -33,9 +31,9 @@ impl Clip {
     /// # Errors
     /// [`Error::Data`] when lengths disagree, the exposure is no positive number, or a frame has no beauty.
     pub fn check(&self) -> Result<()> {
-        let (frames, cameras, numbers) = (self.frames.len(), self.cameras.len(), self.numbers.len());
-        if frames == 0 || cameras != frames || numbers != frames {
-            return Err(self.broken(format!("{frames} frames with {cameras} cameras and {numbers} numbers")));
+        let (frames, numbers) = (self.frames.len(), self.numbers.len());
+        if frames == 0 || numbers != frames {
+            return Err(self.broken(format!("{frames} frames with {numbers} numbers")));
         }
         if !(self.exposure.is_finite() && self.exposure > 0.0) {
             return Err(self.broken(format!("exposure {} is not a positive number", self.exposure)));

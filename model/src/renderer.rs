@@ -6,10 +6,8 @@
 use crate::wan::pictures::DepthBounds;
 use crate::wan::video::WanRenderer;
 use crate::{Error, Result, weights};
-use renderflow_frame::ibl::IblTables;
 use renderflow_frame::image::Rgb;
-use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_frame::{Environment, Frame};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -67,8 +65,6 @@ pub struct KeyframePlace {
 pub trait Sequence: Sync {
     /// The light.
     fn environment(&self) -> &Environment;
-    /// What image-based lighting needs of it.
-    fn tables(&self) -> &IblTables;
     /// Factor from radiance to display-linear, > 0.
     fn exposure(&self) -> f32;
     /// Depths of the whole sequence.
@@ -82,9 +78,7 @@ pub trait Sequence: Sync {
     ///
     /// # Errors
     /// When it cannot be read.
-    fn keyframe(&self, index: usize) -> Result<(Frame, Camera)>;
-    /// How objects moved from stored frame `from` to stored frame `to`.
-    fn movement(&self, from: usize, to: usize) -> Movement<'_>;
+    fn keyframe(&self, index: usize) -> Result<Frame>;
 }
 
 /// A frame to be rendered.
@@ -96,8 +90,6 @@ pub struct View<'a> {
     pub index: usize,
     /// Its G-buffer; a beauty is not looked at.
     pub frame: &'a Frame,
-    /// Its camera.
-    pub camera: &'a Camera,
 }
 
 /// A finished frame.

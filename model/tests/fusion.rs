@@ -155,7 +155,7 @@ fn frame(camera: &Camera) -> Frame {
         guide_normal: Some(rgb([0.0, 1.0, 0.0])),
         ..Frame::default()
     };
-    frame.info.camera = Some(*camera);
+    frame.info.camera = *camera;
     frame
 }
 
@@ -169,7 +169,7 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     let frame = frame(&camera);
     let environment = Environment::constant([0.5; 3]);
     let lighting = Lighting::new(&environment, 1);
-    let shaded = shade(&frame, &camera, &lighting, &Shadows::default(), &Options::default());
+    let shaded = shade(&frame, &lighting, &Shadows::default(), &Options::default());
     let exposure = ibl::exposure(&environment);
     let raw = Rgb::filled(width, height, value);
     let background = shaded.shading.surfaces.background.clone();
@@ -206,7 +206,7 @@ fn samples_over_the_tint_are_the_light() {
     let albedo = frame.guide_albedo.as_mut().unwrap();
     albedo.pixels.iter_mut().for_each(|rgb| *rgb = [rng.random(), rng.random(), rng.random()]);
     let environment = Environment::constant([1.0; 3]);
-    let shading = ibl::shade(&frame, &camera, &environment, &ibl::IblTables::new(&environment));
+    let shading = ibl::shade(&frame, &environment, &ibl::IblTables::new(&environment));
     let record = Record::of(&frame, &shading.surfaces, 1.0);
     let mut compared = 0;
     for (i, stored) in record.pixels.chunks_exact(at::COUNT).enumerate() {

@@ -158,11 +158,11 @@ fn a_sequence_is_rendered_in_clips_that_begin_with_the_last_frame_of_the_one_bef
             assert_shown(rendered, picture, &sequence);
         }
         // The environment where nothing is seen, to the bit.
-        let (frame, camera) = (&sequence.clip.frames[9], &sequence.clip.cameras[9]);
+        let frame = &sequence.clip.frames[9];
         let sky: Vec<usize> = (0..SIDE * SIDE).filter(|&i| frame.alpha.pixels[i] == 0.0).collect();
         assert!(sky.len() > 20, "{} pixels of sky", sky.len());
         for i in sky {
-            let direction = camera.ray_direction(glam::Vec2::new((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5));
+            let direction = frame.info.camera.ray_direction(glam::Vec2::new((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5));
             assert_eq!(rendered[9].linear.pixels[i], sequence.clip.environment.radiance(direction));
         }
     }
@@ -279,7 +279,6 @@ fn what_stands_still_is_encoded_once_and_looks_the_same() {
     // Only the albedo changes, in two clips; then, after a cut, only that again, from elsewhere.
     for i in (1..13).filter(|i| *i != 9) {
         let from = if i < 9 { 0 } else { 9 };
-        sequence.clip.cameras[i] = sequence.clip.cameras[from];
         sequence.clip.frames[i] = sequence.clip.frames[from].clone();
         sequence.clip.frames[i].albedo = sequence.clip.frames[from].albedo.map(|p| p.map(|v| v / (1.0 + i as f32)));
     }
@@ -365,7 +364,7 @@ fn bad_input_is_refused_in_words() {
     let mut session = renderer.begin(&sequence, Options::default()).expect("begins");
     session.push(sequence.view(0)).expect("taken");
     let other = clip(1, 24);
-    let view = View { number: 1, index: 1, frame: &other.frames[0], camera: &other.cameras[0] };
+    let view = View { number: 1, index: 1, frame: &other.frames[0] };
     let message = session.push(view).expect_err("must fail").to_string();
     assert!(message.contains("24x24") && message.contains("20x20"), "{message}");
     // What was refused leaves the session as it was.

@@ -125,18 +125,18 @@ fn sequence(
     let mut values = Vec::new();
     let mut tiles = ShadowTiles::default();
     let (mut frames, mut pictures) = (Vec::new(), Vec::new());
-    for (file, camera) in sequence.files.iter().zip(&sequence.cameras).take(study.frames.unwrap_or(usize::MAX)) {
+    for file in sequence.files.iter().take(study.frames.unwrap_or(usize::MAX)) {
         let frame = renderflow_frame::frame_file::read(&folder.join(file))?;
         let number = file.split('.').nth(1).and_then(|n| n.parse().ok()).unwrap_or(0);
         scene.set_frame(number);
         let start = Instant::now();
-        let maps = tiles.maps(&scene, &lighting, &deferred::receivers(&frame, camera));
+        let maps = tiles.maps(&scene, &lighting, &deferred::receivers(&frame));
         seconds[1] += start.elapsed().as_secs_f64();
-        let split_sum = ibl::shade(&frame, camera, &environment, &tables).image;
+        let split_sum = ibl::shade(&frame, &environment, &tables).image;
         let mut row = vec![psnr(&frame, &split_sum, sequence.exposure)];
         for (name, options) in variants {
             let start = Instant::now();
-            let made: Deferred = deferred::shade(&frame, camera, &lighting, &maps, options);
+            let made: Deferred = deferred::shade(&frame, &lighting, &maps, options);
             if *name == "all" {
                 seconds[2] += start.elapsed().as_secs_f64();
                 if let (Some(images), Some(truth)) = (&study.images, &frame.beauty) {

@@ -81,7 +81,7 @@ fn all_maps_of_a_frame_and_none_without_receivers() {
     assert!(shadow_map(&scene, Vec3A::Y, 0.0, &[Vec3A::NAN], 16).is_none());
 
     let (frame, _) = render(&scene, 1);
-    let points = receivers(&frame, scene.camera());
+    let points = receivers(&frame);
     let made = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| shadow_maps(&scene, &lighting, &points))
@@ -90,7 +90,7 @@ fn all_maps_of_a_frame_and_none_without_receivers() {
     assert_eq!(maps, made(3));
     assert_eq!(maps.sky.len(), lighting.sky.len());
     assert!(maps.lights.iter().flatten().all(|map| (64..2 * SHADOW_MAP_SIZE).contains(&map.depth.width)));
-    let picture = deferred::shade(&frame, scene.camera(), &lighting, &maps, &Options::default());
+    let picture = deferred::shade(&frame, &lighting, &maps, &Options::default());
     assert!(picture.image.pixels.iter().flatten().all(|v| v.is_finite()));
     let dark = picture.visibility[0].pixels.iter().filter(|v| **v < 0.1).count();
     assert!(dark > 20, "{dark} pixels in the shadow");
@@ -112,7 +112,7 @@ fn kept_tiles_do_not_show() {
         for index in [0, 1, 2, 5, 4, 3, 0] {
             scene.set_frame(index);
             let frame = render_gbuffer(&scene, &Settings::default()).expect("in range");
-            let points = receivers(&frame, scene.camera());
+            let points = receivers(&frame);
             assert!(tiles.maps(&scene, &lighting, &points) == shadow_maps(&scene, &lighting, &points), "frame {index}");
         }
     }

@@ -178,7 +178,7 @@ fn frame(
     // Not looked at: the smallest there is.
     let view = EnvironmentView::new(&folder.environment, 2, 1);
     let bounds = DepthBounds::of([&frame]);
-    let pictures = Pictures::new(&frame, folder.camera(index), &folder.environment, &view, folder.sequence.exposure, bounds)?;
+    let pictures = Pictures::new(&frame, &folder.environment, &view, folder.sequence.exposure, bounds)?;
     let picture = pictures.target.as_deref().context("has no beauty")?;
     let (width, height) = (pictures.width, pictures.height);
     let depth = frame.depth.map(|z| if is_depth(*z) { z.ln() } else { 0.0 });

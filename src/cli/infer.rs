@@ -285,8 +285,8 @@ impl Work<'_> {
         let start = match self.stopped(&state, done)? {
             Some((index, state)) => {
                 let frame = self.folder.frame(index)?;
-                let (camera, number) = (self.folder.camera(index), self.folder.numbers[index]);
-                session.resume(View { number, index, frame: &frame, camera }, state)?;
+                let number = self.folder.numbers[index];
+                session.resume(View { number, index, frame: &frame }, state)?;
                 index + 1
             }
             None => 0,
@@ -327,8 +327,8 @@ impl Work<'_> {
             return Err(Interrupted.into());
         }
         let frame = self.folder.frame(index)?;
-        let (camera, number) = (self.folder.camera(index), self.folder.numbers[index]);
-        let rendered = session.push(View { number, index, frame: &frame, camera })?;
+        let number = self.folder.numbers[index];
+        let rendered = session.push(View { number, index, frame: &frame })?;
         self.write(rendered)
     }
 

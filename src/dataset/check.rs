@@ -6,7 +6,7 @@ use super::folder::SequenceFolder;
 use super::plan::Plan;
 use super::record::{Checked, DESCRIPTIONS, FrameEntry};
 use crate::truth::is_keyframe;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::{Camera, Frame, FrameInfo, file, frame_file};
 use std::path::Path;
@@ -31,8 +31,7 @@ impl Header<'_> {
     pub fn hold(&self, info: &FrameInfo, camera: &Camera) -> Result<()> {
         ensure!(info.scene_hash == self.scene, "is of another scene ({:.64})", info.scene_hash);
         ensure!(info.seed == self.seed, "has the seed {}, the sequence has {}", info.seed, self.seed);
-        let own = info.camera.as_ref().context("its header has no camera")?;
-        ensure!(same_camera(own, camera), "was seen by another camera: it is another frame of the sequence");
+        ensure!(same_camera(&info.camera, camera), "was seen by another camera: it is another frame of the sequence");
         Ok(())
     }
 }

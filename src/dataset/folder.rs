@@ -229,7 +229,7 @@ impl Dataset {
             ensure!(blake3::hash(&bytes).to_hex().as_str() == recorded, self.damaged(index, name));
         }
         let frame = folder.decode(at, &bytes)?;
-        let seen = frame.info.camera.is_none_or(|camera| check::same_camera(&camera, folder.camera(at)));
+        let seen = check::same_camera(&frame.info.camera, folder.camera(at));
         ensure!(seen, "{}: was seen by another camera than transforms.json has for it", path.display());
         Ok(frame)
     }
@@ -254,7 +254,6 @@ impl ClipSource for Dataset {
             frames,
             numbers: folder.numbers.clone(),
             tracks: folder.sequence.tracks.clone(),
-            cameras: folder.sequence.cameras.clone(),
             environment: folder.environment.clone(),
             exposure: folder.sequence.exposure,
             keyframes: folder.sequence.keyframes.clone(),

@@ -104,13 +104,11 @@ impl Statistics {
         self.count("albedo", hits.iter().map(|&i| luminance(frame.albedo.pixels[i])));
         self.count("roughness", hits.iter().map(|&i| frame.material.pixels[i][0]));
         self.count("metallic", hits.iter().map(|&i| frame.material.pixels[i][1]));
-        if let Some(camera) = &frame.info.camera {
-            let cosine = |&i: &usize| {
-                let pixel = Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
-                -camera.direction_cam(pixel).normalize().dot(frame.normal.pixels[i].into())
-            };
-            self.count("facing", hits.iter().map(cosine));
-        }
+        let cosine = |&i: &usize| {
+            let pixel = Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
+            -frame.info.camera.direction_cam(pixel).normalize().dot(frame.normal.pixels[i].into())
+        };
+        self.count("facing", hits.iter().map(cosine));
         if let Some(motion) = &frame.motion {
             self.count("motion", hits.iter().map(|&i| Vec2::from(motion.pixels[i]).length()).filter(|m| *m > 0.0));
         }

@@ -3,8 +3,7 @@
 use super::SequenceFolder;
 use rayon::prelude::*;
 use renderflow_frame::ibl::IblTables;
-use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_frame::{Environment, Frame};
 use renderflow_model::renderer::{KeyframePlace, Sequence};
 use renderflow_model::wan::pictures::DepthBounds;
 use renderflow_model::{Error, Result};
@@ -29,6 +28,11 @@ impl<'a> SequenceView<'a> {
         Self { folder, tables: OnceLock::new(), bounds: OnceLock::new(), keyframes }
     }
 
+    /// What image-based lighting needs of the environment.
+    pub fn tables(&self) -> &IblTables {
+        self.tables.get_or_init(|| IblTables::new(&self.folder.environment))
+    }
+
     fn frame(&self, index: usize) -> Result<Frame> {
         let place = || self.folder.path.display().to_string();
         self.folder.frame(index).map_err(|error| Error::Data { place: place(), reason: crate::console::message(&error) })
@@ -38,10 +42,6 @@ impl<'a> SequenceView<'a> {
 impl Sequence for SequenceView<'_> {
     fn environment(&self) -> &Environment {
         &self.folder.environment
-    }
-
-    fn tables(&self) -> &IblTables {
-        self.tables.get_or_init(|| IblTables::new(&self.folder.environment))
     }
 
     fn exposure(&self) -> f32 {
@@ -65,11 +65,7 @@ impl Sequence for SequenceView<'_> {
         &self.keyframes
     }
 
-    fn keyframe(&self, index: usize) -> Result<(Frame, Camera)> {
-        Ok((self.frame(index)?, *self.folder.camera(index)))
-    }
-
-    fn movement(&self, from: usize, to: usize) -> Movement<'_> {
-        self.folder.sequence.tracks.between(from, to)
+    fn keyframe(&self, index: usize) -> Result<Frame> {
+        self.frame(index)
     }
 }

@@ -51,41 +51,28 @@ impl<'a> DeferredBaseline<'a> {
     pub fn prepare_keyframes(&mut self, scene: &mut RenderScene) -> Result<()> {
         self.keyframes = keyframes::prepare(self.folder, |index, frame| {
             scene.set_frame(self.folder.numbers[index]);
-            let maps = self.maps(scene, frame, index)?;
-            Ok(self.picture(scene, frame, index, &maps, None)?.0)
+            let maps = self.maps(scene, frame)?;
+            Ok(self.picture(scene, frame, &maps, None)?.0)
         })?;
         // Frames pay for their own shadow maps.
         self.forget();
         Ok(())
     }
 
-    /// The shadow maps of stored frame `index`, whose G-buffer is `frame` and at which `scene` stands.
-    pub fn maps(&self, scene: &RenderScene, frame: &Frame, index: usize) -> Result<Maps> {
-        self.maps_of(scene, (&self.lighting, &self.tiles[0]), frame, index)
+    /// The shadow maps of the frame whose G-buffer is `frame` and at which `scene` stands.
+    pub fn maps(&self, scene: &RenderScene, frame: &Frame) -> Result<Maps> {
+        self.maps_of(scene, (&self.lighting, &self.tiles[0]), frame)
     }
 
-    fn maps_of(
-        &self,
-        scene: &RenderScene,
-        (lighting, tiles): (&Lighting, &Mutex<ShadowTiles>),
-        frame: &Frame,
-        index: usize,
-    ) -> Result<Maps> {
-        let receivers = || deferred::receivers(frame, self.folder.camera(index));
+    fn maps_of(&self, scene: &RenderScene, (lighting, tiles): (&Lighting, &Mutex<ShadowTiles>), frame: &Frame) -> Result<Maps> {
+        let receivers = || deferred::receivers(frame);
         let mut tiles = tiles.lock().unwrap_or_else(PoisonError::into_inner);
         let (shadows, seconds) = timed(|| Ok(tiles.maps(scene, lighting, &receivers())))?;
         Ok(Maps { shadows, seconds })
     }
 
-    /// The picture of stored frame `index` without one of its parts, and its seconds, shadow maps included.
-    pub fn picture(
-        &self,
-        scene: &RenderScene,
-        frame: &Frame,
-        index: usize,
-        maps: &Maps,
-        without: Option<Part>,
-    ) -> Result<(Rgb, f64)> {
+    /// The picture of a frame without one of its parts, and its seconds, shadow maps included.
+    pub fn picture(&self, scene: &RenderScene, frame: &Frame, maps: &Maps, without: Option<Part>) -> Result<(Rgb, f64)> {
         let mut options = deferred::Options { parts: false, ..Default::default() };
         let (none, others);
         let (mut lighting, mut maps) = (&self.lighting, maps);
@@ -93,7 +80,7 @@ impl<'a> DeferredBaseline<'a> {
             None => {}
             Some(Part::Lights) => {
                 lighting = self.whole.as_ref().context("the environment with its lights")?;
-                others = self.maps_of(scene, (lighting, &self.tiles[1]), frame, index)?;
+                others = self.maps_of(scene, (lighting, &self.tiles[1]), frame)?;
                 maps = &others;
             }
             Some(part @ (Part::Shadows | Part::Maps)) => {
@@ -108,15 +95,13 @@ impl<'a> DeferredBaseline<'a> {
             Some(Part::Reflections) => options.reflections = false,
             Some(Part::Indirect) => options.indirect = false,
         }
-        let camera = self.folder.camera(index);
-        let (picture, shading) = timed(|| Ok(deferred::shade(frame, camera, lighting, &maps.shadows, &options).image))?;
+        let (picture, shading) = timed(|| Ok(deferred::shade(frame, lighting, &maps.shadows, &options).image))?;
         Ok((picture, maps.seconds + shading))
     }
 
     /// The picture and its parts, and the seconds of it.
-    pub fn parts(&self, frame: &Frame, index: usize, maps: &Maps) -> Result<(Deferred, f64)> {
-        let camera = self.folder.camera(index);
-        let shade = || Ok(deferred::shade(frame, camera, &self.lighting, &maps.shadows, &deferred::Options::default()));
+    pub fn parts(&self, frame: &Frame, maps: &Maps) -> Result<(Deferred, f64)> {
+        let shade = || Ok(deferred::shade(frame, &self.lighting, &maps.shadows, &deferred::Options::default()));
         let (parts, shading) = timed(shade)?;
         Ok((parts, maps.seconds + shading))
     }
@@ -128,7 +113,7 @@ impl<'a> DeferredBaseline<'a> {
 
     /// The keyframes carried to stored frame `index`, the deferred picture in the holes; and its seconds, without the G-buffer's.
     pub fn warped(&self, scene: &RenderScene, frame: &Frame, index: usize, maps: &Maps) -> Result<(Rgb, f64)> {
-        let (current, seconds) = self.picture(scene, frame, index, maps, None)?;
+        let (current, seconds) = self.picture(scene, frame, maps, None)?;
         let carry = || Ok(keyframes::carry(self.folder, &self.keyframes, index, frame, &current));
         let (picture, carrying) = timed(carry)?;
         Ok((picture, seconds + carrying))

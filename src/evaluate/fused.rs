@@ -34,7 +34,6 @@ impl<'a> Fused<'a> {
         for &index in &self.folder.sequence.keyframes {
             let mut frame = self.folder.frame(index)?;
             let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
-            frame.info.camera = Some(*self.folder.camera(index));
             self.keys.push((index, Key { frame, truth, shaded: shaded(index) }));
         }
         Ok(())
@@ -72,7 +71,7 @@ impl<'a> Fused<'a> {
         let (folder, index) = (self.folder, buffer.index);
         let (environment, exposure) = (&folder.environment, folder.sequence.exposure);
         timed(|| {
-            let shading = ibl::shade(buffer.frame, folder.camera(index), environment, self.tables);
+            let shading = ibl::shade(buffer.frame, environment, self.tables);
             let mut record = Record::of(buffer.frame, &shading.surfaces, exposure);
             record.add_environment(&shading, exposure);
             let behind = background(folder.camera(index), &own.alpha, environment);

@@ -26,7 +26,6 @@ pub fn prepare(folder: &SequenceFolder, mut draw: impl FnMut(usize, &Frame) -> R
     let keyframe = |&index: &usize| {
         let mut frame = folder.frame(index)?;
         let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
-        frame.info.camera = Some(*folder.camera(index));
         let start = draw(index, &frame)?;
         Ok(Keyframe { index, frame, truth, start })
     };

@@ -16,7 +16,7 @@ use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_model::fusion::Fusion;
-use renderflow_model::renderer::{Renderer, Sequence};
+use renderflow_model::renderer::Renderer;
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
 use std::path::PathBuf;
@@ -121,7 +121,7 @@ impl<'a> MethodRenderer<'a> {
         let mut keyframes = Vec::new();
         if methods.contains(&Method::Warp { deferred: false }) {
             let (prepared, seconds) = timed(|| {
-                let draw = |index, frame: &Frame| Ok(ibl::shade(frame, folder.camera(index), &folder.environment, tables).image);
+                let draw = |_, frame: &Frame| Ok(ibl::shade(frame, &folder.environment, tables).image);
                 keyframes::prepare(folder, draw)
             })?;
             keyframes = prepared;
@@ -165,8 +165,7 @@ impl<'a> MethodRenderer<'a> {
         // Clips take in frames that are not painted yet, or never.
         while let Some(next) = self.sessions.wanted(index) {
             self.scene.set_frame(self.folder.numbers[next]);
-            let mut frame = render_gbuffer(&self.scene, &settings)?;
-            frame.info.camera = Some(*self.folder.camera(next));
+            let frame = render_gbuffer(&self.scene, &settings)?;
             self.sessions.push(next, &frame)?;
             if cancel.load(Ordering::Relaxed) {
                 return Err(Interrupted.into());
@@ -210,14 +209,14 @@ impl<'a> MethodRenderer<'a> {
     /// The picture of a method that starts from the G-buffer, and its seconds without that; `None` where it cannot be made.
     fn shade(&self, method: &Method, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
         let (folder, gbuffer) = (self.folder, &shared.gbuffer);
-        let (camera, environment, tables) = (folder.camera(shared.index), &folder.environment, self.view.tables());
+        let (environment, tables) = (&folder.environment, self.view.tables());
         if method.needs_keyframes() && folder.sequence.keyframes.is_empty() {
             return Ok(None);
         }
         let made = match method {
             Method::Deferred(without) => {
                 let baseline = self.baseline.as_ref().context("the deferred renderer")?;
-                baseline.picture(&self.scene, gbuffer, shared.index, &shared.maps, *without)?
+                baseline.picture(&self.scene, gbuffer, &shared.maps, *without)?
             }
             Method::Warp { deferred: true } => {
                 let baseline = self.baseline.as_ref().context("the deferred renderer")?;
@@ -226,13 +225,13 @@ impl<'a> MethodRenderer<'a> {
             Method::Neural { keyframes } => {
                 let baseline = self.baseline.as_ref().context("the deferred renderer")?;
                 let fused = self.fused.as_ref().context("the network")?;
-                let (parts, shading) = baseline.parts(gbuffer, shared.index, &shared.maps)?;
+                let (parts, shading) = baseline.parts(gbuffer, &shared.maps)?;
                 let (picture, drawing) = fused.shaded(shared.buffer(), &parts, *keyframes)?;
                 (picture, shading + drawing)
             }
-            Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, camera, environment, tables).image))?,
+            Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, environment, tables).image))?,
             Method::Warp { deferred: false } => timed(|| {
-                let current = ibl::shade(gbuffer, camera, environment, tables).image;
+                let current = ibl::shade(gbuffer, environment, tables).image;
                 Ok(keyframes::carry(folder, &self.keyframes, shared.index, gbuffer, &current))
             })?,
             _ => return Ok(None),
@@ -242,10 +241,8 @@ impl<'a> MethodRenderer<'a> {
 
     /// What all methods start from.
     fn share(&self, settings: &Settings, index: usize) -> Result<Shared> {
-        let (mut gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, settings)?))?;
-        gbuffer.info.camera = Some(*self.folder.camera(index));
-        let maps =
-            self.baseline.as_ref().map(|baseline| baseline.maps(&self.scene, &gbuffer, index)).transpose()?.unwrap_or_default();
+        let (gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, settings)?))?;
+        let maps = self.baseline.as_ref().map(|baseline| baseline.maps(&self.scene, &gbuffer)).transpose()?.unwrap_or_default();
         Ok(Shared { index, gbuffer, seconds, maps })
     }
 

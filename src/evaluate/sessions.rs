@@ -117,5 +117,5 @@ impl NetworkSession<'_> {
 }
 
 fn view<'f>(view: &'f SequenceView, index: usize, frame: &'f Frame) -> View<'f> {
-    View { number: view.folder.numbers[index], index, frame, camera: view.folder.camera(index) }
+    View { number: view.folder.numbers[index], index, frame }
 }

@@ -267,7 +267,7 @@ impl<'a> Tracer<'a> {
         let alpha = std::mem::take(&mut frame.alpha);
         let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
         if needs.surfaces {
-            self.surfaces.entry(index).or_insert_with(|| surface(&frame, self.folder, index));
+            self.surfaces.entry(index).or_insert_with(|| surface(&frame));
         }
         Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, seconds, carried: false })
     }
@@ -280,11 +280,11 @@ impl<'a> Tracer<'a> {
                 continue;
             }
             let seen = if index == buffer.index {
-                surface(buffer.frame, self.folder, index)
+                surface(buffer.frame)
             } else {
                 scene.set_frame(self.folder.numbers[index]);
                 let frame = render_gbuffer(scene, &Settings { guide_samples: 1, channels, ..Settings::default() })?;
-                surface(&frame, self.folder, index)
+                surface(&frame)
             };
             self.surfaces.insert(index, seen);
         }
@@ -376,7 +376,7 @@ fn affordable(seconds: f64, [start, each]: [f64; 2]) -> u32 {
 }
 
 /// What samples are carried by, of all that a frame may hold.
-fn surface(frame: &Frame, folder: &SequenceFolder, index: usize) -> Frame {
+fn surface(frame: &Frame) -> Frame {
     Frame {
         width: frame.width,
         height: frame.height,
@@ -384,7 +384,7 @@ fn surface(frame: &Frame, folder: &SequenceFolder, index: usize) -> Frame {
         normal: frame.normal.clone(),
         depth: frame.depth.clone(),
         object_id: frame.object_id.clone(),
-        info: FrameInfo { camera: Some(*folder.camera(index)), ..FrameInfo::default() },
+        info: FrameInfo { camera: frame.info.camera, ..FrameInfo::default() },
         ..Frame::default()
     }
 }

@@ -41,7 +41,6 @@ fn describe(frame: &Frame) -> Counts {
     found.add("size", json!([frame.width, frame.height]));
     found.add("spp", frame.info.spp);
     found.add("exposure", frame.info.exposure);
-    found.add("camera", frame.info.camera.is_some());
     found.add("denoiser", frame.info.denoiser.clone());
     found.add("covered", frame.depth.pixels.iter().filter(|d| d.is_finite()).count());
     if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {

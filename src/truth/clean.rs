@@ -147,7 +147,7 @@ impl Cleaner {
                 }
                 let gbuffer = gbuffer?;
                 let guides = gbuffer.as_ref().unwrap_or(frame);
-                let shading = ibl::shade(guides, camera, environment, &prefiltered(tables, environment));
+                let shading = ibl::shade(guides, environment, &prefiltered(tables, environment));
                 let mut record = Record::of(guides, &shading.surfaces, exposure);
                 record.add_environment(&shading, exposure);
                 let behind = background(camera, &frame.alpha, environment);

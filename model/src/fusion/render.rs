@@ -8,7 +8,6 @@ use crate::parameters::{self, Parameter, to_vec};
 use crate::weights::{self, Precision};
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
-use half::f16;
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -209,22 +208,6 @@ pub(super) fn forward(network: &FusionNet, products: Products, batch: &mut Batch
 pub fn encode(header: &Header, parameters: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
     let header = serde_json::to_string(header).map_err(|e| Error::malformed("weights to be written", e.to_string()))?;
     weights::encode(&header, parameters, precision)
-}
-
-/// A record in half precision is read as one in single precision is, up to rounding.
-pub fn as_single(record: &Record<f16>) -> Record<f32> {
-    let mut single = Record::new(record.width, record.height);
-    <f16 as Stored>::read(&record.pixels, &mut single.pixels);
-    Record {
-        pixels: single.pixels,
-        width: record.width,
-        height: record.height,
-        deferred: record.deferred,
-        distances: record.distances,
-        parts: record.parts,
-        neighbours: record.neighbours,
-        denoised: record.denoised,
-    }
 }
 
 #[cfg(test)]

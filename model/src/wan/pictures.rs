@@ -162,10 +162,9 @@ impl Pictures {
     /// The pictures of `frame`. `exposure` maps radiance to display-linear.
     ///
     /// # Errors
-    /// [`Error::Data`] when the exposure is no positive number, the bounds are no range, or frame and camera differ in size.
+    /// [`Error::Data`] when the exposure is no positive number, the bounds are no range, or a frame and its camera differ in size.
     pub fn new(
         frame: &Frame,
-        camera: &Camera,
         environment: &Environment,
         view: &EnvironmentView,
         exposure: f32,
@@ -176,7 +175,7 @@ impl Pictures {
             return Err(broken(format!("exposure {exposure} is not a positive number")));
         }
         bounds.validate()?;
-        let (width, height) = (frame.width, frame.height);
+        let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
         let sizes = [frame.alpha.pixels.len(), frame.albedo.pixels.len(), frame.normal.pixels.len(), frame.depth.pixels.len()];
         let whole = sizes.iter().chain([&frame.material.pixels.len()]).all(|n| *n == width * height);
         if width == 0 || height == 0 || (camera.width, camera.height) != (width, height) || !whole {

@@ -68,7 +68,7 @@ pub fn gbuffer(camera: &Camera) -> Frame {
         material: hits.map(|h| h.map_or([0.0; 3], |h| if h.3 == 1 { [0.3, 0.0, 0.5] } else { [0.7, 0.0, 0.5] })),
         object_id: hits.map(|h| h.map_or(0, |h| h.3)),
         material_id: hits.map(|h| h.map_or(0, |h| h.3)),
-        info: FrameInfo { camera: Some(*camera), exposure: 1.0, ..FrameInfo::default() },
+        info: FrameInfo { camera: *camera, exposure: 1.0, ..FrameInfo::default() },
         ..Frame::default()
     }
 }
@@ -86,7 +86,6 @@ pub fn clip(frames: usize, size: usize) -> Clip {
         numbers: (0..frames.len()).collect(),
         tracks: Default::default(),
         frames,
-        cameras,
         environment,
         exposure,
     }
@@ -94,7 +93,7 @@ pub fn clip(frames: usize, size: usize) -> Clip {
 
 fn with_truth(camera: &Camera, environment: &Environment, tables: &IblTables) -> Frame {
     let mut frame = gbuffer(camera);
-    let shading = ibl::shade(&frame, camera, environment, tables);
+    let shading = ibl::shade(&frame, environment, tables);
     frame.beauty = Some(Rgb::from_fn(frame.width, frame.height, |x, y| {
         let start = *shading.image.at(x, y);
         if *frame.alpha.at(x, y) == 0.0 {

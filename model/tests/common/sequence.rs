@@ -1,9 +1,7 @@
 //! The analytic clip as a sequence for renderers.
 
 use super::clip;
-use renderflow_frame::ibl::IblTables;
-use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_frame::{Environment, Frame};
 use renderflow_model::Clip;
 use renderflow_model::renderer::{KeyframePlace, Sequence, View};
 use renderflow_model::wan::pictures::{DepthBounds, EnvironmentView, Pictures};
@@ -14,7 +12,6 @@ pub const SIDE: usize = 20;
 /// A clip in memory as a sequence.
 pub struct Memory {
     pub clip: Clip,
-    tables: IblTables,
     pub places: Vec<KeyframePlace>,
 }
 
@@ -22,12 +19,12 @@ impl Memory {
     pub fn new(frames: usize, keyframes: &[usize]) -> Self {
         let clip = clip(frames, SIDE);
         let places = keyframes.iter().map(|&index| KeyframePlace { number: clip.numbers[index], index }).collect();
-        Self { tables: IblTables::new(&clip.environment), places, clip }
+        Self { places, clip }
     }
 
     pub fn view(&self, index: usize) -> View<'_> {
         let clip = &self.clip;
-        View { number: clip.numbers[index], index, frame: &clip.frames[index], camera: &clip.cameras[index] }
+        View { number: clip.numbers[index], index, frame: &clip.frames[index] }
     }
 
     pub fn len(&self) -> usize {
@@ -37,18 +34,13 @@ impl Memory {
     pub fn pictures(&self, index: usize) -> Pictures {
         let (clip, bounds) = (&self.clip, DepthBounds::of(&self.clip.frames));
         let view = EnvironmentView::new(&clip.environment, 32, 32);
-        let (frame, camera) = (&clip.frames[index], &clip.cameras[index]);
-        Pictures::new(frame, camera, &clip.environment, &view, clip.exposure, bounds).expect("pictures")
+        Pictures::new(&clip.frames[index], &clip.environment, &view, clip.exposure, bounds).expect("pictures")
     }
 }
 
 impl Sequence for Memory {
     fn environment(&self) -> &Environment {
         &self.clip.environment
-    }
-
-    fn tables(&self) -> &IblTables {
-        &self.tables
     }
 
     fn exposure(&self) -> f32 {
@@ -63,12 +55,8 @@ impl Sequence for Memory {
         &self.places
     }
 
-    fn keyframe(&self, index: usize) -> renderflow_model::Result<(Frame, Camera)> {
-        Ok((self.clip.frames[index].clone(), self.clip.cameras[index]))
-    }
-
-    fn movement(&self, from: usize, to: usize) -> Movement<'_> {
-        self.clip.tracks.between(from, to)
+    fn keyframe(&self, index: usize) -> renderflow_model::Result<Frame> {
+        Ok(self.clip.frames[index].clone())
     }
 }
 
@@ -83,10 +71,6 @@ impl Sequence for Bounded {
         self.sequence.environment()
     }
 
-    fn tables(&self) -> &IblTables {
-        self.sequence.tables()
-    }
-
     fn exposure(&self) -> f32 {
         self.sequence.exposure()
     }
@@ -99,11 +83,7 @@ impl Sequence for Bounded {
         self.sequence.keyframes()
     }
 
-    fn keyframe(&self, index: usize) -> renderflow_model::Result<(Frame, Camera)> {
+    fn keyframe(&self, index: usize) -> renderflow_model::Result<Frame> {
         self.sequence.keyframe(index)
-    }
-
-    fn movement(&self, from: usize, to: usize) -> Movement<'_> {
-        self.sequence.movement(from, to)
     }
 }

@@ -26,6 +26,22 @@ pub struct Camera {
     pub height: usize,
 }
 
+impl Default for Camera {
+    /// At the origin of the world, of a picture without pixels.
+    fn default() -> Self {
+        Self {
+            camera_to_world: Affine3A::IDENTITY,
+            origin: DVec3::ZERO,
+            fl_x: 1.0,
+            fl_y: 1.0,
+            cx: 0.0,
+            cy: 0.0,
+            width: 0,
+            height: 0,
+        }
+    }
+}
+
 fn is_zero(v: &DVec3) -> bool {
     *v == DVec3::ZERO
 }

@@ -16,10 +16,10 @@ pub use material::{Material, Response};
 pub use shadow::{ShadowMap, axes, receivers};
 pub use sky::{SKY_CELLS, SkyCell, SkyShare, sky_cells, sky_share};
 
+use crate::Frame;
 use crate::ibl::{self, Shading};
 use crate::image::{Image, Rgb};
 use crate::screen_space::{Surface, filter, gather, horizon, march, reflect};
-use crate::{Camera, Frame};
 use glam::{Vec3A, Vec4};
 use pass::{Pass, Pixel};
 use rayon::prelude::*;
@@ -115,13 +115,14 @@ const SKY_JITTER: f32 = 2.0;
 /// Most of the light that may go on bouncing between surfaces.
 const MOST_BOUNCED: f32 = 0.8;
 
-/// Shades `frame` as seen by `camera`. The same bits for any number of threads; pixels without coverage cost one look-up. Of `shadows` any list
+/// Shades `frame`. The same bits for any number of threads; pixels without coverage cost one look-up. Of `shadows` any list
 /// may be shorter than its lights: those without a map are marched through the depth buffer, cells of the sky without are open.
 ///
 /// # Panics
 /// When a channel of `frame` has not `frame.width * frame.height` pixels.
-pub fn shade(frame: &Frame, camera: &Camera, lighting: &Lighting, shadows: &Shadows, options: &Options) -> Deferred {
-    let shading = ibl::shade(frame, camera, &lighting.environment, &lighting.tables);
+pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Options) -> Deferred {
+    let camera = &frame.info.camera;
+    let shading = ibl::shade(frame, &lighting.environment, &lighting.tables);
     let surface = Surface::new(&shading, camera);
     let visibility = visibility(&surface, lighting, &shadows.lights, options.shadows);
     let occlusion = options.occlusion.then(|| {

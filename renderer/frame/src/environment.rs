@@ -2,10 +2,8 @@
 
 mod angle;
 mod dominant;
-mod tokens;
 
 pub use dominant::DominantLight;
-pub use tokens::token_direction;
 
 use crate::image::{Image, Rgb};
 pub use angle::atan2;

@@ -13,8 +13,7 @@ pub const LIGHT_GROUPS: usize = 8;
 #[serde(default)]
 pub struct FrameInfo {
     /// The camera of this frame.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub camera: Option<Camera>,
+    pub camera: Camera,
     /// Samples a pixel of the beauty, on average where [`Frame::samples`] is there; 0 when there is none.
     pub spp: u32,
     /// Seed of the sequence.
@@ -57,10 +56,7 @@ impl FrameInfo {
         if self.branches == Some(0) {
             return Err("0 samples a camera ray".into());
         }
-        match &self.camera {
-            Some(camera) if !camera.is_finite() => Err("the camera holds NaN or infinity".into()),
-            _ => Ok(()),
-        }
+        if self.camera.is_finite() { Ok(()) } else { Err("the camera holds NaN or infinity".into()) }
     }
 }
 
@@ -115,9 +111,9 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Sets [`Self::distance`] from the planar depth and the camera; a frame without a camera is left as it is.
+    /// Sets [`Self::distance`] from the planar depth and the camera.
     pub fn fill_distance(&mut self) {
-        let Some(camera) = self.info.camera else { return };
+        let camera = &self.info.camera;
         let depth = &self.depth;
         let ray = |x: usize, y: usize| camera.direction_cam(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)).length();
         self.distance = Some(Image::from_fn(depth.width, depth.height, |x, y| depth.pixels[y * depth.width + x] * ray(x, y)));

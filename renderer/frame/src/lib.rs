@@ -23,7 +23,7 @@ pub mod image;
 pub mod memory;
 pub mod reach;
 mod rgbe;
-pub mod screen_space;
+mod screen_space;
 pub mod tracks;
 pub mod transforms;
 pub mod warp;

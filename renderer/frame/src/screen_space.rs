@@ -11,23 +11,9 @@ pub(crate) mod march;
 pub(crate) mod reflect;
 
 use crate::Camera;
-use crate::environment::Environment;
 use crate::ibl::Shading;
-use crate::image::{Image, Rgb};
 use glam::Vec3A;
 use rayon::prelude::*;
-
-/// Occlusion read off the depth buffer; 1 where nothing is covered.
-#[derive(Clone, Debug)]
-pub struct ScreenSpace {
-    /// Ambient occlusion: visible share of the cosine-weighted hemisphere, 0..=1.
-    pub occlusion: Image<f32>,
-    /// Cosine-weighted mean unoccluded direction (camera space, unit), 0 where nothing is covered.
-    pub bent_normal: Rgb,
-    /// Visibility towards the environment's dominant light, ray-marched through the depth buffer, 0..=1; 0 where the surface faces
-    /// away from it, 1 everywhere if the environment has no dominant light.
-    pub light_visibility: Image<f32>,
-}
 
 /// Side of the repeating pattern, pixels.
 const PATTERN: usize = 4;
@@ -79,74 +65,6 @@ impl<'a> Surface<'a> {
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
         inside.then(|| y as usize * self.width + x as usize)
     }
-}
-
-/// Features of one pixel.
-#[derive(Clone, Copy)]
-pub(crate) struct Sample {
-    occlusion: f32,
-    visibility: f32,
-    bent: Vec3A,
-}
-
-impl Sample {
-    const OPEN: Self = Self { occlusion: 1.0, visibility: 1.0, bent: Vec3A::ZERO };
-}
-
-/// Computes all screen-space features; deterministic (the same bits for any number of threads), no noise that changes between frames.
-/// Pixels without coverage or depth cost nothing.
-///
-/// # Panics
-/// When a picture of `shading` has another size than its `depth`.
-pub fn features(shading: &Shading, camera: &Camera, environment: &Environment) -> ScreenSpace {
-    let (width, height) = (shading.surfaces.depth.width, shading.surfaces.depth.height);
-    let surface = Surface::new(shading, camera);
-    let (direction, share) = environment.dominant_direction();
-    let light = (share > 0.0).then(|| camera.world_to_camera().matrix3 * direction);
-
-    let row = width.max(1);
-    let mut raw = vec![Sample::OPEN; width * height];
-    raw.par_chunks_mut(row).enumerate().for_each(|(y, samples)| {
-        for (x, sample) in samples.iter_mut().enumerate() {
-            let i = y * width + x;
-            if !surface.known(i) {
-                continue;
-            }
-            let phase = phase(x, y);
-            let (occlusion, bent) = horizon::occlusion(&surface, i, phase, horizon::Reach::FEATURES);
-            let visibility = light.map_or(1.0, |light| march::visibility(&surface, i, light, phase));
-            *sample = Sample { occlusion, visibility, bent };
-        }
-    });
-
-    let mut out = ScreenSpace {
-        occlusion: Image::filled(width, height, 1.0),
-        bent_normal: Rgb::filled(width, height, [0.0; 3]),
-        light_visibility: Image::filled(width, height, 1.0),
-    };
-    (
-        out.occlusion.pixels.par_chunks_mut(row),
-        out.bent_normal.pixels.par_chunks_mut(row),
-        out.light_visibility.pixels.par_chunks_mut(row),
-    )
-        .into_par_iter()
-        .enumerate()
-        .for_each(|(y, (occlusion, bent, visibility))| {
-            for x in 0..width {
-                let i = y * width + x;
-                let n = surface.normal(i);
-                if !surface.known(i) {
-                    // Covered by something too thin to have a depth anywhere near: open, bent towards its own normal.
-                    bent[x] = n.to_array();
-                    continue;
-                }
-                let smooth = filter::average(&surface, &raw, x, y);
-                occlusion[x] = smooth.occlusion.clamp(0.0, 1.0);
-                visibility[x] = smooth.visibility.clamp(0.0, 1.0);
-                bent[x] = smooth.bent.normalize_or(n).to_array();
-            }
-        });
-    out
 }
 
 /// (turn, step) of the pattern at a pixel, each one of 16 values in 0..1; every 4 x 4 window holds all 16 of each.

@@ -43,11 +43,11 @@ pub type ObjectMotion<'a> = dyn Fn(u32) -> Option<Affine3A> + Sync + 'a;
 ///
 /// A pixel is valid where its centre hit something, its point projects into the keyframe, and each tap of the bilinear footprint there
 /// shows the same object at the depth of the surface's plane (1 % and an allowance for slope) with a world-space normal within
-/// 30 degrees. Nothing is valid if either frame lacks its camera.
+/// 30 degrees.
 pub fn correspond(current: &Frame, key: &Frame, object_motion: Option<&ObjectMotion<'_>>) -> Correspondence {
     let (width, height) = (current.width, current.height);
     let mut out = Correspondence { source: Image::filled(width, height, [0.0; 2]), valid: Image::filled(width, height, 0.0) };
-    let (Some(camera), Some(key_camera)) = (&current.info.camera, &key.info.camera) else { return out };
+    let (camera, key_camera) = (&current.info.camera, &key.info.camera);
     if key.width == 0 || key.height == 0 {
         return out;
     }
@@ -74,11 +74,11 @@ pub fn correspond(current: &Frame, key: &Frame, object_motion: Option<&ObjectMot
 /// It is for the samples of path tracing, whose noise a look-up between pixels would smear: each pixel's are taken whole or not at all.
 /// `object_motion` is that of [`correspond`], from `current` to `other`. A pixel is carried where its centre hit something, the point
 /// projects into `other`, and the pixel there shows the same object and an albedo that differs by at most 0.05 and 10 % in each
-/// channel. Nothing is carried if either frame lacks its camera.
+/// channel.
 pub fn nearest(current: &Frame, other: &Frame, object_motion: Option<&ObjectMotion<'_>>) -> Image<Option<u32>> {
     let (width, height) = (current.width, current.height);
     let mut out = Image::filled(width, height, None);
-    let (Some(camera), Some(other_camera)) = (&current.info.camera, &other.info.camera) else { return out };
+    let (camera, other_camera) = (&current.info.camera, &other.info.camera);
     if other.width == 0 || other.height == 0 {
         return out;
     }

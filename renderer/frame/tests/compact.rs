@@ -244,7 +244,7 @@ fn what_no_frame_may_hold_is_not_written() {
         (|f| f.depth.pixels[6] = f32::NEG_INFINITY, "channel depth.Z is -inf at pixel (1, 1)"),
         (|f| f.alpha.pixels[14] = f32::NAN, "channel A is NaN at pixel (4, 2)"),
         (|f| f.info.exposure = f32::NAN, "exposure is NaN"),
-        (|f| f.info.camera.as_mut().unwrap().cx = f32::INFINITY, "camera holds NaN or infinity"),
+        (|f| f.info.camera.cx = f32::INFINITY, "camera holds NaN or infinity"),
         (|f| f.info.indirect_limit = Some(0.0), "limit of indirect light is 0"),
         (|f| f.info.branches = Some(0), "0 samples a camera ray"),
         (|f| f.motion = Some(Image::filled(5, 2, [0.0; 2])), "channel motion.X is 5 x 2"),

@@ -81,7 +81,7 @@ fn a_disc_lights_a_lambertian_plane_by_its_cosine() {
         let camera = Camera::look_at(Vec3A::new(0.0, 3.0, 2.0), Vec3A::ZERO, Vec3A::Y, 0.6, 8, 8);
         let mut frame = render(&[Surface::Plane(Vec3A::ZERO, Vec3A::Y)], &camera);
         frame.material.pixels.fill([0.0, 0.0, 0.0]);
-        let made = shade(&frame, &camera, &lighting, &Shadows::default(), &OFF);
+        let made = shade(&frame, &lighting, &Shadows::default(), &OFF);
         let truth = integral(&environment, |d| Vec3A::splat(d.y.max(0.0)));
         for pixel in &made.image.pixels {
             for c in 0..3 {
@@ -101,7 +101,7 @@ fn a_setting_disc_fades_as_its_visible_part() {
     let full = 100.0 * 1.5 * PI * 0.15 * 0.15;
     for height in [-0.2, -0.1, 0.0, 0.1, 0.2] {
         let environment = environment(height);
-        let made = shade(&frame, &camera, &Lighting::new(&environment, 1), &Shadows::default(), &OFF);
+        let made = shade(&frame, &Lighting::new(&environment, 1), &Shadows::default(), &OFF);
         let expected = 0.5 * integral(&environment, |d| Vec3A::splat(d.y.max(0.0)))[0].x / PI;
         let found = made.image.pixels[5][0];
         assert!((found - expected).abs() < 0.01 * full / PI, "height {height}: {found} for {expected}");

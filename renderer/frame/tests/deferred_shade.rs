@@ -75,7 +75,7 @@ fn a_mirror_shows_what_stands_on_it() {
         }
     }
     let lighting = Lighting::new(&Environment::constant([1.0; 3]), 4);
-    let made = shade(&frame, &camera, &lighting, &Shadows::default(), &Options { reflections: true, ..OFF });
+    let made = shade(&frame, &lighting, &Shadows::default(), &Options { reflections: true, ..OFF });
     let (mut right, mut wrong, mut open) = (0, 0, 0);
     let world_to_camera = camera.world_to_camera();
     for i in (0..SIZE * SIZE).filter(|i| frame.object_id.pixels[*i] == 1) {
@@ -113,7 +113,7 @@ fn a_lit_floor_lights_the_wall_beside_it() {
     let mut frame = render(&scene, &camera);
     frame.material.pixels.fill([0.0; 3]);
     let lighting = Lighting::new(&sunny(Vec3A::Y, 0.0), 1);
-    let made = shade(&frame, &camera, &lighting, &Shadows::default(), &Options { indirect: true, ..OFF });
+    let made = shade(&frame, &lighting, &Shadows::default(), &Options { indirect: true, ..OFF });
     let Some(indirect) = &made.indirect else { panic!("no indirect light") };
     let floor = 0.5 * lighting.lights[0].irradiance[0] / std::f32::consts::PI;
     let mut checked = 0;
@@ -140,7 +140,7 @@ fn shadow_maps_darken_what_rays_say_is_dark() {
     let sun = Vec3A::new(-0.6, 0.7, 0.3).normalize();
     let lighting = Lighting::new(&sunny(sun, 0.3), 4);
     assert_eq!(lighting.lights.len(), 1);
-    let made = shade(&frame, &camera, &lighting, &shadows(&scene, &lighting), &Options { shadows: ShadowMode::Map, ..OFF });
+    let made = shade(&frame, &lighting, &shadows(&scene, &lighting), &Options { shadows: ShadowMode::Map, ..OFF });
     let (mut same, mut all) = (0, 0);
     for i in (0..SIZE * SIZE).filter(|i| frame.depth.pixels[*i].is_finite()) {
         let p = point(&frame, &camera, i);
@@ -157,13 +157,13 @@ fn shadow_maps_darken_what_rays_say_is_dark() {
 
 #[test]
 fn what_is_off_is_absent() {
-    let (scene, camera, frame) = block_on_ground();
+    let (scene, _, frame) = block_on_ground();
     let lighting = Lighting::new(&sunny(Vec3A::new(-0.6, 0.7, 0.3).normalize(), 0.3), 4);
     let shadows = shadows(&scene, &lighting);
-    let off = shade(&frame, &camera, &lighting, &shadows, &OFF);
+    let off = shade(&frame, &lighting, &shadows, &OFF);
     assert!(off.visibility.is_empty() && off.occlusion.is_none() && off.bent_normal.is_none() && off.sky.is_none());
     assert!(off.reflections.is_none() && off.indirect.is_none());
-    let all = shade(&frame, &camera, &lighting, &shadows, &Options::default());
+    let all = shade(&frame, &lighting, &shadows, &Options::default());
     assert!(all.visibility.len() == 1 && all.occlusion.is_some() && all.bent_normal.is_some() && all.sky.is_some());
     assert_finite(&all);
     // The parts add up to the picture.
@@ -186,10 +186,10 @@ fn what_is_off_is_absent() {
         Options { indirect: true, ..OFF },
     ];
     for options in alone {
-        let made = shade(&frame, &camera, &lighting, &shadows, &options);
+        let made = shade(&frame, &lighting, &shadows, &options);
         assert_ne!(made.image, off.image, "{options:?}");
         // The picture alone is the same picture.
-        let bare = shade(&frame, &camera, &lighting, &shadows, &Options { parts: false, ..options });
+        let bare = shade(&frame, &lighting, &shadows, &Options { parts: false, ..options });
         assert_eq!(bare.image, made.image, "{options:?}");
         assert!(bare.direct.is_empty() && bare.visibility.is_empty() && bare.ambient_diffuse.pixels.is_empty());
     }
@@ -197,12 +197,12 @@ fn what_is_off_is_absent() {
 
 #[test]
 fn threads_do_not_matter() {
-    let (scene, camera, frame) = block_on_ground();
+    let (scene, _, frame) = block_on_ground();
     let lighting = Lighting::new(&sunny(Vec3A::new(-0.6, 0.7, 0.3).normalize(), 0.3), 4);
     let shadows = shadows(&scene, &lighting);
     let made = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| shade(&frame, &camera, &lighting, &shadows, &Options::default()))
+        pool.install(|| shade(&frame, &lighting, &shadows, &Options::default()))
     };
     let (one, three) = (made(1), made(3));
     assert_eq!(one.image, three.image);
@@ -236,22 +236,21 @@ fn any_input_gives_numbers() {
         let lighting = Lighting::new(environment, 4);
         let shadows = shadows(&scene, &lighting);
         for frame in [&good, &zero_normals, &nothing, &thin, &smooth, &black] {
-            assert_finite(&shade(frame, &camera, &lighting, &shadows, &Options::default()));
+            assert_finite(&shade(frame, &lighting, &shadows, &Options::default()));
         }
         // Fewer maps than lights and cells.
         assert_finite(&shade(
             &good,
-            &camera,
             &lighting,
             &Shadows { sky: shadows.sky[..shadows.sky.len() / 2].to_vec(), lights: Vec::new() },
             &Options::default(),
         ));
-        let background = shade(&nothing, &camera, &lighting, &shadows, &Options::default()).image;
+        let background = shade(&nothing, &lighting, &shadows, &Options::default()).image;
         let seen = environment.radiance(camera.ray_direction(Vec2::new(3.5, 5.5)));
         assert_eq!(*background.at(3, 5), seen);
         for size in [1, 2] {
             let camera = camera.resized(size, size);
-            assert_finite(&shade(&render(&scene, &camera), &camera, &lighting, &shadows, &Options::default()));
+            assert_finite(&shade(&render(&scene, &camera), &lighting, &shadows, &Options::default()));
         }
     }
 }

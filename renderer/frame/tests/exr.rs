@@ -99,7 +99,7 @@ fn cameras_come_back_bit_for_bit() {
         camera.camera_to_world.translation = Vec3A::new(random(), random(), random());
         camera.camera_to_world.matrix3.x_axis = Vec3A::new(random(), random(), random());
         (camera.fl_x, camera.fl_y, camera.cx, camera.cy) = (random(), random(), random(), random());
-        frame.info.camera = Some(camera);
+        frame.info.camera = camera;
         frame.info.exposure = random();
         assert_eq!(decode(&encode(&frame).unwrap().0).unwrap().info, frame.info);
     }
@@ -232,7 +232,7 @@ fn nan_and_infinity_are_refused_by_channel_and_pixel() {
         (|f| f.depth.pixels[6] = f32::NEG_INFINITY, "channel depth.Z is -inf at pixel (1, 1)"),
         (|f| f.motion.as_mut().unwrap().pixels[4][0] = f32::NAN, "channel motion.X is NaN at pixel (4, 0)"),
         (|f| f.info.exposure = f32::NAN, "exposure is NaN"),
-        (|f| f.info.camera.as_mut().unwrap().fl_x = f32::INFINITY, "camera holds NaN or infinity"),
+        (|f| f.info.camera.fl_x = f32::INFINITY, "camera holds NaN or infinity"),
         (|f| f.info.spp = u32::MAX, "4294967295 samples"),
         (|f| f.info.branches = Some(u32::MAX), "4294967295 samples a camera ray"),
         (|f| f.info.indirect_limit = Some(0.0), "limit of indirect light is 0"),

@@ -1,11 +1,10 @@
 //! The environment against what can be worked out by hand: orientation, averages over the sphere, equal-area tiles.
 
 use glam::{Mat3A, Vec2, Vec3A};
-use renderflow_frame::camera::Camera;
 use renderflow_frame::color::luminance;
-use renderflow_frame::environment::{Environment, token_direction};
+use renderflow_frame::environment::Environment;
 use renderflow_frame::image::Rgb;
-use std::f32::consts::{FRAC_PI_2, PI};
+use std::f32::consts::PI;
 
 /// A smooth map of known shape: radiance 2 + d.x + 0.5 d.y in red, 1 in green, 1 - d.z in blue (map space).
 fn smooth(width: usize, height: usize) -> Environment {
@@ -102,7 +101,6 @@ fn odd_and_single_texel_maps_are_looked_up() {
     }
     let empty = Environment { map: Rgb::default(), rotation: 0.0, intensity: 1.0 };
     assert_eq!(empty.radiance(Vec3A::X), [0.0; 3]);
-    assert_eq!(empty.tokens(&camera(Vec3A::Z), 2), vec![[0.0; 3]; 4]);
 }
 
 #[test]
@@ -133,65 +131,6 @@ fn downsampling_keeps_energy_and_averages_by_area() {
     assert!((mean[0] - 2.0).abs() < 1e-4 && (mean[1] - 1.0).abs() < 1e-6 && (mean[2] - 1.0).abs() < 1e-4, "{mean:?}");
 }
 
-fn camera(target: Vec3A) -> Camera {
-    Camera::look_at(Vec3A::ZERO, target, Vec3A::Y, 0.7, 64, 64)
-}
-
-#[test]
-fn tokens_are_equal_area_means_in_view_space() {
-    let env = Environment { intensity: 2.0, rotation: 0.4, ..one_texel(1, 1, 0, 0, 0.75) };
-    for token in env.tokens(&camera(Vec3A::new(1.0, 0.4, -2.0)), 8) {
-        assert!(token.iter().all(|v| (v - 1.5).abs() < 1e-5));
-    }
-    // A tiny sun: exactly its energy arrives, in the tile that it stands in, at any resolution of the map.
-    for (width, height) in [(64, 32), (1000, 500), (2048, 1024)] {
-        let env = one_texel(width, height, width / 5, height / 3, 1e4);
-        let sun = env.texel_direction(width / 5, height / 3);
-        let flux = 1e4 * env.texel_solid_angle(height / 3);
-        let view = camera(Vec3A::new(0.3, -0.2, 1.0));
-        for n in [2, 8, 16] {
-            let tokens = env.tokens(&view, n);
-            let area = 4.0 * PI / (n * n) as f32;
-            let total: f32 = tokens.iter().map(|t| t[0] * area).sum();
-            assert!((total / flux - 1.0).abs() < 0.06, "{width} n {n}: {}", total / flux);
-            let brightest = (0..n * n).max_by(|a, b| tokens[*a][0].total_cmp(&tokens[*b][0])).expect("tokens");
-            let towards = view.camera_to_world.matrix3 * token_direction(n, brightest % n, brightest / n);
-            let reach = 2.5 / n as f32;
-            assert!(towards.angle_between(sun) < reach, "{width} n {n}: {} rad away", towards.angle_between(sun));
-        }
-    }
-}
-
-#[test]
-fn tokens_are_centred_on_the_view() {
-    let env = Environment { rotation: 1.3, ..smooth(64, 32) };
-    let target = Vec3A::new(0.5, -0.3, 0.8);
-    let view = camera(target);
-    let n = 8;
-    let tokens = env.tokens(&view, n);
-    // The linear map's mean over a tile is about its value at the tile's centre.
-    for row in 0..n {
-        for column in 0..n {
-            let d_cam = token_direction(n, column, row);
-            assert!((d_cam.length() - 1.0).abs() < 1e-6);
-            let expected = env.radiance(view.camera_to_world.matrix3 * d_cam);
-            let found = tokens[row * n + column];
-            assert!((0..3).all(|i| (found[i] - expected[i]).abs() < 0.06), "({column}, {row}): {found:?} {expected:?}");
-            // Columns run to the right, rows down (camera space has +y up), the middle looks along -z.
-            assert_eq!(d_cam.x > 0.0, column >= n / 2);
-            assert_eq!(d_cam.y < 0.0, row >= n / 2);
-        }
-    }
-    assert!(token_direction(2, 0, 0).z.abs() < 1e-6);
-    assert!(token_direction(n, 3, 4).z < -0.93 && token_direction(n, 0, 0).z > 0.93);
-    // Turning the camera by the same angle as the sky leaves the tokens alone.
-    let turned = Environment { rotation: 1.3 + FRAC_PI_2, ..env.clone() };
-    let turned_tokens = turned.tokens(&camera(Mat3A::from_rotation_y(FRAC_PI_2) * target), n);
-    for (a, b) in tokens.iter().zip(&turned_tokens) {
-        assert!((a[0] - b[0]).abs() < 5e-3);
-    }
-}
-
 #[test]
 fn dominant_light_is_found_and_split_off() {
     // A sky of 0.5 with a disc of radius 0.06 rad at 40 degrees of elevation.
@@ -212,12 +151,11 @@ fn dominant_light_is_found_and_split_off() {
     assert!((light.share - bright / (bright + 1.5 * 0.5 * PI)).abs() < 5e-3, "{}", light.share);
     let brightest = rest.map.pixels.iter().map(|p| luminance(*p)).fold(0.0, f32::max);
     assert!(brightest < 0.6, "{brightest}");
-    assert_eq!(env.dominant_direction(), (light.direction, light.share));
 
-    let constant = Environment::constant([3.0, 2.0, 1.0]);
-    assert_eq!(constant.dominant_direction(), (Vec3A::Y, 0.0));
+    let constant = Environment::constant([3.0, 2.0, 1.0]).dominant_light();
+    assert_eq!((constant.direction, constant.share), (Vec3A::Y, 0.0));
     let black = Environment { map: Rgb::filled(8, 4, [0.0; 3]), rotation: 0.0, intensity: 1.0 };
-    assert_eq!(black.dominant_direction().1, 0.0);
+    assert_eq!(black.dominant_light().share, 0.0);
 }
 
 #[test]

@@ -38,7 +38,7 @@ fn uniform_light_gives_albedo_plus_reflection() {
         for material in &mut frame.material.pixels {
             *material = [roughness, metallic, 0.5];
         }
-        let shading = shade(&frame, &camera(), &environment, &tables);
+        let shading = shade(&frame, &environment, &tables);
         for (i, alpha) in frame.alpha.pixels.iter().enumerate() {
             let expected = if *alpha == 0.0 {
                 [2.0, 1.0, 0.5]
@@ -64,7 +64,7 @@ fn a_mirror_shows_the_sky_behind_the_camera() {
     let mut frame = sphere();
     frame.albedo = Rgb::filled(SIZE, SIZE, [1.0; 3]);
     frame.material = Rgb::filled(SIZE, SIZE, [0.0, 1.0, 0.5]);
-    let shading = shade(&frame, &camera(), &environment, &tables);
+    let shading = shade(&frame, &environment, &tables);
     let mut checked = 0;
     for i in (0..SIZE * SIZE).filter(|i| frame.alpha.pixels[*i] > 0.0) {
         let ray = camera().ray_direction(Vec2::new((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
@@ -98,7 +98,7 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
     guide_normal.pixels[i] = (n * 0.2).to_array();
     frame.guide_albedo = Some(guide_albedo);
     frame.guide_normal = Some(guide_normal);
-    let shading = shade(&frame, &camera(), &environment, &tables);
+    let shading = shade(&frame, &environment, &tables);
     assert!((shading.surfaces.material.pixels[i][0] - 0.31).abs() < 1e-6);
     assert_eq!(shading.surfaces.depth.pixels[i], frame.depth.pixels[i - 1]);
     assert!(Vec3A::from_array(shading.surfaces.normal.pixels[i]).distance(n) < 1e-6);
@@ -126,7 +126,7 @@ fn normals_facing_away_and_lone_coverage_stay_finite() {
         frame.normal.pixels[i] = [[0.0, 0.0, -1.0], [0.0; 3], [1.0, 0.0, 0.0]][i % 3];
         frame.alpha.pixels[i] = [1.0, 0.5, 1e-30, 0.0][i % 4];
     }
-    let shading = shade(&frame, &camera(), &environment, &tables);
+    let shading = shade(&frame, &environment, &tables);
     for picture in [
         &shading.image,
         &shading.specular,
@@ -141,5 +141,5 @@ fn normals_facing_away_and_lone_coverage_stay_finite() {
     let corner = SIZE + 1;
     assert!(shading.surfaces.depth.pixels[corner].is_infinite());
     assert_eq!(shading.surfaces.material.pixels[corner], [1.0, 0.0, 0.5]);
-    assert!(shade(&Frame::default(), &camera(), &environment, &tables).image.pixels.is_empty());
+    assert!(shade(&Frame::default(), &environment, &tables).image.pixels.is_empty());
 }

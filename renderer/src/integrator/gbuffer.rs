@@ -387,7 +387,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
         motion: wanted.motion.then(flow),
         motion_prev: wanted.motion.then(flow),
         info: FrameInfo {
-            camera: Some(*scene.camera()),
+            camera: *scene.camera(),
             spp: 0,
             seed: scene.seed,
             scene_hash: scene.hash.clone(),

@@ -60,8 +60,8 @@ impl Store {
             frame.depth.pixels.iter().for_each(|v| v.to_bits().hash(&mut hasher));
         }
         (clip.environment.rotation.to_bits(), clip.environment.intensity.to_bits()).hash(&mut hasher);
-        for camera in &clip.cameras {
-            camera.camera_to_world.to_cols_array().map(f32::to_bits).hash(&mut hasher);
+        for frame in &clip.frames {
+            frame.info.camera.camera_to_world.to_cols_array().map(f32::to_bits).hash(&mut hasher);
         }
         let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
         let name: String = clip.name.chars().rev().take(48).map(plain).collect();

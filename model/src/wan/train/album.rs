@@ -7,8 +7,8 @@ use crate::wan::pictures::{DepthBounds, EnvironmentView, Kind, Pictures};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
-use renderflow_frame::Frame;
 use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::{Frame, FrameInfo};
 
 /// All frames of a clip as pictures.
 #[derive(Clone, Debug, Default)]
@@ -78,12 +78,12 @@ impl Album {
             .into_par_iter()
             .map(|i| {
                 let reduced;
-                let (mut frame, mut camera) = (&clip.frames[i], clip.cameras[i]);
+                let mut frame = &clip.frames[i];
                 if factor > 1 {
                     reduced = reduce(frame, factor);
-                    (frame, camera) = (&reduced, camera.resized(w, h));
+                    frame = &reduced;
                 }
-                let pictures = Pictures::new(frame, &camera, &clip.environment, &view, clip.exposure, bounds)?;
+                let pictures = Pictures::new(frame, &clip.environment, &view, clip.exposure, bounds)?;
                 let cut = |planes: &[f32], width: usize, height: usize| {
                     let window = Window { top: 0, left: 0, height: cut_h, width: cut_w };
                     let mut out = Vec::with_capacity(planes.len());
@@ -190,6 +190,7 @@ fn reduce(frame: &Frame, factor: usize) -> Frame {
         normal: sample(&frame.normal),
         depth: Image::from_fn(width, height, |x, y| *frame.depth.at(middle(x), middle(y))),
         material: sample(&frame.material),
+        info: FrameInfo { camera: frame.info.camera.resized(width, height), ..FrameInfo::default() },
         ..Frame::default()
     }
 }

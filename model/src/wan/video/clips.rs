@@ -100,9 +100,9 @@ impl<'a> Clips<'a> {
             return Err(broken(reason));
         }
         let (light, exposure) = (sequence.environment(), sequence.exposure());
-        let mut pictures = Pictures::new(frame, view.camera, light, environment, exposure, self.bounds)?;
+        let mut pictures = Pictures::new(frame, light, environment, exposure, self.bounds)?;
         pictures.target = None;
-        Ok(Page { number: view.number, index: view.index, camera: *view.camera, pictures })
+        Ok(Page { number: view.number, index: view.index, camera: frame.info.camera, pictures })
     }
 
     /// Makes latents of the keyframes that guide the clip of frames `first..=last`; others are let go.
@@ -129,14 +129,14 @@ impl<'a> Clips<'a> {
     }
 
     fn key(&self, place: KeyframePlace, size: Size) -> Result<Key> {
-        let (frame, camera) = self.sequence.keyframe(place.index)?;
+        let frame = self.sequence.keyframe(place.index)?;
         let broken = |reason: &str| Error::Data { place: format!("keyframe {}", place.number), reason: reason.into() };
         if (frame.width, frame.height) != (size.width, size.height) {
             return Err(broken("differs in size from the frames"));
         }
         let (light, exposure) = (self.sequence.environment(), self.sequence.exposure());
         // Its environment is not looked at: any size will do.
-        let pictures = Pictures::new(&frame, &camera, light, &EnvironmentView::new(light, 1, 1), exposure, self.bounds)?;
+        let pictures = Pictures::new(&frame, light, &EnvironmentView::new(light, 1, 1), exposure, self.bounds)?;
         let (Some(picture), Some(beauty)) = (pictures.target, frame.beauty) else { return Err(broken("has no beauty")) };
         let latent = self.renderer.encode(size.clip(&[&picture], &self.renderer.device))?;
         Ok(Key { place, latent, picture, beauty })

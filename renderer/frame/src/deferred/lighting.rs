@@ -16,13 +16,11 @@ pub struct Lighting {
     pub lights: Vec<DominantLight>,
     /// The whole environment, as seen in the background.
     pub environment: Environment,
-    /// The environment without the lights.
-    pub rest: Environment,
-    /// Prefiltered `rest`.
+    /// Prefiltered environment without the lights.
     pub tables: IblTables,
     /// Prefiltered whole environment, `None` without lights: smooth surfaces mirror the lights in their own shape.
     pub whole: Option<IblTables>,
-    /// `rest` in cells, one for each map of [`Shadows::sky`].
+    /// The environment without the lights in cells, one for each map of [`Shadows::sky`].
     pub sky: Vec<SkyCell>,
 }
 
@@ -43,6 +41,6 @@ impl Lighting {
         let tables = IblTables::new(&rest);
         let whole = (!lights.is_empty()).then(|| IblTables::new(environment));
         let sky = sky_cells(&rest);
-        Self { lights, environment: environment.clone(), rest, tables, whole, sky }
+        Self { lights, environment: environment.clone(), tables, whole, sky }
     }
 }

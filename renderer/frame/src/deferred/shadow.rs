@@ -1,7 +1,7 @@
 //! Shadow maps: what a distant light sees, and how much of it a point sees.
 
+use crate::Frame;
 use crate::image::Image;
-use crate::{Camera, Frame};
 use glam::{Affine3A, Mat3A, Vec2, Vec3A};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
@@ -53,8 +53,8 @@ pub fn axes(light: Vec3A) -> [Vec3A; 3] {
 }
 
 /// World-space points (relative to the camera's origin) that `frame` shows, the nearest to the camera first: what shadow maps are fitted to.
-pub fn receivers(frame: &Frame, camera: &Camera) -> Vec<Vec3A> {
-    let width = frame.depth.width;
+pub fn receivers(frame: &Frame) -> Vec<Vec3A> {
+    let (width, camera) = (frame.depth.width, &frame.info.camera);
     let mut seen: Vec<(f32, usize)> = frame.depth.pixels.iter().copied().enumerate().map(|(i, depth)| (depth, i)).collect();
     seen.retain(|(depth, _)| depth.is_finite());
     seen.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

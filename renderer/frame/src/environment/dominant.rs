@@ -34,13 +34,6 @@ struct Peak {
 }
 
 impl Environment {
-    /// World-space unit direction of the dominant light and its share of a facing surface's irradiance
-    /// (0 for a constant map; then the direction is +Y).
-    pub fn dominant_direction(&self) -> (Vec3A, f32) {
-        let light = self.dominant_light();
-        (light.direction, light.share)
-    }
-
     /// The dominant light: what rises above the mean luminance of the hemisphere about the brightest direction, inside a cone of
     /// 12 degrees about it; its direction is the luminance-weighted mean of that part. Its irradiance and share are 0 in a constant
     /// or black map.

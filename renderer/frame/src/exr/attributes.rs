@@ -71,15 +71,14 @@ pub(super) fn write(
     if let Some(denoiser) = &info.denoiser {
         set(DENOISER, string(denoiser));
     }
-    if let Some(camera) = &info.camera {
-        set(CAMERA, string(&serde_json::to_string(camera).map_err(|e| e.to_string())?));
-        layer.world_to_camera = Some(matrix(world_to_camera(camera)));
-        layer.world_to_normalized_device = Some(matrix(world_to_ndc(camera)));
-    }
+    set(CAMERA, string(&serde_json::to_string(&info.camera).map_err(|e| e.to_string())?));
+    layer.world_to_camera = Some(matrix(world_to_camera(&info.camera)));
+    layer.world_to_normalized_device = Some(matrix(world_to_ndc(&info.camera)));
     Ok(())
 }
 
-/// Reads what [`write`] stored. Absent values are those of [`FrameInfo::default`]; malformed ones are errors.
+/// Reads what [`write`] stored. Absent values but the camera are those of [`FrameInfo::default`]; malformed ones
+/// are errors.
 pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
     let other = &header.own_attributes.other;
     let string = |name: &str| match other.get(name.as_bytes()) {
@@ -93,12 +92,9 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
     let conventions = string(CONVENTIONS)?.ok_or_else(|| format!("no frame file: header attribute {CONVENTIONS} is missing"))?;
     channel::check_conventions(&conventions).map_err(|reason| format!("header attribute {CONVENTIONS}: {reason}"))?;
     Ok(FrameInfo {
-        camera: match string(CAMERA)? {
-            None => None,
-            Some(json) => {
-                let camera: Camera = serde_json::from_str(&json).map_err(|e| format!("header attribute {CAMERA}: {e}"))?;
-                Some(camera)
-            }
+        camera: {
+            let json = string(CAMERA)?.ok_or_else(|| format!("header attribute {CAMERA} is missing"))?;
+            serde_json::from_str::<Camera>(&json).map_err(|e| format!("header attribute {CAMERA}: {e}"))?
         },
         spp: match other.get(SPP.as_bytes()) {
             None => 0,

@@ -1,9 +1,9 @@
 //! Shading a G-buffer with the split sum.
 
 use super::{IblTables, dielectric, environment_brdf, f0};
+use crate::Frame;
 use crate::environment::Environment;
 use crate::image::{Image, Rgb};
-use crate::{Camera, Frame};
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use std::sync::OnceLock;
@@ -57,8 +57,8 @@ pub struct Shading {
 ///
 /// # Panics
 /// When a channel of `frame` has not `frame.width * frame.height` pixels.
-pub fn surfaces(frame: &Frame, camera: &Camera, environment: &Environment) -> Surfaces {
-    let (width, height) = (frame.width, frame.height);
+pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
+    let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
     let rgb = || Rgb::filled(width, height, [0.0; 3]);
     let mut out = Surfaces {
         brdf: Image::filled(width, height, [0.0; 2]),
@@ -116,9 +116,9 @@ pub fn surfaces(frame: &Frame, camera: &Camera, environment: &Environment) -> Su
 ///
 /// # Panics
 /// When a channel of `frame` has not `frame.width * frame.height` pixels.
-pub fn shade(frame: &Frame, camera: &Camera, environment: &Environment, tables: &IblTables) -> Shading {
-    let (width, height) = (frame.width, frame.height);
-    let surfaces = surfaces(frame, camera, environment);
+pub fn shade(frame: &Frame, environment: &Environment, tables: &IblTables) -> Shading {
+    let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
+    let surfaces = surfaces(frame, environment);
     let rgb = || Rgb::filled(width, height, [0.0; 3]);
     let mut out = Shading {
         image: surfaces.background.clone(),

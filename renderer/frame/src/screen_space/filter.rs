@@ -1,7 +1,7 @@
 //! The average over one period of the sampling pattern that stays on one surface.
 
-use super::{Sample, Surface};
-use glam::{Vec3A, Vec4};
+use super::Surface;
+use glam::Vec4;
 use rayon::prelude::*;
 
 /// Five taps with halved ends cover one period of four, centred.
@@ -28,20 +28,6 @@ pub fn neighbours(surface: &Surface, x: usize, y: usize, mut f: impl FnMut(usize
             }
         }
     }
-}
-
-/// Mean of `raw` over the [`neighbours`] of (x, y).
-pub fn average(surface: &Surface, raw: &[Sample], x: usize, y: usize) -> Sample {
-    let mut sum = Sample { occlusion: 0.0, visibility: 0.0, bent: Vec3A::ZERO };
-    let mut total = 0.0;
-    neighbours(surface, x, y, |i, weight| {
-        let sample = &raw[i];
-        sum.occlusion += sample.occlusion * weight;
-        sum.visibility += sample.visibility * weight;
-        sum.bent += sample.bent * weight;
-        total += weight;
-    });
-    Sample { occlusion: sum.occlusion / total, visibility: sum.visibility / total, bent: sum.bent / total }
 }
 
 /// Four values a pixel, `f(index, (turn, step))` at the pixels with a depth, each the mean over its [`neighbours`]; `otherwise`

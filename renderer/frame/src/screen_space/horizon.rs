@@ -28,11 +28,6 @@ pub struct Reach {
     pub thin: f32,
 }
 
-impl Reach {
-    /// What the network was given.
-    pub const FEATURES: Self = Self { radius: RADIUS, thin: THIN };
-}
-
 /// A plane through the view direction in which horizons are looked for.
 pub(super) struct Slice {
     /// (cos, sin) of its direction in the picture.

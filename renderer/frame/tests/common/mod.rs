@@ -42,7 +42,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
         object_id: Image::from_fn(width, height, |x, y| if hit(x) { 70_000 + (x * y) as u32 } else { 0 }),
         material_id: Image::from_fn(width, height, |x, _| if hit(x) { u32::MAX - x as u32 } else { 0 }),
         info: FrameInfo {
-            camera: Some(camera(width, height)),
+            camera: camera(width, height),
             spp: 256,
             seed: u64::MAX - 12,
             scene_hash: "00ff".repeat(16),

@@ -63,7 +63,7 @@ pub fn render(scene: &[Surface], camera: &Camera) -> Frame {
         material_id: Image::filled(width, height, 0),
         ..Frame::default()
     };
-    frame.info.camera = Some(*camera);
+    frame.info.camera = *camera;
     let world_to_camera: Affine3A = camera.world_to_camera();
     for i in 0..width * height {
         let d = camera.ray_direction(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5));
