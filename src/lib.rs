@@ -21,6 +21,7 @@ mod memory;
 pub mod metrics;
 pub mod output;
 pub mod progress;
+mod ranges;
 pub mod report;
 pub mod stop;
 pub mod testset;

@@ -16,9 +16,9 @@ const PROGRAM: u64 = 40 << 20;
 pub fn of_frame(settings: &TruthSettings, size: [usize; 2], light_paths: bool, storage: Profile) -> u64 {
     let pixels = (size[0] as u64).saturating_mul(size[1] as u64);
     let all = |bytes: u64| pixels.saturating_mul(bytes);
-    let memory = settings.of_renderer().memory(size, light_paths, settings.spp == 0);
+    let memory = settings.render.memory(size, light_paths, settings.render.spp == 0);
     let frame = memory.frame.saturating_add(if settings.distance { all(4) } else { 0 });
-    let denoises = settings.denoiser_name().is_some() && settings.spp > 0;
+    let denoises = settings.denoiser_name().is_some();
     let [network, stays] = settings.denoising(pixels);
     let denoising = if denoises { frame.saturating_add(network) } else { 0 };
     let kept = if denoises && pixels <= KEPT { stays } else { 0 };
@@ -29,10 +29,10 @@ pub fn of_frame(settings: &TruthSettings, size: [usize; 2], light_paths: bool, s
 /// Bytes a pixel that encoding takes: the channels as they are stored, and the file.
 fn encoded(settings: &TruthSettings, storage: Profile) -> u64 {
     let asked = |name: &str| match (name, name.strip_prefix("light.")) {
-        ("irradiance", _) => settings.irradiance,
+        ("irradiance", _) => settings.render.irradiance,
         ("distance", _) => settings.distance,
-        ("samples", _) => settings.budget != Budget::Uniform || settings.sample_map.is_some(),
-        (_, Some(group)) => group.parse().is_ok_and(|group: u32| group < settings.light_groups),
+        ("samples", _) => settings.render.budget != Budget::Uniform || settings.sample_map.is_some(),
+        (_, Some(group)) => group.parse().is_ok_and(|group: u32| group < settings.render.light_groups),
         _ => true,
     };
     let layers = LAYERS.iter().filter(|layer| asked(layer.name));
@@ -51,7 +51,7 @@ fn encoded(settings: &TruthSettings, storage: Profile) -> u64 {
 pub fn ensure(settings: &TruthSettings, size: [usize; 2], light_paths: bool, storage: Profile) -> Result<()> {
     let ways = [
         (true, "a smaller resolution"),
-        (settings.light_groups > 0, "fewer light groups"),
+        (settings.render.light_groups > 0, "fewer light groups"),
         (settings.denoiser_name().is_some(), "no denoiser (denoise none)"),
         (light_paths, "no light paths (no-light-paths)"),
     ];

@@ -18,7 +18,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_renderer::denoise::Denoiser;
-use renderflow_renderer::{Budget, Mode, RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
+use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
@@ -43,26 +43,10 @@ pub const NO_TRUTH: &str = "is for pictures to look at: truth that a network is 
 
 /// How truth is rendered. One denoiser serves all frames.
 pub struct TruthSettings {
-    /// Samples a pixel.
-    pub spp: u32,
-    /// How they are spread over the pixels.
-    pub budget: Budget,
-    /// Frame to take the samples of every pixel from, in place of `spp` and `budget`: a file, or a folder of a sequence's frames.
+    /// What the renderer is told; 0 samples a pixel stand for G-buffers alone.
+    pub render: Settings,
+    /// Frame to take the samples of every pixel from, in place of `render.spp` and `render.budget`: a file, or a folder of a sequence's frames.
     pub sample_map: Option<PathBuf>,
-    /// Scattering events of a path.
-    pub max_bounces: u32,
-    /// Form of the principled BRDF.
-    pub bsdf: Mode,
-    /// Largest number of samples that share a camera ray ([`Settings::branches`]).
-    pub branches: u32,
-    /// Limit of indirect light ([`Settings::clamp_indirect`]): biased, for no data set.
-    pub clamp_indirect: Option<f32>,
-    /// Whether light is followed from the environment as well ([`Settings::light_paths`]).
-    pub light_paths: bool,
-    /// Groups to split the light into, 0..=8.
-    pub light_groups: u32,
-    /// Whether frames hold the unoccluded irradiance.
-    pub irradiance: bool,
     /// Whether frames hold the Euclidean distance beside the depth.
     pub distance: bool,
     /// What compares the picture with a reference while it is rendered.
@@ -71,37 +55,23 @@ pub struct TruthSettings {
 }
 
 impl TruthSettings {
-    /// Opens the denoiser as `mode` asks; `spp` samples in every pixel.
-    pub fn new(spp: u32, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
-        Self::spread(spp, Budget::Uniform, max_bounces, mode)
-    }
-
-    /// As [`Self::new`] with the samples spread as `budget` says.
-    pub fn spread(spp: u32, budget: Budget, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
-        let denoiser = Cleaner::open(mode, &Settings { spp, budget, ..Settings::default() })?;
-        let plain = Settings::default();
-        Ok(Self {
-            spp,
-            budget,
-            sample_map: None,
-            max_bounces,
-            bsdf: plain.bsdf,
-            branches: plain.branches,
-            clamp_indirect: plain.clamp_indirect,
-            light_paths: plain.light_paths,
-            light_groups: plain.light_groups,
-            irradiance: plain.irradiance,
-            distance: false,
-            watch: None,
-            denoiser,
-        })
+    /// Opens the denoiser as `mode` asks; without samples there is nothing to denoise.
+    ///
+    /// # Errors
+    /// When it is asked for and not in this build.
+    pub fn new(render: Settings, mode: DenoiseMode) -> Result<Self> {
+        let denoiser = if render.spp == 0 { None } else { Cleaner::open(mode, &render)? };
+        Ok(Self { render, sample_map: None, distance: false, watch: None, denoiser })
     }
 
     /// As [`Self::new`], without the warning: for rows beside a truth that has warned already.
-    pub fn quiet(spp: u32, max_bounces: u32, mode: DenoiseMode) -> Result<Self> {
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn quiet(render: Settings, mode: DenoiseMode) -> Result<Self> {
         match mode {
-            DenoiseMode::Auto if Denoiser::new().is_err() => Self::new(spp, max_bounces, DenoiseMode::None),
-            mode => Self::new(spp, max_bounces, mode),
+            DenoiseMode::Auto if Denoiser::new().is_err() => Self::new(render, DenoiseMode::None),
+            mode => Self::new(render, mode),
         }
     }
 
@@ -115,22 +85,6 @@ impl TruthSettings {
         self.denoiser.as_ref().map_or([0; 2], |denoiser| denoiser.bytes(pixels))
     }
 
-    /// These settings as the renderer has them.
-    pub fn of_renderer(&self) -> Settings {
-        Settings {
-            spp: self.spp,
-            max_bounces: self.max_bounces,
-            bsdf: self.bsdf,
-            branches: self.branches,
-            clamp_indirect: self.clamp_indirect,
-            light_paths: self.light_paths,
-            light_groups: self.light_groups,
-            irradiance: self.irradiance,
-            budget: self.budget,
-            ..Settings::default()
-        }
-    }
-
     /// The frame that holds the sample map of frame `index` of `frames`, and the settings it was made with.
     fn mapped(&self, path: &Path, index: usize, frames: usize) -> Result<(Settings, Frame)> {
         let path = if path.is_dir() { path.join(frame_file(index, Profile::Full)) } else { path.to_owned() };
@@ -138,7 +92,7 @@ impl TruthSettings {
             bail!("{}: is the map of one frame, the sequence has {frames}; name a folder of frames", path.display());
         }
         let map = exr::read(&path)?;
-        let settings = self.of_renderer().with_sampling(&map.info.sampling);
+        let settings = self.render.with_sampling(&map.info.sampling);
         let settings = settings.with_context(|| format!("{}: was not sampled adaptively", path.display()))?;
         // Counts are multiples of it, and another number would make another picture.
         let (branches, light_paths) = (map.info.branches.unwrap_or(1), map.info.light_paths);
@@ -166,9 +120,9 @@ impl TruthSettings {
         cancel: &AtomicBool,
     ) -> Result<(Frame, [f64; 2])> {
         let started = Instant::now();
-        if self.spp == 0 {
+        if self.render.spp == 0 {
             // Coverage and guides want camera rays of their own; there are as many as by default.
-            let frame = render_gbuffer_until(scene, &Settings { spp: 1, ..self.of_renderer() }, cancel);
+            let frame = render_gbuffer_until(scene, &Settings { spp: 1, ..self.render }, cancel);
             if cancel.load(Ordering::Relaxed) {
                 return Err(Interrupted.into());
             }
@@ -176,8 +130,8 @@ impl TruthSettings {
             return Ok((frame, [started.elapsed().as_secs_f64(), 0.0]));
         }
         let rendered = match (&self.sample_map, &self.watch) {
-            (None, None) => render_with_stats(scene, &self.of_renderer(), progress, cancel).map_err(anyhow::Error::from),
-            (None, Some(watch)) => watch.render(scene, &self.of_renderer(), progress, cancel),
+            (None, None) => render_with_stats(scene, &self.render, progress, cancel).map_err(anyhow::Error::from),
+            (None, Some(watch)) => watch.render(scene, &self.render, progress, cancel),
             (Some(path), watch) => {
                 let (settings, frame) = self.mapped(path, scene.frame(), scene.frames())?;
                 let map = frame.samples.with_context(|| format!("{}: {NO_MAP}", path.display()))?;
@@ -198,7 +152,7 @@ impl TruthSettings {
         let traced = started.elapsed().as_secs_f64();
         if let Some(denoiser) = &self.denoiser {
             frame.beauty = None;
-            frame.beauty = Some(denoiser.clean(scene, &frame, &self.of_renderer(), cancel)?);
+            frame.beauty = Some(denoiser.clean(scene, &frame, &self.render, cancel)?);
             frame.info.denoiser = self.denoiser_name();
             if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
                 watch.after("denoised", beauty, scene.exposure())?;
@@ -381,7 +335,7 @@ impl OpenSequence<'_> {
         };
         scene.set_frame(number);
         let camera = scene.camera();
-        let light_paths = scene.has_light_paths(&settings.of_renderer());
+        let light_paths = scene.has_light_paths(&settings.render);
         memory::ensure(settings, [camera.width, camera.height], light_paths, self.job.storage)?;
         self.describe()?;
         let compile = started.elapsed().as_secs_f64();

@@ -30,7 +30,7 @@ pub enum Error {
         /// The value given.
         value: u64,
         /// The values allowed.
-        range: &'static str,
+        range: String,
     },
     /// Two films do not belong together.
     #[error("films cannot be merged: {0}")]

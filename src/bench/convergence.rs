@@ -7,6 +7,7 @@ use super::metrics::{self, RelMse};
 use super::reference::{Reference, References, compile_seeded, raw};
 use super::{Machine, Stopwatch, scenes};
 use crate::progress::Progress;
+use crate::ranges::within;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
@@ -62,10 +63,10 @@ pub struct Options {
     #[arg(long, default_value_t = scenes::RESOLUTION, value_parser = clap::value_parser!(u32).range(1..=16384))]
     resolution: u32,
     /// Samples a pixel to start with
-    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, default_value_t = 4, value_parser = within(Settings::SPP))]
     min_spp: u32,
     /// Samples a pixel to stop at
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, default_value_t = 1024, value_parser = within(Settings::SPP))]
     max_spp: u32,
     /// Pictures of every row, each with its own seed: median seconds, mean errors
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -74,7 +75,7 @@ pub struct Options {
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1 << 24))]
     reference_spp: u32,
     /// Scattering events of a path
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
     /// Ways to spend samples; may be given several times
     #[arg(long, value_enum, default_values_t = [Method::Uniform, Method::Adaptive])]

@@ -2,11 +2,13 @@ use super::SplitArg;
 use crate::dataset::plan::{Allowed, Denoise, Keyframes, Plan, Render};
 use crate::dataset::{Shard, export, log, manifest, mend, pack, planning, preview, render, stats, verify};
 use crate::output;
+use crate::ranges::within;
 use crate::truth::{DenoiseMode, NO_TRUTH};
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
+use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_scenes::procedural::varied::Composition;
 use std::path::PathBuf;
@@ -70,7 +72,7 @@ pub struct PlanArgs {
     #[arg(long)]
     adaptive: bool,
     /// Scattering events of a path
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
     /// Denoise with OIDN: where this machine has it, or on every machine, or not at all; the plan says which
     #[arg(long, value_enum, default_value_t)]
@@ -124,7 +126,7 @@ pub struct PreviewArgs {
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(16..=1024))]
     size: u32,
     /// Samples a pixel
-    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, default_value_t = 32, value_parser = within(Settings::SPP))]
     spp: u32,
     /// Number in the catalogue of the first mesh and the first environment to show
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]

@@ -62,7 +62,7 @@ impl Demo {
         let methods: Vec<Method> = all.into_iter().filter(there).collect();
         let lpips = super::evaluate::lpips()?;
         let (scene, base) = self.scene.describe(allowed, self.seed, 2026, Some(self.resolution), Some(self.frames))?;
-        let settings = TruthSettings::new(self.trace.spp, self.trace.max_bounces, self.trace.denoise)?;
+        let settings = TruthSettings::new(self.trace.settings(), self.trace.denoise)?;
 
         let progress = Progress::new("path tracing", u64::from(scene.frames) * 1000);
         let folder = self.out.join("sequence");
@@ -154,8 +154,8 @@ impl Demo {
                 "truth",
                 format!(
                     "{} spp, {} bounces, denoiser {}",
-                    truth.spp,
-                    truth.max_bounces,
+                    truth.render.spp,
+                    truth.render.max_bounces,
                     truth.denoiser_name().as_deref().unwrap_or("none")
                 ),
             ),

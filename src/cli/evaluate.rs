@@ -4,10 +4,12 @@ use crate::evaluate::method::{Method, help};
 use crate::evaluate::{external, renderer, results::Results, run};
 use crate::metrics::Networks;
 use crate::progress::Progress;
+use crate::ranges::within;
 use crate::report::table;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use renderflow_model::lpips::WEIGHTS_VARIABLE;
+use renderflow_renderer::Settings;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -53,7 +55,7 @@ pub struct Evaluate {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "pictures")]
     every: u32,
     /// Scattering events of path-traced rows
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
     /// Name of the compared pictures in tables
     #[arg(long, default_value = "pictures", requires = "pictures")]

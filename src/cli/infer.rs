@@ -4,6 +4,7 @@ use crate::evaluate::method::Method;
 use crate::evaluate::renderer::{self, MethodRenderer};
 use crate::output::Claim;
 use crate::progress::Progress;
+use crate::ranges::within;
 use crate::report::picture;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -11,6 +12,7 @@ use clap::{Args, ValueEnum};
 use renderflow_frame::{color, exr, file, reach};
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
+use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -51,7 +53,7 @@ pub struct Infer {
     #[arg(long, value_enum, requires = "rays")]
     denoised: Option<DenoisedArg>,
     /// Surfaces that a path of --rays may scatter at
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
     /// Render each frame by itself with the paper's network too: sharper, but not held together over time
     #[arg(long)]

@@ -19,6 +19,7 @@ mod weights;
 
 use crate::console::{self, message};
 use crate::evaluate::method::Method;
+use crate::ranges::within;
 use crate::stop;
 use crate::truth::{DenoiseMode, Interrupted};
 use anyhow::{Context, Result, bail, ensure};
@@ -28,6 +29,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::{self, Autoencoder, Renderer};
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
+use renderflow_renderer::Settings;
 use renderflow_scenes::LoadReport;
 use renderflow_scenes::description::{EnvironmentSource, Scene};
 use renderflow_scenes::load::{self, ModelView};
@@ -165,14 +167,21 @@ pub(crate) fn panic_message(payload: &(dyn std::any::Any + Send)) -> String {
 #[derive(Args, Clone, Debug)]
 struct TraceArgs {
     /// Samples a pixel
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, default_value_t = Settings::default().spp, value_parser = within(Settings::SPP))]
     spp: u32,
     /// Scattering events of a path
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
     /// Denoise with OIDN: where available, or else fail, or not at all
     #[arg(long, value_enum, default_value_t)]
     denoise: DenoiseMode,
+}
+
+impl TraceArgs {
+    /// What the renderer is told.
+    fn settings(&self) -> Settings {
+        Settings { spp: self.spp, max_bounces: self.max_bounces, ..Settings::default() }
+    }
 }
 
 /// A model file or scene to work on, in place of a composed one.

@@ -2,6 +2,7 @@ use super::{SceneArgs, TraceArgs};
 use crate::bench::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
 use crate::progress::Progress;
+use crate::ranges::within;
 use crate::report::picture;
 use crate::stop;
 use crate::truth::{SequenceJob, TruthSettings};
@@ -31,10 +32,10 @@ pub struct Render {
     #[arg(long, value_enum, default_value_t)]
     bsdf: BsdfArg,
     /// Most samples a pixel on average with --target-error or --time-budget
-    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, default_value_t = 4096, value_parser = within(Settings::SPP))]
     max_spp: u32,
     /// Samples that share a camera ray, at most: a power of two is taken, fewer where fewer than four rays a pixel would be left
-    #[arg(long, default_value_t = Settings::default().branches, value_parser = clap::value_parser!(u32).range(1..=64), conflicts_with = "sample_map")]
+    #[arg(long, default_value_t = Settings::default().branches, value_parser = within(Settings::BRANCHES), conflicts_with = "sample_map")]
     branches: u32,
     /// Limit what light scattered at two or more surfaces contributes to a sample. Biased, for pictures to look at only: 10
     /// darkened two scenes by 0.8 and 2.1 % where it was measured, for 0.55 and 0.15 times the error; no limit without it
@@ -44,7 +45,7 @@ pub struct Render {
     #[arg(long, conflicts_with = "sample_map")]
     no_light_paths: bool,
     /// Split the light into this many groups by direction: channels light.0 to light.7
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=8))]
+    #[arg(long, default_value_t = 0, value_parser = within(Settings::LIGHT_GROUPS))]
     light_groups: u32,
     /// Write the Euclidean distance beside the planar depth
     #[arg(long)]
@@ -165,12 +166,19 @@ impl Render {
             AdaptiveArgs { time_budget: Some(milliseconds), .. } => (self.max_spp, Budget::Time { milliseconds: *milliseconds }),
             _ => (self.trace.spp, Budget::Uniform),
         };
-        let mut settings = TruthSettings::spread(spp, budget, self.trace.max_bounces, self.trace.denoise)?;
-        settings.sample_map = self.adaptive.sample_map;
-        (settings.branches, settings.clamp_indirect) = (self.branches, self.clamp_indirect);
-        settings.light_paths = !self.no_light_paths;
-        (settings.bsdf, settings.light_groups, settings.irradiance) = (bsdf, self.light_groups, self.irradiance);
-        settings.distance = self.distance;
+        let render = Settings {
+            spp,
+            budget,
+            bsdf,
+            branches: self.branches,
+            clamp_indirect: self.clamp_indirect,
+            light_paths: !self.no_light_paths,
+            light_groups: self.light_groups,
+            irradiance: self.irradiance,
+            ..self.trace.settings()
+        };
+        let mut settings = TruthSettings::new(render, self.trace.denoise)?;
+        (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
         if let Some(target) = target {
             let printer = Arc::clone(&progress);

@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::reach::Reach;
 use renderflow_frame::words;
+use renderflow_renderer::{Budget, Settings};
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::procedural::varied::{Composed, Composition, Pool, Request, Used, compose_varied};
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
@@ -117,6 +118,20 @@ pub struct Render {
     /// Groups to split the light into, 0..=8.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub light_groups: u32,
+}
+
+impl Render {
+    /// What the renderer is told of frames with `spp` samples a pixel, 0 = G-buffers only.
+    pub fn settings(&self, spp: u32) -> Settings {
+        Settings {
+            spp,
+            max_bounces: self.max_bounces,
+            irradiance: self.irradiance,
+            light_groups: self.light_groups,
+            budget: if self.adaptive && spp > 0 { Budget::Average } else { Budget::Uniform },
+            ..Settings::default()
+        }
+    }
 }
 
 fn six() -> u32 {
@@ -267,9 +282,9 @@ impl Plan {
         range("/frame_step", self.frame_step, 1, MAX_FRAMES)?;
         range("/keyframes/gap", self.keyframes.gap, 1, MAX_FRAMES)?;
         range("/keyframes/between_spp", self.keyframes.between_spp.unwrap_or(0), 0, 1 << 24)?;
-        range("/render/spp", self.render.spp, 0, 1 << 24)?;
-        range("/render/max_bounces", self.render.max_bounces, 1, 1024)?;
-        range("/render/light_groups", self.render.light_groups, 0, 8)?;
+        range("/render/spp", self.render.spp, 0, *Settings::SPP.end())?;
+        range("/render/max_bounces", self.render.max_bounces, *Settings::MAX_BOUNCES.start(), *Settings::MAX_BOUNCES.end())?;
+        range("/render/light_groups", self.render.light_groups, 0, *Settings::LIGHT_GROUPS.end())?;
         range("/meshes", self.meshes, 1, 1_000_000)?;
         range("/environments", self.environments, 1, 1_000_000)?;
         for (axis, &size) in self.resolution.iter().enumerate() {

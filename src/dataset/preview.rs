@@ -10,7 +10,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{color, file, hdr, ibl};
-use renderflow_renderer::RenderScene;
+use renderflow_renderer::{RenderScene, Settings};
 use renderflow_scenes::description::{
     CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material, Object, Scene, Transform,
 };
@@ -116,7 +116,8 @@ pub fn sheets(plan: &Plan, size: u32, spp: u32, first: u32, stop: &AtomicBool) -
     let catalog = plan.catalog();
     let count = SIDE * SIDE;
     let progress = Progress::new("preview", u64::from(3 * count));
-    let settings = TruthSettings::quiet(spp, plan.render.max_bounces, DenoiseMode::Auto)?;
+    let settings =
+        TruthSettings::quiet(Settings { spp, max_bounces: plan.render.max_bounces, ..Settings::default() }, DenoiseMode::Auto)?;
     let picture = |scene: &Scene, frame: usize| -> Result<Rgb> {
         if stop.load(Ordering::Relaxed) {
             return Err(Interrupted.into());

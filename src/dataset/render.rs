@@ -14,7 +14,6 @@ use crate::{machine, memory};
 use anyhow::{Context, Result, bail};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::{self, Profile};
-use renderflow_renderer::Budget;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::procedural::varied::Composed;
 use std::collections::HashSet;
@@ -53,12 +52,8 @@ impl Qualities {
             Denoise::None => DenoiseMode::None,
         };
         let settings = |spp: u32| -> Result<TruthSettings> {
-            let budget = if plan.render.adaptive && spp > 0 { Budget::Average } else { Budget::Uniform };
-            // Without paths there is nothing to denoise.
-            let mode = if spp == 0 { DenoiseMode::None } else { mode };
-            let mut settings = TruthSettings::spread(spp, budget, plan.render.max_bounces, mode)?;
-            (settings.irradiance, settings.distance) = (plan.render.irradiance, plan.render.distance);
-            settings.light_groups = plan.render.light_groups;
+            let mut settings = TruthSettings::new(plan.render.settings(spp), mode)?;
+            settings.distance = plan.render.distance;
             Ok(settings)
         };
         let between = plan.keyframes.between_spp.unwrap_or(plan.render.spp);
@@ -394,7 +389,7 @@ impl Work<'_> {
         let heedless = AtomicBool::new(false);
         let cost = guarded(|| sequence.render(number, settings, &self.progress, &heedless))?;
         self.summary.made += 1;
-        self.log.write(Event::Frame { sequence: name, frame: number, spp: settings.spp, cost });
+        self.log.write(Event::Frame { sequence: name, frame: number, spp: settings.render.spp, cost });
         self.show(name);
         Ok(())
     }

@@ -130,27 +130,27 @@ impl OpenSequence<'_> {
 
     /// How the settings that `frame` was rendered with differ from those it should have: what was, and what is now.
     fn differences(&self, frame: &Frame, number: usize, settings: &TruthSettings) -> Result<Vec<String>> {
-        let info = &frame.info;
+        let (info, render) = (&frame.info, &settings.render);
         let compact = self.job.storage == Profile::Compact;
         let mut found: Vec<String> = Vec::new();
         let mut put = |what: &str, was: String, now: String| found.push(format!("{what} was {was}, now {now}"));
         let yes = |given: bool| if given { "there" } else { "not there" }.to_owned();
-        if settings.spp == 0 {
+        if render.spp == 0 {
             if info.spp != 0 || frame.beauty.is_some() {
                 put("the picture", yes(true), yes(false));
             }
         } else {
-            let mut wanted = settings.of_renderer();
+            let mut wanted = *render;
             let spread = |sampling: &str, spp: u32| match sampling {
                 "" => format!("{spp} in every pixel"),
                 sampling => sampling.to_owned(),
             };
             let was = spread(&info.sampling, info.spp);
             match &settings.sample_map {
-                None if settings.budget == Budget::Uniform && (!info.sampling.is_empty() || info.spp != settings.spp) => {
-                    put("the number of samples", was, spread("", settings.spp));
+                None if render.budget == Budget::Uniform && (!info.sampling.is_empty() || info.spp != render.spp) => {
+                    put("the number of samples", was, spread("", render.spp));
                 }
-                None if settings.budget == Budget::Uniform => {}
+                None if render.budget == Budget::Uniform => {}
                 None if info.sampling != wanted.sampling() => put("the number of samples", was, wanted.sampling()),
                 None => {}
                 Some(map) => {
@@ -165,28 +165,28 @@ impl OpenSequence<'_> {
             if info.denoiser != settings.denoiser_name() {
                 put("the denoiser", none(&info.denoiser), none(&settings.denoiser_name()));
             }
-            if info.bsdf != settings.bsdf.name() {
-                put("the BRDF", info.bsdf.clone(), settings.bsdf.name().into());
+            if info.bsdf != render.bsdf.name() {
+                put("the BRDF", info.bsdf.clone(), render.bsdf.name().into());
             }
             let branches = info.branches.unwrap_or(1);
             if branches != wanted.branches() {
                 put("the number of samples that share a camera ray", branches.to_string(), wanted.branches().to_string());
             }
-            if info.indirect_limit != settings.clamp_indirect {
+            if info.indirect_limit != render.clamp_indirect {
                 let limit = |limit: Option<f32>| limit.map_or_else(|| "none".into(), |limit| limit.to_string());
-                put("the limit of indirect light", limit(info.indirect_limit), limit(settings.clamp_indirect));
+                put("the limit of indirect light", limit(info.indirect_limit), limit(render.clamp_indirect));
             }
             // Where there are none, the scene may have no use for them.
             if !wanted.light_paths && info.light_paths {
                 put("tracing paths from the light", "on".into(), "off".into());
             }
             let groups = frame.light.iter().flatten().count();
-            if groups != settings.light_groups as usize && !compact {
-                put("the number of light groups", groups.to_string(), settings.light_groups.to_string());
+            if groups != render.light_groups as usize && !compact {
+                put("the number of light groups", groups.to_string(), render.light_groups.to_string());
             }
         }
-        if frame.irradiance.is_some() != settings.irradiance {
-            put("the irradiance", yes(frame.irradiance.is_some()), yes(settings.irradiance));
+        if frame.irradiance.is_some() != render.irradiance {
+            put("the irradiance", yes(frame.irradiance.is_some()), yes(render.irradiance));
         }
         if frame.distance.is_some() != settings.distance && !compact {
             put("the distance", yes(frame.distance.is_some()), yes(settings.distance));

@@ -73,8 +73,12 @@ pub enum Budget {
 impl Budget {
     pub(super) fn check(self) -> Result<()> {
         match self {
-            Self::Error { millionths: 0 } => Err(Error::Setting { name: "budget.error", value: 0, range: "1.. millionths" }),
-            Self::Time { milliseconds: 0 } => Err(Error::Setting { name: "budget.time", value: 0, range: "1.. milliseconds" }),
+            Self::Error { millionths: 0 } => {
+                Err(Error::Setting { name: "budget.error", value: 0, range: "1.. millionths".into() })
+            }
+            Self::Time { milliseconds: 0 } => {
+                Err(Error::Setting { name: "budget.time", value: 0, range: "1.. milliseconds".into() })
+            }
             _ => Ok(()),
         }
     }

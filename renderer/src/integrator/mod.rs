@@ -32,7 +32,7 @@ use gbuffer::frame as gbuffer;
 use light_paths::Casters;
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::sync::atomic::AtomicBool;
 
 /// How the light that reaches a surface directly is found. All converge to the same picture.
@@ -129,14 +129,31 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// What [`Self::spp`] may be.
+    pub const SPP: RangeInclusive<u32> = 1..=1 << 24;
+    /// What [`Self::max_bounces`] may be.
+    pub const MAX_BOUNCES: RangeInclusive<u32> = 1..=1024;
+    /// What [`Self::guide_samples`] may be.
+    pub const GUIDE_SAMPLES: RangeInclusive<u32> = 1..=1 << 16;
+    /// What [`Self::branches`] may be.
+    pub const BRANCHES: RangeInclusive<u32> = 1..=64;
+    /// What [`Self::light_samples`] may be.
+    pub const LIGHT_SAMPLES: RangeInclusive<u32> = 1..=64;
+    /// What [`Self::light_groups`] may be.
+    pub const LIGHT_GROUPS: RangeInclusive<u32> = 0..=8;
+
     fn check(&self, scene: &RenderScene) -> Result<()> {
-        let range = |name, value: u32, limit: u32, range| {
-            if (1..=limit).contains(&value) { Ok(()) } else { Err(Error::Setting { name, value: value.into(), range }) }
+        let range = |name, value: u32, range: RangeInclusive<u32>| {
+            if range.contains(&value) {
+                Ok(())
+            } else {
+                Err(Error::Setting { name, value: value.into(), range: format!("{range:?}") })
+            }
         };
-        range("spp", self.spp, 1 << 24, "1..=16777216")?;
-        range("max_bounces", self.max_bounces, 1024, "1..=1024")?;
-        range("branches", self.branches, 64, "1..=64")?;
-        range("light_samples", self.light_samples.unwrap_or(1), 64, "1..=64")?;
+        range("spp", self.spp, Self::SPP)?;
+        range("max_bounces", self.max_bounces, Self::MAX_BOUNCES)?;
+        range("branches", self.branches, Self::BRANCHES)?;
+        range("light_samples", self.light_samples.unwrap_or(1), Self::LIGHT_SAMPLES)?;
         if let Some(limit) = self.clamp_indirect
             && !(limit > 0.0 && limit.is_finite())
         {
@@ -145,7 +162,7 @@ impl Settings {
                 reason: format!("{limit} is not a finite number > 0"),
             });
         }
-        range("guide_samples", self.guide_samples, 1 << 16, "1..=65536")?;
+        range("guide_samples", self.guide_samples, Self::GUIDE_SAMPLES)?;
         self.budget.check()?;
         if self.light_groups > 0 {
             LightGroups::new(self.light_groups as usize, scene.environment().rotation)?;
@@ -199,7 +216,7 @@ impl Settings {
             return Ok(());
         }
         let range = "a part of all samples that is not empty, its ends multiples of the samples that share a camera ray";
-        Err(Error::Setting { name: "samples", value: samples.end.into(), range })
+        Err(Error::Setting { name: "samples", value: samples.end.into(), range: range.into() })
     }
 
     /// How many samples share a camera ray: a power of two, at most [`Settings::branches`]. At least four camera rays are left in

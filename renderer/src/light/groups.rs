@@ -28,7 +28,7 @@ impl LightGroups {
     /// When `count` is outside 1..=8 or the rotation is not finite.
     pub fn new(count: usize, rotation: f32) -> Result<Self> {
         if !(1..=Self::MAXIMUM).contains(&count) {
-            return Err(Error::Setting { name: "light_groups", value: count as u64, range: "1..=8" });
+            return Err(Error::Setting { name: "light_groups", value: count as u64, range: "1..=8".into() });
         }
         if !rotation.is_finite() {
             return Err(Error::inconsistent("environment/rotation", format!("{rotation} is not finite")));

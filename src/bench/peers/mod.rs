@@ -10,6 +10,7 @@ mod report;
 
 use crate::bench::{export, kernels, scenes};
 use crate::progress::Progress;
+use crate::ranges::within;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result, bail};
 use child::{Child, Started};
@@ -17,6 +18,7 @@ use clap::Args;
 use contender::{Contender, KINDS, Kind, OURS, Shot};
 use reference::{Difference, Reference};
 use renderflow_frame::file;
+use renderflow_renderer::Settings as RenderSettings;
 use renderflow_scenes::LoadedScene;
 use report::{Curve, Named, Row};
 use serde::{Deserialize, Serialize};
@@ -60,7 +62,7 @@ pub struct Options {
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..))]
     reference_spp: Option<u32>,
     /// Scattering events of a path
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, default_value_t = RenderSettings::default().max_bounces, value_parser = within(RenderSettings::MAX_BOUNCES))]
     max_bounces: u32,
     /// Every surface Lambertian, of its base colour: the material models then are the same, and where references still differ they
     /// differ in how light is transported
