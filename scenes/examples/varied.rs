@@ -48,8 +48,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!(
             "{} {} {} {} objects, moving {}, changing {}, {}, {:.1} ms",
             made.scene.name,
-            made.layout,
-            made.camera,
+            made.layout.name(),
+            made.camera.name(),
             made.meshes.len(),
             made.moving,
             made.changing,

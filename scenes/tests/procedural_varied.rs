@@ -6,7 +6,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Object, Scene};
 use renderflow_scenes::load::load;
-use renderflow_scenes::procedural::varied::{Cameras, Composed, Composition, Layouts, Pool, Request, compose_varied};
+use renderflow_scenes::procedural::varied::{Cameras, Composed, Composition, LayoutKind, Layouts, Pool, Request, compose_varied};
 use renderflow_scenes::seed::Seed;
 use renderflow_scenes::shapes::{self, Shape};
 use std::collections::{BTreeMap, BTreeSet};
@@ -168,7 +168,7 @@ fn inside_box(object: &Object, point: DVec3, margin: f64) -> bool {
 fn nothing_touches_and_cameras_stand_free_at_every_frame() {
     points().par_iter().zip(&*SCENES).for_each(|(points, made)| {
         let (scene, objects) = (&made.scene, used(made));
-        let place = |frame: u32| format!("{} ({}, {}), frame {frame}", scene.name, made.layout, made.camera);
+        let place = |frame: u32| format!("{} ({:?}, {:?}), frame {frame}", scene.name, made.layout, made.camera);
         let points: Vec<&Vec<Vec3A>> = objects.iter().map(|o| &points[&o.name]).collect();
         let structure: Vec<&Object> = scene.objects.iter().filter(|o| !objects.iter().any(|u| u.name == o.name)).collect();
         for frame in 0..FRAMES {
@@ -197,7 +197,7 @@ fn nothing_touches_and_cameras_stand_free_at_every_frame() {
                 }
             }
         }
-        if made.layout == "room" {
+        if made.layout == LayoutKind::Room {
             for (object, points) in objects.iter().zip(&points) {
                 let (low, high, centre, radius) = occupied(object, points, 0);
                 for wall in structure.iter().filter(|o| o.name.starts_with("wall_") && !o.name.contains("bar")) {
@@ -252,7 +252,7 @@ fn subjects_are_in_the_picture() {
                 let objects = used(made);
                 least = least.min(objects.iter().filter(|o| inside(o)).count() as f32 / objects.len() as f32);
             }
-            (least, format!("{} {} {}", made.scene.name, made.layout, made.camera))
+            (least, format!("{} {:?} {:?}", made.scene.name, made.layout, made.camera))
         })
         .collect();
     for (share, name) in &seen {

@@ -130,12 +130,12 @@ impl References {
         PARTS * self.part_spp()
     }
 
-    fn path(&self, name: &str, loaded: &LoadedScene) -> (PathBuf, String) {
+    fn path(&self, name: &str, loaded: &LoadedScene) -> Result<(PathBuf, String)> {
         let settings = Settings { spp: self.part_spp(), ..self.settings };
         let camera = &loaded.cameras[0];
         let identity = (env!("CARGO_PKG_VERSION"), &loaded.hash, camera.width, camera.height, settings);
-        let key = blake3::hash(format!("{identity:?}").as_bytes()).to_hex().to_string();
-        (self.folder.join(format!("{name}_{}.reference", &key[..12])), key)
+        let key = blake3::hash(&serde_json::to_vec(&identity)?).to_hex().to_string();
+        Ok((self.folder.join(format!("{name}_{}.reference", &key[..12])), key))
     }
 
     /// The reference of the first frame: from its file, and what is missing rendered. `progress` is told the samples a pixel
@@ -150,7 +150,7 @@ impl References {
         progress: &(dyn Fn(u64) + Sync),
         cancel: &AtomicBool,
     ) -> Result<Reference> {
-        let (path, key) = self.path(name, loaded);
+        let (path, key) = self.path(name, loaded)?;
         let camera = &loaded.cameras[0];
         let mut sums = Sums::new(&key, camera.width, camera.height, self.part_spp());
         if path.is_file() {

@@ -6,7 +6,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_frame::words;
 use renderflow_renderer::{Budget, Settings};
 use renderflow_scenes::catalog::Catalog;
-use renderflow_scenes::procedural::varied::{Composed, Composition, Pool, Request, Used, compose_varied};
+use renderflow_scenes::procedural::varied::{CameraKind, Composed, Composition, LayoutKind, Pool, Request, Used, compose_varied};
 use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
 use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION};
 use renderflow_scenes::{description::EnvironmentSource, seed::Seed};
@@ -465,8 +465,8 @@ impl Plan {
             file: None,
         });
         Composed {
-            layout: "ground",
-            camera: "orbit",
+            layout: LayoutKind::Ground,
+            camera: CameraKind::Orbit,
             moving: scene.objects.iter().any(|object| object.moves()),
             changing: false,
             meshes: meshes.collect(),

@@ -176,8 +176,8 @@ impl Record {
             plan: plan.hash(),
             seed: loaded.seed,
             scene: loaded.hash.clone(),
-            layout: composed.layout.to_owned(),
-            camera: composed.camera.to_owned(),
+            layout: composed.layout.name().to_owned(),
+            camera: composed.camera.name().to_owned(),
             moving: composed.moving,
             changing: composed.changing,
             environment: EnvironmentEntry {
@@ -205,8 +205,8 @@ impl Record {
         Self {
             scene: composed.scene.hash(),
             seed: composed.scene.seed,
-            layout: composed.layout.to_owned(),
-            camera: composed.camera.to_owned(),
+            layout: composed.layout.name().to_owned(),
+            camera: composed.camera.name().to_owned(),
             moving: composed.moving,
             changing: composed.changing,
             environment: EnvironmentEntry {

@@ -30,9 +30,9 @@ pub struct SetFile {
 }
 
 impl SetFile {
-    fn new(set: &str, classes: Vec<(String, String, String)>) -> Self {
-        let blake3 = blake3::hash(format!("{classes:?}").as_bytes()).to_hex().to_string();
-        Self { set: set.into(), classes, blake3 }
+    fn new(set: &str, classes: Vec<(String, String, String)>) -> Result<Self> {
+        let blake3 = blake3::hash(&serde_json::to_vec(&classes)?).to_hex().to_string();
+        Ok(Self { set: set.into(), classes, blake3 })
     }
 }
 
@@ -108,7 +108,7 @@ fn describe(set: &str, folder: &Path, plans: &[(&str, Plan)]) -> Result<SetFile>
     let class = |(name, plan): &(&str, Plan)| -> Result<_> {
         Ok(((*name).to_owned(), plan.hash(), hash_file(&folder.join(name).join(MANIFEST))?))
     };
-    Ok(SetFile::new(set, plans.iter().map(class).collect::<Result<_>>()?))
+    SetFile::new(set, plans.iter().map(class).collect::<Result<_>>()?)
 }
 
 /// Proves the finished set in `folder`: every file's hash, every frame's channels, the plans, the set's own hash. Prints what it finds.
@@ -129,7 +129,15 @@ pub fn check(folder: &Path, cancel: &AtomicBool) -> Result<SetFile> {
         }
         found.push((name.clone(), plan.hash(), hash_file(&class.join(MANIFEST))?));
     }
-    ensure!(SetFile::new(&set.set, found) == set, "{}: {SET} does not say what is there", folder.display());
+    ensure!(found == set.classes, "{}: {SET} does not say what is there", folder.display());
+    let whole = SetFile::new(&set.set, found)?;
+    ensure!(
+        whole == set,
+        "{}: {SET} has the digest {:.16} for these classes where this version has {:.16}: testset make writes it again, and renders nothing that is there",
+        folder.display(),
+        set.blake3,
+        whole.blake3
+    );
     Ok(set)
 }
 

@@ -133,6 +133,18 @@ pub enum Kind {
 impl Kind {
     /// All of them.
     pub const ALL: [Self; 6] = [Self::Albedo, Self::Normal, Self::Depth, Self::Material, Self::Environment, Self::Target];
+
+    /// Name in files.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Albedo => "Albedo",
+            Self::Normal => "Normal",
+            Self::Depth => "Depth",
+            Self::Material => "Material",
+            Self::Environment => "Environment",
+            Self::Target => "Target",
+        }
+    }
 }
 
 /// One frame as pictures; see the module. All but `environment` and `mask` are `[3, height, width]`.

@@ -90,7 +90,7 @@ fn key(scene: &RenderScene, settings: &Settings) -> String {
     let (budget, branches) = (Budget::Uniform, settings.branches());
     let settings = Settings { guide_samples: 1, irradiance: false, budget, branches, channels, skips, ..*settings };
     let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
-    blake3::hash(format!("{identity:?}").as_bytes()).to_hex().to_string()
+    blake3::hash(&serde_json::to_vec(&identity).expect("numbers and names")).to_hex().to_string()
 }
 
 fn map_hash(map: &[u32]) -> String {

@@ -71,7 +71,7 @@ impl Store {
 }
 
 fn name(part: &str, anchor: usize, kind: Kind) -> String {
-    format!("{part}/{anchor}/{kind:?}")
+    format!("{part}/{anchor}/{}", kind.name())
 }
 
 /// Writes latents, without their pictures.

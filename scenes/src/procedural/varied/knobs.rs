@@ -56,6 +56,53 @@ impl Default for Composition {
     }
 }
 
+/// Where the objects of a scene stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LayoutKind {
+    /// On a bounded ground.
+    Ground,
+    /// Between walls.
+    Room,
+    /// In open country.
+    Outdoor,
+}
+
+/// How the camera moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum CameraKind {
+    /// It turns about the objects.
+    Orbit,
+    /// It moves along a line.
+    Dolly,
+    /// It walks and shakes a little.
+    Handheld,
+    /// It stands still.
+    Fixed,
+}
+
+impl LayoutKind {
+    /// Name in plans and records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ground => "ground",
+            Self::Room => "room",
+            Self::Outdoor => "outdoor",
+        }
+    }
+}
+
+impl CameraKind {
+    /// Name in plans and records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Orbit => "orbit",
+            Self::Dolly => "dolly",
+            Self::Handheld => "handheld",
+            Self::Fixed => "fixed",
+        }
+    }
+}
+
 /// Weights of the layouts, each 0..=1e6, not all 0; only their ratios matter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -110,8 +157,8 @@ impl Composition {
             let none = weights.iter().all(|(_, weight)| *weight == 0.0);
             if none { Err(format!("/composition/{list}: every weight is 0, one at least has to be greater")) } else { Ok(()) }
         };
-        weights("layouts", &self.layouts.weights())?;
-        weights("cameras", &self.cameras.weights())?;
+        weights("layouts", &self.layouts.weights().map(|(kind, weight)| (kind.name(), weight)))?;
+        weights("cameras", &self.cameras.weights().map(|(kind, weight)| (kind.name(), weight)))?;
         for (index, count) in self.objects.into_iter().enumerate() {
             within(&format!("objects/{index}"), f64::from(count), 1.0, 64.0)?;
         }
@@ -143,13 +190,18 @@ impl Composition {
 }
 
 impl Layouts {
-    pub(super) fn weights(&self) -> [(&'static str, f64); 3] {
-        [("ground", self.ground), ("room", self.room), ("outdoor", self.outdoor)]
+    pub(super) fn weights(&self) -> [(LayoutKind, f64); 3] {
+        [(LayoutKind::Ground, self.ground), (LayoutKind::Room, self.room), (LayoutKind::Outdoor, self.outdoor)]
     }
 }
 
 impl Cameras {
-    pub(super) fn weights(&self) -> [(&'static str, f64); 4] {
-        [("orbit", self.orbit), ("dolly", self.dolly), ("handheld", self.handheld), ("fixed", self.fixed)]
+    pub(super) fn weights(&self) -> [(CameraKind, f64); 4] {
+        [
+            (CameraKind::Orbit, self.orbit),
+            (CameraKind::Dolly, self.dolly),
+            (CameraKind::Handheld, self.handheld),
+            (CameraKind::Fixed, self.fixed),
+        ]
     }
 }

@@ -1,8 +1,8 @@
 //! What every layout has: structure, bodies, and the space a camera may be in.
 
-use super::Composition;
 use super::body::{Body, GAP, Part};
 use super::pick::Picker;
+use super::{CameraKind, Composition};
 use crate::draw::Draw;
 use crate::seed::Seed;
 use glam::{Mat3, Vec2, Vec3};
@@ -15,7 +15,7 @@ pub(super) struct Context<'a> {
     pub picker: &'a Picker<'a>,
     pub frames: u32,
     /// Kind of camera that will look at it.
-    pub camera: &'static str,
+    pub camera: CameraKind,
 }
 
 impl Context<'_> {

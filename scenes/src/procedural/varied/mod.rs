@@ -18,7 +18,7 @@ mod paths;
 mod pick;
 mod room;
 
-pub use knobs::{Cameras, Composition, Layouts};
+pub use knobs::{CameraKind, Cameras, Composition, LayoutKind, Layouts};
 
 use crate::catalog::Catalog;
 use crate::description::{EnvironmentLight, Object, Scene};
@@ -72,10 +72,10 @@ pub struct Request<'a> {
 pub struct Composed {
     /// The scene; it passes `Scene::validate`.
     pub scene: Scene,
-    /// `ground`, `room` or `outdoor`.
-    pub layout: &'static str,
-    /// `orbit`, `dolly`, `handheld` or `fixed`.
-    pub camera: &'static str,
+    /// Where its objects stand.
+    pub layout: LayoutKind,
+    /// How its camera moves.
+    pub camera: CameraKind,
     /// Whether an object moves.
     pub moving: bool,
     /// Whether a material changes.
@@ -117,7 +117,7 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
     let kind_of_camera = draw(&root.child("camera kind", 0), &knobs.cameras.weights());
     let chance = |label: &str, share: f64| frames > 1 && root.child(label, 0).rng().chance(share);
     let (mut moves, mut changes) = (chance("moves", knobs.moving), chance("changes", knobs.changing));
-    if kind_of_camera == "fixed" && frames > 1 && !moves && !changes && knobs.moving + knobs.changing > 0.0 {
+    if kind_of_camera == CameraKind::Fixed && frames > 1 && !moves && !changes && knobs.moving + knobs.changing > 0.0 {
         // A hundred equal pictures are of no use.
         let which = root.child("moves", 1).rng().weighted(&[knobs.moving, knobs.changing]);
         (moves, changes) = (which == 0, which == 1);
@@ -126,9 +126,9 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
     let light = picker.light(&mut root.child("light", 0).rng(), kind);
     let context = Context { root, knobs, picker: &picker, frames, camera: kind_of_camera };
     let mut layout = match kind {
-        "ground" => ground::layout(&context)?,
-        "room" => room::layout(&context, &light.source)?,
-        _ => outdoor::layout(&context)?,
+        LayoutKind::Ground => ground::layout(&context)?,
+        LayoutKind::Room => room::layout(&context, &light.source)?,
+        LayoutKind::Outdoor => outdoor::layout(&context)?,
     };
     if moves {
         motion::set_in_motion(&mut layout, &mut root.child("motion", 0).rng(), frames);
@@ -179,7 +179,7 @@ pub fn compose_varied(request: &Request) -> Result<Composed> {
 }
 
 /// A name drawn by its weight.
-fn draw(seed: &Seed, weights: &[(&'static str, f64)]) -> &'static str {
+fn draw<T: Copy>(seed: &Seed, weights: &[(T, f64)]) -> T {
     let list: Vec<f64> = weights.iter().map(|(_, weight)| *weight).collect();
     weights[seed.rng().weighted(&list)].0
 }

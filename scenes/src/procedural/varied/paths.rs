@@ -1,5 +1,6 @@
 //! Draws of camera paths: orbits, drives along a line, walks with a camera in the hand, and tripods.
 
+use super::CameraKind;
 use super::camera::{CLEARANCE, Lens};
 use super::layout::{Context, Layout, Space};
 use crate::description::{CameraPath, Pose, decimal};
@@ -9,15 +10,15 @@ use rand_pcg::Pcg64;
 
 /// A path of the context's kind; `late` grows from 0 to 1 with the number of the draw and lifts the camera.
 pub(super) fn draw(rng: &mut Pcg64, context: &Context, layout: &Layout, resolution: [u32; 2], late: f32) -> CameraPath {
-    if context.camera == "orbit" {
+    if context.camera == CameraKind::Orbit {
         return orbit(rng, layout, resolution, context.knobs.degrees_per_frame, late);
     }
     let (vertical_fov, eye, target) = stand(rng, layout, resolution, late);
     let frames = context.frames;
     let poses = match context.camera {
-        "dolly" => dolly(rng, eye, target, frames),
-        "handheld" => handheld(rng, eye, target, frames),
-        _ => vec![pose(eye, target)],
+        CameraKind::Dolly => dolly(rng, eye, target, frames),
+        CameraKind::Handheld => handheld(rng, eye, target, frames),
+        CameraKind::Orbit | CameraKind::Fixed => vec![pose(eye, target)],
     };
     CameraPath::Poses { poses, vertical_fov }
 }
@@ -179,7 +180,7 @@ pub(super) fn refuge(context: &Context, layout: &Layout, place: u32) -> CameraPa
     // Straight down there is no up: look a little aside.
     let target = if Vec2::new(eye.x - centre.x, eye.z - centre.z).length() < 0.05 { centre + 0.1 * Vec3::X } else { centre };
     match (context.camera, layout.space) {
-        ("orbit", Space::Open) => CameraPath::Orbit {
+        (CameraKind::Orbit, Space::Open) => CameraPath::Orbit {
             target: exact(centre),
             distance: decimal(Pcg64::tidy(eye.distance(centre) + 0.5)),
             elevation: 58.0,
@@ -187,7 +188,7 @@ pub(super) fn refuge(context: &Context, layout: &Layout, place: u32) -> CameraPa
             degrees_per_frame: context.knobs.degrees_per_frame,
             vertical_fov: 50.0,
         },
-        ("orbit", Space::Room { .. }) => CameraPath::Orbit {
+        (CameraKind::Orbit, Space::Room { .. }) => CameraPath::Orbit {
             target: exact(Vec3::new(0.0, centre.y.min(eye.y - 0.3), 0.0)),
             distance: decimal(Pcg64::tidy(eye.distance(Vec3::new(0.0, centre.y.min(eye.y - 0.3), 0.0)).max(0.2))),
             elevation: Pcg64::tidy(

@@ -1,6 +1,6 @@
 //! What a sequence draws from its split's pool.
 
-use super::{Composition, Pool};
+use super::{Composition, LayoutKind, Pool};
 use crate::description::EnvironmentSource;
 use crate::draw::Draw;
 use crate::error::{Error, Problem, Result};
@@ -118,7 +118,7 @@ impl<'a> Picker<'a> {
     }
 
     /// An environment, of those that suit the layout where the pool has any.
-    pub fn light(&self, rng: &mut Pcg64, layout: &str) -> Light {
+    pub fn light(&self, rng: &mut Pcg64, layout: LayoutKind) -> Light {
         let (files, maps) = (self.pool.hdris, self.pool.builtin);
         let one = |rng: &mut Pcg64, list: &[String]| list[rng.below(list.len() as u32) as usize].clone();
         let others = !self.environments.is_empty() || !maps.is_empty();
@@ -139,11 +139,11 @@ impl<'a> Picker<'a> {
 }
 
 /// Whether a layout may stand in an environment of this family: open country under a sky, rooms in what is no room itself.
-fn suits(family: &str, layout: &str) -> bool {
+fn suits(family: &str, layout: LayoutKind) -> bool {
     match layout {
-        "outdoor" => matches!(sky::group(family), "outdoor_sun" | "outdoor_soft" | "sunset" | "night"),
-        "room" => sky::group(family) != "interior",
-        _ => true,
+        LayoutKind::Outdoor => matches!(sky::group(family), "outdoor_sun" | "outdoor_soft" | "sunset" | "night"),
+        LayoutKind::Room => sky::group(family) != "interior",
+        LayoutKind::Ground => true,
     }
 }
 

@@ -1,5 +1,6 @@
 //! Rooms with openings to the environment, furnished along the walls and in the middle.
 
+use super::CameraKind;
 use super::body::{Body, GAP, Part, Role};
 use super::daylight::{Daylight, Opening};
 use super::layout::{Context, Layout, Space};
@@ -63,7 +64,7 @@ pub(super) fn layout(context: &Context, source: &EnvironmentSource) -> Result<La
     let group = layout.bodies.iter().map(|b| b.spot().length() + b.radius).fold(0.8, f32::max);
 
     // Room for the group, for what stands at the walls and for a camera between them.
-    let passage = if context.camera == "orbit" { rng.between(1.9, 2.8) } else { rng.between(1.2, 2.2) };
+    let passage = if context.camera == CameraKind::Orbit { rng.between(1.9, 2.8) } else { rng.between(1.2, 2.2) };
     let half = Vec2::new(group + passage, group + passage * rng.between(0.8, 1.3)).map(Pcg64::tidy);
     layout.space = Space::Room { half, height };
 
