@@ -133,7 +133,7 @@ pub fn check(folder: &Path, cancel: &AtomicBool) -> Result<SetFile> {
     let whole = SetFile::new(&set.set, found)?;
     ensure!(
         whole == set,
-        "{}: {SET} has the digest {:.16} for these classes where this version has {:.16}: testset make writes it again, and renders nothing that is there",
+        "{}: {SET} does not say what is there: its digest is {:.16}, that of these classes {:.16}; testset make writes it again, and renders nothing that is there",
         folder.display(),
         set.blake3,
         whole.blake3
