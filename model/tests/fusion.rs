@@ -10,8 +10,9 @@ use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame};
 use renderflow_model::fusion::fill::{Key, Samples, Seen};
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
-use renderflow_model::fusion::training::{self, Config, Crop, Progress, Source, validate};
+use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
+use renderflow_model::train::runner::{Progress, Validation};
 use renderflow_model::weights::Precision;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -107,7 +108,7 @@ fn every_tier_learns() {
     }
     // Each validation is a line.
     let lines = std::fs::read_to_string(folder.path().join("validation.jsonl")).unwrap();
-    let last: training::Validation = serde_json::from_str(lines.lines().last().unwrap()).unwrap();
+    let last: Validation = serde_json::from_str(lines.lines().last().unwrap()).unwrap();
     assert_eq!((last.step, last.psnr.len()), (150, after.len()));
 }
 

@@ -14,7 +14,7 @@ use renderflow_model::wan::latents::{ClipLatents, Encoder};
 use renderflow_model::wan::pictures::Kind;
 use renderflow_model::wan::train::batch::{Drawing, LatentBatch, Lesson};
 use renderflow_model::wan::train::{
-    BatchConfig, Config, LatentConfig, OptimizerConfig, PixelLoss, Progress, Record, Stage, Summary, open_autoencoder, run,
+    BatchConfig, Config, LatentConfig, LogRecord, OptimizerConfig, PixelLoss, Progress, Stage, Summary, open_autoencoder, run,
 };
 use renderflow_model::wan::weights::Source;
 use renderflow_model::wan::{Probe, Vae, VaeConfig};
@@ -64,7 +64,7 @@ fn interrupted(config: &Config, clips: &[Clip], step: u64) -> Summary {
 
 fn losses(folder: &Path) -> Vec<(u64, f32)> {
     let text = std::fs::read_to_string(folder.join("log.jsonl")).expect("log");
-    let lines = text.lines().map(|line| serde_json::from_str::<Record>(line).expect("record"));
+    let lines = text.lines().map(|line| serde_json::from_str::<LogRecord>(line).expect("record"));
     lines.map(|record| (record.step, record.loss)).collect()
 }
 

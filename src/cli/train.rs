@@ -89,9 +89,9 @@ impl Bars {
         Self { loading: Progress::new("loading", sequences), training: OnceLock::new() }
     }
 
-    fn loading(&self, done: usize, total: usize) {
-        self.loading.length(total as u64);
-        self.loading.set(done as u64);
+    fn loading(&self, done: u64, total: u64) {
+        self.loading.length(total);
+        self.loading.set(done);
     }
 
     fn note(&self, note: &str) {
@@ -111,7 +111,7 @@ impl Bars {
     }
 
     /// Says where a finished run's weights are; an unfinished one is an interruption.
-    fn finish<R>(&self, summary: &Summary<R>) -> Result<()> {
+    fn finish(&self, summary: &Summary) -> Result<()> {
         if !summary.finished {
             return Err(Interrupted.into());
         }

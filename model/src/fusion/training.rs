@@ -10,7 +10,7 @@ use crate::data::step_rng;
 use crate::ops::Products;
 use crate::parameters;
 use crate::train::optimizer::{Method, Optimizer};
-use crate::train::runner::{self, Learner, Lesson, Report, Runner};
+use crate::train::runner::{self, Learner, Lesson, Progress, Runner, Summary, Validation};
 use crate::train::schedule::Decay;
 use crate::weights::Precision;
 use crate::{Error, Result};
@@ -185,59 +185,6 @@ impl Config {
     }
 }
 
-/// A line of the log; averages are over the steps since the line before.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LogRecord {
-    /// Steps done.
-    pub step: u64,
-    /// Share of the run done, 0..=1.
-    pub share: f64,
-    /// Total loss.
-    pub loss: f32,
-    /// PSNR over covered pixels of the batches of each tier.
-    pub psnr: BTreeMap<String, f32>,
-    /// Norm of the gradient before clipping.
-    pub gradient_norm: f32,
-    /// Learning rate.
-    pub lr: f64,
-    /// Crops a second.
-    pub items_per_second: f64,
-    /// Seconds of training so far, over all resumptions.
-    pub elapsed: f64,
-    /// Seconds left.
-    pub eta: f64,
-}
-
-/// A validation of the averaged weights.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Validation {
-    /// Steps done.
-    pub step: u64,
-    /// Mean PSNR over frames, covered pixels, by tier (see [`variants`]).
-    pub psnr: BTreeMap<String, f32>,
-}
-
-/// What is reported while a run goes on.
-#[derive(Clone, Debug)]
-pub enum Progress {
-    /// Sequences are being made before the first step.
-    Loading {
-        /// Made.
-        done: u64,
-        /// To make.
-        total: u64,
-    },
-    /// Something worth knowing.
-    Note(String),
-    /// Steps have been taken.
-    Step(LogRecord),
-    /// The averaged weights were measured.
-    Validated(Validation),
-}
-
-/// What a run left behind.
-pub type Summary = runner::Summary<LogRecord>;
-
 /// What a batch teaches: the network and its head forwards, the loss, and all derivatives.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Objective {
@@ -285,7 +232,8 @@ impl Learner for Objective {
         let name = TIERS.iter().find(|tier| tier.groups == batch.groups).map_or("other", |tier| tier.name);
         Ok(Lesson {
             total: mean(|loss| loss.total),
-            terms: vec![(name, mean(|loss| loss.display))],
+            terms: Vec::new(),
+            squares: vec![(name, mean(|loss| loss.display))],
             items: batch.items,
             gradients: parameters::gradients_learning(model, &mut gradients),
         })
@@ -362,9 +310,7 @@ pub fn run(
         data: Some(source.identity()),
         settings: config.settings(),
         device: device.clone(),
-        record: &record,
-        progress: &|record: &LogRecord| progress(&Progress::Step(record.clone())),
-        note: &|note| progress(&Progress::Note(note)),
+        progress,
         cancel,
     };
     let (sender, receiver) = mpsc::sync_channel(1);
@@ -502,19 +448,4 @@ fn difference(a: &Config, b: &Config) -> Option<&'static str> {
     .into_iter()
     .find(|(_, same)| !same)
     .map(|(option, _)| option)
-}
-
-fn record(report: &Report) -> LogRecord {
-    let psnr = |(name, display): (&&'static str, &f32)| ((*name).to_owned(), -10.0 * display.max(1e-10).log10());
-    LogRecord {
-        step: report.step,
-        share: report.share,
-        loss: report.loss,
-        psnr: report.terms.iter().map(psnr).collect(),
-        gradient_norm: report.gradient_norm,
-        lr: report.lr,
-        items_per_second: report.items_per_second,
-        elapsed: report.elapsed,
-        eta: report.eta,
-    }
 }

@@ -8,8 +8,8 @@ use crate::parameters;
 use crate::{Error, Result};
 use burn::module::Module;
 use burn::tensor::Device;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,8 +23,10 @@ const MOST_LEFT_OUT: u32 = 10;
 pub struct Lesson {
     /// What was minimised; a step whose loss is not finite is left out.
     pub total: f32,
-    /// Numbers for the log by name, averaged over the steps that give them.
+    /// Parts of the loss by name, each before its weight; averaged over the steps that give them.
     pub terms: Vec<(&'static str, f32)>,
+    /// Mean squared errors of pictures of 0..=1 by name, likewise.
+    pub squares: Vec<(&'static str, f32)>,
     /// Items of the batch.
     pub items: usize,
     /// Gradients in the order of [`parameters::export_learning`].
@@ -79,9 +81,9 @@ impl Settings {
     }
 }
 
-/// What every line of a log is made of; averages are over the steps since the line before.
-#[derive(Clone, Debug)]
-pub struct Report {
+/// A line of the log; averages are over the steps since the line before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LogRecord {
     /// Steps done.
     pub step: u64,
     /// Share of the run done, 0..=1.
@@ -89,7 +91,11 @@ pub struct Report {
     /// Mean of [`Lesson::total`].
     pub loss: f32,
     /// Means of [`Lesson::terms`].
-    pub terms: BTreeMap<&'static str, f32>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub terms: BTreeMap<String, f32>,
+    /// PSNR in dB of the means of [`Lesson::squares`].
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub psnr: BTreeMap<String, f32>,
     /// Norm of the gradient before clipping.
     pub gradient_norm: f32,
     /// Learning rate.
@@ -102,25 +108,36 @@ pub struct Report {
     pub eta: f64,
 }
 
-/// What a run reports while it goes on; `R` is a line of its log.
+/// A validation of the averaged weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Validation {
+    /// Steps done.
+    pub step: u64,
+    /// Mean PSNR in dB by what was validated.
+    pub psnr: BTreeMap<String, f32>,
+}
+
+/// What a run reports while it goes on.
 #[derive(Clone, Debug)]
-pub enum Progress<R> {
-    /// Clips are being prepared for the network.
+pub enum Progress {
+    /// What is learnt from is made ready before the first step.
     Loading {
-        /// Clips done.
-        done: usize,
-        /// Clips to load.
-        total: usize,
+        /// Clips or sequences done.
+        done: u64,
+        /// Clips or sequences to load.
+        total: u64,
     },
     /// Something worth knowing, a sentence.
     Note(String),
     /// Steps have been taken.
-    Step(R),
+    Step(LogRecord),
+    /// The averaged weights were measured.
+    Validated(Validation),
 }
 
-/// What a run left behind; `R` is a line of its log.
+/// What a run left behind.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Summary<R> {
+pub struct Summary {
     /// Steps done in all.
     pub steps: u64,
     /// Seconds of training in all.
@@ -128,7 +145,7 @@ pub struct Summary<R> {
     /// Whether the run reached its end; otherwise it was cancelled and can be resumed.
     pub finished: bool,
     /// The last line of the log, if any was written.
-    pub last: Option<R>,
+    pub last: Option<LogRecord>,
     /// Averaged weights: written at the end and at every checkpoint.
     pub weights: PathBuf,
 }
@@ -139,7 +156,7 @@ pub fn weights_path(output: &Path) -> PathBuf {
 }
 
 /// One run in one folder, which gets `checkpoint.safetensors` and `log.jsonl`.
-pub struct Runner<'a, C, R> {
+pub struct Runner<'a, C> {
     /// Written into checkpoints.
     pub config: &'a C,
     /// The first option that may not differ between a checkpoint's run and this one.
@@ -152,12 +169,8 @@ pub struct Runner<'a, C, R> {
     pub settings: Settings,
     /// Device that records gradients.
     pub device: Device,
-    /// Makes a line of the log.
-    pub record: &'a dyn Fn(&Report) -> R,
-    /// Told of every line.
-    pub progress: &'a dyn Fn(&R),
-    /// Told what is worth knowing.
-    pub note: &'a dyn Fn(String),
+    /// Told how it goes.
+    pub progress: &'a (dyn Fn(&Progress) + Sync),
     /// Stops after the current step.
     pub cancel: &'a AtomicBool,
 }
@@ -165,7 +178,7 @@ pub struct Runner<'a, C, R> {
 /// Something to be done with the state of the optimiser; see [`Runner::run`].
 pub type Save<'a, M> = &'a dyn Fn(&Optimizer, &M) -> Result<()>;
 
-impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C, R> {
+impl<C: Serialize + DeserializeOwned + Clone> Runner<'_, C> {
     /// Trains `model`, resuming from the checkpoint in the folder if there is one. `batches` is given the first step and returns
     /// what makes the batch of a step, called for one step after another on a thread of its own. `save` is called after every
     /// checkpoint and at the end. Returns the trained model too.
@@ -178,13 +191,13 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
         model: L::Model,
         batches: impl FnOnce(u64) -> Result<B>,
         save: Save<L::Model>,
-    ) -> Result<Summary<R>> {
+    ) -> Result<Summary> {
         let path: PathBuf = self.output.join("checkpoint.safetensors");
         let mut optimizer = Optimizer::new(parameters::export_learning(&model));
         let differs = |old: &C| (self.difference)(old, self.config);
         let resumed = checkpoint::load::<C>(&path, &differs, self.data.as_deref(), &mut optimizer)?;
         if self.data.is_some() && resumed.as_ref().is_some_and(|header| header.data.is_none()) {
-            (self.note)(format!("{}: does not say what its run learned from; it goes on with this data", path.display()));
+            self.note(format!("{}: does not say what its run learned from; it goes on with this data", path.display()));
         }
         let log = self.output.join("log.jsonl");
         let weights = weights_path(self.output);
@@ -254,15 +267,14 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
                     }
                     Err(what) => {
                         left_out += 1;
-                        (self.note)(format!("step {}: {what} is not finite; the step is left out", optimizer.steps));
+                        self.note(format!("step {}: {what} is not finite; the step is left out", optimizer.steps));
                         optimizer.steps += 1;
                     }
                 }
                 if optimizer.steps.is_multiple_of(self.settings.log_steps) {
-                    let report = self.report(&meter, optimizer.steps, lr, [before, elapsed()], first_step);
-                    let record = (self.record)(&report);
+                    let record = self.record(&meter, optimizer.steps, lr, [before, elapsed()], first_step);
                     log.append(&record)?;
-                    (self.progress)(&record);
+                    (self.progress)(&Progress::Step(record.clone()));
                     last = Some(record);
                     meter = Meter::default();
                 }
@@ -272,6 +284,10 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
             }
         })?;
         Ok(Summary { steps: optimizer.steps, elapsed: elapsed(), finished, last, weights: weights_path(self.output) })
+    }
+
+    fn note(&self, note: String) {
+        (self.progress)(&Progress::Note(note));
     }
 
     /// Takes a step; says what is not finite, where nothing is changed.
@@ -289,17 +305,21 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
         optimizer.step(&lesson.gradients, settings).map_err(|what| format!("the gradient of {what}"))
     }
 
-    fn report(&self, meter: &Meter, step: u64, lr: f64, [before, elapsed]: [f64; 2], first_step: u64) -> Report {
+    fn record(&self, meter: &Meter, step: u64, lr: f64, [before, elapsed]: [f64; 2], first_step: u64) -> LogRecord {
         let n = meter.steps.max(1) as f64;
         // By steps from this session's own rate; by time where that ends the run earlier.
         let rate = (elapsed - before) / (step - first_step).max(1) as f64;
         let by_steps = rate * self.settings.steps.saturating_sub(step) as f64;
         let eta = self.settings.minutes.map_or(by_steps, |minutes| by_steps.min((60.0 * minutes - elapsed).max(0.0)));
-        Report {
+        let means = |of: &Sums| of.iter().map(|(&name, &(sum, count))| (name.to_owned(), (sum / count as f64) as f32)).collect();
+        let mut psnr: BTreeMap<String, f32> = means(&meter.squares);
+        psnr.values_mut().for_each(|square| *square = -10.0 * square.max(1e-10).log10());
+        LogRecord {
             step,
             share: self.settings.share(step, elapsed).min(1.0),
             loss: (meter.total / n) as f32,
-            terms: meter.terms.iter().map(|(&name, &(sum, count))| (name, (sum / count as f64) as f32)).collect(),
+            terms: means(&meter.terms),
+            psnr,
             gradient_norm: (meter.norm / n) as f32,
             lr,
             items_per_second: meter.items as f64 / meter.since.elapsed().as_secs_f64().max(1e-9),
@@ -309,20 +329,23 @@ impl<C: Serialize + DeserializeOwned + Clone, R: Serialize + Clone> Runner<'_, C
     }
 }
 
+/// Sum and number of values by name.
+type Sums = BTreeMap<&'static str, (f64, u64)>;
+
 /// Sums since the last log line.
 struct Meter {
     since: Instant,
     steps: u64,
     items: usize,
     total: f64,
-    /// Sum and number of values of each term.
-    terms: BTreeMap<&'static str, (f64, u64)>,
+    terms: Sums,
+    squares: Sums,
     norm: f64,
 }
 
 impl Default for Meter {
     fn default() -> Self {
-        Self { since: Instant::now(), steps: 0, items: 0, total: 0.0, terms: BTreeMap::new(), norm: 0.0 }
+        Self { since: Instant::now(), steps: 0, items: 0, total: 0.0, terms: Sums::new(), squares: Sums::new(), norm: 0.0 }
     }
 }
 
@@ -332,10 +355,12 @@ impl Meter {
         self.items += lesson.items;
         self.total += f64::from(lesson.total);
         self.norm += f64::from(norm);
-        for &(name, value) in &lesson.terms {
-            let (sum, count) = self.terms.entry(name).or_default();
-            *sum += f64::from(value);
-            *count += 1;
+        for (sums, values) in [(&mut self.terms, &lesson.terms), (&mut self.squares, &lesson.squares)] {
+            for &(name, value) in values {
+                let (sum, count) = sums.entry(name).or_default();
+                *sum += f64::from(value);
+                *count += 1;
+            }
         }
     }
 }
@@ -357,12 +382,12 @@ mod tests {
         fn learn(&self, model: &Conv, _: u64, batch: f32, _: &Device) -> Result<Lesson> {
             let like = |parameter: &parameters::Parameter| Some(vec![batch; parameter.values.len()]);
             let gradients = parameters::export_learning(model).iter().map(like).collect();
-            Ok(Lesson { total: 1.0, terms: Vec::new(), items: 1, gradients })
+            Ok(Lesson { total: 1.0, terms: vec![("one", 1.0)], squares: vec![("picture", 0.01)], items: 1, gradients })
         }
     }
 
     /// What a run of 40 steps left, and its notes; batches are NaN at the steps that are `broken`.
-    fn run(broken: impl Fn(u64) -> bool + Send) -> (Result<Summary<u64>>, Vec<String>) {
+    fn run(broken: impl Fn(u64) -> bool + Send) -> (Result<Summary>, Vec<String>) {
         let folder = tempfile::tempdir().expect("a folder");
         let notes = Mutex::new(Vec::new());
         let device = Device::flex().autodiff();
@@ -385,9 +410,11 @@ mod tests {
                 log_steps: 20,
             },
             device: device.clone(),
-            record: &|report: &Report| report.step,
-            progress: &|_| (),
-            note: &|note| notes.lock().expect("notes").push(note),
+            progress: &|progress| {
+                if let Progress::Note(note) = progress {
+                    notes.lock().expect("notes").push(note.clone());
+                }
+            },
             cancel: &AtomicBool::new(false),
         };
         let model = Conv::new(&mut Init::new(1, &device), 1, 1, 1, 1.0);
@@ -403,7 +430,10 @@ mod tests {
     #[test]
     fn steps_that_are_not_finite_are_named_and_left_out() {
         let (summary, notes) = run(|step| step == 7 || (20..30).contains(&step));
-        assert_eq!(summary.expect("a run").steps, 40);
+        let summary = summary.expect("a run");
+        assert_eq!(summary.steps, 40);
+        let last = summary.last.expect("a line");
+        assert_eq!((last.step, last.terms["one"], last.psnr["picture"].round()), (40, 1.0, 20.0));
         assert_eq!(notes.len(), 11);
         assert_eq!(notes[0], "step 7: the gradient of weight is not finite; the step is left out");
         let (ended, notes) = run(|step| step >= 5);

@@ -10,8 +10,9 @@ use crate::truth::Interrupted;
 use anyhow::{Context, Result, ensure};
 use half::f16;
 use renderflow_model::fusion::record::PARTS;
-use renderflow_model::fusion::training::{self, Config, Progress, Source};
+use renderflow_model::fusion::training::{self, Config, Source};
 use renderflow_model::fusion::{Fusion, Record};
+use renderflow_model::train::runner::Progress;
 use renderflow_scenes::procedural::Split;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -131,7 +132,7 @@ impl Train {
         let monitor = Monitor::new(&options.training.output, validation, &references);
         let shown = |done: Result<()>| done.unwrap_or_else(|error| bars.note(&format!("{error:#}")));
         let tell = |progress: &Progress| match progress {
-            Progress::Loading { done, total } => bars.loading(*done as usize, *total as usize),
+            Progress::Loading { done, total } => bars.loading(*done, *total),
             Progress::Note(note) => bars.note(note),
             Progress::Validated(validated) => {
                 bars.note(&format!("validation at step {}: {} dB", validated.step, listed(&validated.psnr)));

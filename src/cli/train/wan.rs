@@ -135,10 +135,12 @@ impl Train {
             train::Progress::Loading { done, total } => bars.loading(*done, *total),
             train::Progress::Note(note) => bars.note(note),
             train::Progress::Step(record) => {
-                let psnr = record.psnr.map_or(String::new(), |psnr| format!(" pictures {psnr:.2} dB,"));
+                let psnr = record.psnr.get("pictures").map_or(String::new(), |psnr| format!(" pictures {psnr:.2} dB,"));
                 let (step, loss, rate) = (record.step, record.loss, record.items_per_second);
                 bars.step(record.share, format!("step {step} loss {loss:.5},{psnr} {rate:.2} items/s"));
             }
+            // This training has no validation.
+            train::Progress::Validated(_) => {}
         };
         bars.finish(&train::run(config, &dataset, &tell, cancel)?)
     }

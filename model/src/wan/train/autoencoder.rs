@@ -118,10 +118,10 @@ impl Learner for AutoencoderLearner {
             sum.add("lpips", self.loss.lpips, lpips.loss(frames(shown.clone()), frames(truth.clone()))?);
         }
         // Of values of 0..=1, as PSNR is counted.
-        sum.note("square", losses::square(shown.without_autodiff(), truth.without_autodiff()).mul_scalar(0.25));
-        let (total, terms, loss) = sum.finish()?;
-        let mut gradients = loss.backward();
-        Ok(Lesson { total, terms, items: batch.shape[0], gradients: parameters::gradients_learning(model, &mut gradients) })
+        sum.compare(losses::square(shown.without_autodiff(), truth.without_autodiff()).mul_scalar(0.25));
+        let (Parts { total, terms, squares }, loss) = sum.finish()?;
+        let gradients = parameters::gradients_learning(model, &mut loss.backward());
+        Ok(Lesson { total, terms, squares, items: batch.shape[0], gradients })
     }
 }
 
@@ -139,6 +139,16 @@ pub(super) type Terms = Vec<(&'static str, f32)>;
 pub(super) struct Sum {
     loss: Option<Tensor<1>>,
     terms: Terms,
+    squares: Terms,
+}
+
+/// What is told of a loss.
+#[derive(Clone, Debug)]
+pub(super) struct Parts {
+    pub total: f32,
+    pub terms: Terms,
+    /// See [`Lesson::squares`].
+    pub squares: Terms,
 }
 
 impl Sum {
@@ -156,15 +166,24 @@ impl Sum {
 
     /// Adds a number to the log.
     pub fn note(&mut self, name: &'static str, part: Tensor<1>) {
-        self.terms.push((name, to_vec(part.without_autodiff()).first().copied().unwrap_or(f32::NAN)));
+        self.terms.push((name, value(part)));
     }
 
-    /// The value of the loss, its parts, and itself to be differentiated.
-    pub fn finish(self) -> Result<(f32, Terms, Tensor<1>)> {
-        let loss = self.loss.ok_or_else(|| Error::config("stage", "all weights of losses are 0"))?;
-        let total = to_vec(loss.clone().without_autodiff()).first().copied().unwrap_or(f32::NAN);
-        Ok((total, self.terms, loss))
+    /// Adds the mean squared error of pictures to the log.
+    pub fn compare(&mut self, square: Tensor<1>) {
+        self.squares.push(("pictures", value(square)));
     }
+
+    /// What is told of the loss, and itself to be differentiated.
+    pub fn finish(self) -> Result<(Parts, Tensor<1>)> {
+        let loss = self.loss.ok_or_else(|| Error::config("stage", "all weights of losses are 0"))?;
+        Ok((Parts { total: value(loss.clone()), terms: self.terms, squares: self.squares }, loss))
+    }
+}
+
+/// The number in a tensor of one.
+fn value(of: Tensor<1>) -> f32 {
+    to_vec(of.without_autodiff()).first().copied().unwrap_or(f32::NAN)
 }
 
 /// Pictures whose latents' statistics stand for all.

@@ -30,7 +30,8 @@ use crate::lpips::{Backbone, Lpips, weights_folder};
 use crate::parameters;
 use crate::train::optimizer::Optimizer;
 use crate::train::pool::{Make, Pool, PoolSettings, Stored};
-use crate::train::runner::{self, Learner, Report, Runner};
+use crate::train::runner::{self, Learner, Runner};
+pub use crate::train::runner::{LogRecord, Progress, Summary};
 use crate::{Error, Result};
 use album::Album;
 use autoencoder::{AutoencoderLearner, PictureBatch, Sample, new_autoencoder};
@@ -38,43 +39,11 @@ use batch::{Drawing, LatentBatch, Lesson};
 use burn::module::Module;
 use burn::tensor::Device;
 use renderer::FlowLearner;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-
-/// One line of the log; averages are over the steps since the line before.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Record {
-    /// Steps done.
-    pub step: u64,
-    /// Share of the run done, 0..=1.
-    pub share: f64,
-    /// Total loss.
-    pub loss: f32,
-    /// Its parts, each before its weight, over the steps that have them.
-    pub terms: BTreeMap<String, f32>,
-    /// PSNR of decoded pictures, from the mean squared error, where there are any.
-    pub psnr: Option<f32>,
-    /// Norm of the gradient before clipping.
-    pub gradient_norm: f32,
-    /// Learning rate.
-    pub lr: f64,
-    /// Items a second.
-    pub items_per_second: f64,
-    /// Seconds of training so far, over all resumptions.
-    pub elapsed: f64,
-    /// Seconds left.
-    pub eta: f64,
-}
-
-/// What a run reports while it goes on.
-pub type Progress = runner::Progress<Record>;
-/// What a run left behind.
-pub type Summary = runner::Summary<Record>;
 
 /// Trains, resuming from the checkpoint in `config.output` if there is one.
 ///
@@ -272,7 +241,7 @@ impl Run<'_> {
     ) -> Result<Summary> {
         let config = self.config;
         let settings = PoolSettings { limit: config.cache_mib << 20, rotate_steps: config.rotate_steps, seed: config.seed };
-        let loading = |done, total| (self.progress)(&Progress::Loading { done, total });
+        let loading = |done, total| (self.progress)(&Progress::Loading { done: done as u64, total: total as u64 });
         let runner = Runner {
             config,
             difference: &config::difference,
@@ -280,9 +249,7 @@ impl Run<'_> {
             data: self.source.identity()?,
             settings: config.settings(),
             device: self.device.clone(),
-            record: &record,
-            progress: &|record: &Record| (self.progress)(&Progress::Step(record.clone())),
-            note: &|note| (self.progress)(&Progress::Note(note)),
+            progress: self.progress,
             cancel: self.cancel,
         };
         let batches = |first_step| {
@@ -341,19 +308,4 @@ fn digests<M: Module>(model: &M) -> Vec<(String, u64)> {
     };
     let frozen = parameters::export_some(model, &|_, learns| !learns);
     frozen.into_iter().map(|p| (digest(&p.values), p.name)).map(|(digest, name)| (name, digest)).collect()
-}
-
-fn record(report: &Report) -> Record {
-    Record {
-        step: report.step,
-        share: report.share,
-        loss: report.loss,
-        terms: report.terms.iter().map(|(name, value)| (name.to_string(), *value)).collect(),
-        psnr: report.terms.get("square").map(|square| -10.0 * square.max(1e-10).log10()),
-        gradient_norm: report.gradient_norm,
-        lr: report.lr,
-        items_per_second: report.items_per_second,
-        elapsed: report.elapsed,
-        eta: report.eta,
-    }
 }

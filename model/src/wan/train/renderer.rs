@@ -1,6 +1,6 @@
 //! What the loop needs of the renderer's stages: loss and gradients of one batch.
 
-use super::autoencoder::{Sum, frames};
+use super::autoencoder::{Parts, Sum, frames};
 use super::batch::{LatentBatch, Truth};
 use super::config::PixelLoss;
 use super::{losses, recompute};
@@ -50,15 +50,14 @@ impl Learner for FlowLearner {
                 let left = Tensor::<1>::from_data(left.as_slice(), device).reshape([shape[0], 1, 1, 1, 1]);
                 self.judge_pictures(&mut sum, z_t + velocity * left, batch.intrinsic, truth)?;
             }
-            let (total, terms, loss) = sum.finish()?;
-            Ok(((total, terms), loss))
+            sum.finish()
         };
-        let ((total, terms), gradients) = if self.recompute {
+        let (Parts { total, terms, squares }, gradients) = if self.recompute {
             recompute::recomputed(model, prepared, judge)?
         } else {
             recompute::plain(model, prepared, judge)?
         };
-        Ok(Lesson { total, terms, items: shape[0], gradients })
+        Ok(Lesson { total, terms, squares, items: shape[0], gradients })
     }
 }
 
@@ -103,7 +102,7 @@ impl FlowLearner {
             }
         }
         // Of values of 0..=1, as PSNR is counted.
-        sum.note("square", losses::square(decoded.without_autodiff(), pictures.without_autodiff()).mul_scalar(0.25));
+        sum.compare(losses::square(decoded.without_autodiff(), pictures.without_autodiff()).mul_scalar(0.25));
         Ok(())
     }
 }
