@@ -117,7 +117,8 @@ fn files_say_what_they_are(folder: &Path, weights: &Weights) {
     // The network inside the program is a file among others.
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/fusion.safetensors");
     let said = succeed(&["weights", "inspect", text(&shipped)]);
-    assert!(said.contains("network that reads samples") && said.contains("1093530"), "{said}");
+    let values = renderflow_model::fusion::FusionConfig::default().values().to_string();
+    assert!(said.contains("network that reads samples") && said.contains(&values), "{said}");
     let single = folder.join("converted/single.safetensors");
     succeed(&["weights", "convert", text(&shipped), text(&single), "--precision", "f32"]);
     succeed(&["weights", "convert", text(&single), text(&back), "--precision", "f16", "--overwrite"]);
