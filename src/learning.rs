@@ -42,8 +42,8 @@ pub struct Recipe {
     pub max_bounces: u32,
     /// Frames of each sequence between its two keyframes.
     pub frames: usize,
-    /// Samples a pixel of each part of a frame; each neighbour has as many as the first part. `None` draws them: 1, 2, 4 and 8 or 16, in any
-    /// order.
+    /// Samples a pixel of each part of a frame; each neighbour has as many as the first part. `None` draws them: 1, 2, 4 and 8 or
+    /// 16, in any order.
     pub samples: Option<[u32; PARTS]>,
     /// Share of the denoised pictures, 0..=1, that OIDN makes in least time; it makes the others with least error.
     pub fast: f64,
@@ -322,7 +322,7 @@ impl<'a> Maker<'a> {
             let parts = std::array::from_fn(|other| other == part);
             let chosen = record::Chosen { groups, parts, spp: record.parts[part] as f32, neighbours, ..all };
             let [color, albedo, normal] = record.noisy(&chosen, exposure);
-            let fast = seed.child("fast", place as u64).rng().random_bool(self.recipe.fast.clamp(0.0, 1.0));
+            let fast = seed.child("fast", place as u64).rng().random_bool(self.recipe.fast);
             let mut denoiser = denoisers[usize::from(fast)].lock().unwrap_or_else(PoisonError::into_inner);
             record.add_denoised(place, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
         }

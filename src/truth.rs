@@ -45,7 +45,8 @@ pub const NO_TRUTH: &str = "is for pictures to look at: truth that a network is 
 pub struct TruthSettings {
     /// What the renderer is told; 0 samples a pixel stand for G-buffers alone.
     pub render: Settings,
-    /// Frame to take the samples of every pixel from, in place of `render.spp` and `render.budget`: a file, or a folder of a sequence's frames.
+    /// Frame to take the samples of every pixel from, in place of `render.spp` and `render.budget`: a file, or a folder of a
+    /// sequence's frames.
     pub sample_map: Option<PathBuf>,
     /// Whether frames hold the Euclidean distance beside the depth.
     pub distance: bool,

@@ -48,8 +48,8 @@ pub struct Infer {
     /// Take in samples of the two frames before, or before and after
     #[arg(long, value_enum, requires = "rays")]
     neighbours: Option<NeighboursArg>,
-    /// What is made of the samples of --rays and read beside them: OIDN's picture of least error or of least time; by default the former where
-    /// this build has OIDN
+    /// What is made of the samples of --rays and read beside them: OIDN's picture of least error or of least time; by default the
+    /// former where this build has OIDN
     #[arg(long, value_enum, requires = "rays")]
     denoised: Option<DenoisedArg>,
     /// Surfaces that a path of --rays may scatter at

@@ -55,8 +55,8 @@ impl<'a> Fused<'a> {
         })
     }
 
-    /// From samples of the frame and of its neighbours, with or without keyframes and what `denoiser` makes of the samples, and the seconds
-    /// beside those of the samples.
+    /// From samples of the frame and of its neighbours, with or without keyframes and what `denoiser` makes of the samples, and
+    /// the seconds beside those of the samples.
     pub fn traced(
         &self,
         buffer: Buffer,

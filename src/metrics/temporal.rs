@@ -5,7 +5,8 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::warp::{self, Correspondence};
 
-/// Where each pixel of `current` was in `previous`, the frame before it, and whether it was seen there (see [`warp::correspond`]);
+/// Where each pixel of `current` was in `previous`, the frame before it, and whether it was seen there (see
+/// [`warp::correspond`]);
 /// `movement` is that of the objects from `current` to `previous`.
 pub fn correspondence(current: &Frame, previous: &Frame, movement: Movement<'_>) -> Correspondence {
     warp::correspond(current, previous, Some(&|id| movement.of(id)))
@@ -61,8 +62,8 @@ mod tests {
     const WIDTH: usize = 24;
     const HEIGHT: usize = 16;
 
-    /// A wall of object 1 two metres in front of the camera, seen everywhere; its pixels are `motion` pixels away where the camera is at the
-    /// origin. One metre is ten pixels.
+    /// A wall of object 1 two metres in front of the camera, seen everywhere; its pixels are `motion` pixels away where the
+    /// camera is at the origin. One metre is ten pixels.
     fn wall(motion: [f32; 2]) -> Frame {
         let camera = Camera {
             width: WIDTH,

@@ -34,8 +34,8 @@ pub enum DenoiseMode {
     Auto,
     /// OIDN, or an error that says how to get it.
     Oidn,
-    /// The network inside the program, which reads OIDN's picture too where OIDN is there: for pictures of up to 32 samples a pixel, not for the
-    /// truth of datasets.
+    /// The network inside the program, which reads OIDN's picture too where OIDN is there: for pictures of up to 32 samples a
+    /// pixel, not for the truth of datasets.
     Neural,
     /// The raw picture.
     None,

@@ -235,8 +235,8 @@ fn place<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&
     }
 }
 
-/// Some of what `record` has of the wanted groups: any number of parts, neighbours on both sides or only before; with a denoised picture the
-/// samples that it was made of.
+/// Some of what `record` has of the wanted groups: any number of parts, neighbours on both sides or only before; with a denoised
+/// picture the samples that it was made of.
 fn choose(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Chosen {
     let mut chosen = Chosen { groups, ..Chosen::all(record) };
     let there = record.parts.iter().filter(|spp| **spp > 0).count();

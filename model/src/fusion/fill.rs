@@ -189,9 +189,9 @@ impl Record<f32> {
         });
     }
 
-    /// The picture of the samples that are `chosen`, carried neighbours among them, as another denoiser takes it: scene-linear, with the albedo and
-    /// the normals of the frame as guides. The tint that samples were divided by is that of the pixel here, so that edges come out a little
-    /// cleaner than they were.
+    /// The picture of the samples that are `chosen`, carried neighbours among them, as another denoiser takes it: scene-linear,
+    /// with the albedo and the normals of the frame as guides. The tint that samples were divided by is that of the pixel here,
+    /// so that edges come out a little cleaner than they were.
     pub fn noisy(&self, chosen: &Chosen, exposure: f32) -> [Rgb; 3] {
         let mut pictures = [(); 3].map(|()| Rgb::filled(self.width, self.height, [0.0; 3]));
         let [colors, albedos, normals] = &mut pictures;
@@ -270,4 +270,38 @@ fn median(depths: &[f32]) -> f32 {
     }
     let middle = known.len() / 2;
     *known.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::record::Groups;
+
+    /// Samples over their tint are put together as they were taken apart; a neighbour's count as often as there are of them, and
+    /// the frame's own tell how much of a pixel is covered.
+    #[test]
+    fn samples_are_put_together_as_they_were_taken_apart() {
+        let mut record = Record::<f32>::new(4, 2);
+        (record.parts[0], record.neighbours[0]) = (2, 6);
+        for stored in record.pixels.chunks_exact_mut(at::COUNT) {
+            stored[at::ALPHA] = 0.5;
+            stored[at::ALBEDO..][..3].copy_from_slice(&[0.5, 0.25, 0.125]);
+            stored[at::BACKGROUND..][..3].copy_from_slice(&[1.0; 3]);
+            // Half covered, with 2 over the tint; the neighbour covers it, with 6.
+            stored[at::SAMPLES..][..4].copy_from_slice(&[1.0, 1.0, 1.0, 0.5]);
+            stored[at::NEARBY..][..4].copy_from_slice(&[6.0, 6.0, 6.0, 1.0]);
+        }
+        let all = Chosen::all(&record);
+        let alone = Chosen { groups: Groups { neighbours: false, ..all.groups }, ..all };
+        // No split sum is stored: the tint is the albedo and 0.02. The mean over the tint is that of the covered samples, one own
+        // and six others.
+        for (chosen, mean) in [(alone, 2.0), (all, (2.0 + 6.0 * 6.0) / 7.0)] {
+            let [color, albedo, normal] = record.noisy(&chosen, 4.0);
+            for (c, tint) in [0.52, 0.27, 0.145].into_iter().enumerate() {
+                let expected = (0.5 * mean * tint + 0.5) / 4.0;
+                assert!((color.pixels[5][c] - expected).abs() < 1e-5, "{} and {expected}", color.pixels[5][c]);
+            }
+            assert_eq!((albedo.pixels[5], normal.pixels[5]), ([0.25, 0.125, 0.0625], [0.0; 3]));
+        }
+    }
 }

@@ -5,10 +5,11 @@
 //!
 //! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, j over 5 x 5,
 //!
-//! so that pixels which see no surface have no say. The three are brought to full size (bilinear) and blended: the filtered samples. They,
-//! what the surface mirrors of the environment, a picture that another denoiser made of the samples, the carried keyframes and the sum of
-//! the deferred terms, each term times `exp(g)`, are mixed with softmax weights; some of the mirrored and a residual times the tint are added, and coverage puts the environment behind.
-//! Kernels blur what a smooth surface mirrors, the split sum does not.
+//! so that pixels which see no surface have no say. The three are brought to full size (bilinear) and blended: the filtered
+//! samples. They, what the surface mirrors of the environment, a picture that another denoiser made of the samples, the carried
+//! keyframes and the sum of the deferred terms, each term times `exp(g)`, are mixed with softmax weights; some of the mirrored
+//! and a residual times the tint are added, and coverage puts the environment behind. Kernels blur what a smooth surface mirrors,
+//! the split sum does not.
 
 use super::record::{Groups, KEYS, Known, NEIGHBOURS, TERMS};
 use crate::bridge::MAX_RADIANCE;
@@ -23,7 +24,8 @@ const REACH: usize = 2;
 const PADDED: usize = KERNEL.next_multiple_of(16);
 /// Scales of the kernels.
 const SCALES: usize = 3;
-/// Candidates: filtered samples, keyframes, deferred shading; with samples also what is mirrored of the environment, and the denoised picture.
+/// Candidates: filtered samples, keyframes, deferred shading; with samples also what is mirrored of the environment, and the
+/// denoised picture.
 const CANDIDATES: usize = 2 + KEYS;
 const MIRRORED: usize = CANDIDATES;
 const DENOISED: usize = CANDIDATES + 1;
@@ -542,7 +544,8 @@ mod tests {
         }
     }
 
-    /// Outputs of 0 give the best picture there is: mostly that of another denoiser, else samples, else keyframes, else deferred shading.
+    /// Outputs of 0 give the best picture there is: mostly that of another denoiser, else samples, else keyframes, else deferred
+    /// shading.
     #[test]
     fn an_untrained_network_gives_what_it_was_handed() {
         let one = Known {
@@ -555,10 +558,12 @@ mod tests {
             ..Known::default()
         };
         let known = vec![one; 64];
+        let with_picture = vec![Known { denoised: Some([0.9; 3]), ..one }; 64];
         let draw = |groups: Groups| {
+            let known = if groups.denoised { &with_picture } else { &known };
             let fine_outputs = vec![0.0; 16 * fine(groups)];
             let coarse = vec![0.0; if groups.samples { 4 * KERNEL } else { 0 }];
-            let (drawn, _) = Picture { width: 8, height: 8, known: &known, groups, fine: &fine_outputs, coarse: &coarse }.draw();
+            let (drawn, _) = Picture { width: 8, height: 8, known, groups, fine: &fine_outputs, coarse: &coarse }.draw();
             drawn[27]
         };
         let deferred = Groups { deferred: true, ..Groups::default() };
@@ -566,6 +571,8 @@ mod tests {
         bare.trust = [f32::NEG_INFINITY; KEYS];
         let samples = Groups { samples: true, ..Groups::default() };
         assert!((draw(samples)[0] - 2.0).abs() < 0.2);
+        // Beside samples of 2 the denoised picture of 0.9 weighs exp(3) times as much.
+        assert!((draw(Groups { denoised: true, ..samples })[0] - 0.9).abs() < 0.1);
         assert!((draw(Groups { keys: true, ..deferred })[0] - 0.7).abs() < 0.05);
         let bare = vec![bare; 64];
         let fine_outputs = vec![0.0; 16 * fine(deferred)];

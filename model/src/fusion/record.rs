@@ -304,7 +304,8 @@ fn keys_at(groups: Groups) -> usize {
     if groups.deferred { at::KEYS_SHADED } else { at::KEYS_TINTED }
 }
 
-/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples and what the environment gives, neighbours, denoised.
+/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples and what the environment gives, neighbours,
+/// denoised.
 const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS + 1;
 
 /// Appends what the network reads of a pixel, [`Groups::channels`] numbers of about -1..=2.

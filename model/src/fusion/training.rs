@@ -369,8 +369,8 @@ pub fn run(
     })
 }
 
-/// What is validated: each tier that a record can serve, with all it has; with samples those of one part, of each part where nothing else
-/// is given.
+/// What is validated: each tier that a record can serve, with all it has; with samples those of one part, of each part where
+/// nothing else is given.
 pub fn variants(record: &Record<f16>) -> Vec<(String, Chosen)> {
     let has = record.groups().given();
     let mut found = Vec::new();

@@ -174,7 +174,8 @@ impl Pictures {
     /// The pictures of `frame`. `exposure` maps radiance to display-linear.
     ///
     /// # Errors
-    /// [`Error::Data`] when the exposure is no positive number, the bounds are no range, or a frame and its camera differ in size.
+    /// [`Error::Data`] when the exposure is no positive number, the bounds are no range, or a frame and its camera differ in
+    /// size.
     pub fn new(
         frame: &Frame,
         environment: &Environment,

@@ -1,4 +1,4 @@
-//! Screen-space features: what a G-buffer alone can say about occlusion.
+//! What a G-buffer alone says about occlusion, bounced light and reflections; for deferred shading.
 //!
 //! Occlusion follows the horizon method of Jimenez et al. 2016 ("Practical real-time strategies for accurate indirect occlusion",
 //! GTAO); light visibility marches towards the environment's dominant light. Both start from a pattern that repeats every

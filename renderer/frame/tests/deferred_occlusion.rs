@@ -1,5 +1,5 @@
-//! Occlusion and shadows that deferred shading reads off the depth buffer, against closed forms and against rays traced through the same
-//! analytic scene.
+//! Occlusion and shadows that deferred shading reads off the depth buffer, against closed forms and against rays traced through
+//! the same analytic scene.
 
 mod light_scene;
 
@@ -79,7 +79,8 @@ fn an_open_plane_is_unoccluded() {
 
 #[test]
 fn a_corner_hides_what_the_wall_covers() {
-    // Floor and wall at right angles: a wall of height h at distance d hides (1 - d / sqrt(d^2 + h^2)) / 2 of the cosine-weighted hemisphere.
+    // Floor and wall at right angles: a wall of height h at distance d hides (1 - d / sqrt(d^2 + h^2)) / 2 of the cosine-weighted
+    // hemisphere.
     let camera = view(Vec3A::new(0.0, 1.5, 2.5), Vec3A::new(0.0, 0.3, 0.0));
     let frame = render(&[Surface::Plane(Vec3A::ZERO, Vec3A::Y), Surface::Plane(Vec3A::ZERO, Vec3A::Z)], &camera);
     let found = features(&frame, &Environment::constant([1.0; 3]));

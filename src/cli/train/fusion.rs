@@ -163,6 +163,8 @@ impl Train {
         training.minutes = self.minutes.or(training.minutes);
         training.seed = self.seed.unwrap_or(training.seed);
         training.validate()?;
+        let fast = options.recipe.fast;
+        ensure!((0.0..=1.0).contains(&fast), "recipe.fast: {fast} is outside 0..=1");
         Ok(options)
     }
 }
