@@ -31,8 +31,10 @@ test-full: test build
 	FEATURES="$(FEATURES)" sh tests/browser/run.sh
 	$(RENDERFLOW) stress --again --out target/stress.json
 
-bench: build
-	$(CARGO) bench --workspace $(FEATURES)
+# Time against error on every benchmark scene, small: minutes. docs/benchmarks.md has the other measurements.
+bench: oidn
+	$(CARGO) build --release -p renderflow-bench $(FEATURES)
+	target/release/renderflow-bench convergence --resolution 128 --max-spp 64 --repeats 1 --reference-spp 1024 --out bench
 
 # Fetches Intel Open Image Denoise; without it everything works and pictures stay noisy.
 oidn:

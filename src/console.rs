@@ -1,7 +1,7 @@
 //! Output that never ends a job: a closed pipe or a full disk behind standard output or standard error costs lines, not work.
 //!
-//! The macros below stand in for those of the standard library, which panic when a line cannot be written. They are in scope in the whole crate, so no
-//! other form can be used by accident.
+//! The macros below stand in for those of the standard library, which panic when a line cannot be written. They are in scope in the
+//! whole crate, and in crates that import them with `#[macro_use]`, so no other form can be used by accident.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};
@@ -11,17 +11,20 @@ use std::sync::Mutex;
 static FAILED: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
 /// Prints a line of results on standard output; see [`console`](crate::console).
+#[macro_export]
 macro_rules! println {
     () => { $crate::console::out(format_args!("\n")) };
     ($($argument:tt)*) => { $crate::console::out(format_args!("{}\n", format_args!($($argument)*))) };
 }
 
 /// Prints results on standard output; see [`console`](crate::console).
+#[macro_export]
 macro_rules! print {
     ($($argument:tt)*) => { $crate::console::out(format_args!($($argument)*)) };
 }
 
 /// Prints a line for people on standard error; see [`console`](crate::console).
+#[macro_export]
 macro_rules! eprintln {
     ($($argument:tt)*) => { $crate::console::err(format_args!("{}\n", format_args!($($argument)*))) };
 }

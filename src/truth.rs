@@ -2,11 +2,11 @@
 
 mod clean;
 mod decide;
+pub mod watch;
 
 pub use clean::DenoiseMode;
 pub use decide::Found;
 
-use crate::bench::watch::Watch;
 use crate::dataset::folder::frame_file;
 use crate::output;
 use crate::progress::Progress;
@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+use watch::Watch;
 
 /// The user stopped the work; what is finished is kept, the same command goes on (exit code 75).
 #[derive(Debug)]

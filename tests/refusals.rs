@@ -504,3 +504,13 @@ fn a_full_disk_leaves_no_parts_of_files() {
         assert!(said.contains("No space left") && said.contains(&disk), "{command}: {said}");
     }
 }
+
+#[test]
+fn bench_says_where_it_went() {
+    for words in [&["bench"][..], &["bench", "inverse", "--buffers", "theirs/"], &["--threads", "2", "bench", "peers", "--help"]] {
+        let output = renderflow(words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}");
+        let said = stderr(&output);
+        assert!(said.lines().count() == 1 && said.contains("renderflow-bench") && said.contains("evaluate inverse"), "{said}");
+    }
+}

@@ -267,8 +267,8 @@ fn pictures_are_taken_apart(folder: &Path, data: &Path, weights: &Weights) {
 }
 
 fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
-    let out = folder.join("bench");
-    let said = succeed(&["bench", "autoencoder", "--vae", text(&weights.vae), "--data", text(data), "--out", text(&out)]);
+    let out = folder.join("measured-autoencoder");
+    let said = succeed(&["evaluate", "autoencoder", "--vae", text(&weights.vae), "--data", text(data), "--out", text(&out)]);
     assert!(said.contains("sequences 1:") && said.contains("albedo"), "{said}");
     let sets: Value = serde_json::from_slice(&std::fs::read(out.join("autoencoder.json")).unwrap()).unwrap();
     let [still, clip] = [0, 1].map(|i| sets[0]["kinds"]["albedo"][i].as_array().unwrap());
@@ -278,19 +278,19 @@ fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
 
 /// By the network itself, and from the pictures it wrote.
 fn recovered_buffers_are_measured(folder: &Path, data: &Path, Weights { vae, keys, inverse }: &Weights) {
-    let (out, written) = (folder.join("bench-inverse"), folder.join("invert-all"));
+    let (out, written) = (folder.join("measured-inverse"), folder.join("invert-all"));
     let from = ["--weights", text(inverse), "--vae", text(vae)];
-    let bench = |from: &[&str], out: &Path| {
-        succeed(&[&["bench", "inverse", "--data", text(data), "--every", "3", "--out", text(out)][..], from].concat());
+    let evaluate = |from: &[&str], out: &Path| {
+        succeed(&[&["evaluate", "inverse", "--data", text(data), "--every", "3", "--out", text(out)][..], from].concat());
         let results: Value = serde_json::from_slice(&std::fs::read(out.join("inverse.json")).unwrap()).unwrap();
         assert_eq!(results["sets"][0]["frames"], FRAMES.div_ceil(3));
         results["sets"][0]["rows"].clone()
     };
-    let rows = bench(&from, &out);
+    let rows = evaluate(&from, &out);
     let (network, start) = (&rows[0], &rows[1]);
     assert!(network["seconds"].as_f64().unwrap() > 0.0 && start["seconds"].is_null());
     succeed(&[&["invert", "--data", text(data), "--out", text(&written)][..], &from].concat());
-    let rows = bench(&["--buffers", text(&written)], &out.join("buffers"));
+    let rows = evaluate(&["--buffers", text(&written)], &out.join("buffers"));
     assert_eq!((&rows[0]["method"], &rows[1]["values"]), (&json!("buffers"), &start["values"]));
     let mean = |row: &Value, id: &str| row["values"][id]["mean"].as_f64().unwrap();
     // 8 bits a value.
@@ -305,10 +305,10 @@ fn recovered_buffers_are_measured(folder: &Path, data: &Path, Weights { vae, key
         let [a, b] = [network, &rows[0]].map(|row| mean(row, id));
         assert!((a - b).abs() < within && a != mean(start, id), "{id}: {a} and {b}");
     }
-    let bench = ["bench", "inverse", "--data", text(data), "--out", text(&out)];
-    let said = fail(&[&bench[..], &["--weights", text(keys), "--vae", text(vae)]].concat());
+    let evaluate = ["evaluate", "inverse", "--data", text(data), "--out", text(&out)];
+    let said = fail(&[&evaluate[..], &["--weights", text(keys), "--vae", text(vae)]].concat());
     assert!(said.contains("no inverse adapter"), "{said}");
-    let said = fail(&[&bench[..], &["--buffers", text(folder)]].concat());
+    let said = fail(&[&evaluate[..], &["--buffers", text(folder)]].concat());
     assert!(said.contains("no buffers of any frame"), "{said}");
 }
 

@@ -9,10 +9,10 @@ use renderflow_model::wan::flow::{
 };
 use renderflow_model::wan::layers::Dense;
 use renderflow_model::wan::names::{Named, Naming};
-use renderflow_model::wan::{Flow, FlowConfig, Probe, Vae};
+use renderflow_model::wan::{Flow, FlowConfig, Probe};
 use wan::flow::{CLIP, TIMES, both, conditions, difference, invert, latents, velocity, warm};
 use wan::gradients::{tensor, weighed};
-use wan::{number, values};
+use wan::values;
 
 #[test]
 fn stages_are_the_whole() {
@@ -287,56 +287,4 @@ fn inputs_that_do_not_fit_are_refused() {
         let error = bare.invert(latents(CLIP, &device), &TIMES, Intrinsic::Albedo, &mut Probe::idle()).expect_err("no adapter");
         assert!(error.to_string().starts_with("inverse: "), "{error}");
     }
-}
-
-/// Most memory this process has had, in bytes; `None` where the system does not tell.
-fn peak_memory() -> Option<usize> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().trim_end_matches(" kB").parse::<usize>();
-    kilobytes.ok().map(|kilobytes| kilobytes << 10)
-}
-
-/// Seconds of the published size with random weights on one square frame: five pictures to latents, the velocity, the image.
-/// `WAN_SIZE` pixels (512), `WAN_LAYERS` blocks (30 take 5.1 GB), `WAN_KEYFRAMES` keyframes (0; with one more, 1.2 GB); the weights are
-/// drawn in the first of `WAN_RUNS` (3).
-#[test]
-#[ignore = "a measurement"]
-fn measure_the_renderer() {
-    let (size, keyframes, device) = (number("WAN_SIZE", 512), number("WAN_KEYFRAMES", 0), Device::flex());
-    let mut config = FlowConfig::wan_1_3b();
-    config.dit.layers = number("WAN_LAYERS", 30);
-    if keyframes > 0 {
-        config = config.with_keyframes(KeyframeConfig::default());
-    }
-    let flow = Flow::new(&config, 1, &device).expect("network");
-    let vae = Vae::new(&config.vae, 2, &device).expect("network");
-    let clock = |what: &str, run: &dyn Fn() -> Tensor<5>| {
-        let start = std::time::Instant::now();
-        let result = run();
-        let sum: f32 = result.clone().abs().mean().into_scalar();
-        println!("{what}: {:.2} s ({sum})", start.elapsed().as_secs_f32());
-        result
-    };
-    for _ in 0..number("WAN_RUNS", 3) {
-        let pictures = |seed: f32| tensor([1, 3, 1, size, size], seed, &device).mul_scalar(0.5);
-        let encode = |seed: f32| vae.encode_normalised(pictures(seed)).expect("encodes");
-        let latents = clock("five pictures to latents", &|| Tensor::cat([0.1, 0.2, 0.3, 0.4, 0.5].map(encode).to_vec(), 1));
-        let z = config.vae.z_dim;
-        let part = |i: usize, count: usize| latents.clone().narrow(1, i * z, count * z);
-        let mut reference = latents.dims();
-        reference[1] = config.reference_channels();
-        let conditions = Conditions {
-            attributes: Tensor::cat(vec![Tensor::ones(reference, &device), part(1, 3)], 1),
-            environment: part(4, 1),
-            keyframes: (0..keyframes).map(|i| KeyframeLatent { latent: part(0, 1), time: 4.0 * i as f64 }).collect(),
-        };
-        let velocity =
-            clock("velocity", &|| flow.velocity(part(0, 1), &[0.0], &conditions, &mut Probe::idle()).expect("renders"));
-        clock("latents to image", &|| vae.decode_normalised(part(0, 1) + velocity.clone()).expect("decodes"));
-    }
-    println!(
-        "{} parameters, peak memory {:.2?} GB",
-        config.account().expect("valid").total(),
-        peak_memory().map(|b| b as f64 / 1e9)
-    );
 }

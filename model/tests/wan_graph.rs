@@ -9,7 +9,7 @@ use renderflow_model::wan::init::Init;
 use renderflow_model::wan::names::{Named, Naming};
 use renderflow_model::wan::vae::{Cache, CausalConv, Tiling};
 use renderflow_model::wan::{Dit, DitConfig, DitInput, Probe, Vace, VaceConfig, Vae, VaeConfig};
-use wan::{beside_repository, number, values};
+use wan::{beside_repository, values};
 
 /// Values between -1 and 1 without a pattern a convolution could share.
 fn waves<const D: usize>(shape: [usize; D], seed: f32) -> Tensor<D> {
@@ -222,46 +222,5 @@ fn parity_names_and_shapes() {
             assert_eq!(got, want, "{file}");
         }
         println!("{file}: {} names and shapes", want.len());
-    }
-}
-
-/// Seconds of the published autoencoder with random weights on one square picture, two- and three-dimensional form in turn.
-/// `WAN_SIZE` pixels (256).
-#[test]
-#[ignore = "a measurement"]
-fn measure_the_autoencoder() {
-    let size = number("WAN_SIZE", 256);
-    let vae = Vae::new(&VaeConfig::wan(), 1, &Device::flex()).expect("network");
-    let (pictures, latents) = (waves([1, 3, 1, size, size], 0.1), waves([1, 16, 1, size / 8, size / 8], 0.2));
-    let time = |what: &str, run: &dyn Fn() -> Tensor<5>| {
-        let start = std::time::Instant::now();
-        let sum: f32 = run().abs().mean().into_scalar();
-        println!("{what}: {:.2} s ({sum})", start.elapsed().as_secs_f32());
-    };
-    for _ in 0..number("WAN_RUNS", 4) {
-        let encode = |cache: Cache| vae.moments_after(cache, pictures.clone(), &mut Probe::idle());
-        let decode = |cache: Cache| vae.decode_after(cache, latents.clone(), &mut Probe::idle());
-        time("encode, 2D", &|| encode(Cache::new()));
-        time("encode, 3D", &|| encode(Cache::of_zeros()));
-        time("decode, 2D", &|| decode(Cache::new()));
-        time("decode, 3D", &|| decode(Cache::of_zeros()));
-    }
-}
-
-/// Seconds of the published transformer with random weights on one frame of 512 x 512 pixels, with and without text.
-/// `WAN_LAYERS` blocks (2; 30 take 5.7 GB); the weights are drawn in the first two runs.
-#[test]
-#[ignore = "a measurement"]
-fn measure_the_transformer() {
-    let layers = number("WAN_LAYERS", 2);
-    let config = DitConfig { layers, ..DitConfig::wan_1_3b() };
-    let dit = Dit::new(&config, 1, &Device::flex()).expect("network");
-    for i in 0..number("WAN_RUNS", 6) {
-        let text = (i % 2 == 0).then(|| waves([1, 512, 4096], 0.2));
-        let what = if text.is_some() { "with text" } else { "without text" };
-        let input = DitInput { latents: waves([1, 16, 1, 64, 64], 0.1), times: vec![1000.0], text };
-        let start = std::time::Instant::now();
-        let sum: f32 = dit.forward(input, &mut Probe::idle()).expect("runs").abs().mean().into_scalar();
-        println!("{what}: {:.2} s ({sum})", start.elapsed().as_secs_f32());
     }
 }

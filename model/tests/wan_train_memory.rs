@@ -58,7 +58,7 @@ fn measure(case: &str) {
 }
 
 #[test]
-#[ignore = "a measurement"]
+#[ignore = "a minute: every case in a process of its own"]
 fn recomputation_saves_memory() {
     if let Ok(case) = std::env::var(CASE) {
         return measure(&case);

@@ -190,6 +190,12 @@ impl RenderScene {
         self.seed = seed;
     }
 
+    /// The same scene with random numbers from `seed` in place of its own.
+    pub fn with_seed(mut self, seed: u64) -> Self {
+        self.reseed(seed);
+        self
+    }
+
     /// As [`Self::set_frame`], with nothing kept of the tree over flattened triangles: for measurements.
     #[doc(hidden)]
     pub fn set_frame_anew(&mut self, frame: usize) {

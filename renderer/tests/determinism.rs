@@ -1,10 +1,11 @@
-//! The bytes of a picture depend on seed, scene and settings, and on nothing else.
+//! The bytes of a picture depend on seed, scene and settings, and on nothing else. That threads and tiles do not matter is checked by
+//! `renderflow_renderer::verify::determinism`.
 
 mod common;
 
 use glam::{Affine3A, Vec3};
-use renderflow_frame::Frame;
-use renderflow_renderer::{RenderScene, Settings, Skips};
+use renderflow_renderer::verify::determinism::bits;
+use renderflow_renderer::{Settings, Skips};
 use renderflow_scenes::{LoadedScene, Material};
 
 fn loaded() -> LoadedScene {
@@ -16,38 +17,6 @@ fn loaded() -> LoadedScene {
     ];
     // Odd sizes leave partial tiles at both edges.
     common::scene(parts, common::sunny(), common::camera([0.0, 2.0, 6.0], [0.0, 0.8, 0.0], 40.0, 45, 37))
-}
-
-fn bits(frame: &Frame) -> Vec<u32> {
-    let rgb = [&frame.beauty, &frame.raw, &frame.variance, &frame.guide_albedo, &frame.guide_normal, &frame.irradiance];
-    let mut bits: Vec<u32> = rgb.into_iter().flatten().flat_map(|i| i.pixels.as_flattened()).map(|v| v.to_bits()).collect();
-    for image in [&frame.albedo, &frame.normal, &frame.material] {
-        bits.extend(image.pixels.as_flattened().iter().map(|v| v.to_bits()));
-    }
-    for image in [&frame.motion, &frame.motion_prev].into_iter().flatten() {
-        bits.extend(image.pixels.as_flattened().iter().map(|v| v.to_bits()));
-    }
-    bits.extend(frame.alpha.pixels.iter().chain(&frame.depth.pixels).map(|v| v.to_bits()));
-    bits.extend(frame.object_id.pixels.iter().chain(&frame.material_id.pixels));
-    bits
-}
-
-fn render_on(threads: usize, scene: &RenderScene, settings: &Settings) -> Vec<u32> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    pool.install(|| bits(&common::render_with(scene, settings).0))
-}
-
-#[test]
-fn threads_do_not_change_a_bit() {
-    let scene = common::compile(&loaded());
-    let settings = Settings { spp: 9, irradiance: true, ..Settings::default() };
-    let one = render_on(1, &scene, &settings);
-    assert!(one.len() > 45 * 37 * 20);
-    for threads in [3, 16] {
-        assert!(one == render_on(threads, &scene, &settings), "{threads} threads differ from one");
-    }
-    // Compiling anew gives the same tree, and so the same picture.
-    assert!(one == render_on(3, &common::compile(&loaded()), &settings));
 }
 
 #[test]
@@ -85,7 +54,8 @@ fn the_tree_is_touched_only_when_something_moves() {
     let mut at_once = common::compile(&moving);
     at_once.set_frame(3);
     let settings = Settings { spp: 2, ..Settings::default() };
-    assert!(bits(&common::render_with(&scene, &settings).0) == bits(&common::render_with(&at_once, &settings).0));
+    let [a, b] = [&scene, &at_once].map(|scene| common::render_with(scene, &settings).0);
+    assert!(bits(&a) == bits(&b));
 }
 
 #[test]

@@ -1,10 +1,6 @@
 //! Reflectance of dielectrics: Fresnel's equations in the conserving form, Schlick's approximation in the published one.
 
-#[path = "common/chi_square.rs"]
-#[allow(dead_code)]
-mod chi_square;
-
-use chi_square::Random;
+use renderflow_renderer::verify::chi_square::Random;
 use glam::{DVec3, Vec3A};
 use renderflow_renderer::material::{Bsdf, Mode, Surface};
 use renderflow_renderer::verify::bsdf as checks;

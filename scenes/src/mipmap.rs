@@ -322,18 +322,6 @@ mod tests {
         }
     }
 
-    /// Run by hand: `cargo test --release -p renderflow-scenes pyramid_time -- --ignored --nocapture`.
-    #[test]
-    #[ignore = "prints seconds"]
-    fn pyramid_time() {
-        for encoding in [Encoding::Srgb, Encoding::Linear, Encoding::Normal] {
-            let texels: Vec<[u8; 4]> = (0..1_u32 << 24).map(|i| i.wrapping_mul(2_654_435_761).to_le_bytes()).collect();
-            let started = std::time::Instant::now();
-            let texture = Texture::from_rgba8("t", [4096; 2], texels, encoding, Default::default());
-            println!("{encoding:?}: {:?}, {} levels", started.elapsed(), texture.levels.len());
-        }
-    }
-
     #[test]
     fn colours_are_averaged_in_linear_space() {
         let texture = Texture::from_rgba8("t", [2, 1], vec![[0; 4], [255; 4]], Encoding::Srgb, Default::default());

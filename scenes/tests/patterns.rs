@@ -5,7 +5,7 @@ mod common;
 use common::anywhere;
 use common::empty_scene;
 use renderflow_scenes::description::{Geometry, Material, Object, TextureTransform, TextureWrap};
-use renderflow_scenes::pattern::{self, Map, MapSet, Maps, Pattern};
+use renderflow_scenes::pattern::{self, Map, MapSet, Pattern};
 use renderflow_scenes::procedural::materials::{MaterialKnobs, varied, varied_ground, varied_wall};
 use renderflow_scenes::seed::Seed;
 use renderflow_scenes::shapes::Shape;
@@ -16,58 +16,6 @@ use std::sync::Arc;
 
 fn all() -> impl Iterator<Item = Pattern> {
     Pattern::KINDS.iter().map(|kind| Pattern::named(kind).unwrap())
-}
-
-/// Run by hand: `RENDERFLOW_PATTERNS=folder cargo test --release -p renderflow-scenes --test patterns write -- --ignored --nocapture`.
-#[test]
-#[ignore = "writes the maps of every kind as PNG into the folder $RENDERFLOW_PATTERNS, prints seconds"]
-fn write_maps() {
-    let Some(folder) = std::env::var_os("RENDERFLOW_PATTERNS") else {
-        return println!("skipped: RENDERFLOW_PATTERNS names no folder to write to");
-    };
-    let folder = Path::new(&folder);
-    let (mut total, mut loading) = (0.0, 0.0);
-    for pattern in all() {
-        let least = |run: &dyn Fn()| {
-            let time = |_| {
-                let started = std::time::Instant::now();
-                run();
-                started.elapsed().as_secs_f64()
-            };
-            (0..5).map(time).fold(f64::INFINITY, f64::min)
-        };
-        let maps = pattern.maps(MapSet::ALL);
-        let seconds = least(&|| drop(pattern.maps(MapSet::ALL)));
-        // With mip levels and all else of a scene of one plane.
-        let material = Material { pattern: Some(pattern.clone()), ..patterned("a", "rust") };
-        let scene = planes(vec![material]);
-        let whole = least(&|| drop(loaded(&scene)));
-        (total, loading) = (total + seconds, loading + whole);
-        println!("{:16} {:6.1} ms, loading {:6.1} ms", pattern.kind(), 1e3 * seconds, 1e3 * whole);
-        save(folder, pattern.kind(), &maps);
-    }
-    let mean = |seconds: f64| 1e3 * seconds / Pattern::KINDS.len() as f64;
-    println!("mean {:.1} ms, loading {:.1} ms", mean(total), mean(loading));
-    for (index, material) in drawn(96).iter().enumerate() {
-        if let Some(pattern) = &material.pattern {
-            save(folder, &format!("{index}"), &pattern.maps(MapSet::ALL));
-        }
-        std::fs::write(folder.join(format!("{index}.json")), serde_json::to_string_pretty(material).unwrap()).unwrap();
-    }
-}
-
-/// Writes maps that are not constant as PNG of 8 bits.
-fn save(folder: &Path, name: &str, maps: &Maps) {
-    let Maps { base_color, metallic_roughness, normal, .. } = maps;
-    for (what, map) in [("base", base_color), ("surface", metallic_roughness), ("normal", normal)] {
-        let texels: Vec<u8> = match map.as_ref().unwrap() {
-            Map::Constant(_) => continue,
-            Map::Bytes(t) => t.iter().flatten().copied().collect(),
-            Map::Words(t) => t.iter().flatten().map(|v| (v >> 8) as u8).collect(),
-        };
-        let path = folder.join(format!("{name}.{what}.png"));
-        image::RgbaImage::from_raw(maps.size as u32, maps.size as u32, texels).unwrap().save(path).unwrap();
-    }
 }
 
 /// Materials for objects, floors and walls in turn.

@@ -71,32 +71,6 @@ fn the_whole_catalogue_is_sound_and_without_twins() {
 }
 
 #[test]
-#[ignore = "prints a table: run with --nocapture"]
-fn cost_and_size_of_each_family() {
-    let mut total = 0.0;
-    for family in &FAMILIES[2..] {
-        let (mut triangles, mut worst, mut seconds, mut slowest) = (0, 0, 0.0, 0.0f64);
-        for i in 0..40 {
-            let shape = Shape::random_of(family, &mut Seed::root(3).child(family, i).rng());
-            let start = std::time::Instant::now();
-            let m = mesh(&shape);
-            let s = start.elapsed().as_secs_f64();
-            (seconds, slowest) = (seconds + s, slowest.max(s));
-            triangles += m.triangles.len();
-            worst = worst.max(m.triangles.len());
-        }
-        total += seconds / 40.0;
-        println!(
-            "{family:16} {:6} triangles, at most {worst:6}; {:6.2} ms, at most {:6.2}",
-            triangles / 40,
-            25.0 * seconds,
-            1e3 * slowest
-        );
-    }
-    println!("mean {:.2} ms", 1e3 * total / (FAMILIES.len() - 2) as f64);
-}
-
-#[test]
 fn every_family_has_a_name_a_group_and_a_stance() {
     let mut groups = BTreeMap::new();
     for family in FAMILIES {

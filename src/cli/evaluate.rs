@@ -1,13 +1,13 @@
 use super::AllWeightsArgs;
 use crate::evaluate::find::find;
 use crate::evaluate::method::{Method, help};
-use crate::evaluate::{external, renderer, results::Results, run};
+use crate::evaluate::{autoencoder, external, inverse, renderer, results::Results, run};
 use crate::metrics::Networks;
 use crate::progress::Progress;
 use crate::ranges::within;
 use crate::report::table;
 use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
+use clap::{Args, Subcommand};
 use renderflow_model::lpips::WEIGHTS_VARIABLE;
 use renderflow_renderer::Settings;
 use std::path::{Path, PathBuf};
@@ -31,8 +31,41 @@ Sequences that are complete in the results folder are kept: the same command goe
 
 /// Compares methods, or anybody's pictures, with path-traced truth: metrics, intervals, seconds.
 #[derive(Args)]
-#[command(after_help = format!("{HELP}\n\nMethods, in a comma-separated list:{}\n\n{HELP_OF_FOLDERS}", help()))]
+#[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = format!("{HELP}\n\nMethods, in a comma-separated list:{}\n\n{HELP_OF_FOLDERS}", help())
+)]
 pub struct Evaluate {
+    #[command(subcommand)]
+    part: Option<Part>,
+    #[command(flatten)]
+    pictures: Option<Pictures>,
+}
+
+/// What is measured in place of pictures.
+#[derive(Subcommand)]
+enum Part {
+    /// What recovered albedo, normals, depth and material are worth
+    Inverse(inverse::Options),
+    /// What an autoencoder of the paper's network loses, by kind of picture and frame of a clip
+    Autoencoder(autoencoder::Options),
+}
+
+impl Evaluate {
+    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        match (self.part, self.pictures) {
+            (Some(Part::Inverse(options)), _) => options.run(cancel),
+            (Some(Part::Autoencoder(options)), _) => options.run(cancel),
+            (None, Some(pictures)) => pictures.run(allowed, cancel),
+            (None, None) => bail!("either --data FOLDER, or two folders: pictures and truth"),
+        }
+    }
+}
+
+/// Methods on test sets, or a folder of pictures.
+#[derive(Args)]
+struct Pictures {
     /// Folder of pictures to compare
     #[arg(value_name = "PRED_DIR", requires = "truth", conflicts_with = "data")]
     pictures: Option<PathBuf>,
@@ -74,8 +107,8 @@ pub struct Evaluate {
     out: PathBuf,
 }
 
-impl Evaluate {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+impl Pictures {
+    fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let lpips = lpips()?;
         match (&self.pictures, &self.truth, &self.data) {
             (Some(pictures), Some(truth), None) => self.compare(pictures, truth, &lpips, cancel)?,

@@ -1,6 +1,5 @@
 //! The command line: one file a subcommand.
 
-mod bench;
 mod check;
 mod compose;
 mod dataset;
@@ -9,6 +8,7 @@ mod evaluate;
 mod hdri;
 mod infer;
 mod invert;
+pub mod program;
 mod render;
 mod report;
 mod slurm;
@@ -17,12 +17,12 @@ mod testset;
 mod train;
 mod weights;
 
-use crate::console::{self, message};
 use crate::evaluate::method::Method;
 use crate::ranges::within;
 use crate::stop;
-use crate::truth::{DenoiseMode, Interrupted};
+use crate::truth::DenoiseMode;
 use anyhow::{Context, Result, bail, ensure};
+use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
@@ -41,12 +41,8 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(version, about, long_about = None, after_help = "Exit codes: 0 done, 1 failed, 2 usage, 75 interrupted and resumable, 130 interrupted with nothing to resume (check).")]
 struct Cli {
-    /// Threads to use, at most 4 for each core; 0, the default, is one for each. Results do not depend on it.
-    #[arg(long, global = true)]
-    threads: Option<usize>,
-    /// Let scenes and models name files of this folder too, not only of their own; may be given several times
-    #[arg(long, global = true, value_name = "FOLDER")]
-    allow_files: Vec<PathBuf>,
+    #[command(flatten)]
+    common: program::Common,
     #[command(subcommand)]
     command: Command,
 }
@@ -61,9 +57,13 @@ enum Command {
     Compose(compose::Compose),
     /// Say whether scenes, models, maps, frames, weights and datasets can be used
     Check(check::Check),
-    /// Measure speed and error
-    #[command(subcommand)]
-    Bench(bench::Bench),
+    /// What became of `renderflow bench`
+    #[command(hide = true, disable_help_flag = true)]
+    Bench {
+        /// What was asked of it
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<String>,
+    },
     /// Test the numerics of the path tracer
     Stress(stress::Stress),
     /// Plan and render datasets
@@ -90,43 +90,24 @@ enum Command {
     Weights(weights::Weights),
 }
 
+/// Said to whoever runs `renderflow bench`.
+const BENCH_MOVED: &str = "the measurements are in the program renderflow-bench (cargo build --release -p renderflow-bench); \
+    `bench inverse` and `bench autoencoder` are `renderflow evaluate inverse` and `renderflow evaluate autoencoder`\n";
+
 /// Parses the command line and runs it.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    match run(cli) {
-        Ok(()) => match console::lost_output() {
-            None => ExitCode::SUCCESS,
-            Some(error) => {
-                eprintln!("error: the work is done, but standard output could not be written: {error}");
-                ExitCode::FAILURE
-            }
-        },
-        Err(error) if error.downcast_ref::<Interrupted>().is_some() || error.root_cause().is::<Interrupted>() => {
-            eprintln!("{}", message(&error));
-            ExitCode::from(stop::RESUMABLE)
-        }
-        Err(error) => {
-            eprintln!("error: {}", message(&error));
-            ExitCode::FAILURE
-        }
-    }
+    program::exit_code(run(cli))
 }
 
 fn run(cli: Cli) -> Result<()> {
-    if let Some(asked) = cli.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads(asked)).build_global().context("--threads")?;
-    }
-    let cancel = stop::listen()?;
-    let allowed = cli.allow_files;
-    if let Some(missing) = allowed.iter().find(|folder| !folder.exists()) {
-        bail!("--allow-files {}: there is no such folder", missing.display());
-    }
+    let (allowed, cancel) = cli.common.start()?;
     match cli.command {
         Command::Demo(command) => command.run(&allowed, &cancel),
         Command::Render(command) => command.run(&allowed, &cancel),
         Command::Compose(command) => command.run(),
         Command::Check(command) => stop::at_once(stop::NOTHING_TO_RESUME, || command.run(&allowed)),
-        Command::Bench(command) => command.run(&allowed, &cancel),
+        Command::Bench { .. } => clap::Error::raw(ErrorKind::InvalidSubcommand, BENCH_MOVED).exit(),
         Command::Stress(command) => command.run(&cancel),
         Command::Dataset(command) => command.run(&allowed, &cancel),
         Command::Train(command) => command.run(&allowed, &cancel),
@@ -142,19 +123,6 @@ fn run(cli: Cli) -> Result<()> {
         }
         Command::Weights(command) => command.run(),
     }
-}
-
-/// Threads for each core beyond which more are of no use, only of memory.
-const THREADS_A_CORE: usize = 4;
-
-/// The number of threads that `--threads` asks for, 0 for all cores; a note where that is too many.
-fn threads(asked: usize) -> usize {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let most = THREADS_A_CORE * cores;
-    if asked > most {
-        eprintln!("note: --threads {asked}: {most} are used, {THREADS_A_CORE} for each of the {cores} cores");
-    }
-    asked.min(most)
 }
 
 /// What a caught panic said.

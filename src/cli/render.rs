@@ -1,5 +1,5 @@
 use super::{SceneArgs, TraceArgs};
-use crate::bench::watch::{Errors, Target, Watch};
+use crate::truth::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
 use crate::progress::Progress;
 use crate::ranges::within;

@@ -7,7 +7,6 @@ use super::method::{Method, Part};
 use super::sessions::NetworkSessions;
 use super::traced::{Buffer, Tracer};
 use super::tracing::Samples;
-use crate::bench::reference::compile_seeded;
 use crate::dataset::{SequenceFolder, SequenceView};
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
@@ -102,7 +101,7 @@ impl<'a> MethodRenderer<'a> {
         let file = folder.path.join("scene.json");
         let scene = Scene::read(&file)?;
         let loaded = load::load(&scene, &Reach::of(&file).allow(options.allowed)).with_context(|| file.display().to_string())?;
-        let mut scene = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
+        let mut scene = RenderScene::compile(&loaded)?.with_seed(loaded.seed.wrapping_add(OTHER_SEED));
         let (tables, prefilter) = timed(|| Ok(view.tables()))?;
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
         let methods = options.methods;

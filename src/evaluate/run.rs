@@ -7,7 +7,7 @@ use super::results::{ABOUT, About, METRICS, Score, Sequence, TRUTH, Truth, VERSI
 use crate::dataset::SequenceView;
 use crate::dataset::record::Record;
 use crate::metrics::temporal::{Pair, correspondence, temporal};
-use crate::metrics::{self, Hdr, Metrics, Networks};
+use crate::metrics::{self, Hdr, Metrics, Networks, median};
 use crate::output::Claim;
 use crate::progress::Progress;
 use crate::report::picture;
@@ -233,8 +233,8 @@ fn sequence(
         facts: facts(test),
         truth: Truth {
             spp: folder.frame(first)?.info.spp,
-            seconds: Some(median(crate::truth::seconds(&folder.path))).filter(|s| s.is_finite()),
-            keyframe_seconds: Some(median(crate::truth::seconds_of(&folder.path, &numbers(&folder.sequence.keyframes))))
+            seconds: Some(median(&crate::truth::seconds(&folder.path))).filter(|s| s.is_finite()),
+            keyframe_seconds: Some(median(&crate::truth::seconds_of(&folder.path, &numbers(&folder.sequence.keyframes))))
                 .filter(|s| s.is_finite()),
             noise: (!noise.is_empty()).then(|| decibel(noise.iter().sum::<f64>() / noise.len() as f64)),
             error: error.map(|audit| audit.error),
@@ -250,13 +250,6 @@ fn keyframe_gap(keys: &[usize], frames: usize) -> Option<f64> {
         [_] => Some(frames as f64),
         [first, .., last] => Some((last.abs_diff(*first)) as f64 / (keys.len() - 1) as f64),
     }
-}
-
-/// Median; NaN for nothing.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    values.retain(|v| v.is_finite());
-    values.sort_by(f64::total_cmp);
-    if values.is_empty() { f64::NAN } else { 0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2]) }
 }
 
 /// Metrics by the name they have in [`METRICS`].

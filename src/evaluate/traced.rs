@@ -5,7 +5,6 @@ use super::fused::Fused;
 use super::method::Method;
 use super::renderer::{Options, timed};
 use super::results::BUDGET_PIXELS;
-use super::run::median;
 use super::tracing::{Clean, Guides, Neighbours, REACH, Samples, Tracing};
 use crate::dataset::SequenceFolder;
 use crate::truth::Interrupted;
@@ -327,7 +326,7 @@ impl<'a> Tracer<'a> {
             Samples::AsLongAs(_) => given.unwrap_or(0.0),
         };
         let Some(&rate) = self.rates.get(&Needs::of(tracing)) else { return 1 };
-        let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| median(seconds.clone())).filter(|s| s.is_finite());
+        let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| crate::metrics::median(seconds)).filter(|s| s.is_finite());
         let mut others = usual(self.gathered.get(&tracing.neighbours)).unwrap_or(0.0);
         if tracing.guides == Guides::GBuffer || tracing.clean.is_neural() {
             others += buffer.seconds;

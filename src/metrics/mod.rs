@@ -7,6 +7,7 @@
 
 pub mod bootstrap;
 mod convolve;
+pub mod displayed;
 pub mod flip;
 pub mod intrinsics;
 pub mod psnr;
@@ -58,4 +59,22 @@ fn masked_mean(values: impl Iterator<Item = f64>, mask: &Image<f32>) -> Option<f
     let inside = values.zip(&mask.pixels).filter(|(_, m)| **m > 0.0);
     let (sum, count) = inside.fold((0.0, 0usize), |(sum, count), (v, _)| (sum + v, count + 1));
     (count > 0).then(|| sum / count as f64)
+}
+
+/// Middle of the finite values (the mean of the two in the middle where their number is even); NaN where there is none.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    if sorted.is_empty() { f64::NAN } else { 0.5 * (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_the_middle() {
+        assert_eq!([median(&[3.0, 1.0, 2.0]), median(&[4.0, f64::NAN, 1.0])], [2.0, 2.5]);
+        assert!(median(&[]).is_nan());
+    }
 }

@@ -3,7 +3,8 @@
 use crate::output::GENERATOR;
 use std::fmt::Write;
 
-const STYLE: &str = include_str!("style.css");
+/// The style sheet of pages and plots.
+pub(super) const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
 
 /// Text as it may stand in an element or an attribute; control characters become spaces.

@@ -8,7 +8,7 @@ pub(crate) mod html;
 mod index;
 pub mod picture;
 mod place;
-pub(crate) mod plot;
+pub mod plot;
 mod sequence;
 mod style;
 mod summary;

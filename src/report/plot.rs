@@ -1,6 +1,6 @@
 //! Plots as inline SVG. Colours come from the page's style sheet (classes `c0` to `c9`), so that they suit light and dark.
 
-use super::html::{escape, scroll};
+use super::html::{STYLE, escape, scroll};
 use super::place::{self, Patch};
 use std::fmt::Write;
 
@@ -194,6 +194,18 @@ pub fn figure(plot: &Plot) -> String {
         "{}<div class=\"narrow\">\n{}<ul class=\"legend\">{legend}</ul></div>\n",
         scroll(plot.title, &svg(plot)).replacen("class=\"scroll\"", "class=\"scroll wide-plot\"", 1),
         svg(&narrow)
+    )
+}
+
+/// The plot as an SVG file that stands alone, in the colours of the pages.
+pub fn file(plot: &Plot) -> String {
+    let (width, height) = plot.size;
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
+         font-family=\"system-ui, sans-serif\">\n<title>{}</title>\n<style><![CDATA[\n{STYLE}]]></style>\n\
+         <rect width=\"{width}\" height=\"{height}\" fill=\"var(--back)\"/>\n{}</svg>\n",
+        escape(plot.title),
+        svg(plot)
     )
 }
 
@@ -392,6 +404,7 @@ mod tests {
             size: (400.0, 300.0),
         };
         let text = svg(&plot);
+        assert!(file(&plot).contains(&text));
         assert!(!text.contains("NaN") && !text.contains("inf") && text.contains("a&lt;b &amp; &quot;c&quot;"), "{text}");
     }
 }

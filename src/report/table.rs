@@ -2,6 +2,7 @@
 
 use crate::evaluate::results::{BUDGET_PIXELS, Group, METRICS, MethodInfo, Metric, Results, Scored, Sequence};
 use crate::metrics::bootstrap::{self, Interval};
+use crate::metrics::median;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
@@ -153,9 +154,10 @@ impl<'a> Means<'a> {
         };
         let frames = numbers().filter_map(|number| self.seconds[number].get(method.id.as_str()));
         let spp: Vec<f64> = numbers().filter_map(|number| self.spp[number].get(method.id.as_str()).copied()).collect();
-        let medians: Vec<f64> = frames.filter_map(|seconds| median(seconds.clone())).collect();
+        let usual = |seconds: &Vec<f64>| Some(median(seconds)).filter(|s| s.is_finite());
+        let medians: Vec<f64> = frames.filter_map(usual).collect();
         let with_truth = |(number, sequence): &(usize, &Scored)| -> Option<Option<f64>> {
-            let seconds = self.seconds[*number].get(method.id.as_str()).and_then(|seconds| median(seconds.clone()))?;
+            let seconds = self.seconds[*number].get(method.id.as_str()).and_then(usual)?;
             let share = if method.reads_keyframes { sequence.about.truth_share() } else { Some(0.0) };
             Some(share.map(|share| seconds + share))
         };
@@ -183,13 +185,6 @@ impl<'a> Means<'a> {
         let values = |method| sequences.iter().map(|(number, _)| self.value(*number, method, metric)).collect::<Vec<_>>();
         bootstrap::bootstrap_difference(&values(method), &values(other))
     }
-}
-
-/// Median; `None` for nothing.
-pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let last = values.len().checked_sub(1)?;
-    Some(0.5 * (values[last / 2] + values[values.len() / 2]))
 }
 
 /// The method that an ablation is a change of.

@@ -1,6 +1,5 @@
 //! How far the truth itself is from the truth: one frame of each sequence against a longer render with other random numbers.
 
-use crate::bench::reference::compile_seeded;
 use crate::dataset::plan::Plan;
 use crate::dataset::{SequenceFolder, Shard, render};
 use crate::metrics::psnr::CAP;
@@ -10,7 +9,7 @@ use anyhow::{Context, Result};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::reach::Reach;
 use renderflow_frame::{color, file};
-use renderflow_renderer::{Settings, render as path_trace};
+use renderflow_renderer::{RenderScene, Settings, render as path_trace};
 use renderflow_scenes::{description::Scene, load};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -96,7 +95,7 @@ fn sequence(plan: &Plan, path: &Path, spp: u32, progress: &(dyn Fn(u64, u64) + S
     let scene = Scene::read(&path.join("scene.json"))?;
     // The scene beside the frames names the files of the plan in full.
     let loaded = load::load(&scene, &Reach::folder(path).allow(plan.reach().folders()))?;
-    let mut compiled = compile_seeded(&loaded, loaded.seed.wrapping_add(OTHER_SEED))?;
+    let mut compiled = RenderScene::compile(&loaded)?.with_seed(loaded.seed.wrapping_add(OTHER_SEED));
     compiled.set_frame(folder.numbers[index]);
     let settings = Settings { spp, max_bounces: plan.render.max_bounces, ..Settings::default() };
     let longer = path_trace(&compiled, &settings, progress, cancel);

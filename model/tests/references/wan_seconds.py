@@ -1,4 +1,4 @@
-"""Seconds and peak memory of the published size in diffusers, on the work of `measure_the_renderer` in flow_graph.rs: five 512x512
+"""Seconds and peak memory of the published size in diffusers, on the work of the example `wan_seconds` of renderflow-bench: five 512x512
 pictures to latents, one velocity without text, one decoded image; random weights, single precision, CPU.
 
 Ran with torch 2.15.0 and diffusers 0.42.1: python wan_seconds.py [size] [runs]

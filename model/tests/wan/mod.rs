@@ -145,8 +145,3 @@ impl Comparison {
         assert!(self.wrong.is_empty(), "too far off:\n{}", self.wrong.join("\n"));
     }
 }
-
-/// A number from the environment.
-pub fn number(variable: &str, default: usize) -> usize {
-    std::env::var(variable).ok().and_then(|value| value.parse().ok()).unwrap_or(default)
-}

@@ -90,7 +90,7 @@ mod tests {
     use glam::Vec3A;
     use obvhs::BvhBuildParams;
     use obvhs::bvh2::builder::build_bvh2;
-    use std::time::{Duration, Instant};
+    use std::time::Duration;
 
     /// Numbers in 0..1 (PCG).
     struct Random(u32);
@@ -227,76 +227,6 @@ mod tests {
         let odd = vec![Aabb::new(Vec3A::new(-3e38, 0.0, 0.0), Vec3A::new(3e38, 0.0, 0.0)); 1001];
         for boxes in [huge, odd] {
             assert_eq!(ploc::build(&boxes).nodes.len(), 2 * boxes.len() - 1);
-        }
-    }
-
-    /// Expected nodes that a ray meets, by the surface area heuristic.
-    fn cost(binary: &Bvh2) -> f32 {
-        share_met(binary) * binary.nodes.len() as f32
-    }
-
-    /// Run by hand on model files: `MODELS="a.obj b.glb" cargo test --release -p renderflow-renderer real_models -- --ignored --nocapture`.
-    #[test]
-    #[ignore = "needs files"]
-    fn trees_of_real_models_are_those_of_obvhs() {
-        let models = std::env::var("MODELS").unwrap_or_default();
-        let (mut same, mut all) = (0, 0);
-        for model in models.split_whitespace().map(std::path::Path::new) {
-            let view = renderflow_scenes::load::ModelView::default();
-            let reach = renderflow_frame::reach::Reach::of(model);
-            let described = renderflow_scenes::load::describe_model(model, None, &view, &reach);
-            let Ok(loaded) = described.and_then(|s| renderflow_scenes::load::load(&s, &reach)) else {
-                continue;
-            };
-            let triangles = loaded.instances.iter().flat_map(|i| {
-                let mesh = &loaded.meshes[i.mesh];
-                mesh.triangles.iter().map(|t| t.map(|v| i.transforms[0].transform_point3a(mesh.positions[v as usize].into())))
-            });
-            let boxes: Vec<Aabb> = triangles.map(|t| Aabb::from_points(&t)).collect();
-            let (own, theirs) = (ploc::build(&boxes), by_obvhs(&boxes, 0.0));
-            let equal = own
-                .nodes
-                .iter()
-                .zip(&theirs.nodes)
-                .all(|(a, b)| (a.aabb(), a.prim_count, a.first_index) == (b.aabb(), b.prim_count, b.first_index));
-            (same, all) = (same + usize::from(equal), all + 1);
-            println!(
-                "{:>8} triangles, same {equal}, cost {:.2} and {:.2}: {}",
-                boxes.len(),
-                cost(&own),
-                cost(&theirs),
-                model.display()
-            );
-        }
-        println!("{same} of {all} the same");
-    }
-
-    /// Run by hand: `cargo test --release -p renderflow-renderer building_time -- --ignored --nocapture`.
-    #[test]
-    #[ignore = "prints seconds"]
-    fn building_time() {
-        let timed = |build: &dyn Fn() -> Bvh2| {
-            let started = Instant::now();
-            let binary = build();
-            (started.elapsed().as_secs_f64(), binary)
-        };
-        println!(
-            "{:>18} {:>7} | {:>8} {:>9} | {:>8} {:>9} | {:>8}",
-            "boxes", "", "obvhs s", "its cost", "ploc s", "its cost", "tree s"
-        );
-        for kind in ["row", "ribbon", "stairs", "equal", "growing", "nested", "grid", "random", "large and random"] {
-            let mut slow = false;
-            for n in [5_000, 10_000, 20_000, 100_000, 200_000] {
-                let boxes = shape(kind, n);
-                let theirs = (!slow).then(|| timed(&|| by_obvhs(&boxes, 0.0)));
-                slow |= theirs.as_ref().is_some_and(|(seconds, _)| *seconds > 3.0);
-                let (seconds, own) = timed(&|| ploc::build(&boxes));
-                let started = Instant::now();
-                tree(&boxes, 8);
-                let all = started.elapsed().as_secs_f64();
-                let theirs = theirs.map_or(["-".into(), "-".into()], |(s, b)| [format!("{s:.3}"), format!("{:.1}", cost(&b))]);
-                println!("{kind:>18} {n:>7} | {:>8} {:>9} | {seconds:8.3} {:9.1} | {all:8.3}", theirs[0], theirs[1], cost(&own));
-            }
         }
     }
 }

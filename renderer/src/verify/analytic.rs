@@ -301,6 +301,15 @@ fn cases() -> Vec<Case> {
     let mirror = vec![Part::new(Shape::Plane { size: 1000.0 }, scenes::metal([1.0; 3], 0.0), Affine3A::IDENTITY)];
     all.push(Case { bias: 3e-3, ..plain("mirror, linear sky", mirror, linear_sky(), plane_view(), mirrored) });
 
+    // A sun of four texels, its irradiance summed over the map as it is interpolated.
+    let (sun, irradiance) = small_sun();
+    let paper = everywhere(ALBEDO * irradiance / std::f64::consts::PI);
+    all.push(Case {
+        bias: 5e-4,
+        scattering_alone: false,
+        ..plain("diffuse plane, small sun", ground(ALBEDO), sun, plane_view(), paper)
+    });
+
     // A black disc above the plane hides its form factor's share of the sky.
     for (radius, height) in [(1.0_f64, 1.0_f64), (3.0, 1.0), (0.5, 2.0)] {
         // Not the large plane: rays leave a surface at a distance that grows with its triangles, 4e-4 m there.
@@ -333,6 +342,25 @@ fn cases() -> Vec<Case> {
     }
     all.extend(emission::cases());
     all
+}
+
+/// A black sky but for a sun of four texels, turned, and the irradiance on level ground.
+fn small_sun() -> (Environment, DVec3) {
+    let mut environment = Environment { rotation: 0.3, ..scenes::environment(128, 64, |_| [0.0; 3]) };
+    for (x, y) in [(40, 12), (41, 12), (40, 13), (41, 13)] {
+        environment.map.pixels[y * 128 + x] = [900.0, 800.0, 600.0];
+    }
+    let (columns, rows) = (2048_u32, 1024_u32);
+    let mut irradiance = DVec3::ZERO;
+    for j in 0..rows / 2 {
+        let theta = std::f64::consts::PI * (f64::from(j) + 0.5) / f64::from(rows);
+        let solid_angle = theta.sin() * std::f64::consts::PI / f64::from(rows) * std::f64::consts::TAU / f64::from(columns);
+        for i in 0..columns {
+            let uv = Vec2::new((i as f32 + 0.5) / columns as f32, (j as f32 + 0.5) / rows as f32);
+            irradiance += Vec3A::from(environment.radiance(environment.direction(uv))).as_dvec3() * (theta.cos() * solid_angle);
+        }
+    }
+    (environment, irradiance)
 }
 
 /// A disc in the plane y = 0 with the area of a circle of `radius`.

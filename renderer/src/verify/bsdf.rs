@@ -125,6 +125,112 @@ pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Worst {
     worst
 }
 
+/// As [`random_evaluations`], at every corner of directions and random numbers, and with parameters beyond their ranges. A weight above
+/// 10 is a failure, too. There is no error.
+pub fn corners() -> Worst {
+    let cosines = [0.0, f32::MIN_POSITIVE, 1e-30, 1e-20, 1e-9, 1e-4, 0.5, 1.0];
+    let numbers = [0.0, 1e-30, 6e-8, 0.25, 0.5, 0.75, 1.0 - 6e-8];
+    let fine = |v: f32| v.is_finite() && v >= 0.0;
+    let mut worst = Worst::default();
+    for metallic in [0.0, 0.5, 1.0] {
+        for roughness in [0.0, 1e-3, 0.3, 1.0, -1.0, 7.0] {
+            for (base, specular) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (5.0, -1.0)] {
+                let base_color = Vec3A::splat(base);
+                let surface = Surface { base_color, metallic, roughness, specular, ..Surface::default() };
+                let bsdf = Bsdf::<false>::new(&surface, Mode::Conserving);
+                for wo in cosines.map(|cos| view(cos, 0.0)) {
+                    for wi in cosines.into_iter().flat_map(|cos| [0.0, 1.0, std::f32::consts::PI].map(|phi| view(cos, phi))) {
+                        let value = bsdf.eval(wo, wi);
+                        let failed = !fine(value.pdf) || !value.f_cos.to_array().into_iter().all(fine);
+                        worst.see(0.0, failed, || format!("{surface:?} wo {wo} wi {wi}: {value:?}"));
+                    }
+                    for (a, u) in numbers.into_iter().flat_map(|a| numbers.map(|b| (a, b))).flat_map(|(a, b)| numbers.map(|c| (a, [b, c]))) {
+                        let Some(drawn) = bsdf.sample(wo, a, u) else { continue };
+                        let weights = drawn.weight.to_array();
+                        let sound = drawn.wi.is_finite() && fine(drawn.pdf) && drawn.pdf > 0.0;
+                        let failed = !sound || !weights.into_iter().all(|w| fine(w) && w < 10.0);
+                        worst.see(0.0, failed, || format!("{surface:?} wo {wo} u {a} {u:?}: {drawn:?}"));
+                    }
+                }
+            }
+        }
+    }
+    worst
+}
+
+/// The form that plain materials are compiled to beside the general one, on `count` random plain materials and pairs of directions. The
+/// error is the largest difference of a value or density, relative to the larger; a failure is one beyond 1e-4.
+pub fn plain_form(count: u64, seed: u64) -> Worst {
+    let (mut random, mut worst) = (Random::new(seed), Worst::default());
+    for _ in 0..count {
+        let Surface { base_color, metallic, roughness, specular, .. } = random.surface();
+        let surface = Surface { base_color, metallic, roughness, specular, ..Surface::default() };
+        let (wo, wi) = (random.direction(), random.direction());
+        let (a, b) = (
+            Bsdf::<false>::new(&surface, Mode::Conserving).eval(wo, wi),
+            Bsdf::<true>::new(&surface, Mode::Conserving).eval(wo, wi),
+        );
+        let value = f64::from((a.f_cos - b.f_cos).abs().max_element() / a.f_cos.max(b.f_cos).max_element().max(1e-30));
+        let error = value.max(f64::from((a.pdf - b.pdf).abs() / a.pdf.max(b.pdf).max(1e-30)));
+        worst.see(error, error.is_nan() || error > 1e-4, || format!("{surface:?} wo {wo} wi {wi}: {a:?} {b:?}"));
+    }
+    worst
+}
+
+/// Reciprocity of conserving conductors but for their compensation, a factor of `wo` alone: it cancels around a triangle of directions.
+/// The error is the largest relative difference of the products around it both ways; a failure is one beyond 1e-4, or a factor of more
+/// than ten.
+pub fn conductors(count: u64, seed: u64) -> Worst {
+    let (mut random, mut worst) = (Random::new(seed), Worst::default());
+    for _ in 0..count {
+        let Surface { base_color, roughness, .. } = random.surface();
+        let surface = Surface { base_color, roughness, metallic: 1.0, ..Surface::default() };
+        let bsdf = Bsdf::<true>::new(&surface, Mode::Conserving);
+        let [a, b, c] = [(); 3].map(|()| random.direction());
+        let value = |wo: Vec3A, wi: Vec3A| (bsdf.eval(wo, wi).f_cos / wi.z).as_dvec3();
+        let (around, back) = (value(a, b) * value(b, c) * value(c, a), value(b, a) * value(c, b) * value(a, c));
+        let error = (around - back).abs().max_element() / around.max_element().max(1e-26);
+        let ratio = value(a, b).x / value(b, a).x;
+        let failed = error.is_nan() || error > 1e-4 || !(ratio.is_nan() || (0.1..10.0).contains(&ratio));
+        worst.see(error, failed, || format!("{surface:?} {a} {b} {c}: {around} {back}, ratio {ratio}"));
+    }
+    worst
+}
+
+/// Values known on paper: a Lambertian surface, a mirror seen straight and at 60 degrees (Schlick's approximation), and nothing below the
+/// horizon or of a black surface. The error is the largest distance from them; a failure is one beyond 2e-3.
+pub fn known_values() -> Worst {
+    let mut worst = Worst::default();
+    let color = Vec3A::new(0.2, 0.5, 0.9);
+    let lambert = Surface { base_color: color, metallic: 0.0, roughness: 0.0, specular: 0.0, ..Surface::default() };
+    let (wo, wi) = (view(0.4, 1.0), view(0.6, 3.0));
+    let value = Bsdf::<false>::new(&lambert, Mode::Conserving).eval(wo, wi);
+    let cosine = wi.z * std::f32::consts::FRAC_1_PI;
+    let error = (value.f_cos - color * cosine).abs().max_element().max((value.pdf - cosine).abs());
+    // These are exact but for rounding.
+    worst.see(error.into(), error > 1e-7, || format!("Lambertian: {value:?}"));
+    let mirror = Surface { metallic: 1.0, ..lambert };
+    let mirror = Bsdf::<false>::new(&mirror, Mode::Conserving);
+    for (cos, wanted) in [(1.0, color), (0.5, color + (Vec3A::ONE - color) * 0.5_f32.powi(5))] {
+        let found = albedo(&mirror, view(cos, 0.0), 128);
+        let error = (found - wanted.as_dvec3()).abs().max_element();
+        worst.see(error, error.is_nan() || error > 2e-3, || format!("mirror at cosine {cos}: {found}, not {wanted}"));
+    }
+    let below = Vec3A::new(0.6, 0.0, -0.8);
+    for (wo, wi) in [(below, Vec3A::Z), (Vec3A::Z, below), (Vec3A::X, Vec3A::Z), (below, below)] {
+        let value = mirror.eval(wo, wi);
+        let nothing = value.f_cos == Vec3A::ZERO && value.pdf == 0.0;
+        worst.see(0.0, !nothing, || format!("below the horizon: {wo} {wi} {value:?}"));
+    }
+    let black = Surface { base_color: Vec3A::ZERO, roughness: 0.5, ..lambert };
+    let black = Bsdf::<false>::new(&black, Mode::Conserving);
+    for (bsdf, wo) in [(&mirror, below), (&mirror, Vec3A::X), (&black, Vec3A::Z)] {
+        let drawn = bsdf.sample(wo, 0.1, [0.2, 0.3]);
+        worst.see(0.0, drawn.is_some(), || format!("drawn where nothing is reflected: {wo} {drawn:?}"));
+    }
+    worst
+}
+
 /// Largest weight over `count` random draws of random materials; half of them have a tint as strong as any. A failure is one beyond
 /// 25, which would show as fireflies; 50 in `published` mode, whose blue sheen of `1 / 0.0722` is reached by cosine-weighted draws
 /// (`pi` times as much). Subsurface scattering takes no part: its `1 / (cos_o + cos_i)` has no bound, though its square

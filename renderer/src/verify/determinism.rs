@@ -15,14 +15,14 @@ use renderflow_scenes::shapes::Shape;
 pub const CHECKS: &[Check] = &[
     Check {
         name: "determinism.threads",
-        about: "every channel is bit-identical for 1, 2, 3, 7 and 16 threads, with every integrator",
+        about: "every channel is bit-identical for 1, 2, 3, 7 and 16 threads, with every integrator, and of the scene compiled again",
         run: threads,
     },
     Check { name: "determinism.tiles", about: "every channel is bit-identical for any order of tiles", run: tiles },
 ];
 
 /// The bits of every channel of a frame.
-fn bits(frame: &Frame) -> Vec<u32> {
+pub fn bits(frame: &Frame) -> Vec<u32> {
     let rgb = [&frame.beauty, &frame.raw, &frame.variance, &frame.guide_albedo, &frame.guide_normal, &frame.irradiance];
     let shown = rgb.into_iter().chain(&frame.light).flatten().chain([&frame.albedo, &frame.normal, &frame.material]);
     let flow = [&frame.motion, &frame.motion_prev].into_iter().flatten();
@@ -83,9 +83,10 @@ fn threads(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     let name = "numbers that differ from those of one thread";
     let spp = effort.pick(4, 64);
     let run = || -> Result<Worst, String> {
-        let scene = scene(effort.pick(93, 251), effort.pick(77, 173))?;
+        let compile = || scene(effort.pick(93, 251), effort.pick(77, 173));
+        let scene = compile()?;
         let counts = [2, 3, 7, 16];
-        ticker.expect(1 + counts.len() as u64);
+        ticker.expect(2 + counts.len() as u64);
         let one = pool(1)?.install(|| everything(&scene, spp, ticker))?;
         ticker.add(1);
         let mut worst = Worst::default();
@@ -94,6 +95,10 @@ fn threads(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
             worst.see(differing(&one, &other), || format!("{count} threads, {} numbers", one.len()));
             ticker.add(1);
         }
+        let again = compile()?;
+        let other = pool(3)?.install(|| everything(&again, spp, ticker));
+        worst.see(differing(&one, &other), || format!("compiled again, {} numbers", one.len()));
+        ticker.add(1);
         Ok(worst)
     };
     vec![finish(run(), name)]

@@ -21,6 +21,11 @@ pub const CHECKS: &[Check] = &[
         run: emitter_irradiance,
     },
     Check {
+        name: "lights.emitter_choice",
+        about: "each of a million triangles is drawn exactly as often as its density says, and the points of a triangle evenly",
+        run: emitter_choice,
+    },
+    Check {
         name: "lights.emitter_limits",
         about: "points on, beside and far from emitters of every size: samples are finite and agree with the density of a hit",
         run: emitter_limits,
@@ -106,6 +111,60 @@ fn emitter_draws(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
         }
     }
     vec![judge("draws follow the density", &experiments)]
+}
+
+/// A right triangle of two edges of `size`, facing +z.
+fn right_triangle(id: u32, size: f32) -> EmissiveTriangle {
+    let corners = [Vec3A::ZERO, Vec3A::new(size, 0.0, 0.0), Vec3A::new(0.0, size, 0.0)];
+    EmissiveTriangle { corners, radiance: Vec3A::ONE, two_sided: false, id }
+}
+
+fn emitter_choice(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    ticker.expect(2);
+    let (mut choices, mut points) = (Worst::default(), Worst::default());
+    // A thousand different powers.
+    let count = 1_000_000;
+    let size = |id: u32| 1e-3 * (1.0 + (id % 1000) as f32);
+    if let Some(light) = EmitterLight::new((0..count).map(|id| right_triangle(id, size(id)))) {
+        // All 2^23 random numbers that a generator of 23 bits has.
+        let units = 1_u32 << 23;
+        let mut drawn = vec![0_u32; count as usize];
+        for unit in 0..units {
+            if let Some(sample) = light.sample(Vec3A::new(0.1, 0.1, 2.0), unit as f32 / units as f32, [0.3, 0.4]) {
+                drawn[sample.id as usize] += 1;
+            }
+        }
+        let mut total = 0.0;
+        for (id, drawn) in (0..count).zip(drawn) {
+            let expected = f64::from(light.pdf(id, 1.0, 1.0)) * 0.5 * f64::from(size(id)).powi(2);
+            total += expected;
+            let difference = (f64::from(drawn) / f64::from(units) - expected).abs();
+            choices.see(difference / (1e-6 * expected + 1e-12), || format!("{id}: drawn {drawn} times, claimed {expected}"));
+        }
+        choices.see((total - 1.0).abs() / 1e-6, || format!("all together {total}"));
+    }
+    ticker.add(1);
+    if let Some(light) = EmitterLight::new([right_triangle(0, 1.0)]) {
+        let draws = effort.pick(100_000, 1_000_000);
+        let mut random = Random::new(2);
+        let mut sums = [0.0; 3];
+        for _ in 0..draws {
+            let drawn = light.sample(Vec3A::new(0.2, 0.2, 3.0), 0.0, [random.next(), random.next()]);
+            let shares = drawn.map_or([f32::NAN; 3], |drawn| drawn.barycentrics);
+            sums.iter_mut().zip(shares).for_each(|(sum, share)| *sum += f64::from(share * share));
+        }
+        // The mean of a squared barycentric coordinate is 1/6, its variance 7/180.
+        let error = (7.0_f64 / 180.0 / f64::from(draws)).sqrt();
+        for (corner, sum) in sums.into_iter().enumerate() {
+            let mean = sum / f64::from(draws);
+            points.see((mean - 1.0 / 6.0).abs() / error, || format!("corner {corner}: {mean}"));
+        }
+    }
+    ticker.add(1);
+    vec![
+        choices.at_most("times drawn, share of the tolerance of a millionth", 1.0),
+        points.at_most("means of squared barycentric coordinates, standard errors", 4.0),
+    ]
 }
 
 /// Irradiance over radiance under the centre of a rectangle parallel to the surface (Howell, "Radiation Heat Transfer

@@ -370,3 +370,20 @@ fn block(n: u32) -> Mesh {
     }
     mesh
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The counts do not depend on the number of threads, and another seed shoots other rays.
+    #[test]
+    fn counts_are_reproducible() {
+        let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        // A gap too narrow for its distance from the origin (eight units in the last place), so that there is something to count.
+        let run = |threads: usize, seed| pool(threads).install(|| narrow_gaps(30_000, 1.0, 10.0, 1e-5, seed));
+        let one = run(1, 1);
+        assert!(one.missed + one.self_hits > 0, "{one:?}");
+        assert_eq!(one, run(3, 1));
+        assert_ne!(one, run(3, 2));
+    }
+}

@@ -99,6 +99,14 @@ fn gaps(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
         let found = everywhere(effort.pick(20_000, 500_000), ticker, &[PLACES[0], PLACES[3], PLACES[5]], shoot);
         outcomes.extend(found.into_iter().map(|o| Outcome { name: format!("{}, gap {gap:e} of the edge", o.name), ..o }));
     }
+    // Near the origin, and a little away from it, still narrower ones.
+    for (offset, gap) in [(0.0, 1e-5), (1.0, 1e-5), (10.0, 1e-4)] {
+        let shoot = |count, scale, offset, seed| geometry::narrow_gaps(count, scale, offset, gap, seed);
+        let places = [1e-6, 1.0, 1e6].map(|scale| (scale, offset));
+        let found = everywhere(effort.pick(20_000, 500_000), ticker, &places, shoot);
+        let name = |o: &Outcome| format!("{}, gap {gap:e} of the edge, {offset} sizes from the origin", o.name);
+        outcomes.extend(found.into_iter().map(|o| Outcome { name: name(&o), ..o }));
+    }
     outcomes
 }
 

@@ -16,6 +16,11 @@ pub const CHECKS: &[Check] = &[
         run: environment_draws,
     },
     Check {
+        name: "lights.environment_lookup",
+        about: "samples of environment maps agree with the look-up, some density is wherever there is light, and none where there is none",
+        run: environment_lookup,
+    },
+    Check {
         name: "lights.environment_means",
         about: "mean radiance over the sphere, estimated with and without multiple importance sampling, against the exact sum; \
                 integrals of densities against 1",
@@ -165,6 +170,65 @@ fn environment_draws(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
         judge("draws follow the density", &experiments),
         Outcome::at_most("environments refused", lights.len() as u64, refused.len() as f64, 0.0, refused.join("; ")),
     ]
+}
+
+fn environment_lookup(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    let draws = effort.pick(20_000, 200_000);
+    let all = environments();
+    ticker.expect(all.len() as u64);
+    let (mut radiances, mut densities, mut missing) = (Worst::default(), Worst::default(), Worst::default());
+    for (name, environment) in &all {
+        if ticker.cancelled() {
+            break;
+        }
+        let Ok(light) = EnvironmentLight::with_sampling(environment, Sampling::Plain) else { continue };
+        let largest = environment.map.pixels.iter().flatten().copied().fold(0.0, f32::max) * environment.intensity;
+        // A step of a direction's rounding times the steepest slope between two texels.
+        let slope = 4e-6 * environment.map.width.max(environment.map.height) as f32 * largest;
+        let mut random = Random::new(5);
+        for _ in 0..draws {
+            let Some(drawn) = light.sample([random.next(), random.next()]) else { continue };
+            let looked_up = Vec3A::from(environment.radiance(drawn.wi));
+            let tolerance = 1e-3 * looked_up.max_element() + slope;
+            let difference = (drawn.radiance - looked_up).abs().max_element();
+            radiances.see(f64::from(difference / tolerance), || format!("{name}: {drawn:?}, not {looked_up}"));
+            let (radiance, pdf) = light.radiance_and_pdf(drawn.wi);
+            let same = (radiance, pdf) == (light.radiance(drawn.wi), light.pdf(drawn.wi));
+            let tolerance = 1e-3 * pdf + slope * pdf.max(drawn.pdf) / looked_up.max_element().max(1e-37);
+            let difference = if same && drawn.pdf > 0.0 { (pdf - drawn.pdf).abs() / tolerance } else { f32::NAN };
+            densities.see(difference.into(), || format!("{name}: {drawn:?}, not {pdf}"));
+        }
+        let mut random = Random::new(6);
+        for _ in 0..draws {
+            let wi = random.direction().as_vec3a();
+            let lit = Vec3A::from(environment.radiance(wi)).max_element() > 1e-5 * largest;
+            missing.see(f64::from(u8::from(lit && light.pdf(wi) <= 0.0)), || format!("{name}: towards {wi}"));
+        }
+        ticker.add(1);
+    }
+    vec![
+        radiances.at_most("radiance of samples, share of the tolerance", 1.0),
+        densities.at_most("density of samples, share of the tolerance", 1.0),
+        missing.at_most("directions with light and without density", 0.0),
+        black_is_never_drawn(),
+    ]
+}
+
+/// Black environments, and those without texels, are no lights.
+fn black_is_never_drawn() -> Outcome {
+    let map = |width, height, value: f32| Environment { map: Rgb::filled(width, height, [value; 3]), rotation: 0.0, intensity: 1.0 };
+    let unlit = Environment { intensity: 0.0, ..map(16, 8, 5.0) };
+    let mut worst = Worst::default();
+    for (name, environment) in
+        [("constant", Environment::constant([0.0; 3])), ("map", map(16, 8, 0.0)), ("no gain", unlit), ("no texels", map(0, 0, 1.0))]
+    {
+        let dark = EnvironmentLight::with_sampling(&environment, Sampling::Plain).is_ok_and(|light| {
+            let nothing = (light.pdf(Vec3A::Y), light.radiance(Vec3A::X)) == (0.0, Vec3A::ZERO);
+            nothing && light.is_black() && light.sample([0.3, 0.6]).is_none()
+        });
+        worst.see(f64::from(u8::from(!dark)), || name.to_owned());
+    }
+    worst.at_most("black environments that are lights", 0.0)
 }
 
 /// Mean and its standard error of `draws` values.

@@ -15,8 +15,28 @@ pub const CHECKS: &[Check] = &[
         run: evaluations,
     },
     Check {
+        name: "material.weights",
+        about: "weights of draws are bounded, by 25 in the conserving and 50 in the published form",
+        run: weights,
+    },
+    Check {
+        name: "material.plain",
+        about: "the form that plain materials are compiled to equals the general one",
+        run: |effort, ticker| {
+            let (parts, count) = effort.pick((8, 25_000), (40, 100_000));
+            collect(ticker, &MODES[..1], parts, ("relative difference", 1e-4), |_, part| bsdf::plain_form(count, 1 + part))
+        },
+    },
+    Check {
+        name: "material.values",
+        about: "values known on paper: a Lambertian surface, a mirror, nothing below the horizon",
+        run: |_, ticker| {
+            collect(ticker, &MODES[..1], 1, ("distance from the value on paper", 2e-3), |_, _| bsdf::known_values())
+        },
+    },
+    Check {
         name: "material.reciprocity",
-        about: "f(wo, wi) equals f(wi, wo) for the lobes that are reciprocal",
+        about: "f(wo, wi) equals f(wi, wo) for the lobes that are reciprocal, and for conductors but for a factor of wo",
         run: reciprocity,
     },
     Check { name: "material.densities", about: "densities integrate to 1 over a grid of materials and views", run: densities },
@@ -67,14 +87,27 @@ fn collect(
 
 fn evaluations(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     let (parts, count) = effort.pick((8, 50_000), (100, 100_000));
-    collect(ticker, &MODES, parts, ("relative difference of sample and eval", 1e-4), |mode, part| {
+    let mut outcomes = collect(ticker, &MODES, parts, ("relative difference of sample and eval", 1e-4), |mode, part| {
         bsdf::random_evaluations(mode, count, 1 + part)
-    })
+    });
+    let corners = collect(ticker, &MODES[..1], 1, ("", 0.0), |_, _| bsdf::corners());
+    outcomes.extend(corners.into_iter().take(1).map(|o| Outcome { name: format!("corners: {}", o.name), ..o }));
+    outcomes
+}
+
+fn weights(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    let (parts, count) = effort.pick((8, 25_000), (40, 100_000));
+    collect(ticker, &MODES, parts, ("largest weight", 50.0), |mode, part| bsdf::weights(mode, count, 5 + part))
 }
 
 fn reciprocity(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     let (parts, count) = effort.pick((8, 25_000), (40, 100_000));
-    collect(ticker, &MODES, parts, ("relative difference", 1e-4), |mode, part| bsdf::reciprocity(mode, count, 1 + part))
+    let mut outcomes =
+        collect(ticker, &MODES, parts, ("relative difference", 1e-4), |mode, part| bsdf::reciprocity(mode, count, 1 + part));
+    let claim = ("relative difference around three directions", 1e-4);
+    let conductors = collect(ticker, &MODES[..1], parts, claim, |_, part| bsdf::conductors(count / 2, 8 + part));
+    outcomes.extend(conductors.into_iter().map(|o| Outcome { name: format!("conductors: {}", o.name), ..o }));
+    outcomes
 }
 
 fn densities(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
@@ -170,4 +203,24 @@ fn experiment<const FULL: bool>(mode: Mode, surface: &Surface, cos: f32, count: 
         counts.add(view.sample(lobe, u).map_or(grid.cells(), |drawn| grid.cell(drawn.wi.as_dvec3())));
     }
     counts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The test has the power to see what it is for: draws of one roughness do not pass for those of a slightly larger one.
+    #[test]
+    fn a_wrong_density_is_refuted() {
+        let surface = |roughness| Surface { metallic: 1.0, roughness, ..Surface::default() };
+        let drawn = experiment::<true>(Mode::Conserving, &surface(0.30), 0.8, 100_000, 1);
+        assert!(drawn.p_value() > 1e-6);
+        let wo = bsdf::view(0.8, 1.2);
+        let grid = DirectionGrid::new(Vec3A::new(-wo.x, -wo.y, wo.z).as_dvec3(), f64::from(0.30_f32).powi(4), 20, 24);
+        let bsdf = Bsdf::<true>::new(&surface(0.31), Mode::Conserving);
+        let view = bsdf.view(wo);
+        let mut expected = grid.integrate(&|wi: DVec3| f64::from(view.pdf(wi.as_vec3a())));
+        expected.push((1.0 - expected.iter().sum::<f64>()).max(0.0));
+        assert!(Counts { expected, ..drawn }.p_value() < 1e-6);
+    }
 }

@@ -18,7 +18,7 @@ pub mod lights;
 pub mod materials;
 pub mod sampler;
 pub mod scale;
-pub(crate) mod scenes;
+pub mod scenes;
 
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -1,10 +1,14 @@
 //! The picture of a scene does not depend on the unit it is measured in, nor on where it stands.
 
+use super::scenes::{self, Part};
 use super::{Check, Effort, Outcome, Ticker, Worst};
 use crate::compile::RenderScene;
+use crate::geometry::Sharing;
 use crate::integrator::{self, Settings};
-use renderflow_frame::Frame;
+use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_frame::reach::Reach;
+use renderflow_frame::{Camera, Frame};
+use renderflow_scenes::shapes::Shape;
 use renderflow_scenes::{Scene, load};
 use std::path::Path;
 
@@ -12,13 +16,18 @@ use std::path::Path;
 pub const CHECKS: &[Check] = &[
     Check {
         name: "scale.size",
-        about: "the same scene description from 1e-6 to 1e6 times its size gives the same picture, sample for sample",
+        about: "the same scene description from 1e-6 to 1e6 times its size gives the same picture, sample for sample, flattened and instanced",
         run: size,
     },
     Check {
         name: "scale.place",
         about: "the same scene description moved by up to 1e6 m gives the same picture, sample for sample of paths from the camera",
         run: place,
+    },
+    Check {
+        name: "scale.contact",
+        about: "a plate 1 mm above a ground of up to 1 km still hides the sky from it",
+        run: contact,
     },
 ];
 
@@ -71,17 +80,24 @@ fn description(scale: f64, offset: [f64; 3], edge: u32) -> String {
     )
 }
 
+/// How pictures are made.
+#[derive(Clone, Copy)]
+struct Way {
+    light_paths: bool,
+    sharing: Sharing,
+}
+
 /// Renders the still life.
-fn picture(size: f64, offset: [f64; 3], light_paths: bool, effort: Effort, ticker: &Ticker<'_>) -> Result<Frame, String> {
+fn picture(size: f64, offset: [f64; 3], way: Way, effort: Effort, ticker: &Ticker<'_>) -> Result<Frame, String> {
     let path = Path::new("still-life.json");
     let scene = Scene::from_json(path, &description(size, offset, effort.pick(48, 96))).map_err(|e| e.to_string())?;
     let loaded = load::load(&scene, &Reach::folder(".")).map_err(|e| e.to_string())?;
     let dropped = loaded.report.triangles.dropped();
-    let compiled = RenderScene::compile(&loaded).map_err(|e| e.to_string())?;
+    let compiled = RenderScene::compile_with(&loaded, way.sharing).map_err(|e| e.to_string())?;
     if dropped + compiled.dropped_triangles() > 0 {
         return Err(format!("{dropped} triangles dropped by loading, {} by compiling", compiled.dropped_triangles()));
     }
-    let settings = Settings { spp: effort.pick(32, 256), light_paths, ..Settings::default() };
+    let settings = Settings { spp: effort.pick(32, 256), light_paths: way.light_paths, ..Settings::default() };
     integrator::render(&compiled, &settings, &|_, _| (), ticker.cancel()).map_err(|e| e.to_string())
 }
 
@@ -104,14 +120,14 @@ fn flipped(a: &Frame, b: &Frame) -> f64 {
     a.iter().zip(b).filter(|(x, y)| x != y).count() as f64 / a.len().max(1) as f64
 }
 
-fn against_unit(others: &[(String, f64, [f64; 3])], light_paths: bool, effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+fn against_unit(others: &[(String, f64, [f64; 3])], way: Way, effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     let [rms, ids] = LIMITS;
     ticker.expect(1 + others.len() as u64);
-    let unit = picture(1.0, [0.0; 3], light_paths, effort, ticker);
+    let unit = picture(1.0, [0.0; 3], way, effort, ticker);
     ticker.add(1);
     let (mut beauty, mut objects) = (Worst::default(), Worst::default());
     for (name, size, offset) in others {
-        let other = picture(*size, *offset, light_paths, effort, ticker);
+        let other = picture(*size, *offset, way, effort, ticker);
         if ticker.cancelled() {
             break;
         }
@@ -133,7 +149,12 @@ fn against_unit(others: &[(String, f64, [f64; 3])], light_paths: bool, effort: E
 fn size(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     let exponents: &[i32] = effort.pick(&[-6, -3, 3, 6], &[-6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6]);
     let others: Vec<_> = exponents.iter().map(|&e| (format!("1e{e} times the size"), 10f64.powi(e), [0.0; 3])).collect();
-    against_unit(&others, true, effort, ticker)
+    let ways = [("", Sharing::Never), ("instanced: ", Sharing::Always)];
+    let outcomes = ways.map(|(name, sharing)| {
+        let found = against_unit(&others, Way { light_paths: true, sharing }, effort, ticker);
+        found.into_iter().map(move |o| Outcome { name: format!("{name}{}", o.name), ..o })
+    });
+    outcomes.into_iter().flatten().collect()
 }
 
 fn place(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
@@ -148,7 +169,38 @@ fn place(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
         others.push(("moved by 12345.678 m".to_owned(), 1.0, [12345.678, 0.1, -12345.678]));
         others.push(("900 times the size, moved by 999 km".to_owned(), 900.0, [far, far, -far]));
     }
-    against_unit(&others, false, effort, ticker)
+    against_unit(&others, Way { light_paths: false, sharing: Sharing::Automatic }, effort, ticker)
+}
+
+/// Rays that leave the ground start half a millionth of its size above it: on a ground of 2 km they would start above the plate.
+fn contact(_: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    let sizes = [1.0f32, 100.0, 1e3];
+    ticker.expect(sizes.len() as u64);
+    let mut worst = Worst::default();
+    for size in sizes {
+        let brightest = under_plate(size, ticker).unwrap_or(f64::NAN);
+        worst.see(brightest, || format!("ground of {size} m"));
+        ticker.add(1);
+    }
+    // Twenty centimetres inside, the sky is seen through a slit of 1 mm at 5 cm: less than a hundredth of it.
+    vec![worst.at_most("radiance under the plate, of a sky of 1 with a sun", 0.05)]
+}
+
+/// The brightest pixel of a ground of edge `size` under a black plate, seen from between the two.
+fn under_plate(size: f32, ticker: &Ticker<'_>) -> Result<f64, String> {
+    let plate = Affine3A::from_translation(Vec3::new(0.0, 1e-3, 0.0));
+    let parts = vec![
+        Part::new(Shape::Plane { size }, scenes::diffuse([0.5; 3]), Affine3A::IDENTITY),
+        Part::new(Shape::Plane { size: 0.5 }, scenes::diffuse([0.0; 3]), plate),
+    ];
+    let camera = Camera::look_at(Vec3A::new(0.0, 5e-4, 0.2), Vec3A::new(0.0, 0.0, 0.195), Vec3A::Y, 0.3, 9, 9);
+    let compiled = scenes::compile(parts, scenes::sunny(), camera)?;
+    let settings = Settings { spp: 64, ..Settings::default() };
+    let frame = integrator::render(&compiled, &settings, &|_, _| (), ticker.cancel()).map_err(|e| e.to_string())?;
+    let raw = frame.raw.as_ref().ok_or("no beauty")?;
+    let ground = raw.pixels.iter().zip(&frame.object_id.pixels).filter(|(_, id)| **id == 1);
+    let brightest = ground.map(|(p, _)| f64::from(p[1])).fold(f64::NAN, f64::max);
+    if brightest.is_nan() { Err("the ground is not seen".into()) } else { Ok(brightest) }
 }
 
 /// Limits of the two claims. Sample for sample the paths are the same but for the rounding of their corners; a path whose ray passes

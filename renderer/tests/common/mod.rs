@@ -1,10 +1,13 @@
-//! Scenes made in memory, shared by the tests and the benchmark.
+//! Scenes made in memory, shared by the tests.
 #![allow(dead_code)] // Every test file uses its own part of this.
 
 use glam::{Affine3A, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_renderer::verify::scenes::{self, Part};
+#[allow(unused_imports)]
+pub use renderflow_renderer::verify::scenes::{camera, diffuse, instance};
 use renderflow_renderer::{RenderScene, Settings, Stats, render_with_stats};
-use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh};
+use renderflow_scenes::{LoadedScene, Material, Mesh};
 use std::sync::atomic::AtomicBool;
 
 /// A sphere of radius 1 about the origin with `2 * rings` segments.
@@ -53,41 +56,10 @@ pub fn plane(size: f32) -> Mesh {
     }
 }
 
-/// A Lambertian material: without specular reflection, and without the retro-reflection of rough ones.
-pub fn diffuse(base_color: [f32; 3]) -> Material {
-    Material { name: "diffuse".into(), base_color, roughness: 0.0, specular: 0.0, ..Material::default() }
-}
-
-pub fn instance(mesh: usize, material: usize, transform: Affine3A) -> Instance {
-    let name = format!("object {mesh} {material} {transform:?}");
-    Instance { name, mesh, material, object_id: mesh as u32 + 1, transforms: vec![transform] }
-}
-
 /// A scene of `parts`, each with its own mesh and material, seen by `camera` under `environment`.
 pub fn scene(parts: Vec<(Mesh, Material, Affine3A)>, environment: Environment, camera: Camera) -> LoadedScene {
-    let mut scene = LoadedScene {
-        name: "test".into(),
-        seed: 1,
-        hash: String::new(),
-        meshes: Vec::new(),
-        instances: Vec::new(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        origin: glam::DVec3::ZERO,
-        environment,
-        cameras: vec![camera],
-        report: LoadReport::default(),
-    };
-    for (i, (mesh, material, transform)) in parts.into_iter().enumerate() {
-        scene.meshes.push(mesh);
-        scene.materials.push(material);
-        scene.instances.push(instance(i, i, transform));
-    }
-    scene
-}
-
-pub fn camera(eye: [f32; 3], target: [f32; 3], degrees: f32, width: usize, height: usize) -> Camera {
-    Camera::look_at(eye.into(), target.into(), Vec3A::Y, degrees.to_radians(), width, height)
+    let part = |(mesh, material, transform)| Part { mesh, material, transform };
+    scenes::scene(parts.into_iter().map(part).collect(), Vec::new(), environment, camera)
 }
 
 pub fn compile(scene: &LoadedScene) -> RenderScene {

@@ -1,4 +1,4 @@
-"""Reference of tests/analytic.rs `interreflection_agrees_with_mitsuba`: diffuse surfaces that light each other under a smooth sky.
+"""Reference of tests/gbuffer.rs `interreflection_agrees_with_mitsuba`: diffuse surfaces that light each other under a smooth sky.
 
     pip install mitsuba==3.* numpy && python mitsuba_diffuse.py > mitsuba_diffuse.csv
 

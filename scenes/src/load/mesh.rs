@@ -219,25 +219,3 @@ pub(crate) fn mirrored(mesh: &Mesh) -> Mesh {
     copy.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     copy
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Run by hand: `cargo test --release -p renderflow-scenes duplicates_time -- --ignored --nocapture`.
-    #[test]
-    #[ignore = "prints seconds"]
-    fn duplicates_time() {
-        let n = 708;
-        let positions = (0..n * n).map(|i| Vec3::new((i % n) as f32, (i / n) as f32, (i * i % 97) as f32)).collect();
-        let quad = |i: u32| [[i, i + 1, i + n], [i + 1, i + n + 1, i + n]];
-        let triangles: Vec<_> = (0..n * (n - 1)).filter(|i| i % n < n - 1).flat_map(quad).collect();
-        let mut mesh = Mesh { positions, triangles, ..Mesh::default() };
-        let mut report = TriangleReport::default();
-        let started = std::time::Instant::now();
-        drop_duplicates(&mut mesh, &mut report);
-        println!("{} triangles: {:?}, {report:?}", mesh.triangles.len(), started.elapsed());
-        let started = std::time::Instant::now();
-        println!("{:?}: {:?}", clean(&mut mesh), started.elapsed());
-    }
-}

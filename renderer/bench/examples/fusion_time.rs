@@ -1,0 +1,102 @@
+//! Times training steps and inference of the network that reads samples, with the shares of the head and of the batches, which
+//! are made beside the steps: `cargo run --release -p renderflow-bench --example fusion_time`.
+
+use burn::tensor::Device;
+use rand::RngExt;
+use renderflow_model::data::step_rng;
+use renderflow_model::fusion::batch::{Batch, TIERS};
+use renderflow_model::fusion::objective::{LossWeights, loss};
+use renderflow_model::fusion::record::{Chosen, NEIGHBOURS, PARTS, Record, at};
+use renderflow_model::fusion::training::Objective;
+use renderflow_model::fusion::{Fusion, FusionConfig, FusionNet, head};
+use renderflow_model::ops::Products;
+use renderflow_model::parameters;
+use renderflow_model::train::optimizer::{Method, Optimizer, StepSettings};
+use renderflow_model::train::runner::Learner;
+use std::time::Instant;
+
+const CROP: usize = 96;
+const ITEMS: usize = 8;
+
+fn main() {
+    let config = FusionConfig::default();
+    let network = Fusion::untrained(&config, 1).expect("the default configuration is valid");
+    let count: usize = network.parameters().iter().map(|p: &parameters::Parameter| p.values.len()).sum();
+    println!("{count} parameters, {} threads", rayon::current_num_threads());
+    let device = Device::flex().autodiff();
+    let model = FusionNet::new(&config, 1, &device).expect("the default configuration is valid");
+    let frame = record(256).to_half();
+    for tier in TIERS {
+        let mut rng = step_rng(1, 1);
+        let mut drawn = || Batch::draw(&[&frame], &[tier], CROP, ITEMS, &mut rng).expect("the record has everything");
+        let batch = median(|| drop(drawn()));
+        let one = drawn();
+        let head = median(|| head_alone(&one));
+        let [step, paired] = [Products::F32, Products::Bf16].map(|products| {
+            let mut batches: Vec<Batch> = (0..9).map(|_| drawn()).collect();
+            let objective = Objective { products, ..Objective::default() };
+            median(|| {
+                let batch = batches.pop().expect("a batch for each run");
+                objective.learn(&model, 0, batch, &device).expect("the batch fits");
+            })
+        });
+        println!(
+            "{}, {ITEMS} crops of {CROP}: batch {batch:.0} ms, step {step:.0} ms ({paired:.0} in bf16), head {head:.0} ms",
+            tier.name
+        );
+    }
+    for method in [Method::AdamW, Method::Muon] {
+        let mut optimizer = Optimizer::new(parameters::export_learning(&model));
+        let gradients: Vec<Option<Vec<f32>>> = optimizer.values().iter().map(|values| Some(values.to_vec())).collect();
+        let settings = StepSettings { method, learning_rate: 1e-4, weight_decay: 0.01, clip_norm: 1.0, ema_decay: 0.999 };
+        let step = median(|| drop(optimizer.step(&gradients, settings)));
+        println!("{method:?}: {step:.0} ms");
+    }
+    for size in [256, 512] {
+        let record = record(size);
+        for tier in TIERS {
+            let chosen = Chosen { groups: tier.groups, ..Chosen::all(&record) };
+            let [seconds, paired] = [Products::F32, Products::Bf16].map(|products| {
+                let network = network.clone().by(products);
+                median(|| drop(network.draw(&record, &chosen)))
+            });
+            println!("{size} x {size}, {}: {seconds:.0} ms, {paired:.0} in bf16", tier.name);
+        }
+    }
+}
+
+/// Milliseconds, the median of nine runs.
+fn median(mut f: impl FnMut()) -> f64 {
+    let milliseconds = |_| {
+        let start = Instant::now();
+        f();
+        1e3 * start.elapsed().as_secs_f64()
+    };
+    renderflow::metrics::median(&(0..9).map(milliseconds).collect::<Vec<f64>>())
+}
+
+/// The head forwards and backwards on outputs of 0.
+fn head_alone(batch: &Batch) {
+    let pixels = batch.width * batch.height;
+    let fine = vec![0.0; batch.items * pixels / 4 * head::fine(batch.groups)];
+    let coarse = vec![0.0; if batch.groups.samples { batch.items * pixels / 16 * head::KERNEL } else { 0 }];
+    for item in 0..batch.items {
+        let picture = batch.picture(item, &fine, &coarse);
+        let (drawn, tape) = picture.draw();
+        let truth = &batch.truth[item * pixels..(item + 1) * pixels];
+        let (_, slopes) = loss(batch.width, picture.known, &drawn, truth, LossWeights::default());
+        picture.backward(&tape, &slopes);
+    }
+}
+
+/// Numbers between 0 and 1 in every group.
+fn record(size: usize) -> Record<f32> {
+    let mut rng = step_rng(1, 0);
+    let mut record = Record::new(size, size);
+    record.pixels.iter_mut().for_each(|v| *v = rng.random());
+    record.pixels.chunks_exact_mut(at::COUNT).for_each(|stored| stored[at::ALPHA] = 1.0);
+    record.deferred = true;
+    record.distances = [Some(-8.0), Some(8.0)];
+    (record.parts, record.neighbours) = ([2; PARTS], [2; NEIGHBOURS]);
+    record
+}

@@ -1,0 +1,249 @@
+"""Renders exported scenes with Blender's Cycles (the package bpy) on command, for `renderflow-bench peers`.
+
+usage: cycles.py THREADS        Commands and answers as in mitsuba.py.
+
+Blender is z up: (x, y, z) becomes (x, -z, y). Its texture rows run up from v = 0, and its environments start a quarter turn earlier.
+"""
+import json
+import math
+import os
+import pathlib
+import resource
+import signal
+import sys
+import tempfile
+import time
+
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+# This file has the name of one of Blender's modules.
+del sys.path[0]
+answers = os.fdopen(os.dup(1), "w")
+# Blender prints its progress from C.
+os.dup2(2, 1)
+
+
+def say(**answer):
+    print(json.dumps(answer), file=answers, flush=True)
+
+
+threads = int(sys.argv[1])
+try:
+    import bpy
+    import mathutils
+    import numpy
+except Exception as error:
+    say(unavailable=f"{type(error).__name__}: {error}")
+    sys.exit(0)
+
+EXTENSIONS = {"repeat": "REPEAT", "mirror": "MIRROR", "clamp": "EXTEND"}
+SOCKETS = {"base_color": "Base Color", "emissive": "Emission Color"}
+INPUTS = {"metallic": "Metallic", "roughness": "Roughness", "specular": "Specular IOR Level"}
+scratch = tempfile.TemporaryDirectory()
+size = None
+
+
+def turn(p):
+    return (p[0], -p[2], p[1])
+
+
+def read_ply(path):
+    """Vertex properties by name, and triangles."""
+    header, body = path.read_bytes().split(b"end_header\n", 1)
+    names, counts = [], {}
+    for words in (line.split() for line in header.decode().splitlines()):
+        if words[0] == "element":
+            counts[words[1]] = int(words[2])
+        elif words[:2] == ["property", "float"]:
+            names.append(words[2])
+    end = counts["vertex"] * len(names) * 4
+    vertices = numpy.frombuffer(body[:end], "<f4").reshape(-1, len(names))
+    faces = numpy.frombuffer(body[end:], [("count", "u1"), ("corners", "<i4", 3)])["corners"]
+    return {name: vertices[:, i] for i, name in enumerate(names)}, faces
+
+
+def mesh(path, smooth):
+    v, faces = read_ply(path)
+    result = bpy.data.meshes.new(path.stem)
+    result.vertices.add(len(v["x"]))
+    result.vertices.foreach_set("co", numpy.stack([v["x"], -v["z"], v["y"]], 1).astype(numpy.float32).ravel())
+    result.loops.add(faces.size)
+    result.loops.foreach_set("vertex_index", faces.astype(numpy.int32).ravel())
+    result.polygons.add(len(faces))
+    result.polygons.foreach_set("loop_start", numpy.arange(0, faces.size, 3, dtype=numpy.int32))
+    result.update()
+    result.polygons.foreach_set("use_smooth", numpy.full(len(faces), smooth))
+    if "u" in v:
+        layer = result.uv_layers.new(name="uv")
+        corners = numpy.stack([v["u"], 1 - v["v"]], 1)[faces.ravel()]
+        layer.uv.foreach_set("vector", corners.astype(numpy.float32).ravel())
+    if smooth:
+        result.normals_split_custom_set_from_vertices(numpy.stack([v["nx"], -v["nz"], v["ny"]], 1))
+    return result
+
+
+def image(path, color):
+    result = bpy.data.images.load(str(path))
+    result.colorspace_settings.name = "sRGB" if color else "Non-Color"
+    result.use_half_precision = False
+    return result
+
+
+def material(folder, thing, notes):
+    description = thing["material"]
+    result = bpy.data.materials.new(thing["name"])
+    result.use_nodes = True
+    nodes, links = result.node_tree.nodes, result.node_tree.links
+    nodes.clear()
+    output = nodes.new("ShaderNodeOutputMaterial")
+    shader = nodes.new("ShaderNodeBsdfPrincipled")
+    shader.inputs["Base Color"].default_value = (*description["base_color"], 1)
+    shader.inputs["IOR"].default_value = 1.5
+    for name, value in description["parameters"].items():
+        if name in INPUTS:
+            shader.inputs[INPUTS[name]].default_value = value
+        else:
+            notes.add(f"{name} is left out")
+    if any(description["emissive"]):
+        shader.inputs["Emission Color"].default_value = (*description["emissive"], 1)
+        shader.inputs["Emission Strength"].default_value = 1
+    hidden = []
+    for name, file in description["textures"].items():
+        texture = nodes.new("ShaderNodeTexImage")
+        texture.image = image(folder / file["file"], name == "base_color")
+        texture.extension = EXTENSIONS[file["wrap"]]
+        if name == "normal":
+            bump = nodes.new("ShaderNodeNormalMap")
+            bump.uv_map = "uv"
+            links.new(texture.outputs["Color"], bump.inputs["Color"])
+            links.new(bump.outputs["Normal"], shader.inputs["Normal"])
+        elif name == "opacity":
+            # Alpha clip: what is 0 is not there.
+            texture.interpolation = "Closest"
+            invert = nodes.new("ShaderNodeMath")
+            invert.operation = "SUBTRACT"
+            invert.inputs[0].default_value = 1
+            links.new(texture.outputs["Color"], invert.inputs[1])
+            hidden.append(invert.outputs[0])
+        else:
+            links.new(texture.outputs["Color"], shader.inputs[SOCKETS.get(name) or INPUTS[name]])
+    if not thing["double_sided"]:
+        hidden.append(nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"])
+    surface = shader.outputs[0]
+    for factor in hidden:
+        mix = nodes.new("ShaderNodeMixShader")
+        links.new(factor, mix.inputs[0])
+        links.new(surface, mix.inputs[1])
+        links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[2])
+        surface = mix.outputs[0]
+    links.new(surface, output.inputs["Surface"])
+    return result
+
+
+def environment(target, path, rotation):
+    world = bpy.data.worlds.new("world")
+    target.world = world
+    world.use_nodes = True
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    nodes.clear()
+    names = ("TexCoord", "Mapping", "TexEnvironment", "Background", "OutputWorld")
+    where, mapping, texture, light, output = (nodes.new(f"ShaderNode{name}") for name in names)
+    texture.image = image(path, False)
+    mapping.inputs["Rotation"].default_value = (0, 0, math.radians(90 - rotation))
+    links.new(where.outputs["Generated"], mapping.inputs["Vector"])
+    links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
+    links.new(texture.outputs["Color"], light.inputs["Color"])
+    links.new(light.outputs["Background"], output.inputs["Surface"])
+    world.cycles.sampling_method = "MANUAL"
+    # Light between a bright texel and its neighbours is drawn too seldom from a table of one value a texel.
+    world.cycles.sample_map_resolution = min(8192, max(4, 4 * texture.image.size[0]))
+
+
+def load(path):
+    global size
+    path = pathlib.Path(path)
+    folder, description = path.parent, json.loads(path.read_text())
+    notes = set()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    target = bpy.context.scene
+    for thing in description["objects"]:
+        shape = mesh(folder / thing["mesh"], thing["smooth"])
+        shape.materials.append(material(folder, thing, notes))
+        placed = bpy.data.objects.new(thing["name"], shape)
+        placed.cycles.shadow_terminator_offset = 0
+        placed.cycles.shadow_terminator_geometry_offset = 0
+        target.collection.objects.link(placed)
+    camera = description["camera"]
+    lens = bpy.data.cameras.new("camera")
+    lens.sensor_fit, lens.angle = "VERTICAL", math.radians(camera["vertical_fov"])
+    lens.clip_start = 1e-3
+    placed = bpy.data.objects.new("camera", lens)
+    eye, ahead = (mathutils.Vector(turn(camera[name])) for name in ("eye", "target"))
+    placed.location = eye
+    placed.rotation_euler = (ahead - eye).to_track_quat("-Z", "Y").to_euler()
+    target.collection.objects.link(placed)
+    target.camera = placed
+    environment(target, folder / description["environment"], description["environment_rotation"])
+
+    target.render.engine = "CYCLES"
+    cycles = target.cycles
+    cycles.device, cycles.use_adaptive_sampling, cycles.use_denoising, cycles.use_auto_tile = "CPU", False, False, False
+    cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
+    # Cycles counts the bounces between surfaces.
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = description["max_bounces"] - 1
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0
+    cycles.caustics_reflective = True
+    # Surfaces that let a ray pass are no bounces.
+    cycles.transparent_max_bounces = 1024
+    render = target.render
+    render.threads_mode, render.threads = "FIXED", threads
+    render.resolution_x, render.resolution_y, render.resolution_percentage = camera["width"], camera["height"], 100
+    # Keeps the hierarchy and the tables from one render to the next.
+    render.use_persistent_data = True
+    settings = render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
+    settings.exr_codec = "NONE"
+    target.view_settings.view_transform = "Raw"
+    size = (camera["height"], camera["width"])
+    return sorted(notes)
+
+
+def processor():
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def render(spp, seed):
+    target = bpy.context.scene
+    target.cycles.samples, target.cycles.seed = spp, seed
+    path = f"{scratch.name}/picture.exr"
+    target.render.filepath = path
+    wall, cpu = time.perf_counter(), processor()
+    bpy.ops.render.render(write_still=True)
+    wall, cpu = time.perf_counter() - wall, processor() - cpu
+    picture = image(path, False)
+    pixels = numpy.empty(size[0] * size[1] * 4, numpy.float32)
+    picture.pixels.foreach_get(pixels)
+    bpy.data.images.remove(picture)
+    return pixels.reshape(*size, 4)[::-1, :, :3], wall, cpu
+
+
+say(ready={"name": "Cycles", "version": bpy.app.version_string})
+for line in sys.stdin:
+    try:
+        command = json.loads(line)
+        if "load" in command:
+            notes = load(command["load"])
+            # Builds the hierarchy and the tables.
+            render(1, 0)
+            say(loaded=True, notes=notes)
+        elif "warm" in command:
+            render(1, 0)
+            say(warm=True)
+        elif "render" in command:
+            picture, wall, cpu = render(command["render"]["spp"], command["render"]["seed"])
+            picture.astype("<f4").tofile(command["render"]["file"])
+            say(wall=wall, cpu=cpu)
+        else:
+            say(error=f"unknown command {line.strip()}")
+    except Exception as error:
+        say(error=f"{type(error).__name__}: {error}")

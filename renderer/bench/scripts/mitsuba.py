@@ -1,0 +1,154 @@
+"""Renders exported scenes with Mitsuba 3 on command, for `renderflow-bench peers`.
+
+usage: mitsuba.py VARIANT SAMPLER THREADS        (llvm_ad_rgb multijitter 4)
+
+Commands are JSON objects, one a line, on standard input; answers likewise on standard output (see ../src/peers/child.rs):
+  {"load": FILE}                                     FILE is a scene.json as written by ../src/export.rs
+  {"warm": {"spps": [...]}}                          compiles what renders of these samples a pixel need
+  {"render": {"spp": N, "seed": S, "file": FILE}}    FILE gets height x width x 3 little-endian floats
+"""
+import glob
+import json
+import os
+import pathlib
+import resource
+import signal
+import sys
+import time
+
+# Whoever sends the commands decides when to stop.
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+# This file has the name of the package.
+del sys.path[0]
+answers = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)
+
+
+def say(**answer):
+    print(json.dumps(answer), file=answers, flush=True)
+
+
+variant, sampler, threads = sys.argv[1], sys.argv[2], int(sys.argv[3])
+if "DRJIT_LIBLLVM_PATH" not in os.environ:
+    # Versions before 19 cannot compile for some newer processors.
+    for version in ("19", "20", "21"):
+        found = sorted(glob.glob(f"/usr/lib/*/libLLVM.so.{version}*") + glob.glob(f"/usr/lib/llvm-{version}/lib/libLLVM*.so*"))
+        if found:
+            os.environ["DRJIT_LIBLLVM_PATH"] = found[0]
+            break
+try:
+    import numpy
+    import mitsuba
+    import drjit
+
+    mitsuba.set_variant(variant)
+    drjit.set_thread_count(threads)
+    mitsuba.Thread.set_thread_count(threads) if hasattr(mitsuba.Thread, "set_thread_count") else None
+    if variant.startswith("llvm"):
+        # Fails here, and not in the first render, where LLVM is missing.
+        drjit.eval(mitsuba.Float(1) + drjit.arange(mitsuba.Float, 4))
+except Exception as error:
+    say(unavailable=f"{type(error).__name__}: {error}")
+    sys.exit(0)
+
+PARAMETERS = {"specular_tint": "spec_tint", "subsurface": "flatness"}
+scene = None
+
+
+def rgb(value):
+    return {"type": "rgb", "value": [float(v) for v in value]}
+
+
+def bitmap(folder, texture, raw, interpolated=True):
+    return {"type": "bitmap", "filename": str(folder / texture["file"]), "raw": raw, "wrap_mode": texture["wrap"],
+            "filter_type": "bilinear" if interpolated else "nearest"}
+
+
+def bsdf(folder, thing):
+    material = thing["material"]
+    textures = material["textures"]
+    color = bitmap(folder, textures["base_color"], False) if "base_color" in textures else rgb(material["base_color"])
+    if material["lambertian"]:
+        # A principled material is not, whatever its roughness.
+        result = {"type": "diffuse", "reflectance": color}
+    else:
+        result = {"type": "principled", "base_color": color}
+        result |= {PARAMETERS.get(name, name): float(value) for name, value in material["parameters"].items()}
+        result |= {name: bitmap(folder, textures[name], True) for name in ("roughness", "metallic") if name in textures}
+    if "normal" in textures:
+        result = {"type": "normalmap", "normalmap": bitmap(folder, textures["normal"], True), "bsdf": result}
+    if thing["double_sided"] and thing["seen_from_behind"]:
+        result = {"type": "twosided", "bsdf": result}
+    if "opacity" in textures:
+        result = {"type": "mask", "opacity": bitmap(folder, textures["opacity"], True, interpolated=False), "bsdf": result}
+    return result
+
+
+def load(path):
+    global scene
+    path = pathlib.Path(path)
+    folder, description = path.parent, json.loads(path.read_text())
+    camera = description["camera"]
+    transform = mitsuba.ScalarTransform4f()
+    things = description["objects"]
+    # The light samples of `path` end at surfaces with holes; those of `volpath` pass the holes.
+    holes = any("opacity" in thing["material"]["textures"] for thing in things)
+    notes = ["surfaces have holes: the integrator is volpath"] if holes else []
+    notes += [f"{thing['name']}: single-sided and seen from behind, where it is black in place of letting rays pass"
+              for thing in things if thing["seen_from_behind"] and not thing["double_sided"]]
+    parts = {
+        "type": "scene",
+        # Mitsuba counts the emitter as a vertex of the path.
+        "integrator": {"type": "volpath" if holes else "path", "max_depth": description["max_bounces"] + 1},
+        "sensor": {
+            "type": "perspective", "fov": camera["vertical_fov"], "fov_axis": "y",
+            "to_world": transform.look_at(origin=camera["eye"], target=camera["target"], up=camera["up"]),
+            "film": {"type": "hdrfilm", "width": camera["width"], "height": camera["height"], "rfilter": {"type": "box"},
+                     "pixel_format": "rgb", "component_format": "float32"},
+            "sampler": {"type": sampler, "sample_count": 16},
+        },
+        "environment": {"type": "envmap", "filename": str(folder / description["environment"]),
+                        "to_world": transform.rotate([0, 1, 0], description["environment_rotation"])},
+    }
+    for index, thing in enumerate(things):
+        shape = {"type": "ply", "filename": str(folder / thing["mesh"]), "face_normals": not thing["smooth"], "bsdf": bsdf(folder, thing)}
+        material = thing["material"]
+        if any(material["emissive"]):
+            light = material["textures"].get("emissive")
+            shape["emitter"] = {"type": "area", "radiance": bitmap(folder, light, True) if light else rgb(material["emissive"])}
+            if thing["double_sided"] and thing["seen_from_behind"]:
+                notes.append(f"{thing['name']}: emits from its front alone")
+        parts[f"object_{index:03}"] = shape
+    scene = mitsuba.load_dict(parts)
+    return notes
+
+
+def processor():
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def render(spp, seed):
+    wall, cpu = time.perf_counter(), processor()
+    picture = numpy.array(mitsuba.render(scene, spp=spp, seed=seed))
+    return picture, time.perf_counter() - wall, processor() - cpu
+
+
+say(ready={"name": "Mitsuba", "version": mitsuba.__version__})
+for line in sys.stdin:
+    try:
+        command = json.loads(line)
+        if "load" in command:
+            say(loaded=True, notes=load(command["load"]))
+        elif "warm" in command:
+            for spp in command["warm"]["spps"]:
+                render(spp, 0)
+            say(warm=True)
+        elif "render" in command:
+            picture, wall, cpu = render(command["render"]["spp"], command["render"]["seed"])
+            picture[..., :3].astype("<f4").tofile(command["render"]["file"])
+            say(wall=wall, cpu=cpu)
+        else:
+            say(error=f"unknown command {line.strip()}")
+    except Exception as error:
+        say(error=f"{type(error).__name__}: {error}")

@@ -1,0 +1,74 @@
+//! What the programs of this project share: the threads, the files that scenes may name, interrupts, and exit codes.
+
+use crate::console::{self, message};
+use crate::stop;
+use crate::truth::Interrupted;
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Options of every command.
+#[derive(Args)]
+pub struct Common {
+    /// Threads to use, at most 4 for each core; 0, the default, is one for each. Results do not depend on it.
+    #[arg(long, global = true)]
+    threads: Option<usize>,
+    /// Let scenes and models name files of this folder too, not only of their own; may be given several times
+    #[arg(long, global = true, value_name = "FOLDER")]
+    allow_files: Vec<PathBuf>,
+}
+
+impl Common {
+    /// Starts the threads and listens for interrupts. Returns the folders that scenes may name files of, and the flag that the first
+    /// interrupt sets.
+    ///
+    /// # Errors
+    /// When a folder is missing, or the threads cannot be started.
+    pub fn start(self) -> Result<(Vec<PathBuf>, Arc<AtomicBool>)> {
+        if let Some(asked) = self.threads {
+            rayon::ThreadPoolBuilder::new().num_threads(threads(asked)).build_global().context("--threads")?;
+        }
+        let cancel = stop::listen()?;
+        if let Some(missing) = self.allow_files.iter().find(|folder| !folder.exists()) {
+            bail!("--allow-files {}: there is no such folder", missing.display());
+        }
+        Ok((self.allow_files, cancel))
+    }
+}
+
+/// Threads for each core beyond which more are of no use, only of memory.
+const THREADS_A_CORE: usize = 4;
+
+/// The number of threads that `--threads` asks for, 0 for all cores; a note where that is too many.
+fn threads(asked: usize) -> usize {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let most = THREADS_A_CORE * cores;
+    if asked > most {
+        eprintln!("note: --threads {asked}: {most} are used, {THREADS_A_CORE} for each of the {cores} cores");
+    }
+    asked.min(most)
+}
+
+/// The exit code of a program whose work ended with `result`; an error is told on standard error.
+pub fn exit_code(result: Result<()>) -> ExitCode {
+    match result {
+        Ok(()) => match console::lost_output() {
+            None => ExitCode::SUCCESS,
+            Some(error) => {
+                eprintln!("error: the work is done, but standard output could not be written: {error}");
+                ExitCode::FAILURE
+            }
+        },
+        Err(error) if error.downcast_ref::<Interrupted>().is_some() || error.root_cause().is::<Interrupted>() => {
+            eprintln!("{}", message(&error));
+            ExitCode::from(stop::RESUMABLE)
+        }
+        Err(error) => {
+            eprintln!("error: {}", message(&error));
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! `renderflow evaluate autoencoder`: what an autoencoder of the paper's network loses.
+
+use crate::dataset::Dataset;
+use super::find;
+use crate::progress::Progress;
+use anyhow::{Result, ensure};
+use clap::Args;
+use renderflow_frame::file;
+use renderflow_model::Error;
+use renderflow_model::wan::VaeConfig;
+use renderflow_model::wan::train::{RoundTrip, open_autoencoder, round_trip};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// PSNR of pictures after encoding and decoding, by kind of picture and place in the clip. Writes autoencoder.json and prints tables.
+#[derive(Args)]
+#[command(after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets --out results-autoencoder")]
+pub struct Options {
+    /// Weights of the autoencoder, of this program or published ones
+    #[arg(long)]
+    vae: PathBuf,
+    /// Test sets, a dataset, a split of it, or one sequence
+    #[arg(long)]
+    data: PathBuf,
+    /// Frames of a clip, beside pictures by themselves
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(2..=4096))]
+    frames: u32,
+    /// Clips of each sequence, from its first frame on
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    clips: u32,
+    /// Folder for the results
+    #[arg(long, default_value = "results-autoencoder")]
+    out: PathBuf,
+}
+
+/// One test set in the JSON file.
+#[derive(Serialize)]
+struct Set {
+    name: String,
+    sequences: usize,
+    /// PSNR, dB, of pictures by themselves, and of each frame of clips, by kind.
+    kinds: BTreeMap<String, [Vec<f32>; 2]>,
+}
+
+impl Options {
+    /// Measures and prints.
+    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+        let (vae, _) = open_autoencoder(&self.vae, &VaeConfig::wan(), &Default::default())?;
+        let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
+        for place in find::find(&self.data)? {
+            sets.entry(place.set).or_default().sequences.push(place.folder);
+        }
+        let total: usize = sets.values().map(|set| set.sequences.len()).sum();
+        let progress = Progress::new("autoencoder", 2 * total as u64);
+        let mut found = Vec::new();
+        for (name, data) in &sets {
+            let trips = |frames: u32| {
+                let before = progress.position();
+                let mut told = |done: usize| {
+                    progress.set(before + done as u64);
+                    if cancel.load(Ordering::Relaxed) {
+                        return Err(Error::Data { place: "autoencoder".into(), reason: "interrupted".into() });
+                    }
+                    Ok(())
+                };
+                round_trip(&vae, data, frames as usize, self.clips as usize, &mut told)
+            };
+            let [stills, clips] = [trips(1)?, trips(self.frames)?];
+            found.push(Set { name: name.clone(), sequences: data.sequences.len(), kinds: table(stills, clips) });
+        }
+        progress.finish();
+        ensure!(!found.is_empty(), "{}: no sequences", self.data.display());
+        for set in &found {
+            println!(
+                "{}, sequences {}: PSNR in dB of pictures by themselves, and of the frames of clips",
+                set.name, set.sequences
+            );
+            for (kind, [still, clip]) in &set.kinds {
+                let row = |values: &[f32]| values.iter().map(|v| format!("{v:6.2}")).collect::<Vec<_>>().join(" ");
+                println!("  {kind:12} {} | {}", row(still), row(clip));
+            }
+        }
+        std::fs::create_dir_all(&self.out)?;
+        let path = self.out.join("autoencoder.json");
+        file::write_json(&path, &found)?;
+        println!("{}", path.display());
+        Ok(())
+    }
+}
+
+fn table(stills: Vec<RoundTrip>, clips: Vec<RoundTrip>) -> BTreeMap<String, [Vec<f32>; 2]> {
+    let name = |trip: &RoundTrip| format!("{:?}", trip.kind).to_lowercase();
+    stills.into_iter().zip(clips).map(|(still, clip)| (name(&still), [still.psnr, clip.psnr])).collect()
+}

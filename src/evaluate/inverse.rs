@@ -1,0 +1,268 @@
+//! `renderflow evaluate inverse`: what recovered buffers are worth.
+
+use crate::dataset::SequenceFolder;
+use super::find::{self, TestSequence};
+use crate::metrics::{Networks, median};
+use crate::metrics::bootstrap::{Interval, bootstrap};
+use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
+use crate::progress::Progress;
+use crate::report::picture;
+use crate::truth::Interrupted;
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Image, file};
+use renderflow_model::wan::flow::Intrinsic;
+use renderflow_model::wan::pictures::{DepthBounds, EnvironmentView, Pictures};
+use renderflow_model::wan::video::WanRenderer;
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Recovered albedo, normals, depth and material beside the true ones, and beside what needs no network: the picture itself as albedo,
+/// normals that face the camera, one depth, half-rough dielectric. Writes inverse.json and prints tables. Pixels that see no surface do
+/// not count; brackets hold 95 % of the means of sequences that are drawn again and again.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  renderflow evaluate inverse --weights runs/inverse/weights.safetensors --vae runs/vae/weights.safetensors --data sets --out results-inverse
+  renderflow evaluate inverse --buffers theirs/ --data sets --out results-theirs
+
+A folder of --buffers is laid out as `invert --data` writes it: SEQUENCE/frame.NUMBER.albedo.png (sRGB), .normal.png (0.5 + 0.5 n, camera
+space: x right, y up, z towards the camera), .depth.png (its logarithm, up to scale and shift), .material.png (roughness, metallic, and a
+third channel that is not read). What is missing is left out.")]
+pub struct Options {
+    /// Weights of the paper's network with an inverse adapter
+    #[arg(long, required_unless_present = "buffers", conflicts_with = "buffers")]
+    weights: Option<PathBuf>,
+    /// Weights of its autoencoder; vae.safetensors beside --weights without it
+    #[arg(long, requires = "weights")]
+    vae: Option<PathBuf>,
+    /// Buffers that another method recovered
+    #[arg(long)]
+    buffers: Option<PathBuf>,
+    /// Test sets, a dataset, a split of it, or one sequence
+    #[arg(long)]
+    data: PathBuf,
+    /// Measure one frame in this many
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    every: u32,
+    /// Folder for the results
+    #[arg(long, default_value = "results-inverse")]
+    out: PathBuf,
+}
+
+/// One test set in the JSON file.
+#[derive(Serialize)]
+struct Set {
+    name: String,
+    frames: usize,
+    rows: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    method: &'static str,
+    /// Median of a picture, all buffers.
+    seconds: Option<f64>,
+    /// By [`Column::id`].
+    values: BTreeMap<&'static str, Interval>,
+}
+
+#[derive(Serialize)]
+struct Results<'a> {
+    columns: &'a [Column],
+    sets: Vec<Set>,
+}
+
+/// Errors of the frames of a sequence.
+type Frames = Vec<BTreeMap<&'static str, f64>>;
+
+/// Errors of a method, by sequence.
+#[derive(Default)]
+struct Tally {
+    sequences: Vec<Frames>,
+    seconds: Vec<f64>,
+}
+
+impl Tally {
+    fn row(self, method: &'static str) -> Row {
+        let value = |id: &str| {
+            let mean = |frames: &Frames| {
+                let values: Vec<f64> = frames.iter().filter_map(|frame| frame.get(id).copied()).collect();
+                (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+            };
+            bootstrap(&self.sequences.iter().filter_map(mean).collect::<Vec<f64>>())
+        };
+        let values = COLUMNS.iter().filter_map(|column| Some((column.id, value(column.id)?))).collect();
+        let seconds = Some(median(&self.seconds)).filter(|s| s.is_finite());
+        Row { method, seconds, values }
+    }
+}
+
+/// Where recovered buffers come from.
+enum Method<'a> {
+    Network(Box<WanRenderer>),
+    Folder(&'a Path),
+}
+
+impl Options {
+    /// Measures and prints.
+    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+        let method = match (&self.weights, &self.buffers) {
+            (Some(weights), _) => {
+                let renderer = WanRenderer::load(weights, self.vae.as_deref())?;
+                ensure!(renderer.inverts(), "{}: has no inverse adapter", weights.display());
+                Method::Network(Box::new(renderer))
+            }
+            (None, folder) => Method::Folder(folder.as_deref().context("--weights or --buffers")?),
+        };
+        let networks = Networks::find()?;
+        let tests = find::find(&self.data)?;
+        if let Method::Folder(_) = method {
+            let mut names = BTreeSet::new();
+            let twice = tests.iter().map(|test| test.folder.name()).find(|name| !names.insert(name.clone()));
+            ensure!(twice.is_none(), "two sequences are called {}: name one class of scenes", twice.unwrap_or_default());
+        }
+        let chosen = |test: &TestSequence| (0..test.folder.len()).step_by(self.every as usize);
+        let progress = Progress::new("inverse", tests.iter().map(|test| chosen(test).len() as u64).sum());
+        let mut sets: BTreeMap<&str, [Tally; 2]> = BTreeMap::new();
+        for test in &tests {
+            let tallies = sets.entry(&test.set).or_default();
+            let [mut found, mut start] = [Frames::new(), Frames::new()];
+            for index in chosen(test) {
+                if cancel.load(Ordering::Relaxed) {
+                    return Err(Interrupted.into());
+                }
+                let name = || test.folder.path.join(&test.folder.sequence.files[index]).display().to_string();
+                let errors = frame(&method, &test.folder, index, &networks, &mut tallies[0].seconds);
+                let [ours, others] = errors.with_context(name)?;
+                found.push(ours);
+                start.push(others);
+                progress.add(1);
+            }
+            tallies[0].sequences.push(found);
+            tallies[1].sequences.push(start);
+        }
+        progress.finish();
+        let name = if self.weights.is_some() { "network" } else { "buffers" };
+        let sets = sets.into_iter().map(|(set, [found, start])| {
+            let frames = found.sequences.iter().map(Vec::len).sum();
+            Set { name: set.to_owned(), frames, rows: vec![found.row(name), start.row("no network")] }
+        });
+        let sets: Vec<Set> = sets.collect();
+        if let Method::Folder(folder) = method {
+            let any = sets.iter().any(|set| !set.rows[0].values.is_empty());
+            ensure!(any, "{}: no buffers of any frame of {}", folder.display(), self.data.display());
+        }
+        sets.iter().for_each(print);
+        std::fs::create_dir_all(&self.out)?;
+        let path = self.out.join("inverse.json");
+        file::write_json(&path, &Results { columns: &COLUMNS, sets })?;
+        println!("{}", path.display());
+        Ok(())
+    }
+}
+
+/// Errors of one frame: those of the method, and those of no network.
+fn frame(
+    method: &Method,
+    folder: &SequenceFolder,
+    index: usize,
+    networks: &Networks,
+    seconds: &mut Vec<f64>,
+) -> Result<[BTreeMap<&'static str, f64>; 2]> {
+    let frame = folder.frame(index)?;
+    // Not looked at: the smallest there is.
+    let view = EnvironmentView::new(&folder.environment, 2, 1);
+    let bounds = DepthBounds::of([&frame]);
+    let pictures = Pictures::new(&frame, &folder.environment, &view, folder.sequence.exposure, bounds)?;
+    let picture = pictures.target.as_deref().context("has no beauty")?;
+    let (width, height) = (pictures.width, pictures.height);
+    let depth = frame.depth.map(|z| if is_depth(*z) { z.ln() } else { 0.0 });
+    let truth = Buffers { depth: Some(depth), ..buffers(width, height, &pictures) };
+    let covered = pictures.mask.iter().zip(&frame.depth.pixels);
+    let mask = covered.map(|(m, z)| if is_depth(*z) { *m } else { 0.0 }).collect();
+    let mask = Image { width, height, pixels: mask };
+    let found = match method {
+        Method::Network(renderer) => {
+            let started = Instant::now();
+            let made = renderer.invert(&[picture], [width, height], &Intrinsic::ALL, 1)?;
+            seconds.push(started.elapsed().as_secs_f64());
+            let [albedo, normal, depth, material] = [0, 1, 2, 3].map(|i| made[i][0].clone());
+            buffers(width, height, &Pictures { albedo, normal, depth, material, ..Pictures::default() })
+        }
+        Method::Folder(root) => read(&root.join(folder.name()).join(&folder.sequence.files[index]).with_extension(""))?,
+    };
+    let start = Buffers {
+        albedo: Some(image(width, height, picture).map(|p| p.map(unit))),
+        normal: Some(Rgb::from_fn(width, height, |_, _| [0.0, 0.0, 1.0])),
+        depth: Some(Image { width, height, pixels: vec![0.0; width * height] }),
+        material: Some(Rgb::from_fn(width, height, |_, _| [0.5, 0.0, 0.5])),
+    };
+    Ok([intrinsics::measure(&found, &truth, &mask, networks)?, intrinsics::measure(&start, &truth, &mask, networks)?])
+}
+
+/// Pictures of -1..=1 in planes as buffers.
+fn buffers(width: usize, height: usize, pictures: &Pictures) -> Buffers {
+    let image = |planes: &[f32]| image(width, height, planes);
+    Buffers {
+        albedo: Some(image(&pictures.albedo).map(|p| p.map(unit))),
+        normal: Some(image(&pictures.normal)),
+        depth: Some(image(&pictures.depth).map(|p| p.iter().sum::<f32>() / 3.0)),
+        material: Some(image(&pictures.material).map(|p| p.map(unit))),
+    }
+}
+
+fn image(width: usize, height: usize, planes: &[f32]) -> Rgb {
+    let count = width * height;
+    Rgb::from_fn(width, height, |x, y| [0, 1, 2].map(|c| planes[c * count + y * width + x]))
+}
+
+/// -1..=1 to 0..=1.
+fn unit(value: f32) -> f32 {
+    (0.5 + 0.5 * value).clamp(0.0, 1.0)
+}
+
+fn is_depth(z: f32) -> bool {
+    z > 0.0 && z.is_finite()
+}
+
+/// The buffers in files whose paths begin with `name`.
+fn read(name: &Path) -> Result<Buffers> {
+    let read = |intrinsic: Intrinsic| -> Result<Option<Rgb>> {
+        let mut path = name.to_owned().into_os_string();
+        path.push(format!(".{}.png", intrinsic.name()));
+        let path = PathBuf::from(path);
+        if path.is_file() { picture::display_values(&path).map(Some) } else { Ok(None) }
+    };
+    Ok(Buffers {
+        albedo: read(Intrinsic::Albedo)?,
+        normal: read(Intrinsic::Normal)?.map(|normal| normal.map(|p| p.map(|v| 2.0 * v - 1.0))),
+        depth: read(Intrinsic::Depth)?.map(|depth| depth.map(|p| p[0])),
+        material: read(Intrinsic::Material)?,
+    })
+}
+
+fn print(set: &Set) {
+    println!("{}: {} frames", set.name, set.frames);
+    for column in &COLUMNS {
+        let cell = |row: &Row| {
+            let digits = column.digits;
+            row.values.get(column.id).map_or_else(
+                || "-".to_owned(),
+                |value| match value.range {
+                    Some([low, high]) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", value.mean),
+                    None => format!("{:.digits$}", value.mean),
+                },
+            )
+        };
+        let cells: Vec<String> = set.rows.iter().map(|row| format!("{} {:26}", row.method, cell(row))).collect();
+        println!("  {:78} {}", column.name, cells.join(" "));
+    }
+    if let Some(seconds) = set.rows[0].seconds {
+        println!("  {:78} {seconds:.3}", "seconds a picture");
+    }
+}
