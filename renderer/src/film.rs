@@ -4,7 +4,7 @@
 //! what makes the picture independent of threads and tiles, and what denoisers expect. Radiance is summed in twice double precision
 //! (some 32 digits): at 65536 samples of a bright sun single-precision sums lose the dim samples, and double-precision sums round
 //! differently in another order, which shows in the variance of pixels that have nearly none.
-//! Against single-precision sums that is 78 of the 6040 instructions of a sample (common scene with a soft sun): 1.3 %.
+//! It costs about one instruction in a hundred (docs/measurements/renderer-notes.md, small).
 
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3A};

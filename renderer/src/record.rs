@@ -1,6 +1,6 @@
 //! Keeps the rays of a render, so that they can be traced again alone: what a render costs beyond them is then known.
 //!
-//! Only with the feature `record`, which measurements turn on (`examples/shading_cost.rs`).
+//! Only with the feature `record`, which measurements turn on (the example `shading_cost` of renderflow-bench).
 
 use crate::ray::Ray;
 use glam::Vec3A;

@@ -13,7 +13,7 @@ const WELL: usize = 1 << 19;
 /// Boxes below which no slow build is slow enough to matter.
 const FEW: usize = 1 << 12;
 /// A ray that meets more than this share of all boxes of the tree is not helped by a better one, and bettering it takes quadratic time: each
-/// box might go anywhere. 200 000 boxes within boxes, or as large as the scene, have 0.3 and more, scattered or in rows 0.0001 to 0.001.
+/// box might go anywhere. Boxes of real scenes are far below (docs/measurements/renderer-notes.md, trees).
 const HOPELESS: f32 = 1.0 / 16.0;
 
 /// A tree over `boxes` with at most `leaf_size` (1 to 8) of them in a leaf.
@@ -24,8 +24,8 @@ pub(super) fn tree(boxes: &[Aabb], leaf_size: usize) -> Tree {
     // One to a leaf: the collapse knows better what to join.
     let mut binary = ploc::build(boxes);
     if boxes.len() <= FEW || share_met(&binary) <= HOPELESS {
-        // Reinsertion of 0.2 in place of 0.05 takes twice the time (0.2 s more for 300 000 triangles) and makes diffuse rays up to 8%
-        // faster; 0.3 takes three times and gains nothing more. The fast preset takes two thirds and makes them 6% slower.
+        // Reinsertion of 0.2 in place of 0.05 takes twice the time and makes rays faster; more gains nothing
+        // (docs/measurements/renderer-notes.md, trees).
         let ratio = if boxes.len() <= WELL { 0.2 } else { 0.05 };
         let mut optimizer = ReinsertionOptimizer::default();
         optimizer.run(&mut binary, ratio, None);

@@ -35,9 +35,7 @@ pub struct Options {
 }
 
 impl Default for Options {
-    /// Least error: on three composed scenes (sun, studio, street at night; 160x160; 16, 64 and 256 samples a pixel; guides from
-    /// the same samples) high quality with `clean_guides` was best all nine times, by 0.2 to 0.8 dB over high without, which
-    /// equalled balanced, and by 0.4 to 1.0 dB over fast.
+    /// Least error, on every scene and number of samples that was measured (docs/measurements/renderer-notes.md, small).
     fn default() -> Self {
         Self { quality: Quality::High, clean_guides: true }
     }

@@ -6,9 +6,8 @@ use glam::Vec3A;
 
 /// Frames whose tree is sorted as at the first of them and only fitted to where things are.
 const EPOCH: usize = 16;
-/// A tree whose expected cost has grown beyond this is sorted again. Rays take as much longer as the cost says (of 60 bodies 20 on their
-/// way: 2.4 times at a cost of 2.5, 4.4 at 4.7); fitting 143,000 triangles takes 2 ms, sorting 110 ms, which at three per cent pays
-/// from some ten million rays on.
+/// A tree whose expected cost has grown beyond this is sorted again: rays slow down in proportion to the cost, and sorting pays from some
+/// ten million rays on (docs/measurements/renderer-notes.md, trees).
 const WORST_GROWTH: f32 = 1.03;
 
 /// How the world-space tree stands to the frames.

@@ -327,7 +327,7 @@ impl Geometry {
     }
 
     /// Place, side and material of a hit.
-    // Always inlined, so that corners are not copied for callers that do not read them (0.3% of a render's instructions).
+    // Always inlined, so that corners are not copied for callers that do not read them.
     #[inline(always)]
     pub fn surface(&self, hit: &Hit) -> SurfacePoint {
         if let Some((placement, tree)) = self.shared(hit) {

@@ -9,22 +9,12 @@
 //! [`Budget::Average`] asks once, after the pilot, when nothing that a neighbour has depends on this pixel: it asks all of them near
 //! by. Where counts are decided on again and again they do depend on it: there pixels have one of four colours, and each is judged by
 //! those of the next colour only. Its samples come back to it after four rounds at the earliest, thinned by some forty pixels each
-//! time. Judging by all neighbours within 2 pixels there made a caustic scene darker by 7e-4 of its mean at 64 samples a pixel, and by
-//! all within 2 and itself by 2.5e-3 (with a relMSE lower by a quarter, which is what that bias buys).
+//! time. Judging by all neighbours made a caustic scene measurably darker there.
 //!
-//! What remains is that all pixels share one sum: a bright sample takes samples from all, its own pixel too. That is in inverse
-//! proportion to the number of noisy places in the picture: +7e-3 +- 1.4e-3 of the mean where twenty bright samples are the noise of
-//! a picture of 24 x 24 pixels at 16 samples a pixel, and not told from 0 on the scenes of `renderflow bench` at 256 x 256.
+//! What remains is that all pixels share one sum: a bright sample takes samples from all, its own pixel too. That bias is in inverse
+//! proportion to the number of noisy places in the picture; it shows in tiny pictures alone.
 //!
-//! Measured with light paths at 256 x 256 and 64 samples a pixel (scenes of `renderflow bench`), relMSE x instructions in place of even
-//! samples of which 4 share a camera ray: soft sun 0.86, studio 0.87, overcast 1.02, textured 0.94, hard sun 1.3, a million triangles
-//! 0.64, forest 0.55, interior 0.98. Of which 2 do: 0.93, 1.00, 0.99, 0.98, 0.89, 1.12, 0.94, 0.97 (textured and hard sun within some
-//! 20 %: few bright samples decide); at 512 x 512 0.96 for the soft sun and 0.99 for a million triangles. What relMSE falls by (to
-//! 0.74 to 0.93) goes into samples that cost more where there is noise. Counts in proportion to true deviations, known over 9 x 9
-//! pixels, would give 0.74 to 0.77 on the soft sun and a million triangles.
-//!
-//! Tried and left, none of them better on most scenes (at best 5 % on one): deviations over the root of rays a sample (the rays saved are fewer than
-//! the error gained), a pilot of a quarter, differences between halves of the pilot in place of variances, counts that are powers of two.
+//! The error, the biases and the variants that were tried and left are in docs/measurements/renderer-notes.md, adaptive.
 
 use super::accumulate::{Film, Meter, Work};
 use super::gbuffer::Visible;
@@ -126,18 +116,17 @@ pub(super) fn largest(scene: &RenderScene, settings: &Settings, map: &Image<u32>
 const MOST: u32 = 1 << 24;
 /// Counts are multiples of this: the shortest runs of the low-discrepancy points that are well spread.
 const STEP: u32 = 4;
-/// Most samples that share a camera ray. Where many samples go, what the camera sees is a part of the noise: 2 in place of 4 lower
-/// relMSE x instructions by 12, 16 and 46 % at 64 samples a pixel (soft sun, studio, a million triangles).
+/// Most samples that share a camera ray. Where many samples go, what the camera sees is a part of the noise, and 2 are better
+/// than 4 (docs/measurements/renderer-notes.md, adaptive).
 pub(super) const BRANCHES: u32 = 2;
 /// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as dear as
 /// one of four times the samples.
 const LARGEST_STEP: u32 = 32;
-/// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is 1 % better where the
-/// noise stays in its places (common scene, 64 samples a pixel), and a half again worse than uniform samples where rare bright
-/// samples may come anywhere (a mirror ball on a floor under a small sun, 16 samples a pixel), where a half is a third better.
+/// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is a little better where the
+/// noise stays in its places, and far worse where rare bright samples may come anywhere (docs/measurements/renderer-notes.md, adaptive).
 const FLOOR: f64 = 1.0 / 2.0;
-/// Fewer samples on average are not spread: the pilot tells too little, and a round costs too much. At 16 relMSE was 0.75 of that of even
-/// ones for 1.4 times the instructions (soft sun, studio, a million triangles).
+/// Fewer samples on average are not spread: the pilot tells too little, and a round costs too much (docs/measurements/renderer-notes.md,
+/// adaptive).
 const FEWEST_SPREAD: u32 = 32;
 /// The pilot's share where the environment alone is seen.
 const FLOOR_UNSEEN: f64 = 1.0 / 8.0;
@@ -147,7 +136,7 @@ const CAP: f64 = 32.0;
 const COLOURS: i64 = 4;
 /// How far the pixels are that judge a pixel, in pixels, where one of four does.
 const RADIUS: i64 = 7;
-/// The same where all do. 7 is 3 to 6 % worse (relMSE x instructions of three scenes), but on a million triangles at 64 samples: 3 % better.
+/// The same where all do. 7 is worse on most scenes (docs/measurements/renderer-notes.md, adaptive).
 const RADIUS_ONCE: i64 = 3;
 /// What relative errors are relative to, besides the squared mean: that of relMSE.
 const DARK: f64 = 0.01;
@@ -292,7 +281,7 @@ fn judges(budget: Budget) -> Vec<(i64, i64)> {
 /// paths bring is in the picture, but its noise is not theirs.
 ///
 /// Variances are relative to the mean of the same pixel: where one bright sample among `n` makes it, they are at most `n`, so that
-/// single fireflies cannot take the whole budget. Relative to the mean of all neighbours, relMSE was 12 % higher.
+/// single fireflies cannot take the whole budget. Relative to the mean of all neighbours the error was larger.
 fn importance(film: &Film, judges: &[(i64, i64)]) -> Vec<f64> {
     let (width, height) = (film.width as i64, film.height as i64);
     let of_sample = |at: usize| {
@@ -316,10 +305,10 @@ fn importance(film: &Film, judges: &[(i64, i64)]) -> Vec<f64> {
 }
 
 /// Estimated relMSE of the picture so far: the variance of each pixel's mean relative to the mean of those around it. Relative to
-/// its own it would be a quarter of the truth at 16 samples, since a pixel that a bright sample makes noisy is made bright by it.
+/// its own it would be far too small, since a pixel that a bright sample makes noisy is made bright by it.
 ///
-/// Independent samples would have that variance; low-discrepancy ones have less: where light paths find the caustics it is 2 to 3
-/// times the relMSE (a shiny sphere under a sun, 64 x 48 pixels, 45 to 375 samples a pixel).
+/// Independent samples would have that variance; low-discrepancy ones have less: where light paths find the caustics it is a few times
+/// the relMSE (docs/measurements/renderer-notes.md, adaptive).
 fn error(film: &Film) -> f64 {
     let (width, height) = (film.width, film.height);
     let around = |pixel: usize| {

@@ -128,8 +128,7 @@ impl<F: Features> Tracer<'_, F> {
 }
 
 /// Power heuristic (Veach 1997, beta = 2) for a strategy with density `a` > 0 (times its number of draws) against `b` >= 0; finite
-/// for every such pair. The balance heuristic gives 1.5 % less error in the geometric mean over the scenes of `examples/efficiency.rs`, within the noise
-/// of the measurement.
+/// for every such pair. The balance heuristic is no better (docs/measurements/renderer-notes.md, heuristic).
 #[inline(always)]
 fn mis_weight(a: f32, b: f32) -> f32 {
     let r = b / a;

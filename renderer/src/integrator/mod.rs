@@ -79,27 +79,23 @@ pub struct Settings {
     /// What is left out because it cannot matter.
     pub skips: Skips,
     /// Largest number of the samples of a pixel that share a camera ray, 1..=64: what it hits and the light samples there are made once for
-    /// all of them, and each goes on from there with a path of its own. [`Self::branches`] says how many it becomes. What falls is the
-    /// time of a path, what rises is the error of as many where much happens within a pixel (edges, small leaves, penumbrae). relMSE
-    /// times instructions at 64 samples a pixel, 256 x 256, with 1, 2 and 4 branches, 2 being 1: soft sun 1.21, 1, 1.01; studio 1.13,
-    /// 1, 1.15; overcast 1.31, 1, 0.92; million 1.11, 1, 1.55; forest 0.70, 1, 1.73; interior 1.05, 1, 1.04. Splitting only where most
-    /// is scattered diffusely loses half of it: what a mirror sees is as noisy.
+    /// all of them, and each goes on from there with a path of its own. [`Self::branches`] says how many it becomes. More branches make
+    /// paths cheaper, and the picture noisier where much happens within a pixel: edges, small leaves, penumbrae. 2 is the best of 1, 2 and
+    /// 4 on most scenes (docs/measurements/renderer-notes.md, branches).
     pub branches: u32,
     /// Light samples at the first surface behind a camera ray, 1..=64; `None` = 1, 2, 4 or 8 by what some paths of a pilot say of this
-    /// picture (1 where it has few samples). All converge to the same picture. At 32 samples a pixel 4 in place of 1 takes 1.2 times as
-    /// long, and relMSE x time of the best 99 % of pixels is .74 over eight composed scenes (.33 to 1.2) and .85 over those of
-    /// `renderflow bench` (.49 to 1.26: a bright even sky).
+    /// picture (1 where it has few samples). All converge to the same picture. Several pay for themselves on most scenes
+    /// (docs/measurements/renderer-notes.md, light-samples).
     pub light_samples: Option<u32>,
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
-    /// setting without bias. For pictures to look at, never for references or data sets: a limit of 10 darkens the soft-sun scene of
-    /// `examples/efficiency.rs` by 2.1 % and the common scene by 0.8 % (3: by 2.6 and 1.6 %) while relMSE at equal samples falls to
-    /// 0.15 and 0.55 of what it was. [`Stats::clamped_contributions`] counts.
+    /// setting without bias. It is for pictures to look at, never for references or data sets: a limit darkens the picture by some per
+    /// cent and takes most of its noise (docs/measurements/renderer-notes.md, clamp-indirect). [`Stats::clamped_contributions`] counts.
     pub clamp_indirect: Option<f32>,
     /// Whether light is followed from the environment, over shiny bodies, to what the camera sees, besides paths from the camera: what
     /// casts caustics is found from both sides and weighed. Off by itself where it would bring nothing: no shiny bodies, no
     /// concentrated light, another filter than [`Filter::Box`], `direct` other than [`DirectLight::Mis`], a limit on indirect light.
-    /// Both ways converge to the same picture. relMSE at 64 samples a pixel, on over off: soft sun 0.46, studio 0.54, textured 0.14,
-    /// sun of 1.5 degrees 0.16, photographed skies with a sun 0.04 to 0.2; a picture takes 1.0 to 1.25 times as long.
+    /// Both ways converge to the same picture. Under suns and lamps the error falls severalfold for little time
+    /// (docs/measurements/renderer-notes.md, light-paths).
     pub light_paths: bool,
     /// How the samples are spread over the pixels.
     pub budget: Budget,

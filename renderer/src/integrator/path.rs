@@ -20,9 +20,8 @@ use renderflow_frame::frame::LIGHT_GROUPS;
 
 /// Surfaces a path passes before roulette may end it.
 const ROULETTE_FROM: u32 = 3;
-/// Roulette spares paths of at least this throughput. Measured on 7 scenes of `examples/efficiency.rs` (soft sun, studio, overcast,
-/// interior, glossy, lamps, the common scene): 0.3 in place of 1 lowers relMSE at equal samples to 0.69 in the geometric mean (0.75 on the
-/// common scene) for 4 % more instructions there. From the second surface on: 3 % more error; from the fourth with 1: 20 % more.
+/// Roulette spares paths of at least this throughput: less error than with 1 for few instructions more (docs/measurements/renderer-notes.md,
+/// roulette).
 const ROULETTE_BELOW: f32 = 0.3;
 /// Surfaces from which on roulette keeps no path for certain, or a path between white walls would only end at the bounce limit.
 const ROULETTE_ALWAYS: u32 = 8;

@@ -9,8 +9,8 @@
 //! and the density likewise. What the BSDF reflects in all leaves the surface whatever the normals are, so a furnace closes; only
 //! directions within the lean of the normal from the horizon are affected. Not reciprocal: paths are weighed as seen from the camera.
 //!
-//! In published mode such directions are dropped, as Mitsuba and others do: on a coarse smooth model (Suzanne, 3,936 triangles) the
-//! pictures then differ by 0.15 % from Mitsuba's, block by block, and by 0.50 % (4 % where the surface is seen at a slant) with folding.
+//! In published mode such directions are dropped, as Mitsuba and others do, so that pictures agree on coarse smooth models too
+//! (docs/measurements/renderer-notes.md, small).
 
 use crate::features::{Brdf, BrdfView, Features};
 use crate::interaction::Interaction;

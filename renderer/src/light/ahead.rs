@@ -6,7 +6,7 @@ use crate::sampler::{LANES, PixelSampler, Points};
 /// Sets that may be drawn ahead, every other one from 2 on: those of the first vertices.
 const SETS: usize = 4;
 /// Of the sixteen last samples, how many must have asked for a set for the next sixteen to be drawn ahead. All do at the first vertex;
-/// outdoors fewer reach the second, where drawing always ahead took 4 % more instructions in all, and in a room nearly all do.
+/// outdoors fewer reach the second, where drawing always ahead costs more than it saves, and in a room nearly all do.
 const WORTH: u32 = 8;
 
 #[derive(Clone, Copy)]

@@ -15,8 +15,6 @@ use std::f32::consts::{FRAC_1_PI, TAU};
 pub const MAX_RADIANCE: f32 = 1e32;
 /// Light whose brightest component is fainter than this is none: its inverse would not be finite.
 const MIN_RADIANCE: f32 = 1e-37;
-/// [`Sampling::Compensated`] in terms of [`Sampling::Less`]; of 0.5, 0.8 and 1 the last lowered the error most.
-const COMPENSATION: f32 = 1.0;
 
 /// What the density of light samples is proportional to. The estimate with multiple importance sampling has the same mean for all;
 /// only [`Sampling::Plain`] is unbiased without it.
@@ -28,21 +26,17 @@ pub enum Sampling {
     /// directions are left to samples of the material, which is dense there: every material has a diffuse or specular lobe over
     /// the whole hemisphere. For mirror-like lobes nothing changes: their samples carry the weight either way.
     ///
-    /// Measured at 16 samples a pixel (`examples/mis_compensation.rs`, 42 combinations of sky, scene and material): relMSE 0.915
-    /// times that of `Plain` in the geometric mean, 0.69 at best (room lit by a smooth sky through a window), 1.11 at worst (metal in
-    /// the same room); half of the mean instead of all of it gives 0.935.
+    /// The error is less than that of `Plain` on most scenes (docs/measurements/renderer-notes.md, compensation).
     #[default]
     Compensated,
-    /// As `Compensated`, with this share of the mean (0..=1) instead of all of it; for measurements.
-    Less(f32),
 }
 
 impl Sampling {
+    /// Share of the mean of the sphere that is taken off.
     fn share(self) -> f32 {
         match self {
             Self::Plain => 0.0,
-            Self::Compensated => COMPENSATION,
-            Self::Less(share) => share.clamp(0.0, 1.0),
+            Self::Compensated => 1.0,
         }
     }
 }

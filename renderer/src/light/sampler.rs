@@ -60,8 +60,8 @@ pub struct LightSampler {
 impl LightSampler {
     /// All lights of a scene. Where there are both kinds, each is drawn as often as the other: whatever the one and the other send
     /// to a point (`a`, `b`), the second moment `a^2 / q + b^2 / (1 - q)` is then at most twice that of the best share `q`. A share
-    /// by power would do worse wherever the stronger light is hidden, as a sky is from indoors. In a room with two lamps and a faint
-    /// window (`examples/efficiency.rs`) relMSE is 0.97 times as large with a quarter for the environment, 1.08 times with three.
+    /// by power would do worse wherever the stronger light is hidden, as a sky is from indoors. Other
+    /// shares differ little where they are better (docs/measurements/renderer-notes.md, light-shares).
     pub fn new(environment: EnvironmentLight, emitters: impl IntoIterator<Item = EmissiveTriangle>) -> Self {
         Self::with_share(environment, emitters, 0.5)
     }

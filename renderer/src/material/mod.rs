@@ -3,8 +3,8 @@
 //! Everything here works in the local frame of a surface point: the shading normal is +z, the tangent +x, `wo` and `wi` are unit and point away
 //! from the surface. Densities (`pdf`) are in solid angle.
 //!
-//! What a vertex calls is inlined always: the compiler's own choice left the parts of a material in memory, and a dielectric took 10 %
-//! longer, one with subsurface scattering twice as long (`examples/bsdf_cost.rs`).
+//! What a vertex calls is inlined always: the compiler's own choice left the parts of a material in memory, which is slower
+//! (docs/measurements/renderer-notes.md, small).
 
 mod albedo;
 mod anisotropy;

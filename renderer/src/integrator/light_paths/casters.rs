@@ -8,14 +8,13 @@ use rayon::prelude::*;
 use renderflow_scenes::Mesh;
 use std::f32::consts::PI;
 
-/// Light less concentrated than this ([`crate::light::EnvironmentLight::concentration`]) makes no caustics that camera paths do not find:
-/// error with light paths is 1.0 times that without under skies of 1.5 to 1.9, 0.81 and 0.84 in rooms of 5.4 and 8.7, 0.45 at 23 and
-/// 0.04 to 0.2 under real suns of 150 to 4900.
+/// Light less concentrated than this ([`crate::light::EnvironmentLight::concentration`]) makes no caustics that camera paths do not find
+/// (docs/measurements/renderer-notes.md, light-paths).
 const CONCENTRATION: f32 = 4.0;
 /// Roughest lobe whose caustics are worth a path.
 const ROUGHNESS: f32 = 0.5;
-/// Paths for each sample and pixel that a metal body covers. On the soft-sun scene relMSE x samples is 0.43 without, 0.31, 0.28, 0.25, 0.22,
-/// 0.20 and 0.195 with 0.03, 0.06, 0.12, 0.25, 0.5 and 1 (paths of two surfaces), and a camera path's time is added for 0.65 light paths.
+/// Paths for each sample and pixel that a metal body covers. More lower the error by little (docs/measurements/renderer-notes.md,
+/// light-paths).
 const DENSITY: f32 = 0.25;
 /// The same for bodies that reflect little, in terms of [`DENSITY`].
 const DIELECTRIC: f32 = 0.1;
