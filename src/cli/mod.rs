@@ -17,6 +17,7 @@ mod testset;
 mod train;
 mod weights;
 
+use crate::dataset::damage;
 use crate::evaluate::method::Method;
 use crate::ranges::within;
 use crate::stop;
@@ -24,7 +25,6 @@ use crate::truth::DenoiseMode;
 use anyhow::{Context, Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
-use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::{self, Autoencoder, Renderer};
@@ -199,15 +199,8 @@ impl WeightsArgs {
     fn digests(&self) -> Result<Vec<String>> {
         let Some(path) = &self.weights else { return Ok(Vec::new()) };
         let wan = WanRenderer::recognises(path).then(|| self.vae.clone().unwrap_or_else(|| parent(path).join(AUTOENCODER_FILE)));
-        std::iter::once(path).chain(&wan).map(|path| digest(path)).collect()
+        std::iter::once(path).chain(&wan).map(|path| damage::hash(path)).collect()
     }
-}
-
-/// BLAKE3 of a file, hexadecimal.
-fn digest(path: &Path) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(file::open(path)?).with_context(|| format!("{}: cannot read", path.display()))?;
-    Ok(hasher.finalize().to_hex().to_string())
 }
 
 /// Weights of both networks, to be compared.

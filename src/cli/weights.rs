@@ -1,3 +1,4 @@
+use crate::dataset::damage;
 use crate::output::{self, OVERWRITE};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand, ValueEnum};
@@ -247,7 +248,7 @@ impl Convert {
             }
         };
         if beside.is_some() {
-            let same = super::digest(to_file)? == super::digest(&self.output)?;
+            let same = damage::hash(to_file)? == damage::hash(&self.output)?;
             ensure!(same, "{}: is there already, with other content; {OVERWRITE}", self.output.display());
         }
         println!("{done}");

@@ -480,7 +480,7 @@ impl Plan {
 /// That a user's file is still the one that was planned.
 fn check_file(files: &[UserFile], path: &str) -> Result<()> {
     let Some(planned) = files.iter().find(|file| file.path == path) else { return Ok(()) };
-    let found = hash_file(Path::new(path))?;
+    let found = super::damage::hash(Path::new(path))?;
     ensure!(found == planned.blake3, "{path}: is not the file that was planned (BLAKE3 {found}, not {})", planned.blake3);
     Ok(())
 }
@@ -491,12 +491,4 @@ fn toml_error(text: &str, error: &toml::de::Error) -> String {
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else { return format!(": {reason}") };
     let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
     format!(": line {}, column {column}: {reason}", before.matches('\n').count() + 1)
-}
-
-/// BLAKE3 of a file, hexadecimal.
-///
-/// # Errors
-/// When it cannot be read.
-pub fn hash_file(path: &Path) -> Result<String> {
-    super::damage::hash(path)
 }

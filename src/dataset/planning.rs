@@ -1,6 +1,7 @@
 //! Makes a plan: how sequences are shared out, which families and files each split gets.
 
-use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile, hash_file};
+use super::damage;
+use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile};
 use crate::console::message;
 use crate::progress::Progress;
 use anyhow::{Context, Result, ensure};
@@ -213,7 +214,7 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
 
 fn user_file(path: &Path) -> Result<UserFile> {
     let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
-    Ok(UserFile { blake3: hash_file(path)?, path: full.to_string_lossy().into_owned() })
+    Ok(UserFile { blake3: damage::hash(path)?, path: full.to_string_lossy().into_owned() })
 }
 
 /// Files below `folder` with one of `endings`, with their hashes. What cannot be read, a pipe for one, is left out, and said.

@@ -3,7 +3,8 @@
 use super::audit::{AUDIT, Audit, decibel};
 use super::{Sources, TestSet, audit, check_scenes};
 use crate::dataset::manifest::MANIFEST;
-use crate::dataset::plan::{Plan, hash_file};
+use crate::dataset::damage;
+use crate::dataset::plan::Plan;
 use crate::dataset::{Shard, manifest, render, verify};
 use crate::metrics::psnr::CAP;
 use crate::output;
@@ -106,7 +107,7 @@ pub fn make_plans(set: &str, plans: &[(&str, Plan)], out: &Path, extent: Extent,
 
 fn describe(set: &str, folder: &Path, plans: &[(&str, Plan)]) -> Result<SetFile> {
     let class = |(name, plan): &(&str, Plan)| -> Result<_> {
-        Ok(((*name).to_owned(), plan.hash(), hash_file(&folder.join(name).join(MANIFEST))?))
+        Ok(((*name).to_owned(), plan.hash(), damage::hash(&folder.join(name).join(MANIFEST))?))
     };
     SetFile::new(set, plans.iter().map(class).collect::<Result<_>>()?)
 }
@@ -127,7 +128,7 @@ pub fn check(folder: &Path, cancel: &AtomicBool) -> Result<SetFile> {
         if let Some(fault) = verified.faults.first() {
             bail!("{}: {} faults, the first: {fault}", class.display(), verified.faults.len());
         }
-        found.push((name.clone(), plan.hash(), hash_file(&class.join(MANIFEST))?));
+        found.push((name.clone(), plan.hash(), damage::hash(&class.join(MANIFEST))?));
     }
     ensure!(found == set.classes, "{}: {SET} does not say what is there", folder.display());
     let whole = SetFile::new(&set.set, found)?;

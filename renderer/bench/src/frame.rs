@@ -29,7 +29,7 @@ pub struct Options {
     /// Seed of a composed scene; may be given several times
     #[arg(long, default_values_t = [1, 2, 3, 4])]
     seed: Vec<u64>,
-    /// Scene of the set or scene file beside those; may be given several times
+    /// Scene of the set, scene file or model beside those; may be given several times
     #[arg(long, value_name = "NAME|FILE")]
     scene: Vec<String>,
     /// Pixels along both sides

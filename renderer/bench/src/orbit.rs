@@ -22,7 +22,7 @@ const TURN: f32 = 100.0;
 #[derive(Args)]
 #[command(after_help = "Example: renderflow-bench orbit --frames 100 --out bench")]
 pub struct Options {
-    /// Scene of the set (`renderflow-bench scenes`) or scene file; may be given several times
+    /// Scene of the set (`renderflow-bench scenes`), scene file or model; may be given several times
     #[arg(long, default_values_t = ["soft_sun".to_owned(), "million".to_owned()], value_name = "NAME|FILE")]
     scene: Vec<String>,
     /// Frames of each sequence; 100 are a whole turn

@@ -24,7 +24,7 @@ const TRIANGLES_RESOLUTION: u32 = 256;
 #[derive(Args)]
 #[command(after_help = "Example: renderflow-bench scaling --out bench")]
 pub struct Options {
-    /// Scene of the rows over threads and resolutions: of the set, or a scene file
+    /// Scene of the rows over threads and resolutions: of the set, a scene file or a model
     #[arg(long, default_value = "soft_sun", value_name = "NAME|FILE")]
     scene: String,
     /// Samples a pixel

@@ -28,7 +28,7 @@ use tracers::Tracer;
     after_help = "Examples:\n  renderflow-bench kernels\n  renderflow-bench kernels --embree libembree4.so.4 --out kernels.json\n  renderflow-bench kernels --scene forest --scene interior --resolution 512\n\nEmbree 4 comes with `pip install embreex==4.4.0.post1`; docs/benchmarks.md says more."
 )]
 pub struct Options {
-    /// Scene of the set or scene file; may be given several times; otherwise forest, million, interior and soft_sun
+    /// Scene of the set, scene file or model; may be given several times; otherwise forest, million, interior and soft_sun
     #[arg(long, value_name = "NAME|FILE")]
     scene: Vec<String>,
     /// Pixels along both sides: as many primary rays, and about as many of the other kinds
