@@ -507,7 +507,8 @@ fn a_full_disk_leaves_no_parts_of_files() {
 
 #[test]
 fn bench_says_where_it_went() {
-    for words in [&["bench"][..], &["bench", "inverse", "--buffers", "theirs/"], &["--threads", "2", "bench", "peers", "--help"]] {
+    for words in [&["bench"][..], &["bench", "inverse", "--buffers", "theirs/"], &["--threads", "2", "bench", "peers", "--help"]]
+    {
         let output = renderflow(words);
         assert_eq!(output.status.code(), Some(2), "{words:?}");
         let said = stderr(&output);

@@ -23,10 +23,7 @@ fn dependencies_point_one_way() {
     }
     let allowed: &[(&str, &[&str])] = &[
         ("renderflow", &["renderflow-frame", "renderflow-model", "renderflow-renderer", "renderflow-scenes"]),
-        (
-            "renderflow-bench",
-            &["renderflow", "renderflow-frame", "renderflow-model", "renderflow-renderer", "renderflow-scenes"],
-        ),
+        ("renderflow-bench", &["renderflow", "renderflow-frame", "renderflow-model", "renderflow-renderer", "renderflow-scenes"]),
         ("renderflow-frame", &[]),
         ("renderflow-model", &["renderflow-frame"]),
         ("renderflow-renderer", &["renderflow-frame", "renderflow-scenes"]),

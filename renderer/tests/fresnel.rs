@@ -1,9 +1,9 @@
 //! Reflectance of dielectrics: Fresnel's equations in the conserving form, Schlick's approximation in the published one.
 
-use renderflow_renderer::verify::chi_square::Random;
 use glam::{DVec3, Vec3A};
 use renderflow_renderer::material::{Bsdf, Mode, Surface};
 use renderflow_renderer::verify::bsdf as checks;
+use renderflow_renderer::verify::chi_square::Random;
 use std::f64::consts::PI;
 
 const BLACK: Surface = Surface {

@@ -1,10 +1,10 @@
 use super::{SceneArgs, TraceArgs};
-use crate::truth::watch::{Errors, Target, Watch};
 use crate::dataset::folder::frame_file;
 use crate::progress::Progress;
 use crate::ranges::within;
 use crate::report::picture;
 use crate::stop;
+use crate::truth::watch::{Errors, Target, Watch};
 use crate::truth::{SequenceJob, TruthSettings};
 use anyhow::{Context, Result, bail};
 use clap::Args;

@@ -1,7 +1,7 @@
 //! `renderflow evaluate autoencoder`: what an autoencoder of the paper's network loses.
 
-use crate::dataset::Dataset;
 use super::find;
+use crate::dataset::Dataset;
 use crate::progress::Progress;
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -16,7 +16,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// PSNR of pictures after encoding and decoding, by kind of picture and place in the clip. Writes autoencoder.json and prints tables.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets --out results-autoencoder")]
+#[command(
+    after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets --out results-autoencoder"
+)]
 pub struct Options {
     /// Weights of the autoencoder, of this program or published ones
     #[arg(long)]

@@ -1,10 +1,10 @@
 //! `renderflow evaluate inverse`: what recovered buffers are worth.
 
-use crate::dataset::SequenceFolder;
 use super::find::{self, TestSequence};
-use crate::metrics::{Networks, median};
+use crate::dataset::SequenceFolder;
 use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
+use crate::metrics::{Networks, median};
 use crate::progress::Progress;
 use crate::report::picture;
 use crate::truth::Interrupted;

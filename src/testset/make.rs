@@ -2,8 +2,8 @@
 
 use super::audit::{AUDIT, Audit, decibel};
 use super::{Sources, TestSet, audit, check_scenes};
-use crate::dataset::manifest::MANIFEST;
 use crate::dataset::damage;
+use crate::dataset::manifest::MANIFEST;
 use crate::dataset::plan::Plan;
 use crate::dataset::{Shard, manifest, render, verify};
 use crate::metrics::psnr::CAP;

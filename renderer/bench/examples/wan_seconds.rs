@@ -37,7 +37,10 @@ fn waves<const D: usize>(shape: [usize; D], seed: f32) -> Tensor<D> {
 }
 
 /// Runs and prints the seconds. What is computed is looked at, so that it is computed.
-fn timed<const D: usize>(what: &str, run: impl FnOnce() -> Result<Tensor<D>, Box<dyn Error>>) -> Result<Tensor<D>, Box<dyn Error>> {
+fn timed<const D: usize>(
+    what: &str,
+    run: impl FnOnce() -> Result<Tensor<D>, Box<dyn Error>>,
+) -> Result<Tensor<D>, Box<dyn Error>> {
     let start = Instant::now();
     let result = run()?;
     let mean: f32 = result.clone().abs().mean().into_scalar();

@@ -3,16 +3,16 @@
 mod report;
 pub mod results;
 
-use renderflow::metrics::displayed::displayed;
-use renderflow::metrics::relmse::{RelMse, reference_noise, relmse};
 use super::reference::{Reference, References, raw};
 use super::{Machine, scenes};
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
 use renderflow::clock::Stopwatch;
+use renderflow::metrics::displayed::displayed;
+use renderflow::metrics::relmse::{RelMse, reference_noise, relmse};
 use renderflow::progress::Progress;
 use renderflow::ranges::within;
 use renderflow::truth::Interrupted;
-use anyhow::{Context, Result, bail};
-use clap::{Args, ValueEnum};
 use renderflow_frame::file;
 use renderflow_renderer::{Budget, RenderScene, Settings, Stats, render_with_stats};
 use renderflow_scenes::LoadedScene;

@@ -1,15 +1,15 @@
 //! `renderflow-bench frame`: where the time of one frame with everything goes.
 
-use renderflow::metrics::median;
-use renderflow::metrics::relmse::relmse;
 use super::orbit::middle;
 use super::reference::{Reference, References, raw};
 use super::stages::{self, Stages, timed};
 use super::{Machine, scenes};
-use renderflow::clock::Spent;
-use renderflow::progress::Progress;
 use anyhow::Result;
 use clap::Args;
+use renderflow::clock::Spent;
+use renderflow::metrics::median;
+use renderflow::metrics::relmse::relmse;
+use renderflow::progress::Progress;
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;

@@ -43,10 +43,6 @@ pub struct Machine {
 impl Machine {
     /// This one.
     pub fn current() -> Self {
-        Self {
-            version: env!("CARGO_PKG_VERSION").into(),
-            processor: machine::processor(),
-            threads: rayon::current_num_threads(),
-        }
+        Self { version: env!("CARGO_PKG_VERSION").into(), processor: machine::processor(), threads: rayon::current_num_threads() }
     }
 }

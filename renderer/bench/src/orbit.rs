@@ -1,13 +1,13 @@
 //! `renderflow-bench orbit`: what a frame of a sequence costs against a frame alone.
 
-use renderflow::metrics::median;
 use super::stages::{self, Stages, timed};
 use super::{Machine, scenes};
-use renderflow::clock::Spent;
-use renderflow::progress::Progress;
 use anyhow::Result;
 use clap::Args;
 use glam::{Affine3A, Quat, Vec3A};
+use renderflow::clock::Spent;
+use renderflow::metrics::median;
+use renderflow::progress::Progress;
 use renderflow_frame::file;
 use renderflow_renderer::{RenderScene, Settings};
 use renderflow_scenes::LoadedScene;

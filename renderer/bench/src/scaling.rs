@@ -1,13 +1,13 @@
 //! `renderflow-bench scaling`: speed over threads, triangles and resolutions; seconds of building and bytes a triangle.
 
-use renderflow::metrics::median;
 use super::models::{self, Model};
 use super::{Machine, scenes};
-use renderflow::clock::{Spent, Stopwatch};
-use renderflow::progress::Progress;
-use renderflow::truth::Interrupted;
 use anyhow::{Context, Result};
 use clap::Args;
+use renderflow::clock::{Spent, Stopwatch};
+use renderflow::metrics::median;
+use renderflow::progress::Progress;
+use renderflow::truth::Interrupted;
 use renderflow_frame::file;
 use renderflow_renderer::{RenderScene, Settings, Stats, render_with_stats};
 use renderflow_scenes::LoadedScene;

@@ -3,13 +3,13 @@
 mod load;
 mod sequence;
 
-use renderflow::metrics::median;
-use renderflow::metrics::relmse::relmse;
 use super::{Machine, scenes};
-use renderflow::clock::{Spent, Stopwatch};
-use renderflow::truth::Interrupted;
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use renderflow::clock::{Spent, Stopwatch};
+use renderflow::metrics::median;
+use renderflow::metrics::relmse::relmse;
+use renderflow::truth::Interrupted;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Environment, file};
 use renderflow_renderer::{Channels, RenderScene, Settings, Skips, render_gbuffer, render_with_stats};

@@ -124,9 +124,7 @@ fn what_models_have_is_exported() {
     let mut loaded = scenes::open("textured", Some(32), &[]).unwrap().loaded;
     let ground = loaded.instances.iter().position(|i| i.name == "ground").unwrap();
     let of_ground = loaded.instances[ground].material;
-    let texture = |texels: Vec<[u8; 4]>, encoding| {
-        Texture::from_rgba8("two texels", [2, 1], texels, encoding, [Wrap::Mirror; 2])
-    };
+    let texture = |texels: Vec<[u8; 4]>, encoding| Texture::from_rgba8("two texels", [2, 1], texels, encoding, [Wrap::Mirror; 2]);
     let first = loaded.textures.len();
     loaded.textures.push(texture(vec![[255, 255, 255, 255], [255, 255, 255, 0]], Encoding::Srgb));
     loaded.textures.push(texture(vec![[255, 128, 255, 255], [128, 128, 255, 255]], Encoding::Normal));

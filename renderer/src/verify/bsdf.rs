@@ -144,7 +144,9 @@ pub fn corners() -> Worst {
                         let failed = !fine(value.pdf) || !value.f_cos.to_array().into_iter().all(fine);
                         worst.see(0.0, failed, || format!("{surface:?} wo {wo} wi {wi}: {value:?}"));
                     }
-                    for (a, u) in numbers.into_iter().flat_map(|a| numbers.map(|b| (a, b))).flat_map(|(a, b)| numbers.map(|c| (a, [b, c]))) {
+                    for (a, u) in
+                        numbers.into_iter().flat_map(|a| numbers.map(|b| (a, b))).flat_map(|(a, b)| numbers.map(|c| (a, [b, c])))
+                    {
                         let Some(drawn) = bsdf.sample(wo, a, u) else { continue };
                         let weights = drawn.weight.to_array();
                         let sound = drawn.wi.is_finite() && fine(drawn.pdf) && drawn.pdf > 0.0;

@@ -216,12 +216,16 @@ fn environment_lookup(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
 
 /// Black environments, and those without texels, are no lights.
 fn black_is_never_drawn() -> Outcome {
-    let map = |width, height, value: f32| Environment { map: Rgb::filled(width, height, [value; 3]), rotation: 0.0, intensity: 1.0 };
+    let map =
+        |width, height, value: f32| Environment { map: Rgb::filled(width, height, [value; 3]), rotation: 0.0, intensity: 1.0 };
     let unlit = Environment { intensity: 0.0, ..map(16, 8, 5.0) };
     let mut worst = Worst::default();
-    for (name, environment) in
-        [("constant", Environment::constant([0.0; 3])), ("map", map(16, 8, 0.0)), ("no gain", unlit), ("no texels", map(0, 0, 1.0))]
-    {
+    for (name, environment) in [
+        ("constant", Environment::constant([0.0; 3])),
+        ("map", map(16, 8, 0.0)),
+        ("no gain", unlit),
+        ("no texels", map(0, 0, 1.0)),
+    ] {
         let dark = EnvironmentLight::with_sampling(&environment, Sampling::Plain).is_ok_and(|light| {
             let nothing = (light.pdf(Vec3A::Y), light.radiance(Vec3A::X)) == (0.0, Vec3A::ZERO);
             nothing && light.is_black() && light.sample([0.3, 0.6]).is_none()

@@ -30,9 +30,7 @@ pub const CHECKS: &[Check] = &[
     Check {
         name: "material.values",
         about: "values known on paper: a Lambertian surface, a mirror, nothing below the horizon",
-        run: |_, ticker| {
-            collect(ticker, &MODES[..1], 1, ("distance from the value on paper", 2e-3), |_, _| bsdf::known_values())
-        },
+        run: |_, ticker| collect(ticker, &MODES[..1], 1, ("distance from the value on paper", 2e-3), |_, _| bsdf::known_values()),
     },
     Check {
         name: "material.reciprocity",

@@ -24,11 +24,7 @@ pub const CHECKS: &[Check] = &[
         about: "the same scene description moved by up to 1e6 m gives the same picture, sample for sample of paths from the camera",
         run: place,
     },
-    Check {
-        name: "scale.contact",
-        about: "a plate 1 mm above a ground of up to 1 km still hides the sky from it",
-        run: contact,
-    },
+    Check { name: "scale.contact", about: "a plate 1 mm above a ground of up to 1 km still hides the sky from it", run: contact },
 ];
 
 /// A description of a still life of `scale` times its size, its middle at `offset`. Its coordinates keep below 1, so that those of

@@ -1,11 +1,11 @@
 //! What a measurement found, as the JSON file holds it, and what follows from it.
 
 use super::Method;
+use crate::Machine;
+use renderflow::clock::Spent;
 use renderflow::metrics::displayed::Displayed;
 use renderflow::metrics::median;
 use renderflow::metrics::relmse::RelMse;
-use crate::Machine;
-use renderflow::clock::Spent;
 use renderflow_renderer::Stats;
 use serde::{Deserialize, Serialize};
 

@@ -11,8 +11,8 @@
 //!
 //! It ends when its standard input does.
 
-use renderflow::truth::Interrupted;
 use anyhow::{Context, Result, anyhow, bail};
+use renderflow::truth::Interrupted;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
@@ -70,7 +70,9 @@ impl Child {
         let greeting = match child.answer(cancel) {
             Ok(greeting) => greeting,
             Err(error) if error.is::<Interrupted>() => return Err(error),
-            Err(error) => return Ok(Started::Unavailable(format!("{}; see {}", renderflow::console::message(&error), log.display()))),
+            Err(error) => {
+                return Ok(Started::Unavailable(format!("{}; see {}", renderflow::console::message(&error), log.display())));
+            }
         };
         if let Some(reason) = greeting["unavailable"].as_str() {
             return Ok(Started::Unavailable(reason.to_owned()));

@@ -1,9 +1,9 @@
 //! What renders: this program, and others in processes of their own.
 
 use super::child::Child;
+use anyhow::{Context, Result, ensure};
 use renderflow::clock::{Clock, Elapsed, Of};
 use renderflow::truth::Interrupted;
-use anyhow::{Context, Result, ensure};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_renderer::{Budget, Channels, RenderScene, Settings, render};
 use renderflow_scenes::LoadedScene;

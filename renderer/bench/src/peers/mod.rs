@@ -9,14 +9,14 @@ mod reference;
 mod report;
 
 use crate::{export, kernels, scenes};
-use renderflow::progress::Progress;
-use renderflow::ranges::within;
-use renderflow::truth::Interrupted;
 use anyhow::{Context, Result, bail};
 use child::{Child, Started};
 use clap::Args;
 use contender::{Contender, KINDS, Kind, OURS, Shot};
 use reference::{Difference, Reference};
+use renderflow::progress::Progress;
+use renderflow::ranges::within;
+use renderflow::truth::Interrupted;
 use renderflow_frame::file;
 use renderflow_renderer::Settings as RenderSettings;
 use renderflow_scenes::LoadedScene;
@@ -27,10 +27,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The scripts, written beside the results when they are run.
-const SCRIPTS: [(&str, &str); 2] = [
-    ("mitsuba", include_str!("../../scripts/mitsuba.py")),
-    ("cycles", include_str!("../../scripts/cycles.py")),
-];
+const SCRIPTS: [(&str, &str); 2] =
+    [("mitsuba", include_str!("../../scripts/mitsuba.py")), ("cycles", include_str!("../../scripts/cycles.py"))];
 /// Name of the results.
 const RESULTS: &str = "peers.json";
 /// Changes whenever exported scenes or settings do, so that older references and rows are not taken for new ones.

@@ -1,8 +1,8 @@
 //! What a renderer converges to, with the noise that is left in it.
 
 use super::contender::{Contender, Shot, bytes, picture};
-use renderflow::metrics::relmse::{RelMse, relmse};
 use anyhow::{Result, ensure};
+use renderflow::metrics::relmse::{RelMse, relmse};
 use renderflow_frame::file;
 use renderflow_frame::image::{Image, Rgb};
 use serde::{Deserialize, Serialize};
