@@ -1,7 +1,7 @@
 //! Output that never ends a job: a closed pipe or a full disk behind standard output or standard error costs lines, not work.
 //!
-//! The macros below stand in for those of the standard library, which panic when a line cannot be written. They are in scope in the
-//! whole crate, and in crates that import them with `#[macro_use]`, so no other form can be used by accident.
+//! The macros below stand in for those of the standard library, which panic when a line cannot be written. They are in scope in
+//! the whole crate, and in crates that import them with `#[macro_use]`, so no other form can be used by accident.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};

@@ -1,4 +1,5 @@
-//! The chain of crates is one-way: frame <- scenes <- renderer, frame <- model. The root knows them all, and only what measures knows the root.
+//! The chain of crates is one-way: frame <- scenes <- renderer, frame <- model. The root knows them all, and only what measures
+//! knows the root.
 
 use std::collections::BTreeMap;
 use std::process::Command;

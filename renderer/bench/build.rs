@@ -1,5 +1,5 @@
-//! With the feature `oidn`: lets the program and its tests find the library without LD_LIBRARY_PATH. A build script can set this for its own
-//! package only, so the root package has the same lines.
+//! With the feature `oidn`: lets the program and its tests find the library without LD_LIBRARY_PATH. A build script can set this
+//! for its own package only, so the root package has the same lines.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

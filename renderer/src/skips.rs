@@ -1,6 +1,7 @@
 //! What is asked for, and switches for the work that a picture does not need.
 //!
-//! All switches are on. Turning one off does that work after all, for measurements: `renderflow-bench skip` and the tests compare the two.
+//! All switches are on. Turning one off does that work after all, for measurements: `renderflow-bench skip` and the tests compare
+//! the two.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,5 @@
-//! The bytes of a picture depend on seed, scene and settings, and on nothing else. That threads and tiles do not matter is checked by
-//! `renderflow_renderer::verify::determinism`.
+//! The bytes of a picture depend on seed, scene and settings, and on nothing else. That threads and tiles do not matter is
+//! checked by `renderflow_renderer::verify::determinism`.
 
 mod common;
 

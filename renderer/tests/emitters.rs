@@ -1,4 +1,5 @@
-//! Emissive triangles as lights: degenerate and extreme lists. How they are drawn is checked by `renderflow_renderer::verify::emitters`.
+//! Emissive triangles as lights: degenerate and extreme lists. How they are drawn is checked by
+//! `renderflow_renderer::verify::emitters`.
 
 use glam::Vec3A;
 use renderflow_frame::Environment;

@@ -1,5 +1,5 @@
-//! G-buffers whose values are known on paper, and a picture by another renderer. What the path tracer itself must show on paper is
-//! checked by `renderflow_renderer::verify::analytic`.
+//! G-buffers whose values are known on paper, and a picture by another renderer. What the path tracer itself must show on paper
+//! is checked by `renderflow_renderer::verify::analytic`.
 
 mod common;
 

@@ -22,8 +22,8 @@ pub struct Common {
 }
 
 impl Common {
-    /// Starts the threads and listens for interrupts. Returns the folders that scenes may name files of, and the flag that the first
-    /// interrupt sets.
+    /// Starts the threads and listens for interrupts. Returns the folders that scenes may name files of, and the flag that the
+    /// first interrupt sets.
     ///
     /// # Errors
     /// When a folder is missing, or the threads cannot be started.

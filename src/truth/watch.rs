@@ -222,8 +222,8 @@ impl Watch {
 }
 
 /// Samples after which the first error is printed: six doublings before the end. Sixteen samples are numbered at once, so a
-/// smaller part costs more than its share. The first look is not before the first camera ray is done, which several samples share. It is
-/// a power of two, as the others are.
+/// smaller part costs more than its share. The first look is not before the first camera ray is done, which several samples
+/// share. It is a power of two, as the others are.
 fn first_look(spp: u32, branches: u32) -> u32 {
     branches.max(1 << (spp / 64).max(1).ilog2())
 }

@@ -2,9 +2,10 @@
 //!
 //! `cargo run --release -p renderflow-bench --example wan_seconds -- [renderer|autoencoder|transformer] [SIZE] [LAYERS] [KEYFRAMES]`
 //!
-//! `renderer`, without a word: five pictures to latents, one velocity, one picture of the latents, three times; the weights are drawn
-//! in the first. `autoencoder`: the two-dimensional form of single pictures and the three-dimensional one by turns. `transformer`: with
-//! and without text by turns. SIZE is in pixels (512), LAYERS are the blocks of the transformer (30), KEYFRAMES those given (0).
+//! `renderer`, without a word: five pictures to latents, one velocity, one picture of the latents, three times; the weights are
+//! drawn in the first. `autoencoder`: the two-dimensional form of single pictures and the three-dimensional one by turns.
+//! `transformer`: with and without text by turns. SIZE is in pixels (512), LAYERS are the blocks of the transformer (30),
+//! KEYFRAMES those given (0).
 
 use burn::tensor::{Device, Tensor, TensorData};
 use renderflow::machine;

@@ -57,8 +57,8 @@ impl Method {
 #[command(after_help = "Examples:\n  renderflow-bench convergence --out bench\n  \
     renderflow-bench convergence --scene soft_sun --scene my/scene.json --resolution 256 --max-spp 256 --out bench_small")]
 pub struct Options {
-    /// Scene of the set (`renderflow-bench scenes`; `composed` stands for sixteen), scene file or model; may be given several times. Without it
-    /// all of the set but the composed ones
+    /// Scene of the set (`renderflow-bench scenes`; `composed` stands for sixteen), scene file or model; may be given several
+    /// times. Without it all of the set but the composed ones
     #[arg(long, value_name = "NAME|FILE")]
     scene: Vec<String>,
     /// Pixels along both sides

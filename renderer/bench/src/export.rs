@@ -84,8 +84,8 @@ pub struct ExportedMaterial {
     pub emissive: [f32; 3],
     /// Whether it is Lambertian in our renderer, which the forms of other renderers are not for any parameters.
     pub lambertian: bool,
-    /// By parameter: `base_color` (PNG, sRGB), `roughness`, `metallic` (PNG, grey, linear), `normal` (PNG, tangent space), `opacity` (PNG,
-    /// grey: 255 where the surface is, 0 in its holes; to be read without interpolation), `emissive` (OpenEXR).
+    /// By parameter: `base_color` (PNG, sRGB), `roughness`, `metallic` (PNG, grey, linear), `normal` (PNG, tangent space),
+    /// `opacity` (PNG, grey: 255 where the surface is, 0 in its holes; to be read without interpolation), `emissive` (OpenEXR).
     pub textures: BTreeMap<String, ExportedTexture>,
 }
 
@@ -101,8 +101,8 @@ pub struct ExportedTexture {
 /// Writes `scene` at frame 0 into `folder` for paths of `max_bounces` scattering events. Returns the path of `scene.json`.
 ///
 /// # Errors
-/// When the scene has something that the format does not (transforms that differ between the textures of a material, textures that wrap
-/// differently along their axes, an off-centre image), or a file cannot be written.
+/// When the scene has something that the format does not (transforms that differ between the textures of a material, textures
+/// that wrap differently along their axes, an off-centre image), or a file cannot be written.
 pub fn write(scene: &LoadedScene, max_bounces: u32, folder: &Path) -> Result<PathBuf> {
     let mut writer = Writer { scene, folder, textures: BTreeMap::new() };
     let backs = seen_from_behind(scene);

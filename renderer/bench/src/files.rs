@@ -12,8 +12,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Bytes and loading time of frames: the OpenEXR as it is, the compact form, and an OpenEXR with just the channels of the compact form.
-/// The files are in memory, and one thread decodes them; times are medians over rounds that take the three in turn. Writes files.json.
+/// Bytes and loading time of frames: the OpenEXR as it is, the compact form, and an OpenEXR with just the channels of the compact
+/// form. The files are in memory, and one thread decodes them; times are medians over rounds that take the three in turn. Writes
+/// files.json.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow-bench files out/frame.0000.exr out/frame.0001.exr --out bench")]
 pub struct Options {

@@ -146,8 +146,8 @@ fn what_models_have_is_exported() {
     let named = &object.material.textures;
     assert_eq!(named.keys().map(String::as_str).collect::<Vec<_>>(), ["base_color", "emissive", "normal", "opacity"]);
     assert!(named.values().all(|texture| texture.wrap == "mirror"), "{named:?}");
-    // The alpha falls from 1 to 0 between the texels' centres, at a quarter and three quarters of the image: it is below a quarter
-    // from 5/8 of the image on. Enlarged four times, that is after five of eight columns.
+    // The alpha falls from 1 to 0 between the texels' centres, at a quarter and three quarters of the image: it is below a
+    // quarter from 5/8 of the image on. Enlarged four times, that is after five of eight columns.
     let opacity = image::open(folder.path().join(&named["opacity"].file)).unwrap().into_luma8();
     assert_eq!(opacity.dimensions(), (8, 4));
     assert_eq!(opacity.as_raw()[..8], [255, 255, 255, 255, 255, 0, 0, 0]);

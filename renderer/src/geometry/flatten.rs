@@ -6,8 +6,8 @@ use glam::Vec3A;
 
 /// Frames whose tree is sorted as at the first of them and only fitted to where things are.
 const EPOCH: usize = 16;
-/// A tree whose expected cost has grown beyond this is sorted again: rays slow down in proportion to the cost, and sorting pays from some
-/// ten million rays on (docs/measurements/renderer-notes.md, trees).
+/// A tree whose expected cost has grown beyond this is sorted again: rays slow down in proportion to the cost, and sorting pays
+/// from some ten million rays on (docs/measurements/renderer-notes.md, trees).
 const WORST_GROWTH: f32 = 1.03;
 
 /// How the world-space tree stands to the frames.

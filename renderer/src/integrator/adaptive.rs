@@ -11,8 +11,8 @@
 //! those of the next colour only. Its samples come back to it after four rounds at the earliest, thinned by some forty pixels each
 //! time. Judging by all neighbours made a caustic scene measurably darker there.
 //!
-//! What remains is that all pixels share one sum: a bright sample takes samples from all, its own pixel too. That bias is in inverse
-//! proportion to the number of noisy places in the picture; it shows in tiny pictures alone.
+//! What remains is that all pixels share one sum: a bright sample takes samples from all, its own pixel too. That bias is in
+//! inverse proportion to the number of noisy places in the picture; it shows in tiny pictures alone.
 //!
 //! The error, the biases and the variants that were tried and left are in docs/measurements/renderer-notes.md, adaptive.
 
@@ -122,11 +122,12 @@ pub(super) const BRANCHES: u32 = 2;
 /// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as dear as
 /// one of four times the samples.
 const LARGEST_STEP: u32 = 32;
-/// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is a little better where the
-/// noise stays in its places, and far worse where rare bright samples may come anywhere (docs/measurements/renderer-notes.md, adaptive).
+/// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is a little better
+/// where the noise stays in its places, and far worse where rare bright samples may come anywhere
+/// (docs/measurements/renderer-notes.md, adaptive).
 const FLOOR: f64 = 1.0 / 2.0;
-/// Fewer samples on average are not spread: the pilot tells too little, and a round costs too much (docs/measurements/renderer-notes.md,
-/// adaptive).
+/// Fewer samples on average are not spread: the pilot tells too little, and a round costs too much
+/// (docs/measurements/renderer-notes.md, adaptive).
 const FEWEST_SPREAD: u32 = 32;
 /// The pilot's share where the environment alone is seen.
 const FLOOR_UNSEEN: f64 = 1.0 / 8.0;
@@ -307,8 +308,8 @@ fn importance(film: &Film, judges: &[(i64, i64)]) -> Vec<f64> {
 /// Estimated relMSE of the picture so far: the variance of each pixel's mean relative to the mean of those around it. Relative to
 /// its own it would be far too small, since a pixel that a bright sample makes noisy is made bright by it.
 ///
-/// Independent samples would have that variance; low-discrepancy ones have less: where light paths find the caustics it is a few times
-/// the relMSE (docs/measurements/renderer-notes.md, adaptive).
+/// Independent samples would have that variance; low-discrepancy ones have less: where light paths find the caustics it is a few
+/// times the relMSE (docs/measurements/renderer-notes.md, adaptive).
 fn error(film: &Film) -> f64 {
     let (width, height) = (film.width, film.height);
     let around = |pixel: usize| {

@@ -448,8 +448,8 @@ fn store(frame: &mut Frame, at: usize, centre: &Centre) {
 
 /// Boxes smaller than this many pixels stand for what is in them: dense meshes have many triangles a pixel.
 const SMALL: f64 = 1.5;
-/// Bounds to project for a camera ray of the picture, at most: they are projected on one thread while all others wait. Beyond that
-/// rays cost less than finding out which are in vain (docs/measurements/renderer-notes.md, gbuffer).
+/// Bounds to project for a camera ray of the picture, at most: they are projected on one thread while all others wait. Beyond
+/// that rays cost less than finding out which are in vain (docs/measurements/renderer-notes.md, gbuffer).
 const BOUNDS_A_RAY: f64 = 0.125;
 /// Bounds that are always worth a try, a fifth of a millisecond.
 const FEW_BOUNDS: f64 = 4096.0;

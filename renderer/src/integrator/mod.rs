@@ -78,18 +78,19 @@ pub struct Settings {
     pub channels: Channels,
     /// What is left out because it cannot matter.
     pub skips: Skips,
-    /// Largest number of the samples of a pixel that share a camera ray, 1..=64: what it hits and the light samples there are made once for
-    /// all of them, and each goes on from there with a path of its own. [`Self::branches`] says how many it becomes. More branches make
-    /// paths cheaper, and the picture noisier where much happens within a pixel: edges, small leaves, penumbrae. 2 is the best of 1, 2 and
-    /// 4 on most scenes (docs/measurements/renderer-notes.md, branches).
+    /// Largest number of the samples of a pixel that share a camera ray, 1..=64: what it hits and the light samples there are
+    /// made once for all of them, and each goes on from there with a path of its own. [`Self::branches`] says how many it
+    /// becomes. More branches make paths cheaper, and the picture noisier where much happens within a pixel: edges, small leaves,
+    /// penumbrae. 2 is the best of 1, 2 and 4 on most scenes (docs/measurements/renderer-notes.md, branches).
     pub branches: u32,
     /// Light samples at the first surface behind a camera ray, 1..=64; `None` = 1, 2, 4 or 8 by what some paths of a pilot say of this
     /// picture (1 where it has few samples). All converge to the same picture. Several pay for themselves on most scenes
     /// (docs/measurements/renderer-notes.md, light-samples).
     pub light_samples: Option<u32>,
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
-    /// setting without bias. It is for pictures to look at, never for references or data sets: a limit darkens the picture by some per
-    /// cent and takes most of its noise (docs/measurements/renderer-notes.md, clamp-indirect). [`Stats::clamped_contributions`] counts.
+    /// setting without bias. It is for pictures to look at, never for references or data sets: a limit darkens the picture by
+    /// some per cent and takes most of its noise (docs/measurements/renderer-notes.md, clamp-indirect).
+    /// [`Stats::clamped_contributions`] counts.
     pub clamp_indirect: Option<f32>,
     /// Whether light is followed from the environment, over shiny bodies, to what the camera sees, besides paths from the camera: what
     /// casts caustics is found from both sides and weighed. Off by itself where it would bring nothing: no shiny bodies, no

@@ -20,8 +20,8 @@ use renderflow_frame::frame::LIGHT_GROUPS;
 
 /// Surfaces a path passes before roulette may end it.
 const ROULETTE_FROM: u32 = 3;
-/// Roulette spares paths of at least this throughput: less error than with 1 for few instructions more (docs/measurements/renderer-notes.md,
-/// roulette).
+/// Roulette spares paths of at least this throughput: less error than with 1 for few instructions more
+/// (docs/measurements/renderer-notes.md, roulette).
 const ROULETTE_BELOW: f32 = 0.3;
 /// Surfaces from which on roulette keeps no path for certain, or a path between white walls would only end at the bounce limit.
 const ROULETTE_ALWAYS: u32 = 8;

@@ -125,8 +125,8 @@ pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Worst {
     worst
 }
 
-/// As [`random_evaluations`], at every corner of directions and random numbers, and with parameters beyond their ranges. A weight above
-/// 10 is a failure, too. There is no error.
+/// As [`random_evaluations`], at every corner of directions and random numbers, and with parameters beyond their ranges. A weight
+/// above 10 is a failure, too. There is no error.
 pub fn corners() -> Worst {
     let cosines = [0.0, f32::MIN_POSITIVE, 1e-30, 1e-20, 1e-9, 1e-4, 0.5, 1.0];
     let numbers = [0.0, 1e-30, 6e-8, 0.25, 0.5, 0.75, 1.0 - 6e-8];
@@ -160,8 +160,8 @@ pub fn corners() -> Worst {
     worst
 }
 
-/// The form that plain materials are compiled to beside the general one, on `count` random plain materials and pairs of directions. The
-/// error is the largest difference of a value or density, relative to the larger; a failure is one beyond 1e-4.
+/// The form that plain materials are compiled to beside the general one, on `count` random plain materials and pairs of
+/// directions. The error is the largest difference of a value or density, relative to the larger; a failure is one beyond 1e-4.
 pub fn plain_form(count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for _ in 0..count {
@@ -179,9 +179,9 @@ pub fn plain_form(count: u64, seed: u64) -> Worst {
     worst
 }
 
-/// Reciprocity of conserving conductors but for their compensation, a factor of `wo` alone: it cancels around a triangle of directions.
-/// The error is the largest relative difference of the products around it both ways; a failure is one beyond 1e-4, or a factor of more
-/// than ten.
+/// Reciprocity of conserving conductors but for their compensation, a factor of `wo` alone: it cancels around a triangle of
+/// directions. The error is the largest relative difference of the products around it both ways; a failure is one beyond 1e-4, or
+/// a factor of more than ten.
 pub fn conductors(count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for _ in 0..count {
@@ -199,8 +199,8 @@ pub fn conductors(count: u64, seed: u64) -> Worst {
     worst
 }
 
-/// Values known on paper: a Lambertian surface, a mirror seen straight and at 60 degrees (Schlick's approximation), and nothing below the
-/// horizon or of a black surface. The error is the largest distance from them; a failure is one beyond 2e-3.
+/// Values known on paper: a Lambertian surface, a mirror seen straight and at 60 degrees (Schlick's approximation), and nothing
+/// below the horizon or of a black surface. The error is the largest distance from them; a failure is one beyond 2e-3.
 pub fn known_values() -> Worst {
     let mut worst = Worst::default();
     let color = Vec3A::new(0.2, 0.5, 0.9);

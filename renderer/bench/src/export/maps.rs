@@ -29,8 +29,8 @@ fn word(value: f32) -> u16 {
     (value.clamp(0.0, 1.0) * 65535.0).round() as u16
 }
 
-/// Channels `channels` of a texture, multiplied with `factors`. Eight bits stay as they are where nothing is multiplied; the rest becomes
-/// sixteen.
+/// Channels `channels` of a texture, multiplied with `factors`. Eight bits stay as they are where nothing is multiplied; the rest
+/// becomes sixteen.
 pub(super) fn png<const N: usize>(texture: &Texture, channels: [usize; N], factors: [f32; N]) -> Result<Vec<u8>> {
     let level = level(texture)?;
     let size = [level.width as u32, level.height as u32];
@@ -65,8 +65,8 @@ pub(super) fn normals(texture: &Texture, scale: f32) -> Result<Vec<u8>> {
     encode16(size, (0..level.width * level.height).flat_map(normal).collect(), 3)
 }
 
-/// Where an alpha mask leaves the surface: 255, else 0. The alpha is interpolated before it is compared, so the image is enlarged up to
-/// four times, for holes with smooth edges.
+/// Where an alpha mask leaves the surface: 255, else 0. The alpha is interpolated before it is compared, so the image is enlarged
+/// up to four times, for holes with smooth edges.
 pub(super) fn opacity(texture: &Texture, cutoff: f32, factor: f32) -> Result<Vec<u8>> {
     let level = level(texture)?;
     let times = (ENLARGED / level.width.max(level.height).max(1)).clamp(1, 4);

@@ -41,7 +41,8 @@ const FORMAT: u32 = 3;
     after_help = "Examples:\n  renderflow-bench peers --quick --out peers\n  renderflow-bench peers --mitsuba-python venv-mitsuba/bin/python --cycles-python venv-bpy/bin/python --out peers\n  renderflow-bench peers --scene soft_sun --scene scene.json --only renderflow --only mitsuba-multijitter --out peers\n\ndocs/benchmarks.md says how to install them and what is measured."
 )]
 pub struct Options {
-    /// Scene of the set (`composed` stands for sixteen), scene file or model; may be given several times; otherwise soft_sun, studio, overcast, textured and million
+    /// Scene of the set (`composed` stands for sixteen), scene file or model; may be given several times; otherwise soft_sun,
+    /// studio, overcast, textured and million
     #[arg(long, value_name = "NAME|FILE")]
     scene: Vec<String>,
     /// Renderers that take part; may be given several times; otherwise all that are installed

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use renderflow_scenes::Mesh;
 use std::f32::consts::PI;
 
-/// Light less concentrated than this ([`crate::light::EnvironmentLight::concentration`]) makes no caustics that camera paths do not find
-/// (docs/measurements/renderer-notes.md, light-paths).
+/// Light less concentrated than this ([`crate::light::EnvironmentLight::concentration`]) makes no caustics that camera paths do
+/// not find (docs/measurements/renderer-notes.md, light-paths).
 const CONCENTRATION: f32 = 4.0;
 /// Roughest lobe whose caustics are worth a path.
 const ROUGHNESS: f32 = 0.5;
