@@ -1,5 +1,5 @@
 # RenderFlow. `make demo` and `make test` do all set-up on a fresh Debian or Ubuntu with Rust and Python's pip.
-.PHONY: demo test test-full bench oidn build lint hdri clean
+.PHONY: demo test test-full bench docs oidn build lint hdri clean
 
 # Where OIDN was fetched (or cannot be), the same rules serve: the feature is on exactly when the library is there.
 OIDN_LIBRARY := .oidn/pyoidn/oidn/lib/libOpenImageDenoise.so
@@ -35,6 +35,14 @@ test-full: test build
 bench: oidn
 	$(CARGO) build --release -p renderflow-bench $(FEATURES)
 	target/release/renderflow-bench convergence --resolution 128 --max-spp 64 --repeats 1 --reference-spp 1024 --out bench
+
+# The book, target/book/index.html. mdBook is built once, into target/tools.
+MDBOOK = target/tools/bin/mdbook
+$(MDBOOK):
+	$(CARGO) install mdbook --version 0.5.4 --locked --no-default-features --features search --root target/tools
+
+docs: $(MDBOOK)
+	$(MDBOOK) build docs
 
 # Fetches Intel Open Image Denoise; without it everything works and pictures stay noisy.
 oidn:
