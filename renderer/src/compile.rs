@@ -9,12 +9,11 @@ use crate::material::{Prepared, Surface};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
 use glam::Vec3A;
-use renderflow_frame::ibl::IblTables;
-use renderflow_frame::{Camera, Environment};
+use renderflow_frame::{Camera, Environment, Light};
 use renderflow_scenes::loaded::AlphaMask;
 use renderflow_scenes::mipmap::{Level, Texels};
 use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// A scene at one frame, ready to be rendered.
 pub struct RenderScene {
@@ -28,16 +27,13 @@ pub struct RenderScene {
     first_emitter: Vec<Option<u32>>,
     /// Instance and triangle of every emissive triangle.
     emitters: Vec<(u32, u32)>,
-    pub(crate) environment: Environment,
+    light: Arc<Light>,
     pub(crate) seed: u64,
     pub(crate) hash: String,
     cameras: Vec<Camera>,
     frame: usize,
     features: FeatureSet,
-    tables: OnceLock<IblTables>,
     bsdfs: OnceLock<Vec<Option<Prepared>>>,
-    irradiance: OnceLock<Environment>,
-    exposure: OnceLock<f32>,
 }
 
 /// A material with its constant part ready.
@@ -102,16 +98,13 @@ impl RenderScene {
             lights: LightSampler::new(light, []),
             first_emitter: vec![None; scene.instances.len()],
             emitters: Vec::new(),
-            environment: scene.environment.clone(),
+            light: Arc::new(Light::new(scene.environment.clone())),
             seed: scene.seed,
             hash: scene.hash.clone(),
             cameras: scene.cameras.clone(),
             frame: 0,
             features,
-            tables: OnceLock::new(),
             bsdfs: OnceLock::new(),
-            irradiance: OnceLock::new(),
-            exposure: OnceLock::new(),
         };
         compiled.place_emitters();
         Ok(compiled)
@@ -230,21 +223,14 @@ impl RenderScene {
         }
     }
 
-    /// Light of the scene.
+    /// The environment of the scene.
     pub fn environment(&self) -> &Environment {
-        &self.environment
+        &self.light.environment
     }
 
-    /// Split-sum tables of the environment, made on first use and kept.
-    pub fn ibl_tables(&self) -> &IblTables {
-        // Made before the cell is locked: making them runs on rayon, where a waiting thread may pick up work that asks for them.
-        match self.tables.get() {
-            Some(tables) => tables,
-            None => {
-                let made = IblTables::new(&self.environment);
-                self.tables.get_or_init(|| made)
-            }
-        }
+    /// The environment with its split-sum tables and its exposure, which are computed on first use and kept.
+    pub fn light(&self) -> &Arc<Light> {
+        &self.light
     }
 
     /// The BSDF of each material, `None` where a texture changes it from place to place. Made on first use, on this thread alone.
@@ -255,27 +241,9 @@ impl RenderScene {
         })
     }
 
-    /// Irradiance of the environment by direction (that of [`Self::ibl_tables`], without the rest), made on first use and kept.
-    pub(crate) fn irradiance_map(&self) -> &Environment {
-        // As above.
-        match self.irradiance.get() {
-            Some(map) => map,
-            None => {
-                let made = renderflow_frame::ibl::irradiance_map(&self.environment);
-                self.irradiance.get_or_init(|| made)
-            }
-        }
-    }
-
-    /// Factor from scene radiance to display-linear, from the environment alone (see [`renderflow_frame::ibl::exposure`]).
+    /// Factor from scene radiance to display-linear, from the environment alone ([`Light::exposure`]).
     pub fn exposure(&self) -> f32 {
-        match self.exposure.get() {
-            Some(&exposure) => exposure,
-            None => {
-                let made = renderflow_frame::ibl::exposure(&self.environment);
-                *self.exposure.get_or_init(|| made)
-            }
-        }
+        self.light.exposure()
     }
 
     /// Chooses what light samples of the environment follow; [`Self::compile`] takes the default.
@@ -283,7 +251,7 @@ impl RenderScene {
     /// # Errors
     /// Never after [`Self::compile`] accepted the environment.
     pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
-        self.lights = LightSampler::new(EnvironmentLight::with_sampling(&self.environment, sampling)?, []);
+        self.lights = LightSampler::new(EnvironmentLight::with_sampling(self.environment(), sampling)?, []);
         self.place_emitters();
         Ok(())
     }

@@ -147,9 +147,9 @@ impl RenderScene {
         if hidden { Sight::Hidden } else { Sight::Clear }
     }
 
-    /// The environment.
+    /// The environment as light samples are drawn from it.
     #[inline(always)]
-    pub(crate) fn light(&self) -> &EnvironmentLight {
+    pub(crate) fn environment_light(&self) -> &EnvironmentLight {
         self.lights.environment()
     }
 
@@ -167,16 +167,16 @@ impl RenderScene {
             // A flat environment is left to scattering, which finds it without noise.
             return (!F::FLAT_ENVIRONMENT || matches!(sample.source, Source::Emitter { .. })).then_some(sample);
         }
-        self.light().sample(u).map(LightSample::from)
+        self.environment_light().sample(u).map(LightSample::from)
     }
 
     /// What the environment sends from `wi`, and the density with which [`Self::sample_light`] finds that direction.
     #[inline(always)]
     pub(crate) fn environment_and_pdf<F: Features>(&self, wi: Vec3A) -> (Vec3A, f32) {
         if F::FLAT_ENVIRONMENT {
-            return (self.light().radiance(wi), 0.0);
+            return (self.environment_light().radiance(wi), 0.0);
         }
-        if F::FULL { self.lights.radiance_and_pdf(wi) } else { self.light().radiance_and_pdf(wi) }
+        if F::FULL { self.lights.radiance_and_pdf(wi) } else { self.environment_light().radiance_and_pdf(wi) }
     }
 
     /// Density with which [`Self::sample_light`] finds the emissive point `at`, which a ray of length `distance` along `wi` met.

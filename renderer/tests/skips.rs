@@ -220,10 +220,3 @@ fn plain_pixels_need_no_guide_rays() {
         assert!(wide[0] == wide[1], "{name}");
     }
 }
-
-/// The map of irradiance alone is that of all tables, to the bit.
-#[test]
-fn irradiance_needs_no_other_table() {
-    let tables = renderflow_frame::ibl::IblTables::new(&sunny());
-    assert!(renderflow_frame::ibl::irradiance_map(&sunny()) == tables.irradiance_map);
-}

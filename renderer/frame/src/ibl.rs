@@ -5,7 +5,7 @@ mod prefilter;
 mod shade;
 
 pub use brdf::{EnvironmentBrdf, environment_brdf};
-pub use shade::{Shading, Surfaces, shade, surfaces};
+pub use shade::{Shading, Surfaces, shade, shade_surfaces, surfaces};
 
 use crate::color::luminance;
 use crate::environment::Environment;

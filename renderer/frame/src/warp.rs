@@ -1,7 +1,8 @@
-//! Carries a keyframe's picture to another camera: where a pixel's surface point stood in the keyframe, and whether it was seen there.
-//! The same for the raw samples of neighbouring frames, pixel by pixel.
+//! Warps the picture of a keyframe to another frame: finds where the surface point of each pixel stood in the keyframe, and whether it was
+//! visible there. It does the same for the raw samples of neighbouring frames, pixel by pixel.
 
 use crate::image::{Image, Rgb};
+use crate::tracks::Movement;
 use crate::{Camera, Frame};
 use glam::{Affine3A, Mat3A, Vec2, Vec3A};
 use rayon::prelude::*;
@@ -22,6 +23,48 @@ const ALBEDO_SHARE: f32 = 0.1;
 pub const MAX_RATIO: f32 = 16.0;
 /// Display-linear value added to both sides of a ratio, so that black stays finite.
 const RATIO_FLOOR: f32 = 0.01;
+/// Distance in frames that counts as age 1.
+pub const AGE_UNIT: f32 = 16.0;
+/// Age of every keyframe that is farther away.
+pub const OLDEST: f32 = 2.0;
+/// Added to the age where keyframes are weighted by its inverse, so that a keyframe next to the frame does not silence the other one.
+const AGE_FLOOR: f32 = 1.0 / AGE_UNIT;
+/// Scale of display-linear radiance in the logarithm that warped keyframes are mixed in.
+const LOG_SCALE: f32 = 8.0;
+
+/// A frame whose truth is known.
+#[derive(Clone, Debug)]
+pub struct Keyframe {
+    /// Its G-buffer and camera.
+    pub frame: Frame,
+    /// Its path-traced picture, scene-linear.
+    pub truth: Rgb,
+    /// Its picture by a method without paths, such as deferred shading; `None` where there is none.
+    pub start: Option<Rgb>,
+}
+
+/// A keyframe in relation to the frame that it is warped to.
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbour<'a> {
+    /// The keyframe.
+    pub key: &'a Keyframe,
+    /// Frames from the current frame to the keyframe: negative before it, positive after it, 0 where it is the keyframe.
+    pub distance: f32,
+    /// How objects moved from the current frame to the keyframe.
+    pub movement: Movement<'a>,
+}
+
+impl Neighbour<'_> {
+    /// Where each pixel of `frame` finds itself in the keyframe.
+    pub fn correspond(&self, frame: &Frame) -> Correspondence {
+        correspond(frame, &self.key.frame, Some(&|id| self.movement.of(id)))
+    }
+}
+
+/// Age of a keyframe `distance` frames away: in units of [`AGE_UNIT`] frames, at most [`OLDEST`].
+pub fn age(distance: f32) -> f32 {
+    (distance.abs() / AGE_UNIT).min(OLDEST)
+}
 
 /// Where each pixel of the current frame finds itself in a keyframe.
 #[derive(Clone, Debug, PartialEq)]
@@ -248,6 +291,56 @@ pub fn ratio_fetch(key_truth: &Rgb, key_start: &Rgb, current_start: &Rgb, corres
         let ratio = ratio.clamp(Vec3A::splat(1.0 / MAX_RATIO), Vec3A::splat(MAX_RATIO));
         ((start + floor) * ratio - floor).max(Vec3A::ZERO)
     })
+}
+
+/// Scene-linear picture of `frame` from keyframes: where the nearest keyframe before or the nearest after shows the same surface, their
+/// warped pictures ([`ratio_fetch`]) weighted by the inverse of their age and mixed in a logarithmic curve; elsewhere `start`, the picture
+/// of `frame` by the method of [`Keyframe::start`]. A keyframe at distance 0 is returned as it is. `exposure` is the sequence's factor to
+/// display-linear. Keyframes without a start or of another size show nothing.
+///
+/// # Panics
+/// When a channel of `frame` or `start` does not have `frame.width * frame.height` pixels.
+pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) -> Rgb {
+    let size = (frame.width, frame.height);
+    let usable = keyframes.iter().filter_map(|near| {
+        let key_start = near.key.start.as_ref()?;
+        let fits = |picture: &Rgb| (picture.width, picture.height) == size;
+        let key = near.key;
+        let same = (key.frame.width, key.frame.height) == size && fits(&key.truth) && fits(key_start);
+        (same && !near.distance.is_nan()).then_some((near, key_start))
+    });
+    let usable: Vec<_> = usable.collect();
+    if let Some((near, _)) = usable.iter().find(|(near, _)| near.distance == 0.0) {
+        return near.key.truth.clone();
+    }
+    let nearest = |side: fn(f32) -> bool| {
+        let candidates = usable.iter().filter(|(near, _)| side(near.distance));
+        candidates.min_by(|(a, _), (b, _)| a.distance.abs().total_cmp(&b.distance.abs()))
+    };
+    let warped: Vec<(f32, Rgb, Image<f32>)> = [nearest(|d| d < 0.0), nearest(|d| d > 0.0)]
+        .into_iter()
+        .flatten()
+        .map(|(near, key_start)| {
+            let found = near.correspond(frame);
+            let picture = ratio_fetch(&near.key.truth, key_start, start, &found, exposure);
+            (1.0 / (age(near.distance) + AGE_FLOOR), picture, found.valid)
+        })
+        .collect();
+    let scale = if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE };
+    let mix = |i: usize| {
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for (weight, picture, valid) in &warped {
+            let radiance = picture.pixels[i];
+            // Only surfaces are warped, and only finite radiance.
+            if frame.alpha.pixels[i] > 0.0 && valid.pixels[i] > 0.0 && radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+                total += weight;
+                (0..3).for_each(|c| sum[c] += weight * (scale * radiance[c]).ln_1p());
+            }
+        }
+        if total > 0.0 { sum.map(|v| (v / total).exp_m1() / scale) } else { start.pixels[i] }
+    };
+    let pixels = (0..frame.width * frame.height).into_par_iter().with_min_len(1024).map(mix).collect();
+    Rgb { width: frame.width, height: frame.height, pixels }
 }
 
 /// A picture of `f(index, source, valid)`.

@@ -31,7 +31,7 @@ impl<F: Features> Tracer<'_, F> {
             let [u, v, choice, _] = self.points.point(sampler, path.index, set);
             scene.sample_light::<F>(surface.p, choice, [u, v])
         } else {
-            self.ahead.sample(scene.light(), (sampler, &mut self.points), path.index, set).map(LightSample::from)
+            self.ahead.sample(scene.environment_light(), (sampler, &mut self.points), path.index, set).map(LightSample::from)
         };
         let Some(light) = light else { return };
         let scattering = scatterer.eval(light.wi);
@@ -82,7 +82,7 @@ impl<F: Features> Tracer<'_, F> {
         wo: Vec3A,
     ) -> Vec3A {
         if F::FLAT_ENVIRONMENT || self.settings.direct == DirectLight::Scattering {
-            return self.scene.light().radiance(wi);
+            return self.scene.environment_light().radiance(wi);
         }
         if self.settings.direct == DirectLight::Lights {
             return Vec3A::ZERO;

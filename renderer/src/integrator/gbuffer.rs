@@ -352,7 +352,7 @@ pub(super) fn frame<F: Features>(
         return Ok((frame, stats));
     }
     let views = wanted.motion.then(|| Views::new(scene));
-    let irradiance = settings.irradiance.then(|| scene.irradiance_map());
+    let irradiance = settings.irradiance.then(|| scene.light().irradiance_map());
     let pass = Pass { scene, settings, visible, film, projector, views, irradiance, centres, guides: kept.is_none() };
     let work = |tile: Tile| {
         let (scratch, points, stats) = Default::default();

@@ -219,7 +219,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         self.stats.samples += u64::from(self.branches);
         *(if shot.seen { &mut self.stats.camera_rays } else { &mut self.stats.skipped_rays }) += 1;
         if F::FLAT_ENVIRONMENT && !shot.seen && self.directions.is_none() {
-            return Sample { radiance: self.scene.light().radiance(Vec3A::Y), first: None };
+            return Sample { radiance: self.scene.environment_light().radiance(Vec3A::Y), first: None };
         }
         let (ray, hit) = (self.rays[place % SHOTS], self.hits[place % SHOTS]);
         self.radiance = Vec3A::ZERO;
@@ -228,7 +228,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
         let first = match hit {
             None => {
-                self.add(self.scene.light().radiance(ray.direction), Origin::Environment(ray.direction));
+                self.add(self.scene.environment_light().radiance(ray.direction), Origin::Environment(ray.direction));
                 None
             }
             Some(hit) => {

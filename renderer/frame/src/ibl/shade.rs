@@ -1,9 +1,9 @@
 //! Shading a G-buffer with the split sum.
 
 use super::{IblTables, dielectric, environment_brdf, f0};
-use crate::Frame;
 use crate::environment::Environment;
 use crate::image::{Image, Rgb};
+use crate::{Camera, Frame, Light};
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use std::sync::OnceLock;
@@ -112,13 +112,17 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
     out
 }
 
-/// Shades the G-buffer of `frame` with the split sum. The same bits for any number of threads.
+/// Shades the G-buffer of `frame` with the split sum. The result has the same bits for any number of threads.
 ///
 /// # Panics
-/// When a channel of `frame` has not `frame.width * frame.height` pixels.
-pub fn shade(frame: &Frame, environment: &Environment, tables: &IblTables) -> Shading {
-    let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
-    let surfaces = surfaces(frame, environment);
+/// When a channel of `frame` does not have `frame.width * frame.height` pixels.
+pub fn shade(frame: &Frame, light: &Light) -> Shading {
+    shade_surfaces(&frame.info.camera, surfaces(frame, &light.environment), light.tables())
+}
+
+/// Shades `surfaces`, which `camera` sees, with the tables of an environment that may differ from the one in their background.
+pub fn shade_surfaces(camera: &Camera, surfaces: Surfaces, tables: &IblTables) -> Shading {
+    let (width, height) = (surfaces.depth.width, surfaces.depth.height);
     let rgb = || Rgb::filled(width, height, [0.0; 3]);
     let mut out = Shading {
         image: surfaces.background.clone(),

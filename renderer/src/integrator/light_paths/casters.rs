@@ -48,7 +48,7 @@ impl Casters {
             && settings.clamp_indirect.is_none()
             && settings.max_bounces >= 2
             && !scene.features().flat_environment
-            && scene.light().concentration() >= CONCENTRATION;
+            && scene.environment_light().concentration() >= CONCENTRATION;
         if !wanted {
             return None;
         }

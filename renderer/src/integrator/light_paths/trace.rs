@@ -154,7 +154,7 @@ impl<'a, F: Features> Tracer<'a, F> {
 
         // From the sphere around the body to the body; whether the environment is seen from there is asked last.
         let [u, v, s, t] = self.points.point(&sampler, index, 0);
-        let Some(light) = scene.light().sample([u, v]) else { return };
+        let Some(light) = scene.environment_light().sample([u, v]) else { return };
         let Caster { instance, center, radius, .. } = *self.caster;
         let start = center + across(light.wi, [s, t]) * radius + light.wi * radius;
         let mut ray = Ray::new(start, -light.wi);

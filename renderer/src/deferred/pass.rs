@@ -1,11 +1,11 @@
 //! Light of one pixel.
 
+use super::screen_space::{Surface, phase, reflect};
 use super::{Lighting, Material, Options};
-use crate::Camera;
-use crate::color::luminance;
-use crate::ibl::Shading;
-use crate::screen_space::{Surface, phase, reflect};
 use glam::{Vec2, Vec3A, Vec4};
+use renderflow_frame::Camera;
+use renderflow_frame::color::luminance;
+use renderflow_frame::ibl::Shading;
 
 /// Roughness up to which surfaces mirror the lights in their own shape, and from which on they are discs.
 const MIRROR: [f32; 2] = [0.1, 0.3];
@@ -94,7 +94,7 @@ impl Pass<'_> {
 
     /// How much of the light is that of discs: smooth surfaces mirror the lights themselves.
     fn discs(&self, i: usize) -> f32 {
-        if self.lighting.whole.is_none() { 1.0 } else { smoothstep(MIRROR, self.shading.surfaces.material.pixels[i][0]) }
+        if self.lighting.lights.is_empty() { 1.0 } else { smoothstep(MIRROR, self.shading.surfaces.material.pixels[i][0]) }
     }
 
     /// Light of one of the lights, shadowed; and its specular part without shadow and however smooth.
@@ -135,7 +135,7 @@ impl Pass<'_> {
             open = if self.options.indirect { Vec3A::splat(visible) } else { multi_bounce(visible, pixel.white) };
             // The sky's maps know which part of it is open: bending the normal towards it too was 0.06 dB worse on 42 sequences.
             if self.options.bent && self.sky.is_none() {
-                irradiance = Vec3A::from_array(self.lighting.tables.irradiance(bent));
+                irradiance = Vec3A::from_array(self.lighting.rest().irradiance(bent));
             }
         }
         if let Some(sky) = self.sky {
@@ -146,12 +146,11 @@ impl Pass<'_> {
         }
         pixel.ambient_diffuse = pixel.white * irradiance * open;
         pixel.ambient_specular = material.reflected * prefiltered * specular_open;
-        if let Some(whole) = &self.lighting.whole
-            && weight > 0.0
-        {
+        if weight > 0.0 {
             let discs = self.discs(i);
             if discs < 1.0 {
-                let lights = (Vec3A::from_array(whole.prefiltered(mirror, roughness)) - prefiltered).max(Vec3A::ZERO);
+                let whole = Vec3A::from_array(self.lighting.whole.tables().prefiltered(mirror, roughness));
+                let lights = (whole - prefiltered).max(Vec3A::ZERO);
                 pixel.mirrored = material.reflected * lights * ((1.0 - discs) * seen / weight);
             }
         }

@@ -1,9 +1,7 @@
 //! Shadow maps: what a distant light sees, and how much of it a point sees.
 
-use crate::Frame;
-use crate::image::Image;
-use glam::{Affine3A, Mat3A, Vec2, Vec3A};
-use rayon::prelude::*;
+use glam::{Affine3A, Mat3A, Vec3A};
+use renderflow_frame::image::Image;
 use std::f32::consts::TAU;
 
 /// Depth as seen from a distant light, orthographic: plain data, filled by whoever knows the geometry.
@@ -50,16 +48,6 @@ pub fn axes(light: Vec3A) -> [Vec3A; 3] {
     let away = -light;
     let right = away.any_orthonormal_vector();
     [right, away.cross(right), away]
-}
-
-/// World-space points (relative to the camera's origin) that `frame` shows, the nearest to the camera first: what shadow maps are fitted to.
-pub fn receivers(frame: &Frame) -> Vec<Vec3A> {
-    let (width, camera) = (frame.depth.width, &frame.info.camera);
-    let mut seen: Vec<(f32, usize)> = frame.depth.pixels.iter().copied().enumerate().map(|(i, depth)| (depth, i)).collect();
-    seen.retain(|(depth, _)| depth.is_finite());
-    seen.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let point = |(depth, i)| camera.unproject(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5), depth);
-    seen.into_iter().map(point).collect()
 }
 
 impl ShadowMap {

@@ -75,7 +75,7 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: R
         let h0 = (-left.acos()).max(tilt - FRAC_PI_2);
         let h1 = right.acos().min(tilt + FRAC_PI_2);
         let (sin_n, cos_n) = tilt.sin_cos();
-        let (left, right) = (Arc::new(h0, sin_n, cos_n), Arc::new(h1, sin_n, cos_n));
+        let (left, right) = (Sector::new(h0, sin_n, cos_n), Sector::new(h1, sin_n, cos_n));
         open += length * (left.area + right.area);
         // The slice's unoccluded values are known: few slices of a tilted normal still give 1, and the normal, in the open.
         weight += length * (cos_n + tilt * sin_n);
@@ -87,13 +87,13 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: R
 }
 
 /// Integrals from 0 to a horizon h of cos(a - n) |sin a| da, times 1, cos a and sin a (a from `v`, n the tilt of the normal).
-pub(super) struct Arc {
+pub(super) struct Sector {
     pub area: f32,
     along_v: f32,
     along_t: f32,
 }
 
-impl Arc {
+impl Sector {
     pub fn new(h: f32, sin_n: f32, cos_n: f32) -> Self {
         // Double and triple angles by products: this runs a million times a frame.
         let (s1, c1) = h.sin_cos();

@@ -1,7 +1,7 @@
 //! One bounce of indirect light from what the picture shows: the horizon search, with the colour of what raises the horizon.
 
 use super::Surface;
-use super::horizon::{Arc, RADIUS, Slice, THIN, Walk, slices};
+use super::horizon::{RADIUS, Sector, Slice, THIN, Walk, slices};
 use glam::{Vec3A, Vec4};
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -25,7 +25,7 @@ pub fn gather(surface: &Surface, lit: &[Vec3A], i: usize, (turn, step): (f32, f3
             let limit = if side > 0.0 { (tilt + FRAC_PI_2).min(PI) } else { (tilt - FRAC_PI_2).max(-PI) };
             let area = |cosine: f32| {
                 let h = side * cosine.clamp(-1.0, 1.0).acos();
-                Arc::new(if side > 0.0 { h.min(limit) } else { h.max(limit) }, sin_n, cos_n).area
+                Sector::new(if side > 0.0 { h.min(limit) } else { h.max(limit) }, sin_n, cos_n).area
             };
             let radius = RADIUS * -p.z;
             let towards = (side * cos, side * sin);

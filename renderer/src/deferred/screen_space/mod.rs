@@ -10,10 +10,10 @@ pub(crate) mod horizon;
 pub(crate) mod march;
 pub(crate) mod reflect;
 
-use crate::Camera;
-use crate::ibl::Shading;
 use glam::Vec3A;
 use rayon::prelude::*;
+use renderflow_frame::Camera;
+use renderflow_frame::ibl::Shading;
 
 /// Side of the repeating pattern, pixels.
 const PATTERN: usize = 4;

@@ -4,9 +4,9 @@
 //! Fresnel's equations and lies as a coat on a diffuse base that receives, reciprocally, what the coat lets through, with Burley's retro-reflection (2015) and a second lobe that restores
 //! what its shape does not spread evenly. So under even light the base reflects `base T(wo)`, `T` the coat's transmittance.
 
-use crate::fresnel::{Dielectric, schlick_weight};
-use crate::ibl::{dielectric, environment_brdf};
 use glam::{DVec4, Vec3A, Vec4};
+use renderflow_frame::fresnel::{Dielectric, schlick_weight};
+use renderflow_frame::ibl::{dielectric, environment_brdf};
 use std::f32::consts::FRAC_1_PI;
 use std::sync::OnceLock;
 
