@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
 use crate::light::{EmissiveTriangle, EnvironmentLight, LightSampler, Repairs, Sampling};
-use crate::material::{Prepared, Surface};
+use crate::material::{Prepared, Principled};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
 use glam::Vec3A;
@@ -39,7 +39,7 @@ pub struct RenderScene {
 /// A material with its constant part ready.
 #[derive(Clone, Debug)]
 pub(crate) struct CompiledMaterial {
-    pub surface: Surface,
+    pub surface: Principled,
     pub base_color_texture: Option<TextureSlot>,
     pub metallic_roughness_texture: Option<TextureSlot>,
     pub normal_texture: Option<(TextureSlot, f32)>,
@@ -369,7 +369,6 @@ fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &Envi
 }
 
 fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
-    let range = |v: f32| v.clamp(0.0, 1.0);
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
     // A mask that cuts nothing must not make every ray ask.
     let alpha_mask = material.alpha_mask.filter(|mask| {
@@ -377,19 +376,7 @@ fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMateri
         mask.factor * lowest < mask.cutoff
     });
     CompiledMaterial {
-        surface: Surface {
-            base_color: Vec3A::from_array(material.base_color).clamp(Vec3A::ZERO, Vec3A::ONE),
-            metallic: range(material.metallic),
-            roughness: range(material.roughness),
-            specular: range(material.specular),
-            specular_tint: range(material.specular_tint),
-            anisotropic: range(material.anisotropic),
-            sheen: range(material.sheen),
-            sheen_tint: range(material.sheen_tint),
-            clearcoat: range(material.clearcoat),
-            clearcoat_gloss: range(material.clearcoat_gloss),
-            subsurface: range(material.subsurface),
-        },
+        surface: material.surface.clamped(),
         base_color_texture: material.base_color_texture.clone(),
         metallic_roughness_texture: material.metallic_roughness_texture.clone(),
         normal_texture: material.normal_texture.clone(),
@@ -452,25 +439,9 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
         if !material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(Error::inconsistent(format!("materials/{i}"), format!("emission {:?} is not finite", material.emissive)));
         }
-        let scalars = [
-            material.metallic,
-            material.roughness,
-            material.specular,
-            material.specular_tint,
-            material.anisotropic,
-            material.sheen,
-            material.sheen_tint,
-            material.clearcoat,
-            material.clearcoat_gloss,
-            material.subsurface,
-        ];
-        let targets = material
-            .change
-            .iter()
-            .flat_map(|last| last.base_color.into_iter().chain([last.metallic, last.roughness, last.specular]));
-        for value in material.base_color.into_iter().chain(scalars).chain(targets) {
-            if !(0.0..=1.0).contains(&value) {
-                return Err(Error::inconsistent(format!("materials/{i}"), format!("{value} is outside 0..=1")));
+        for surface in std::iter::once(&material.surface).chain(&material.change) {
+            if let Some((field, value)) = surface.out_of_range() {
+                return Err(Error::inconsistent(format!("materials/{i}"), format!("{field}: {value} is outside 0..=1")));
             }
         }
     }

@@ -1,6 +1,6 @@
 //! What a scene needs, as compile-time sets: the integrator is compiled once a set, so that what a scene lacks costs nothing.
 
-use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Prepared, Surface, View};
+use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Prepared, Principled, View};
 use glam::Vec3A;
 
 /// Compile-time description of a scene. A branch on one of these constants disappears from the compiled integrator.
@@ -72,7 +72,7 @@ pub trait Brdf: Copy {
         Self: 'a;
 
     /// [`Bsdf::new`].
-    fn new(surface: &Surface, mode: Mode) -> Self;
+    fn new(surface: &Principled, mode: Mode) -> Self;
     /// The one of this kind among those made before.
     fn prepared(prepared: &Prepared) -> &Self;
     /// [`Bsdf::view`].
@@ -95,7 +95,7 @@ impl Brdf for Bsdf<false> {
     type View<'a> = View<'a, false>;
 
     #[inline(always)]
-    fn new(surface: &Surface, mode: Mode) -> Self {
+    fn new(surface: &Principled, mode: Mode) -> Self {
         Self::new(surface, mode)
     }
 
@@ -114,7 +114,7 @@ impl Brdf for Bsdf<true> {
     type View<'a> = View<'a, true>;
 
     #[inline(always)]
-    fn new(surface: &Surface, mode: Mode) -> Self {
+    fn new(surface: &Principled, mode: Mode) -> Self {
         Self::new(surface, mode)
     }
 

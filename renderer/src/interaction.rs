@@ -4,7 +4,7 @@ use crate::accel::Hit;
 use crate::compile::RenderScene;
 use crate::features::Features;
 use crate::film::FirstHit;
-use crate::material::Surface;
+use crate::material::Principled;
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::Vec3A;
@@ -55,7 +55,7 @@ pub struct Interaction {
     /// Direction of anisotropy in the surface, not perpendicular to `ns`, not unit; zero where it does not matter.
     pub tangent: Vec3A,
     /// Material at this point.
-    pub surface: Surface,
+    pub surface: Principled,
     /// Its index among the scene's.
     pub material: usize,
     /// Radiance emitted towards `wo`.
@@ -168,7 +168,7 @@ impl Interaction {
 
     /// A point at the origin with the given normals and material.
     #[cfg(test)]
-    pub(crate) fn for_tests(n: Vec3A, ns: Vec3A, surface: Surface) -> Self {
+    pub(crate) fn for_tests(n: Vec3A, ns: Vec3A, surface: Principled) -> Self {
         let (p, tangent, emitted) = (Vec3A::ZERO, Vec3A::ZERO, Vec3A::ZERO);
         Self {
             p,

@@ -8,6 +8,7 @@ use light_scene::{Surface, render};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Environment, Light};
 use renderflow_renderer::deferred::{Lighting, Material, Options, Shadows, shade};
+use renderflow_scenes::Principled;
 use std::f32::consts::PI;
 
 const OFF: Options = Options::NONE;
@@ -116,7 +117,8 @@ fn materials_close_a_white_furnace() {
         for (metallic, specular) in [(0.0, 0.5), (0.0, 0.0), (1.0, 0.5), (0.5, 1.0)] {
             for n_dot_v in [1.0, 0.7, 0.3_f32] {
                 let v = Vec3A::new((1.0 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
-                let material = Material::new(Vec3A::ONE, [roughness, metallic, specular], n_dot_v);
+                let surface = Principled { base_color: Vec3A::ONE, roughness, metallic, specular, ..Principled::default() };
+                let material = Material::new(&surface, n_dot_v);
                 const STEPS: usize = 192;
                 let mut sum = 0.0_f64;
                 for i in 0..STEPS * STEPS {

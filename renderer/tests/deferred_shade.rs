@@ -113,7 +113,7 @@ fn a_lit_floor_lights_the_wall_beside_it() {
     frame.material.pixels.fill([0.0; 3]);
     let lighting = Lighting::new(Light::new(sunny(Vec3A::Y, 0.0)), 1);
     let made = shade(&frame, &lighting, &Shadows::default(), &Options { indirect: true, ..OFF });
-    let Some(indirect) = &made.indirect else { panic!("no indirect light") };
+    let Some(indirect) = &made.terms.indirect else { panic!("no indirect light") };
     let floor = 0.5 * lighting.lights[0].irradiance[0] / std::f32::consts::PI;
     let mut checked = 0;
     for i in 0..SIZE * SIZE {

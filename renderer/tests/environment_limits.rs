@@ -129,11 +129,11 @@ fn one_texel_lights_a_plane_by_its_reach() {
 #[test]
 fn compensated_pictures_have_the_mean_of_plain_ones() {
     use common::{camera, compile, diffuse, plane, render, scene, sphere, sunny};
-    use renderflow_scenes::Material;
+    use renderflow_scenes::{Material, Principled};
     let lobes = [
         diffuse([0.7; 3]),
-        Material { roughness: 0.05, ..Material::default() },
-        Material { metallic: 1.0, roughness: 0.5, ..diffuse([0.9; 3]) },
+        Material::from(Principled { roughness: 0.05, ..Principled::default() }),
+        Material { surface: Principled { metallic: 1.0, roughness: 0.5, ..diffuse([0.9; 3]).surface }, ..diffuse([0.9; 3]) },
     ];
     for material in lobes {
         let parts = vec![

@@ -12,6 +12,7 @@ pub mod loaded;
 pub mod mipmap;
 mod noise;
 pub mod pattern;
+mod principled;
 pub mod procedural;
 pub mod schema;
 pub mod seed;
@@ -23,4 +24,5 @@ pub mod validate;
 
 pub use description::Scene;
 pub use error::{Error, Problem, Result};
-pub use loaded::{Instance, LoadReport, LoadedScene, Material, MaterialChange, Mesh, Texture, TextureSlot, TriangleReport};
+pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, TriangleReport};
+pub use principled::Principled;

@@ -1,9 +1,10 @@
-//! The truth's energy-conserving material, as far as a G-buffer knows it: base colour, roughness, metallic, specular.
+//! The path tracer's energy-conserving material, as far as a G-buffer stores it: base colour, roughness, metallic, specular.
 //!
 //! A conductor is single-scattering GGX with Schlick's Fresnel times `1 + F0 (1 - E) / E` (Turquin 2019); a dielectric reflects by
 //! Fresnel's equations and lies as a coat on a diffuse base that receives, reciprocally, what the coat lets through, with Burley's retro-reflection (2015) and a second lobe that restores
 //! what its shape does not spread evenly. So under even light the base reflects `base T(wo)`, `T` the coat's transmittance.
 
+use crate::material::Principled;
 use glam::{DVec4, Vec3A, Vec4};
 use renderflow_frame::fresnel::{Dielectric, schlick_weight};
 use renderflow_frame::ibl::{dielectric, environment_brdf};
@@ -99,9 +100,9 @@ pub struct Response {
 }
 
 impl Material {
-    /// `parameters` are (roughness, metallic, specular), each 0..=1; `n_dot_v` in 0..=1.
-    pub fn new(albedo: Vec3A, parameters: [f32; 3], n_dot_v: f32) -> Self {
-        let [roughness, metallic, specular] = parameters;
+    /// The plain part of `surface` (base colour, metallic, roughness, specular) at a cosine `n_dot_v`, 0..=1, between normal and view.
+    pub fn new(surface: &Principled, n_dot_v: f32) -> Self {
+        let Principled { base_color: albedo, metallic, roughness, specular, .. } = *surface;
         let brdf = environment_brdf(n_dot_v, roughness);
         let coat = dielectric(specular);
         let compensation = Vec3A::ONE + albedo * ((1.0 - brdf.whole).max(0.0) / brdf.whole.max(1e-3));

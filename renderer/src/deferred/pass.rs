@@ -2,10 +2,11 @@
 
 use super::screen_space::{Surface, phase, reflect};
 use super::{Lighting, Material, Options};
+use crate::material::Principled;
 use glam::{Vec2, Vec3A, Vec4};
 use renderflow_frame::Camera;
 use renderflow_frame::color::luminance;
-use renderflow_frame::ibl::Shading;
+use renderflow_frame::ibl::{Shading, Surfaces};
 
 /// Roughness up to which surfaces mirror the lights in their own shape, and from which on they are discs.
 const MIRROR: [f32; 2] = [0.1, 0.3];
@@ -74,11 +75,7 @@ impl Pass<'_> {
     }
 
     fn material(&self, i: usize, view: &View) -> Material {
-        Material::new(
-            Vec3A::from_array(self.shading.surfaces.albedo.pixels[i]),
-            self.shading.surfaces.material.pixels[i],
-            view.n_dot_v,
-        )
+        Material::new(&surface(&self.shading.surfaces, i), view.n_dot_v)
     }
 
     /// Share of a light that pixel `i` sees.
@@ -178,6 +175,18 @@ impl Pass<'_> {
         let (colour, covered) = pyramid.sample(meeting.at, radius);
         let share = strength * meeting.confidence * covered;
         (pixel.reflected * colour * share).extend(share)
+    }
+}
+
+/// The parameters that a G-buffer stores of pixel `i`; the others have their defaults.
+fn surface(surfaces: &Surfaces, i: usize) -> Principled {
+    let [roughness, metallic, specular] = surfaces.material.pixels[i];
+    Principled {
+        base_color: Vec3A::from_array(surfaces.albedo.pixels[i]),
+        metallic,
+        roughness,
+        specular,
+        ..Principled::default()
     }
 }
 

@@ -156,7 +156,7 @@ impl ShadingFrame {
 mod tests {
     use super::*;
     use crate::features::Compiled;
-    use crate::material::{Bsdf, Surface};
+    use crate::material::{Bsdf, Principled};
 
     #[test]
     fn shading_frames_are_orthonormal() {
@@ -182,7 +182,7 @@ mod tests {
     fn folding_keeps_the_energy_of_leaning_normals() {
         let wo = Vec3A::new(0.5, 0.2, 0.7).normalize();
         for lean in [0.0f32, 0.3, 0.8, 1.2] {
-            let surface = Surface { base_color: Vec3A::splat(0.8), roughness: 0.6, metallic: 0.5, ..Surface::default() };
+            let surface = Principled { base_color: Vec3A::splat(0.8), roughness: 0.6, metallic: 0.5, ..Principled::default() };
             let ns = Vec3A::new(lean.sin(), 0.0, lean.cos());
             let upright = Bsdf::<false>::new(&surface, Mode::Conserving);
             let point = Interaction::for_tests(Vec3A::Z, ns, surface);

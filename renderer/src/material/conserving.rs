@@ -19,7 +19,7 @@ use super::clearcoat::Clearcoat;
 use super::diffuse::{Diffuse, Slant};
 use super::fresnel::tint;
 use super::ggx::{Ggx, alpha, alpha_xy};
-use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
+use super::{BsdfEval, Lobes, Principled, sheen, subsurface};
 use glam::Vec3A;
 use renderflow_frame::fresnel::{Dielectric, MAX_F0, schlick_weight};
 use std::f32::consts::FRAC_1_PI;
@@ -126,9 +126,9 @@ impl<const FULL: bool> Coat<FULL> {
 impl<const FULL: bool> Conserving<FULL> {
     /// `surface` has its parameters in range.
     #[inline(always)]
-    pub fn new(surface: &Surface) -> Self {
+    pub fn new(surface: &Principled) -> Self {
         let color = surface.base_color;
-        let Surface { metallic, roughness, .. } = *surface;
+        let Principled { metallic, roughness, .. } = *surface;
         let base = color * (1.0 - metallic);
         let f0_untinted = MAX_F0 * surface.specular;
         let mut f0_dielectric = Vec3A::splat(f0_untinted);
@@ -163,7 +163,7 @@ impl<const FULL: bool> Conserving<FULL> {
     }
 
     #[inline(always)]
-    fn diffuse(surface: &Surface, coat: Option<&Coat<FULL>>) -> Diffuse<FULL> {
+    fn diffuse(surface: &Principled, coat: Option<&Coat<FULL>>) -> Diffuse<FULL> {
         let (moments, f0, dielectric) = match coat {
             Some(coat) => (coat.moments().transmitted(coat.f0_max, &coat.dielectric), coat.f0_max, coat.dielectric),
             None => (UNIT_MOMENTS, 0.0, Dielectric::AIR),

@@ -8,7 +8,7 @@ use super::albedo::Row;
 use super::clearcoat::Clearcoat;
 use super::fresnel::{schlick, tint};
 use super::ggx::{Ggx, alpha_xy};
-use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
+use super::{BsdfEval, Lobes, Principled, sheen, subsurface};
 use glam::Vec3A;
 use renderflow_frame::fresnel::schlick_weight;
 use std::f32::consts::FRAC_1_PI;
@@ -30,8 +30,8 @@ pub(super) struct Published {
 
 impl Published {
     /// `surface` has its parameters in range.
-    pub fn new(surface: &Surface) -> Self {
-        let Surface { base_color, metallic, roughness, .. } = *surface;
+    pub fn new(surface: &Principled) -> Self {
+        let Principled { base_color, metallic, roughness, .. } = *surface;
         let hue = tint(base_color);
         let dielectric = Vec3A::ONE.lerp(hue, surface.specular_tint) * (0.08 * surface.specular);
         Self {

@@ -169,7 +169,7 @@ fn bowl(opening: f64) -> Mesh {
 fn plain(name: &str, parts: Vec<Part>, environment: Environment, camera: Camera, paper: Paper) -> Case {
     Case {
         name: name.into(),
-        lights_alone: parts.iter().all(|p| p.material.metallic == 0.0 || p.material.roughness >= 0.3),
+        lights_alone: parts.iter().all(|p| p.material.surface.metallic == 0.0 || p.material.surface.roughness >= 0.3),
         parts,
         textures: Vec::new(),
         environment,
@@ -519,7 +519,7 @@ fn ibl(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     // Most of the time goes into the tables of each environment.
     let mut cases: Vec<Case> = cases().into_iter().filter(|c| c.ibl).step_by(effort.pick(2, 1)).collect();
     // The split sum knows no material without a coat: the roughest has the faintest, 0.5 % of the light.
-    cases.iter_mut().flat_map(|c| &mut c.parts).for_each(|p| p.material.roughness = 1.0);
+    cases.iter_mut().flat_map(|c| &mut c.parts).for_each(|p| p.material.surface.roughness = 1.0);
     ticker.expect(cases.len() as u64);
     let mut means = Worst::default();
     for case in &cases {

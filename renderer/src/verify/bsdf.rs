@@ -4,7 +4,7 @@
 //! deterministic in their seed.
 
 use super::chi_square::DirectionGrid;
-use crate::material::{Bsdf, Mode, Surface};
+use crate::material::{Bsdf, Mode, Principled};
 use glam::{DVec3, Vec3A};
 
 /// The outcome of a check.
@@ -62,8 +62,8 @@ impl Random {
         }
     }
 
-    fn surface(&mut self) -> Surface {
-        Surface {
+    fn surface(&mut self) -> Principled {
+        Principled {
             base_color: Vec3A::new(self.parameter(), self.parameter(), self.parameter()),
             metallic: self.parameter(),
             roughness: self.parameter(),
@@ -241,7 +241,7 @@ pub fn weights(mode: Mode, count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     let bound = if mode == Mode::Published { 50.0 } else { 25.0 };
     for _ in 0..count {
-        let (mut surface, wo) = (Surface { subsurface: 0.0, ..random.surface() }, random.direction());
+        let (mut surface, wo) = (Principled { subsurface: 0.0, ..random.surface() }, random.direction());
         if random.next() < 0.5 {
             (surface.base_color, surface.metallic) = (Vec3A::new(0.0, 0.0, surface.base_color.z), 0.0);
             (surface.specular, surface.specular_tint) = (surface.specular.max(0.5), 1.0);
@@ -275,54 +275,54 @@ pub fn reciprocity(mode: Mode, count: u64, seed: u64) -> Worst {
 }
 
 /// The materials of [`furnace`] and [`pdf_integrals`]: every lobe alone and mixed, white or coloured.
-pub fn grid(white: bool) -> Vec<Surface> {
+pub fn grid(white: bool) -> Vec<Principled> {
     let base_color = if white { Vec3A::ONE } else { Vec3A::new(0.8, 0.4, 0.1) };
-    let plain = Surface { base_color, ..Surface::default() };
+    let plain = Principled { base_color, sheen_tint: 0.5, ..Principled::default() };
     let mut surfaces = Vec::new();
     for roughness in [0.0, 0.03, 0.05, 0.1, 0.17, 0.25, 0.33, 0.5, 0.62, 0.75, 0.9, 1.0] {
-        let plain = Surface { roughness, ..plain };
+        let plain = Principled { roughness, ..plain };
         for specular in [0.0, 0.1, 0.25, 0.5, 1.0] {
-            surfaces.push(Surface { specular, ..plain });
+            surfaces.push(Principled { specular, ..plain });
         }
-        surfaces.push(Surface { metallic: 1.0, ..plain });
-        surfaces.push(Surface { metallic: 0.4, specular: 0.8, ..plain });
+        surfaces.push(Principled { metallic: 1.0, ..plain });
+        surfaces.push(Principled { metallic: 0.4, specular: 0.8, ..plain });
         for subsurface in [0.3, 1.0] {
-            surfaces.push(Surface { subsurface, specular: 0.0, ..plain });
-            surfaces.push(Surface { subsurface, specular: 1.0, ..plain });
+            surfaces.push(Principled { subsurface, specular: 0.0, ..plain });
+            surfaces.push(Principled { subsurface, specular: 1.0, ..plain });
         }
-        surfaces.push(Surface { specular_tint: 1.0, specular: 1.0, ..plain });
-        surfaces.push(Surface { sheen: 1.0, sheen_tint: 1.0, ..plain });
+        surfaces.push(Principled { specular_tint: 1.0, specular: 1.0, ..plain });
+        surfaces.push(Principled { sheen: 1.0, sheen_tint: 1.0, ..plain });
         for clearcoat_gloss in [0.0, 0.7, 1.0] {
-            surfaces.push(Surface { clearcoat: 1.0, clearcoat_gloss, ..plain });
+            surfaces.push(Principled { clearcoat: 1.0, clearcoat_gloss, ..plain });
         }
-        surfaces.push(Surface { clearcoat: 1.0, metallic: 1.0, ..plain });
+        surfaces.push(Principled { clearcoat: 1.0, metallic: 1.0, ..plain });
         for anisotropic in [0.3, 0.8, 1.0] {
-            surfaces.push(Surface { anisotropic, metallic: 1.0, ..plain });
-            surfaces.push(Surface { anisotropic, ..plain });
+            surfaces.push(Principled { anisotropic, metallic: 1.0, ..plain });
+            surfaces.push(Principled { anisotropic, ..plain });
         }
-        let all = Surface { sheen: 1.0, clearcoat: 1.0, clearcoat_gloss: 0.5, subsurface: 0.5, anisotropic: 0.6, ..plain };
-        surfaces.push(Surface { metallic: 0.3, specular_tint: 0.5, ..all });
+        let all = Principled { sheen: 1.0, clearcoat: 1.0, clearcoat_gloss: 0.5, subsurface: 0.5, anisotropic: 0.6, ..plain };
+        surfaces.push(Principled { metallic: 0.3, specular_tint: 0.5, ..all });
     }
     surfaces
 }
 
 /// Every lobe alone, at roughnesses that matter to it.
-pub fn lobes() -> Vec<Surface> {
-    let none = Surface { base_color: Vec3A::ZERO, roughness: 0.3, specular: 0.0, sheen_tint: 0.0, ..Surface::default() };
+pub fn lobes() -> Vec<Principled> {
+    let none = Principled { base_color: Vec3A::ZERO, roughness: 0.3, specular: 0.0, sheen_tint: 0.0, ..Principled::default() };
     let base_color = Vec3A::new(0.8, 0.4, 0.1);
-    let mut surfaces = vec![Surface { sheen: 1.0, ..none }];
+    let mut surfaces = vec![Principled { sheen: 1.0, ..none }];
     for roughness in [0.0, 0.4, 1.0] {
-        let none = Surface { roughness, ..none };
-        surfaces.push(Surface { base_color, ..none });
-        surfaces.push(Surface { specular: 1.0, ..none });
-        surfaces.push(Surface { base_color, subsurface: 1.0, ..none });
+        let none = Principled { roughness, ..none };
+        surfaces.push(Principled { base_color, ..none });
+        surfaces.push(Principled { specular: 1.0, ..none });
+        surfaces.push(Principled { base_color, subsurface: 1.0, ..none });
     }
     for roughness in [0.0, 0.1, 0.3, 0.6, 1.0] {
         for anisotropic in [0.0, 0.5, 1.0] {
-            surfaces.push(Surface { base_color, metallic: 1.0, roughness, anisotropic, ..none });
+            surfaces.push(Principled { base_color, metallic: 1.0, roughness, anisotropic, ..none });
         }
     }
-    surfaces.extend([0.0, 0.5, 1.0].map(|clearcoat_gloss| Surface { clearcoat: 1.0, clearcoat_gloss, ..none }));
+    surfaces.extend([0.0, 0.5, 1.0].map(|clearcoat_gloss| Principled { clearcoat: 1.0, clearcoat_gloss, ..none }));
     surfaces
 }
 
@@ -368,14 +368,14 @@ pub fn albedo<const FULL: bool>(bsdf: &Bsdf<FULL>, wo: Vec3A, rings: u32) -> DVe
 }
 
 /// How far from 1 the albedo of a white material may lie: 0.5 %, and below 1 by 2 % for anisotropic ones, whose table errs high.
-pub fn furnace_tolerance(surface: &Surface) -> f64 {
+pub fn furnace_tolerance(surface: &Principled) -> f64 {
     if surface.anisotropic > 0.0 { 2e-2 } else { 5e-3 }
 }
 
 /// Directional albedo of the conserving form under a white sky, by [`albedo`] with `rings` (128 resolve a thousandth everywhere). The
 /// error is `|albedo - 1|` for white materials and the excess over 1 for others; a failure is an albedo above `1 + 1e-3`, or for
 /// white ones one further than [`furnace_tolerance`] from 1.
-pub fn furnace(surfaces: &[Surface], rings: u32) -> Worst {
+pub fn furnace(surfaces: &[Principled], rings: u32) -> Worst {
     let mut worst = Worst::default();
     for surface in surfaces {
         let white = surface.base_color == Vec3A::ONE;
@@ -393,7 +393,7 @@ pub fn furnace(surfaces: &[Surface], rings: u32) -> Worst {
 
 /// The density's integral over the hemisphere plus the share of `draws` draws that are `None` (mirrored below the horizon), less 1.
 /// The error is that difference; a failure is one beyond 1e-3 and four standard errors of the share.
-pub fn pdf_integrals(mode: Mode, surfaces: &[Surface], draws: u32, seed: u64) -> Worst {
+pub fn pdf_integrals(mode: Mode, surfaces: &[Principled], draws: u32, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for surface in surfaces {
         let bsdf = Bsdf::<true>::new(surface, mode);
@@ -411,7 +411,7 @@ pub fn pdf_integrals(mode: Mode, surfaces: &[Surface], draws: u32, seed: u64) ->
 }
 
 /// Integral over the hemisphere by adaptive cubature about the mirror direction, in cells as fine as the sharpest lobe.
-fn integrate(density: &dyn Fn(Vec3A) -> f64, wo: Vec3A, surface: &Surface) -> f64 {
+fn integrate(density: &dyn Fn(Vec3A) -> f64, wo: Vec3A, surface: &Principled) -> f64 {
     let axis = DVec3::new(f64::from(-wo.x), f64::from(-wo.y), f64::from(wo.z));
     let width = f64::from(surface.roughness.max(0.032)).powi(2) * f64::from(1.0 - 0.9 * surface.anisotropic).sqrt();
     let spread = if surface.clearcoat > 0.0 { 1e-7 } else { (width * width * 0.1).min(f64::from(wo.z * wo.z)).max(1e-8) };
