@@ -34,9 +34,10 @@ pub mod verify;
 pub use camera::Filter;
 pub use compile::RenderScene;
 pub use error::{Error, Result};
+pub use film::Film;
 pub use geometry::{Builds, Sharing};
 pub use integrator::{
-    Budget, DirectLight, Film, Memory, Settings, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer,
+    Budget, DirectLight, Memory, Settings, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer,
     render_gbuffer_until, render_mapped, render_with_stats,
 };
 pub use material::Mode;

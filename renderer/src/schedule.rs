@@ -97,7 +97,7 @@ pub(crate) fn for_tiles<T: Send>(
 type Pieces<'a, P> = [&'a mut [P]; TILE];
 
 /// A tile and its pixels in up to three pictures of one size; those that are empty have none.
-pub(crate) struct Plot<'a, A, B, C> {
+pub(crate) struct TilePixels<'a, A, B, C> {
     pub tile: Tile,
     pub first: Pieces<'a, A>,
     pub second: Pieces<'a, B>,
@@ -113,7 +113,7 @@ pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
     (width, height): (usize, usize),
     (mut first, mut second, mut third): (&mut [A], &mut [B], &mut [C]),
     cancel: &AtomicBool,
-    work: impl Fn(Plot<'_, A, B, C>) -> T + Sync,
+    work: impl Fn(TilePixels<'_, A, B, C>) -> T + Sync,
     mut sum: impl FnMut(T),
 ) -> Result<()> {
     let columns = width.div_ceil(TILE).max(1);
@@ -125,7 +125,7 @@ pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
             plots.extend(a.into_iter().zip(b).zip(c).enumerate().map(|(column, ((first, second), third))| {
                 let x = column * TILE;
                 let tile = Tile { x, y, width: TILE.min(width - x), height: TILE.min(height - y) };
-                Plot { tile, first, second, third }
+                TilePixels { tile, first, second, third }
             }));
         }
         if let Some(seed) = ORDER.get() {
@@ -180,7 +180,7 @@ mod tests {
         for (width, height) in [(0, 0), (1, 1), (8, 8), (9, 17), (640, 3), (3, 640), (2000, 200)] {
             let (mut first, mut second) = (vec![(0, 0); width * height], vec![0u8; width * height]);
             let fill = || {
-                let work = |plot: Plot<'_, (usize, usize), u8, u8>| {
+                let work = |plot: TilePixels<'_, (usize, usize), u8, u8>| {
                     assert!(plot.third.iter().all(|piece| piece.is_empty()));
                     for (i, at) in plot.tile.pixels().enumerate() {
                         let (column, row) = (i % plot.tile.width, i / plot.tile.width);

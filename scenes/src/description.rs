@@ -55,9 +55,9 @@ impl Scene {
     /// Reads and validates a scene file.
     ///
     /// # Errors
-    /// [`Error::Io`] when it cannot be read, [`Error::Json`] with line and column, [`Error::Invalid`] with every violation.
+    /// [`Error::Frame`] when it cannot be read, [`Error::Json`] with line and column, [`Error::Invalid`] with every violation.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = file::read_text(path).map_err(Error::unreadable)?;
+        let text = file::read_text(path)?;
         Self::from_json(path, &text)
     }
 

@@ -96,9 +96,17 @@ struct Best<S> {
     weights: [S; 3],
 }
 
+/// Number of a triangle, and where it is stored: lane `lane` of leaf `leaf`.
+#[derive(Clone, Copy)]
+struct Place {
+    primitive: u32,
+    leaf: u32,
+    lane: usize,
+}
+
 impl<S: Sixteen> Best<S> {
     #[inline(always)]
-    fn replace(&mut self, mask: u32, t: S, weights: [S; 3], primitive: u32, leaf: u32, lane: usize) {
+    fn replace(&mut self, mask: u32, t: S, weights: [S; 3], Place { primitive, leaf, lane }: Place) {
         self.t = t.select(mask, self.t);
         self.primitive = S::splat(f32::from_bits(primitive)).select(mask, self.primitive);
         self.leaf = S::splat(f32::from_bits(leaf)).select(mask, self.leaf);
@@ -307,7 +315,7 @@ fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixt
                 let all = <L::Sixteen as Numbers>::splat(t[lane]);
                 let beaten = best.beaten(1 << ray, all, primitive);
                 if beaten != 0 {
-                    best.replace(beaten, all, splat([u[lane], v[lane], w[lane]]), primitive, leaf, lane);
+                    best.replace(beaten, all, splat([u[lane], v[lane], w[lane]]), Place { primitive, leaf, lane });
                     changed = beaten;
                 }
             }
@@ -318,7 +326,7 @@ fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixt
             if found.mask & mask != 0 {
                 let primitive = tree.leaves.primitive(leaf, lane);
                 let beaten = best.beaten(found.mask & mask, found.t, primitive);
-                best.replace(beaten, found.t, found.weights, primitive, leaf, lane);
+                best.replace(beaten, found.t, found.weights, Place { primitive, leaf, lane });
                 changed |= beaten;
             }
         }

@@ -16,12 +16,13 @@
 //!
 //! The error, the biases and the variants that were tried and left are in docs/measurements/renderer-notes.md, adaptive.
 
-use super::accumulate::{Film, Meter, Work};
+use super::accumulate::{Meter, Work};
 use super::gbuffer::Visible;
-use super::light_paths::Casters;
+use super::light_paths::CausticCasters;
 use super::{Settings, mean};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
+use crate::film::Film;
 use crate::sampler::hash;
 use crate::schedule::Progress;
 use crate::stats::Stats;
@@ -154,7 +155,7 @@ pub(super) fn render(
 ) -> Result<(Film, Stats)> {
     let started = Instant::now();
     let (width, height) = (scene.camera().width, scene.camera().height);
-    let casters = Casters::find(scene, settings);
+    let casters = CausticCasters::find(scene, settings);
     let work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
     let mut film = Film::new(scene, settings, 0..settings.spp, None);
     let mut plan = Plan {

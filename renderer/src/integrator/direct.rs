@@ -31,7 +31,9 @@ impl<F: Features> Tracer<'_, F> {
             let [u, v, choice, _] = self.points.point(sampler, path.index, set);
             scene.sample_light::<F>(surface.p, choice, [u, v])
         } else {
-            self.ahead.sample(scene.environment_light(), (sampler, &mut self.points), path.index, set).map(LightSample::from)
+            self.light_samples
+                .sample(scene.environment_light(), (sampler, &mut self.points), path.index, set)
+                .map(LightSample::from)
         };
         let Some(light) = light else { return };
         let scattering = scatterer.eval(light.wi);

@@ -2,7 +2,7 @@
 
 use super::Settings;
 use super::gbuffer;
-use super::light_paths::Casters;
+use super::light_paths::CausticCasters;
 use crate::compile::RenderScene;
 use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
 use crate::schedule;
@@ -24,7 +24,7 @@ pub struct Memory {
 impl RenderScene {
     /// Whether light paths will be traced with these settings.
     pub fn has_light_paths(&self, settings: &Settings) -> bool {
-        Casters::find(self, settings).is_some()
+        CausticCasters::find(self, settings).is_some()
     }
 }
 

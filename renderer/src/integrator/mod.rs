@@ -12,7 +12,6 @@ mod path;
 mod scatter;
 mod splitting;
 
-pub use accumulate::Film;
 pub use adaptive::Budget;
 pub use memory::Memory;
 
@@ -20,16 +19,17 @@ use crate::camera::Filter;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::{FeatureSet, with_features};
+use crate::film::{Beauty, Film};
 use crate::light::LightGroups;
 use crate::material::{Mode, Prepared};
 use crate::sampler::{PixelSampler, Sampler};
 use crate::schedule::Progress;
 use crate::skips::{Channels, Skips};
 use crate::stats::Stats;
-use accumulate::{Beauty, Meter, Work};
+use accumulate::{Meter, Work};
 use gbuffer::Visible;
 use gbuffer::frame as gbuffer;
-use light_paths::Casters;
+use light_paths::CausticCasters;
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::{Range, RangeInclusive};
@@ -289,7 +289,9 @@ fn whole(
     cancel: &AtomicBool,
 ) -> Result<(Film, Stats)> {
     match settings.budget {
-        Budget::Uniform => samples(scene, settings, visible, 0..settings.spp, None, progress, cancel),
+        Budget::Uniform => {
+            expose_samples(Samples { scene, settings, visible, range: 0..settings.spp, map: None }, progress, cancel)
+        }
         _ => adaptive::render(scene, settings, visible, progress, cancel),
     }
 }
@@ -322,7 +324,8 @@ pub fn expose(
 ) -> Result<(Film, Stats)> {
     settings.check(scene)?;
     settings.check_range(&samples, settings.spp)?;
-    self::samples(scene, settings, &Visible::new(scene, settings), samples, None, progress, cancel)
+    let visible = &Visible::new(scene, settings);
+    expose_samples(Samples { scene, settings, visible, range: samples, map: None }, progress, cancel)
 }
 
 /// As [`render_with_stats`] with as many samples in each pixel as `map` says, whatever `settings.budget` is: [`Frame::samples`] of a
@@ -340,8 +343,9 @@ pub fn render_mapped(
 ) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     let visible = Visible::new(scene, settings);
-    let all = 0..adaptive::largest(scene, settings, map)?;
-    let (film, mut stats) = samples(scene, settings, &visible, all, Some(&map.pixels), progress, cancel)?;
+    let range = 0..adaptive::largest(scene, settings, map)?;
+    let samples = Samples { scene, settings, visible: &visible, range, map: Some(&map.pixels) };
+    let (film, mut stats) = expose_samples(samples, progress, cancel)?;
     let (frame, more) = finish(scene, settings, &visible, film, cancel)?;
     stats += more;
     Ok((frame, stats))
@@ -362,22 +366,27 @@ pub fn expose_mapped(
 ) -> Result<(Film, Stats)> {
     settings.check(scene)?;
     settings.check_range(&samples, adaptive::largest(scene, settings, map)?)?;
-    self::samples(scene, settings, &Visible::new(scene, settings), samples, Some(&map.pixels), progress, cancel)
+    let visible = &Visible::new(scene, settings);
+    expose_samples(Samples { scene, settings, visible, range: samples, map: Some(&map.pixels) }, progress, cancel)
 }
 
-/// The samples `range` of every pixel, as far as `map` has them.
-fn samples(
-    scene: &RenderScene,
-    settings: &Settings,
-    visible: &Visible,
+/// Samples of a picture that are to be traced.
+struct Samples<'a> {
+    scene: &'a RenderScene,
+    settings: &'a Settings,
+    visible: &'a Visible,
+    /// Numbers of the samples of every pixel.
     range: Range<u32>,
-    map: Option<&[u32]>,
-    progress: Progress<'_>,
-    cancel: &AtomicBool,
-) -> Result<(Film, Stats)> {
+    /// Where given, the number of each pixel's samples: those of `range` at or above it are left out.
+    map: Option<&'a [u32]>,
+}
+
+/// Traces `samples` onto a new film.
+fn expose_samples(samples: Samples, progress: Progress<'_>, cancel: &AtomicBool) -> Result<(Film, Stats)> {
+    let Samples { scene, settings, visible, range, map } = samples;
     let mut film = Film::new(scene, settings, range.clone(), map);
     let span = |pixel: usize| range.start..map.map_or(range.end, |map| range.end.min(map[pixel]));
-    let casters = Casters::find(scene, settings);
+    let casters = CausticCasters::find(scene, settings);
     let work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
     // Pixels with counts of their own have as many light paths as their mean says.
     let all = map.map_or(range.end, mean);

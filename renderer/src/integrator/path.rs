@@ -1,14 +1,14 @@
 //! Unidirectional path tracing with sampled lights and multiple importance sampling.
 
 use super::Settings;
-use super::light_paths::{self, Casters};
+use super::light_paths::{self, CausticCasters};
 use super::scatter::Scatterer;
 use crate::accel::{Hit, Scratch};
 use crate::compile::RenderScene;
 use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
-use crate::light::{Ahead, LightGroups};
+use crate::light::{LightGroups, LightSampleCache};
 use crate::material::{Mode, Prepared};
 use crate::query::Sight;
 use crate::ray::Ray;
@@ -58,7 +58,7 @@ pub(super) struct Tracer<'a, F: Features> {
     /// Light samples at the first surface behind a camera ray.
     lights: u32,
     /// The bodies that light paths are aimed at, where there are any.
-    pub(super) casters: Option<&'a Casters>,
+    pub(super) casters: Option<&'a CausticCasters>,
     /// Directions of the light groups, where asked for.
     directions: Option<LightGroups>,
     /// Largest contribution of indirect light, as it counts for one branch.
@@ -73,7 +73,7 @@ pub(super) struct Tracer<'a, F: Features> {
     hits: [Option<Hit>; SHOTS],
     pub(super) scratch: Scratch,
     pub(super) points: Points,
-    pub(super) ahead: Ahead,
+    pub(super) light_samples: LightSampleCache,
     /// BSDFs made before, by material.
     bsdfs: &'a [Option<Prepared>],
     pub(super) stats: Stats,
@@ -148,7 +148,7 @@ pub(super) fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]
 
 impl<'a, F: Features> Tracer<'a, F> {
     /// `lights`: light samples at the first surface behind a camera ray.
-    pub fn new(scene: &'a RenderScene, settings: &'a Settings, casters: Option<&'a Casters>, lights: u32) -> Self {
+    pub fn new(scene: &'a RenderScene, settings: &'a Settings, casters: Option<&'a CausticCasters>, lights: u32) -> Self {
         Self {
             scene,
             settings,
@@ -164,7 +164,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             hits: [None; SHOTS],
             scratch: Scratch::default(),
             points: Points::default(),
-            ahead: Ahead::default(),
+            light_samples: LightSampleCache::default(),
             bsdfs: settings.bsdfs(scene),
             stats: Stats::default(),
             features: std::marker::PhantomData,
@@ -215,7 +215,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     #[inline(always)]
     fn trace(&mut self, place: usize, shot: &Shot) -> Sample {
         self.points.expect(shot.count * self.branches);
-        self.ahead.expect(shot.count * self.lights);
+        self.light_samples.expect(shot.count * self.lights);
         self.stats.samples += u64::from(self.branches);
         *(if shot.seen { &mut self.stats.camera_rays } else { &mut self.stats.skipped_rays }) += 1;
         if F::FLAT_ENVIRONMENT && !shot.seen && self.directions.is_none() {
@@ -295,7 +295,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     fn find_probes(&mut self, shots: &[Shot]) -> Vec<Probe> {
         self.find_first(shots);
         self.points.expect(2 * shots.len() as u32);
-        self.ahead.expect(2 * shots.len() as u32);
+        self.light_samples.expect(2 * shots.len() as u32);
         let mut probes = Vec::with_capacity(shots.len());
         for (place, shot) in shots.iter().enumerate().take(SHOTS) {
             let (ray, Some(hit)) = (self.rays[place], self.hits[place]) else { continue };

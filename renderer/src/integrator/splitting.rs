@@ -12,7 +12,7 @@
 
 use super::Settings;
 use super::gbuffer::Visible;
-use super::light_paths::Casters;
+use super::light_paths::CausticCasters;
 use super::path::{Probe, Shot, Tracer};
 use crate::compile::RenderScene;
 use crate::features::{Features, with_features};
@@ -44,14 +44,19 @@ const RAY: f64 = 1.0;
 const STREAM: u64 = 0x5350_4c49;
 
 /// Light samples at the first surface behind a camera ray: `settings.light_samples`, or else what suits the picture.
-pub(super) fn light_samples(scene: &RenderScene, settings: &Settings, visible: &Visible, casters: Option<&Casters>) -> u32 {
+pub(super) fn light_samples(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    casters: Option<&CausticCasters>,
+) -> u32 {
     if let Some(count) = settings.light_samples {
         return count;
     }
     with_features!(settings.needed(scene), settings.full(), choose(scene, settings, visible, casters))
 }
 
-fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visible, casters: Option<&Casters>) -> u32 {
+fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visible, casters: Option<&CausticCasters>) -> u32 {
     let (width, height) = (scene.camera().width, scene.camera().height);
     let samples = (width * height) as u64 * u64::from(settings.spp);
     let count = ((samples / (SHARE * 2 * u64::from(RAYS))) as usize).min(MOST);

@@ -104,7 +104,7 @@ pub(super) fn read(path: &Path) -> Result<Option<ClipLatents>> {
     let bytes = match renderflow_frame::file::read(path) {
         Ok(bytes) => bytes,
         Err(error) if error.is_missing() => return Ok(None),
-        Err(error) => return Err(Error::unreadable(error)),
+        Err(error) => return Err(error.into()),
     };
     let (tensors, header) = open(path, &bytes)?;
     let header: Header = serde_json::from_str(&header)

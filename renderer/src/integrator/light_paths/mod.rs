@@ -26,8 +26,8 @@
 mod casters;
 mod trace;
 
-pub(crate) use casters::Casters;
-pub(super) use trace::{Deposit, trace};
+pub(crate) use casters::CausticCasters;
+pub(super) use trace::{Deposit, LightPaths, trace};
 
 use crate::compile::RenderScene;
 use crate::features::Features;
@@ -66,7 +66,7 @@ pub(super) fn turned<F: Features>(
     scatterer.reversed_pdf(bsdf, wo, wi) * at.n.dot(wi) / at.n.dot(wo)
 }
 
-impl Casters {
+impl CausticCasters {
     /// `reach(1)`: of the first surface `at`, seen from `wo`, left along `wi` with density `pdf`.
     #[inline(always)]
     pub fn reach(&self, scene: &RenderScene, at: &Interaction, wo: Vec3A, wi: Vec3A, pdf: f32) -> f32 {

@@ -22,19 +22,19 @@ struct Batch {
 
 /// Keeps the light samples that were drawn ahead, of one environment. What it returns depends on the arguments alone, as drawing sixteen
 /// gives the bits of drawing each.
-pub(crate) struct Ahead {
+pub(crate) struct LightSampleCache {
     batches: [Batch; SETS],
     /// Whether enough samples of the first vertex are expected for sixteen to be drawn.
     first: bool,
 }
 
-impl Default for Ahead {
+impl Default for LightSampleCache {
     fn default() -> Self {
         Self { batches: [Batch { base: 0, number: u32::MAX, asked: 0, ahead: false, drawn: [None; LANES] }; SETS], first: true }
     }
 }
 
-impl Ahead {
+impl LightSampleCache {
     /// Says how many consecutive samples of a pixel will be asked for at the first vertex: what is drawn ahead follows it, what is
     /// returned does not.
     #[inline(always)]
@@ -90,7 +90,7 @@ mod tests {
         ];
         for environment in maps {
             let light = EnvironmentLight::new(&environment).unwrap();
-            let (mut ahead, mut points) = (Ahead::default(), Points::default());
+            let (mut ahead, mut points) = (LightSampleCache::default(), Points::default());
             for kind in [Sampler::Sobol, Sampler::Independent] {
                 let mut later = 0;
                 for (pixel, index) in
