@@ -46,7 +46,7 @@ pub(crate) struct CompiledMaterial {
     /// Radiance; zero where the surface does not emit.
     pub emissive: Vec3A,
     pub emissive_texture: Option<TextureSlot>,
-    /// `None` where nothing is cut out, whatever the file says.
+    /// `None` where the mask cuts nothing, even if the file has one.
     pub alpha_mask: Option<AlphaMask>,
     pub double_sided: bool,
 }
@@ -69,7 +69,8 @@ impl RenderScene {
     /// Compiles `scene` at frame 0.
     ///
     /// # Errors
-    /// When the scene has no camera, refers to a mesh, material, texture or vertex it does not hold, or has more than 2^28 triangles.
+    /// When the scene has no camera, refers to a mesh, material, texture or vertex it does not hold, or has more than 2^28
+    /// triangles.
     pub fn compile(scene: &LoadedScene) -> Result<Self> {
         Self::compile_with(scene, Sharing::Automatic)
     }
@@ -110,7 +111,7 @@ impl RenderScene {
         Ok(compiled)
     }
 
-    /// Makes the materials that change what they are at the current frame, and anew what follows from them.
+    /// Updates the materials that change along the sequence, and everything that depends on them, to the current frame.
     fn place_materials(&mut self) {
         let mut changed = false;
         for (number, material) in &self.changing {
@@ -149,7 +150,7 @@ impl RenderScene {
                 if let Some(slot) = &material.emissive_texture {
                     let uvs = triangle.map(|v| mesh.uvs.get(v as usize).copied().unwrap_or_default());
                     let area = (uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs();
-                    // The mean over the triangle, as a mip level knows it.
+                    // The mean over the triangle, from a mip level.
                     let lookup = Lookup { uv: (uvs[0] + uvs[1] + uvs[2]) / 3.0, footprint_log2: 0.5 * area.log2() };
                     radiance *= Vec3A::from_vec4(self.textures[slot.texture].value(slot, lookup));
                 }
@@ -158,14 +159,14 @@ impl RenderScene {
                 self.emitters.push((index as u32, number as u32));
             }
         }
-        // A flat environment is found by scattering: as few samples as the sampler allows go there.
+        // A flat environment is found by scattering, so the sampler sends the fewest possible samples there.
         let share = if self.features.flat_environment { 0.0 } else { 0.5 };
         self.lights = LightSampler::with_share(self.lights.environment().clone(), triangles, share);
     }
 
-    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). Where nothing moved or changed but the camera nothing is
-    /// done; materials that changed are prepared again, without the others; where something moved, trees are fitted to it, and built again only now and then. The picture is a function of the frame, whatever
-    /// frames came before.
+    /// Moves to `frame`; 0 is the first, and beyond the last frame the last pose is held. Nothing is done where only the camera
+    /// moved. Materials that changed are prepared again. Where something moved, trees are refitted, and rebuilt only now and
+    /// then. The picture is a function of the frame and does not depend on the frames before it.
     pub fn set_frame(&mut self, frame: usize) {
         let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
         let emitters_moved = self.features.emitters
@@ -178,7 +179,7 @@ impl RenderScene {
         }
     }
 
-    /// Other random numbers for all pictures from here on, in place of those of the scene's own seed.
+    /// Replaces the scene's seed: all later pictures use other random numbers.
     pub fn reseed(&mut self, seed: u64) {
         self.seed = seed;
     }
@@ -292,8 +293,8 @@ impl RenderScene {
         self.geometry.closest(ray, scratch)
     }
 
-    /// [`Self::closest`] of each ray, the same hits bit for bit; several times as fast for camera rays of neighbouring pixels, sixteen
-    /// at a time. `hits` is as long as `rays`.
+    /// [`Self::closest`] of each ray, the same hits bit for bit; several times as fast for camera rays of neighbouring pixels,
+    /// sixteen at a time. `hits` is as long as `rays`.
     pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         self.geometry.closest_packet(rays, hits, scratch);
     }
@@ -351,7 +352,7 @@ impl RenderScene {
     }
 }
 
-/// What the instances need with these materials: an unused textured material must not slow the others down.
+/// The features that the instances need with these materials. A material that no instance uses must not slow the others down.
 fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &EnvironmentLight) -> FeatureSet {
     let used = |f: &dyn Fn(&CompiledMaterial) -> bool| instances.iter().any(|i| f(&materials[i.material]));
     FeatureSet {
@@ -370,7 +371,7 @@ fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &Envi
 
 fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
-    // A mask that cuts nothing must not make every ray ask.
+    // A mask that cuts nothing must not cost every ray a look-up.
     let alpha_mask = material.alpha_mask.filter(|mask| {
         let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha());
         mask.factor * lowest < mask.cutoff
@@ -387,7 +388,7 @@ fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMateri
     }
 }
 
-/// References that would lead out of the scene's arrays, and values outside their range.
+/// Refuses references that lead out of the scene's arrays, and values outside their range.
 fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
     if scene.cameras.is_empty() {
         return Err(Error::inconsistent("cameras", "there is none"));

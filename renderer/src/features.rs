@@ -9,8 +9,8 @@ pub trait Features: Send + Sync + 'static {
     const TEXTURES: bool;
     /// The environment is the same from everywhere: sampling it explicitly could only add noise and shadow rays.
     const FLAT_ENVIRONMENT: bool;
-    /// More than base colour, metallic, roughness and specular of opaque, double-sided surfaces that do not emit: the other lobes of
-    /// the principled BRDF, its published mode, emitters, alpha masks, single-sided surfaces.
+    /// More than base colour, metallic, roughness and specular of opaque, double-sided surfaces that do not emit: the other lobes
+    /// of the principled BRDF, its published mode, emitters, alpha masks, single-sided surfaces.
     const FULL: bool;
     /// The BSDF that [`Self::FULL`] calls for.
     type Bsdf: Brdf;

@@ -17,44 +17,45 @@ use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Samples of a picture: sums of radiance, its light groups, and what camera rays hit first. Films of disjoint ranges of samples
-/// of the same scene, frame and settings merge into the film of all of them.
+/// The samples of a picture: sums of radiance, of its light groups, and of what camera rays hit first. Films of disjoint ranges
+/// of samples merge into one film if they have the same scene, frame and settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Film {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// Samples that share a camera ray; sums of pixels count these as one.
+    /// Number of samples that share a camera ray; the sums of a pixel count them as one.
     #[serde(default = "one")]
     branches: u32,
-    /// What must be equal for films to belong together.
+    /// Hash of everything that must be equal for films to merge.
     key: String,
-    /// Numbers of the samples, disjoint, in ascending order. Of a film with a map each pixel has only those below its count there.
+    /// Numbers of the samples: disjoint ranges in ascending order. In a film with a map each pixel has only the samples below its
+    /// count.
     ranges: Vec<Range<u32>>,
-    /// BLAKE3 of the map that pixels have their counts from, where they do.
+    /// BLAKE3 of the map of counts; `None` where every pixel has the same samples.
     #[serde(default)]
     map: Option<String>,
     pub(crate) pixels: Vec<PixelStatistics>,
     pub(crate) guides: Vec<GuideStatistics>,
     /// Empty unless light groups were asked for.
     pub(crate) groups: Vec<GroupStatistics>,
-    /// What light paths brought.
+    /// Contributions of light paths.
     #[serde(default)]
     light: LightPathSums,
 }
 
-/// What the samples of a film say of the light.
+/// The pictures of a film's samples.
 pub(crate) struct Beauty {
     raw: Rgb,
     variance: Option<Rgb>,
     samples: Option<Image<u32>>,
     groups: [Option<Rgb>; LIGHT_GROUPS],
-    /// Samples a pixel, on average.
+    /// Mean number of samples per pixel.
     spp: u32,
     light_paths: bool,
 }
 
 impl Beauty {
-    /// Puts it into a frame, and what made it into the header.
+    /// Stores the pictures in a frame, and how they were made in its header.
     pub fn store(self, frame: &mut Frame) {
         frame.beauty = Some(self.raw.clone());
         frame.raw = Some(self.raw);
@@ -63,12 +64,12 @@ impl Beauty {
     }
 }
 
-/// What the light paths of a picture brought.
+/// Contributions of the light paths of a picture.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct LightPathSums {
-    /// Samples a pixel whose light paths they are.
+    /// Number of samples per pixel whose light paths were traced.
     samples: u32,
-    /// Empty where there are none.
+    /// One sum per pixel; empty without light paths.
     pixels: Vec<LightStatistics>,
     /// Empty unless light groups were asked for.
     groups: Vec<GroupStatistics>,
@@ -78,7 +79,8 @@ fn one() -> u32 {
     1
 }
 
-/// Everything that the value of a sample depends on, its number apart (`spp` is in it: footprints follow it).
+/// Hash of everything that the value of a sample depends on besides its number. `spp` is included, because the footprints of
+/// texture look-ups depend on it.
 fn key(scene: &RenderScene, settings: &Settings) -> String {
     let (channels, skips) = Default::default();
     let (budget, branches) = (Budget::Uniform, settings.branches());
@@ -94,7 +96,7 @@ fn map_hash(map: &[u32]) -> String {
 }
 
 impl Film {
-    /// A film of the samples `range` of every pixel, or of those of them that are below its count in `map`; none is there yet.
+    /// An empty film for the samples `range` of every pixel; with `map`, only for the samples below the pixel's count in it.
     pub(crate) fn new(scene: &RenderScene, settings: &Settings, range: Range<u32>, map: Option<&[u32]>) -> Self {
         let (width, height) = (scene.camera().width, scene.camera().height);
         let count = width * height;
@@ -113,19 +115,19 @@ impl Film {
         }
     }
 
-    /// Says that each pixel now holds as many samples as `map` has for it, and all there will be.
+    /// Marks the film as complete: each pixel holds the number of samples that `map` states.
     pub(crate) fn complete_map(&mut self, map: &[u32]) {
         self.ranges = std::iter::once(0..map.iter().copied().max().unwrap_or(0)).collect();
         self.map = Some(map_hash(map));
     }
 
-    /// The sums of light paths, to add those of `samples` more samples a pixel.
+    /// The sums of light paths, to which the paths of `samples` more samples per pixel will be added.
     pub(crate) fn light_paths(&mut self, samples: u32) -> &mut LightPathSums {
         self.light.begin(samples, self.pixels.len(), self.groups.len());
         &mut self.light
     }
 
-    /// Whether [`crate::develop`] may use it for this scene and these settings.
+    /// Checks that [`crate::develop`] may use the film for this scene and these settings.
     pub(crate) fn check(&self, scene: &RenderScene, settings: &Settings) -> Result<()> {
         if self.key != key(scene, settings) {
             return Err(Error::Merge("the film is of another scene, frame or other settings".into()));
@@ -134,7 +136,7 @@ impl Film {
         self.complete(count, if settings.light_groups > 0 { count } else { 0 })
     }
 
-    /// Whether there are as many pixels as there should be: a film may come from a damaged file.
+    /// Checks the number of pixels, since a film may come from a damaged file.
     fn complete(&self, pixels: usize, groups: usize) -> Result<()> {
         let found = (self.pixels.len(), self.guides.len(), self.groups.len());
         if found == (pixels, pixels, groups) && self.light.is_of(pixels, groups) {
@@ -143,7 +145,7 @@ impl Film {
         Err(Error::Merge(format!("a film holds {} pixels in place of {pixels}", self.pixels.len())))
     }
 
-    /// The picture that the samples make.
+    /// The pictures of the samples.
     pub(crate) fn beauty(&self, settings: &Settings) -> Beauty {
         let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
         let whole = 0..self.pixels.len();
@@ -167,12 +169,12 @@ impl Film {
         }
     }
 
-    /// Gives back the memory of all but the guides.
+    /// Frees the memory of everything except the guides.
     pub(crate) fn keep_guides_alone(&mut self) {
         (self.pixels, self.groups, self.light) = Default::default();
     }
 
-    /// Mean radiance of the samples so far, 0 without any.
+    /// Mean radiance of the samples so far; 0 without samples.
     pub fn mean(&self) -> Image<[f32; 3]> {
         let pixels = (0..self.pixels.len()).into_par_iter().map(|at| self.mean_of(at).as_vec3().to_array()).collect();
         Image { width: self.width, height: self.height, pixels }
@@ -189,13 +191,13 @@ impl Film {
         self.pixels[at].mean_f64() + light
     }
 
-    /// Variance of that mean.
+    /// Variance of [`Self::mean_of`].
     pub(crate) fn variance_of_mean(&self, at: usize) -> DVec3 {
         let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.variance_of_mean(self.light.samples));
         self.pixels[at].variance_of_mean_f64() + light
     }
 
-    /// Samples a pixel so far, on average where pixels have counts of their own.
+    /// Number of samples per pixel so far; the mean where pixels have different counts.
     pub fn samples(&self) -> u32 {
         if self.map.is_some() {
             let sum: u64 = self.pixels.iter().map(|pixel| pixel.count() * u64::from(self.branches)).sum();
@@ -205,21 +207,22 @@ impl Film {
         self.ranges.iter().map(|r| r.end - r.start).sum()
     }
 
-    /// Samples of each pixel so far, row by row.
+    /// Number of samples of each pixel so far, row by row.
     pub fn counts(&self) -> Vec<u32> {
         let count = |pixel: &PixelStatistics| pixel.count().saturating_mul(self.branches.into());
         self.pixels.iter().map(|pixel| u32::try_from(count(pixel)).unwrap_or(u32::MAX)).collect()
     }
 
-    /// Ranges of sample numbers it holds.
+    /// Ranges of the sample numbers in the film.
     pub fn ranges(&self) -> &[Range<u32>] {
         &self.ranges
     }
 
-    /// Adds the samples of `other`. Sums are exact to some sixteen digits, so that the picture is that of one film whatever the parts.
+    /// Adds the samples of `other`. Sums are exact to about sixteen digits, so that any division into parts gives the picture of
+    /// one film.
     ///
     /// # Errors
-    /// When it is of another scene, frame or settings, or shares samples with this one; nothing is added then.
+    /// When `other` has another scene, frame or settings, or shares samples with this film. Then nothing is added.
     pub fn merge(&mut self, other: &Self) -> Result<()> {
         if self.key != other.key {
             return Err(Error::Merge("the other film is of another scene, frame or other settings".into()));
@@ -250,7 +253,8 @@ impl Film {
 }
 
 impl LightPathSums {
-    /// Makes room for the light paths of `samples` more samples a pixel of a film with `pixels` pixels and `groups` sums of light groups.
+    /// Makes room for the light paths of `samples` more samples per pixel. The film has `pixels` pixels and `groups` sums of
+    /// light groups.
     fn begin(&mut self, samples: u32, pixels: usize, groups: usize) {
         if self.samples == 0 {
             (self.pixels, self.groups) = (zeroed_vec(pixels), zeroed_vec(groups));
@@ -266,7 +270,7 @@ impl LightPathSums {
         }
     }
 
-    /// Whether there are as many pixels as there should be, or none.
+    /// Whether the number of pixels is right, or 0 without light paths.
     fn is_of(&self, pixels: usize, groups: usize) -> bool {
         let found = (self.pixels.len(), self.groups.len());
         found == if self.samples == 0 { (0, 0) } else { (pixels, groups) }

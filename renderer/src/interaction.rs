@@ -14,8 +14,8 @@ use renderflow_scenes::TextureSlot;
 /// Smallest cosine between the shading normal and the viewer; a shading normal below is bent up to it.
 const MIN_COS_VIEW: f32 = 1e-3;
 
-/// What a ray stands for: a cone around it that covers the samples' share of a pixel or of a lobe. Textures are looked up at the
-/// width it has where it hits (Akenine-Moller et al. 2021, "Improved Shader and Texture Level of Detail Using Ray Cones").
+/// The footprint of a ray: a cone that covers a sample's share of a pixel or of a lobe. Textures are looked up at the width of
+/// the cone at the hit (Akenine-Moller et al. 2021, "Improved Shader and Texture Level of Detail Using Ray Cones").
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cone {
     /// Width at the origin of the ray, metres.
@@ -25,12 +25,13 @@ pub struct Cone {
 }
 
 impl Cone {
-    /// A camera ray that is one of `samples` in its pixel: a share of the pixel of that area.
+    /// The cone of one of `samples` camera rays of a pixel, which covers that share of the pixel's area.
     pub fn camera(camera: &Camera, samples: u32) -> Self {
         Self { width: 0.0, spread: 1.0 / (camera.fl_y * (samples.max(1) as f32).sqrt()) }
     }
 
-    /// After scattering with density `pdf` (per steradian), one of `samples`: each stands for a solid angle of `1 / (pdf samples)`.
+    /// After scattering with density `pdf` (per steradian), one of `samples`: each stands for a solid angle of `1 / (pdf
+    /// samples)`.
     #[inline(always)]
     pub fn scattered(self, pdf: f32, samples: u32) -> Self {
         let own = (pdf * samples.max(1) as f32).sqrt().recip();
@@ -78,14 +79,14 @@ impl Interaction {
         Self::at::<F, true>(scene, ray, hit, cone)
     }
 
-    /// What guides show of the point that [`Self::new`] makes; nothing else is looked up.
+    /// The guides' values of the point that [`Self::new`] makes; nothing else is looked up.
     #[inline(always)]
     pub(crate) fn guide<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> FirstHit {
         let point = Self::at::<F, false>(scene, ray, hit, cone);
         FirstHit { albedo: point.surface.base_color, ns: point.ns }
     }
 
-    /// The point, its roughness, metal and emission only if `WHOLE`.
+    /// The point; its roughness, metallic and emission only if `WHOLE`.
     #[inline(always)]
     fn at<F: Features, const WHOLE: bool>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> Self {
         let wo = -ray.direction;
@@ -187,8 +188,8 @@ impl Interaction {
     }
 }
 
-/// Applies a tangent-space normal `value` (-1..=1) with `strength` on its x and y, as glTF defines it. Falls back to `ns` where the
-/// tangent is parallel to it.
+/// Applies a tangent-space normal `value` (-1..=1) with `strength` on its x and y, as glTF defines it. Falls back to `ns` where
+/// the tangent is parallel to it.
 fn map_normal(ns: Vec3A, tangent: Vec3A, handedness: f32, value: Vec3A, strength: f32) -> Vec3A {
     let Some(t) = (tangent - ns * ns.dot(tangent)).try_normalize() else { return ns };
     let b = ns.cross(t) * handedness;

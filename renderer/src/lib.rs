@@ -1,7 +1,8 @@
 //! CPU path tracer: compiled scenes, Disney materials, environment light, G-buffers, film.
 //!
-//! [`RenderScene::compile`] takes a loaded scene apart into what rays need; [`render`] path-traces a frame with its G-buffer,
-//! [`render_gbuffer`] traces camera rays alone, and [`ibl::render`] shades them with the split sum.
+//! [`RenderScene::compile`] turns a loaded scene into what rays need. [`render`] path-traces a frame with its G-buffer,
+//! [`render_gbuffer`] traces camera rays alone, [`ibl::render`] shades them with the split sum, and [`deferred`] with shadow maps
+//! and screen-space effects.
 //!
 //! It is *not* a scene format (see `renderflow-scenes`) and writes no files (see `renderflow-frame`).
 

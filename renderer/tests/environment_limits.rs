@@ -82,7 +82,6 @@ fn sums_of_the_brightest_texels_stay_finite() {
     for sampling in [Sampling::Plain, Sampling::Compensated] {
         let light = EnvironmentLight::with_sampling(&bright, sampling).expect("in range");
         assert_eq!(light.repairs(), Repairs::default(), "1e30 is no overflow");
-        assert!((light.mean_radiance().z / 1e30 - 1.0).abs() < 1e-5);
         let mut random = Random::new(4);
         for _ in 0..10_000 {
             let (radiance, pdf) = light.radiance_and_pdf(random.direction().as_vec3a());

@@ -3,10 +3,12 @@
 mod change;
 mod exact;
 mod material;
+mod principled;
 
 pub use change::MaterialChange;
 pub use exact::decimal;
 pub use material::{Material, TextureTransform, TextureWrap};
+pub use principled::Principled;
 
 use crate::error::{Error, Result};
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot, Vec3A};

@@ -12,7 +12,6 @@ pub mod loaded;
 pub mod mipmap;
 mod noise;
 pub mod pattern;
-mod principled;
 pub mod procedural;
 pub mod schema;
 pub mod seed;
@@ -22,7 +21,6 @@ mod tangents;
 mod texture;
 pub mod validate;
 
-pub use description::Scene;
+pub use description::{Principled, Scene};
 pub use error::{Error, Problem, Result};
 pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, TriangleReport};
-pub use principled::Principled;

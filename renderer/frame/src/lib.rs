@@ -1,8 +1,8 @@
 //! The contract between the path tracer, the neural renderer and the files: what a channel means, where a camera looks,
 //! how an environment is oriented, and which colour curve turns radiance into a picture.
 //!
-//! It is *not* a renderer: nothing here traces a ray through geometry. Whatever both sides need of a frame
-//! (split-sum shading, screen-space occlusion, keyframe warping) lives here once, so that the baseline and the network see the same numbers.
+//! It is *not* a renderer: nothing here traces a ray through geometry. What both sides need of a frame (split-sum shading,
+//! keyframe warping) is here once, so that baselines and networks see the same numbers.
 #![forbid(unsafe_code)]
 
 pub mod camera;

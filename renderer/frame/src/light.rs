@@ -4,8 +4,8 @@ use crate::Environment;
 use crate::ibl::{self, IblTables};
 use std::sync::OnceLock;
 
-/// An environment with what shading derives from it, built once per sequence. Tables and exposure are computed when they are first asked
-/// for, and kept.
+/// An environment with what shading derives from it, built once per sequence. Tables and exposure are computed when they are
+/// first asked for, and kept.
 #[derive(Clone, Debug)]
 pub struct Light {
     /// Radiance from every direction.
@@ -45,8 +45,8 @@ impl Light {
     }
 }
 
-/// The value of `cell`. `make` runs before the cell is locked: it works on rayon, where a thread that waits may pick up work that asks
-/// for the same value and would then wait for itself.
+/// The value of `cell`. `make` runs before the cell is locked: it works on rayon, where a thread that waits may pick up work that
+/// asks for the same value and would then wait for itself.
 fn kept<T>(cell: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
     match cell.get() {
         Some(value) => value,

@@ -2,9 +2,9 @@
 
 use crate::image::{Image, Rgb};
 
-/// The terms of a deferred picture: scene-linear radiance, 0 where nothing is covered, and not multiplied by coverage. With `alpha` and the
-/// background of the frame they add up to the picture:
-/// `alpha * (sum of direct + ambient_diffuse + ambient_specular + reflections + indirect) + (1 - alpha) * background`.
+/// The terms of a deferred picture: scene-linear radiance, 0 where nothing is covered, and not multiplied by coverage. With
+/// `alpha` and the background of the frame they add up to the picture: `alpha * (sum of direct + ambient_diffuse +
+/// ambient_specular + reflections + indirect) + (1 - alpha) * background`.
 #[derive(Clone, Debug, Default)]
 pub struct ShadingTerms {
     /// Light that each dominant light of the environment sends to the camera, with shadows; the strongest light first.
@@ -17,8 +17,8 @@ pub struct ShadingTerms {
     pub occlusion: Option<Image<f32>>,
     /// Light of the environment without the dominant lights, reflected by the diffuse base.
     pub ambient_diffuse: Rgb,
-    /// The same light, and the dominant lights in the mirrors of smooth surfaces, reflected by the GGX lobe; without what `reflections`
-    /// replaces.
+    /// The same light, and the dominant lights in the mirrors of smooth surfaces, reflected by the GGX lobe; without what
+    /// `reflections` replaces.
     pub ambient_specular: Rgb,
     /// What the GGX lobe reflects of the picture itself; `None` where reflections are off.
     pub reflections: Option<Rgb>,

@@ -1,6 +1,6 @@
-//! Deferred shading as a good game engine does it from data that a rasteriser has: the dominant lights are analytic and shadowed by shadow
-//! maps, and the rest of the environment is lit by the split sum with ambient occlusion, screen-space reflections, and one bounce of
-//! indirect light.
+//! Deferred shading as a good game engine does it from data that a rasteriser has: the dominant lights are analytic and shadowed
+//! by shadow maps, and the rest of the environment is lit by the split sum with ambient occlusion, screen-space reflections, and
+//! one bounce of indirect light.
 //!
 //! [`Lighting::new`] runs once per sequence. [`ShadowTiles::maps`] and [`shade`] run once per frame.
 
@@ -49,13 +49,13 @@ pub struct Options {
     pub sky: bool,
     /// Ambient occlusion.
     pub occlusion: bool,
-    /// Whether the rest of the environment is looked up along the bent normal instead of the normal. This needs `occlusion`, and has no
-    /// effect where the sky has shadow maps, which answer the same question better.
+    /// Whether the rest of the environment is looked up along the bent normal instead of the normal. This needs `occlusion`, and
+    /// has no effect where the sky has shadow maps, which answer the same question better.
     pub bent: bool,
     /// Screen-space reflections.
     pub reflections: bool,
-    /// One bounce of indirect light: from what surrounds a pixel in the picture, and from the picture's mean colour where the sky's maps
-    /// show that something outside the picture is in the way.
+    /// One bounce of indirect light: from what surrounds a pixel in the picture, and from the picture's mean colour where the
+    /// sky's maps show that something outside the picture is in the way.
     pub indirect: bool,
 }
 
@@ -94,9 +94,9 @@ const SKY_JITTER: f32 = 2.0;
 /// Largest share of the light that may go on bouncing between surfaces.
 const MOST_BOUNCED: f32 = 0.8;
 
-/// Shades `frame`. The result has the same bits for any number of threads, and pixels without coverage cost one look-up. The lists of
-/// `shadows` may be shorter than the lights and cells: lights without a map are marched through the depth buffer, and cells of the sky
-/// without a map are open.
+/// Shades `frame`. The result has the same bits for any number of threads, and pixels without coverage cost one look-up. The
+/// lists of `shadows` may be shorter than the lights and cells: lights without a map are marched through the depth buffer, and
+/// cells of the sky without a map are open.
 ///
 /// # Panics
 /// When a channel of `frame` does not have `frame.width * frame.height` pixels.
@@ -295,7 +295,8 @@ fn visibility(surface: &Surface, lighting: &Lighting, maps: &[Vec<ShadowMap>], m
     (0..lighting.lights.len()).step_by(4).map(four).collect()
 }
 
-/// What the sky's maps leave open at each pixel: shares of the sky's diffuse light, of its reflected light, and of its directions; then 0.
+/// What the sky's maps leave open at each pixel: shares of the sky's diffuse light, of its reflected light, and of its
+/// directions; then 0.
 fn sky(surface: &Surface, shading: &Shading, lighting: &Lighting, shadows: &Shadows) -> Vec<Vec4> {
     let to_world = surface.camera.camera_to_world;
     filter::smooth(surface, Vec4::ONE, |i, phase| {
@@ -309,9 +310,9 @@ fn sky(surface: &Surface, shading: &Shading, lighting: &Lighting, shadows: &Shad
     })
 }
 
-/// Radiance of the scene's surroundings where they are not sky: the mean of the lit picture, brightened by the light that goes on bouncing
-/// between surfaces that see each other. It is one light probe for the whole picture, so it does not vary from place to place; it keeps a
-/// room from being black behind the camera.
+/// Radiance of the scene's surroundings where they are not sky: the mean of the lit picture, brightened by the light that goes on
+/// bouncing between surfaces that see each other. It is one light probe for the whole picture, so it does not vary from place to
+/// place; it keeps a room from being black behind the camera.
 fn surroundings(pixels: &[Pixel], lit: &[Vec3A], sky: &[Vec4], covered: impl Fn(usize) -> bool) -> Vec3A {
     let (mut light, mut bounced, mut count) = (Vec3A::ZERO, Vec3A::ZERO, 0.0);
     for i in (0..lit.len()).filter(|i| covered(*i)) {

@@ -1,8 +1,8 @@
 //! Shadow maps of distant lights: what a rasteriser would draw from the light, found by parallel rays.
 //!
-//! A map is assembled from tiles of a fixed grid; the sizes of texels are a factor of sqrt(2) apart. A tile is traced only if a visible
-//! point looks it up, and a tile of one frame serves the next where nothing moves. The content of a map depends on the frame alone, never
-//! on which tiles were kept.
+//! A map is assembled from tiles of a fixed grid; the sizes of texels are a factor of sqrt(2) apart. A tile is traced only if a
+//! visible point looks it up, and a tile of one frame serves the next where nothing moves. The content of a map depends on the
+//! frame alone, never on which tiles were kept.
 
 use super::{Lighting, ShadowMap, Shadows, axes};
 use crate::accel::Scratch;
@@ -24,8 +24,8 @@ pub const SHADOW_MAP_SIZE: usize = 1024;
 const SKY_MAP_SIZE: usize = 128;
 /// Smallest number of texels for the receivers of a light.
 const SMALLEST: usize = 128;
-/// Texels along one side of a map, as a multiple of the side of a square that has one pixel for each receiver. Finer maps would not show
-/// in the picture.
+/// Texels along one side of a map, as a multiple of the side of a square that has one pixel for each receiver. Finer maps would
+/// not show in the picture.
 const FINENESS: f32 = 2.0;
 /// Texels along each side of a tile.
 const TILE: usize = 32;
@@ -35,7 +35,8 @@ const BLOCK: usize = 4;
 const NEAR: f32 = 0.5;
 /// They get one where it is at most this wide, as a share of the width of the map of all receivers.
 const WORTH: f32 = 0.5;
-/// Share of the receivers, the nearest, that the sky's maps are fitted to where they lie within [`WORTH`] of the width of all receivers.
+/// Share of the receivers, the nearest, that the sky's maps are fitted to where they lie within [`WORTH`] of the width of all
+/// receivers.
 const SKY_SHARE: f32 = 0.75;
 /// Largest number of receivers that the sky's coarse maps are fitted to.
 const SKY_RECEIVERS: usize = 4096;
@@ -74,17 +75,17 @@ struct Tile {
     used: u64,
 }
 
-/// Shadow maps of `lighting` at the scene's current frame, whose G-buffer is `frame`. They are fitted to the receivers, the points that the
-/// frame shows. A light gets a second, finer map where the nearer half of its receivers spans less than half the width of all. Everything
-/// between the receivers and the light casts a shadow, however far away it is. A receiver outside the sky's maps is under an open sky.
-/// A light's map has about four texels for each receiver and at most [`SHADOW_MAP_SIZE`] squared; a map of the sky has at most
-/// 128 squared. A frame without receivers has no maps.
+/// Shadow maps of `lighting` at the scene's current frame, whose G-buffer is `frame`. They are fitted to the receivers, the
+/// points that the frame shows. A light gets a second, finer map where the nearer half of its receivers spans less than half the
+/// width of all. Everything between the receivers and the light casts a shadow, however far away it is. A receiver outside the
+/// sky's maps is under an open sky. A light's map has about four texels for each receiver and at most [`SHADOW_MAP_SIZE`]
+/// squared; a map of the sky has at most 128 squared. A frame without receivers has no maps.
 pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, frame: &Frame) -> Shadows {
     ShadowTiles::default().maps(scene, lighting, frame)
 }
 
-/// One map over all `receivers`, `size` texels along the longer side or up to 1.5 times as many; `None` where there are none. `light` is
-/// the unit direction towards the light, `radius` the angle that it covers, radians.
+/// One map over all `receivers`, `size` texels along the longer side or up to 1.5 times as many; `None` where there are none.
+/// `light` is the unit direction towards the light, `radius` the angle that it covers, radians.
 pub fn shadow_map(scene: &RenderScene, light: Vec3A, radius: f32, receivers: &[Vec3A], size: usize) -> Option<ShadowMap> {
     let start = scene.first_along(-light);
     let plan = Plan::new(light, receivers, size)?.look(receivers, reach(radius, start))?;
@@ -92,8 +93,8 @@ pub fn shadow_map(scene: &RenderScene, light: Vec3A, radius: f32, receivers: &[V
 }
 
 impl ShadowTiles {
-    /// As [`shadow_maps`]. Where nothing in the scene moves, tiles of earlier calls are used again. A scene with another hash starts without
-    /// tiles; scenes that have no hash must therefore not share a `ShadowTiles`.
+    /// As [`shadow_maps`]. Where nothing in the scene moves, tiles of earlier calls are used again. A scene with another hash
+    /// starts without tiles; scenes that have no hash must therefore not share a `ShadowTiles`.
     pub fn maps(&mut self, scene: &RenderScene, lighting: &Lighting, frame: &Frame) -> Shadows {
         let receivers = &receivers(frame)[..];
         let part = |share: f32| &receivers[..(receivers.len() as f32 * share) as usize];
@@ -156,8 +157,8 @@ impl ShadowTiles {
     }
 }
 
-/// How far beyond a receiver the taps of a light of angular `radius` reach, texels, given the size of a texel in metres and the depth of
-/// the deepest receiver, where casters stand behind `start`.
+/// How far beyond a receiver the taps of a light of angular `radius` reach, texels, given the size of a texel in metres and the
+/// depth of the deepest receiver, where casters stand behind `start`.
 fn reach(radius: f32, start: f32) -> impl Fn(f32, f32) -> f32 {
     move |texel, deepest| radius.clamp(0.0, 0.6).tan() / texel * (deepest - start).max(0.0) + LEAST_REACH
 }
@@ -218,8 +219,8 @@ impl Plan {
         Vec2::new(p.dot(self.axes[0]), p.dot(self.axes[1])) / self.texel
     }
 
-    /// The plan with the tiles that `receivers` look at, as many texels around each as `reach` says for the size of a texel and the
-    /// largest depth, and farther out none; `None` where there are none.
+    /// The plan with the tiles that `receivers` look at, as many texels around each as `reach` says for the size of a texel and
+    /// the largest depth, and farther out none; `None` where there are none.
     fn look(mut self, receivers: &[Vec3A], reach: impl Fn(f32, f32) -> f32) -> Option<Self> {
         let most = FARTHEST * (self.count.max_element() * TILE as i32) as f32 + TILE as f32;
         let reach = reach(self.texel, self.deepest).min(most);

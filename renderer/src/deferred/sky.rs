@@ -22,7 +22,8 @@ pub struct SkyCell {
     pub irradiance: Vec3A,
 }
 
-/// Divides `environment` into cells about the directions of a spherical spiral. Dark cells are left out; a black environment has no cells.
+/// Divides `environment` into cells about the directions of a spherical spiral. Dark cells are left out; a black environment has
+/// no cells.
 pub fn sky_cells(environment: &Environment) -> Vec<SkyCell> {
     let golden = PI * (3.0 - 5.0_f32.sqrt());
     let directions: Vec<Vec3A> = (0..SKY_CELLS)

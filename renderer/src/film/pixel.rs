@@ -1,10 +1,10 @@
 //! What the samples of one pixel add up to.
 //!
-//! Every sample belongs to exactly one pixel (the filter is importance sampled, never splatted), so pixels stay independent: that is
-//! what makes the picture independent of threads and tiles, and what denoisers expect. Radiance is summed in twice double precision
-//! (some 32 digits): at 65536 samples of a bright sun single-precision sums lose the dim samples, and double-precision sums round
-//! differently in another order, which shows in the variance of pixels that have nearly none.
-//! It costs about one instruction in a hundred (docs/measurements/renderer-notes.md, small).
+//! Every sample belongs to exactly one pixel (the filter is importance sampled, never splatted), so pixels stay independent: that
+//! is what makes the picture independent of threads and tiles, and what denoisers expect. Radiance is summed in twice double
+//! precision (some 32 digits): at 65536 samples of a bright sun single-precision sums lose the dim samples, and double-precision
+//! sums round differently in another order, which shows in the variance of pixels that have nearly none. It costs about one
+//! instruction in a hundred (docs/measurements/renderer-notes.md, small).
 
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3A};
@@ -27,7 +27,7 @@ struct Sum {
 }
 
 impl Sum {
-    /// Adds without rounding but that of `low` (Dekker 1971; the first step is Knuth's TwoSum).
+    /// Adds; only `low` is rounded (Dekker 1971; the first step is Knuth's TwoSum).
     #[inline]
     fn add(&mut self, value: DVec3, low: DVec3) {
         let sum = self.high + value;
@@ -39,7 +39,7 @@ impl Sum {
     }
 }
 
-/// The same to double precision.
+/// Sums are equal where they are equal in double precision.
 impl PartialEq for Sum {
     fn eq(&self, other: &Self) -> bool {
         self.high == other.high
@@ -64,7 +64,7 @@ impl PixelStatistics {
         self.sum_of_squares.add(other.sum_of_squares.high, other.sum_of_squares.low);
     }
 
-    /// Samples so far.
+    /// Number of samples so far.
     pub fn count(&self) -> u64 {
         self.count
     }
@@ -134,7 +134,7 @@ impl GuideStatistics {
         }
     }
 
-    /// Counts rays of which `first` is the mean first hit: all of them meet one surface, or nothing.
+    /// Counts `count` rays that all meet one surface, or nothing; `first` is their mean first hit.
     #[inline]
     pub fn push_alike(&mut self, count: u64, first: Option<FirstHit>) {
         self.rays += count;
@@ -173,7 +173,7 @@ impl GuideStatistics {
     }
 }
 
-/// What light paths brought to one pixel.
+/// Sums of what light paths contribute to one pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Zeroable)]
 pub(crate) struct LightStatistics {
     sum: Sum,
@@ -181,7 +181,7 @@ pub(crate) struct LightStatistics {
 }
 
 impl LightStatistics {
-    /// Adds what a light path brought.
+    /// Adds the contribution of one light path.
     #[inline]
     pub fn push(&mut self, radiance: Vec3A) {
         let value = radiance.as_dvec3();
@@ -194,12 +194,12 @@ impl LightStatistics {
         self.squares.add(other.squares.high, other.squares.low);
     }
 
-    /// Radiance by the light paths of `samples` samples a pixel.
+    /// Radiance by the light paths of `samples` samples per pixel.
     pub fn mean(&self, samples: u32) -> DVec3 {
         self.sum.high / f64::from(samples.max(1))
     }
 
-    /// Variance of that mean: few of many light paths come to a pixel.
+    /// Variance of [`Self::mean`], for few of many light paths reach a pixel.
     pub fn variance_of_mean(&self, samples: u32) -> DVec3 {
         self.squares.high / f64::from(samples.max(1)).powi(2)
     }

@@ -15,11 +15,11 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Counts traced samples and says how far a render is.
+/// Counts traced samples and reports the progress of a render.
 pub(super) struct Meter<'a> {
     progress: Progress<'a>,
     done: AtomicU64,
-    /// When it began and how long it may take, where it is time that counts.
+    /// When the render began and how long it may take; `None` where time is not limited.
     clock: Option<(Instant, Duration)>,
 }
 
@@ -28,12 +28,12 @@ impl<'a> Meter<'a> {
         Self { progress, done: 0.into(), clock: limit.map(|limit| (Instant::now(), limit)) }
     }
 
-    /// Samples so far.
+    /// Number of samples so far.
     pub fn done(&self) -> u64 {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Says that `samples` more are done of `total`.
+    /// Reports `samples` more samples of `total`.
     fn add(&self, samples: u64, total: u64) {
         let done = self.done.fetch_add(samples, Ordering::Relaxed) + samples;
         match self.clock {
@@ -46,14 +46,14 @@ impl<'a> Meter<'a> {
     }
 }
 
-/// What samples are traced of.
+/// What all samples of a picture share.
 #[derive(Clone, Copy)]
 pub(super) struct Work<'a> {
     pub scene: &'a RenderScene,
     pub settings: &'a Settings,
     pub visible: &'a Visible,
     pub casters: Option<&'a CausticCasters>,
-    /// Light samples at the first surface behind a camera ray.
+    /// Number of light samples at the first surface behind a camera ray.
     lights: u32,
     pub cancel: &'a AtomicBool,
 }
@@ -70,7 +70,7 @@ impl<'a> Work<'a> {
         Self { scene, settings, visible, casters, lights, cancel }
     }
 
-    /// Light paths of the samples `samples`.
+    /// Number of light paths of the samples `samples`.
     pub fn light_paths(&self, samples: &Range<u32>) -> u64 {
         self.casters.map_or(0, |casters| casters.paths() * samples.len() as u64)
     }
@@ -90,8 +90,9 @@ impl<'a> Work<'a> {
         with_features!(settings.needed(scene), settings.full(), trace_light(&paths, self.cancel, &done, &mut store))
     }
 
-    /// Traces the samples `span(pixel)` of every pixel and adds them to `film`, in the order of their numbers and on top of the sums
-    /// so far: a film made in rounds is that made at once, bit for bit. `meter` comes with the total to compare with.
+    /// Traces the samples `span(pixel)` of every pixel and adds them to `film`, in the order of their numbers and on top of the
+    /// sums so far: a film made in rounds equals a film made at once, bit for bit. `meter` comes with the total number of
+    /// samples.
     pub fn trace(&self, film: &mut Film, span: &(dyn Fn(usize) -> Range<u32> + Sync), meter: (&Meter<'_>, u64)) -> Result<Stats> {
         with_features!(self.settings.needed(self.scene), self.settings.full(), trace(*self, film, span, meter))
     }
@@ -109,8 +110,8 @@ fn trace<F: Features>(
         let tile = plot.tile;
         let mut tracer = Tracer::<F>::new(scene, settings, casters, lights);
         let mut samples = 0;
-        // Shots with the places of their pixels in the tile. Sixteen may be of several pixels: in the rounds of an adaptive picture a
-        // pixel has but few.
+        // Shots with the places of their pixels in the tile. Sixteen may be of several pixels: in the rounds of an adaptive
+        // picture a pixel has but few.
         let (mut shots, mut places) = (Vec::with_capacity(SHOTS), Vec::with_capacity(SHOTS));
         let mut shoot = |shots: &mut Vec<Shot>, places: &mut Vec<usize>| {
             tracer.aim(shots);

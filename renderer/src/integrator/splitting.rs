@@ -1,8 +1,8 @@
 //! How many light samples the first surface of a path gets, by what they bring in this picture.
 //!
-//! What a camera ray brings is the mean of `l` light samples at what it hits, plus the mean of `b` paths that go on from there. With `v_x`
-//! the variance between camera rays, `v_l` of a light sample and `v_s` of a path, and `c_x`, `c_l`, `c_s` what each costs, the picture's
-//! error in a given time is in proportion to
+//! What a camera ray brings is the mean of `l` light samples at what it hits, plus the mean of `b` paths that go on from there.
+//! With `v_x` the variance between camera rays, `v_l` of a light sample and `v_s` of a path, and `c_x`, `c_l`, `c_s` what each
+//! costs, the picture's error in a given time is in proportion to
 //!
 //! `(v_x + v_l / l + v_s / b) (c_x + l c_l + b c_s)`,
 //!
@@ -97,8 +97,8 @@ fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visib
     CHOICES.into_iter().min_by(|a, b| price(*a).total_cmp(&price(*b))).unwrap_or(1)
 }
 
-/// What the pilot says of a pixel: variances of one camera ray, light sample and path, relative to the squared mean, and rays that the
-/// latter two take.
+/// What the pilot says of a pixel: variances of one camera ray, light sample and path, relative to the squared mean, and rays
+/// that the latter two take.
 struct Pixel {
     camera: f64,
     light: f64,

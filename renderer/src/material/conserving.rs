@@ -6,7 +6,7 @@
 //!   and it needs a second look-up and a second lobe for every metal; paths are only ever traced from the camera.
 //! - Dielectric: single-scattering GGX with the reflectance of Fresnel's equations ([`renderflow_frame::fresnel`]) over a diffuse base
 //!   that receives, reciprocally, what the coat lets through: see [`super::diffuse`]. A tint scales the reflectance at normal incidence
-//!   alone; how it rises from there remains that of the untinted index.
+//!   alone; its rise from there follows the untinted index.
 //! - Sheen and clearcoat lie on top and scale everything below by `1 - E(wo)` of their own albedo. A factor of `wo` alone is not
 //!   reciprocal; but with it the sum is exact for every view, where the reciprocal coupling of the base would need one second lobe
 //!   a layer, and paths are only ever traced from the camera.
@@ -24,8 +24,8 @@ use glam::Vec3A;
 use renderflow_frame::fresnel::{Dielectric, MAX_F0, schlick_weight};
 use std::f32::consts::FRAC_1_PI;
 
-/// Largest reflectance at normal incidence that a tint may give a dielectric. A saturated blue over its luminance would reach 1 and
-/// leave the base nothing but grazing light, drawn with weights in the hundreds; no dielectric comes near.
+/// Largest reflectance at normal incidence that a tint may give a dielectric. A saturated blue over its luminance would reach 1
+/// and leave the base nothing but grazing light, drawn with weights in the hundreds; no dielectric comes near.
 const MAX_TINTED: f32 = 0.8;
 
 /// The energy-conserving scattering function of one surface point.
@@ -62,8 +62,8 @@ struct Coat<const FULL: bool> {
 /// What depends on `wo` alone.
 #[derive(Clone, Copy)]
 pub(super) struct Outgoing {
-    /// Fresnel reflectance of the GGX lobe, shares and compensation applied: `f0` plus Schlick's weight times `conductor` plus the
-    /// dielectric's weight times `dielectric`.
+    /// Fresnel reflectance of the GGX lobe, shares and compensation applied: `f0` plus Schlick's weight times `conductor` plus
+    /// the dielectric's weight times `dielectric`.
     f0: Vec3A,
     conductor: Vec3A,
     dielectric: Vec3A,

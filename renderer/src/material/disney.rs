@@ -49,7 +49,7 @@ enum Form<const FULL: bool> {
 
 impl<const FULL: bool> Bsdf<FULL> {
     /// Prepares the lobes that `surface` has. Parameters beyond their range are taken at its end; NaN stays NaN and shows in the
-    /// values. `mode` is [`Mode::Conserving`] where `FULL = false`, whatever it says.
+    /// values. Where `FULL = false`, `mode` is ignored and taken as [`Mode::Conserving`].
     #[inline(always)]
     pub fn new(surface: &Principled, mode: Mode) -> Self {
         let surface = if FULL { surface.clamped() } else { surface.clamped_plain() };
@@ -92,7 +92,7 @@ impl<const FULL: bool> Bsdf<FULL> {
     }
 }
 
-/// Both forms of the conserving BSDF of a material that looks nothing up, made once: a vertex then has nothing to prepare but its view.
+/// Both forms of the conserving BSDF of a material without textures. They are made once, so that a vertex prepares only its view.
 #[derive(Clone, Copy)]
 pub struct Prepared {
     pub(crate) plain: Bsdf<false>,
@@ -123,7 +123,7 @@ enum Seen<'a, const FULL: bool> {
 }
 
 impl<const FULL: bool> View<'_, FULL> {
-    /// Whether nothing is reflected, from whatever direction: a material without any lobe, or one seen from below.
+    /// Whether nothing is reflected from any direction: the material has no lobe, or is seen from below.
     #[inline(always)]
     pub fn is_black(&self) -> bool {
         matches!(self.seen, Seen::Nothing)

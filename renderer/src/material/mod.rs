@@ -1,10 +1,10 @@
 //! How surfaces scatter light.
 //!
-//! Everything here works in the local frame of a surface point: the shading normal is +z, the tangent +x, `wo` and `wi` are unit and point away
-//! from the surface. Densities (`pdf`) are in solid angle.
+//! Everything here works in the local frame of a surface point: the shading normal is +z, the tangent +x, `wo` and `wi` are unit
+//! and point away from the surface. Densities (`pdf`) are in solid angle.
 //!
-//! What a vertex calls is inlined always: the compiler's own choice left the parts of a material in memory, which is slower
-//! (docs/measurements/renderer-notes.md, small).
+//! Everything that a vertex calls is always inlined: the compiler's own choice left the parts of a material in memory, which is
+//! slower (docs/measurements/renderer-notes.md, small).
 
 mod albedo;
 mod anisotropy;
@@ -30,11 +30,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// Normalised diffuse, compensation for what single scattering loses, and dielectrics that reflect by Fresnel's equations: a white
-    /// furnace closes.
+    /// Normalised diffuse, compensation for what single scattering loses, and dielectrics that reflect by Fresnel's equations: a
+    /// white furnace closes.
     #[default]
     Conserving,
-    /// Formulae as Burley printed them, Schlick's Fresnel among them, for comparison with other renderers.
+    /// Burley's formulae as printed, including Schlick's Fresnel term, for comparison with other renderers.
     Published,
 }
 

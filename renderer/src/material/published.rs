@@ -1,8 +1,8 @@
 //! The principled material as Burley printed it ("Physically Based Shading at Disney", 2012, and the code of his BRDF explorer).
 //!
 //! Its diffuse part gains and loses energy by design; this form exists to be compared with other renderers. One later change of
-//! his own is taken over (2014 revision of the notes): masking uses the lobe's own widths, not the earlier `(0.5 + roughness / 2)^2`.
-//! Colours are linear Rec.709, so that the luminance in `Ctint` is Rec.709's.
+//! his own is taken over (2014 revision of the notes): masking uses the lobe's own widths, not the earlier `(0.5 + roughness /
+//! 2)^2`. Colours are linear Rec.709, so that the luminance in `Ctint` is Rec.709's.
 
 use super::albedo::Row;
 use super::clearcoat::Clearcoat;

@@ -136,7 +136,7 @@ pub fn corners() -> Worst {
         for roughness in [0.0, 1e-3, 0.3, 1.0, -1.0, 7.0] {
             for (base, specular) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (5.0, -1.0)] {
                 let base_color = Vec3A::splat(base);
-                let surface = Surface { base_color, metallic, roughness, specular, ..Surface::default() };
+                let surface = Principled { base_color, metallic, roughness, specular, ..Principled::default() };
                 let bsdf = Bsdf::<false>::new(&surface, Mode::Conserving);
                 for wo in cosines.map(|cos| view(cos, 0.0)) {
                     for wi in cosines.into_iter().flat_map(|cos| [0.0, 1.0, std::f32::consts::PI].map(|phi| view(cos, phi))) {
@@ -165,8 +165,8 @@ pub fn corners() -> Worst {
 pub fn plain_form(count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for _ in 0..count {
-        let Surface { base_color, metallic, roughness, specular, .. } = random.surface();
-        let surface = Surface { base_color, metallic, roughness, specular, ..Surface::default() };
+        let Principled { base_color, metallic, roughness, specular, .. } = random.surface();
+        let surface = Principled { base_color, metallic, roughness, specular, ..Principled::default() };
         let (wo, wi) = (random.direction(), random.direction());
         let (a, b) = (
             Bsdf::<false>::new(&surface, Mode::Conserving).eval(wo, wi),
@@ -185,8 +185,8 @@ pub fn plain_form(count: u64, seed: u64) -> Worst {
 pub fn conductors(count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for _ in 0..count {
-        let Surface { base_color, roughness, .. } = random.surface();
-        let surface = Surface { base_color, roughness, metallic: 1.0, ..Surface::default() };
+        let Principled { base_color, roughness, .. } = random.surface();
+        let surface = Principled { base_color, roughness, metallic: 1.0, ..Principled::default() };
         let bsdf = Bsdf::<true>::new(&surface, Mode::Conserving);
         let [a, b, c] = [(); 3].map(|()| random.direction());
         let value = |wo: Vec3A, wi: Vec3A| (bsdf.eval(wo, wi).f_cos / wi.z).as_dvec3();
@@ -204,14 +204,14 @@ pub fn conductors(count: u64, seed: u64) -> Worst {
 pub fn known_values() -> Worst {
     let mut worst = Worst::default();
     let color = Vec3A::new(0.2, 0.5, 0.9);
-    let lambert = Surface { base_color: color, metallic: 0.0, roughness: 0.0, specular: 0.0, ..Surface::default() };
+    let lambert = Principled { base_color: color, metallic: 0.0, roughness: 0.0, specular: 0.0, ..Principled::default() };
     let (wo, wi) = (view(0.4, 1.0), view(0.6, 3.0));
     let value = Bsdf::<false>::new(&lambert, Mode::Conserving).eval(wo, wi);
     let cosine = wi.z * std::f32::consts::FRAC_1_PI;
     let error = (value.f_cos - color * cosine).abs().max_element().max((value.pdf - cosine).abs());
     // These are exact but for rounding.
     worst.see(error.into(), error > 1e-7, || format!("Lambertian: {value:?}"));
-    let mirror = Surface { metallic: 1.0, ..lambert };
+    let mirror = Principled { metallic: 1.0, ..lambert };
     let mirror = Bsdf::<false>::new(&mirror, Mode::Conserving);
     for (cos, wanted) in [(1.0, color), (0.5, color + (Vec3A::ONE - color) * 0.5_f32.powi(5))] {
         let found = albedo(&mirror, view(cos, 0.0), 128);
@@ -224,7 +224,7 @@ pub fn known_values() -> Worst {
         let nothing = value.f_cos == Vec3A::ZERO && value.pdf == 0.0;
         worst.see(0.0, !nothing, || format!("below the horizon: {wo} {wi} {value:?}"));
     }
-    let black = Surface { base_color: Vec3A::ZERO, roughness: 0.5, ..lambert };
+    let black = Principled { base_color: Vec3A::ZERO, roughness: 0.5, ..lambert };
     let black = Bsdf::<false>::new(&black, Mode::Conserving);
     for (bsdf, wo) in [(&mirror, below), (&mirror, Vec3A::X), (&black, Vec3A::Z)] {
         let drawn = bsdf.sample(wo, 0.1, [0.2, 0.3]);
@@ -233,10 +233,10 @@ pub fn known_values() -> Worst {
     worst
 }
 
-/// Largest weight over `count` random draws of random materials; half of them have a tint as strong as any. A failure is one beyond
-/// 25, which would show as fireflies; 50 in `published` mode, whose blue sheen of `1 / 0.0722` is reached by cosine-weighted draws
-/// (`pi` times as much). Subsurface scattering takes no part: its `1 / (cos_o + cos_i)` has no bound, though its square
-/// has a mean, and one draw in a million weighs more.
+/// Largest weight over `count` random draws of random materials; half of them have a tint as strong as any. A failure is one
+/// beyond 25, which would show as fireflies; 50 in `published` mode, whose blue sheen of `1 / 0.0722` is reached by
+/// cosine-weighted draws (`pi` times as much). Subsurface scattering takes no part: its `1 / (cos_o + cos_i)` has no bound,
+/// though its square has a mean, and one draw in a million weighs more.
 pub fn weights(mode: Mode, count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     let bound = if mode == Mode::Published { 50.0 } else { 25.0 };
@@ -330,8 +330,8 @@ pub fn lobes() -> Vec<Principled> {
 pub const VIEWS: [f32; 11] = [1.0, 0.9, 0.7, 0.5, 0.25, 0.1, 0.06, 0.03, 0.01, 0.003, 0.0005];
 
 /// Share of white light that a material reflects towards `wo`, by a midpoint rule over each lobe's own draws, weighed as the
-/// balance heuristic does (Veach 1995): an estimate from random draws of the mixture would hide errors of a thousandth. `rings` and
-/// twice as many sectors a lobe.
+/// balance heuristic does (Veach 1995): an estimate from random draws of the mixture would hide errors of a thousandth. `rings`
+/// and twice as many sectors a lobe.
 pub fn albedo<const FULL: bool>(bsdf: &Bsdf<FULL>, wo: Vec3A, rings: u32) -> DVec3 {
     let view = bsdf.view(wo);
     let sectors = 2 * rings;
@@ -372,9 +372,9 @@ pub fn furnace_tolerance(surface: &Principled) -> f64 {
     if surface.anisotropic > 0.0 { 2e-2 } else { 5e-3 }
 }
 
-/// Directional albedo of the conserving form under a white sky, by [`albedo`] with `rings` (128 resolve a thousandth everywhere). The
-/// error is `|albedo - 1|` for white materials and the excess over 1 for others; a failure is an albedo above `1 + 1e-3`, or for
-/// white ones one further than [`furnace_tolerance`] from 1.
+/// Directional albedo of the conserving form under a white sky, by [`albedo`] with `rings` (128 resolve a thousandth everywhere).
+/// The error is `|albedo - 1|` for white materials and the excess over 1 for others; a failure is an albedo above `1 + 1e-3`, or
+/// for white ones one further than [`furnace_tolerance`] from 1.
 pub fn furnace(surfaces: &[Principled], rings: u32) -> Worst {
     let mut worst = Worst::default();
     for surface in surfaces {
@@ -391,8 +391,8 @@ pub fn furnace(surfaces: &[Principled], rings: u32) -> Worst {
     worst
 }
 
-/// The density's integral over the hemisphere plus the share of `draws` draws that are `None` (mirrored below the horizon), less 1.
-/// The error is that difference; a failure is one beyond 1e-3 and four standard errors of the share.
+/// The density's integral over the hemisphere plus the share of `draws` draws that are `None` (mirrored below the horizon), less
+/// 1. The error is that difference; a failure is one beyond 1e-3 and four standard errors of the share.
 pub fn pdf_integrals(mode: Mode, surfaces: &[Principled], draws: u32, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for surface in surfaces {

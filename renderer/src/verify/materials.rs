@@ -210,7 +210,7 @@ mod tests {
     /// The test has the power to see what it is for: draws of one roughness do not pass for those of a slightly larger one.
     #[test]
     fn a_wrong_density_is_refuted() {
-        let surface = |roughness| Surface { metallic: 1.0, roughness, ..Surface::default() };
+        let surface = |roughness| Principled { metallic: 1.0, roughness, ..Principled::default() };
         let drawn = experiment::<true>(Mode::Conserving, &surface(0.30), 0.8, 100_000, 1);
         assert!(drawn.p_value() > 1e-6);
         let wo = bsdf::view(0.8, 1.2);

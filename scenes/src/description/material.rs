@@ -1,8 +1,8 @@
 //! Materials of a scene file.
 
 use super::MaterialChange;
+use super::principled::with_parameters;
 use crate::pattern::Pattern;
-use crate::principled::with_parameters;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

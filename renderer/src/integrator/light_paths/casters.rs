@@ -96,8 +96,8 @@ impl CausticCasters {
     }
 }
 
-/// A count near `count` with at most five digits in binary: roundings of where things are must not change it, or the random numbers of
-/// all paths would be others.
+/// A count near `count` with at most five digits in binary: roundings of where things are must not change it, or the random
+/// numbers of all paths would be others.
 fn coarse(count: f32) -> u32 {
     let count = count.clamp(0.0, 1e9);
     let step = (count.log2().floor() - 4.0).exp2().max(1.0);

@@ -54,7 +54,8 @@ pub(in crate::integrator) struct LightPaths<'a> {
     pub samples: Range<u32>,
 }
 
-/// Traces `paths` and hands what they bring to `store`, always in the same order. `done` is told the number of paths that are traced.
+/// Traces `paths` and hands what they bring to `store`, always in the same order. `done` is told the number of paths that are
+/// traced.
 ///
 /// # Errors
 /// [`Error::Cancelled`] when `cancel` was set.

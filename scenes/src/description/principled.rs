@@ -1,16 +1,16 @@
-//! Parameters of the principled material (Burley 2012), each declared once: the description of a scene, the loaded material, the path
-//! tracer and the deferred renderer all use this list.
+//! Parameters of the principled material (Burley 2012), each declared once. The description of a scene, the loaded material, the path tracer
+//! and the deferred renderer all use this list.
 //!
-//! A new parameter takes one entry here. `cargo test -p renderflow-scenes` then asks for the new `schema.json` and for an example, and the
-//! compiler for nothing: the renderer ignores the parameter until a lobe reads it.
+//! A new parameter is one entry here. The tests of this crate then ask for a new `schema.json` and for an example in `examples/materials.json`.
+//! The renderer ignores the parameter until a lobe reads it.
 
 use glam::Vec3A;
 
-/// Passes the parameters to the macro `$then`, after the tokens in `{ }`. An entry gives the doc comment, the name, the type in a scene file,
-/// the default, and the attributes of the field in a scene file. Every number of every parameter lies in 0..=1.
+/// Passes the parameters to the macro `$then`, after the tokens in `{ }`. An entry gives the doc comment, the name, the type in a
+/// scene file, the default, and the attributes of the field in a scene file. Every number of every parameter lies in 0..=1.
 ///
-/// Parameters of the first version of the scene format are always written; a newer one is written only where it differs from its default, so
-/// that older scenes keep their bytes.
+/// Parameters of the first version of the scene format are always written; a newer one is written only where it differs from its
+/// default, so that older scenes keep their bytes.
 macro_rules! with_parameters {
     ($then:ident! { $($first:tt)* }) => {
         $then! {
@@ -145,8 +145,8 @@ macro_rules! principled {
             }
         }
 
-        impl From<&crate::description::Material> for Principled {
-            fn from(described: &crate::description::Material) -> Self {
+        impl From<&super::Material> for Principled {
+            fn from(described: &super::Material) -> Self {
                 Self { $($name: Parameter::of(described.$name),)* }
             }
         }
