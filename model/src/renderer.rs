@@ -7,7 +7,7 @@ use crate::wan::pictures::DepthBounds;
 use crate::wan::video::WanRenderer;
 use crate::{Error, Result, weights};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Environment, Frame};
+use renderflow_frame::{Frame, Light};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -64,9 +64,7 @@ pub struct KeyframePlace {
 /// A sequence, as far as it does not arrive frame by frame. What a renderer does not ask for is never made.
 pub trait Sequence: Sync {
     /// The light.
-    fn environment(&self) -> &Environment;
-    /// Factor from radiance to display-linear, > 0.
-    fn exposure(&self) -> f32;
+    fn light(&self) -> &Light;
     /// Depths of the whole sequence.
     ///
     /// # Errors

@@ -21,6 +21,6 @@ mod tangents;
 mod texture;
 pub mod validate;
 
-pub use description::Scene;
+pub use description::{Principled, Scene};
 pub use error::{Error, Problem, Result};
-pub use loaded::{Instance, LoadReport, LoadedScene, Material, MaterialChange, Mesh, Texture, TextureSlot, TriangleReport};
+pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, TriangleReport};

@@ -229,14 +229,14 @@ fn what_a_pattern_does_not_need_is_not_made() {
     let plain = loaded(&planes(vec![material.clone()]));
     assert_eq!(plain.textures.len(), 1);
     assert!(plain.meshes[0].tangents.is_empty());
-    assert!((plain.materials[0].roughness - 0.4).abs() < 0.002 && plain.materials[0].metallic == 0.0);
+    assert!((plain.materials[0].surface.roughness - 0.4).abs() < 0.002 && plain.materials[0].surface.metallic == 0.0);
 
     // One colour as well: nothing is left but factors.
     let one = pattern::Blotches { colors: [[0.5, 0.25, 0.1]; 3], ..flat };
     let material = Material { base_color: [0.5; 3], pattern: Some(Pattern::Blotches(one)), ..material };
     let bare = loaded(&planes(vec![material]));
     assert!(bare.textures.is_empty());
-    let color = bare.materials[0].base_color;
+    let color = bare.materials[0].surface.base_color.to_array();
     assert!(color.iter().zip([0.25, 0.125, 0.05]).all(|(a, b)| (a - b).abs() < 0.003), "{color:?}");
 }
 

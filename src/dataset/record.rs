@@ -166,7 +166,7 @@ impl Record {
             on_objects.iter().filter(|&&m| which(&loaded.materials[m])).count()
         };
         let textured = count(&|m| m.texture_slots().next().is_some());
-        let metal = count(&|m| m.metallic > 0.5);
+        let metal = count(&|m| m.surface.metallic > 0.5);
         let light = EnvironmentLight::new(&loaded.environment)?;
         Ok(Self {
             version: 1,

@@ -3,11 +3,11 @@
 use super::record::{Chosen, KEYS, Known, NEIGHBOURS, PARTS, PICTURES, Record, TINT, at, radiance, tint};
 use glam::Vec2;
 use rayon::prelude::*;
-use renderflow_frame::deferred::Deferred;
 use renderflow_frame::ibl::{Shading, Surfaces};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Camera, Environment, Frame, warp};
+use renderflow_frame::terms::ShadingTerms;
+use renderflow_frame::warp::{self, Neighbour};
+use renderflow_frame::{Camera, Environment, Frame};
 
 /// Traced samples of a frame.
 #[derive(Clone, Copy, Debug)]
@@ -44,28 +44,6 @@ impl<'a> Samples<'a> {
         };
         [over(0), over(1), over(2), alpha]
     }
-}
-
-/// A keyframe as it is carried: its G-buffer, and its exposed truth over what is known of it without paths.
-#[derive(Clone, Debug)]
-pub struct Key {
-    /// G-buffer; the header names its camera.
-    pub frame: Frame,
-    /// Scene-linear truth.
-    pub truth: Rgb,
-    /// Deferred picture, where there is one.
-    pub shaded: Option<Rgb>,
-}
-
-/// A keyframe as a frame sees it.
-#[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
-    /// The keyframe.
-    pub key: &'a Key,
-    /// Frames from the frame to it; negative before it.
-    pub distance: f32,
-    /// How objects moved from the frame to it.
-    pub movement: Movement<'a>,
 }
 
 impl Record<f32> {
@@ -106,8 +84,8 @@ impl Record<f32> {
         });
     }
 
-    /// Adds the terms of deferred shading, which must hold its parts.
-    pub fn add_deferred(&mut self, deferred: &Deferred, exposure: f32) {
+    /// Adds the terms of deferred shading.
+    pub fn add_deferred(&mut self, deferred: &ShadingTerms, exposure: f32) {
         self.deferred = true;
         let pixel = |picture: Option<&Rgb>, i: usize| picture.map_or([0.0; 3], |picture| picture.pixels[i]);
         let share =
@@ -119,7 +97,7 @@ impl Record<f32> {
             let lights = deferred.direct.iter().fold([0.0; 3], |sum, light| add(sum, light.pixels[i]));
             let reflected = add(pixel(Some(&deferred.ambient_specular), i), pixel(deferred.reflections.as_ref(), i));
             let terms = [lights, deferred.ambient_diffuse.pixels[i], reflected, pixel(deferred.indirect.as_ref(), i)];
-            for (term, rgb) in terms.into_iter().chain([deferred.shading.irradiance.pixels[i]]).enumerate() {
+            for (term, rgb) in terms.into_iter().chain([deferred.irradiance.pixels[i]]).enumerate() {
                 put(out, at::TERMS + 3 * term, rgb.map(|v| radiance(exposure * v)));
             }
             let open = [deferred.sky.as_ref(), deferred.occlusion.as_ref(), deferred.visibility.first()];
@@ -127,15 +105,14 @@ impl Record<f32> {
         });
     }
 
-    /// Adds keyframe `k` (0 before, 1 after the frame). `frame` is this record's frame, whose header names its camera, and `shaded` its
-    /// deferred picture.
-    pub fn add_key(&mut self, k: usize, seen: &Seen, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
-        let Seen { key, distance, movement } = *seen;
+    /// Adds keyframe `k` (0 before, 1 after the frame). `frame` is this record's frame, and `shaded` its deferred picture.
+    pub fn add_key(&mut self, k: usize, seen: &Neighbour, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
+        let key = seen.key;
         assert!(k < KEYS, "keyframe {k} of {KEYS}");
-        self.distances[k] = Some(distance);
-        let found = warp::correspond(frame, &key.frame, Some(&|id| movement.of(id)));
+        self.distances[k] = Some(seen.distance);
+        let found = seen.correspond(frame);
         let over_shading =
-            key.shaded.as_ref().zip(shaded).map(|(there, here)| warp::ratio_fetch(&key.truth, there, here, &found, exposure));
+            key.start.as_ref().zip(shaded).map(|(there, here)| warp::ratio_fetch(&key.truth, there, here, &found, exposure));
         let plain = |frame: &Frame, i: usize| {
             let alpha = frame.alpha.pixels[i];
             let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));

@@ -4,6 +4,7 @@ use crate::bridge::{MAX_RADIANCE, log_curves};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use renderflow_frame::ibl;
+use renderflow_frame::warp::{AGE_UNIT, OLDEST, age};
 
 /// Keyframes that are carried: the nearest before and the nearest after.
 pub const KEYS: usize = 2;
@@ -24,8 +25,6 @@ pub const TERMS: usize = 4;
 pub const TINT: f32 = 0.04;
 /// Least of what samples are divided by.
 const LEAST: f32 = 0.02;
-/// Frames that count as age 1, and the largest age.
-const AGE: [f32; 2] = [16.0, 2.0];
 
 /// Where the numbers of a pixel begin. Radiance is exposed and linear, 0..=65504.
 pub mod at {
@@ -198,11 +197,6 @@ impl Chosen {
     }
 }
 
-/// Age of a keyframe `distance` frames away: in units of 16 frames, 2 at most.
-pub fn age(distance: f32) -> f32 {
-    (distance.abs() / AGE[0]).min(AGE[1])
-}
-
 /// What a surface of this albedo in a pixel reflects of light that is the same from everywhere: diffuse base and split sum (Karis 2013).
 /// Samples over it vary less than samples over the albedo where a textured surface shines. `stored` is the pixel's record.
 pub fn tint(albedo: [f32; 3], stored: &[f32]) -> [f32; 3] {
@@ -257,7 +251,7 @@ impl Known {
                 let valid = stored[from + 4 * k + 3];
                 if let (Some(age), true) = (chosen.ages[k], valid > 0.0) {
                     known.keys[k] = three(from + 4 * k);
-                    known.trust[k] = -(age + 1.0 / AGE[0]).ln();
+                    known.trust[k] = -(age + 1.0 / AGE_UNIT).ln();
                 }
             }
         }
@@ -339,7 +333,7 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
             let rgb: [f32; 3] = std::array::from_fn(|c| known.keys[k][c] / known.tint[c]);
             colour(rgb, out);
             out.push(f32::from(u8::from(there)));
-            out.push(if there { 1.0 - 0.5 * chosen.ages[k].unwrap_or(AGE[1]) } else { 0.0 });
+            out.push(if there { 1.0 - 0.5 * chosen.ages[k].unwrap_or(OLDEST) } else { 0.0 });
         }
     }
     let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, light: &[[f32; 3]], out: &mut Vec<f32>| {

@@ -96,7 +96,7 @@ impl Fusion {
     /// # Errors
     /// When it cannot be read, or is not one of this network.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = file::read_at_most(path, LARGEST).map_err(Error::unreadable)?;
+        let bytes = file::read_at_most(path, LARGEST)?;
         Self::decode(path, &bytes)
     }
 

@@ -57,8 +57,8 @@ pub fn is_context_path(name: &str) -> bool {
 /// `network` with the weights in `source`, whichever naming it uses; weights not made yet are never made.
 ///
 /// # Errors
-/// [`Error::Malformed`] that lists every tensor that is missing, not part of the network, of another shape or of an unusable number
-/// format (the first ten in full); [`Error::Io`] and [`Error::Tensor`] when reading fails or a value is not finite.
+/// [`Error::Frame`] that lists every tensor that is missing, not part of the network, of another shape or of an unusable number
+/// format (the first ten in full); [`Error::Frame`] and [`Error::Tensor`] when reading fails or a value is not finite.
 pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Result<(M, LoadReport)> {
     let entries = network.entries();
     let (wanted, report) = fit(&entries, source, options)?;
@@ -73,7 +73,7 @@ pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Resu
 /// Which of `entries` are in `source`.
 ///
 /// # Errors
-/// [`Error::Malformed`] as of [`load`].
+/// [`Error::Frame`] as of [`load`].
 pub(super) fn fit<'a>(
     entries: &'a [Entry],
     source: &Source,

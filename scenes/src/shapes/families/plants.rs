@@ -271,7 +271,7 @@ impl Rosette {
             let scale = (1.0 - 0.55 * share) * dice.between(0.88, 1.08);
             let bend = f64::from(self.bend).to_radians() * (1.0 - 0.6 * share);
             if self.leaves == Leaves::Fern {
-                self.frond(&mut b, heart, around, length * scale, steep.max(0.5), bend.max(0.4));
+                self.frond(&mut b, length * scale, Self::line(heart, around, length * scale, steep.max(0.5), bend.max(0.4)));
             } else {
                 self.blade(&mut b, heart, around, [length * scale, wide * scale.sqrt(), thick], [steep, bend]);
             }
@@ -327,8 +327,8 @@ impl Rosette {
         });
     }
 
-    fn frond(&self, b: &mut Builder, heart: DVec3, around: f64, length: f64, steep: f64, bend: f64) {
-        let line = Self::line(heart, around, length, steep, bend);
+    /// A frond of `length` along `line`, which gives point, direction and outward direction at a share of it.
+    fn frond(&self, b: &mut Builder, length: f64, line: impl Fn(f64) -> (DVec3, DVec3, DVec3)) {
         let path: Vec<DVec3> = (0..=10).map(|i| line(f64::from(i) / 10.0).0).collect();
         let radii: Vec<f64> = (0..=10).map(|i| 0.011 * (1.0 - 0.08 * f64::from(i))).collect();
         b.rod(&path, &radii, 6, true);

@@ -1,63 +1,66 @@
 //! Shadow maps of distant lights: what a rasteriser would draw from the light, found by parallel rays.
 //!
-//! A map is put together from tiles of a fixed grid, whose texels come in sizes a factor of sqrt(2) apart. Only tiles are traced that
-//! something seen looks at, and where nothing moves a tile of one frame serves the next. What a map holds depends on the frame alone,
-//! never on which tiles were kept.
+//! A map is assembled from tiles of a fixed grid; the sizes of texels are a factor of sqrt(2) apart. A tile is traced only if a
+//! visible point looks it up, and a tile of one frame serves the next where nothing moves. The content of a map depends on the
+//! frame alone, never on which tiles were kept.
 
+use super::{Lighting, ShadowMap, Shadows, axes};
 use crate::accel::Scratch;
 use crate::compile::RenderScene;
 use crate::features::{Features, with_features};
 use crate::ray::Ray;
 use glam::{IVec2, Vec2, Vec3A};
 use rayon::prelude::*;
-use renderflow_frame::deferred::{Lighting, ShadowMap, Shadows, axes};
+use renderflow_frame::Frame;
 use renderflow_frame::environment::DominantLight;
 use renderflow_frame::image::Image;
 use std::collections::HashMap;
 use std::f32::consts::SQRT_2;
 use std::sync::Arc;
 
-/// Most texels that the receivers of a light are spread over along one side, up to the next size of texels.
+/// Largest number of texels that the receivers of a light span along one side, before rounding to the next size of texels.
 pub const SHADOW_MAP_SIZE: usize = 1024;
-/// The same of the sky.
-pub const SKY_MAP_SIZE: usize = 128;
-/// Fewest texels for the receivers of a light.
+/// The same for the maps of the sky.
+const SKY_MAP_SIZE: usize = 128;
+/// Smallest number of texels for the receivers of a light.
 const SMALLEST: usize = 128;
-/// Texels along each side for the side of a square of as many pixels as see something: finer maps than the picture show nothing more.
+/// Texels along one side of a map, as a multiple of the side of a square that has one pixel for each receiver. Finer maps would
+/// not show in the picture.
 const FINENESS: f32 = 2.0;
 /// Texels along each side of a tile.
 const TILE: usize = 32;
 /// Blocks of texels that are traced together.
 const BLOCK: usize = 4;
-/// Share of the receivers, the nearest to the camera, that may get a finer map of their own.
+/// Share of the receivers, nearest to the camera, that may get a finer map of their own.
 const NEAR: f32 = 0.5;
-/// They do where it is so much smaller.
+/// They get one where it is at most this wide, as a share of the width of the map of all receivers.
 const WORTH: f32 = 0.5;
-/// Share of the receivers, the nearest, that the sky's maps are fitted to where they are so much closer together than all.
+/// Share of the receivers, the nearest, that the sky's maps are fitted to where they lie within [`WORTH`] of the width of all
+/// receivers.
 const SKY_SHARE: f32 = 0.75;
-/// Receivers that the sky's coarse maps are fitted to, at most.
+/// Largest number of receivers that the sky's coarse maps are fitted to.
 const SKY_RECEIVERS: usize = 4096;
-/// How far beyond a receiver the taps of a sky map reach, texels, and at least those of a light's.
+/// How far beyond a receiver the taps of a sky map reach, and the least reach of the taps of a light's map, both in texels.
 const SKY_REACH: f32 = 4.0;
 const LEAST_REACH: f32 = 4.0;
-/// Farthest that taps reach, as a share of the map's width: [`ShadowMap::visibility`] spreads them no farther.
+/// Largest reach of taps as a share of the map's width; [`ShadowMap::visibility`] spreads them no farther.
 const FARTHEST: f32 = 0.25;
-/// Texels from a map's border within which receivers are left to the next map: more than [`renderflow_frame::deferred::shade`] wants.
+/// A receiver this close to a map's border, in texels, is left to the next map. It is more than the margin of [`super::shade`].
 const ROOM: f32 = 12.0;
-/// Frames for which a tile that nothing looks at is kept.
+/// Number of frames for which an unused tile is kept.
 const KEPT: u64 = 8;
 
-/// Shadow maps of the frames of a sequence, and the tiles they are made of.
+/// Makes the shadow maps of a sequence's frames, and keeps the tiles that they are made of.
 #[derive(Default)]
 pub struct ShadowTiles {
     tiles: HashMap<Name, Tile>,
-    /// Hash of the scene that they are of.
+    /// Hash of the scene that the tiles show.
     scene: String,
-    /// Calls so far.
+    /// Number of calls so far.
     age: u64,
 }
 
-/// What a tile is of: the bits of the light's direction, the size of its texels and its place in the grid.
+/// Which tile it is: the bits of the light's direction, the size of the texels, and the position in the grid.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Name {
     light: [u32; 3],
@@ -66,23 +69,23 @@ struct Name {
 }
 
 struct Tile {
-    /// z of each texel, row by row.
+    /// Depth of each texel, row by row.
     depth: Arc<[f32]>,
     /// The last call that used it.
     used: u64,
 }
 
-/// Shadow maps of `lighting` at the scene's current frame, as [`renderflow_frame::deferred::shade`] takes them. They are fitted to
-/// `receivers`, world-space points with the nearest to the camera first ([`renderflow_frame::deferred::receivers`]); where the nearer
-/// half of them lies on less than half the width, a light gets a second, finer map. Whatever stands between the receivers and the light
-/// casts, however far. Receivers beyond the sky's maps are under an open sky. A light's map has about four texels for each receiver,
-/// [`SHADOW_MAP_SIZE`] squared at most, those of the sky [`SKY_MAP_SIZE`] squared. Without receivers there is nothing to shadow and no map.
-pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, receivers: &[Vec3A]) -> Shadows {
-    ShadowTiles::default().maps(scene, lighting, receivers)
+/// Shadow maps of `lighting` at the scene's current frame, whose G-buffer is `frame`. They are fitted to the receivers, the
+/// points that the frame shows. A light gets a second, finer map where the nearer half of its receivers spans less than half the
+/// width of all. Everything between the receivers and the light casts a shadow, however far away it is. A receiver outside the
+/// sky's maps is under an open sky. A light's map has about four texels for each receiver and at most [`SHADOW_MAP_SIZE`]
+/// squared; a map of the sky has at most 128 squared. A frame without receivers has no maps.
+pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, frame: &Frame) -> Shadows {
+    ShadowTiles::default().maps(scene, lighting, frame)
 }
 
-/// One map over all `receivers`, `size` texels along the longer side or up to 1.5 times as many; `None` where there are none. `light` is
-/// the unit direction towards the light, `radius` the angle that it covers, radians.
+/// One map over all `receivers`, `size` texels along the longer side or up to 1.5 times as many; `None` where there are none.
+/// `light` is the unit direction towards the light, `radius` the angle that it covers, radians.
 pub fn shadow_map(scene: &RenderScene, light: Vec3A, radius: f32, receivers: &[Vec3A], size: usize) -> Option<ShadowMap> {
     let start = scene.first_along(-light);
     let plan = Plan::new(light, receivers, size)?.look(receivers, reach(radius, start))?;
@@ -90,9 +93,10 @@ pub fn shadow_map(scene: &RenderScene, light: Vec3A, radius: f32, receivers: &[V
 }
 
 impl ShadowTiles {
-    /// As [`shadow_maps`]. Where nothing in the scene ever moves, tiles of earlier calls are used again; a scene of
-    /// another hash begins without any, so scenes that have no hash must not share one.
-    pub fn maps(&mut self, scene: &RenderScene, lighting: &Lighting, receivers: &[Vec3A]) -> Shadows {
+    /// As [`shadow_maps`]. Where nothing in the scene moves, tiles of earlier calls are used again. A scene with another hash
+    /// starts without tiles; scenes that have no hash must therefore not share a `ShadowTiles`.
+    pub fn maps(&mut self, scene: &RenderScene, lighting: &Lighting, frame: &Frame) -> Shadows {
+        let receivers = &receivers(frame)[..];
         let part = |share: f32| &receivers[..(receivers.len() as f32 * share) as usize];
         let size = (FINENESS * (receivers.len() as f32).sqrt()) as usize;
         let size = size.clamp(SMALLEST, SHADOW_MAP_SIZE);
@@ -153,10 +157,20 @@ impl ShadowTiles {
     }
 }
 
-/// How far beyond a receiver the taps of a light of angular `radius` reach, texels, given the size of a texel in metres and the depth of
-/// the deepest receiver, where casters stand behind `start`.
+/// How far beyond a receiver the taps of a light of angular `radius` reach, texels, given the size of a texel in metres and the
+/// depth of the deepest receiver, where casters stand behind `start`.
 fn reach(radius: f32, start: f32) -> impl Fn(f32, f32) -> f32 {
     move |texel, deepest| radius.clamp(0.0, 0.6).tan() / texel * (deepest - start).max(0.0) + LEAST_REACH
+}
+
+/// World-space points (relative to the camera's origin) that `frame` shows, the nearest to the camera first.
+fn receivers(frame: &Frame) -> Vec<Vec3A> {
+    let (width, camera) = (frame.depth.width, &frame.info.camera);
+    let mut seen: Vec<(f32, usize)> = frame.depth.pixels.iter().copied().enumerate().map(|(i, depth)| (depth, i)).collect();
+    seen.retain(|(depth, _)| depth.is_finite());
+    seen.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let point = |(depth, i)| camera.unproject(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5), depth);
+    seen.into_iter().map(point).collect()
 }
 
 /// A map to be put together.
@@ -205,8 +219,8 @@ impl Plan {
         Vec2::new(p.dot(self.axes[0]), p.dot(self.axes[1])) / self.texel
     }
 
-    /// The plan with the tiles that `receivers` look at, as many texels around each as `reach` says for the size of a texel and the
-    /// largest depth, and farther out none; `None` where there are none.
+    /// The plan with the tiles that `receivers` look at, as many texels around each as `reach` says for the size of a texel and
+    /// the largest depth, and farther out none; `None` where there are none.
     fn look(mut self, receivers: &[Vec3A], reach: impl Fn(f32, f32) -> f32) -> Option<Self> {
         let most = FARTHEST * (self.count.max_element() * TILE as i32) as f32 + TILE as f32;
         let reach = reach(self.texel, self.deepest).min(most);

@@ -1,8 +1,8 @@
 //! Shadow maps with known occluders.
 
 use glam::{Vec2, Vec3A};
-use renderflow_frame::deferred::{ShadowMap, axes};
 use renderflow_frame::image::Image;
+use renderflow_renderer::deferred::{ShadowMap, axes};
 
 const SIZE: usize = 512;
 /// Metres each map covers, about the origin.

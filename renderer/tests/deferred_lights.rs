@@ -1,12 +1,14 @@
 //! Lights taken out of an environment, and what they give a surface, against integrals over the map itself.
 
+#[path = "../frame/tests/light_scene/mod.rs"]
 mod light_scene;
 
 use glam::Vec3A;
 use light_scene::{Surface, render};
-use renderflow_frame::deferred::{Lighting, Material, Options, Shadows, shade};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Camera, Environment};
+use renderflow_frame::{Camera, Environment, Light};
+use renderflow_renderer::deferred::{Lighting, Material, Options, Shadows, shade};
+use renderflow_scenes::Principled;
 use std::f32::consts::PI;
 
 const OFF: Options = Options::NONE;
@@ -77,7 +79,7 @@ fn a_disc_lights_a_lambertian_plane_by_its_cosine() {
     for (sun, radius) in [(Vec3A::new(0.2, 1.0, 0.1), 0.02), (Vec3A::new(-0.8, 0.5, 0.3), 0.1), (Vec3A::new(0.9, 0.25, 0.0), 0.1)]
     {
         let environment = discs(&[(sun.normalize(), radius, [400.0, 200.0, 100.0])], 0.0);
-        let lighting = Lighting::new(&environment, 4);
+        let lighting = Lighting::new(Light::new(environment.clone()), 4);
         let camera = Camera::look_at(Vec3A::new(0.0, 3.0, 2.0), Vec3A::ZERO, Vec3A::Y, 0.6, 8, 8);
         let mut frame = render(&[Surface::Plane(Vec3A::ZERO, Vec3A::Y)], &camera);
         frame.material.pixels.fill([0.0, 0.0, 0.0]);
@@ -101,7 +103,7 @@ fn a_setting_disc_fades_as_its_visible_part() {
     let full = 100.0 * 1.5 * PI * 0.15 * 0.15;
     for height in [-0.2, -0.1, 0.0, 0.1, 0.2] {
         let environment = environment(height);
-        let made = shade(&frame, &Lighting::new(&environment, 1), &Shadows::default(), &OFF);
+        let made = shade(&frame, &Lighting::new(Light::new(environment.clone()), 1), &Shadows::default(), &OFF);
         let expected = 0.5 * integral(&environment, |d| Vec3A::splat(d.y.max(0.0)))[0].x / PI;
         let found = made.image.pixels[5][0];
         assert!((found - expected).abs() < 0.01 * full / PI, "height {height}: {found} for {expected}");
@@ -115,7 +117,8 @@ fn materials_close_a_white_furnace() {
         for (metallic, specular) in [(0.0, 0.5), (0.0, 0.0), (1.0, 0.5), (0.5, 1.0)] {
             for n_dot_v in [1.0, 0.7, 0.3_f32] {
                 let v = Vec3A::new((1.0 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
-                let material = Material::new(Vec3A::ONE, [roughness, metallic, specular], n_dot_v);
+                let surface = Principled { base_color: Vec3A::ONE, roughness, metallic, specular, ..Principled::default() };
+                let material = Material::new(&surface, n_dot_v);
                 const STEPS: usize = 192;
                 let mut sum = 0.0_f64;
                 for i in 0..STEPS * STEPS {

@@ -1,22 +1,23 @@
-//! Light of one pixel.
+//! Shades one pixel.
 
+use super::screen_space::{Surface, phase, reflect};
 use super::{Lighting, Material, Options};
-use crate::Camera;
-use crate::color::luminance;
-use crate::ibl::Shading;
-use crate::screen_space::{Surface, phase, reflect};
+use crate::material::Principled;
 use glam::{Vec2, Vec3A, Vec4};
+use renderflow_frame::Camera;
+use renderflow_frame::color::luminance;
+use renderflow_frame::ibl::{Shading, Surfaces};
 
-/// Roughness up to which surfaces mirror the lights in their own shape, and from which on they are discs.
+/// Up to the first roughness surfaces mirror the lights in their true shape; from the second one on lights are discs.
 const MIRROR: [f32; 2] = [0.1, 0.3];
-/// Roughness up to which screen-space reflections count fully, and from which on they do not.
+/// Up to the first roughness screen-space reflections count fully; from the second one on they do not count.
 const REFLECTIVE: [f32; 2] = [0.6, 0.9];
-/// Half-angle's tangent of the cone of a reflection, in units of the GGX width.
+/// Tangent of the half-angle of a reflection's cone, in units of the GGX width.
 const CONE: f32 = 1.0;
-/// Share of the blocked sky's light that comes off its occluders instead, where no indirect light is asked for.
+/// Share of the blocked sky's light that the occluders send instead, where indirect light is off.
 const BOUNCED: f32 = 0.3;
 
-/// What all pixels share.
+/// Inputs that all pixels share.
 pub struct Pass<'a> {
     pub camera: &'a Camera,
     pub lighting: &'a Lighting,
@@ -38,20 +39,20 @@ pub struct Pixel {
     pub ambient_specular: Vec3A,
     /// Lights mirrored by a smooth surface.
     pub mirrored: Vec3A,
-    /// What the base sends out for an irradiance of pi, and the lobe under even light of 1.
+    /// Radiance of the base for an irradiance of pi, and radiance of the lobe under even light of 1.
     pub white: Vec3A,
     pub reflected: Vec3A,
-    /// Radiance of surroundings that are not sky.
+    /// Radiance of the surroundings that are not sky.
     pub around: Vec3A,
 }
 
 impl Pixel {
-    /// What the GGX lobe reflects of environment and surroundings.
+    /// Reflection of environment and surroundings in the GGX lobe.
     pub fn specular(&self) -> Vec3A {
         self.ambient_specular + self.mirrored
     }
 
-    /// All light but reflections and bounces.
+    /// All light except reflections and bounces.
     pub fn sum(&self) -> Vec3A {
         self.direct + self.ambient_diffuse + self.specular()
     }
@@ -74,11 +75,7 @@ impl Pass<'_> {
     }
 
     fn material(&self, i: usize, view: &View) -> Material {
-        Material::new(
-            Vec3A::from_array(self.shading.surfaces.albedo.pixels[i]),
-            self.shading.surfaces.material.pixels[i],
-            view.n_dot_v,
-        )
+        Material::new(&surface(&self.shading.surfaces, i), view.n_dot_v)
     }
 
     /// Share of a light that pixel `i` sees.
@@ -92,12 +89,12 @@ impl Pass<'_> {
         self.occlusion.map_or(n, |o| Vec3A::from_vec4(o[i]).normalize_or(n))
     }
 
-    /// How much of the light is that of discs: smooth surfaces mirror the lights themselves.
+    /// Share of the specular light that treats lights as discs; smooth surfaces mirror the lights in their true shape.
     fn discs(&self, i: usize) -> f32 {
-        if self.lighting.whole.is_none() { 1.0 } else { smoothstep(MIRROR, self.shading.surfaces.material.pixels[i][0]) }
+        if self.lighting.lights.is_empty() { 1.0 } else { smoothstep(MIRROR, self.shading.surfaces.material.pixels[i][0]) }
     }
 
-    /// Light of one of the lights, shadowed; and its specular part without shadow and however smooth.
+    /// Light of one of the lights with its shadow; and its specular part without shadow, for any roughness.
     fn direct_of(&self, i: usize, number: usize, view: &View, material: &Material) -> (Vec3A, f32) {
         let light = &self.lighting.lights[number];
         let cosine = disc_cosine(view.n.dot(light.direction), light.angular_radius);
@@ -106,7 +103,7 @@ impl Pass<'_> {
         ((response.diffuse + response.specular * self.discs(i)) * irradiance, response.specular.element_sum())
     }
 
-    /// Light of pixel `i`, that of each light in `parts`.
+    /// Light of pixel `i`; the light of each of the lights goes into `parts`.
     pub fn shade(&self, i: usize, parts: &mut [Vec3A]) -> Pixel {
         let shading = self.shading;
         if shading.surfaces.alpha.pixels[i] <= 0.0 {
@@ -133,32 +130,32 @@ impl Pass<'_> {
             let visible = occlusion[i].w.clamp(0.0, 1.0);
             let bent = self.camera.camera_to_world.matrix3 * self.bent(i);
             open = if self.options.indirect { Vec3A::splat(visible) } else { multi_bounce(visible, pixel.white) };
-            // The sky's maps know which part of it is open: bending the normal towards it too was 0.06 dB worse on 42 sequences.
+            // The sky's maps already tell which part of it is open: bending the normal as well was 0.06 dB worse on 42 sequences.
             if self.options.bent && self.sky.is_none() {
-                irradiance = Vec3A::from_array(self.lighting.tables.irradiance(bent));
+                irradiance = Vec3A::from_array(self.lighting.rest().irradiance(bent));
             }
         }
         if let Some(sky) = self.sky {
             let least = if self.options.indirect { 0.0 } else { BOUNCED };
-            // The lesser of both, as both know the same occluders: their product was 0.2 dB worse than no ambient occlusion at all.
+            // The smaller of both, as both see the same occluders: their product was 0.2 dB worse than no ambient occlusion at
+            // all.
             open = open.min(Vec3A::splat(least + (1.0 - least) * sky[i].x.clamp(0.0, 1.0)));
             specular_open = least + (1.0 - least) * sky[i].y.clamp(0.0, 1.0);
         }
         pixel.ambient_diffuse = pixel.white * irradiance * open;
         pixel.ambient_specular = material.reflected * prefiltered * specular_open;
-        if let Some(whole) = &self.lighting.whole
-            && weight > 0.0
-        {
+        if weight > 0.0 {
             let discs = self.discs(i);
             if discs < 1.0 {
-                let lights = (Vec3A::from_array(whole.prefiltered(mirror, roughness)) - prefiltered).max(Vec3A::ZERO);
+                let whole = Vec3A::from_array(self.lighting.whole.tables().prefiltered(mirror, roughness));
+                let lights = (whole - prefiltered).max(Vec3A::ZERO);
                 pixel.mirrored = material.reflected * lights * ((1.0 - discs) * seen / weight);
             }
         }
         pixel
     }
 
-    /// Light of the picture that pixel `i` reflects, and the share of the lobe that meets it.
+    /// Light of the picture that pixel `i` reflects, and the share of its lobe that meets the picture.
     pub fn reflect(&self, surface: &Surface, pyramid: &reflect::Pyramid, i: usize, pixel: &Pixel) -> Vec4 {
         let width = self.shading.surfaces.depth.width;
         let roughness = self.shading.surfaces.material.pixels[i][0];
@@ -182,6 +179,18 @@ impl Pass<'_> {
     }
 }
 
+/// The parameters that a G-buffer stores of pixel `i`; the others have their defaults.
+fn surface(surfaces: &Surfaces, i: usize) -> Principled {
+    let [roughness, metallic, specular] = surfaces.material.pixels[i];
+    Principled {
+        base_color: Vec3A::from_array(surfaces.albedo.pixels[i]),
+        metallic,
+        roughness,
+        specular,
+        ..Principled::default()
+    }
+}
+
 fn smoothstep([low, high]: [f32; 2], x: f32) -> f32 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -199,7 +208,7 @@ fn disc_cosine(cosine: f32, radius: f32) -> f32 {
     }
 }
 
-/// Occlusion brightened by light that bounces between surfaces of the same colour (Jimenez et al. 2016).
+/// Occlusion, brightened by light that bounces between surfaces of the same colour (Jimenez et al. 2016).
 fn multi_bounce(open: f32, colour: Vec3A) -> Vec3A {
     let (a, b, c) = (colour * 2.0404 - 0.3324, colour * -4.7951 + 0.6417, colour * 2.7552 + 0.6903);
     (((a * open + b) * open + c) * open).max(Vec3A::splat(open)).min(Vec3A::ONE)

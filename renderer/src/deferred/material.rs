@@ -1,16 +1,18 @@
-//! The truth's energy-conserving material, as far as a G-buffer knows it: base colour, roughness, metallic, specular.
+//! The path tracer's energy-conserving material, as far as a G-buffer stores it: base colour, roughness, metallic, specular.
 //!
-//! A conductor is single-scattering GGX with Schlick's Fresnel times `1 + F0 (1 - E) / E` (Turquin 2019); a dielectric reflects by
-//! Fresnel's equations and lies as a coat on a diffuse base that receives, reciprocally, what the coat lets through, with Burley's retro-reflection (2015) and a second lobe that restores
-//! what its shape does not spread evenly. So under even light the base reflects `base T(wo)`, `T` the coat's transmittance.
+//! A conductor is single-scattering GGX with Schlick's Fresnel term, times `1 + F0 (1 - E) / E` (Turquin 2019). A dielectric
+//! reflects by Fresnel's equations and is a coat on a diffuse base. The base receives, reciprocally, what the coat lets through.
+//! It has Burley's retro-reflection (2015), and a second lobe that restores what this shape does not spread evenly. Under even
+//! light the base therefore reflects `base T(wo)`, with the coat's transmittance `T`.
 
-use crate::fresnel::{Dielectric, schlick_weight};
-use crate::ibl::{dielectric, environment_brdf};
+use crate::material::Principled;
 use glam::{DVec4, Vec3A, Vec4};
+use renderflow_frame::fresnel::{Dielectric, schlick_weight};
+use renderflow_frame::ibl::{dielectric, environment_brdf};
 use std::f32::consts::FRAC_1_PI;
 use std::sync::OnceLock;
 
-/// GGX width below which the truth does not go either.
+/// Smallest GGX width, as in the path tracer.
 const MIN_ALPHA: f32 = 1e-3;
 /// Rows of the table of means, along roughness.
 const ROUGHNESS_STEPS: usize = 33;
@@ -62,14 +64,14 @@ pub struct Material {
     /// GGX width.
     pub alpha: f32,
     roughness: f32,
-    /// Reflectance of the GGX lobe, compensation of `wo` applied: `f0` plus Schlick's weight times `conductor` plus the coat's times
-    /// `share`.
+    /// Reflectance of the GGX lobe with the compensation for `wo`: `f0`, plus Schlick's weight times `conductor`, plus the coat's
+    /// weight times `share`.
     f0: Vec3A,
     conductor: Vec3A,
     share: f32,
     /// The dielectric coat alone.
     coat: Dielectric,
-    /// Share of the light of `wo` that reaches the base.
+    /// Share of light along `wo` that reaches the base.
     pub transmitted: f32,
     /// Share of even light that the GGX lobe reflects.
     pub reflected: Vec3A,
@@ -77,31 +79,32 @@ pub struct Material {
     retro: Retro,
 }
 
-/// What the diffuse shape needs: see the text of the truth's diffuse lobe.
+/// Constants of the diffuse shape, see the path tracer's diffuse lobe.
 #[derive(Clone, Copy, Debug, Default)]
 struct Retro {
     b: f32,
     c: [f32; 3],
     second: f32,
     norm: f32,
-    /// `F` and what the shape lacks of its maximum, for `wo`.
+    /// `F`, and the shape's deficit from its maximum, for `wo`.
     weight: f32,
     deficit: f32,
 }
 
-/// What one light gives: outgoing radiance for an irradiance of 1 on a surface facing it.
+/// Outgoing radiance for a light that gives an irradiance of 1 to a surface facing it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Response {
-    /// Of the base, its colour included.
+    /// Radiance from the base, its colour included.
     pub diffuse: Vec3A,
-    /// Of the GGX lobe.
+    /// Radiance from the GGX lobe.
     pub specular: Vec3A,
 }
 
 impl Material {
-    /// `parameters` are (roughness, metallic, specular), each 0..=1; `n_dot_v` in 0..=1.
-    pub fn new(albedo: Vec3A, parameters: [f32; 3], n_dot_v: f32) -> Self {
-        let [roughness, metallic, specular] = parameters;
+    /// The plain part of `surface` (base colour, metallic, roughness, specular) at a cosine `n_dot_v`, 0..=1, between normal and
+    /// view.
+    pub fn new(surface: &Principled, n_dot_v: f32) -> Self {
+        let Principled { base_color: albedo, metallic, roughness, specular, .. } = *surface;
         let brdf = environment_brdf(n_dot_v, roughness);
         let coat = dielectric(specular);
         let compensation = Vec3A::ONE + albedo * ((1.0 - brdf.whole).max(0.0) / brdf.whole.max(1e-3));
@@ -127,8 +130,8 @@ impl Material {
         material
     }
 
-    /// Response to a light in direction `l` (unit), a disc of `angular_radius` radians. `cosine` is that between normal and light, the
-    /// part of the disc below the horizon taken off; `n` and `v` unit, in the same space as `l`.
+    /// Response to a light in direction `l`, a disc of `angular_radius` radians. `cosine` is the mean cosine between normal and
+    /// disc, where parts below the horizon count as 0. `n`, `v` and `l` are unit vectors in one space.
     pub fn respond(&self, n: Vec3A, v: Vec3A, l: Vec3A, cosine: f32, angular_radius: f32) -> Response {
         if cosine <= 0.0 {
             return Response::default();

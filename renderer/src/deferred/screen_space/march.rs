@@ -3,13 +3,13 @@
 use super::Surface;
 use glam::Vec3A;
 
-/// Samples along the way.
+/// Number of samples along the ray.
 const STEPS: usize = 24;
-/// Length of the way in units of the pixel's depth.
+/// Length of the ray in units of the pixel's depth.
 const LENGTH: f32 = 1.0;
-/// What lies deeper behind a depth sample than this share of the ray's depth is taken to have passed behind the occluder.
+/// A ray that is deeper behind a depth sample than this share of its depth has passed behind the occluder.
 const THICKNESS: f32 = 0.12;
-/// Start off the surface, and least depth in front of the ray that occludes, as shares of the depth.
+/// Offset of the start from the surface, and smallest depth in front of the ray that occludes, as shares of the depth.
 const BIAS: f32 = 0.002;
 
 /// Visibility (0..=1) from pixel `i` towards `light`, a camera-space unit direction.
@@ -20,7 +20,7 @@ pub fn visibility(surface: &Surface, i: usize, light: Vec3A, (_, step): (f32, f3
         return 0.0;
     }
     let depth = -surface.points[i].z;
-    // One pixel's width on the surface: below it the buffer cannot tell the surface from itself.
+    // One pixel's width on the surface; at smaller distances the surface would occlude itself.
     let pixel = depth / camera.fl_x.min(camera.fl_y);
     let p = surface.points[i] + n * (BIAS * depth + pixel);
     let mut clear = 1.0_f32;

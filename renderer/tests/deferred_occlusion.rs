@@ -1,14 +1,15 @@
 //! Occlusion and shadows that deferred shading reads off the depth buffer, against closed forms and against rays traced through
 //! the same analytic scene.
 
+#[path = "../frame/tests/light_scene/mod.rs"]
 mod light_scene;
 
 use glam::{Vec3, Vec3A};
 use light_scene::{Surface, point, render, trace};
-use renderflow_frame::deferred::{Deferred, Lighting, Options, ShadowMode, Shadows, shade};
 use renderflow_frame::environment::Environment;
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::{Camera, Frame};
+use renderflow_frame::{Camera, Frame, Light};
+use renderflow_renderer::deferred::{Deferred, Lighting, Options, ShadowMode, Shadows, shade};
 
 const SIZE: usize = 128;
 
@@ -23,12 +24,12 @@ fn sunny(direction: Vec3A) -> Environment {
 /// The frame with what the depth buffer says of occlusion and of the lights.
 fn features(frame: &Frame, environment: &Environment) -> Deferred {
     let options = Options { occlusion: true, shadows: ShadowMode::ScreenSpace, ..Options::NONE };
-    shade(frame, &Lighting::new(environment, 1), &Shadows::default(), &options)
+    shade(frame, &Lighting::new(Light::new(environment.clone()), 1), &Shadows::default(), &options)
 }
 
 /// Occlusion and bent normals.
 fn parts(found: &Deferred) -> (&Image<f32>, &Rgb) {
-    (found.occlusion.as_ref().expect("occlusion"), found.bent_normal.as_ref().expect("bent normals"))
+    (found.terms.occlusion.as_ref().expect("occlusion"), found.bent_normal.as_ref().expect("bent normals"))
 }
 
 /// How far occluders reach, in units of the depth of the pixel.
@@ -67,7 +68,7 @@ fn an_open_plane_is_unoccluded() {
             );
             let bent = Vec3A::from_array(bent_normal.pixels[i]);
             if covered {
-                let visibility = found.visibility[0].pixels[i];
+                let visibility = found.terms.visibility[0].pixels[i];
                 assert!(visibility > 0.999, "shadow on an open plane: {visibility}");
                 assert!(bent.angle_between(up) < 0.05 && (bent.length() - 1.0).abs() < 1e-5, "{bent} {up}");
             } else {
@@ -86,7 +87,7 @@ fn a_corner_hides_what_the_wall_covers() {
     let found = features(&frame, &Environment::constant([1.0; 3]));
     let (occlusion, bent_normal) = parts(&found);
     // Without a light there is nothing to be in the shadow of.
-    assert!(found.visibility.is_empty());
+    assert!(found.terms.visibility.is_empty());
     let (mut open, mut expected, mut count) = (0.0, 0.0, 0);
     for i in 0..SIZE * SIZE {
         let p = point(&frame, &camera, i);
@@ -162,7 +163,7 @@ fn occlusion_and_shadow_follow_traced_rays() {
                 bent_plain += bent.angle_between(n);
             }
             let lit = n.dot(sun) > 0.0 && trace(&scene, p, sun).is_none();
-            shadow_right += usize::from((found.visibility[0].pixels[i] > 0.5) == lit);
+            shadow_right += usize::from((found.terms.visibility[0].pixels[i] > 0.5) == lit);
             shadow_plain += usize::from((n.dot(sun) > 0.0) == lit);
         }
     }
@@ -184,7 +185,7 @@ fn thread_count_does_not_change_a_bit() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| {
             let found = features(&frame, &environment);
-            (found.image, found.occlusion, found.bent_normal, found.visibility)
+            (found.image, found.terms.occlusion, found.bent_normal, found.terms.visibility)
         })
     };
     let one = run(1);
@@ -205,7 +206,7 @@ fn unknown_depth_and_odd_normals_stay_finite() {
     let found = features(&frame, &environment);
     let (occlusion, bent_normal) = parts(&found);
     let unit = |v: &f32| v.is_finite() && (0.0..=1.0).contains(v);
-    assert!(occlusion.pixels.iter().all(unit) && found.visibility[0].pixels.iter().all(unit));
+    assert!(occlusion.pixels.iter().all(unit) && found.terms.visibility[0].pixels.iter().all(unit));
     assert!(bent_normal.pixels.iter().flatten().all(|v| v.is_finite()));
     assert!(features(&Frame::default(), &environment).image.pixels.is_empty());
 }

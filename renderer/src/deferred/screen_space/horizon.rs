@@ -4,19 +4,19 @@ use super::Surface;
 use glam::Vec3A;
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Slices a pixel; the pattern and its filter make 16 times as many.
+/// Number of slices per pixel; the pattern's filter combines the slices of 16 pixels.
 const SLICES: usize = 3;
 /// Depth samples on each side of a slice.
 const STEPS: usize = 12;
-/// Reach of occluders in units of the pixel's depth. The whole environment lights the scene, so large occluders count from afar.
+/// Reach of occluders in units of the pixel's depth. The whole environment lights the scene, so distant large occluders count.
 pub(super) const RADIUS: f32 = 0.7;
 /// Share of the radius over which occlusion fades out.
 const FADE: f32 = 0.2;
-/// How far a horizon falls back (share of the way, per sample) when what lies behind its occluder is seen again:
-/// depth tells nothing of thickness, and this lets light pass behind thin things.
+/// Share by which a horizon falls back per sample where the surface behind its occluder is visible again. Depth has no thickness,
+/// and this lets light pass behind thin objects.
 pub(super) const THIN: f32 = 0.03;
 
-/// Least sine over the tangent plane of what can occlude.
+/// Smallest sine above the tangent plane at which a sample can occlude.
 const ABOVE: f32 = 0.01;
 
 /// How far and how firmly depth samples occlude.
@@ -28,7 +28,7 @@ pub struct Reach {
     pub thin: f32,
 }
 
-/// A plane through the view direction in which horizons are looked for.
+/// A plane through the view direction in which horizons are searched.
 pub(super) struct Slice {
     /// (cos, sin) of its direction in the picture.
     pub towards: (f32, f32),
@@ -40,7 +40,8 @@ pub(super) struct Slice {
     pub length: f32,
 }
 
-/// `count` slices, turned by `turn` of their distance, for the unit normal `n` seen from `v`; those that the normal stands across are left out.
+/// `count` slices, turned by `turn` of their distance, for the unit normal `n` seen from `v`; slices perpendicular to the normal
+/// are left out.
 pub(super) fn slices(n: Vec3A, v: Vec3A, turn: f32, count: usize) -> impl Iterator<Item = Slice> {
     (0..count).filter_map(move |slice| {
         let (sin, cos) = ((slice as f32 + turn) * PI / count as f32).sin_cos();
@@ -60,7 +61,7 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: R
     let p = surface.points[i];
     let depth = -p.z;
     let v = -p.normalize();
-    // A filtered normal may face away; the horizons are taken about the nearest one that does not.
+    // A filtered normal may face away; horizons are taken about the nearest normal that does not.
     let n = surface.normal(i);
     let n = (n + v * (1e-3 - n.dot(v)).max(0.0)).normalize_or(v);
     let radius = reach.radius * depth;
@@ -75,9 +76,10 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: R
         let h0 = (-left.acos()).max(tilt - FRAC_PI_2);
         let h1 = right.acos().min(tilt + FRAC_PI_2);
         let (sin_n, cos_n) = tilt.sin_cos();
-        let (left, right) = (Arc::new(h0, sin_n, cos_n), Arc::new(h1, sin_n, cos_n));
+        let (left, right) = (Sector::new(h0, sin_n, cos_n), Sector::new(h1, sin_n, cos_n));
         open += length * (left.area + right.area);
-        // The slice's unoccluded values are known: few slices of a tilted normal still give 1, and the normal, in the open.
+        // The slice's unoccluded values are known, so that few slices of a tilted normal still give exactly 1 and the normal in
+        // the open.
         weight += length * (cos_n + tilt * sin_n);
         let lost_v = 2.0 / 3.0 * cos_n - left.along_v - right.along_v;
         let lost_t = 4.0 / 3.0 * sin_n - left.along_t - right.along_t;
@@ -87,13 +89,13 @@ pub fn occlusion(surface: &Surface, i: usize, (turn, step): (f32, f32), reach: R
 }
 
 /// Integrals from 0 to a horizon h of cos(a - n) |sin a| da, times 1, cos a and sin a (a from `v`, n the tilt of the normal).
-pub(super) struct Arc {
+pub(super) struct Sector {
     pub area: f32,
     along_v: f32,
     along_t: f32,
 }
 
-impl Arc {
+impl Sector {
     pub fn new(h: f32, sin_n: f32, cos_n: f32) -> Self {
         // Double and triple angles by products: this runs a million times a frame.
         let (s1, c1) = h.sin_cos();
@@ -118,14 +120,15 @@ pub(super) struct Walk {
     pub radius: f32,
     pub thin: f32,
     pub towards: (f32, f32),
-    /// Place of the samples, 0..1.
+    /// Offset of the samples along the walk, 0..1.
     pub step: f32,
     /// Least cosine from `v`.
     pub lowest: f32,
 }
 
 impl Walk {
-    /// Cosine from `v` of the highest occluder. `raised` is told each pixel that raises it, the way there from `p`, and the cosine then.
+    /// Cosine from `v` of the highest occluder. `raised` is called for each pixel that raises it, with the vector from `p` and
+    /// the new cosine.
     pub fn highest(&self, surface: &Surface, mut raised: impl FnMut(usize, Vec3A, f32)) -> f32 {
         let Self { p, n, v, radius, towards: (cos, sin), lowest, .. } = *self;
         let camera = surface.camera;
@@ -153,7 +156,7 @@ impl Walk {
             }
             let distance = distance2.sqrt();
             let cosine = to.dot(v) / distance;
-            // Samples snap to pixel centres, off the slice; on the surface's own plane that must not read as occlusion.
+            // Samples snap to pixel centres off the slice. On the surface's own plane this must not count as occlusion.
             if cosine > highest && to.dot(n) > ABOVE * distance {
                 let fade = ((radius - distance) / (FADE * radius)).clamp(0.0, 1.0);
                 highest += (cosine - highest) * fade;

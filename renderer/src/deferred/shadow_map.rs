@@ -1,12 +1,10 @@
 //! Shadow maps: what a distant light sees, and how much of it a point sees.
 
-use crate::Frame;
-use crate::image::Image;
-use glam::{Affine3A, Mat3A, Vec2, Vec3A};
-use rayon::prelude::*;
+use glam::{Affine3A, Mat3A, Vec3A};
+use renderflow_frame::image::Image;
 use std::f32::consts::TAU;
 
-/// Depth as seen from a distant light, orthographic: plain data, filled by whoever knows the geometry.
+/// Orthographic depth as seen from a distant light. It is plain data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowMap {
     /// World space (relative to the cameras' origin) to the map: x right and y down in texels (centres at +0.5), z in metres away
@@ -16,27 +14,28 @@ pub struct ShadowMap {
     pub texel: f32,
     /// z of the surface nearest to the light at each texel's centre; +inf where there is none.
     pub depth: Image<f32>,
-    /// Least finite depth, +inf if there is none: how high above a point something may stand.
+    /// Smallest finite depth, +inf if there is none. It limits how far above a point an occluder can be.
     pub nearest: f32,
 }
 
-/// Taps of the blocker search and of the filter. A pixel's are turned by the 4 x 4 pattern, whose filter makes 16 times as many.
+/// Number of taps of the blocker search and of the filter. The 4 x 4 pattern turns them at each pixel, and its filter combines 16
+/// pixels.
 const TAPS: usize = 16;
-/// Widest search and filter, as a share of the map's width.
+/// Largest radius of search and filter, as a share of the map's width.
 const WIDEST: f32 = 0.15;
 /// Offset of the receiver along its normal, texels, where light grazes it.
 const NORMAL_OFFSET: f32 = 1.5;
 /// Depth allowance, texels.
 const BIAS: f32 = 0.7;
-/// Least radius of the filter, texels: hides the texels' stairs.
+/// Smallest radius of the filter in texels; it hides the steps between texels.
 const NARROWEST: f32 = 0.9;
-/// The same for single taps of coarse maps.
+/// Offset and allowance for single taps of coarse maps.
 const COARSE_OFFSET: f32 = 1.5;
 const COARSE_BIAS: f32 = 1.5;
-/// Steepest plane of a receiver (depth over width) that taps beside the point are compared with.
+/// Largest slope (depth over width) of the receiver's plane that taps beside the point are compared with.
 const STEEPEST: f32 = 20.0;
 
-/// A spiral of points even over the unit disc (Vogel 1979).
+/// A spiral of points that covers the unit disc evenly (Vogel 1979).
 #[rustfmt::skip]
 const DISC: [(f32, f32); TAPS] = [
     (0.176777, 0.000000), (-0.225772, 0.206826), (0.034558, -0.393771), (0.284571, 0.371173),
@@ -52,19 +51,9 @@ pub fn axes(light: Vec3A) -> [Vec3A; 3] {
     [right, away.cross(right), away]
 }
 
-/// World-space points (relative to the camera's origin) that `frame` shows, the nearest to the camera first: what shadow maps are fitted to.
-pub fn receivers(frame: &Frame) -> Vec<Vec3A> {
-    let (width, camera) = (frame.depth.width, &frame.info.camera);
-    let mut seen: Vec<(f32, usize)> = frame.depth.pixels.iter().copied().enumerate().map(|(i, depth)| (depth, i)).collect();
-    seen.retain(|(depth, _)| depth.is_finite());
-    seen.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let point = |(depth, i)| camera.unproject(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5), depth);
-    seen.into_iter().map(point).collect()
-}
-
 impl ShadowMap {
-    /// A map of `size x size` texels over the square that starts at `low` (metres along the first two of [`axes`]) and is `extent`
-    /// metres wide; `depth` gives z, metres along the third axis, at the world-space axes' coordinates it is later filled at.
+    /// A map of `size x size` texels over the square that starts at `low` (metres along the first two of [`axes`]) and is
+    /// `extent` metres wide; `depth` holds z, metres along the third axis, at the texels' centres.
     pub fn new(light: Vec3A, low: [f32; 2], extent: f32, depth: Image<f32>) -> Self {
         let [right, down, away] = axes(light);
         let texel = extent / depth.width.max(1) as f32;
@@ -74,16 +63,16 @@ impl ShadowMap {
         Self { world_to_map, texel, depth, nearest }
     }
 
-    /// Whether a world-space point lies on the map, `margin` texels from its border at least.
+    /// Whether a world-space point lies on the map, at least `margin` texels inside its border.
     pub fn covers(&self, p_world: Vec3A, margin: f32) -> bool {
         let p = self.world_to_map.transform_point3a(p_world);
         let inside = |at: f32, size: usize| at >= margin && at < size as f32 - margin;
         inside(p.x, self.depth.width) && inside(p.y, self.depth.height)
     }
 
-    /// Share, 0..=1, of a light's disc of `angular_radius` radians that a world-space point with unit normal `n_world` sees; `turn`
-    /// (0..1) rotates the taps. A search for blockers gives the width of the penumbra, and the filter is as wide (Fernando 2005).
-    /// Points outside the map are lit.
+    /// Share, 0..=1, of a light's disc of `angular_radius` radians that a world-space point with unit normal `n_world` sees;
+    /// `turn` (0..1) rotates the taps. A search for blockers gives the width of the penumbra, which is the width of the filter
+    /// (Fernando 2005). Points outside the map are lit.
     pub fn visibility(&self, p_world: Vec3A, n_world: Vec3A, angular_radius: f32, turn: f32) -> f32 {
         if !(self.texel > 0.0 && self.texel.is_finite()) {
             return 1.0;
@@ -97,10 +86,10 @@ impl ShadowMap {
         if !p.is_finite() {
             return 1.0;
         }
-        // What the receiver's own plane gains in depth a texel to either side.
+        // Change in depth of the receiver's own plane per texel.
         let slope = [n.x, n.y].map(|along| (along / facing.max(1e-3)).clamp(-STEEPEST, STEEPEST) * texel);
         let bias = BIAS * texel;
-        // How far above the receiver's plane the map's surface lies at a tap, if it does.
+        // How far above the receiver's plane the map's surface lies at a tap; `None` where it lies below.
         let above = |dx: f32, dy: f32| {
             let z = self.at(p.x + dx, p.y + dy)?;
             let gap = p.z + slope[0] * dx + slope[1] * dy - bias - z;
@@ -113,11 +102,12 @@ impl ShadowMap {
         let search = (spread * (p.z - self.nearest)).clamp(NARROWEST, widest);
         let (mut blockers, mut sum) = (0.0, 0.0);
         for (x, y) in DISC {
-            // Most taps near the middle: where ground runs on towards the light the search is far wider than anything casts.
+            // Most taps are near the middle: where ground extends towards the light, the search is far wider than any blocker's
+            // shadow.
             let (x, y) = (x * (x * x + y * y), y * (x * x + y * y));
             let (dx, dy) = (search * (x * cos - y * sin), search * (x * sin + y * cos));
             if let Some(gap) = above(dx, dy) {
-                // Only what stands inside the cone of the light; the farther aside, the higher that must be.
+                // Only blockers inside the light's cone count; the farther aside, the higher they must be.
                 let reach = spread * gap + NARROWEST;
                 if dx * dx + dy * dy <= reach * reach {
                     blockers += 1.0;
@@ -133,13 +123,14 @@ impl ShadowMap {
         1.0 - shadowed.count() as f32 / TAPS as f32
     }
 
-    /// Whether nothing stands between the light and a world-space point with unit normal `n_world`: one tap, moved by `jitter` texels.
+    /// Whether nothing stands between the light and a world-space point with unit normal `n_world`: one tap, moved by `jitter`
+    /// texels.
     pub fn lit(&self, p_world: Vec3A, n_world: Vec3A, jitter: [f32; 2]) -> bool {
         let p = self.world_to_map.transform_point3a(p_world + n_world * (COARSE_OFFSET * self.texel));
         self.at(p.x + jitter[0], p.y + jitter[1]).is_none_or(|z| z + COARSE_BIAS * self.texel >= p.z)
     }
 
-    /// Depth at a point of the map, `None` where nothing is known.
+    /// Depth at a point of the map; `None` outside the map.
     #[inline]
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let inside = x >= 0.0 && y >= 0.0 && x < self.depth.width as f32 && y < self.depth.height as f32;

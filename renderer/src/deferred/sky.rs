@@ -1,28 +1,29 @@
-//! Visibility of the rest of the environment from many small shadow maps: what stands outside the picture shades too.
+//! Visibility of the rest of the environment from many small shadow maps, so that objects outside the picture cast shadows too.
 
-use super::shadow::ShadowMap;
-use crate::Environment;
-use crate::color::luminance;
+use super::shadow_map::ShadowMap;
 use glam::Vec3A;
+use renderflow_frame::Environment;
+use renderflow_frame::color::luminance;
 use std::f32::consts::PI;
 
-/// Parts of the sphere of directions.
-pub const SKY_CELLS: usize = 64;
-/// Cells that hold less than this share of the light of an average one are left out: no map is worth them.
+/// Number of cells that the sphere of directions is divided into.
+const SKY_CELLS: usize = 64;
+/// A cell with less than this share of the mean cell's light is left out: it is not worth a map.
 const LEAST: f32 = 0.02;
-/// Sharpest lobe about a reflection: no narrower than the cells.
+/// Exponent of the sharpest lobe about a reflection, which is as narrow as a cell.
 const SHARPEST: f32 = 24.0;
 
-/// Part of the environment that one shadow map stands for.
+/// A part of the environment, seen through one shadow map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkyCell {
-    /// World-space unit direction of its middle.
+    /// World-space unit direction of its centre.
     pub direction: Vec3A,
-    /// Irradiance over pi that it gives a surface facing it (intensity included).
+    /// Irradiance over pi of a surface that faces it (intensity included).
     pub irradiance: Vec3A,
 }
 
-/// `environment` in cells about the directions of a spherical spiral, without the dark ones; none for a black environment.
+/// Divides `environment` into cells about the directions of a spherical spiral. Dark cells are left out; a black environment has
+/// no cells.
 pub fn sky_cells(environment: &Environment) -> Vec<SkyCell> {
     let golden = PI * (3.0 - 5.0_f32.sqrt());
     let directions: Vec<Vec3A> = (0..SKY_CELLS)
@@ -34,7 +35,7 @@ pub fn sky_cells(environment: &Environment) -> Vec<SkyCell> {
         })
         .collect();
     let mut energy = vec![Vec3A::ZERO; SKY_CELLS];
-    // As many directions whatever the map's own size: a constant map of one texel fills all cells.
+    // The number of directions does not depend on the map's size: a constant map of one texel fills all cells.
     const GRID: [usize; 2] = [64, 32];
     let coarse = environment.downsampled(GRID[0], GRID[1]);
     for row in 0..GRID[1] {
@@ -51,30 +52,35 @@ pub fn sky_cells(environment: &Environment) -> Vec<SkyCell> {
     cells.filter(|cell| cell.irradiance.element_sum() > LEAST * mean).collect()
 }
 
-/// Share of the environment's light that reaches a point.
+/// A point on a surface that looks at the sky; directions are unit, in world space.
+#[derive(Clone, Copy, Debug)]
+pub struct Receiver {
+    /// Position, relative to the camera's origin.
+    pub p: Vec3A,
+    /// Normal.
+    pub n: Vec3A,
+    /// Reflected view direction.
+    pub mirror: Vec3A,
+    /// Roughness of the lobe about `mirror`, 0..=1.
+    pub roughness: f32,
+}
+
+/// Shares of the sky that a point sees, each 0..=1.
 #[derive(Clone, Copy, Debug)]
 pub struct SkyShare {
-    /// Of the irradiance.
+    /// Share of the irradiance.
     pub diffuse: f32,
-    /// Of what a lobe about the mirror direction would receive.
+    /// Share of the light that a lobe about the mirror direction would receive.
     pub specular: f32,
     /// Cosine-weighted share of the hemisphere that is open.
     pub open: f32,
 }
 
-/// Looks up all maps (one a cell) at a world-space point with normal `n`; `mirror` is the reflected view and `roughness` that of the
-/// lobe. `jitter` in texels moves the look-up.
-pub fn sky_share(
-    cells: &[SkyCell],
-    maps: &[ShadowMap],
-    p: Vec3A,
-    n: Vec3A,
-    mirror: Vec3A,
-    roughness: f32,
-    jitter: [f32; 2],
-) -> SkyShare {
+/// Looks up the maps of all cells (one map per cell) for `receiver`; `jitter` moves the look-up by this many texels.
+pub fn sky_share(cells: &[SkyCell], maps: &[ShadowMap], receiver: &Receiver, jitter: [f32; 2]) -> SkyShare {
+    let Receiver { p, n, mirror, roughness } = *receiver;
     let alpha2 = roughness.powi(4).max(1e-3);
-    // Phong exponent of the lobe of reflected directions of that width.
+    // Phong exponent of a lobe of reflected directions of that width.
     let sharpness = (0.5 / alpha2).clamp(1.0, SHARPEST);
     let (mut seen, mut all) = (0.0, 1e-12);
     let (mut mirror_seen, mut mirror_all) = (0.0, 1e-12);

@@ -1,15 +1,13 @@
 //! Deferred pictures of analytic scenes: reflections, bounced light, parts, keyframes, and input that says little.
 
+#[path = "../frame/tests/light_scene/mod.rs"]
 mod light_scene;
 
 use glam::{Vec2, Vec3A};
 use light_scene::{Surface, point, render, trace};
-use renderflow_frame::deferred::{
-    Carry, Deferred, Keyframe, Lighting, Options, ShadowMap, ShadowMode, Shadows, axes, shade, warp_fill,
-};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_frame::{Camera, Environment, Frame, Light};
+use renderflow_renderer::deferred::{Deferred, Lighting, Options, ShadowMap, ShadowMode, Shadows, axes, picture, shade};
 
 const SIZE: usize = 96;
 const OFF: Options = Options::NONE;
@@ -51,15 +49,16 @@ fn shadows(scene: &[Surface], lighting: &Lighting) -> Shadows {
 }
 
 fn pictures(made: &Deferred) -> Vec<&Rgb> {
-    let mut all = vec![&made.image, &made.ambient_diffuse, &made.ambient_specular];
-    all.extend(&made.direct);
-    all.extend(made.reflections.iter().chain(&made.indirect).chain(&made.bent_normal));
+    let terms = &made.terms;
+    let mut all = vec![&made.image, &terms.ambient_diffuse, &terms.ambient_specular];
+    all.extend(&terms.direct);
+    all.extend(terms.reflections.iter().chain(&terms.indirect).chain(&made.bent_normal));
     all
 }
 
 fn assert_finite(made: &Deferred) {
     assert!(pictures(made).iter().all(|p| p.pixels.iter().flatten().all(|v| v.is_finite())));
-    let planes = made.visibility.iter().chain(&made.occlusion).chain(&made.sky);
+    let planes = made.terms.visibility.iter().chain(&made.terms.occlusion).chain(&made.terms.sky);
     assert!(planes.flat_map(|p| &p.pixels).all(|v| (0.0..=1.0).contains(v)));
 }
 
@@ -74,7 +73,7 @@ fn a_mirror_shows_what_stands_on_it() {
             _ => {}
         }
     }
-    let lighting = Lighting::new(&Environment::constant([1.0; 3]), 4);
+    let lighting = Lighting::new(Light::new(Environment::constant([1.0; 3])), 4);
     let made = shade(&frame, &lighting, &Shadows::default(), &Options { reflections: true, ..OFF });
     let (mut right, mut wrong, mut open) = (0, 0, 0);
     let world_to_camera = camera.world_to_camera();
@@ -112,9 +111,9 @@ fn a_lit_floor_lights_the_wall_beside_it() {
     let camera = Camera::look_at(Vec3A::new(3.0, 1.5, 0.0), Vec3A::new(0.0, 0.6, 0.0), Vec3A::Y, 1.0, SIZE, SIZE);
     let mut frame = render(&scene, &camera);
     frame.material.pixels.fill([0.0; 3]);
-    let lighting = Lighting::new(&sunny(Vec3A::Y, 0.0), 1);
+    let lighting = Lighting::new(Light::new(sunny(Vec3A::Y, 0.0)), 1);
     let made = shade(&frame, &lighting, &Shadows::default(), &Options { indirect: true, ..OFF });
-    let Some(indirect) = &made.indirect else { panic!("no indirect light") };
+    let Some(indirect) = &made.terms.indirect else { panic!("no indirect light") };
     let floor = 0.5 * lighting.lights[0].irradiance[0] / std::f32::consts::PI;
     let mut checked = 0;
     for i in 0..SIZE * SIZE {
@@ -138,7 +137,7 @@ fn a_lit_floor_lights_the_wall_beside_it() {
 fn shadow_maps_darken_what_rays_say_is_dark() {
     let (scene, camera, frame) = block_on_ground();
     let sun = Vec3A::new(-0.6, 0.7, 0.3).normalize();
-    let lighting = Lighting::new(&sunny(sun, 0.3), 4);
+    let lighting = Lighting::new(Light::new(sunny(sun, 0.3)), 4);
     assert_eq!(lighting.lights.len(), 1);
     let made = shade(&frame, &lighting, &shadows(&scene, &lighting), &Options { shadows: ShadowMode::Map, ..OFF });
     let (mut same, mut all) = (0, 0);
@@ -149,7 +148,7 @@ fn shadow_maps_darken_what_rays_say_is_dark() {
             let lit =
                 n.dot(lighting.lights[0].direction) > 0.0 && trace(&scene, p + n * 1e-3, lighting.lights[0].direction).is_none();
             all += 1;
-            same += i32::from((made.visibility[0].pixels[i] > 0.5) == lit);
+            same += i32::from((made.terms.visibility[0].pixels[i] > 0.5) == lit);
         }
     }
     assert!(f64::from(same) > 0.985 * f64::from(all), "{same} of {all} pixels");
@@ -158,13 +157,17 @@ fn shadow_maps_darken_what_rays_say_is_dark() {
 #[test]
 fn what_is_off_is_absent() {
     let (scene, _, frame) = block_on_ground();
-    let lighting = Lighting::new(&sunny(Vec3A::new(-0.6, 0.7, 0.3).normalize(), 0.3), 4);
+    let lighting = Lighting::new(Light::new(sunny(Vec3A::new(-0.6, 0.7, 0.3).normalize(), 0.3)), 4);
     let shadows = shadows(&scene, &lighting);
     let off = shade(&frame, &lighting, &shadows, &OFF);
-    assert!(off.visibility.is_empty() && off.occlusion.is_none() && off.bent_normal.is_none() && off.sky.is_none());
-    assert!(off.reflections.is_none() && off.indirect.is_none());
+    assert!(
+        off.terms.visibility.is_empty() && off.terms.occlusion.is_none() && off.bent_normal.is_none() && off.terms.sky.is_none()
+    );
+    assert!(off.terms.reflections.is_none() && off.terms.indirect.is_none());
     let all = shade(&frame, &lighting, &shadows, &Options::default());
-    assert!(all.visibility.len() == 1 && all.occlusion.is_some() && all.bent_normal.is_some() && all.sky.is_some());
+    assert!(
+        all.terms.visibility.len() == 1 && all.terms.occlusion.is_some() && all.bent_normal.is_some() && all.terms.sky.is_some()
+    );
     assert_finite(&all);
     // The parts add up to the picture.
     for made in [&off, &all] {
@@ -189,16 +192,14 @@ fn what_is_off_is_absent() {
         let made = shade(&frame, &lighting, &shadows, &options);
         assert_ne!(made.image, off.image, "{options:?}");
         // The picture alone is the same picture.
-        let bare = shade(&frame, &lighting, &shadows, &Options { parts: false, ..options });
-        assert_eq!(bare.image, made.image, "{options:?}");
-        assert!(bare.direct.is_empty() && bare.visibility.is_empty() && bare.ambient_diffuse.pixels.is_empty());
+        assert_eq!(picture(&frame, &lighting, &shadows, &options), made.image, "{options:?}");
     }
 }
 
 #[test]
 fn threads_do_not_matter() {
     let (scene, _, frame) = block_on_ground();
-    let lighting = Lighting::new(&sunny(Vec3A::new(-0.6, 0.7, 0.3).normalize(), 0.3), 4);
+    let lighting = Lighting::new(Light::new(sunny(Vec3A::new(-0.6, 0.7, 0.3).normalize(), 0.3)), 4);
     let shadows = shadows(&scene, &lighting);
     let made = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -206,8 +207,8 @@ fn threads_do_not_matter() {
     };
     let (one, three) = (made(1), made(3));
     assert_eq!(one.image, three.image);
-    assert_eq!(one.direct, three.direct);
-    assert_eq!(one.visibility, three.visibility);
+    assert_eq!(one.terms.direct, three.terms.direct);
+    assert_eq!(one.terms.visibility, three.terms.visibility);
 }
 
 #[test]
@@ -233,7 +234,7 @@ fn any_input_gives_numbers() {
     black.albedo.pixels.fill([0.0; 3]);
     black.material.pixels.fill([1.0, 1.0, 1.0]);
     for environment in &environments {
-        let lighting = Lighting::new(environment, 4);
+        let lighting = Lighting::new(Light::new(environment.clone()), 4);
         let shadows = shadows(&scene, &lighting);
         for frame in [&good, &zero_normals, &nothing, &thin, &smooth, &black] {
             assert_finite(&shade(frame, &lighting, &shadows, &Options::default()));
@@ -252,44 +253,5 @@ fn any_input_gives_numbers() {
             let camera = camera.resized(size, size);
             assert_finite(&shade(&render(&scene, &camera), &lighting, &shadows, &Options::default()));
         }
-    }
-}
-
-#[test]
-fn keyframes_are_carried_and_holes_filled() {
-    let (scene, camera, frame) = block_on_ground();
-    let aside = Camera::look_at(Vec3A::new(0.7, 1.3, 3.9), Vec3A::new(0.0, 0.3, 0.0), Vec3A::Y, 0.7, SIZE, SIZE);
-    let key = render(&scene, &aside);
-    // A truth that is a function of the place, and start pictures that are wrong by a factor.
-    let truth = |frame: &Frame, camera: &Camera| {
-        Rgb::from_fn(SIZE, SIZE, |x, y| {
-            let i = y * SIZE + x;
-            if frame.alpha.pixels[i] > 0.0 { [1.0 + 0.2 * point(frame, camera, i).x.clamp(-2.0, 2.0); 3] } else { [0.0; 3] }
-        })
-    };
-    let (key_truth, wanted) = (truth(&key, &aside), truth(&frame, &camera));
-    let (key_start, start) = (key_truth.map(|p| p.map(|v| 0.5 * v)), wanted.map(|p| p.map(|v| 0.5 * v)));
-    for carry in [Carry::Ratio, Carry::Fetch] {
-        let before =
-            Keyframe { frame: &key, truth: &key_truth, start: &key_start, distance: -4.0, movement: Movement::default() };
-        let made = warp_fill(&frame, &start, &[before], 1.0, carry);
-        let (mut carried, mut filled) = (0, 0);
-        for (i, pixel) in made.pixels.iter().enumerate() {
-            if frame.alpha.pixels[i] > 0.0 {
-                let (good, hole) = ((pixel[0] - wanted.pixels[i][0]).abs() < 0.02, (pixel[0] - start.pixels[i][0]).abs() < 1e-6);
-                assert!(good || hole, "{} at {i}, wanted {}", pixel[0], wanted.pixels[i][0]);
-                (carried, filled) = (carried + i32::from(good), filled + i32::from(hole));
-            }
-        }
-        assert!(carried > 3 * filled && filled > 20, "{carried} carried, {filled} filled");
-        // The nearer of two counts more, one at no distance alone, and one of another size not at all.
-        let dark = key_truth.map(|_| [0.0; 3]);
-        let after = Keyframe { truth: &dark, distance: 16.0, ..before };
-        let both = warp_fill(&frame, &start, &[before, after], 1.0, carry);
-        assert!(both.pixels.iter().zip(&made.pixels).all(|(b, m)| b[0] <= m[0] + 1e-5 && b[0] > 0.5 * m[0] - 0.3));
-        assert_eq!(warp_fill(&frame, &start, &[before, Keyframe { distance: 0.0, ..before }], 1.0, carry), key_truth);
-        let small = Rgb::filled(2, 2, [9.0; 3]);
-        assert_eq!(warp_fill(&frame, &start, &[Keyframe { truth: &small, ..before }], 1.0, carry), start);
-        assert_eq!(warp_fill(&frame, &start, &[], 1.0, carry), start);
     }
 }

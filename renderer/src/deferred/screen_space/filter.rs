@@ -11,7 +11,7 @@ const SAME_NORMAL: f32 = 0.8;
 /// Largest distance from the pixel's tangent plane, as a share of the depth.
 const SAME_PLANE: f32 = 0.01;
 
-/// Calls `f(index, weight)` for the pixels around (x, y) that show the same surface, itself at least.
+/// Calls `f(index, weight)` for the pixels around (x, y) that show the same surface, including (x, y).
 pub fn neighbours(surface: &Surface, x: usize, y: usize, mut f: impl FnMut(usize, f32)) {
     let here = y * surface.width + x;
     let (n, p) = (surface.normal(here), surface.points[here]);
@@ -30,7 +30,7 @@ pub fn neighbours(surface: &Surface, x: usize, y: usize, mut f: impl FnMut(usize
     }
 }
 
-/// Four values a pixel, `f(index, (turn, step))` at the pixels with a depth, each the mean over its [`neighbours`]; `otherwise`
+/// Four values per pixel: at pixels with a depth the mean of `f(index, (turn, step))` over their [`neighbours`], and `otherwise`
 /// elsewhere.
 pub fn smooth(surface: &Surface, otherwise: Vec4, f: impl Fn(usize, (f32, f32)) -> Vec4 + Sync) -> Vec<Vec4> {
     let (width, row) = (surface.width, surface.width.max(1));

@@ -1,12 +1,12 @@
-//! Screen-space reflections: the mirror direction marched through the depth buffer, and the picture's colour where it meets.
+//! Screen-space reflections: marches the mirror direction through the depth buffer and looks up the picture's colour at the hit.
 
 use super::Surface;
 use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 
-/// Samples along a ray before the meeting point is refined.
+/// Number of samples along a ray before the hit is refined.
 const STEPS: usize = 48;
-/// Halvings of the step that found the meeting point.
+/// Number of bisections of the step that found the hit.
 const HALVINGS: usize = 5;
 /// Longest ray in units of the pixel's depth.
 const LENGTH: f32 = 6.0;
@@ -22,7 +22,7 @@ pub struct Meeting {
     pub at: [f32; 2],
     /// Metres from the start.
     pub distance: f32,
-    /// 1 in the middle of the picture, less at its border and where it is not sure that there is a surface.
+    /// 1 in the middle of the picture; less at its border and where a surface is uncertain.
     pub confidence: f32,
 }
 
@@ -46,7 +46,7 @@ pub fn march(surface: &Surface, i: usize, direction: Vec3A, step: f32) -> Option
         let inverse = -1.0 / p.z;
         Vec3A::new(camera.cx + camera.fl_x * p.x * inverse, camera.cy - camera.fl_y * p.y * inverse, inverse)
     };
-    // Along the segment both the image point and the inverse depth are linear.
+    // The image point and the inverse depth are linear along the segment.
     let (start, end) = (project(p), project(q));
     let along = end - start;
     let mut last = 1.0_f32;
@@ -105,7 +105,7 @@ pub fn march(surface: &Surface, i: usize, direction: Vec3A, step: f32) -> Option
     None
 }
 
-/// A picture at halved sizes: colour times coverage, and coverage.
+/// A picture at halved sizes: colour times coverage, then coverage.
 pub struct Pyramid {
     levels: Vec<(usize, usize, Vec<Vec4>)>,
 }

@@ -1,12 +1,14 @@
-//! Light samples drawn ahead: those of the environment do not depend on the point they light, so sixteen samples' are drawn at once.
+//! A cache of light samples. Samples of the environment do not depend on the point that they light, so they are drawn sixteen at
+//! a time.
 
 use super::{EnvironmentLight, EnvironmentSample};
 use crate::sampler::{LANES, PixelSampler, Points};
 
-/// Sets that may be drawn ahead, every other one from 2 on: those of the first vertices.
+/// Number of sets that may be drawn in advance: the sets of the first vertices, every other one from 2 on.
 const SETS: usize = 4;
-/// Of the sixteen last samples, how many must have asked for a set for the next sixteen to be drawn ahead. All do at the first vertex;
-/// outdoors fewer reach the second, where drawing always ahead costs more than it saves, and in a room nearly all do.
+/// The next sixteen samples of a set are drawn in advance if at least this number of the last sixteen used the set. All samples
+/// use the set of the first vertex. Outdoors fewer reach the second vertex, where always drawing in advance costs more than it
+/// saves; in a room nearly all do.
 const WORTH: u32 = 8;
 
 #[derive(Clone, Copy)]
@@ -14,29 +16,29 @@ struct Batch {
     /// The pixel's stream, and number of the batch in it.
     base: u64,
     number: u32,
-    /// Samples of the batch that were asked for, and whether it was drawn.
+    /// Number of samples of the batch that were requested, and whether the batch was drawn.
     asked: u32,
     ahead: bool,
     drawn: [Option<EnvironmentSample>; LANES],
 }
 
-/// Keeps the light samples that were drawn ahead, of one environment. What it returns depends on the arguments alone, as drawing sixteen
-/// gives the bits of drawing each.
-pub(crate) struct Ahead {
+/// Caches light samples of one environment that were drawn in advance. Its results depend on the arguments alone, because drawing
+/// sixteen samples at once gives the same bits as drawing each.
+pub(crate) struct LightSampleCache {
     batches: [Batch; SETS],
     /// Whether enough samples of the first vertex are expected for sixteen to be drawn.
     first: bool,
 }
 
-impl Default for Ahead {
+impl Default for LightSampleCache {
     fn default() -> Self {
         Self { batches: [Batch { base: 0, number: u32::MAX, asked: 0, ahead: false, drawn: [None; LANES] }; SETS], first: true }
     }
 }
 
-impl Ahead {
-    /// Says how many consecutive samples of a pixel will be asked for at the first vertex: what is drawn ahead follows it, what is
-    /// returned does not.
+impl LightSampleCache {
+    /// Announces how many consecutive samples of a pixel will be requested at the first vertex. It affects what is drawn in
+    /// advance, never the results.
     #[inline(always)]
     pub fn expect(&mut self, samples: u32) {
         self.first = samples >= WORTH;
@@ -56,7 +58,7 @@ impl Ahead {
             if batch.number != number || batch.base != sampler.base() {
                 let wanted = (set == 2 && self.first) || batch.asked >= WORTH;
                 (batch.number, batch.base, batch.asked, batch.ahead) = (number, sampler.base(), 0, false);
-                // However few points are expected elsewhere: here sixteen are.
+                // Sixteen points are needed here, even if few are expected elsewhere.
                 if wanted && let Some([u, v, ..]) = points.sixteen(sampler, index, set) {
                     light.sample_all([u, v], &mut batch.drawn);
                     batch.ahead = true;
@@ -90,7 +92,7 @@ mod tests {
         ];
         for environment in maps {
             let light = EnvironmentLight::new(&environment).unwrap();
-            let (mut ahead, mut points) = (Ahead::default(), Points::default());
+            let (mut ahead, mut points) = (LightSampleCache::default(), Points::default());
             for kind in [Sampler::Sobol, Sampler::Independent] {
                 let mut later = 0;
                 for (pixel, index) in

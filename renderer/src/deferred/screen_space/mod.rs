@@ -1,4 +1,4 @@
-//! What a G-buffer alone says about occlusion, bounced light and reflections; for deferred shading.
+//! Occlusion, bounced light and reflections from a G-buffer alone.
 //!
 //! Occlusion follows the horizon method of Jimenez et al. 2016 ("Practical real-time strategies for accurate indirect occlusion",
 //! GTAO); light visibility marches towards the environment's dominant light. Both start from a pattern that repeats every
@@ -10,10 +10,10 @@ pub(crate) mod horizon;
 pub(crate) mod march;
 pub(crate) mod reflect;
 
-use crate::Camera;
-use crate::ibl::Shading;
 use glam::Vec3A;
 use rayon::prelude::*;
+use renderflow_frame::Camera;
+use renderflow_frame::ibl::Shading;
 
 /// Side of the repeating pattern, pixels.
 const PATTERN: usize = 4;
@@ -23,7 +23,8 @@ pub(crate) struct Surface<'a> {
     pub camera: &'a Camera,
     pub width: usize,
     pub height: usize,
-    /// Points at the pixels' centres, computed once: each is read some hundred times. Pixels without a depth hold [`NOWHERE`].
+    /// Points at the pixels' centres, computed once because each is read about a hundred times. Pixels without a depth hold
+    /// [`NOWHERE`].
     pub points: Vec<Vec3A>,
     pub normals: &'a [[f32; 3]],
 }
@@ -61,7 +62,7 @@ impl<'a> Surface<'a> {
     /// Index of the pixel that holds an image point.
     #[inline]
     pub fn pixel(&self, x: f32, y: f32) -> Option<usize> {
-        // Negative values are caught here: the cast would round them to 0.
+        // Negative values are caught here, because the cast would round them to 0.
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
         inside.then(|| y as usize * self.width + x as usize)
     }
@@ -69,7 +70,7 @@ impl<'a> Surface<'a> {
 
 /// (turn, step) of the pattern at a pixel, each one of 16 values in 0..1; every 4 x 4 window holds all 16 of each.
 pub(crate) fn phase(x: usize, y: usize) -> (f32, f32) {
-    // A 4 x 4 ordered matrix: neighbours differ much, so that small filters see most of the range.
+    // A 4 x 4 ordered matrix: neighbours differ strongly, so that small filters see most of the range.
     const TURN: [u8; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
     const STEP: [u8; 16] = [5, 10, 13, 2, 0, 15, 8, 7, 12, 3, 4, 11, 9, 6, 1, 14];
     let i = y % PATTERN * PATTERN + x % PATTERN;
