@@ -33,7 +33,7 @@ pub struct Demo {
     /// Pixels along both sides
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=4096))]
     resolution: u32,
-    /// Frames, 3.6 degrees of orbit each
+    /// Frames; an orbiting camera turns by 3.6 degrees from one to the next
     #[arg(long, default_value_t = 17, value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
     /// Distance of keyframes

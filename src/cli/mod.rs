@@ -33,7 +33,7 @@ use renderflow_renderer::Settings;
 use renderflow_scenes::LoadReport;
 use renderflow_scenes::description::{EnvironmentSource, Scene};
 use renderflow_scenes::load::{self, ModelView};
-use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
+use renderflow_scenes::procedural::{Composition, Split, compose_one};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -270,7 +270,7 @@ fn parent(path: &Path) -> PathBuf {
 }
 
 impl SceneArgs {
-    /// The scene to work on, a file or a composed one with light that training never sees, and what it may name: files of its own folder
+    /// The scene to work on, a file or a composed one with meshes and light that training never sees, and what it may name: files of its own folder
     /// and of those that are `allowed`, and what the user names here. `seed` composes the scene, `composed` where none is given; a scene
     /// or model from a file is sampled with it.
     fn describe(
@@ -284,9 +284,8 @@ impl SceneArgs {
         let mut reach = self.scene.as_deref().map_or_else(|| Reach::folder("."), Reach::of).allow(allowed);
         let mut scene = match &self.scene {
             None => {
-                let options = ComposeOptions { seed: seed.unwrap_or(composed), split: Split::Test, ..ComposeOptions::default() };
-                let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
-                compose(&ComposeOptions { resolution, frames: frames.unwrap_or(options.frames), ..options })
+                let (seed, resolution) = (seed.unwrap_or(composed), [resolution.unwrap_or(256); 2]);
+                compose_one(seed, Split::Test, resolution, frames.unwrap_or(1), &Composition::default())?
             }
             Some(path) if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) => Scene::read(path)?,
             Some(path) => {
