@@ -7,7 +7,7 @@ use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Object, Scene};
 use renderflow_scenes::load::load;
 use renderflow_scenes::procedural::{
-    Cameras, Composed, Composition, ENVIRONMENTS, LayoutKind, Layouts, MESHES, Pool, Request, Split, compose_one, families,
+    Cameras, Composed, Composition, ENVIRONMENT_COUNT, LayoutKind, Layouts, MESH_COUNT, Pool, Request, Split, compose_one, families,
 };
 use renderflow_scenes::seed::Seed;
 use renderflow_scenes::shapes::{self, Shape};
@@ -293,7 +293,7 @@ const HASHES: [&str; 3] = [
 
 #[test]
 fn one_scene_is_made_of_what_its_split_may_draw_from() {
-    let lists = Split::ALL.map(|split| families(&Catalog::new(3, MESHES, ENVIRONMENTS), split));
+    let lists = Split::ALL.map(|split| families(&Catalog::new(3, MESH_COUNT, ENVIRONMENT_COUNT), split));
     let meshes: Vec<&String> = lists.iter().flat_map(|list| &list.meshes).collect();
     assert_eq!(meshes.iter().collect::<BTreeSet<_>>().len(), meshes.len());
     assert_eq!(meshes.len(), shapes::FAMILIES.len() - 2);
@@ -304,8 +304,8 @@ fn one_scene_is_made_of_what_its_split_may_draw_from() {
         assert_eq!(scene, compose(3));
         assert_ne!(scene.hash(), compose(4).hash());
         let EnvironmentSource::Sky(sky) = &scene.environment.source else { panic!("composed scenes draw their skies") };
-        let catalog = Catalog::new(3, MESHES, ENVIRONMENTS);
-        let number = (0..ENVIRONMENTS).find(|&k| catalog.environment(k) == *sky).expect("of the catalogue");
+        let catalog = Catalog::new(3, MESH_COUNT, ENVIRONMENT_COUNT);
+        let number = (0..ENVIRONMENT_COUNT).find(|&k| catalog.environment(k) == *sky).expect("of the catalogue");
         assert!(list.environments.iter().any(|family| family == catalog.environment_family(number)));
     }
     assert!(compose_one(3, Split::Train, [0, 64], 5, &Composition::default()).is_err());

@@ -10,7 +10,7 @@ use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
-use renderflow_scenes::procedural::{Composition, ENVIRONMENTS, MESHES};
+use renderflow_scenes::procedural::{Composition, ENVIRONMENT_COUNT, MESH_COUNT};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -90,10 +90,10 @@ pub struct PlanArgs {
     #[arg(long)]
     compact: bool,
     /// Meshes in the catalogue
-    #[arg(long, default_value_t = MESHES, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = MESH_COUNT, value_parser = clap::value_parser!(u32).range(1..))]
     mesh_count: u32,
     /// Maps in the catalogue of environments
-    #[arg(long, default_value_t = ENVIRONMENTS, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = ENVIRONMENT_COUNT, value_parser = clap::value_parser!(u32).range(1..))]
     environment_count: u32,
     /// Folder of glTF and OBJ models to mix in
     #[arg(long, value_name = "DIR")]

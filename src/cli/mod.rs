@@ -134,9 +134,9 @@ pub(crate) fn panic_message(payload: &(dyn std::any::Any + Send)) -> String {
 /// Flags of everything that path-traces.
 #[derive(Args, Clone, Debug)]
 struct TraceArgs {
-    /// Samples a pixel
-    #[arg(long, default_value_t = Settings::default().spp, value_parser = within(Settings::SPP))]
-    spp: u32,
+    /// Samples a pixel; 256 by default, 128 in the demo
+    #[arg(long, value_parser = within(Settings::SPP))]
+    spp: Option<u32>,
     /// Scattering events of a path
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
@@ -146,9 +146,9 @@ struct TraceArgs {
 }
 
 impl TraceArgs {
-    /// What the renderer is told.
-    fn settings(&self) -> Settings {
-        Settings { spp: self.spp, max_bounces: self.max_bounces, ..Settings::default() }
+    /// What the renderer is told; `usual` samples a pixel where none are asked for.
+    fn settings(&self, usual: u32) -> Settings {
+        Settings { spp: self.spp.unwrap_or(usual), max_bounces: self.max_bounces, ..Settings::default() }
     }
 }
 

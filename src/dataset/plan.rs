@@ -6,7 +6,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_frame::words;
 use renderflow_renderer::{Budget, Settings};
 use renderflow_scenes::catalog::Catalog;
-use renderflow_scenes::procedural::{Composed, Composition, ENVIRONMENTS, MESHES, Pool, Request, Split, compose};
+use renderflow_scenes::procedural::{Composed, Composition, ENVIRONMENT_COUNT, MESH_COUNT, Pool, Request, Split, compose};
 use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION};
 use renderflow_scenes::{description::EnvironmentSource, seed::Seed};
 use serde::{Deserialize, Serialize};
@@ -74,10 +74,10 @@ fn one() -> u32 {
     1
 }
 fn meshes() -> u32 {
-    MESHES
+    MESH_COUNT
 }
 fn environments() -> u32 {
-    ENVIRONMENTS
+    ENVIRONMENT_COUNT
 }
 
 /// Why a plan or an option that asks for the classic composer is refused.

@@ -35,9 +35,9 @@ use pick::Picker;
 use std::path::PathBuf;
 
 /// Meshes in a catalogue, unless a plan says otherwise.
-pub const MESHES: u32 = 4096;
+pub const MESH_COUNT: u32 = 4096;
 /// Maps in a catalogue of environments, unless a plan says otherwise.
-pub const ENVIRONMENTS: u32 = 512;
+pub const ENVIRONMENT_COUNT: u32 = 512;
 
 /// What a split may draw from.
 #[derive(Clone, Copy, Debug)]
@@ -192,7 +192,7 @@ pub fn compose(request: &Request) -> Result<Composed> {
 /// # Errors
 /// As [`compose`].
 pub fn compose_one(seed: u64, split: Split, resolution: [u32; 2], frames: u32, composition: &Composition) -> Result<Scene> {
-    let catalog = Catalog::new(seed, MESHES, ENVIRONMENTS);
+    let catalog = Catalog::new(seed, MESH_COUNT, ENVIRONMENT_COUNT);
     let Families { meshes, environments } = families(&catalog, split);
     let pool = Pool {
         catalog: &catalog,
