@@ -7,6 +7,7 @@ pub mod catalog;
 pub mod description;
 mod draw;
 pub mod error;
+mod family;
 pub mod load;
 pub mod loaded;
 pub mod mipmap;

@@ -1,9 +1,9 @@
 //! Small plants and fungi: cacti, rosettes, grass and mushrooms. Leaves and stems are closed and run into one another.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::noise;
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, frame, hollow, profile, spline};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -46,9 +46,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A cactus, in a pot or on a mound.
-    Cactus("cactus", "plant", Upright) |rng| {
+    shape Cactus("plant", Upright) |rng| {
         /// The kind.
         kind: CactusKind = CactusKind::draw(rng);
         /// Ribs.
@@ -207,9 +207,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// Leaves about a middle at the golden angle, in a pot or on a mound.
-    Rosette("rosette", "plant", Upright) |rng| {
+    shape Rosette("plant", Upright) |rng| {
         /// The kind.
         leaves: Leaves = Leaves::draw(rng);
         /// Leaves.
@@ -351,9 +351,9 @@ impl Rosette {
     }
 }
 
-model! {
+family! {
     /// A tuft of grass blades on a mound.
-    Grass("grass", "plant", Upright) |rng| {
+    shape Grass("plant", Upright) |rng| {
         /// Blades.
         blades: u32 [8, 240] = 50 + rng.below(130);
         /// Width of a blade over its length.
@@ -409,9 +409,9 @@ impl Grass {
     }
 }
 
-model! {
+family! {
     /// Mushrooms on a mound.
-    Mushroom("mushroom", "plant", Upright) |rng| {
+    shape Mushroom("plant", Upright) |rng| {
         /// How many.
         count: u32 [1, 12] = 1 + rng.below(5);
         /// Width of the cap over the height.

@@ -1,8 +1,8 @@
 //! Vessels: turned walls with handles, spouts and lids. Parts run into one another.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{hollow, profile, spline};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -31,9 +31,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A hollow vessel.
-    Vessel("vessel", "vessel", Upright) |rng| {
+    shape Vessel("vessel", Upright) |rng| {
         /// The kind.
         kind: VesselKind = VesselKind::draw(rng);
         /// Height over width, against the kind's usual one.

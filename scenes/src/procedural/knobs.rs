@@ -1,6 +1,6 @@
 //! What a plan says about composition.
 
-use crate::procedural::materials::MaterialKnobs;
+use super::materials::MaterialKnobs;
 use serde::{Deserialize, Serialize};
 
 /// Knobs of composition, the section `composition` of a plan.

@@ -2,9 +2,9 @@
 
 use super::Used;
 use super::body::{Body, Origin, Part, Role};
+use super::materials::{self, MaterialKnobs};
 use crate::description::{Geometry, Material, Object};
 use crate::draw::Draw;
-use crate::procedural::materials::{MaterialKnobs, varied, varied_ground, varied_wall};
 use crate::seed::Seed;
 use glam::Vec3;
 use rand_pcg::Pcg64;
@@ -94,9 +94,9 @@ impl<'a> Build<'a> {
         .rng();
         let rng = &mut rng;
         let made = match role {
-            Role::Object | Role::Furniture => varied(rng, shared, self.knobs),
-            Role::Ground => varied_ground(rng, shared, self.knobs),
-            Role::Wall if rng.chance(0.5) => varied_wall(rng, shared, self.knobs),
+            Role::Object | Role::Furniture => materials::object(rng, shared, self.knobs),
+            Role::Ground => materials::floor(rng, shared, self.knobs),
+            Role::Wall if rng.chance(0.5) => materials::wall(rng, shared, self.knobs),
             Role::Wall | Role::Ceiling => wall(rng, role == Role::Ceiling),
             Role::Foliage => {
                 let (hue, saturation, value) = (rng.between(65.0, 135.0), rng.between(0.4, 0.8), rng.log(0.08, 0.3));

@@ -3,8 +3,7 @@
 use super::pick::Picked;
 use crate::description::{Geometry, Motion, Transform, decimal};
 use crate::draw::Draw;
-use crate::procedural::layout::{between_ways, level_top, symmetric, tilt};
-use crate::shapes::{self, FAMILIES, RANDOM_FAMILIES, Shape, Stance};
+use crate::shapes::{self, Shape, Stance};
 use glam::{EulerRot, Mat3, Vec2, Vec3};
 use rand_pcg::Pcg64;
 
@@ -165,12 +164,7 @@ impl Body {
         let yaw = rng.between(0.0, 360.0);
         match picked {
             Picked::Mesh { shape, family, number } => {
-                let [x, z] = match (tilt(&shape, rng), shape.stance()) {
-                    ([0.0, 0.0], Stance::Any) if FAMILIES[RANDOM_FAMILIES..].contains(&family) && rng.chance(0.35) => {
-                        [rng.between(0.0, 360.0), rng.between(0.0, 360.0)]
-                    }
-                    (tilt, _) => tilt,
-                };
+                let [x, z] = tilt(shape.stance(), rng);
                 let body = Self::of_shape(shape, Role::Object, [x, yaw, z], size);
                 Self { origin: Some(Origin { family: family.into(), mesh: Some(number), file: None }), ..body }
             }
@@ -227,4 +221,55 @@ pub(super) fn ways_apart(a: &[Vec2], b: &[Vec2]) -> f32 {
     };
     let (a, b) = (pieces(a), pieces(b));
     a.iter().flat_map(|&p| b.iter().map(move |&q| between_ways(p, q))).fold(f32::INFINITY, f32::min)
+}
+
+/// Radius of a level circle in the middle of an upright shape's top, metres; 0 = none.
+fn level_top(shape: &Shape) -> f32 {
+    match shape {
+        Shape::Box { size, bevel } => 0.5 * size[0].min(size[2]) - bevel,
+        Shape::Cylinder { radius, bevel, .. } => radius - bevel,
+        Shape::Cone { top_radius, .. } => *top_radius,
+        Shape::Prism { radius, star: None, sides, taper, .. } => radius * taper * (std::f32::consts::PI / *sides as f32).cos(),
+        _ => 0.0,
+    }
+}
+
+/// Degrees about x and z by which a body of this stance leans or lies.
+fn tilt(stance: Stance, rng: &mut Pcg64) -> [f32; 2] {
+    match stance {
+        Stance::Rim if rng.chance(0.4) => [90.0, 0.0],
+        Stance::Lying if rng.chance(0.3) => [90.0, 0.0],
+        Stance::Rolled if rng.chance(0.5) => [rng.between(0.0, 360.0), rng.between(0.0, 360.0)],
+        Stance::Any if rng.chance(0.35) => [rng.between(0.0, 360.0), rng.between(0.0, 360.0)],
+        _ => [0.0, 0.0],
+    }
+}
+
+/// Whether spinning about its axis leaves a shape as it is.
+fn symmetric(shape: &Shape) -> bool {
+    matches!(
+        shape,
+        Shape::Sphere { .. }
+            | Shape::Cylinder { .. }
+            | Shape::Cone { .. }
+            | Shape::Capsule { .. }
+            | Shape::Torus { .. }
+            | Shape::Lathe { .. }
+            | Shape::Pipe { .. }
+    )
+}
+
+/// Least distance between two straight ways (whenever they are walked).
+fn between_ways(a: [Vec2; 2], b: [Vec2; 2]) -> f32 {
+    let to_way = |p: Vec2, way: [Vec2; 2]| {
+        let d = way[1] - way[0];
+        let t = (p - way[0]).dot(d) / d.length_squared().max(1e-12);
+        p.distance(way[0] + d * t.clamp(0.0, 1.0))
+    };
+    let side = |p: Vec2, way: [Vec2; 2]| (way[1] - way[0]).perp_dot(p - way[0]);
+    let crossing = side(a[0], b) * side(a[1], b) < 0.0 && side(b[0], a) * side(b[1], a) < 0.0;
+    if crossing {
+        return 0.0;
+    }
+    to_way(a[0], b).min(to_way(a[1], b)).min(to_way(b[0], a)).min(to_way(b[1], a))
 }
