@@ -230,7 +230,8 @@ pub(crate) use range_doc;
 /// - `pub struct Name { ... }`: a part of others.
 /// - `pub enum Name by "tag" { Variant = "name" { ... } ... }`: kinds told apart by a tag in the file.
 /// - `pub enum Name by "tag" |rng| { Variant = "name" { ... } ... } or { Model = "name"; ... }`: the same with draws
-///   (`with { ... }` before the parameters holds what several draws share), and with variants that are shapes with files of their own.
+///   (`with { ... }` before the parameters draws those that have no draw of their own), and with variants that are shapes with files of
+///   their own.
 /// - `shape Name("group", Stance) |rng| { ... }`: a shape with a file of its own. It has `size` besides, and its inherent
 ///   `build(&self) -> (Builder, f64)` makes the surface.
 /// - `pattern Name: COUNT colors [...], roughness [...], depth ...; ...`: a pattern, which has a seed and a resolution besides.
@@ -445,7 +446,7 @@ macro_rules! family {
             $(
                 $(#[$variant_doc:meta])*
                 $variant:ident = $family:literal $(with { $($shared:tt)* })? {
-                    $($(#[$field_doc:meta])* $field:ident: $ty:ty $([$($range:tt)*])? = $draw:expr;)*
+                    $($(#[$field_doc:meta])* $field:ident: $ty:ty $([$($range:tt)*])? $(= $draw:expr)?;)*
                 }
                 $(, rules |$faults:ident, $at:ident| $rules:block)?
             )*
@@ -471,7 +472,7 @@ macro_rules! family {
                     $(
                         $family => {
                             $($($shared)*)?
-                            $(let $field = $draw;)*
+                            $($(let $field = $draw;)?)*
                             Self::$variant { $($field),* }
                         }
                     )*

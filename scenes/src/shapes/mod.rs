@@ -111,9 +111,9 @@ family! {
             let thickest = (0.5 / p.max(q) as f32).clamp(0.1, 0.2);
         } {
             /// Turns about the ring's axis.
-            p: u32 [1, 7] = p;
+            p: u32 [1, 7];
             /// Turns about the ring's tube, without a common factor with `p`.
-            q: u32 [1, 7] = q;
+            q: u32 [1, 7];
             /// From the centre to the middle of the ring, metres; the path keeps within 0.4 of it.
             radius: f32 [0.05, 100] = rng.between(0.3, 0.45);
             /// Radius of the rope, metres, at most 0.3 of `radius`.
@@ -139,12 +139,12 @@ family! {
             let wall = if rng.chance(0.5) { Pcg64::tidy(least(&radii) * rng.between(0.1, 0.4)) } else { 0.0 };
         } {
             /// Radii from bottom to top, metres.
-            radii: Vec<f32> [0.01, 100; count 2, 16] = radii;
+            radii: Vec<f32> [0.01, 100; count 2, 16];
             /// Metres.
             height: f32 [0.05, 100] = rng.between(0.6, 1.3);
             /// Thickness of the wall of a hollow vessel, metres, at most half the smallest radius and half the height; 0 = solid.
             #[serde(default)]
-            wall: f32 [0, 50; most 0.5 * least(radii).min(*height)] = wall;
+            wall: f32 [0, 50; most 0.5 * least(radii).min(*height)];
         }
         /// An upright pipe.
         Pipe = "pipe" {
@@ -179,13 +179,13 @@ family! {
             let (depth, hole) = (rng.between(0.1, 0.25), rng.between(0.1, 0.45));
         } {
             /// Teeth.
-            teeth: u32 [5, 48] = teeth;
+            teeth: u32 [5, 48];
             /// Radius to the tips, metres.
             radius: f32 [0.05, 100] = rng.between(0.35, 0.6);
             /// Depth of the teeth as a share of `radius`.
-            depth: f32 [0.03, 0.4] = depth;
+            depth: f32 [0.03, 0.4];
             /// Radius of the hole as a share of `radius`, less than `1 - depth` by 0.05.
-            hole: f32 [0.05, 0.5; most (0.95 - depth).min(0.5)] = hole;
+            hole: f32 [0.05, 0.5; most (0.95 - depth).min(0.5)];
             /// Thickness of the wheel, metres.
             height: f32 [0.01, 100] = rng.between(0.1, 0.4);
         }
@@ -195,15 +195,15 @@ family! {
             let height = rng.between(0.6, 1.1);
         } {
             /// From the axis to the middle of the wire, metres.
-            radius: f32 [0.05, 100] = radius;
+            radius: f32 [0.05, 100];
             /// Radius of the wire, metres, at most 0.6 of `radius`.
             // Drawn so thin that neighbouring turns stay apart.
             tube: f32 [0.005, 60; most 0.6 * radius] =
                 Pcg64::tidy((0.3 * radius).min(0.42 * height / turns) * rng.between(0.4, 0.9)).max(0.01);
             /// Turns.
-            turns: f32 [0.5, 12] = turns;
+            turns: f32 [0.5, 12];
             /// Height between the ends of the wire, metres; turns closer than the wire is thick run into one another.
-            height: f32 [0.05, 100] = height;
+            height: f32 [0.05, 100];
         }
         /// A boulder: a sphere displaced by seeded fractal noise.
         Rock = "rock" {
