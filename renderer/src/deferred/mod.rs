@@ -115,7 +115,10 @@ pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Op
     };
     let light = Gathered::new(&inputs, &pass, pixels);
     let rgb = |f: &(dyn Fn(usize) -> Vec3A + Sync)| picture_of(&shading, f);
-    let share = |f: &dyn Fn(usize) -> f32| Image { width, height, pixels: (0..width * height).map(f).collect() };
+    let share = |f: &(dyn Fn(usize) -> f32 + Sync)| {
+        let pixels = (0..width * height).into_par_iter().with_min_len(1024).map(f).collect();
+        Image { width, height, pixels }
+    };
     let seen = |light: usize| share(&|i| pass.seen(i, light));
     let terms = ShadingTerms {
         direct: (0..lights).map(|light| rgb(&|i| direct[i * lights + light])).collect(),
