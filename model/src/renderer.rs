@@ -1,13 +1,11 @@
 //! Networks that render sequences: frames go in one after the other, pictures come out in the same order.
 //!
-//! [`WanRenderer`] (the paper's graph) makes them in overlapping clips, so that a picture comes out up to a clip later than its frame went
+//! [`WanRenderer`](crate::wan::video::WanRenderer) makes them in overlapping clips, so that a picture comes out up to a clip later than its frame went
 //! in, or each by itself. The memory in use does not grow with the sequence.
 
-use crate::wan::pictures::DepthBounds;
-use crate::wan::video::WanRenderer;
 use crate::{Error, Result, weights};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Environment, Frame};
+use renderflow_frame::{DepthBounds, Environment, Frame};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -193,27 +191,6 @@ impl State {
         let picture = weights::read_tensor(path, &tensors, PICTURE, &[3, size[1], size[0]])?;
         Ok(Self { number, size, picture })
     }
-}
-
-/// How the paper's graph is opened, beside its own weights.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Autoencoder<'a> {
-    /// Its file; [`crate::wan::video::AUTOENCODER_FILE`] beside that of the renderer where none is named.
-    pub file: Option<&'a Path>,
-    /// Pixels a side of the tiles in which larger pictures are encoded and decoded; `None` = always in one piece.
-    pub tile: Option<usize>,
-}
-
-/// Opens weights of the paper's network, which say so themselves.
-///
-/// # Errors
-/// When a file cannot be read or holds another network; the message names file and tensor.
-pub fn open(path: &Path, autoencoder: Autoencoder) -> Result<Box<dyn Renderer>> {
-    let renderer = WanRenderer::load(path, autoencoder.file)?;
-    Ok(match autoencoder.tile {
-        Some(pixels) => Box::new(renderer.tiled(pixels)?),
-        None => Box::new(renderer),
-    })
 }
 
 /// Checks what every renderer asks of its options.

@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor};
 use renderflow_model::wan::dit::{DitInput, Rope};
 use renderflow_model::wan::flow::{Conditions, Environment, Group, Intrinsic};
 use renderflow_model::wan::layers::modulated_norm;
-use renderflow_model::wan::{Flow, FlowConfig, Probe};
+use renderflow_model::wan::{Flow, FlowConfig};
 use renderflow_model::{ops, parameters};
 use wan::flow::{CLIP, TIMES, both, conditions, difference, invert, latents, velocity, warm, warmed};
 use wan::values;
@@ -31,7 +31,7 @@ fn adapters_begin_as_nothing() {
         let nothing: Vec<&[f32]> = nothing.iter().map(Vec::as_slice).collect();
         flow.attributes = parameters::import(flow.attributes, &nothing, &device);
         let input = DitInput { latents: latents(CLIP, &device), times: vec![1000.0, 750.0], text: None };
-        let plain = values(flow.dit.forward(input, &mut Probe::idle()).expect("runs").neg()).values;
+        let plain = values(flow.dit.forward(input).expect("runs").neg()).values;
         assert!(plain.iter().any(|&v| v != 0.0));
         assert!(velocity(&flow, &conditions(&config, CLIP, &[], &device)) == plain, "environment");
         assert!(velocity(&flow, &conditions(&config, CLIP, &[0.5, 3.0], &device)) == plain, "keyframes");
@@ -91,7 +91,7 @@ fn a_block_is_its_formula() {
         let flow = warm(&config, &device);
         let (dit, width, heads) = (&config.dit, config.dit.width(), config.dit.heads);
         let conditions = conditions(&config, CLIP, &[-0.75], &device);
-        let (tokens, shared) = flow.prepare(latents(CLIP, &device), &TIMES, &conditions, &mut Probe::idle()).expect("fits");
+        let (tokens, shared) = flow.prepare(latents(CLIP, &device), &TIMES, &conditions).expect("fits");
         let (block, adapter) = (&flow.dit.blocks[1], &flow.keyframes.as_ref().expect("adapter").blocks[1]);
         let [b, n, _] = tokens.dims();
         let environment = flow.environment.blocks[1].forward(shared.environment.clone().expect("environment"));
@@ -129,7 +129,7 @@ fn the_environment_of_a_frame_acts_on_that_frame() {
     for config in both() {
         let flow = without_self_attention(warm(&config, &device), &device);
         let of = |conditions: &Conditions| {
-            let v = flow.velocity(latents(CLIP, &device), &TIMES, conditions, &mut Probe::idle()).expect("renders");
+            let v = flow.velocity(latents(CLIP, &device), &TIMES, conditions).expect("renders");
             [0, 1].map(|i| values(v.clone().narrow(2, i, 1)).values)
         };
         let mut conditions = conditions(&config, CLIP, &[], &device);
@@ -183,7 +183,7 @@ fn keyframes_are_placed_by_distances() {
         let frames = |time: f64| {
             let Conditions { attributes, environment, keyframes } = conditions(&config, clip, &[time], &device);
             let conditions = Conditions { attributes: still(attributes), environment: still(environment), keyframes };
-            let v = flow.velocity(still(latents(clip, &device)), &[0.0], &conditions, &mut Probe::idle()).expect("renders");
+            let v = flow.velocity(still(latents(clip, &device)), &[0.0], &conditions).expect("renders");
             [0, 1, 2].map(|i| values(v.clone().narrow(2, i, 1)).values)
         };
         let (near, far) = (frames(1.25), frames(0.25));

@@ -8,10 +8,11 @@ use renderflow_frame::ibl;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame};
-use renderflow_model::fusion::fill::{Key, Samples, Seen};
+use renderflow_model::fusion::fill::{Keyframe, KeyframeView, Samples};
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
+use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::{Progress, Validation};
 use renderflow_model::weights::Precision;
 use std::path::Path;
@@ -77,17 +78,20 @@ impl Source for Toy {
 fn config(output: &Path, steps: u64) -> Config {
     Config {
         network: FusionConfig { widths: SMALL },
-        output: output.into(),
-        steps,
+        run: RunConfig {
+            output: output.into(),
+            steps,
+            learning_rate: 2e-3,
+            warmup_steps: 5,
+            ema_decay: 0.9,
+            checkpoint_steps: 1000,
+            log_steps: 1,
+            ..Config::default().run
+        },
         crops: vec![Crop { size: 32, batch: 2, from: 0.0 }],
         first: 4,
         rotate_steps: 5,
         window: 6,
-        learning_rate: 2e-3,
-        warmup_steps: 5,
-        ema_decay: 0.9,
-        checkpoint_steps: 1000,
-        log_steps: 1,
         ..Config::default()
     }
 }
@@ -178,8 +182,8 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     let samples = Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2 };
     let mut record = Record::of(&frame, &shaded.shading.surfaces, exposure);
     record.add_deferred(&shaded, exposure);
-    let key = Key { frame: frame.clone(), truth: raw.clone(), shaded: Some(shaded.image.clone()) };
-    let seen = Seen { key: &key, distance: -3.0, movement: Movement::default() };
+    let key = Keyframe { frame: frame.clone(), truth: raw.clone(), shaded: Some(shaded.image.clone()) };
+    let seen = KeyframeView { keyframe: &key, distance: -3.0, movement: Movement::default() };
     record.add_key(0, &seen, &frame, Some(&shaded.image), exposure);
     record.add_part(0, &samples, exposure);
     record.add_neighbour(2, &samples, &Image::from_fn(width, height, |x, y| Some((y * width + x) as u32)), exposure);

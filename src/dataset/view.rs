@@ -3,9 +3,8 @@
 use super::SequenceFolder;
 use rayon::prelude::*;
 use renderflow_frame::ibl::IblTables;
-use renderflow_frame::{Environment, Frame};
+use renderflow_frame::{DepthBounds, Environment, Frame};
 use renderflow_model::renderer::{KeyframePlace, Sequence};
-use renderflow_model::wan::pictures::DepthBounds;
 use renderflow_model::{Error, Result};
 use std::sync::OnceLock;
 

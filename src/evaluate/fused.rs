@@ -8,8 +8,8 @@ use renderflow_frame::deferred::Deferred;
 use renderflow_frame::ibl::{self, IblTables};
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::batch::BEFORE;
-use renderflow_model::fusion::fill::{Key, Samples, Seen, background};
-use renderflow_model::fusion::record::{Chosen, NEIGHBOURS};
+use renderflow_model::fusion::fill::{Keyframe, KeyframeView, Samples, background};
+use renderflow_model::fusion::record::{NEIGHBOURS, Selection};
 use renderflow_model::fusion::{Fusion, Record};
 use renderflow_renderer::denoise::Denoiser;
 
@@ -20,7 +20,7 @@ pub struct Fused<'a> {
     /// Of the whole environment.
     tables: &'a IblTables,
     /// Keyframes by index among the stored frames.
-    keys: Vec<(usize, Key)>,
+    keys: Vec<(usize, Keyframe)>,
 }
 
 impl<'a> Fused<'a> {
@@ -34,7 +34,7 @@ impl<'a> Fused<'a> {
         for &index in &self.folder.sequence.keyframes {
             let mut frame = self.folder.frame(index)?;
             let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
-            self.keys.push((index, Key { frame, truth, shaded: shaded(index) }));
+            self.keys.push((index, Keyframe { frame, truth, shaded: shaded(index) }));
         }
         Ok(())
     }
@@ -90,7 +90,7 @@ impl<'a> Fused<'a> {
                 self.carry(&mut record, buffer, None);
             }
             if let Some(denoiser) = denoiser {
-                let [color, albedo, normal] = record.noisy(&Chosen::all(&record), exposure);
+                let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
                 record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
             self.draw(&record)
@@ -111,8 +111,8 @@ impl<'a> Fused<'a> {
             if let Some((index, key)) = found {
                 let distance = number(*index) - number(buffer.index);
                 let movement = self.folder.sequence.tracks.between(buffer.index, *index);
-                let seen = Seen { key, distance, movement };
-                record.add_key(k, &seen, buffer.frame, shaded, self.folder.sequence.exposure);
+                let view = KeyframeView { keyframe: key, distance, movement };
+                record.add_key(k, &view, buffer.frame, shaded, self.folder.sequence.exposure);
             }
         }
     }

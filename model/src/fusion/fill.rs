@@ -1,6 +1,6 @@
 //! Fills records: what the path tracer, deferred shading and the warp give becomes what the network reads.
 
-use super::record::{Chosen, KEYS, Known, NEIGHBOURS, PARTS, PICTURES, Record, TINT, at, radiance, tint};
+use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, TINT, at, radiance, tint};
 use glam::Vec2;
 use rayon::prelude::*;
 use renderflow_frame::deferred::Deferred;
@@ -48,7 +48,7 @@ impl<'a> Samples<'a> {
 
 /// A keyframe as it is carried: its G-buffer, and its exposed truth over what is known of it without paths.
 #[derive(Clone, Debug)]
-pub struct Key {
+pub struct Keyframe {
     /// G-buffer; the header names its camera.
     pub frame: Frame,
     /// Scene-linear truth.
@@ -59,9 +59,9 @@ pub struct Key {
 
 /// A keyframe as a frame sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct KeyframeView<'a> {
     /// The keyframe.
-    pub key: &'a Key,
+    pub keyframe: &'a Keyframe,
     /// Frames from the frame to it; negative before it.
     pub distance: f32,
     /// How objects moved from the frame to it.
@@ -129,25 +129,28 @@ impl Record<f32> {
 
     /// Adds keyframe `k` (0 before, 1 after the frame). `frame` is this record's frame, whose header names its camera, and `shaded` its
     /// deferred picture.
-    pub fn add_key(&mut self, k: usize, seen: &Seen, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
-        let Seen { key, distance, movement } = *seen;
+    pub fn add_key(&mut self, k: usize, view: &KeyframeView, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
+        let KeyframeView { keyframe, distance, movement } = *view;
         assert!(k < KEYS, "keyframe {k} of {KEYS}");
         self.distances[k] = Some(distance);
-        let found = warp::correspond(frame, &key.frame, Some(&|id| movement.of(id)));
-        let over_shading =
-            key.shaded.as_ref().zip(shaded).map(|(there, here)| warp::ratio_fetch(&key.truth, there, here, &found, exposure));
+        let found = warp::correspond(frame, &keyframe.frame, Some(&|id| movement.of(id)));
+        let over_shading = keyframe
+            .shaded
+            .as_ref()
+            .zip(shaded)
+            .map(|(there, here)| warp::ratio_fetch(&keyframe.truth, there, here, &found, exposure));
         let plain = |frame: &Frame, i: usize| {
             let alpha = frame.alpha.pixels[i];
             let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));
             guide.unwrap_or(frame.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0) + TINT)
         };
         let over_tint = Rgb {
-            width: key.truth.width,
-            height: key.truth.height,
-            pixels: (0..key.truth.pixels.len())
+            width: keyframe.truth.width,
+            height: keyframe.truth.height,
+            pixels: (0..keyframe.truth.pixels.len())
                 .map(|i| {
-                    let plain = plain(&key.frame, i);
-                    std::array::from_fn(|c| finite(key.truth.pixels[i][c]) / plain[c])
+                    let plain = plain(&keyframe.frame, i);
+                    std::array::from_fn(|c| finite(keyframe.truth.pixels[i][c]) / plain[c])
                 })
                 .collect(),
         };
@@ -192,21 +195,21 @@ impl Record<f32> {
     /// The picture of the samples that are `chosen`, carried neighbours among them, as another denoiser takes it: scene-linear,
     /// with the albedo and the normals of the frame as guides. The tint that samples were divided by is that of the pixel here,
     /// so that edges come out a little cleaner than they were.
-    pub fn noisy(&self, chosen: &Chosen, exposure: f32) -> [Rgb; 3] {
+    pub fn noisy(&self, selection: &Selection, exposure: f32) -> [Rgb; 3] {
         let mut pictures = [(); 3].map(|()| Rgb::filled(self.width, self.height, [0.0; 3]));
         let [colors, albedos, normals] = &mut pictures;
         let row = self.width.max(1);
         let guides = albedos.pixels.par_iter_mut().zip(&mut normals.pixels);
         let stored = self.pixels.par_chunks_exact(at::COUNT).with_min_len(row);
         stored.zip(&mut colors.pixels).zip(guides).for_each(|((stored, color), (albedo, normal))| {
-            let known = Known::new(stored, chosen);
-            let sum = known.others.iter().fold(known.own, |sum, other| std::array::from_fn(|c| sum[c] + other[c]));
+            let pixel = PixelInputs::new(stored, selection);
+            let sum = pixel.others.iter().fold(pixel.own, |sum, other| std::array::from_fn(|c| sum[c] + other[c]));
             // How much of the pixel is covered, as its own samples see it.
-            let covered = (known.own[3] / chosen.spp.max(1.0)).clamp(0.0, 1.0);
+            let covered = (pixel.own[3] / selection.spp.max(1.0)).clamp(0.0, 1.0);
             let scale = if sum[3] > 0.0 { covered / sum[3] } else { 0.0 };
-            let of = |c: usize| sum[c] * scale * known.tint[c] + (1.0 - covered) * known.background[c];
+            let of = |c: usize| sum[c] * scale * pixel.tint[c] + (1.0 - covered) * pixel.background[c];
             *color = [of(0), of(1), of(2)].map(|v| v / exposure);
-            *albedo = [0, 1, 2].map(|c| known.alpha * stored[at::ALBEDO + c]);
+            *albedo = [0, 1, 2].map(|c| pixel.alpha * stored[at::ALBEDO + c]);
             *normal = [0, 1, 2].map(|c| stored[at::NORMAL + c]);
         });
         pictures
@@ -291,8 +294,8 @@ mod tests {
             stored[at::SAMPLES..][..4].copy_from_slice(&[1.0, 1.0, 1.0, 0.5]);
             stored[at::NEARBY..][..4].copy_from_slice(&[6.0, 6.0, 6.0, 1.0]);
         }
-        let all = Chosen::all(&record);
-        let alone = Chosen { groups: Groups { neighbours: false, ..all.groups }, ..all };
+        let all = Selection::all(&record);
+        let alone = Selection { groups: Groups { neighbours: false, ..all.groups }, ..all };
         // No split sum is stored: the tint is the albedo and 0.02. The mean over the tint is that of the covered samples, one own
         // and six others.
         for (chosen, mean) in [(alone, 2.0), (all, (2.0 + 6.0 * 6.0) / 7.0)] {

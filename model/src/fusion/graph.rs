@@ -151,7 +151,7 @@ fn stem_of(weight: &Param<Tensor<4>>, groups: Groups) -> Tensor<4> {
     let weight = weight.val();
     let mut parts = Vec::new();
     let mut from = 0;
-    for (channels, given) in CHANNELS.iter().zip(groups.given()) {
+    for (channels, given) in CHANNELS.iter().zip(groups.flags()) {
         if given {
             parts.push(weight.clone().narrow(2, 4 * from, 4 * channels));
         }

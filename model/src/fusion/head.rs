@@ -11,7 +11,7 @@
 //! and a residual times the tint are added, and coverage puts the environment behind. Kernels blur what a smooth surface mirrors,
 //! the split sum does not.
 
-use super::record::{Groups, KEYS, Known, NEIGHBOURS, TERMS};
+use super::record::{Groups, KEYS, NEIGHBOURS, PixelInputs, TERMS};
 use crate::bridge::MAX_RADIANCE;
 use crate::kernels;
 use rayon::prelude::*;
@@ -65,7 +65,7 @@ pub struct Picture<'a> {
     /// Rows.
     pub height: usize,
     /// A pixel each.
-    pub known: &'a [Known],
+    pub pixels: &'a [PixelInputs],
     /// What is given.
     pub groups: Groups,
     /// `[height/2][width/2][fine(groups)]`.
@@ -91,7 +91,17 @@ pub struct Tape {
     scales: Vec<Scale>,
 }
 
-/// A pixel's outputs of the mix, after their non-linearities.
+/// Derivatives of a loss.
+struct Derivatives {
+    /// With respect to [`Picture::fine`].
+    fine: Vec<f32>,
+    /// With respect to [`Picture::coarse`].
+    coarse: Vec<f32>,
+    /// With respect to the filtered samples of each scale.
+    filtered: Vec<Vec<[f32; 3]>>,
+}
+
+/// The outputs that mix the candidates of one pixel, after their non-linearities.
 struct Mix {
     weights: [f32; MIXED],
     factors: [f32; TERMS],
@@ -150,9 +160,9 @@ impl Picture<'_> {
     }
 
     fn merged(&self, i: usize) -> [f32; 4] {
-        let (known, weights) = (&self.known[i], self.merging(i));
-        let mut sum = known.own.map(|v| v * weights[0]);
-        for (other, weight) in known.others.iter().zip(&weights[1..]) {
+        let (pixel, weights) = (&self.pixels[i], self.merging(i));
+        let mut sum = pixel.own.map(|v| v * weights[0]);
+        for (other, weight) in pixel.others.iter().zip(&weights[1..]) {
             for (sum, value) in sum.iter_mut().zip(other) {
                 *sum += weight * value;
             }
@@ -161,7 +171,7 @@ impl Picture<'_> {
     }
 
     fn mix(&self, i: usize, scales: &[Scale]) -> Mix {
-        let (known, outputs) = (&self.known[i], self.base(i));
+        let (pixel, outputs) = (&self.pixels[i], self.base(i));
         let (logits, factors) = (&outputs[..CANDIDATES], &outputs[CANDIDATES..CANDIDATES + TERMS]);
         let mut mix = Mix {
             weights: [f32::NEG_INFINITY; MIXED],
@@ -173,27 +183,27 @@ impl Picture<'_> {
         if self.groups.samples {
             let outputs = &self.fine[self.traced_at(i) + KERNEL..][..SCALES + 3];
             mix.scales = softmax([outputs[0] + FINEST, outputs[1], outputs[2]]);
-            mix.candidates[MIRRORED] = known.reflected;
+            mix.candidates[MIRRORED] = pixel.reflected;
             mix.weights[MIRRORED] = outputs[SCALES];
             mix.shine = outputs[SCALES + 1];
-            if let Some(denoised) = known.denoised {
+            if let Some(denoised) = pixel.denoised {
                 mix.candidates[DENOISED] = denoised;
                 mix.weights[DENOISED] = outputs[SCALES + 2] + TRUST_DENOISED;
             }
             let filtered = self.filtered(i, &mix.scales, scales);
             if filtered[3] > NOTHING {
-                mix.candidates[0] = std::array::from_fn(|c| filtered[c] * known.tint[c]);
+                mix.candidates[0] = std::array::from_fn(|c| filtered[c] * pixel.tint[c]);
                 mix.weights[0] = logits[0] + TRUST[0];
             }
         }
         if self.groups.keys {
             for k in 0..KEYS {
-                mix.candidates[1 + k] = known.keys[k];
-                mix.weights[1 + k] = logits[1 + k] + TRUST[1] + known.trust[k];
+                mix.candidates[1 + k] = pixel.keys[k];
+                mix.weights[1 + k] = logits[1 + k] + TRUST[1] + pixel.trust[k];
             }
         }
         if self.groups.deferred {
-            for (term, factor) in known.terms.iter().zip(mix.factors) {
+            for (term, factor) in pixel.terms.iter().zip(mix.factors) {
                 (0..3).for_each(|c| mix.candidates[1 + KEYS][c] += term[c] * factor);
             }
             mix.weights[1 + KEYS] = logits[1 + KEYS];
@@ -221,7 +231,7 @@ impl Picture<'_> {
     pub fn draw(&self) -> (Vec<[f32; 3]>, Tape) {
         let mut scales = Vec::new();
         if self.groups.samples {
-            let all = (0..self.known.len()).into_par_iter().with_min_len(self.width);
+            let all = (0..self.pixels.len()).into_par_iter().with_min_len(self.width);
             scales.push(Scale {
                 width: self.width,
                 height: self.height,
@@ -239,66 +249,68 @@ impl Picture<'_> {
                 scale.filtered = all.map(|i| filter(scale, i, self.kernel(level, i))).collect();
             }
         }
-        let all = (0..self.known.len()).into_par_iter().with_min_len(self.width);
+        let all = (0..self.pixels.len()).into_par_iter().with_min_len(self.width);
         let pixels = all.map(|i| self.compose(i, &self.mix(i, &scales)).map(|v| v.clamp(0.0, MAX_RADIANCE))).collect();
         (pixels, Tape { scales })
     }
 
     /// The picture before it is clamped.
     fn compose(&self, i: usize, mix: &Mix) -> [f32; 3] {
-        let (known, residual) = (&self.known[i], &self.base(i)[CANDIDATES + TERMS..]);
+        let (pixel, residual) = (&self.pixels[i], &self.base(i)[CANDIDATES + TERMS..]);
         std::array::from_fn(|c| {
-            if known.alpha <= 0.0 {
-                return known.background[c];
+            if pixel.alpha <= 0.0 {
+                return pixel.background[c];
             }
             let mixed: f32 = mix.candidates.iter().zip(mix.weights).map(|(candidate, weight)| candidate[c] * weight).sum();
-            let added = known.tint[c] * residual[c] + mix.shine * known.reflected[c];
-            let value = known.alpha * (mixed + added) + (1.0 - known.alpha) * known.background[c];
+            let added = pixel.tint[c] * residual[c] + mix.shine * pixel.reflected[c];
+            let value = pixel.alpha * (mixed + added) + (1.0 - pixel.alpha) * pixel.background[c];
             if value.is_nan() { 0.0 } else { value }
         })
     }
 
     /// Derivatives of a loss with respect to `fine` and `coarse`, given those with respect to the pixels of [`Self::draw`].
     pub fn backward(&self, tape: &Tape, slopes: &[[f32; 3]]) -> (Vec<f32>, Vec<f32>) {
-        let (mut fine_out, mut coarse_out) = (vec![0.0; self.fine.len()], vec![0.0; self.coarse.len()]);
         let scales = &tape.scales;
-        // Of the filtered samples of each scale.
-        let mut filtered: Vec<Vec<[f32; 3]>> = scales.iter().map(|scale| vec![[0.0; 3]; scale.merged.len()]).collect();
+        let mut found = Derivatives {
+            fine: vec![0.0; self.fine.len()],
+            coarse: vec![0.0; self.coarse.len()],
+            filtered: scales.iter().map(|scale| vec![[0.0; 3]; scale.merged.len()]).collect(),
+        };
         for (i, slope) in slopes.iter().enumerate() {
-            let known = &self.known[i];
-            if known.alpha <= 0.0 || slope.iter().all(|v| *v == 0.0) {
+            let pixel = &self.pixels[i];
+            if pixel.alpha <= 0.0 || slope.iter().all(|v| *v == 0.0) {
                 continue;
             }
             let mix = self.mix(i, scales);
             let value = self.compose(i, &mix);
             // The clamp passes no derivative.
             let d: [f32; 3] =
-                std::array::from_fn(|c| if value[c] > 0.0 && value[c] < MAX_RADIANCE { slope[c] * known.alpha } else { 0.0 });
+                std::array::from_fn(|c| if value[c] > 0.0 && value[c] < MAX_RADIANCE { slope[c] * pixel.alpha } else { 0.0 });
             let (block, sub) = self.place(i);
             let base = block * fine(self.groups) + sub * BASE;
             let along: [f32; MIXED] = std::array::from_fn(|k| (0..3).map(|c| d[c] * mix.candidates[k][c]).sum());
             let mean: f32 = along.iter().zip(mix.weights).map(|(v, w)| v * w).sum();
             for k in 0..CANDIDATES {
-                fine_out[base + k] = mix.weights[k] * (along[k] - mean);
+                found.fine[base + k] = mix.weights[k] * (along[k] - mean);
             }
             if self.groups.deferred {
                 let weight = mix.weights[1 + KEYS];
                 for (term, factor) in mix.factors.iter().enumerate() {
                     let inside = self.base(i)[CANDIDATES + term].abs() < MOST;
-                    let slope: f32 = (0..3).map(|c| d[c] * known.terms[term][c]).sum();
-                    fine_out[base + CANDIDATES + term] = if inside { weight * factor * slope } else { 0.0 };
+                    let slope: f32 = (0..3).map(|c| d[c] * pixel.terms[term][c]).sum();
+                    found.fine[base + CANDIDATES + term] = if inside { weight * factor * slope } else { 0.0 };
                 }
             }
             for c in 0..3 {
-                fine_out[base + CANDIDATES + TERMS + c] = d[c] * known.tint[c];
+                found.fine[base + CANDIDATES + TERMS + c] = d[c] * pixel.tint[c];
             }
             if self.groups.samples {
                 let at = self.traced_at(i) + KERNEL + SCALES;
-                fine_out[at] = mix.weights[MIRRORED] * (along[MIRRORED] - mean);
-                fine_out[at + 1] = along[MIRRORED];
-                fine_out[at + 2] = mix.weights[DENOISED] * (along[DENOISED] - mean);
-                let d: [f32; 3] = std::array::from_fn(|c| d[c] * mix.weights[0] * known.tint[c]);
-                self.spread(i, &mix, d, scales, &mut filtered, &mut fine_out);
+                found.fine[at] = mix.weights[MIRRORED] * (along[MIRRORED] - mean);
+                found.fine[at + 1] = along[MIRRORED];
+                found.fine[at + 2] = mix.weights[DENOISED] * (along[DENOISED] - mean);
+                let d: [f32; 3] = std::array::from_fn(|c| d[c] * mix.weights[0] * pixel.tint[c]);
+                self.spread(i, &mix, d, scales, &mut found);
             }
         }
         if self.groups.samples {
@@ -306,8 +318,8 @@ impl Picture<'_> {
             for level in (0..SCALES).rev() {
                 let scale = &scales[level];
                 let mut into = vec![[0.0; 4]; scale.merged.len()];
-                let out = if level == 2 { &mut coarse_out } else { &mut fine_out };
-                for (i, d) in filtered[level].iter().enumerate() {
+                let out = if level == 2 { &mut found.coarse } else { &mut found.fine };
+                for (i, d) in found.filtered[level].iter().enumerate() {
                     if d.iter().any(|v| *v != 0.0) {
                         let at = self.kernel_at(level, i);
                         let kernel = self.kernel(level, i);
@@ -324,23 +336,24 @@ impl Picture<'_> {
             }
             if self.groups.neighbours {
                 for (i, d) in merged.iter().enumerate() {
-                    let (known, weights) = (&self.known[i], self.merging(i));
+                    let (pixel, weights) = (&self.pixels[i], self.merging(i));
                     let dot = |v: &[f32; 4]| (0..4).map(|c| d[c] * v[c]).sum::<f32>();
                     let along: [f32; MERGE] =
-                        std::array::from_fn(|n| if n == 0 { dot(&known.own) } else { dot(&known.others[n - 1]) });
+                        std::array::from_fn(|n| if n == 0 { dot(&pixel.own) } else { dot(&pixel.others[n - 1]) });
                     let mean: f32 = along.iter().zip(weights).map(|(v, w)| v * w).sum();
                     let at = self.merge_at(i);
                     for n in 0..MERGE {
-                        fine_out[at + n] = weights[n] * (along[n] - mean);
+                        found.fine[at + n] = weights[n] * (along[n] - mean);
                     }
                 }
             }
         }
-        (fine_out, coarse_out)
+        (found.fine, found.coarse)
     }
 
-    /// Carries the derivative of the blended filtered samples of pixel `i` on to each scale and to the weights of the scales.
-    fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], filtered: &mut [Vec<[f32; 3]>], out: &mut [f32]) {
+    /// Propagates `d`, the derivative with respect to the blended samples of pixel `i`, to the filtered samples of each scale and to the
+    /// weights of the scales.
+    fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], found: &mut Derivatives) {
         let blended = self.filtered(i, &mix.scales, scales);
         if blended[3] <= NOTHING {
             return;
@@ -355,14 +368,14 @@ impl Picture<'_> {
                 let share = weight / blended[3];
                 for c in 0..3 {
                     along[level] += share * d[c] * (there[c] - blended[c]);
-                    filtered[level][at][c] += mix.scales[level] * share * d[c];
+                    found.filtered[level][at][c] += mix.scales[level] * share * d[c];
                 }
             }
         }
         let mean: f32 = along.iter().zip(mix.scales).map(|(v, w)| v * w).sum();
         let at = self.traced_at(i) + KERNEL;
         for level in 0..SCALES {
-            out[at + level] = mix.scales[level] * (along[level] - mean);
+            found.fine[at + level] = mix.scales[level] * (along[level] - mean);
         }
     }
 }
@@ -481,24 +494,24 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    fn known(rng: &mut Pcg64Mcg, groups: Groups) -> Known {
+    fn random_pixel(rng: &mut Pcg64Mcg, groups: Groups) -> PixelInputs {
         let mut rgb = || std::array::from_fn(|_| rng.random_range(0.05..1.0));
-        let mut known = Known { background: rgb(), tint: rgb(), reflected: rgb(), ..Known::default() };
-        known.terms = std::array::from_fn(|_| rgb());
-        known.keys = std::array::from_fn(|_| rgb());
-        known.trust = [f32::NEG_INFINITY; KEYS];
+        let mut pixel = PixelInputs { background: rgb(), tint: rgb(), reflected: rgb(), ..PixelInputs::default() };
+        pixel.terms = std::array::from_fn(|_| rgb());
+        pixel.keys = std::array::from_fn(|_| rgb());
+        pixel.trust = [f32::NEG_INFINITY; KEYS];
         let traced = |rng: &mut Pcg64Mcg| {
             let coverage: f32 = if rng.random_bool(0.2) { 0.0 } else { rng.random_range(0.2..1.0) };
             [0, 1, 2, 3].map(|c| if c == 3 { coverage } else { coverage * rng.random_range(0.0..3.0f32) })
         };
-        known.own = traced(rng);
-        known.others = std::array::from_fn(|_| traced(rng));
-        known.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
-        known.denoised = groups.denoised.then(|| std::array::from_fn(|_| rng.random_range(0.05..1.0)));
+        pixel.own = traced(rng);
+        pixel.others = std::array::from_fn(|_| traced(rng));
+        pixel.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
+        pixel.denoised = groups.denoised.then(|| std::array::from_fn(|_| rng.random_range(0.05..1.0)));
         if groups.keys {
-            known.trust = [0.2, if rng.random_bool(0.5) { -0.3 } else { f32::NEG_INFINITY }];
+            pixel.trust = [0.2, if rng.random_bool(0.5) { -0.3 } else { f32::NEG_INFINITY }];
         }
-        known
+        pixel
     }
 
     /// Derivatives agree with differences, for every combination of groups.
@@ -512,16 +525,16 @@ mod tests {
             }
             let groups = Groups { deferred, keys, samples, neighbours, denoised };
             let mut rng = Pcg64Mcg::seed_from_u64(bits);
-            let known: Vec<Known> = (0..width * height).map(|_| known(&mut rng, groups)).collect();
+            let pixels: Vec<PixelInputs> = (0..width * height).map(|_| random_pixel(&mut rng, groups)).collect();
             let mut random = |count: usize| -> Vec<f32> { (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() };
             let fine_outputs = random(width * height / 4 * fine(groups));
             let coarse_outputs = random(if samples { width * height / 16 * KERNEL } else { 0 });
             let slopes: Vec<[f32; 3]> = random(3 * width * height).chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
             let loss = |fine: &[f32], coarse: &[f32]| -> f64 {
-                let (drawn, _) = Picture { width, height, known: &known, groups, fine, coarse }.draw();
+                let (drawn, _) = Picture { width, height, pixels: &pixels, groups, fine, coarse }.draw();
                 drawn.iter().zip(&slopes).flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] * b[c]))).sum()
             };
-            let picture = Picture { width, height, known: &known, groups, fine: &fine_outputs, coarse: &coarse_outputs };
+            let picture = Picture { width, height, pixels: &pixels, groups, fine: &fine_outputs, coarse: &coarse_outputs };
             let (_, tape) = picture.draw();
             let (d_fine, d_coarse) = picture.backward(&tape, &slopes);
             let step = 1e-2;
@@ -548,26 +561,26 @@ mod tests {
     /// shading.
     #[test]
     fn an_untrained_network_gives_what_it_was_handed() {
-        let one = Known {
+        let one = PixelInputs {
             alpha: 1.0,
             tint: [1.0; 3],
             terms: [[0.1, 0.2, 0.3]; TERMS],
             keys: [[0.7; 3]; KEYS],
             trust: [0.0; KEYS],
             own: [2.0, 2.0, 2.0, 1.0],
-            ..Known::default()
+            ..PixelInputs::default()
         };
-        let known = vec![one; 64];
-        let with_picture = vec![Known { denoised: Some([0.9; 3]), ..one }; 64];
+        let pixels = vec![one; 64];
+        let with_picture = vec![PixelInputs { denoised: Some([0.9; 3]), ..one }; 64];
         let draw = |groups: Groups| {
-            let known = if groups.denoised { &with_picture } else { &known };
+            let pixels = if groups.denoised { &with_picture } else { &pixels };
             let fine_outputs = vec![0.0; 16 * fine(groups)];
             let coarse = vec![0.0; if groups.samples { 4 * KERNEL } else { 0 }];
-            let (drawn, _) = Picture { width: 8, height: 8, known, groups, fine: &fine_outputs, coarse: &coarse }.draw();
+            let (drawn, _) = Picture { width: 8, height: 8, pixels, groups, fine: &fine_outputs, coarse: &coarse }.draw();
             drawn[27]
         };
         let deferred = Groups { deferred: true, ..Groups::default() };
-        let mut bare = known[0];
+        let mut bare = pixels[0];
         bare.trust = [f32::NEG_INFINITY; KEYS];
         let samples = Groups { samples: true, ..Groups::default() };
         assert!((draw(samples)[0] - 2.0).abs() < 0.2);
@@ -576,7 +589,8 @@ mod tests {
         assert!((draw(Groups { keys: true, ..deferred })[0] - 0.7).abs() < 0.05);
         let bare = vec![bare; 64];
         let fine_outputs = vec![0.0; 16 * fine(deferred)];
-        let (drawn, _) = Picture { width: 8, height: 8, known: &bare, groups: deferred, fine: &fine_outputs, coarse: &[] }.draw();
+        let (drawn, _) =
+            Picture { width: 8, height: 8, pixels: &bare, groups: deferred, fine: &fine_outputs, coarse: &[] }.draw();
         assert_eq!(drawn[9].map(|v| (v * 1e5).round()), [40000.0, 80000.0, 120_000.0]);
     }
 }

@@ -10,7 +10,7 @@
 //! - [`graph`] is the U-Net;
 //! - [`head`] goes from its outputs to the picture, with derivatives;
 //! - [`batch`] draws random crops with exact augmentations;
-//! - [`objective`] is the loss;
+//! - [`loss`] is the loss;
 //! - [`training`] is the loop;
 //! - [`mod@render`] is inference.
 
@@ -18,7 +18,7 @@ pub mod batch;
 pub mod fill;
 pub mod graph;
 pub mod head;
-pub mod objective;
+pub mod loss;
 pub mod record;
 pub mod render;
 pub mod training;

@@ -91,13 +91,13 @@ pub const CHANNELS: [usize; 6] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS, 3];
 
 impl Groups {
     /// Whether each of the groups of [`CHANNELS`] is there.
-    pub fn given(self) -> [bool; 6] {
+    pub fn flags(self) -> [bool; 6] {
         [true, self.deferred, self.keys, self.samples, self.neighbours, self.denoised]
     }
 
     /// Channels a pixel of the groups that are there.
     pub fn channels(self) -> usize {
-        CHANNELS.iter().zip(self.given()).filter(|(_, given)| *given).map(|(channels, _)| channels).sum()
+        CHANNELS.iter().zip(self.flags()).filter(|(_, given)| *given).map(|(channels, _)| channels).sum()
     }
 }
 
@@ -166,16 +166,16 @@ impl Record<f16> {
     }
 }
 
-/// What is chosen of a record for one picture.
+/// What is selection of a record for one picture.
 #[derive(Clone, Copy, Debug)]
-pub struct Chosen {
+pub struct Selection {
     /// Groups.
     pub groups: Groups,
     /// Age of each keyframe (see [`age`]), where it is used.
     pub ages: [Option<f32>; KEYS],
     /// Which parts.
     pub parts: [bool; PARTS],
-    /// Samples a pixel of the chosen parts.
+    /// Samples a pixel of the selection parts.
     pub spp: f32,
     /// Samples a pixel of each neighbour, 0 where it is not used.
     pub neighbours: [f32; NEIGHBOURS],
@@ -183,7 +183,7 @@ pub struct Chosen {
     pub picture: usize,
 }
 
-impl Chosen {
+impl Selection {
     /// Everything that `record` has; of several denoised pictures the first.
     pub fn all<T>(record: &Record<T>) -> Self {
         let groups = record.groups();
@@ -213,7 +213,7 @@ pub fn tint(albedo: [f32; 3], stored: &[f32]) -> [f32; 3] {
 
 /// What the head acts on in one pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Known {
+pub struct PixelInputs {
     /// Coverage.
     pub alpha: f32,
     /// Environment behind the pixel.
@@ -236,48 +236,48 @@ pub struct Known {
     pub denoised: Option<[f32; 3]>,
 }
 
-impl Known {
+impl PixelInputs {
     /// Of one record of [`at::COUNT`] numbers.
-    pub fn new(stored: &[f32], chosen: &Chosen) -> Self {
+    pub fn new(stored: &[f32], selection: &Selection) -> Self {
         let three = |from: usize| [stored[from], stored[from + 1], stored[from + 2]];
-        let mut known = Self {
+        let mut pixel = Self {
             alpha: stored[at::ALPHA],
             background: three(at::BACKGROUND),
             tint: tint(three(at::ALBEDO), stored),
             trust: [f32::NEG_INFINITY; KEYS],
             ..Self::default()
         };
-        let groups = chosen.groups;
+        let groups = selection.groups;
         if groups.deferred {
-            known.terms = std::array::from_fn(|term| three(at::TERMS + 3 * term));
+            pixel.terms = std::array::from_fn(|term| three(at::TERMS + 3 * term));
         }
         if groups.keys {
             let from = keys_at(groups);
             for k in 0..KEYS {
                 let valid = stored[from + 4 * k + 3];
-                if let (Some(age), true) = (chosen.ages[k], valid > 0.0) {
-                    known.keys[k] = three(from + 4 * k);
-                    known.trust[k] = -(age + 1.0 / AGE[0]).ln();
+                if let (Some(age), true) = (selection.ages[k], valid > 0.0) {
+                    pixel.keys[k] = three(from + 4 * k);
+                    pixel.trust[k] = -(age + 1.0 / AGE[0]).ln();
                 }
             }
         }
         if groups.samples {
-            known.reflected = three(at::REFLECTED);
-            let used = chosen.parts.iter().filter(|part| **part).count().max(1) as f32;
-            let scale = chosen.spp / used;
-            for part in (0..PARTS).filter(|part| chosen.parts[*part]) {
-                for (sum, value) in known.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
+            pixel.reflected = three(at::REFLECTED);
+            let used = selection.parts.iter().filter(|part| **part).count().max(1) as f32;
+            let scale = selection.spp / used;
+            for part in (0..PARTS).filter(|part| selection.parts[*part]) {
+                for (sum, value) in pixel.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
                     *sum += scale * value;
                 }
             }
         }
         if groups.neighbours {
-            for (n, other) in known.others.iter_mut().enumerate() {
-                *other = std::array::from_fn(|c| chosen.neighbours[n] * stored[at::NEARBY + 4 * n + c]);
+            for (n, other) in pixel.others.iter_mut().enumerate() {
+                *other = std::array::from_fn(|c| selection.neighbours[n] * stored[at::NEARBY + 4 * n + c]);
             }
         }
-        known.denoised = groups.denoised.then(|| three(at::DENOISED + 3 * chosen.picture));
-        known
+        pixel.denoised = groups.denoised.then(|| three(at::DENOISED + 3 * selection.picture));
+        pixel
     }
 }
 
@@ -309,9 +309,9 @@ fn keys_at(groups: Groups) -> usize {
 const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS + 1;
 
 /// Appends what the network reads of a pixel, [`Groups::channels`] numbers of about -1..=2.
-pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut Vec<f32>) {
-    let groups = chosen.groups;
-    let covered = known.alpha > 0.0;
+pub fn push_channels(stored: &[f32], pixel: &PixelInputs, selection: &Selection, out: &mut Vec<f32>) {
+    let groups = selection.groups;
+    let covered = pixel.alpha > 0.0;
     let before = out.len();
     if !covered {
         out.resize(before + groups.channels(), 0.0);
@@ -326,7 +326,7 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
     };
     out.extend_from_slice(&stored[at::ALBEDO..at::BACKGROUND]);
     if groups.deferred {
-        for term in known.terms {
+        for term in pixel.terms {
             colour(term, out);
         }
         colour([stored[at::SKY], stored[at::SKY + 1], stored[at::SKY + 2]], out);
@@ -334,12 +334,12 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
     }
     if groups.keys {
         for k in 0..KEYS {
-            let there = known.trust[k] > f32::NEG_INFINITY;
+            let there = pixel.trust[k] > f32::NEG_INFINITY;
             // Over the tint, so that texture does not hide what differs.
-            let rgb: [f32; 3] = std::array::from_fn(|c| known.keys[k][c] / known.tint[c]);
+            let rgb: [f32; 3] = std::array::from_fn(|c| pixel.keys[k][c] / pixel.tint[c]);
             colour(rgb, out);
             out.push(f32::from(u8::from(there)));
-            out.push(if there { 1.0 - 0.5 * chosen.ages[k].unwrap_or(AGE[1]) } else { 0.0 });
+            out.push(if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(AGE[1]) } else { 0.0 });
         }
     }
     let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, light: &[[f32; 3]], out: &mut Vec<f32>| {
@@ -352,16 +352,16 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
     if groups.samples {
         let lit = [stored[at::LIT], stored[at::LIT + 1], stored[at::LIT + 2]];
         // As samples are: over the tint.
-        let reflected = std::array::from_fn(|c| known.reflected[c] / known.tint[c]);
-        traced(known.own, chosen.spp, &[lit, reflected], out);
+        let reflected = std::array::from_fn(|c| pixel.reflected[c] / pixel.tint[c]);
+        traced(pixel.own, selection.spp, &[lit, reflected], out);
     }
     if groups.neighbours {
-        for (other, spp) in known.others.iter().zip(chosen.neighbours) {
+        for (other, spp) in pixel.others.iter().zip(selection.neighbours) {
             traced(*other, spp, &[], out);
         }
     }
-    if let Some(denoised) = known.denoised {
-        colour(std::array::from_fn(|c| denoised[c] / known.tint[c]), out);
+    if let Some(denoised) = pixel.denoised {
+        colour(std::array::from_fn(|c| denoised[c] / pixel.tint[c]), out);
     }
     debug_assert_eq!(out.len() - before, groups.channels());
     let mut curved = [0.0; (3 * COLOURS).next_multiple_of(16)];

@@ -1,8 +1,8 @@
 //! Inference: a record in, scene-linear radiance out.
 
-use super::batch::{Batch, Change, Window};
+use super::batch::{Augmentation, Batch, Window};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
-use super::record::{Chosen, Record, Stored};
+use super::record::{Record, Selection, Stored};
 use crate::ops::Products;
 use crate::parameters::{self, Parameter, to_vec};
 use crate::weights::{self, Precision};
@@ -79,7 +79,7 @@ impl Fusion {
     }
 
     /// The same network, multiplying in this way.
-    pub fn by(self, products: Products) -> Self {
+    pub fn with_products(self, products: Products) -> Self {
         Self { products, ..self }
     }
 
@@ -149,7 +149,7 @@ impl Fusion {
     /// # Errors
     /// When the record is empty.
     pub fn render(&self, record: &Record<f32>) -> Result<Vec<[f32; 3]>> {
-        self.draw(record, &Chosen::all(record))
+        self.draw(record, &Selection::all(record))
     }
 
     /// [`Self::render`] from a part of what the record has. Large pictures are rendered in tiles that look as far around themselves as the
@@ -157,12 +157,12 @@ impl Fusion {
     ///
     /// # Errors
     /// When the record is empty.
-    pub fn draw<T: Stored>(&self, record: &Record<T>, chosen: &Chosen) -> Result<Vec<[f32; 3]>> {
-        self.draw_in_tiles(record, chosen, TILE)
+    pub fn draw<T: Stored>(&self, record: &Record<T>, selection: &Selection) -> Result<Vec<[f32; 3]>> {
+        self.draw_in_tiles(record, selection, TILE)
     }
 
     /// [`Self::draw`] in tiles of `side` columns and rows, a multiple of [`MULTIPLE`].
-    fn draw_in_tiles<T: Stored>(&self, record: &Record<T>, chosen: &Chosen, side: usize) -> Result<Vec<[f32; 3]>> {
+    fn draw_in_tiles<T: Stored>(&self, record: &Record<T>, selection: &Selection, side: usize) -> Result<Vec<[f32; 3]>> {
         let (width, height) = (record.width, record.height);
         if width == 0 || height == 0 {
             return Err(Error::Data { place: "frame".into(), reason: format!("has {width} x {height} pixels") });
@@ -175,7 +175,7 @@ impl Fusion {
                 let end =
                     |end: usize, whole: usize| (end + MARGIN).min(whole.next_multiple_of(MULTIPLE)).next_multiple_of(MULTIPLE);
                 let window = Window { x, y, width: end(right, width) - x, height: end(bottom, height) - y };
-                let drawn = self.draw_window(record, chosen, window);
+                let drawn = self.draw_window(record, selection, window);
                 for row in top..bottom {
                     let from = (row - y) * window.width + left - x;
                     picture[row * width + left..row * width + right].copy_from_slice(&drawn[from..from + right - left]);
@@ -185,8 +185,8 @@ impl Fusion {
         Ok(picture)
     }
 
-    fn draw_window<T: Stored>(&self, record: &Record<T>, chosen: &Chosen, window: Window) -> Vec<[f32; 3]> {
-        let mut batch = Batch::of(record, window, chosen, &Change::NONE);
+    fn draw_window<T: Stored>(&self, record: &Record<T>, selection: &Selection, window: Window) -> Vec<[f32; 3]> {
+        let mut batch = Batch::of(record, window, selection, &Augmentation::NONE);
         let outputs = forward(&self.network, self.products, &mut batch, &self.device);
         let fine = to_vec(outputs.fine);
         let coarse = outputs.coarse.map(to_vec).unwrap_or_default();
@@ -234,11 +234,11 @@ mod tests {
             parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1));
         }
         let fusion = Fusion::with_parameters(fresh.header().clone(), &parameters).expect("a network");
-        let chosen = Chosen::all(&record);
-        let whole = fusion.draw_in_tiles(&record, &chosen, 256).expect("a picture");
-        assert!(whole == fusion.draw_in_tiles(&record, &chosen, 64).expect("a picture"));
+        let selection = Selection::all(&record);
+        let whole = fusion.draw_in_tiles(&record, &selection, 256).expect("a picture");
+        assert!(whole == fusion.draw_in_tiles(&record, &selection, 64).expect("a picture"));
         let narrow = |x: usize| Window { x, y: 0, width: 256 - x, height: 240 };
-        let without_margin = fusion.draw_window(&record, &chosen, narrow(128));
+        let without_margin = fusion.draw_window(&record, &selection, narrow(128));
         assert!(without_margin[5 * 128] != whole[5 * 250 + 128], "the test would not see a seam");
     }
 }

@@ -1,9 +1,9 @@
 //! Convolution, decoder entry and their gradients on plain slices.
 use super::gather::{Finish, Frames, Size, Source, Weights, gather};
-use super::gradient;
+use super::gradient::{self, WeightGradient};
+use super::options::Stride;
 use super::taps::Lattice;
 use super::tile::Tile;
-use crate::ops::Stride;
 use std::borrow::Cow;
 
 /// Frames of a clip, and how a convolution over time reads them.
@@ -184,7 +184,8 @@ impl<'a> Convolution<'a> {
                 if self.skip.is_some() && source.first > 0 {
                     source.lattice = Lattice::forward(self.kernel, Stride::One);
                 }
-                gradient::weights(tile, &source, gradient, out, self.kernel, transposed.inputs, &mut result.weights);
+                let into = WeightGradient { values: &mut result.weights, kernel: self.kernel, inputs: transposed.inputs };
+                gradient::weights(tile, &source, gradient, out, into);
             }
         }
         if wanted.bias {

@@ -1,10 +1,10 @@
 //! The kernels as operations of burn's CPU backend, with their gradients.
 use super::Kernel;
-use super::attention::Attention;
+use super::attention::{Attention, Inputs};
 use super::convolve::{Convolution, Time, Wanted};
 use super::gather::{Finish, Size};
 use super::norm::ChannelNorm;
-use crate::ops::{Products, Stride};
+use super::options::{Products, Stride};
 use burn::backend::autodiff::NodeId;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients as Tape;
@@ -58,6 +58,13 @@ pub struct Kind {
     products: Products,
 }
 
+/// A backward pass: the operation, and the gradients that are needed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BackwardTask {
+    kind: Kind,
+    wanted: Wanted,
+}
+
 /// Convolutions on channels-last tensors, attention and channel normalisation. Pictures, weights and bias as in [`crate::ops`].
 #[backend_extension(Flex, Autodiff)]
 pub trait CpuKernels: Backend {
@@ -107,15 +114,14 @@ pub trait CpuKernels: Backend {
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
     /// Gradients of x, skip, weights and bias of either; those not wanted are empty. `sums` is any tensor if there is no activation.
-    #[allow(clippy::too_many_arguments, clippy::type_complexity)] // The extension macro takes no structs of borrowed tensors.
+    #[allow(clippy::type_complexity)] // The extension macro returns tensors only in tuples.
     fn nhwc_backward(
         x: FloatTensor<Self>,
         skip: FloatTensor<Self>,
         w: FloatTensor<Self>,
         sums: FloatTensor<Self>,
         gradient: FloatTensor<Self>,
-        kind: Kind,
-        wanted: Wanted,
+        task: BackwardTask,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 
@@ -228,7 +234,7 @@ impl CpuKernels for Flex {
     fn token_attention(q: FlexTensor, k: FlexTensor, v: FlexTensor, heads: usize) -> FlexTensor {
         let [q, k, v] = [q, k, v].map(|t| t.to_contiguous());
         let attention = attention_of(&q, &k, heads);
-        tensor(with_tile!(tile => attention.forward(tile, floats(&q), floats(&k), floats(&v))), q.shape())
+        tensor(with_tile!(tile => attention.forward(tile, Inputs { q: floats(&q), k: floats(&k), v: floats(&v) })), q.shape())
     }
 
     fn token_attention_backward(
@@ -240,7 +246,8 @@ impl CpuKernels for Flex {
     ) -> (FlexTensor, FlexTensor, FlexTensor) {
         let [q, k, v, gradient] = [q, k, v, gradient].map(|t| t.to_contiguous());
         let attention = attention_of(&q, &k, heads);
-        let [dq, dk, dv] = with_tile!(tile => attention.backward(tile, floats(&q), floats(&k), floats(&v), floats(&gradient)));
+        let inputs = Inputs { q: floats(&q), k: floats(&k), v: floats(&v) };
+        let [dq, dk, dv] = with_tile!(tile => attention.backward(tile, inputs, floats(&gradient)));
         (tensor(dq, q.shape()), tensor(dk, k.shape()), tensor(dv, v.shape()))
     }
 
@@ -283,9 +290,9 @@ impl CpuKernels for Flex {
         w: FlexTensor,
         sums: FlexTensor,
         gradient: FlexTensor,
-        kind: Kind,
-        wanted: Wanted,
+        task: BackwardTask,
     ) -> (FlexTensor, FlexTensor, FlexTensor, FlexTensor) {
+        let BackwardTask { kind, wanted } = task;
         let [x, skip, w, sums, gradient] = [x, skip, w, sums, gradient].map(|t| t.to_contiguous());
         let convolution = convolution(&x, &skip, &w, kind);
         let sums = kind.silu.then(|| floats(&sums));
@@ -321,7 +328,7 @@ impl<B: CpuKernels> Kept<B> {
             None => x.clone(),
         };
         let sums = self.sums.unwrap_or_else(|| gradient.clone());
-        let (x, skip, w, b) = B::nhwc_backward(x, skip, w, sums, gradient, self.kind, wanted);
+        let (x, skip, w, b) = B::nhwc_backward(x, skip, w, sums, gradient, BackwardTask { kind: self.kind, wanted });
         [x, skip, w, b]
     }
 }
@@ -502,8 +509,7 @@ impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
-        _: Kind,
-        _: Wanted,
+        _: BackwardTask,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
         unreachable!("gradients of gradients are not offered")
     }

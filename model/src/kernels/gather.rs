@@ -189,9 +189,20 @@ struct Plan {
     edges: Vec<f32>,
 }
 
+/// What the tiles of a convolution are laid out from.
+struct Job<'a> {
+    sources: &'a [Source<'a>],
+    packed: &'a [Packed],
+    /// Size of the output.
+    out: Size,
+    /// Most pixels of a tile.
+    most: usize,
+}
+
 impl Plan {
-    /// Lays out the tiles of output row `row` (counted through the batch), the `nth` of the chunk.
-    fn add_row(&mut self, sources: &[Source], packed: &[Packed], out: Size, most: usize, row: usize, nth: usize) {
+    /// Lays out the tiles of row `row` of the output (counted through the batch), which is the `nth` row of the chunk.
+    fn add_row(&mut self, job: &Job, row: usize, nth: usize) {
+        let Job { sources, packed, out, most } = *job;
         let (picture, y) = (row / out.height, row % out.height);
         let spread = sources[0].lattice.spread;
         let (r, py) = (y / spread, y % spread);
@@ -253,13 +264,14 @@ pub fn gather<T: Tile>(
     let per_chunk = (128 / out.width.max(1)).clamp(1, (rows / 16).max(1));
     let chunk_length = per_chunk * out.width * n;
 
+    let job = Job { sources, packed: &packed, out, most: T::ROWS };
     let compute = |plan: &mut Plan, chunk: usize, values: &mut [f32]| {
         plan.blocks.clear();
         plan.pieces.clear();
         plan.edges.clear();
         let begin = chunk * per_chunk;
         for (nth, row) in (begin..rows.min(begin + per_chunk)).enumerate() {
-            plan.add_row(sources, &packed, out, T::ROWS, row, nth);
+            plan.add_row(&job, row, nth);
         }
         let mut terms: Vec<Term> = Vec::with_capacity(16);
         for (at, bias) in padded_bias.chunks_exact(wide).enumerate() {

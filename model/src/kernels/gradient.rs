@@ -36,10 +36,19 @@ struct Tap {
     dx: isize,
 }
 
-/// Adds the gradient with respect to the weights `[kernel, kernel, inputs, outputs]` of `source`'s channels to `dw`.
-///
-/// `gradient` is that of the sums, of size `out`.
-pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, kernel: usize, inputs: usize, dw: &mut [f32]) {
+/// The gradient with respect to the weights of a convolution.
+pub struct WeightGradient<'a> {
+    /// `[kernel, kernel, inputs, outputs]`.
+    pub values: &'a mut [f32],
+    /// Rows and columns of the kernel.
+    pub kernel: usize,
+    /// Input channels.
+    pub inputs: usize,
+}
+
+/// Adds the part of the gradient that the channels of `source` have. `gradient` is the gradient with respect to the sums, of size `out`.
+pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, into: WeightGradient) {
+    let WeightGradient { values: dw, kernel, inputs } = into;
     let (channels, outputs) = (source.size.channels, out.channels);
     if source.size.len() == 0 || out.len() == 0 {
         return;
@@ -93,7 +102,8 @@ pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, k
         };
         let steps = [steps[0] * channels, steps[1] * wide];
         sums.par_chunks_mut(CHANNELS * wide).enumerate().for_each(|(block, sums)| {
-            accumulate(tile, [values, gradient], steps, &segments, block * CHANNELS, wide, sums);
+            let pixels = PixelSum { values, gradient, steps, segments: &segments };
+            accumulate(tile, &pixels, block * CHANNELS, wide, sums);
         });
     });
 
@@ -222,17 +232,18 @@ impl Pairs {
     }
 }
 
-/// Adds the products over `segments` of `values` and `gradient` to `sums` `[channels, wide]`, whose first row is channel `first`. `steps`
-/// are the distances from one pixel, or cell of pixels, to the next in each of the two.
-fn accumulate<T: Tile>(
-    tile: T,
-    [values, gradient]: [&[f32]; 2],
-    [step, b_step]: [usize; 2],
-    segments: &[Segment],
-    first: usize,
-    wide: usize,
-    sums: &mut [f32],
-) {
+/// A sum of products over pixels, or over cells of pixels.
+struct PixelSum<'a> {
+    values: &'a [f32],
+    gradient: &'a [f32],
+    /// Floats from one pixel to the next in `values` and in `gradient`.
+    steps: [usize; 2],
+    segments: &'a [Segment],
+}
+
+/// Adds the products of values and gradient to `sums` `[channels, wide]`, whose first row is channel `first`.
+fn accumulate<T: Tile>(tile: T, pixels: &PixelSum, first: usize, wide: usize, sums: &mut [f32]) {
+    let PixelSum { values, gradient, steps: [step, b_step], segments } = *pixels;
     let channels = sums.len() / wide;
     let mut terms: Vec<Term> = Vec::with_capacity(PIXELS);
     let mut rest = segments;

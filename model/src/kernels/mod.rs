@@ -18,6 +18,7 @@
 //! Channel normalisation with SiLU, which burn composes of ten passes on one thread: 21-24 times forward, 6 times with gradients. On 2048
 //! tokens of 320 channels: root mean square 3 and 2.3 times, modulated normalisation 4.7 and 2.4, gates 2.3 and 1.2, rotary places 46 and
 //! 35, GELU 23 and 16 (of 1280 channels). Convolution over time, 64 channels, 62 x 64 pixels: 4 frames 5.4 and 6.2 times, stills 13 and 15.
+pub mod options;
 pub mod portable;
 
 mod attention;

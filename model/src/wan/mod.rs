@@ -8,25 +8,25 @@
 //!
 //! Sources: Wan (Wan Team 2025, arXiv 2503.20314) and VACE (Jiang et al. 2025, arXiv 2503.07598), both published under Apache-2.0.
 
+pub mod activations;
 pub mod config;
 mod config_file;
 pub mod dit;
 pub mod flow;
 pub mod init;
-pub mod latents;
 pub mod layers;
 pub mod names;
 pub mod pictures;
-pub mod probe;
 pub mod train;
 pub mod vace;
 pub mod vae;
 pub mod video;
 pub mod weights;
 
+pub use activations::Activation;
 pub use config::{DitConfig, Gelu, VaceConfig, VaeConfig};
 pub use dit::{Dit, DitInput};
 pub use flow::{Flow, FlowConfig};
-pub use probe::{Activation, Probe};
 pub use vace::Vace;
 pub use vae::Vae;
+pub use video::{Autoencoder, open};

@@ -16,72 +16,12 @@ use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use renderflow_frame::color::{display, linear_to_srgb, reinhard, srgb_to_linear};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_frame::{Camera, DepthBounds, Environment, Frame, is_depth};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::{PI, TAU};
 
 /// Exposed radiance that the picture of the environment shows as white.
 pub const WHITE: f32 = 16.0;
-
-/// Planar depths of a sequence that its depth pictures show as 0 and 1, metres.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DepthBounds {
-    /// Least depth, > 0.
-    pub near: f32,
-    /// Largest depth, > `near`.
-    pub far: f32,
-}
-
-impl DepthBounds {
-    /// Smallest quotient of the two: a wall at one distance has bounds too.
-    const LEAST_QUOTIENT: f32 = 1.01;
-
-    /// The bounds of frames: their least and their largest depth; 1 m and 1.01 m when no pixel of any frame sees a surface.
-    pub fn of<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> Self {
-        Self::of_depths(frames.into_iter().flat_map(|frame| frame.depth.pixels.iter().copied()))
-    }
-
-    /// [`Self::of`] frames that have these depths; those that are no positive number are of pixels that see no surface.
-    pub fn of_depths(depths: impl IntoIterator<Item = f32>) -> Self {
-        let (mut near, mut far) = (f32::INFINITY, 0.0f32);
-        for depth in depths.into_iter().filter(|d| is_depth(*d)) {
-            (near, far) = (near.min(depth), far.max(depth));
-        }
-        if near > far {
-            (near, far) = (1.0, 1.0);
-        }
-        // Beyond these the quotient is no longer a number of single precision.
-        let near = near.clamp(1e-6, 1e12);
-        Self { near, far: far.clamp(near * Self::LEAST_QUOTIENT, 1e14) }
-    }
-
-    /// Checks that a logarithm can be taken.
-    ///
-    /// # Errors
-    /// [`Error::Data`] with the bounds.
-    pub fn validate(self) -> Result<()> {
-        let quotient = self.far / self.near;
-        if self.near > 0.0 && quotient.is_finite() && quotient >= 1.0001 {
-            return Ok(());
-        }
-        Err(Error::Data { place: "depth bounds".into(), reason: format!("{} to {} m is no range", self.near, self.far) })
-    }
-
-    /// Depth in metres to 0..=1; 1 where there is no surface.
-    pub fn encode(self, depth: f32) -> f32 {
-        if is_depth(depth) { ((depth / self.near).ln() / (self.far / self.near).ln()).clamp(0.0, 1.0) } else { 1.0 }
-    }
-
-    /// Inverse of [`Self::encode`] within the bounds.
-    pub fn decode(self, value: f32) -> f32 {
-        self.near * (value.clamp(0.0, 1.0) * (self.far / self.near).ln()).exp()
-    }
-}
-
-fn is_depth(depth: f32) -> bool {
-    depth > 0.0 && depth.is_finite()
-}
 
 /// The environment of a sequence, ready to be shown from any of its cameras.
 #[derive(Clone, Debug)]
@@ -187,7 +127,7 @@ impl Pictures {
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(broken(format!("exposure {exposure} is not a positive number")));
         }
-        bounds.validate()?;
+        check_bounds(bounds)?;
         let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
         let sizes = [frame.alpha.pixels.len(), frame.albedo.pixels.len(), frame.normal.pixels.len(), frame.depth.pixels.len()];
         let whole = sizes.iter().chain([&frame.material.pixels.len()]).all(|n| *n == width * height);
@@ -240,6 +180,17 @@ impl Pictures {
     }
 }
 
+/// Checks the bounds of depth pictures.
+///
+/// # Errors
+/// [`Error::Data`] when they are not a range.
+pub(super) fn check_bounds(bounds: DepthBounds) -> Result<()> {
+    if bounds.is_range() {
+        return Ok(());
+    }
+    Err(Error::Data { place: "depth bounds".into(), reason: format!("{} to {} m is not a range", bounds.near, bounds.far) })
+}
+
 /// A picture of the target's kind `[3, height, width]` as scene-linear radiance of 0 to display white.
 ///
 /// # Errors
@@ -280,32 +231,6 @@ fn planes(width: usize, height: usize, pixel: impl Fn(usize, usize) -> [f32; 3] 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn depth_bounds_hold_for_any_frames() {
-        let frame = |depths: &[f32]| Frame {
-            width: depths.len(),
-            height: 1,
-            depth: renderflow_frame::Image { width: depths.len(), height: 1, pixels: depths.to_vec() },
-            ..Frame::default()
-        };
-        let frames = [frame(&[2.0, f32::INFINITY]), frame(&[f32::NAN, 8.0, -1.0])];
-        let bounds = DepthBounds::of(&frames);
-        assert_eq!(bounds, DepthBounds { near: 2.0, far: 8.0 });
-        assert!((bounds.encode(4.0) - 0.5).abs() < 1e-6 && (bounds.decode(0.5) - 4.0).abs() < 1e-5);
-        assert_eq!(
-            [bounds.encode(1.0), bounds.encode(9.0), bounds.encode(f32::INFINITY), bounds.encode(f32::NAN)],
-            [0.0, 1.0, 1.0, 1.0]
-        );
-        for depths in [vec![], vec![f32::INFINITY], vec![5.0, 5.0], vec![1e-30, f32::MAX]] {
-            let bounds = DepthBounds::of(&[frame(&depths)]);
-            bounds.validate().expect("a range");
-            assert!(depths.iter().all(|d| (0.0..=1.0).contains(&bounds.encode(*d))), "{bounds:?}");
-        }
-        for (near, far) in [(0.0, 1.0), (2.0, 2.0), (f32::NAN, 1.0), (1.0, f32::INFINITY), (-1.0, -2.0)] {
-            assert!(DepthBounds { near, far }.validate().is_err(), "{near} to {far}");
-        }
-    }
 
     /// A sun that rises to the right of the camera is in the right half of the picture, whichever way the camera looks.
     #[test]

@@ -1,11 +1,11 @@
 //! VACE: a second row of blocks that reads a context (masked video, masks, references) and gives hints to the transformer's blocks.
 
+use super::activations;
 use super::config::VaceConfig;
 use super::dit::{Block, Dit, DitInput, Prepared, expect, patches, token_grid};
 use super::init::Init;
 use super::layers::Dense;
 use super::names::{self, Entry, Listing, Named};
-use super::probe::Probe;
 use crate::Result;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -67,16 +67,16 @@ impl Vace {
     ///
     /// # Errors
     /// [`crate::Error::Data`] when latents, context or scales do not fit.
-    pub fn forward(&self, input: DitInput, context: Tensor<5>, scales: Option<&[f32]>, probe: &mut Probe) -> Result<Tensor<5>> {
-        let state = self.dit.prepare(input, probe)?;
-        self.run(state, context, scales, probe)
+    pub fn forward(&self, input: DitInput, context: Tensor<5>, scales: Option<&[f32]>) -> Result<Tensor<5>> {
+        let state = self.dit.prepare(input)?;
+        self.run(state, context, scales)
     }
 
     /// [`Self::forward`] of a prepared input.
     ///
     /// # Errors
     /// As [`Self::forward`].
-    pub fn run(&self, mut state: Prepared, context: Tensor<5>, scales: Option<&[f32]>, probe: &mut Probe) -> Result<Tensor<5>> {
+    pub fn run(&self, mut state: Prepared, context: Tensor<5>, scales: Option<&[f32]>) -> Result<Tensor<5>> {
         let (config, hints) = (&self.config, self.blocks.len());
         let ([b, channels, ..], [f, h, w]) = (context.dims(), state.grid);
         let channels_fit = channels == config.vace_in_channels;
@@ -88,7 +88,7 @@ impl Vace {
         let hints = self.hints(&state, context);
         let mut x = state.tokens.clone();
         for (i, block) in self.dit.blocks.iter().enumerate() {
-            x = block.forward(x, &state, probe, &format!("block{i}"));
+            x = block.forward(x, &state, &format!("block{i}"));
             if let Some(at) = config.vace_layers.iter().position(|&layer| layer == i) {
                 let hint = hints[at].clone();
                 x = x + scales.map_or(hint.clone(), |scales| hint * scales[at]);
@@ -110,7 +110,7 @@ impl Vace {
             if let Some(proj_in) = &context.proj_in {
                 c = proj_in.forward(c) + state.tokens.clone();
             }
-            c = context.block.forward(c, state, &mut Probe::idle(), "");
+            c = activations::unrecorded(|| context.block.forward(c, state, ""));
             hints.push(context.proj_out.forward(c.clone()));
         }
         hints

@@ -3,11 +3,11 @@
 use super::Prepared;
 use super::rope::Rope;
 use crate::ops;
+use crate::wan::activations;
 use crate::wan::config::{DitConfig, Gelu};
 use crate::wan::init::{Init, Start};
 use crate::wan::layers::{Dense, LayerNorm, RmsNorm, modulated_norm};
 use crate::wan::names::{Layout, Listing};
-use crate::wan::probe::Probe;
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
@@ -202,9 +202,9 @@ impl Block {
     }
 
     /// Tokens `[b, n, width]` to the same shape; reports as `name`.
-    pub fn forward(&self, x: Tensor<3>, state: &Prepared, probe: &mut Probe, name: &str) -> Tensor<3> {
+    pub fn forward(&self, x: Tensor<3>, state: &Prepared, name: &str) -> Tensor<3> {
         let text = Text { cross: self.cross.as_ref(), text: state.text.as_ref() };
-        self.run(x, &state.modulation, &state.rope, &text, probe, name)
+        self.run(x, &state.modulation, &state.rope, &text, name)
     }
 
     /// [`Self::forward`] with the modulation `[b, 6, width]` from the time, the tokens' places, and adapters.
@@ -214,17 +214,16 @@ impl Block {
         modulation: &Tensor<3>,
         rope: &Rope,
         beside: &dyn Beside,
-        probe: &mut Probe,
         name: &str,
     ) -> Tensor<3> {
         let modulation = self.modulation.val() + modulation.clone();
         let part = |i: usize| modulation.clone().narrow(1, i, 1);
         let (shift, scale, gate) = (part(0), part(1), part(2));
         let (y, ungated) = beside.attend(&self.attention, modulated_norm(x.clone(), scale, shift, self.eps), rope);
-        probe.report(&format!("{name}.attn1"), || y.clone());
+        activations::report(&format!("{name}.attn1"), || y.clone());
         let mut x = ops::gate(x, y, gate);
         if let Some(y) = ungated {
-            probe.report(&format!("{name}.keyframe_attn"), || y.clone());
+            activations::report(&format!("{name}.keyframe_attn"), || y.clone());
             x = x + y;
         }
         if let Some(y) = beside.cross(&x) {
@@ -233,7 +232,7 @@ impl Block {
         let (shift, scale, gate) = (part(3), part(4), part(5));
         let y = beside.perceptron(&self.ffn, modulated_norm(x.clone(), scale, shift, self.eps));
         let x = ops::gate(x, y, gate);
-        probe.report(name, || x.clone());
+        activations::report(name, || x.clone());
         x
     }
 

@@ -12,11 +12,11 @@ pub use block::{Attention, Block, Cross, FeedForward};
 pub use embed::{TextEmbed, TimeEmbed, sinusoid};
 pub use rope::Rope;
 
+use super::activations;
 use super::config::DitConfig;
 use super::init::{Init, Start};
 use super::layers::{Dense, modulated_norm};
 use super::names::{self, Entry, Layout, Listing, Named};
-use super::probe::Probe;
 use crate::{Error, Result};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -102,16 +102,16 @@ impl Dit {
     ///
     /// # Errors
     /// [`Error::Data`] when the input does not fit.
-    pub fn forward(&self, input: DitInput, probe: &mut Probe) -> Result<Tensor<5>> {
-        let state = self.prepare(input, probe)?;
-        Ok(self.run(state, probe))
+    pub fn forward(&self, input: DitInput) -> Result<Tensor<5>> {
+        let state = self.prepare(input)?;
+        Ok(self.run(state))
     }
 
     /// All blocks and the head.
-    pub fn run(&self, mut state: Prepared, probe: &mut Probe) -> Tensor<5> {
+    pub fn run(&self, mut state: Prepared) -> Tensor<5> {
         let mut x = state.tokens.clone();
         for (i, block) in self.blocks.iter().enumerate() {
-            x = block.forward(x, &state, probe, &format!("block{i}"));
+            x = block.forward(x, &state, &format!("block{i}"));
         }
         state.tokens = x;
         self.finish(state)
@@ -121,43 +121,43 @@ impl Dit {
     ///
     /// # Errors
     /// [`Error::Data`] when the input does not fit.
-    pub fn prepare(&self, input: DitInput, probe: &mut Probe) -> Result<Prepared> {
-        self.prepare_embedded(&self.patch, input, probe)
+    pub fn prepare(&self, input: DitInput) -> Result<Prepared> {
+        self.prepare_embedded(&self.patch, input)
     }
 
     /// [`Self::prepare`] with the waves of the times, `[b, 1, freq_dim]`, given.
     ///
     /// # Errors
     /// As [`Self::prepare`].
-    pub fn prepare_with(&self, input: DitInput, waves: Tensor<3>, probe: &mut Probe) -> Result<Prepared> {
-        self.prepare_from(&self.patch, input, waves, probe)
+    pub fn prepare_with(&self, input: DitInput, waves: Tensor<3>) -> Result<Prepared> {
+        self.prepare_from(&self.patch, input, waves)
     }
 
     /// [`Self::prepare`] with another embedder in place of the transformer's own.
-    pub(super) fn prepare_embedded(&self, patch: &Dense, input: DitInput, probe: &mut Probe) -> Result<Prepared> {
+    pub(super) fn prepare_embedded(&self, patch: &Dense, input: DitInput) -> Result<Prepared> {
         let valid = |t: &f64| t.is_finite() && t.abs() <= 1e6;
         expect(input.times.iter().all(valid), || format!("times {:?}; 0 to 1000 are usual", input.times))?;
         let waves = sinusoid(&input.times, self.config.freq_dim, &input.latents.device());
-        self.prepare_from(patch, input, waves, probe)
+        self.prepare_from(patch, input, waves)
     }
 
-    fn prepare_from(&self, patch: &Dense, input: DitInput, waves: Tensor<3>, probe: &mut Probe) -> Result<Prepared> {
+    fn prepare_from(&self, patch: &Dense, input: DitInput, waves: Tensor<3>) -> Result<Prepared> {
         let (config, device) = (&self.config, input.latents.device());
         let [b, channels, ..] = input.latents.dims();
         expect(channels == config.in_channels, || format!("{channels} channels of latents instead of {}", config.in_channels))?;
         expect(b > 0 && waves.dims() == [b, 1, config.freq_dim], || format!("{} times for {b} clips", waves.dims()[0]))?;
         let grid = token_grid(config.patch_size, &input.latents)?;
         let tokens = patch.forward(patches(input.latents, config.patch_size));
-        probe.report("patch_embedding", || {
+        activations::report("patch_embedding", || {
             let [f, h, w] = grid;
             tokens.clone().reshape([b, f, h, w, config.width()]).permute([0, 4, 1, 2, 3])
         });
-        probe.report("timestep_sinusoid", || waves.clone().reshape([b, config.freq_dim]));
+        activations::report("timestep_sinusoid", || waves.clone().reshape([b, config.freq_dim]));
         let (time, modulation) = self.time.forward(waves);
-        probe.report("temb", || time.clone().reshape([b, config.width()]));
-        probe.report("time_proj", || modulation.clone().reshape([b, 6 * config.width()]));
+        activations::report("temb", || time.clone().reshape([b, config.width()]));
+        activations::report("time_proj", || modulation.clone().reshape([b, 6 * config.width()]));
         let rope = Rope::grid(config, grid, 0.0, 1.0, &device);
-        rope.report(probe);
+        rope.report();
         let text = match (input.text, &self.text) {
             (None, _) => None,
             (Some(_), None) => return Err(data("a text, but this network has no text embedder".into())),

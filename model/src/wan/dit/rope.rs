@@ -1,8 +1,8 @@
 //! Rotary places in time, height and width (Su et al. 2021; three axes as in Wan).
 
 use crate::ops;
+use crate::wan::activations;
 use crate::wan::config::DitConfig;
-use crate::wan::probe::Probe;
 use burn::tensor::{Device, Tensor, TensorData};
 
 /// Angles by which queries and keys are turned, for one list of token places.
@@ -51,9 +51,9 @@ impl Rope {
     }
 
     /// Reports the tables as diffusers keeps them: each value twice, `[1, n, 1, head_dim]`.
-    pub(super) fn report(&self, probe: &mut Probe) {
+    pub(super) fn report(&self) {
         for (name, table) in [("rope_cos", &self.cos), ("rope_sin", &self.sin)] {
-            probe.report(name, || {
+            activations::report(name, || {
                 let [n, pairs] = table.dims();
                 table.clone().reshape([1, n, 1, pairs, 1]).expand([1, n, 1, pairs, 2]).reshape([1, n, 1, 2 * pairs])
             });

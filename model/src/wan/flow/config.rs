@@ -107,7 +107,7 @@ impl Intrinsic {
 }
 
 /// Buffers beside the albedo, each encoded as a picture of its own: normal, depth, material.
-pub(super) const BUFFERS: usize = 3;
+pub(in crate::wan) const BUFFERS: usize = 3;
 
 /// The renderer: its autoencoder, its transformer and its adapters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

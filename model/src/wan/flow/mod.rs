@@ -28,28 +28,28 @@
 mod account;
 mod config;
 mod environment;
-mod files;
 mod group;
 mod inverse;
 mod keyframes;
 mod lora;
+mod mask;
 mod names;
 mod stages;
 
 pub use account::{Account, Item, Part};
+pub(super) use config::BUFFERS;
 pub use config::{Environment, FlowConfig, Intrinsic, InverseConfig, KeyframeConfig, Query};
 pub use environment::EnvironmentAdapter;
-pub use files::Adoption;
 pub use group::Group;
 pub use inverse::{Head, InverseAdapter, InverseBlock};
 pub use keyframes::{KeyframeAdapter, KeyframeBlock, OwnQuery};
 pub use lora::Lora;
+pub use mask::mask_cells;
 pub use stages::Shared;
 
 use super::dit::Dit;
 use super::init::Init;
 use super::layers::Dense;
-use super::probe::Probe;
 use crate::Result;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -139,9 +139,9 @@ impl Flow {
     ///
     /// # Errors
     /// [`crate::Error::Data`] when the inputs do not fit.
-    pub fn velocity(&self, z_t: Tensor<5>, times: &[f64], conditions: &Conditions, probe: &mut Probe) -> Result<Tensor<5>> {
-        let (tokens, shared) = self.prepare(z_t, times, conditions, probe)?;
-        Ok(self.run(tokens, &shared, probe))
+    pub fn velocity(&self, z_t: Tensor<5>, times: &[f64], conditions: &Conditions) -> Result<Tensor<5>> {
+        let (tokens, shared) = self.prepare(z_t, times, conditions)?;
+        Ok(self.run(tokens, &shared))
     }
 
     /// Latents `[b, z, f, h, w]` of one of the buffers behind pictures, from a state `z_t` of the bridge between the two (at t = 0 the
@@ -150,9 +150,9 @@ impl Flow {
     ///
     /// # Errors
     /// [`crate::Error::Data`] when the inputs do not fit, [`crate::Error::Config`] when there is no inverse adapter.
-    pub fn invert(&self, z_t: Tensor<5>, times: &[f64], intrinsic: Intrinsic, probe: &mut Probe) -> Result<Tensor<5>> {
-        let (tokens, shared) = self.prepare_inverse(z_t.clone(), times, intrinsic, probe)?;
-        let velocity = self.run(tokens, &shared, probe);
+    pub fn invert(&self, z_t: Tensor<5>, times: &[f64], intrinsic: Intrinsic) -> Result<Tensor<5>> {
+        let (tokens, shared) = self.prepare_inverse(z_t.clone(), times, intrinsic)?;
+        let velocity = self.run(tokens, &shared);
         let left: Vec<f32> = times.iter().map(|t| (1.0 - t) as f32).collect();
         let left = Tensor::<1>::from_data(left.as_slice(), &z_t.device()).reshape([times.len(), 1, 1, 1, 1]);
         Ok(z_t + velocity * left)

@@ -4,8 +4,8 @@
 use super::inverse::WithPrompt;
 use super::keyframes::WithKeyframes;
 use super::{Conditions, Environment, Flow, Intrinsic, InverseAdapter, KeyframeAdapter, KeyframeLatent};
+use crate::wan::activations;
 use crate::wan::dit::{Beside, DitInput, Prepared, Rope, expect, patches, token_grid};
-use crate::wan::probe::Probe;
 use crate::{Error, Result};
 use burn::tensor::Tensor;
 
@@ -61,13 +61,7 @@ impl Flow {
     ///
     /// # Errors
     /// As [`Self::velocity`].
-    pub fn prepare(
-        &self,
-        z_t: Tensor<5>,
-        times: &[f64],
-        conditions: &Conditions,
-        probe: &mut Probe,
-    ) -> Result<(Tensor<3>, Shared)> {
+    pub fn prepare(&self, z_t: Tensor<5>, times: &[f64], conditions: &Conditions) -> Result<(Tensor<3>, Shared)> {
         let (config, patch) = (&self.config, self.config.dit.patch_size);
         let [b, _, f, h, w] = z_t.dims();
         let (attributes, environment) = (&conditions.attributes, &conditions.environment);
@@ -79,7 +73,7 @@ impl Flow {
         let fits = [eb, ec, ef] == [b, config.vae.z_dim, f] && size_fits;
         expect(fits, || format!("environment {:?} beside latents {:?}", environment.dims(), z_t.dims()))?;
         token_grid(patch, environment)?;
-        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare(input(z_t, times)?, probe)?;
+        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare(input(z_t, times)?)?;
         let keyframes = match (&self.keyframes, conditions.keyframes.as_slice()) {
             (_, []) => None,
             (None, _) => return Err(Error::config("keyframes", "this renderer has no keyframe adapter")),
@@ -87,9 +81,9 @@ impl Flow {
         };
 
         let attributes = self.attributes.forward(patches(attributes.clone(), patch));
-        probe.report("attribute_embedding", || attributes.clone());
+        activations::report("attribute_embedding", || attributes.clone());
         let environment = self.environment.embedded(patches(environment.clone(), patch), f);
-        probe.report("environment_embedding", || environment.clone());
+        activations::report("environment_embedding", || environment.clone());
         let (keyframes, keyframe_places) = keyframes.unzip();
         let shared = Shared {
             time,
@@ -109,17 +103,11 @@ impl Flow {
     ///
     /// # Errors
     /// As [`Self::invert`].
-    pub fn prepare_inverse(
-        &self,
-        z_t: Tensor<5>,
-        times: &[f64],
-        intrinsic: Intrinsic,
-        probe: &mut Probe,
-    ) -> Result<(Tensor<3>, Shared)> {
+    pub fn prepare_inverse(&self, z_t: Tensor<5>, times: &[f64], intrinsic: Intrinsic) -> Result<(Tensor<3>, Shared)> {
         let adapter = self.inverse()?;
         let b = z_t.dims()[0];
         let input = input(z_t, times)?;
-        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare_embedded(&adapter.embed, input, probe)?;
+        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare_embedded(&adapter.embed, input)?;
         let shared = Shared {
             time,
             modulation,
@@ -139,27 +127,6 @@ impl Flow {
     /// # Panics
     /// When there is no such block.
     pub fn block(&self, i: usize, tokens: Tensor<3>, shared: &Shared) -> Tensor<3> {
-        self.probed_block(i, tokens, shared, &mut Probe::idle())
-    }
-
-    /// Tokens after the last block to the velocity `[b, z, f, h, w]`, of rendering or of the way back.
-    pub fn finish(&self, tokens: Tensor<3>, shared: &Shared) -> Tensor<5> {
-        let normed = self.dit.head_norm(tokens, shared.time.clone());
-        match (shared.intrinsic, &self.inverse) {
-            (Some(intrinsic), Some(adapter)) => self.dit.unpatch(adapter.heads[intrinsic.index()].forward(normed), shared.grid),
-            _ => self.dit.unpatch(self.dit.head.forward(normed), shared.grid).neg(),
-        }
-    }
-
-    /// All blocks and the head.
-    pub(super) fn run(&self, mut tokens: Tensor<3>, shared: &Shared, probe: &mut Probe) -> Tensor<5> {
-        for i in 0..self.dit.blocks.len() {
-            tokens = self.probed_block(i, tokens, shared, probe);
-        }
-        self.finish(tokens, shared)
-    }
-
-    fn probed_block(&self, i: usize, tokens: Tensor<3>, shared: &Shared, probe: &mut Probe) -> Tensor<3> {
         let tokens = match &shared.environment {
             Some(environment) => self.environment.modulate(i, tokens, environment.clone()),
             None => tokens,
@@ -174,7 +141,24 @@ impl Flow {
             (None, Some(prompt)) => prompt,
             (None, None) => &Alone,
         };
-        self.dit.blocks[i].run(tokens, &shared.modulation, &shared.places, beside, probe, &format!("block{i}"))
+        self.dit.blocks[i].run(tokens, &shared.modulation, &shared.places, beside, &format!("block{i}"))
+    }
+
+    /// Tokens after the last block to the velocity `[b, z, f, h, w]`, of rendering or of the way back.
+    pub fn finish(&self, tokens: Tensor<3>, shared: &Shared) -> Tensor<5> {
+        let normed = self.dit.head_norm(tokens, shared.time.clone());
+        match (shared.intrinsic, &self.inverse) {
+            (Some(intrinsic), Some(adapter)) => self.dit.unpatch(adapter.heads[intrinsic.index()].forward(normed), shared.grid),
+            _ => self.dit.unpatch(self.dit.head.forward(normed), shared.grid).neg(),
+        }
+    }
+
+    /// All blocks and the head.
+    pub(super) fn run(&self, mut tokens: Tensor<3>, shared: &Shared) -> Tensor<5> {
+        for i in 0..self.dit.blocks.len() {
+            tokens = self.block(i, tokens, shared);
+        }
+        self.finish(tokens, shared)
     }
 
     /// The inverse adapter.

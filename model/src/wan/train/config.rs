@@ -1,15 +1,14 @@
-//! Settings of training runs of the wan networks; one JSON file holds one run.
+//! Options of training runs of the wan networks. One JSON file holds one run.
 
+use crate::Result;
 use crate::bridge::Bridge;
-use crate::train::optimizer::Method;
-use crate::train::runner;
-use crate::train::schedule::Decay;
+use crate::train::config::{self, RunConfig, TrainingConfig, all, first_difference};
 use crate::wan::config::VaeConfig;
 use crate::wan::flow::{FlowConfig, InverseConfig, KeyframeConfig};
 use crate::wan::weights::Precision;
-use crate::{Error, Result};
 use serde::de::Error as _;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Map, Value};
 use std::path::PathBuf;
 
 /// A kind of batch.
@@ -24,38 +23,6 @@ pub struct BatchConfig {
     pub items: usize,
     /// Relative frequency.
     pub weight: f32,
-}
-
-/// The optimiser and its schedule.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct OptimizerConfig {
-    /// Peak learning rate.
-    pub learning_rate: f64,
-    /// Steps of linear warm-up.
-    pub warmup_steps: u64,
-    /// What follows the warm-up. The paper keeps the rate.
-    pub decay: Decay,
-    /// Decoupled weight decay.
-    pub weight_decay: f32,
-    /// Largest gradient norm.
-    pub clip_norm: f32,
-    /// Decay of the moving average of the weights.
-    pub ema_decay: f32,
-}
-
-impl Default for OptimizerConfig {
-    fn default() -> Self {
-        Self {
-            // Of 1.25e-4 to 2e-3, the best for the small autoencoder after 400 steps: 20.2 dB; 16.7 dB at 1e-3, 14.2 dB at 2e-3.
-            learning_rate: 3e-4,
-            warmup_steps: 200,
-            decay: Decay::Cosine,
-            weight_decay: 0.01,
-            clip_norm: 1.0,
-            ema_decay: 0.999,
-        }
-    }
 }
 
 /// What is minimised when an autoencoder is trained: `|x - y|` and these.
@@ -228,38 +195,27 @@ fn one() -> f32 {
     1.0
 }
 
-/// Settings of a run.
+/// Options of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(remote = "Self")]
 pub struct Config {
     /// What is trained.
     pub stage: Stage,
-    /// Folder for `checkpoint.safetensors`, `weights.safetensors` and `log.jsonl`.
-    pub output: PathBuf,
-    /// Seed of initial weights and of every batch.
-    pub seed: u64,
-    /// Optimiser steps; where `minutes` is given, an upper bound.
-    pub steps: u64,
-    /// Minutes of training over all resumptions; a falling learning rate follows time then.
-    pub minutes: Option<f64>,
-    /// Batches, drawn by weight.
+    /// The options that every run has.
+    #[serde(flatten)]
+    pub run: RunConfig,
+    /// Kinds of batch, drawn by weight.
     pub batches: Vec<BatchConfig>,
-    /// Optimiser.
-    pub optimizer: OptimizerConfig,
-    /// Folder with the weights of LPIPS ([`crate::lpips::weights_folder`] where none is named).
+    /// Folder with the weights of LPIPS, or `None` for [`crate::lpips::weights_folder`].
     pub lpips_weights: Option<PathBuf>,
-    /// Folder where latents are kept, for this run when it is resumed and for later stages with the same autoencoder; `None` makes them
-    /// anew in each run, which takes longer than reading frames.
+    /// Folder where latents are kept for resumptions of this run and for later stages with the same autoencoder. Without it, each run
+    /// encodes all frames again, which takes longer than reading latents.
     pub latents_folder: Option<PathBuf>,
-    /// Mebibytes of training data held in memory.
+    /// Memory for training data, MiB.
     pub cache_mib: usize,
-    /// Steps after which a clip is replaced when not all fit.
+    /// Steps after which one clip in memory is replaced when not all clips fit, at least 1.
     pub rotate_steps: u64,
-    /// Steps between checkpoints.
-    pub checkpoint_steps: u64,
-    /// Steps between log lines and progress reports.
-    pub log_steps: u64,
-    /// Number format of the final weights.
+    /// Number format of the weights file.
     pub precision: Precision,
 }
 
@@ -267,67 +223,65 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             stage: Stage::Autoencoder { network: small_autoencoder(), start: None, loss: AutoencoderLoss::default() },
-            output: PathBuf::from("train-out"),
-            seed: 1,
-            steps: 20_000,
-            minutes: None,
+            run: RunConfig::default(),
             batches: vec![BatchConfig { size: 128, frames: 1, items: 8, weight: 1.0 }],
-            optimizer: OptimizerConfig::default(),
             lpips_weights: None,
             latents_folder: None,
             cache_mib: 8192,
             rotate_steps: 50,
-            checkpoint_steps: 500,
-            log_steps: 20,
             precision: Precision::F32,
         }
     }
 }
 
-impl Config {
-    /// What the loop needs to know.
-    pub(super) fn settings(&self) -> runner::Settings {
-        let OptimizerConfig { learning_rate, warmup_steps, decay, weight_decay, clip_norm, ema_decay } = self.optimizer;
-        runner::Settings {
-            method: Method::AdamW,
-            steps: self.steps,
-            minutes: self.minutes,
-            learning_rate,
-            warmup_steps,
-            decay,
-            weight_decay,
-            clip_norm,
-            ema_decay,
-            checkpoint_steps: self.checkpoint_steps,
-            log_steps: self.log_steps,
-        }
+impl Serialize for Config {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Config {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        config::over_defaults(deserializer, unfold_optimizer, Self::deserialize)
+    }
+}
+
+/// Older files keep the options of the optimiser in an object of their own.
+fn unfold_optimizer(file: &mut Map<String, Value>) {
+    match file.remove("optimizer") {
+        Some(Value::Object(options)) => file.extend(options),
+        Some(other) => _ = file.insert("optimizer".into(), other),
+        None => {}
+    }
+}
+
+impl TrainingConfig for Config {
+    fn run(&self) -> &RunConfig {
+        &self.run
     }
 
+    fn difference(&self, other: &Self) -> Option<&'static str> {
+        first_difference([("stage", self.stage == other.stage), ("batches", self.batches == other.batches)])
+    }
+}
+
+impl Config {
     /// Checks every option that can be checked without reading files.
     ///
     /// # Errors
     /// [`Error::Config`] naming the option.
     pub fn validate(&self) -> Result<()> {
         let weight = |w: f32| w >= 0.0 && w.is_finite();
-        let o = &self.optimizer;
-        let checks = [
+        self.run.validate()?;
+        all([
             ("batches", !self.batches.is_empty(), "needs at least one kind of batch"),
             ("batches.size", self.batches.iter().all(|b| (8..=4096).contains(&b.size)), "must be 8..=4096"),
             ("batches.frames", self.batches.iter().all(|b| (1..=64).contains(&b.frames)), "must be 1..=64"),
             ("batches.items", self.batches.iter().all(|b| (1..=4096).contains(&b.items)), "must be 1..=4096"),
-            ("batches.weight", self.batches.iter().all(|b| weight(b.weight)), "must be a number >= 0"),
+            ("batches.weight", self.batches.iter().all(|b| weight(b.weight)), "must be a number of at least 0"),
             ("batches.weight", self.batches.iter().map(|b| b.weight).sum::<f32>() > 0.0, "must not all be 0"),
-            ("steps", self.steps > 0, "must be at least 1"),
-            ("minutes", self.minutes.is_none_or(|m| m > 0.0 && m.is_finite()), "must be a number > 0"),
-            ("optimizer.learning_rate", o.learning_rate > 0.0 && o.learning_rate <= 1.0, "must be in 0..=1"),
-            ("optimizer.weight_decay", (0.0..=1.0).contains(&o.weight_decay), "must be in 0..=1"),
-            ("optimizer.clip_norm", o.clip_norm > 0.0 && o.clip_norm.is_finite(), "must be a number > 0"),
-            ("optimizer.ema_decay", (0.0..1.0).contains(&o.ema_decay), "must be in 0..1"),
             ("rotate_steps", self.rotate_steps > 0, "must be at least 1"),
-            ("checkpoint_steps", self.checkpoint_steps > 0, "must be at least 1"),
-            ("log_steps", self.log_steps > 0, "must be at least 1"),
-        ];
-        all(checks)?;
+        ])?;
         match &self.stage {
             Stage::Autoencoder { network, loss, .. } => {
                 network.validate()?;
@@ -377,21 +331,6 @@ impl LatentConfig {
     }
 }
 
-fn all<const N: usize>(checks: [(&'static str, bool, &'static str); N]) -> Result<()> {
-    match checks.into_iter().find(|(_, valid, _)| !valid) {
-        Some((option, _, reason)) => Err(Error::config(option, reason)),
-        None => Ok(()),
-    }
-}
-
-/// The first option that may not change between a run and its continuation.
-pub(super) fn difference(a: &Config, b: &Config) -> Option<&'static str> {
-    [("stage", a.stage == b.stage), ("seed", a.seed == b.seed), ("batches", a.batches == b.batches)]
-        .into_iter()
-        .find(|(_, same)| !same)
-        .map(|(option, _)| option)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -403,21 +342,24 @@ mod tests {
         config.validate().expect("valid");
         let Stage::Base { network, latents, .. } = &config.stage else { panic!("{:?}", config.stage) };
         assert_eq!((**network).clone(), FlowConfig::small());
-        assert_eq!((latents.reference_probability, latents.bridge, config.steps), (0.5, Bridge::default(), 7));
+        assert_eq!((latents.reference_probability, latents.bridge, config.run.steps), (0.5, Bridge::default(), 7));
         let again: Config = serde_json::from_str(&serde_json::to_string(&config).expect("text")).expect("the same");
         assert_eq!(again, config);
         let default = Config::default();
         default.validate().expect("valid");
         let again: Config = serde_json::from_str(&serde_json::to_string(&default).expect("text")).expect("the same");
         assert_eq!(again, default);
-        // JSON, in which checkpoints hold settings, has no infinity: the run could not be resumed.
-        let endless = Config { optimizer: OptimizerConfig { clip_norm: f32::INFINITY, ..default.optimizer }, ..default };
-        assert!(endless.validate().expect_err("no bound").to_string().contains("optimizer.clip_norm"));
+        // Checkpoints hold options as JSON, which has no infinity: the run could not be resumed.
+        let endless = Config { run: RunConfig { clip_norm: f32::INFINITY, ..default.run }, ..default };
+        assert!(endless.validate().expect_err("no bound").to_string().contains("clip_norm"));
         for (text, word) in [
             (r#"{"stage": {"base": {"network": "wan-big"}}}"#, "wan-small"),
             (r#"{"stage": {"base": {"network": "wan-small", "pixels": 1}}}"#, "pixels"),
             (r#"{"stage": {"autoencoder": {"network": {"base_dim": 3}}}}"#, "decoder_base_dim"),
-            (r#"{"rate": 3}"#, "rate"),
+            (r#"{"rate": 3}"#, "`rate`, expected one of `batches`"),
+            (r#"{"optimizer": {"rate": 3}}"#, "`rate`, expected one of `batches`"),
+            (r#"{"optimizer": "sgd"}"#, "adamw"),
+            (r#"{"steps": -3}"#, "u64"),
         ] {
             let error = serde_json::from_str::<Config>(text).expect_err("not a configuration").to_string();
             assert!(error.contains(word), "{error}");

@@ -5,11 +5,11 @@ use super::encoder::Conv;
 use super::residual::{Middle, Residual};
 use super::to_first;
 use crate::ops::Stride;
+use crate::wan::activations;
 use crate::wan::config::VaeConfig;
 use crate::wan::init::Init;
 use crate::wan::layers::ChannelNorm;
 use crate::wan::names::Listing;
-use crate::wan::probe::Probe;
 use burn::module::Module;
 use burn::tensor::Tensor;
 
@@ -102,11 +102,11 @@ impl Decoder {
 
     /// One latent frame after [`super::Vae::post_quant`], `[b, 1, h, w, z]`, to `[b, t, s h, s w, channels]`, channels-last: 1
     /// frame on the first call of a cache, as many as a latent spans after that.
-    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         cache.begin();
         let x = self.conv_in.forward(x, cache);
-        probe.report("dec.conv_in", || to_first(x.clone()));
-        let mut x = self.middle.forward(x, cache, probe, "dec");
+        activations::report("dec.conv_in", || to_first(x.clone()));
+        let mut x = self.middle.forward(x, cache, "dec");
         for (i, level) in self.levels.iter().enumerate() {
             for residual in &level.residuals {
                 x = residual.forward(x, cache);
@@ -114,7 +114,7 @@ impl Decoder {
             if let Some(up) = &level.up {
                 x = up.forward(x, cache);
             }
-            probe.report(&format!("dec.up_blocks.{i}"), || to_first(x.clone()));
+            activations::report(&format!("dec.up_blocks.{i}"), || to_first(x.clone()));
         }
         self.conv_out.forward(self.norm_out.forward_silu(x), cache)
     }

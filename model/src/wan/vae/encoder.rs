@@ -4,11 +4,11 @@ use super::causal::{Cache, CausalConv};
 use super::residual::{Middle, Residual};
 use super::to_first;
 use crate::ops::{self, Stride};
+use crate::wan::activations;
 use crate::wan::config::VaeConfig;
 use crate::wan::init::{Init, Start};
 use crate::wan::layers::ChannelNorm;
 use crate::wan::names::{Layout, Listing};
-use crate::wan::probe::Probe;
 use burn::module::{Module, Param};
 use burn::tensor::{Tensor, activation};
 
@@ -116,21 +116,21 @@ impl Encoder {
 
     /// One chunk `[b, t, h, w, channels]` to `[b, t', h / s, w / s, 2 z]`, channels-last: 1 frame to 1 on the first chunk of a
     /// cache, as many as a latent spans to 1 after that.
-    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         cache.begin();
         let mut x = self.conv_in.forward(x, cache);
-        probe.report("enc.conv_in", || to_first(x.clone()));
+        activations::report("enc.conv_in", || to_first(x.clone()));
         for (i, step) in self.steps.iter().enumerate() {
             x = match step {
                 Step::Residual(residual) => residual.forward(x, cache),
                 Step::Down(down) => down.forward(x, cache),
             };
-            probe.report(&format!("enc.down_blocks.{i}"), || to_first(x.clone()));
+            activations::report(&format!("enc.down_blocks.{i}"), || to_first(x.clone()));
         }
-        let x = self.norm_out.forward(self.middle.forward(x, cache, probe, "enc"));
-        probe.report("enc.norm_out", || to_first(x.clone()));
+        let x = self.norm_out.forward(self.middle.forward(x, cache, "enc"));
+        activations::report("enc.norm_out", || to_first(x.clone()));
         let x = self.conv_out.forward(activation::silu(x), cache);
-        probe.report("enc.conv_out", || to_first(x.clone()));
+        activations::report("enc.conv_out", || to_first(x.clone()));
         x
     }
 

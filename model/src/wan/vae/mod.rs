@@ -15,11 +15,11 @@ pub use decoder::Decoder;
 pub use encoder::Encoder;
 pub use tiling::Tiling;
 
+use super::activations;
 use super::config::VaeConfig;
 use super::init::Init;
 use super::layers::Dense;
 use super::names::{self, Entry, Listing, Named};
-use super::probe::Probe;
 use crate::{Error, Result};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -77,32 +77,34 @@ impl Vae {
     ///
     /// # Errors
     /// [`Error::Data`] when the size does not fit.
-    pub fn moments(&self, pictures: Tensor<5>, probe: &mut Probe) -> Result<Tensor<5>> {
+    pub fn moments(&self, pictures: Tensor<5>) -> Result<Tensor<5>> {
         let [_, c, t, h, w] = pictures.dims();
         let (config, factor) = (&self.config, self.config.spatial_factor());
         let frames = config.temporal_factor();
         expect(c == config.in_channels, || format!("{c} channels where the autoencoder reads {}", config.in_channels))?;
         expect(config.latent_frames(t).is_some(), || format!("{t} frames; 1 more than a multiple of {frames} is needed"))?;
         expect(h.min(w) >= factor, || format!("a picture of {w}x{h}; {factor}x{factor} is the smallest"))?;
-        Ok(self.moments_after(Cache::new(), pictures, probe))
+        Ok(self.moments_after(Cache::new(), pictures))
     }
 
     /// [`Self::moments`] of a size that fits, with this cache before the first chunk.
     #[doc(hidden)]
-    pub fn moments_after(&self, mut cache: Cache, pictures: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
+    pub fn moments_after(&self, mut cache: Cache, pictures: Tensor<5>) -> Tensor<5> {
         let (t, frames) = (pictures.dims()[2], self.config.temporal_factor());
-        let mut chunks = vec![self.moments_next(pictures.clone().narrow(2, 0, 1), &mut cache, probe)];
-        for start in (1..t).step_by(frames) {
-            let chunk = pictures.clone().narrow(2, start, frames);
-            chunks.push(self.moments_next(chunk, &mut cache, &mut Probe::idle()));
-        }
+        let mut chunks = vec![self.moments_next(pictures.clone().narrow(2, 0, 1), &mut cache)];
+        activations::unrecorded(|| {
+            for start in (1..t).step_by(frames) {
+                let chunk = pictures.clone().narrow(2, start, frames);
+                chunks.push(self.moments_next(chunk, &mut cache));
+            }
+        });
         Tensor::cat(chunks, 2)
     }
 
     /// Moments of the next latent frame of a clip that arrives bit by bit: 1 picture with a new cache, then as many at a time as a
     /// latent frame spans, of the size of the first. `[b, channels, t, h, w]` to `[b, 2 z, 1, h / s, w / s]`.
-    pub fn moments_next(&self, pictures: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
-        to_first(self.quant.clip(self.encoder.forward(to_last(pictures), cache, probe)))
+    pub fn moments_next(&self, pictures: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
+        to_first(self.quant.clip(self.encoder.forward(to_last(pictures), cache)))
     }
 
     /// Latents of pictures, the means of [`Self::moments`], not normalised: `[b, z, 1 + k, h / s, w / s]`.
@@ -111,7 +113,7 @@ impl Vae {
     /// [`Error::Data`] when the size does not fit, or height or width is no multiple of s.
     pub fn encode(&self, pictures: Tensor<5>) -> Result<Tensor<5>> {
         self.check_encode(&pictures)?;
-        Ok(self.moments(pictures, &mut Probe::idle())?.narrow(1, 0, self.config.z_dim))
+        Ok(self.moments(pictures)?.narrow(1, 0, self.config.z_dim))
     }
 
     fn check_encode(&self, pictures: &Tensor<5>) -> Result<()> {
@@ -133,29 +135,31 @@ impl Vae {
     ///
     /// # Errors
     /// [`Error::Data`] when the size does not fit.
-    pub fn decode(&self, latents: Tensor<5>, probe: &mut Probe) -> Result<Tensor<5>> {
+    pub fn decode(&self, latents: Tensor<5>) -> Result<Tensor<5>> {
         let [_, z, t, h, w] = latents.dims();
         expect(z == self.config.z_dim, || format!("{z} channels where a latent has {}", self.config.z_dim))?;
         expect(t > 0 && h > 0 && w > 0, || format!("an empty latent, {t} frames of {w}x{h}"))?;
-        Ok(self.decode_after(Cache::new(), latents, probe))
+        Ok(self.decode_after(Cache::new(), latents))
     }
 
     /// [`Self::decode`] of a size that fits, with this cache before the first latent frame.
     #[doc(hidden)]
-    pub fn decode_after(&self, mut cache: Cache, latents: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
-        let mut pictures = vec![self.decode_next(latents.clone().narrow(2, 0, 1), &mut cache, probe)];
-        for i in 1..latents.dims()[2] {
-            pictures.push(self.decode_next(latents.clone().narrow(2, i, 1), &mut cache, &mut Probe::idle()));
-        }
+    pub fn decode_after(&self, mut cache: Cache, latents: Tensor<5>) -> Tensor<5> {
+        let mut pictures = vec![self.decode_next(latents.clone().narrow(2, 0, 1), &mut cache)];
+        activations::unrecorded(|| {
+            for i in 1..latents.dims()[2] {
+                pictures.push(self.decode_next(latents.clone().narrow(2, i, 1), &mut cache));
+            }
+        });
         Tensor::cat(pictures, 2)
     }
 
     /// Pictures of the next latent frame, one at a time, of a clip too long to be held: `[b, z, 1, h, w]` to
     /// `[b, channels, t, s h, s w]`, t = 1 with a new cache, then as many as a latent frame spans.
-    pub fn decode_next(&self, latent: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+    pub fn decode_next(&self, latent: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         let x = self.post_quant.clip(to_last(latent));
-        probe.report("dec.post_quant_conv", || to_first(x.clone()));
-        to_first(self.decoder.forward(x, cache, probe))
+        activations::report("dec.post_quant_conv", || to_first(x.clone()));
+        to_first(self.decoder.forward(x, cache))
     }
 
     /// Pictures of normalised latents, clamped to -1..=1.
@@ -163,7 +167,7 @@ impl Vae {
     /// # Errors
     /// As [`Self::decode`].
     pub fn decode_normalised(&self, latents: Tensor<5>) -> Result<Tensor<5>> {
-        Ok(self.decode(self.denormalise(latents), &mut Probe::idle())?.clamp(-1.0, 1.0))
+        Ok(self.decode(self.denormalise(latents))?.clamp(-1.0, 1.0))
     }
 
     /// `(z - mean) / std`, a channel.

@@ -2,10 +2,10 @@
 
 use super::causal::{Cache, CausalConv};
 use crate::ops;
+use crate::wan::activations;
 use crate::wan::init::Init;
 use crate::wan::layers::{ChannelNorm, Dense};
 use crate::wan::names::Listing;
-use crate::wan::probe::Probe;
 use burn::module::Module;
 use burn::tensor::Tensor;
 
@@ -104,11 +104,11 @@ impl Middle {
     }
 
     /// `[b, t, h, w, c]` to the same shape; reports as `<side>.mid_attn` and `<side>.mid_block`.
-    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, probe: &mut Probe, side: &str) -> Tensor<5> {
+    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, side: &str) -> Tensor<5> {
         let x = self.attention.forward(self.first.forward(x, cache));
-        probe.report(&format!("{side}.mid_attn"), || super::to_first(x.clone()));
+        activations::report(&format!("{side}.mid_attn"), || super::to_first(x.clone()));
         let x = self.second.forward(x, cache);
-        probe.report(&format!("{side}.mid_block"), || super::to_first(x.clone()));
+        activations::report(&format!("{side}.mid_block"), || super::to_first(x.clone()));
         x
     }
 

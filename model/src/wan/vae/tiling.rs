@@ -1,7 +1,6 @@
 //! Large pictures in overlapping tiles, so that memory is that of one tile and of the result.
 
 use super::Vae;
-use crate::wan::probe::Probe;
 use crate::{Error, Result};
 use burn::tensor::{Tensor, TensorData};
 
@@ -137,7 +136,7 @@ impl Vae {
     /// As [`Vae::decode`], and when the tiling is invalid.
     pub fn decode_tiled(&self, latents: Tensor<5>, tiling: Tiling) -> Result<Tensor<5>> {
         let factor = self.config().spatial_factor();
-        tiling.map(latents, 1, factor, |tile| self.decode(tile, &mut Probe::idle()))
+        tiling.map(latents, 1, factor, |tile| self.decode(tile))
     }
 }
 

@@ -5,13 +5,12 @@ use super::pixels::Size;
 use crate::parameters::to_vec;
 use crate::renderer::{KeyframePlace, Options, Rendered, Sequence, Session, State, View, check, nearest};
 use crate::wan::flow::{Conditions, KeyframeLatent};
-use crate::wan::pictures::{DepthBounds, EnvironmentView, Kind, Pictures, radiance};
-use crate::wan::probe::Probe;
+use crate::wan::pictures::{EnvironmentView, Kind, Pictures, check_bounds, radiance};
 use crate::{Error, Result};
 use burn::tensor::Tensor;
 use glam::Vec2;
-use renderflow_frame::Camera;
 use renderflow_frame::image::Rgb;
+use renderflow_frame::{Camera, DepthBounds};
 
 /// The session of [`WanRenderer`]; see [`super`]. What it holds: the frames of one clip as pictures, its keyframes, the latents of grey.
 pub struct Clips<'a> {
@@ -69,7 +68,7 @@ impl<'a> Clips<'a> {
             return Err(Error::config("keyframes", "these weights have no keyframe adapter"));
         }
         let bounds = sequence.depth_bounds()?;
-        bounds.validate()?;
+        check_bounds(bounds)?;
         let (waiting, keyframes, still) = (Vec::new(), Vec::new(), Vec::new());
         Ok(Self { renderer, sequence, options, bounds, shown: None, waiting, last: None, keyframes, grey: None, still })
     }
@@ -237,7 +236,7 @@ impl<'a> Clips<'a> {
         let steps = self.options.steps;
         for step in 0..steps {
             let t = step as f64 / steps as f64;
-            let velocity = renderer.flow.velocity(z.clone(), &[t], &conditions, &mut Probe::idle())?;
+            let velocity = renderer.flow.velocity(z.clone(), &[t], &conditions)?;
             z = z + velocity * (1.0 / steps as f64);
         }
         let values = to_vec(renderer.decode(z)?);

@@ -4,7 +4,6 @@ use super::WanRenderer;
 use super::pixels::Size;
 use crate::parameters::to_vec;
 use crate::wan::flow::Intrinsic;
-use crate::wan::probe::Probe;
 use crate::{Error, Result};
 
 impl WanRenderer {
@@ -45,7 +44,7 @@ impl WanRenderer {
             for step in 0..steps {
                 // The whole way that is left is the velocity times 1 - t; a step goes 1 / steps of it all.
                 let t = step as f64 / steps as f64;
-                let end = self.flow.invert(z.clone(), &[t], intrinsic, &mut Probe::idle())?;
+                let end = self.flow.invert(z.clone(), &[t], intrinsic)?;
                 z = z.clone() + (end - z) * (1.0 / (steps - step) as f64);
             }
             let pictures = to_vec(self.decode(z)?);

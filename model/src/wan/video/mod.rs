@@ -12,9 +12,7 @@ mod pixels;
 
 pub use clips::Clips;
 
-use super::flow::{Flow, FlowConfig};
-use super::latents::mask_cells;
-use super::train::open_autoencoder;
+use super::flow::{Flow, FlowConfig, mask_cells};
 use super::vae::{Tiling, Vae};
 use super::weights::{Header, Source};
 use crate::renderer::{About, Options, Renderer, Sequence, Session};
@@ -55,7 +53,7 @@ impl WanRenderer {
             return Err(Error::malformed(path, reason));
         }
         let autoencoder = autoencoder.unwrap_or(&beside);
-        let (vae, _) = open_autoencoder(autoencoder, &flow.config().vae, &device)?;
+        let (vae, _) = Vae::open(autoencoder, &flow.config().vae, &device)?;
         if vae.config() != &flow.config().vae {
             let reason = format!("not the autoencoder on whose latents {} was trained", path.display());
             return Err(Error::malformed(autoencoder, reason));
@@ -119,6 +117,27 @@ impl WanRenderer {
         let cells = self.config().mask_channels();
         Tensor::from_data(TensorData::new(mask_cells(known, f, cells, h * w), [b, cells, f, h, w]), &self.device)
     }
+}
+
+/// The autoencoder of the paper's renderer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Autoencoder<'a> {
+    /// Its weights file, or `None` for [`AUTOENCODER_FILE`] beside the weights of the renderer.
+    pub file: Option<&'a Path>,
+    /// Side of the tiles, in pixels, in which larger pictures are encoded and decoded, or `None` to process pictures whole.
+    pub tile: Option<usize>,
+}
+
+/// Opens weights of the paper's renderer.
+///
+/// # Errors
+/// When a file cannot be read or holds another network. The message names the file and the tensor.
+pub fn open(path: &Path, autoencoder: Autoencoder) -> Result<Box<dyn Renderer>> {
+    let renderer = WanRenderer::load(path, autoencoder.file)?;
+    Ok(match autoencoder.tile {
+        Some(pixels) => Box::new(renderer.tiled(pixels)?),
+        None => Box::new(renderer),
+    })
 }
 
 impl Renderer for WanRenderer {

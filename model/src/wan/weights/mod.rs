@@ -8,11 +8,13 @@
 mod convert;
 mod identify;
 mod load;
+mod open;
 mod save;
 mod source;
 
 pub use convert::{check, convert};
 pub use identify::{Evidence, Found, Identity, identify};
 pub use load::{LoadOptions, LoadReport, is_context_path, is_text_path, load};
+pub use open::Adoption;
 pub use save::{Header, Network, Precision, Provenance, save};
 pub use source::{ElementType, Row, Source, Table};

@@ -1,16 +1,39 @@
-//! The renderer from files: its own, and the published ones it begins with.
+//! Networks from files: this program's own, and published ones to begin with.
 
-use super::{Flow, FlowConfig, Group};
+use super::load::{LoadOptions, LoadReport, is_context_path, is_text_path, load};
+use super::save::{Header, Network, Provenance};
+use super::source::Source;
+use crate::wan::config::VaeConfig;
+use crate::wan::flow::{BUFFERS, Flow, FlowConfig, Group};
 use crate::wan::names::{Entry, Named};
-use crate::wan::weights::{self, Header, LoadOptions, LoadReport, Network, Source};
+use crate::wan::vae::Vae;
 use crate::{Error, Result};
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::HashSet;
 use std::fmt;
+use std::path::Path;
+
+impl Vae {
+    /// Reads an autoencoder from a file of this program, or from published weights of the configuration `published`.
+    ///
+    /// # Errors
+    /// When the file cannot be read, when it holds another network, or when its tensors do not fit.
+    pub fn open(path: &Path, published: &VaeConfig, device: &Device) -> Result<(Self, Provenance)> {
+        let source = Source::open(path)?;
+        let (config, mut provenance) = match source.header()? {
+            Some(Header { network: Network::WanVae(config), provenance }) => (config, provenance),
+            Some(_) => return Err(Error::malformed(path, "holds another network, not an autoencoder")),
+            None => (published.clone(), Provenance::default()),
+        };
+        let (vae, _) = load(Self::new(&config, 0, device)?, &source, LoadOptions::default())?;
+        provenance.sources.push(path.display().to_string());
+        Ok((vae, provenance))
+    }
+}
 
 impl Flow {
-    /// Reads a renderer that was saved with [`weights::save`] under [`Network::WanFlow`]. `change` may add or leave out adapters: one
+    /// Reads a renderer that was saved with [`super::save()`] under [`Network::WanFlow`]. `change` may add or leave out adapters: one
     /// that the file lacks begins as in [`Self::new`] with `seed` (the inverse adapter's embedder with the file's embedder of albedo),
     /// one that the configuration lacks is not read.
     ///
@@ -50,7 +73,7 @@ impl Flow {
             ignore: &|name| has(stored, Group::of_tensor(name)) && !has(&config, Group::of_tensor(name)),
             may_lack: &|name| !has(stored, Group::of_tensor(name)),
         };
-        let (mut flow, report) = weights::load(Self::new(&config, seed, device)?, source, options)?;
+        let (mut flow, report) = load(Self::new(&config, seed, device)?, source, options)?;
         if stored.inverse.is_none() {
             flow.copy_albedo_to_inverse();
         }
@@ -84,10 +107,10 @@ impl Flow {
             return Err(Error::malformed(base.path(), reason));
         }
         let options = LoadOptions {
-            ignore: &|name| weights::is_text_path(name) || weights::is_context_path(name),
+            ignore: &|name| is_text_path(name) || is_context_path(name),
             may_lack: &|name| !backbone.contains(name),
         };
-        let (mut flow, report) = weights::load(network, base, options)?;
+        let (mut flow, report) = load(network, base, options)?;
         let mut adoption = Adoption { read: report.read, ignored: report.ignored, ..Adoption::default() };
 
         let width = config.dit.width();
@@ -105,7 +128,7 @@ impl Flow {
             bias = read(source, CONTEXT_BIAS, &[width])?;
             let place = format!("{CONTEXT_WEIGHT} of {}", source.path().display());
             adoption.copied.push((format!("attribute_embedding, first {} channels", config.reference_channels()), place));
-            adoption.zeroed.push(format!("attribute_embedding, last {} channels", super::config::BUFFERS * config.vae.z_dim));
+            adoption.zeroed.push(format!("attribute_embedding, last {} channels", BUFFERS * config.vae.z_dim));
         } else if let Some(source) = context {
             return Err(Error::Tensor { path: source.path().into(), tensor: CONTEXT_WEIGHT.into(), reason: "missing".into() });
         } else {

@@ -1,6 +1,6 @@
 //! The loss on one picture and its derivative: what PSNR measures, with two terms that keep dark and bright parts and edges honest.
 
-use super::record::Known;
+use super::record::PixelInputs;
 use crate::bridge::{log_curves, srgb_slope};
 use renderflow_frame::color::linear_to_srgb;
 use serde::{Deserialize, Serialize};
@@ -55,14 +55,14 @@ fn log_slope(x: f32) -> f32 {
 /// Loss of a drawn picture of `width` columns and its derivative with respect to the drawn pixels.
 pub fn loss(
     width: usize,
-    known: &[Known],
+    pixels: &[PixelInputs],
     drawn: &[[f32; 3]],
     truth: &[[f32; 3]],
     weights: LossWeights,
 ) -> (Loss, Vec<[f32; 3]>) {
-    let covered = |i: usize| known[i].alpha > 0.0;
-    let count = |pairs: &dyn Fn(usize) -> bool| 3.0 * (0..known.len()).filter(|i| pairs(*i)).count().max(1) as f32;
-    let height = known.len() / width;
+    let covered = |i: usize| pixels[i].alpha > 0.0;
+    let count = |pairs: &dyn Fn(usize) -> bool| 3.0 * (0..pixels.len()).filter(|i| pairs(*i)).count().max(1) as f32;
+    let height = pixels.len() / width;
     let right = |i: usize| i % width + 1 < width && covered(i) && covered(i + 1);
     let below = |i: usize| i / width + 1 < height && covered(i) && covered(i + width);
     let (n, n_right, n_below) = (count(&covered), count(&right), count(&below));
@@ -128,20 +128,20 @@ mod tests {
     #[test]
     fn derivatives_agree_with_differences() {
         let mut rng = Pcg64Mcg::seed_from_u64(8);
-        let known: Vec<Known> =
-            (0..48).map(|_| Known { alpha: f32::from(u8::from(rng.random_bool(0.8))), ..Known::default() }).collect();
+        let pixels: Vec<PixelInputs> =
+            (0..48).map(|_| PixelInputs { alpha: f32::from(u8::from(rng.random_bool(0.8))), ..PixelInputs::default() }).collect();
         let mut picture =
             |most: f32| -> Vec<[f32; 3]> { (0..48).map(|_| [(); 3].map(|()| rng.random_range(0.05..most))).collect() };
         let (drawn, truth) = (picture(1.4), picture(1.4));
         let weights = LossWeights { psnr: 0.05, display: 3.0, log: 0.7, gradient: 0.2 };
-        let (_, slopes) = loss(8, &known, &drawn, &truth, weights);
+        let (_, slopes) = loss(8, &pixels, &drawn, &truth, weights);
         for i in 0..48 {
             for c in 0..3 {
                 let step = 1e-3;
                 let at = |delta: f32| {
                     let mut moved = drawn.clone();
                     moved[i][c] += delta;
-                    loss(8, &known, &moved, &truth, weights).0.total
+                    loss(8, &pixels, &moved, &truth, weights).0.total
                 };
                 let expected = (at(step) - at(-step)) / (2.0 * step);
                 let near_a_corner = (drawn[i][c] - 1.0).abs() < 2.0 * step;
@@ -152,9 +152,9 @@ mod tests {
 
     #[test]
     fn the_truth_has_no_loss() {
-        let known = vec![Known { alpha: 1.0, ..Known::default() }; 16];
+        let pixels = vec![PixelInputs { alpha: 1.0, ..PixelInputs::default() }; 16];
         let picture = vec![[0.3, 0.6, 2.0]; 16];
-        let (loss, slopes) = loss(4, &known, &picture, &picture, LossWeights::default());
+        let (loss, slopes) = loss(4, &pixels, &picture, &picture, LossWeights::default());
         assert_eq!(loss, Loss::default());
         assert!(slopes.iter().flatten().all(|v| *v == 0.0));
     }
