@@ -151,7 +151,7 @@ fn each_intrinsic_has_a_prompt_and_a_head() {
     let each = |flow: &Flow| Intrinsic::ALL.map(|intrinsic| invert(flow, intrinsic));
     let before = each(&flow);
     for (i, intrinsic) in Intrinsic::ALL.into_iter().enumerate() {
-        assert_eq!((intrinsic.index(), Intrinsic::from_name(intrinsic.name())), (i, Some(intrinsic)));
+        assert_eq!(intrinsic.index(), i);
         let [prompts, tokens, width] = [5, 3, config.dit.width()];
         let row = (0..prompts * tokens * width).map(|j| if j / (tokens * width) == i { 0.5 } else { 0.0 }).collect::<Vec<f32>>();
         let row = Tensor::<1>::from_data(row.as_slice(), &device).reshape([prompts, tokens, width]);

@@ -111,7 +111,8 @@ fn rounded_waves(dit: &Dit, input: &DitInput) -> Tensor<3> {
 
 /// How far an output moves with [`rounded_waves`]; never so far that a wave that is wrong would pass.
 fn rounding(dit: &Dit, input: &DitInput, output: &Tensor<5>, run: impl Fn(Prepared) -> Tensor<5>) -> f32 {
-    let state = dit.prepare_with(input.clone(), rounded_waves(dit, input)).expect("runs");
+    let mut state = dit.prepare(input.clone()).expect("runs");
+    (state.time, state.modulation) = dit.time.forward(rounded_waves(dit, input));
     let moved: f32 = (run(state) - output.clone()).abs().max().into_scalar();
     moved.min(5e-5)
 }

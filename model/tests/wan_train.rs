@@ -4,12 +4,13 @@ mod common;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
+use common::checkpoint::edit_configuration;
 use common::clip;
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
 use renderflow_model::lpips::{Backbone, weights_folder};
 use renderflow_model::parameters::{self, to_vec};
-use renderflow_model::train::RunConfig;
+use renderflow_model::train::{Method, RunConfig};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
 use renderflow_model::wan::pictures::Kind;
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
@@ -203,6 +204,31 @@ fn round_trips_are_counted_by_frame(vae: &Vae, clips: &[Clip]) {
     let first = round_trip(vae, &clips.to_vec(), 1, 1, &mut told).expect("first frames");
     assert!(first != stills && first[Kind::Albedo as usize].psnr[0].is_finite());
     assert_eq!(done, (1..=clips.len()).collect::<Vec<_>>());
+}
+
+/// The checkpoint of a program that kept the options of the optimiser in an object of their own, and did not name its method.
+#[test]
+fn checkpoints_of_older_programs_are_resumed() {
+    let folder = tempfile::tempdir().expect("folder");
+    let clips = [clip(5, SIZE)];
+    let settings = |name: &str| Config {
+        batches: vec![BatchConfig { size: 16, frames: 1, items: 2, weight: 1.0 }],
+        ..config(&folder.path().join(name), autoencoder(), 4)
+    };
+    let whole = train(&settings("whole"), &clips);
+    interrupted(&settings("parts"), &clips, 2);
+    edit_configuration(&folder.path().join("parts"), |config| {
+        assert_eq!(config.remove("optimizer"), Some("adamw".into()));
+        let names = ["learning_rate", "warmup_steps", "decay", "weight_decay", "clip_norm", "ema_decay"];
+        let options = names.map(|name| (name.to_owned(), config.remove(name).expect(name)));
+        config.insert("optimizer".into(), serde_json::Map::from_iter(options).into());
+    });
+    let parts = train(&settings("parts"), &clips);
+    assert!(std::fs::read(whole.weights).expect("weights") == std::fs::read(parts.weights).expect("weights"));
+    // Another method would read other moments.
+    let muon = |settings: Config| Config { run: RunConfig { optimizer: Method::Muon, ..settings.run }, ..settings };
+    let error = run(&muon(settings("parts")), &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("another method");
+    assert!(matches!(error, Error::Config { option: "optimizer", .. }), "{error}");
 }
 
 #[test]

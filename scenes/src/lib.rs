@@ -10,6 +10,7 @@ pub mod error;
 pub mod load;
 pub mod loaded;
 pub mod mipmap;
+mod model_format;
 mod noise;
 pub mod pattern;
 pub mod procedural;

@@ -47,7 +47,7 @@ pub fn display(x: f32) -> f32 {
 /// Added to the mean squared error before its logarithm: that of 50 dB.
 const LEAST: f32 = 1e-5;
 
-/// Slope of [`crate::bridge::log_curve`].
+/// Slope of the logarithmic curve ([`log_curves`]).
 fn log_slope(x: f32) -> f32 {
     8.0 / ((1.0 + 8.0 * x.max(0.0)) * 9f32.ln())
 }

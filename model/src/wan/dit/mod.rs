@@ -125,23 +125,11 @@ impl Dit {
         self.prepare_embedded(&self.patch, input)
     }
 
-    /// [`Self::prepare`] with the waves of the times, `[b, 1, freq_dim]`, given.
-    ///
-    /// # Errors
-    /// As [`Self::prepare`].
-    pub fn prepare_with(&self, input: DitInput, waves: Tensor<3>) -> Result<Prepared> {
-        self.prepare_from(&self.patch, input, waves)
-    }
-
     /// [`Self::prepare`] with another embedder in place of the transformer's own.
     pub(super) fn prepare_embedded(&self, patch: &Dense, input: DitInput) -> Result<Prepared> {
         let valid = |t: &f64| t.is_finite() && t.abs() <= 1e6;
         expect(input.times.iter().all(valid), || format!("times {:?}; 0 to 1000 are usual", input.times))?;
         let waves = sinusoid(&input.times, self.config.freq_dim, &input.latents.device());
-        self.prepare_from(patch, input, waves)
-    }
-
-    fn prepare_from(&self, patch: &Dense, input: DitInput, waves: Tensor<3>) -> Result<Prepared> {
         let (config, device) = (&self.config, input.latents.device());
         let [b, channels, ..] = input.latents.dims();
         expect(channels == config.in_channels, || format!("{channels} channels of latents instead of {}", config.in_channels))?;

@@ -95,11 +95,6 @@ impl Intrinsic {
         }
     }
 
-    /// The one of this name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|intrinsic| intrinsic.name() == name)
-    }
-
     /// Its place in [`Self::ALL`].
     pub fn index(self) -> usize {
         self as usize

@@ -25,7 +25,6 @@
 //! | `blocks.i.{inverse_attn,inverse_norm}` | as `blocks.i.{attn2,norm2}` | cross-attention to the prompt |
 //! | `inverse_heads.{albedo,normal,depth,material}.{linear_1,linear_2}` | `[width, width]`, `[4 z, width]` | velocity |
 
-mod account;
 mod config;
 mod environment;
 mod group;
@@ -36,7 +35,6 @@ mod mask;
 mod names;
 mod stages;
 
-pub use account::{Account, Item, Part};
 pub(super) use config::BUFFERS;
 pub use config::{Environment, FlowConfig, Intrinsic, InverseConfig, KeyframeConfig, Query};
 pub use environment::EnvironmentAdapter;

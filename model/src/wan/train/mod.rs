@@ -65,12 +65,12 @@ pub fn run(
         Stage::Autoencoder { network, start, loss } => run.autoencoder(network, start.as_deref(), *loss),
         Stage::Base { network, start, latents } => run.base(network, start.as_deref(), latents),
         Stage::Keyframes { base, network, gap, latents } => {
-            let add = |old: FlowConfig| FlowConfig { keyframes: old.keyframes.or(Some(network.clone())), ..old };
+            let add = |old: FlowConfig| if old.keyframes.is_some() { old } else { old.with_keyframes(network.clone()) };
             let task = Task::Render { gap: Some(*gap) };
             run.adapter(base, add, FlowStage { group: Group::Keyframes, task, latents, latent_weight: 1.0, albedo_lpips: 0.0 })
         }
         Stage::Inverse { base, network, lpips, latent, latents } => {
-            let add = |old: FlowConfig| FlowConfig { inverse: old.inverse.or(Some(network.clone())), ..old };
+            let add = |old: FlowConfig| if old.inverse.is_some() { old } else { old.with_inverse(network.clone()) };
             let (group, task) = (Group::Inverse, Task::Invert);
             run.adapter(base, add, FlowStage { group, task, latents, latent_weight: *latent, albedo_lpips: *lpips })
         }
