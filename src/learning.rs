@@ -1,4 +1,5 @@
-//! Frames to learn from, kept nowhere: composed from a plan or read from a dataset, rendered with few samples and with many, shaded, carried.
+//! Frames to learn from, kept nowhere: composed from a plan or read from a dataset, rendered with few samples and with many,
+//! shaded, carried.
 
 use crate::dataset::Dataset;
 use crate::dataset::plan::Plan;
@@ -198,8 +199,8 @@ impl<'a> Maker<'a> {
         between
     }
 
-    /// The frames `selected` of a scene: its two keyframes without samples, then those between with everything. `truth` gives that of a frame, at
-    /// which the scene stands.
+    /// The frames `selected` of a scene: its two keyframes without samples, then those between with everything. `truth` gives
+    /// that of a frame, at which the scene stands.
     fn records(
         &self,
         loaded: &LoadedScene,

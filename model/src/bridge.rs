@@ -1,5 +1,5 @@
-//! Bridge matching in the latents of an autoencoder (RenderFlow, section "Latent-Space Bridge-Matching Training"), and the logarithmic
-//! curve in which networks read radiance.
+//! Bridge matching in the latents of an autoencoder (RenderFlow, section "Latent-Space Bridge-Matching Training"), and the
+//! logarithmic curve in which networks read radiance.
 
 use crate::kernels;
 use crate::{Error, Result};
@@ -22,8 +22,8 @@ fn representable(x: f32) -> f32 {
     if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) }
 }
 
-/// Replaces every exposed radiance x by `log1p(8 x) / log1p(8)`, within 1e-6: 0 at 0, and 1 at 1. Values are clamped to 0..=65504, and NaN
-/// becomes 0. It is fastest for a multiple of 16 values.
+/// Replaces every exposed radiance x by `log1p(8 x) / log1p(8)`, within 1e-6: 0 at 0, and 1 at 1. Values are clamped to
+/// 0..=65504, and NaN becomes 0. It is fastest for a multiple of 16 values.
 pub(crate) fn log_curves(values: &mut [f32]) {
     values.iter_mut().for_each(|v| *v = 8.0f32.mul_add(representable(*v), 1.0));
     kernels::ln(values);
@@ -52,7 +52,8 @@ impl Default for Times {
     }
 }
 
-/// Latest time of [`Times::Uniform`]. At time 1 the velocity of a noisy bridge would be 0 / 0; at this time its noise is 32 sigma.
+/// Latest time of [`Times::Uniform`]. At time 1 the velocity of a noisy bridge would be 0 / 0; at this time its noise is 32
+/// sigma.
 pub const LAST_TIME: f32 = 0.999;
 
 impl Times {

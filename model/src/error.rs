@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-/// What went wrong, with the file or the option it went wrong in.
+/// An error, with the file or the option that it concerns.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system refused; the message names the file and what was tried.
+    /// The operating system refused an operation on a file.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
         /// The file.
@@ -16,7 +16,7 @@ pub enum Error {
         /// The cause.
         source: std::io::Error,
     },
-    /// A weights file, checkpoint or log that is not what it should be.
+    /// A weights file, checkpoint or log is not in its format.
     #[error("{}: {reason}", path.display())]
     Malformed {
         /// The file.
@@ -24,7 +24,7 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
-    /// One tensor of a weights file does not fit the network its configuration describes.
+    /// A tensor of a weights file does not fit the network.
     #[error("{}: tensor {tensor}: {reason}", path.display())]
     Tensor {
         /// The weights file.
@@ -34,34 +34,34 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
-    /// An option outside its range, or options that contradict each other.
+    /// An option is outside its range, or options contradict each other.
     #[error("{option}: {reason}")]
     Config {
-        /// Name of the option, as in the configuration file.
+        /// Name of the option in the configuration file.
         option: &'static str,
         /// What is wrong.
         reason: String,
     },
-    /// Training data that cannot be used.
+    /// Input data cannot be used.
     #[error("{place}: {reason}")]
     Data {
-        /// Which clip and frame.
+        /// The clip, the frame or the input.
         place: String,
         /// What is wrong.
         reason: String,
     },
-    /// The loss or a gradient was NaN or infinite in too many steps in a row; nothing of those steps was kept.
+    /// The loss or a gradient was NaN or infinite in too many steps in a row. Those steps have not changed the weights.
     #[error("step {step}: {what} is not finite; lower the learning rate or inspect the data of this step")]
     Diverged {
-        /// Step that failed.
+        /// The last of these steps.
         step: u64,
         /// The loss, or the gradient of a named parameter.
         what: String,
     },
-    /// This build carries no trained weights.
-    #[error("this build carries no trained weights: train some (`renderflow train`) and pass the file")]
+    /// This build has no trained weights.
+    #[error("this build has no trained weights: train some (`renderflow train`) and pass the file")]
     NoShippedWeights,
-    /// From reading or writing frames and files.
+    /// A frame or a file could not be read or written.
     #[error(transparent)]
     Frame(#[from] renderflow_frame::Error),
 }
@@ -70,13 +70,13 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// For `map_err`: an I/O error with its file and what was tried.
+    /// An I/O error with its file and the operation, for `map_err`.
     pub fn io(path: impl Into<PathBuf>, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| Self::Io { path, action, source }
     }
 
-    /// From reading a file: as if it had been read here.
+    /// Converts an error of reading a file to the same error of this crate.
     pub(crate) fn unreadable(error: renderflow_frame::Error) -> Self {
         match error {
             renderflow_frame::Error::Io { path, action, source } => Self::Io { path, action, source },

@@ -11,7 +11,8 @@ use renderflow_model::{ops, parameters};
 use wan::flow::{CLIP, TIMES, both, conditions, difference, invert, latents, velocity, warm, warmed};
 use wan::values;
 
-/// The environment's projections, the attributes' embedder where it is 0, and the keyframe adapter leave the backbone bit for bit.
+/// The environment's projections, the attributes' embedder where it is 0, and the keyframe adapter leave the backbone bit for
+/// bit.
 #[test]
 fn adapters_begin_as_nothing() {
     let device = Device::flex();
@@ -108,10 +109,10 @@ fn a_block_is_its_formula() {
             None => (&block.attention.to_q, &block.attention.norm_q),
         };
         let keys = shared.keyframes.clone().expect("keyframes");
-        let q = rope.turn(norm_q.forward(to_q.forward(y.clone())));
-        let k = key_rope.turn(adapter.norm_k.forward(adapter.to_k.forward(keys.clone())));
+        let q = rope.rotate(norm_q.forward(to_q.forward(y.clone())));
+        let k = key_rope.rotate(adapter.norm_k.forward(adapter.to_k.forward(keys.clone())));
         let attended = adapter.to_out.forward(ops::attention(q, k, adapter.to_v.forward(keys), heads));
-        let x = x + block.attention.among(y, &rope) * m(2) + attended;
+        let x = x + block.attention.self_attention(y, &rope) * m(2) + attended;
         let y = modulated_norm(x.clone(), m(4), m(3), dit.layer_norm_eps);
         let mut ffn = block.ffn.clone();
         if let Some([up, down]) = &adapter.ffn {

@@ -1,5 +1,5 @@
-//! The wan networks against themselves: two-dimensional against three-dimensional form, chunks against the whole, counts and names
-//! against the published ones.
+//! The wan networks against themselves: two-dimensional against three-dimensional form, chunks against the whole, counts and
+//! names against the published ones.
 
 mod wan;
 

@@ -185,8 +185,8 @@ fn parity_dit_without_text() {
     comparison.finish();
 }
 
-/// A renderer that has just adopted published weights is the published transformer at `1000 (1 - t)`, with the sign turned, whatever
-/// its attributes, its environment and its keyframes are.
+/// A renderer that has just adopted published weights is the published transformer at `1000 (1 - t)`, with the sign turned,
+/// whatever its attributes, its environment and its keyframes are.
 #[test]
 fn parity_of_an_adopted_renderer() {
     let Some(fixtures) = wan::fixtures() else { return };

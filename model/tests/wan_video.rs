@@ -12,7 +12,7 @@ use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, Vi
 use renderflow_model::wan::flow::{Conditions, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent};
 use renderflow_model::wan::names::Naming;
 use renderflow_model::wan::pictures::{Kind, Pictures, radiance};
-use renderflow_model::wan::video::{AUTOENCODER_FILE, Clips, WanRenderer};
+use renderflow_model::wan::video::{AUTOENCODER_FILE, ClipSession, WanRenderer};
 use renderflow_model::wan::weights::{Header, Network, Precision, Provenance, save};
 use renderflow_model::wan::{Autoencoder, Flow, FlowConfig, Vae, open as open_renderer};
 
@@ -256,7 +256,8 @@ fn what_is_held_does_not_grow_with_the_sequence() {
     let most = |frames: usize| {
         let keyframes: Vec<usize> = (0..frames).step_by(8).collect();
         let sequence = Memory::new(frames, &keyframes);
-        let mut clips = Clips::new(&renderer, &sequence, Options { keyframes: true, ..Options::default() }).expect("begins");
+        let mut clips =
+            ClipSession::new(&renderer, &sequence, Options { keyframes: true, ..Options::default() }).expect("begins");
         let mut most = 0;
         for index in 0..frames {
             clips.push(sequence.view(index)).expect("renders");

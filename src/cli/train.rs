@@ -37,21 +37,21 @@ A configuration file names its network: \"network\": \"fusion\" or \"network\": 
 
 /// Train a network.
 ///
-/// Without --preset, this trains the fusion network on a plan or a dataset. With --preset, it trains a stage of the paper's network on a
-/// dataset. The run writes checkpoints; the same command resumes a run that was stopped.
+/// Without --preset, this trains the fusion network on a plan or a dataset. With --preset, it trains a stage of the paper's
+/// network on a dataset. The run writes checkpoints; the same command resumes a run that was stopped.
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Train {
-    /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from their scenes;
-    /// it is validated on the split `val` beside it
+    /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from
+    /// their scenes; it is validated on the split `val` beside it
     #[arg(long, required_unless_present_any = ["plan", "print_config"])]
     data: Option<PathBuf>,
-    /// Plan file (see `dataset plan`) for the fusion network. Its training sequences are composed and rendered during training, and are
-    /// not stored
+    /// Plan file (see `dataset plan`) for the fusion network. Its training sequences are composed and rendered during training,
+    /// and are not stored
     #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"])]
     plan: Option<PathBuf>,
-    /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard events and
-    /// pictures
+    /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
+    /// events and pictures
     #[arg(long)]
     out: PathBuf,
     /// JSON file with the options of either network, as --print-config prints them. Other flags override it

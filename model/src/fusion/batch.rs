@@ -1,5 +1,5 @@
-//! Batches: random crops of records, with augmentations that are exact (mirroring, permuted primaries, exposure), and random subsets of
-//! what is given.
+//! Batches: random crops of records, random subsets of their inputs, and augmentations that change the truth exactly as the
+//! inputs (mirroring, permuted primaries, exposure).
 
 use super::graph::MULTIPLE;
 use super::head::Picture;
@@ -12,12 +12,12 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-/// How often a combination of groups is learnt.
+/// A combination of groups that the network is trained on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tier {
     /// Name in logs.
     pub name: &'static str,
-    /// What is given.
+    /// Groups that are given.
     pub groups: Groups,
     /// Share of the batches.
     pub weight: f32,
@@ -36,7 +36,7 @@ const fn with_neighbours(groups: Groups) -> Groups {
     Groups { neighbours: true, ..groups }
 }
 
-/// The combinations that are learnt and reported.
+/// The combinations that are trained and reported.
 pub const TIERS: [Tier; 10] = [
     Tier { name: "deferred", groups: DEFERRED, weight: 0.1 },
     Tier { name: "deferred+keys", groups: with_keys(DEFERRED), weight: 0.15 },
@@ -50,24 +50,24 @@ pub const TIERS: [Tier; 10] = [
     Tier { name: "denoised+around+keys", groups: with_keys(with_neighbours(DENOISED)), weight: 0.05 },
 ];
 
-/// Largest augmentation of exposure, in stops.
+/// Largest change of exposure in stops.
 const STOPS: f32 = 1.0;
-/// Neighbours that come before the frame; the others come after.
+/// Number of neighbours that come before the frame. The others come after it.
 pub const BEFORE: usize = NEIGHBOURS / 2;
 
-/// Changes that leave everything as true as it was.
+/// A change of inputs and truth together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Augmentation {
-    /// Left and right are swapped.
+    /// Whether left and right are swapped.
     pub mirror: bool,
-    /// Which primary comes where.
+    /// The primary that each colour channel takes.
     pub primaries: [usize; 3],
-    /// Factor of all radiance.
+    /// Factor of all radiance values.
     pub gain: f32,
 }
 
 impl Augmentation {
-    /// None.
+    /// No change.
     pub const NONE: Self = Self { mirror: false, primaries: [0, 1, 2], gain: 1.0 };
 
     fn draw(rng: &mut Pcg64Mcg) -> Self {
@@ -79,7 +79,7 @@ impl Augmentation {
         }
     }
 
-    /// Changes one pixel; its place is not changed here.
+    /// Changes the numbers of one pixel. Mirroring also moves the pixel, which [`Batch::of`] does.
     pub fn apply(&self, stored: &mut [f32]) {
         if self.mirror {
             stored[at::NORMAL] = -stored[at::NORMAL];
@@ -96,7 +96,7 @@ impl Augmentation {
     }
 }
 
-/// One crop of a record.
+/// A window of a record.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
     /// Left column, even.
@@ -109,27 +109,29 @@ pub struct Window {
     pub height: usize,
 }
 
-/// What the network and its head read, and the truth.
+/// The inputs of the network and its head for a batch of crops, and the truth.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
-    /// Pictures.
+    /// Number of crops.
     pub items: usize,
     /// Columns, a multiple of [`MULTIPLE`].
     pub width: usize,
-    /// Rows, likewise.
+    /// Rows, a multiple of [`MULTIPLE`].
     pub height: usize,
-    /// What is given.
+    /// Groups that are given.
     pub groups: Groups,
-    /// `[items][height/2][width/2][4 groups.channels()]`: group by group, in each the four pixels of a block, in each its channels.
+    /// Inputs of the network, `[items][height/2][width/2][4 groups.channels()]`. A block of four pixels holds the groups one
+    /// after another, each group its four pixels, and each pixel its channels.
     pub input: Vec<f32>,
-    /// `[items][height][width]`.
+    /// Inputs of the head, `[items][height][width]`.
     pub pixels: Vec<PixelInputs>,
-    /// `[items][height][width]`, exposed.
+    /// Exposed linear radiance, `[items][height][width]`.
     pub truth: Vec<[f32; 3]>,
 }
 
 impl Batch {
-    /// Draws `items` crops of `size` pixels a side for one of `tiers`. `None` where no record has what the drawn tier reads.
+    /// Draws `items` crops of `size` x `size` pixels for one of `tiers`, or returns `None` if no record has the inputs of the
+    /// tier.
     pub fn draw(records: &[&Record<f16>], tiers: &[Tier], size: usize, items: usize, rng: &mut Pcg64Mcg) -> Option<Self> {
         let tier = &tiers[crate::train::draw_weighted(tiers.iter().map(|tier| tier.weight), rng)];
         let wanted = tier.groups;
@@ -164,7 +166,7 @@ impl Batch {
         })
     }
 
-    /// One crop; places beyond the record repeat its last row and column.
+    /// A batch of one crop. Outside the record, its last row and column are repeated.
     pub fn of<T: Stored>(record: &Record<T>, window: Window, selection: &Selection, augmentation: &Augmentation) -> Self {
         let Window { x, y, width, height } = window;
         debug_assert!(width.is_multiple_of(MULTIPLE) && height.is_multiple_of(MULTIPLE));
@@ -172,7 +174,7 @@ impl Batch {
         let mut pixels = vec![PixelInputs::default(); width * height];
         let mut truth = vec![[0.0; 3]; width * height];
         let mut input = vec![0.0; width * height * channels];
-        // Two rows at a time make a row of blocks.
+        // Two rows of pixels make one row of blocks.
         let rows =
             (pixels.par_chunks_mut(2 * width), truth.par_chunks_mut(2 * width), input.par_chunks_mut(2 * width * channels));
         rows.into_par_iter().enumerate().for_each(|(pair, (pixels, truth, input))| {
@@ -202,7 +204,7 @@ impl Batch {
         Self { items: 1, width, height, groups: selection.groups, input, pixels, truth }
     }
 
-    /// Picture `item` with the network's outputs for the whole batch.
+    /// The inputs of the head for crop `item`, given the outputs of the network for the whole batch.
     pub fn picture<'a>(&'a self, item: usize, fine: &'a [f32], coarse: &'a [f32]) -> Picture<'a> {
         let part = |values: &'a [f32]| {
             let count = values.len() / self.items;
@@ -220,7 +222,8 @@ impl Batch {
     }
 }
 
-/// A crop of which one point in eight at least shows a surface, if four tries find one: sky teaches nothing.
+/// Draws a window in which at least one point in eight shows a surface, with up to four attempts: the network learns nothing from
+/// sky.
 fn draw_window<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&'a Record<f16>, Window) {
     let mut tries = 0;
     loop {
@@ -239,8 +242,8 @@ fn draw_window<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg)
     }
 }
 
-/// Some of what `record` has of the wanted groups: any number of parts, neighbours on both sides or only before; with a denoised
-/// picture the samples that it was made of.
+/// Draws a subset of the inputs of a record: any number of parts, and neighbours on both sides or only before the frame. With a
+/// denoised picture, it takes the samples from which that picture was made.
 fn draw_selection(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Selection {
     let mut selection = Selection { groups, ..Selection::all(record) };
     let there = record.parts.iter().filter(|spp| **spp > 0).count();
@@ -264,7 +267,7 @@ fn draw_selection(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> S
     for (n, spp) in selection.neighbours.iter_mut().enumerate() {
         *spp = if groups.neighbours && (n < BEFORE || !before_alone) { record.neighbours[n] as f32 } else { 0.0 };
     }
-    // Sometimes one keyframe alone.
+    // In one batch of five, one keyframe is used alone.
     if KEYS == 2 && rng.random_bool(0.2) {
         selection.ages[1] = None;
     }
@@ -289,9 +292,9 @@ mod tests {
         record
     }
 
-    /// Changing a record and reading it is reading it and permuting, mirroring and scaling what was read.
+    /// Reading an augmented record gives the mirrored, permuted and scaled values of the plain record.
     #[test]
-    fn changes_are_exact() {
+    fn augmentations_are_exact() {
         let record = record(16, 16, 3);
         let window = Window { x: 0, y: 0, width: 16, height: 16 };
         let augmentation = Augmentation { mirror: true, primaries: [2, 0, 1], gain: 0.5 };

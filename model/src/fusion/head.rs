@@ -1,72 +1,74 @@
-//! From the network's outputs to the picture, and from the derivative of a loss with respect to the picture to that of the outputs.
+//! The head: it computes the picture from the outputs of the network, and the derivative of a loss with respect to the outputs
+//! from its derivative with respect to the picture.
 //!
-//! All of it is a few operations a pixel on numbers that are not learnt, so it runs fused on the host. With `M` the samples of the frame
-//! and its neighbours in learnt proportion (radiance over the tint times coverage, and coverage), for each scale `l` of 1, 2 and 4 pixels
+//! The head has no parameters and needs few operations per pixel, so it runs fused on the host. Let `M` be the samples of the
+//! frame and its neighbours, blended with predicted weights: radiance divided by the reflectance, times coverage, and coverage.
+//! For each scale `l` of 1, 2 and 4 pixels, the samples are filtered by
 //!
-//! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, j over 5 x 5,
+//! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, with j over 5 x 5 pixels.
 //!
-//! so that pixels which see no surface have no say. The three are brought to full size (bilinear) and blended: the filtered
-//! samples. They, what the surface mirrors of the environment, a picture that another denoiser made of the samples, the carried
-//! keyframes and the sum of the deferred terms, each term times `exp(g)`, are mixed with softmax weights; some of the mirrored
-//! and a residual times the tint are added, and coverage puts the environment behind. Kernels blur what a smooth surface mirrors,
-//! the split sum does not.
+//! Pixels that see no surface therefore have no influence. The three scales are enlarged bilinearly and blended. The candidates
+//! are these filtered samples, the specular reflection of the environment, the picture of another denoiser, the warped keyframes,
+//! and the sum of the terms of deferred shading, each times `exp(g)`. They are mixed with softmax weights. Then a share of the
+//! specular reflection and a residual times the reflectance are added, and the environment is put behind the surface. The
+//! specular reflection is a candidate because kernels blur reflections, and the split sum does not.
 
 use super::record::{Groups, KEYS, NEIGHBOURS, PixelInputs, TERMS};
 use crate::bridge::MAX_RADIANCE;
 use crate::kernels;
 use rayon::prelude::*;
 
-/// Weights of a kernel.
+/// Number of weights of a kernel.
 pub const KERNEL: usize = SIDE * SIDE;
 const SIDE: usize = 5;
 const REACH: usize = 2;
-/// [`KERNEL`] as whole vectors.
+/// [`KERNEL`] rounded up to whole vectors.
 const PADDED: usize = KERNEL.next_multiple_of(16);
-/// Scales of the kernels.
+/// Number of scales.
 const SCALES: usize = 3;
-/// Candidates: filtered samples, keyframes, deferred shading; with samples also what is mirrored of the environment, and the
-/// denoised picture.
+/// Number of candidates that every picture has: filtered samples, keyframes, deferred shading. With samples there are two more:
+/// the specular reflection of the environment, and the denoised picture.
 const CANDIDATES: usize = 2 + KEYS;
 const MIRRORED: usize = CANDIDATES;
 const DENOISED: usize = CANDIDATES + 1;
 const MIXED: usize = CANDIDATES + 2;
 
-/// Outputs for a pixel of the three blocks: what every picture has, what samples add, what neighbours add.
+/// Number of outputs per pixel: for every picture, added by samples, and added by neighbours.
 const BASE: usize = CANDIDATES + TERMS + 3;
 const TRACED: usize = KERNEL + SCALES + 3;
 const MERGE: usize = 1 + NEIGHBOURS;
-/// Outputs at 1/2 with everything: four pixels, and the kernel of scale 2.
+/// Number of outputs at half size with all groups: four pixels, and the kernel of scale 2.
 pub const FINE: usize = 4 * (BASE + TRACED + MERGE) + KERNEL;
 
-/// Most of a factor's logarithm.
+/// Largest absolute logarithm of a factor.
 const MOST: f32 = 4.0;
-/// Logits before training of the samples where there are some, and of the keyframes, beside 0 of deferred shading.
+/// Logits of samples and of keyframes before training. The logit of deferred shading is 0.
 const TRUST: [f32; 2] = [5.0, 3.0];
-/// The same of a denoised picture.
+/// Logit of the denoised picture before training.
 const TRUST_DENOISED: f32 = 8.0;
-/// Logit of the middle of a kernel before training.
+/// Logit of the centre of a kernel before training.
 const MIDDLE: f32 = 2.0;
 /// Logit of the finest scale before training.
 const FINEST: f32 = 1.0;
-/// Coverage that is no coverage.
+/// Coverage up to here counts as none.
 const NOTHING: f32 = 1e-6;
 
-/// Outputs at 1/2 where these groups are there.
+/// Number of outputs at half size for these groups.
 pub fn fine(groups: Groups) -> usize {
     let traced = if groups.samples { 4 * TRACED + KERNEL } else { 0 };
     4 * BASE + traced + if groups.neighbours { 4 * MERGE } else { 0 }
 }
 
-/// One picture, or crop, on which the head acts; even width and height, with samples multiples of 4.
+/// The inputs of the head for one picture or crop. Width and height are even, and with samples multiples of 4.
 #[derive(Clone, Copy, Debug)]
 pub struct Picture<'a> {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// A pixel each.
+    /// `[height][width]`.
     pub pixels: &'a [PixelInputs],
-    /// What is given.
+    /// Groups that are given.
     pub groups: Groups,
     /// `[height/2][width/2][fine(groups)]`.
     pub fine: &'a [f32],
@@ -74,18 +76,18 @@ pub struct Picture<'a> {
     pub coarse: &'a [f32],
 }
 
-/// Samples at one scale, and what its kernels make of them.
+/// The samples at one scale, before and after filtering.
 #[derive(Clone, Debug, Default)]
 struct Scale {
     width: usize,
     height: usize,
-    /// Samples over the tint times coverage, coverage.
+    /// Samples divided by the reflectance, times coverage; coverage.
     merged: Vec<[f32; 4]>,
-    /// Filtered: the same quotient, and the sum that it was divided by.
+    /// The filtered quotient, and the weighted coverage that it was divided by.
     filtered: Vec<[f32; 4]>,
 }
 
-/// What of the forward pass the backward pass needs.
+/// The part of the forward pass that the backward pass needs.
 #[derive(Clone, Debug, Default)]
 pub struct Tape {
     scales: Vec<Scale>,
@@ -106,20 +108,20 @@ struct Mix {
     weights: [f32; MIXED],
     factors: [f32; TERMS],
     candidates: [[f32; 3]; MIXED],
-    /// How much of what is mirrored is added.
+    /// Share of the specular reflection that is added.
     shine: f32,
     /// Weights of the scales.
     scales: [f32; SCALES],
 }
 
 impl Picture<'_> {
-    /// Outputs of pixel i: those of every picture.
+    /// The outputs of pixel `i` that every picture has.
     fn base(&self, i: usize) -> &[f32] {
         let (block, sub) = self.place(i);
         &self.fine[block * fine(self.groups) + sub * BASE..][..BASE]
     }
 
-    /// Where outputs of samples begin for pixel `i`.
+    /// Index of the first output of pixel `i` that samples add.
     fn traced_at(&self, i: usize) -> usize {
         let (block, sub) = self.place(i);
         block * fine(self.groups) + 4 * BASE + sub * TRACED
@@ -130,7 +132,7 @@ impl Picture<'_> {
         block * fine(self.groups) + 4 * BASE + 4 * TRACED + KERNEL + sub * MERGE
     }
 
-    /// Where the kernel of pixel `i` of a scale begins in its outputs.
+    /// Index of the kernel of pixel `i` of a scale in the outputs of that scale.
     fn kernel_at(&self, scale: usize, i: usize) -> usize {
         match scale {
             0 => self.traced_at(i),
@@ -144,13 +146,14 @@ impl Picture<'_> {
         &outputs[self.kernel_at(scale, i)..][..KERNEL]
     }
 
-    /// Block of 2 x 2 and place in it of a pixel.
+    /// The block of 2 x 2 pixels that a pixel is in, and its index in the block.
     fn place(&self, i: usize) -> (usize, usize) {
         let (x, y) = (i % self.width, i / self.width);
         ((y / 2) * (self.width / 2) + x / 2, (y % 2) * 2 + x % 2)
     }
 
-    /// Weights of own samples and of the neighbours'; absent ones have no coverage and do no harm.
+    /// Weights of the frame's own samples and of its neighbours. Absent neighbours have no coverage, so their weights do not
+    /// matter.
     fn merging(&self, i: usize) -> [f32; MERGE] {
         if !self.groups.neighbours {
             return std::array::from_fn(|n| if n == 0 { 1.0 } else { 0.0 });
@@ -212,13 +215,13 @@ impl Picture<'_> {
         mix
     }
 
-    /// Filtered samples over the tint at pixel `i`, and how much of them there is.
+    /// The blended filtered samples at pixel `i`, divided by the reflectance, and the sum of their weights.
     fn filtered(&self, i: usize, shares: &[f32; SCALES], scales: &[Scale]) -> [f32; 4] {
         let mut sum = [0.0; 4];
         for (scale, share) in scales.iter().zip(shares) {
             for (at, weight) in taps(i, self.width, scale) {
                 let there = scale.filtered[at];
-                // A place without samples has no say.
+                // A pixel without samples has no influence.
                 let weight = share * weight * f32::from(u8::from(there[3] > NOTHING));
                 (0..3).for_each(|c| sum[c] += weight * there[c]);
                 sum[3] += weight;
@@ -268,7 +271,8 @@ impl Picture<'_> {
         })
     }
 
-    /// Derivatives of a loss with respect to `fine` and `coarse`, given those with respect to the pixels of [`Self::draw`].
+    /// The derivatives of a loss with respect to `fine` and `coarse`, given its derivatives with respect to the pixels of
+    /// [`Self::draw`].
     pub fn backward(&self, tape: &Tape, slopes: &[[f32; 3]]) -> (Vec<f32>, Vec<f32>) {
         let scales = &tape.scales;
         let mut found = Derivatives {
@@ -283,7 +287,7 @@ impl Picture<'_> {
             }
             let mix = self.mix(i, scales);
             let value = self.compose(i, &mix);
-            // The clamp passes no derivative.
+            // Clamped values have no derivative.
             let d: [f32; 3] =
                 std::array::from_fn(|c| if value[c] > 0.0 && value[c] < MAX_RADIANCE { slope[c] * pixel.alpha } else { 0.0 });
             let (block, sub) = self.place(i);
@@ -326,7 +330,7 @@ impl Picture<'_> {
                         unfilter(scale, i, kernel, *d, &mut out[at..at + KERNEL], &mut into);
                     }
                 }
-                // What the coarser scale was averaged from.
+                // The pixels from which the coarser scale was averaged.
                 for (j, d) in merged.iter().enumerate() {
                     for at in four(j, scale.width / 2, scale.width) {
                         (0..4).for_each(|c| into[at][c] += 0.25 * d[c]);
@@ -351,8 +355,8 @@ impl Picture<'_> {
         (found.fine, found.coarse)
     }
 
-    /// Propagates `d`, the derivative with respect to the blended samples of pixel `i`, to the filtered samples of each scale and to the
-    /// weights of the scales.
+    /// Propagates `d`, the derivative with respect to the blended samples of pixel `i`, to the filtered samples of each scale and
+    /// to the weights of the scales.
     fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], found: &mut Derivatives) {
         let blended = self.filtered(i, &mix.scales, scales);
         if blended[3] <= NOTHING {
@@ -380,7 +384,7 @@ impl Picture<'_> {
     }
 }
 
-/// Softmax; 0 everywhere where every logit is minus infinity.
+/// Softmax. The result is 0 if every logit is minus infinity.
 fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
     let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     if most == f32::NEG_INFINITY {
@@ -391,7 +395,7 @@ fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
     weights.map(|v| v / total)
 }
 
-/// Exponentials of at most 16 numbers; 0 of minus infinity.
+/// Exponentials of at most 16 numbers. Minus infinity gives 0.
 fn exp<const N: usize>(of: [f32; N]) -> [f32; N] {
     let mut values = [0.0; 16];
     values[..N].copy_from_slice(&of);
@@ -399,19 +403,19 @@ fn exp<const N: usize>(of: [f32; N]) -> [f32; N] {
     std::array::from_fn(|i| if of[i] == f32::NEG_INFINITY { 0.0 } else { values[i] })
 }
 
-/// The four pixels of the next finer scale, of `fine_width` columns, under pixel `i` of one of `width` columns.
+/// The four pixels of the next finer scale (of `fine_width` columns) that pixel `i` of a scale of `width` columns covers.
 fn four(i: usize, width: usize, fine_width: usize) -> [usize; 4] {
     let at = 2 * (i / width) * fine_width + 2 * (i % width);
     [at, at + 1, at + fine_width, at + fine_width + 1]
 }
 
-/// Mean of the four pixels under pixel `i` of a scale of `width` columns.
+/// Mean of the four finer pixels that pixel `i` of a scale of `width` columns covers.
 fn quarter(finer: &Scale, i: usize, width: usize) -> [f32; 4] {
     let under = four(i, width, finer.width).map(|at| finer.merged[at]);
     std::array::from_fn(|c| 0.25 * (under[0][c] + under[1][c] + under[2][c] + under[3][c]))
 }
 
-/// Bilinear taps of pixel `i` of the full picture of `width` columns in a scale.
+/// Bilinear taps in a scale for pixel `i` of the full picture, which has `width` columns.
 fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
     if scale.width == width {
         return [(i, 1.0), (i, 0.0), (i, 0.0), (i, 0.0)];
@@ -432,7 +436,7 @@ fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
     ]
 }
 
-/// The rows of a kernel around pixel `i` that lie in the picture: the first tap, the first pixel and the number of both.
+/// The rows of a kernel around pixel `i` that lie in the picture: first tap, first pixel, and number of pixels.
 #[inline]
 fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> {
     let (x, y) = (i % scale.width, i / scale.width);
@@ -442,7 +446,7 @@ fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> 
     (top..bottom).map(move |row| ((row + REACH - y) * SIDE + left + REACH - x, row * width + left, right - left))
 }
 
-/// Weights of a kernel; the largest is 1.
+/// The weights of a kernel, scaled so that the largest is 1.
 fn weights(kernel: &[f32]) -> [f32; PADDED] {
     let mut weights = [f32::NEG_INFINITY; PADDED];
     weights[..KERNEL].copy_from_slice(&kernel[..KERNEL]);
@@ -453,7 +457,7 @@ fn weights(kernel: &[f32]) -> [f32; PADDED] {
     weights
 }
 
-/// Quotient of the weighted sums around pixel `i`, and the sum that it was divided by.
+/// The quotient of the weighted sums around pixel `i`, and the weighted coverage that it was divided by.
 fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
     let weights = weights(kernel);
     let mut sum = [0.0; 4];
@@ -465,7 +469,7 @@ fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
     if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
 }
 
-/// Adds the derivatives that `d`, of the filtered pixel `i`, has for its kernel and for the samples around it.
+/// Propagates `d`, the derivative with respect to the filtered pixel `i`, to its kernel and to the samples around it.
 fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; 3], out: &mut [f32], into: &mut [[f32; 4]]) {
     let filtered = scale.filtered[i];
     if filtered[3] <= NOTHING {
@@ -514,7 +518,7 @@ mod tests {
         pixel
     }
 
-    /// Derivatives agree with differences, for every combination of groups.
+    /// Derivatives agree with finite differences for every combination of groups.
     #[test]
     fn derivatives_agree_with_differences() {
         let (width, height) = (8, 8);
@@ -548,19 +552,19 @@ mod tests {
                     };
                     let expected = (at(step) - at(-step)) / f64::from(2.0 * step);
                     let error = (expected - f64::from(slopes[i])).abs();
-                    // A clamp between the two differences is rare, and would show as a large error.
+                    // A clamp between the two points is rare, and would show as a large error.
                     assert!(error < 3e-3 + 0.02 * expected.abs(), "{groups:?} {which} {i}: {} and {expected}", slopes[i]);
                     worst = worst.max(expected.abs());
                 }
             }
-            assert!(worst > 1e-2, "{groups:?}: nothing depends on the outputs");
+            assert!(worst > 1e-2, "{groups:?}: the picture does not depend on the outputs");
         }
     }
 
-    /// Outputs of 0 give the best picture there is: mostly that of another denoiser, else samples, else keyframes, else deferred
+    /// Outputs of 0 give the best input: mostly the picture of another denoiser, else samples, else keyframes, else deferred
     /// shading.
     #[test]
-    fn an_untrained_network_gives_what_it_was_handed() {
+    fn an_untrained_network_returns_its_best_input() {
         let one = PixelInputs {
             alpha: 1.0,
             tint: [1.0; 3],
@@ -584,7 +588,7 @@ mod tests {
         bare.trust = [f32::NEG_INFINITY; KEYS];
         let samples = Groups { samples: true, ..Groups::default() };
         assert!((draw(samples)[0] - 2.0).abs() < 0.2);
-        // Beside samples of 2 the denoised picture of 0.9 weighs exp(3) times as much.
+        // The denoised picture of 0.9 weighs exp(3) times as much as the samples of 2.
         assert!((draw(Groups { denoised: true, ..samples })[0] - 0.9).abs() < 0.1);
         assert!((draw(Groups { keys: true, ..deferred })[0] - 0.7).abs() < 0.05);
         let bare = vec![bare; 64];

@@ -1,16 +1,17 @@
-//! The loss on one picture and its derivative: what PSNR measures, with two terms that keep dark and bright parts and edges honest.
+//! The loss of one picture and its derivative: the error that PSNR measures, and two terms for dark and bright parts and for
+//! edges.
 
 use super::record::PixelInputs;
 use crate::bridge::{log_curves, srgb_slope};
 use renderflow_frame::color::linear_to_srgb;
 use serde::{Deserialize, Serialize};
 
-/// Weights of the terms.
+/// Weights of the terms of the loss.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossWeights {
-    /// Natural logarithm of the mean squared error of the display picture, a picture each: PSNR is what results are told in, and its mean
-    /// over pictures weighs the easy ones and the hard ones alike.
+    /// Natural logarithm of the mean squared error of each display picture. Results are reported as mean PSNR, in which easy and
+    /// hard pictures have the same weight.
     pub psnr: f32,
     /// Squared error of the display picture.
     pub display: f32,
@@ -26,16 +27,16 @@ impl Default for LossWeights {
     }
 }
 
-/// Sums over the pixels that show a surface, of three channels each.
+/// Terms of the loss, as means over the three channels of the pixels that show a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Loss {
-    /// What is minimised, a mean.
+    /// The loss that is minimised.
     pub total: f32,
     /// Mean squared display error: PSNR is `-10 log10` of it.
     pub display: f32,
     /// Mean absolute error in the logarithmic curve.
     pub log: f32,
-    /// Mean absolute error of differences.
+    /// Mean absolute error of differences between neighbouring pixels.
     pub gradient: f32,
 }
 
@@ -44,7 +45,7 @@ pub fn display(x: f32) -> f32 {
     linear_to_srgb(x.clamp(0.0, 1.0))
 }
 
-/// Added to the mean squared error before its logarithm: that of 50 dB.
+/// Added to the mean squared error before its logarithm: the error at 50 dB.
 const LEAST: f32 = 1e-5;
 
 /// Slope of the logarithmic curve ([`log_curves`]).
@@ -52,7 +53,7 @@ fn log_slope(x: f32) -> f32 {
     8.0 / ((1.0 + 8.0 * x.max(0.0)) * 9f32.ln())
 }
 
-/// Loss of a drawn picture of `width` columns and its derivative with respect to the drawn pixels.
+/// The loss of a rendered picture of `width` columns, and its derivative with respect to the rendered pixels.
 pub fn loss(
     width: usize,
     pixels: &[PixelInputs],
@@ -102,7 +103,7 @@ pub fn loss(
     }
     for (slope, (of_display, drawn)) in slopes.iter_mut().zip(of_display.iter().zip(drawn)) {
         for c in 0..3 {
-            // What is brighter than the display shows has no slope there.
+            // Display values that are clamped have no slope.
             if drawn[c] > 0.0 && drawn[c] < 1.0 {
                 slope[c] += of_display[c] * srgb_slope(drawn[c]);
             }
@@ -114,7 +115,7 @@ pub fn loss(
     (Loss { total, display: squares, log, gradient }, slopes)
 }
 
-/// The sign of 0 is 0: a subgradient.
+/// The sign of a number. It is 0 for 0, which is a subgradient.
 fn sign(v: f32) -> f32 {
     if v == 0.0 { 0.0 } else { v.signum() }
 }

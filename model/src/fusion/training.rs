@@ -1,5 +1,5 @@
-//! Training: sequences arrive from an endless source, the newest are kept in memory, and crops of their frames make the batches. The
-//! averaged weights are validated on a fixed set at every checkpoint.
+//! Training: sequences arrive from an endless source, the newest are kept in memory, and crops of their frames make the batches.
+//! The averaged weights are validated on a fixed set at every checkpoint.
 
 use super::batch::{Batch, TIERS, Tier};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE};
@@ -172,7 +172,8 @@ impl Config {
     }
 }
 
-/// The loss of crops that the network renders. The network runs on tensors; what follows it, and its derivative, runs on the host.
+/// The loss of crops that the network renders. The network runs on tensors; what follows it, and its derivative, runs on the
+/// host.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FusionObjective {
     /// Weights of the terms of the loss.
@@ -267,10 +268,12 @@ impl Pool {
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the records that are validated at each checkpoint.
 ///
-/// Batches depend on the seed, the step and the source alone. Setting `cancel` stops the run after the current step, with a checkpoint.
+/// Batches depend on the seed, the step and the source alone. Setting `cancel` stops the run after the current step, with a
+/// checkpoint.
 ///
 /// # Errors
-/// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, or a loss that stays not finite.
+/// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, or a loss that stays not
+/// finite.
 pub fn run(
     config: &Config,
     source: &dyn Source,
@@ -341,8 +344,8 @@ fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], prog
     Ok(())
 }
 
-/// The selections of a record that are validated: one for each tier whose inputs the record has. With samples, it takes the samples of
-/// one part; a tier of samples alone has one selection for each part.
+/// The selections of a record that are validated: one for each tier whose inputs the record has. With samples, it takes the
+/// samples of one part; a tier of samples alone has one selection for each part.
 pub fn variants(record: &Record<f16>) -> Vec<(String, Selection)> {
     let has = record.groups().flags();
     let mut found = Vec::new();

@@ -4,18 +4,18 @@ use super::tile::{Output, Start, Term, Tile};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Sizes of one attention.
+/// The size of an attention.
 #[derive(Clone, Copy, Debug)]
 pub struct Attention {
-    /// Pictures.
+    /// Number of items.
     pub batch: usize,
-    /// Tokens that ask.
+    /// Number of query tokens.
     pub queries: usize,
-    /// Tokens that are asked.
+    /// Number of key tokens.
     pub keys: usize,
-    /// Floats of a token; each head has an equal share.
+    /// Floats in a token. Heads have equal shares.
     pub channels: usize,
-    /// Heads.
+    /// Number of heads.
     pub heads: usize,
 }
 
@@ -42,7 +42,7 @@ struct Strided<'a> {
     columns: usize,
 }
 
-/// Most queries whose scores are held at once.
+/// Most queries whose scores are in memory at a time.
 const BLOCK: usize = 32;
 const ZERO: [f32; 64] = [0.0; 64];
 
@@ -56,13 +56,13 @@ impl Attention {
         1.0 / (self.width() as f32).sqrt()
     }
 
-    /// The part of `x` `[batch, tokens, channels]` from the first float of one head of one picture on.
+    /// `x` `[batch, tokens, channels]` from the first float of one head of one item.
     fn head<'a>(&self, x: &'a [f32], tokens: usize, index: usize) -> &'a [f32] {
         let (picture, head) = (index / self.heads, index % self.heads);
         &x[picture * tokens * self.channels + head * self.width()..]
     }
 
-    /// One head of one picture as `[tokens, width]`, times `scale`, with zeros to whole vectors behind each token.
+    /// One head of one item as `[tokens, width]`, times `scale`. Tokens are padded with zeros to whole vectors.
     fn rows<T: Tile>(&self, _: T, x: &[f32], tokens: usize, index: usize, scale: f32) -> Vec<f32> {
         let (width, wide) = (self.width(), self.width().next_multiple_of(T::LANES));
         let mut packed = vec![0.0; tokens * wide];
@@ -73,7 +73,7 @@ impl Attention {
         packed
     }
 
-    /// One head of one picture as `[block of tokens][width][tokens in a block]`, times `scale`, zero beyond the last token.
+    /// One head of one item as `[block of tokens][width][tokens in a block]`, times `scale`, with zeros after the last token.
     fn columns<T: Tile>(&self, _: T, x: &[f32], tokens: usize, index: usize, scale: f32) -> Vec<f32> {
         let (width, wide) = (self.width(), 2 * T::LANES);
         let mut packed = vec![0.0; tokens.next_multiple_of(wide) * width];
@@ -87,8 +87,8 @@ impl Attention {
         packed
     }
 
-    /// The first `rows` tokens of one head in `a`, times a matrix packed by [`Self::columns`]. Sets the first `self.keys` columns of each
-    /// row of `out`.
+    /// The first `rows` tokens of one head in `a`, times a matrix packed by [`Self::columns`]. Sets the first `self.keys` columns
+    /// of each row of `out`.
     fn times_columns<T: Tile>(&self, tile: T, a: &[f32], rows: usize, packed: &[f32], out: &mut [f32]) {
         let (k, wide, row) = (self.width(), 2 * T::LANES, self.keys.next_multiple_of(2 * T::LANES));
         for (i, b) in packed.chunks_exact(k * wide).enumerate() {
@@ -111,7 +111,7 @@ impl Attention {
         let block = (batch * queries / 16).clamp(1, BLOCK);
         buffer::fill(batch * queries * channels, block * channels, Vec::new, |scores, chunk, values| {
             let tokens = chunk * block..chunk * block + values.len() / channels;
-            // A chunk may end one picture and begin the next.
+            // A chunk may hold the end of one item and the beginning of the next.
             for (picture, tokens) in
                 by_picture(tokens.clone(), queries).map(|(p, t)| (p, t.start - tokens.start..t.end - tokens.start))
             {
@@ -155,7 +155,7 @@ impl Attention {
         })
     }
 
-    /// One head of one picture: gradients `[tokens, whole vectors]`.
+    /// The gradients of one head of one item, `[tokens, whole vectors]`.
     ///
     /// With P = softmax(S), S = scale q k^T and O = P v: dv = P^T dO, dP = dO v^T, dS = P (dP - sum(P dP)), dq = scale dS k,
     /// dk = scale dS^T q.
@@ -207,7 +207,7 @@ fn weigh<T: Tile>(tile: T, a: Strided, b: &[f32], start: Start, out: Output) {
     }
 }
 
-/// Cuts a range of tokens, counted through the batch, where a picture ends.
+/// Splits a range of tokens, counted through the batch, by item.
 fn by_picture(tokens: Range<usize>, per_picture: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
     let pictures = tokens.start / per_picture..tokens.end.div_ceil(per_picture);
     pictures.map(move |p| (p, tokens.start.max(p * per_picture)..tokens.end.min((p + 1) * per_picture)))

@@ -51,7 +51,8 @@ pub struct Convolution<'a> {
     pub skip: Option<(&'a [f32], Size)>,
     /// The pictures are frames, and the kernel has three taps over time as well; only with [`Stride::One`] and without `skip`.
     pub time: Option<Time>,
-    /// `[kernel, kernel, channels of x and skip, outputs]`; of a convolution over time `[kernel, kernel, taps, channels, outputs]`.
+    /// `[kernel, kernel, channels of x and skip, outputs]`; of a convolution over time `[kernel, kernel, taps, channels,
+    /// outputs]`.
     pub weights: &'a [f32],
     /// Rows and columns of the kernel, 1 or 3.
     pub kernel: usize,

@@ -32,7 +32,8 @@ macro_rules! with_tile {
 
 pub(super) use with_tile;
 
-/// [`with_tile`] for a convolution: with pairs in bf16 where those are asked for, the processor has them and the channels come in pairs.
+/// [`with_tile`] for a convolution. It uses bf16 if that is requested, the processor has it, and the numbers of channels are
+/// even.
 macro_rules! with_tile_for {
     ($convolution:ident, $products:expr, $tile:ident => $call:expr) => {{
         #[cfg(target_arch = "x86_64")]
@@ -46,14 +47,14 @@ macro_rules! with_tile_for {
     }};
 }
 
-/// Which operation, apart from its tensors.
+/// An operation without its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
     stride: Stride,
-    /// There is a second picture.
+    /// Whether there is a second picture.
     decode: bool,
     silu: bool,
-    /// The pictures are frames.
+    /// Given if the pictures are frames of clips.
     time: Option<Time>,
     products: Products,
 }
@@ -104,7 +105,8 @@ pub trait CpuKernels: Backend {
         silu: bool,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
-    /// The activated output of either convolution, and the sums before the activation. `skip` is any tensor if there is no second picture.
+    /// The activated output of either convolution, and the sums before the activation. `skip` is any tensor if there is no second
+    /// picture.
     fn nhwc_with_sums(
         x: FloatTensor<Self>,
         skip: FloatTensor<Self>,
@@ -113,7 +115,8 @@ pub trait CpuKernels: Backend {
         kind: Kind,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
-    /// Gradients of x, skip, weights and bias of either; those not wanted are empty. `sums` is any tensor if there is no activation.
+    /// Gradients of x, skip, weights and bias of either; gradients that are not wanted are empty. `sums` is any tensor if there
+    /// is no activation.
     #[allow(clippy::type_complexity)] // The extension macro returns tensors only in tuples.
     fn nhwc_backward(
         x: FloatTensor<Self>,
@@ -176,8 +179,8 @@ fn size(t: &FlexTensor) -> Size {
     Size { batch: batch.iter().product(), height: inner[0], width: inner[1], channels: inner[2] }
 }
 
-/// A point-wise convolution sees no neighbours, so its pixels may be laid out anew, in rows of a length that makes good tasks:
-/// those of all pictures together, or of each on its own if they are `frames`.
+/// A point-wise convolution sees no neighbours, so its pixels can be arranged in rows of a length that suits parallel work: the
+/// pixels of all pictures together, or of each picture alone if they are `frames`.
 fn regroup(size: Size, frames: bool) -> Size {
     let pictures = if frames { size.batch } else { 1 };
     let pixels = size.batch / pictures.max(1) * size.height * size.width;
@@ -308,7 +311,7 @@ impl CpuKernels for Flex {
     }
 }
 
-/// What the backward pass needs: the inputs (through the checkpointer), the sums if there was an activation.
+/// The state of the backward pass: the inputs (through the checkpointer), and the sums if there was an activation.
 #[derive(Clone, Debug)]
 struct Kept<B: Backend> {
     x: NodeId,
@@ -319,7 +322,7 @@ struct Kept<B: Backend> {
 }
 
 impl<B: CpuKernels> Kept<B> {
-    /// Gradients of x, skip, weights and bias, given that of the output.
+    /// Gradients of x, skip, weights and bias, given the gradient of the output.
     fn gradients(self, gradient: FloatTensor<B>, wanted: Wanted, checkpointer: &mut Checkpointer) -> [FloatTensor<B>; 4] {
         let x: FloatTensor<B> = checkpointer.retrieve_node_output(self.x);
         let w: FloatTensor<B> = checkpointer.retrieve_node_output(self.w);

@@ -1,7 +1,7 @@
 //! Gradients of a convolution with respect to its weights and bias.
 //!
-//! The work is cut by the problem's size alone and partial sums are added in a fixed order, so the result does not depend on the
-//! number of threads.
+//! Only the size of the problem decides how work is divided, and partial sums are added in a fixed order. The result therefore
+//! does not depend on the number of threads.
 use super::buffer;
 use super::gather::{Size, Source};
 use super::taps::inside;
@@ -46,7 +46,8 @@ pub struct WeightGradient<'a> {
     pub inputs: usize,
 }
 
-/// Adds the part of the gradient that the channels of `source` have. `gradient` is the gradient with respect to the sums, of size `out`.
+/// Adds the part of the gradient that the channels of `source` have. `gradient` is the gradient with respect to the sums, of size
+/// `out`.
 pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, into: WeightGradient) {
     let WeightGradient { values: dw, kernel, inputs } = into;
     let (channels, outputs) = (source.size.channels, out.channels);
@@ -121,8 +122,8 @@ pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, i
     });
 }
 
-/// Into how many chunks of rows the sum over pixels is cut: so that each chunk's data fits a cache, there are tasks for many
-/// cores, and the partial sums take no more than 32 MiB.
+/// Number of chunks of rows for the sum over pixels. The data of a chunk fits a cache, there are enough tasks for many cores, and
+/// the partial sums take at most 32 MiB.
 fn chunk_count(tasks_per_chunk: usize, bytes_per_chunk: usize, data: usize, rows: usize) -> usize {
     let wanted = (data / CACHE).max(32_usize.div_ceil(tasks_per_chunk));
     wanted.min((32 << 20) / bytes_per_chunk.max(1)).clamp(1, 64).min(rows)

@@ -2,17 +2,17 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Where a convolution puts its output pixels.
+/// The positions of a convolution's output pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Stride {
-    /// As many pixels out as in.
+    /// One output pixel for each input pixel.
     One,
     /// Every second pixel, starting with the first: `ceil(height / 2)` by `ceil(width / 2)`.
     Two,
-    /// Every second pixel, of windows of 3 x 3 that begin at the first: `height / 2` by `width / 2`, rounded down. What a window has
-    /// beyond the picture, on the right and below, is zero.
+    /// Every second pixel, with windows of 3 x 3 pixels that begin at the output pixel: `height / 2` by `width / 2`, rounded
+    /// down. Pixels beyond the right and bottom edges are zero.
     Half,
-    /// The picture is enlarged two-fold (each pixel becomes 2 x 2 equal ones) and then convolved.
+    /// The picture is doubled in size (each pixel becomes 2 x 2 equal pixels) and then convolved.
     Up,
 }
 
@@ -28,14 +28,14 @@ impl Stride {
     }
 }
 
-/// How a convolution multiplies.
+/// The precision of a convolution's products.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Products {
-    /// Floats of 32 bits.
+    /// 32-bit floats.
     #[default]
     F32,
-    /// Factors are rounded to bf16 (8 bits of mantissa) and products summed in f32, forwards and backwards, where the processor has
-    /// instructions for that (AVX-512 BF16) and the numbers of channels are even; otherwise as [`Self::F32`].
+    /// Factors are rounded to bf16 (8 bits of mantissa) and products are summed in f32, forwards and backwards. This needs
+    /// AVX-512 BF16 and even numbers of channels; otherwise it is the same as [`Self::F32`].
     Bf16,
 }

@@ -1,5 +1,5 @@
-//! The options that every training run has, with their defaults and ranges. The configuration of a network holds them beside its own
-//! options; in a file, both are fields of one JSON object.
+//! The options that every training run has, with their defaults and ranges. The configuration of a network holds them beside its
+//! own options; in a file, both are fields of one JSON object.
 
 use crate::{Error, Result};
 use serde::de::{DeserializeOwned, Error as _};
@@ -14,8 +14,8 @@ pub enum Method {
     /// AdamW (Loshchilov and Hutter 2019) for every parameter.
     #[default]
     AdamW,
-    /// Muon (Jordan et al. 2024) for convolution kernels wider than one pixel, taken as matrices of inputs by outputs. AdamW updates the
-    /// other parameters.
+    /// Muon (Jordan et al. 2024) for convolution kernels wider than one pixel, taken as matrices of inputs by outputs. AdamW
+    /// updates the other parameters.
     Muon,
 }
 
@@ -135,8 +135,8 @@ pub(crate) fn all<const N: usize>(checks: [(&'static str, bool, &'static str); N
     }
 }
 
-/// Reads a configuration from a JSON object. Options that the object lacks have their defaults. `upgrade` brings the object of an older
-/// program up to date, and `read` is the derived reader, which needs every option.
+/// Reads a configuration from a JSON object. Options that the object lacks have their defaults. `upgrade` brings the object of an
+/// older program up to date, and `read` is the derived reader, which needs every option.
 pub(crate) fn over_defaults<'de, D: Deserializer<'de>, C: Default + Serialize>(
     deserializer: D,
     upgrade: fn(&mut Map<String, Value>),

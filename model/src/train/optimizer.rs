@@ -1,7 +1,8 @@
-//! AdamW or Muon with global gradient clipping and an exponential moving average of the weights, in one pass over the host's memory.
+//! AdamW or Muon with global gradient clipping and an exponential moving average of the weights, in one pass over the host's
+//! memory.
 //!
-//! burn's own optimiser allocates about ten full-size temporaries per step and clips each tensor separately, which changes the direction
-//! of the gradient.
+//! burn's own optimiser allocates about ten full-size temporaries per step and clips each tensor separately, which changes the
+//! direction of the gradient.
 
 use super::config::{Method, RunConfig};
 use crate::parameters::{Parameter, to_vec};
@@ -135,8 +136,8 @@ impl Optimizer {
         Self { slots: parameters.into_iter().map(slot).collect(), steps: 0 }
     }
 
-    /// Takes one step at this learning rate and returns the norm of the gradient before clipping. A missing gradient counts as zero. Of
-    /// `run`, the method, the weight decay, the largest norm and the decay of the average are read.
+    /// Takes one step at this learning rate and returns the norm of the gradient before clipping. A missing gradient counts as
+    /// zero. Of `run`, the method, the weight decay, the largest norm and the decay of the average are read.
     ///
     /// # Errors
     /// The name of the first parameter whose gradient is not finite. Nothing is changed then.

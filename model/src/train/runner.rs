@@ -1,4 +1,5 @@
-//! The loop of every training run: it prepares batches one step ahead, updates the parameters, and writes checkpoints and the log.
+//! The loop of every training run: it prepares batches one step ahead, updates the parameters, and writes checkpoints and the
+//! log.
 
 use super::checkpoint::{self, CheckpointHeader};
 use super::config::{RunConfig, TrainingConfig};
@@ -16,8 +17,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::Instant;
 
-/// How many steps in a row may have a loss or gradient that is not finite. One more ends the run: a single batch may be at fault, but not
-/// all of them.
+/// How many steps in a row may have a loss or gradient that is not finite. One more ends the run: a single batch may be at fault,
+/// but not all of them.
 const MOST_LEFT_OUT: u32 = 10;
 
 /// The loss of one batch and its gradients.
@@ -125,7 +126,8 @@ pub fn weights_path(output: &Path) -> PathBuf {
 pub struct Runner<'a, C> {
     /// Options. They are stored in checkpoints.
     pub config: &'a C,
-    /// Identity of the training data ([`ClipSource::identity`](crate::data::ClipSource::identity)). A checkpoint of other data is refused.
+    /// Identity of the training data ([`ClipSource::identity`](crate::data::ClipSource::identity)). A checkpoint of other data is
+    /// refused.
     pub data: Option<String>,
     /// Device that records gradients.
     pub device: Device,
@@ -141,12 +143,12 @@ pub type Save<'a, M> = &'a dyn Fn(&Optimizer, &M) -> Result<()>;
 impl<C: TrainingConfig> Runner<'_, C> {
     /// Trains `model`, and resumes from the checkpoint in the folder if there is one.
     ///
-    /// `batches` receives the first step and returns the function that makes the batch of a step. That function is called for one step
-    /// after another, on a thread of its own. `save` is called after every checkpoint and at the end.
+    /// `batches` receives the first step and returns the function that makes the batch of a step. That function is called for one
+    /// step after another, on a thread of its own. `save` is called after every checkpoint and at the end.
     ///
     /// # Errors
-    /// When the objective, a batch or `save` fails, or when the folder cannot be written. [`Error::Diverged`] after eleven steps in a row
-    /// that were not finite.
+    /// When the objective, a batch or `save` fails, or when the folder cannot be written. [`Error::Diverged`] after eleven steps
+    /// in a row that were not finite.
     pub fn run<O: Objective, B: FnMut(u64) -> Result<O::Batch> + Send>(
         &self,
         objective: &O,

@@ -1,7 +1,7 @@
 //! A record of a network's intermediate results, for parity tests and for looking at activations.
 //!
-//! The record belongs to the thread that runs the network. Networks report their activations at all times; without a record, a report
-//! costs one look at a thread-local variable.
+//! The record belongs to the thread that runs the network. Networks report their activations at all times; without a record, a
+//! report costs one look at a thread-local variable.
 
 use burn::tensor::Tensor;
 use std::cell::RefCell;

@@ -1,4 +1,5 @@
-//! VACE: a second row of blocks that reads a context (masked video, masks, references) and gives hints to the transformer's blocks.
+//! VACE: a second sequence of blocks. It reads a context (masked video, masks, references) and adds hints to the transformer's
+//! tokens.
 
 use super::activations;
 use super::config::VaceConfig;
@@ -13,11 +14,11 @@ use burn::tensor::{Device, Tensor};
 /// One context block.
 #[derive(Module, Debug)]
 pub struct ContextBlock {
-    /// Of the first block only: before the transformer's tokens are added.
+    /// In the first block only, before the transformer's tokens are added.
     pub proj_in: Option<Dense>,
     /// A block like the transformer's.
     pub block: Block,
-    /// Context to hint; 0 at first.
+    /// From context to hint; 0 before training.
     pub proj_out: Dense,
 }
 
@@ -35,7 +36,7 @@ pub struct Vace {
 }
 
 impl Vace {
-    /// A network with weights from `seed`, none of them made yet; hints are 0.
+    /// A network with weights from `seed`, which are made when they are used. Its hints are 0.
     ///
     /// # Errors
     /// When the configuration is invalid.
@@ -57,13 +58,13 @@ impl Vace {
         })
     }
 
-    /// What the network is.
+    /// The configuration of the network.
     pub fn config(&self) -> &VaceConfig {
         &self.config
     }
 
-    /// Velocity as of [`Dit::forward`], with the context `[b, vace_in_channels, frames', h, w]` of no more frames than the latents;
-    /// each hint is multiplied by its entry of `scales` (one a context block), or taken as it is.
+    /// The velocity of [`Dit::forward`] with a context `[b, vace_in_channels, frames', h, w]`, which may have fewer frames than
+    /// the latents. With `scales`, each hint is multiplied by the scale of its context block.
     ///
     /// # Errors
     /// [`crate::Error::Data`] when latents, context or scales do not fit.
@@ -72,10 +73,10 @@ impl Vace {
         self.run(state, context, scales)
     }
 
-    /// [`Self::forward`] of a prepared input.
+    /// Runs the network on a prepared input.
     ///
     /// # Errors
-    /// As [`Self::forward`].
+    /// As for [`Self::forward`].
     pub fn run(&self, mut state: Prepared, context: Tensor<5>, scales: Option<&[f32]>) -> Result<Tensor<5>> {
         let (config, hints) = (&self.config, self.blocks.len());
         let ([b, channels, ..], [f, h, w]) = (context.dims(), state.grid);
@@ -98,7 +99,7 @@ impl Vace {
         Ok(self.dit.finish(state))
     }
 
-    /// What each context block has to say to the transformer's tokens before its first block.
+    /// The hint of each context block, from the transformer's tokens before its first block.
     fn hints(&self, state: &Prepared, context: Tensor<5>) -> Vec<Tensor<3>> {
         let mut c = self.patch.forward(patches(context, self.config.dit.patch_size));
         let ([b, n, width], [_, tokens, _]) = (c.dims(), state.tokens.dims());

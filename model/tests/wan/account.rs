@@ -100,11 +100,11 @@ impl Part {
 
 /// The number of parameters of every part that a renderer has. It displays as a table.
 ///
-/// The paper states two totals: 1.4 B without keyframes, and 1.7 B with them. The counts agree with both if the autoencoder is included (as
-/// it is in the totals that the paper gives for other methods), and if each block has one projection of the environment and, with
-/// keyframes, an attention of its own. The totals do not determine the rank of the perceptrons' correction: 8 to 64 all round to 1.7 B.
-/// They also fit two projections per block without the autoencoder (1.411 B and 1.69 to 1.72 B), but not VACE's whole context path, which
-/// has 734 M parameters more.
+/// The paper states two totals: 1.4 B without keyframes, and 1.7 B with them. The counts agree with both if the autoencoder is
+/// included (as it is in the totals that the paper gives for other methods), and if each block has one projection of the
+/// environment and, with keyframes, an attention of its own. The totals do not determine the rank of the perceptrons' correction:
+/// 8 to 64 all round to 1.7 B. They also fit two projections per block without the autoencoder (1.411 B and 1.69 to 1.72 B), but
+/// not VACE's whole context path, which has 734 M parameters more.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
     /// In the order of [`Part::ALL`], without the parts that the renderer lacks.

@@ -3,8 +3,8 @@
 use crate::Frame;
 use serde::{Deserialize, Serialize};
 
-/// The planar depths, in metres, that depth pictures of a sequence show as 0 and 1. The bounds hold for the whole sequence: with bounds of
-/// single frames, the pictures would flicker.
+/// The planar depths, in metres, that depth pictures of a sequence show as 0 and 1. The bounds hold for the whole sequence: with
+/// bounds of single frames, the pictures would flicker.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthBounds {

@@ -134,8 +134,8 @@ fn records<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
     whole.map(|line| serde_json::from_str(line).with_context(|| path.display().to_string())).collect()
 }
 
-/// A sheet with one row for each frame that has the inputs `name`: the best input, the picture of the network, the truth, and the errors of
-/// the first two.
+/// A sheet with one row for each frame that has the inputs `name`: the best input, the picture of the network, the truth, and the
+/// errors of the first two.
 fn sheet(network: &Fusion, untrained: &Fusion, frames: &[Record<f16>], name: &str) -> Result<Option<Rgb>> {
     let mut rows = Vec::new();
     for record in frames {

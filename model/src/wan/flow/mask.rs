@@ -1,10 +1,11 @@
 //! The mask of the frames of a clip that are given.
 
-/// The mask of a clip, `[cells, latent frames, height, width]`. Each of the `cells` = s s channels stands for one pixel that a latent pixel
-/// covers. Values are 1 where a frame is rendered and 0 where it is given; `known` says for each frame whether it is given.
+/// The mask of a clip, `[cells, latent frames, height, width]`. Each of the `cells` = s s channels stands for one pixel that a
+/// latent pixel covers. Values are 1 where a frame is rendered and 0 where it is given; `known` says for each frame whether it is
+/// given.
 ///
-/// As in VACE's code, latent frame j of n takes the value of frame `floor((j + 1/2) T / n)` of T. In the paper's clips of five frames
-/// these are the second and the fourth frame, so the mask does not show a given first frame. Only the inactive latents do.
+/// As in VACE's code, latent frame j of n takes the value of frame `floor((j + 1/2) T / n)` of T. In the paper's clips of five
+/// frames these are the second and the fourth frame, so the mask does not show a given first frame. Only the inactive latents do.
 pub fn mask_cells(known: &[bool], latent_frames: usize, cells: usize, plane: usize) -> Vec<f32> {
     let value = |j: usize| {
         let frame = (2 * j + 1) * known.len() / (2 * latent_frames.max(1));

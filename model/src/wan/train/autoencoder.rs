@@ -70,8 +70,8 @@ impl PictureBatch {
     }
 }
 
-/// Logarithm of the variance of a new autoencoder's latents. With random weights it would be 0; then the noise is stronger than the
-/// signal, and the network learns nothing for hundreds of steps.
+/// Logarithm of the variance of a new autoencoder's latents. With random weights it would be 0; then the noise is stronger than
+/// the signal, and the network learns nothing for hundreds of steps.
 const LOG_VARIANCE: f32 = -6.0;
 
 /// A new autoencoder, ready to be trained.

@@ -53,11 +53,12 @@ impl Stored for ClipPictures {
 }
 
 impl ClipPictures {
-    /// The pictures of `clip`, at least `least` pixels a side. With `size`, frames whose shorter side is at least twice `size` are reduced
-    /// until it is between `size` and twice `size`. Sides are cut to multiples of `multiple`, at the right and at the bottom.
+    /// The pictures of `clip`, at least `least` pixels a side. With `size`, frames whose shorter side is at least twice `size`
+    /// are reduced until it is between `size` and twice `size`. Sides are cut to multiples of `multiple`, at the right and at the
+    /// bottom.
     ///
-    /// A reduced G-buffer takes the sample in the middle of each new pixel, and the truth takes the mean radiance, as if the frame had been
-    /// rendered at that size.
+    /// A reduced G-buffer takes the sample in the middle of each new pixel, and the truth takes the mean radiance, as if the
+    /// frame had been rendered at that size.
     ///
     /// # Errors
     /// [`crate::Error::Data`] when the clip cannot be used, when its frames are too small, or when they differ in size.

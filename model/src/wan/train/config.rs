@@ -15,26 +15,26 @@ use std::path::PathBuf;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BatchConfig {
-    /// Rows and columns in pixels, a multiple of what a token (of an autoencoder: a latent pixel) spans.
+    /// Rows and columns in pixels, 8..=4096. For an autoencoder it is a multiple of a latent pixel, and otherwise of a token.
     pub size: usize,
-    /// Frames of an item: 1, or 1 more than a latent frame spans (5 with Wan's autoencoder).
+    /// Frames of an item: 1, or 1 more than the frames that a latent frame spans (5 with Wan's autoencoder).
     pub frames: usize,
-    /// Items of a batch.
+    /// Number of items in a batch, 1..=4096.
     pub items: usize,
-    /// Relative frequency.
+    /// Relative frequency, at least 0.
     pub weight: f32,
 }
 
-/// What is minimised when an autoencoder is trained: `|x - y|` and these.
+/// Weights of the terms that are added to the absolute error in the training of an autoencoder.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AutoencoderLoss {
     /// Weight of the difference of gradient magnitudes.
     pub gradient: f32,
-    /// Weight of the divergence of latents from a normal distribution, a latent value. Small: it keeps latents of one scale without
-    /// costing detail (Rombach et al. 2022 weigh it with 1e-6 of a sum, which is 1e-7 here).
+    /// Weight of the divergence of latents from a normal distribution, per latent value. A small weight keeps latents at one
+    /// scale without a loss of detail (Rombach et al. 2022 weigh the sum by 1e-6, which corresponds to 1e-7).
     pub divergence: f32,
-    /// Weight of LPIPS; 0 for none.
+    /// Weight of LPIPS, or 0 to leave it out.
     pub lpips: f32,
 }
 
@@ -44,19 +44,21 @@ impl Default for AutoencoderLoss {
     }
 }
 
-/// What is minimised when the renderer is trained: the squared error of the velocity in the latents, and these on decoded predictions.
+/// Losses on decoded predictions in the training of the renderer. They are added to the squared error of the velocity in the
+/// latents.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PixelLoss {
-    /// Weight of LPIPS and gradients together, the paper's lambda, which it does not tell (LBM: 10); 0 decodes nothing.
+    /// Weight of LPIPS and gradients together: the paper's lambda, whose value it does not state (LBM uses 10). With 0, nothing
+    /// is decoded.
     pub weight: f32,
-    /// Of which LPIPS; 0 to train without its weights.
+    /// Weight of LPIPS within `weight`, or 0 to train without LPIPS.
     pub lpips: f32,
-    /// Of which the difference of gradient magnitudes.
+    /// Weight of the difference of gradient magnitudes within `weight`.
     pub gradient: f32,
-    /// Steps from one decoded prediction to the next; each then counts once. Decoding takes longer than the rest of a step.
+    /// Number of steps from one decoded prediction to the next, at least 1. Decoding takes longer than the rest of a step.
     pub period: u64,
-    /// Side of the decoded window in latent pixels; less than the latent has, where it is larger.
+    /// Side of the decoded window in latent pixels, at least 1. It is limited to the side of the latents.
     pub window: usize,
 }
 
@@ -66,19 +68,20 @@ impl Default for PixelLoss {
     }
 }
 
-/// Settings that every stage of the renderer's training has.
+/// Options that every stage of the renderer's training has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LatentConfig {
-    /// Weights file of the autoencoder, frozen.
+    /// Weights file of the autoencoder, which is frozen.
     pub autoencoder: PathBuf,
-    /// Noise and times.
+    /// Noise and times of the bridge.
     pub bridge: Bridge,
     /// Losses on decoded predictions.
     pub pixels: PixelLoss,
-    /// Probability that a clip's first frame is given; the paper does not tell it.
+    /// Probability that the first frame of a clip is given, 0..=1. The paper does not state it.
     pub reference_probability: f32,
-    /// Whether activations are computed again block by block in the backward pass: slower by a third, memory of one block.
+    /// Whether the backward pass computes activations again, block by block. Training is slower by a third, and needs memory for
+    /// one block.
     pub recompute: bool,
 }
 
@@ -98,28 +101,28 @@ impl Default for LatentConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Stage {
-    /// An autoencoder, on pictures of all kinds.
+    /// An autoencoder for pictures of all kinds.
     Autoencoder {
-        /// The network, where training does not start from a file, or the name of a preset ([`FlowConfig::PRESETS`]); its statistics
-        /// of latents are measured in training.
+        /// The network, or the name of a preset ([`FlowConfig::PRESETS`]), if training does not start from a file. Training
+        /// measures the statistics of its latents.
         #[serde(default = "small_autoencoder", deserialize_with = "autoencoder_or_preset")]
         network: VaeConfig,
-        /// Weights file to start from.
+        /// Weights file to begin with.
         #[serde(default)]
         start: Option<PathBuf>,
-        /// What is minimised.
+        /// Weights of the loss.
         #[serde(default)]
         loss: AutoencoderLoss,
     },
     /// The renderer without optional adapters.
     Base {
-        /// The network, or the name of a preset ([`FlowConfig::PRESETS`]); its autoencoder is replaced by that of the file.
+        /// The network, or the name of a preset ([`FlowConfig::PRESETS`]). The autoencoder's file replaces its autoencoder.
         #[serde(deserialize_with = "network_or_preset")]
         network: Box<FlowConfig>,
-        /// Weights file to start from: one of this program, or published ones of Wan or VACE.
+        /// Weights file to begin with, of this program, or published weights of Wan or VACE.
         #[serde(default)]
         start: Option<PathBuf>,
-        /// The rest.
+        /// The other options.
         #[serde(default)]
         latents: LatentConfig,
     },
@@ -127,13 +130,13 @@ pub enum Stage {
     Keyframes {
         /// Weights file of the renderer.
         base: PathBuf,
-        /// The adapter; a renderer that has one keeps it.
+        /// The adapter. A renderer that has one keeps it.
         #[serde(default)]
         network: KeyframeConfig,
-        /// Frames from a keyframe to the next, counted as sequences count them.
+        /// Distance from one keyframe to the next, in frame numbers, 1..=4096.
         #[serde(default = "sixteen")]
         gap: usize,
-        /// The rest.
+        /// The other options.
         #[serde(default)]
         latents: LatentConfig,
     },
@@ -141,17 +144,17 @@ pub enum Stage {
     Inverse {
         /// Weights file of the renderer.
         base: PathBuf,
-        /// The adapter; a renderer that has one keeps it.
+        /// The adapter. A renderer that has one keeps it.
         #[serde(default)]
         network: InverseConfig,
-        /// Weight of LPIPS in the loss of the albedo.
+        /// Weight of LPIPS in the loss of the albedo, at least 0.
         #[serde(default)]
         lpips: f32,
-        /// Weight of the squared error of latents, which costs no decoding. The paper has none; where a prediction is not decoded
-        /// ([`PixelLoss::period`]) it is all there is.
+        /// Weight of the squared error of latents, at least 0. It needs no decoding. The paper does not have this term; in steps
+        /// that do not decode their prediction ([`PixelLoss::period`]), it is the whole loss.
         #[serde(default = "one")]
         latent: f32,
-        /// The rest; of its pixel losses, `weight` scales those of the intrinsics.
+        /// The other options. Of its pixel losses, `weight` scales the losses of the intrinsics.
         #[serde(default)]
         latents: LatentConfig,
     },
@@ -179,7 +182,7 @@ enum Given {
 fn given<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Given, D::Error> {
     let value = serde_json::Value::deserialize(deserializer)?;
     let serde_json::Value::String(name) = &value else { return Ok(Given::Value(value)) };
-    let unknown = || D::Error::custom(format!("{name} is none of the presets {}", FlowConfig::PRESETS.join(", ")));
+    let unknown = || D::Error::custom(format!("{name} is not one of the presets {}", FlowConfig::PRESETS.join(", ")));
     FlowConfig::preset(name).map(|network| Given::Preset(Box::new(network))).ok_or_else(unknown)
 }
 
@@ -208,8 +211,8 @@ pub struct Config {
     pub batches: Vec<BatchConfig>,
     /// Folder with the weights of LPIPS, or `None` for [`crate::lpips::weights_folder`].
     pub lpips_weights: Option<PathBuf>,
-    /// Folder where latents are kept for resumptions of this run and for later stages with the same autoencoder. Without it, each run
-    /// encodes all frames again, which takes longer than reading latents.
+    /// Folder where latents are kept for resumptions of this run and for later stages with the same autoencoder. Without it, each
+    /// run encodes all frames again, which takes longer than reading latents.
     pub latents_folder: Option<PathBuf>,
     /// Memory for training data, MiB.
     pub cache_mib: usize,
@@ -288,13 +291,17 @@ impl Config {
                 all([
                     ("stage.network.in_channels", network.in_channels == 3, "pictures have three channels"),
                     ("stage.network.out_channels", network.out_channels == 3, "pictures have three channels"),
-                    ("stage.loss", [loss.gradient, loss.divergence, loss.lpips].into_iter().all(weight), "weights must be >= 0"),
+                    (
+                        "stage.loss",
+                        [loss.gradient, loss.divergence, loss.lpips].into_iter().all(weight),
+                        "weights must be at least 0",
+                    ),
                 ])
             }
             Stage::Base { network, latents, .. } => {
                 network.validate()?;
                 let plain = network.keyframes.is_none() && network.inverse.is_none();
-                all([("stage.network", plain, "adapters are trained in stages of their own: leave keyframes and inverse out")])?;
+                all([("stage.network", plain, "other stages train the adapters: leave out keyframes and inverse")])?;
                 latents.validate()
             }
             Stage::Keyframes { gap, latents, .. } => {
@@ -303,9 +310,9 @@ impl Config {
             }
             Stage::Inverse { lpips, latent, latents, .. } => {
                 all([
-                    ("stage.lpips", weight(*lpips), "must be a number >= 0"),
-                    ("stage.latent", weight(*latent), "must be a number >= 0"),
-                    ("stage.latent", *latent > 0.0 || latents.pixels.weight > 0.0, "nothing would be minimised"),
+                    ("stage.lpips", weight(*lpips), "must be a number of at least 0"),
+                    ("stage.latent", weight(*latent), "must be a number of at least 0"),
+                    ("stage.latent", *latent > 0.0 || latents.pixels.weight > 0.0, "all weights of the loss are 0"),
                 ])?;
                 latents.validate()
             }
@@ -323,7 +330,7 @@ impl LatentConfig {
             (
                 "stage.latents.pixels",
                 [pixels.weight, pixels.lpips, pixels.gradient].into_iter().all(weight),
-                "weights must be >= 0",
+                "weights must be at least 0",
             ),
             ("stage.latents.pixels.period", pixels.period > 0, "must be at least 1"),
             ("stage.latents.pixels.window", pixels.window > 0, "must be at least 1"),

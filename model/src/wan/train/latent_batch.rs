@@ -183,9 +183,9 @@ impl BatchSampler<'_> {
         Ok(batch)
     }
 
-    /// Draws the distances of a batch's keyframes from the first frame of each clip: one keyframe at or before that frame, and one `gap`
-    /// frames later. Keeps the items that have both, or one if no item has both. All items of a batch have the same stride, which is
-    /// returned too.
+    /// Draws the distances of a batch's keyframes from the first frame of each clip: one keyframe at or before that frame, and
+    /// one `gap` frames later. Keeps the items that have both, or one if no item has both. All items of a batch have the same
+    /// stride, which is returned too.
     fn keyframes<'b>(
         &self,
         items: &mut Vec<Item>,

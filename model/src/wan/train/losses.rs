@@ -1,4 +1,5 @@
-//! Differentiable losses on pictures `[b, c, f, h, w]` with values -1..=1, and their weighted sum. Each loss is one number, `[1]`.
+//! Differentiable losses on pictures `[b, c, f, h, w]` with values -1..=1, and their weighted sum. Each loss is one number,
+//! `[1]`.
 
 use crate::parameters::to_vec;
 use crate::train::runner::StepResult;
@@ -83,9 +84,9 @@ pub fn absolute(a: Tensor<5>, b: Tensor<5>) -> Tensor<1> {
 /// Keeps the slope of the square root finite where a picture is flat (SPSR, Ma et al. 2020).
 const FLAT: f32 = 1e-6;
 
-/// Mean absolute difference of the gradient magnitudes `sqrt(gx^2 + gy^2 + 1e-6)` of two pictures, per channel, with
-/// `gx = I(x + 1) - I(x - 1)`. The mean is over the pixels that have all neighbours: the zero padding of SPSR (Ma et al. 2020) would turn
-/// the border into an edge. It is 0 for pictures with fewer than three pixels a side.
+/// Mean absolute difference of the gradient magnitudes `sqrt(gx^2 + gy^2 + 1e-6)` of two pictures, per channel, with `gx = I(x +
+/// 1) - I(x - 1)`. The mean is over the pixels that have all neighbours: the zero padding of SPSR (Ma et al. 2020) would turn the
+/// border into an edge. It is 0 for pictures with fewer than three pixels a side.
 pub fn gradient(a: Tensor<5>, b: Tensor<5>) -> Tensor<1> {
     let [_, _, _, h, w] = a.dims();
     if h < 3 || w < 3 {
@@ -101,13 +102,14 @@ pub fn gradient(a: Tensor<5>, b: Tensor<5>) -> Tensor<1> {
     absolute(magnitude(a), magnitude(b))
 }
 
-/// Mean Kullback-Leibler divergence of normal distributions from the standard normal distribution, in nats per value (Kingma and Welling
-/// 2014).
+/// Mean Kullback-Leibler divergence of normal distributions from the standard normal distribution, in nats per value (Kingma and
+/// Welling 2014).
 pub fn divergence(mean: Tensor<5>, log_variance: Tensor<5>) -> Tensor<1> {
     (mean.clone() * mean + log_variance.clone().exp() - log_variance).sub_scalar(1.0).mean().mul_scalar(0.5)
 }
 
-/// Mean of `1 - cos` of the angle between predicted and true vectors `[b, 3, f, h, w]`, over the pixels of `mask` `[b, 1, f, h, w]`.
+/// Mean of `1 - cos` of the angle between predicted and true vectors `[b, 3, f, h, w]`, over the pixels of `mask` `[b, 1, f, h,
+/// w]`.
 pub fn angle(a: Tensor<5>, b: Tensor<5>, mask: Tensor<5>) -> Tensor<1> {
     let dot = |x: &Tensor<5>, y: &Tensor<5>| (x.clone() * y.clone()).sum_dim(1);
     // The bound is added inside the root, so that the slope at a zero vector is finite.
@@ -121,8 +123,8 @@ pub fn masked_absolute(a: Tensor<5>, b: Tensor<5>, mask: Tensor<5>) -> Tensor<1>
     masked_mean((a - b).abs().mean_dim(1), mask)
 }
 
-/// `1/N sum d^2 - 1/(2 N^2) (sum d)^2`, averaged over the items, where d are the differences of log depth `[b, 1, f, h, w]` at the N pixels
-/// of an item's `mask`. This is the paper's formula (Eigen et al. 2014 with lambda = 1/2).
+/// `1/N sum d^2 - 1/(2 N^2) (sum d)^2`, averaged over the items, where d are the differences of log depth `[b, 1, f, h, w]` at
+/// the N pixels of an item's `mask`. This is the paper's formula (Eigen et al. 2014 with lambda = 1/2).
 pub fn log_depth(a: Tensor<5>, b: Tensor<5>, mask: Tensor<5>) -> Tensor<1> {
     let items = a.dims()[0];
     let flat = |x: Tensor<5>| x.reshape([items as i32, -1]);

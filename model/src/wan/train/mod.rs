@@ -1,10 +1,12 @@
-//! Training of the wan networks: an autoencoder, the renderer, its keyframe adapter, its inverse adapter. A [`Config`] describes one run.
+//! Training of the wan networks: an autoencoder, the renderer, its keyframe adapter, its inverse adapter. A [`Config`] describes
+//! one run.
 //!
-//! Clips are turned into pictures ([`clip_pictures`]) and pictures into latents ([`latents`]); both are kept in half precision. Batches
-//! depend on the seed and the step alone, so that a run that was stopped continues as if it had not been. Weights, gradients and the
-//! optimiser use single precision, because the CPU backend has no faster format.
+//! Clips are turned into pictures ([`clip_pictures`]) and pictures into latents ([`latents`]); both are kept in half precision.
+//! Batches depend on the seed and the step alone, so that a run that was stopped continues as if it had not been. Weights,
+//! gradients and the optimiser use single precision, because the CPU backend has no faster format.
 //!
-//! Sources: RenderFlow, sections "Latent-Space Bridge-Matching Training" and "Inverse Rendering", appendix "Implementation Details".
+//! Sources: RenderFlow, sections "Latent-Space Bridge-Matching Training" and "Inverse Rendering", appendix "Implementation
+//! Details".
 
 pub mod autoencoder;
 pub mod clip_pictures;
@@ -48,11 +50,12 @@ use std::sync::atomic::AtomicBool;
 
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one.
 ///
-/// Batches depend on the seed and the step alone. `progress` is called from this thread, and during loading from others. Setting `cancel`
-/// stops the run after the current step, with a checkpoint.
+/// Batches depend on the seed and the step alone. `progress` is called from this thread, and during loading from others. Setting
+/// `cancel` stops the run after the current step, with a checkpoint.
 ///
 /// # Errors
-/// For invalid options or data, files that cannot be read or written, a checkpoint of another run, or a loss that stays not finite.
+/// For invalid options or data, files that cannot be read or written, a checkpoint of another run, or a loss that stays not
+/// finite.
 pub fn run(
     config: &Config,
     source: &dyn ClipSource,

@@ -1,8 +1,8 @@
 //! Gradients of the renderer, with or without recomputed activations.
 //!
-//! With recomputation, the forward pass keeps only the tokens between blocks. The backward pass runs the blocks again, one at a time, with
-//! the tokens and everything that blocks share ([`Shared::tensors`]) as leaves, and passes the gradients on. The activations of one block
-//! are in memory at any time (Chen et al. 2016, with one checkpoint per block).
+//! With recomputation, the forward pass keeps only the tokens between blocks. The backward pass runs the blocks again, one at a
+//! time, with the tokens and everything that blocks share ([`Shared::tensors`]) as leaves, and passes the gradients on. The
+//! activations of one block are in memory at any time (Chen et al. 2016, with one checkpoint per block).
 
 use crate::Result;
 use crate::parameters;
@@ -16,8 +16,8 @@ pub type GradientList = Vec<Option<Vec<f32>>>;
 /// The value of a loss function: a report to pass on, and the number to differentiate.
 pub type LossValue<T> = Result<(T, Tensor<1>)>;
 
-/// The gradients of `loss`, a function of the velocity `[b, z, f, h, w]` that `flow` predicts from prepared tokens and shared tensors
-/// ([`Flow::prepare`]). One backward pass runs through the whole network.
+/// The gradients of `loss`, a function of the velocity `[b, z, f, h, w]` that `flow` predicts from prepared tokens and shared
+/// tensors ([`Flow::prepare`]). One backward pass runs through the whole network.
 ///
 /// # Errors
 /// When `loss` fails.

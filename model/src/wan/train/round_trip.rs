@@ -18,13 +18,13 @@ pub struct RoundTrip {
     pub psnr: Vec<f32>,
 }
 
-/// Encodes and decodes clips of `frames` consecutive frames, at most `most` for each sequence of `source`. `frames` is 1 for single
-/// pictures; training and rendering of videos use clips of 5 frames with Wan's autoencoder. `done` is called after each sequence with the
-/// number of sequences so far; its error ends the work.
+/// Encodes and decodes clips of `frames` consecutive frames, at most `most` for each sequence of `source`. `frames` is 1 for
+/// single pictures; training and rendering of videos use clips of 5 frames with Wan's autoencoder. `done` is called after each
+/// sequence with the number of sequences so far; its error ends the work.
 ///
 /// # Errors
-/// When `done` fails, when a clip cannot be used, when no sequence has that many frames in a row, or when the autoencoder cannot encode
-/// that many frames.
+/// When `done` fails, when a clip cannot be used, when no sequence has that many frames in a row, or when the autoencoder cannot
+/// encode that many frames.
 pub fn round_trip(
     vae: &Vae,
     source: &dyn ClipSource,

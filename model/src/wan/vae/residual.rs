@@ -1,4 +1,4 @@
-//! Blocks that encoder and decoder share: the residual block, attention within a frame, both together in the middle.
+//! Blocks of encoder and decoder: the residual block, attention within a frame, and the middle block, which has both.
 
 use super::causal::{Cache, CausalConv};
 use crate::ops;
@@ -9,7 +9,8 @@ use crate::wan::names::Listing;
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-/// Twice normalise, SiLU, convolve; added to the input, which is mapped point-wise where the channels change.
+/// Normalisation, SiLU and convolution, twice, added to the input. If the number of channels changes, a point-wise layer maps the
+/// input.
 #[derive(Module, Debug)]
 pub struct Residual {
     norm1: ChannelNorm,
@@ -52,7 +53,7 @@ impl Residual {
     }
 }
 
-/// Self-attention among the pixels of each frame, one head of all channels.
+/// Self-attention among the pixels of each frame, with one head.
 #[derive(Module, Debug)]
 pub struct FrameAttention {
     norm: ChannelNorm,
@@ -86,7 +87,7 @@ impl FrameAttention {
     }
 }
 
-/// The middle: residual block, attention, residual block.
+/// The middle block: residual block, attention, residual block.
 #[derive(Module, Debug)]
 pub struct Middle {
     first: Residual,

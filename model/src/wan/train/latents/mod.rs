@@ -1,10 +1,10 @@
 //! Clips as latents in memory, made once by the frozen autoencoder.
 //!
-//! Frames are cut into clips in the same way as when videos are rendered: a clip has 1 + s frames, where s is the number of frames that a
-//! latent frame spans (4 with Wan's autoencoder), and begins with the last frame of the clip before it. The first latent frame of a clip
-//! is the latent of its first picture alone, so keyframes need no latents of their own. Latents are normalised and kept in half
-//! precision: their values are about 1, and its 11 bits are finer than the differences that the autoencoder preserves. A folder can keep
-//! them for later stages.
+//! Frames are cut into clips in the same way as when videos are rendered: a clip has 1 + s frames, where s is the number of
+//! frames that a latent frame spans (4 with Wan's autoencoder), and begins with the last frame of the clip before it. The first
+//! latent frame of a clip is the latent of its first picture alone, so keyframes need no latents of their own. Latents are
+//! normalised and kept in half precision: their values are about 1, and its 11 bits are finer than the differences that the
+//! autoencoder preserves. A folder can keep them for later stages.
 
 mod store;
 
@@ -208,8 +208,8 @@ impl ClipLatents {
         self.interleave(&frame.kinds[kind as usize], second.filter(|_| count > 1), window, out);
     }
 
-    /// Appends the inactive and the reactive latents of a clip, `[2 z, count, window]`. If `given`, the first frame of the clip is given;
-    /// otherwise no frame is.
+    /// Appends the inactive and the reactive latents of a clip, `[2 z, count, window]`. If `given`, the first frame of the clip
+    /// is given; otherwise no frame is.
     pub fn read_reference(&self, frame: usize, count: usize, given: bool, window: Window, out: &mut Vec<f32>) {
         let (frame, plane) = (&self.frames[frame], self.height * self.width);
         // Number of latent frames of the grey clip.
