@@ -8,18 +8,19 @@ use anyhow::{Context, Result, ensure};
 use half::f16;
 use rand::RngExt;
 use rand::seq::SliceRandom;
-use renderflow_frame::deferred::{self, Deferred, Lighting, Options, Shadows};
+use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
-use renderflow_frame::{Frame, warp};
+use renderflow_frame::warp::{self, Keyframe, Neighbour};
 use renderflow_model::data::step_rng;
-use renderflow_model::fusion::fill::{Keyframe, KeyframeView, Samples, background};
+use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::{self, ALL_BEFORE, AROUND, NEIGHBOURS, PARTS, PICTURES};
 use renderflow_model::fusion::training::Source;
 use renderflow_model::fusion::{Record, batch::BEFORE};
+use renderflow_renderer::deferred::{self, Deferred, Lighting, Options, shadow_maps};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
-use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer, shadow_maps};
+use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::seed::Seed;
@@ -28,7 +29,7 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Frames between two keyframes.
 const GAP: usize = 16;
@@ -215,45 +216,39 @@ impl<'a> Maker<'a> {
 
         let mut scene = RenderScene::compile(loaded)?;
         let exposure = scene.exposure();
-        let lighting = Lighting::new(scene.environment(), deferred::LIGHTS);
-        let tables = lighting.whole.as_ref().unwrap_or(&lighting.tables);
+        let light = Arc::clone(scene.light());
+        let lighting = Lighting::new(Arc::clone(&light), deferred::LIGHTS);
 
         let mut records = Vec::new();
         let mut carried = Vec::new();
         for &number in keys {
             let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
             let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
-            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.shading.surfaces, exposure);
-            record.add_deferred(&rendered.shaded, exposure);
+            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
+            record.add_deferred(&rendered.shaded.terms, exposure);
             record.add_truth(&truth, exposure);
             records.push(record);
-            carried.push(Keyframe { frame: rendered.gbuffer, truth, shaded: Some(rendered.shaded.image) });
+            carried.push(Keyframe { frame: rendered.gbuffer, truth, start: Some(rendered.shaded.image) });
         }
         for &number in between {
             let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
             let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
-            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.shading.surfaces, exposure);
-            record.add_deferred(&rendered.shaded, exposure);
+            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
+            record.add_deferred(&rendered.shaded.terms, exposure);
             record.add_truth(&truth, exposure);
             for (k, key) in carried.iter().enumerate() {
                 let distance = keys[k] as f32 - number as f32;
                 let movement = tracks.between(number, keys[k]);
-                record.add_key(
-                    k,
-                    &KeyframeView { keyframe: key, distance, movement },
-                    &rendered.gbuffer,
-                    Some(&rendered.shaded.image),
-                    exposure,
-                );
+                record.add_key(k, &Neighbour { key, distance, movement }, &rendered.gbuffer, Some(&rendered.shaded.image), exposure);
             }
-            let alone = ibl::shade(&rendered.gbuffer, scene.environment(), tables);
+            let alone = ibl::shade(&rendered.gbuffer, &light);
             record.add_environment(&alone, exposure);
             // Truth, samples and neighbours each have random numbers of their own.
             let samples = self.samples(seed, number);
             for (part, spp) in samples.into_iter().enumerate() {
                 scene.reseed(loaded.seed.wrapping_add(1 + part as u64));
                 let traced = self.trace(&scene, spp, false)?;
-                let behind = background(scene.camera(), &traced.alpha, &lighting.environment);
+                let behind = background(scene.camera(), &traced.alpha, &light.environment);
                 record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
             }
             for n in 0..NEIGHBOURS {
@@ -262,7 +257,7 @@ impl<'a> Maker<'a> {
                 scene.reseed(loaded.seed.wrapping_add(1 + (n % PARTS) as u64));
                 scene.set_frame(other);
                 let traced = self.trace(&scene, samples[0], true)?;
-                let behind = background(scene.camera(), &traced.alpha, &lighting.environment);
+                let behind = background(scene.camera(), &traced.alpha, &light.environment);
                 let movement = tracks.between(number, other);
                 let source = warp::nearest(&rendered.gbuffer, &traced, Some(&|id| movement.of(id)));
                 record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
@@ -278,7 +273,7 @@ impl<'a> Maker<'a> {
     fn gbuffer_and_deferred(&self, scene: &mut RenderScene, number: usize, lighting: &Lighting) -> Result<RenderedFrame> {
         scene.set_frame(number);
         let gbuffer = render_gbuffer(scene, &Settings::default())?;
-        let shadows: Shadows = shadow_maps(scene, lighting, &deferred::receivers(&gbuffer));
+        let shadows = shadow_maps(scene, lighting, &gbuffer);
         let shaded = deferred::shade(&gbuffer, lighting, &shadows, &Options::default());
         Ok(RenderedFrame { gbuffer, shaded })
     }

@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicBool;
 /// A plan of one tiny sequence of five frames, keyframes at both ends.
 fn plan(folder: &Path, seed: &str) -> PathBuf {
     let path = folder.join(format!("plan-{seed}.json"));
-    let arguments = ["dataset", "plan", "--seed", seed, "--classic", "--split", "test", "--sequences", "1", "--frames", "5"];
+    let arguments = ["dataset", "plan", "--seed", seed, "--split", "test", "--sequences", "1", "--frames", "5"];
     let size = ["--resolution", "48", "--spp", "4", "--keyframe-gap", "4", "--denoise", "none", "--out", path.to_str().unwrap()];
     succeed(&[&arguments[..], &size].concat());
     path

@@ -25,7 +25,7 @@ mod pictures;
 use glam::{DVec3, Vec3A};
 use pictures::{Description, Reference, blocks, compare};
 use renderflow_renderer::Settings;
-use renderflow_renderer::material::{Bsdf, Mode, Surface};
+use renderflow_renderer::material::{Bsdf, Mode, Principled};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -62,8 +62,8 @@ struct Parameters {
 }
 
 impl Parameters {
-    fn surface(&self) -> Surface {
-        Surface {
+    fn surface(&self) -> Principled {
+        Principled {
             base_color: Vec3A::from(self.base_color),
             metallic: self.metallic,
             roughness: self.roughness,

@@ -82,7 +82,7 @@ fn dataset() -> (&'static Path, &'static Path) {
 
 fn plan_words<'a>(out: &'a str, seed: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let counts = ["--sequences", "4", "--frames", "2", "--resolution", "24", "--spp", "2", "--keyframe-gap", "2"];
-    let small = ["--classic", "--mesh-count", "8", "--environment-count", "4", "--denoise", "none"];
+    let small = ["--mesh-count", "8", "--environment-count", "4", "--denoise", "none"];
     [&["dataset", "plan", "--seed", seed, "--out", out][..], &counts, &small, more].concat()
 }
 
@@ -513,5 +513,27 @@ fn bench_says_where_it_went() {
         assert_eq!(output.status.code(), Some(2), "{words:?}");
         let said = stderr(&output);
         assert!(said.lines().count() == 1 && said.contains("renderflow-bench") && said.contains("evaluate inverse"), "{said}");
+    }
+}
+
+#[test]
+fn the_composer_of_version_0_1_is_gone() {
+    let folder = Folder::new();
+    let (path, old) = (folder.at("plan.json"), folder.at("old.toml"));
+    let words = ["dataset", "plan", "--seed", "5", "--sequences", "1", "--classic", "--out", &path];
+    refused(folder.path(), &words, &["--classic", "the classic composer of version 0.1 is gone"]);
+    plan_to(&path, "5", &[]);
+    let plan = renderflow::dataset::plan::Plan::read(Path::new(&path)).unwrap();
+    let text = String::from_utf8(folder.bytes("plan.json")).unwrap();
+    assert!(!text.contains("classic"));
+    let with = |value: &str| text.replacen('{', &format!("{{\"classic\": {value},"), 1);
+    folder.put("plan.json", &with("false"));
+    assert_eq!(renderflow::dataset::plan::Plan::read(Path::new(&path)).unwrap(), plan);
+    folder.put("plan.json", &with("true"));
+    folder.put("old.toml", "classic = true\n");
+    for plan in [&path, &old] {
+        let said = refused(folder.path(), &["dataset", "render", "--plan", plan, "--out", &folder.at("data")], &[plan]);
+        assert!(said.contains("the classic composer of version 0.1 is gone"), "{said}");
+        assert_eq!(said.lines().filter(|line| line.contains("classic")).count(), 1, "{said}");
     }
 }

@@ -50,8 +50,7 @@ fn jobs_come_to_their_end_without_a_reader() {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let plan = path("plan.json");
     let small = ["--frames", "2", "--resolution", "16", "--spp", "1", "--denoise", "none"];
-    let counts =
-        ["--seed", "8", "--sequences", "2", "--classic", "--mesh-count", "8", "--environment-count", "4", "--out", &plan];
+    let counts = ["--seed", "8", "--sequences", "2", "--mesh-count", "8", "--environment-count", "4", "--out", &plan];
     succeed(&[&["dataset", "plan"][..], &counts, &small].concat());
     let data = path("data");
     succeed(&["dataset", "render", "--plan", &plan, "--out", &data]);

@@ -20,7 +20,7 @@ impl Data {
         let data = Self { folder: tempfile::tempdir().unwrap() };
         for (name, seed) in [("a", "2"), ("b", "3")] {
             let plan = data.path(&format!("{name}.json"));
-            let sizes = ["--sequences", "2", "--frames", "2", "--resolution", "32", "--spp", "1", "--classic", "--seed", seed];
+            let sizes = ["--sequences", "2", "--frames", "2", "--resolution", "32", "--spp", "1", "--seed", seed];
             succeed(&[&["dataset", "plan", "--denoise", "none", "--out", text(&plan)][..], &sizes].concat());
             succeed(&["dataset", "render", "--plan", text(&plan), "--out", text(&data.path(name))]);
         }

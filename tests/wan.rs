@@ -21,7 +21,7 @@ const METHODS: &str = "ibl,neural,wan,wan+keys,wan-stills,wan-stills+keys";
 /// A sequence with keyframes 4 frames apart.
 fn data(folder: &Path) -> PathBuf {
     let (plan, out) = (folder.join("plan.json"), folder.join("data"));
-    let arguments = ["dataset", "plan", "--seed", "5", "--classic", "--split", "test", "--sequences", "1", "--frames", "7"];
+    let arguments = ["dataset", "plan", "--seed", "5", "--split", "test", "--sequences", "1", "--frames", "7"];
     let size = ["--resolution", "32", "--spp", "2", "--keyframe-gap", "4", "--denoise", "none", "--out", text(&plan)];
     succeed(&[&arguments[..], &size].concat());
     succeed(&["dataset", "render", "--plan", text(&plan), "--out", text(&out)]);

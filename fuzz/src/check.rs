@@ -27,10 +27,7 @@ pub fn check_scene(scene: &LoadedScene) {
     }
     for material in &scene.materials {
         let m = material;
-        let base = [m.metallic, m.roughness, m.specular, m.specular_tint, m.anisotropic, m.subsurface];
-        let layers = [m.sheen, m.sheen_tint, m.clearcoat, m.clearcoat_gloss];
-        let values = m.base_color.into_iter().chain(base).chain(layers);
-        assert!(values.clone().all(|v| (0.0..=1.0).contains(&v)), "a material is out of range: {m:?}");
+        assert!(m.surface.out_of_range().is_none(), "a material is out of range: {m:?}");
         assert!(m.alpha_mask.is_none_or(|mask| mask.cutoff.is_finite() && (0.0..=1.0).contains(&mask.factor)), "{m:?}");
         assert!(material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0), "emission is out of range");
         let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture].into_iter().flatten();

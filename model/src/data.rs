@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use renderflow_frame::tracks::Tracks;
-use renderflow_frame::{Environment, Frame};
+use renderflow_frame::{Frame, Light};
 
 /// One rendered sequence: frames under one environment.
 #[derive(Clone, Debug)]
@@ -14,9 +14,7 @@ pub struct Clip {
     /// Frames with `beauty`.
     pub frames: Vec<Frame>,
     /// Environment light of the sequence.
-    pub environment: Environment,
-    /// Factor from radiance to display-linear values, above 0.
-    pub exposure: f32,
+    pub light: Light,
     /// Number of each frame in its sequence, ascending. Distances to keyframes are differences of these numbers.
     pub numbers: Vec<usize>,
     /// Transforms of the objects that move.
@@ -35,8 +33,9 @@ impl Clip {
         if frames == 0 || numbers != frames {
             return Err(self.broken(format!("{frames} frames with {numbers} numbers")));
         }
-        if !(self.exposure.is_finite() && self.exposure > 0.0) {
-            return Err(self.broken(format!("exposure {} is not a positive number", self.exposure)));
+        let exposure = self.light.exposure();
+        if !(exposure.is_finite() && exposure > 0.0) {
+            return Err(self.broken(format!("exposure {exposure} is not a positive number")));
         }
         match self.frames.iter().position(|frame| frame.beauty.is_none()) {
             Some(i) => Err(self.broken(format!("frame {i} has no beauty to learn from"))),

@@ -6,24 +6,6 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system refused an operation on a file.
-    #[error("{}: cannot {action}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// "read", "write", ...
-        action: &'static str,
-        /// The cause.
-        source: std::io::Error,
-    },
-    /// A weights file, checkpoint or log is not in its format.
-    #[error("{}: {reason}", path.display())]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        reason: String,
-    },
     /// A tensor of a weights file does not fit the network.
     #[error("{}: tensor {tensor}: {reason}", path.display())]
     Tensor {
@@ -61,7 +43,7 @@ pub enum Error {
     /// This build has no trained weights.
     #[error("this build has no trained weights: train some (`renderflow train`) and pass the file")]
     NoShippedWeights,
-    /// A frame or a file could not be read or written.
+    /// A file, such as weights or a checkpoint, cannot be read or written, or is not in its format.
     #[error(transparent)]
     Frame(#[from] renderflow_frame::Error),
 }
@@ -73,21 +55,12 @@ impl Error {
     /// An I/O error with its file and the operation, for `map_err`.
     pub fn io(path: impl Into<PathBuf>, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
-        move |source| Self::Io { path, action, source }
-    }
-
-    /// Converts an error of reading a file to the same error of this crate.
-    pub(crate) fn unreadable(error: renderflow_frame::Error) -> Self {
-        match error {
-            renderflow_frame::Error::Io { path, action, source } => Self::Io { path, action, source },
-            renderflow_frame::Error::Malformed { path, reason } => Self::Malformed { path, reason },
-            other => Self::Frame(other),
-        }
+        move |source| Self::Frame(renderflow_frame::Error::Io { path, action, source })
     }
 
     /// A format error at `path`.
     pub fn malformed(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
-        Self::Malformed { path: path.into(), reason: reason.into() }
+        Self::Frame(renderflow_frame::Error::malformed(path, reason))
     }
 
     /// A configuration error about `option`.

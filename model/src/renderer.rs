@@ -6,7 +6,7 @@
 
 use crate::{Error, Result, weights};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{DepthBounds, Environment, Frame};
+use renderflow_frame::{DepthBounds, Frame, Light};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -62,10 +62,8 @@ pub struct KeyframePlace {
 
 /// Everything about a sequence that does not arrive frame by frame. Parts that a renderer does not ask for are not computed.
 pub trait Sequence: Sync {
-    /// The environment light.
-    fn environment(&self) -> &Environment;
-    /// Factor from radiance to display-linear values, above 0.
-    fn exposure(&self) -> f32;
+    /// The light.
+    fn light(&self) -> &Light;
     /// The range of depths in the whole sequence.
     ///
     /// # Errors

@@ -6,12 +6,13 @@ use common::checkpoint::edit_configuration;
 use half::f16;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use renderflow_frame::deferred::{Lighting, Options, Shadows, shade};
 use renderflow_frame::ibl;
 use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::terms::ShadingTerms;
 use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Camera, Environment, Frame};
-use renderflow_model::fusion::fill::{Keyframe, KeyframeView, Samples};
+use renderflow_frame::warp::{Keyframe, Neighbour};
+use renderflow_frame::{Camera, Environment, Frame, Light};
+use renderflow_model::fusion::fill::Samples;
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
@@ -180,18 +181,24 @@ fn camera(width: usize, height: usize) -> Camera {
 fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     let camera = camera(width, height);
     let frame = frame(&camera);
-    let environment = Environment::constant([0.5; 3]);
-    let lighting = Lighting::new(&environment, 1);
-    let shaded = shade(&frame, &lighting, &Shadows::default(), &Options::default());
-    let exposure = ibl::exposure(&environment);
+    let light = Light::new(Environment::constant([0.5; 3]));
+    let shaded = ibl::shade(&frame, &light);
+    let product = |i: usize| std::array::from_fn(|c| shaded.diffuse.pixels[i][c] * shaded.irradiance.pixels[i][c]);
+    let terms = ShadingTerms {
+        ambient_diffuse: Rgb { width, height, pixels: (0..width * height).map(product).collect() },
+        ambient_specular: shaded.specular.clone(),
+        irradiance: shaded.irradiance.clone(),
+        ..ShadingTerms::default()
+    };
+    let exposure = light.exposure();
     let raw = Rgb::filled(width, height, value);
-    let background = shaded.shading.surfaces.background.clone();
+    let background = shaded.surfaces.background.clone();
     let albedo = frame.guide_albedo.clone().unwrap();
     let samples = Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2 };
-    let mut record = Record::of(&frame, &shaded.shading.surfaces, exposure);
-    record.add_deferred(&shaded, exposure);
-    let key = Keyframe { frame: frame.clone(), truth: raw.clone(), shaded: Some(shaded.image.clone()) };
-    let seen = KeyframeView { keyframe: &key, distance: -3.0, movement: Movement::default() };
+    let mut record = Record::of(&frame, &shaded.surfaces, exposure);
+    record.add_deferred(&terms, exposure);
+    let key = Keyframe { frame: frame.clone(), truth: raw.clone(), start: Some(shaded.image.clone()) };
+    let seen = Neighbour { key: &key, distance: -3.0, movement: Movement::default() };
     record.add_key(0, &seen, &frame, Some(&shaded.image), exposure);
     record.add_part(0, &samples, exposure);
     record.add_neighbour(2, &samples, &Image::from_fn(width, height, |x, y| Some((y * width + x) as u32)), exposure);
@@ -218,8 +225,7 @@ fn samples_over_the_tint_are_the_light() {
     frame.material.pixels.iter_mut().for_each(|m| *m = [rng.random(), rng.random(), rng.random()]);
     let albedo = frame.guide_albedo.as_mut().unwrap();
     albedo.pixels.iter_mut().for_each(|rgb| *rgb = [rng.random(), rng.random(), rng.random()]);
-    let environment = Environment::constant([1.0; 3]);
-    let shading = ibl::shade(&frame, &environment, &ibl::IblTables::new(&environment));
+    let shading = ibl::shade(&frame, &Light::new(Environment::constant([1.0; 3])));
     let record = Record::of(&frame, &shading.surfaces, 1.0);
     let mut compared = 0;
     for (i, stored) in record.pixels.chunks_exact(at::COUNT).enumerate() {

@@ -111,7 +111,7 @@ fn lpips_names_the_tensor_that_is_wrong() {
     let target = folder.path().join(Backbone::Squeeze.file_name());
     let load = || Lpips::load(folder.path(), Backbone::Squeeze).expect_err("must fail");
 
-    assert!(matches!(load(), Error::Io { .. }));
+    assert!(matches!(load(), Error::Frame(renderflow_frame::Error::Io { .. })));
 
     let bytes = std::fs::read(weights.join(Backbone::Squeeze.file_name())).expect("weights");
     std::fs::write(&target, &bytes[..bytes.len() / 2]).expect("write");
@@ -119,7 +119,7 @@ fn lpips_names_the_tensor_that_is_wrong() {
     assert!(matches!(&error, Error::Tensor { reason, .. } if reason.contains("cut off")), "{error}");
 
     std::fs::write(&target, &bytes[..40]).expect("write");
-    assert!(matches!(load(), Error::Malformed { .. }));
+    assert!(matches!(load(), Error::Frame(renderflow_frame::Error::Malformed { .. })));
 
     std::fs::copy(weights.join(Backbone::Alex.file_name()), &target).expect("copy");
     let error = load();

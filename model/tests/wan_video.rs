@@ -6,7 +6,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::clip;
 use common::sequence::{Bounded, Memory, SIDE};
-use renderflow_frame::DepthBounds;
+use renderflow_frame::{DepthBounds, Light};
 use renderflow_model::parameters::{self, to_vec};
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
 use renderflow_model::wan::flow::{Conditions, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent};
@@ -130,7 +130,7 @@ fn by_hand(
 }
 
 fn assert_shown(rendered: &Rendered, picture: &[f32], sequence: &Memory) {
-    let expected = radiance(picture, SIDE, SIDE, sequence.clip.exposure).expect("radiance");
+    let expected = radiance(picture, SIDE, SIDE, sequence.clip.light.exposure()).expect("radiance");
     let frame = &sequence.clip.frames[rendered.index];
     let mut covered = 0;
     for (i, (found, expected)) in rendered.linear.pixels.iter().zip(&expected.pixels).enumerate() {
@@ -164,7 +164,7 @@ fn a_sequence_is_rendered_in_clips_that_begin_with_the_last_frame_of_the_one_bef
         assert!(sky.len() > 20, "{} pixels of sky", sky.len());
         for i in sky {
             let direction = frame.info.camera.ray_direction(glam::Vec2::new((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5));
-            assert_eq!(rendered[9].linear.pixels[i], sequence.clip.environment.radiance(direction));
+            assert_eq!(rendered[9].linear.pixels[i], sequence.clip.light.environment.radiance(direction));
         }
     }
 }
@@ -360,7 +360,7 @@ fn bad_input_is_refused_in_words() {
     assert!(refusal(Options { steps: 0, ..Options::default() }).contains("steps"));
     assert!(refusal(Options { keyframes: true, ..Options::default() }).contains("keyframe adapter"));
     let mut dark = Memory::new(1, &[]);
-    dark.clip.exposure = 0.0;
+    dark.clip.light = Light::with_exposure(dark.clip.light.environment.clone(), 0.0);
     assert!(renderer.begin(&dark, Options::default()).is_err());
 
     let mut session = renderer.begin(&sequence, Options::default()).expect("begins");

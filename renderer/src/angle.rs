@@ -1,10 +1,10 @@
-//! Sines and angles by polynomials: the system's functions are calls that save all registers around them, and their last bits differ
-//! from one system to the next.
+//! Sines and angles by polynomials: the system's functions are calls that save all registers around them, and their last bits
+//! differ from one system to the next.
 
 use std::f32::consts::{FRAC_1_PI, TAU};
 
-/// Sine and cosine of `turns` full turns, within 1.2e-7 of the exact values for -1e5..=1e5 (reduced exactly), else NaN or any pair
-/// within -1.01..=1.01.
+/// Sine and cosine of `turns` full turns, within 1.2e-7 of the exact values for -1e5..=1e5 (reduced exactly), else NaN or any
+/// pair within -1.01..=1.01.
 #[inline(always)]
 pub(crate) fn sin_cos_turns(turns: f32) -> (f32, f32) {
     /// Adding and taking it off again rounds to integers, and the last bits of the sum are the integer's.
@@ -20,8 +20,8 @@ pub(crate) fn sin_cos_turns(turns: f32) -> (f32, f32) {
     (f32::from_bits(s ^ difference ^ sign(quarters)), f32::from_bits(c ^ difference ^ sign(quarters.wrapping_add(1))))
 }
 
-/// Angle from an axis over pi, 0..=1, of a unit direction with the cosine `y` to the axis, where `2 q = 1 - |y|`, 0..=1; within 1.5e-7
-/// of the exact value and, towards `q = 0`, of its size.
+/// Angle from an axis over pi, 0..=1, of a unit direction with the cosine `y` to the axis, where `2 q = 1 - |y|`, 0..=1; within
+/// 1.5e-7 of the exact value and, towards `q = 0`, of its size.
 #[inline(always)]
 pub(crate) fn polar(q: f32, y: f32) -> f32 {
     /// `asin(sqrt(q)) / sqrt(q)` on 0..=1/2, interpolated at Chebyshev's nodes.

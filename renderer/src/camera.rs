@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Filter {
-    /// The pixel's own square. Coverage is then the exact share of the pixel, a pixel without geometry equals the environment behind
-    /// it, and no two pixels see the same point, which a network or a denoiser would have to undo.
+    /// The pixel's own square. Coverage is then the exact share of the pixel, a pixel without geometry equals the environment
+    /// behind it, and no two pixels see the same point, which a network or a denoiser would have to undo.
     #[default]
     Box,
     /// Blackman-Harris of 1.5 pixels width (the common choice for final pictures): softer edges.

@@ -5,16 +5,15 @@ use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
 use crate::light::{EmissiveTriangle, EnvironmentLight, LightSampler, Repairs, Sampling};
-use crate::material::{Prepared, Surface};
+use crate::material::{Prepared, Principled};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
 use glam::Vec3A;
-use renderflow_frame::ibl::IblTables;
-use renderflow_frame::{Camera, Environment};
+use renderflow_frame::{Camera, Environment, Light};
 use renderflow_scenes::loaded::AlphaMask;
 use renderflow_scenes::mipmap::{Level, Texels};
 use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// A scene at one frame, ready to be rendered.
 pub struct RenderScene {
@@ -28,29 +27,26 @@ pub struct RenderScene {
     first_emitter: Vec<Option<u32>>,
     /// Instance and triangle of every emissive triangle.
     emitters: Vec<(u32, u32)>,
-    pub(crate) environment: Environment,
+    light: Arc<Light>,
     pub(crate) seed: u64,
     pub(crate) hash: String,
     cameras: Vec<Camera>,
     frame: usize,
     features: FeatureSet,
-    tables: OnceLock<IblTables>,
     bsdfs: OnceLock<Vec<Option<Prepared>>>,
-    irradiance: OnceLock<Environment>,
-    exposure: OnceLock<f32>,
 }
 
 /// A material with its constant part ready.
 #[derive(Clone, Debug)]
 pub(crate) struct CompiledMaterial {
-    pub surface: Surface,
+    pub surface: Principled,
     pub base_color_texture: Option<TextureSlot>,
     pub metallic_roughness_texture: Option<TextureSlot>,
     pub normal_texture: Option<(TextureSlot, f32)>,
     /// Radiance; zero where the surface does not emit.
     pub emissive: Vec3A,
     pub emissive_texture: Option<TextureSlot>,
-    /// `None` where nothing is cut out, whatever the file says.
+    /// `None` where the mask cuts nothing, even if the file has one.
     pub alpha_mask: Option<AlphaMask>,
     pub double_sided: bool,
 }
@@ -73,7 +69,8 @@ impl RenderScene {
     /// Compiles `scene` at frame 0.
     ///
     /// # Errors
-    /// When the scene has no camera, refers to a mesh, material, texture or vertex it does not hold, or has more than 2^28 triangles.
+    /// When the scene has no camera, refers to a mesh, material, texture or vertex it does not hold, or has more than 2^28
+    /// triangles.
     pub fn compile(scene: &LoadedScene) -> Result<Self> {
         Self::compile_with(scene, Sharing::Automatic)
     }
@@ -102,22 +99,19 @@ impl RenderScene {
             lights: LightSampler::new(light, []),
             first_emitter: vec![None; scene.instances.len()],
             emitters: Vec::new(),
-            environment: scene.environment.clone(),
+            light: Arc::new(Light::new(scene.environment.clone())),
             seed: scene.seed,
             hash: scene.hash.clone(),
             cameras: scene.cameras.clone(),
             frame: 0,
             features,
-            tables: OnceLock::new(),
             bsdfs: OnceLock::new(),
-            irradiance: OnceLock::new(),
-            exposure: OnceLock::new(),
         };
         compiled.place_emitters();
         Ok(compiled)
     }
 
-    /// Makes the materials that change what they are at the current frame, and anew what follows from them.
+    /// Updates the materials that change along the sequence, and everything that depends on them, to the current frame.
     fn place_materials(&mut self) {
         let mut changed = false;
         for (number, material) in &self.changing {
@@ -156,7 +150,7 @@ impl RenderScene {
                 if let Some(slot) = &material.emissive_texture {
                     let uvs = triangle.map(|v| mesh.uvs.get(v as usize).copied().unwrap_or_default());
                     let area = (uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs();
-                    // The mean over the triangle, as a mip level knows it.
+                    // The mean over the triangle, from a mip level.
                     let lookup = Lookup { uv: (uvs[0] + uvs[1] + uvs[2]) / 3.0, footprint_log2: 0.5 * area.log2() };
                     radiance *= Vec3A::from_vec4(self.textures[slot.texture].value(slot, lookup));
                 }
@@ -165,14 +159,14 @@ impl RenderScene {
                 self.emitters.push((index as u32, number as u32));
             }
         }
-        // A flat environment is found by scattering: as few samples as the sampler allows go there.
+        // A flat environment is found by scattering, so the sampler sends the fewest possible samples there.
         let share = if self.features.flat_environment { 0.0 } else { 0.5 };
         self.lights = LightSampler::with_share(self.lights.environment().clone(), triangles, share);
     }
 
-    /// Moves to `frame` (0 is the first; beyond the last the last pose is held). Where nothing moved or changed but the camera nothing is
-    /// done; materials that changed are prepared again, without the others; where something moved, trees are fitted to it, and built again only now and then. The picture is a function of the frame, whatever
-    /// frames came before.
+    /// Moves to `frame`; 0 is the first, and beyond the last frame the last pose is held. Nothing is done where only the camera
+    /// moved. Materials that changed are prepared again. Where something moved, trees are refitted, and rebuilt only now and
+    /// then. The picture is a function of the frame and does not depend on the frames before it.
     pub fn set_frame(&mut self, frame: usize) {
         let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
         let emitters_moved = self.features.emitters
@@ -185,7 +179,7 @@ impl RenderScene {
         }
     }
 
-    /// Other random numbers for all pictures from here on, in place of those of the scene's own seed.
+    /// Replaces the scene's seed: all later pictures use other random numbers.
     pub fn reseed(&mut self, seed: u64) {
         self.seed = seed;
     }
@@ -230,21 +224,14 @@ impl RenderScene {
         }
     }
 
-    /// Light of the scene.
+    /// The environment of the scene.
     pub fn environment(&self) -> &Environment {
-        &self.environment
+        &self.light.environment
     }
 
-    /// Split-sum tables of the environment, made on first use and kept.
-    pub fn ibl_tables(&self) -> &IblTables {
-        // Made before the cell is locked: making them runs on rayon, where a waiting thread may pick up work that asks for them.
-        match self.tables.get() {
-            Some(tables) => tables,
-            None => {
-                let made = IblTables::new(&self.environment);
-                self.tables.get_or_init(|| made)
-            }
-        }
+    /// The environment with its split-sum tables and its exposure, which are computed on first use and kept.
+    pub fn light(&self) -> &Arc<Light> {
+        &self.light
     }
 
     /// The BSDF of each material, `None` where a texture changes it from place to place. Made on first use, on this thread alone.
@@ -255,27 +242,9 @@ impl RenderScene {
         })
     }
 
-    /// Irradiance of the environment by direction (that of [`Self::ibl_tables`], without the rest), made on first use and kept.
-    pub(crate) fn irradiance_map(&self) -> &Environment {
-        // As above.
-        match self.irradiance.get() {
-            Some(map) => map,
-            None => {
-                let made = renderflow_frame::ibl::irradiance_map(&self.environment);
-                self.irradiance.get_or_init(|| made)
-            }
-        }
-    }
-
-    /// Factor from scene radiance to display-linear, from the environment alone (see [`renderflow_frame::ibl::exposure`]).
+    /// Factor from scene radiance to display-linear, from the environment alone ([`Light::exposure`]).
     pub fn exposure(&self) -> f32 {
-        match self.exposure.get() {
-            Some(&exposure) => exposure,
-            None => {
-                let made = renderflow_frame::ibl::exposure(&self.environment);
-                *self.exposure.get_or_init(|| made)
-            }
-        }
+        self.light.exposure()
     }
 
     /// Chooses what light samples of the environment follow; [`Self::compile`] takes the default.
@@ -283,7 +252,7 @@ impl RenderScene {
     /// # Errors
     /// Never after [`Self::compile`] accepted the environment.
     pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
-        self.lights = LightSampler::new(EnvironmentLight::with_sampling(&self.environment, sampling)?, []);
+        self.lights = LightSampler::new(EnvironmentLight::with_sampling(self.environment(), sampling)?, []);
         self.place_emitters();
         Ok(())
     }
@@ -324,8 +293,8 @@ impl RenderScene {
         self.geometry.closest(ray, scratch)
     }
 
-    /// [`Self::closest`] of each ray, the same hits bit for bit; several times as fast for camera rays of neighbouring pixels, sixteen
-    /// at a time. `hits` is as long as `rays`.
+    /// [`Self::closest`] of each ray, the same hits bit for bit; several times as fast for camera rays of neighbouring pixels,
+    /// sixteen at a time. `hits` is as long as `rays`.
     pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         self.geometry.closest_packet(rays, hits, scratch);
     }
@@ -383,7 +352,7 @@ impl RenderScene {
     }
 }
 
-/// What the instances need with these materials: an unused textured material must not slow the others down.
+/// The features that the instances need with these materials. A material that no instance uses must not slow the others down.
 fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &EnvironmentLight) -> FeatureSet {
     let used = |f: &dyn Fn(&CompiledMaterial) -> bool| instances.iter().any(|i| f(&materials[i.material]));
     FeatureSet {
@@ -401,27 +370,14 @@ fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &Envi
 }
 
 fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
-    let range = |v: f32| v.clamp(0.0, 1.0);
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
-    // A mask that cuts nothing must not make every ray ask.
+    // A mask that cuts nothing must not cost every ray a look-up.
     let alpha_mask = material.alpha_mask.filter(|mask| {
         let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha());
         mask.factor * lowest < mask.cutoff
     });
     CompiledMaterial {
-        surface: Surface {
-            base_color: Vec3A::from_array(material.base_color).clamp(Vec3A::ZERO, Vec3A::ONE),
-            metallic: range(material.metallic),
-            roughness: range(material.roughness),
-            specular: range(material.specular),
-            specular_tint: range(material.specular_tint),
-            anisotropic: range(material.anisotropic),
-            sheen: range(material.sheen),
-            sheen_tint: range(material.sheen_tint),
-            clearcoat: range(material.clearcoat),
-            clearcoat_gloss: range(material.clearcoat_gloss),
-            subsurface: range(material.subsurface),
-        },
+        surface: material.surface.clamped(),
         base_color_texture: material.base_color_texture.clone(),
         metallic_roughness_texture: material.metallic_roughness_texture.clone(),
         normal_texture: material.normal_texture.clone(),
@@ -432,7 +388,7 @@ fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMateri
     }
 }
 
-/// References that would lead out of the scene's arrays, and values outside their range.
+/// Refuses references that lead out of the scene's arrays, and values outside their range.
 fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
     if scene.cameras.is_empty() {
         return Err(Error::inconsistent("cameras", "there is none"));
@@ -484,25 +440,9 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
         if !material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(Error::inconsistent(format!("materials/{i}"), format!("emission {:?} is not finite", material.emissive)));
         }
-        let scalars = [
-            material.metallic,
-            material.roughness,
-            material.specular,
-            material.specular_tint,
-            material.anisotropic,
-            material.sheen,
-            material.sheen_tint,
-            material.clearcoat,
-            material.clearcoat_gloss,
-            material.subsurface,
-        ];
-        let targets = material
-            .change
-            .iter()
-            .flat_map(|last| last.base_color.into_iter().chain([last.metallic, last.roughness, last.specular]));
-        for value in material.base_color.into_iter().chain(scalars).chain(targets) {
-            if !(0.0..=1.0).contains(&value) {
-                return Err(Error::inconsistent(format!("materials/{i}"), format!("{value} is outside 0..=1")));
+        for surface in std::iter::once(&material.surface).chain(&material.change) {
+            if let Some((field, value)) = surface.out_of_range() {
+                return Err(Error::inconsistent(format!("materials/{i}"), format!("{field}: {value} is outside 0..=1")));
             }
         }
     }

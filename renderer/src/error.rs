@@ -1,6 +1,6 @@
 //! Errors of compiling and rendering scenes.
 
-/// What went wrong, with the place in the scene it went wrong at.
+/// What went wrong, and where in the scene.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

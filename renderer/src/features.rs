@@ -1,6 +1,6 @@
 //! What a scene needs, as compile-time sets: the integrator is compiled once a set, so that what a scene lacks costs nothing.
 
-use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Prepared, Surface, View};
+use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Prepared, Principled, View};
 use glam::Vec3A;
 
 /// Compile-time description of a scene. A branch on one of these constants disappears from the compiled integrator.
@@ -9,8 +9,8 @@ pub trait Features: Send + Sync + 'static {
     const TEXTURES: bool;
     /// The environment is the same from everywhere: sampling it explicitly could only add noise and shadow rays.
     const FLAT_ENVIRONMENT: bool;
-    /// More than base colour, metallic, roughness and specular of opaque, double-sided surfaces that do not emit: the other lobes of
-    /// the principled BRDF, its published mode, emitters, alpha masks, single-sided surfaces.
+    /// More than base colour, metallic, roughness and specular of opaque, double-sided surfaces that do not emit: the other lobes
+    /// of the principled BRDF, its published mode, emitters, alpha masks, single-sided surfaces.
     const FULL: bool;
     /// The BSDF that [`Self::FULL`] calls for.
     type Bsdf: Brdf;
@@ -72,7 +72,7 @@ pub trait Brdf: Copy {
         Self: 'a;
 
     /// [`Bsdf::new`].
-    fn new(surface: &Surface, mode: Mode) -> Self;
+    fn new(surface: &Principled, mode: Mode) -> Self;
     /// The one of this kind among those made before.
     fn prepared(prepared: &Prepared) -> &Self;
     /// [`Bsdf::view`].
@@ -95,7 +95,7 @@ impl Brdf for Bsdf<false> {
     type View<'a> = View<'a, false>;
 
     #[inline(always)]
-    fn new(surface: &Surface, mode: Mode) -> Self {
+    fn new(surface: &Principled, mode: Mode) -> Self {
         Self::new(surface, mode)
     }
 
@@ -114,7 +114,7 @@ impl Brdf for Bsdf<true> {
     type View<'a> = View<'a, true>;
 
     #[inline(always)]
-    fn new(surface: &Surface, mode: Mode) -> Self {
+    fn new(surface: &Principled, mode: Mode) -> Self {
         Self::new(surface, mode)
     }
 

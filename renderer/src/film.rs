@@ -1,299 +1,291 @@
-//! The film: what the samples of one pixel add up to.
-//!
-//! Every sample belongs to exactly one pixel (the filter is importance sampled, never splatted), so pixels stay independent: that is
-//! what makes the picture independent of threads and tiles, and what denoisers expect. Radiance is summed in twice double precision
-//! (some 32 digits): at 65536 samples of a bright sun single-precision sums lose the dim samples, and double-precision sums round
-//! differently in another order, which shows in the variance of pixels that have nearly none.
-//! It costs about one instruction in a hundred (docs/measurements/renderer-notes.md, small).
+//! The film: what the samples of a picture add up to, all at once or in parts that are merged.
 
-use bytemuck::Zeroable;
+mod pixel;
+
+pub use pixel::PixelStatistics;
+pub(crate) use pixel::{FirstHit, GroupStatistics, GuideStatistics, LightStatistics};
+
+use crate::compile::RenderScene;
+use crate::error::{Error, Result};
+use crate::integrator::{Budget, Settings};
+use bytemuck::zeroed_vec;
 use glam::{DVec3, Vec3A};
+use rayon::prelude::*;
 use renderflow_frame::frame::LIGHT_GROUPS;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
-/// Running sums of one pixel's radiance.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Zeroable)]
-pub struct PixelStatistics {
-    count: u64,
-    sum: Sum,
-    sum_of_squares: Sum,
+/// The samples of a picture: sums of radiance, of its light groups, and of what camera rays hit first. Films of disjoint ranges
+/// of samples merge into one film if they have the same scene, frame and settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Film {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// Number of samples that share a camera ray; the sums of a pixel count them as one.
+    #[serde(default = "one")]
+    branches: u32,
+    /// Hash of everything that must be equal for films to merge.
+    key: String,
+    /// Numbers of the samples: disjoint ranges in ascending order. In a film with a map each pixel has only the samples below its
+    /// count.
+    ranges: Vec<Range<u32>>,
+    /// BLAKE3 of the map of counts; `None` where every pixel has the same samples.
+    #[serde(default)]
+    map: Option<String>,
+    pub(crate) pixels: Vec<PixelStatistics>,
+    pub(crate) guides: Vec<GuideStatistics>,
+    /// Empty unless light groups were asked for.
+    pub(crate) groups: Vec<GroupStatistics>,
+    /// Contributions of light paths.
+    #[serde(default)]
+    light: LightPathSums,
 }
 
-/// A sum in two parts, `high` the double next to it and `low` the rest: `high` does not depend on the order of the terms.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize, Zeroable)]
-struct Sum {
-    high: DVec3,
-    low: DVec3,
+/// The pictures of a film's samples.
+pub(crate) struct Beauty {
+    raw: Rgb,
+    variance: Option<Rgb>,
+    samples: Option<Image<u32>>,
+    groups: [Option<Rgb>; LIGHT_GROUPS],
+    /// Mean number of samples per pixel.
+    spp: u32,
+    light_paths: bool,
 }
 
-impl Sum {
-    /// Adds without rounding but that of `low` (Dekker 1971; the first step is Knuth's TwoSum).
-    #[inline]
-    fn add(&mut self, value: DVec3, low: DVec3) {
-        let sum = self.high + value;
-        let part = sum - self.high;
-        let lost = (self.high - (sum - part)) + (value - part);
-        let low = self.low + low + lost;
-        self.high = sum + low;
-        self.low = low - (self.high - sum);
-    }
-}
-
-/// The same to double precision.
-impl PartialEq for Sum {
-    fn eq(&self, other: &Self) -> bool {
-        self.high == other.high
-    }
-}
-
-impl PixelStatistics {
-    /// Adds one finite sample of radiance.
-    #[inline]
-    pub fn push(&mut self, radiance: Vec3A) {
-        let value = radiance.as_dvec3();
-        self.count += 1;
-        self.sum.add(value, DVec3::ZERO);
-        // Exact: a product of two single-precision numbers fits into double precision.
-        self.sum_of_squares.add(value * value, DVec3::ZERO);
-    }
-
-    /// Adds the samples of `other`, as if they had been pushed here.
-    pub fn merge(&mut self, other: &Self) {
-        self.count += other.count;
-        self.sum.add(other.sum.high, other.sum.low);
-        self.sum_of_squares.add(other.sum_of_squares.high, other.sum_of_squares.low);
-    }
-
-    /// Samples so far.
-    pub fn count(&self) -> u64 {
-        self.count
-    }
-
-    /// Mean radiance, 0 without samples.
-    pub fn mean(&self) -> [f32; 3] {
-        mean(self.sum.high, self.count)
-    }
-
-    /// Mean radiance in double precision, 0 without samples.
-    pub(crate) fn mean_f64(&self) -> DVec3 {
-        self.sum.high / self.count.max(1) as f64
-    }
-
-    /// Variance of the mean, as if samples were independent: with low-discrepancy samples an upper estimate. 0 below two
-    /// samples; a variance beyond single precision (radiance above some 1e19) is its largest number.
-    pub fn variance_of_mean(&self) -> [f32; 3] {
-        self.variance_of_mean_f64().min(DVec3::splat(f32::MAX.into())).as_vec3().to_array()
-    }
-
-    /// As [`Self::variance_of_mean`], in double precision.
-    pub(crate) fn variance_of_mean_f64(&self) -> DVec3 {
-        if self.count < 2 {
-            return DVec3::ZERO;
-        }
-        let n = self.count as f64;
-        // Squares less n times the squared mean, which cancel in double precision where samples are nearly equal: products with
-        // their roundings (fused multiply-add gives these exactly).
-        let (sum, squares) = (self.sum.high, self.sum_of_squares.high);
-        let mean = sum / n;
-        let rest = mean.mul_add(DVec3::splat(-n), sum) + self.sum.low;
-        let product = mean * sum;
-        let rounding = mean.mul_add(sum, -product);
-        let spread = ((squares - product) + (self.sum_of_squares.low - rounding) - mean * (rest + self.sum.low)).max(DVec3::ZERO);
-        spread / (n * (n - 1.0))
+impl Beauty {
+    /// Stores the pictures in a frame, and how they were made in its header.
+    pub fn store(self, frame: &mut Frame) {
+        frame.beauty = Some(self.raw.clone());
+        frame.raw = Some(self.raw);
+        (frame.variance, frame.samples, frame.light) = (self.variance, self.samples, self.groups);
+        (frame.info.spp, frame.info.light_paths) = (self.spp, self.light_paths);
     }
 }
 
-fn mean(sum: DVec3, count: u64) -> [f32; 3] {
-    (sum / count.max(1) as f64).as_vec3().to_array()
+/// Contributions of the light paths of a picture.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct LightPathSums {
+    /// Number of samples per pixel whose light paths were traced.
+    samples: u32,
+    /// One sum per pixel; empty without light paths.
+    pixels: Vec<LightStatistics>,
+    /// Empty unless light groups were asked for.
+    groups: Vec<GroupStatistics>,
 }
 
-/// Base colour and world-space shading normal where a camera ray first hits.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct FirstHit {
-    pub albedo: Vec3A,
-    pub ns: Vec3A,
+fn one() -> u32 {
+    1
 }
 
-/// Sums of what the camera rays of one pixel hit first.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Zeroable)]
-pub(crate) struct GuideStatistics {
-    rays: u64,
-    hits: u64,
-    albedo: DVec3,
-    normal: DVec3,
+/// Hash of everything that the value of a sample depends on besides its number. `spp` is included, because the footprints of
+/// texture look-ups depend on it.
+fn key(scene: &RenderScene, settings: &Settings) -> String {
+    let (channels, skips) = Default::default();
+    let (budget, branches) = (Budget::Uniform, settings.branches());
+    let settings = Settings { guide_samples: 1, irradiance: false, budget, branches, channels, skips, ..*settings };
+    let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
+    blake3::hash(&serde_json::to_vec(&identity).expect("numbers and names")).to_hex().to_string()
 }
 
-impl GuideStatistics {
-    #[inline]
-    pub fn push(&mut self, first: Option<FirstHit>) {
-        self.rays += 1;
-        if let Some(first) = first {
-            self.hits += 1;
-            self.albedo += first.albedo.as_dvec3();
-            self.normal += first.ns.as_dvec3();
+fn map_hash(map: &[u32]) -> String {
+    let mut hash = blake3::Hasher::new();
+    map.iter().for_each(|count| _ = hash.update(&count.to_le_bytes()));
+    hash.finalize().to_hex().to_string()
+}
+
+impl Film {
+    /// An empty film for the samples `range` of every pixel; with `map`, only for the samples below the pixel's count in it.
+    pub(crate) fn new(scene: &RenderScene, settings: &Settings, range: Range<u32>, map: Option<&[u32]>) -> Self {
+        let (width, height) = (scene.camera().width, scene.camera().height);
+        let count = width * height;
+        Self {
+            width,
+            height,
+            branches: settings.branches(),
+            key: key(scene, settings),
+            ranges: vec![range],
+            map: map.map(map_hash),
+            // Pages that the system clears when the threads that trace first write to them.
+            pixels: zeroed_vec(count),
+            guides: zeroed_vec(count),
+            groups: zeroed_vec(if settings.light_groups > 0 { count } else { 0 }),
+            light: LightPathSums::default(),
         }
     }
 
-    /// Counts rays of which `first` is the mean first hit: all of them meet one surface, or nothing.
-    #[inline]
-    pub fn push_alike(&mut self, count: u64, first: Option<FirstHit>) {
-        self.rays += count;
-        if let Some(first) = first {
-            self.hits += count;
-            self.albedo += first.albedo.as_dvec3() * count as f64;
-            self.normal += first.ns.as_dvec3() * count as f64;
+    /// Marks the film as complete: each pixel holds the number of samples that `map` states.
+    pub(crate) fn complete_map(&mut self, map: &[u32]) {
+        self.ranges = std::iter::once(0..map.iter().copied().max().unwrap_or(0)).collect();
+        self.map = Some(map_hash(map));
+    }
+
+    /// The sums of light paths, to which the paths of `samples` more samples per pixel will be added.
+    pub(crate) fn light_paths(&mut self, samples: u32) -> &mut LightPathSums {
+        self.light.begin(samples, self.pixels.len(), self.groups.len());
+        &mut self.light
+    }
+
+    /// Checks that [`crate::develop`] may use the film for this scene and these settings.
+    pub(crate) fn check(&self, scene: &RenderScene, settings: &Settings) -> Result<()> {
+        if self.key != key(scene, settings) {
+            return Err(Error::Merge("the film is of another scene, frame or other settings".into()));
+        }
+        let count = scene.camera().width * scene.camera().height;
+        self.complete(count, if settings.light_groups > 0 { count } else { 0 })
+    }
+
+    /// Checks the number of pixels, since a film may come from a damaged file.
+    fn complete(&self, pixels: usize, groups: usize) -> Result<()> {
+        let found = (self.pixels.len(), self.guides.len(), self.groups.len());
+        if found == (pixels, pixels, groups) && self.light.is_of(pixels, groups) {
+            return Ok(());
+        }
+        Err(Error::Merge(format!("a film holds {} pixels in place of {pixels}", self.pixels.len())))
+    }
+
+    /// The pictures of the samples.
+    pub(crate) fn beauty(&self, settings: &Settings) -> Beauty {
+        let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
+        let whole = 0..self.pixels.len();
+        let variance = settings.channels.variance.then(|| {
+            let most = DVec3::splat(f32::MAX.into());
+            image(whole.into_par_iter().map(|at| self.variance_of_mean(at).min(most).as_vec3().to_array()).collect())
+        });
+        let mut groups: [Option<Rgb>; LIGHT_GROUPS] = Default::default();
+        for (group, light) in groups.iter_mut().enumerate().take(settings.light_groups as usize) {
+            let paths = |at: usize| self.light.groups.get(at).map_or(DVec3::ZERO, |g| g.sum_over(group, self.light.samples));
+            let pixel = |(at, g): (usize, &GroupStatistics)| (g.mean(group) + paths(at)).as_vec3().to_array();
+            *light = Some(image(self.groups.par_iter().enumerate().map(pixel).collect()));
+        }
+        Beauty {
+            raw: self.mean(),
+            variance,
+            samples: self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() }),
+            groups,
+            spp: self.samples(),
+            light_paths: self.has_light_paths(),
         }
     }
 
-    /// Counts rays that are known to hit nothing.
-    pub fn push_misses(&mut self, count: u64) {
-        self.rays += count;
+    /// Frees the memory of everything except the guides.
+    pub(crate) fn keep_guides_alone(&mut self) {
+        (self.pixels, self.groups, self.light) = Default::default();
     }
 
-    pub fn merge(&mut self, other: &Self) {
-        self.rays += other.rays;
-        self.hits += other.hits;
-        self.albedo += other.albedo;
-        self.normal += other.normal;
+    /// Mean radiance of the samples so far; 0 without samples.
+    pub fn mean(&self) -> Image<[f32; 3]> {
+        let pixels = (0..self.pixels.len()).into_par_iter().map(|at| self.mean_of(at).as_vec3().to_array()).collect();
+        Image { width: self.width, height: self.height, pixels }
     }
 
-    pub fn coverage(&self) -> f32 {
-        (self.hits as f64 / self.rays.max(1) as f64) as f32
+    /// Whether light paths were traced.
+    fn has_light_paths(&self) -> bool {
+        self.light.samples > 0
     }
 
-    /// Mean base colour, a miss counting as black.
-    pub fn albedo(&self) -> [f32; 3] {
-        // Rounding must not leave the range the channel promises.
-        mean(self.albedo, self.rays).map(|v| v.min(self.coverage()))
+    /// Mean radiance of a pixel.
+    pub(crate) fn mean_of(&self, at: usize) -> DVec3 {
+        let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.mean(self.light.samples));
+        self.pixels[at].mean_f64() + light
     }
 
-    /// Mean world-space normal, a miss counting as zero.
-    pub fn normal(&self) -> Vec3A {
-        Vec3A::from_array(mean(self.normal, self.rays))
+    /// Variance of [`Self::mean_of`].
+    pub(crate) fn variance_of_mean(&self, at: usize) -> DVec3 {
+        let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.variance_of_mean(self.light.samples));
+        self.pixels[at].variance_of_mean_f64() + light
+    }
+
+    /// Number of samples per pixel so far; the mean where pixels have different counts.
+    pub fn samples(&self) -> u32 {
+        if self.map.is_some() {
+            let sum: u64 = self.pixels.iter().map(|pixel| pixel.count() * u64::from(self.branches)).sum();
+            let count = self.pixels.len().max(1) as u64;
+            return u32::try_from((sum + count / 2) / count).unwrap_or(u32::MAX);
+        }
+        self.ranges.iter().map(|r| r.end - r.start).sum()
+    }
+
+    /// Number of samples of each pixel so far, row by row.
+    pub fn counts(&self) -> Vec<u32> {
+        let count = |pixel: &PixelStatistics| pixel.count().saturating_mul(self.branches.into());
+        self.pixels.iter().map(|pixel| u32::try_from(count(pixel)).unwrap_or(u32::MAX)).collect()
+    }
+
+    /// Ranges of the sample numbers in the film.
+    pub fn ranges(&self) -> &[Range<u32>] {
+        &self.ranges
+    }
+
+    /// Adds the samples of `other`. Sums are exact to about sixteen digits, so that any division into parts gives the picture of
+    /// one film.
+    ///
+    /// # Errors
+    /// When `other` has another scene, frame or settings, or shares samples with this film. Then nothing is added.
+    pub fn merge(&mut self, other: &Self) -> Result<()> {
+        if self.key != other.key {
+            return Err(Error::Merge("the other film is of another scene, frame or other settings".into()));
+        }
+        if self.map != other.map {
+            return Err(Error::Merge("the other film is of another sample map".into()));
+        }
+        other.complete(self.pixels.len(), self.groups.len())?;
+        let mut ranges: Vec<_> = self.ranges.iter().chain(&other.ranges).cloned().collect();
+        ranges.sort_by_key(|r| r.start);
+        if let Some(pair) = ranges.windows(2).find(|pair| pair[0].end > pair[1].start) {
+            return Err(Error::Merge(format!("both films hold sample {}", pair[1].start)));
+        }
+        ranges.dedup_by(|next, last| {
+            let joins = last.end == next.start;
+            if joins {
+                last.end = next.end;
+            }
+            joins
+        });
+        self.ranges = ranges;
+        self.pixels.iter_mut().zip(&other.pixels).for_each(|(a, b)| a.merge(b));
+        self.guides.iter_mut().zip(&other.guides).for_each(|(a, b)| a.merge(b));
+        self.groups.iter_mut().zip(&other.groups).for_each(|(a, b)| a.merge(b));
+        self.light.merge(&other.light);
+        Ok(())
     }
 }
 
-/// What light paths brought to one pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Zeroable)]
-pub(crate) struct LightStatistics {
-    sum: Sum,
-    squares: Sum,
-}
-
-impl LightStatistics {
-    /// Adds what a light path brought.
-    #[inline]
-    pub fn push(&mut self, radiance: Vec3A) {
-        let value = radiance.as_dvec3();
-        self.sum.add(value, DVec3::ZERO);
-        self.squares.add(value * value, DVec3::ZERO);
+impl LightPathSums {
+    /// Makes room for the light paths of `samples` more samples per pixel. The film has `pixels` pixels and `groups` sums of
+    /// light groups.
+    fn begin(&mut self, samples: u32, pixels: usize, groups: usize) {
+        if self.samples == 0 {
+            (self.pixels, self.groups) = (zeroed_vec(pixels), zeroed_vec(groups));
+        }
+        self.samples += samples;
     }
 
-    pub fn merge(&mut self, other: &Self) {
-        self.sum.add(other.sum.high, other.sum.low);
-        self.squares.add(other.squares.high, other.squares.low);
-    }
-
-    /// Radiance by the light paths of `samples` samples a pixel.
-    pub fn mean(&self, samples: u32) -> DVec3 {
-        self.sum.high / f64::from(samples.max(1))
-    }
-
-    /// Variance of that mean: few of many light paths come to a pixel.
-    pub fn variance_of_mean(&self, samples: u32) -> DVec3 {
-        self.squares.high / f64::from(samples.max(1)).powi(2)
-    }
-}
-
-/// Sums of one pixel's light groups.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Zeroable)]
-pub(crate) struct GroupStatistics {
-    count: u64,
-    sums: [DVec3; LIGHT_GROUPS],
-}
-
-impl GroupStatistics {
-    #[inline]
-    pub fn push(&mut self, groups: &[Vec3A; LIGHT_GROUPS]) {
-        self.count += 1;
-        for (sum, value) in self.sums.iter_mut().zip(groups) {
-            *sum += value.as_dvec3();
+    /// Adds what one light path brings to pixel `at`, and to its light group where there are groups.
+    pub fn push(&mut self, at: usize, radiance: Vec3A, group: Option<usize>) {
+        self.pixels[at].push(radiance);
+        if let Some((sums, group)) = self.groups.get_mut(at).zip(group) {
+            sums.push_to(group, radiance);
         }
     }
 
-    pub fn merge(&mut self, other: &Self) {
-        self.count += other.count;
-        for (sum, value) in self.sums.iter_mut().zip(&other.sums) {
-            *sum += *value;
+    /// Whether the number of pixels is right, or 0 without light paths.
+    fn is_of(&self, pixels: usize, groups: usize) -> bool {
+        let found = (self.pixels.len(), self.groups.len());
+        found == if self.samples == 0 { (0, 0) } else { (pixels, groups) }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.samples += other.samples;
+        if other.pixels.is_empty() {
+            return;
         }
-    }
-
-    /// Adds to one group alone.
-    pub fn push_to(&mut self, group: usize, radiance: Vec3A) {
-        if let Some(sum) = self.sums.get_mut(group) {
-            *sum += radiance.as_dvec3();
+        if self.pixels.is_empty() {
+            (self.pixels, self.groups) = (other.pixels.clone(), other.groups.clone());
+        } else {
+            self.pixels.iter_mut().zip(&other.pixels).for_each(|(a, b)| a.merge(b));
+            self.groups.iter_mut().zip(&other.groups).for_each(|(a, b)| a.merge(b));
         }
-    }
-
-    /// The sum of a group over `count`.
-    pub fn sum_over(&self, group: usize, count: u32) -> DVec3 {
-        self.sums[group] / f64::from(count.max(1))
-    }
-
-    pub fn mean(&self, group: usize) -> DVec3 {
-        self.sums[group] / self.count.max(1) as f64
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn mean_and_variance_match_the_textbook() {
-        let mut film = PixelStatistics::default();
-        for v in [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0] {
-            film.push(Vec3A::splat(v));
-        }
-        // Sample variance 32/7, divided by 8 samples.
-        assert_eq!(film.mean(), [5.0; 3]);
-        assert!((film.variance_of_mean()[1] - 32.0 / 56.0).abs() < 1e-6);
-    }
-
-    #[test]
-    fn merging_equals_pushing() {
-        let values: Vec<Vec3A> = (0..64).map(|i| Vec3A::new(i as f32, 1.0 / (i + 1) as f32, 1e4)).collect();
-        let (mut whole, mut left, mut right) = <(PixelStatistics, PixelStatistics, PixelStatistics)>::default();
-        values.iter().for_each(|&v| whole.push(v));
-        values[..20].iter().for_each(|&v| left.push(v));
-        values[20..].iter().for_each(|&v| right.push(v));
-        left.merge(&right);
-        assert_eq!((left.count(), left.mean()), (whole.count(), whole.mean()));
-        assert_eq!(left.variance_of_mean(), whole.variance_of_mean());
-    }
-
-    #[test]
-    fn a_bright_sample_does_not_swallow_dim_ones() {
-        let mut film = PixelStatistics::default();
-        film.push(Vec3A::splat(1e7));
-        for _ in 1..65536 {
-            film.push(Vec3A::splat(0.25));
-        }
-        let exact = (1e7 + 0.25 * 65535.0) / 65536.0;
-        assert!((f64::from(film.mean()[0]) - exact).abs() < 1e-4);
-    }
-
-    #[test]
-    fn guides_count_misses() {
-        let mut guides = GuideStatistics::default();
-        guides.push(Some(FirstHit { albedo: Vec3A::splat(0.8), ns: Vec3A::Z }));
-        guides.push(None);
-        guides.push_misses(2);
-        assert_eq!(guides.coverage(), 0.25);
-        assert!((guides.albedo()[1] - 0.2).abs() < 1e-7 && guides.normal() == Vec3A::Z * 0.25);
-        let (mut alike, first) = (GuideStatistics::default(), FirstHit { albedo: Vec3A::splat(0.8), ns: Vec3A::Z });
-        alike.push_alike(1, Some(first));
-        alike.push_alike(3, None);
-        assert!(alike == guides);
     }
 }

@@ -4,7 +4,7 @@ use crate::accel::Hit;
 use crate::compile::RenderScene;
 use crate::features::Features;
 use crate::film::FirstHit;
-use crate::material::Surface;
+use crate::material::Principled;
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::Vec3A;
@@ -14,8 +14,8 @@ use renderflow_scenes::TextureSlot;
 /// Smallest cosine between the shading normal and the viewer; a shading normal below is bent up to it.
 const MIN_COS_VIEW: f32 = 1e-3;
 
-/// What a ray stands for: a cone around it that covers the samples' share of a pixel or of a lobe. Textures are looked up at the
-/// width it has where it hits (Akenine-Moller et al. 2021, "Improved Shader and Texture Level of Detail Using Ray Cones").
+/// The footprint of a ray: a cone that covers a sample's share of a pixel or of a lobe. Textures are looked up at the width of
+/// the cone at the hit (Akenine-Moller et al. 2021, "Improved Shader and Texture Level of Detail Using Ray Cones").
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cone {
     /// Width at the origin of the ray, metres.
@@ -25,12 +25,13 @@ pub struct Cone {
 }
 
 impl Cone {
-    /// A camera ray that is one of `samples` in its pixel: a share of the pixel of that area.
+    /// The cone of one of `samples` camera rays of a pixel, which covers that share of the pixel's area.
     pub fn camera(camera: &Camera, samples: u32) -> Self {
         Self { width: 0.0, spread: 1.0 / (camera.fl_y * (samples.max(1) as f32).sqrt()) }
     }
 
-    /// After scattering with density `pdf` (per steradian), one of `samples`: each stands for a solid angle of `1 / (pdf samples)`.
+    /// After scattering with density `pdf` (per steradian), one of `samples`: each stands for a solid angle of `1 / (pdf
+    /// samples)`.
     #[inline(always)]
     pub fn scattered(self, pdf: f32, samples: u32) -> Self {
         let own = (pdf * samples.max(1) as f32).sqrt().recip();
@@ -55,7 +56,7 @@ pub struct Interaction {
     /// Direction of anisotropy in the surface, not perpendicular to `ns`, not unit; zero where it does not matter.
     pub tangent: Vec3A,
     /// Material at this point.
-    pub surface: Surface,
+    pub surface: Principled,
     /// Its index among the scene's.
     pub material: usize,
     /// Radiance emitted towards `wo`.
@@ -78,14 +79,14 @@ impl Interaction {
         Self::at::<F, true>(scene, ray, hit, cone)
     }
 
-    /// What guides show of the point that [`Self::new`] makes; nothing else is looked up.
+    /// The guides' values of the point that [`Self::new`] makes; nothing else is looked up.
     #[inline(always)]
     pub(crate) fn guide<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> FirstHit {
         let point = Self::at::<F, false>(scene, ray, hit, cone);
         FirstHit { albedo: point.surface.base_color, ns: point.ns }
     }
 
-    /// The point, its roughness, metal and emission only if `WHOLE`.
+    /// The point; its roughness, metallic and emission only if `WHOLE`.
     #[inline(always)]
     fn at<F: Features, const WHOLE: bool>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> Self {
         let wo = -ray.direction;
@@ -168,7 +169,7 @@ impl Interaction {
 
     /// A point at the origin with the given normals and material.
     #[cfg(test)]
-    pub(crate) fn for_tests(n: Vec3A, ns: Vec3A, surface: Surface) -> Self {
+    pub(crate) fn for_tests(n: Vec3A, ns: Vec3A, surface: Principled) -> Self {
         let (p, tangent, emitted) = (Vec3A::ZERO, Vec3A::ZERO, Vec3A::ZERO);
         Self {
             p,
@@ -187,8 +188,8 @@ impl Interaction {
     }
 }
 
-/// Applies a tangent-space normal `value` (-1..=1) with `strength` on its x and y, as glTF defines it. Falls back to `ns` where the
-/// tangent is parallel to it.
+/// Applies a tangent-space normal `value` (-1..=1) with `strength` on its x and y, as glTF defines it. Falls back to `ns` where
+/// the tangent is parallel to it.
 fn map_normal(ns: Vec3A, tangent: Vec3A, handedness: f32, value: Vec3A, strength: f32) -> Vec3A {
     let Some(t) = (tangent - ns * ns.dot(tangent)).try_normalize() else { return ns };
     let b = ns.cross(t) * handedness;

@@ -1,7 +1,8 @@
 //! CPU path tracer: compiled scenes, Disney materials, environment light, G-buffers, film.
 //!
-//! [`RenderScene::compile`] takes a loaded scene apart into what rays need; [`render`] path-traces a frame with its G-buffer,
-//! [`render_gbuffer`] traces camera rays alone, and [`ibl::render`] shades them with the split sum.
+//! [`RenderScene::compile`] turns a loaded scene into what rays need. [`render`] path-traces a frame with its G-buffer,
+//! [`render_gbuffer`] traces camera rays alone, [`ibl::render`] shades them with the split sum, and [`deferred`] with shadow maps
+//! and screen-space effects.
 //!
 //! It is *not* a scene format (see `renderflow-scenes`) and writes no files (see `renderflow-frame`).
 
@@ -9,6 +10,7 @@ pub mod accel;
 mod angle;
 pub mod camera;
 mod compile;
+pub mod deferred;
 pub mod denoise;
 mod error;
 pub mod features;
@@ -24,7 +26,6 @@ pub mod ray;
 pub mod record;
 pub mod sampler;
 mod schedule;
-mod shadow;
 mod simd;
 mod skips;
 mod stats;
@@ -34,14 +35,14 @@ pub mod verify;
 pub use camera::Filter;
 pub use compile::RenderScene;
 pub use error::{Error, Result};
+pub use film::Film;
 pub use geometry::{Builds, Sharing};
 pub use integrator::{
-    Budget, DirectLight, Film, Memory, Settings, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer,
+    Budget, DirectLight, Memory, Settings, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer,
     render_gbuffer_until, render_mapped, render_with_stats,
 };
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
-pub use shadow::{SHADOW_MAP_SIZE, SKY_MAP_SIZE, ShadowTiles, shadow_map, shadow_maps};
 pub use skips::{Channels, Skips};
 pub use stats::Stats;

@@ -1,11 +1,11 @@
 //! What paths ask of a compiled scene: rays, with holes and single-sided surfaces, and lights.
 //!
 //! **Single-sided surfaces.** A ray passes a single-sided surface that it meets from behind, and every segment of a path is judged in
-//! the direction from the camera to the light: camera rays, bounce rays and shadow rays alike, and rays to pixel centres. (This is how
-//! glTF's back faces are culled, carried on beyond the first surface.) Such a surface can let a path through in one direction only,
-//! so a path from the light must not be judged by the way it travels. Light paths therefore end where they would pass a surface from
-//! behind: seen from the camera's side they would meet its front. What camera paths carry through surfaces from behind no light path
-//! finds, and it is weighed that way. The picture is the same with and without light paths.
+//! the direction from the camera to the light: camera rays, bounce rays and shadow rays alike, and rays to pixel centres. (This
+//! is how glTF's back faces are culled, carried on beyond the first surface.) Such a surface can let a path through in one
+//! direction only, so a path from the light must not be judged by the way it travels. Light paths therefore end where they would
+//! pass a surface from behind: seen from the camera's side they would meet its front. What camera paths carry through surfaces
+//! from behind no light path finds, and it is weighed that way. The picture is the same with and without light paths.
 
 use crate::accel::{Candidate, Hit, Scratch};
 use crate::compile::{CompiledMaterial, RenderScene};
@@ -19,10 +19,11 @@ use std::cell::Cell;
 
 /// A shadow ray stops this share of its length before its light: the light itself must not stand in its way, nor what touches it.
 const BEFORE_LIGHT: f32 = 1.0 - 1e-5;
-/// A surface passed from behind counts if it lies before this share of the distance: one that coincides with what is hit does not.
+/// A surface passed from behind counts if it lies before this share of the distance: one that coincides with what is hit does
+/// not.
 const BEFORE_HIT: f32 = 1.0 - 1e-5;
 
-/// What there is along a ray to the environment.
+/// What lies along a ray to the environment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sight {
     /// A surface that stops it.
@@ -136,7 +137,8 @@ impl RenderScene {
         }
     }
 
-    /// What there is along `ray` before a light sample. On the way to an emitter, which no light path comes from, nothing is noted.
+    /// What there is along `ray` before a light sample. On the way to an emitter, which no light path comes from, nothing is
+    /// noted.
     #[inline(always)]
     pub(crate) fn sight_of<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> Sight {
         let Source::Emitter { id, .. } = light.source else { return self.sight::<F>(ray, scratch) };
@@ -147,13 +149,13 @@ impl RenderScene {
         if hidden { Sight::Hidden } else { Sight::Clear }
     }
 
-    /// The environment.
+    /// The environment as light samples are drawn from it.
     #[inline(always)]
-    pub(crate) fn light(&self) -> &EnvironmentLight {
+    pub(crate) fn environment_light(&self) -> &EnvironmentLight {
         self.lights.environment()
     }
 
-    /// Whether there is light that is found by looking for it.
+    /// Whether there are lights to sample.
     #[inline(always)]
     pub(crate) fn samples_lights<F: Features>(&self) -> bool {
         !F::FLAT_ENVIRONMENT || F::FULL && self.features().emitters
@@ -167,16 +169,16 @@ impl RenderScene {
             // A flat environment is left to scattering, which finds it without noise.
             return (!F::FLAT_ENVIRONMENT || matches!(sample.source, Source::Emitter { .. })).then_some(sample);
         }
-        self.light().sample(u).map(LightSample::from)
+        self.environment_light().sample(u).map(LightSample::from)
     }
 
     /// What the environment sends from `wi`, and the density with which [`Self::sample_light`] finds that direction.
     #[inline(always)]
     pub(crate) fn environment_and_pdf<F: Features>(&self, wi: Vec3A) -> (Vec3A, f32) {
         if F::FLAT_ENVIRONMENT {
-            return (self.light().radiance(wi), 0.0);
+            return (self.environment_light().radiance(wi), 0.0);
         }
-        if F::FULL { self.lights.radiance_and_pdf(wi) } else { self.light().radiance_and_pdf(wi) }
+        if F::FULL { self.lights.radiance_and_pdf(wi) } else { self.environment_light().radiance_and_pdf(wi) }
     }
 
     /// Density with which [`Self::sample_light`] finds the emissive point `at`, which a ray of length `distance` along `wi` met.

@@ -12,7 +12,7 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// A ray from `origin` along `direction`, a unit vector if distances along the ray are to be metres.
+    /// A ray from `origin` along `direction`; distances along the ray are metres if `direction` is a unit vector.
     #[inline]
     pub fn new(origin: Vec3A, direction: Vec3A) -> Self {
         Self { origin, direction }

@@ -6,7 +6,7 @@ use crate::ray::Ray;
 use glam::Vec3A;
 use std::cell::RefCell;
 
-/// A ray of a render, with what was asked about it.
+/// A ray of a render, with the kind of query.
 #[derive(Clone, Copy, Debug)]
 pub struct Recorded {
     /// World-space origin, metres.

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Edge of a tile in pixels: neighbouring rays share cache lines of the tree, and there is enough work for many threads.
 pub(crate) const TILE: usize = 8;
-/// Tiles whose results are held before they are stored: bounds memory to some 40 MB, whatever the picture's size.
+/// Number of tiles whose results are held before they are stored. It bounds memory to about 40 MB for pictures of any size.
 const BATCH: usize = 4096;
 
 /// Most pixels whose results are held at a time.
@@ -48,7 +48,8 @@ pub(crate) fn with_shuffled_tiles<R>(seed: u64, render: impl FnOnce() -> R) -> R
     result
 }
 
-/// Calls `work` for every tile of a `width x height` picture on rayon's threads and `store` with each result, in order, on this one.
+/// Calls `work` for every tile of a `width x height` picture on rayon's threads and `store` with each result, in order, on this
+/// one.
 ///
 /// # Errors
 /// [`Error::Cancelled`] once `cancel` is set; tiles under way are finished first.
@@ -96,16 +97,16 @@ pub(crate) fn for_tiles<T: Send>(
 /// What one tile has of a picture: a piece of each of its rows, from the top; empty where there is none.
 type Pieces<'a, P> = [&'a mut [P]; TILE];
 
-/// A tile and its pixels in up to three pictures of one size; those that are empty have none.
-pub(crate) struct Plot<'a, A, B, C> {
+/// A tile with its pixels in up to three pictures of one size; an empty picture has no pixels.
+pub(crate) struct TilePixels<'a, A, B, C> {
     pub tile: Tile,
     pub first: Pieces<'a, A>,
     pub second: Pieces<'a, B>,
     pub third: Pieces<'a, C>,
 }
 
-/// Calls `work` for every tile of pictures of `width x height` pixels (or none), on rayon's threads, to be filled where they are. Calls
-/// `sum` with the results, in order, on this one.
+/// Calls `work` on rayon's threads for every tile of pictures of `width x height` pixels (or none), which are filled in place.
+/// Calls `sum` with the results, in order, on this thread.
 ///
 /// # Errors
 /// As [`for_tiles`].
@@ -113,7 +114,7 @@ pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
     (width, height): (usize, usize),
     (mut first, mut second, mut third): (&mut [A], &mut [B], &mut [C]),
     cancel: &AtomicBool,
-    work: impl Fn(Plot<'_, A, B, C>) -> T + Sync,
+    work: impl Fn(TilePixels<'_, A, B, C>) -> T + Sync,
     mut sum: impl FnMut(T),
 ) -> Result<()> {
     let columns = width.div_ceil(TILE).max(1);
@@ -125,7 +126,7 @@ pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
             plots.extend(a.into_iter().zip(b).zip(c).enumerate().map(|(column, ((first, second), third))| {
                 let x = column * TILE;
                 let tile = Tile { x, y, width: TILE.min(width - x), height: TILE.min(height - y) };
-                Plot { tile, first, second, third }
+                TilePixels { tile, first, second, third }
             }));
         }
         if let Some(seed) = ORDER.get() {
@@ -180,7 +181,7 @@ mod tests {
         for (width, height) in [(0, 0), (1, 1), (8, 8), (9, 17), (640, 3), (3, 640), (2000, 200)] {
             let (mut first, mut second) = (vec![(0, 0); width * height], vec![0u8; width * height]);
             let fill = || {
-                let work = |plot: Plot<'_, (usize, usize), u8, u8>| {
+                let work = |plot: TilePixels<'_, (usize, usize), u8, u8>| {
                     assert!(plot.third.iter().all(|piece| piece.is_empty()));
                     for (i, at) in plot.tile.pixels().enumerate() {
                         let (column, row) = (i % plot.tile.width, i / plot.tile.width);

@@ -14,7 +14,7 @@ pub struct Skips {
     pub feature_sets: bool,
     /// No camera rays in pixels that no triangle's bounds cover.
     pub environment_pixels: bool,
-    /// Coverage and guides from the beauty's own samples; off: from a second pass of as many camera rays.
+    /// Takes coverage and guides from the beauty's samples; off, a second pass of the same number of camera rays gives them.
     pub shared_guides: bool,
     /// No shadow ray for a light sample that would contribute nothing.
     pub zero_contributions: bool,
@@ -26,8 +26,8 @@ pub struct Skips {
     pub dark_scenes: bool,
     /// No light samples of an environment that is the same from everywhere. Both ways converge to the same picture.
     pub flat_environment: bool,
-    /// No guide rays in pixels whose centre and corners see the same surface without texture, where no beauty is rendered. What is
-    /// narrower than a pixel can be missed between them.
+    /// No guide rays in pixels whose centre and corners see the same surface without texture, where no beauty is rendered. What
+    /// is narrower than a pixel can be missed between them.
     pub plain_pixels: bool,
 }
 
@@ -52,8 +52,8 @@ impl Default for Skips {
     }
 }
 
-/// Which parts of a [`renderflow_frame::Frame`] to fill; what is not asked for costs nothing. The irradiance and the groups of light have
-/// settings of their own, and coverage is always there.
+/// Which parts of a [`renderflow_frame::Frame`] to fill; what is not asked for costs nothing. The irradiance and the groups of
+/// light have settings of their own, and coverage is always there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Channels {

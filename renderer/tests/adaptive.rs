@@ -8,13 +8,13 @@ use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{
     Budget, DirectLight, Error, Film, RenderScene, Settings, develop, expose_mapped, render_mapped, render_with_stats,
 };
-use renderflow_scenes::{LoadedScene, Material};
+use renderflow_scenes::{LoadedScene, Material, Principled};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// A shiny sphere that throws light on the floor beside it, under a sky with a sun; about a third of the picture is sky.
 fn caustic(width: usize, height: usize) -> LoadedScene {
-    let shiny = Material { metallic: 1.0, roughness: 0.15, ..Material::default() };
+    let shiny = Material::from(Principled { metallic: 1.0, roughness: 0.15, ..Principled::default() });
     let parts = vec![
         (plane(20.0), diffuse([0.6, 0.5, 0.4]), Affine3A::IDENTITY),
         (sphere(16, true), shiny, Affine3A::from_translation(Vec3::new(-0.6, 1.0, 0.0))),

@@ -3,27 +3,29 @@
 mod common;
 
 use common::{camera, compile, plane, scene, sphere, sunny};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_renderer::{Mode, RenderScene, Settings, render_with_stats};
-use renderflow_scenes::{LoadedScene, Material, MaterialChange};
+use renderflow_scenes::{LoadedScene, Material, Principled};
 use std::sync::atomic::AtomicBool;
 
 const FRAMES: usize = 9;
 
 /// Dull balls that become polished metal or glossy paint, a mirror that goes blind, one under clear coat and one that stays.
 fn changing() -> LoadedScene {
-    let becomes = |base_color: [f32; 3], metallic: f32, roughness: f32, specular: f32| {
-        Some(MaterialChange { base_color, metallic, roughness, specular })
+    let becoming = |first: Principled, base_color: [f32; 3], [metallic, roughness, specular]: [f32; 3]| {
+        let change = Some(Principled { base_color: base_color.into(), metallic, roughness, specular, ..first });
+        Material { change, ..Material::from(first) }
     };
-    let dull = Material { base_color: [0.7, 0.3, 0.2], roughness: 0.9, specular: 0.0, ..Material::default() };
+    let dull = Principled { base_color: Vec3A::new(0.7, 0.3, 0.2), roughness: 0.9, specular: 0.0, ..Principled::default() };
+    let mirror = Principled { metallic: 1.0, roughness: 0.05, ..Principled::default() };
     let materials = [
-        Material { change: becomes([0.9, 0.8, 0.4], 1.0, 0.1, 0.5), ..dull.clone() },
-        Material { change: becomes([0.2, 0.3, 0.9], 0.0, 0.05, 1.0), ..dull.clone() },
-        Material { metallic: 1.0, roughness: 0.05, change: becomes([0.1; 3], 0.0, 1.0, 0.0), ..Material::default() },
-        Material { clearcoat: 1.0, change: becomes([0.0; 3], 0.5, 0.3, 0.2), ..dull.clone() },
-        dull,
+        becoming(dull, [0.9, 0.8, 0.4], [1.0, 0.1, 0.5]),
+        becoming(dull, [0.2, 0.3, 0.9], [0.0, 0.05, 1.0]),
+        becoming(mirror, [0.1; 3], [0.0, 1.0, 0.0]),
+        becoming(Principled { clearcoat: 1.0, ..dull }, [0.0; 3], [0.5, 0.3, 0.2]),
+        dull.into(),
     ];
-    let floor = Material { change: becomes([0.8; 3], 0.0, 0.1, 0.5), roughness: 1.0, ..Material::default() };
+    let floor = becoming(Principled { roughness: 1.0, ..Principled::default() }, [0.8; 3], [0.0, 0.1, 0.5]);
     let mut parts = vec![(plane(10.0), floor, Affine3A::IDENTITY)];
     for (material, x) in materials.into_iter().zip([-2.0f32, -1.0, 0.0, 1.0, 2.0]) {
         let place = Affine3A::from_translation(Vec3::new(x, 0.45, 0.0)) * Affine3A::from_scale(Vec3::splat(0.45));
@@ -75,9 +77,10 @@ fn the_ends_are_what_was_asked_for() {
     let loaded = changing();
     let (first, last) = (&loaded.materials[1], loaded.material_at(1, FRAMES - 1));
     assert_eq!(loaded.material_at(1, 0), Material { change: None, ..first.clone() });
-    assert_eq!([last.metallic, last.roughness, last.specular], [1.0, 0.1, 0.5]);
-    assert_eq!(last.base_color, [0.9, 0.8, 0.4]);
-    assert_eq!(loaded.material_at(1, 4).metallic, 0.5);
+    let Principled { metallic, roughness, specular, base_color, .. } = last.surface;
+    assert_eq!([metallic, roughness, specular], [1.0, 0.1, 0.5]);
+    assert_eq!(base_color.to_array(), [0.9, 0.8, 0.4]);
+    assert_eq!(loaded.material_at(1, 4).surface.metallic, 0.5);
     assert_eq!(loaded.material_at(1, 1000), last);
 }
 
@@ -85,7 +88,7 @@ fn the_ends_are_what_was_asked_for() {
 #[test]
 fn targets_out_of_range_are_refused() {
     let mut loaded = changing();
-    loaded.materials[1].change = loaded.materials[1].change.map(|last| MaterialChange { roughness: f32::NAN, ..last });
+    loaded.materials[1].change = loaded.materials[1].change.map(|last| Principled { roughness: f32::NAN, ..last });
     let refused = RenderScene::compile(&loaded).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refused.contains("materials/1") && refused.contains("NaN"), "{refused:?}");
 }

@@ -6,10 +6,10 @@ mod common;
 use glam::{Affine3A, Vec3};
 use renderflow_renderer::verify::determinism::bits;
 use renderflow_renderer::{Settings, Skips};
-use renderflow_scenes::{LoadedScene, Material};
+use renderflow_scenes::{LoadedScene, Material, Principled};
 
 fn loaded() -> LoadedScene {
-    let glossy = Material { metallic: 1.0, roughness: 0.2, ..Material::default() };
+    let glossy = Material::from(Principled { metallic: 1.0, roughness: 0.2, ..Principled::default() });
     let parts = vec![
         (common::plane(6.0), common::diffuse([0.6, 0.5, 0.4]), Affine3A::IDENTITY),
         (common::sphere(12, true), glossy, Affine3A::from_translation(Vec3::new(-0.8, 1.0, 0.0))),

@@ -56,6 +56,6 @@ fn one_kind_of_light_gets_all_samples() {
     assert_eq!(sources(&LightSampler::new(dark(), [])), (0, 0, 64));
     let both = LightSampler::new(bright(), [triangle(0, 1.0, 1.0)]);
     assert_eq!(sources(&both), (32, 32, 0));
-    assert!((both.pdf_environment(Vec3A::Y) - 0.125 / std::f32::consts::PI).abs() < 1e-7);
+    assert!((both.radiance_and_pdf(Vec3A::Y).1 - 0.125 / std::f32::consts::PI).abs() < 1e-7);
     assert!((both.pdf_emitter(0, 2.0, 0.5) - 8.0).abs() < 1e-5 && both.pdf_emitter(1, 2.0, 0.5) == 0.0);
 }

@@ -7,7 +7,7 @@ use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny}
 use glam::{Affine3A, Vec3};
 use renderflow_frame::Frame;
 use renderflow_renderer::{RenderScene, Settings};
-use renderflow_scenes::{LoadedScene, Material};
+use renderflow_scenes::{LoadedScene, Material, Principled};
 
 /// Diffuse, coated and metal surfaces that light each other, a lamp among them.
 fn loaded(seed: u64, lamp: bool) -> LoadedScene {
@@ -16,8 +16,12 @@ fn loaded(seed: u64, lamp: bool) -> LoadedScene {
     };
     let mut parts = vec![
         (plane(6.0), diffuse([0.7, 0.6, 0.5]), Affine3A::IDENTITY),
-        (sphere(16, true), Material { metallic: 1.0, roughness: 0.15, ..Material::default() }, place(-0.7, 0.6, 0.0, 0.6)),
-        (sphere(16, true), Material { roughness: 0.4, ..Material::default() }, place(0.7, 0.5, 0.3, 0.5)),
+        (
+            sphere(16, true),
+            Material::from(Principled { metallic: 1.0, roughness: 0.15, ..Principled::default() }),
+            place(-0.7, 0.6, 0.0, 0.6),
+        ),
+        (sphere(16, true), Material::from(Principled { roughness: 0.4, ..Principled::default() }), place(0.7, 0.5, 0.3, 0.5)),
     ];
     if lamp {
         parts.push((

@@ -8,13 +8,17 @@ use glam::{Affine3A, DVec3, Quat, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Camera, Environment, Image};
 use renderflow_renderer::{Filter, Settings, render_gbuffer};
 use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
-use renderflow_scenes::{LoadedScene, Material, TextureSlot};
+use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
 
 #[test]
 fn gbuffer_of_a_sphere() {
     let radius = 1.0;
     let camera = camera([0.3, 1.1, 4.0], [0.0; 3], 40.0, 64, 48);
-    let parts = vec![(sphere(128, true), Material { base_color: [0.1, 0.2, 0.9], ..Material::default() }, Affine3A::IDENTITY)];
+    let parts = vec![(
+        sphere(128, true),
+        Material::from(Principled { base_color: Vec3A::from_array([0.1, 0.2, 0.9]), ..Principled::default() }),
+        Affine3A::IDENTITY,
+    )];
     let compiled = compile(&scene(parts, Environment::constant([1.0; 3]), camera));
     let frame = render_gbuffer(&compiled, &Settings::default()).expect("settings in range");
     check_frame(&frame);
@@ -172,12 +176,15 @@ fn textures_and_normal_maps_reach_the_gbuffer() {
     let slot = |texture| Some(TextureSlot { texture, uv_transform: glam::Affine2::IDENTITY });
     let lean = Vec3::new(0.6, 0.0, 0.8);
     let material = Material {
-        base_color: [0.5, 1.0, 1.0],
-        roughness: 0.8,
-        metallic: 1.0,
         base_color_texture: slot(0),
         metallic_roughness_texture: slot(1),
         normal_texture: slot(2).map(|s| (s, 1.0)),
+        surface: Principled {
+            base_color: Vec3A::from_array([0.5, 1.0, 1.0]),
+            roughness: 0.8,
+            metallic: 1.0,
+            ..Principled::default()
+        },
         ..Material::default()
     };
     let mut loaded = scene(

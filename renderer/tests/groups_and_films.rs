@@ -6,7 +6,7 @@ use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny}
 use glam::{Affine3A, Quat, Vec3};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{DirectLight, Error, Film, Mode, RenderScene, Sampler, Settings, develop, expose};
-use renderflow_scenes::{LoadedScene, Material};
+use renderflow_scenes::{LoadedScene, Material, Principled};
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
@@ -17,8 +17,12 @@ fn room(lamp: bool) -> LoadedScene {
     };
     let mut parts = vec![
         (plane(8.0), diffuse([0.7, 0.5, 0.3]), Affine3A::IDENTITY),
-        (sphere(12, true), Material { roughness: 0.3, metallic: 1.0, ..Material::default() }, place(-0.8, 0.7, 0.7)),
-        (sphere(6, false), Material { roughness: 0.4, ..Material::default() }, place(0.9, 0.6, 0.6)),
+        (
+            sphere(12, true),
+            Material::from(Principled { roughness: 0.3, metallic: 1.0, ..Principled::default() }),
+            place(-0.8, 0.7, 0.7),
+        ),
+        (sphere(6, false), Material::from(Principled { roughness: 0.4, ..Principled::default() }), place(0.9, 0.6, 0.6)),
     ];
     if lamp {
         parts.push((sphere(4, false), Material { emissive: [4.0, 2.0, 1.0], ..diffuse([0.1; 3]) }, place(0.1, 1.4, 0.15)));

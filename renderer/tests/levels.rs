@@ -2,9 +2,9 @@
 
 mod common;
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_renderer::Settings;
-use renderflow_scenes::Material;
+use renderflow_scenes::{Material, Principled};
 use std::fmt::Write;
 use std::process::Command;
 
@@ -13,17 +13,17 @@ const RENDERS: &str = "RENDERFLOW_TEST_LEVEL";
 
 /// Hashes of pictures of a scene of plain materials and of one with every layer.
 fn pictures() -> String {
-    let layered = Material {
-        base_color: [0.7, 0.4, 0.2],
+    let layered = Material::from(Principled {
+        base_color: Vec3A::from_array([0.7, 0.4, 0.2]),
         roughness: 0.4,
         sheen: 0.5,
         clearcoat: 0.6,
         clearcoat_gloss: 0.7,
         subsurface: 0.4,
         specular_tint: 0.5,
-        ..Material::default()
-    };
-    let metal = Material { metallic: 1.0, roughness: 0.15, ..Material::default() };
+        ..Principled::default()
+    });
+    let metal = Material::from(Principled { metallic: 1.0, roughness: 0.15, ..Principled::default() });
     let mut hashes = String::new();
     for material in [metal, layered] {
         let parts = vec![

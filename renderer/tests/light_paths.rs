@@ -8,14 +8,19 @@ use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{DirectLight, Filter, Mode, Sampler, Settings};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
 use renderflow_scenes::shapes::Shape;
-use renderflow_scenes::{LoadedScene, Material, Mesh, TextureSlot};
+use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
 
 const SIZE: [usize; 2] = [24, 16];
 /// Pixels of a block along each axis.
 const BLOCK: usize = 8;
 
 fn metal(roughness: f32) -> Material {
-    Material { metallic: 1.0, roughness, base_color: [0.9, 0.8, 0.6], ..Material::default() }
+    Material::from(Principled {
+        metallic: 1.0,
+        roughness,
+        base_color: Vec3A::from_array([0.9, 0.8, 0.6]),
+        ..Principled::default()
+    })
 }
 
 fn place(x: f32, y: f32, z: f32, scale: Vec3) -> Affine3A {
@@ -30,7 +35,7 @@ fn caustics(more: Vec<(renderflow_scenes::Mesh, Material, Affine3A)>) -> LoadedS
         // A glossy ellipsoid of facets whose normals do not follow them.
         (
             sphere(5, true),
-            Material { roughness: 0.2, clearcoat: 0.5, ..Material::default() },
+            Material::from(Principled { roughness: 0.2, clearcoat: 0.5, ..Principled::default() }),
             place(0.8, 0.5, 0.3, Vec3::new(0.6, 0.5, 0.4)),
         ),
     ];
@@ -197,7 +202,12 @@ fn a_mirror_doubles_the_sun() {
     let sun = Vec3A::new(0.0, 1.0, 1.0).normalize();
     assert!(environment.radiance(sun)[0] > 100.0, "the sun stands elsewhere");
     let wall = Affine3A::from_rotation_translation(Quat::from_rotation_x(std::f32::consts::FRAC_PI_2), Vec3::new(0.0, 0.8, -1.2));
-    let mirror = Material { metallic: 1.0, roughness: 0.0, base_color: [1.0; 3], ..Material::default() };
+    let mirror = Material::from(Principled {
+        metallic: 1.0,
+        roughness: 0.0,
+        base_color: Vec3A::from_array([1.0; 3]),
+        ..Principled::default()
+    });
     let parts = vec![(plane(0.8), diffuse([0.5; 3]), wall), (plane(2.4), mirror, Affine3A::IDENTITY)];
     // The wall alone is in the picture.
     let loaded = scene(parts, environment.clone(), camera([0.0, 0.8, 3.0], [0.0, 0.8, -1.2], 6.0, 16, 16));

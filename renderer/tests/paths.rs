@@ -7,7 +7,7 @@ use glam::{Affine2, Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame};
 use renderflow_renderer::{DirectLight, RenderScene, Sampler, Settings, Sharing};
 use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
-use renderflow_scenes::{LoadedScene, Material, Mesh, TextureSlot};
+use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
 
 const WAYS: [DirectLight; 3] = [DirectLight::Mis, DirectLight::Scattering, DirectLight::Lights];
 
@@ -27,11 +27,15 @@ fn at(x: f32, y: f32, z: f32, size: f32) -> Affine3A {
 fn room(environment: Environment) -> LoadedScene {
     let parts = vec![
         (plane(8.0), diffuse([0.7, 0.5, 0.3]), Affine3A::IDENTITY),
-        (sphere(12, true), Material { roughness: 0.3, metallic: 1.0, ..Material::default() }, at(-0.8, 0.7, 0.0, 0.7)),
-        (sphere(6, false), Material { roughness: 0.6, ..Material::default() }, at(0.9, 0.6, 0.0, 0.6)),
+        (
+            sphere(12, true),
+            Material::from(Principled { roughness: 0.3, metallic: 1.0, ..Principled::default() }),
+            at(-0.8, 0.7, 0.0, 0.7),
+        ),
+        (sphere(6, false), Material::from(Principled { roughness: 0.6, ..Principled::default() }), at(0.9, 0.6, 0.0, 0.6)),
         (
             sphere(8, true),
-            Material { roughness: 0.05, metallic: 0.5, specular: 1.0, ..Material::default() },
+            Material::from(Principled { roughness: 0.05, metallic: 0.5, specular: 1.0, ..Principled::default() }),
             at(0.1, 0.3, 0.9, 0.3),
         ),
     ];
@@ -71,7 +75,7 @@ fn plain_scenes_use_the_smallest_set_and_larger_ones_agree() {
         };
         let slot = || Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY });
         let textured = Material { base_color_texture: slot(), ..Material::default() };
-        let layered = Material { clearcoat: 1.0, ..Material::default() };
+        let layered = Material::from(Principled { clearcoat: 1.0, ..Principled::default() });
         let single = Material { double_sided: false, ..Material::default() };
         let both = Material { base_color_texture: slot(), ..single.clone() };
         for sampler in [Sampler::Sobol, Sampler::Independent] {

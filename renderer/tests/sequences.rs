@@ -6,14 +6,14 @@ mod common;
 use common::{camera, compile, diffuse, plane, render, scene, sphere, sunny};
 use glam::{Affine3A, Quat, Vec3};
 use renderflow_renderer::{Builds, RenderScene};
-use renderflow_scenes::{LoadedScene, Material};
+use renderflow_scenes::{LoadedScene, Material, Principled};
 
 const FRAMES: usize = 40;
 
 /// Two balls that cross a plane of still ones, one of them tumbling and one a lamp; the camera turns.
 fn moving() -> LoadedScene {
     let still = |x: f32, z: f32| Affine3A::from_translation(Vec3::new(x, 0.5, z)) * Affine3A::from_scale(Vec3::splat(0.5));
-    let metal = Material { metallic: 1.0, roughness: 0.2, ..Material::default() };
+    let metal = Material::from(Principled { metallic: 1.0, roughness: 0.2, ..Principled::default() });
     let lamp = Material { emissive: [3.0, 2.0, 1.0], ..Material::default() };
     let mut parts = vec![(plane(10.0), diffuse([0.6; 3]), Affine3A::IDENTITY)];
     for i in 0..4u8 {

@@ -4,11 +4,12 @@ mod common;
 
 use common::{camera, compile, diffuse, plane, render, scene, sphere};
 use glam::{Affine3A, Vec3, Vec3A};
-use renderflow_frame::Environment;
-use renderflow_frame::deferred::{self, Lighting, Options, receivers};
-use renderflow_renderer::{SHADOW_MAP_SIZE, Settings, ShadowTiles, render_gbuffer, shadow_map, shadow_maps};
+use renderflow_frame::{Environment, Frame};
+use renderflow_renderer::deferred::{self, Lighting, Options, SHADOW_MAP_SIZE, ShadowTiles, shadow_map, shadow_maps};
+use renderflow_renderer::{Settings, render_gbuffer};
 use renderflow_scenes::loaded::AlphaMask;
 use renderflow_scenes::{LoadedScene, Material};
+use std::sync::Arc;
 
 /// A ball of radius 1 at `centre` over a wide floor, seen from above.
 fn ball(centre: Vec3, material: Material) -> LoadedScene {
@@ -74,17 +75,16 @@ fn holes_cast_no_shadow() {
 #[test]
 fn all_maps_of_a_frame_and_none_without_receivers() {
     let scene = compile(&ball(Vec3::new(0.0, 1.5, 0.0), diffuse([0.5; 3])));
-    let lighting = Lighting::new(scene.environment(), deferred::LIGHTS);
+    let lighting = Lighting::new(Arc::clone(scene.light()), deferred::LIGHTS);
     assert!(!lighting.lights.is_empty() && !lighting.sky.is_empty());
-    let none = shadow_maps(&scene, &lighting, &[]);
+    let none = shadow_maps(&scene, &lighting, &Frame::default());
     assert!(none.sky.is_empty() && none.lights.iter().all(Vec::is_empty) && none.lights.len() == lighting.lights.len());
     assert!(shadow_map(&scene, Vec3A::Y, 0.0, &[Vec3A::NAN], 16).is_none());
 
     let (frame, _) = render(&scene, 1);
-    let points = receivers(&frame);
     let made = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| shadow_maps(&scene, &lighting, &points))
+        pool.install(|| shadow_maps(&scene, &lighting, &frame))
     };
     let maps = made(1);
     assert_eq!(maps, made(3));
@@ -92,7 +92,7 @@ fn all_maps_of_a_frame_and_none_without_receivers() {
     assert!(maps.lights.iter().flatten().all(|map| (64..2 * SHADOW_MAP_SIZE).contains(&map.depth.width)));
     let picture = deferred::shade(&frame, &lighting, &maps, &Options::default());
     assert!(picture.image.pixels.iter().flatten().all(|v| v.is_finite()));
-    let dark = picture.visibility[0].pixels.iter().filter(|v| **v < 0.1).count();
+    let dark = picture.terms.visibility[0].pixels.iter().filter(|v| **v < 0.1).count();
     assert!(dark > 20, "{dark} pixels in the shadow");
 }
 
@@ -107,13 +107,12 @@ fn kept_tiles_do_not_show() {
         let about = |i: usize| camera([0.5 + 0.3 * i as f32, 6.0, 5.0 - 0.1 * i as f32], [0.0; 3], 50.0, 64, 64);
         loaded.cameras = (0..6).map(about).collect();
         let mut scene = compile(&loaded);
-        let lighting = Lighting::new(scene.environment(), deferred::LIGHTS);
+        let lighting = Lighting::new(Arc::clone(scene.light()), deferred::LIGHTS);
         let mut tiles = ShadowTiles::default();
         for index in [0, 1, 2, 5, 4, 3, 0] {
             scene.set_frame(index);
             let frame = render_gbuffer(&scene, &Settings::default()).expect("in range");
-            let points = receivers(&frame);
-            assert!(tiles.maps(&scene, &lighting, &points) == shadow_maps(&scene, &lighting, &points), "frame {index}");
+            assert!(tiles.maps(&scene, &lighting, &frame) == shadow_maps(&scene, &lighting, &frame), "frame {index}");
         }
     }
 }

@@ -3,16 +3,16 @@
 mod common;
 
 use common::{camera, check_frame, compile, diffuse, plane, render_with, scene, sphere, sunny};
-use glam::{Affine2, Affine3A, Vec3};
+use glam::{Affine2, Affine3A, Vec3, Vec3A};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{Channels, Filter, RenderScene, Settings, Skips, Stats, render_gbuffer};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
-use renderflow_scenes::{LoadedScene, Material, TextureSlot};
+use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
 
 /// A ball on a plane, with a black ball beside it; a third of the picture is sky.
 fn balls(ball: Material, environment: Environment) -> LoadedScene {
     let place = |x: f32| Affine3A::from_translation(Vec3::new(x, 1.0, 0.0));
-    let black = Material { base_color: [0.0; 3], specular: 0.0, ..Material::default() };
+    let black = Material::from(Principled { base_color: Vec3A::from_array([0.0; 3]), specular: 0.0, ..Principled::default() });
     let parts = vec![
         (sphere(12, true), ball, place(-1.1)),
         (sphere(12, true), black, place(1.1)),
@@ -31,10 +31,10 @@ fn textured(environment: Environment) -> LoadedScene {
 
 /// One scene for every kind of compiled set and light.
 fn scenes() -> Vec<(&'static str, RenderScene)> {
-    let glossy = Material { metallic: 1.0, roughness: 0.1, ..Material::default() };
+    let glossy = Material::from(Principled { metallic: 1.0, roughness: 0.1, ..Principled::default() });
     let lamp = Material { emissive: [4.0, 3.0, 2.0], ..Material::default() };
     let sided = Material { double_sided: false, alpha_mask: Some(AlphaMask { cutoff: 0.5, factor: 1.0 }), ..Material::default() };
-    let layered = Material { sheen: 0.5, clearcoat: 0.7, subsurface: 0.3, ..Material::default() };
+    let layered = Material::from(Principled { sheen: 0.5, clearcoat: 0.7, subsurface: 0.3, ..Principled::default() });
     let (flat, dark) = (|| Environment::constant([0.7, 0.8, 0.9]), || Environment::constant([0.0; 3]));
     let all = vec![
         ("metal, sunny", balls(glossy.clone(), sunny())),
@@ -219,11 +219,4 @@ fn plain_pixels_need_no_guide_rays() {
         let wide = [true, false].map(|plain_pixels| gbuffer(plain_pixels, 16, Filter::BlackmanHarris));
         assert!(wide[0] == wide[1], "{name}");
     }
-}
-
-/// The map of irradiance alone is that of all tables, to the bit.
-#[test]
-fn irradiance_needs_no_other_table() {
-    let tables = renderflow_frame::ibl::IblTables::new(&sunny());
-    assert!(renderflow_frame::ibl::irradiance_map(&sunny()) == tables.irradiance_map);
 }

@@ -7,7 +7,7 @@ use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec3A, Vec4};
 use renderflow_frame::{Camera, Environment, Frame, Image};
 use renderflow_renderer::{DirectLight, RenderScene, Settings, Sharing, render_gbuffer};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
-use renderflow_scenes::{LoadedScene, Material, Mesh, TextureSlot};
+use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
 
 const SLOT: Option<TextureSlot> = Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY });
 
@@ -261,7 +261,13 @@ fn highlight(anisotropic: f32, tangent: Vec3, flipped: bool) -> [f64; 2] {
         mesh = reversed(mesh);
         mesh.normals = vec![-Vec3::Y; 4];
     }
-    let material = Material { metallic: 1.0, roughness: 0.4, anisotropic, base_color: [1.0; 3], ..Material::default() };
+    let material = Material::from(Principled {
+        metallic: 1.0,
+        roughness: 0.4,
+        anisotropic,
+        base_color: Vec3A::from_array([1.0; 3]),
+        ..Principled::default()
+    });
     // From above with +x to the right; the eye is near, so that pixels see the plane at different angles.
     let look = Camera::look_at(Vec3A::Y * 4.0, Vec3A::ZERO, Vec3A::NEG_Z, 1.6, 33, 33);
     let environment = Environment { map, rotation: 0.0, intensity: 1.0 };
@@ -327,9 +333,33 @@ fn leaning_normals_keep_the_furnace_white() {
     for (body, mesh, lean) in bodies {
         for (kind, material) in [
             ("diffuse", diffuse([1.0; 3])),
-            ("smooth metal", Material { base_color: [1.0; 3], metallic: 1.0, roughness: 0.1, ..Material::default() }),
-            ("rough metal", Material { base_color: [1.0; 3], metallic: 1.0, roughness: 0.8, ..Material::default() }),
-            ("coated", Material { base_color: [1.0; 3], roughness: 0.4, specular: 1.0, ..Material::default() }),
+            (
+                "smooth metal",
+                Material::from(Principled {
+                    base_color: Vec3A::from_array([1.0; 3]),
+                    metallic: 1.0,
+                    roughness: 0.1,
+                    ..Principled::default()
+                }),
+            ),
+            (
+                "rough metal",
+                Material::from(Principled {
+                    base_color: Vec3A::from_array([1.0; 3]),
+                    metallic: 1.0,
+                    roughness: 0.8,
+                    ..Principled::default()
+                }),
+            ),
+            (
+                "coated",
+                Material::from(Principled {
+                    base_color: Vec3A::from_array([1.0; 3]),
+                    roughness: 0.4,
+                    specular: 1.0,
+                    ..Principled::default()
+                }),
+            ),
         ] {
             let normal_texture = SLOT.filter(|_| lean > 0.0).map(|slot| (slot, 1.0));
             let material = Material { normal_texture, ..material.clone() };

@@ -7,7 +7,7 @@ use glam::{Affine2, Affine3A, Vec2, Vec3, Vec3A, Vec4};
 use renderflow_frame::{Camera, Environment, Frame, Image};
 use renderflow_renderer::{Settings, render_gbuffer};
 use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
-use renderflow_scenes::{LoadedScene, Material, TextureSlot};
+use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
 
 /// Edge of the pictures from above, and of the square they show, which is exactly filled.
 const EDGE: usize = 48;
@@ -127,8 +127,11 @@ fn wraps_and_transforms_reach_the_picture() {
 fn roughness_and_metallic_come_from_green_and_blue() {
     let texels = vec![[9, 51, 204, 255], [9, 255, 0, 255], [9, 0, 255, 255], [9, 102, 102, 255]];
     let texture = Texture::from_rgba8("packed", [2, 2], texels, Encoding::Linear, [Wrap::Clamp; 2]);
-    let material =
-        Material { metallic_roughness_texture: slot(Affine2::IDENTITY), roughness: 0.5, metallic: 0.75, ..Material::default() };
+    let material = Material {
+        metallic_roughness_texture: slot(Affine2::IDENTITY),
+        surface: Principled { roughness: 0.5, metallic: 0.75, ..Principled::default() },
+        ..Material::default()
+    };
     let compiled = compile(&textured(material, texture, from_above()));
     let frame = render_gbuffer(&compiled, &Settings::default()).expect("in range");
     for (x, y, rough, metal) in [(0, 0, 0.2, 0.8), (1, 0, 1.0, 0.0), (0, 1, 0.0, 1.0), (1, 1, 0.4, 0.4)] {
@@ -230,7 +233,11 @@ fn levels_do_not_move_the_mean() {
                         // The texture is met after a first surface as well.
                         let ball = Affine3A::from_scale(Vec3::splat(0.2 * distance));
                         loaded.meshes.push(sphere(16, true));
-                        loaded.materials.push(Material { metallic: 1.0, roughness: 0.2, ..Material::default() });
+                        loaded.materials.push(Material::from(Principled {
+                            metallic: 1.0,
+                            roughness: 0.2,
+                            ..Principled::default()
+                        }));
                         loaded.instances.push(common::instance(1, 1, ball));
                     }
                     let frame = render_with(&compile(&loaded), &Settings { spp: 4, max_bounces: 3, ..Settings::default() }).0;

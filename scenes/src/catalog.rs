@@ -31,7 +31,7 @@ impl Catalog {
         let root = Seed::root(seed);
         // What is open (a plain square, a disc) is floor, not an object.
         let solid = |family: &&str| Shape::random_of(family, &mut root.child("solid", 0).rng()).is_solid();
-        let mesh_families = shapes::FAMILIES.into_iter().filter(solid).collect();
+        let mesh_families = shapes::FAMILIES.iter().copied().filter(solid).collect();
         Self { root, meshes, environments, mesh_families }
     }
 
@@ -47,9 +47,8 @@ impl Catalog {
 
     /// Environment `k`: its family's random member under the seed of `("environment", k)`.
     pub fn environment(&self, k: u32) -> Sky {
-        let rng = || self.root.child("environment", u64::from(k)).rng();
-        // Every name of the list has a recipe.
-        sky::random_of(self.environment_family(k), &mut rng()).unwrap_or_else(|| sky::random(&mut rng()))
+        let place = k as usize % self.environment_families().len();
+        sky::random_at(place, &mut self.root.child("environment", u64::from(k)).rng())
     }
 
     /// Family of environment `k`, a name of [`sky::ENVIRONMENTS`].

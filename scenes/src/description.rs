@@ -3,10 +3,12 @@
 mod change;
 mod exact;
 mod material;
+mod principled;
 
 pub use change::MaterialChange;
 pub use exact::decimal;
 pub use material::{Material, TextureTransform, TextureWrap};
+pub use principled::Principled;
 
 use crate::error::{Error, Result};
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot, Vec3A};
@@ -55,9 +57,9 @@ impl Scene {
     /// Reads and validates a scene file.
     ///
     /// # Errors
-    /// [`Error::Io`] when it cannot be read, [`Error::Json`] with line and column, [`Error::Invalid`] with every violation.
+    /// [`Error::Frame`] when it cannot be read, [`Error::Json`] with line and column, [`Error::Invalid`] with every violation.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = file::read_text(path).map_err(Error::unreadable)?;
+        let text = file::read_text(path)?;
         Self::from_json(path, &text)
     }
 

@@ -22,16 +22,6 @@ impl fmt::Display for Problem {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system refused.
-    #[error("{}: cannot {action}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// "read", "write", ...
-        action: &'static str,
-        /// The cause.
-        source: std::io::Error,
-    },
     /// The scene file is not JSON, or a field is missing, unknown or of the wrong type.
     #[error("{}:{line}:{column}: {reason}", path.display())]
     Json {
@@ -86,7 +76,7 @@ pub enum Error {
         /// The cause.
         source: Box<Error>,
     },
-    /// Reading an environment map, or a file of any kind, failed.
+    /// A file of any kind, such as an environment map, cannot be read or written.
     #[error(transparent)]
     Frame(#[from] renderflow_frame::Error),
 }
@@ -98,15 +88,7 @@ impl Error {
     /// For `map_err`: an I/O error with its file and what was tried.
     pub(crate) fn io(path: impl Into<PathBuf>, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
-        move |source| Self::Io { path, action, source }
-    }
-
-    /// The error of reading the model file that an error of reading a file is about.
-    pub(crate) fn unreadable(error: renderflow_frame::Error) -> Self {
-        match error {
-            renderflow_frame::Error::Io { path, action, source } => Self::Io { path, action, source },
-            other => Self::Frame(other),
-        }
+        move |source| Self::Frame(renderflow_frame::Error::Io { path, action, source })
     }
 
     /// An error at `place` of the model file `path`.

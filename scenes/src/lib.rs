@@ -7,6 +7,7 @@ pub mod catalog;
 pub mod description;
 mod draw;
 pub mod error;
+mod family;
 pub mod load;
 pub mod loaded;
 pub mod mipmap;
@@ -22,6 +23,6 @@ mod tangents;
 mod texture;
 pub mod validate;
 
-pub use description::Scene;
+pub use description::{Principled, Scene};
 pub use error::{Error, Problem, Result};
-pub use loaded::{Instance, LoadReport, LoadedScene, Material, MaterialChange, Mesh, Texture, TextureSlot, TriangleReport};
+pub use loaded::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture, TextureSlot, TriangleReport};

@@ -2,6 +2,7 @@
 
 pub use crate::mipmap::{Encoding, Texture, Wrap};
 
+use crate::Principled;
 use glam::{Affine3A, DVec3, Vec2, Vec3, Vec4};
 use renderflow_frame::{Camera, Environment};
 
@@ -59,28 +60,8 @@ pub struct TextureSlot {
 pub struct Material {
     /// Name, unique in the scene.
     pub name: String,
-    /// Linear Rec.709, 0..=1.
-    pub base_color: [f32; 3],
-    /// 0..=1.
-    pub metallic: f32,
-    /// 0..=1, perceptual (alpha = roughness^2).
-    pub roughness: f32,
-    /// 0..=1; 0.5 means F0 = 0.04.
-    pub specular: f32,
-    /// 0..=1, share of the base colour's hue in the dielectric reflection.
-    pub specular_tint: f32,
-    /// 0..=1, stretch of highlights along the tangent.
-    pub anisotropic: f32,
-    /// 0..=1, grazing component of cloth.
-    pub sheen: f32,
-    /// 0..=1, share of the base colour's hue in the sheen.
-    pub sheen_tint: f32,
-    /// 0..=1, second specular layer.
-    pub clearcoat: f32,
-    /// 0..=1, gloss of that layer.
-    pub clearcoat_gloss: f32,
-    /// 0..=1, share of the diffuse shape that approximates subsurface scattering.
-    pub subsurface: f32,
+    /// Its parameters at the first frame.
+    pub surface: Principled,
     /// Linear RGB (sRGB already decoded), multiplies `base_color`.
     pub base_color_texture: Option<TextureSlot>,
     /// glTF layout: G = roughness, B = metallic; multiplies the factors.
@@ -95,38 +76,17 @@ pub struct Material {
     pub alpha_mask: Option<AlphaMask>,
     /// Whether the surface exists seen from behind; a single-sided one lets rays pass from there, as glTF culls it.
     pub double_sided: bool,
-    /// What it becomes along the sequence; `None` = it stays as it is.
-    pub change: Option<MaterialChange>,
-}
-
-/// What a material is at the last frame of a sequence.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MaterialChange {
-    /// Linear Rec.709, 0..=1.
-    pub base_color: [f32; 3],
-    /// 0..=1.
-    pub metallic: f32,
-    /// 0..=1.
-    pub roughness: f32,
-    /// 0..=1.
-    pub specular: f32,
+    /// Its parameters at the last frame of the sequence, between which and `surface` it changes evenly; `None` where it does not change.
+    pub change: Option<Principled>,
 }
 
 impl Material {
     /// The material as it is at `frame`, counted from 0, of a sequence of `frames`: between the first and the last one, evenly; held
     /// beyond. The result changes no more.
     pub fn at(&self, frame: usize, frames: usize) -> Self {
-        let mut material = Self { change: None, ..self.clone() };
-        let Some(last) = self.change else { return material };
+        let Some(last) = self.change else { return self.clone() };
         let t = if frames < 2 { 0.0 } else { (frame as f64 / (frames - 1) as f64).min(1.0) };
-        let mix = |a: f32, b: f32| (f64::from(a) * (1.0 - t) + f64::from(b) * t) as f32;
-        for (value, target) in material.base_color.iter_mut().zip(last.base_color) {
-            *value = mix(*value, target);
-        }
-        material.metallic = mix(self.metallic, last.metallic);
-        material.roughness = mix(self.roughness, last.roughness);
-        material.specular = mix(self.specular, last.specular);
-        material
+        Self { surface: self.surface.mixed(&last, t), change: None, ..self.clone() }
     }
 
     /// Every texture lookup.
@@ -142,21 +102,18 @@ impl Material {
     }
 }
 
+impl From<Principled> for Material {
+    /// A material with these parameters and nothing else.
+    fn from(surface: Principled) -> Self {
+        Self { surface, ..Self::default() }
+    }
+}
+
 impl Default for Material {
     fn default() -> Self {
         Self {
             name: "default".into(),
-            base_color: [0.8; 3],
-            metallic: 0.0,
-            roughness: 0.5,
-            specular: 0.5,
-            specular_tint: 0.0,
-            anisotropic: 0.0,
-            sheen: 0.0,
-            sheen_tint: 0.0,
-            clearcoat: 0.0,
-            clearcoat_gloss: 1.0,
-            subsurface: 0.0,
+            surface: Principled::default(),
             base_color_texture: None,
             metallic_roughness_texture: None,
             normal_texture: None,

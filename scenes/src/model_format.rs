@@ -38,7 +38,7 @@ impl Format {
     /// Format of a file: by its content, or else by its name.
     pub(crate) fn of_file(path: &Path) -> Result<Option<Self>> {
         let mut head = Vec::new();
-        let file = renderflow_frame::file::open(path).map_err(Error::unreadable)?;
+        let file = renderflow_frame::file::open(path)?;
         std::io::Read::read_to_end(&mut std::io::Read::take(file, 4096), &mut head).map_err(Error::io(path, "read"))?;
         Ok(Self::sniff(&head).or(Self::of(path)))
     }

@@ -1,5 +1,6 @@
 //! Validation of a [`Scene`]: ranges, names and references. Every violation is reported, not only the first.
 
+use crate::Principled;
 use crate::description::{CameraPath, EnvironmentSource, Geometry, Scene, Transform};
 use crate::error::{Error, Problem, Result};
 use std::collections::HashMap;
@@ -175,22 +176,8 @@ impl Check {
         for (i, material) in scene.materials.iter().enumerate() {
             let at = |field: &str| format!("/materials/{i}/{field}");
             self.name(at("name"), &material.name);
-            self.vector(&at("base_color"), material.base_color, 0.0..=1.0);
-            self.range(at("metallic"), material.metallic, 0.0..=1.0);
-            self.range(at("roughness"), material.roughness, 0.0..=1.0);
-            for (field, value) in [
-                ("specular", material.specular),
-                ("specular_tint", material.specular_tint),
-                ("anisotropic", material.anisotropic),
-                ("sheen", material.sheen),
-                ("sheen_tint", material.sheen_tint),
-                ("clearcoat", material.clearcoat),
-                ("clearcoat_gloss", material.clearcoat_gloss),
-                ("subsurface", material.subsurface),
-                ("alpha_cutoff", material.alpha_cutoff.unwrap_or(0.0)),
-            ] {
-                self.range(at(field), value, 0.0..=1.0);
-            }
+            Principled::from(material).for_each(|field, value| self.range(at(field), value, 0.0..=1.0));
+            self.range(at("alpha_cutoff"), material.alpha_cutoff.unwrap_or(0.0), 0.0..=1.0);
             self.vector(&at("emissive"), material.emissive, 0.0..=MAX_EMISSION);
             if let Some(change) = &material.change {
                 if let Some(color) = change.base_color {

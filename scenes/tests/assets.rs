@@ -45,8 +45,7 @@ fn check(scene: &LoadedScene) {
         assert!(instance.transforms.iter().all(|t| t.is_finite()));
     }
     for material in &scene.materials {
-        let range = [material.metallic, material.roughness, material.specular].into_iter().chain(material.base_color);
-        assert!(range.into_iter().all(|v| (0.0..=1.0).contains(&v)));
+        assert_eq!(material.surface.out_of_range(), None);
         assert!(material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0));
     }
 }

@@ -9,7 +9,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_scenes::description::{CameraPath, Geometry, Motion, Object, Pose, Transform};
 use renderflow_scenes::loaded::{AlphaMask, Wrap};
 use renderflow_scenes::shapes::Shape;
-use renderflow_scenes::{Error, Scene, load, schema};
+use renderflow_scenes::{Error, Principled, Scene, load, schema};
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
@@ -59,20 +59,18 @@ fn materials_of_the_example_arrive() {
     let loaded = load::load(&scene, &Reach::of(&path)).unwrap();
     assert_eq!((loaded.report.alpha_masked, loaded.report.notes.len()), (1, 0), "{:?}", loaded.report);
     let find = |name: &str| loaded.materials.iter().find(|m| m.name == name).unwrap();
-    assert_eq!((find("lacquer").clearcoat, find("lacquer").clearcoat_gloss), (1.0, 0.95));
-    assert_eq!((find("velvet").sheen, find("velvet").sheen_tint), (1.0, 0.6));
-    assert_eq!(find("brushed steel").anisotropic, 0.9);
-    assert_eq!(find("tinted plastic").specular_tint, 1.0);
-    assert_eq!(find("wax").subsurface, 1.0);
+    assert_eq!((find("lacquer").surface.clearcoat, find("lacquer").surface.clearcoat_gloss), (1.0, 0.95));
+    assert_eq!((find("velvet").surface.sheen, find("velvet").surface.sheen_tint), (1.0, 0.6));
+    assert_eq!(find("brushed steel").surface.anisotropic, 0.9);
+    assert_eq!(find("tinted plastic").surface.specular_tint, 1.0);
+    assert_eq!(find("wax").surface.subsurface, 1.0);
     assert_eq!((find("lamp").emissive, find("lamp").double_sided), ([4.0, 2.6, 1.2], false));
     let plain = find("floor");
     assert_eq!(
         plain,
         &renderflow_scenes::Material {
             name: "floor".into(),
-            base_color: [0.4; 3],
-            roughness: 0.8,
-            specular: 0.2,
+            surface: Principled { base_color: Vec3A::splat(0.4), roughness: 0.8, specular: 0.2, ..Default::default() },
             ..Default::default()
         }
     );
@@ -90,7 +88,7 @@ fn materials_of_the_example_arrive() {
     // Stretched highlights and normal maps need tangents; nothing else does.
     for instance in &loaded.instances {
         let material = &loaded.materials[instance.material];
-        let wants = material.anisotropic > 0.0 || material.normal_texture.is_some();
+        let wants = material.surface.anisotropic > 0.0 || material.normal_texture.is_some();
         let shared = loaded.instances.iter().any(|i| i.mesh == instance.mesh && i.material != instance.material);
         assert!(loaded.meshes[instance.mesh].tangents.is_empty() != wants || shared, "{}", instance.name);
     }
@@ -298,8 +296,8 @@ fn changes_and_motions_are_read_checked_and_loaded() {
     let scene = read(lively()).unwrap();
     assert_eq!(read(serde_json::from_str(&scene.canonical_json()).unwrap()).unwrap(), scene);
     let loaded = load::load(&scene, &anywhere()).unwrap();
-    let middle = loaded.material_at(0, 2);
-    assert_eq!((middle.base_color, middle.metallic, middle.roughness), ([0.2, 0.4, 0.6], 0.5, 0.75));
+    let middle = loaded.material_at(0, 2).surface;
+    assert_eq!((middle.base_color.to_array(), middle.metallic, middle.roughness), ([0.2, 0.4, 0.6], 0.5, 0.75));
     // Half way up its arc of four frames, and a quarter, half and whole turn about (1, 0) from (0, 0): +z runs before -x does.
     let expected = [[0.0, 0.0, 0.0], [1.0, 1.5, 1.0], [2.0, 2.0, 0.0], [1.0, 1.5, -1.0], [0.0, 0.0, 0.0]];
     for (frame, expected) in expected.into_iter().enumerate() {

@@ -119,9 +119,12 @@ fn png16() -> Vec<u8> {
 fn materials_textures_and_their_options_arrive() {
     let scene = File::new(&textured(json!({ "uri": data_uri("image/png", &png16()) }))).load().unwrap();
     let material = &scene.materials[0];
-    assert_eq!((material.name.as_str(), material.base_color, material.metallic), ("painted", [0.5, 1.0, 1.0], 0.25));
+    assert_eq!(
+        (material.name.as_str(), material.surface.base_color.to_array(), material.surface.metallic),
+        ("painted", [0.5, 1.0, 1.0], 0.25)
+    );
     // F0 of an index of 1.25 is 1/81, in units of 0.08.
-    assert!((material.specular - 1.0 / 81.0 / 0.08).abs() < 1e-6);
+    assert!((material.surface.specular - 1.0 / 81.0 / 0.08).abs() < 1e-6);
     assert_eq!(material.emissive, [3.0, 0.0, 0.0]);
     assert_eq!(scene.report.blend_as_opaque, 1);
     let color = &scene.textures[material.base_color_texture.as_ref().unwrap().texture];

@@ -7,7 +7,7 @@ use common::gltf::{FLOAT, File, STRIP, bytes, data_uri, document};
 use common::{asset, model_scene};
 use renderflow_scenes::loaded::{AlphaMask, Encoding};
 use renderflow_scenes::mipmap::Texels;
-use renderflow_scenes::{LoadReport, LoadedScene, Material, load};
+use renderflow_scenes::{LoadReport, LoadedScene, Material, Principled, load};
 use serde_json::{Value, json};
 
 /// PNG of one row of RGBA pixels.
@@ -135,7 +135,7 @@ fn sides_are_the_files() {
     file["meshes"][0]["primitives"][0].as_object_mut().unwrap().remove("material");
     let scene = File::new(&file).load().unwrap();
     let material = &scene.materials[scene.instances[0].material];
-    assert_eq!((material.double_sided, material.metallic, material.roughness), (false, 1.0, 1.0));
+    assert_eq!((material.double_sided, material.surface.metallic, material.surface.roughness), (false, 1.0, 1.0));
 }
 
 #[test]
@@ -146,26 +146,26 @@ fn extensions_become_burleys_parameters() {
     };
     // Roughness 0.2 is a width of 0.04 = mix(0.1, 0.001, gloss).
     let (coat, notes) = extended("KHR_materials_clearcoat", json!({ "clearcoatFactor": 0.75, "clearcoatRoughnessFactor": 0.2 }));
-    assert_eq!(coat.clearcoat, 0.75);
+    assert_eq!(coat.surface.clearcoat, 0.75);
     let width = |gloss: f32| 0.1 + (0.001 - 0.1) * gloss;
-    assert!((width(coat.clearcoat_gloss) - 0.04).abs() < 1e-6);
+    assert!((width(coat.surface.clearcoat_gloss) - 0.04).abs() < 1e-6);
     assert!(notes.contains("a quarter"), "{notes}");
     let (satin, notes) = extended(
         "KHR_materials_clearcoat",
         json!({ "clearcoatFactor": 1, "clearcoatRoughnessFactor": 0.8, "clearcoatTexture": { "index": 0 } }),
     );
-    assert_eq!(satin.clearcoat_gloss, 0.0);
+    assert_eq!(satin.surface.clearcoat_gloss, 0.0);
     assert!(notes.contains("smoother") && notes.contains("textures of KHR_materials_clearcoat"), "{notes}");
     assert_eq!(extended("KHR_materials_clearcoat", json!({})), (Material { name: "m".into(), ..says_nothing() }, String::new()));
 
     let (cloth, notes) =
         extended("KHR_materials_sheen", json!({ "sheenColorFactor": [0.2, 0.6, 0.4], "sheenRoughnessFactor": 0.3 }));
-    assert_eq!((cloth.sheen, cloth.sheen_tint), (0.6, 1.0));
+    assert_eq!((cloth.surface.sheen, cloth.surface.sheen_tint), (0.6, 1.0));
     assert!(notes.contains("Burley's lobe in the base colour's hue"), "{notes}");
-    assert_eq!(extended("KHR_materials_sheen", json!({ "sheenColorFactor": [0.5, 0.5, 0.5] })).0.sheen_tint, 0.0);
+    assert_eq!(extended("KHR_materials_sheen", json!({ "sheenColorFactor": [0.5, 0.5, 0.5] })).0.surface.sheen_tint, 0.0);
 
     let (brushed, notes) = extended("KHR_materials_anisotropy", json!({ "anisotropyStrength": 0.8 }));
-    assert_eq!((brushed.anisotropic, notes.as_str()), (0.8, ""));
+    assert_eq!((brushed.surface.anisotropic, notes.as_str()), (0.8, ""));
     let turned = json!({ "anisotropyStrength": 0.8, "anisotropyRotation": 1.5, "anisotropyTexture": { "index": 0 } });
     let (_, notes) = extended("KHR_materials_anisotropy", turned);
     assert!(notes.contains("rotation of") && notes.contains("the texture of KHR_materials_anisotropy"), "{notes}");
@@ -179,7 +179,11 @@ fn extensions_become_burleys_parameters() {
 
 /// A glTF material that says nothing.
 fn says_nothing() -> Material {
-    Material { base_color: [1.0; 3], metallic: 1.0, roughness: 1.0, double_sided: false, ..Material::default() }
+    Material {
+        double_sided: false,
+        surface: Principled { base_color: glam::Vec3A::ONE, metallic: 1.0, roughness: 1.0, ..Principled::default() },
+        ..Material::default()
+    }
 }
 
 /// KHR_materials_specular multiplies F0 = 0.04 with its colour; Burley's is 0.08 specular mix(1, base / luminance, tint).
@@ -200,12 +204,12 @@ fn a_tint_of_the_base_colours_hue_is_specular_tint() {
         let (material, notes) = tinted(base, color);
         assert_eq!(notes, 0);
         for (v, c) in base.iter().zip(color) {
-            let f0 = 0.08 * material.specular * (1.0 + material.specular_tint * (v / luminance - 1.0));
+            let f0 = 0.08 * material.surface.specular * (1.0 + material.surface.specular_tint * (v / luminance - 1.0));
             assert!((f0 - 0.04 * c).abs() < 1e-5, "{share}: {f0} but {}", 0.04 * c);
         }
     }
     let (other, notes) = tinted(base, [0.2, 0.4, 0.8]);
-    assert_eq!((other.specular_tint, notes), (0.0, 1));
+    assert_eq!((other.surface.specular_tint, notes), (0.0, 1));
     assert_eq!(tinted([0.5; 3], [0.2, 0.4, 0.8]).1, 1);
     assert_eq!(tinted([0.0; 3], [0.2, 0.4, 0.8]).1, 1);
 }
@@ -241,19 +245,7 @@ fn wild_numbers_are_limited() {
         }),
         &[],
     );
-    let unit = [
-        material.metallic,
-        material.roughness,
-        material.specular,
-        material.specular_tint,
-        material.anisotropic,
-        material.sheen,
-        material.sheen_tint,
-        material.clearcoat,
-        material.clearcoat_gloss,
-        material.subsurface,
-    ];
-    assert!(unit.iter().chain(&material.base_color).all(|v| (0.0..=1.0).contains(v)), "{material:?}");
+    assert_eq!(material.surface.out_of_range(), None, "{material:?}");
     assert_eq!(material.emissive, [0.0, 1e9, 1e9]);
 }
 

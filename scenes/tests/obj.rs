@@ -144,11 +144,14 @@ fn materials_become_principled() {
     .unwrap();
     let red = &scene.materials[scene.instances[0].material];
     // alpha^2 = 2 / (98 + 2), roughness = alpha^(1/2).
-    assert_eq!((red.name.as_str(), red.base_color, red.specular, red.metallic), ("red", [0.8, 0.1, 0.05], 0.0, 0.0));
-    assert!((red.roughness - 0.02_f32.powf(0.25)).abs() < 1e-6);
+    assert_eq!(
+        (red.name.as_str(), red.surface.base_color.to_array(), red.surface.specular, red.surface.metallic),
+        ("red", [0.8, 0.1, 0.05], 0.0, 0.0)
+    );
+    assert!((red.surface.roughness - 0.02_f32.powf(0.25)).abs() < 1e-6);
     let shiny = &scene.materials[scene.instances[1].material];
-    assert_eq!((shiny.base_color, shiny.roughness, shiny.metallic), ([0.5; 3], 0.125, 1.0));
-    assert!((shiny.specular - 0.25).abs() < 1e-6);
+    assert_eq!((shiny.surface.base_color.to_array(), shiny.surface.roughness, shiny.surface.metallic), ([0.5; 3], 0.125, 1.0));
+    assert!((shiny.surface.specular - 0.25).abs() < 1e-6);
     assert_eq!(scene.report.blend_as_opaque, 1);
 }
 
@@ -175,14 +178,20 @@ fn light_coats_cloth_and_stretch_of_the_pbr_extension() {
     std::fs::write(scene.path("glow.png"), png(&[[9, 8, 7]], image::ExtendedColorType::Rgb8)).unwrap();
     let scene = scene.load().unwrap();
     let red = &scene.materials[scene.instances[0].material];
-    assert_eq!((red.emissive, red.clearcoat, red.sheen, red.anisotropic), ([2.0, 3.0, 4.0], 0.5, 0.25, 0.75));
+    assert_eq!(
+        (red.emissive, red.surface.clearcoat, red.surface.sheen, red.surface.anisotropic),
+        ([2.0, 3.0, 4.0], 0.5, 0.25, 0.75)
+    );
     // Roughness 0.2 is a width of 0.04 = mix(0.1, 0.001, gloss).
-    assert!((0.1 + (0.001 - 0.1) * red.clearcoat_gloss - 0.04).abs() < 1e-6);
+    assert!((0.1 + (0.001 - 0.1) * red.surface.clearcoat_gloss - 0.04).abs() < 1e-6);
     assert!(red.double_sided && red.alpha_mask.is_none());
     assert_eq!(scene.report.blend_as_opaque, 1);
     assert!(scene.report.notes.iter().any(|n| n.contains("rotation of the anisotropy")), "{:?}", scene.report.notes);
     let shiny = &scene.materials[scene.instances[1].material];
-    assert_eq!((shiny.emissive, shiny.sheen, shiny.clearcoat, shiny.clearcoat_gloss), ([1.0; 3], 0.0, 1.0, 1.0));
+    assert_eq!(
+        (shiny.emissive, shiny.surface.sheen, shiny.surface.clearcoat, shiny.surface.clearcoat_gloss),
+        ([1.0; 3], 0.0, 1.0, 1.0)
+    );
     assert_eq!(texels(&scene, &shiny.emissive_texture), [[9, 8, 7, 255]]);
 }
 
@@ -197,7 +206,7 @@ fn opacity_maps_become_the_alpha_of_the_colour() {
     let [red, shiny] = [0, 1].map(|i| &scene.materials[scene.instances[i].material]);
     assert_eq!(texels(&scene, &red.base_color_texture), [[1, 2, 3, 0], [4, 5, 6, 255]]);
     assert_eq!(texels(&scene, &shiny.base_color_texture), [[255, 255, 255, 90], [255, 255, 255, 200], [255; 4]]);
-    assert_eq!((red.base_color, shiny.base_color), ([1.0; 3], [0.5; 3]));
+    assert_eq!((red.surface.base_color.to_array(), shiny.surface.base_color.to_array()), ([1.0; 3], [0.5; 3]));
     let mask = Some(AlphaMask { cutoff: 0.5, factor: 1.0 });
     assert_eq!((red.alpha_mask, shiny.alpha_mask, scene.report.alpha_masked), (mask, mask, 2));
     assert_eq!((scene.report.blend_as_opaque, scene.report.notes.len()), (0, 0));
@@ -223,7 +232,10 @@ fn grey_maps_become_one_metallic_roughness_texture() {
     assert_eq!(texels(&scene, &red.metallic_roughness_texture), [[255, 10, 0, 255], [255, 20, 255, 255]]);
     assert_eq!(texels(&scene, &shiny.metallic_roughness_texture), [[255, 255, 0, 255], [255; 4]]);
     // A factor of zero, or none, beside a map means the map alone.
-    assert_eq!((red.roughness, red.metallic, shiny.roughness, shiny.metallic), (1.0, 0.5, 0.25, 1.0));
+    assert_eq!(
+        (red.surface.roughness, red.surface.metallic, shiny.surface.roughness, shiny.surface.metallic),
+        (1.0, 0.5, 0.25, 1.0)
+    );
     assert_eq!(scene.report.notes.len(), 0);
     std::fs::write(files.path("rough.png"), png(&[[10]], L8)).unwrap();
     let scene = files.load().unwrap();

@@ -6,7 +6,7 @@ use common::anywhere;
 use common::empty_scene;
 use renderflow_scenes::description::{Geometry, Material, Object, TextureTransform, TextureWrap};
 use renderflow_scenes::pattern::{self, Map, MapSet, Pattern};
-use renderflow_scenes::procedural::materials::{MaterialKnobs, varied, varied_ground, varied_wall};
+use renderflow_scenes::procedural::materials::{self, MaterialKnobs};
 use renderflow_scenes::seed::Seed;
 use renderflow_scenes::shapes::Shape;
 use renderflow_scenes::{Error, LoadedScene, Scene, load};
@@ -25,9 +25,9 @@ fn drawn(count: u64) -> Vec<Material> {
         let (mut rng, knobs) = (root.child("material", index).rng(), MaterialKnobs { textured: 0.7, ..MaterialKnobs::default() });
         let name = format!("m{index}");
         match index % 4 {
-            0 => varied_ground(&mut rng, &name, &knobs),
-            1 => varied_wall(&mut rng, &name, &knobs),
-            _ => varied(&mut rng, &name, &knobs),
+            0 => materials::floor(&mut rng, &name, &knobs),
+            1 => materials::wall(&mut rng, &name, &knobs),
+            _ => materials::object(&mut rng, &name, &knobs),
         }
     };
     (0..count).map(draw).collect()
@@ -229,14 +229,14 @@ fn what_a_pattern_does_not_need_is_not_made() {
     let plain = loaded(&planes(vec![material.clone()]));
     assert_eq!(plain.textures.len(), 1);
     assert!(plain.meshes[0].tangents.is_empty());
-    assert!((plain.materials[0].roughness - 0.4).abs() < 0.002 && plain.materials[0].metallic == 0.0);
+    assert!((plain.materials[0].surface.roughness - 0.4).abs() < 0.002 && plain.materials[0].surface.metallic == 0.0);
 
     // One colour as well: nothing is left but factors.
     let one = pattern::Blotches { colors: [[0.5, 0.25, 0.1]; 3], ..flat };
     let material = Material { base_color: [0.5; 3], pattern: Some(Pattern::Blotches(one)), ..material };
     let bare = loaded(&planes(vec![material]));
     assert!(bare.textures.is_empty());
-    let color = bare.materials[0].base_color;
+    let color = bare.materials[0].surface.base_color.to_array();
     assert!(color.iter().zip([0.25, 0.125, 0.05]).all(|(a, b)| (a - b).abs() < 0.003), "{color:?}");
 }
 
@@ -288,7 +288,7 @@ fn patterns_are_json_and_old_materials_stay_as_they_were() {
 }
 
 #[test]
-fn varied_materials_are_valid_and_of_all_kinds() {
+fn materials_are_valid_and_of_all_kinds() {
     let materials = drawn(2000);
     let scene = planes(materials[..400].to_vec());
     scene.validate().unwrap();
@@ -309,7 +309,7 @@ fn varied_materials_are_valid_and_of_all_kinds() {
 fn knobs_are_shares() {
     let count = 3000;
     let share = |knobs: &MaterialKnobs, is: fn(&Material) -> bool| {
-        let hits = (0..count).filter(|&i| is(&varied(&mut Seed::root(i).rng(), "m", knobs))).count();
+        let hits = (0..count).filter(|&i| is(&materials::object(&mut Seed::root(i).rng(), "m", knobs))).count();
         hits as f64 / count as f64
     };
     let knobs = MaterialKnobs::default();

@@ -2,9 +2,12 @@
 
 use rayon::prelude::*;
 use renderflow_scenes::seed::Seed;
-use renderflow_scenes::shapes::{FAMILIES, RANDOM_FAMILIES, Shape, Stance, geometry_hash, inspect, inward_normals, mesh};
+use renderflow_scenes::shapes::{FAMILIES, Shape, Stance, geometry_hash, inspect, inward_normals, mesh};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::f64::consts::PI;
+
+/// The first family with a file of its own: its mesh is empty where a parameter is out of range.
+const MODELS: usize = 19;
 
 /// Shape `k` of the catalogue of `root`.
 fn entry(root: u64, k: usize) -> Shape {
@@ -73,7 +76,7 @@ fn the_whole_catalogue_is_sound_and_without_twins() {
 #[test]
 fn every_family_has_a_name_a_group_and_a_stance() {
     let mut groups = BTreeMap::new();
-    for family in FAMILIES {
+    for &family in FAMILIES {
         let shape = Shape::random_of(family, &mut Seed::root(1).rng());
         assert_eq!(shape.family(), family);
         *groups.entry(shape.group()).or_insert(0) += 1;
@@ -83,10 +86,9 @@ fn every_family_has_a_name_a_group_and_a_stance() {
     }
     assert!(groups.len() >= 10, "{groups:?}");
     assert_eq!(FAMILIES.iter().collect::<BTreeSet<_>>().len(), FAMILIES.len());
-    assert!(FAMILIES.len() > RANDOM_FAMILIES + 20);
     let chair = Shape::random_of("chair", &mut Seed::root(1).rng());
     assert_eq!((chair.group(), chair.stance()), ("furniture", Stance::Upright));
-    assert_eq!(Shape::Sphere { radius: 1.0 }.stance(), Stance::Any);
+    assert_eq!(Shape::Torus { radius: 1.0, tube: 0.2 }.stance(), Stance::Rim);
 }
 
 #[test]
@@ -147,7 +149,7 @@ fn volumes_agree_with_geometry() {
 #[test]
 fn hostile_parameters_are_named_and_never_panic() {
     let values = [f64::MAX, -1.0, 0.0, 1e-30, 4294967295.0, 0.5, 1e4];
-    for family in &FAMILIES[RANDOM_FAMILIES..] {
+    for family in &FAMILIES[MODELS..] {
         let json = serde_json::to_value(Shape::random_of(family, &mut Seed::root(2).child(family, 1).rng())).unwrap();
         let fields: Vec<String> = json.as_object().unwrap().keys().cloned().collect();
         for field in fields {
@@ -176,7 +178,7 @@ fn ends_of_all_ranges_are_sound() {
     // Every documented range is taken to both its ends, one parameter at a time.
     let schema = renderflow_scenes::schema::json_schema().to_string();
     assert!(schema.contains("Range "), "ranges stand in the schema");
-    let wrong: Vec<String> = FAMILIES[RANDOM_FAMILIES..]
+    let wrong: Vec<String> = FAMILIES[MODELS..]
         .par_iter()
         .flat_map_iter(|family| {
             let json = serde_json::to_value(Shape::random_of(family, &mut Seed::root(11).child(family, 0).rng())).unwrap();

@@ -22,8 +22,7 @@ fn hash(draw: impl Fn(u64) -> Shape) -> String {
 }
 
 #[test]
-fn shapes_of_old_seeds_stay() {
-    let random = hash(|i| Shape::random(&mut Seed::root(41).child("pinned", i).rng()));
+fn shapes_of_published_scenes_stay() {
     let named = hash(|i| Shape::random_of(FAMILIES[i as usize % 19], &mut Seed::root(42).child("pinned", i).rng()));
-    assert_eq!([random.as_str(), named.as_str()], ["c422db73f3f482f3", "d2fad8718a61b6e8"]);
+    assert_eq!(named, "d2fad8718a61b6e8");
 }

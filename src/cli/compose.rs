@@ -2,17 +2,17 @@ use super::SplitArg;
 use crate::output;
 use anyhow::Result;
 use clap::Args;
-use renderflow_scenes::procedural::{ComposeOptions, compose};
+use renderflow_scenes::procedural::{Composition, compose_one};
 use std::path::PathBuf;
 
-/// Writes a procedurally composed scene: ground, 4 to 16 objects, light and an orbit.
+/// Writes a procedurally composed scene: objects on a ground, a room or open country, with light and a camera.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow compose --seed 7 --out scene.json && renderflow render --scene scene.json --out out")]
 pub struct Compose {
     /// Seed of the scene
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Pool the environment is drawn from; test uses the maps of hdri/, which training never sees
+    /// Split whose families of meshes and environments the scene is made of; training never sees those of val and test
     #[arg(long, value_enum, default_value = "train")]
     split: SplitArg,
     /// Width and height in pixels
@@ -21,7 +21,7 @@ pub struct Compose {
     /// Frames
     #[arg(long, default_value_t = 17)]
     frames: u32,
-    /// Camera turn from a frame to the next
+    /// Turn of an orbiting camera from a frame to the next
     #[arg(long, default_value_t = 3.6)]
     degrees_per_frame: f32,
     /// File to write; standard output without it
@@ -34,15 +34,9 @@ pub struct Compose {
 
 impl Compose {
     pub fn run(self) -> Result<()> {
-        let scene = compose(&ComposeOptions {
-            seed: self.seed,
-            split: self.split.into(),
-            resolution: [self.resolution[0], self.resolution[1]],
-            frames: self.frames,
-            degrees_per_frame: self.degrees_per_frame,
-            ..ComposeOptions::default()
-        });
-        scene.validate()?;
+        let composition = Composition { degrees_per_frame: self.degrees_per_frame, ..Composition::default() };
+        let resolution = [self.resolution[0], self.resolution[1]];
+        let scene = compose_one(self.seed, self.split.into(), resolution, self.frames, &composition)?;
         match self.out {
             Some(path) => {
                 let text = renderflow_frame::file::json(&path, &scene)?;

@@ -1,16 +1,16 @@
 use super::SplitArg;
-use crate::dataset::plan::{Allowed, Denoise, Keyframes, Plan, Render};
+use crate::dataset::plan::{Allowed, Denoise, Keyframes, NO_CLASSIC, Plan, Render};
 use crate::dataset::{Shard, export, log, manifest, mend, pack, planning, preview, render, stats, verify};
 use crate::output;
 use crate::ranges::within;
 use crate::truth::{DenoiseMode, NO_TRUTH};
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
-use renderflow_scenes::procedural::varied::Composition;
+use renderflow_scenes::procedural::{Composition, ENVIRONMENT_COUNT, MESH_COUNT};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -90,10 +90,10 @@ pub struct PlanArgs {
     #[arg(long)]
     compact: bool,
     /// Meshes in the catalogue
-    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = MESH_COUNT, value_parser = clap::value_parser!(u32).range(1..))]
     mesh_count: u32,
     /// Maps in the catalogue of environments
-    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = ENVIRONMENT_COUNT, value_parser = clap::value_parser!(u32).range(1..))]
     environment_count: u32,
     /// Folder of glTF and OBJ models to mix in
     #[arg(long, value_name = "DIR")]
@@ -101,8 +101,8 @@ pub struct PlanArgs {
     /// Folder of environment maps (.hdr, .exr) to mix in
     #[arg(long, value_name = "DIR")]
     hdris: Option<PathBuf>,
-    /// Simple objects on a ground plane under an orbiting camera only, lit by random skies (test: by the maps of hdri/)
-    #[arg(long, conflicts_with_all = ["meshes", "hdris"])]
+    /// Refused: version 0.1 had another composer
+    #[arg(long, hide = true)]
     classic: bool,
     /// File to write; TOML where it is named .toml, else JSON
     #[arg(long)]
@@ -236,6 +236,7 @@ impl DatasetCommand {
 
 impl PlanArgs {
     fn run(self, allowed: &[PathBuf]) -> Result<()> {
+        ensure!(!self.classic, "--classic: {NO_CLASSIC}");
         let denoise = match self.denoise {
             DenoiseMode::Oidn => Denoise::Oidn,
             DenoiseMode::Auto if Denoiser::new().is_ok() => Denoise::Oidn,
@@ -265,14 +266,12 @@ impl PlanArgs {
             storage: if self.compact { Profile::Compact } else { Profile::Full },
             meshes: self.mesh_count,
             environments: self.environment_count,
-            classic: self.classic,
+            classic: (),
             composition: Composition { degrees_per_frame: self.degrees_per_frame, ..Composition::default() },
             splits: Default::default(),
             allowed: Allowed(allowed.to_vec()),
         };
-        if !self.classic {
-            plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref())?;
-        }
+        plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref())?;
         plan.check()?;
         let text = if self.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
             toml::to_string_pretty(&plan)?.into_bytes()

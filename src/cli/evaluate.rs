@@ -40,7 +40,7 @@ pub struct Evaluate {
     #[command(subcommand)]
     part: Option<Part>,
     #[command(flatten)]
-    pictures: Option<Pictures>,
+    pictures: Pictures,
 }
 
 /// What is measured in place of pictures.
@@ -54,11 +54,10 @@ enum Part {
 
 impl Evaluate {
     pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
-        match (self.part, self.pictures) {
-            (Some(Part::Inverse(options)), _) => options.run(cancel),
-            (Some(Part::Autoencoder(options)), _) => options.run(cancel),
-            (None, Some(pictures)) => pictures.run(allowed, cancel),
-            (None, None) => bail!("either --data FOLDER, or two folders: pictures and truth"),
+        match self.part {
+            Some(Part::Inverse(options)) => options.run(cancel),
+            Some(Part::Autoencoder(options)) => options.run(cancel),
+            None => self.pictures.run(allowed, cancel),
         }
     }
 }
@@ -103,24 +102,25 @@ struct Pictures {
     #[arg(long, default_value_t = 6)]
     pictures_kept: usize,
     /// Results folder: scores as JSON lines, pictures
-    #[arg(long)]
-    out: PathBuf,
+    #[arg(long, required = true)]
+    out: Option<PathBuf>,
 }
 
 impl Pictures {
     fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let lpips = lpips()?;
+        let out = self.out.as_deref().context("--out")?;
         match (&self.pictures, &self.truth, &self.data) {
-            (Some(pictures), Some(truth), None) => self.compare(pictures, truth, &lpips, cancel)?,
-            (None, None, Some(data)) => self.methods(data, &lpips, allowed, cancel)?,
+            (Some(pictures), Some(truth), None) => self.compare(pictures, truth, out, &lpips, cancel)?,
+            (None, None, Some(data)) => self.methods(data, out, &lpips, allowed, cancel)?,
             _ => bail!("either --data FOLDER, or two folders: pictures and truth"),
         }
-        let results = Results::read(&self.out)?;
+        let results = Results::read(out)?;
         print!("{}", table::markdown(&results, table::Filter::default()));
         Ok(())
     }
 
-    fn methods(&self, data: &Path, lpips: &Networks, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    fn methods(&self, data: &Path, out: &Path, lpips: &Networks, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
         let mut methods = Method::list(&self.methods)?;
         let budgets = Method::budgets(&self.budgets).context("--budgets")?;
         methods.extend(budgets.into_iter().filter(|budget| !methods.contains(budget)).collect::<Vec<_>>());
@@ -149,12 +149,12 @@ impl Pictures {
         };
         let frames = tests.iter().map(|test| run::frames(test, self.every) as u64).sum();
         let progress = Progress::new("evaluate", frames);
-        run::run(&tests, &options, &self.out, &progress, cancel)?;
+        run::run(&tests, &options, out, &progress, cancel)?;
         progress.finish();
         Ok(())
     }
 
-    fn compare(&self, pictures: &Path, truth: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
+    fn compare(&self, pictures: &Path, truth: &Path, out: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
         let options = external::Options {
             lpips,
             label: self.label.clone(),
@@ -163,7 +163,7 @@ impl Pictures {
             pictures: self.pictures_kept,
         };
         let progress = Progress::new("compare", 0);
-        let compared = external::run(pictures, truth, &options, &self.out, &progress, cancel)?;
+        let compared = external::run(pictures, truth, &options, out, &progress, cancel)?;
         progress.finish();
         eprintln!("{compared} pictures compared");
         Ok(())

@@ -34,7 +34,7 @@ use renderflow_renderer::Settings;
 use renderflow_scenes::LoadReport;
 use renderflow_scenes::description::{EnvironmentSource, Scene};
 use renderflow_scenes::load::{self, ModelView};
-use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
+use renderflow_scenes::procedural::{Composition, Split, compose_one};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -135,9 +135,9 @@ pub(crate) fn panic_message(payload: &(dyn std::any::Any + Send)) -> String {
 /// Flags of everything that path-traces.
 #[derive(Args, Clone, Debug)]
 struct TraceArgs {
-    /// Samples a pixel
-    #[arg(long, default_value_t = Settings::default().spp, value_parser = within(Settings::SPP))]
-    spp: u32,
+    /// Samples a pixel; 256 by default, 128 in the demo
+    #[arg(long, value_parser = within(Settings::SPP))]
+    spp: Option<u32>,
     /// Scattering events of a path
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
@@ -147,9 +147,9 @@ struct TraceArgs {
 }
 
 impl TraceArgs {
-    /// What the renderer is told.
-    fn settings(&self) -> Settings {
-        Settings { spp: self.spp, max_bounces: self.max_bounces, ..Settings::default() }
+    /// What the renderer is told; `usual` samples a pixel where none are asked for.
+    fn settings(&self, usual: u32) -> Settings {
+        Settings { spp: self.spp.unwrap_or(usual), max_bounces: self.max_bounces, ..Settings::default() }
     }
 }
 
@@ -271,7 +271,7 @@ fn parent(path: &Path) -> PathBuf {
 }
 
 impl SceneArgs {
-    /// The scene to work on, a file or a composed one with light that training never sees, and what it may name: files of its own folder
+    /// The scene to work on, a file or a composed one with meshes and light that training never sees, and what it may name: files of its own folder
     /// and of those that are `allowed`, and what the user names here. `seed` composes the scene, `composed` where none is given; a scene
     /// or model from a file is sampled with it.
     fn describe(
@@ -285,9 +285,8 @@ impl SceneArgs {
         let mut reach = self.scene.as_deref().map_or_else(|| Reach::folder("."), Reach::of).allow(allowed);
         let mut scene = match &self.scene {
             None => {
-                let options = ComposeOptions { seed: seed.unwrap_or(composed), split: Split::Test, ..ComposeOptions::default() };
-                let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
-                compose(&ComposeOptions { resolution, frames: frames.unwrap_or(options.frames), ..options })
+                let (seed, resolution) = (seed.unwrap_or(composed), [resolution.unwrap_or(256); 2]);
+                compose_one(seed, Split::Test, resolution, frames.unwrap_or(1), &Composition::default())?
             }
             Some(path) if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) => Scene::read(path)?,
             Some(path) => {

@@ -160,11 +160,12 @@ impl Render {
             BsdfArg::Conserving => Mode::Conserving,
             BsdfArg::Published => Mode::Published,
         };
+        let usual = self.trace.settings(Settings::default().spp);
         let (spp, budget) = match &self.adaptive {
-            AdaptiveArgs { adaptive: true, .. } => (self.trace.spp, Budget::Average),
+            AdaptiveArgs { adaptive: true, .. } => (usual.spp, Budget::Average),
             AdaptiveArgs { target_error: Some(millionths), .. } => (self.max_spp, Budget::Error { millionths: *millionths }),
             AdaptiveArgs { time_budget: Some(milliseconds), .. } => (self.max_spp, Budget::Time { milliseconds: *milliseconds }),
-            _ => (self.trace.spp, Budget::Uniform),
+            _ => (usual.spp, Budget::Uniform),
         };
         let render = Settings {
             spp,
@@ -175,7 +176,7 @@ impl Render {
             light_paths: !self.no_light_paths,
             light_groups: self.light_groups,
             irradiance: self.irradiance,
-            ..self.trace.settings()
+            ..usual
         };
         let mut settings = TruthSettings::new(render, self.trace.denoise)?;
         (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);

@@ -7,9 +7,10 @@ use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
 use renderflow_frame::frame_file::{self, Profile};
 use renderflow_frame::reach::plain_name;
-use renderflow_frame::{Camera, Environment, Frame, file, hdr, transforms};
+use renderflow_frame::{Camera, Environment, Frame, Light, file, hdr, transforms};
 use renderflow_model::data::{Clip, ClipSource};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// File name of frame `number` of a sequence.
 pub fn frame_file(number: usize, profile: Profile) -> String {
@@ -47,7 +48,7 @@ pub struct SequenceFolder {
     /// Number of each stored frame in its sequence; counts up by the plan's frame step.
     pub numbers: Vec<usize>,
     /// The light.
-    pub environment: Environment,
+    pub light: Arc<Light>,
 }
 
 impl SequenceFolder {
@@ -58,7 +59,8 @@ impl SequenceFolder {
         let map = hdr::decode(&environment, &file::read(&environment)?)?.map;
         let environment = Environment { map, rotation: sequence.environment_rotation, intensity: sequence.environment_intensity };
         let numbers = (sequence.files.iter().enumerate()).map(|(i, file)| frame_number(file).unwrap_or(i)).collect();
-        Ok(Self { path: path.to_owned(), sequence, numbers, environment })
+        let light = Arc::new(Light::with_exposure(environment, sequence.exposure));
+        Ok(Self { path: path.to_owned(), sequence, numbers, light })
     }
 
     /// Name of the folder.
@@ -254,8 +256,7 @@ impl ClipSource for Dataset {
             frames,
             numbers: folder.numbers.clone(),
             tracks: folder.sequence.tracks.clone(),
-            environment: folder.environment.clone(),
-            exposure: folder.sequence.exposure,
+            light: Light::clone(&folder.light),
             keyframes: folder.sequence.keyframes.clone(),
         })
     }

@@ -169,7 +169,7 @@ pub(super) fn merge_after(plan: &Plan, out: &Path, proven: &HashSet<u32>, depth:
     let records = accept(plan, out, &all, found)?;
     let manifest = Manifest::new(plan, out, &records)?;
     let leaks: Vec<String> = leaks(plan, (0..).zip(&records)).iter().map(Leak::to_string).collect();
-    ensure!(leaks.is_empty() || plan.classic, "splits share what they must not: {}", leaks.join("; "));
+    ensure!(leaks.is_empty(), "splits share what they must not: {}", leaks.join("; "));
     remove_leftovers(out);
     let path = out.join(MANIFEST);
     match file::write_json(&path, &manifest) {

@@ -6,8 +6,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_frame::words;
 use renderflow_renderer::{Budget, Settings};
 use renderflow_scenes::catalog::Catalog;
-use renderflow_scenes::procedural::varied::{CameraKind, Composed, Composition, LayoutKind, Pool, Request, Used, compose_varied};
-use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
+use renderflow_scenes::procedural::{Composed, Composition, ENVIRONMENT_COUNT, MESH_COUNT, Pool, Request, Split, compose};
 use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION};
 use renderflow_scenes::{description::EnvironmentSource, seed::Seed};
 use serde::{Deserialize, Serialize};
@@ -47,10 +46,9 @@ pub struct Plan {
     /// Maps in the catalogue of environments, 1..=1000000.
     #[serde(default = "environments")]
     pub environments: u32,
-    /// Scenes of objects on a ground plane under an orbiting camera only, as `renderflow compose` makes them; `composition` and
-    /// `splits` are not used then, but for the camera's turn.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub classic: bool,
+    /// Nothing: a plan of version 0.1 may say `classic = false`; one that asks for the composer of that version is refused.
+    #[serde(default, skip_serializing, deserialize_with = "not_classic")]
+    pub classic: (),
     /// What scenes look like.
     #[serde(default)]
     pub composition: Composition,
@@ -76,10 +74,18 @@ fn one() -> u32 {
     1
 }
 fn meshes() -> u32 {
-    4096
+    MESH_COUNT
 }
 fn environments() -> u32 {
-    512
+    ENVIRONMENT_COUNT
+}
+
+/// Why a plan or an option that asks for the classic composer is refused.
+pub const NO_CLASSIC: &str =
+    "the classic composer of version 0.1 is gone; leave `classic` out to get scenes of the present composer";
+
+fn not_classic<'de, D: serde::Deserializer<'de>>(from: D) -> std::result::Result<(), D::Error> {
+    if bool::deserialize(from)? { Err(serde::de::Error::custom(NO_CLASSIC)) } else { Ok(()) }
 }
 
 /// A number for each split.
@@ -211,7 +217,7 @@ pub struct UserFile {
 }
 
 /// The splits, in the order in which sequences are numbered.
-pub const SPLITS: [Split; 3] = [Split::Train, Split::Val, Split::Test];
+pub const SPLITS: [Split; 3] = Split::ALL;
 
 impl Counts {
     /// The number of one split.
@@ -291,7 +297,7 @@ impl Plan {
             range(&format!("/resolution/{axis}"), size, 1, MAX_RESOLUTION)?;
         }
         self.composition.check().map_err(|e| anyhow::anyhow!("{e}"))?;
-        if self.classic { Ok(()) } else { self.check_splits() }
+        self.check_splits()
     }
 
     fn check_splits(&self) -> Result<()> {
@@ -368,11 +374,7 @@ impl Plan {
     /// Name of the scene of sequence `index`: no two sequences of a plan have the same.
     pub fn scene_name(&self, index: u32) -> String {
         let split = self.split(index);
-        if self.classic {
-            format!("{split}_{}", self.sequence_seed(index).u64())
-        } else {
-            format!("{split}_{}", Self::sequence_name(index))
-        }
+        format!("{split}_{}", Self::sequence_name(index))
     }
 
     /// Split of sequence `index`: the first are to learn from, the last to be reported.
@@ -409,9 +411,6 @@ impl Plan {
     pub fn compose(&self, catalog: &Catalog, index: u32) -> Result<Composed> {
         let seed = self.sequence_seed(index);
         let split = self.split(index);
-        if self.classic {
-            return Ok(self.compose_classic(seed.u64(), split));
-        }
         let sources = self.splits.of(split);
         let paths = |files: &[UserFile]| -> Vec<String> { files.iter().map(|f| f.path.clone()).collect() };
         let (models, hdris) = (paths(&sources.models), paths(&sources.hdris));
@@ -432,7 +431,7 @@ impl Plan {
             composition: &self.composition,
             pool: &pool,
         };
-        let composed = compose_varied(&request).map_err(|e| anyhow::anyhow!("{}: {e}", Self::sequence_name(index)))?;
+        let composed = compose(&request).map_err(|e| anyhow::anyhow!("{}: {e}", Self::sequence_name(index)))?;
         for used in composed.meshes.iter().filter_map(|used| used.file.as_deref()) {
             check_file(&sources.models, used)?;
         }
@@ -440,40 +439,6 @@ impl Plan {
             check_file(&sources.hdris, path)?;
         }
         Ok(composed)
-    }
-
-    fn compose_classic(&self, seed: u64, split: Split) -> Composed {
-        let scene = compose(&ComposeOptions {
-            seed,
-            resolution: self.resolution,
-            frames: self.frames,
-            degrees_per_frame: self.composition.degrees_per_frame,
-            split,
-            ..ComposeOptions::default()
-        });
-        let environment = match &scene.environment.source {
-            EnvironmentSource::Builtin(name) => format!("builtin:{name}"),
-            EnvironmentSource::Sky(sky) => sky.family().to_owned(),
-            EnvironmentSource::File(path) => format!("file:{path}"),
-            EnvironmentSource::Constant(_) => "constant".to_owned(),
-        };
-        // The ground comes first.
-        let meshes = scene.objects.iter().skip(1).map(|object| Used {
-            object: object.name.clone(),
-            family: object.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_').to_owned(),
-            mesh: None,
-            file: None,
-        });
-        Composed {
-            layout: LayoutKind::Ground,
-            camera: CameraKind::Orbit,
-            moving: scene.objects.iter().any(|object| object.moves()),
-            changing: false,
-            meshes: meshes.collect(),
-            environment,
-            environment_number: None,
-            scene,
-        }
     }
 }
 

@@ -7,10 +7,9 @@ use crate::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::hdr;
 use renderflow_frame::reach::Reach;
-use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::load::{self, ModelView};
-use renderflow_scenes::procedural::Split;
-use renderflow_scenes::{seed::Seed, shapes, sky};
+use renderflow_scenes::procedural::{Families, Split, deal, families};
+use renderflow_scenes::{seed::Seed, shapes};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -18,13 +17,6 @@ use std::path::{Path, PathBuf};
 pub const MODELS: [&str; 3] = ["gltf", "glb", "obj"];
 /// Endings of environment maps.
 pub const MAPS: [&str; 2] = ["hdr", "exr"];
-/// Of this many members of a group, one goes to the test split and one to the validation split.
-const HELD_OUT: usize = 6;
-/// Families are dealt by this seed, whatever the plan's: what one plan holds out no other learns from, so that a network trained on any
-/// of them may be judged on the program's own test sets. This one holds out grass, gyroids and a low sun: hard cases.
-const FAMILIES: u64 = 2059;
-/// Members of a catalogue that holds every family.
-const ALL: u32 = 256;
 
 /// Shares `sequences` out: a tenth each to validation and test, rounded; the rest to training.
 pub fn share_out(sequences: u32) -> Counts {
@@ -40,19 +32,15 @@ pub fn all_to(split: Split, sequences: u32) -> Counts {
     Counts { train: of(Split::Train), val: of(Split::Val), test: of(Split::Test) }
 }
 
-/// The families of the catalogue and the files in two folders of the user's, shared out among the splits: from every group of
-/// families (vessels, furniture, low suns, studios, ...) about one in six goes to the test and to the validation split, so that what is
-/// held out is as varied as what is learnt from. Families are dealt alike for all plans; files by the plan's seed and their contents.
-/// Files that cannot be used are left out, and said.
+/// What each split may draw from: its [`families`] of the catalogue, and its part of the files in two folders of the user's, of which
+/// about one in six goes to the test split and to the validation split, by the plan's seed and the files' contents. Files that cannot be
+/// used are left out, and said.
 pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
-    let (whole, catalog) = (Catalog::new(plan.seed, ALL, ALL), plan.catalog());
-    let seed = Seed::root(plan.seed);
+    let (catalog, seed) = (plan.catalog(), Seed::root(plan.seed));
     let mut splits = Splits::default();
-    let meshes = deal_families(mesh_families(&whole), mesh_families(&catalog));
-    let environments = deal_families(environment_families(&whole), environment_families(&catalog));
-    for ((split, meshes), environments) in SPLITS.into_iter().zip(meshes).zip(environments) {
+    for split in SPLITS {
         let sources = splits.of_mut(split);
-        (sources.mesh_families, sources.environment_families) = (meshes, environments);
+        Families { meshes: sources.mesh_families, environments: sources.environment_families } = families(&catalog, split);
     }
     if let Some(folder) = models {
         deal_files(&mut splits, &seed, model_groups(folder, &plan.allowed.0)?, |sources, file| sources.models.push(file));
@@ -63,77 +51,17 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
     }
     for split in SPLITS {
         let sources = splits.of_mut(split);
-        sources.mesh_families.sort();
-        sources.environment_families.sort();
         sources.models.sort_by(|a, b| a.path.cmp(&b.path));
         sources.hdris.sort_by(|a, b| a.path.cmp(&b.path));
     }
     Ok(splits)
 }
 
-/// Deals the families that are `there` as `all` of them are dealt. A catalogue too small to give every split one that way deals its own
-/// few among the splits: those may be others than the test sets'.
-fn deal_families(all: Vec<(&'static str, String)>, there: Vec<(&'static str, String)>) -> [Vec<String>; 3] {
-    let lists = |members: Vec<(&'static str, String)>| {
-        let mut lists = Splits::default();
-        deal(&mut lists, &Seed::root(FAMILIES), groups(members), |sources, name| sources.mesh_families.push(name));
-        SPLITS.map(|split| lists.of(split).mesh_families.clone())
-    };
-    let names: HashSet<&String> = there.iter().map(|(_, name)| name).collect();
-    let dealt = lists(all).map(|list| list.into_iter().filter(|name| names.contains(name)).collect::<Vec<_>>());
-    if dealt.iter().any(Vec::is_empty) { lists(there) } else { dealt }
-}
-
-/// (group, family) of every mesh family of a catalogue.
-fn mesh_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
-    (0..catalog.meshes().min(ALL)).map(|k| (catalog.mesh(k).group(), catalog.mesh_family(k).to_owned())).collect()
-}
-
-/// (group, family) of every environment family of a catalogue.
-fn environment_families(catalog: &Catalog) -> Vec<(&'static str, String)> {
-    let families = (0..catalog.environments().min(ALL)).map(|k| catalog.environment_family(k));
-    families.map(|family| (sky::group(family), family.to_owned())).collect()
-}
-
-fn groups(members: Vec<(&'static str, String)>) -> BTreeMap<&'static str, Vec<String>> {
-    let mut groups: BTreeMap<&'static str, Vec<String>> = BTreeMap::new();
-    for (group, family) in members {
-        let members = groups.entry(group).or_default();
-        if !members.contains(&family) {
-            members.push(family);
-        }
-    }
-    groups
-}
-
-/// Deals the members of each group, in an order drawn from the seed: most to training.
-fn deal(
-    splits: &mut Splits,
-    seed: &Seed,
-    groups: BTreeMap<&'static str, Vec<String>>,
-    mut add: impl FnMut(&mut Sources, String),
-) {
-    // Small groups have none to spare: over several of them the count goes on, so that one in six is held out all the same.
-    let mut dealt = 0;
-    for (_, mut members) in groups {
-        members.sort_by_key(|name| seed.child("split", 0).child(name, 0).u64());
-        for name in members {
-            let split = match dealt % HELD_OUT {
-                2 => Split::Test,
-                4 => Split::Val,
-                _ => Split::Train,
-            };
-            add(splits.of_mut(split), name);
-            dealt += 1;
-        }
-    }
-}
-
 /// Deals groups of files, each as a whole.
 fn deal_files(splits: &mut Splits, seed: &Seed, groups: Vec<Vec<UserFile>>, mut add: impl FnMut(&mut Sources, UserFile)) {
     let by_hash: BTreeMap<String, Vec<UserFile>> = groups.into_iter().map(|group| (group[0].blake3.clone(), group)).collect();
     let names = BTreeMap::from([("files", by_hash.keys().cloned().collect())]);
-    deal(splits, seed, names, |sources, hash| by_hash[&hash].iter().for_each(|file| add(sources, file.clone())));
+    deal(seed, names, |split, hash| by_hash[&hash].iter().for_each(|file| add(splits.of_mut(split), file.clone())));
 }
 
 /// The models below `folder`, those that share a mesh in one group: the same body under two names must not be in two splits. Models
@@ -251,19 +179,5 @@ mod tests {
             assert!(n < 10 || counts.test >= 1 && counts.train > counts.test);
         }
         assert_eq!(share_out(1300), Counts { train: 1040, val: 130, test: 130 });
-    }
-
-    #[test]
-    fn every_member_is_dealt_once_and_one_in_six_is_held_out() {
-        let group = |name, n: usize| (name, (0..n).map(|i| format!("{name}{i}")).collect::<Vec<_>>());
-        let groups = BTreeMap::from([group("a", 5), group("b", 1), group("c", 12), group("d", 6)]);
-        let mut splits = Splits::default();
-        deal(&mut splits, &Seed::root(1), groups, |sources, name| sources.mesh_families.push(name));
-        let of = |split| splits.of(split).mesh_families.len();
-        assert_eq!((of(Split::Train), of(Split::Val), of(Split::Test)), (16, 4, 4));
-        let mut all: Vec<_> = SPLITS.iter().flat_map(|&s| splits.of(s).mesh_families.clone()).collect();
-        all.sort();
-        all.dedup();
-        assert_eq!(all.len(), 24);
     }
 }

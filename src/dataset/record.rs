@@ -9,8 +9,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use renderflow_frame::file;
 use renderflow_frame::reach::plain_name;
 use renderflow_renderer::light::EnvironmentLight;
-use renderflow_scenes::procedural::Split;
-use renderflow_scenes::procedural::varied::{Composed, Used};
+use renderflow_scenes::procedural::{Composed, Split, Used};
 use renderflow_scenes::{LoadedScene, shapes};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
@@ -166,7 +165,7 @@ impl Record {
             on_objects.iter().filter(|&&m| which(&loaded.materials[m])).count()
         };
         let textured = count(&|m| m.texture_slots().next().is_some());
-        let metal = count(&|m| m.metallic > 0.5);
+        let metal = count(&|m| m.surface.metallic > 0.5);
         let light = EnvironmentLight::new(&loaded.environment)?;
         Ok(Self {
             version: 1,

@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::{self, Profile};
 use renderflow_scenes::catalog::Catalog;
-use renderflow_scenes::procedural::varied::Composed;
+use renderflow_scenes::procedural::Composed;
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};

@@ -111,7 +111,7 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
         meshes: distinct(&mut objects().flat_map(|object| object.geometry.clone())),
         scenes: distinct(&mut records.iter().map(|r| r.scene.clone())),
         environments: distinct(&mut records.iter().map(|r| format!("{} {:?}", r.environment.family, r.environment.number))),
-        leaks: if plan.classic { Vec::new() } else { leaks },
+        leaks,
         splits: Bars { title: "frames by split".into(), bars: splits.collect() },
         counts,
         histograms: AXES.iter().map(|axis| histogram(axis, &statistics)).collect(),

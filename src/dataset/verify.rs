@@ -126,16 +126,14 @@ pub fn verify(out: &Path, stop: &AtomicBool) -> Result<Verified> {
         let shown = shell(&folder.to_string_lossy());
         found.fault(format!("{}: {what}", folder.display()), format!("mv {shown} ELSEWHERE"));
     }
-    if !plan.classic {
-        for (places, leaks) in manifest::leaks(&plan, records.iter().map(|(index, record)| (*index, record)))
-            .chunk_by(|a, b| a.places == b.places)
-            .map(|same| (&same[0].places, same))
-        {
-            let more = if leaks.len() > 1 { format!(" and {} more", leaks.len() - 1) } else { String::new() };
-            let [one, other] = places;
-            let what = format!("{one} and {other} share what splits must not: {}{more}", leaks[0].what);
-            found.fault(what, damage::remedy(out));
-        }
+    for (places, leaks) in manifest::leaks(&plan, records.iter().map(|(index, record)| (*index, record)))
+        .chunk_by(|a, b| a.places == b.places)
+        .map(|same| (&same[0].places, same))
+    {
+        let more = if leaks.len() > 1 { format!(" and {} more", leaks.len() - 1) } else { String::new() };
+        let [one, other] = places;
+        let what = format!("{one} and {other} share what splits must not: {}{more}", leaks[0].what);
+        found.fault(what, damage::remedy(out));
     }
     manifest_of(&mut found, &plan, out, &listable);
     Ok(found)

@@ -2,18 +2,16 @@
 
 use super::SequenceFolder;
 use rayon::prelude::*;
-use renderflow_frame::ibl::IblTables;
-use renderflow_frame::{DepthBounds, Environment, Frame};
+use renderflow_frame::{DepthBounds, Frame, Light};
 use renderflow_model::renderer::{KeyframePlace, Sequence};
 use renderflow_model::{Error, Result};
 use std::sync::OnceLock;
 
-/// A sequence whose light is prefiltered, and whose depths are read, when they are first asked for.
+/// A sequence whose depths are read when they are first asked for.
 #[derive(Debug)]
 pub struct SequenceView<'a> {
     /// The sequence.
     pub folder: &'a SequenceFolder,
-    tables: OnceLock<IblTables>,
     bounds: OnceLock<DepthBounds>,
     keyframes: Vec<KeyframePlace>,
 }
@@ -24,12 +22,7 @@ impl<'a> SequenceView<'a> {
         let places = folder.sequence.keyframes.iter().map(|&index| KeyframePlace { number: folder.numbers[index], index });
         let mut keyframes: Vec<KeyframePlace> = places.collect();
         keyframes.sort_by_key(|place| place.number);
-        Self { folder, tables: OnceLock::new(), bounds: OnceLock::new(), keyframes }
-    }
-
-    /// What image-based lighting needs of the environment.
-    pub fn tables(&self) -> &IblTables {
-        self.tables.get_or_init(|| IblTables::new(&self.folder.environment))
+        Self { folder, bounds: OnceLock::new(), keyframes }
     }
 
     fn frame(&self, index: usize) -> Result<Frame> {
@@ -39,12 +32,8 @@ impl<'a> SequenceView<'a> {
 }
 
 impl Sequence for SequenceView<'_> {
-    fn environment(&self) -> &Environment {
-        &self.folder.environment
-    }
-
-    fn exposure(&self) -> f32 {
-        self.folder.sequence.exposure
+    fn light(&self) -> &Light {
+        &self.folder.light
     }
 
     fn depth_bounds(&self) -> Result<DepthBounds> {

@@ -1,15 +1,16 @@
-//! The deferred renderer on one sequence: its lights, shadow maps, parts left out, and keyframes carried over its pictures.
+//! The deferred renderer on one sequence: its lights, shadow maps, parts left out, and keyframes warped over its pictures.
 
-use super::keyframes::{self, Keyframe};
+use super::keyframes;
 use super::method::Part;
 use super::renderer::timed;
 use crate::dataset::SequenceFolder;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
-use renderflow_frame::deferred::{self, Deferred, Lighting, ShadowMode, Shadows};
 use renderflow_frame::image::Rgb;
-use renderflow_renderer::{RenderScene, ShadowTiles};
-use std::sync::{Mutex, PoisonError};
+use renderflow_frame::warp::Keyframe;
+use renderflow_renderer::RenderScene;
+use renderflow_renderer::deferred::{self, Deferred, Lighting, ShadowMode, ShadowTiles, Shadows};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What lasts for a sequence.
 pub struct DeferredBaseline<'a> {
@@ -18,7 +19,7 @@ pub struct DeferredBaseline<'a> {
     lighting: Lighting,
     /// The whole environment, no light taken out; where a method asks for it.
     whole: Option<Lighting>,
-    keyframes: Vec<Keyframe>,
+    keyframes: Vec<(usize, Keyframe)>,
     /// What shadow maps of the frames so far are made of, with `lighting` and with `whole`.
     tiles: [Mutex<ShadowTiles>; 2],
 }
@@ -35,8 +36,8 @@ impl<'a> DeferredBaseline<'a> {
     pub fn new(folder: &'a SequenceFolder, whole: bool) -> Self {
         Self {
             folder,
-            lighting: Lighting::new(&folder.environment, deferred::LIGHTS),
-            whole: whole.then(|| Lighting::new(&folder.environment, 0)),
+            lighting: Lighting::new(Arc::clone(&folder.light), deferred::LIGHTS),
+            whole: whole.then(|| Lighting::new(Arc::clone(&folder.light), 0)),
             keyframes: Vec::new(),
             tiles: Default::default(),
         }
@@ -52,7 +53,7 @@ impl<'a> DeferredBaseline<'a> {
         self.keyframes = keyframes::prepare(self.folder, |index, frame| {
             scene.set_frame(self.folder.numbers[index]);
             let maps = self.maps(scene, frame)?;
-            Ok(self.picture(scene, frame, &maps, None)?.0)
+            Ok(Some(self.picture(scene, frame, &maps, None)?.0))
         })?;
         // Frames pay for their own shadow maps.
         self.forget();
@@ -65,15 +66,14 @@ impl<'a> DeferredBaseline<'a> {
     }
 
     fn maps_of(&self, scene: &RenderScene, (lighting, tiles): (&Lighting, &Mutex<ShadowTiles>), frame: &Frame) -> Result<Maps> {
-        let receivers = || deferred::receivers(frame);
         let mut tiles = tiles.lock().unwrap_or_else(PoisonError::into_inner);
-        let (shadows, seconds) = timed(|| Ok(tiles.maps(scene, lighting, &receivers())))?;
+        let (shadows, seconds) = timed(|| Ok(tiles.maps(scene, lighting, frame)))?;
         Ok(Maps { shadows, seconds })
     }
 
     /// The picture of a frame without one of its parts, and its seconds, shadow maps included.
     pub fn picture(&self, scene: &RenderScene, frame: &Frame, maps: &Maps, without: Option<Part>) -> Result<(Rgb, f64)> {
-        let mut options = deferred::Options { parts: false, ..Default::default() };
+        let mut options = deferred::Options::default();
         let (none, others);
         let (mut lighting, mut maps) = (&self.lighting, maps);
         match without {
@@ -95,7 +95,7 @@ impl<'a> DeferredBaseline<'a> {
             Some(Part::Reflections) => options.reflections = false,
             Some(Part::Indirect) => options.indirect = false,
         }
-        let (picture, shading) = timed(|| Ok(deferred::shade(frame, lighting, &maps.shadows, &options).image))?;
+        let (picture, shading) = timed(|| Ok(deferred::picture(frame, lighting, &maps.shadows, &options)))?;
         Ok((picture, maps.seconds + shading))
     }
 
@@ -108,13 +108,13 @@ impl<'a> DeferredBaseline<'a> {
 
     /// The deferred picture of the keyframe that is stored frame `index`, where it is drawn.
     pub fn keyframe(&self, index: usize) -> Option<&Rgb> {
-        self.keyframes.iter().find(|key| key.index == index).map(|key| &key.start)
+        self.keyframes.iter().find(|(there, _)| *there == index).and_then(|(_, key)| key.start.as_ref())
     }
 
     /// The keyframes carried to stored frame `index`, the deferred picture in the holes; and its seconds, without the G-buffer's.
     pub fn warped(&self, scene: &RenderScene, frame: &Frame, index: usize, maps: &Maps) -> Result<(Rgb, f64)> {
         let (current, seconds) = self.picture(scene, frame, maps, None)?;
-        let carry = || Ok(keyframes::carry(self.folder, &self.keyframes, index, frame, &current));
+        let carry = || Ok(keyframes::warp(self.folder, &self.keyframes, index, frame, &current));
         let (picture, carrying) = timed(carry)?;
         Ok((picture, seconds + carrying))
     }

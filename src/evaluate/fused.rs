@@ -1,41 +1,37 @@
 //! The network that reads samples, on one sequence: what it is handed of a frame, and the seconds that this takes.
 
+use super::keyframes;
 use super::renderer::timed;
 use super::traced::{Buffer, Carried, Traced};
 use crate::dataset::SequenceFolder;
 use anyhow::{Context, Result};
-use renderflow_frame::deferred::Deferred;
-use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
+use renderflow_frame::warp::Keyframe;
 use renderflow_model::fusion::batch::BEFORE;
-use renderflow_model::fusion::fill::{Keyframe, KeyframeView, Samples, background};
+use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::{NEIGHBOURS, Selection};
 use renderflow_model::fusion::{Fusion, Record};
+use renderflow_renderer::deferred::Deferred;
 use renderflow_renderer::denoise::Denoiser;
 
 /// What lasts for a sequence.
 pub struct Fused<'a> {
     folder: &'a SequenceFolder,
     network: &'a Fusion,
-    /// Of the whole environment.
-    tables: &'a IblTables,
     /// Keyframes by index among the stored frames.
     keys: Vec<(usize, Keyframe)>,
 }
 
 impl<'a> Fused<'a> {
     /// Without keyframes.
-    pub fn new(folder: &'a SequenceFolder, network: &'a Fusion, tables: &'a IblTables) -> Self {
-        Self { folder, network, tables, keys: Vec::new() }
+    pub fn new(folder: &'a SequenceFolder, network: &'a Fusion) -> Self {
+        Self { folder, network, keys: Vec::new() }
     }
 
     /// Reads the keyframes; `shaded` gives the deferred picture of one, where there is one.
     pub fn prepare_keyframes(&mut self, shaded: impl Fn(usize) -> Option<Rgb>) -> Result<()> {
-        for &index in &self.folder.sequence.keyframes {
-            let mut frame = self.folder.frame(index)?;
-            let truth = frame.beauty.take().with_context(|| format!("keyframe {index} has no beauty"))?;
-            self.keys.push((index, Keyframe { frame, truth, shaded: shaded(index) }));
-        }
+        self.keys = keyframes::prepare(self.folder, |index, _| Ok(shaded(index)))?;
         Ok(())
     }
 
@@ -44,10 +40,10 @@ impl<'a> Fused<'a> {
         if let Some(truth) = self.truth(buffer.index, keyframes) {
             return Ok((truth, 0.0));
         }
-        let exposure = self.folder.sequence.exposure;
+        let exposure = self.folder.light.exposure();
         timed(|| {
-            let mut record = Record::of(buffer.frame, &deferred.shading.surfaces, exposure);
-            record.add_deferred(deferred, exposure);
+            let mut record = Record::of(buffer.frame, &deferred.surfaces, exposure);
+            record.add_deferred(&deferred.terms, exposure);
             if keyframes {
                 self.carry(&mut record, buffer, Some(&deferred.image));
             }
@@ -69,9 +65,9 @@ impl<'a> Fused<'a> {
             return Ok((truth, 0.0));
         }
         let (folder, index) = (self.folder, buffer.index);
-        let (environment, exposure) = (&folder.environment, folder.sequence.exposure);
+        let (environment, exposure) = (&folder.light.environment, folder.light.exposure());
         timed(|| {
-            let shading = ibl::shade(buffer.frame, environment, self.tables);
+            let shading = ibl::shade(buffer.frame, &folder.light);
             let mut record = Record::of(buffer.frame, &shading.surfaces, exposure);
             record.add_environment(&shading, exposure);
             let behind = background(folder.camera(index), &own.alpha, environment);
@@ -106,19 +102,16 @@ impl<'a> Fused<'a> {
     fn carry(&self, record: &mut Record<f32>, buffer: Buffer, shaded: Option<&Rgb>) {
         let before = self.keys.iter().rfind(|(key, _)| *key < buffer.index);
         let after = self.keys.iter().find(|(key, _)| *key > buffer.index);
-        let number = |index: usize| self.folder.numbers[index] as f32;
         for (k, found) in [before, after].into_iter().enumerate() {
             if let Some((index, key)) = found {
-                let distance = number(*index) - number(buffer.index);
-                let movement = self.folder.sequence.tracks.between(buffer.index, *index);
-                let view = KeyframeView { keyframe: key, distance, movement };
-                record.add_key(k, &view, buffer.frame, shaded, self.folder.sequence.exposure);
+                let seen = keyframes::seen_from(self.folder, buffer.index, *index, key);
+                record.add_key(k, &seen, buffer.frame, shaded, self.folder.light.exposure());
             }
         }
     }
 
     fn draw(&self, record: &Record<f32>) -> Result<Rgb> {
-        let exposure = self.folder.sequence.exposure;
+        let exposure = self.folder.light.exposure();
         let pixels = self.network.render(record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
         Ok(Rgb { width: record.width, height: record.height, pixels })
     }

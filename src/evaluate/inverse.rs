@@ -176,9 +176,9 @@ fn frame(
 ) -> Result<[BTreeMap<&'static str, f64>; 2]> {
     let frame = folder.frame(index)?;
     // Not looked at: the smallest there is.
-    let view = EnvironmentView::new(&folder.environment, 2, 1);
+    let view = EnvironmentView::new(&folder.light.environment, 2, 1);
     let bounds = DepthBounds::of([&frame]);
-    let pictures = Pictures::new(&frame, &folder.environment, &view, folder.sequence.exposure, bounds)?;
+    let pictures = Pictures::new(&frame, &folder.light, &view, bounds)?;
     let picture = pictures.target.as_deref().context("has no beauty")?;
     let (width, height) = (pictures.width, pictures.height);
     let depth = frame.depth.map(|z| if is_depth(*z) { z.ln() } else { 0.0 });

@@ -2,7 +2,7 @@
 
 use super::baseline::{DeferredBaseline, Maps};
 use super::fused::Fused;
-use super::keyframes::{self, Keyframe};
+use super::keyframes;
 use super::method::{Method, Part};
 use super::sessions::NetworkSessions;
 use super::traced::{Buffer, Tracer};
@@ -14,6 +14,7 @@ use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
+use renderflow_frame::warp::Keyframe;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
@@ -71,13 +72,12 @@ struct Shared {
 /// Everything that lasts for a sequence.
 pub struct MethodRenderer<'a> {
     folder: &'a SequenceFolder,
-    view: &'a SequenceView<'a>,
     options: &'a Options<'a>,
     scene: RenderScene,
     /// Where a method starts from the deferred picture.
     baseline: Option<DeferredBaseline<'a>>,
     /// Where keyframes are carried into the split sum.
-    keyframes: Vec<Keyframe>,
+    keyframes: Vec<(usize, Keyframe)>,
     sessions: NetworkSessions<'a>,
     tracer: Tracer<'a>,
     /// Where a method needs the network that reads samples.
@@ -102,7 +102,7 @@ impl<'a> MethodRenderer<'a> {
         let scene = Scene::read(&file)?;
         let loaded = load::load(&scene, &Reach::of(&file).allow(options.allowed)).with_context(|| file.display().to_string())?;
         let mut scene = RenderScene::compile(&loaded)?.with_seed(loaded.seed.wrapping_add(OTHER_SEED));
-        let (tables, prefilter) = timed(|| Ok(view.tables()))?;
+        let (_, prefilter) = timed(|| Ok(folder.light.tables()))?;
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
         let methods = options.methods;
         let mut baseline = None;
@@ -120,7 +120,7 @@ impl<'a> MethodRenderer<'a> {
         let mut keyframes = Vec::new();
         if methods.contains(&Method::Warp { deferred: false }) {
             let (prepared, seconds) = timed(|| {
-                let draw = |_, frame: &Frame| Ok(ibl::shade(frame, &folder.environment, tables).image);
+                let draw = |_, frame: &Frame| Ok(Some(ibl::shade(frame, &folder.light).image));
                 keyframes::prepare(folder, draw)
             })?;
             keyframes = prepared;
@@ -134,12 +134,12 @@ impl<'a> MethodRenderer<'a> {
         let mut fused = None;
         if methods.iter().any(Method::is_neural) {
             let network = options.fusion.context("the methods need weights of the network that reads samples")?;
-            let fused = fused.insert(Fused::new(folder, network, tables));
+            let fused = fused.insert(Fused::new(folder, network));
             if methods.iter().any(|method| method.is_neural() && method.needs_keyframes()) {
                 fused.prepare_keyframes(|index| baseline.as_ref().and_then(|baseline| baseline.keyframe(index)).cloned())?;
             }
         }
-        Ok(Self { fused, folder, view, options, scene, baseline, keyframes, sessions, tracer, warm: !options.timed, once })
+        Ok(Self { fused, folder, options, scene, baseline, keyframes, sessions, tracer, warm: !options.timed, once })
     }
 
     /// Seconds spent once a sequence, by what they were spent on.
@@ -208,7 +208,6 @@ impl<'a> MethodRenderer<'a> {
     /// The picture of a method that starts from the G-buffer, and its seconds without that; `None` where it cannot be made.
     fn shade(&self, method: &Method, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
         let (folder, gbuffer) = (self.folder, &shared.gbuffer);
-        let (environment, tables) = (&folder.environment, self.view.tables());
         if method.needs_keyframes() && folder.sequence.keyframes.is_empty() {
             return Ok(None);
         }
@@ -228,10 +227,10 @@ impl<'a> MethodRenderer<'a> {
                 let (picture, drawing) = fused.shaded(shared.buffer(), &parts, *keyframes)?;
                 (picture, shading + drawing)
             }
-            Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, environment, tables).image))?,
+            Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, &folder.light).image))?,
             Method::Warp { deferred: false } => timed(|| {
-                let current = ibl::shade(gbuffer, environment, tables).image;
-                Ok(keyframes::carry(folder, &self.keyframes, shared.index, gbuffer, &current))
+                let current = ibl::shade(gbuffer, &folder.light).image;
+                Ok(keyframes::warp(folder, &self.keyframes, shared.index, gbuffer, &current))
             })?,
             _ => return Ok(None),
         };

@@ -3,16 +3,16 @@
 use super::Interrupted;
 use crate::stop;
 use anyhow::{Context, Result};
-use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::Frame;
+use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Environment, Frame};
 use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::Selection;
 use renderflow_model::fusion::{Fusion, Record, render};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 /// Bytes of a pixel of three channels.
 const RGB: u64 = size_of::<[f32; 3]>() as u64;
@@ -50,8 +50,6 @@ pub(super) enum Cleaner {
         oidn: Option<Mutex<Denoiser>>,
         /// What headers of frames say: other weights make other pictures.
         name: String,
-        /// Of the environment seen last; frames of a sequence share it.
-        tables: Mutex<Option<(Environment, Arc<IblTables>)>>,
     },
 }
 
@@ -95,12 +93,7 @@ impl Cleaner {
         }
         let digest = hasher.finalize().to_hex();
         let after = if oidn.is_some() { "oidn + " } else { "" };
-        Self::Neural {
-            network: Box::new(network),
-            oidn: oidn.map(Mutex::new),
-            name: format!("{after}neural {}", &digest[..16]),
-            tables: Mutex::new(None),
-        }
+        Self::Neural { network: Box::new(network), oidn: oidn.map(Mutex::new), name: format!("{after}neural {}", &digest[..16]) }
     }
 
     /// Name in the headers of frames.
@@ -136,8 +129,8 @@ impl Cleaner {
         let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
         match self {
             Self::Oidn(denoiser) => denoise(denoiser, raw, [frame.guide_albedo.as_ref(), frame.guide_normal.as_ref()], cancel),
-            Self::Neural { network, oidn, tables, .. } => {
-                let (camera, environment, exposure) = (scene.camera(), scene.environment(), scene.exposure());
+            Self::Neural { network, oidn, .. } => {
+                let (camera, light, exposure) = (scene.camera(), scene.light(), scene.exposure());
                 // The network learnt from G-buffers of this many camera rays a pixel, also beside fewer samples.
                 let usual = Settings::default();
                 let few = settings.camera_samples() < usual.guide_samples;
@@ -147,10 +140,10 @@ impl Cleaner {
                 }
                 let gbuffer = gbuffer?;
                 let guides = gbuffer.as_ref().unwrap_or(frame);
-                let shading = ibl::shade(guides, environment, &prefiltered(tables, environment));
+                let shading = ibl::shade(guides, light);
                 let mut record = Record::of(guides, &shading.surfaces, exposure);
                 record.add_environment(&shading, exposure);
-                let behind = background(camera, &frame.alpha, environment);
+                let behind = background(camera, &frame.alpha, &light.environment);
                 record.add_part(0, &Samples::of(frame, &behind).context("samples without guides")?, exposure);
                 if let Some(oidn) = oidn {
                     let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
@@ -179,14 +172,5 @@ fn denoise(denoiser: &Mutex<Denoiser>, color: &Rgb, [albedo, normal]: [Option<&R
     match stop::hold(|| denoiser.denoise_until(color, albedo, normal, cancel)) {
         Err(DenoiseError::Cancelled) => Err(Interrupted.into()),
         denoised => Ok(denoised?),
-    }
-}
-
-/// The tables of `environment`: those of the last call, where it was the same.
-fn prefiltered(last: &Mutex<Option<(Environment, Arc<IblTables>)>>, environment: &Environment) -> Arc<IblTables> {
-    let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
-    match &*last {
-        Some((known, tables)) if known == environment => Arc::clone(tables),
-        _ => Arc::clone(&last.insert((environment.clone(), Arc::new(IblTables::new(environment)))).1),
     }
 }

@@ -3,11 +3,11 @@
 use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, TINT, at, radiance, tint};
 use glam::Vec2;
 use rayon::prelude::*;
-use renderflow_frame::deferred::Deferred;
 use renderflow_frame::ibl::{Shading, Surfaces};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::tracks::Movement;
-use renderflow_frame::{Camera, Environment, Frame, warp};
+use renderflow_frame::terms::ShadingTerms;
+use renderflow_frame::warp::{self, Neighbour};
+use renderflow_frame::{Camera, Environment, Frame};
 
 /// The traced samples of a frame.
 #[derive(Clone, Copy, Debug)]
@@ -44,28 +44,6 @@ impl<'a> Samples<'a> {
         };
         [over(0), over(1), over(2), alpha]
     }
-}
-
-/// A keyframe: its G-buffer, its truth, and its deferred picture.
-#[derive(Clone, Debug)]
-pub struct Keyframe {
-    /// G-buffer. Its header holds the camera.
-    pub frame: Frame,
-    /// Path-traced radiance, scene-linear.
-    pub truth: Rgb,
-    /// Picture of deferred shading, if there is one.
-    pub shaded: Option<Rgb>,
-}
-
-/// A keyframe relative to a frame that uses it.
-#[derive(Clone, Copy, Debug)]
-pub struct KeyframeView<'a> {
-    /// The keyframe.
-    pub keyframe: &'a Keyframe,
-    /// Distance from the frame to the keyframe in frames; negative if the keyframe comes first.
-    pub distance: f32,
-    /// Movement of objects from the frame to the keyframe.
-    pub movement: Movement<'a>,
 }
 
 impl Record<f32> {
@@ -107,7 +85,7 @@ impl Record<f32> {
     }
 
     /// Adds the terms of deferred shading.
-    pub fn add_deferred(&mut self, deferred: &Deferred, exposure: f32) {
+    pub fn add_deferred(&mut self, deferred: &ShadingTerms, exposure: f32) {
         self.deferred = true;
         let pixel = |picture: Option<&Rgb>, i: usize| picture.map_or([0.0; 3], |picture| picture.pixels[i]);
         let share =
@@ -119,7 +97,7 @@ impl Record<f32> {
             let lights = deferred.direct.iter().fold([0.0; 3], |sum, light| add(sum, light.pixels[i]));
             let reflected = add(pixel(Some(&deferred.ambient_specular), i), pixel(deferred.reflections.as_ref(), i));
             let terms = [lights, deferred.ambient_diffuse.pixels[i], reflected, pixel(deferred.indirect.as_ref(), i)];
-            for (term, rgb) in terms.into_iter().chain([deferred.shading.irradiance.pixels[i]]).enumerate() {
+            for (term, rgb) in terms.into_iter().chain([deferred.irradiance.pixels[i]]).enumerate() {
                 put(out, at::TERMS + 3 * term, rgb.map(|v| radiance(exposure * v)));
             }
             let open = [deferred.sky.as_ref(), deferred.occlusion.as_ref(), deferred.visibility.first()];
@@ -132,13 +110,13 @@ impl Record<f32> {
     ///
     /// # Panics
     /// When `k` is neither 0 nor 1.
-    pub fn add_key(&mut self, k: usize, view: &KeyframeView, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
-        let KeyframeView { keyframe, distance, movement } = *view;
+    pub fn add_key(&mut self, k: usize, seen: &Neighbour, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
+        let keyframe = seen.key;
         assert!(k < KEYS, "keyframe {k} of {KEYS}");
-        self.distances[k] = Some(distance);
-        let found = warp::correspond(frame, &keyframe.frame, Some(&|id| movement.of(id)));
+        self.distances[k] = Some(seen.distance);
+        let found = seen.correspond(frame);
         let over_shading = keyframe
-            .shaded
+            .start
             .as_ref()
             .zip(shaded)
             .map(|(there, here)| warp::ratio_fetch(&keyframe.truth, there, here, &found, exposure));

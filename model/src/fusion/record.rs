@@ -4,6 +4,7 @@ use crate::bridge::{MAX_RADIANCE, log_curves};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use renderflow_frame::ibl;
+use renderflow_frame::warp::{AGE_UNIT, OLDEST, age};
 
 /// Number of keyframes: the nearest before the frame and the nearest after it.
 pub const KEYS: usize = 2;
@@ -24,8 +25,6 @@ pub const TERMS: usize = 4;
 pub const TINT: f32 = 0.04;
 /// Added to the reflectance before samples are divided by it.
 const LEAST: f32 = 0.02;
-/// The distance in frames of a keyframe of age 1, and the largest age.
-const AGE: [f32; 2] = [16.0, 2.0];
 
 /// Indices of the numbers of a pixel. Radiance is exposed and linear, 0..=65504.
 pub mod at {
@@ -198,11 +197,6 @@ impl Selection {
     }
 }
 
-/// Age of a keyframe `distance` frames away, in units of 16 frames and at most 2.
-pub fn age(distance: f32) -> f32 {
-    (distance.abs() / AGE[0]).min(AGE[1])
-}
-
 /// Reflectance of a surface of this albedo under uniform light: its diffuse base and the split sum (Karis 2013). On glossy
 /// textured surfaces, samples divided by it vary less than samples divided by the albedo. `stored` holds the numbers of the
 /// pixel.
@@ -258,7 +252,7 @@ impl PixelInputs {
                 let valid = stored[from + 4 * k + 3];
                 if let (Some(age), true) = (selection.ages[k], valid > 0.0) {
                     pixel.keys[k] = three(from + 4 * k);
-                    pixel.trust[k] = -(age + 1.0 / AGE[0]).ln();
+                    pixel.trust[k] = -(age + 1.0 / AGE_UNIT).ln();
                 }
             }
         }
@@ -340,7 +334,7 @@ pub fn push_channels(stored: &[f32], pixel: &PixelInputs, selection: &Selection,
             let rgb: [f32; 3] = std::array::from_fn(|c| pixel.keys[k][c] / pixel.tint[c]);
             colour(rgb, out);
             out.push(f32::from(u8::from(there)));
-            out.push(if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(AGE[1]) } else { 0.0 });
+            out.push(if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(OLDEST) } else { 0.0 });
         }
     }
     let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, light: &[[f32; 3]], out: &mut Vec<f32>| {

@@ -97,7 +97,7 @@ impl Fusion {
     /// # Errors
     /// When the file cannot be read, or does not hold weights of this network.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = file::read_at_most(path, LARGEST).map_err(Error::unreadable)?;
+        let bytes = file::read_at_most(path, LARGEST)?;
         Self::decode(path, &bytes)
     }
 

@@ -91,8 +91,8 @@ impl Lpips {
     /// Reads the weights of `backbone` from `folder`.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be read, [`Error::Malformed`] when it is not a safetensors file, and [`Error::Tensor`]
-    /// when a tensor is missing, cut off, of another shape or type, or holds a value that is not finite.
+    /// [`Error::Frame`] when the file cannot be read or is not a safetensors file, and [`Error::Tensor`] when a tensor is missing,
+    /// cut off, of another shape or type, or holds a value that is not finite.
     pub fn load(folder: &Path, backbone: Backbone) -> Result<Self> {
         Self::load_file(&folder.join(backbone.file_name()), backbone)
     }
@@ -111,7 +111,7 @@ impl Lpips {
     /// # Errors
     /// As [`Lpips::load`].
     pub fn load_on(path: &Path, backbone: Backbone, device: &Device) -> Result<Self> {
-        let bytes = renderflow_frame::file::read_at_most(path, LARGEST).map_err(Error::unreadable)?;
+        let bytes = renderflow_frame::file::read_at_most(path, LARGEST)?;
         let weights = Weights::parse(path, &bytes)?;
         let network = Network::read(backbone, &weights, device)?;
         let heads = network.tap_channels().iter().enumerate();

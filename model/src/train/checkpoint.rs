@@ -64,10 +64,10 @@ pub fn load<C: DeserializeOwned>(
     let bytes = match renderflow_frame::file::read(path) {
         Ok(bytes) => bytes,
         Err(error) if error.is_missing() => return Ok(None),
-        Err(error) => return Err(Error::unreadable(error)),
+        Err(error) => return Err(error.into()),
     };
     let broken = |error: Error| match error {
-        Error::Malformed { path, reason } => Error::malformed(path, format!("{reason}; {AGAIN}")),
+        Error::Frame(renderflow_frame::Error::Malformed { path, reason }) => Error::malformed(path, format!("{reason}; {AGAIN}")),
         Error::Tensor { path, tensor, reason } => Error::Tensor { path, tensor, reason: format!("{reason}; {AGAIN}") },
         other => other,
     };

@@ -49,7 +49,7 @@ impl Log {
                 .map(|line| format!("{line}\n"))
                 .collect(),
             Err(error) if error.is_missing() => String::new(),
-            Err(error) => return Err(Error::unreadable(error)),
+            Err(error) => return Err(error.into()),
         };
         renderflow_frame::file::write_atomic(path, kept.as_bytes())?;
         let file = File::options().append(true).open(path).map_err(Error::io(path, "open"))?;

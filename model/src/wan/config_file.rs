@@ -59,7 +59,7 @@ impl<'a> Options<'a> {
 }
 
 fn read(path: &Path) -> Result<String> {
-    file::read_text(path).map_err(Error::unreadable)
+    Ok(file::read_text(path)?)
 }
 
 impl VaeConfig {

@@ -18,7 +18,7 @@ use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use renderflow_frame::color::{display, linear_to_srgb, reinhard, srgb_to_linear};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Camera, DepthBounds, Environment, Frame, is_depth};
+use renderflow_frame::{Camera, DepthBounds, Environment, Frame, Light, is_depth};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::{PI, TAU};
 
@@ -113,18 +113,13 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// The pictures of `frame`. `exposure` is the factor from radiance to display-linear values.
+    /// The pictures of `frame` under `light`, whose environment `view` shows.
     ///
     /// # Errors
     /// [`Error::Data`] when the exposure is not a positive number, when the bounds are not a range, or when the sizes of a frame,
     /// its channels and its camera differ.
-    pub fn new(
-        frame: &Frame,
-        environment: &Environment,
-        view: &EnvironmentView,
-        exposure: f32,
-        bounds: DepthBounds,
-    ) -> Result<Self> {
+    pub fn new(frame: &Frame, light: &Light, view: &EnvironmentView, bounds: DepthBounds) -> Result<Self> {
+        let exposure = light.exposure();
         let broken = |reason: String| Error::Data { place: "frame".into(), reason };
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(broken(format!("exposure {exposure} is not a positive number")));
@@ -146,7 +141,7 @@ impl Pictures {
                 frame.albedo.at(x, y).map(|v| signed(linear_to_srgb(finite(v).clamp(0.0, 1.0))))
             } else {
                 let direction = camera.ray_direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
-                shown(environment.radiance(direction), exposure)
+                shown(light.environment.radiance(direction), exposure)
             }
         });
         let plane = |f: &(dyn Fn(usize, usize) -> [f32; 3] + Sync)| planes(width, height, f);

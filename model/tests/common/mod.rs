@@ -5,9 +5,9 @@ pub mod checkpoint;
 pub mod sequence;
 
 use glam::{Vec2, Vec3A};
-use renderflow_frame::ibl::{self, IblTables};
+use renderflow_frame::ibl;
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::{Camera, Environment, Frame, FrameInfo};
+use renderflow_frame::{Camera, Environment, Frame, FrameInfo, Light};
 use renderflow_model::Clip;
 
 /// A blue-white gradient with a warm spot.
@@ -76,25 +76,22 @@ pub fn gbuffer(camera: &Camera) -> Frame {
 
 /// A clip on an arc; its truth is the split sum, darkened towards the sphere's foot and tinted elsewhere.
 pub fn clip(frames: usize, size: usize) -> Clip {
-    let environment = sky();
-    let tables = IblTables::new(&environment);
-    let exposure = ibl::exposure(&environment);
+    let light = Light::new(sky());
     let cameras: Vec<Camera> = (0..frames).map(|i| camera(0.06 * i as f32, size)).collect();
-    let frames = cameras.iter().map(|camera| with_truth(camera, &environment, &tables)).collect::<Vec<_>>();
+    let frames = cameras.iter().map(|camera| with_truth(camera, &light)).collect::<Vec<_>>();
     Clip {
         name: "analytic".into(),
         keyframes: vec![0, frames.len() - 1],
         numbers: (0..frames.len()).collect(),
         tracks: Default::default(),
         frames,
-        environment,
-        exposure,
+        light,
     }
 }
 
-fn with_truth(camera: &Camera, environment: &Environment, tables: &IblTables) -> Frame {
+fn with_truth(camera: &Camera, light: &Light) -> Frame {
     let mut frame = gbuffer(camera);
-    let shading = ibl::shade(&frame, environment, tables);
+    let shading = ibl::shade(&frame, light);
     frame.beauty = Some(Rgb::from_fn(frame.width, frame.height, |x, y| {
         let start = *shading.image.at(x, y);
         if *frame.alpha.at(x, y) == 0.0 {

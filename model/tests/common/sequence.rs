@@ -1,8 +1,7 @@
 //! The analytic clip as a sequence for renderers.
 
 use super::clip;
-use renderflow_frame::DepthBounds;
-use renderflow_frame::{Environment, Frame};
+use renderflow_frame::{DepthBounds, Frame, Light};
 use renderflow_model::Clip;
 use renderflow_model::renderer::{KeyframePlace, Sequence, View};
 use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
@@ -34,18 +33,14 @@ impl Memory {
 
     pub fn pictures(&self, index: usize) -> Pictures {
         let (clip, bounds) = (&self.clip, DepthBounds::of(&self.clip.frames));
-        let view = EnvironmentView::new(&clip.environment, 32, 32);
-        Pictures::new(&clip.frames[index], &clip.environment, &view, clip.exposure, bounds).expect("pictures")
+        let view = EnvironmentView::new(&clip.light.environment, 32, 32);
+        Pictures::new(&clip.frames[index], &clip.light, &view, bounds).expect("pictures")
     }
 }
 
 impl Sequence for Memory {
-    fn environment(&self) -> &Environment {
-        &self.clip.environment
-    }
-
-    fn exposure(&self) -> f32 {
-        self.clip.exposure
+    fn light(&self) -> &Light {
+        &self.clip.light
     }
 
     fn depth_bounds(&self) -> renderflow_model::Result<DepthBounds> {
@@ -68,12 +63,8 @@ pub struct Bounded {
 }
 
 impl Sequence for Bounded {
-    fn environment(&self) -> &Environment {
-        self.sequence.environment()
-    }
-
-    fn exposure(&self) -> f32 {
-        self.sequence.exposure()
+    fn light(&self) -> &Light {
+        self.sequence.light()
     }
 
     fn depth_bounds(&self) -> renderflow_model::Result<DepthBounds> {

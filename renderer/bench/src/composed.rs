@@ -4,7 +4,7 @@
 use anyhow::Result;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::Scene;
-use renderflow_scenes::procedural::varied::{Composition, Layouts, Pool, Request, compose_varied};
+use renderflow_scenes::procedural::{Composition, ENVIRONMENT_COUNT, Layouts, MESH_COUNT, Pool, Request, compose};
 use renderflow_scenes::seed::Seed;
 
 /// Stands for all of them on the command line.
@@ -35,7 +35,7 @@ pub fn names() -> impl Iterator<Item = String> {
 /// When the resolution is out of range.
 pub fn describe(name: &str, resolution: u32) -> Result<Option<Scene>> {
     let Some(number) = names().position(|known| known == name) else { return Ok(None) };
-    let catalog = Catalog::new(SEED, 4096, 512);
+    let catalog = Catalog::new(SEED, MESH_COUNT, ENVIRONMENT_COUNT);
     let names = |list: &[&str]| list.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
     let (meshes, environments) = (names(catalog.mesh_families()), names(catalog.environment_families()));
     let only = |layout: &str| f64::from(u8::from(LAYOUTS[number] == layout));
@@ -58,7 +58,7 @@ pub fn describe(name: &str, resolution: u32) -> Result<Option<Scene>> {
         composition: &composition,
         pool: &pool,
     };
-    Ok(Some(compose_varied(&request)?.scene))
+    Ok(Some(compose(&request)?.scene))
 }
 
 #[cfg(test)]

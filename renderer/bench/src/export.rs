@@ -15,7 +15,7 @@ use renderflow_frame::{Camera, file};
 use renderflow_renderer::accel::{Accel, Scratch};
 use renderflow_renderer::ray::Ray;
 use renderflow_scenes::loaded::{AlphaMask, Wrap};
-use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, Texture, TextureSlot};
+use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, Principled, Texture, TextureSlot};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -137,14 +137,14 @@ pub fn write(scene: &LoadedScene, max_bounces: u32, folder: &Path) -> Result<Pat
 
 /// Makes `material` Lambertian; base colour, emission, normal map and holes stay.
 pub fn make_lambertian(material: &mut Material) {
-    (material.metallic, material.roughness, material.specular) = (0.0, 0.0, 0.0);
-    (material.sheen, material.clearcoat, material.subsurface) = (0.0, 0.0, 0.0);
+    (material.surface.metallic, material.surface.roughness, material.surface.specular) = (0.0, 0.0, 0.0);
+    (material.surface.sheen, material.surface.clearcoat, material.surface.subsurface) = (0.0, 0.0, 0.0);
     material.metallic_roughness_texture = None;
 }
 
 /// Whether the conserving BRDF of `material` is a constant.
 pub fn is_lambertian(material: &Material) -> bool {
-    let Material { metallic, roughness, specular, sheen, clearcoat, subsurface, .. } = *material;
+    let Principled { metallic, roughness, specular, sheen, clearcoat, subsurface, .. } = material.surface;
     material.metallic_roughness_texture.is_none()
         && [metallic, roughness, specular, sheen, clearcoat, subsurface].iter().all(|v| *v == 0.0)
 }
@@ -234,16 +234,17 @@ impl Writer<'_> {
             bail!("material {}: textures with different transforms cannot be exported", m.name);
         }
         let mut textures = BTreeMap::new();
+        let base_color = m.surface.base_color.to_array();
         if let Some(slot) = &m.base_color_texture {
-            let color = |texture: &_| maps::png(texture, [0, 1, 2], m.base_color);
-            textures.insert("base_color".into(), self.texture(slot, &format!("{:?}", m.base_color), "png", color)?);
+            let color = |texture: &_| maps::png(texture, [0, 1, 2], base_color);
+            textures.insert("base_color".into(), self.texture(slot, &format!("{base_color:?}"), "png", color)?);
             if let Some(AlphaMask { cutoff, factor }) = m.alpha_mask {
                 let holes = |texture: &_| maps::opacity(texture, cutoff, factor);
                 textures.insert("opacity".into(), self.texture(slot, &format!("mask {cutoff} {factor}"), "png", holes)?);
             }
         }
         if let Some(slot) = &m.metallic_roughness_texture {
-            for (name, channel, factor) in [("roughness", 1, m.roughness), ("metallic", 2, m.metallic)] {
+            for (name, channel, factor) in [("roughness", 1, m.surface.roughness), ("metallic", 2, m.surface.metallic)] {
                 let grey = |texture: &_| maps::png(texture, [channel], [factor]);
                 textures.insert(name.into(), self.texture(slot, &format!("{channel} {factor}"), "png", grey)?);
             }
@@ -258,20 +259,20 @@ impl Writer<'_> {
             textures.insert("emissive".into(), self.texture(slot, &format!("light {:?}", m.emissive), "exr", light)?);
             emissive = [1.0; 3];
         }
-        let always = [("metallic", m.metallic), ("roughness", m.roughness), ("specular", m.specular)];
+        let always = [("metallic", m.surface.metallic), ("roughness", m.surface.roughness), ("specular", m.surface.specular)];
         let seldom = [
-            ("specular_tint", m.specular_tint),
-            ("anisotropic", m.anisotropic),
-            ("sheen", m.sheen),
-            ("sheen_tint", if m.sheen > 0.0 { m.sheen_tint } else { 0.0 }),
-            ("clearcoat", m.clearcoat),
-            ("clearcoat_gloss", if m.clearcoat > 0.0 { m.clearcoat_gloss } else { 0.0 }),
-            ("subsurface", m.subsurface),
+            ("specular_tint", m.surface.specular_tint),
+            ("anisotropic", m.surface.anisotropic),
+            ("sheen", m.surface.sheen),
+            ("sheen_tint", if m.surface.sheen > 0.0 { m.surface.sheen_tint } else { 0.0 }),
+            ("clearcoat", m.surface.clearcoat),
+            ("clearcoat_gloss", if m.surface.clearcoat > 0.0 { m.surface.clearcoat_gloss } else { 0.0 }),
+            ("subsurface", m.surface.subsurface),
         ];
         let parameters = always.into_iter().chain(seldom.into_iter().filter(|(_, value)| *value != 0.0));
         let parameters = parameters.map(|(name, value)| (name.to_owned(), value)).collect();
         let lambertian = is_lambertian(m);
-        Ok((ExportedMaterial { base_color: m.base_color, parameters, emissive, lambertian, textures }, slot))
+        Ok((ExportedMaterial { base_color, parameters, emissive, lambertian, textures }, slot))
     }
 
     /// Writes what `encode` makes of the texture of `slot`, once for each `key`, with the ending `ending`.

@@ -16,7 +16,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_renderer::{Budget, RenderScene, Settings};
 use renderflow_scenes::LoadedScene;
 use renderflow_scenes::load;
-use renderflow_scenes::procedural::{ComposeOptions, Split, compose};
+use renderflow_scenes::procedural::{Composition, Split, compose_one};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -144,7 +144,7 @@ impl Options {
     /// A composed scene with light that training never sees.
     fn composed(&self, seed: u64) -> Result<LoadedScene> {
         let resolution = [self.resolution; 2];
-        let scene = compose(&ComposeOptions { seed, split: Split::Test, resolution, frames: 1, ..ComposeOptions::default() });
+        let scene = compose_one(seed, Split::Test, resolution, 1, &Composition::default())?;
         Ok(load::load(&scene, &Reach::folder("."))?)
     }
 

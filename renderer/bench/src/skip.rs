@@ -282,7 +282,7 @@ fn lonely(loaded: &LoadedScene) -> LoadedScene {
 fn black(loaded: &LoadedScene) -> LoadedScene {
     let mut scene = loaded.clone();
     for material in scene.materials.iter_mut().filter(|material| material.name != "ground") {
-        (material.base_color, material.specular, material.metallic) = ([0.0; 3], 0.0, 0.0);
+        (material.surface.base_color, material.surface.specular, material.surface.metallic) = (glam::Vec3A::ZERO, 0.0, 0.0);
     }
     scene
 }

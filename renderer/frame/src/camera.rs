@@ -27,7 +27,7 @@ pub struct Camera {
 }
 
 impl Default for Camera {
-    /// At the origin of the world, of a picture without pixels.
+    /// A camera at the world's origin with a picture without pixels.
     fn default() -> Self {
         Self {
             camera_to_world: Affine3A::IDENTITY,
@@ -46,15 +46,15 @@ fn is_zero(v: &DVec3) -> bool {
     *v == DVec3::ZERO
 }
 
-/// Where positions of a sequence are counted from, given a camera at `eye` that looks at something `reach` metres away: zero as
-/// long as single precision places the camera to a millionth of the reach, and else the camera itself.
+/// The point that positions of a sequence are counted from, for a camera at `eye` that looks at something `reach` metres away:
+/// zero where single precision places the camera to a millionth of the reach, and otherwise the camera.
 pub fn near_origin(eye: DVec3, reach: f64) -> DVec3 {
     if eye.length() <= 16.0 * reach { DVec3::ZERO } else { eye }
 }
 
 impl Camera {
     /// A camera at `eye` looking at `target`; `vertical_fov` in radians, principal point in the middle.
-    /// `up` must not be parallel to the view direction; if it is, another axis is taken.
+    /// Where `up` is parallel to the view direction, another axis replaces it.
     pub fn look_at(eye: Vec3A, target: Vec3A, up: Vec3A, vertical_fov: f32, width: usize, height: usize) -> Self {
         let back = (eye - target).normalize_or(Vec3A::Z);
         let right = up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
@@ -72,7 +72,7 @@ impl Camera {
         }
     }
 
-    /// Whether every number is.
+    /// Whether every number is finite.
     pub(crate) fn is_finite(&self) -> bool {
         self.camera_to_world.is_finite()
             && self.origin.is_finite()
@@ -99,7 +99,8 @@ impl Camera {
         (self.camera_to_world.matrix3 * self.direction_cam(pixel)).normalize()
     }
 
-    /// Image point and planar depth (metres along -z) of a point relative to [`Self::origin`]; `None` behind or in the camera plane.
+    /// Image point and planar depth (metres along -z) of a point relative to [`Self::origin`]; `None` behind or in the camera
+    /// plane.
     pub fn project(&self, p_world: Vec3A) -> Option<(Vec2, f32)> {
         let p_cam = self.world_to_camera().transform_point3a(p_world);
         let depth = -p_cam.z;

@@ -1,6 +1,6 @@
 //! The channel table: names, types and meaning of every channel in a frame file.
 //!
-//! [`LAYERS`] is the single place a channel is described in: the EXR reader and writer and the header's conventions follow it.
+//! [`LAYERS`] is the only description of a channel: the EXR reader, the writer and the header's conventions follow it.
 //! To add a channel, add a field to [`Frame`] and a line here.
 
 use crate::Frame;
@@ -24,9 +24,9 @@ pub enum Storage {
 pub struct Layer {
     /// Part of the channel names before the dot; empty for the root channels.
     pub name: &'static str,
-    /// Part of the channel names after the dot, one a component.
+    /// Part of the channel names after the dot, one for each component.
     pub components: &'static [&'static str],
-    /// Sample type of all of them.
+    /// Sample type of all channels of the layer.
     pub storage: Storage,
     /// Whether a frame may lack it.
     pub optional: bool,
@@ -44,7 +44,7 @@ pub(crate) enum Field {
     Id(Access<Image<u32>>),
 }
 
-/// Reads and sets one field of a frame; `get` gives `None` where an optional one is absent.
+/// Reads and sets one field of a frame; `get` returns `None` where an optional field is absent.
 #[derive(Debug)]
 pub(crate) struct Access<T: 'static> {
     pub get: fn(&Frame) -> Option<&T>,
@@ -52,7 +52,7 @@ pub(crate) struct Access<T: 'static> {
 }
 
 impl Layer {
-    /// Whether a miss is +inf here; no other layer holds anything infinite.
+    /// Whether a miss is +inf in this layer; no other layer holds infinities.
     pub(crate) fn is_infinite_at_miss(&self) -> bool {
         matches!(self.name, "depth" | "distance")
     }
@@ -135,7 +135,7 @@ pub const LAYERS: &[Layer] = &[
     layer!("material_id", ["I"], Uint, Id material_id, "material, one sample at the pixel centre; 0 = none"),
 ];
 
-/// Version of the conventions; files with another one are refused.
+/// Version of the conventions; files of another version are refused.
 pub const FORMAT: u32 = 1;
 
 /// The conventions of a frame file as JSON: what the header of every file says about axes, units, colour and each channel.

@@ -1,22 +1,24 @@
-//! Compact frame files (`.rff`) for training: the channels a network reads, each in the fewest bytes that keep a stated precision.
+//! Compact frame files (`.rff`) for training. They hold the channels that a network reads, each in the fewest bytes that keep a
+//! stated precision.
 //!
 //! # Layout
 //! | bytes | what |
 //! |---|---|
 //! | 4 | signature `93 52 46 46` (`\x93RFF`) |
 //! | 4 | version, little endian: 1 |
-//! | 4 | bytes of the header as it stands here, little endian |
-//! | 4 | bytes of the header once decompressed, little endian |
+//! | 4 | size of the stored header in bytes, little endian |
+//! | 4 | size of the decompressed header in bytes, little endian |
 //! | | header: JSON, one zstd frame |
-//! | | one zstd frame for each layer, without gaps; offsets count from the end of the header |
+//! | | one zstd frame for each layer, without gaps; offsets are counted from the end of the header |
 //!
-//! Zstd frames carry a checksum, so a changed byte is an error and not another picture. The header holds `width`, `height`, `info` (the
-//! same as the attributes of the OpenEXR form, [`crate::FrameInfo`]), `conventions` ([`crate::channel::conventions`]), `left_out` (layers that
-//! the frame had and the file has not) and `layers`: `name`, `components`, `encoding`, `delta`, `offset`, `bytes`, `precision` and, where
-//! the encoding needs them, `lowest` and `step`.
+//! Zstd frames carry a checksum, so a changed byte is an error rather than a different picture. The header holds `width`,
+//! `height`, `info` (the same as the attributes of the OpenEXR form, [`crate::FrameInfo`]), `conventions`
+//! ([`crate::channel::conventions`]), `left_out` (layers that the frame had but the file lacks) and `layers`: `name`,
+//! `components`, `encoding`, `delta`, `offset`, `bytes`, `precision` and, where the encoding needs them, `lowest` and `step`.
 //!
-//! A block decompresses to byte planes: for each sample of a pixel the lowest bytes of all pixels, row by row, then the next bytes. With
-//! `delta` the numbers so stored are differences to the pixel above, modulo their size (the first row is stored as it is). In numpy:
+//! A block decompresses to byte planes: for each sample of a pixel the lowest bytes of all pixels, row by row, then the next
+//! bytes. With `delta` the stored numbers are differences from the pixel above, modulo their size; the first row is stored
+//! unchanged. In numpy:
 //!
 //! ```text
 //! planes = numpy.frombuffer(zstd.decompress(block), "u1").reshape(samples, itemsize, height, width)
@@ -35,8 +37,9 @@
 //! | `depth16` | 1 x 2 | float whose bits are `lowest + (n - 1) step`; 0 = miss (+inf) | relative, in the header: never above 2^-13 |
 //! | `u8`, `u16`, `u32` | 1 x 1, 2, 4 | unsigned integer | none |
 //!
-//! `depth16` counts in the bits of floats, which grow as the logarithm does between powers of two: decoding is exact integer arithmetic,
-//! the same on every machine. Depths that span too much for 16 bits (more than 1 : 65536) are stored as `float`.
+//! `depth16` counts in the bits of floats, which grow like the logarithm between powers of two. Decoding is exact integer
+//! arithmetic and the same on every machine. Depths that span more than 1 : 65536 do not fit into 16 bits and are stored as
+//! `float`.
 
 mod decode;
 mod encode;
@@ -59,7 +62,7 @@ const VERSION: u32 = 1;
 /// Signature, version and two lengths.
 const START: usize = 16;
 
-/// Largest relative error that `depth16` may have; beyond it depth is stored whole.
+/// Largest relative error of `depth16`. Where the error would be larger, depth is stored as `float`.
 pub const DEPTH_ERROR: f32 = 1.0 / 8192.0;
 
 /// Which layers a file keeps.

@@ -32,12 +32,12 @@ impl Environment {
         Self { map: Rgb::filled(1, 1, radiance), rotation: 0.0, intensity: 1.0 }
     }
 
-    /// Whether every texel holds the same value, so that one look-up answers for all directions.
+    /// Whether every texel holds the same value, so that all directions have the same radiance.
     pub fn is_constant(&self) -> bool {
         self.map.pixels.windows(2).all(|pair| pair[0] == pair[1])
     }
 
-    /// Another map with this one's rotation and intensity.
+    /// An environment with another map and the same rotation and intensity.
     pub fn with_map(&self, map: Rgb) -> Self {
         Self { map, ..*self }
     }
@@ -129,7 +129,7 @@ impl Environment {
     }
 
     /// Area-averaged copy of the map at `width x height` (rotation and intensity kept). Weights are solid angles, so the total
-    /// energy is unchanged; an axis longer than the map's own repeats texels.
+    /// energy is unchanged; an axis longer than the map's own repeats its texels.
     pub fn downsampled(&self, width: usize, height: usize) -> Self {
         let source = &self.map;
         if (width, height) == (source.width, source.height) || source.pixels.is_empty() || width == 0 || height == 0 {

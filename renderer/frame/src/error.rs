@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// What went wrong, with the file it went wrong in.
+/// What went wrong, and in which file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -16,7 +16,7 @@ pub enum Error {
         /// The cause.
         source: std::io::Error,
     },
-    /// The bytes are not what the format asks for.
+    /// The bytes do not follow the format.
     #[error("{}: {reason}", path.display())]
     Malformed {
         /// The file.
@@ -36,12 +36,12 @@ impl Error {
         move |source| Self::Io { path, action, source }
     }
 
-    /// Whether the file is not there.
+    /// Whether the file does not exist.
     pub fn is_missing(&self) -> bool {
         matches!(self, Self::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound)
     }
 
-    /// What is wrong, without the name of the file.
+    /// The message without the name of the file.
     pub fn reason(&self) -> String {
         match self {
             Self::Io { action, source, .. } => format!("cannot {action}: {source}"),

@@ -1,4 +1,4 @@
-//! Frame files: one single-part, scan-line, ZIP16 OpenEXR file a frame, channels by the table in [`crate::channel`].
+//! Frame files: each frame is one single-part, scan-line, ZIP16 OpenEXR file with the channels of [`crate::channel`].
 
 mod attributes;
 mod open;
@@ -23,23 +23,24 @@ pub(crate) const SIGNATURE: [u8; 4] = ::exr::meta::magic_number::BYTES;
 /// Largest finite half float.
 pub(crate) const HALF_MAX: f32 = 65504.0;
 
-/// Writes a frame; half-float values beyond 65504 are clamped. Returns how many were.
+/// Writes a frame and returns the number of half-float values that were clamped to 65504.
 ///
-/// The same frame gives the same bytes. No layer `name` is set: with one, Blender shows a single output instead of the channels' layers.
+/// The same frame always gives the same bytes. No layer `name` is set, because Blender would then show a single output instead of
+/// the channels' layers.
 ///
 /// # Errors
-/// When a channel holds NaN, or an infinity where depth's +inf is not meant; when a picture's size is not the frame's;
-/// when the file cannot be written (nothing is left behind).
+/// When a channel holds NaN, or an infinity that is not the depth of a miss; when a picture does not have the frame's size; when
+/// the file cannot be written (nothing is left behind).
 pub fn write(path: &Path, frame: &Frame) -> Result<usize> {
     let (bytes, clamped) = encode(path, frame)?;
     write_atomic(path, &bytes)?;
     Ok(clamped)
 }
 
-/// [`write()`] into memory; `name` stands for the path in errors. Returns the bytes and how many values were clamped.
+/// [`write()`] into memory. Returns the bytes and the number of values that were clamped; errors give `name` as the path.
 ///
 /// # Errors
-/// As [`write()`], but for writing the file.
+/// As [`write()`], except that no file is written.
 pub fn encode(name: &Path, frame: &Frame) -> Result<(Vec<u8>, usize)> {
     let malformed = |reason: String| Error::malformed(name, reason);
     if frame.width == 0 || frame.height == 0 {
@@ -66,7 +67,7 @@ pub fn encode(name: &Path, frame: &Frame) -> Result<(Vec<u8>, usize)> {
 /// Reads a frame written by [`write()`]; optional channels may be absent.
 ///
 /// # Errors
-/// When the file is missing, is no OpenEXR, lacks a channel or holds NaN; the message names it.
+/// When the file is missing, is not OpenEXR, lacks a channel or holds NaN. The message names the channel.
 pub fn read(path: &Path) -> Result<Frame> {
     decode(path, &crate::file::read(path)?)
 }
@@ -83,7 +84,7 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
     };
     check_pixel_grid(header).map_err(malformed)?;
     let info = attributes::read(header).map_err(malformed)?;
-    // One thread: in the crate's own pool a panic on damaged data would end the program.
+    // One thread, because in the exr crate's own pool a panic on damaged data would end the program.
     let reader = ::exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
     let reader = reader.all_attributes().non_parallel();
     let image = open::guarded(name, bytes, |source| reader.from_buffered(source))?;
@@ -95,10 +96,10 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
     Ok(frame)
 }
 
-/// What the header of a frame says; no pixel is decompressed. `name` stands for the path in errors.
+/// The values of a frame's header; no pixel is decompressed. Errors give `name` as the path.
 ///
 /// # Errors
-/// When the bytes are no OpenEXR file of one part, or the header is not that of a frame.
+/// When the bytes are not an OpenEXR file of one part, or the header does not belong to a frame.
 pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
     let meta = open::meta_data(name, bytes, rgbe::MAXIMUM_PIXELS)?;
     let [header] = &meta.headers[..] else {
@@ -107,10 +108,11 @@ pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
     attributes::read(header).map_err(|reason| Error::malformed(name, reason))
 }
 
-/// Reads the root channels `R`, `G`, `B` of any OpenEXR file, half or float, whoever wrote it. Values are as stored: NaN is possible.
+/// Reads the root channels `R`, `G`, `B`, half or float, of an OpenEXR file from any program. Values are as stored and may be
+/// NaN.
 ///
 /// # Errors
-/// When the file is missing or damaged, lacks a channel, or covers a part of its display window only.
+/// When the file is missing or damaged, lacks a channel, or covers only a part of its display window.
 pub fn read_rgb(path: &Path) -> Result<Rgb> {
     decode_rgb(path, &crate::file::read(path)?)
 }
@@ -123,7 +125,7 @@ pub fn decode_rgb(name: &Path, bytes: &[u8]) -> Result<Rgb> {
     decode_rgb_header(name, bytes).map(|(picture, _)| picture)
 }
 
-/// As [`decode_rgb`] for an environment map: refuses cube maps.
+/// As [`decode_rgb`] for an environment map; cube maps are refused.
 pub(crate) fn decode_environment(name: &Path, bytes: &[u8]) -> Result<Rgb> {
     let (picture, header) = decode_rgb_header(name, bytes)?;
     match header.own_attributes.environment_map {
@@ -181,7 +183,7 @@ fn check_pixel_grid(header: &Header) -> std::result::Result<(), String> {
     }
 }
 
-/// The channels of one layer of the table, none when the frame lacks it.
+/// The channels of one layer of the table; none where the frame lacks the layer.
 fn layer_channels(
     frame: &Frame,
     layer: &TableLayer,
@@ -220,7 +222,7 @@ fn layer_channels(
     Ok(channels)
 }
 
-/// One vector a component of a layer; empty when the frame lacks it.
+/// One vector for each component of a layer; empty where the frame lacks the layer.
 fn split<P>(
     frame: &Frame,
     layer: &TableLayer,
@@ -272,7 +274,7 @@ fn read_layer(
         }
     }
     if let Some(name) = missing {
-        // All or nothing: a layer with some of its channels is a damaged one.
+        // A layer that has only some of its channels is damaged.
         return if layer.optional && found.is_empty() { Ok(()) } else { Err(format!("channel {name} is missing")) };
     }
     let (width, height) = (frame.width, frame.height);

@@ -1,20 +1,20 @@
-//! Files are written beside their place and renamed, so that a reader never sees half of one. They are read with a limit, and
-//! only where they are regular files: a pipe or a device would be read for ever.
+//! Reads and writes whole files. A file is written under a temporary name and then renamed, so that a reader never sees half of
+//! it. Only regular files are read, and only up to a limit: reading a pipe or a device might never end.
 
 use crate::{Error, Result};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-/// Most bytes of a file that is read whole: frames, maps, models, weights.
+/// Largest size in bytes of a file that is read whole: frames, maps, models, weights.
 pub const LARGEST: u64 = 8 << 30;
-/// Most bytes of a text: descriptions, records, manifests, plans, logs.
+/// Largest size in bytes of a text: descriptions, records, manifests, plans, logs.
 pub const LARGEST_TEXT: u64 = 256 << 20;
 
 /// Opens a regular file for reading. Pipes, sockets, devices and folders are refused without waiting for them.
 ///
 /// # Errors
-/// [`Error::Io`] naming `path`; [`Error::Malformed`] for what is no regular file.
+/// [`Error::Io`] naming `path`; [`Error::Malformed`] where it is not a regular file.
 pub fn open(path: &Path) -> Result<File> {
     let mut options = File::options();
     options.read(true);
@@ -55,7 +55,7 @@ pub fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>> {
         bytes
             .try_reserve_exact(length as usize)
             .map_err(|_| Error::malformed(path, format!("{length} bytes do not fit into memory")))?;
-        // A file may grow while it is read, and some that the system makes up have no length.
+        // A file may grow while it is read, and virtual files of the system have no length.
         file.take(limit + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
     }
     if length.max(bytes.len() as u64) > limit {
@@ -78,11 +78,11 @@ pub fn read_text(path: &Path) -> Result<String> {
     })
 }
 
-/// What the names of temporary files begin and end with. Six letters and digits stand between.
+/// Beginning and end of the names of temporary files, with six letters and digits between them.
 const DRAFT: [&str; 2] = [".renderflow-", ".tmp"];
 
-/// A file that is being written. It has a temporary name in the folder of its place until [`finish`](Self::finish) renames it.
-/// Dropped before that, it leaves nothing behind, and what is at its place stays as it was.
+/// A file that is being written. It has a temporary name in the destination's folder until [`finish`](Self::finish) renames it. A
+/// draft that is dropped earlier leaves nothing behind, and a file at the destination stays unchanged.
 #[derive(Debug)]
 pub struct Draft {
     path: PathBuf,
@@ -92,7 +92,7 @@ pub struct Draft {
 }
 
 impl Draft {
-    /// Begins a file that is to be at `path`; the folder is created if missing.
+    /// Starts a file whose destination is `path`; the folder is created if it is missing.
     ///
     /// # Errors
     /// [`Error::Io`] naming `path`; [`Error::Malformed`] where a folder, a pipe, a socket or a device has that name.
@@ -112,15 +112,15 @@ impl Draft {
         Ok(Self { path: path.into(), temporary, file: Some(file) })
     }
 
-    /// The temporary file, for what writes to a path. It exists and is empty at first.
+    /// The path of the temporary file, for writers that take a path. The file exists and is empty at first.
     pub fn temporary(&self) -> &Path {
         &self.temporary
     }
 
-    /// Stores all that was written and closes the file. A program may have only so many files open.
+    /// Flushes what was written and closes the file, so that fewer files are open at a time.
     ///
     /// # Errors
-    /// [`Error::Io`] naming the file's place, for instance on a full disk.
+    /// [`Error::Io`] naming the destination, for instance on a full disk.
     pub fn close(&mut self) -> Result<()> {
         let Some(file) = self.file.take() else { return Ok(()) };
         file.sync_all().map_err(Error::io(&self.path, "write"))?;
@@ -133,7 +133,7 @@ impl Draft {
         Ok(())
     }
 
-    /// Puts the file at its place, over the one that is there.
+    /// Moves the file to its destination and replaces the file that is there.
     ///
     /// # Errors
     /// As [`close`](Self::close), and when it cannot be renamed.
@@ -153,19 +153,19 @@ impl Write for Draft {
     }
 }
 
-/// The folder that a file is in.
+/// The folder that holds a file.
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Whether a file of this name is one that a [`Draft`] left behind when its process was killed.
+/// Whether this is the name of a file that a [`Draft`] left behind when its process was killed.
 pub fn is_leftover(name: &str) -> bool {
     let random = name.strip_prefix(DRAFT[0]).and_then(|rest| rest.strip_suffix(DRAFT[1]));
     random.is_some_and(|random| random.len() == 6 && random.bytes().all(|b| b.is_ascii_alphanumeric()))
 }
 
-/// Removes the temporary files that killed processes of this program left behind in `folder`. Nothing else is touched, and what
-/// cannot be removed stays.
+/// Removes the temporary files that killed processes of this program left behind in `folder`. No other file is touched, and files
+/// that cannot be removed stay.
 pub fn remove_leftovers(folder: &Path) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
@@ -215,7 +215,7 @@ pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
     parse_json(path, &read_at_most(path, LARGEST_TEXT)?)
 }
 
-/// [`read_json`] from memory; `name` stands for the path in errors.
+/// [`read_json`] from memory; errors give `name` as the path.
 ///
 /// # Errors
 /// When the bytes do not hold a `T`; the message gives `name`, line and column.
@@ -225,7 +225,7 @@ pub fn parse_json<T: serde::de::DeserializeOwned>(name: &Path, json: &[u8]) -> R
     serde_json::from_slice(json).map_err(|error| Error::malformed(name, crate::words::plain(&error.to_string())))
 }
 
-/// Writes a value as indented JSON by [`write_atomic`]. NaN and infinities would become `null`: check them before.
+/// Writes a value as indented JSON with [`write_atomic`]. NaN and infinities become `null`, so callers must check for them first.
 ///
 /// # Errors
 /// When the value has no JSON form (a map whose keys are not strings) or the file cannot be written.
@@ -233,7 +233,7 @@ pub fn write_json<T: serde::Serialize + ?Sized>(path: &Path, value: &T) -> Resul
     write_atomic(path, &json(path, value)?)
 }
 
-/// The bytes that [`write_json`] writes; `name` stands for the path in errors.
+/// The bytes that [`write_json`] writes; errors give `name` as the path.
 ///
 /// # Errors
 /// When the value has no JSON form.

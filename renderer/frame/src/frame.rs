@@ -1,20 +1,20 @@
-//! One rendered frame: beauty, G-buffer and what its header says.
+//! One rendered frame: beauty, G-buffer and header.
 
 use crate::Camera;
 use crate::image::{Image, Rgb};
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
-/// Most groups the light can be split into.
+/// Largest number of groups that the light can be split into.
 pub const LIGHT_GROUPS: usize = 8;
 
-/// What the header of a frame file holds besides pixels. As JSON (see [`crate::compact`]), absent keys have their default.
+/// The header values of a frame file. In JSON (see [`crate::compact`]) absent keys have their defaults.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FrameInfo {
     /// The camera of this frame.
     pub camera: Camera,
-    /// Samples a pixel of the beauty, on average where [`Frame::samples`] is there; 0 when there is none.
+    /// Samples per pixel of the beauty, the average where [`Frame::samples`] is present; 0 without a beauty.
     pub spp: u32,
     /// Seed of the sequence.
     pub seed: u64,
@@ -22,28 +22,29 @@ pub struct FrameInfo {
     pub scene_hash: String,
     /// Factor from scene-linear radiance to display-linear (see [`crate::ibl::exposure`]).
     pub exposure: f32,
-    /// Form of the BRDF that was rendered (`conserving`, `published`), empty where it is not known.
+    /// Form of the BRDF (`conserving`, `published`); empty where it is not known.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub bsdf: String,
-    /// How samples were spread over the pixels where not evenly (such as `average 256`), empty where evenly.
+    /// How samples were distributed over the pixels (such as `average 256`); empty where every pixel has the same number.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub sampling: String,
-    /// Samples that share a camera ray; `None` where each has one of its own.
+    /// Number of samples that share a camera ray; `None` where each sample has its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub branches: Option<u32>,
-    /// Largest contribution of light scattered at two or more surfaces; `None` without such a limit, which biases.
+    /// Largest contribution of light that scattered at two or more surfaces; `None` without this limit, which biases the picture.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub indirect_limit: Option<f32>,
-    /// Whether paths from the light were traced besides those from the camera.
+    /// Whether paths from the light were traced in addition to paths from the camera.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub light_paths: bool,
-    /// Name of the denoiser used on the beauty, `None` when it is raw.
+    /// Name of the denoiser of the beauty; `None` where the beauty is raw.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub denoiser: Option<String>,
 }
 
 impl FrameInfo {
-    /// What no file may hold: numbers that are not finite, a limit that is not above 0, no samples a camera ray.
+    /// Refuses values that no file may hold: numbers that are not finite, a limit that is not above 0, and 0 samples per camera
+    /// ray.
     pub(crate) fn check(&self) -> std::result::Result<(), String> {
         if !self.exposure.is_finite() {
             return Err(format!("exposure is {}", self.exposure));
@@ -62,15 +63,15 @@ impl FrameInfo {
 
 /// All channels of one frame; the table in [`crate::channel`] gives their meaning in files.
 ///
-/// G-buffer values are one sample at the pixel centre, never filtered. The `guide_*` pictures are the same quantities averaged
-/// over several camera rays a pixel, premultiplied by coverage (a miss adds zero).
+/// G-buffer values are one sample at the pixel centre and never filtered. The `guide_*` pictures are the same quantities,
+/// averaged over several camera rays per pixel and premultiplied by coverage (a miss adds zero).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Scene-linear Rec.709 radiance, denoised where a denoiser ran, background included.
+    /// Scene-linear Rec.709 radiance, background included; denoised where a denoiser ran.
     pub beauty: Option<Rgb>,
     /// Hit coverage, 0..=1.
     pub alpha: Image<f32>,
@@ -78,9 +79,9 @@ pub struct Frame {
     pub raw: Option<Rgb>,
     /// Variance of the mean of `raw`.
     pub variance: Option<Rgb>,
-    /// Samples of each pixel; `None` where all have [`FrameInfo::spp`].
+    /// Number of samples of each pixel; `None` where every pixel has [`FrameInfo::spp`].
     pub samples: Option<Image<u32>>,
-    /// Shares of `raw` by where the light entered, index = group; all `None` unless asked for.
+    /// Shares of `raw` by where the light came from, indexed by light group; `None` unless requested.
     pub light: [Option<Rgb>; LIGHT_GROUPS],
     /// Base colour at the pixel centre, linear, 0..=1, 0 at a miss.
     pub albedo: Rgb,
@@ -98,9 +99,10 @@ pub struct Frame {
     pub guide_albedo: Option<Rgb>,
     /// Camera-space normal filtered over the pixel, premultiplied by coverage, not unit length.
     pub guide_normal: Option<Rgb>,
-    /// Pixels, +x right, +y down, from this frame to where the surface point stands in the next; 0 at a miss and in the last frame.
+    /// Pixels, +x right, +y down, from this frame to where the surface point stands in the next; 0 at a miss and in the last
+    /// frame.
     pub motion: Option<Image<[f32; 2]>>,
-    /// The same towards the previous frame; 0 at a miss and in the first frame.
+    /// As `motion`, towards the previous frame; 0 at a miss and in the first frame.
     pub motion_prev: Option<Image<[f32; 2]>>,
     /// Object id, 0 = none.
     pub object_id: Image<u32>,

@@ -1,4 +1,4 @@
-//! Frames in either form, OpenEXR or compact: one reader for both, which goes by the first bytes and not by the ending.
+//! Reads and writes frames in either form, OpenEXR or compact. The reader looks at the first bytes of a file, not at its ending.
 
 use crate::{Frame, FrameInfo, Result, compact, exr};
 use serde::{Deserialize, Serialize};
@@ -7,14 +7,14 @@ use std::path::Path;
 /// Endings of frame files.
 pub const EXTENSIONS: [&str; 2] = ["exr", compact::EXTENSION];
 
-/// In which form frames are stored.
+/// The form in which frames are stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Profile {
     /// OpenEXR with every channel ([`crate::exr`]).
     #[default]
     Full,
-    /// What training reads, in about a seventh of the bytes ([`crate::compact`]).
+    /// The channels that training reads, in about a seventh of the bytes ([`crate::compact`]).
     Compact,
 }
 
@@ -27,7 +27,7 @@ impl Profile {
         }
     }
 
-    /// The bytes of a frame file, and how many values were clamped; `name` stands for the path in errors.
+    /// The bytes of a frame file and the number of values that were clamped; errors give `name` as the path.
     ///
     /// # Errors
     /// As [`exr::encode`].
@@ -38,7 +38,7 @@ impl Profile {
         }
     }
 
-    /// Writes a frame; returns how many values were clamped.
+    /// Writes a frame and returns the number of values that were clamped.
     ///
     /// # Errors
     /// As [`exr::write()`].
@@ -53,7 +53,7 @@ impl Profile {
 /// Reads a frame file of either form.
 ///
 /// # Errors
-/// As [`exr::read`] and [`compact::read`]; a file that is neither is reported as OpenEXR's reader sees it.
+/// As [`exr::read`] and [`compact::read`]; a file of neither form gets the error of the OpenEXR reader.
 pub fn read(path: &Path) -> Result<Frame> {
     decode(path, &crate::file::read(path)?)
 }
@@ -66,10 +66,10 @@ pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
     if bytes.starts_with(&compact::SIGNATURE) { compact::decode(name, bytes) } else { exr::decode(name, bytes) }
 }
 
-/// What the header of a frame file of either form says; pixels are not decompressed. `name` stands for the path in errors.
+/// The header values of a frame file of either form; pixels are not decompressed. Errors give `name` as the path.
 ///
 /// # Errors
-/// When the bytes are no frame file or the header is damaged.
+/// When the bytes are not a frame file or the header is damaged.
 pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
     if bytes.starts_with(&compact::SIGNATURE) { compact::info(name, bytes) } else { exr::info(name, bytes) }
 }

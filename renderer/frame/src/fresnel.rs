@@ -1,25 +1,24 @@
-//! Reflectance of dielectrics by Fresnel's equations, and the four functions that tables hold in its place.
+//! Reflectance of dielectrics by Fresnel's equations, and four functions that represent it in tables.
 //!
-//! The reflectance of unpolarised light is `F(c) = f0 + (1 - f0) W(c)` at the cosine `c` between a direction and the normal of the
-//! facet that mirrors it. `f0` is that at normal incidence, and `W` rises from 0 there to 1 at grazing incidence: Schlick (1994) takes
-//! `(1 - c)^5` for it whatever the index of refraction, and so 16 to 23 % too little light between 45 and 65 degrees at index 1.5.
+//! The reflectance of unpolarised light is `F(c) = f0 + (1 - f0) W(c)` at the cosine `c` between a direction and the normal of
+//! the facet that mirrors it. `f0` is the reflectance at normal incidence, and `W` rises from 0 there to 1 at grazing incidence.
+//! Schlick (1994) approximates `W` by `(1 - c)^5` for every index of refraction, which gives 16 to 23 % too little light between
+//! 45 and 65 degrees at index 1.5.
 //!
-//! The mean of `W` over a lobe depends on view, roughness and index. Tables need no third axis: to within [`COMBINED_ERROR`] each `W`
+//! The mean of `W` over a lobe depends on view, roughness and index. Tables need no third axis: to within 4e-4 each `W`
 //! is a combination of the four functions of [`basis`], with coefficients that depend on the index alone
 //! ([`Dielectric::coefficients`]), and so is its mean.
 
 use glam::Vec4;
 use std::sync::OnceLock;
 
-/// Largest `f0`, that of `specular` = 1: an index of refraction of 1.79.
+/// Largest `f0`, at `specular` = 1: an index of refraction of 1.79.
 pub const MAX_F0: f32 = 0.08;
 
-/// Least `f0` whose reflectance is exact: an index of 1.058. No solid has less; from here to air `W` fades with the root of `f0`, as the
-/// exact reflectance does in its mean over the hemisphere. (Exactly, the narrower rise at grazing incidence is beyond the four functions.)
+/// Smallest `f0` whose reflectance is exact: an index of 1.058, and no solid has less. From here to air `W` fades with the root
+/// of `f0`, like the hemispherical mean of the exact reflectance. (The four functions cannot represent its narrower rise at
+/// grazing incidence.)
 pub const MIN_F0: f32 = 0.0008;
-
-/// Largest difference of `W` and its combination of four functions, over all cosines and all `f0` in `0..=`[`MAX_F0`].
-pub const COMBINED_ERROR: f32 = 4e-4;
 
 /// `f0` of the last three functions of [`basis`], and the square of their index less 1, `4 sqrt(f0) / (1 - sqrt(f0))^2`.
 const BASIS: [[f32; 2]; 3] = [[0.001, 0.134_887_24], [0.008, 0.431_509_6], [0.04, 1.25]];
@@ -40,8 +39,8 @@ pub fn schlick_weight(cos: f32) -> f32 {
 /// Unpolarised reflectance at a cosine 0..=1 from outside a dielectric, the square of whose index is `1 + excess`, `excess` > 0.
 #[inline(always)]
 fn exact(excess: f32, cos: f32) -> f32 {
-    // With g = index * cosine inside: r_s = (g - c) / (g + c), r_p = r_s (c (g + c) - 1) / (c (g - c) + 1) (Cook and Torrance 1982).
-    // g - c is excess / (g + c), which does not cancel. One division for both.
+    // With g = index * cosine inside: r_s = (g - c) / (g + c), r_p = r_s (c (g + c) - 1) / (c (g - c) + 1) (Cook and Torrance
+    // 1982). g - c is excess / (g + c), which does not cancel. One division for both.
     let g = (cos * cos + excess).sqrt();
     let sum = g + cos;
     let (sum2, below) = (sum * sum, cos * (g - cos) + 1.0);
@@ -76,7 +75,7 @@ impl Dielectric {
     /// Index of refraction 1.5: most glass and lacquer, and `specular` = 0.5.
     pub const GLASS: Self = Self { f0: 0.04, excess: 1.25, least: 0.04, scale: 1.0 / 0.96, coefficients: Vec4::W };
 
-    /// By the reflectance at normal incidence, 0..=[`MAX_F0`] (taken at the ends of that range beyond them).
+    /// The dielectric with this reflectance at normal incidence, clamped to 0..=[`MAX_F0`].
     #[inline]
     pub fn new(f0: f32) -> Self {
         let f0 = f0.clamp(0.0, MAX_F0);
@@ -107,7 +106,7 @@ impl Dielectric {
         self.f0 + (1.0 - self.f0) * self.weight(cos)
     }
 
-    /// `W` of the module's text, 0..=1.
+    /// `W` of the module's documentation, 0..=1.
     #[inline(always)]
     pub fn weight(&self, cos: f32) -> f32 {
         ((exact(self.excess, cos) - self.least) * self.scale).max(0.0)
@@ -184,6 +183,9 @@ fn fit(f0: f32) -> Vec4 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Largest difference of `W` and its combination of four functions, over all cosines and all `f0` in `0..=`[`MAX_F0`].
+    const COMBINED_ERROR: f32 = 4e-4;
 
     /// Snell's law and Fresnel's two equations as they stand in textbooks.
     fn fresnel(index: f64, cos: f64) -> f64 {

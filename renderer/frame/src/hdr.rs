@@ -4,10 +4,10 @@ use crate::image::Rgb;
 use crate::{Error, Result, exr, rgbe};
 use std::path::Path;
 
-/// Most bytes of the file of a map: 2^27 texels of four floats, not compressed, and their header.
+/// Largest size in bytes of a map's file: 2^27 uncompressed texels of four floats, and a header.
 const LARGEST: u64 = 9 << 28;
 
-/// An environment map as read, with what had to be repaired.
+/// An environment map that was read, with the number of texels that had to be repaired.
 #[derive(Clone, Debug)]
 pub struct LoadedMap {
     /// Finite, non-negative radiance.
@@ -21,12 +21,12 @@ pub struct LoadedMap {
 /// `EXPOSURE` and `COLORCORR` lines of a `.hdr` are not applied, as in other renderers: maps are used in their stored units.
 ///
 /// # Errors
-/// When the file is missing, truncated or neither format; when an `.exr` is no single equirectangular `R`, `G`, `B` picture.
+/// When the file is missing, truncated or of neither format; when an `.exr` is not one equirectangular `R`, `G`, `B` picture.
 pub fn read(path: &Path) -> Result<LoadedMap> {
     decode(path, &crate::file::read_at_most(path, LARGEST)?)
 }
 
-/// Decodes a `.hdr` or `.exr` held in memory; `name` stands for the path in errors.
+/// Decodes a `.hdr` or `.exr` in memory; errors give `name` as the path.
 ///
 /// # Errors
 /// As [`read`].
@@ -52,10 +52,10 @@ fn neither(name: &Path, bytes: &[u8]) -> Error {
     Error::malformed(name, if bytes.is_empty() { "the file is empty" } else { "neither Radiance .hdr nor OpenEXR" })
 }
 
-/// Columns and rows of the picture in a `.hdr` or `.exr` held in memory; pixels are not decoded. `name` stands for the path in errors.
+/// Columns and rows of the picture in a `.hdr` or `.exr` in memory; pixels are not decoded. Errors give `name` as the path.
 ///
 /// # Errors
-/// When the bytes are neither, or the header is refused as in [`decode`].
+/// When the bytes are of neither format, or the header is refused as in [`decode`].
 pub fn size(name: &Path, bytes: &[u8]) -> Result<[usize; 2]> {
     if bytes.starts_with(&exr::SIGNATURE) {
         exr::rgb_size(name, bytes)
@@ -66,10 +66,10 @@ pub fn size(name: &Path, bytes: &[u8]) -> Result<[usize; 2]> {
     }
 }
 
-/// Encodes as Radiance RGBE with run lengths: the same picture gives the same bytes on every machine.
+/// Encodes as Radiance RGBE with run lengths. The same picture gives the same bytes on every machine.
 ///
-/// Components are rounded to the nearest of 8-bit mantissas that share an exponent; a decoded picture encodes to the same values again.
-/// NaN and negative components become 0, values beyond 1.7e38 that.
+/// Components are rounded to the nearest of 8-bit mantissas that share an exponent; a decoded picture encodes to the same values
+/// again. NaN and negative components become 0, and larger values become 1.7e38.
 pub fn encode(map: &Rgb) -> Vec<u8> {
     rgbe::encode(map)
 }

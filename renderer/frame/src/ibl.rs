@@ -1,11 +1,11 @@
-//! Split-sum image-based lighting (Karis 2013): the classical baseline, and the network's start point.
+//! Split-sum image-based lighting (Karis 2013).
 
 mod brdf;
 mod prefilter;
 mod shade;
 
 pub use brdf::{EnvironmentBrdf, environment_brdf};
-pub use shade::{Shading, Surfaces, shade, surfaces};
+pub use shade::{Shading, Surfaces, shade, shade_surfaces, surfaces};
 
 use crate::color::luminance;
 use crate::environment::Environment;
@@ -31,12 +31,12 @@ const IRRADIANCE_WIDTH: usize = 64;
 pub struct IblTables {
     /// See [`IblTables::irradiance`].
     pub irradiance_map: Environment,
-    /// One map a roughness level.
+    /// One map for each roughness level.
     pub prefiltered_maps: Vec<Environment>,
 }
 
 impl IblTables {
-    /// Prefilters `environment`. A constant map costs nothing; any other about 0.1 s on four cores, whatever its size.
+    /// Prefilters `environment`. A constant map costs nothing; any other takes about 0.1 s on four cores, whatever its size.
     pub fn new(environment: &Environment) -> Self {
         if environment.is_constant() {
             let radiance = environment.radiance(Vec3A::Y);
@@ -78,7 +78,7 @@ impl IblTables {
     }
 }
 
-/// [`IblTables::irradiance_map`] alone, for those who need no more.
+/// [`IblTables::irradiance_map`] alone, for callers that need no other table.
 pub fn irradiance_map(environment: &Environment) -> Environment {
     if environment.is_constant() {
         return IblTables::new(environment).irradiance_map;

@@ -11,7 +11,7 @@ pub struct Image<T> {
     pub pixels: Vec<T>,
 }
 
-/// Three floats a pixel: linear radiance, albedo, a normal, or (roughness, metallic, specular).
+/// Three floats per pixel: linear radiance, albedo, a normal, or (roughness, metallic, specular).
 pub type Rgb = Image<[f32; 3]>;
 
 impl<T: Clone> Image<T> {

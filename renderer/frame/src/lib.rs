@@ -1,15 +1,14 @@
 //! The contract between the path tracer, the neural renderer and the files: what a channel means, where a camera looks,
 //! how an environment is oriented, and which colour curve turns radiance into a picture.
 //!
-//! It is *not* a renderer: nothing here traces a ray through geometry. Whatever both sides need of a frame
-//! (split-sum shading, screen-space occlusion, keyframe warping) lives here once, so that the baseline and the network see the same numbers.
+//! It is *not* a renderer: nothing here traces a ray through geometry. What both sides need of a frame (split-sum shading,
+//! keyframe warping) is here once, so that baselines and networks see the same numbers.
 #![forbid(unsafe_code)]
 
 pub mod camera;
 pub mod channel;
 pub mod color;
 pub mod compact;
-pub mod deferred;
 pub mod depth;
 pub mod environment;
 pub mod error;
@@ -21,10 +20,11 @@ pub mod fresnel;
 pub mod hdr;
 pub mod ibl;
 pub mod image;
+pub mod light;
 pub mod memory;
 pub mod reach;
 mod rgbe;
-mod screen_space;
+pub mod terms;
 pub mod tracks;
 pub mod transforms;
 pub mod warp;
@@ -36,3 +36,4 @@ pub use environment::Environment;
 pub use error::{Error, Result};
 pub use frame::{Frame, FrameInfo};
 pub use image::Image;
+pub use light::Light;

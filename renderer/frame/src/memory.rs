@@ -1,10 +1,11 @@
 //! Memory that this process may still take.
 
-/// Bytes of main memory that are free to be taken, within the limits that the system sets this process; `None` where it does not say.
+/// Bytes of main memory that are free, within the limits that the system sets for this process; `None` where the system does not
+/// report it.
 pub fn available() -> Option<u64> {
     let read = |path: &str| std::fs::read_to_string(path).ok();
     let free = read("/proc/meminfo").as_deref().and_then(free_of_machine)?;
-    // Containers and jobs of a queue have less than the machine.
+    // A container or a queued job has less memory than the machine.
     let group = read("/sys/fs/cgroup/memory.max").zip(read("/sys/fs/cgroup/memory.current"));
     let group = group.and_then(|(most, used)| Some(number(&most)?.saturating_sub(number(&used)?)));
     Some(group.map_or(free, |group| group.min(free)))

@@ -1,13 +1,13 @@
-//! Which files a file may name: the one place where a name that was read from a file becomes a path.
+//! Decides which files a file may name. This is the only place where a name that was read from a file becomes a path.
 //!
-//! Datasets, scenes and models are downloaded from strangers. A name in one of them must not make this program read, write or delete
-//! a file that its owner did not hand over. So a name stays inside the folder of the file that it stands in, unless the user has allowed another folder.
-//! Symbolic links are followed: only the owner of a folder can put one there.
+//! Datasets, scenes and models are downloaded from strangers. A name in one of them must not make this program read, write or
+//! delete a file that its owner did not hand over. A name must therefore stay inside the folder of the file that contains it,
+//! unless the user has allowed another folder. Symbolic links are followed, because only the owner of a folder can put one there.
 
 use crate::words;
 use std::path::{Component, Path, PathBuf};
 
-/// Most bytes of a name that is read from a file.
+/// Largest size in bytes of a name that is read from a file.
 const LONGEST: usize = 4096;
 
 /// The folder of a file, and the folders that the user allows its names to lead to.
@@ -18,13 +18,13 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// Names lead to `folder` and what is below it.
+    /// Names may lead to `folder` and everything below it.
     pub fn folder(folder: impl Into<PathBuf>) -> Self {
         let folder: PathBuf = folder.into();
         Self { folder: if folder.as_os_str().is_empty() { ".".into() } else { folder }, allowed: Vec::new() }
     }
 
-    /// Names lead to the folder of `file` and what is below it.
+    /// Names may lead to the folder of `file` and everything below it.
     pub fn of(file: &Path) -> Self {
         Self::folder(file.parent().unwrap_or(Path::new("")))
     }
@@ -42,7 +42,7 @@ impl Reach {
         Self { allowed: self.allowed.clone(), ..Self::of(file) }
     }
 
-    /// Everything that names may lead to: the folder that relative ones start from, and the allowed ones.
+    /// All folders that names may lead to: the one that relative names start from, and the allowed ones.
     pub fn folders(&self) -> impl Iterator<Item = &Path> {
         std::iter::once(&self.folder).chain(&self.allowed).map(PathBuf::as_path)
     }
@@ -52,10 +52,11 @@ impl Reach {
         &self.folder
     }
 
-    /// The path that `name` stands for. `.` and `..` are resolved in the name itself, so that it means the same whatever links there are.
+    /// The path that `name` stands for. `.` and `..` are resolved in the name itself, so that links do not
+    /// change its meaning.
     ///
     /// # Errors
-    /// Says in words why the name is refused: it is empty, too long, holds a NUL, or leads out of every allowed folder.
+    /// A text that tells why the name is refused: it is empty, too long, holds a NUL, or leads out of every allowed folder.
     pub fn resolve(&self, name: &str) -> Result<PathBuf, String> {
         if name.is_empty() || name.len() > LONGEST || name.contains('\0') {
             return Err(format!("{} is not a file name", quoted(name)));
@@ -72,12 +73,12 @@ impl Reach {
                 in_shells(&path.parent().unwrap_or(&path).to_string_lossy())
             ));
         }
-        // As the user would write it, for messages: relative where the folder is.
+        // As the user would write it in a command: relative where the folder is relative.
         Ok(absolute(&self.folder).and_then(|base| Some(self.folder.join(path.strip_prefix(base).ok()?))).unwrap_or(path))
     }
 }
 
-/// A folder as a shell reads it; `FOLDER` for one that nobody should paste into a command.
+/// A folder as a shell reads it; `FOLDER` where nobody should paste the name into a command.
 fn in_shells(folder: &str) -> String {
     if folder.len() > 255 || folder.chars().any(char::is_control) { "FOLDER".into() } else { words::shell(folder) }
 }
@@ -96,10 +97,11 @@ fn absolute(path: &Path) -> Option<PathBuf> {
     Some(plain)
 }
 
-/// Checks that `name` is the plain name of a file: one component without a separator, for files that must lie beside the one that names them.
+/// Checks that `name` is the plain name of a file: one component without a separator. Files that lie beside the file that names
+/// them have such names.
 ///
 /// # Errors
-/// Says in words that it is none.
+/// A text that tells that it is not a plain name.
 pub fn plain_name(name: &str) -> Result<&str, String> {
     let separators = ['/', '\\', ':'];
     let bad = name.is_empty()

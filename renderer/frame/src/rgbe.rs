@@ -1,28 +1,29 @@
-//! Radiance RGBE, decoded and encoded in memory.
+//! Decodes and encodes Radiance RGBE in memory.
 //!
-//! Own code rather than the `image` crate's, because that one takes only the `-Y +X` orientation and the `#?RADIANCE` signature,
-//! reads a run length into rows that are too narrow for one, names no row in its errors, and finds exponents with `log2`, whose last
-//! bit depends on the platform. On ordinary files both decode to the same bits (`tests/hdr.rs`).
+//! The `image` crate is not used, because it reads only the `-Y +X` orientation and the `#?RADIANCE` signature, reads run lengths
+//! in rows that are too narrow for them, names no row in its errors, and finds exponents with `log2`, whose last bit depends on
+//! the platform. On ordinary files both decode to the same bits (`tests/hdr.rs`).
 
 use crate::image::Rgb;
 
 /// First bytes of every Radiance picture.
 pub(crate) const SIGNATURE: &[u8] = b"#?";
-/// Rows can carry run lengths only within these widths (Radiance `color.c`).
+/// Only rows of these widths can have run lengths (Radiance `color.c`).
 const RUN_LENGTH_WIDTHS: std::ops::RangeInclusive<usize> = 8..=32767;
 /// Shorter repetitions cost as much as literals.
 const MINIMUM_RUN: usize = 4;
-/// Most pixels of a frame accepted, 16384 x 16384.
+/// Largest accepted number of pixels of a frame, 16384 x 16384.
 pub(crate) const MAXIMUM_PIXELS: usize = 1 << 28;
-/// Most texels of a map accepted, 16384 x 8192: 1.6 GB of floats, and as much again in what a renderer makes of them.
+/// Largest accepted number of texels of a map, 16384 x 8192: 1.6 GB of floats, and the same again for what a renderer derives
+/// from them.
 pub(crate) const MAXIMUM_TEXELS: usize = 1 << 27;
-/// Most columns or rows accepted.
+/// Largest accepted number of columns or rows.
 pub(crate) const MAXIMUM_SIDE: usize = 1 << 16;
 
-/// Texels that one byte of run lengths gives at most: runs of 127 take two bytes in each of four components.
+/// Largest number of texels per byte of run lengths: a run of 127 takes two bytes in each of four components.
 const TEXELS_PER_BYTE: usize = 16;
-/// Most texels accepted of a file too small to hold them in run lengths, 0.8 GB of floats: the repetitions of the format's first
-/// version make 2^27 texels of 25 kilobytes.
+/// Largest accepted number of texels, 0.8 GB of floats, of a file that is too small to hold them in run lengths: with the
+/// repetitions of the format's first version 25 kilobytes can stand for 2^27 texels.
 const MAXIMUM_REPEATED: usize = 1 << 26;
 
 /// One texel as stored: three mantissas and the shared exponent.
@@ -62,7 +63,7 @@ fn from_radiance(rgb: [f32; 3]) -> Texel {
 /// 255 * 2^(255 - 136).
 const LARGEST: f64 = 255.0 * (1u128 << 119) as f64;
 
-/// Bytes not read yet.
+/// The bytes that are not read yet.
 struct Reader<'a> {
     bytes: &'a [u8],
 }
@@ -90,9 +91,9 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// How rows of the file lie in the picture.
+/// How the rows of the file map to the picture.
 struct Layout {
-    /// Length of a stored row and number of them.
+    /// Length of a stored row, and the number of stored rows.
     columns: usize,
     rows: usize,
     /// Whether a stored row is a column of the picture.
@@ -132,18 +133,18 @@ fn header(reader: &mut Reader) -> Result<Layout, String> {
     Ok(Layout { columns, rows, transposed, flip_x: either("-X"), flip_y: either("+Y") })
 }
 
-/// Header text for a message: bounded, whatever the file holds.
+/// Header text for a message, shortened to a limit.
 fn shortened(text: &str) -> String {
     text.chars().take(60).collect()
 }
 
-/// Columns and rows of the picture that a file holds; texels are not decoded.
+/// Columns and rows of the picture in a file; texels are not decoded.
 pub(crate) fn size(bytes: &[u8]) -> Result<[usize; 2], String> {
     let Layout { columns, rows, transposed, .. } = header(&mut Reader { bytes })?;
     Ok(if transposed { [rows, columns] } else { [columns, rows] })
 }
 
-/// Decodes a whole file; the error says what is wrong and where.
+/// Decodes a whole file; an error tells what is wrong and where.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Rgb, String> {
     if !bytes.starts_with(SIGNATURE) {
         return Err("no Radiance signature".into());
@@ -203,7 +204,7 @@ fn decode_row(reader: &mut Reader, row: &mut [Texel]) -> Result<(), String> {
     Ok(())
 }
 
-/// Plain texels, where (1, 1, 1, n) repeats the one before n times; markers in a row are digits to base 256.
+/// Plain texels, where (1, 1, 1, n) repeats the previous texel n times; consecutive markers are digits to base 256.
 fn decode_flat_row(reader: &mut Reader, first: Texel, row: &mut [Texel]) -> Result<(), String> {
     let (mut x, mut shift, mut next) = (0, 0, Some(first));
     while x < row.len() {
@@ -235,7 +236,7 @@ pub(crate) fn encode(map: &Rgb) -> Vec<u8> {
     for row in map.pixels.chunks_exact(map.width.max(1)) {
         let texels: Vec<Texel> = row.iter().map(|&rgb| from_radiance(rgb)).collect();
         if !RUN_LENGTH_WIDTHS.contains(&map.width) {
-            // A texel's largest mantissa is at least 128 here, so none can be mistaken for a marker.
+            // The largest mantissa of a texel is at least 128 here, so that no texel can be mistaken for a marker.
             bytes.extend(texels.as_flattened());
             continue;
         }

@@ -1,12 +1,12 @@
-//! Where moving objects are in each frame of a sequence, so that a keyframe many frames away can be carried along with them.
+//! Where moving objects are in each frame of a sequence, so that keyframes many frames away can be warped along with them.
 
 use glam::Affine3A;
 use std::collections::BTreeMap;
 
-/// Object-to-world transforms of the objects that move, one for every stored frame; objects that are not in it stand still.
+/// Object-to-world transforms of the objects that move, one for every stored frame. Objects that are not listed stand still.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tracks {
-    /// By object id.
+    /// Transforms by object id.
     pub objects: BTreeMap<u32, Vec<Affine3A>>,
 }
 
@@ -17,7 +17,7 @@ impl Tracks {
     }
 }
 
-/// How objects moved between two frames; by default nothing did.
+/// How objects moved between two frames; by default nothing moved.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Movement<'a> {
     tracks: Option<&'a Tracks>,
@@ -26,8 +26,8 @@ pub struct Movement<'a> {
 }
 
 impl Movement<'_> {
-    /// The map that takes world-space points of object `id` from where they were to where they went; `None` = it did not move.
-    /// A transform that cannot be inverted, or a frame without one, counts as not moving: such an object shows nothing.
+    /// The map of world-space points of object `id` from the first frame to the second; `None` where it did not move.
+    /// An object whose transform cannot be inverted, or is missing at a frame, counts as still: such an object is not visible.
     pub fn of(&self, id: u32) -> Option<Affine3A> {
         let track = self.tracks?.objects.get(&id)?;
         let map = *track.get(self.to)? * track.get(self.from)?.inverse();

@@ -1,7 +1,7 @@
-//! `transforms.json`: cameras of a sequence in nerfstudio's keys, with the convention stated.
+//! `transforms.json`: the cameras of a sequence in nerfstudio's format, with the convention stated in the file.
 //!
-//! Matrices are rows of camera-to-world in OpenGL axes and pixel centres lie at +0.5, which is nerfstudio's own convention; the world's up
-//! is +Y here and +Z there. `camera_angle_x` (radians) is what 3D Gaussian Splatting's loader asks for.
+//! Matrices are rows of camera-to-world in OpenGL axes and pixel centres lie at +0.5, which is nerfstudio's own convention; the
+//! world's up axis is +Y here but +Z in nerfstudio. `camera_angle_x` (radians) is what 3D Gaussian Splatting's loader asks for.
 
 use crate::file::{json, parse_json, write_atomic};
 use crate::reach::plain_name;
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// One sequence's cameras and where its frames are.
+/// The cameras of one sequence, and the files of its frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sequence {
     /// Camera of each frame.
@@ -29,14 +29,15 @@ pub struct Sequence {
     pub environment_rotation: f32,
     /// Gain of the environment.
     pub environment_intensity: f32,
-    /// Transforms of the objects that move, one a frame.
+    /// Transforms of the objects that move, one for each frame.
     pub tracks: Tracks,
 }
 
 /// Axes of the matrices in the file.
 const CONVENTION: &str = "opengl_c2w";
 
-/// The file as it stands. Intrinsics stand at the top when all frames share them, otherwise in each frame (nerfstudio reads both).
+/// The content of the file. Intrinsics stand at the top where all frames share them, and otherwise in each frame (nerfstudio
+/// reads both).
 #[derive(Serialize, Deserialize)]
 struct File {
     camera_model: String,
@@ -48,11 +49,11 @@ struct File {
     exposure: f32,
     environment: EnvironmentEntry,
     keyframes: Vec<usize>,
-    /// Point that the reader counts positions from, where the sequence is far out; the matrices are in the world all the same.
+    /// Point that the reader counts positions from, for sequences far from the world's origin. The matrices stay in world space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     origin: Option<DVec3>,
     frames: Vec<FrameEntry>,
-    /// Object id to rows of object-to-world, one matrix a frame; only objects that move.
+    /// Rows of object-to-world by object id, one matrix for each frame; only for objects that move.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     object_transforms: BTreeMap<u32, Vec<Matrix>>,
 }
@@ -108,16 +109,16 @@ impl Intrinsics {
 /// Writes `transforms.json`.
 ///
 /// # Errors
-/// When cameras and files differ in number, a matrix is not rigid, a keyframe is no frame, a number is not finite, or the file cannot be
-/// written.
+/// When cameras and files differ in number, a matrix is not rigid, a keyframe does not exist, a number is not finite, or the file
+/// cannot be written.
 pub fn write(path: &Path, sequence: &Sequence) -> Result<()> {
     write_atomic(path, &encode(path, sequence)?)
 }
 
-/// The bytes of `transforms.json`; `name` stands for the path in errors.
+/// The bytes of `transforms.json`; errors give `name` as the path.
 ///
 /// # Errors
-/// As [`write()`], but that nothing is written.
+/// As [`write()`], except that no file is written.
 pub fn encode(name: &Path, sequence: &Sequence) -> Result<Vec<u8>> {
     let malformed = |reason: String| Error::malformed(name, reason);
     if sequence.cameras.len() != sequence.files.len() {
@@ -165,7 +166,7 @@ pub fn read(path: &Path) -> Result<Sequence> {
     decode(path, &crate::file::read_at_most(path, crate::file::LARGEST_TEXT)?)
 }
 
-/// [`read`] from memory; `name` stands for the path in errors.
+/// [`read`] from memory; errors give `name` as the path.
 ///
 /// # Errors
 /// As [`read`].
@@ -217,9 +218,9 @@ fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<
     })
 }
 
-/// Rows of a matrix in the world, for a transform relative to `origin`: what the file holds as `transform_matrix`.
+/// Rows of the world-space matrix of a transform relative to `origin`, as the file holds them in `transform_matrix`.
 pub fn rows(transform: Affine3A, origin: DVec3) -> Matrix {
-    // The shortest decimal that reads back as the same single-precision number, not the 17 digits of its double.
+    // The shortest decimal that reads back as the same single-precision number, instead of 17 digits.
     let short = |v: f32| v.to_string().parse().unwrap_or(f64::from(v));
     let mut rows = glam::Mat4::from(transform).transpose().to_cols_array_2d().map(|row| row.map(short));
     if origin != DVec3::ZERO {
@@ -256,7 +257,7 @@ fn check(sequence: &Sequence) -> std::result::Result<(), String> {
         if !camera.camera_to_world.is_finite() || !camera.origin.is_finite() {
             return Err(format!("/frames/{index}/transform_matrix holds NaN or infinity"));
         }
-        // A scaled or mirrored matrix would give wrong depths and motion without a word.
+        // A scaled or mirrored matrix would silently give wrong depths and motion.
         let rotation = camera.camera_to_world.matrix3;
         if !(rotation.transpose() * rotation).abs_diff_eq(Mat3A::IDENTITY, 1e-3) || rotation.determinant() < 0.0 {
             return Err(format!("/frames/{index}/transform_matrix is not a rotation and a translation"));

@@ -1,7 +1,8 @@
-//! Carries a keyframe's picture to another camera: where a pixel's surface point stood in the keyframe, and whether it was seen there.
-//! The same for the raw samples of neighbouring frames, pixel by pixel.
+//! Warps the picture of a keyframe to another frame: finds where the surface point of each pixel stood in the keyframe, and
+//! whether it was visible there. It does the same for the raw samples of neighbouring frames, pixel by pixel.
 
 use crate::image::{Image, Rgb};
+use crate::tracks::Movement;
 use crate::{Camera, Frame};
 use glam::{Affine3A, Mat3A, Vec2, Vec3A};
 use rayon::prelude::*;
@@ -12,9 +13,9 @@ const DEPTH_TOLERANCE: f32 = 0.01;
 const SLOPE_TOLERANCE: f32 = 0.5;
 /// Least cosine between the two world-space normals (30 degrees).
 const MIN_NORMAL_COSINE: f32 = 0.866;
-/// Taps that weigh less than this are left out: a camera that stands still reads one pixel, in spite of rounding.
+/// Taps with less weight than this are left out, so that a still camera reads exactly one pixel in spite of rounding.
 const LEAST_WEIGHT: f32 = 1.0 / 128.0;
-/// Albedo of a pixel may differ from that of the pixel its samples come from by this, in each channel ...
+/// Albedo of a pixel may differ by this, in each channel, from the albedo of the pixel that its samples come from ...
 const ALBEDO_TOLERANCE: f32 = 0.05;
 /// ... plus this share of the larger of the two.
 const ALBEDO_SHARE: f32 = 0.1;
@@ -22,6 +23,49 @@ const ALBEDO_SHARE: f32 = 0.1;
 pub const MAX_RATIO: f32 = 16.0;
 /// Display-linear value added to both sides of a ratio, so that black stays finite.
 const RATIO_FLOOR: f32 = 0.01;
+/// Distance in frames that counts as age 1.
+pub const AGE_UNIT: f32 = 16.0;
+/// Age of every keyframe that is farther away.
+pub const OLDEST: f32 = 2.0;
+/// Added to the age where keyframes are weighted by its inverse, so that a keyframe next to the frame does not silence the other
+/// one.
+const AGE_FLOOR: f32 = 1.0 / AGE_UNIT;
+/// Scale of display-linear radiance in the logarithm that warped keyframes are mixed in.
+const LOG_SCALE: f32 = 8.0;
+
+/// A frame whose truth is known.
+#[derive(Clone, Debug)]
+pub struct Keyframe {
+    /// Its G-buffer and camera.
+    pub frame: Frame,
+    /// Its path-traced picture, scene-linear.
+    pub truth: Rgb,
+    /// Its picture by a method without paths, such as deferred shading; `None` where there is none.
+    pub start: Option<Rgb>,
+}
+
+/// A keyframe in relation to the frame that it is warped to.
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbour<'a> {
+    /// The keyframe.
+    pub key: &'a Keyframe,
+    /// Frames from the current frame to the keyframe: negative before it, positive after it, 0 where it is the keyframe.
+    pub distance: f32,
+    /// How objects moved from the current frame to the keyframe.
+    pub movement: Movement<'a>,
+}
+
+impl Neighbour<'_> {
+    /// Where each pixel of `frame` finds itself in the keyframe.
+    pub fn correspond(&self, frame: &Frame) -> Correspondence {
+        correspond(frame, &self.key.frame, Some(&|id| self.movement.of(id)))
+    }
+}
+
+/// Age of a keyframe `distance` frames away: in units of [`AGE_UNIT`] frames, at most [`OLDEST`].
+pub fn age(distance: f32) -> f32 {
+    (distance.abs() / AGE_UNIT).min(OLDEST)
+}
 
 /// Where each pixel of the current frame finds itself in a keyframe.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,13 +81,14 @@ pub type ObjectMotion<'a> = dyn Fn(u32) -> Option<Affine3A> + Sync + 'a;
 
 /// Correspondence of `current` into `key`, by depth and both cameras.
 ///
-/// Motion vectors lead from one frame to the next only, a keyframe may be many frames away; so moving objects come as transforms:
-/// `object_motion` maps an object id of `current` to the rigid or affine map that takes the object's world-space points at the current
-/// frame to where they were at the keyframe. `None`, for all objects or for one, means it did not move.
+/// Motion vectors lead only from one frame to the next, but a keyframe may be many frames away. Moving objects are therefore
+/// given by transforms: `object_motion` maps an object id of `current` to the rigid or affine map that takes the object's
+/// world-space points at the current frame to where they were at the keyframe. `None`, for all objects or for one, means it did
+/// not move.
 ///
-/// A pixel is valid where its centre hit something, its point projects into the keyframe, and each tap of the bilinear footprint there
-/// shows the same object at the depth of the surface's plane (1 % and an allowance for slope) with a world-space normal within
-/// 30 degrees.
+/// A pixel is valid where its centre hit something, its point projects into the keyframe, and each tap of the bilinear footprint
+/// there shows the same object at the depth of the surface's plane (1 % and an allowance for slope) with a world-space normal
+/// within 30 degrees.
 pub fn correspond(current: &Frame, key: &Frame, object_motion: Option<&ObjectMotion<'_>>) -> Correspondence {
     let (width, height) = (current.width, current.height);
     let mut out = Correspondence { source: Image::filled(width, height, [0.0; 2]), valid: Image::filled(width, height, 0.0) };
@@ -68,13 +113,13 @@ pub fn correspond(current: &Frame, key: &Frame, object_motion: Option<&ObjectMot
     out
 }
 
-/// For each pixel of `current` the pixel of `other`, by its index along rows, into which its surface point falls; `None` where that
+/// For each pixel of `current`, the index of the pixel of `other` that its surface point falls into; `None` where that pixel
 /// shows something else.
 ///
-/// It is for the samples of path tracing, whose noise a look-up between pixels would smear: each pixel's are taken whole or not at all.
-/// `object_motion` is that of [`correspond`], from `current` to `other`. A pixel is carried where its centre hit something, the point
-/// projects into `other`, and the pixel there shows the same object and an albedo that differs by at most 0.05 and 10 % in each
-/// channel.
+/// It serves samples of path tracing, whose noise a look-up between pixels would smear: the samples of a pixel are taken whole or
+/// not at all. `object_motion` is as in [`correspond`], from `current` to `other`. A pixel has a source where its centre hit
+/// something, the point projects into `other`, and the pixel there shows the same object and an albedo that differs by at most
+/// 0.05 and 10 % in each channel.
 pub fn nearest(current: &Frame, other: &Frame, object_motion: Option<&ObjectMotion<'_>>) -> Image<Option<u32>> {
     let (width, height) = (current.width, current.height);
     let mut out = Image::filled(width, height, None);
@@ -99,24 +144,24 @@ pub fn nearest(current: &Frame, other: &Frame, object_motion: Option<&ObjectMoti
     out
 }
 
-/// Whether two albedos may be one surface's.
+/// Whether two albedos may belong to one surface.
 fn alike(a: [f32; 3], b: [f32; 3]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= ALBEDO_TOLERANCE + ALBEDO_SHARE * a.max(b))
 }
 
-/// What the centre of a pixel sees, where it stands in the other frame.
+/// The surface at the centre of a pixel, at its position in the other frame.
 struct Surface {
     p_world: Vec3A,
     n_world: Vec3A,
     id: u32,
 }
 
-/// Surfaces that the pixels of a row see.
+/// Looks up the surfaces of a row of pixels.
 struct Surfaces<'a> {
     current: &'a Frame,
     camera: &'a Camera,
     object_motion: Option<&'a ObjectMotion<'a>>,
-    /// Neighbouring pixels mostly show the same object: its motion is asked for once.
+    /// Motion of the last object; neighbouring pixels mostly show the same one.
     last: Option<(u32, Option<Affine3A>)>,
 }
 
@@ -194,8 +239,8 @@ impl KeyView<'_> {
     }
 }
 
-/// The four taps (index, weight) of a bilinear look-up at `point`, weights summing to 1; taps outside the picture repeat its border,
-/// taps of almost no weight get none.
+/// The four taps (index, weight) of a bilinear look-up at `point`, weights summing to 1; taps outside the picture repeat its
+/// border, taps of almost no weight get none.
 fn footprint(point: Vec2, width: usize, height: usize) -> [(usize, f32); 4] {
     let at = (point - 0.5).max(Vec2::ZERO).min(Vec2::new(width as f32 - 1.0, height as f32 - 1.0));
     let (x, y) = (at.x as usize, at.y as usize);
@@ -231,11 +276,11 @@ pub fn fetch(picture: &Rgb, correspondence: &Correspondence) -> Rgb {
     per_pixel(correspondence, |_, source, valid| if valid { sample(picture, source) } else { Vec3A::ZERO })
 }
 
-/// The current start image, corrected by how far the keyframe's truth was from its own start there:
-/// `(start + e) * (key_truth + e) / (key_start + e) - e`, the fraction bilinear and clamped to `1/16..=16`, the result at least 0.
+/// The current start image, corrected by how far the keyframe's truth was from its own start there: `(start + e) * (key_truth +
+/// e) / (key_start + e) - e`, the fraction bilinear and clamped to `1/16..=16`, the result at least 0.
 ///
-/// Textures and reflections come from `current_start`, at full sharpness and in their new place; only what the start image lacks
-/// (shadows, bounced light) is carried over. `exposure` is the sequence's factor to display-linear; `e` is 0.01 there.
+/// Textures and reflections come from `current_start`, at full sharpness and in their new place. Only what the start image lacks
+/// (shadows, bounced light) comes from the keyframe. `exposure` is the sequence's factor to display-linear; `e` is 0.01 there.
 /// The result is `current_start` where invalid, and exactly `key_truth` for an unmoved camera (inside the clamp).
 pub fn ratio_fetch(key_truth: &Rgb, key_start: &Rgb, current_start: &Rgb, correspondence: &Correspondence, exposure: f32) -> Rgb {
     let floor = if exposure > 0.0 && exposure.is_finite() { RATIO_FLOOR / exposure } else { RATIO_FLOOR };
@@ -248,6 +293,56 @@ pub fn ratio_fetch(key_truth: &Rgb, key_start: &Rgb, current_start: &Rgb, corres
         let ratio = ratio.clamp(Vec3A::splat(1.0 / MAX_RATIO), Vec3A::splat(MAX_RATIO));
         ((start + floor) * ratio - floor).max(Vec3A::ZERO)
     })
+}
+
+/// Scene-linear picture of `frame` from keyframes: where the nearest keyframe before or the nearest after shows the same surface,
+/// their warped pictures ([`ratio_fetch`]) weighted by the inverse of their age and mixed in a logarithmic curve; elsewhere
+/// `start`, the picture of `frame` by the method of [`Keyframe::start`]. A keyframe at distance 0 is returned as it is.
+/// `exposure` is the sequence's factor to display-linear. Keyframes without a start or of another size show nothing.
+///
+/// # Panics
+/// When a channel of `frame` or `start` does not have `frame.width * frame.height` pixels.
+pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) -> Rgb {
+    let size = (frame.width, frame.height);
+    let usable = keyframes.iter().filter_map(|near| {
+        let key_start = near.key.start.as_ref()?;
+        let fits = |picture: &Rgb| (picture.width, picture.height) == size;
+        let key = near.key;
+        let same = (key.frame.width, key.frame.height) == size && fits(&key.truth) && fits(key_start);
+        (same && !near.distance.is_nan()).then_some((near, key_start))
+    });
+    let usable: Vec<_> = usable.collect();
+    if let Some((near, _)) = usable.iter().find(|(near, _)| near.distance == 0.0) {
+        return near.key.truth.clone();
+    }
+    let nearest = |side: fn(f32) -> bool| {
+        let candidates = usable.iter().filter(|(near, _)| side(near.distance));
+        candidates.min_by(|(a, _), (b, _)| a.distance.abs().total_cmp(&b.distance.abs()))
+    };
+    let warped: Vec<(f32, Rgb, Image<f32>)> = [nearest(|d| d < 0.0), nearest(|d| d > 0.0)]
+        .into_iter()
+        .flatten()
+        .map(|(near, key_start)| {
+            let found = near.correspond(frame);
+            let picture = ratio_fetch(&near.key.truth, key_start, start, &found, exposure);
+            (1.0 / (age(near.distance) + AGE_FLOOR), picture, found.valid)
+        })
+        .collect();
+    let scale = if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE };
+    let mix = |i: usize| {
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for (weight, picture, valid) in &warped {
+            let radiance = picture.pixels[i];
+            // Only surfaces are warped, and only finite radiance.
+            if frame.alpha.pixels[i] > 0.0 && valid.pixels[i] > 0.0 && radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+                total += weight;
+                (0..3).for_each(|c| sum[c] += weight * (scale * radiance[c]).ln_1p());
+            }
+        }
+        if total > 0.0 { sum.map(|v| (v / total).exp_m1() / scale) } else { start.pixels[i] }
+    };
+    let pixels = (0..frame.width * frame.height).into_par_iter().with_min_len(1024).map(mix).collect();
+    Rgb { width: frame.width, height: frame.height, pixels }
 }
 
 /// A picture of `f(index, source, valid)`.

@@ -1,26 +1,26 @@
-//! Messages of parsers in words for people: what was found, what is needed, and nothing longer than a line.
+//! Turns the messages of parsers into plain words: what was found and what is needed, in at most one line.
 
-/// Most characters of a piece of a file that a message repeats.
+/// Largest number of characters of a file that a message repeats.
 const LONGEST: usize = 60;
 
-/// The beginning of `text`, as much of it as a message may repeat.
+/// The beginning of `text`, up to the length that a message may repeat.
 pub fn shortened(text: &str) -> String {
     if text.chars().count() <= LONGEST { text.to_owned() } else { text.chars().take(LONGEST - 3).chain("...".chars()).collect() }
 }
 
-/// A text as one word of a shell, quoted only where it must be.
+/// A text as one word of a shell, quoted only where necessary.
 pub fn shell(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%=".contains(c);
     if !text.is_empty() && text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }
 }
 
-/// A number in as few digits as tell it apart: `1e308`, not 309 digits.
+/// A number in the fewest digits that identify it: `1e308`, not 309 digits.
 pub fn number(value: f64) -> String {
     let plain = value.to_string();
     if plain.len() <= 20 { plain } else { format!("{value:e}") }
 }
 
-/// A message of a JSON or TOML parser, without the terms of its library. A place at its end (`at line 3 column 8`) stays.
+/// A message of a JSON or TOML parser, without the terms of its library. A position at its end (`at line 3 column 8`) is kept.
 pub fn plain(message: &str) -> String {
     let (reason, place) = match message.rfind(" at line ") {
         Some(at) if message[at..].contains(" column ") => message.split_at(at),
@@ -82,7 +82,7 @@ fn reworded(reason: &str) -> String {
     fixed.into()
 }
 
-/// What stands in the file.
+/// A description of what the file holds.
 fn found(unexpected: &str) -> String {
     let quoted = |kind: &str| unexpected.strip_prefix(kind).and_then(|rest| rest.strip_prefix(" `")?.strip_suffix('`'));
     if let Some(digits) = quoted("integer").or_else(|| quoted("floating point")) {
@@ -102,7 +102,7 @@ fn found(unexpected: &str) -> String {
     }
 }
 
-/// What would be right, for the names that the libraries have for it.
+/// A description of what is needed, for the terms of the libraries.
 fn needed(expected: &str) -> String {
     let whole = |low: &str, high: &str| format!("a whole number from {low} to {high}");
     let starts = |words: &[&str]| words.iter().any(|word| expected.starts_with(word));

@@ -5,9 +5,9 @@ mod light_scene;
 use glam::{Vec2, Vec3A};
 use light_scene::{Surface, render};
 use renderflow_frame::environment::Environment;
-use renderflow_frame::ibl::{IblTables, dielectric, environment_brdf, shade};
+use renderflow_frame::ibl::{dielectric, environment_brdf, shade};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Camera, Frame};
+use renderflow_frame::{Camera, Frame, Light};
 
 const SIZE: usize = 64;
 
@@ -31,14 +31,13 @@ fn sky() -> Environment {
 
 #[test]
 fn uniform_light_gives_albedo_plus_reflection() {
-    let environment = Environment::constant([2.0, 1.0, 0.5]);
-    let tables = IblTables::new(&environment);
+    let light = Light::new(Environment::constant([2.0, 1.0, 0.5]));
     for (metallic, roughness) in [(0.0, 0.0), (0.0, 0.7), (1.0, 0.3), (0.4, 1.0)] {
         let mut frame = sphere();
         for material in &mut frame.material.pixels {
             *material = [roughness, metallic, 0.5];
         }
-        let shading = shade(&frame, &environment, &tables);
+        let shading = shade(&frame, &light);
         for (i, alpha) in frame.alpha.pixels.iter().enumerate() {
             let expected = if *alpha == 0.0 {
                 [2.0, 1.0, 0.5]
@@ -59,17 +58,16 @@ fn uniform_light_gives_albedo_plus_reflection() {
 
 #[test]
 fn a_mirror_shows_the_sky_behind_the_camera() {
-    let environment = Environment { rotation: 0.6, intensity: 1.5, ..sky() };
-    let tables = IblTables::new(&environment);
+    let light = Light::new(Environment { rotation: 0.6, intensity: 1.5, ..sky() });
     let mut frame = sphere();
     frame.albedo = Rgb::filled(SIZE, SIZE, [1.0; 3]);
     frame.material = Rgb::filled(SIZE, SIZE, [0.0, 1.0, 0.5]);
-    let shading = shade(&frame, &environment, &tables);
+    let shading = shade(&frame, &light);
     let mut checked = 0;
     for i in (0..SIZE * SIZE).filter(|i| frame.alpha.pixels[*i] > 0.0) {
         let ray = camera().ray_direction(Vec2::new((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
         let n = camera().camera_to_world.matrix3 * Vec3A::from_array(frame.normal.pixels[i]);
-        let expected = environment.radiance(ray - n * (2.0 * ray.dot(n)));
+        let expected = light.environment.radiance(ray - n * (2.0 * ray.dot(n)));
         // F0 = 1 and no masking: everything is reflected.
         for k in 0..3 {
             assert!((shading.image.pixels[i][k] - expected[k]).abs() < 3e-3, "{:?} {expected:?}", shading.image.pixels[i]);
@@ -82,8 +80,7 @@ fn a_mirror_shows_the_sky_behind_the_camera() {
 
 #[test]
 fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
-    let environment = sky();
-    let tables = IblTables::new(&environment);
+    let light = Light::new(sky());
     let mut frame = sphere();
     // A rim pixel: half covered, its centre missed, its left neighbour hit.
     let i = (0..SIZE * SIZE)
@@ -98,14 +95,14 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
     guide_normal.pixels[i] = (n * 0.2).to_array();
     frame.guide_albedo = Some(guide_albedo);
     frame.guide_normal = Some(guide_normal);
-    let shading = shade(&frame, &environment, &tables);
+    let shading = shade(&frame, &light);
     assert!((shading.surfaces.material.pixels[i][0] - 0.31).abs() < 1e-6);
     assert_eq!(shading.surfaces.depth.pixels[i], frame.depth.pixels[i - 1]);
     assert!(Vec3A::from_array(shading.surfaces.normal.pixels[i]).distance(n) < 1e-6);
     let albedo = shading.surfaces.albedo.pixels[i];
     assert!((albedo[0] - 0.8).abs() < 1e-6 && (albedo[2] - 0.2).abs() < 1e-6, "{albedo:?}");
     let ray = camera().ray_direction(Vec2::new((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
-    let background = environment.radiance(ray);
+    let background = light.environment.radiance(ray);
     for (k, behind) in background.iter().enumerate() {
         let surface = shading.diffuse.pixels[i][k] * shading.irradiance.pixels[i][k] + shading.specular.pixels[i][k];
         assert!((shading.image.pixels[i][k] - 0.25 * surface - 0.75 * behind).abs() < 1e-5);
@@ -119,14 +116,13 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
 
 #[test]
 fn normals_facing_away_and_lone_coverage_stay_finite() {
-    let environment = sky();
-    let tables = IblTables::new(&environment);
+    let light = Light::new(sky());
     let mut frame = sphere();
     for i in 0..SIZE * SIZE {
         frame.normal.pixels[i] = [[0.0, 0.0, -1.0], [0.0; 3], [1.0, 0.0, 0.0]][i % 3];
         frame.alpha.pixels[i] = [1.0, 0.5, 1e-30, 0.0][i % 4];
     }
-    let shading = shade(&frame, &environment, &tables);
+    let shading = shade(&frame, &light);
     for picture in [
         &shading.image,
         &shading.specular,
@@ -141,5 +137,5 @@ fn normals_facing_away_and_lone_coverage_stay_finite() {
     let corner = SIZE + 1;
     assert!(shading.surfaces.depth.pixels[corner].is_infinite());
     assert_eq!(shading.surfaces.material.pixels[corner], [1.0, 0.0, 0.5]);
-    assert!(shade(&Frame::default(), &environment, &tables).image.pixels.is_empty());
+    assert!(shade(&Frame::default(), &light).image.pixels.is_empty());
 }

@@ -5,7 +5,10 @@ mod light_scene;
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use light_scene::{Surface, point, render, trace};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::warp::{Correspondence, MAX_RATIO, correspond, fetch, nearest, ratio_fetch};
+use renderflow_frame::tracks::Movement;
+use renderflow_frame::warp::{
+    Correspondence, Keyframe, MAX_RATIO, Neighbour, age, correspond, fetch, fill, nearest, ratio_fetch,
+};
 use renderflow_frame::{Camera, Frame};
 
 const SIZE: usize = 96;
@@ -314,4 +317,40 @@ fn odd_input_is_invalid_not_a_crash() {
     for exposure in [0.0, 1.0, f32::NAN, f32::INFINITY] {
         assert!(ratio_fetch(&zero, &zero, &zero, &c, exposure).pixels.iter().flatten().all(|v| *v == 0.0));
     }
+}
+
+#[test]
+fn keyframes_are_warped_and_holes_filled() {
+    let (eye, aside) = (camera(Vec3A::new(0.3, 1.3, 4.0)), camera(Vec3A::new(0.7, 1.3, 3.9)));
+    let (frame, key_frame) = (render(&scene(), &eye), render(&scene(), &aside));
+    // A truth that is a function of the place, and start pictures that are wrong by a factor.
+    let (truth, wanted) = (paint(&key_frame, &aside), paint(&frame, &eye));
+    let halved = |picture: &Rgb| picture.map(|p| p.map(|v| 0.5 * v));
+    let (key_start, start) = (halved(&truth), halved(&wanted));
+    let key = Keyframe { frame: key_frame, truth, start: Some(key_start) };
+    let at = |key, distance| Neighbour { key, distance, movement: Movement::default() };
+    let made = fill(&frame, &start, &[at(&key, -4.0)], 1.0);
+    let (mut warped, mut filled) = (0, 0);
+    for i in (0..SIZE * SIZE).filter(|i| frame.alpha.pixels[*i] > 0.0) {
+        let close = |picture: &Rgb, by: f32| (0..3).all(|c| (made.pixels[i][c] - picture.pixels[i][c]).abs() < by);
+        let (good, hole) = (close(&wanted, 0.05), close(&start, 1e-6));
+        assert!(good || hole, "{:?} at {i}, wanted {:?}", made.pixels[i], wanted.pixels[i]);
+        (warped, filled) = (warped + i32::from(good), filled + i32::from(hole));
+    }
+    assert!(warped > 3 * filled && filled > 20, "{warped} warped, {filled} filled");
+    // Of two keyframes the nearer one counts more; one at no distance counts alone; one of another size or without a start not at all.
+    let dark = Keyframe { truth: key.truth.map(|_| [0.0; 3]), ..key.clone() };
+    let both = fill(&frame, &start, &[at(&key, -4.0), at(&dark, 16.0)], 1.0);
+    assert!(both.pixels.iter().zip(&made.pixels).all(|(b, m)| b[0] <= m[0] + 1e-5 && b[0] > 0.4 * m[0] - 0.3));
+    assert_eq!(fill(&frame, &start, &[at(&key, -4.0), at(&key, 0.0)], 1.0), key.truth);
+    let small = Keyframe { truth: Rgb::filled(2, 2, [9.0; 3]), ..key.clone() };
+    let bare = Keyframe { start: None, ..key.clone() };
+    for useless in [&[at(&small, -4.0)][..], &[at(&bare, -4.0)], &[]] {
+        assert_eq!(fill(&frame, &start, useless, 1.0), start);
+    }
+}
+
+#[test]
+fn keyframes_age_with_their_distance_to_a_limit() {
+    assert_eq!([0.0, 8.0, -16.0, 32.0, -90.0].map(age), [0.0, 0.5, 1.0, 2.0, 2.0]);
 }

@@ -12,8 +12,8 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 const WELL: usize = 1 << 19;
 /// Boxes below which no slow build is slow enough to matter.
 const FEW: usize = 1 << 12;
-/// A ray that meets more than this share of all boxes of the tree is not helped by a better one, and bettering it takes quadratic time: each
-/// box might go anywhere. Boxes of real scenes are far below (docs/measurements/renderer-notes.md, trees).
+/// A ray that meets more than this share of all boxes gains nothing from a better tree, and improving it takes quadratic time:
+/// each box might go anywhere. Boxes of real scenes are far below (docs/measurements/renderer-notes.md, trees).
 const HOPELESS: f32 = 1.0 / 16.0;
 
 /// A tree over `boxes` with at most `leaf_size` (1 to 8) of them in a leaf.
@@ -53,7 +53,7 @@ fn stack_need(nodes: &[Node]) -> usize {
     worst
 }
 
-/// Share of its nodes that a ray through the scene's box meets, by the surface area heuristic; 1 where areas are no numbers.
+/// Share of its nodes that a ray through the scene's box meets, by the surface area heuristic; 1 where areas are not finite.
 fn share_met(binary: &Bvh2) -> f32 {
     let area = |node: &Bvh2Node| f64::from(node.aabb().half_area());
     let share = binary.nodes.iter().map(area).sum::<f64>() / (area(&binary.nodes[0]) * binary.nodes.len() as f64);
@@ -156,7 +156,7 @@ mod tests {
         }
     }
 
-    /// The loop of `ploc` is that of obvhs wherever no round stalls: the same nodes in the same places.
+    /// Where no round stalls, the loop of `ploc` equals the loop of obvhs: the same nodes in the same places.
     #[test]
     fn trees_of_ordinary_boxes_are_those_of_obvhs() {
         let mut random = Random(3);
@@ -189,7 +189,8 @@ mod tests {
         }
     }
 
-    /// Rounds of clustering: as many as the tree is deep at most, which obvhs keeps for its stack. Its own loop takes thousands here.
+    /// The number of clustering rounds is at most the depth of the tree, which obvhs limits for its stack. Its own loop takes
+    /// thousands here.
     #[test]
     fn no_row_of_boxes_takes_many_rounds() {
         for kind in ROWS.into_iter().chain(["nested", "grid", "random"]) {

@@ -7,11 +7,11 @@ use glam::Vec3A;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// Cost of a leaf, relative to that of a node. Rates hardly change from 0.8 to 2 (docs/measurements/renderer-notes.md, trees).
+/// Cost of a leaf relative to a node. Rates hardly change from 0.8 to 2 (docs/measurements/renderer-notes.md, trees).
 pub(super) const LEAF_COST: f32 = 1.2;
 
-/// Chooses which nodes of the BVH2 stay (Ylitie, Karras, Laine 2017, section 3.2): the costs of a subtree as a forest of at most 1
-/// to 7 roots follow from those of its children.
+/// Chooses which nodes of the BVH2 stay (Ylitie, Karras, Laine 2017, section 3.2): the costs of a subtree as a forest of at most
+/// 1 to 7 roots follow from those of its children.
 pub(super) struct Collapse<'a> {
     binary: &'a Bvh2,
     leaf_size: u32,
@@ -78,7 +78,7 @@ impl<'a> Collapse<'a> {
     fn shared_out(&self, first: u32, trees: usize) -> (f32, usize) {
         let (left, right) = (&self.costs[first as usize], &self.costs[first as usize + 1]);
         (1..trees).map(|k| (left[k - 1] + right[trees - k - 1], k)).fold((f32::INFINITY, 1), |best, now| {
-            // Written so that costs that are not finite choose something too.
+            // Written so that costs that are not finite still choose a split.
             if now.0 < best.0 { now } else { best }
         })
     }

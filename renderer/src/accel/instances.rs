@@ -53,8 +53,9 @@ impl Placement {
         })
     }
 
-    /// `ray` in object space. Its direction is not normalised there, so that distances along it stay those of the world. In double
-    /// precision up to the last rounding: an object far from the origin would lose its digits to the translation otherwise.
+    /// `ray` in object space. Its direction is not normalised there, so that distances along it stay world-space distances. In
+    /// double precision up to the last rounding: an object far from the origin would lose its digits to the translation
+    /// otherwise.
     #[inline]
     fn to_object(self, ray: &Ray) -> Ray {
         let inverse = &self.inverse;
@@ -86,7 +87,7 @@ impl Instances {
         self.level = level;
     }
 
-    /// Builds the tree over instances again; those of the objects are kept.
+    /// Rebuilds the tree over instances and keeps the trees of the objects.
     pub fn place(&mut self, placements: Vec<Placement>) {
         let boxes: Vec<Aabb> = placements.iter().map(|p| self.bounds(p)).collect();
         let tree = build::tree(&boxes, 1);
@@ -105,7 +106,7 @@ impl Instances {
             + self.placements.len() * size_of::<Placement>()
     }
 
-    /// Boxes in the world (corners of parallelepipeds) that together hold an instance: those of its tree's first nodes.
+    /// Boxes in the world (corners of parallelepipeds) that together hold an instance: the boxes of its tree's first nodes.
     pub fn parts(&self, placement: &Placement) -> impl Iterator<Item = [Vec3A; 8]> + '_ {
         /// More boxes cost more than they fit better.
         const MOST: usize = 16;

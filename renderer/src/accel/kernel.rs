@@ -1,10 +1,10 @@
 //! The loops of ray queries, written once for every [`Level`](super::Level).
 //!
-//! What a query finds does not depend on the order in which it meets things, nor on the level: of the triangles whose own box
-//! the ray meets, it is the one with the smallest `t`, then the smallest number. For that to be exact no box may be farther than what
-//! it holds. Boxes that hold others are entered no later (the plain slab test is monotonic in the planes, roundings included, and the
-//! padded one lets pass more), and `t` is raised to where the ray enters the triangle's box if its rounding errors put it before, as
-//! may happen to a triangle seen edge-on.
+//! What a query finds does not depend on the order in which it meets things, nor on the level: of the triangles whose own box the
+//! ray meets, it is the one with the smallest `t`, then the smallest number. For that to be exact no box may be farther than what
+//! it holds. Boxes that hold others are entered no later (the plain slab test is monotonic in the planes, roundings included, and
+//! the padded one lets pass more), and `t` is raised to where the ray enters the triangle's box if its rounding errors put it
+//! before, as may happen to a triangle seen edge-on.
 
 use super::leaf::{self, Shear};
 use super::simd::{Lanes, Numbers, WIDTH};
@@ -14,7 +14,8 @@ use glam::Vec3A;
 
 /// Three roundings on each side of the slab comparison take 1 + 2 gamma(3) = 1 + 2^-21 (Ize 2013); the rest covers [`NEARER`].
 pub(super) const SLACK: f32 = 1.0 + 16.0 * f32::EPSILON;
-/// A triangle's box is entered at this times the distance at the latest: half a dozen roundings of a triangle's `t` do not put it before.
+/// A triangle's box is entered at this times the distance at the latest: half a dozen roundings of a triangle's `t` do not put it
+/// before.
 pub(super) const NEARER: f32 = 1.0 - 8.0 * f32::EPSILON;
 /// More than the inverse of [`NEARER`].
 const FURTHER: f32 = 1.0 + 16.0 * f32::EPSILON;
@@ -29,7 +30,7 @@ pub(super) trait Meet<L> {
     fn meet(&self, node: &Node, reach: f32) -> (L, u32);
 }
 
-/// A ray as the slab test wants it.
+/// A ray, prepared for the slab test.
 pub(super) struct Slabs<L> {
     origin: [L; 3],
     inverse: [L; 3],
@@ -72,10 +73,10 @@ impl<L: Lanes> Meet<L> for Slabs<L> {
     }
 }
 
-/// A ray as the slab test wants it whose distances to planes are `plane * inverse - origin * inverse`, in one fused step where the
-/// processor has one: rays that go through many nodes are up to 9% faster, packets and shadow rays that are soon stopped up to 11%
-/// slower by what their hits take. The difference cancels, so planes are put nearer or farther by more
-/// than all roundings, with which the boxes hold what [`Slabs`] finds in them.
+/// A ray as the slab test wants it whose distances to planes are `plane * inverse - origin * inverse`, in one fused step where
+/// the processor has one: rays that go through many nodes are up to 9% faster, packets and shadow rays that are soon stopped up
+/// to 11% slower by what their hits take. The difference cancels, so planes are put nearer or farther by more than all roundings,
+/// with which the boxes hold what [`Slabs`] finds in them.
 pub(super) struct Padded<L> {
     inverse: [L; 3],
     near_offset: [L; 3],
@@ -84,7 +85,8 @@ pub(super) struct Padded<L> {
 }
 
 impl<L: Lanes> Padded<L> {
-    /// `None` where products might overflow or vanish, as along the axes: [`Slabs`] are for those. All bounds are within `extent`.
+    /// `None` where products might overflow or vanish, as along the axes: [`Slabs`] are for those. All bounds are within
+    /// `extent`.
     #[inline(always)]
     pub fn new(ray: &Ray, extent: f32) -> Option<Self> {
         let inverse = ray.direction.recip();
@@ -95,8 +97,9 @@ impl<L: Lanes> Padded<L> {
         if !(within.all() && largest <= 2f32.powi(50) && extent >= 2f32.powi(-30) && ray.origin.is_finite()) {
             return None;
         }
-        // In units of 2^-24 `size` `largest`: distances here are wrong by up to 5 (origin times inverse 1, its sum with this 1, the
-        // distance 2 and one more where nothing is fused), those of the plain test by 4, and that lets pass 16 more ([`BOX_SLACK`]).
+        // In units of 2^-24 `size` `largest`: distances here are wrong by up to 5 (origin times inverse 1, its sum with this 1,
+        // the distance 2 and one more where nothing is fused), those of the plain test by 4, and that lets pass 16 more
+        // ([`BOX_SLACK`]).
         let padding = size * (largest * 2f32.powi(-19));
         let offset = -(ray.origin * inverse);
         let inverse = inverse.to_array();
@@ -127,8 +130,8 @@ impl<L: Lanes> Meet<L> for Padded<L> {
     }
 }
 
-/// A zero component of the direction gives an infinite inverse, and 0 * inf would be NaN in the slab test; the largest finite number
-/// is as good, because node boxes are padded and so never start exactly at the origin's plane.
+/// A zero component of the direction gives an infinite inverse, and 0 * inf would be NaN in the slab test; the largest finite
+/// number is as good, because node boxes are padded and so never start exactly at the origin's plane.
 #[inline(always)]
 pub(super) fn inverse(ray: &Ray) -> [f32; 3] {
     ray.direction.recip().clamp(Vec3A::splat(-f32::MAX), Vec3A::splat(f32::MAX)).to_array()

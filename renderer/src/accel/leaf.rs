@@ -157,7 +157,7 @@ impl<L: Lanes> Shear<L> {
     }
 }
 
-/// Triangle tests, one a lane; lanes outside `mask` mean nothing.
+/// Triangle tests, one per lane; lanes outside `mask` are meaningless.
 pub(super) struct Candidates<N> {
     pub mask: u32,
     pub t: N,
@@ -192,8 +192,8 @@ impl<N: Numbers, I: Spread<N>> Shear<N, I> {
     /// Woop, Benthin, Wald 2013, without its double-precision fallback: an edge function that rounds to zero counts as inside for
     /// both neighbours, so the ray hits at least one of them. The corners come with their axes permuted.
     ///
-    /// A triangle counts if the ray meets its box, `padding` larger, and `t` is raised to where it does: a triangle seen edge-on has
-    /// a `t` of roundings only, and what is found would depend on the order otherwise.
+    /// A triangle counts if the ray meets its box, `padding` larger, and `t` is raised to where it does: a triangle seen edge-on
+    /// has a `t` of roundings only, and what is found would depend on the order otherwise.
     #[inline(always)]
     fn test(&self, [a, b, c]: [[N; 3]; 3], padding: N, limit: N) -> Candidates<N> {
         let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (self.apply(a), self.apply(b), self.apply(c));

@@ -1,9 +1,11 @@
-//! Ray queries: obvhs BVH2s collapsed to eight-wide nodes with leaves of up to eight triangles, and a tree over instances of them.
+//! Ray queries: obvhs BVH2s collapsed to eight-wide nodes with leaves of up to eight triangles, and a tree over instances of
+//! them.
 //!
-//! The trees are built by obvhs (PLOC with reinsertion). obvhs' own ray queries are not used: their triangle test leaks at edges and
-//! vertices, and testing one box at a time is half as fast. Here one ray meets eight boxes or eight triangles at a time, with the
-//! instructions that the processor has (see [`Level`]), and triangles are tested with the watertight test of Woop, Benthin and Wald
-//! (2013): two triangles that share an edge compute bit-identical, opposite edge functions, so no ray passes between them.
+//! The trees are built by obvhs (PLOC with reinsertion). obvhs' own ray queries are not used: their triangle test leaks at edges
+//! and vertices, and testing one box at a time is half as fast. Here one ray meets eight boxes or eight triangles at a time, with
+//! the instructions that the processor has (see [`Level`]), and triangles are tested with the watertight test of Woop, Benthin
+//! and Wald (2013): two triangles that share an edge compute bit-identical, opposite edge functions, so no ray passes between
+//! them.
 
 mod build;
 mod collapse;
@@ -105,7 +107,7 @@ pub struct Hit {
     pub(crate) instance: u32,
 }
 
-/// A triangle that a ray meets, for a filter to accept or to let pass.
+/// A triangle that a ray meets; a filter accepts it or lets the ray pass.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
     /// The hit it would be.
@@ -166,8 +168,8 @@ impl Accel {
         size_of_val(self.nodes.as_slice()) + self.leaves.memory()
     }
 
-    /// Calls `open` with the boxes of the tree from above (lower and upper corner) and, where it says so, with those inside, down to
-    /// `triangle` with the corners of triangles.
+    /// Calls `open` with the boxes of the tree from above (lower and upper corner) and, where it says so, with those inside, down
+    /// to `triangle` with the corners of triangles.
     pub(crate) fn walk(&self, mut open: impl FnMut([Vec3A; 2]) -> bool, mut triangle: impl FnMut([Vec3A; 3])) {
         let mut todo: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
         while let Some(index) = todo.pop() {
@@ -203,9 +205,10 @@ impl Accel {
         simd::run(self.level, ClosestQuery { tree: self, ray, scratch, filter: All })
     }
 
-    /// [`Self::closest`] of each ray, the same hits bit for bit. Rays are traced up to sixteen at a time, which is several times as
-    /// fast where those have one origin and directions close to each other, as camera rays of 4 x 4 pixels; sixteen whose directions
-    /// differ in a sign or in the largest component are traced one by one. `hits` is as long as `rays`; what is in it does not matter.
+    /// [`Self::closest`] of each ray, the same hits bit for bit. Rays are traced up to sixteen at a time, which is several times
+    /// as fast where those have one origin and directions close to each other, as camera rays of 4 x 4 pixels; sixteen whose
+    /// directions differ in a sign or in the largest component are traced one by one. `hits` is as long as `rays`; what is in it
+    /// does not matter.
     pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
             let traced = rays.len() > 2 && simd::run(self.level, PacketQuery { tree: self, rays, hits, scratch });

@@ -1,8 +1,9 @@
 //! Packets: sixteen coherent rays that meet nodes together.
 //!
-//! At nodes all rays are tested at once against eight boxes by bounds of their origins and inverse directions (interval arithmetic,
-//! exact in its roundings: it never passes over a box that one of the rays meets). At leaves every ray meets the leaf's box and its
-//! triangles, one triangle after the other, sixteen rays at a time, with the arithmetic of single rays: hits are the same bit for bit.
+//! At nodes all rays are tested at once against eight boxes by bounds of their origins and inverse directions (interval
+//! arithmetic, exact in its roundings: it never passes over a box that one of the rays meets). At leaves every ray meets the
+//! leaf's box and its triangles, one triangle after the other, sixteen rays at a time, with the arithmetic of single rays: hits
+//! are the same bit for bit.
 
 use super::kernel::{NEARER, Nearest, SLACK, splat};
 use super::leaf::{self, Shear, shear};
@@ -10,7 +11,8 @@ use super::simd::{Kernel, Lanes, Numbers, PACKET, Sixteen, WIDTH};
 use super::{Accel, EMPTY, FLATTENED, Hit, LEAF, Node, STACK, Scratch};
 use crate::ray::Ray;
 
-/// What is to be visited: a child, the node and the lane that its box is in (`8 node + lane`), and where the first ray may enter it.
+/// What is to be visited: a child, the node and the lane that its box is in (`8 node + lane`), and where the first ray may enter
+/// it.
 pub(super) type Entry = (u32, u32, f32);
 
 /// Asks a tree for the nearest triangle along each of up to sixteen rays of one octant.
@@ -60,7 +62,7 @@ fn bounds(values: &[f32; PACKET]) -> (f32, f32) {
     values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)))
 }
 
-/// The rays, one a lane.
+/// The rays, one per lane.
 struct Rays<S> {
     origin: [S; 3],
     inverse: [S; 3],
@@ -96,9 +98,17 @@ struct Best<S> {
     weights: [S; 3],
 }
 
+/// Number of a triangle, and where it is stored: lane `lane` of leaf `leaf`.
+#[derive(Clone, Copy)]
+struct Place {
+    primitive: u32,
+    leaf: u32,
+    lane: usize,
+}
+
 impl<S: Sixteen> Best<S> {
     #[inline(always)]
-    fn replace(&mut self, mask: u32, t: S, weights: [S; 3], primitive: u32, leaf: u32, lane: usize) {
+    fn replace(&mut self, mask: u32, t: S, weights: [S; 3], Place { primitive, leaf, lane }: Place) {
         self.t = t.select(mask, self.t);
         self.primitive = S::splat(f32::from_bits(primitive)).select(mask, self.primitive);
         self.leaf = S::splat(f32::from_bits(leaf)).select(mask, self.leaf);
@@ -124,7 +134,7 @@ impl<S: Sixteen> Best<S> {
     }
 }
 
-/// Origins, directions and what is derived from those, one lane a ray.
+/// Origins, directions and values derived from them, one ray per lane.
 struct Prepared<S> {
     origins: [[f32; PACKET]; 3],
     inverses: [[f32; PACKET]; 3],
@@ -276,8 +286,8 @@ fn sixteen<S: Sixteen>(values: &[[f32; PACKET]; 3], [x, y, z]: [usize; 3]) -> [S
     [S::load(&values[x]), S::load(&values[y]), S::load(&values[z])]
 }
 
-/// Tests the triangles of a leaf, whichever is less: one ray after the other against all triangles, or one triangle after the other
-/// against all rays.
+/// Tests the triangles of a leaf, whichever is less: one ray after the other against all triangles, or one triangle after the
+/// other against all rays.
 #[inline(always)]
 fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixteen>, best: &mut Best<L::Sixteen>) {
     let rays = &packet.rays;
@@ -307,7 +317,7 @@ fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixt
                 let all = <L::Sixteen as Numbers>::splat(t[lane]);
                 let beaten = best.beaten(1 << ray, all, primitive);
                 if beaten != 0 {
-                    best.replace(beaten, all, splat([u[lane], v[lane], w[lane]]), primitive, leaf, lane);
+                    best.replace(beaten, all, splat([u[lane], v[lane], w[lane]]), Place { primitive, leaf, lane });
                     changed = beaten;
                 }
             }
@@ -318,7 +328,7 @@ fn visit<L: Lanes>(tree: &Accel, leaf: u32, from: u32, packet: &Prepared<L::Sixt
             if found.mask & mask != 0 {
                 let primitive = tree.leaves.primitive(leaf, lane);
                 let beaten = best.beaten(found.mask & mask, found.t, primitive);
-                best.replace(beaten, found.t, found.weights, primitive, leaf, lane);
+                best.replace(beaten, found.t, found.weights, Place { primitive, leaf, lane });
                 changed |= beaten;
             }
         }

@@ -1,10 +1,11 @@
-//! Clustering boxes to a binary tree: PLOC (Meister and Bittner 2018), as obvhs does it at medium quality, without its quadratic cases.
+//! Clustering boxes to a binary tree: PLOC (Meister and Bittner 2018), as obvhs does it at medium quality, without its quadratic
+//! cases.
 //!
-//! In each round every box looks for the neighbour along the Morton curve with which it would make the smallest box, and those that
-//! choose each other become one. Where many choices cost the same, or costs only grow along the curve, all may look in one direction,
-//! and a round of obvhs joins a single pair: a row of 20,000 equal boxes takes it 20,000 rounds. Here a round that would
-//! join too few pairs joins the cheapest pairs that have no box in common instead, which are many. A tree that needs no such round is
-//! the tree of obvhs, node for node.
+//! In each round every box looks for the neighbour along the Morton curve with which it would make the smallest box, and those
+//! that choose each other become one. Where many choices cost the same, or costs only grow along the curve, all may look in one
+//! direction, and a round of obvhs joins a single pair: a row of 20,000 equal boxes takes it 20,000 rounds. Here a round that
+//! would join too few pairs joins the cheapest pairs that have no box in common instead, which are many. A tree that needs no
+//! such round is the tree of obvhs, node for node.
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -14,14 +15,15 @@ use obvhs::ploc::morton::morton_encode_u64_unorm;
 /// Neighbours on each side that are looked at; on the first rounds only the next ones.
 const REACH: usize = 14;
 const SHORT_ROUNDS: usize = 3;
-/// A round has stalled if it joins fewer than one pair for so many boxes. Rounds of ordinary scenes join one for every 3 to 6.
+/// A round stalls if it joins less than one pair for this number of boxes. Rounds of ordinary scenes join one pair for every 3 to
+/// 6 boxes.
 const STALLED: usize = 32;
 /// So few boxes may be joined pair by pair.
 const FEW: usize = 64;
 /// Boxes from which on sorting uses all threads.
 const MANY: usize = 250_000;
 
-/// A tree with one of `boxes` in each leaf. Takes time in proportion to `n log n`, whatever the boxes.
+/// A tree with one of `boxes` in each leaf. The time is proportional to `n log n` for any boxes.
 pub(super) fn build(boxes: &[Aabb]) -> Bvh2 {
     let mut bvh = Bvh2 { primitive_indices: (0..boxes.len() as u32).collect(), ..Bvh2::default() };
     if boxes.is_empty() {
@@ -143,8 +145,8 @@ impl Choices {
         }
     }
 
-    /// Makes the cheapest choices mutual, as many as have no box in common. A box is chosen by at most 2 [`REACH`] others, so that the
-    /// pairs are always a share of all boxes.
+    /// Makes the cheapest choices mutual, as many as have no box in common. A box is chosen by at most 2 [`REACH`] others, so
+    /// that the pairs are always a share of all boxes.
     fn pair_up(&mut self) {
         let count = self.partner.len();
         let edge = |(index, &partner): (usize, &usize)| (self.cost[index], index.min(partner), index.max(partner));
@@ -157,7 +159,7 @@ impl Choices {
                 (self.partner[a], self.partner[b]) = (b, a);
             }
         }
-        // Areas that are no numbers choose nothing.
+        // Areas that are not finite choose nothing.
         if self.partner.iter().enumerate().all(|(index, &partner)| index == partner) {
             self.partner.iter_mut().enumerate().for_each(|(index, partner)| *partner = (index ^ 1).min(count - 1));
         }

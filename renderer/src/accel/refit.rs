@@ -5,8 +5,9 @@ use super::{Accel, EMPTY, LEAF};
 use glam::Vec3A;
 
 impl Accel {
-    /// Moves the triangles: new boxes and leaves, the same tree. `triangles` are as many as the tree was built of, in the same order
-    /// and within the same limits. Takes a fiftieth of the time of a build; [`Self::quality`] says what it did to queries.
+    /// Moves the triangles: new boxes and leaves, the same tree. `triangles` are as many as the tree was built of, in the same
+    /// order and within the same limits. It takes a fiftieth of the time of a build; [`Self::quality`] tells how much slower
+    /// queries became.
     ///
     /// # Panics
     /// If the number of triangles is another one.
@@ -15,9 +16,9 @@ impl Accel {
         self.cost = cost;
     }
 
-    /// Expected cost of a ray that meets the scene's box, relative to that when the tree was built (surface area heuristic): 1 after
-    /// [`Self::build`], larger where moving triangles has made boxes overlap. A tree at 1.5 is worth building again if it is asked
-    /// many rays.
+    /// Expected cost of a ray that meets the scene's box, relative to that when the tree was built (surface area heuristic): 1
+    /// after [`Self::build`], larger where moving triangles has made boxes overlap. A tree at 1.5 is worth building again if it
+    /// is asked many rays.
     pub fn quality(&self) -> f32 {
         let ratio = self.cost / self.built_cost;
         if ratio.is_finite() { ratio } else { 1.0 }

@@ -1,7 +1,7 @@
 //! Eight numbers at a time: AVX2 and AVX-512 where the processor has them, pairs of `glam::Vec4` everywhere.
 //!
-//! All unsafe code of the trees is here. Every operation is rounded as IEEE 754 says and none but [`Lanes::mul_add`] is fused, which
-//! only tests of boxes use that no hit depends on, so all levels find the same bits; `tests` compares them.
+//! All unsafe code of the trees is here. Every operation is rounded as IEEE 754 says and none but [`Lanes::mul_add`] is fused,
+//! which only tests of boxes use that no hit depends on, so all levels find the same bits; `tests` compares them.
 
 use glam::Vec4;
 use std::sync::OnceLock;
@@ -110,7 +110,8 @@ fn portable<K: Kernel>(kernel: K) -> K::Output {
     kernel.run::<Portable>()
 }
 
-/// Some `f32`, one a lane. Comparisons give a bit a lane, and 0 where either side is NaN; `min` and `max` give the right side then.
+/// A vector of `f32`. Comparisons give one bit per lane, which is 0 where either side is NaN; `min` and `max` give the right side
+/// then.
 pub(super) trait Numbers: Copy {
     fn splat(v: f32) -> Self;
     fn add(self, other: Self) -> Self;
@@ -123,7 +124,7 @@ pub(super) trait Numbers: Copy {
     fn gt(self, other: Self) -> u32;
 }
 
-/// Eight of them, and a type that holds twice as many.
+/// Eight numbers, with a type that holds twice the number.
 pub(super) trait Lanes: Numbers {
     type Sixteen: Sixteen;
     /// Brings an item that will be wanted soon to the processor; does nothing where there is none, or no such instruction.
@@ -139,7 +140,7 @@ pub(super) trait Lanes: Numbers {
 pub(super) trait Sixteen: Numbers {
     fn load(from: &[f32; PACKET]) -> Self;
     fn store(self) -> [f32; PACKET];
-    /// The bits of `self` where `mask` has a bit, else those of `other`.
+    /// The lanes of `self` where `mask` has a bit, and the lanes of `other` elsewhere.
     fn select(self, mask: u32, other: Self) -> Self;
 }
 

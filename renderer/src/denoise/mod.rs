@@ -171,7 +171,7 @@ fn bounded(picture: &Rgb, low: f32, high: f32) -> (Rgb, u64) {
     (bounded, above)
 }
 
-/// Brings every value into `low..=high` (NaN becomes 0), and says how many lay above.
+/// Clamps every value to `low..=high` (NaN becomes 0) and returns how many were above.
 fn bound(picture: &mut Rgb, low: f32, high: f32) -> u64 {
     let mut above = 0;
     for value in picture.pixels.iter_mut().flatten() {

@@ -13,12 +13,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 const PIXEL: usize = size_of::<[f32; 3]>();
 
-/// Pixels beyond which buffers and network are given back after each picture: gigabytes, beside which making them again is nothing.
+/// Pixels beyond which buffers and network are given back after each picture: gigabytes, beside which making them again is
+/// nothing.
 const LARGEST_KEPT: usize = 2048 * 2048;
 
 /// Tells OIDN whether to go on: until the `AtomicBool` behind `user` is set.
 unsafe extern "C" fn goes_on(user: *mut c_void, _: f64) -> bool {
-    // SAFETY: `Filter::run` alone hands this function to OIDN, with a pointer to an `AtomicBool` that lives while the filter runs.
+    // SAFETY: `Filter::run` alone hands this function to OIDN, with a pointer to an `AtomicBool` that lives while the filter
+    // runs.
     let cancel = unsafe { &*user.cast::<AtomicBool>() };
     !cancel.load(Ordering::Relaxed)
 }
@@ -100,8 +102,8 @@ impl Filter {
         }
         // OIDN asks the monitor while it works, from this thread or its own.
         let user = ptr::from_ref(cancel).cast_mut().cast::<c_void>();
-        // SAFETY: the filter is alive; `goes_on` reads an `AtomicBool` behind `user`, which outlives the call of the filter, and the
-        // monitor is taken away after it.
+        // SAFETY: the filter is alive; `goes_on` reads an `AtomicBool` behind `user`, which outlives the call of the filter, and
+        // the monitor is taken away after it.
         unsafe { sys::oidnSetFilterProgressMonitorFunction(ready.filter.as_ptr(), Some(goes_on), user) };
         // SAFETY: the filter is committed and its buffers live in `ready`.
         unsafe { sys::oidnExecuteFilter(ready.filter.as_ptr()) };

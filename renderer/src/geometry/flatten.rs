@@ -36,8 +36,8 @@ impl Flattened {
 impl Geometry {
     /// Brings the flattened instances to `frame`. What stands still is left alone; where things move, the tree is fitted to them.
     ///
-    /// The tree is a function of the frame alone, whatever frames came before. Hits are those of any other tree, so that no more than
-    /// speed should depend on it; this way nothing can.
+    /// The tree is a function of the frame alone and does not depend on earlier frames. Hits are those of any other tree, so that
+    /// no more than speed should depend on it; this way nothing can.
     pub(super) fn move_flattened(&mut self, frame: usize) {
         let same = |geometry: &Self, a: usize, b: usize| {
             let mut flattened = geometry.instances.iter().zip(&geometry.object_of).filter(|(_, object)| object.is_none());
@@ -144,7 +144,8 @@ impl Geometry {
         flattened.starts.push([first, self.triangles.len()]);
     }
 
-    /// Moves the flattened instances that stand elsewhere at `frame`. False when other triangles are usable there: all must be gathered.
+    /// Moves the flattened instances that stand elsewhere at `frame`. False when other triangles are usable there: all must be
+    /// gathered.
     fn place_flattened(&mut self, frame: usize) -> bool {
         let flattened = &mut self.flattened;
         if flattened.corners.len() != self.triangles.len() {

@@ -53,7 +53,7 @@ struct PlacedInstance {
 pub(crate) struct Wanted {
     /// Some material looks something up.
     pub uvs: bool,
-    /// Whether a material needs tangents, one a material.
+    /// Whether each material needs tangents.
     pub tangents: Vec<bool>,
 }
 
@@ -62,8 +62,8 @@ pub(crate) struct Wanted {
 pub(crate) struct SurfacePoint {
     /// World-space corners, metres relative to the scene's origin.
     pub corners: [Vec3A; 3],
-    /// The point, interpolated between them: its error depends on the triangle, not on where the ray began. On an edge it is drawn
-    /// into the triangle by twice `offset`.
+    /// The point, interpolated between them: its error depends on the triangle, not on where the ray began. On an edge it is
+    /// drawn into the triangle by twice `offset`.
     pub p: Vec3A,
     /// Unit geometric normal on the side from which the corners run counter-clockwise.
     pub n: Vec3A,
@@ -87,7 +87,7 @@ pub(crate) struct Geometry {
     objects: Vec<(usize, Vec<u32>)>,
     /// The shared tree of each instance, `None` where it is flattened.
     object_of: Vec<Option<u32>>,
-    /// One a triangle of `flat`, in the order given to its builder.
+    /// One for each triangle of `flat`, in the order given to its builder.
     triangles: Vec<PlacedTriangle>,
     /// World-space unit shading normals of flattened vertices, zero where a mesh has none; empty when no mesh has any.
     normals: Vec<[f32; 3]>,
@@ -192,13 +192,13 @@ impl Geometry {
         }
     }
 
-    /// Triangles in the trees, those of shared meshes once an instance.
+    /// Number of triangles in the trees; triangles of shared meshes count once per instance.
     pub fn triangle_count(&self) -> usize {
         self.triangles.len() + self.object_of.iter().flatten().map(|&o| self.objects[o as usize].1.len()).sum::<usize>()
     }
 
-    /// Triangles left out because two corners are equal, or one is not finite or farther than 1e12 m from the origin; those of shared
-    /// meshes once an instance.
+    /// Triangles left out because two corners are equal, or one is not finite or farther than 1e12 m from the origin; those of
+    /// shared meshes once an instance.
     pub fn dropped_triangles(&self) -> usize {
         self.dropped + self.flattened.dropped
     }
@@ -220,8 +220,9 @@ impl Geometry {
             + self.flattened.memory()
     }
 
-    /// Triangles whose pictures together cover that of everything: those in the world-space tree, and the sides of boxes around parts
-    /// of the shared meshes. Of the former only what is in boxes that `open` wants opened; of the others it takes care itself.
+    /// Triangles whose pictures together cover that of everything: those in the world-space tree, and the sides of boxes around
+    /// parts of the shared meshes. Of the former only what is in boxes that `open` wants opened; of the others it takes care
+    /// itself.
     pub fn cover(&self, open: impl FnMut([Vec3A; 2]) -> bool, mut triangle: impl FnMut([Vec3A; 3])) {
         /// Two triangles a side; corner k has the upper plane of axis a where bit a of k is set.
         const SIDES: [[usize; 3]; 12] = [
@@ -253,8 +254,8 @@ impl Geometry {
         }
     }
 
-    /// [`Self::closest`] of each ray, the same hits; several times as fast for rays from one point close to each other, sixteen at a
-    /// time (see [`Accel::closest_packet`]). `hits` is as long as `rays`.
+    /// [`Self::closest`] of each ray, the same hits; several times as fast for rays from one point close to each other, sixteen
+    /// at a time (see [`Accel::closest_packet`]). `hits` is as long as `rays`.
     pub fn closest_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         self.flat.closest_packet(rays, hits, scratch);
         if let Some(shared) = &self.shared {
@@ -281,8 +282,8 @@ impl Geometry {
         self.instances.iter().any(|instance| instance.transforms.len() > 1)
     }
 
-    /// The nearest triangle along `ray` that `accept` accepts. The filter sees some triangles beyond the nearest, in no order; it may
-    /// ask for anything about the hit it is shown.
+    /// The nearest triangle along `ray` that `accept` accepts. The filter sees some triangles beyond the nearest, in no order; it
+    /// may ask for anything about the hit it is shown.
     #[inline]
     pub fn closest_where(&self, ray: &Ray, scratch: &mut Scratch, accept: impl Fn(&Candidate) -> bool) -> Option<Hit> {
         let hit = self.flat.closest_where(ray, scratch, &accept);
@@ -407,8 +408,8 @@ impl Geometry {
         a * hit.weights[0] + b * hit.weights[1] + c * hit.weights[2]
     }
 
-    /// World-space tangent of a hit, interpolated but not normalised, and its handedness (1 or -1); `None` where the mesh has none or
-    /// its material wants none.
+    /// World-space tangent of a hit, interpolated but not normalised, and its handedness (1 or -1); `None` where the mesh has
+    /// none or its material wants none.
     #[inline(always)]
     pub fn tangent(&self, hit: &Hit) -> Option<(Vec3A, f32)> {
         if !self.placed[self.locate(hit).0 as usize].tangents {
@@ -485,8 +486,8 @@ fn shared_surface(geometry: &Geometry, hit: &Hit, placement: &Placement, tree: &
     }
 }
 
-/// Two equal corners leave nothing to hit (a transform that flattens everything to a point makes thousands of such triangles), and
-/// numbers too large would overflow in the test.
+/// Two equal corners leave nothing to hit (a transform that flattens everything to a point makes thousands of such triangles),
+/// and numbers too large would overflow in the test.
 fn usable(p: &[Vec3A; 3]) -> bool {
     let flat = p[0] == p[1] || p[1] == p[2] || p[2] == p[0];
     !flat && p.iter().all(|v| v.is_finite() && v.abs().max_element() <= MAX_COORDINATE)
@@ -497,8 +498,8 @@ fn interpolate(corners: [Vec3A; 3], [a, b, c]: [f32; 3]) -> Vec3A {
     corners[0] * a + corners[1] * b + corners[2] * c
 }
 
-/// Unit vector along `a x b` and the length of that. Where it underflows, overflows or vanishes the direction is taken from `a` and
-/// `b` made of size 1; of parallel edges any normal will do.
+/// Unit vector along `a x b` and the length of that. Where it underflows, overflows or vanishes the direction is taken from `a`
+/// and `b` made of size 1; of parallel edges any normal will do.
 #[inline]
 fn normal(a: Vec3A, b: Vec3A) -> (Vec3A, f32) {
     let n = a.cross(b);
@@ -532,7 +533,8 @@ fn cofactors(transform: &Affine3A) -> [Vec3A; 3] {
     cofactors_unsigned(transform).map(|c| c * sign)
 }
 
-/// Normals are moved by the inverse transpose; where the transform flattens the mesh they become zero, and the flat normal is used.
+/// Normals are moved by the inverse transpose; where the transform flattens the mesh they become zero, and the flat normal is
+/// used.
 fn place_normal([x, y, z]: &[Vec3A; 3], n: Vec3) -> Vec3A {
     (*x * n.x + *y * n.y + *z * n.z).normalize_or_zero()
 }

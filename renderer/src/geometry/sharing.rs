@@ -5,13 +5,13 @@ use renderflow_scenes::{Instance, Mesh};
 
 /// Flattening up to this many triangles is always right: 30 MB, built in a quarter of a second.
 const FLATTENED_TRIANGLES: usize = 1 << 18;
-/// Beyond that flattening may make this many times as many triangles as the meshes hold.
+/// Beyond it, flattening may multiply the triangles of the meshes by this factor.
 const FLATTENED_COPIES: usize = 2;
 /// Whether instances of one mesh share a tree in object space or are flattened into the tree of the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sharing {
-    /// Flatten while all instances together have at most 2^18 triangles or twice as many as the meshes they use; beyond that, share
-    /// the meshes whose copies would add most, one after the other, until what is left is within that limit.
+    /// Flatten while all instances together have at most 2^18 triangles or twice as many as the meshes they use; beyond that,
+    /// share the meshes whose copies would add most, one after the other, until what is left is within that limit.
     #[default]
     Automatic,
     /// Flatten everything.

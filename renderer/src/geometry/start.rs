@@ -11,13 +11,13 @@ const MOST_INWARD: f32 = 1.0 / 16.0;
 
 /// How far from a surface new rays start, without any absolute length.
 pub(super) struct Start {
-    /// Along the normal, metres. Interpolating a point whose weights are off by two roundings, and the transform of its corners, move
-    /// it by less than four roundings of its coordinates, of which only the part along the normal matters; the test of a triangle errs
-    /// by less than four of a number as large as the triangle. Measured in closed rooms: half of both constants makes one ray in 30 000
-    /// meet its own surface or leak, these none in 3e7.
+    /// Along the normal, metres. Interpolating a point whose weights are off by two roundings, and the transform of its corners,
+    /// move it by less than four roundings of its coordinates, of which only the part along the normal matters; the test of a
+    /// triangle errs by less than four of a number as large as the triangle. Measured in closed rooms: half of both constants
+    /// makes one ray in 30 000 meet its own surface or leak, these none in 3e7.
     pub offset: f32,
-    /// How far weights are drawn to 1/3, at least: enough to move the point off the triangle's edges by twice the offset. Otherwise a
-    /// point on an edge between two walls can lie behind the other wall by a rounding.
+    /// How far weights are drawn to 1/3, at least: enough to move the point off the triangle's edges by twice the offset.
+    /// Otherwise a point on an edge between two walls can lie behind the other wall by a rounding.
     inward: f32,
 }
 
@@ -27,8 +27,8 @@ impl Start {
         let [a, b, c] = *corners;
         let extent = (a.max(b).max(c) - a.min(b).min(c)).max_element();
         let offset = OFFSET_REACH * n.abs().dot(reach) + OFFSET_EXTENT * extent;
-        // The smallest height is the doubled area by the longest edge, which is less than twice the extent. Needles are left alone
-        // beyond a limit: there the point would move along the needle.
+        // The smallest height is the doubled area by the longest edge, which is less than twice the extent. Needles are left
+        // alone beyond a limit: there the point would move along the needle.
         Self { offset, inward: (4.0 * offset * extent / doubled_area).min(MOST_INWARD) }
     }
 

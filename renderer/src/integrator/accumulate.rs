@@ -1,280 +1,25 @@
-//! The beauty: camera samples added up on a film, all at once or in parts that are merged.
+//! Traces camera samples and light paths, and adds them to a film.
 
 use super::Settings;
-use super::adaptive::Budget;
-use super::light_paths::{Casters, Deposit, trace as trace_light};
+use super::light_paths::{CausticCasters, Deposit, LightPaths, trace as trace_light};
 use super::path::{SHOTS, Shot, Tracer};
 use super::splitting::light_samples;
 use crate::compile::RenderScene;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::features::{Features, with_features};
-use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
+use crate::film::{Film, GroupStatistics, GuideStatistics, PixelStatistics};
 use crate::integrator::gbuffer::Visible;
-use crate::schedule::{self, Plot, Progress};
+use crate::schedule::{self, Progress, TilePixels};
 use crate::stats::Stats;
-use bytemuck::zeroed_vec;
-use glam::DVec3;
-use rayon::prelude::*;
-use renderflow_frame::frame::LIGHT_GROUPS;
-use renderflow_frame::image::Rgb;
-use renderflow_frame::{Frame, Image};
-use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Samples of a picture: sums of radiance, its light groups, and what camera rays hit first. Films of disjoint ranges of samples
-/// of the same scene, frame and settings merge into the film of all of them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Film {
-    pub(super) width: usize,
-    pub(super) height: usize,
-    /// Samples that share a camera ray; sums of pixels count these as one.
-    #[serde(default = "one")]
-    branches: u32,
-    /// What must be equal for films to belong together.
-    key: String,
-    /// Numbers of the samples, disjoint, in ascending order. Of a film with a map each pixel has only those below its count there.
-    ranges: Vec<Range<u32>>,
-    /// BLAKE3 of the map that pixels have their counts from, where they do.
-    #[serde(default)]
-    map: Option<String>,
-    pub(super) pixels: Vec<PixelStatistics>,
-    pub(super) guides: Vec<GuideStatistics>,
-    /// Empty unless light groups were asked for.
-    pub(super) groups: Vec<GroupStatistics>,
-    /// What light paths brought.
-    #[serde(default)]
-    pub(super) light: Light,
-}
-
-/// What the samples of a film say of the light.
-pub(super) struct Beauty {
-    raw: Rgb,
-    variance: Option<Rgb>,
-    samples: Option<Image<u32>>,
-    groups: [Option<Rgb>; LIGHT_GROUPS],
-    /// Samples a pixel, on average.
-    spp: u32,
-    light_paths: bool,
-}
-
-impl Beauty {
-    /// Puts it into a frame, and what made it into the header.
-    pub fn store(self, frame: &mut Frame) {
-        frame.beauty = Some(self.raw.clone());
-        frame.raw = Some(self.raw);
-        (frame.variance, frame.samples, frame.light) = (self.variance, self.samples, self.groups);
-        (frame.info.spp, frame.info.light_paths) = (self.spp, self.light_paths);
-    }
-}
-
-/// What the light paths of a picture brought.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Light {
-    /// Samples a pixel whose light paths they are.
-    samples: u32,
-    /// Empty where there are none.
-    pixels: Vec<LightStatistics>,
-    /// Empty unless light groups were asked for.
-    groups: Vec<GroupStatistics>,
-}
-
-fn one() -> u32 {
-    1
-}
-
-/// Everything that the value of a sample depends on, its number apart (`spp` is in it: footprints follow it).
-fn key(scene: &RenderScene, settings: &Settings) -> String {
-    let (channels, skips) = Default::default();
-    let (budget, branches) = (Budget::Uniform, settings.branches());
-    let settings = Settings { guide_samples: 1, irradiance: false, budget, branches, channels, skips, ..*settings };
-    let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
-    blake3::hash(&serde_json::to_vec(&identity).expect("numbers and names")).to_hex().to_string()
-}
-
-fn map_hash(map: &[u32]) -> String {
-    let mut hash = blake3::Hasher::new();
-    map.iter().for_each(|count| _ = hash.update(&count.to_le_bytes()));
-    hash.finalize().to_hex().to_string()
-}
-
-impl Film {
-    /// A film of the samples `range` of every pixel, or of those of them that are below its count in `map`; none is there yet.
-    pub(super) fn new(scene: &RenderScene, settings: &Settings, range: Range<u32>, map: Option<&[u32]>) -> Self {
-        let (width, height) = (scene.camera().width, scene.camera().height);
-        let count = width * height;
-        Self {
-            width,
-            height,
-            branches: settings.branches(),
-            key: key(scene, settings),
-            ranges: vec![range],
-            map: map.map(map_hash),
-            // Pages that the system clears when the threads that trace first write to them.
-            pixels: zeroed_vec(count),
-            guides: zeroed_vec(count),
-            groups: zeroed_vec(if settings.light_groups > 0 { count } else { 0 }),
-            light: Light::default(),
-        }
-    }
-
-    /// Says that each pixel now holds as many samples as `map` has for it, and all there will be.
-    pub(super) fn complete_map(&mut self, map: &[u32]) {
-        self.ranges = std::iter::once(0..map.iter().copied().max().unwrap_or(0)).collect();
-        self.map = Some(map_hash(map));
-    }
-
-    /// Whether [`super::develop`] may use it for this scene and these settings.
-    pub(super) fn check(&self, scene: &RenderScene, settings: &Settings) -> Result<()> {
-        if self.key != key(scene, settings) {
-            return Err(Error::Merge("the film is of another scene, frame or other settings".into()));
-        }
-        let count = scene.camera().width * scene.camera().height;
-        self.complete(count, if settings.light_groups > 0 { count } else { 0 })
-    }
-
-    /// Whether there are as many pixels as there should be: a film may come from a damaged file.
-    fn complete(&self, pixels: usize, groups: usize) -> Result<()> {
-        let found = (self.pixels.len(), self.guides.len(), self.groups.len());
-        if found == (pixels, pixels, groups) && self.light.is_of(pixels, groups) {
-            return Ok(());
-        }
-        Err(Error::Merge(format!("a film holds {} pixels in place of {pixels}", self.pixels.len())))
-    }
-
-    /// The picture that the samples make.
-    pub(super) fn beauty(&self, settings: &Settings) -> Beauty {
-        let image = |pixels: Vec<[f32; 3]>| Image { width: self.width, height: self.height, pixels };
-        let whole = 0..self.pixels.len();
-        let variance = settings.channels.variance.then(|| {
-            let most = DVec3::splat(f32::MAX.into());
-            image(whole.into_par_iter().map(|at| self.variance_of_mean(at).min(most).as_vec3().to_array()).collect())
-        });
-        let mut groups: [Option<Rgb>; LIGHT_GROUPS] = Default::default();
-        for (group, light) in groups.iter_mut().enumerate().take(settings.light_groups as usize) {
-            let paths = |at: usize| self.light.groups.get(at).map_or(DVec3::ZERO, |g| g.sum_over(group, self.light.samples));
-            let pixel = |(at, g): (usize, &GroupStatistics)| (g.mean(group) + paths(at)).as_vec3().to_array();
-            *light = Some(image(self.groups.par_iter().enumerate().map(pixel).collect()));
-        }
-        Beauty {
-            raw: self.mean(),
-            variance,
-            samples: self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() }),
-            groups,
-            spp: self.samples(),
-            light_paths: self.has_light_paths(),
-        }
-    }
-
-    /// Gives back the memory of all but the guides.
-    pub(super) fn keep_guides_alone(&mut self) {
-        (self.pixels, self.groups, self.light) = Default::default();
-    }
-
-    /// Mean radiance of the samples so far, 0 without any.
-    pub fn mean(&self) -> Image<[f32; 3]> {
-        let pixels = (0..self.pixels.len()).into_par_iter().map(|at| self.mean_of(at).as_vec3().to_array()).collect();
-        Image { width: self.width, height: self.height, pixels }
-    }
-
-    /// Whether light paths were traced.
-    fn has_light_paths(&self) -> bool {
-        self.light.samples > 0
-    }
-
-    /// Mean radiance of a pixel.
-    pub(super) fn mean_of(&self, at: usize) -> DVec3 {
-        let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.mean(self.light.samples));
-        self.pixels[at].mean_f64() + light
-    }
-
-    /// Variance of that mean.
-    pub(super) fn variance_of_mean(&self, at: usize) -> DVec3 {
-        let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.variance_of_mean(self.light.samples));
-        self.pixels[at].variance_of_mean_f64() + light
-    }
-
-    /// Samples a pixel so far, on average where pixels have counts of their own.
-    pub fn samples(&self) -> u32 {
-        if self.map.is_some() {
-            let sum: u64 = self.pixels.iter().map(|pixel| pixel.count() * u64::from(self.branches)).sum();
-            let count = self.pixels.len().max(1) as u64;
-            return u32::try_from((sum + count / 2) / count).unwrap_or(u32::MAX);
-        }
-        self.ranges.iter().map(|r| r.end - r.start).sum()
-    }
-
-    /// Samples of each pixel so far, row by row.
-    pub fn counts(&self) -> Vec<u32> {
-        let count = |pixel: &PixelStatistics| pixel.count().saturating_mul(self.branches.into());
-        self.pixels.iter().map(|pixel| u32::try_from(count(pixel)).unwrap_or(u32::MAX)).collect()
-    }
-
-    /// Ranges of sample numbers it holds.
-    pub fn ranges(&self) -> &[Range<u32>] {
-        &self.ranges
-    }
-
-    /// Adds the samples of `other`. Sums are exact to some sixteen digits, so that the picture is that of one film whatever the parts.
-    ///
-    /// # Errors
-    /// When it is of another scene, frame or settings, or shares samples with this one; nothing is added then.
-    pub fn merge(&mut self, other: &Self) -> Result<()> {
-        if self.key != other.key {
-            return Err(Error::Merge("the other film is of another scene, frame or other settings".into()));
-        }
-        if self.map != other.map {
-            return Err(Error::Merge("the other film is of another sample map".into()));
-        }
-        other.complete(self.pixels.len(), self.groups.len())?;
-        let mut ranges: Vec<_> = self.ranges.iter().chain(&other.ranges).cloned().collect();
-        ranges.sort_by_key(|r| r.start);
-        if let Some(pair) = ranges.windows(2).find(|pair| pair[0].end > pair[1].start) {
-            return Err(Error::Merge(format!("both films hold sample {}", pair[1].start)));
-        }
-        ranges.dedup_by(|next, last| {
-            let joins = last.end == next.start;
-            if joins {
-                last.end = next.end;
-            }
-            joins
-        });
-        self.ranges = ranges;
-        self.pixels.iter_mut().zip(&other.pixels).for_each(|(a, b)| a.merge(b));
-        self.guides.iter_mut().zip(&other.guides).for_each(|(a, b)| a.merge(b));
-        self.groups.iter_mut().zip(&other.groups).for_each(|(a, b)| a.merge(b));
-        self.light.merge(&other.light);
-        Ok(())
-    }
-}
-
-impl Light {
-    /// Whether there are as many pixels as there should be, or none.
-    fn is_of(&self, pixels: usize, groups: usize) -> bool {
-        let found = (self.pixels.len(), self.groups.len());
-        found == if self.samples == 0 { (0, 0) } else { (pixels, groups) }
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.samples += other.samples;
-        if other.pixels.is_empty() {
-            return;
-        }
-        if self.pixels.is_empty() {
-            (self.pixels, self.groups) = (other.pixels.clone(), other.groups.clone());
-        } else {
-            self.pixels.iter_mut().zip(&other.pixels).for_each(|(a, b)| a.merge(b));
-            self.groups.iter_mut().zip(&other.groups).for_each(|(a, b)| a.merge(b));
-        }
-    }
-}
-
-/// Counts traced samples and says how far a render is.
+/// Counts traced samples and reports the progress of a render.
 pub(super) struct Meter<'a> {
     progress: Progress<'a>,
     done: AtomicU64,
-    /// When it began and how long it may take, where it is time that counts.
+    /// When the render began and how long it may take; `None` where time is not limited.
     clock: Option<(Instant, Duration)>,
 }
 
@@ -283,12 +28,12 @@ impl<'a> Meter<'a> {
         Self { progress, done: 0.into(), clock: limit.map(|limit| (Instant::now(), limit)) }
     }
 
-    /// Samples so far.
+    /// Number of samples so far.
     pub fn done(&self) -> u64 {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Says that `samples` more are done of `total`.
+    /// Reports `samples` more samples of `total`.
     fn add(&self, samples: u64, total: u64) {
         let done = self.done.fetch_add(samples, Ordering::Relaxed) + samples;
         match self.clock {
@@ -301,14 +46,14 @@ impl<'a> Meter<'a> {
     }
 }
 
-/// What samples are traced of.
+/// What all samples of a picture share.
 #[derive(Clone, Copy)]
 pub(super) struct Work<'a> {
     pub scene: &'a RenderScene,
     pub settings: &'a Settings,
     pub visible: &'a Visible,
-    pub casters: Option<&'a Casters>,
-    /// Light samples at the first surface behind a camera ray.
+    pub casters: Option<&'a CausticCasters>,
+    /// Number of light samples at the first surface behind a camera ray.
     lights: u32,
     pub cancel: &'a AtomicBool,
 }
@@ -318,14 +63,14 @@ impl<'a> Work<'a> {
         scene: &'a RenderScene,
         settings: &'a Settings,
         visible: &'a Visible,
-        casters: Option<&'a Casters>,
+        casters: Option<&'a CausticCasters>,
         cancel: &'a AtomicBool,
     ) -> Self {
         let lights = light_samples(scene, settings, visible, casters);
         Self { scene, settings, visible, casters, lights, cancel }
     }
 
-    /// Light paths of the samples `samples`.
+    /// Number of light paths of the samples `samples`.
     pub fn light_paths(&self, samples: &Range<u32>) -> u64 {
         self.casters.map_or(0, |casters| casters.paths() * samples.len() as u64)
     }
@@ -333,30 +78,21 @@ impl<'a> Work<'a> {
     /// Traces the light paths of the samples `samples` a pixel, which `film` does not hold yet.
     pub fn trace_light(&self, film: &mut Film, samples: Range<u32>, meter: (&Meter<'_>, u64)) -> Result<Stats> {
         let Some(casters) = self.casters.filter(|_| !samples.is_empty()) else { return Ok(Stats::default()) };
-        if film.light.samples == 0 {
-            (film.light.pixels, film.light.groups) = (zeroed_vec(film.pixels.len()), zeroed_vec(film.groups.len()));
-        }
-        film.light.samples += samples.len() as u32;
         let groups = self.settings.groups(self.scene);
-        let light = &mut film.light;
+        let sums = film.light_paths(samples.len() as u32);
         let mut store = |deposit: Deposit| {
-            let at = deposit.pixel as usize;
-            light.pixels[at].push(deposit.radiance);
-            if let Some((sums, groups)) = light.groups.get_mut(at).zip(groups.as_ref()) {
-                sums.push_to(groups.group(deposit.wi), deposit.radiance);
-            }
+            let group = groups.as_ref().map(|groups| groups.group(deposit.wi));
+            sums.push(deposit.pixel as usize, deposit.radiance, group);
         };
         let done = |paths: u64| meter.0.add(paths, meter.1);
         let (scene, settings) = (self.scene, self.settings);
-        with_features!(
-            settings.needed(scene),
-            settings.full(),
-            trace_light(scene, settings, casters, samples, self.cancel, &done, &mut store)
-        )
+        let paths = LightPaths { scene, settings, casters, samples };
+        with_features!(settings.needed(scene), settings.full(), trace_light(&paths, self.cancel, &done, &mut store))
     }
 
-    /// Traces the samples `span(pixel)` of every pixel and adds them to `film`, in the order of their numbers and on top of the sums
-    /// so far: a film made in rounds is that made at once, bit for bit. `meter` comes with the total to compare with.
+    /// Traces the samples `span(pixel)` of every pixel and adds them to `film`, in the order of their numbers and on top of the
+    /// sums so far: a film made in rounds equals a film made at once, bit for bit. `meter` comes with the total number of
+    /// samples.
     pub fn trace(&self, film: &mut Film, span: &(dyn Fn(usize) -> Range<u32> + Sync), meter: (&Meter<'_>, u64)) -> Result<Stats> {
         with_features!(self.settings.needed(self.scene), self.settings.full(), trace(*self, film, span, meter))
     }
@@ -370,12 +106,12 @@ fn trace<F: Features>(
 ) -> Result<Stats> {
     let (width, height) = (film.width, film.height);
     let branches = settings.branches();
-    let work = |mut plot: Plot<'_, PixelStatistics, GuideStatistics, GroupStatistics>| {
+    let work = |mut plot: TilePixels<'_, PixelStatistics, GuideStatistics, GroupStatistics>| {
         let tile = plot.tile;
         let mut tracer = Tracer::<F>::new(scene, settings, casters, lights);
         let mut samples = 0;
-        // Shots with the places of their pixels in the tile. Sixteen may be of several pixels: in the rounds of an adaptive picture a
-        // pixel has but few.
+        // Shots with the places of their pixels in the tile. Sixteen may be of several pixels: in the rounds of an adaptive
+        // picture a pixel has but few.
         let (mut shots, mut places) = (Vec::with_capacity(SHOTS), Vec::with_capacity(SHOTS));
         let mut shoot = |shots: &mut Vec<Shot>, places: &mut Vec<usize>| {
             tracer.aim(shots);

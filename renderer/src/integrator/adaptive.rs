@@ -1,27 +1,29 @@
 //! Adaptive sampling: more samples where the picture is noisier, in rounds.
 //!
-//! A pilot traces a few samples in every pixel. Then each round estimates how noisy the pixels are and traces what brings the error
-//! of the picture down fastest: with relative variance `r` of one sample and cost `c` a sample, counts in proportion to `sqrt(r / c)`
-//! minimise the sum of `r / n` for a given sum of `c n`. Counts are a function of the samples alone, so that threads do not enter.
+//! A pilot traces a few samples in every pixel. Then each round estimates how noisy the pixels are and traces what brings the
+//! error of the picture down fastest: with relative variance `r` of one sample and cost `c` a sample, counts in proportion to
+//! `sqrt(r / c)` minimise the sum of `r / n` for a given sum of `c n`. Counts are a function of the samples alone, so that
+//! threads do not enter.
 //!
 //! A mean of samples is biased when its own samples decide how many there are: a pixel whose first samples missed the bright ones
 //! stops early and stays dark. So the noise of a pixel is estimated from its *neighbours*, whose random numbers are independent.
-//! [`Budget::Average`] asks once, after the pilot, when nothing that a neighbour has depends on this pixel: it asks all of them near
-//! by. Where counts are decided on again and again they do depend on it: there pixels have one of four colours, and each is judged by
-//! those of the next colour only. Its samples come back to it after four rounds at the earliest, thinned by some forty pixels each
-//! time. Judging by all neighbours made a caustic scene measurably darker there.
+//! [`Budget::Average`] asks once, after the pilot, when nothing that a neighbour has depends on this pixel: it asks all of them
+//! near by. Where counts are decided on again and again they do depend on it: there pixels have one of four colours, and each is
+//! judged by those of the next colour only. Its samples come back to it after four rounds at the earliest, thinned by some forty
+//! pixels each time. Judging by all neighbours made a caustic scene measurably darker there.
 //!
 //! What remains is that all pixels share one sum: a bright sample takes samples from all, its own pixel too. That bias is in
 //! inverse proportion to the number of noisy places in the picture; it shows in tiny pictures alone.
 //!
 //! The error, the biases and the variants that were tried and left are in docs/measurements/renderer-notes.md, adaptive.
 
-use super::accumulate::{Film, Meter, Work};
+use super::accumulate::{Meter, Work};
 use super::gbuffer::Visible;
-use super::light_paths::Casters;
+use super::light_paths::CausticCasters;
 use super::{Settings, mean};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
+use crate::film::Film;
 use crate::sampler::hash;
 use crate::schedule::Progress;
 use crate::stats::Stats;
@@ -34,8 +36,8 @@ use std::time::{Duration, Instant};
 
 /// How the samples of a picture are spread over its pixels.
 ///
-/// But for [`Self::Uniform`], pixels get counts of their own, multiples of 4, told by [`renderflow_frame::Frame::samples`]; at least
-/// half the average where geometry may be seen. Pixels that see the environment alone count a sixteenth: what they do not
+/// But for [`Self::Uniform`], pixels get counts of their own, multiples of 4, told by [`renderflow_frame::Frame::samples`]; at
+/// least half the average where geometry may be seen. Pixels that see the environment alone count a sixteenth: what they do not
 /// need is not spent on others, so that such a picture takes about as long as a uniform one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -43,8 +45,8 @@ pub enum Budget {
     /// As many in every pixel: [`Settings::spp`].
     #[default]
     Uniform,
-    /// A fixed sum: at most [`Settings::spp`] a pixel on average, and no fewer where pixels that may see geometry need them. Below 32
-    /// all that may see geometry have as many.
+    /// A fixed sum: at most [`Settings::spp`] a pixel on average, and no fewer where pixels that may see geometry need them.
+    /// Below 32 all that may see geometry have as many.
     Average,
     /// Until the relMSE of the picture, mean((picture - truth)^2 / (truth^2 + 0.01)), is estimated to be at most a target; at most
     /// [`Settings::spp`] a pixel on average.
@@ -52,8 +54,8 @@ pub enum Budget {
         /// The target in millionths, at least 1.
         millionths: u32,
     },
-    /// For a time; at most [`Settings::spp`] a pixel on average. The picture depends on the machine's speed; [`super::render_mapped`]
-    /// makes it again.
+    /// For a time; at most [`Settings::spp`] a pixel on average. The picture depends on the machine's speed;
+    /// [`super::render_mapped`] makes it again.
     Time {
         /// Milliseconds of tracing, at least 1. The pilot and rounds under way are finished.
         milliseconds: u32,
@@ -119,8 +121,8 @@ const STEP: u32 = 4;
 /// Most samples that share a camera ray. Where many samples go, what the camera sees is a part of the noise, and 2 are better
 /// than 4 (docs/measurements/renderer-notes.md, adaptive).
 pub(super) const BRANCHES: u32 = 2;
-/// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as dear as
-/// one of four times the samples.
+/// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as
+/// dear as one of four times the samples.
 const LARGEST_STEP: u32 = 32;
 /// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is a little better
 /// where the noise stays in its places, and far worse where rare bright samples may come anywhere
@@ -154,7 +156,7 @@ pub(super) fn render(
 ) -> Result<(Film, Stats)> {
     let started = Instant::now();
     let (width, height) = (scene.camera().width, scene.camera().height);
-    let casters = Casters::find(scene, settings);
+    let casters = CausticCasters::find(scene, settings);
     let work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
     let mut film = Film::new(scene, settings, 0..settings.spp, None);
     let mut plan = Plan {
@@ -278,11 +280,11 @@ fn judges(budget: Budget) -> Vec<(i64, i64)> {
     near.filter(|(dx, dy)| dx * dx + dy * dy <= radius * (radius + 1)).filter(asked).collect()
 }
 
-/// Standard deviation of a sample relative to the picture for each pixel, as its `judges` tell. Samples are camera paths: what light
-/// paths bring is in the picture, but its noise is not theirs.
+/// Standard deviation of a sample relative to the picture for each pixel, as its `judges` tell. Samples are camera paths: what
+/// light paths bring is in the picture, but its noise is not theirs.
 ///
-/// Variances are relative to the mean of the same pixel: where one bright sample among `n` makes it, they are at most `n`, so that
-/// single fireflies cannot take the whole budget. Relative to the mean of all neighbours the error was larger.
+/// Variances are relative to the mean of the same pixel: where one bright sample among `n` makes it, they are at most `n`, so
+/// that single fireflies cannot take the whole budget. Relative to the mean of all neighbours the error was larger.
 fn importance(film: &Film, judges: &[(i64, i64)]) -> Vec<f64> {
     let (width, height) = (film.width as i64, film.height as i64);
     let of_sample = |at: usize| {

@@ -1,4 +1,4 @@
-//! Direct light: samples of light and what scattering finds of it, weighed against each other.
+//! Direct light: light samples and light found by scattering, combined by multiple importance sampling.
 
 use super::DirectLight;
 use super::light_paths::MOST_SURFACES;
@@ -12,7 +12,7 @@ use crate::sampler::PixelSampler;
 use glam::Vec3A;
 
 impl<F: Features> Tracer<'_, F> {
-    /// Draws a point or direction of light and weighs it against scattering having found it.
+    /// Draws a point or direction of light, weighted against finding it by scattering.
     #[inline(always)]
     pub(super) fn sample_light(
         &mut self,
@@ -31,7 +31,9 @@ impl<F: Features> Tracer<'_, F> {
             let [u, v, choice, _] = self.points.point(sampler, path.index, set);
             scene.sample_light::<F>(surface.p, choice, [u, v])
         } else {
-            self.ahead.sample(scene.light(), (sampler, &mut self.points), path.index, set).map(LightSample::from)
+            self.light_samples
+                .sample(scene.environment_light(), (sampler, &mut self.points), path.index, set)
+                .map(LightSample::from)
         };
         let Some(light) = light else { return };
         let scattering = scatterer.eval(light.wi);
@@ -48,7 +50,7 @@ impl<F: Features> Tracer<'_, F> {
             (DirectLight::Mis, Origin::Environment(_)) => self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi)),
             _ => 0.0,
         };
-        // Weighed against light paths of density `rest`.
+        // Weighted against light paths of density `rest`.
         let contribution = |rest: f32| {
             let weight = match self.settings.direct {
                 DirectLight::Mis => {
@@ -70,7 +72,7 @@ impl<F: Features> Tracer<'_, F> {
         }
     }
 
-    /// What the environment sends along `wi`, weighed against its own sampling having found that direction. `pdf` is the density of
+    /// Radiance of the environment along `wi`, weighted against finding this direction by a light sample. `pdf` is the density of
     /// `wi` times the number of draws.
     #[inline(always)]
     pub(super) fn environment_behind(
@@ -82,13 +84,13 @@ impl<F: Features> Tracer<'_, F> {
         wo: Vec3A,
     ) -> Vec3A {
         if F::FLAT_ENVIRONMENT || self.settings.direct == DirectLight::Scattering {
-            return self.scene.light().radiance(wi);
+            return self.scene.environment_light().radiance(wi);
         }
         if self.settings.direct == DirectLight::Lights {
             return Vec3A::ZERO;
         }
         let (radiance, light_pdf) = self.scene.environment_and_pdf::<F>(wi);
-        // Where light is not drawn no light paths come from either.
+        // Where no light samples are drawn, no light paths start either.
         if light_pdf == 0.0 {
             return radiance;
         }
@@ -97,7 +99,7 @@ impl<F: Features> Tracer<'_, F> {
         radiance / (1.0 + light * light * (1.0 + rest * rest))
     }
 
-    /// Density of light paths over that of light samples, of the path that leaves `surface` along `wi`, and came from `wo`.
+    /// Density of light paths relative to light samples, for the path that came from `wo` and leaves `surface` along `wi`.
     #[inline(always)]
     fn light_paths(
         &self,
@@ -120,15 +122,15 @@ impl<F: Features> Tracer<'_, F> {
         match self.settings.direct {
             DirectLight::Scattering => 1.0,
             DirectLight::Mis => mis_weight(pdf, self.scene.emitter_pdf(at, wi, distance)),
-            // What is too faint or too small to be drawn as a light is found by scattering alone.
+            // An emitter that is too faint or too small to be drawn as a light is found by scattering alone.
             DirectLight::Lights if self.scene.emitter_pdf(at, wi, distance) > 0.0 => 0.0,
             DirectLight::Lights => 1.0,
         }
     }
 }
 
-/// Power heuristic (Veach 1997, beta = 2) for a strategy with density `a` > 0 (times its number of draws) against `b` >= 0; finite
-/// for every such pair. The balance heuristic is no better (docs/measurements/renderer-notes.md, heuristic).
+/// Power heuristic (Veach 1997, beta = 2) for a strategy with density `a` > 0 (times its number of draws) against `b` >= 0;
+/// finite for every such pair. The balance heuristic is no better (docs/measurements/renderer-notes.md, heuristic).
 #[inline(always)]
 fn mis_weight(a: f32, b: f32) -> f32 {
     let r = b / a;

@@ -1,4 +1,4 @@
-//! What camera rays see first: the G-buffer at pixel centres, guides over the pixel, and which pixels can see geometry at all.
+//! First hits of camera rays: the G-buffer at pixel centres, guides over the pixel, and which pixels can see geometry at all.
 
 use super::path::{SHOTS, camera_ray_at};
 use super::{Film, Settings};
@@ -74,9 +74,9 @@ impl Views {
         }
     }
 
-    /// Where the point of `hit` goes in the image until the next frame, and until the previous one.
+    /// Motion of the point of `hit` in the image to the next frame, and to the previous frame.
     fn motion(&self, scene: &RenderScene, hit: &Hit) -> [[f32; 2]; 2] {
-        // Both ends are projected from the same corners, so that what does not move has exactly no motion.
+        // Both ends are projected from the same corners, so that a still point has exactly no motion.
         let here = self.current.project(scene.geometry.point_at(hit, scene.frame()));
         [&self.next, &self.previous].map(|view| {
             let motion = view.as_ref().and_then(|(frame, projector)| {
@@ -88,7 +88,7 @@ impl Views {
     }
 }
 
-/// What the ray through a corner of a pixel sees, as far as it matters for guides.
+/// What the ray through a corner of a pixel sees, for the guides.
 #[derive(Clone, Copy)]
 enum Corner {
     Nothing,
@@ -107,20 +107,20 @@ struct Pass<'a> {
     projector: Projector,
     views: Option<Views>,
     irradiance: Option<&'a Environment>,
-    /// Whether anything at pixel centres is asked for.
+    /// Whether any value at pixel centres is requested.
     centres: bool,
-    /// Whether guides are asked for.
+    /// Whether guides are requested.
     guides: bool,
 }
 
 /// Centre and guides of a pixel.
 type Pixel = (Centre, Option<GuideStatistics>);
-/// Those of a tile.
+/// Centres and guides of a tile.
 type Pixels = Vec<Pixel>;
 /// Bytes that a pixel takes until it is stored.
 pub(super) const HELD: u64 = size_of::<Pixel>() as u64;
 
-/// A tile of a pass: what one thread works on.
+/// A tile of a pass, which one thread works on.
 struct TilePass<'t, 'a, F: Features> {
     pass: &'t Pass<'a>,
     tile: Tile,
@@ -186,7 +186,7 @@ impl<F: Features> TilePass<'_, '_, F> {
         pixels
     }
 
-    /// Finds what the rays through image points of the tile meet, sixteen at a time.
+    /// Traces the rays through image points of the tile, sixteen at a time.
     #[inline(always)]
     fn look_at(&mut self, points: impl Iterator<Item = Option<Vec2>>, hits: &mut [Option<Hit>]) {
         let scene = self.pass.scene;
@@ -211,7 +211,8 @@ impl<F: Features> TilePass<'_, '_, F> {
         }
     }
 
-    /// Traces rays through the corners of the pixels that are `seen` and whose `centres` show no texture; neighbours share theirs.
+    /// Traces rays through the corners of the pixels that are `seen` and whose `centres` show no texture; neighbours share
+    /// theirs.
     #[inline(always)]
     fn look_at_corners(&mut self, seen: &[bool], centres: &[Option<Hit>], corners: &mut [Corner]) {
         let (scene, tile) = (self.pass.scene, self.tile);
@@ -240,8 +241,8 @@ impl<F: Features> TilePass<'_, '_, F> {
         }
     }
 
-    /// Mean first hit over pixel `at` of the tile where its centre and its corners see one material without texture, or nothing at all
-    /// (the inner `None`), and `None` where guide rays must find out.
+    /// Mean first hit over pixel `at` of the tile where its centre and its corners see one material without texture, or nothing
+    /// at all (the inner `None`), and `None` where guide rays must find out.
     #[inline(always)]
     fn plain(&self, at: usize, centre: Option<&(Hit, Interaction)>, corners: &[Corner]) -> Option<Option<FirstHit>> {
         let columns = self.tile.width + 1;
@@ -264,7 +265,8 @@ impl<F: Features> TilePass<'_, '_, F> {
         Some(Some(FirstHit { albedo: centre.surface.base_color, ns }))
     }
 
-    /// Adds what the first `rays` guide rays of pixel (x, y) see; each covers one of `samples` equal shares of the pixel.
+    /// Adds the first hits of the first `rays` guide rays of pixel (x, y); each covers one of `samples` equal shares of the
+    /// pixel.
     #[inline(always)]
     fn push_guides(&mut self, (x, y): (usize, usize), (rays, samples): (u32, u32), guides: &mut GuideStatistics) {
         let Pass { scene, settings, .. } = *self.pass;
@@ -287,14 +289,14 @@ impl<F: Features> TilePass<'_, '_, F> {
 }
 
 impl Pass<'_> {
-    /// How many guide rays a pixel has, and into how many equal shares of it they divide it for texture look-ups.
+    /// The number of guide rays of a pixel, and the number of equal shares of the pixel that their texture look-ups cover.
     fn rays(&self, at: usize) -> (u32, u32) {
-        // The film's are the first hits of its own camera rays.
+        // The guides of a film are the first hits of its own camera rays.
         let own = (self.settings.guide_samples, self.settings.guide_samples);
         self.film.map_or(own, |film| (film.pixels[at].count() as u32, self.settings.camera_samples()))
     }
 
-    /// Whether pixels are asked if they are plain: with a wider filter than the pixel its corners say too little.
+    /// Whether pixels are tested for being plain. With a filter wider than the pixel, its corners are not enough.
     fn asks_for_plain(&self) -> bool {
         let rays = self.settings.guide_samples;
         let possible = self.guides && self.film.is_none() && self.settings.filter == Filter::Box;
@@ -322,8 +324,8 @@ impl Pass<'_> {
     }
 }
 
-/// The frame with its G-buffer at pixel centres; coverage and guides from `film`, or else from rays of their own. Pictures that are not
-/// asked for stay empty, and no ray is traced for them.
+/// The frame with its G-buffer at pixel centres. Coverage and guides come from `film`, or otherwise from extra rays. Pictures
+/// that are not requested stay empty, and no ray is traced for them.
 pub(super) fn frame<F: Features>(
     scene: &RenderScene,
     settings: &Settings,
@@ -352,7 +354,7 @@ pub(super) fn frame<F: Features>(
         return Ok((frame, stats));
     }
     let views = wanted.motion.then(|| Views::new(scene));
-    let irradiance = settings.irradiance.then(|| scene.irradiance_map());
+    let irradiance = settings.irradiance.then(|| scene.light().irradiance_map());
     let pass = Pass { scene, settings, visible, film, projector, views, irradiance, centres, guides: kept.is_none() };
     let work = |tile: Tile| {
         let (scratch, points, stats) = Default::default();
@@ -371,7 +373,7 @@ pub(super) fn frame<F: Features>(
     Ok((frame, stats))
 }
 
-/// A frame with the pictures that are asked for.
+/// A frame with the requested pictures.
 fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
     let (width, height) = (scene.camera().width, scene.camera().height);
     let wanted = settings.channels;
@@ -446,12 +448,12 @@ fn store(frame: &mut Frame, at: usize, centre: &Centre) {
     }
 }
 
-/// Boxes smaller than this many pixels stand for what is in them: dense meshes have many triangles a pixel.
+/// A box smaller than this number of pixels stands for its content: dense meshes have many triangles per pixel.
 const SMALL: f64 = 1.5;
 /// Bounds to project for a camera ray of the picture, at most: they are projected on one thread while all others wait. Beyond
 /// that rays cost less than finding out which are in vain (docs/measurements/renderer-notes.md, gbuffer).
 const BOUNDS_A_RAY: f64 = 0.125;
-/// Bounds that are always worth a try, a fifth of a millisecond.
+/// Number of bounds that are always worth projecting, which takes a fifth of a millisecond.
 const FEW_BOUNDS: f64 = 4096.0;
 
 /// Which pixels may see geometry: a superset, found by projecting bounds of triangles or of boxes around them. All others see the
@@ -462,8 +464,8 @@ pub(super) struct Visible {
 }
 
 impl Visible {
-    /// Projects triangles, or small boxes around them, onto the image, each widened by the pixel filter and a hundredth of a pixel for
-    /// rounding. Where they are too many for that to pay, any pixel may see geometry.
+    /// Projects triangles, or small boxes around them, onto the image, each widened by the pixel filter and a hundredth of a
+    /// pixel for rounding. Where they are too many for that to pay, any pixel may see geometry.
     pub fn new(scene: &RenderScene, settings: &Settings) -> Self {
         let (width, height) = (scene.camera().width, scene.camera().height);
         let anywhere = || Self { width, seen: vec![true; width * height] };

@@ -11,7 +11,7 @@ use renderflow_frame::{Frame, ibl};
 /// As [`render_gbuffer`].
 pub fn render(scene: &RenderScene, settings: &Settings) -> Result<Frame> {
     let mut frame = render_gbuffer(scene, settings)?;
-    let shading = ibl::shade(&frame, scene.environment(), scene.ibl_tables());
+    let shading = ibl::shade(&frame, scene.light());
     frame.beauty = Some(shading.image);
     Ok(frame)
 }

@@ -2,7 +2,7 @@
 
 use super::Settings;
 use super::gbuffer;
-use super::light_paths::Casters;
+use super::light_paths::CausticCasters;
 use crate::compile::RenderScene;
 use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
 use crate::schedule;
@@ -24,7 +24,7 @@ pub struct Memory {
 impl RenderScene {
     /// Whether light paths will be traced with these settings.
     pub fn has_light_paths(&self, settings: &Settings) -> bool {
-        Casters::find(self, settings).is_some()
+        CausticCasters::find(self, settings).is_some()
     }
 }
 
@@ -53,8 +53,8 @@ impl Settings {
         let [film, kept, made] = if gbuffer_alone { [0; 3] } else { [sums + guides + light + spread, guides, beauty] };
         let frame = centres + if gbuffer_alone { 0 } else { beauty + RGB };
         let all = |bytes: usize| pixels.saturating_mul(bytes as u64);
-        // Tiles of the G-buffer are held until they are stored. They come on top of the film's sums, too, which the allocator gives back
-        // to the system some time after they are freed.
+        // Tiles of the G-buffer are held until they are stored. They come on top of the film's sums, too, which the allocator
+        // gives back to the system some time after they are freed.
         let looks = gbuffer_alone || wanted.gbuffer || wanted.motion || self.irradiance;
         let held = if looks { schedule::most_pixels().min(pixels) * gbuffer::HELD } else { 0 };
         let traced = all(film.max(kept + centres) + made + seen).saturating_add(held);

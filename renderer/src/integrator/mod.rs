@@ -12,7 +12,6 @@ mod path;
 mod scatter;
 mod splitting;
 
-pub use accumulate::Film;
 pub use adaptive::Budget;
 pub use memory::Memory;
 
@@ -20,16 +19,17 @@ use crate::camera::Filter;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::{FeatureSet, with_features};
+use crate::film::{Beauty, Film};
 use crate::light::LightGroups;
 use crate::material::{Mode, Prepared};
 use crate::sampler::{PixelSampler, Sampler};
 use crate::schedule::Progress;
 use crate::skips::{Channels, Skips};
 use crate::stats::Stats;
-use accumulate::{Beauty, Meter, Work};
+use accumulate::{Meter, Work};
 use gbuffer::Visible;
 use gbuffer::frame as gbuffer;
-use light_paths::Casters;
+use light_paths::CausticCasters;
 use renderflow_frame::{Frame, Image};
 use serde::{Deserialize, Serialize};
 use std::ops::{Range, RangeInclusive};
@@ -52,15 +52,16 @@ pub enum DirectLight {
 /// Camera rays a pixel from which on guides count as clean.
 const CLEAN_GUIDES: u32 = 16;
 
-/// What to render and how well.
+/// What to render, and at which quality.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Samples a pixel of the beauty, 1..=2^24: paths, of which some share a camera ray (see `branches`); powers of two use the sampler best. What `budget` makes of it, see there.
+    /// Samples per pixel of the beauty, 1..=2^24. A sample is a path; some paths share a camera ray (see `branches`). Powers of
+    /// two use the sampler best. `budget` may change the number.
     pub spp: u32,
-    /// Surfaces a path may scatter at, 1..=1024; 1 is direct light only.
+    /// Number of surfaces that a path may scatter at, 1..=1024; 1 gives direct light only.
     pub max_bounces: u32,
-    /// Camera rays a pixel for coverage and guides when no beauty is rendered, 1..=2^16.
+    /// Camera rays per pixel for coverage and guides where no beauty is rendered, 1..=2^16.
     pub guide_samples: u32,
     /// Whether to fill [`Frame::irradiance`].
     pub irradiance: bool,
@@ -74,17 +75,17 @@ pub struct Settings {
     pub direct: DirectLight,
     /// Kind of the random numbers.
     pub sampler: Sampler,
-    /// What of the frame to fill.
+    /// Which pictures of the frame to fill.
     pub channels: Channels,
-    /// What is left out because it cannot matter.
+    /// Work that is skipped because it cannot change the picture.
     pub skips: Skips,
     /// Largest number of the samples of a pixel that share a camera ray, 1..=64: what it hits and the light samples there are
     /// made once for all of them, and each goes on from there with a path of its own. [`Self::branches`] says how many it
     /// becomes. More branches make paths cheaper, and the picture noisier where much happens within a pixel: edges, small leaves,
     /// penumbrae. 2 is the best of 1, 2 and 4 on most scenes (docs/measurements/renderer-notes.md, branches).
     pub branches: u32,
-    /// Light samples at the first surface behind a camera ray, 1..=64; `None` = 1, 2, 4 or 8 by what some paths of a pilot say of this
-    /// picture (1 where it has few samples). All converge to the same picture. Several pay for themselves on most scenes
+    /// Light samples at the first surface behind a camera ray, 1..=64; `None` = 1, 2, 4 or 8 by what some paths of a pilot say of
+    /// this picture (1 where it has few samples). All converge to the same picture. Several pay for themselves on most scenes
     /// (docs/measurements/renderer-notes.md, light-samples).
     pub light_samples: Option<u32>,
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
@@ -92,10 +93,10 @@ pub struct Settings {
     /// some per cent and takes most of its noise (docs/measurements/renderer-notes.md, clamp-indirect).
     /// [`Stats::clamped_contributions`] counts.
     pub clamp_indirect: Option<f32>,
-    /// Whether light is followed from the environment, over shiny bodies, to what the camera sees, besides paths from the camera: what
-    /// casts caustics is found from both sides and weighed. Off by itself where it would bring nothing: no shiny bodies, no
-    /// concentrated light, another filter than [`Filter::Box`], `direct` other than [`DirectLight::Mis`], a limit on indirect light.
-    /// Both ways converge to the same picture. Under suns and lamps the error falls severalfold for little time
+    /// Whether light is followed from the environment, over shiny bodies, to what the camera sees, besides paths from the camera:
+    /// what casts caustics is found from both sides and weighed. Off by itself where it would bring nothing: no shiny bodies, no
+    /// concentrated light, another filter than [`Filter::Box`], `direct` other than [`DirectLight::Mis`], a limit on indirect
+    /// light. Both ways converge to the same picture. Under suns and lamps the error falls severalfold for little time
     /// (docs/measurements/renderer-notes.md, light-paths).
     pub light_paths: bool,
     /// How the samples are spread over the pixels.
@@ -126,17 +127,17 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// What [`Self::spp`] may be.
+    /// Range of [`Self::spp`].
     pub const SPP: RangeInclusive<u32> = 1..=1 << 24;
-    /// What [`Self::max_bounces`] may be.
+    /// Range of [`Self::max_bounces`].
     pub const MAX_BOUNCES: RangeInclusive<u32> = 1..=1024;
-    /// What [`Self::guide_samples`] may be.
+    /// Range of [`Self::guide_samples`].
     pub const GUIDE_SAMPLES: RangeInclusive<u32> = 1..=1 << 16;
-    /// What [`Self::branches`] may be.
+    /// Range of [`Self::branches`].
     pub const BRANCHES: RangeInclusive<u32> = 1..=64;
-    /// What [`Self::light_samples`] may be.
+    /// Range of [`Self::light_samples`].
     pub const LIGHT_SAMPLES: RangeInclusive<u32> = 1..=64;
-    /// What [`Self::light_groups`] may be.
+    /// Range of [`Self::light_groups`].
     pub const LIGHT_GROUPS: RangeInclusive<u32> = 0..=8;
 
     fn check(&self, scene: &RenderScene) -> Result<()> {
@@ -167,7 +168,7 @@ impl Settings {
         Ok(())
     }
 
-    /// How samples are spread, as the header of frames says it: `average 256`, `error 0.01 within 4096`, `time 5 within 4096`;
+    /// How samples are distributed, as the header of a frame stores it: `average 256`, `error 0.01 within 4096`, `time 5 within 4096`;
     /// empty for [`Budget::Uniform`].
     pub fn sampling(&self) -> String {
         match self.budget {
@@ -178,7 +179,8 @@ impl Settings {
         }
     }
 
-    /// These settings with the budget and `spp` that [`Self::sampling`] gave `text` for; `None` where it gave no such text.
+    /// These settings with the budget and `spp` that [`Self::sampling`] describes by `text`; `None` where `text` is not such a
+    /// description.
     pub fn with_sampling(self, text: &str) -> Option<Self> {
         let words: Vec<&str> = text.split(' ').collect();
         let whole = |number: &str, unit: f64| Some((number.parse::<f64>().ok()? * unit).round() as u32);
@@ -191,12 +193,12 @@ impl Settings {
         Some(Self { budget, spp: spp.parse().ok()?, ..self })
     }
 
-    /// Whether the compiled sets must have everything, whatever the scene needs.
+    /// Whether the full feature set is used, whatever the scene needs.
     fn full(&self) -> bool {
         self.bsdf == Mode::Published || !self.skips.feature_sets
     }
 
-    /// What the compiled sets must have of what the scene has.
+    /// The features of the scene that the integrator needs.
     fn needed(&self, scene: &RenderScene) -> FeatureSet {
         let has = scene.features();
         FeatureSet {
@@ -206,7 +208,7 @@ impl Settings {
         }
     }
 
-    /// Whether `samples` are some of `0..end`, and whole camera rays.
+    /// Checks that `samples` lie in `0..end` and make whole camera rays.
     fn check_range(&self, samples: &Range<u32>, end: u32) -> Result<()> {
         let whole = |number: u32| number.is_multiple_of(self.branches());
         if !samples.is_empty() && samples.end <= end && whole(samples.start) && whole(samples.end) {
@@ -230,12 +232,12 @@ impl Settings {
         self.budget.fewest(self.spp) / self.branches() >= CLEAN_GUIDES
     }
 
-    /// Camera rays a pixel, on average where pixels have counts of their own.
+    /// Camera rays per pixel; the mean where pixels have different counts.
     pub fn camera_samples(&self) -> u32 {
         self.spp.div_ceil(self.branches())
     }
 
-    /// Directions of the light groups, where asked for.
+    /// The light groups; `None` where the light is not split.
     fn groups(&self, scene: &RenderScene) -> Option<LightGroups> {
         let groups = LightGroups::new(self.light_groups as usize, scene.environment().rotation).ok()?;
         Some(if scene.features().emitters { groups.with_emitters() } else { groups })
@@ -246,7 +248,7 @@ impl Settings {
         if self.bsdf == Mode::Conserving { scene.bsdfs() } else { &[] }
     }
 
-    /// Numbers of one pixel.
+    /// The random numbers of one pixel.
     fn random(&self, scene: &RenderScene, pixel: usize) -> PixelSampler {
         PixelSampler::of_kind(self.sampler, scene.seed, scene.frame() as u64, pixel as u64)
     }
@@ -263,7 +265,7 @@ pub fn render(scene: &RenderScene, settings: &Settings, progress: Progress<'_>, 
     render_with_stats(scene, settings, progress, cancel).map(|(frame, _)| frame)
 }
 
-/// As [`render`], with the counts of what was done.
+/// As [`render`], with statistics.
 ///
 /// # Errors
 /// As [`render`].
@@ -289,12 +291,14 @@ fn whole(
     cancel: &AtomicBool,
 ) -> Result<(Film, Stats)> {
     match settings.budget {
-        Budget::Uniform => samples(scene, settings, visible, 0..settings.spp, None, progress, cancel),
+        Budget::Uniform => {
+            expose_samples(Samples { scene, settings, visible, range: 0..settings.spp, map: None }, progress, cancel)
+        }
         _ => adaptive::render(scene, settings, visible, progress, cancel),
     }
 }
 
-/// Path-traces all samples, as `settings.budget` spreads them: [`render_with_stats`] but for what [`develop`] then makes of them.
+/// Path-traces all samples as `settings.budget` distributes them: [`render_with_stats`] without the last step, [`develop`].
 ///
 /// # Errors
 /// As [`render`].
@@ -308,11 +312,12 @@ pub fn expose_whole(
     whole(scene, settings, &Visible::new(scene, settings), progress, cancel)
 }
 
-/// Path-traces the samples `samples` of every pixel, out of `settings.spp`: a part of the picture, to be merged with the others.
+/// Path-traces the samples `samples` of every pixel, out of `settings.spp`. The film is a part of the picture and merges with the
+/// others.
 ///
 /// # Errors
-/// When a setting is out of range, `samples` is empty, goes beyond `settings.spp` or is not in multiples of [`Settings::branches()`],
-/// or `cancel` was set.
+/// When a setting is out of range; when `samples` is empty, goes beyond `settings.spp` or is not in multiples of
+/// [`Settings::branches()`]; or when `cancel` was set.
 pub fn expose(
     scene: &RenderScene,
     settings: &Settings,
@@ -322,15 +327,16 @@ pub fn expose(
 ) -> Result<(Film, Stats)> {
     settings.check(scene)?;
     settings.check_range(&samples, settings.spp)?;
-    self::samples(scene, settings, &Visible::new(scene, settings), samples, None, progress, cancel)
+    let visible = &Visible::new(scene, settings);
+    expose_samples(Samples { scene, settings, visible, range: samples, map: None }, progress, cancel)
 }
 
-/// As [`render_with_stats`] with as many samples in each pixel as `map` says, whatever `settings.budget` is: [`Frame::samples`] of a
-/// picture and the settings it was made with give the same picture again, bit for bit.
+/// As [`render_with_stats`] with the number of samples of each pixel from `map`; `settings.budget` is ignored. The
+/// [`Frame::samples`] of a picture and its settings give the same picture again, bit for bit.
 ///
 /// # Errors
-/// As [`render_with_stats`], and when the map is not of the picture's size or its counts are outside 1..=2^24 or not multiples of
-/// [`Settings::branches()`].
+/// As [`render_with_stats`], and when the map does not have the picture's size or its counts are outside 1..=2^24 or not
+/// multiples of [`Settings::branches()`].
 pub fn render_mapped(
     scene: &RenderScene,
     settings: &Settings,
@@ -340,15 +346,16 @@ pub fn render_mapped(
 ) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     let visible = Visible::new(scene, settings);
-    let all = 0..adaptive::largest(scene, settings, map)?;
-    let (film, mut stats) = samples(scene, settings, &visible, all, Some(&map.pixels), progress, cancel)?;
+    let range = 0..adaptive::largest(scene, settings, map)?;
+    let samples = Samples { scene, settings, visible: &visible, range, map: Some(&map.pixels) };
+    let (film, mut stats) = expose_samples(samples, progress, cancel)?;
     let (frame, more) = finish(scene, settings, &visible, film, cancel)?;
     stats += more;
     Ok((frame, stats))
 }
 
-/// As [`expose`] with as many samples in each pixel as `map` says: traces those of them whose number is in `samples`, a part of 0 to
-/// the largest count.
+/// As [`expose`] with the number of samples of each pixel from `map`: traces the samples whose number is in `samples`, a part of
+/// 0 to the largest count.
 ///
 /// # Errors
 /// As [`expose`] and [`render_mapped`].
@@ -362,24 +369,29 @@ pub fn expose_mapped(
 ) -> Result<(Film, Stats)> {
     settings.check(scene)?;
     settings.check_range(&samples, adaptive::largest(scene, settings, map)?)?;
-    self::samples(scene, settings, &Visible::new(scene, settings), samples, Some(&map.pixels), progress, cancel)
+    let visible = &Visible::new(scene, settings);
+    expose_samples(Samples { scene, settings, visible, range: samples, map: Some(&map.pixels) }, progress, cancel)
 }
 
-/// The samples `range` of every pixel, as far as `map` has them.
-fn samples(
-    scene: &RenderScene,
-    settings: &Settings,
-    visible: &Visible,
+/// Samples of a picture that are to be traced.
+struct Samples<'a> {
+    scene: &'a RenderScene,
+    settings: &'a Settings,
+    visible: &'a Visible,
+    /// Numbers of the samples of every pixel.
     range: Range<u32>,
-    map: Option<&[u32]>,
-    progress: Progress<'_>,
-    cancel: &AtomicBool,
-) -> Result<(Film, Stats)> {
+    /// Where given, the number of each pixel's samples: those of `range` at or above it are left out.
+    map: Option<&'a [u32]>,
+}
+
+/// Traces `samples` onto a new film.
+fn expose_samples(samples: Samples, progress: Progress<'_>, cancel: &AtomicBool) -> Result<(Film, Stats)> {
+    let Samples { scene, settings, visible, range, map } = samples;
     let mut film = Film::new(scene, settings, range.clone(), map);
     let span = |pixel: usize| range.start..map.map_or(range.end, |map| range.end.min(map[pixel]));
-    let casters = Casters::find(scene, settings);
+    let casters = CausticCasters::find(scene, settings);
     let work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
-    // Pixels with counts of their own have as many light paths as their mean says.
+    // Where pixels have different counts, the mean gives the number of light paths.
     let all = map.map_or(range.end, mean);
     let light = range.start.min(all)..range.end.min(all);
     let paths: u64 = (0..scene.camera().width * scene.camera().height).map(|pixel| span(pixel).len() as u64).sum();
@@ -389,7 +401,7 @@ fn samples(
     Ok((film, stats))
 }
 
-/// Mean of counts, to the nearest.
+/// Mean of counts, rounded to the nearest integer.
 fn mean(counts: &[u32]) -> u32 {
     let count = counts.len().max(1) as u64;
     let sum: u64 = counts.iter().map(|&n| u64::from(n)).sum();
@@ -407,7 +419,7 @@ pub fn develop(scene: &RenderScene, settings: &Settings, film: &Film) -> Result<
     picture(scene, settings, &Visible::new(scene, settings), film.beauty(settings), film, &never)
 }
 
-/// The frame of a film that is not needed any more: its sums make room for the frame.
+/// The frame of a film that is no longer needed; its memory is freed for the frame.
 fn finish(
     scene: &RenderScene,
     settings: &Settings,
@@ -443,7 +455,8 @@ fn picture(
     Ok((frame, stats))
 }
 
-/// Renders only what camera rays see: G-buffer, coverage and guides from `settings.guide_samples` rays a pixel. No light is traced.
+/// Renders only what camera rays see: G-buffer, and coverage and guides from `settings.guide_samples` rays per pixel. No light is
+/// traced.
 ///
 /// # Errors
 /// When a setting is out of range.

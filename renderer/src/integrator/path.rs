@@ -1,14 +1,14 @@
 //! Unidirectional path tracing with sampled lights and multiple importance sampling.
 
 use super::Settings;
-use super::light_paths::{self, Casters};
+use super::light_paths::{self, CausticCasters};
 use super::scatter::Scatterer;
 use crate::accel::{Hit, Scratch};
 use crate::compile::RenderScene;
 use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
-use crate::light::{Ahead, LightGroups};
+use crate::light::{LightGroups, LightSampleCache};
 use crate::material::{Mode, Prepared};
 use crate::query::Sight;
 use crate::ray::Ray;
@@ -18,16 +18,17 @@ use crate::stats::Stats;
 use glam::{Vec2, Vec3A};
 use renderflow_frame::frame::LIGHT_GROUPS;
 
-/// Surfaces a path passes before roulette may end it.
+/// Number of surfaces that a path passes before roulette may end it.
 const ROULETTE_FROM: u32 = 3;
 /// Roulette spares paths of at least this throughput: less error than with 1 for few instructions more
 /// (docs/measurements/renderer-notes.md, roulette).
 const ROULETTE_BELOW: f32 = 0.3;
-/// Surfaces from which on roulette keeps no path for certain, or a path between white walls would only end at the bounce limit.
+/// From this number of surfaces on, roulette keeps no path for certain; otherwise paths between white walls would end only at the
+/// bounce limit.
 const ROULETTE_ALWAYS: u32 = 8;
 const ROULETTE_LIMIT: f32 = 0.95;
 
-/// Camera samples whose rays are traced together.
+/// Number of camera samples whose rays are traced together.
 pub(super) const SHOTS: usize = 16;
 
 /// A camera sample that is to be traced.
@@ -36,29 +37,30 @@ pub(super) struct Shot {
     pub sampler: PixelSampler,
     pub pixel: (usize, usize),
     pub index: u32,
-    /// How many of its pixel are traced one after the other: how much is computed ahead follows it, the sample does not.
+    /// Number of samples of the pixel that are traced one after the other. It affects how much is computed in advance, never the
+    /// sample.
     pub count: u32,
-    /// False where the pixel is known to see the environment alone: the same directions are then looked up without asking the tree.
+    /// False where the pixel is known to see only the environment: then the same directions are looked up without tracing rays.
     pub seen: bool,
 }
 
 /// One camera sample.
 pub(super) struct Sample {
-    /// Finite; 0 where the estimate was not.
+    /// Finite; 0 where the estimate was not finite.
     pub radiance: Vec3A,
     pub first: Option<FirstHit>,
 }
 
-/// What one thread needs to trace paths.
+/// The state of one thread that traces paths.
 pub(super) struct Tracer<'a, F: Features> {
     pub(super) scene: &'a RenderScene,
     pub(super) settings: &'a Settings,
-    /// Samples that share a camera ray.
+    /// Number of samples that share a camera ray.
     branches: u32,
     /// Light samples at the first surface behind a camera ray.
     lights: u32,
-    /// The bodies that light paths are aimed at, where there are any.
-    pub(super) casters: Option<&'a Casters>,
+    /// The objects that light paths are aimed at; `None` where there are none.
+    pub(super) casters: Option<&'a CausticCasters>,
     /// Directions of the light groups, where asked for.
     directions: Option<LightGroups>,
     /// Largest contribution of indirect light, as it counts for one branch.
@@ -73,7 +75,7 @@ pub(super) struct Tracer<'a, F: Features> {
     hits: [Option<Hit>; SHOTS],
     pub(super) scratch: Scratch,
     pub(super) points: Points,
-    pub(super) ahead: Ahead,
+    pub(super) light_samples: LightSampleCache,
     /// BSDFs made before, by material.
     bsdfs: &'a [Option<Prepared>],
     pub(super) stats: Stats,
@@ -123,7 +125,8 @@ impl<F: Features> simd::Work for Probes<'_, '_, F> {
     }
 }
 
-/// What two light samples and two paths bring behind one camera ray, each as if it were the only one of its kind, and the rays they took.
+/// The contributions of two light samples and two paths behind one camera ray, each as if it were the only one of its kind, and
+/// the number of rays that they took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Probe {
     pub light: [Vec3A; 2],
@@ -147,8 +150,8 @@ pub(super) fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]
 }
 
 impl<'a, F: Features> Tracer<'a, F> {
-    /// `lights`: light samples at the first surface behind a camera ray.
-    pub fn new(scene: &'a RenderScene, settings: &'a Settings, casters: Option<&'a Casters>, lights: u32) -> Self {
+    /// `lights` is the number of light samples at the first surface behind a camera ray.
+    pub fn new(scene: &'a RenderScene, settings: &'a Settings, casters: Option<&'a CausticCasters>, lights: u32) -> Self {
         Self {
             scene,
             settings,
@@ -164,7 +167,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             hits: [None; SHOTS],
             scratch: Scratch::default(),
             points: Points::default(),
-            ahead: Ahead::default(),
+            light_samples: LightSampleCache::default(),
             bsdfs: settings.bsdfs(scene),
             stats: Stats::default(),
             features: std::marker::PhantomData,
@@ -180,8 +183,8 @@ impl<'a, F: Features> Tracer<'a, F> {
         self.stats
     }
 
-    /// Finds what the camera rays of up to [`SHOTS`] shots meet, of which all or none are `seen`. Close to each other they are traced
-    /// in a third of the time that they take one by one, and meet the same.
+    /// Finds what the camera rays of up to [`SHOTS`] shots meet; either all or none of the shots are `seen`. Tracing them
+    /// together takes a third of the time and gives the same hits.
     #[inline]
     pub fn aim(&mut self, shots: &[Shot]) {
         simd::run(Aim { tracer: self, shots });
@@ -192,7 +195,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         let count = shots.len().min(SHOTS);
         let seen = shots.first().is_some_and(|shot| shot.seen);
         if F::FLAT_ENVIRONMENT && !seen && self.directions.is_none() {
-            // The same from everywhere: no need to know whither.
+            // The radiance is the same from all directions, so the direction does not matter.
             return;
         }
         for (ray, shot) in self.rays.iter_mut().zip(shots) {
@@ -206,7 +209,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
     }
 
-    /// Traces `shot`, which is number `place` of those last aimed at.
+    /// Traces `shot`, number `place` of the shots that were last passed to [`Self::aim`].
     #[inline]
     pub fn sample(&mut self, place: usize, shot: &Shot) -> Sample {
         simd::run(CameraSample { tracer: self, place, shot })
@@ -215,11 +218,11 @@ impl<'a, F: Features> Tracer<'a, F> {
     #[inline(always)]
     fn trace(&mut self, place: usize, shot: &Shot) -> Sample {
         self.points.expect(shot.count * self.branches);
-        self.ahead.expect(shot.count * self.lights);
+        self.light_samples.expect(shot.count * self.lights);
         self.stats.samples += u64::from(self.branches);
         *(if shot.seen { &mut self.stats.camera_rays } else { &mut self.stats.skipped_rays }) += 1;
         if F::FLAT_ENVIRONMENT && !shot.seen && self.directions.is_none() {
-            return Sample { radiance: self.scene.light().radiance(Vec3A::Y), first: None };
+            return Sample { radiance: self.scene.environment_light().radiance(Vec3A::Y), first: None };
         }
         let (ray, hit) = (self.rays[place % SHOTS], self.hits[place % SHOTS]);
         self.radiance = Vec3A::ZERO;
@@ -228,7 +231,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
         let first = match hit {
             None => {
-                self.add(self.scene.light().radiance(ray.direction), Origin::Environment(ray.direction));
+                self.add(self.scene.environment_light().radiance(ray.direction), Origin::Environment(ray.direction));
                 None
             }
             Some(hit) => {
@@ -286,7 +289,8 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
     }
 
-    /// What up to [`SHOTS`] shots bring, light samples and paths apart: two of each behind every camera ray that meets something.
+    /// The contributions of up to [`SHOTS`] shots, for light samples and paths separately: two of each behind every camera ray
+    /// that hits a surface.
     pub fn probe(&mut self, shots: &[Shot]) -> Vec<Probe> {
         simd::run(Probes { tracer: self, shots })
     }
@@ -295,7 +299,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     fn find_probes(&mut self, shots: &[Shot]) -> Vec<Probe> {
         self.find_first(shots);
         self.points.expect(2 * shots.len() as u32);
-        self.ahead.expect(2 * shots.len() as u32);
+        self.light_samples.expect(2 * shots.len() as u32);
         let mut probes = Vec::with_capacity(shots.len());
         for (place, shot) in shots.iter().enumerate().take(SHOTS) {
             let (ray, Some(hit)) = (self.rays[place], self.hits[place]) else { continue };
@@ -325,7 +329,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         probes
     }
 
-    /// Goes on from the second surface of a path.
+    /// Continues from the second surface of a path.
     #[inline(always)]
     fn follow(&mut self, sampler: &PixelSampler, mut path: Path, mut surface: Interaction, mut wo: Vec3A) {
         let (mode, bsdfs) = (self.settings.bsdf, self.bsdfs);
@@ -344,7 +348,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
     }
 
-    /// Draws where the path goes on and adds what it meets there but for its reflection. `None` where the path ends.
+    /// Draws the next direction of the path and adds the emission that it meets. `None` where the path ends.
     #[inline(always)]
     fn scatter(
         &mut self,
@@ -365,11 +369,11 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
 
         let ray = surface.spawn(wi);
-        // Draws of this density as one of their kind that were made.
+        // The number of draws that were made with this density.
         let pdf = path.draws() * scattered.pdf;
         let last = path.vertex == self.settings.max_bounces;
         if last && !(F::FULL && scene.features().emitters) {
-            // No surface beyond: only whether something stands in the way matters.
+            // The path ends here, so only visibility matters, not the surface.
             let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
             if contribution != Vec3A::ZERO || !skips.zero_contributions {
                 self.stats.shadow_rays += 1;
@@ -437,20 +441,20 @@ impl<'a, F: Features> Tracer<'a, F> {
     }
 }
 
-/// Where a path stands.
+/// The state of a path.
 #[derive(Clone, Copy)]
 pub(super) struct Path {
-    /// The surface it is at, the first being 1.
+    /// Number of the surface that the path is at; the first is 1.
     pub vertex: u32,
-    /// Number of its random numbers.
+    /// Index of the path's random numbers.
     pub index: u32,
-    /// Throughput from the camera; the share of the branch is in it.
+    /// Throughput from the camera, including the share of the branch.
     pub beta: Vec3A,
-    /// Into how many the first surface splits the path.
+    /// Number of branches that the first surface splits the path into.
     pub branches: f32,
-    /// Directions that are drawn at the first surface for one light sample there.
+    /// Number of directions drawn at the first surface per light sample there.
     first_draws: f32,
-    /// What the density of light paths depends on; 0 where none can come this way.
+    /// Factor of the density of light paths; 0 where no light path can come this way.
     pub reach: f32,
 }
 
@@ -462,25 +466,26 @@ impl Path {
         Self { vertex: 1, index, beta: Vec3A::ONE, branches, first_draws: branches / lights, reach: 0.0 }
     }
 
-    /// Part `part` of `count` equal ones. Each has numbers of its own, which are stratified over those of all camera rays of the pixel.
+    /// Part `part` of `count` equal parts. Each part has its own random numbers, stratified together with those of all camera
+    /// rays of the pixel.
     #[inline(always)]
     fn part(self, part: u32, count: u32) -> Self {
         Self { index: self.index * count + part, beta: Vec3A::splat(1.0 / count as f32), ..self }
     }
 
-    /// The same, which no light path finds: it passes a surface from behind.
+    /// The same path, marked as one that no light path finds, because it passes a surface from behind.
     #[inline(always)]
     fn unreached(self) -> Self {
         Self { reach: 0.0, ..self }
     }
 
-    /// Directions drawn at this surface for one light sample.
+    /// Number of directions drawn at this surface per light sample.
     #[inline(always)]
     pub fn draws(&self) -> f32 {
         if self.vertex == 1 { self.first_draws } else { 1.0 }
     }
 
-    /// Plays roulette with the number `u`; survivors stand for those that end.
+    /// Plays roulette with the random number `u`; survivors are weighted up for the paths that end.
     #[inline(always)]
     fn survives(&mut self, u: f32) -> bool {
         if self.vertex < ROULETTE_FROM {
@@ -488,7 +493,7 @@ impl Path {
         }
         let limit = if self.vertex < ROULETTE_ALWAYS { 1.0 } else { ROULETTE_LIMIT };
         let keep = (self.beta.max_element() * (self.branches / ROULETTE_BELOW)).min(limit);
-        // A NaN goes on to be counted.
+        // A NaN continues, so that it is counted.
         if u >= keep {
             return false;
         }
@@ -497,7 +502,7 @@ impl Path {
     }
 }
 
-/// The BSDF at `surface`: that of its material where that is the same everywhere, or else `own`.
+/// The BSDF at `surface`: the material's prepared BSDF where the material is constant, and otherwise `own`.
 #[inline(always)]
 pub(super) fn bsdf_of<'b, F: Features>(
     bsdfs: &'b [Option<Prepared>],
@@ -519,7 +524,7 @@ mod tests {
     use glam::Affine3A;
     use renderflow_scenes::shapes::Shape;
 
-    /// What a camera sample is worth does not depend on which others its ray was traced with.
+    /// The value of a camera sample does not depend on the samples that its ray was traced with.
     #[test]
     fn shots_are_the_same_together_and_alone() {
         let ball = |x: f32, material| {

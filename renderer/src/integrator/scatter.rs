@@ -1,13 +1,15 @@
 //! Scattering at a surface point in world space: the BSDF in its shading frame, kept above the true surface.
 //!
-//! A shading normal that leans away from the geometric one (interpolated, or from a map) makes the BSDF scatter some light below the
-//! true surface, where it would pass through. Dropping that part loses energy: a white object under a white sky gets dark seams.
-//! Here it is folded back: a direction below the surface stands for its mirror image above it,
+//! A shading normal that leans away from the geometric one (interpolated, or from a map) makes the BSDF scatter some light below
+//! the true surface, where it would pass through. Dropping that part loses energy: a white object under a white sky gets dark
+//! seams. Here it is folded back: a direction below the surface stands for its mirror image above it,
 //!
-//! `f(wi) = f_s(wi) + f_s(wi - 2 (n . wi) n)`, both terms with their own cosine, the second where its direction is above the shading horizon,
+//! `f(wi) = f_s(wi) + f_s(wi - 2 (n . wi) n)`, both terms with their own cosine, the second where its direction is above the
+//! shading horizon,
 //!
-//! and the density likewise. What the BSDF reflects in all leaves the surface whatever the normals are, so a furnace closes; only
-//! directions within the lean of the normal from the horizon are affected. Not reciprocal: paths are weighed as seen from the camera.
+//! and the density in the same way. All light that the BSDF reflects leaves the surface for any normals, so a furnace closes.
+//! Only directions whose angle from the horizon is below the tilt of the normal are affected. The result is not reciprocal: paths
+//! are weighted as seen from the camera.
 //!
 //! In published mode such directions are dropped, as Mitsuba and others do, so that pictures agree on coarse smooth models too
 //! (docs/measurements/renderer-notes.md, small).
@@ -50,7 +52,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
         Self { n: surface.n, lean: surface.n.dot(surface.ns), mode, view: bsdf.view(frame.to_local(wo)), frame }
     }
 
-    /// Whether nothing is reflected towards the viewer, from whatever direction.
+    /// Whether nothing is reflected towards the viewer from any direction.
     #[inline]
     pub fn is_black(&self) -> bool {
         self.view.is_black()
@@ -94,7 +96,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
         (cos_shading > 0.0).then(|| self.frame.to_local(wi - self.n * (2.0 * cos)))
     }
 
-    /// Draws a direction. `None` where the sample carries nothing.
+    /// Draws a direction. `None` where the sample has no energy.
     #[inline(always)]
     pub fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<Scattered> {
         let drawn = self.view.sample(u_lobe, u)?;
@@ -156,7 +158,7 @@ impl ShadingFrame {
 mod tests {
     use super::*;
     use crate::features::Compiled;
-    use crate::material::{Bsdf, Surface};
+    use crate::material::{Bsdf, Principled};
 
     #[test]
     fn shading_frames_are_orthonormal() {
@@ -176,13 +178,13 @@ mod tests {
         }
     }
 
-    /// However the shading normal leans, what the BSDF reflects leaves the surface: the mean weight of samples is the BSDF's albedo,
-    /// and the same integral over `eval` agrees, as does the density's.
+    /// However the shading normal leans, what the BSDF reflects leaves the surface: the mean weight of samples is the BSDF's
+    /// albedo, and the same integral over `eval` agrees, as does the density's.
     #[test]
     fn folding_keeps_the_energy_of_leaning_normals() {
         let wo = Vec3A::new(0.5, 0.2, 0.7).normalize();
         for lean in [0.0f32, 0.3, 0.8, 1.2] {
-            let surface = Surface { base_color: Vec3A::splat(0.8), roughness: 0.6, metallic: 0.5, ..Surface::default() };
+            let surface = Principled { base_color: Vec3A::splat(0.8), roughness: 0.6, metallic: 0.5, ..Principled::default() };
             let ns = Vec3A::new(lean.sin(), 0.0, lean.cos());
             let upright = Bsdf::<false>::new(&surface, Mode::Conserving);
             let point = Interaction::for_tests(Vec3A::Z, ns, surface);

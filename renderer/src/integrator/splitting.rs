@@ -1,8 +1,8 @@
 //! How many light samples the first surface of a path gets, by what they bring in this picture.
 //!
-//! What a camera ray brings is the mean of `l` light samples at what it hits, plus the mean of `b` paths that go on from there. With `v_x`
-//! the variance between camera rays, `v_l` of a light sample and `v_s` of a path, and `c_x`, `c_l`, `c_s` what each costs, the picture's
-//! error in a given time is in proportion to
+//! What a camera ray brings is the mean of `l` light samples at what it hits, plus the mean of `b` paths that go on from there.
+//! With `v_x` the variance between camera rays, `v_l` of a light sample and `v_s` of a path, and `c_x`, `c_l`, `c_s` what each
+//! costs, the picture's error in a given time is in proportion to
 //!
 //! `(v_x + v_l / l + v_s / b) (c_x + l c_l + b c_s)`,
 //!
@@ -12,7 +12,7 @@
 
 use super::Settings;
 use super::gbuffer::Visible;
-use super::light_paths::Casters;
+use super::light_paths::CausticCasters;
 use super::path::{Probe, Shot, Tracer};
 use crate::compile::RenderScene;
 use crate::features::{Features, with_features};
@@ -44,14 +44,19 @@ const RAY: f64 = 1.0;
 const STREAM: u64 = 0x5350_4c49;
 
 /// Light samples at the first surface behind a camera ray: `settings.light_samples`, or else what suits the picture.
-pub(super) fn light_samples(scene: &RenderScene, settings: &Settings, visible: &Visible, casters: Option<&Casters>) -> u32 {
+pub(super) fn light_samples(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    casters: Option<&CausticCasters>,
+) -> u32 {
     if let Some(count) = settings.light_samples {
         return count;
     }
     with_features!(settings.needed(scene), settings.full(), choose(scene, settings, visible, casters))
 }
 
-fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visible, casters: Option<&Casters>) -> u32 {
+fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visible, casters: Option<&CausticCasters>) -> u32 {
     let (width, height) = (scene.camera().width, scene.camera().height);
     let samples = (width * height) as u64 * u64::from(settings.spp);
     let count = ((samples / (SHARE * 2 * u64::from(RAYS))) as usize).min(MOST);
@@ -92,8 +97,8 @@ fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visib
     CHOICES.into_iter().min_by(|a, b| price(*a).total_cmp(&price(*b))).unwrap_or(1)
 }
 
-/// What the pilot says of a pixel: variances of one camera ray, light sample and path, relative to the squared mean, and rays that the
-/// latter two take.
+/// What the pilot says of a pixel: variances of one camera ray, light sample and path, relative to the squared mean, and rays
+/// that the latter two take.
 struct Pixel {
     camera: f64,
     light: f64,

@@ -16,7 +16,7 @@ const AHEAD: usize = 4;
 pub(super) struct Grid {
     columns: usize,
     rows: Discrete,
-    /// Tables of a row after those of another, as in [`Discrete`]; rows of weight zero hold nothing useful and are never asked.
+    /// Tables of a row after those of another, as in [`Discrete`]; rows of weight zero are meaningless and never used.
     cumulative: Vec<f32>,
     guide: Vec<u32>,
 }
@@ -31,8 +31,8 @@ pub(super) struct Cell {
 }
 
 impl Grid {
-    /// `fill(row, weights)` gives the weights of the cells of a row, finite and >= 0; it is called from rayon's threads. `None` when
-    /// all are zero. Also returns their sum.
+    /// `fill(row, weights)` gives the weights of the cells of a row, finite and >= 0; it is called from rayon's threads. `None`
+    /// when all are zero. Also returns their sum.
     pub fn new(columns: usize, rows: usize, fill: impl Fn(usize, &mut [f64]) + Sync) -> Option<(Self, f64)> {
         let [steps, slots] = sizes(columns);
         let mut cumulative = vec![0.0; steps * rows];

@@ -12,7 +12,7 @@ pub struct EmissiveTriangle {
     pub corners: [Vec3A; 3],
     /// Emitted radiance, the mean over the triangle where it is textured. It only decides how often the triangle is drawn.
     pub radiance: Vec3A,
-    /// Whether the back emits too.
+    /// Whether the back emits as well.
     pub two_sided: bool,
     /// The caller's number for it, unique.
     pub id: u32,
@@ -40,8 +40,8 @@ pub struct EmitterSample {
 /// Emissive triangles, drawn by power: area times luminance times emitting sides; points within one uniformly.
 ///
 /// Probabilities are whole multiples of 1 / units, where `units` is how many random numbers lead here: a triangle's probability
-/// is then exactly how often it is drawn, however many there are. One too faint for a single unit is never drawn and has density 0;
-/// samples of materials find it, with their whole weight.
+/// is then exactly how often it is drawn, however many there are. One too faint for a single unit is never drawn and has density
+/// 0; samples of materials find it, with their whole weight.
 #[derive(Clone, Debug)]
 pub struct EmitterLight {
     /// Sorted by id.
@@ -68,8 +68,9 @@ struct Emitter {
 }
 
 impl EmitterLight {
-    /// Tables for `triangles`. Ignored and counted are those of no area, those that are black, and those whose corners or radiance
-    /// are not finite and >= 0. `None` when nothing is left. Radiance beyond [`MAX_RADIANCE`] is limited to it, and counted.
+    /// Tables for `triangles`. Ignored and counted are those of no area, those that are black, and those whose corners or
+    /// radiance are not finite and >= 0. `None` when nothing is left. Radiance beyond [`MAX_RADIANCE`] is limited to it, and
+    /// counted.
     pub fn new(triangles: impl IntoIterator<Item = EmissiveTriangle>) -> Option<Self> {
         Self::with_units(triangles, UNITS)
     }
@@ -151,9 +152,9 @@ impl EmitterLight {
         self.power
     }
 
-    /// Draws a point on an emitter as seen from `p`; random numbers in 0..1, `choice` for the triangle. `None` when the emitter does
-    /// not face `p`, when `p` is in its plane, or so near that the density (area density times distance squared over the cosine) is
-    /// below the smallest normal float; [`Self::pdf`] then is 0.
+    /// Draws a point on an emitter as seen from `p`; random numbers in 0..1, `choice` for the triangle. `None` when the emitter
+    /// does not face `p`, when `p` is in its plane, or so near that the density (area density times distance squared over the
+    /// cosine) is below the smallest normal float; [`Self::pdf`] then is 0.
     #[inline]
     pub fn sample(&self, p: Vec3A, choice: f32, u: [f32; 2]) -> Option<EmitterSample> {
         self.pick(((choice * UNITS as f32) as u32).min(UNITS - 1), p, u)
@@ -184,9 +185,9 @@ impl EmitterLight {
         (pdf > 0.0).then_some(EmitterSample { wi, distance, p: point, n, id: emitter.id, barycentrics, pdf })
     }
 
-    /// Density with which [`Self::sample`] draws, per steradian, a direction that meets triangle `id` at `distance`; `cos` is that
-    /// between the triangle's front normal and the direction back to the shading point, negative seen from behind. 0 for triangles
-    /// that are no emitters.
+    /// Density with which [`Self::sample`] draws, per steradian, a direction that meets triangle `id` at `distance`; `cos` is
+    /// that between the triangle's front normal and the direction back to the shading point, negative seen from behind. 0 for
+    /// triangles that are no emitters.
     #[inline]
     pub fn pdf(&self, id: u32, distance: f32, cos: f32) -> f32 {
         // Lists of one mesh have consecutive numbers, where the first guess is right.
@@ -213,8 +214,8 @@ impl Emitter {
     }
 }
 
-/// Barycentric weights of a uniform point: a map from the square that keeps neighbours together (Heitz 2019, "A Low-Distortion Map
-/// Between Triangle and Square").
+/// Barycentric weights of a uniform point: a map from the square that keeps neighbours together (Heitz 2019, "A Low-Distortion
+/// Map Between Triangle and Square").
 #[inline]
 fn to_triangle([u, v]: [f32; 2]) -> [f32; 3] {
     let (a, b) = if v > u { (0.5 * u, v - 0.5 * u) } else { (u - 0.5 * v, 0.5 * v) };

@@ -16,8 +16,8 @@ pub const MAX_RADIANCE: f32 = 1e32;
 /// Light whose brightest component is fainter than this is none: its inverse would not be finite.
 const MIN_RADIANCE: f32 = 1e-37;
 
-/// What the density of light samples is proportional to. The estimate with multiple importance sampling has the same mean for all;
-/// only [`Sampling::Plain`] is unbiased without it.
+/// What the density of light samples is proportional to. The estimate with multiple importance sampling has the same mean for
+/// all; only [`Sampling::Plain`] is unbiased without it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Sampling {
     /// Radiance: positive wherever there is light.
@@ -55,7 +55,8 @@ pub struct EnvironmentSample {
 /// Texels that could not be used as they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Repairs {
-    /// Components that were NaN or negative and count as black. Maps read from files have none: the reader repairs and counts them.
+    /// Components that were NaN or negative and count as black. Maps read from files have none: the reader repairs and counts
+    /// them.
     pub black: usize,
     /// Components that were infinite or, times the gain, beyond [`MAX_RADIANCE`], and count as that.
     pub limited: usize,
@@ -70,7 +71,6 @@ pub struct Repairs {
 pub struct EnvironmentLight {
     kind: Kind,
     repairs: Repairs,
-    mean: Vec3A,
     concentration: f32,
 }
 
@@ -148,8 +148,8 @@ impl EnvironmentLight {
         Self::with_sampling(environment, Sampling::default())
     }
 
-    /// Builds the sampling tables, 22 bytes a texel, on rayon's threads (so never call it while a cell or lock is held that one of
-    /// its tasks may ask for). [`Self::repairs`] tells of texels that are no usable radiance.
+    /// Builds the sampling tables, 22 bytes a texel, on rayon's threads (so never call it while a cell or lock is held that one
+    /// of its tasks may ask for). [`Self::repairs`] counts texels whose radiance was unusable.
     ///
     /// # Errors
     /// When the rotation is not finite, the intensity not finite or negative, or the map's size and texel count differ.
@@ -167,7 +167,7 @@ impl EnvironmentLight {
             return Err(Error::inconsistent("environment/map", reason));
         }
         let (repairs, brightest) = inspect(pixels, *intensity);
-        let constant = |radiance| Self { kind: Kind::Constant(radiance), repairs, mean: radiance, concentration: 1.0 };
+        let constant = |radiance| Self { kind: Kind::Constant(radiance), repairs, concentration: 1.0 };
         if environment.is_constant() {
             return Ok(constant(pixels.first().map_or(Vec3A::ZERO, |texel| usable(texel, *intensity))));
         }
@@ -189,7 +189,7 @@ impl EnvironmentLight {
             Some(map) => Kind::Map(Box::new(map)),
             None => return Ok(constant(Vec3A::ZERO)),
         };
-        Ok(Self { kind, repairs, mean, concentration })
+        Ok(Self { kind, repairs, concentration })
     }
 
     /// What had to be done to the map's texels.
@@ -197,13 +197,8 @@ impl EnvironmentLight {
         self.repairs
     }
 
-    /// Mean radiance over the sphere, texels weighted by their solid angle.
-    pub fn mean_radiance(&self) -> Vec3A {
-        self.mean
-    }
-
-    /// How much brighter the environment is where light comes from than everywhere: the mean of squared radiance over the square of its
-    /// mean, >= 1. The same from everywhere makes 1, all light from one of `n` equal parts of the sphere `n`.
+    /// How much brighter the environment is where light comes from than everywhere: the mean of squared radiance over the square
+    /// of its mean, >= 1. The same from everywhere makes 1, all light from one of `n` equal parts of the sphere `n`.
     pub fn concentration(&self) -> f32 {
         self.concentration
     }
@@ -344,8 +339,8 @@ impl Map {
         self.drawn((cell.column, cell.row), &within)
     }
 
-    /// [`Self::sample`] of all `u`, step by step: the steps of one draw wait for each other, those of sixteen do not, and the middle
-    /// ones work on vectors.
+    /// [`Self::sample`] of all `u`, step by step: the steps of one draw wait for each other, those of sixteen do not, and the
+    /// middle ones work on vectors.
     #[inline(always)]
     fn sample_all(&self, u: [&[f32; LANES]; 2], drawn: &mut [Option<EnvironmentSample>; LANES]) {
         let mut cells = [(0, 0); LANES];
@@ -415,7 +410,7 @@ impl Map {
         let t = ((q - band.start) * band.inverse_extent).clamp(0.0, 1.0);
 
         let width = self.width as f32;
-        // -1/2..=3/2 turns, brought to 0..1 by adding or taking off one at most.
+        // -1/2..=3/2 turns, brought to 0..1 by adding or subtracting at most one.
         let turns = atan2(wi.x, -wi.z) * (1.0 / TAU) + self.rotation;
         let x = turns * width - 0.5;
         let x = x + if x < 0.0 { width } else { 0.0 } - if x >= width { width } else { 0.0 };
@@ -493,7 +488,8 @@ fn inspect(pixels: &[[f32; 3]], intensity: f32) -> (Repairs, f32) {
     pixels.par_iter().with_min_len(1 << 12).map(texel).reduce(Default::default, both)
 }
 
-/// Mean of the usable texels, weighted by solid angle, and [`EnvironmentLight::concentration`] of their averages. Sums of rows are added in order: the same bits for any number of threads.
+/// Mean of the usable texels, weighted by solid angle, and [`EnvironmentLight::concentration`] of their averages. Sums of rows
+/// are added in order: the same bits for any number of threads.
 fn moments(environment: &Environment, brightest: f32) -> (Vec3A, f32) {
     let map = &environment.map;
     let rows: Vec<(glam::DVec3, f64)> = map

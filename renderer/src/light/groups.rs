@@ -6,9 +6,9 @@ use std::cmp::Ordering;
 
 /// A partition of directions into groups, in the environment's own frame: it turns with the map.
 ///
-/// The upper hemisphere (horizon included) is cut into `ceil(n / 2)` equal sectors of azimuth, the lower into the rest. Azimuth runs
-/// as in the map, from -Z towards +X, and the first sector starts at 0. So 1 group is everything, 2 are sky and ground, 8 are octants.
-/// Where emitters are told apart, they have the last group and directions the ones before.
+/// The upper hemisphere (horizon included) is cut into `ceil(n / 2)` equal sectors of azimuth, the lower into the rest. Azimuth
+/// runs as in the map, from -Z towards +X, and the first sector starts at 0. So 1 group is everything, 2 are sky and ground, 8
+/// are octants. Where emitters have a group of their own, it is the last one, and directions have the groups before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightGroups {
     count: usize,
@@ -36,7 +36,7 @@ impl LightGroups {
         Ok(Self { count, upper: count.div_ceil(2), lower: count / 2, rotation: Vec2::from_angle(rotation) })
     }
 
-    /// Keeps the number of groups, but gives the last one to emitters; a single group stays that of all light.
+    /// Keeps the number of groups, but reserves the last one for emitters. A single group stays the group of all light.
     pub fn with_emitters(self) -> Self {
         let directions = (self.count - 1).max(1);
         Self { upper: directions.div_ceil(2), lower: directions / 2, ..self }

@@ -4,7 +4,8 @@ use super::emitters::{EmissiveTriangle, EmitterLight};
 use super::envmap::{EnvironmentLight, EnvironmentSample};
 use glam::Vec3A;
 
-/// Random numbers that choose a light are taken as multiples of one over this: generators of 23 or more bits hit each equally often.
+/// Random numbers that choose a light are taken as multiples of one over this: generators of 23 or more bits hit each equally
+/// often.
 pub(super) const UNITS: u32 = 1 << 23;
 
 /// What a light sample leads to.
@@ -58,10 +59,10 @@ pub struct LightSampler {
 }
 
 impl LightSampler {
-    /// All lights of a scene. Where there are both kinds, each is drawn as often as the other: whatever the one and the other send
-    /// to a point (`a`, `b`), the second moment `a^2 / q + b^2 / (1 - q)` is then at most twice that of the best share `q`. A share
-    /// by power would do worse wherever the stronger light is hidden, as a sky is from indoors. Other
-    /// shares differ little where they are better (docs/measurements/renderer-notes.md, light-shares).
+    /// All lights of a scene. Where there are both kinds, each is drawn as often as the other: whatever the one and the other
+    /// send to a point (`a`, `b`), the second moment `a^2 / q + b^2 / (1 - q)` is then at most twice that of the best share `q`.
+    /// A share by power would do worse wherever the stronger light is hidden, as a sky is from indoors. Other shares differ
+    /// little where they are better (docs/measurements/renderer-notes.md, light-shares).
     pub fn new(environment: EnvironmentLight, emitters: impl IntoIterator<Item = EmissiveTriangle>) -> Self {
         Self::with_share(environment, emitters, 0.5)
     }
@@ -111,13 +112,8 @@ impl LightSampler {
         }
     }
 
-    /// Density with which [`Self::sample`] draws the world-space unit direction `wi` as one to the environment, per steradian.
-    #[inline(always)]
-    pub fn pdf_environment(&self, wi: Vec3A) -> f32 {
-        self.environment.pdf(wi) * self.environment_share
-    }
-
-    /// [`EnvironmentLight::radiance`] and [`Self::pdf_environment`] in one look-up.
+    /// [`EnvironmentLight::radiance`] along the world-space unit direction `wi`, and the density, per steradian, with which
+    /// [`Self::sample`] draws `wi` as a direction to the environment.
     #[inline(always)]
     pub fn radiance_and_pdf(&self, wi: Vec3A) -> (Vec3A, f32) {
         let (radiance, pdf) = self.environment.radiance_and_pdf(wi);

@@ -1,9 +1,9 @@
 //! Directional albedo of the GGX lobe, tabulated once a process.
 //!
 //! With the Fresnel reflectance `f0 + (1 - f0) w(c)` the single-scattering albedo is `f0 (e - b) + b`, where `e` is the albedo at
-//! reflectance 1 and `b` the part weighted by `w`: Schlick's `(1 - c)^5` for conductors, that of a dielectric for coats. The table holds
-//! `b` of the four functions of [`fresnel::basis`], of which every dielectric's is a combination. All depend on (cosine, roughness)
-//! only.
+//! reflectance 1 and `b` the part weighted by `w`: Schlick's `(1 - c)^5` for conductors, that of a dielectric for coats. The
+//! table holds `b` of the four functions of [`fresnel::basis`], of which every dielectric's is a combination. All depend on
+//! (cosine, roughness) only.
 
 use super::ggx::{Ggx, MIN_ALPHA};
 use glam::{DVec4, Vec3A, Vec4};
@@ -21,14 +21,15 @@ const WIDE: f32 = 0.5;
 /// Bend that resolves the layer of grazing views, which is as wide as the lobe: this times `roughness^1.5`.
 const NARROW: f32 = 0.12;
 
-/// Where a cosine lies along a row, 0..=1, the mean of two hyperbolae: grazing views are spread out, where the albedo changes fast.
+/// Where a cosine lies along a row, 0..=1, the mean of two hyperbolae: grazing views are spread out, where the albedo changes
+/// fast.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Abscissa {
     narrow: f32,
 }
 
 impl Abscissa {
-    /// `root` is that of the roughness, `alpha^(1/4)`.
+    /// `root` is the root of the roughness, `alpha^(1/4)`.
     #[inline(always)]
     pub fn new(root: f32) -> Self {
         Self { narrow: NARROW * root * root * root }
@@ -57,9 +58,9 @@ pub(super) fn lowest_root() -> f32 {
     MIN_ALPHA.sqrt().sqrt()
 }
 
-/// Albedo of a lobe seen at one cosine: `e` of the module's text, and the four `b` less their mirror-like parts `e w(cos)`. The rest
-/// is small for smooth surfaces, whose `b` would otherwise need nodes both where `w` changes and where the lobe does; what was taken off
-/// is added again for the `w` asked for, exactly.
+/// Albedo of a lobe seen at one cosine: `e` of the module's text, and the four `b` less their mirror-like parts `e w(cos)`. The
+/// rest is small for smooth surfaces, whose `b` would otherwise need nodes both where `w` changes and where the lobe does; what
+/// was taken off is added again for the `w` asked for, exactly.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Albedo {
     /// Albedo with Fresnel reflectance 1.
@@ -78,7 +79,7 @@ impl Albedo {
         Self { e: self.e + (other.e - self.e) * t, rest: self.rest + (other.rest - self.rest) * t }
     }
 
-    /// The four `b`; `cos` is that of the view here and below.
+    /// The four `b`; here and below `cos` belongs to the view direction.
     pub fn parts(&self, cos: f32) -> Vec4 {
         (self.rest + self.e * fresnel::basis(cos)).max(Vec4::ZERO)
     }
@@ -102,8 +103,8 @@ impl Albedo {
     }
 }
 
-/// Cosine-weighted hemispherical means `2 * integral of k(c) w(c) c dc` of a function `k` of the cosine `c`, for the weights `w` =
-/// `1, c, F, F c, F c^2` with Schlick's `F = (1 - c)^5`.
+/// Cosine-weighted hemispherical means `2 * integral of k(c) w(c) c dc` of a function `k` of the cosine `c`, for the weights `w`
+/// = `1, c, F, F c, F c^2` with Schlick's `F = (1 - c)^5`.
 pub(super) type Moments = [f32; 5];
 
 /// [`Moments`] of `k = 1`.
@@ -237,8 +238,8 @@ impl Table {
             let row = cosines.map(|cos| integrate(&ggx, cos));
             (row, cosines, moments(&row, &cosines, abscissa))
         };
-        // Not rayon's threads: a worker that waits here would pick up a tile, come back for the table and wait for itself. They all wait
-        // for this table at first, 50 ms if one makes it, so that their processors are free.
+        // Not rayon's threads: a worker that waits here would pick up a tile, come back for the table and wait for itself. They
+        // all wait for this table at first, 50 ms if one makes it, so that their processors are free.
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(rayon::current_num_threads()).min(8);
         let part = |k: usize| (k..ROUGHNESSES).step_by(threads).map(row).collect::<Vec<_>>();
         let parts: Vec<Vec<_>> = std::thread::scope(|scope| {
@@ -269,8 +270,8 @@ fn integrate(ggx: &Ggx<false>, cos: f32) -> Albedo {
     Albedo::new(e, parts, cos)
 }
 
-/// `e` and the four `b`. Midpoint rule over visible normals: the mean of `G2 / G1` is the albedo. `turn` is the share of a turn of azimuths that stands
-/// for all of them (0.5 where the two halves mirror each other).
+/// `e` and the four `b`. Midpoint rule over visible normals: the mean of `G2 / G1` is the albedo. `turn` is the share of a turn
+/// of azimuths that stands for all of them (0.5 where the two halves mirror each other).
 pub(super) fn integrate_view<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, strata: [usize; 2]) -> (f32, Vec4) {
     let (mut e, mut parts) = (0.0_f64, DVec4::ZERO);
     // Draws of a lobe much wider along x than along y turn within a narrow range of azimuths about y: finer there. The warp is
@@ -310,8 +311,8 @@ pub(super) const GAUSS: [(f64, f64); 5] = [
     (0.953_089_922_969_332, 0.118_463_442_528_094_5),
 ];
 
-/// Calls `visit(node, share of the upper node, cosine, weight)` at the points of a cosine-weighted mean over the hemisphere, taken
-/// interval by interval of a row's interpolant. The weights sum to 1.
+/// Calls `visit(node, share of the upper node, cosine, weight)` at the points of a cosine-weighted mean over the hemisphere,
+/// taken interval by interval of a row's interpolant. The weights sum to 1.
 pub(super) fn quadrature(cosines: &[f32; COSINES], abscissa: Abscissa, mut visit: impl FnMut(usize, f32, f64, f64)) {
     for (i, pair) in cosines.windows(2).enumerate() {
         let (low, step) = (f64::from(pair[0]), f64::from(pair[1] - pair[0]));

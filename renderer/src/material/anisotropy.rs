@@ -19,8 +19,8 @@ const LOWEST_ROOT: f32 = 0.133_352_14;
 /// Strata of the integration, over a whole turn: for lobes up to a width of 1, and for wider ones.
 const STRATA: [[usize; 2]; 2] = [[20, 40], [28, 80]];
 
-/// The table may be 0.6 % too low (measured, between its nodes at full anisotropy and roughness 1), and compensation would then gain
-/// energy: the albedo is taken this much too high.
+/// The table may be 0.6 % too low (measured, between its nodes at full anisotropy and roughness 1), and compensation would then
+/// gain energy: the albedo is taken this much too high.
 const SURPLUS: f32 = 1.006;
 
 /// The albedo of one anisotropic lobe, for every view.
@@ -95,14 +95,14 @@ impl Anisotropy {
         let place = self.lobe.place(w);
         let [low, high] = self.slices.map(|slice| slice.at(self.root, place));
         let albedo = low.lerp(high, self.ratio_share);
-        // No lobe reflects less than 0.11; the bound keeps the compensation finite whatever the table says.
+        // No lobe reflects less than 0.11; the bound keeps the compensation finite.
         let e = albedo.e.clamp(0.05, 1.0);
         let surplus = SURPLUS.min(e.recip());
         Albedo { e: surplus * e, rest: surplus * albedo.rest }
     }
 
-    /// Means over the hemisphere, 3 % and 0.002 low: a base that is thought to receive more reflects less. (Coats of an index near 1
-    /// reflect little, so that a share of it would not outweigh the table's errors.)
+    /// Means over the hemisphere, 3 % and 0.002 low: a base that is thought to receive more reflects less. (Coats of an index
+    /// near 1 reflect little, so that a share of it would not outweigh the table's errors.)
     pub fn moments(&self) -> AlbedoMoments {
         let (i, t) = self.root;
         let [low, high] = self.slices.map(|slice| slice.moments[i].lerp(&slice.moments[i + 1], t));

@@ -1,7 +1,7 @@
 //! Burley's clearcoat (2012): a fixed dielectric of reflectance 0.04 with the long-tailed GTR1 distribution.
 //!
-//! `0.25 clearcoat D F V`: `D` is GTR1 of width `mix(0.1, 0.001, gloss)`, `F` the reflectance, and `V` his separable Smith
-//! term of width 0.25, which holds the `1 / (4 cos_o cos_i)` of microfacet theory, as in his BRDF explorer's code. He prints Schlick's
+//! `0.25 clearcoat D F V`: `D` is GTR1 of width `mix(0.1, 0.001, gloss)`, `F` the reflectance, and `V` his separable Smith term
+//! of width 0.25, which holds the `1 / (4 cos_o cos_i)` of microfacet theory, as in his BRDF explorer's code. He prints Schlick's
 //! reflectance from 0.04; the conserving form takes that of index 1.5 by Fresnel's equations.
 
 use crate::angle::sin_cos_turns;

@@ -6,7 +6,7 @@
 //!   and it needs a second look-up and a second lobe for every metal; paths are only ever traced from the camera.
 //! - Dielectric: single-scattering GGX with the reflectance of Fresnel's equations ([`renderflow_frame::fresnel`]) over a diffuse base
 //!   that receives, reciprocally, what the coat lets through: see [`super::diffuse`]. A tint scales the reflectance at normal incidence
-//!   alone; how it rises from there remains that of the untinted index.
+//!   alone; its rise from there follows the untinted index.
 //! - Sheen and clearcoat lie on top and scale everything below by `1 - E(wo)` of their own albedo. A factor of `wo` alone is not
 //!   reciprocal; but with it the sum is exact for every view, where the reciprocal coupling of the base would need one second lobe
 //!   a layer, and paths are only ever traced from the camera.
@@ -19,13 +19,13 @@ use super::clearcoat::Clearcoat;
 use super::diffuse::{Diffuse, Slant};
 use super::fresnel::tint;
 use super::ggx::{Ggx, alpha, alpha_xy};
-use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
+use super::{BsdfEval, Lobes, Principled, sheen, subsurface};
 use glam::Vec3A;
 use renderflow_frame::fresnel::{Dielectric, MAX_F0, schlick_weight};
 use std::f32::consts::FRAC_1_PI;
 
-/// Largest reflectance at normal incidence that a tint may give a dielectric. A saturated blue over its luminance would reach 1 and
-/// leave the base nothing but grazing light, drawn with weights in the hundreds; no dielectric comes near.
+/// Largest reflectance at normal incidence that a tint may give a dielectric. A saturated blue over its luminance would reach 1
+/// and leave the base nothing but grazing light, drawn with weights in the hundreds; no dielectric comes near.
 const MAX_TINTED: f32 = 0.8;
 
 /// The energy-conserving scattering function of one surface point.
@@ -62,8 +62,8 @@ struct Coat<const FULL: bool> {
 /// What depends on `wo` alone.
 #[derive(Clone, Copy)]
 pub(super) struct Outgoing {
-    /// Fresnel reflectance of the GGX lobe, shares and compensation applied: `f0` plus Schlick's weight times `conductor` plus the
-    /// dielectric's weight times `dielectric`.
+    /// Fresnel reflectance of the GGX lobe, shares and compensation applied: `f0` plus Schlick's weight times `conductor` plus
+    /// the dielectric's weight times `dielectric`.
     f0: Vec3A,
     conductor: Vec3A,
     dielectric: Vec3A,
@@ -126,9 +126,9 @@ impl<const FULL: bool> Coat<FULL> {
 impl<const FULL: bool> Conserving<FULL> {
     /// `surface` has its parameters in range.
     #[inline(always)]
-    pub fn new(surface: &Surface) -> Self {
+    pub fn new(surface: &Principled) -> Self {
         let color = surface.base_color;
-        let Surface { metallic, roughness, .. } = *surface;
+        let Principled { metallic, roughness, .. } = *surface;
         let base = color * (1.0 - metallic);
         let f0_untinted = MAX_F0 * surface.specular;
         let mut f0_dielectric = Vec3A::splat(f0_untinted);
@@ -163,7 +163,7 @@ impl<const FULL: bool> Conserving<FULL> {
     }
 
     #[inline(always)]
-    fn diffuse(surface: &Surface, coat: Option<&Coat<FULL>>) -> Diffuse<FULL> {
+    fn diffuse(surface: &Principled, coat: Option<&Coat<FULL>>) -> Diffuse<FULL> {
         let (moments, f0, dielectric) = match coat {
             Some(coat) => (coat.moments().transmitted(coat.f0_max, &coat.dielectric), coat.f0_max, coat.dielectric),
             None => (UNIT_MOMENTS, 0.0, Dielectric::AIR),

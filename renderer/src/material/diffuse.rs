@@ -4,8 +4,8 @@
 //! BRDF to a BSDF", equation 4): `f_retro = R (Fo + Fi + Fo Fi (R - 1))`, `R = 2 roughness cos^2 theta_d`, `F = (1 - cos)^5`. His
 //! other factor `(1 - Fo/2)(1 - Fi/2)` is the loss through the coat, for which the coat's own transmittance `T` stands here.
 //!
-//! With the transmittance coupled reciprocally (Kelemen and Szirmay-Kalos 2001) and what the shape does not spread evenly given to a
-//! second lobe of the same form, the base is
+//! With the transmittance coupled reciprocally (Kelemen and Szirmay-Kalos 2001) and what the shape does not spread evenly given
+//! to a second lobe of the same form, the base is
 //!
 //! `base / (pi (Tm + h_max)) T(wo) T(wi) [ s(wo, wi) + d(wo) d(wi) / mean(T d) ]`,
 //!
@@ -30,8 +30,8 @@ fn retro(roughness: f32, fo: f32, fi: f32, dot: f32) -> f32 {
 #[derive(Clone, Copy)]
 pub(super) struct Diffuse<const FULL: bool> {
     roughness: f32,
-    /// `h_retro / roughness` = `a + b c + F (c0 + c1 c + c2 c^2)` for a cosine `c`. It is largest at grazing view, `a + c0`, so that
-    /// `a` drops out of what it lacks there.
+    /// `h_retro / roughness` = `a + b c + F (c0 + c1 c + c2 c^2)` for a cosine `c`. It is largest at grazing view, `a + c0`, so
+    /// that `a` drops out of what it lacks there.
     b: f32,
     c: [f32; 3],
     /// Factor of the second lobe.
@@ -48,7 +48,7 @@ impl<const FULL: bool> Diffuse<FULL> {
     pub const BLACK: Self =
         Self { roughness: 0.0, b: 0.0, c: [0.0; 3], second: 0.0, norm: 0.0, subsurface: 0.0, scattering: None };
 
-    /// `moments` are those of `T`; `coat` gives what the subsurface shape needs to know about it.
+    /// `moments` are the moments of `T`; `coat` gives what the subsurface shape needs to know about it.
     #[inline(always)]
     pub fn new(roughness: f32, subsurface: f32, moments: &Moments, coat: impl FnOnce() -> subsurface::Coat) -> Self {
         let [m0, m1, f0, f1, f2] = *moments;

@@ -2,7 +2,7 @@
 
 use super::conserving::{Conserving, Outgoing};
 use super::published::Published;
-use super::{BsdfEval, BsdfSample, Mode, Surface};
+use super::{BsdfEval, BsdfSample, Mode, Principled};
 use crate::angle::sin_cos_eighth;
 use glam::Vec3A;
 use std::f32::consts::FRAC_PI_4;
@@ -35,7 +35,7 @@ impl Lobes {
 /// The scattering function of one surface point, in its local frame: shading normal +z, tangent of anisotropic lobes +x.
 ///
 /// With `FULL = false` the compiled code knows base colour, metallic, roughness and specular of [`Mode::Conserving`] alone and
-/// ignores everything else; it is for scenes whose materials have no more ([`Surface::is_plain`]), and gives the values of
+/// ignores everything else; it is for scenes whose materials have no more ([`Principled::is_plain`]), and gives the values of
 /// `FULL = true` there. With `FULL = true` lobes that a material lacks are skipped by a branch.
 #[derive(Clone, Copy)]
 pub struct Bsdf<const FULL: bool>(Form<FULL>);
@@ -49,9 +49,9 @@ enum Form<const FULL: bool> {
 
 impl<const FULL: bool> Bsdf<FULL> {
     /// Prepares the lobes that `surface` has. Parameters beyond their range are taken at its end; NaN stays NaN and shows in the
-    /// values. `mode` is [`Mode::Conserving`] where `FULL = false`, whatever it says.
+    /// values. Where `FULL = false`, `mode` is ignored and taken as [`Mode::Conserving`].
     #[inline(always)]
-    pub fn new(surface: &Surface, mode: Mode) -> Self {
+    pub fn new(surface: &Principled, mode: Mode) -> Self {
         let surface = if FULL { surface.clamped() } else { surface.clamped_plain() };
         Self(match mode {
             Mode::Published if FULL => Form::Published(Published::new(&surface)),
@@ -92,7 +92,7 @@ impl<const FULL: bool> Bsdf<FULL> {
     }
 }
 
-/// Both forms of the conserving BSDF of a material that looks nothing up, made once: a vertex then has nothing to prepare but its view.
+/// Both forms of the conserving BSDF of a material without textures. They are made once, so that a vertex prepares only its view.
 #[derive(Clone, Copy)]
 pub struct Prepared {
     pub(crate) plain: Bsdf<false>,
@@ -101,7 +101,7 @@ pub struct Prepared {
 
 impl Prepared {
     /// For a surface that is the same everywhere.
-    pub fn new(surface: &Surface) -> Self {
+    pub fn new(surface: &Principled) -> Self {
         Self { plain: Bsdf::new(surface, Mode::Conserving), full: Bsdf::new(surface, Mode::Conserving) }
     }
 }
@@ -123,7 +123,7 @@ enum Seen<'a, const FULL: bool> {
 }
 
 impl<const FULL: bool> View<'_, FULL> {
-    /// Whether nothing is reflected, from whatever direction: a material without any lobe, or one seen from below.
+    /// Whether nothing is reflected from any direction: the material has no lobe, or is seen from below.
     #[inline(always)]
     pub fn is_black(&self) -> bool {
         matches!(self.seen, Seen::Nothing)

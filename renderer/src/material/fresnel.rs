@@ -1,9 +1,10 @@
-//! Schlick's Fresnel reflectance, and tints. That of dielectrics by Fresnel's equations is [`renderflow_frame::fresnel`]'s.
+//! Schlick's Fresnel reflectance, and tints. [`renderflow_frame::fresnel`] has Fresnel's equations for dielectrics.
 
 use glam::Vec3A;
 use renderflow_frame::fresnel::schlick_weight;
 
-/// Fresnel reflectance `f0 + (f90 - f0) (1 - cos)^5` (Schlick 1994); `cos_d` is the cosine between a direction and the half vector.
+/// Fresnel reflectance `f0 + (f90 - f0) (1 - cos)^5` (Schlick 1994); `cos_d` is the cosine between a direction and the half
+/// vector.
 #[inline(always)]
 pub fn schlick(f0: Vec3A, f90: Vec3A, cos_d: f32) -> Vec3A {
     f0 + (f90 - f0) * schlick_weight(cos_d)

@@ -93,7 +93,7 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
         wi.z / ((wo.z + smith) * (wi.z + self.smith(wi)))
     }
 
-    /// How much narrower than wide the lobe is, as far as its facets tilt at all: 1 for isotropic and smooth ones.
+    /// Ratio of the lobe's two widths; 1 for isotropic and for smooth lobes.
     pub(super) fn stretch(&self) -> f32 {
         if ANISOTROPIC { ((1.0 + self.alpha2[1]) / (1.0 + self.alpha2[0])).sqrt() } else { 1.0 }
     }

@@ -1,14 +1,14 @@
 //! The principled material as Burley printed it ("Physically Based Shading at Disney", 2012, and the code of his BRDF explorer).
 //!
 //! Its diffuse part gains and loses energy by design; this form exists to be compared with other renderers. One later change of
-//! his own is taken over (2014 revision of the notes): masking uses the lobe's own widths, not the earlier `(0.5 + roughness / 2)^2`.
-//! Colours are linear Rec.709, so that the luminance in `Ctint` is Rec.709's.
+//! his own is taken over (2014 revision of the notes): masking uses the lobe's own widths, not the earlier `(0.5 + roughness /
+//! 2)^2`. Colours are linear Rec.709, so that the luminance in `Ctint` is Rec.709's.
 
 use super::albedo::Row;
 use super::clearcoat::Clearcoat;
 use super::fresnel::{schlick, tint};
 use super::ggx::{Ggx, alpha_xy};
-use super::{BsdfEval, Lobes, Surface, sheen, subsurface};
+use super::{BsdfEval, Lobes, Principled, sheen, subsurface};
 use glam::Vec3A;
 use renderflow_frame::fresnel::schlick_weight;
 use std::f32::consts::FRAC_1_PI;
@@ -30,8 +30,8 @@ pub(super) struct Published {
 
 impl Published {
     /// `surface` has its parameters in range.
-    pub fn new(surface: &Surface) -> Self {
-        let Surface { base_color, metallic, roughness, .. } = *surface;
+    pub fn new(surface: &Principled) -> Self {
+        let Principled { base_color, metallic, roughness, .. } = *surface;
         let hue = tint(base_color);
         let dielectric = Vec3A::ONE.lerp(hue, surface.specular_tint) * (0.08 * surface.specular);
         Self {

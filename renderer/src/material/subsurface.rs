@@ -1,11 +1,12 @@
-//! Burley's diffuse approximation of subsurface scattering (2012, after Hanrahan and Krueger 1993), relative to a Lambertian lobe.
+//! Burley's diffuse approximation of subsurface scattering (2012, after Hanrahan and Krueger 1993), relative to a Lambertian
+//! lobe.
 
 use super::albedo::{Albedo, COSINES, ROUGHNESSES, Row, Table, quadrature};
 use renderflow_frame::fresnel::{self, Dielectric};
 use std::sync::OnceLock;
 
-/// Roughness of the first row of the albedo's table, `MIN_ALPHA^(1/2)`. The conserving form takes a smoother base as this rough, so
-/// that shape and table agree.
+/// Roughness of the first row of the albedo's table, `MIN_ALPHA^(1/2)`. The conserving form takes a smoother base as this rough,
+/// so that shape and table agree.
 pub(super) const MIN_ROUGHNESS: f32 = 0.031_622_78;
 
 /// `ss` of Burley's code: `1.25 (Fss (1 / (cos_i + cos_o) - 0.5) + 0.5)`, for Schlick weights `fo`, `fi` and `dot` = `wo . wi`.
@@ -65,8 +66,8 @@ fn factors(f0: f32, [a, b, c, d]: [f32; 4]) -> Integrals {
     [1.0, -f0, rise * a, rise * b, rise * c, rise * d]
 }
 
-/// Reflectances `f0` at which maxima are stored, for each of the surfaces of [`fresnel::nodes`]. The integral is affine in `f0`, and in
-/// the surface between two nodes; so its maximum over views is convex along both, and the chords bound it from above.
+/// Reflectances `f0` at which maxima are stored, for each of the surfaces of [`fresnel::nodes`]. The integral is affine in `f0`,
+/// and in the surface between two nodes; so its maximum over views is convex along both, and the chords bound it from above.
 const COATS: [f32; 3] = [0.0, fresnel::MAX_F0, 1.0];
 
 struct Shapes {

@@ -1,4 +1,4 @@
-//! Points of sixteen consecutive samples at once, bit for bit those of [`PixelSampler::point`].
+//! Points of sixteen consecutive samples at once, bit for bit equal to [`PixelSampler::point`].
 //!
 //! The sixteen share the upper bits of their shuffled numbers, hence most of the Sobol matrix, and what is left is the same short
 //! sequence of integer operations for each: the compiler makes vector code of it for whatever the processor has. A renderer that
@@ -20,8 +20,8 @@ const NONE: u32 = u32::MAX;
 /// Bits of a sample's number that matter.
 const BITS: usize = SEQUENCE.ilog2() as usize;
 
-/// Sobol's direction numbers of the first four dimensions (Joe and Kuo 2008), bits reversed; the first belongs to the lowest bit of a
-/// sample's number.
+/// Sobol's direction numbers of the first four dimensions (Joe and Kuo 2008), bits reversed; the first belongs to the lowest bit
+/// of a sample's number.
 const DIRECTIONS: [[u32; 4]; BITS] = directions();
 
 const fn directions() -> [[u32; 4]; BITS] {
@@ -78,10 +78,10 @@ struct Batch {
     points: Batched,
 }
 
-/// Keeps the points that were computed ahead. What it returns depends on the arguments alone.
+/// Caches points that were computed in advance. Its results depend on the arguments alone.
 pub struct Points {
     batches: [Batch; SETS],
-    /// Whether so few samples of a pixel are asked for that each is computed by itself.
+    /// Whether so few samples of a pixel are requested that each is computed by itself.
     few: bool,
 }
 
@@ -92,7 +92,8 @@ impl Default for Points {
 }
 
 impl Points {
-    /// Says how many consecutive samples of a pixel will be asked for: what is computed ahead follows it, what is returned does not.
+    /// Announces how many consecutive samples of a pixel will be requested. It affects what is computed in advance, never the
+    /// results.
     #[inline(always)]
     pub fn expect(&mut self, samples: u32) {
         self.few = samples < WORTH;
@@ -102,15 +103,16 @@ impl Points {
     #[inline(always)]
     pub fn point(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> [f32; 4] {
         let lane = index as usize % LANES;
-        // Spelled out: an array that is mapped goes through memory, and reading two of its numbers at once then waits for both stores.
+        // Spelled out: an array that is mapped goes through memory, and reading two of its numbers at once then waits for both
+        // stores.
         match self.batch(sampler, index, set) {
             Some([x, y, z, w]) => [x[lane], y[lane], z[lane], w[lane]],
             None => sampler.point(index, set),
         }
     }
 
-    /// The points of set `set` of all samples `16 k..16 k + 16` with `index` among them; `None` where they are not kept or too few are
-    /// expected.
+    /// The points of set `set` of all samples `16 k..16 k + 16` with `index` among them; `None` where they are not kept or too
+    /// few are expected.
     #[inline(always)]
     pub fn batch(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> Option<&Batched> {
         if self.few { None } else { self.sixteen(sampler, index, set) }

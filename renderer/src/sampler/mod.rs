@@ -8,11 +8,12 @@
 //! | 2k - 1 | scattering at the k-th surface of the path: lobe, direction (2), Russian roulette |
 //! | 2k | light at the k-th surface: direction (2), choice between environment and emitters; the last is unused |
 //!
-//! Where a path splits (`Settings::branches` b > 1), set 0 is that of camera sample `index`; branch j of it takes its scattering and all
-//! later light from sample `index * b + j` of the other sets, so that these are stratified over all branches. The first surface's `l`
-//! light samples are those of set 2 with the numbers `index * l` on.
+//! Where a path splits (`Settings::branches` b > 1), set 0 belongs to camera sample `index`; branch j of it takes its scattering
+//! and all later light from sample `index * b + j` of the other sets, so that these are stratified over all branches. The first
+//! surface's `l` light samples are those of set 2 with the numbers `index * l` on.
 //!
-//! A scene that needs no light samples (flat environment, no emitters) never asks for the even sets; the others keep their numbers.
+//! A scene that needs no light samples (flat environment, no emitters) never asks for the even sets; the others keep their
+//! numbers.
 
 pub mod batch;
 pub mod hash;

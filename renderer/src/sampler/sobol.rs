@@ -1,4 +1,4 @@
-//! Owen-scrambled Sobol points (sobol_burley), one independent scramble a pixel and set.
+//! Owen-scrambled Sobol points (sobol_burley), with an independent scramble for each pixel and set.
 
 use crate::sampler::{Sampler, hash};
 
@@ -25,8 +25,8 @@ impl PixelSampler {
         Self { base: hash::child(hash::child(hash::mix(seed), frame), pixel), kind }
     }
 
-    /// Four numbers in [0, 1) of sample `index`: the `set`-th four-dimensional point. The first 2^k samples of a set are stratified
-    /// in all their dyadic boxes (Sobol).
+    /// Four numbers in [0, 1) of sample `index`: the `set`-th four-dimensional point. The first 2^k samples of a set are
+    /// stratified in all their dyadic boxes (Sobol).
     #[inline]
     pub fn point(&self, index: u32, set: u32) -> [f32; 4] {
         if self.kind == Sampler::Independent {

@@ -1,8 +1,8 @@
 //! Ordinary code, compiled once more for processors with AVX2.
 //!
-//! A binary for every x86-64 must do with SSE2. The shading of a path is compiled a second time for what processors since 2013 have:
-//! instructions with three operands, rounding, fused multiply-add where the code asks for it (a call otherwise), vectors of eight.
-//! Rust never contracts or reorders floating-point operations, so that both give the same bits.
+//! A binary for every x86-64 must do with SSE2. The shading of a path is compiled a second time for what processors since 2013
+//! have: instructions with three operands, rounding, fused multiply-add where the code asks for it (a call otherwise), vectors of
+//! eight. Rust never contracts or reorders floating-point operations, so that both give the same bits.
 
 #[cfg(target_arch = "x86_64")]
 use crate::accel::Level;

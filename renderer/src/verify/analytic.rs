@@ -1,8 +1,8 @@
 //! Scenes whose picture is known on paper, rendered by every integrator with every sampler.
 //!
-//! A pixel's error is its value less the one on paper. Pixels draw independent samples, so the mean error over a picture must keep
-//! within four of its standard errors, found from the scatter of the pixels themselves, plus a stated bias where the scene is only
-//! an approximation of the one on paper (a faceted sphere, a sky of texels, a mirror of finite sharpness).
+//! A pixel's error is its value less the one on paper. Pixels draw independent samples, so the mean error over a picture must
+//! keep within four of its standard errors, found from the scatter of the pixels themselves, plus a stated bias where the scene
+//! is only an approximation of the one on paper (a faceted sphere, a sky of texels, a mirror of finite sharpness).
 
 mod emission;
 
@@ -54,8 +54,8 @@ struct Case {
     bias: f64,
     /// Whether the split sum has the same answer.
     ibl: bool,
-    /// Whether light samples alone are not hopelessly noisy: nothing is smoother than a roughness of 0.3, and no light touches what
-    /// it lights (there the variance is infinite).
+    /// Whether light samples alone are not hopelessly noisy: nothing is smoother than a roughness of 0.3, and no light touches
+    /// what it lights (there the variance is infinite).
     lights_alone: bool,
     /// Whether scattering alone is not: light comes from more than 1 % of the directions.
     scattering_alone: bool,
@@ -107,8 +107,8 @@ fn rgb(v: DVec3) -> [f32; 3] {
     v.as_vec3().to_array()
 }
 
-/// The same radiance from everywhere but for every other texel, which is a trifle brighter, and the rest, which is as much darker: no
-/// longer "flat", so that light sampling runs.
+/// The same radiance from everywhere but for every other texel, which is a trifle brighter, and the rest, which is as much
+/// darker: no longer "flat", so that light sampling runs.
 fn nearly_flat(radiance: DVec3) -> Environment {
     let mut environment = scenes::environment(128, 64, |_| [0.0; 3]);
     for (i, texel) in environment.map.pixels.iter_mut().enumerate() {
@@ -169,7 +169,7 @@ fn bowl(opening: f64) -> Mesh {
 fn plain(name: &str, parts: Vec<Part>, environment: Environment, camera: Camera, paper: Paper) -> Case {
     Case {
         name: name.into(),
-        lights_alone: parts.iter().all(|p| p.material.metallic == 0.0 || p.material.roughness >= 0.3),
+        lights_alone: parts.iter().all(|p| p.material.surface.metallic == 0.0 || p.material.surface.roughness >= 0.3),
         parts,
         textures: Vec::new(),
         environment,
@@ -519,7 +519,7 @@ fn ibl(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     // Most of the time goes into the tables of each environment.
     let mut cases: Vec<Case> = cases().into_iter().filter(|c| c.ibl).step_by(effort.pick(2, 1)).collect();
     // The split sum knows no material without a coat: the roughest has the faintest, 0.5 % of the light.
-    cases.iter_mut().flat_map(|c| &mut c.parts).for_each(|p| p.material.roughness = 1.0);
+    cases.iter_mut().flat_map(|c| &mut c.parts).for_each(|p| p.material.surface.roughness = 1.0);
     ticker.expect(cases.len() as u64);
     let mut means = Worst::default();
     for case in &cases {

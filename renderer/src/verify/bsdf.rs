@@ -4,7 +4,7 @@
 //! deterministic in their seed.
 
 use super::chi_square::DirectionGrid;
-use crate::material::{Bsdf, Mode, Surface};
+use crate::material::{Bsdf, Mode, Principled};
 use glam::{DVec3, Vec3A};
 
 /// The outcome of a check.
@@ -62,8 +62,8 @@ impl Random {
         }
     }
 
-    fn surface(&mut self) -> Surface {
-        Surface {
+    fn surface(&mut self) -> Principled {
+        Principled {
             base_color: Vec3A::new(self.parameter(), self.parameter(), self.parameter()),
             metallic: self.parameter(),
             roughness: self.parameter(),
@@ -136,7 +136,7 @@ pub fn corners() -> Worst {
         for roughness in [0.0, 1e-3, 0.3, 1.0, -1.0, 7.0] {
             for (base, specular) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (5.0, -1.0)] {
                 let base_color = Vec3A::splat(base);
-                let surface = Surface { base_color, metallic, roughness, specular, ..Surface::default() };
+                let surface = Principled { base_color, metallic, roughness, specular, ..Principled::default() };
                 let bsdf = Bsdf::<false>::new(&surface, Mode::Conserving);
                 for wo in cosines.map(|cos| view(cos, 0.0)) {
                     for wi in cosines.into_iter().flat_map(|cos| [0.0, 1.0, std::f32::consts::PI].map(|phi| view(cos, phi))) {
@@ -165,8 +165,8 @@ pub fn corners() -> Worst {
 pub fn plain_form(count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for _ in 0..count {
-        let Surface { base_color, metallic, roughness, specular, .. } = random.surface();
-        let surface = Surface { base_color, metallic, roughness, specular, ..Surface::default() };
+        let Principled { base_color, metallic, roughness, specular, .. } = random.surface();
+        let surface = Principled { base_color, metallic, roughness, specular, ..Principled::default() };
         let (wo, wi) = (random.direction(), random.direction());
         let (a, b) = (
             Bsdf::<false>::new(&surface, Mode::Conserving).eval(wo, wi),
@@ -185,8 +185,8 @@ pub fn plain_form(count: u64, seed: u64) -> Worst {
 pub fn conductors(count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for _ in 0..count {
-        let Surface { base_color, roughness, .. } = random.surface();
-        let surface = Surface { base_color, roughness, metallic: 1.0, ..Surface::default() };
+        let Principled { base_color, roughness, .. } = random.surface();
+        let surface = Principled { base_color, roughness, metallic: 1.0, ..Principled::default() };
         let bsdf = Bsdf::<true>::new(&surface, Mode::Conserving);
         let [a, b, c] = [(); 3].map(|()| random.direction());
         let value = |wo: Vec3A, wi: Vec3A| (bsdf.eval(wo, wi).f_cos / wi.z).as_dvec3();
@@ -204,14 +204,14 @@ pub fn conductors(count: u64, seed: u64) -> Worst {
 pub fn known_values() -> Worst {
     let mut worst = Worst::default();
     let color = Vec3A::new(0.2, 0.5, 0.9);
-    let lambert = Surface { base_color: color, metallic: 0.0, roughness: 0.0, specular: 0.0, ..Surface::default() };
+    let lambert = Principled { base_color: color, metallic: 0.0, roughness: 0.0, specular: 0.0, ..Principled::default() };
     let (wo, wi) = (view(0.4, 1.0), view(0.6, 3.0));
     let value = Bsdf::<false>::new(&lambert, Mode::Conserving).eval(wo, wi);
     let cosine = wi.z * std::f32::consts::FRAC_1_PI;
     let error = (value.f_cos - color * cosine).abs().max_element().max((value.pdf - cosine).abs());
     // These are exact but for rounding.
     worst.see(error.into(), error > 1e-7, || format!("Lambertian: {value:?}"));
-    let mirror = Surface { metallic: 1.0, ..lambert };
+    let mirror = Principled { metallic: 1.0, ..lambert };
     let mirror = Bsdf::<false>::new(&mirror, Mode::Conserving);
     for (cos, wanted) in [(1.0, color), (0.5, color + (Vec3A::ONE - color) * 0.5_f32.powi(5))] {
         let found = albedo(&mirror, view(cos, 0.0), 128);
@@ -224,7 +224,7 @@ pub fn known_values() -> Worst {
         let nothing = value.f_cos == Vec3A::ZERO && value.pdf == 0.0;
         worst.see(0.0, !nothing, || format!("below the horizon: {wo} {wi} {value:?}"));
     }
-    let black = Surface { base_color: Vec3A::ZERO, roughness: 0.5, ..lambert };
+    let black = Principled { base_color: Vec3A::ZERO, roughness: 0.5, ..lambert };
     let black = Bsdf::<false>::new(&black, Mode::Conserving);
     for (bsdf, wo) in [(&mirror, below), (&mirror, Vec3A::X), (&black, Vec3A::Z)] {
         let drawn = bsdf.sample(wo, 0.1, [0.2, 0.3]);
@@ -233,15 +233,15 @@ pub fn known_values() -> Worst {
     worst
 }
 
-/// Largest weight over `count` random draws of random materials; half of them have a tint as strong as any. A failure is one beyond
-/// 25, which would show as fireflies; 50 in `published` mode, whose blue sheen of `1 / 0.0722` is reached by cosine-weighted draws
-/// (`pi` times as much). Subsurface scattering takes no part: its `1 / (cos_o + cos_i)` has no bound, though its square
-/// has a mean, and one draw in a million weighs more.
+/// Largest weight over `count` random draws of random materials; half of them have a tint as strong as any. A failure is one
+/// beyond 25, which would show as fireflies; 50 in `published` mode, whose blue sheen of `1 / 0.0722` is reached by
+/// cosine-weighted draws (`pi` times as much). Subsurface scattering takes no part: its `1 / (cos_o + cos_i)` has no bound,
+/// though its square has a mean, and one draw in a million weighs more.
 pub fn weights(mode: Mode, count: u64, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     let bound = if mode == Mode::Published { 50.0 } else { 25.0 };
     for _ in 0..count {
-        let (mut surface, wo) = (Surface { subsurface: 0.0, ..random.surface() }, random.direction());
+        let (mut surface, wo) = (Principled { subsurface: 0.0, ..random.surface() }, random.direction());
         if random.next() < 0.5 {
             (surface.base_color, surface.metallic) = (Vec3A::new(0.0, 0.0, surface.base_color.z), 0.0);
             (surface.specular, surface.specular_tint) = (surface.specular.max(0.5), 1.0);
@@ -275,54 +275,54 @@ pub fn reciprocity(mode: Mode, count: u64, seed: u64) -> Worst {
 }
 
 /// The materials of [`furnace`] and [`pdf_integrals`]: every lobe alone and mixed, white or coloured.
-pub fn grid(white: bool) -> Vec<Surface> {
+pub fn grid(white: bool) -> Vec<Principled> {
     let base_color = if white { Vec3A::ONE } else { Vec3A::new(0.8, 0.4, 0.1) };
-    let plain = Surface { base_color, ..Surface::default() };
+    let plain = Principled { base_color, sheen_tint: 0.5, ..Principled::default() };
     let mut surfaces = Vec::new();
     for roughness in [0.0, 0.03, 0.05, 0.1, 0.17, 0.25, 0.33, 0.5, 0.62, 0.75, 0.9, 1.0] {
-        let plain = Surface { roughness, ..plain };
+        let plain = Principled { roughness, ..plain };
         for specular in [0.0, 0.1, 0.25, 0.5, 1.0] {
-            surfaces.push(Surface { specular, ..plain });
+            surfaces.push(Principled { specular, ..plain });
         }
-        surfaces.push(Surface { metallic: 1.0, ..plain });
-        surfaces.push(Surface { metallic: 0.4, specular: 0.8, ..plain });
+        surfaces.push(Principled { metallic: 1.0, ..plain });
+        surfaces.push(Principled { metallic: 0.4, specular: 0.8, ..plain });
         for subsurface in [0.3, 1.0] {
-            surfaces.push(Surface { subsurface, specular: 0.0, ..plain });
-            surfaces.push(Surface { subsurface, specular: 1.0, ..plain });
+            surfaces.push(Principled { subsurface, specular: 0.0, ..plain });
+            surfaces.push(Principled { subsurface, specular: 1.0, ..plain });
         }
-        surfaces.push(Surface { specular_tint: 1.0, specular: 1.0, ..plain });
-        surfaces.push(Surface { sheen: 1.0, sheen_tint: 1.0, ..plain });
+        surfaces.push(Principled { specular_tint: 1.0, specular: 1.0, ..plain });
+        surfaces.push(Principled { sheen: 1.0, sheen_tint: 1.0, ..plain });
         for clearcoat_gloss in [0.0, 0.7, 1.0] {
-            surfaces.push(Surface { clearcoat: 1.0, clearcoat_gloss, ..plain });
+            surfaces.push(Principled { clearcoat: 1.0, clearcoat_gloss, ..plain });
         }
-        surfaces.push(Surface { clearcoat: 1.0, metallic: 1.0, ..plain });
+        surfaces.push(Principled { clearcoat: 1.0, metallic: 1.0, ..plain });
         for anisotropic in [0.3, 0.8, 1.0] {
-            surfaces.push(Surface { anisotropic, metallic: 1.0, ..plain });
-            surfaces.push(Surface { anisotropic, ..plain });
+            surfaces.push(Principled { anisotropic, metallic: 1.0, ..plain });
+            surfaces.push(Principled { anisotropic, ..plain });
         }
-        let all = Surface { sheen: 1.0, clearcoat: 1.0, clearcoat_gloss: 0.5, subsurface: 0.5, anisotropic: 0.6, ..plain };
-        surfaces.push(Surface { metallic: 0.3, specular_tint: 0.5, ..all });
+        let all = Principled { sheen: 1.0, clearcoat: 1.0, clearcoat_gloss: 0.5, subsurface: 0.5, anisotropic: 0.6, ..plain };
+        surfaces.push(Principled { metallic: 0.3, specular_tint: 0.5, ..all });
     }
     surfaces
 }
 
 /// Every lobe alone, at roughnesses that matter to it.
-pub fn lobes() -> Vec<Surface> {
-    let none = Surface { base_color: Vec3A::ZERO, roughness: 0.3, specular: 0.0, sheen_tint: 0.0, ..Surface::default() };
+pub fn lobes() -> Vec<Principled> {
+    let none = Principled { base_color: Vec3A::ZERO, roughness: 0.3, specular: 0.0, sheen_tint: 0.0, ..Principled::default() };
     let base_color = Vec3A::new(0.8, 0.4, 0.1);
-    let mut surfaces = vec![Surface { sheen: 1.0, ..none }];
+    let mut surfaces = vec![Principled { sheen: 1.0, ..none }];
     for roughness in [0.0, 0.4, 1.0] {
-        let none = Surface { roughness, ..none };
-        surfaces.push(Surface { base_color, ..none });
-        surfaces.push(Surface { specular: 1.0, ..none });
-        surfaces.push(Surface { base_color, subsurface: 1.0, ..none });
+        let none = Principled { roughness, ..none };
+        surfaces.push(Principled { base_color, ..none });
+        surfaces.push(Principled { specular: 1.0, ..none });
+        surfaces.push(Principled { base_color, subsurface: 1.0, ..none });
     }
     for roughness in [0.0, 0.1, 0.3, 0.6, 1.0] {
         for anisotropic in [0.0, 0.5, 1.0] {
-            surfaces.push(Surface { base_color, metallic: 1.0, roughness, anisotropic, ..none });
+            surfaces.push(Principled { base_color, metallic: 1.0, roughness, anisotropic, ..none });
         }
     }
-    surfaces.extend([0.0, 0.5, 1.0].map(|clearcoat_gloss| Surface { clearcoat: 1.0, clearcoat_gloss, ..none }));
+    surfaces.extend([0.0, 0.5, 1.0].map(|clearcoat_gloss| Principled { clearcoat: 1.0, clearcoat_gloss, ..none }));
     surfaces
 }
 
@@ -330,8 +330,8 @@ pub fn lobes() -> Vec<Surface> {
 pub const VIEWS: [f32; 11] = [1.0, 0.9, 0.7, 0.5, 0.25, 0.1, 0.06, 0.03, 0.01, 0.003, 0.0005];
 
 /// Share of white light that a material reflects towards `wo`, by a midpoint rule over each lobe's own draws, weighed as the
-/// balance heuristic does (Veach 1995): an estimate from random draws of the mixture would hide errors of a thousandth. `rings` and
-/// twice as many sectors a lobe.
+/// balance heuristic does (Veach 1995): an estimate from random draws of the mixture would hide errors of a thousandth. `rings`
+/// and twice as many sectors a lobe.
 pub fn albedo<const FULL: bool>(bsdf: &Bsdf<FULL>, wo: Vec3A, rings: u32) -> DVec3 {
     let view = bsdf.view(wo);
     let sectors = 2 * rings;
@@ -368,14 +368,14 @@ pub fn albedo<const FULL: bool>(bsdf: &Bsdf<FULL>, wo: Vec3A, rings: u32) -> DVe
 }
 
 /// How far from 1 the albedo of a white material may lie: 0.5 %, and below 1 by 2 % for anisotropic ones, whose table errs high.
-pub fn furnace_tolerance(surface: &Surface) -> f64 {
+pub fn furnace_tolerance(surface: &Principled) -> f64 {
     if surface.anisotropic > 0.0 { 2e-2 } else { 5e-3 }
 }
 
-/// Directional albedo of the conserving form under a white sky, by [`albedo`] with `rings` (128 resolve a thousandth everywhere). The
-/// error is `|albedo - 1|` for white materials and the excess over 1 for others; a failure is an albedo above `1 + 1e-3`, or for
-/// white ones one further than [`furnace_tolerance`] from 1.
-pub fn furnace(surfaces: &[Surface], rings: u32) -> Worst {
+/// Directional albedo of the conserving form under a white sky, by [`albedo`] with `rings` (128 resolve a thousandth everywhere).
+/// The error is `|albedo - 1|` for white materials and the excess over 1 for others; a failure is an albedo above `1 + 1e-3`, or
+/// for white ones one further than [`furnace_tolerance`] from 1.
+pub fn furnace(surfaces: &[Principled], rings: u32) -> Worst {
     let mut worst = Worst::default();
     for surface in surfaces {
         let white = surface.base_color == Vec3A::ONE;
@@ -391,9 +391,9 @@ pub fn furnace(surfaces: &[Surface], rings: u32) -> Worst {
     worst
 }
 
-/// The density's integral over the hemisphere plus the share of `draws` draws that are `None` (mirrored below the horizon), less 1.
-/// The error is that difference; a failure is one beyond 1e-3 and four standard errors of the share.
-pub fn pdf_integrals(mode: Mode, surfaces: &[Surface], draws: u32, seed: u64) -> Worst {
+/// The density's integral over the hemisphere plus the share of `draws` draws that are `None` (mirrored below the horizon), less
+/// 1. The error is that difference; a failure is one beyond 1e-3 and four standard errors of the share.
+pub fn pdf_integrals(mode: Mode, surfaces: &[Principled], draws: u32, seed: u64) -> Worst {
     let (mut random, mut worst) = (Random::new(seed), Worst::default());
     for surface in surfaces {
         let bsdf = Bsdf::<true>::new(surface, mode);
@@ -411,7 +411,7 @@ pub fn pdf_integrals(mode: Mode, surfaces: &[Surface], draws: u32, seed: u64) ->
 }
 
 /// Integral over the hemisphere by adaptive cubature about the mirror direction, in cells as fine as the sharpest lobe.
-fn integrate(density: &dyn Fn(Vec3A) -> f64, wo: Vec3A, surface: &Surface) -> f64 {
+fn integrate(density: &dyn Fn(Vec3A) -> f64, wo: Vec3A, surface: &Principled) -> f64 {
     let axis = DVec3::new(f64::from(-wo.x), f64::from(-wo.y), f64::from(wo.z));
     let width = f64::from(surface.roughness.max(0.032)).powi(2) * f64::from(1.0 - 0.9 * surface.anisotropic).sqrt();
     let spread = if surface.clearcoat > 0.0 { 1e-7 } else { (width * width * 0.1).min(f64::from(wo.z * wo.z)).max(1e-8) };

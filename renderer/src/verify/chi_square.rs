@@ -1,8 +1,9 @@
 //! Pearson's chi-square test of a sampler against the density it claims.
 //!
-//! One experiment is a [`Counts`]: draws counted in cells, and the counts that the claimed density expects there. [`judge`] decides
-//! over any number of them together, at a significance of 1 % in all (Sidak 1967). [`DirectionGrid`] makes cells of directions and
-//! integrates a density over them. The draws should come from [`Random`], which has nothing in common with the samplers under test.
+//! One experiment is a [`Counts`]: draws counted in cells, and the counts that the claimed density expects there. [`judge`]
+//! decides over any number of them together, at a significance of 1 % in all (Sidak 1967). [`DirectionGrid`] makes cells of
+//! directions and integrates a density over them. The draws should come from [`Random`], which has nothing in common with the
+//! samplers under test.
 //!
 //! ```
 //! use renderflow_renderer::verify::chi_square::{Counts, Random, judge};

@@ -8,8 +8,8 @@ use crate::integrator::{self, Budget, Settings};
 use crate::schedule::with_shuffled_tiles;
 use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame};
-use renderflow_scenes::Material;
 use renderflow_scenes::shapes::Shape;
+use renderflow_scenes::{Material, Principled};
 
 /// Checks of this file.
 pub const CHECKS: &[Check] = &[
@@ -34,7 +34,7 @@ pub fn bits(frame: &Frame) -> Vec<u32> {
 
 /// Glossy and diffuse things under a sky with a sun, of odd size, so that tiles at both edges are partial.
 fn scene(width: usize, height: usize) -> Result<RenderScene, String> {
-    let glossy = Material { metallic: 1.0, roughness: 0.2, ..Material::default() };
+    let glossy = Material::from(Principled { metallic: 1.0, roughness: 0.2, ..Principled::default() });
     let at = |x, z| Affine3A::from_translation(Vec3::new(x, 1.0, z));
     let parts = vec![
         Part::new(Shape::Plane { size: 6.0 }, scenes::diffuse([0.6, 0.5, 0.4]), Affine3A::IDENTITY),

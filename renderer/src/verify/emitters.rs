@@ -40,8 +40,9 @@ fn rectangle(width: f32, depth: f32, height: f32, radiance: f32, two_sided: bool
     [triangle([a, b, c], 7), triangle([a, c, d], 9)]
 }
 
-/// Integrals of a light's density over cells of directions from `p`, through points spread evenly over each triangle, `side` times
-/// `side`; a cell beyond those of the grid has the rest. (Cubature over the cells would have to find the edges of the triangles.)
+/// Integrals of a light's density over cells of directions from `p`, through points spread evenly over each triangle, `side`
+/// times `side`; a cell beyond those of the grid has the rest. (Cubature over the cells would have to find the edges of the
+/// triangles.)
 fn emitter_integrals(
     light: &EmitterLight,
     triangles: &[EmissiveTriangle],

@@ -88,8 +88,8 @@ impl Random {
     }
 }
 
-/// Aims `count` rays, from inside closed meshes of size `scale` at a distance of `offset` times their size from the origin, at random
-/// points of random edges. Half of the rays meet the meshes flattened, half shared by instances, some of them mirrored.
+/// Aims `count` rays, from inside closed meshes of size `scale` at a distance of `offset` times their size from the origin, at
+/// random points of random edges. Half of the rays meet the meshes flattened, half shared by instances, some of them mirrored.
 pub fn edge_rays(count: u64, scale: f32, offset: f32, seed: u64) -> Losses {
     aimed(count, scale, offset, seed, |triangle, random| {
         let k = random.below(3);
@@ -137,8 +137,9 @@ fn aimed(count: u64, scale: f32, offset: f32, seed: u64, target: impl Fn(&[Vec3A
     })
 }
 
-/// Lets rays bounce `count` times in closed rooms of size `scale`, `offset` times their size from the origin, that hold closed objects
-/// which touch nothing. Rays leave surfaces as the renderer's do. A ray that meets nothing has leaked; then another path begins.
+/// Lets rays bounce `count` times in closed rooms of size `scale`, `offset` times their size from the origin, that hold closed
+/// objects which touch nothing. Rays leave surfaces as the renderer's do. A ray that meets nothing has leaked; then another path
+/// begins.
 pub fn closed_room(count: u64, scale: f32, offset: f32, seed: u64) -> Losses {
     let turned = Quat::from_euler(EulerRot::XYZ, 0.4, 1.0, 0.2);
     let mut scenes = Vec::new();
@@ -197,8 +198,8 @@ pub fn closed_room(count: u64, scale: f32, offset: f32, seed: u64) -> Losses {
     })
 }
 
-/// Starts `count` rays in slits between parallel squares that stand `gap` times their edge (`scale`) apart, `offset` times that edge
-/// from the origin: each leaves one square as the renderer's rays do and must meet the other.
+/// Starts `count` rays in slits between parallel squares that stand `gap` times their edge (`scale`) apart, `offset` times that
+/// edge from the origin: each leaves one square as the renderer's rays do and must meet the other.
 pub fn narrow_gaps(count: u64, scale: f32, offset: f32, gap: f32, seed: u64) -> Losses {
     let mut scenes = Vec::new();
     for turn in [Quat::IDENTITY, Quat::from_euler(EulerRot::XYZ, 0.5, 0.2, 0.9)] {

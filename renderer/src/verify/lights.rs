@@ -250,7 +250,8 @@ pub(super) fn estimate(draws: usize, mut value: impl FnMut() -> f64) -> (f64, f6
     (first + mean, ((squares / n - mean * mean).max(0.0) / n).sqrt())
 }
 
-/// Distance of an estimate from the truth in standard errors; rounding of single precision (2e-5 of the truth) counts as one more.
+/// Distance of an estimate from the truth in standard errors; rounding of single precision (2e-5 of the truth) counts as one
+/// more.
 pub(super) fn standard_errors((mean, error): (f64, f64), truth: f64) -> f64 {
     (mean - truth).abs() / (error + 2e-5 * truth.abs()).max(f64::MIN_POSITIVE)
 }

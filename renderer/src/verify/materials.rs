@@ -3,7 +3,7 @@
 use super::bsdf::{self, Worst as Found};
 use super::chi_square::{Counts, DirectionGrid, Random, judge};
 use super::{Check, Effort, Outcome, Ticker, Worst};
-use crate::material::{Bsdf, Mode, Surface};
+use crate::material::{Bsdf, Mode, Principled};
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
@@ -109,7 +109,7 @@ fn reciprocity(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
 }
 
 fn densities(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
-    let surfaces: Vec<Surface> = bsdf::grid(false).into_iter().step_by(effort.pick(29, 3)).collect();
+    let surfaces: Vec<Principled> = bsdf::grid(false).into_iter().step_by(effort.pick(29, 3)).collect();
     let draws = effort.pick(20_000, 50_000);
     let mut outcomes = collect(ticker, &MODES, surfaces.len() as u64, ("", 1.0), |mode, part| {
         bsdf::pdf_integrals(mode, &surfaces[part as usize..=part as usize], draws, 2 + part)
@@ -124,7 +124,7 @@ fn furnace(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     for white in [true, false] {
         for (kind, wanted) in KINDS {
             let of_kind = bsdf::grid(white).into_iter().filter(wanted);
-            let surfaces: Vec<Surface> = of_kind.step_by(effort.pick(11, 1)).collect();
+            let surfaces: Vec<Principled> = of_kind.step_by(effort.pick(11, 1)).collect();
             let tolerance = surfaces.iter().map(bsdf::furnace_tolerance).fold(0.0, f64::max);
             let claim = if white { ("distance of the albedo from 1", tolerance) } else { ("albedo beyond 1", 1e-3) };
             let found = collect(ticker, &MODES[..1], surfaces.len() as u64, claim, |_, part| {
@@ -137,7 +137,7 @@ fn furnace(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     outcomes
 }
 
-type Wanted = fn(&Surface) -> bool;
+type Wanted = fn(&Principled) -> bool;
 
 /// Materials by what closes their furnace, each with its own tables.
 const KINDS: [(&str, Wanted); 3] = [
@@ -148,7 +148,7 @@ const KINDS: [(&str, Wanted); 3] = [
 
 fn draws(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     let mixed = bsdf::grid(false).into_iter().step_by(effort.pick(37, 3));
-    let surfaces: Vec<Surface> = bsdf::lobes().into_iter().step_by(effort.pick(2, 1)).chain(mixed).collect();
+    let surfaces: Vec<Principled> = bsdf::lobes().into_iter().step_by(effort.pick(2, 1)).chain(mixed).collect();
     vec![judge(
         "cells of directions about the mirror direction",
         &experiments(&surfaces, &[1.0, 0.6, 0.2, 0.02], 100_000, ticker),
@@ -156,8 +156,8 @@ fn draws(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
 }
 
 /// One [`Counts`] for every surface, view and form of the material: `conserving`, `published`, and where a surface
-/// [is plain](Surface::is_plain) the code that knows no other.
-pub fn experiments(surfaces: &[Surface], views: &[f32], count: u32, ticker: &Ticker<'_>) -> Vec<Counts> {
+/// [is plain](Principled::is_plain) the code that knows no other.
+pub fn experiments(surfaces: &[Principled], views: &[f32], count: u32, ticker: &Ticker<'_>) -> Vec<Counts> {
     let forms = [(Mode::Conserving, true), (Mode::Published, true), (Mode::Conserving, false)];
     let jobs: Vec<_> = surfaces
         .iter()
@@ -179,7 +179,7 @@ pub fn experiments(surfaces: &[Surface], views: &[f32], count: u32, ticker: &Tic
 }
 
 /// Counts draws in cells about the mirror direction; the last cell holds those that carry nothing (below the horizon).
-fn experiment<const FULL: bool>(mode: Mode, surface: &Surface, cos: f32, count: u32, seed: u64) -> Counts {
+fn experiment<const FULL: bool>(mode: Mode, surface: &Principled, cos: f32, count: u32, seed: u64) -> Counts {
     let wo = bsdf::view(cos, 0.4 + cos);
     let bsdf = Bsdf::<FULL>::new(surface, mode);
     let view = bsdf.view(wo);
@@ -210,7 +210,7 @@ mod tests {
     /// The test has the power to see what it is for: draws of one roughness do not pass for those of a slightly larger one.
     #[test]
     fn a_wrong_density_is_refuted() {
-        let surface = |roughness| Surface { metallic: 1.0, roughness, ..Surface::default() };
+        let surface = |roughness| Principled { metallic: 1.0, roughness, ..Principled::default() };
         let drawn = experiment::<true>(Mode::Conserving, &surface(0.30), 0.8, 100_000, 1);
         assert!(drawn.p_value() > 1e-6);
         let wo = bsdf::view(0.8, 1.2);

@@ -27,8 +27,8 @@ pub const CHECKS: &[Check] = &[
     Check { name: "scale.contact", about: "a plate 1 mm above a ground of up to 1 km still hides the sky from it", run: contact },
 ];
 
-/// A description of a still life of `scale` times its size, its middle at `offset`. Its coordinates keep below 1, so that those of
-/// the largest one keep within the million that scene files allow.
+/// A description of a still life of `scale` times its size, its middle at `offset`. Its coordinates keep below 1, so that those
+/// of the largest one keep within the million that scene files allow.
 fn description(scale: f64, offset: [f64; 3], edge: u32) -> String {
     let at = |p: [f64; 3]| [0, 1, 2].map(|i| p[i] * scale + offset[i]);
     let transform = |p: [f64; 3], turn: [f64; 3]| {
@@ -199,8 +199,8 @@ fn under_plate(size: f32, ticker: &Ticker<'_>) -> Result<f64, String> {
     if brightest.is_nan() { Err("the ground is not seen".into()) } else { Ok(brightest) }
 }
 
-/// Limits of the two claims. Sample for sample the paths are the same but for the rounding of their corners; a path whose ray passes
-/// an edge on the other side is another sample of the same pixel. Far away a light path may land on the other side of a pixel's border and
-/// bring its light to the neighbour (0.0012 at 900 times the size, 999 km away; 0.00016 without light paths): that claim is one of paths
-/// from the camera.
+/// Limits of the two claims. Sample for sample the paths are the same but for the rounding of their corners; a path whose ray
+/// passes an edge on the other side is another sample of the same pixel. Far away a light path may land on the other side of a
+/// pixel's border and bring its light to the neighbour (0.0012 at 900 times the size, 999 km away; 0.00016 without light paths):
+/// that claim is one of paths from the camera.
 const LIMITS: [f64; 2] = [0.001, 0.001];

@@ -4,7 +4,7 @@ use crate::compile::RenderScene;
 use glam::{Affine3A, Vec3A};
 use renderflow_frame::{Camera, Environment, Image};
 use renderflow_scenes::shapes::{self, Shape};
-use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh, Texture};
+use renderflow_scenes::{Instance, LoadReport, LoadedScene, Material, Mesh, Principled, Texture};
 
 /// A mesh with a material at a place.
 #[derive(Clone, Debug)]
@@ -32,12 +32,17 @@ impl Part {
 
 /// A Lambertian material: diffuse reflection grows retro-reflective with roughness, and has no coat without specular.
 pub fn diffuse(base_color: [f32; 3]) -> Material {
-    Material { base_color, roughness: 0.0, specular: 0.0, ..Material::default() }
+    Material::from(Principled {
+        base_color: Vec3A::from_array(base_color),
+        roughness: 0.0,
+        specular: 0.0,
+        ..Principled::default()
+    })
 }
 
 /// A metal.
 pub fn metal(base_color: [f32; 3], roughness: f32) -> Material {
-    Material { base_color, roughness, metallic: 1.0, ..Material::default() }
+    Material::from(Principled { base_color: Vec3A::from_array(base_color), roughness, metallic: 1.0, ..Principled::default() })
 }
 
 /// A camera with +Y up; `degrees` is the vertical field of view.

@@ -1,5 +1,7 @@
 //! Materials that change along a sequence.
 
+use crate::Principled;
+use glam::Vec3A;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -23,4 +25,17 @@ pub struct MaterialChange {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub specular: Option<f32>,
+}
+
+impl MaterialChange {
+    /// The parameters at the last frame of a material that starts as `first`.
+    pub(crate) fn applied(&self, first: Principled) -> Principled {
+        Principled {
+            base_color: self.base_color.map_or(first.base_color, Vec3A::from_array),
+            metallic: self.metallic.unwrap_or(first.metallic),
+            roughness: self.roughness.unwrap_or(first.roughness),
+            specular: self.specular.unwrap_or(first.specular),
+            ..first
+        }
+    }
 }

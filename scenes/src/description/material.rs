@@ -1,61 +1,47 @@
 //! Materials of a scene file.
 
 use super::MaterialChange;
+use super::principled::with_parameters;
 use crate::pattern::Pattern;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Disney's principled material (Burley 2012), with light of its own and holes. What is left out has its default; what came after
-/// the first version is written only where it differs from it, so that older scenes keep their bytes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Material {
-    /// Unique name.
-    pub name: String,
-    /// Linear Rec.709, 0..=1.
-    #[serde(default = "grey")]
-    #[schemars(inner(range(min = 0, max = 1)))]
-    pub base_color: [f32; 3],
-    /// 0..=1.
-    #[serde(default)]
-    #[schemars(range(min = 0, max = 1))]
-    pub metallic: f32,
-    /// 0..=1.
-    #[serde(default = "half")]
-    #[schemars(range(min = 0, max = 1))]
-    pub roughness: f32,
-    /// 0..=1; 0.5 means 4% at normal incidence.
-    #[serde(default = "half")]
-    #[schemars(range(min = 0, max = 1))]
-    pub specular: f32,
-    /// 0..=1, 0 by default; share of the base colour's hue in the dielectric reflection.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    #[schemars(range(min = 0, max = 1))]
-    pub specular_tint: f32,
-    /// 0..=1, 0 by default; stretch of highlights; along the direction of growing u where the mesh has texture coordinates.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    #[schemars(range(min = 0, max = 1))]
-    pub anisotropic: f32,
-    /// 0..=1, 0 by default; grazing component of cloth.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    #[schemars(range(min = 0, max = 1))]
-    pub sheen: f32,
-    /// 0..=1, 0 by default; share of the base colour's hue in the sheen.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    #[schemars(range(min = 0, max = 1))]
-    pub sheen_tint: f32,
-    /// 0..=1, 0 by default; second specular layer.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    #[schemars(range(min = 0, max = 1))]
-    pub clearcoat: f32,
-    /// 0..=1, 1 by default; gloss of that layer: 0 like satin, 1 like glass.
-    #[serde(default = "one", skip_serializing_if = "is_one")]
-    #[schemars(range(min = 0, max = 1))]
-    pub clearcoat_gloss: f32,
-    /// 0..=1, 0 by default; share of the diffuse shape that approximates subsurface scattering.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    #[schemars(range(min = 0, max = 1))]
-    pub subsurface: f32,
+macro_rules! material {
+    ({ $($rest:tt)* } $($(#[$doc:meta])* $name:ident: $type:tt = $default:expr, ($($attribute:meta),*);)*) => {
+        /// Disney's principled material (Burley 2012), with light of its own and holes. What is left out has its default; what came after
+        /// the first version is written only where it differs from it, so that older scenes keep their bytes.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        pub struct Material {
+            /// Unique name.
+            pub name: String,
+            $($(#[$doc])* $(#[$attribute])* pub $name: $type,)*
+            $($rest)*
+        }
+
+        impl Default for Material {
+            /// Grey, rough, without a name.
+            fn default() -> Self {
+                Self {
+                    name: String::new(),
+                    $($name: $default,)*
+                    emissive: [0.0; 3],
+                    alpha_cutoff: None,
+                    double_sided: true,
+                    base_color_texture: None,
+                    metallic_roughness_texture: None,
+                    normal_texture: None,
+                    emissive_texture: None,
+                    pattern: None,
+                    texture_transform: TextureTransform::default(),
+                    texture_wrap: TextureWrap::Repeat,
+                    change: None,
+                }
+            }
+        }
+    };
+}
+with_parameters!(material! {
     /// Radiance that the surface emits, linear Rec.709, 0..=1e6; none by default.
     #[serde(default, skip_serializing_if = "is_black")]
     #[schemars(inner(range(min = 0, max = 1e6)))]
@@ -92,38 +78,7 @@ pub struct Material {
     /// What it becomes along the sequence; it stays as it is without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<MaterialChange>,
-}
-
-impl Default for Material {
-    /// Grey, rough, without a name.
-    fn default() -> Self {
-        Self {
-            name: String::new(),
-            base_color: grey(),
-            metallic: 0.0,
-            roughness: half(),
-            specular: half(),
-            specular_tint: 0.0,
-            anisotropic: 0.0,
-            sheen: 0.0,
-            sheen_tint: 0.0,
-            clearcoat: 0.0,
-            clearcoat_gloss: 1.0,
-            subsurface: 0.0,
-            emissive: [0.0; 3],
-            alpha_cutoff: None,
-            double_sided: true,
-            base_color_texture: None,
-            metallic_roughness_texture: None,
-            normal_texture: None,
-            emissive_texture: None,
-            pattern: None,
-            texture_transform: TextureTransform::default(),
-            texture_wrap: TextureWrap::Repeat,
-            change: None,
-        }
-    }
-}
+});
 
 /// Texture coordinates to places in the image: scale, then rotation, then offset, as KHR_texture_transform has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

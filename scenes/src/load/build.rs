@@ -6,7 +6,7 @@ use crate::description::{EnvironmentSource, Geometry, Material as Described, Obj
 use crate::error::{Error, Problem, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
 use crate::texture::{Budget, uv_transform};
-use crate::{Instance, LoadReport, LoadedScene, Material, MaterialChange, Mesh, Texture, TextureSlot, tangents};
+use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Principled, Texture, TextureSlot, tangents};
 use glam::{Affine3A, DAffine3, DVec3};
 use renderflow_frame::Environment;
 use renderflow_frame::reach::Reach;
@@ -168,20 +168,11 @@ impl<'a> Build<'a> {
     }
 
     fn described(&mut self, described: &Described, place: &str) -> Material {
+        let surface = Principled::from(described);
         let mut slot = |file: &Option<String>, encoding| file.as_ref().map(|file| self.image(described, place, file, encoding));
         Material {
             name: described.name.clone(),
-            base_color: described.base_color,
-            metallic: described.metallic,
-            roughness: described.roughness,
-            specular: described.specular,
-            specular_tint: described.specular_tint,
-            anisotropic: described.anisotropic,
-            sheen: described.sheen,
-            sheen_tint: described.sheen_tint,
-            clearcoat: described.clearcoat,
-            clearcoat_gloss: described.clearcoat_gloss,
-            subsurface: described.subsurface,
+            surface,
             base_color_texture: slot(&described.base_color_texture, Encoding::Srgb),
             metallic_roughness_texture: slot(&described.metallic_roughness_texture, Encoding::Linear),
             normal_texture: slot(&described.normal_texture, Encoding::Normal).map(|s| (s, 1.0)),
@@ -189,12 +180,7 @@ impl<'a> Build<'a> {
             emissive_texture: slot(&described.emissive_texture, Encoding::Srgb),
             alpha_mask: described.alpha_cutoff.map(|cutoff| AlphaMask { cutoff, factor: 1.0 }),
             double_sided: described.double_sided,
-            change: described.change.as_ref().map(|change| MaterialChange {
-                base_color: change.base_color.unwrap_or(described.base_color),
-                metallic: change.metallic.unwrap_or(described.metallic),
-                roughness: change.roughness.unwrap_or(described.roughness),
-                specular: change.specular.unwrap_or(described.specular),
-            }),
+            change: described.change.as_ref().map(|change| change.applied(surface)),
         }
     }
 
@@ -340,7 +326,7 @@ impl<'a> Build<'a> {
         for instance in &self.instances {
             let material = &self.materials[instance.material];
             let bumpy = material.normal_texture.is_some();
-            if (bumpy || material.anisotropic > 0.0)
+            if (bumpy || material.surface.anisotropic > 0.0)
                 && !tangents::generate(&mut self.meshes[instance.mesh])
                 && told.insert((instance.mesh, instance.material))
             {

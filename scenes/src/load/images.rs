@@ -3,7 +3,8 @@
 use crate::error::{Error, Result};
 use crate::loaded::{Encoding, Wrap};
 use crate::texture::{self, Budget};
-use crate::{Instance, Material, MaterialChange, Mesh, Texture};
+use crate::{Instance, Material, Mesh, Texture};
+use glam::Vec3A;
 use std::borrow::Cow;
 use std::path::PathBuf;
 
@@ -52,16 +53,11 @@ pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance]
             material.emissive_texture = None;
         }
         // What a change brings from zero is looked at later.
-        let last = material.change.unwrap_or(MaterialChange {
-            base_color: material.base_color,
-            metallic: material.metallic,
-            roughness: material.roughness,
-            specular: material.specular,
-        });
-        if material.base_color == [0.0; 3] && last.base_color == [0.0; 3] && material.alpha_mask.is_none() {
+        let (first, last) = (material.surface, material.change.unwrap_or(material.surface));
+        if first.base_color == Vec3A::ZERO && last.base_color == Vec3A::ZERO && material.alpha_mask.is_none() {
             material.base_color_texture = None;
         }
-        if [material.roughness, material.metallic, last.roughness, last.metallic] == [0.0; 4] {
+        if [first.roughness, first.metallic, last.roughness, last.metallic] == [0.0; 4] {
             material.metallic_roughness_texture = None;
         }
     }

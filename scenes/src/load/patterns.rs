@@ -5,6 +5,7 @@ use crate::description::Material as Described;
 use crate::loaded::{Encoding, Wrap};
 use crate::pattern::{Map, MapSet, Maps, Pattern};
 use crate::{Material, Texture};
+use glam::Vec3A;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -123,11 +124,12 @@ fn replace(material: &mut Material, map: usize, texture: usize, [r, g, b]: [f32;
     match map {
         0 if material.base_color_texture.as_ref().is_some_and(is) => {
             material.base_color_texture = None;
-            material.base_color.iter_mut().zip([r, g, b]).for_each(|(v, by)| *v *= by);
+            material.surface.base_color *= Vec3A::new(r, g, b);
         }
         1 if material.metallic_roughness_texture.as_ref().is_some_and(is) => {
             material.metallic_roughness_texture = None;
-            (material.roughness, material.metallic) = (material.roughness * g, material.metallic * b);
+            material.surface.roughness *= g;
+            material.surface.metallic *= b;
         }
         2 if material.normal_texture.as_ref().is_some_and(|(slot, _)| is(slot)) => material.normal_texture = None,
         _ => {}

@@ -1,18 +1,18 @@
 //! Cloth, leather and old paint: what bends and tears.
 
 use super::field::{Cells, Grid, blend, chance, floor, fraction, gain, mix, smooth, to_whole, wave, wrap};
-use super::kind::kind;
 use super::sheet::{MapSet, Maps, Place, Spot};
+use crate::family::family;
 
-kind! {
+family! {
     /// Plain weave, from gauze to basketry: warp (runs along v), weft (runs along u), what shows between.
-    Woven: 3 colors [[0.45, 0.36, 0.24], [0.55, 0.46, 0.32], [0.08, 0.06, 0.04]], roughness [0.6, 0.95], depth 0.008;
+    pattern Woven: 3 colors [[0.45, 0.36, 0.24], [0.55, 0.46, 0.32], [0.08, 0.06, 0.04]], roughness [0.6, 0.95], depth 0.008;
     /// Pairs of threads along an edge.
-    pairs: u32 in 2..=64, 16;
+    pairs: u32 [2, 64] or 16;
     /// Width of threads in distances of neighbours.
-    width: f32 in 0.4..=1.0, 0.9;
+    width: f32 [0.4, 1.0] or 0.9;
     /// How much threads differ.
-    uneven: f32 in 0.0..=1.0, 0.4;
+    uneven: f32 [0.0, 1.0] or 0.4;
 }
 
 impl Woven {
@@ -53,15 +53,15 @@ impl Woven {
     }
 }
 
-kind! {
+family! {
     /// Stocking stitch: yarn, second yarn of its rows, depth between stitches.
-    Knitted: 3 colors [[0.5, 0.12, 0.1], [0.7, 0.66, 0.58], [0.05, 0.02, 0.02]], roughness [0.75, 1.0], depth 0.015;
+    pattern Knitted: 3 colors [[0.5, 0.12, 0.1], [0.7, 0.66, 0.58], [0.05, 0.02, 0.02]], roughness [0.75, 1.0], depth 0.015;
     /// Stitches along an edge.
-    stitches: u32 in 4..=48, 14;
+    stitches: u32 [4, 48] or 14;
     /// Pairs of rows of the second yarn; 0 = none.
-    bands: u32 in 0..=8, 2;
+    bands: u32 [0, 8] or 2;
     /// How fluffy the yarn is.
-    fluff: f32 in 0.0..=1.0, 0.5;
+    fluff: f32 [0.0, 1.0] or 0.5;
 }
 
 impl Knitted {
@@ -93,15 +93,15 @@ impl Knitted {
     }
 }
 
-kind! {
+family! {
     /// Leather: grain, second tone, creases.
-    Leather: 3 colors [[0.3, 0.13, 0.06], [0.2, 0.08, 0.035], [0.05, 0.02, 0.01]], roughness [0.3, 0.75], depth 0.004;
+    pattern Leather: 3 colors [[0.3, 0.13, 0.06], [0.2, 0.08, 0.035], [0.05, 0.02, 0.01]], roughness [0.3, 0.75], depth 0.004;
     /// Grains along an edge.
-    grains: u32 in 8..=96, 36;
+    grains: u32 [8, 96] or 36;
     /// Strength of large creases.
-    creases: f32 in 0.0..=1.0, 0.4;
+    creases: f32 [0.0, 1.0] or 0.4;
     /// Worn, lighter places.
-    worn: f32 in 0.0..=1.0, 0.3;
+    worn: f32 [0.0, 1.0] or 0.3;
 }
 
 impl Leather {
@@ -132,15 +132,15 @@ impl Leather {
     }
 }
 
-kind! {
+family! {
     /// Old paint, cracked and flaking off: paint, second tone, what lies below, cracks.
-    CrackedPaint: 4 colors [[0.45, 0.58, 0.52], [0.36, 0.48, 0.42], [0.3, 0.22, 0.15], [0.06, 0.05, 0.04]], roughness [0.3, 0.95], depth 0.005;
+    pattern CrackedPaint: 4 colors [[0.45, 0.58, 0.52], [0.36, 0.48, 0.42], [0.3, 0.22, 0.15], [0.06, 0.05, 0.04]], roughness [0.3, 0.95], depth 0.005;
     /// Flakes along an edge.
-    flakes: u32 in 2..=32, 10;
+    flakes: u32 [2, 32] or 10;
     /// Share of flakes that fell off.
-    lost: f32 in 0.0..=1.0, 0.25;
+    lost: f32 [0.0, 1.0] or 0.25;
     /// How far flakes are stretched along v.
-    stretch: f32 in 0.0..=1.0, 0.3;
+    stretch: f32 [0.0, 1.0] or 0.3;
 }
 
 impl CrackedPaint {

@@ -1,16 +1,16 @@
 //! Figures: checks, stripes, dots, patches and paint.
 
 use super::field::{Cells, Grid, blend, chance, floor, fraction, gain, mix, smooth, to_whole, wave, wrap};
-use super::kind::kind;
 use super::sheet::{MapSet, Maps, Place, Spot};
+use crate::family::family;
 
-kind! {
+family! {
     /// Squares of two colours in turn, with fine grooves between them and wear.
-    Checker: 2 colors [[0.75, 0.72, 0.65], [0.05, 0.05, 0.06]], roughness [0.15, 0.5], depth 0.002;
+    pattern Checker: 2 colors [[0.75, 0.72, 0.65], [0.05, 0.05, 0.06]], roughness [0.15, 0.5], depth 0.002;
     /// Pairs of squares along an edge.
-    pairs: u32 in 1..=16, 4;
+    pairs: u32 [1, 16] or 4;
     /// How much squares of one colour differ, and how worn they are.
-    wear: f32 in 0.0..=1.0, 0.3;
+    wear: f32 [0.0, 1.0] or 0.3;
 }
 
 impl Checker {
@@ -33,15 +33,15 @@ impl Checker {
     }
 }
 
-kind! {
+family! {
     /// Stripes of uneven widths along u, as on awnings and shirts: ground, first and second stripe, thin line.
-    Stripes: 4 colors [[0.82, 0.8, 0.74], [0.55, 0.08, 0.06], [0.05, 0.1, 0.25], [0.75, 0.5, 0.1]], roughness [0.5, 0.8], depth 0.0015;
+    pattern Stripes: 4 colors [[0.82, 0.8, 0.74], [0.55, 0.08, 0.06], [0.05, 0.1, 0.25], [0.75, 0.5, 0.1]], roughness [0.5, 0.8], depth 0.0015;
     /// Groups of stripes across the texture.
-    groups: u32 in 1..=16, 3;
+    groups: u32 [1, 16] or 3;
     /// How much the widths of groups differ.
-    uneven: f32 in 0.0..=1.0, 0.5;
+    uneven: f32 [0.0, 1.0] or 0.5;
     /// Strength of the cloth's threads.
-    threads: f32 in 0.0..=1.0, 0.5;
+    threads: f32 [0.0, 1.0] or 0.5;
 }
 
 impl Stripes {
@@ -73,15 +73,15 @@ impl Stripes {
     }
 }
 
-kind! {
+family! {
     /// Discs on a lattice: ground, one half of the discs, the other half; they can stand out as studs.
-    Dots: 3 colors [[0.7, 0.68, 0.6], [0.6, 0.05, 0.08], [0.04, 0.2, 0.4]], roughness [0.2, 0.55], depth 0.004;
+    pattern Dots: 3 colors [[0.7, 0.68, 0.6], [0.6, 0.05, 0.08], [0.04, 0.2, 0.4]], roughness [0.2, 0.55], depth 0.004;
     /// Pairs of discs along an edge.
-    pairs: u32 in 1..=16, 4;
+    pairs: u32 [1, 16] or 4;
     /// Mean radius in distances of neighbours.
-    radius: f32 in 0.05..=0.45, 0.28;
+    radius: f32 [0.05, 0.45] or 0.28;
     /// How much places and sizes differ.
-    uneven: f32 in 0.0..=1.0, 0.15;
+    uneven: f32 [0.0, 1.0] or 0.15;
 }
 
 impl Dots {
@@ -113,15 +113,15 @@ impl Dots {
     }
 }
 
-kind! {
+family! {
     /// Woodland camouflage: ground, then three colours of patches above each other.
-    Camouflage: 4 colors [[0.25, 0.24, 0.13], [0.09, 0.12, 0.05], [0.16, 0.1, 0.05], [0.02, 0.02, 0.02]], roughness [0.7, 0.95], depth 0.001;
+    pattern Camouflage: 4 colors [[0.25, 0.24, 0.13], [0.09, 0.12, 0.05], [0.16, 0.1, 0.05], [0.02, 0.02, 0.02]], roughness [0.7, 0.95], depth 0.001;
     /// Patches along an edge.
-    patches: u32 in 1..=12, 4;
+    patches: u32 [1, 12] or 4;
     /// Share of the ground that is covered.
-    cover: f32 in 0.1..=0.9, 0.55;
+    cover: f32 [0.1, 0.9] or 0.55;
     /// How ragged patches are.
-    ragged: f32 in 0.0..=1.0, 0.5;
+    ragged: f32 [0.0, 1.0] or 0.5;
 }
 
 impl Camouflage {
@@ -147,15 +147,15 @@ impl Camouflage {
     }
 }
 
-kind! {
+family! {
     /// Sprayed and poured paint: wall, two fills with dark outlines, and the outline's colour.
-    Graffiti: 4 colors [[0.55, 0.53, 0.5], [0.75, 0.2, 0.03], [0.03, 0.35, 0.5], [0.02, 0.02, 0.03]], roughness [0.25, 0.85], depth 0.0015;
+    pattern Graffiti: 4 colors [[0.55, 0.53, 0.5], [0.75, 0.2, 0.03], [0.03, 0.35, 0.5], [0.02, 0.02, 0.03]], roughness [0.25, 0.85], depth 0.0015;
     /// Figures along an edge.
-    figures: u32 in 1..=8, 2;
+    figures: u32 [1, 8] or 2;
     /// Width of outlines.
-    outline: f32 in 0.0..=1.0, 0.4;
+    outline: f32 [0.0, 1.0] or 0.4;
     /// Drops of paint beside the figures.
-    splatter: f32 in 0.0..=1.0, 0.5;
+    splatter: f32 [0.0, 1.0] or 0.5;
 }
 
 impl Graffiti {
@@ -196,17 +196,17 @@ impl Graffiti {
     }
 }
 
-kind! {
+family! {
     /// A round ripple of ribs, as on corrugated sheet, cords and grooved panels: rib, groove.
-    Corrugated: 2 colors [[0.6, 0.61, 0.62], [0.35, 0.33, 0.3]], roughness [0.2, 0.5], depth 0.012;
+    pattern Corrugated: 2 colors [[0.6, 0.61, 0.62], [0.35, 0.33, 0.3]], roughness [0.2, 0.5], depth 0.012;
     /// Ribs across the texture.
-    ribs: u32 in 1..=64, 12;
+    ribs: u32 [1, 64] or 12;
     /// 0 = a sine, 1 = flat ribs with steep sides.
-    square: f32 in 0.0..=1.0, 0.0;
+    square: f32 [0.0, 1.0] or 0.0;
     /// Dirt in the grooves.
-    dirt: f32 in 0.0..=1.0, 0.3;
+    dirt: f32 [0.0, 1.0] or 0.3;
     /// 0 = dielectric, 1 = metal.
-    metallic: f32 in 0.0..=1.0, 1.0;
+    metallic: f32 [0.0, 1.0] or 1.0;
 }
 
 impl Corrugated {

@@ -1,20 +1,20 @@
 //! What walls and floors are laid of.
 
 use super::field::{Cells, Grid, blend, chance, floor, fraction, gain, mix, smooth, to_whole, wave, wrap};
-use super::kind::kind;
 use super::sheet::{MapSet, Maps, Place, Spot};
+use crate::family::family;
 
-kind! {
+family! {
     /// Bricks in running bond: lighter brick, darker brick, mortar.
-    Bricks: 3 colors [[0.42, 0.16, 0.09], [0.24, 0.08, 0.05], [0.5, 0.47, 0.42]], roughness [0.7, 1.0], depth 0.008;
+    pattern Bricks: 3 colors [[0.42, 0.16, 0.09], [0.24, 0.08, 0.05], [0.5, 0.47, 0.42]], roughness [0.7, 1.0], depth 0.008;
     /// Pairs of rows down the texture; half as many bricks along it.
-    pairs: u32 in 1..=16, 4;
+    pairs: u32 [1, 16] or 4;
     /// Width of the joints in heights of a brick.
-    joint: f32 in 0.02..=0.3, 0.12;
+    joint: f32 [0.02, 0.3] or 0.12;
     /// How much bricks differ.
-    contrast: f32 in 0.0..=1.0, 0.6;
+    contrast: f32 [0.0, 1.0] or 0.6;
     /// How broken edges and faces are.
-    worn: f32 in 0.0..=1.0, 0.4;
+    worn: f32 [0.0, 1.0] or 0.4;
 }
 
 impl Bricks {
@@ -50,19 +50,19 @@ impl Bricks {
     }
 }
 
-kind! {
+family! {
     /// Square tiles with bevels and grout: most tiles, the others, grout.
-    Tiles: 3 colors [[0.7, 0.72, 0.7], [0.1, 0.22, 0.28], [0.4, 0.38, 0.35]], roughness [0.08, 0.9], depth 0.004;
+    pattern Tiles: 3 colors [[0.7, 0.72, 0.7], [0.1, 0.22, 0.28], [0.4, 0.38, 0.35]], roughness [0.08, 0.9], depth 0.004;
     /// Tiles along an edge.
-    count: u32 in 1..=32, 6;
+    count: u32 [1, 32] or 6;
     /// Width of the grout in tiles.
-    grout: f32 in 0.01..=0.25, 0.05;
+    grout: f32 [0.01, 0.25] or 0.05;
     /// Width of the bevel in tiles.
-    bevel: f32 in 0.01..=0.3, 0.06;
+    bevel: f32 [0.01, 0.3] or 0.06;
     /// Share of the other tiles.
-    mixed: f32 in 0.0..=1.0, 0.25;
+    mixed: f32 [0.0, 1.0] or 0.25;
     /// How much tiles of one colour differ, and how cloudy each is.
-    variation: f32 in 0.0..=1.0, 0.3;
+    variation: f32 [0.0, 1.0] or 0.3;
 }
 
 impl Tiles {
@@ -95,17 +95,17 @@ impl Tiles {
     }
 }
 
-kind! {
+family! {
     /// Stones set close together, from gravel to cobbles: light stone, dark stone, warm stone, what lies between.
-    Cobbles: 4 colors [[0.42, 0.4, 0.38], [0.16, 0.16, 0.17], [0.38, 0.28, 0.2], [0.08, 0.065, 0.05]], roughness [0.55, 0.95], depth 0.02;
+    pattern Cobbles: 4 colors [[0.42, 0.4, 0.38], [0.16, 0.16, 0.17], [0.38, 0.28, 0.2], [0.08, 0.065, 0.05]], roughness [0.55, 0.95], depth 0.02;
     /// Stones along an edge.
-    count: u32 in 2..=48, 8;
+    count: u32 [2, 48] or 8;
     /// 0 = a lattice, 1 = scattered.
-    uneven: f32 in 0.0..=1.0, 0.7;
+    uneven: f32 [0.0, 1.0] or 0.7;
     /// Width of the gaps in stones.
-    gap: f32 in 0.0..=0.4, 0.12;
+    gap: f32 [0.0, 0.4] or 0.12;
     /// 0 = flat tops, 1 = round.
-    round: f32 in 0.0..=1.0, 0.6;
+    round: f32 [0.0, 1.0] or 0.6;
 }
 
 impl Cobbles {
@@ -134,17 +134,17 @@ impl Cobbles {
     }
 }
 
-kind! {
+family! {
     /// Bits of stone or glass set in cement: three colours of bits, cement.
-    Mosaic: 4 colors [[0.6, 0.5, 0.3], [0.08, 0.2, 0.32], [0.45, 0.12, 0.08], [0.62, 0.6, 0.56]], roughness [0.1, 0.9], depth 0.004;
+    pattern Mosaic: 4 colors [[0.6, 0.5, 0.3], [0.08, 0.2, 0.32], [0.45, 0.12, 0.08], [0.62, 0.6, 0.56]], roughness [0.1, 0.9], depth 0.004;
     /// Bits along an edge.
-    count: u32 in 3..=48, 16;
+    count: u32 [3, 48] or 16;
     /// 0 = squares, 1 = shards.
-    shards: f32 in 0.0..=1.0, 0.5;
+    shards: f32 [0.0, 1.0] or 0.5;
     /// Width of the joints in bits.
-    joint: f32 in 0.01..=0.3, 0.1;
+    joint: f32 [0.01, 0.3] or 0.1;
     /// Figures along an edge that colours form; more make a speckle.
-    figures: u32 in 1..=16, 3;
+    figures: u32 [1, 16] or 3;
 }
 
 impl Mosaic {
@@ -183,17 +183,17 @@ impl Mosaic {
     }
 }
 
-kind! {
+family! {
     /// Rendered wall with stains that run down: plaster, second tone, stain.
-    Plaster: 3 colors [[0.72, 0.66, 0.54], [0.62, 0.54, 0.4], [0.25, 0.2, 0.14]], roughness [0.75, 1.0], depth 0.006;
+    pattern Plaster: 3 colors [[0.72, 0.66, 0.54], [0.62, 0.54, 0.4], [0.25, 0.2, 0.14]], roughness [0.75, 1.0], depth 0.006;
     /// Coarseness: bumps along an edge.
-    bumps: u32 in 2..=64, 20;
+    bumps: u32 [2, 64] or 20;
     /// Strength of the stains.
-    stains: f32 in 0.0..=1.0, 0.45;
+    stains: f32 [0.0, 1.0] or 0.45;
     /// Streaks along an edge.
-    streaks: u32 in 1..=32, 10;
+    streaks: u32 [1, 32] or 10;
     /// 0 = thrown on (bumps), 1 = trowelled (flat strokes).
-    trowelled: f32 in 0.0..=1.0, 0.3;
+    trowelled: f32 [0.0, 1.0] or 0.3;
 }
 
 impl Plaster {
@@ -224,15 +224,15 @@ impl Plaster {
     }
 }
 
-kind! {
+family! {
     /// Cast concrete with pores, blotches and the lines of its formwork: light, dark, pore.
-    Concrete: 3 colors [[0.5, 0.49, 0.47], [0.33, 0.32, 0.3], [0.12, 0.115, 0.11]], roughness [0.6, 0.95], depth 0.004;
+    pattern Concrete: 3 colors [[0.5, 0.49, 0.47], [0.33, 0.32, 0.3], [0.12, 0.115, 0.11]], roughness [0.6, 0.95], depth 0.004;
     /// Boards or panels along an edge; 0 = none to be seen.
-    boards: u32 in 0..=16, 2;
+    boards: u32 [0, 16] or 2;
     /// How many pores.
-    pores: f32 in 0.0..=1.0, 0.4;
+    pores: f32 [0.0, 1.0] or 0.4;
     /// Strength of the blotches.
-    contrast: f32 in 0.0..=1.0, 0.5;
+    contrast: f32 [0.0, 1.0] or 0.5;
 }
 
 impl Concrete {

@@ -1,18 +1,18 @@
 //! Metal, bare, worn, rusty and painted.
 
 use super::field::{Cells, Grid, blend, chance, floor, fraction, gain, mix, smooth, wrap};
-use super::kind::kind;
 use super::sheet::{MapSet, Maps, Place, Spot};
+use crate::family::family;
 
-kind! {
+family! {
     /// Rust on metal: metal, light rust, dark rust. Rust is a dielectric, metal is not.
-    Rust: 3 colors [[0.45, 0.44, 0.43], [0.32, 0.11, 0.03], [0.09, 0.035, 0.02]], roughness [0.25, 1.0], depth 0.006;
+    pattern Rust: 3 colors [[0.45, 0.44, 0.43], [0.32, 0.11, 0.03], [0.09, 0.035, 0.02]], roughness [0.25, 1.0], depth 0.006;
     /// Patches along an edge.
-    patches: u32 in 1..=16, 3;
+    patches: u32 [1, 16] or 3;
     /// Share of the surface that is rusty.
-    cover: f32 in 0.0..=1.0, 0.45;
+    cover: f32 [0.0, 1.0] or 0.45;
     /// Stains that run from rusty places down the metal.
-    runs: f32 in 0.0..=1.0, 0.3;
+    runs: f32 [0.0, 1.0] or 0.3;
 }
 
 impl Rust {
@@ -44,17 +44,17 @@ impl Rust {
     }
 }
 
-kind! {
+family! {
     /// Bare metal with fine scratches in any direction: metal, tarnish.
-    Scratched: 2 colors [[0.72, 0.72, 0.73], [0.42, 0.37, 0.3]], roughness [0.08, 0.6], depth 0.0012;
+    pattern Scratched: 2 colors [[0.72, 0.72, 0.73], [0.42, 0.37, 0.3]], roughness [0.08, 0.6], depth 0.0012;
     /// Scratches.
-    scratches: u32 in 1..=2000, 400;
+    scratches: u32 [1, 2000] or 400;
     /// 0 = all along u, 1 = any direction.
-    spread: f32 in 0.0..=1.0, 1.0;
+    spread: f32 [0.0, 1.0] or 1.0;
     /// Longest scratch in widths of the texture.
-    length: f32 in 0.02..=1.0, 0.35;
+    length: f32 [0.02, 1.0] or 0.35;
     /// Tarnish and finger marks.
-    tarnish: f32 in 0.0..=1.0, 0.35;
+    tarnish: f32 [0.0, 1.0] or 0.35;
 }
 
 impl Scratched {
@@ -77,15 +77,15 @@ impl Scratched {
     }
 }
 
-kind! {
+family! {
     /// Paint on metal with chips down to it, rimmed by primer: paint, primer, metal.
-    ChippedPaint: 3 colors [[0.05, 0.18, 0.3], [0.35, 0.12, 0.07], [0.5, 0.49, 0.47]], roughness [0.15, 0.75], depth 0.003;
+    pattern ChippedPaint: 3 colors [[0.05, 0.18, 0.3], [0.35, 0.12, 0.07], [0.5, 0.49, 0.47]], roughness [0.15, 0.75], depth 0.003;
     /// Coarseness: chips along an edge.
-    chips: u32 in 2..=32, 8;
+    chips: u32 [2, 32] or 8;
     /// Share of the surface without paint.
-    worn: f32 in 0.0..=1.0, 0.25;
+    worn: f32 [0.0, 1.0] or 0.25;
     /// Scratches through the paint.
-    scratches: u32 in 0..=500, 60;
+    scratches: u32 [0, 500] or 60;
 }
 
 impl ChippedPaint {
@@ -115,15 +115,15 @@ impl ChippedPaint {
     }
 }
 
-kind! {
+family! {
     /// Metal brushed along u: metal, darker lines.
-    Brushed: 2 colors [[0.7, 0.7, 0.71], [0.5, 0.5, 0.52]], roughness [0.15, 0.5], depth 0.0006;
+    pattern Brushed: 2 colors [[0.7, 0.7, 0.71], [0.5, 0.5, 0.52]], roughness [0.15, 0.5], depth 0.0006;
     /// Lines across the texture.
-    lines: u32 in 16..=256, 160;
+    lines: u32 [16, 256] or 160;
     /// How strongly lines differ.
-    contrast: f32 in 0.0..=1.0, 0.5;
+    contrast: f32 [0.0, 1.0] or 0.5;
     /// Marks of use.
-    smudges: f32 in 0.0..=1.0, 0.25;
+    smudges: f32 [0.0, 1.0] or 0.25;
 }
 
 impl Brushed {
@@ -146,17 +146,17 @@ impl Brushed {
     }
 }
 
-kind! {
+family! {
     /// Metal beaten with a round hammer: metal, tarnish between the dents.
-    Hammered: 2 colors [[0.75, 0.5, 0.35], [0.25, 0.16, 0.1]], roughness [0.12, 0.45], depth 0.01;
+    pattern Hammered: 2 colors [[0.75, 0.5, 0.35], [0.25, 0.16, 0.1]], roughness [0.12, 0.45], depth 0.01;
     /// Dents along an edge.
-    dents: u32 in 2..=48, 10;
+    dents: u32 [2, 48] or 10;
     /// How unevenly dents are placed.
-    uneven: f32 in 0.0..=1.0, 0.8;
+    uneven: f32 [0.0, 1.0] or 0.8;
     /// Tarnish.
-    tarnish: f32 in 0.0..=1.0, 0.35;
+    tarnish: f32 [0.0, 1.0] or 0.35;
     /// 0 = dielectric (beaten leather, orange peel), 1 = metal.
-    metallic: f32 in 0.0..=1.0, 1.0;
+    metallic: f32 [0.0, 1.0] or 1.0;
 }
 
 impl Hammered {
@@ -182,17 +182,17 @@ impl Hammered {
     }
 }
 
-kind! {
+family! {
     /// Sheet with raised lozenges turned in turn, for stairs and floors: metal, dirt.
-    TreadPlate: 2 colors [[0.6, 0.6, 0.61], [0.16, 0.13, 0.1]], roughness [0.2, 0.7], depth 0.01;
+    pattern TreadPlate: 2 colors [[0.6, 0.6, 0.61], [0.16, 0.13, 0.1]], roughness [0.2, 0.7], depth 0.01;
     /// Pairs of lozenges along an edge.
-    pairs: u32 in 1..=16, 4;
+    pairs: u32 [1, 16] or 4;
     /// Length of a lozenge in distances of neighbours.
-    length: f32 in 0.2..=0.48, 0.4;
+    length: f32 [0.2, 0.48] or 0.4;
     /// Dirt between the lozenges.
-    dirt: f32 in 0.0..=1.0, 0.4;
+    dirt: f32 [0.0, 1.0] or 0.4;
     /// Scratches on the lozenges.
-    scratches: u32 in 0..=1000, 200;
+    scratches: u32 [0, 1000] or 200;
 }
 
 impl TreadPlate {
@@ -223,13 +223,13 @@ impl TreadPlate {
     }
 }
 
-kind! {
+family! {
     /// Carbon fibre in twill of two over two: fibres lit, fibres dark.
-    CarbonFibre: 2 colors [[0.07, 0.07, 0.075], [0.015, 0.015, 0.017]], roughness [0.2, 0.5], depth 0.002;
+    pattern CarbonFibre: 2 colors [[0.07, 0.07, 0.075], [0.015, 0.015, 0.017]], roughness [0.2, 0.5], depth 0.002;
     /// Repeats of four tows along an edge.
-    repeats: u32 in 1..=16, 6;
+    repeats: u32 [1, 16] or 6;
     /// How strongly warp and weft differ.
-    contrast: f32 in 0.0..=1.0, 0.7;
+    contrast: f32 [0.0, 1.0] or 0.7;
 }
 
 impl CarbonFibre {

@@ -6,7 +6,6 @@
 mod fabric;
 mod field;
 mod geometric;
-mod kind;
 mod masonry;
 mod metal;
 pub(crate) mod random;
@@ -22,7 +21,7 @@ pub use sheet::{Map, MapSet, Maps};
 pub use stone::{Blotches, CrackedEarth, Granite, Marble, Sand, Terrazzo};
 pub use wood::{Parquet, Planks, Wood};
 
-use crate::shapes::Faults;
+use crate::family::Faults;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -57,11 +56,9 @@ macro_rules! patterns {
 
             /// What is out of range: JSON pointers below the pattern, and reasons.
             pub fn validate(&self) -> Vec<(String, String)> {
-                let mut faults = Faults::default();
                 match self {
-                    $(Self::$kind(kind) => kind.check(&mut faults),)*
+                    $(Self::$kind(kind) => Faults::of(kind),)*
                 }
-                faults.0
             }
 
             /// Makes the maps that are wanted. Parameters out of range give some other picture, but only [`Self::validate`] tells.

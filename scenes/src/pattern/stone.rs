@@ -1,18 +1,18 @@
 //! Stone and earth.
 
 use super::field::{Cells, Grid, blend, gain, mix, smooth, wave};
-use super::kind::kind;
 use super::sheet::{MapSet, Maps, Place, Spot};
+use crate::family::family;
 
-kind! {
+family! {
     /// Polished marble: ground, clouds, veins.
-    Marble: 3 colors [[0.8, 0.79, 0.76], [0.6, 0.6, 0.6], [0.2, 0.19, 0.2]], roughness [0.05, 0.3], depth 0.0;
+    pattern Marble: 3 colors [[0.8, 0.79, 0.76], [0.6, 0.6, 0.6], [0.2, 0.19, 0.2]], roughness [0.05, 0.3], depth 0.0;
     /// Veins along an edge.
-    veins: u32 in 1..=12, 3;
+    veins: u32 [1, 12] or 3;
     /// How far veins are bent.
-    turbulence: f32 in 0.0..=1.0, 0.5;
+    turbulence: f32 [0.0, 1.0] or 0.5;
     /// How sharp and dark veins are.
-    contrast: f32 in 0.0..=1.0, 0.6;
+    contrast: f32 [0.0, 1.0] or 0.6;
 }
 
 impl Marble {
@@ -44,15 +44,15 @@ impl Marble {
     }
 }
 
-kind! {
+family! {
     /// Granite, polished or rough: four minerals.
-    Granite: 4 colors [[0.55, 0.47, 0.42], [0.3, 0.29, 0.28], [0.7, 0.68, 0.65], [0.04, 0.04, 0.045]], roughness [0.08, 0.4], depth 0.0;
+    pattern Granite: 4 colors [[0.55, 0.47, 0.42], [0.3, 0.29, 0.28], [0.7, 0.68, 0.65], [0.04, 0.04, 0.045]], roughness [0.08, 0.4], depth 0.0;
     /// Grains along an edge.
-    grains: u32 in 8..=128, 64;
+    grains: u32 [8, 128] or 64;
     /// How unevenly minerals are spread.
-    clumps: f32 in 0.0..=1.0, 0.5;
+    clumps: f32 [0.0, 1.0] or 0.5;
     /// Share of the fourth mineral.
-    dark: f32 in 0.0..=1.0, 0.3;
+    dark: f32 [0.0, 1.0] or 0.3;
 }
 
 impl Granite {
@@ -87,15 +87,15 @@ impl Granite {
     }
 }
 
-kind! {
+family! {
     /// Chips of stone ground flush in a binder: three kinds of chips, binder.
-    Terrazzo: 4 colors [[0.65, 0.3, 0.2], [0.2, 0.22, 0.25], [0.75, 0.72, 0.66], [0.62, 0.6, 0.56]], roughness [0.1, 0.45], depth 0.0;
+    pattern Terrazzo: 4 colors [[0.65, 0.3, 0.2], [0.2, 0.22, 0.25], [0.75, 0.72, 0.66], [0.62, 0.6, 0.56]], roughness [0.1, 0.45], depth 0.0;
     /// Large chips along an edge.
-    chips: u32 in 4..=48, 12;
+    chips: u32 [4, 48] or 12;
     /// Share of the surface that chips cover.
-    cover: f32 in 0.0..=1.0, 0.6;
+    cover: f32 [0.0, 1.0] or 0.6;
     /// How much chips of one kind differ.
-    variation: f32 in 0.0..=1.0, 0.4;
+    variation: f32 [0.0, 1.0] or 0.4;
 }
 
 impl Terrazzo {
@@ -129,17 +129,17 @@ impl Terrazzo {
     }
 }
 
-kind! {
+family! {
     /// Earth that dried and tore: earth, second tone, depth of the cracks.
-    CrackedEarth: 3 colors [[0.4, 0.28, 0.17], [0.3, 0.2, 0.12], [0.06, 0.04, 0.025]], roughness [0.8, 1.0], depth 0.02;
+    pattern CrackedEarth: 3 colors [[0.4, 0.28, 0.17], [0.3, 0.2, 0.12], [0.06, 0.04, 0.025]], roughness [0.8, 1.0], depth 0.02;
     /// Plates along an edge.
-    plates: u32 in 2..=24, 6;
+    plates: u32 [2, 24] or 6;
     /// Width of the cracks in plates.
-    gap: f32 in 0.01..=0.3, 0.08;
+    gap: f32 [0.01, 0.3] or 0.08;
     /// How far the rims of plates are bent upwards.
-    curl: f32 in 0.0..=1.0, 0.4;
+    curl: f32 [0.0, 1.0] or 0.4;
     /// How winding cracks are.
-    wavy: f32 in 0.0..=1.0, 0.5;
+    wavy: f32 [0.0, 1.0] or 0.5;
 }
 
 impl CrackedEarth {
@@ -172,15 +172,15 @@ impl CrackedEarth {
     }
 }
 
-kind! {
+family! {
     /// Wind ripples in sand or snow: crest, trough, grains of another colour.
-    Sand: 3 colors [[0.6, 0.47, 0.3], [0.45, 0.33, 0.2], [0.2, 0.14, 0.1]], roughness [0.75, 1.0], depth 0.012;
+    pattern Sand: 3 colors [[0.6, 0.47, 0.3], [0.45, 0.33, 0.2], [0.2, 0.14, 0.1]], roughness [0.75, 1.0], depth 0.012;
     /// Ripples down the texture; 0 = none.
-    ripples: u32 in 0..=48, 12;
+    ripples: u32 [0, 48] or 12;
     /// How wavy ripples are.
-    wavy: f32 in 0.0..=1.0, 0.6;
+    wavy: f32 [0.0, 1.0] or 0.6;
     /// Coarseness: grains along an edge.
-    grains: u32 in 16..=128, 96;
+    grains: u32 [16, 128] or 96;
 }
 
 impl Sand {
@@ -209,15 +209,15 @@ impl Sand {
     }
 }
 
-kind! {
+family! {
     /// Soft blotches of three colours into each other.
-    Blotches: 3 colors [[0.5, 0.42, 0.3], [0.3, 0.33, 0.2], [0.18, 0.14, 0.1]], roughness [0.4, 0.9], depth 0.006;
+    pattern Blotches: 3 colors [[0.5, 0.42, 0.3], [0.3, 0.33, 0.2], [0.18, 0.14, 0.1]], roughness [0.4, 0.9], depth 0.006;
     /// Blotches along an edge.
-    count: u32 in 1..=32, 4;
+    count: u32 [1, 32] or 4;
     /// Octaves of detail.
-    detail: u32 in 1..=7, 5;
+    detail: u32 [1, 7] or 5;
     /// How sharply colours meet.
-    contrast: f32 in 0.0..=1.0, 0.4;
+    contrast: f32 [0.0, 1.0] or 0.4;
 }
 
 impl Blotches {

@@ -1,20 +1,20 @@
 //! Wood.
 
 use super::field::{Cells, Grid, blend, chance, floor, fraction, gain, mix, smooth, to_whole, wave, wrap};
-use super::kind::kind;
 use super::sheet::{MapSet, Maps, Place, Spot};
+use crate::family::family;
 
-kind! {
+family! {
     /// Boards side by side along u: light wood, dark wood, gaps.
-    Planks: 3 colors [[0.42, 0.25, 0.12], [0.2, 0.1, 0.045], [0.03, 0.02, 0.015]], roughness [0.25, 0.8], depth 0.004;
+    pattern Planks: 3 colors [[0.42, 0.25, 0.12], [0.2, 0.1, 0.045], [0.03, 0.02, 0.015]], roughness [0.25, 0.8], depth 0.004;
     /// Boards across the texture.
-    boards: u32 in 1..=24, 6;
+    boards: u32 [1, 24] or 6;
     /// How much boards differ.
-    contrast: f32 in 0.0..=1.0, 0.5;
+    contrast: f32 [0.0, 1.0] or 0.5;
     /// Strength of the grain.
-    grain: f32 in 0.0..=1.0, 0.6;
+    grain: f32 [0.0, 1.0] or 0.6;
     /// Wear and dirt.
-    worn: f32 in 0.0..=1.0, 0.3;
+    worn: f32 [0.0, 1.0] or 0.3;
 }
 
 impl Planks {
@@ -49,17 +49,17 @@ impl Planks {
     }
 }
 
-kind! {
+family! {
     /// One piece of wood, cut along the trunk, grain along u, with knots: early wood, late wood, knots.
-    Wood: 3 colors [[0.52, 0.32, 0.16], [0.26, 0.13, 0.055], [0.1, 0.045, 0.02]], roughness [0.3, 0.7], depth 0.002;
+    pattern Wood: 3 colors [[0.52, 0.32, 0.16], [0.26, 0.13, 0.055], [0.1, 0.045, 0.02]], roughness [0.3, 0.7], depth 0.002;
     /// Year rings across the texture.
-    rings: u32 in 2..=48, 14;
+    rings: u32 [2, 48] or 14;
     /// How wavy the rings are.
-    wavy: f32 in 0.0..=1.0, 0.5;
+    wavy: f32 [0.0, 1.0] or 0.5;
     /// How many knots.
-    knots: f32 in 0.0..=1.0, 0.4;
+    knots: f32 [0.0, 1.0] or 0.4;
     /// Strength of pores and fibres.
-    fibres: f32 in 0.0..=1.0, 0.5;
+    fibres: f32 [0.0, 1.0] or 0.5;
 }
 
 impl Wood {
@@ -98,15 +98,15 @@ impl Wood {
     }
 }
 
-kind! {
+family! {
     /// Blocks of parquet in turn along and across: light wood, dark wood, joints.
-    Parquet: 3 colors [[0.45, 0.28, 0.14], [0.24, 0.12, 0.05], [0.05, 0.03, 0.02]], roughness [0.12, 0.5], depth 0.0015;
+    pattern Parquet: 3 colors [[0.45, 0.28, 0.14], [0.24, 0.12, 0.05], [0.05, 0.03, 0.02]], roughness [0.12, 0.5], depth 0.0015;
     /// Pairs of blocks along an edge.
-    pairs: u32 in 1..=8, 2;
+    pairs: u32 [1, 8] or 2;
     /// Strips of a block.
-    strips: u32 in 1..=8, 4;
+    strips: u32 [1, 8] or 4;
     /// How much strips differ.
-    contrast: f32 in 0.0..=1.0, 0.5;
+    contrast: f32 [0.0, 1.0] or 0.5;
 }
 
 impl Parquet {

@@ -1,122 +1,220 @@
-//! Seeded scenes: a floor, objects that stand on it without touching each other, materials, a light and an orbiting camera.
+//! The composer. It makes scenes of many kinds from the knobs of a plan: objects on a ground, rooms and open country, seen by cameras
+//! that turn, drive, walk or stand still, with objects that move and materials that change.
 //!
-//! The same [`ComposeOptions`] give the same scene, to the byte of its JSON, on every machine.
+//! The same [`Request`] gives the same scene, to the byte of its JSON, on every machine.
 
-mod camera_path;
+mod body;
+mod build;
+mod camera;
+mod change;
+mod daylight;
+mod ground;
+mod knobs;
 mod layout;
-mod lighting;
 pub mod materials;
-pub mod varied;
+mod motion;
+mod occluders;
+mod outdoor;
+mod paths;
+mod pick;
+mod room;
+mod split;
 
-use crate::description::{Geometry, Object, Scene};
+pub use knobs::{CameraKind, Cameras, Composition, LayoutKind, Layouts};
+pub use split::{Families, Split, deal, families};
+
+use crate::catalog::Catalog;
+use crate::description::{EnvironmentLight, Object, Scene};
+use crate::draw::Draw;
+use crate::error::{Error, Problem, Result};
 use crate::seed::Seed;
-use serde::{Deserialize, Serialize};
+use build::Build;
+use glam::Vec3;
+use layout::Context;
+use pick::Picker;
+use std::path::PathBuf;
 
-/// Which part of a dataset a scene belongs to. The same seed gives unrelated scenes in different splits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Split {
-    /// Random skies; what networks learn from.
-    #[default]
-    Train,
-    /// Random skies; for choosing settings.
-    Val,
-    /// Only the named maps of `hdri/`, which no random sky ever equals; for the numbers that are reported.
-    Test,
-}
+/// Meshes in a catalogue, unless a plan says otherwise.
+pub const MESH_COUNT: u32 = 4096;
+/// Maps in a catalogue of environments, unless a plan says otherwise.
+pub const ENVIRONMENT_COUNT: u32 = 512;
 
-impl Split {
-    /// `train`, `val` or `test`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Val => "val",
-            Self::Test => "test",
-        }
-    }
-}
-
-impl std::fmt::Display for Split {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.name())
-    }
+/// What a split may draw from.
+#[derive(Clone, Copy, Debug)]
+pub struct Pool<'a> {
+    /// Numbers of meshes and environments refer to it.
+    pub catalog: &'a Catalog,
+    /// Families of meshes; may be empty where there are models.
+    pub mesh_families: &'a [String],
+    /// Families of environments; may be empty where there are maps.
+    pub environment_families: &'a [String],
+    /// Paths of glTF and OBJ files, as the scene shall name them; read from the working directory, so better absolute.
+    pub models: &'a [String],
+    /// Paths of `.hdr` and `.exr` maps, as the scene shall name them.
+    pub hdris: &'a [String],
+    /// Names of maps of `hdri/`.
+    pub builtin: &'a [String],
+    /// Folders beside its own that a model may name files of.
+    pub allowed: &'a [PathBuf],
 }
 
 /// What [`compose`] makes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ComposeOptions {
-    /// Everything random follows from it and `split`.
-    pub seed: u64,
+#[derive(Clone, Debug)]
+pub struct Request<'a> {
+    /// Of this sequence: everything random follows from it.
+    pub seed: Seed,
+    /// Name of the scene.
+    pub name: String,
     /// Image size in pixels, width then height.
     pub resolution: [u32; 2],
     /// Frames of the sequence, at least 1.
     pub frames: u32,
-    /// Turn of the camera from a frame to the next; 3.6 turns once in 100 frames.
-    pub degrees_per_frame: f32,
-    /// Part of the dataset.
-    pub split: Split,
-    /// Fewest and most objects (the floor not counted), 1..=64.
-    pub objects: [u32; 2],
-    /// Share of scenes in which one to three objects move, 0..=1.
-    pub moving_share: f64,
+    /// The plan's knobs.
+    pub composition: &'a Composition,
+    /// The split's pool.
+    pub pool: &'a Pool<'a>,
 }
 
-impl Default for ComposeOptions {
-    fn default() -> Self {
-        Self {
-            seed: 0,
-            resolution: [256, 256],
-            frames: 1,
-            degrees_per_frame: 3.6,
-            split: Split::Train,
-            objects: [4, 16],
-            moving_share: 0.25,
-        }
-    }
+/// A scene and what it was made from.
+#[derive(Clone, Debug)]
+pub struct Composed {
+    /// The scene; it passes `Scene::validate`.
+    pub scene: Scene,
+    /// Where its objects stand.
+    pub layout: LayoutKind,
+    /// How its camera moves.
+    pub camera: CameraKind,
+    /// Whether an object moves.
+    pub moving: bool,
+    /// Whether a material changes.
+    pub changing: bool,
+    /// One an object that comes from the pool. Floors, walls, plain furniture and occluders (made of planes, boxes, spheres, cylinders
+    /// and cones) are not in it.
+    pub meshes: Vec<Used>,
+    /// Family, `builtin:NAME` or `file:PATH`.
+    pub environment: String,
+    /// Number in the catalogue, for a family.
+    pub environment_number: Option<u32>,
 }
 
-/// A random scene. It passes `Scene::validate` for a resolution and a camera turn within their ranges.
-pub fn compose(options: &ComposeOptions) -> Scene {
-    let root = Seed::root(options.seed).child(options.split.name(), 0);
-    let frames = options.frames.max(1);
-    let camera_seed = root.child("camera", 0);
-    let mut layout = layout::layout(&root, options.objects);
-    if layout::wants_motion(&root, options.moving_share) && frames > 1 {
-        layout.set_in_motion(&mut root.child("motion", 0).rng(), frames);
-    }
-    let camera = camera_path::orbit(&mut camera_seed.rng(), &layout, options.resolution, options.degrees_per_frame);
+/// Where an object comes from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Used {
+    /// Name of the object in the scene.
+    pub object: String,
+    /// Family of the catalogue, or `file`.
+    pub family: String,
+    /// Number in the catalogue.
+    pub mesh: Option<u32>,
+    /// Path of the model file.
+    pub file: Option<String>,
+}
 
-    let mut materials = vec![materials::ground(&mut root.child("ground material", 0).rng())];
-    let mut objects = vec![Object {
-        name: "ground".into(),
-        geometry: Geometry::Shape(layout.floor.clone()),
-        material: Some("ground".into()),
-        transform: layout.floor_transform.clone(),
-        motion: None,
-    }];
-    for (index, placed) in layout.objects.iter().enumerate() {
-        let name = format!("{}_{:02}", placed.shape.family(), index + 1);
-        let mut rng = root.child("material", index as u64).rng();
-        materials.push(materials::material(&mut rng, &name));
-        objects.push(Object {
-            geometry: Geometry::Shape(placed.shape.clone()),
-            material: Some(name.clone()),
-            name,
-            transform: placed.transform.clone(),
-            motion: placed.motion.clone(),
-        });
+/// A scene of the plan's kind.
+///
+/// # Errors
+/// [`Error::Invalid`] for knobs out of range, for a pool that is empty or names what does not exist, for a resolution or a number of
+/// frames out of range; a model file that cannot be read is an error that names it.
+pub fn compose(request: &Request) -> Result<Composed> {
+    let knobs = request.composition;
+    knobs.check().map_err(invalid)?;
+    let picker = Picker::new(request.pool, knobs)?;
+    let frames = request.frames.max(1);
+    let root = request.seed;
+    let kind = draw(&root.child("layout kind", 0), &knobs.layouts.weights());
+    let kind_of_camera = draw(&root.child("camera kind", 0), &knobs.cameras.weights());
+    let chance = |label: &str, share: f64| frames > 1 && root.child(label, 0).rng().chance(share);
+    let (mut moves, mut changes) = (chance("moves", knobs.moving), chance("changes", knobs.changing));
+    if kind_of_camera == CameraKind::Fixed && frames > 1 && !moves && !changes && knobs.moving + knobs.changing > 0.0 {
+        // A hundred equal pictures are of no use.
+        let which = root.child("moves", 1).rng().weighted(&[knobs.moving, knobs.changing]);
+        (moves, changes) = (which == 0, which == 1);
     }
-    Scene {
-        version: 1,
-        name: format!("{}_{}", options.split, options.seed),
+
+    let light = picker.light(&mut root.child("light", 0).rng(), kind);
+    let context = Context { root, knobs, picker: &picker, frames, camera: kind_of_camera };
+    let mut layout = match kind {
+        LayoutKind::Ground => ground::layout(&context)?,
+        LayoutKind::Room => room::layout(&context, &light.source)?,
+        LayoutKind::Outdoor => outdoor::layout(&context)?,
+    };
+    if moves {
+        motion::set_in_motion(&mut layout, &mut root.child("motion", 0).rng(), frames);
+    }
+    let camera = camera::camera(&context, &layout, request.resolution);
+    if root.child("occluders", 0).rng().chance(knobs.occluders) {
+        occluders::place(&mut layout, &mut root.child("occluders", 1).rng(), &camera, frames, request.resolution);
+    }
+    let mut rng = root.child("light", 1).rng();
+    let [least, most] = knobs.intensity;
+    let rotation = rng.between(0.0, 360.0);
+    let environment =
+        EnvironmentLight { source: light.source, rotation: layout.turn.unwrap_or(rotation), intensity: rng.log(least, most) };
+
+    let mut build = Build::new(root, &knobs.materials, environment.intensity);
+    for (name, part) in &layout.structure {
+        build.part(name, part, Vec3::ZERO);
+    }
+    for (index, body) in layout.bodies.iter().enumerate() {
+        build.body(&format!("{}_{:02}", body.label, index + 1), body);
+    }
+    if changes {
+        change::change(&mut root.child("change", 0).rng(), &mut build.materials, &build.changeable);
+    }
+    let scene = Scene {
+        version: crate::validate::VERSION,
+        name: request.name.clone(),
         // 53 bits survive every JSON reader.
         seed: root.child("render", 0).u64() >> 11,
-        resolution: options.resolution,
+        resolution: request.resolution,
         frames,
         camera,
-        environment: lighting::environment(&mut root.child("light", 0).rng(), options.split),
-        materials,
-        objects,
-    }
+        environment,
+        materials: build.materials,
+        objects: build.objects,
+    };
+    scene.validate()?;
+    Ok(Composed {
+        moving: scene.objects.iter().any(Object::moves),
+        changing: scene.materials.iter().any(|m| m.change.is_some()),
+        scene,
+        layout: kind,
+        camera: kind_of_camera,
+        meshes: build.meshes,
+        environment: light.name,
+        environment_number: light.number,
+    })
+}
+
+/// One scene from what a split may draw from: the families that [`families`] gives it, of a catalogue of 4096 meshes and 512
+/// environments. The same arguments give the same scene.
+///
+/// # Errors
+/// As [`compose`].
+pub fn compose_one(seed: u64, split: Split, resolution: [u32; 2], frames: u32, composition: &Composition) -> Result<Scene> {
+    let catalog = Catalog::new(seed, MESH_COUNT, ENVIRONMENT_COUNT);
+    let Families { meshes, environments } = families(&catalog, split);
+    let pool = Pool {
+        catalog: &catalog,
+        mesh_families: &meshes,
+        environment_families: &environments,
+        models: &[],
+        hdris: &[],
+        builtin: &[],
+        allowed: &[],
+    };
+    let (seed, name) = (Seed::root(seed).child("sequence", 0), format!("{split}_{seed}"));
+    Ok(compose(&Request { seed, name, resolution, frames, composition, pool: &pool })?.scene)
+}
+
+/// A name drawn by its weight.
+fn draw<T: Copy>(seed: &Seed, weights: &[(T, f64)]) -> T {
+    let list: Vec<f64> = weights.iter().map(|(_, weight)| *weight).collect();
+    weights[seed.rng().weighted(&list)].0
+}
+
+/// An error of the knobs, whose message begins with its pointer.
+fn invalid(message: String) -> Error {
+    let (pointer, reason) = message.split_once(": ").unwrap_or(("", &message));
+    Error::Invalid { file: None, problems: vec![Problem { pointer: pointer.into(), reason: reason.into() }] }
 }

@@ -4,7 +4,8 @@
 use super::canvas::{Dome, Emitter, disc, flat_by, luminance, rgb, smoothstep, toward};
 use super::parts::{Beam, Finish, Furnishing, Opening};
 use super::room::{form_factor, place};
-use super::{Wall, Window};
+use super::{Wall, Window, fits};
+use crate::family::{below, family};
 use crate::noise;
 use crate::seed::Seed;
 use glam::DVec3;
@@ -16,16 +17,32 @@ use std::sync::Arc;
 const COARSE: usize = 8;
 const FINE: usize = 16;
 
-/// Parameters of the family.
-pub(super) struct Room<'a> {
-    pub size: [f32; 3],
-    pub eye_height: f32,
-    pub walls: [f32; 3],
-    pub floor: [f32; 3],
-    pub ceiling: [f32; 3],
-    pub openings: &'a [Opening],
-    pub beam: Option<&'a Beam>,
-    pub furnishing: Option<&'a Furnishing>,
+family! {
+    /// A room with inter-reflections, pillars and boxes, lit through openings.
+    pub struct Room {
+        /// Extent of the room along x, y, z, metres.
+        size: [f32; 3] [1, 100];
+        /// Height of the point the map is seen from above the floor, metres, at most 0.9 of the room's height.
+        eye_height: f32 [0.1, 90; most 0.9 * size[1]];
+        /// Diffuse reflectance of the walls, linear Rec.709.
+        walls: [f32; 3] [0, 0.95];
+        /// Diffuse reflectance of the floor, linear Rec.709.
+        floor: [f32; 3] [0, 0.95];
+        /// Diffuse reflectance of the ceiling, linear Rec.709.
+        ceiling: [f32; 3] [0, 0.95];
+        /// Windows, doors and lit panels.
+        openings: Vec<Opening> [; count 1, 48];
+        /// Sunlight through the openings; absent = none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        beam: Option<Beam>;
+        /// What stands in it and how its faces are finished.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        furnishing: Option<Furnishing>;
+    }, rules |faults, at| {
+        for (index, opening) in openings.iter().enumerate() {
+            fits(faults, &below(at, format!("openings/{index}")), opening.wall.face(*size), opening.size, opening.offset);
+        }
+    }
 }
 
 /// An opening in the eye's coordinates.
@@ -395,8 +412,8 @@ pub(super) fn chamber(r: &Room) -> Dome {
     let (low, high) = (DVec3::new(-0.5 * size.x, -eye, -0.5 * size.z), DVec3::new(0.5 * size.x, size.y - eye, 0.5 * size.z));
     let (walls, floor, ceiling) = (rgb(r.walls), rgb(r.floor), rgb(r.ceiling));
     let panes: Vec<Pane> = r.openings.iter().map(|opening| Pane::new(opening, size, eye)).collect();
-    let beam = r.beam.map(|beam| (toward(beam.elevation, beam.azimuth), rgb(beam.irradiance)));
-    let finish = r.furnishing.cloned().unwrap_or_default();
+    let beam = r.beam.as_ref().map(|beam| (toward(beam.elevation, beam.azimuth), rgb(beam.irradiance)));
+    let finish = r.furnishing.clone().unwrap_or_default();
     let blocks = blocks(low, high, walls, &finish);
     let albedo = [walls, walls, floor, ceiling, walls, walls];
     let mut room = Chamber { low, high, albedo, panes, blocks, beam, finish, direct: Vec::new(), bounced: Vec::new() };

@@ -2,21 +2,31 @@
 
 use super::canvas::{Dome, rgb, smoothstep, toward};
 use super::parts::Figure;
+use crate::family::family;
 use crate::noise;
 use crate::seed::Seed;
 use glam::{DVec3, Vec3Swizzles};
 use rand::RngExt;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Parameters of the family.
-pub(super) struct Abstract<'a> {
-    pub figure: Figure,
-    pub colors: &'a [[f32; 3]],
-    pub scale: f32,
-    pub softness: f32,
-    pub elevation: f32,
-    pub azimuth: f32,
-    pub seed: u32,
+family! {
+    /// Colours and shapes that no sky has.
+    pub struct Abstract {
+        /// What it is made of.
+        figure: Figure;
+        /// Radiances.
+        colors: Vec<[f32; 3]> [0, 10000; count 2, 8];
+        /// How many shapes: 1 = few.
+        scale: f32 [0.3, 10];
+        /// Width of transitions.
+        softness: f32 [0, 1];
+        /// Elevation of the axis, degrees.
+        elevation: f32 [-90, 90];
+        /// Azimuth of the axis, degrees.
+        azimuth: f32 [-3600, 3600];
+        /// Where the shapes are.
+        seed: u32;
+    }
 }
 
 /// A square wave of period 2 between -1 and 1 whose flanks take `soft` of it.

@@ -1,9 +1,9 @@
 //! Parts of the composed families: what fills the sky, stands on the horizon, covers the eye, and shines.
 
+use super::Sun;
+use crate::family::{Parameter, family};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use super::Sun;
 
 pub(super) fn white() -> [f32; 3] {
     [1.0; 3]
@@ -25,48 +25,48 @@ fn is_single(panes: &[u32; 2]) -> bool {
     *panes == single()
 }
 
-/// What fills the sky of a `scenery` behind clouds and hills.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case", deny_unknown_fields, tag = "kind")]
-pub enum Air {
-    /// Clear air as in the family `daylight`; with a weak, small, cold "sun" it is a moonlit night.
-    Clear {
-        /// The sun (or the moon).
-        sun: Sun,
-        /// Filter on the sun's disc, linear Rec.709, each 0..=4; it also colours what the sun lights directly.
-        #[serde(default = "white", skip_serializing_if = "is_white")]
-        sun_tint: [f32; 3],
-        /// Haze, as in `daylight`, 1..=12.
-        turbidity: f32,
-        /// Mean luminance of the clear upper half without the sun's disc, 0.0001..=100.
-        luminance: f32,
-        /// Filter on the sky's light, linear Rec.709, each 0..=4.
-        #[serde(default = "white", skip_serializing_if = "is_white")]
-        tint: [f32; 3],
-    },
-    /// A smooth gradient without a sun.
-    Gradient {
-        /// Radiance at the zenith, each 0..=10000.
-        zenith: [f32; 3],
-        /// Radiance at the horizon, each 0..=10000.
-        horizon: [f32; 3],
-        /// Exponent of the sine of the elevation, 0.1..=10.
-        sharpness: f32,
-    },
-    /// The overcast sky of the family `overcast`.
-    Overcast {
-        /// Radiance at the zenith, each 0..=10000.
-        zenith: [f32; 3],
-        /// Brightening towards the hidden sun as a share of the sky's radiance, 0..=10.
-        #[serde(default)]
-        glow: f32,
-        /// Elevation of the hidden sun, degrees, 0..=90.
-        #[serde(default)]
-        glow_elevation: f32,
-        /// Azimuth of the hidden sun, degrees.
-        #[serde(default)]
-        glow_azimuth: f32,
-    },
+family! {
+    /// What fills the sky of a `scenery` behind clouds and hills.
+    pub enum Air by "kind" {
+        /// Clear air as in the family `daylight`; with a weak, small, cold "sun" it is a moonlit night.
+        Clear = "clear" {
+            /// The sun (or the moon).
+            sun: Sun;
+            /// Filter on the sun's disc, linear Rec.709; it also colours what the sun lights directly.
+            #[serde(default = "white", skip_serializing_if = "is_white")]
+            sun_tint: [f32; 3] [0, 4];
+            /// Haze, as in `daylight`.
+            turbidity: f32 [1, 12];
+            /// Mean luminance of the clear upper half without the sun's disc.
+            luminance: f32 [0.0001, 100];
+            /// Filter on the sky's light, linear Rec.709.
+            #[serde(default = "white", skip_serializing_if = "is_white")]
+            tint: [f32; 3] [0, 4];
+        }
+        /// A smooth gradient without a sun.
+        Gradient = "gradient" {
+            /// Radiance at the zenith.
+            zenith: [f32; 3] [0, 10000];
+            /// Radiance at the horizon.
+            horizon: [f32; 3] [0, 10000];
+            /// Exponent of the sine of the elevation.
+            sharpness: f32 [0.1, 10];
+        }
+        /// The overcast sky of the family `overcast`.
+        Overcast = "overcast" {
+            /// Radiance at the zenith.
+            zenith: [f32; 3] [0, 10000];
+            /// Brightening towards the hidden sun as a share of the sky's radiance.
+            #[serde(default)]
+            glow: f32 [0, 10];
+            /// Elevation of the hidden sun, degrees.
+            #[serde(default)]
+            glow_elevation: f32 [0, 90];
+            /// Azimuth of the hidden sun, degrees.
+            #[serde(default)]
+            glow_azimuth: f32 [-3600, 3600];
+        }
+    }
 }
 
 /// Kinds of clouds.
@@ -85,56 +85,58 @@ pub enum CloudKind {
     Storm,
 }
 
-/// A layer of clouds; layers are listed from the highest to the lowest.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CloudLayer {
-    /// What kind.
-    pub kind: CloudKind,
-    /// Share of the sky covered, 0..=1.
-    pub coverage: f32,
-    /// Size, 0.2..=5; 1 = about a dozen heaps across the sky.
-    pub scale: f32,
-    /// Factor on the optical thickness, 0.02..=3.
-    #[serde(default = "one")]
-    pub depth: f32,
-    /// Azimuth along which the layer is drawn out, degrees.
-    #[serde(default)]
-    pub direction: f32,
-    /// Which clouds.
-    pub seed: u32,
+impl Parameter for CloudKind {}
+
+family! {
+    /// A layer of clouds; layers are listed from the highest to the lowest.
+    pub struct CloudLayer {
+        /// What kind.
+        kind: CloudKind;
+        /// Share of the sky covered.
+        coverage: f32 [0, 1];
+        /// Size; 1 = about a dozen heaps across the sky.
+        scale: f32 [0.2, 5];
+        /// Factor on the optical thickness.
+        #[serde(default = "one")]
+        depth: f32 [0.02, 3];
+        /// Azimuth along which the layer is drawn out, degrees.
+        #[serde(default)]
+        direction: f32 [-3600, 3600];
+        /// Which clouds.
+        seed: u32;
+    }
 }
 
-/// Stars and the milky way.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Stars {
-    /// Stars above the horizon and below it, 1..=4000.
-    pub count: u32,
-    /// Luminance of the whole map that the stars bring on average before anything hides them, 0..=10.
-    pub luminance: f32,
-    /// Radiance at the brightest part of the milky way, each 0..=10.
-    #[serde(default)]
-    pub milky_way: [f32; 3],
-    /// Which stars, and how the milky way lies.
-    pub seed: u32,
+family! {
+    /// Stars and the milky way.
+    pub struct Stars {
+        /// Stars above the horizon and below it.
+        count: u32 [1, 4000];
+        /// Luminance of the whole map that the stars bring on average before anything hides them.
+        luminance: f32 [0, 10];
+        /// Radiance at the brightest part of the milky way.
+        #[serde(default)]
+        milky_way: [f32; 3] [0, 10];
+        /// Which stars, and how the milky way lies.
+        seed: u32;
+    }
 }
 
-/// A soft bright place in the sky: a town behind the hills, the last light of the evening.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Glow {
-    /// Elevation of the middle, degrees, -30..=90.
-    pub elevation: f32,
-    /// Azimuth of the middle, degrees.
-    pub azimuth: f32,
-    /// Angle at which it has fallen to 1/e, degrees, 3..=90.
-    pub width: f32,
-    /// How much flatter than wide it is, 1..=8.
-    #[serde(default = "one")]
-    pub flatness: f32,
-    /// Radiance added in the middle, each 0..=1000.
-    pub radiance: [f32; 3],
+family! {
+    /// A soft bright place in the sky: a town behind the hills, the last light of the evening.
+    pub struct Glow {
+        /// Elevation of the middle, degrees.
+        elevation: f32 [-30, 90];
+        /// Azimuth of the middle, degrees.
+        azimuth: f32 [-3600, 3600];
+        /// Angle at which it has fallen to 1/e, degrees.
+        width: f32 [3, 90];
+        /// How much flatter than wide it is.
+        #[serde(default = "one")]
+        flatness: f32 [1, 8];
+        /// Radiance added in the middle.
+        radiance: [f32; 3] [0, 1000];
+    }
 }
 
 /// What stands on the horizon.
@@ -157,27 +159,29 @@ pub enum HorizonKind {
     Cliffs,
 }
 
-/// A silhouette all around that hides part of the sky and of the sun.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Horizon {
-    /// What it is.
-    pub kind: HorizonKind,
-    /// Elevation of its highest points, degrees, 0.2..=75.
-    pub height: f32,
-    /// Diffuse reflectance, linear Rec.709, each 0..=1.
-    pub color: [f32; 3],
-    /// Share of the sky's colour before its farthest part, 0..=1.
-    #[serde(default)]
-    pub haze: f32,
-    /// Share of windows with light, 0..=1 (`skyline` and `roofs`).
-    #[serde(default)]
-    pub lit: f32,
-    /// Luminance of the whole map that lit windows bring on average, 0..=100.
-    #[serde(default)]
-    pub luminance: f32,
-    /// Which hills or houses.
-    pub seed: u32,
+impl Parameter for HorizonKind {}
+
+family! {
+    /// A silhouette all around that hides part of the sky and of the sun.
+    pub struct Horizon {
+        /// What it is.
+        kind: HorizonKind;
+        /// Elevation of its highest points, degrees.
+        height: f32 [0.2, 75];
+        /// Diffuse reflectance, linear Rec.709.
+        color: [f32; 3] [0, 1];
+        /// Share of the sky's colour before its farthest part.
+        #[serde(default)]
+        haze: f32 [0, 1];
+        /// Share of windows with light (`skyline` and `roofs`).
+        #[serde(default)]
+        lit: f32 [0, 1];
+        /// Luminance of the whole map that lit windows bring on average.
+        #[serde(default)]
+        luminance: f32 [0, 100];
+        /// Which hills or houses.
+        seed: u32;
+    }
 }
 
 /// What covers the eye.
@@ -196,50 +200,52 @@ pub enum CoverKind {
     Arcade,
 }
 
-/// Something between the eye and the sky with holes in it; it dims the sun where it stands before it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Cover {
-    /// What it is.
-    pub kind: CoverKind,
-    /// Share that is closed, 0.02..=0.98.
-    pub amount: f32,
-    /// Size of its parts, 0.2..=5.
-    pub scale: f32,
-    /// Elevation of a cave's opening, degrees, -10..=90.
-    #[serde(default)]
-    pub elevation: f32,
-    /// Azimuth of the opening, of the beams or of the roof's axis, degrees.
-    #[serde(default)]
-    pub azimuth: f32,
-    /// Diffuse reflectance, linear Rec.709, each 0..=1.
-    pub color: [f32; 3],
-    /// Which leaves.
-    pub seed: u32,
+impl Parameter for CoverKind {}
+
+family! {
+    /// Something between the eye and the sky with holes in it; it dims the sun where it stands before it.
+    pub struct Cover {
+        /// What it is.
+        kind: CoverKind;
+        /// Share that is closed.
+        amount: f32 [0.02, 0.98];
+        /// Size of its parts.
+        scale: f32 [0.2, 5];
+        /// Elevation of a cave's opening, degrees.
+        #[serde(default)]
+        elevation: f32 [-10, 90];
+        /// Azimuth of the opening, of the beams or of the roof's axis, degrees.
+        #[serde(default)]
+        azimuth: f32 [-3600, 3600];
+        /// Diffuse reflectance, linear Rec.709.
+        color: [f32; 3] [0, 1];
+        /// Which leaves.
+        seed: u32;
+    }
 }
 
-/// What lies below the horizon.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case", deny_unknown_fields, tag = "kind")]
-pub enum Ground {
-    /// A matt plane.
-    Plain {
-        /// Diffuse reflectance, linear Rec.709, each 0..=1.
-        color: [f32; 3],
-        /// Strength of patches, 0..=1.
-        #[serde(default)]
-        variation: f32,
-        /// Which patches.
-        #[serde(default)]
-        seed: u32,
-    },
-    /// Water that mirrors the sky and glitters under the sun.
-    Water {
-        /// Diffuse reflectance of what light leaves the water, each 0..=1.
-        color: [f32; 3],
-        /// Wind over it, metres a second, 0.2..=15: a wider and dimmer path of light.
-        wind: f32,
-    },
+family! {
+    /// What lies below the horizon.
+    pub enum Ground by "kind" {
+        /// A matt plane.
+        Plain = "plain" {
+            /// Diffuse reflectance, linear Rec.709.
+            color: [f32; 3] [0, 1];
+            /// Strength of patches.
+            #[serde(default)]
+            variation: f32 [0, 1];
+            /// Which patches.
+            #[serde(default)]
+            seed: u32;
+        }
+        /// Water that mirrors the sky and glitters under the sun.
+        Water = "water" {
+            /// Diffuse reflectance of what light leaves the water.
+            color: [f32; 3] [0, 1];
+            /// Wind over it, metres a second: a wider and dimmer path of light.
+            wind: f32 [0.2, 15];
+        }
+    }
 }
 
 /// How lamps stand around.
@@ -257,6 +263,8 @@ pub enum Layout {
     /// One fire of several flames near the ground.
     Fire,
 }
+
+impl Parameter for Layout {}
 
 /// Colours of a group of lamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -278,65 +286,67 @@ pub enum Palette {
     Bulbs,
 }
 
-/// A group of lamps.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct LightGroup {
-    /// Where they stand.
-    pub layout: Layout,
-    /// Their colours.
-    pub palette: Palette,
-    /// How many, 1..=64.
-    pub count: u32,
-    /// Typical angular radius, degrees, 0.1..=10.
-    pub radius: f32,
-    /// Azimuth of the street, the strings or the fire, degrees.
-    #[serde(default)]
-    pub azimuth: f32,
-    /// Typical elevation, degrees, -20..=85.
-    pub elevation: f32,
-    /// Luminance of the whole map that the group brings on average, 0..=100.
-    pub luminance: f32,
-    /// Which lamps.
-    pub seed: u32,
+impl Parameter for Palette {}
+
+family! {
+    /// A group of lamps.
+    pub struct LightGroup {
+        /// Where they stand.
+        layout: Layout;
+        /// Their colours.
+        palette: Palette;
+        /// How many.
+        count: u32 [1, 64];
+        /// Typical angular radius, degrees.
+        radius: f32 [0.1, 10];
+        /// Azimuth of the street, the strings or the fire, degrees.
+        #[serde(default)]
+        azimuth: f32 [-3600, 3600];
+        /// Typical elevation, degrees.
+        elevation: f32 [-20, 85];
+        /// Luminance of the whole map that the group brings on average.
+        luminance: f32 [0, 100];
+        /// Which lamps.
+        seed: u32;
+    }
 }
 
-/// A window, panel or glazed door in a face of a `room`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Opening {
-    /// Where it is.
-    pub wall: super::Wall,
-    /// Centre from the middle of the face, sideways and up, metres.
-    pub offset: [f32; 2],
-    /// Width and height, metres, each 0.05..; the opening lies inside its face.
-    pub size: [f32; 2],
-    /// Radiance, each 0..=10000.
-    pub radiance: [f32; 3],
-    /// Radiance below the eye's height (what is seen of the ground outside), each 0..=10000; absent = as above.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lower: Option<[f32; 3]>,
-    /// Panes sideways and up, each 1..=12, with bars between them.
-    #[serde(default = "single", skip_serializing_if = "is_single")]
-    pub panes: [u32; 2],
-    /// Whether the top is a pointed-free half circle (or half ellipse).
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub arch: bool,
-    /// Coloured glass, another colour a pane; absent = clear.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub glass: Option<u32>,
+family! {
+    /// A window, panel or glazed door in a face of a `room`.
+    pub struct Opening {
+        /// Where it is.
+        wall: super::Wall;
+        /// Centre from the middle of the face, sideways and up, metres.
+        offset: [f32; 2] [-50, 50];
+        /// Width and height, metres; the opening lies inside its face.
+        size: [f32; 2] [0.05, 100];
+        /// Radiance.
+        radiance: [f32; 3] [0, 10000];
+        /// Radiance below the eye's height (what is seen of the ground outside); absent = as above.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        lower: Option<[f32; 3]> [0, 10000];
+        /// Panes sideways and up, with bars between them.
+        #[serde(default = "single", skip_serializing_if = "is_single")]
+        panes: [u32; 2] [1, 12];
+        /// Whether the top is a pointed-free half circle (or half ellipse).
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        arch: bool;
+        /// Coloured glass, another colour a pane; absent = clear.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        glass: Option<u32>;
+    }
 }
 
-/// Parallel sunlight that falls through the openings of a `room`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Beam {
-    /// Where it comes from, degrees above the horizon, 1..=89.
-    pub elevation: f32,
-    /// Where it comes from, degrees about the vertical.
-    pub azimuth: f32,
-    /// Irradiance of a surface that faces it, each 0..=10000.
-    pub irradiance: [f32; 3],
+family! {
+    /// Parallel sunlight that falls through the openings of a `room`.
+    pub struct Beam {
+        /// Where it comes from, degrees above the horizon.
+        elevation: f32 [1, 89];
+        /// Where it comes from, degrees about the vertical.
+        azimuth: f32 [-3600, 3600];
+        /// Irradiance of a surface that faces it.
+        irradiance: [f32; 3] [0, 10000];
+    }
 }
 
 /// Finish of the faces of a `room`.
@@ -358,46 +368,49 @@ pub enum Finish {
     Rock,
 }
 
-/// What stands in a `room`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Furnishing {
-    /// Pillars from floor to ceiling in two rows, 0..=12.
-    #[serde(default)]
-    pub pillars: u32,
-    /// Boxes on the floor (shelves, tables, crates), 0..=16.
-    #[serde(default)]
-    pub boxes: u32,
-    /// Finish of the faces.
-    #[serde(default)]
-    pub finish: Finish,
-    /// Strength of the finish, 0..=1.
-    #[serde(default)]
-    pub contrast: f32,
-    /// Size of boards, tiles, bricks, metres, 0.05..=5.
-    #[serde(default = "one")]
-    pub scale: f32,
-    /// Which boxes and shades.
-    #[serde(default)]
-    pub seed: u32,
+impl Parameter for Finish {}
+
+family! {
+    /// What stands in a `room`.
+    #[derive(Default)]
+    pub struct Furnishing {
+        /// Pillars from floor to ceiling in two rows.
+        #[serde(default)]
+        pillars: u32 [0, 12];
+        /// Boxes on the floor (shelves, tables, crates).
+        #[serde(default)]
+        boxes: u32 [0, 16];
+        /// Finish of the faces.
+        #[serde(default)]
+        finish: Finish;
+        /// Strength of the finish.
+        #[serde(default)]
+        contrast: f32 [0, 1];
+        /// Size of boards, tiles, bricks, metres.
+        #[serde(default = "one")]
+        scale: f32 [0.05, 5];
+        /// Which boxes and shades.
+        #[serde(default)]
+        seed: u32;
+    }
 }
 
-/// A lit paper or cloth behind the object in a `studio`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Backdrop {
-    /// Azimuth of its middle, degrees.
-    pub azimuth: f32,
-    /// Width, degrees, 10..=360.
-    pub width: f32,
-    /// Elevation of its upper edge, degrees, 0..=85.
-    pub top: f32,
-    /// Elevation of its lower edge, degrees, -90..=0; a sweep runs out below the object.
-    pub bottom: f32,
-    /// Radiance at the lower edge, each 0..=100.
-    pub base: [f32; 3],
-    /// Radiance at the upper edge, each 0..=100.
-    pub rise: [f32; 3],
+family! {
+    /// A lit paper or cloth behind the object in a `studio`.
+    pub struct Backdrop {
+        /// Azimuth of its middle, degrees.
+        azimuth: f32 [-3600, 3600];
+        /// Width, degrees.
+        width: f32 [10, 360];
+        /// Elevation of its upper edge, degrees.
+        top: f32 [0, 85];
+        /// Elevation of its lower edge, degrees; a sweep runs out below the object.
+        bottom: f32 [-90, 0];
+        /// Radiance at the lower edge.
+        base: [f32; 3] [0, 100];
+        /// Radiance at the upper edge.
+        rise: [f32; 3] [0, 100];
+    }
 }
 
 /// What an `abstract` sky is made of.
@@ -419,3 +432,5 @@ pub enum Figure {
     /// Veins, as in marble.
     Marble,
 }
+
+impl Parameter for Figure {}

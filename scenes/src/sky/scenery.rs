@@ -7,6 +7,7 @@ use super::cover::Shade;
 use super::horizon::{AIR, Light, Silhouette, heading, turn};
 use super::parts::{Air, CloudLayer, Cover, Glow, Ground, Horizon, LightGroup, Stars};
 use super::{lights, parts};
+use crate::family::family;
 use crate::noise;
 use crate::seed::Seed;
 use glam::DVec3;
@@ -14,16 +15,32 @@ use rand::RngExt;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// Parameters of the family.
-pub(super) struct Scenery<'a> {
-    pub air: &'a Air,
-    pub clouds: &'a [CloudLayer],
-    pub glows: &'a [Glow],
-    pub stars: Option<&'a Stars>,
-    pub horizon: Option<&'a Horizon>,
-    pub cover: Option<&'a Cover>,
-    pub lights: &'a [LightGroup],
-    pub ground: &'a Ground,
+family! {
+    /// A place out of doors: air, clouds, stars, a silhouette on the horizon, something overhead, lamps, and a ground.
+    pub struct Scenery {
+        /// The sky behind everything, with the sun or the moon.
+        air: Air;
+        /// Layers of clouds from the highest to the lowest.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        clouds: Vec<CloudLayer> [; count 0, 4];
+        /// Soft bright places.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        glows: Vec<Glow> [; count 0, 12];
+        /// Stars.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        stars: Option<Stars>;
+        /// What stands on the horizon.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        horizon: Option<Box<Horizon>>;
+        /// What covers the eye.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        cover: Option<Box<Cover>>;
+        /// Groups of lamps.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        lights: Vec<LightGroup> [; count 0, 4];
+        /// What lies below the horizon.
+        ground: Ground;
+    }
 }
 
 /// The air alone.
@@ -68,10 +85,10 @@ impl Backdrop {
 
 impl Heaven {
     fn new(s: &Scenery) -> Self {
-        let (backdrop, star, gain) = match s.air {
+        let (backdrop, star, gain) = match &s.air {
             Air::Clear { sun, sun_tint, turbidity, luminance, tint } => {
                 let axis = toward(sun.elevation, sun.azimuth);
-                let ground = match s.ground {
+                let ground = match &s.ground {
                     Ground::Plain { color, .. } | Ground::Water { color, .. } => rgb(*color),
                 };
                 let air = Atmosphere::new(axis, f64::from(*turbidity), ground, f64::from(*luminance));
@@ -95,7 +112,7 @@ impl Heaven {
             (None, Backdrop::Overcast { sun, glow, .. }) => (*sun, shaded * (0.3 * glow)),
             (None, _) => (DVec3::Y, DVec3::ZERO),
         };
-        let milky_way = s.stars.filter(|stars| stars.milky_way != [0.0; 3]).map(|stars| {
+        let milky_way = s.stars.as_ref().filter(|stars| stars.milky_way != [0.0; 3]).map(|stars| {
             let mut rng = Seed::root(u64::from(stars.seed)).child("milky way", 0).rng();
             let y = rng.random_range(-0.8..0.8f64);
             ((heading(rng.random::<f64>()) * (1.0 - y * y).sqrt()).with_y(y), rgb(stars.milky_way), stars.seed)
@@ -245,7 +262,7 @@ fn glitter(d: DVec3, light: DVec3, variance: f64) -> f64 {
 
 pub(super) fn scenery(s: &Scenery) -> Dome {
     let heaven = Heaven::new(s);
-    let ground_color = match s.ground {
+    let ground_color = match &s.ground {
         Ground::Plain { color, .. } | Ground::Water { color, .. } => rgb(*color),
     };
     let lamps: Vec<_> = s.lights.iter().flat_map(lights::lamps).collect();
@@ -256,7 +273,7 @@ pub(super) fn scenery(s: &Scenery) -> Dome {
     let veiled = heaven.star.map_or(0.0, |star| heaven.passes(star.axis));
     let air: Vec<DVec3> = (0..AIR).map(|i| heaven.radiance(heading(i as f64 / AIR as f64).with_y(0.03).normalize())).collect();
 
-    let silhouette = s.horizon.map(|horizon| {
+    let silhouette = s.horizon.as_deref().map(|horizon| {
         let ground = ground_color * (open_sky + direct(&heaven, veiled) + lamp_light) / PI;
         let light = Light {
             sun: heaven.star.map_or(DVec3::Y, |star| star.axis),
@@ -267,7 +284,7 @@ pub(super) fn scenery(s: &Scenery) -> Dome {
         Silhouette::new(horizon, light)
     });
     let mut above = Above { heaven, silhouette, shade: None };
-    if let Some(cover) = s.cover {
+    if let Some(cover) = s.cover.as_deref() {
         let mut shade = Shade::new(cover);
         let through = |share: &dyn Fn(DVec3) -> f64| irradiance(|d| above.radiance(d) * share(d));
         // Light that has come in, met the floor, and lights the inside; the sun counts with the share that its disc keeps.
@@ -302,9 +319,9 @@ pub(super) fn scenery(s: &Scenery) -> Dome {
         }
     }
     let lit = irradiance(|d| above.radiance(d)) + direct(&above.heaven, sun_share) + lamp_light;
-    let below = match s.ground {
+    let below = match &s.ground {
         Ground::Plain { color, variation, seed } => {
-            let haze = if s.cover.is_some() || s.horizon.is_some_and(|h| h.haze < 0.2) { 0.0 } else { 0.6 };
+            let haze = if s.cover.is_some() || s.horizon.as_ref().is_some_and(|h| h.haze < 0.2) { 0.0 } else { 0.6 };
             Below::Plain { radiance: rgb(*color) * lit / PI, variation: f64::from(*variation), seed: *seed, air, haze }
         }
         Ground::Water { color, wind } => {
@@ -316,11 +333,11 @@ pub(super) fn scenery(s: &Scenery) -> Dome {
         }
     };
     let mut points = Vec::new();
-    if let (Some(silhouette), Some(horizon)) = (&above.silhouette, s.horizon) {
+    if let (Some(silhouette), Some(horizon)) = (&above.silhouette, s.horizon.as_deref()) {
         let visible = |d: DVec3| above.shade.as_ref().map_or(1.0, |shade| shade.open(d));
         points.extend(silhouette.windows(f64::from(horizon.lit), f64::from(horizon.luminance), visible));
     }
-    let star_points = s.stars.map(lights::stars).unwrap_or_default();
+    let star_points = s.stars.as_ref().map(lights::stars).unwrap_or_default();
     points.extend(star_points.into_iter().filter_map(|(d, energy)| {
         let share = above.seen(d) * above.heaven.passes(d);
         (share > 0.0).then_some((d, energy * share))

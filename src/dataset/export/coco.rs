@@ -173,7 +173,7 @@ impl Categories {
             eprintln!("note: {}: is not complete; ids of what is no mesh family may be others once it is", root.display());
             Vec::new()
         });
-        let families: Vec<&str> = FAMILIES.into_iter().chain([USERS]).collect();
+        let families: Vec<&str> = FAMILIES.iter().copied().chain([USERS]).collect();
         let mut others = BTreeSet::new();
         for source in if whole.is_empty() { exported } else { &whole } {
             others.extend(categories(source)?.into_iter().filter(|name| !families.contains(&name.as_str())));

@@ -75,7 +75,7 @@ impl ClipPictures {
             return Err(clip.broken(format!("frames of {width}x{height} are smaller than the {least} pixels of a batch")));
         }
         let bounds = DepthBounds::of(&clip.frames);
-        let view = EnvironmentView::new(&clip.environment, cut_w, cut_h);
+        let view = EnvironmentView::new(&clip.light.environment, cut_w, cut_h);
         let frames = (0..clip.frames.len())
             .into_par_iter()
             .map(|i| {
@@ -85,7 +85,7 @@ impl ClipPictures {
                     reduced = reduce(frame, factor);
                     frame = &reduced;
                 }
-                let pictures = Pictures::new(frame, &clip.environment, &view, clip.exposure, bounds)?;
+                let pictures = Pictures::new(frame, &clip.light, &view, bounds)?;
                 let cut = |planes: &[f32], width: usize, height: usize| {
                     let window = Window { top: 0, left: 0, height: cut_h, width: cut_w };
                     let mut out = Vec::with_capacity(planes.len());

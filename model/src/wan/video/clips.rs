@@ -63,7 +63,7 @@ impl<'a> ClipSession<'a> {
     /// # Errors
     /// As for [`crate::renderer::Renderer::begin`].
     pub fn new(renderer: &'a WanRenderer, sequence: &'a dyn Sequence, options: Options) -> Result<Self> {
-        check(options, sequence.exposure())?;
+        check(options, sequence.light().exposure())?;
         if options.keyframes && renderer.config().keyframes.is_none() {
             return Err(Error::config("keyframes", "these weights have no keyframe adapter"));
         }
@@ -92,15 +92,14 @@ impl<'a> ClipSession<'a> {
         if frame.width == 0 || frame.height == 0 {
             return Err(broken("has no pixels".into()));
         }
-        let (known, environment) = self
-            .shown
-            .get_or_insert_with(|| (size, EnvironmentView::new(sequence.environment(), size.padded_width, size.padded_height)));
+        let (known, environment) = self.shown.get_or_insert_with(|| {
+            (size, EnvironmentView::new(&sequence.light().environment, size.padded_width, size.padded_height))
+        });
         if *known != size {
             let reason = format!("{}x{} pixels after frames of {}x{}", size.width, size.height, known.width, known.height);
             return Err(broken(reason));
         }
-        let (light, exposure) = (sequence.environment(), sequence.exposure());
-        let mut pictures = Pictures::new(frame, light, environment, exposure, self.bounds)?;
+        let mut pictures = Pictures::new(frame, sequence.light(), environment, self.bounds)?;
         pictures.target = None;
         Ok(FrameInputs { number: view.number, index: view.index, camera: frame.info.camera, pictures })
     }
@@ -134,9 +133,9 @@ impl<'a> ClipSession<'a> {
         if (frame.width, frame.height) != (size.width, size.height) {
             return Err(broken("differs in size from the frames"));
         }
-        let (light, exposure) = (self.sequence.environment(), self.sequence.exposure());
         // The environment of a keyframe is not used, so its size does not matter.
-        let pictures = Pictures::new(&frame, light, &EnvironmentView::new(light, 1, 1), exposure, self.bounds)?;
+        let light = self.sequence.light();
+        let pictures = Pictures::new(&frame, light, &EnvironmentView::new(&light.environment, 1, 1), self.bounds)?;
         let (Some(picture), Some(beauty)) = (pictures.target, frame.beauty) else { return Err(broken("has no beauty")) };
         let latent = self.renderer.encode(size.clip(&[&picture], &self.renderer.device))?;
         Ok(EncodedKeyframe { place, latent, picture, beauty })
@@ -249,14 +248,14 @@ impl<'a> ClipSession<'a> {
     fn picture(&self, frame: &FrameInputs, mut picture: Vec<f32>) -> Result<(Vec<f32>, Rgb)> {
         let Pictures { width, height, mask, albedo, .. } = &frame.pictures;
         let (width, pixels) = (*width, width * height);
-        let mut linear = radiance(&picture, width, *height, self.sequence.exposure())?;
+        let mut linear = radiance(&picture, width, *height, self.sequence.light().exposure())?;
         for i in (0..pixels).filter(|&i| mask[i] == 0.0) {
             // The albedo shows the environment in such pixels.
             for c in 0..3 {
                 picture[c * pixels + i] = albedo[c * pixels + i];
             }
             let direction = frame.camera.ray_direction(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5));
-            linear.pixels[i] = self.sequence.environment().radiance(direction);
+            linear.pixels[i] = self.sequence.light().environment.radiance(direction);
         }
         Ok((picture, linear))
     }

@@ -58,8 +58,8 @@ pub fn is_context_path(name: &str) -> bool {
 /// Loads the weights in `source`, of either naming, into `network`. Initial weights that have not been made yet are not made.
 ///
 /// # Errors
-/// [`Error::Malformed`] with the tensors that are missing, that the network does not have, or that have another shape or an
-/// unusable number format. [`Error::Io`] and [`Error::Tensor`] when reading fails or a value is not finite.
+/// [`Error::Frame`] with the tensors that are missing, that the network does not have, or that have another shape or an
+/// unusable number format. [`Error::Frame`] and [`Error::Tensor`] when reading fails or a value is not finite.
 pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Result<(M, LoadReport)> {
     let entries = network.entries();
     let (wanted, report) = fit(&entries, source, options)?;
@@ -74,7 +74,7 @@ pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Resu
 /// Finds the tensors of a network in `source`.
 ///
 /// # Errors
-/// [`Error::Malformed`] as for [`load`].
+/// [`Error::Frame`] as for [`load`].
 pub(super) fn fit<'a>(
     entries: &'a [Entry],
     source: &Source,

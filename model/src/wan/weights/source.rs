@@ -130,7 +130,7 @@ impl Source {
         struct Index {
             weight_map: BTreeMap<String, String>,
         }
-        let index: Index = file::read_json(path).map_err(Error::unreadable)?;
+        let index: Index = file::read_json(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut files = BTreeMap::new();
         let mut tensors = BTreeMap::new();
@@ -267,7 +267,7 @@ fn only_weights(folder: &Path) -> Result<PathBuf> {
 /// The tensors of a safetensors file, and the header of this program.
 fn safetensors_file(path: &Path) -> Result<(BTreeMap<String, Stored>, Option<String>)> {
     let malformed = |reason: String| Error::malformed(path, format!("not a safetensors file: {reason}"));
-    let mut file = file::open(path).map_err(Error::unreadable)?;
+    let mut file = file::open(path)?;
     let size = file.metadata().map_err(Error::io(path, "read"))?.len();
     let mut length = [0; 8];
     file.read_exact(&mut length).map_err(|_| malformed("shorter than its own length".into()))?;
@@ -308,7 +308,7 @@ fn safetensors_file(path: &Path) -> Result<(BTreeMap<String, Stored>, Option<Str
 fn torch_file(path: &Path) -> Result<BTreeMap<String, Stored>> {
     use pytorch_reader::DType;
     // This distinguishes a missing file or a pipe from a broken file.
-    file::open(path).map_err(Error::unreadable)?;
+    file::open(path)?;
     let malformed = |e: pytorch_reader::PytorchError| Error::malformed(path, format!("not a PyTorch file: {e}"));
     let tensors = pytorch_reader::PytorchReader::new(path).map_err(malformed)?.into_tensors();
     let wrapped = |prefix: &str| !tensors.is_empty() && tensors.keys().all(|name| name.starts_with(prefix));

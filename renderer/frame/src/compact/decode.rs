@@ -1,4 +1,4 @@
-//! Compact files into frames. One thread: loaders read many files at once.
+//! Decodes compact files into frames. Decoding uses one thread, since loaders read many files at once.
 
 use super::header::{self, Block, Checked, Encoding, layer_name};
 use super::planes::{Number, Rows};
@@ -19,19 +19,19 @@ pub fn read(path: &Path) -> Result<Frame> {
     decode(path, &crate::file::read(path)?)
 }
 
-/// [`read`] from memory; `name` stands for the path in errors.
+/// [`read`] from memory; errors give `name` as the path.
 ///
 /// # Errors
-/// When the bytes are cut short, damaged, hold NaN or are no compact frame; the message names file and layer.
+/// When the bytes are cut short, are damaged, hold NaN or are not a compact frame. The message names the file and the layer.
 pub fn decode(name: &Path, bytes: &[u8]) -> Result<Frame> {
     frame(bytes, |_| true).map_err(|reason| Error::malformed(name, reason))
 }
 
-/// As [`decode`], but only the layers called `names` ([`layer_name`](super::layer_name)) are decompressed; the others are absent, and those that
-/// [`Frame`] always has are pictures of 0 x 0. Layers that the file has not are absent too.
+/// As [`decode`], but only the layers called `names` ([`layer_name`](super::layer_name)) are decompressed; the others are absent,
+/// and those that every [`Frame`] has are pictures of 0 x 0 pixels. Layers that the file lacks are absent too.
 ///
 /// # Errors
-/// As [`decode`], and when no frame has a layer of such a name.
+/// As [`decode`], and when there is no layer with one of the names.
 pub fn decode_layers(name: &Path, bytes: &[u8], names: &[&str]) -> Result<Frame> {
     if let Some(unknown) = names.iter().find(|n| header::layer_named(n).is_none()) {
         let known: Vec<_> = LAYERS.iter().map(layer_name).collect();
@@ -40,10 +40,10 @@ pub fn decode_layers(name: &Path, bytes: &[u8], names: &[&str]) -> Result<Frame>
     frame(bytes, |layer| names.contains(&layer)).map_err(|reason| Error::malformed(name, reason))
 }
 
-/// What the header says; no layer is decompressed. `name` stands for the path in errors.
+/// The values of the header; no layer is decompressed. Errors give `name` as the path.
 ///
 /// # Errors
-/// When the bytes are no compact frame, or their header is damaged or does not fit their length.
+/// When the bytes are not a compact frame, or the header is damaged or does not fit their length.
 pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
     frame(bytes, |_| false).map(|frame| frame.info).map_err(|reason| Error::malformed(name, reason))
 }
@@ -113,7 +113,7 @@ impl Picture<'_> {
         pixels
     }
 
-    /// `C` samples a pixel, each turned into a float by itself.
+    /// `C` samples per pixel, each turned into a float independently.
     fn floats<const C: usize>(&self, block: &Block, infinity: bool) -> std::result::Result<Vec<[f32; C]>, String> {
         match block.encoding {
             Encoding::Half => self.convert(|row: &[u16], floats| {
@@ -144,7 +144,7 @@ impl Picture<'_> {
         }
     }
 
-    /// One sample a pixel: depths, +inf where the code is 0.
+    /// One sample per pixel: depths, +inf where the code is 0.
     fn depth(&self, block: &Block) -> std::result::Result<Vec<[f32; 1]>, String> {
         let (lowest, step) = (block.lowest.unwrap_or(0), block.step.unwrap_or(0));
         let highest = u64::from(lowest) + 65534 * u64::from(step);
@@ -153,7 +153,7 @@ impl Picture<'_> {
         }
         self.convert(|row: &[u16], floats| {
             for (float, &n) in floats.iter_mut().zip(row) {
-                // Wraps at a miss only, whose bits are not used.
+                // Wraps only at a miss, whose bits are not used.
                 let bits = lowest.wrapping_add(u32::from(n).wrapping_sub(1).wrapping_mul(step));
                 *float = f32::from_bits(if n == 0 { f32::INFINITY.to_bits() } else { bits });
             }
@@ -161,7 +161,7 @@ impl Picture<'_> {
         })
     }
 
-    /// `C` samples a pixel; `f` turns a row of one of them into floats and says whether all may be in a frame.
+    /// `C` samples per pixel; `f` turns a row of one sample into floats and returns whether all of them may be in a frame.
     fn convert<N: Number, const C: usize>(
         &self,
         f: impl Fn(&[N], &mut [f32]) -> bool,
@@ -175,14 +175,14 @@ impl Picture<'_> {
                     return Err(format!("a value in row {y} is NaN or infinite"));
                 }
             }
-            // Slices of one known length: the interleaving runs without checks.
+            // Slices of one known length let the interleaving run without bounds checks.
             let floats = floats.each_ref().map(|row| &row[..self.width]);
             pixels.extend((0..self.width).map(|x| floats.map(|row| row[x])));
         }
         Ok(pixels)
     }
 
-    /// Two samples a pixel: unit vectors, zero where both codes are.
+    /// Two samples per pixel: unit vectors, zero where both codes are 0.
     fn normals(&self) -> std::result::Result<Vec<[f32; 3]>, String> {
         let (mut xs, mut ys) = (self.rows::<u16>(0), self.rows::<u16>(1));
         let mut pixels = Vec::with_capacity(self.width * self.height);

@@ -1,4 +1,4 @@
-//! Frames into compact files.
+//! Encodes frames as compact files.
 
 use super::decode::octahedral;
 use super::header::{self, Block, Encoding, Header, kept, layer_name};
@@ -15,18 +15,19 @@ use half::f16;
 use std::path::Path;
 use zstd::zstd_safe::CParameter;
 
-/// Level of zstd. On rendered frames of 512 x 512 (88 ms): 3 is 8 % larger (18 ms), 6 is 1 % larger (50 ms), 19 is 11 % smaller (1.8 s).
+/// Level of zstd. On rendered frames of 512 x 512 (88 ms): 3 is 8 % larger (18 ms), 6 is 1 % larger (50 ms), 19 is 11 % smaller
+/// (1.8 s).
 const LEVEL: i32 = 9;
 
 /// Largest code of a coordinate on the octahedron.
 pub(super) const OCTAHEDRAL_MOST: u16 = 4095;
 
-/// What a compact file does not hold of its frame, beyond the precision its header states.
+/// What a compact file loses of its frame, beyond the precision that its header states.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Loss {
     /// Values beyond 65504 in half layers, or outside 0..=1 in 8-bit layers, which were clamped.
     pub clamped: usize,
-    /// Largest relative error of depth; 0 where it is stored whole.
+    /// Largest relative error of depth; 0 where depth is stored as `float`.
     pub depth: f32,
 }
 
@@ -40,15 +41,15 @@ pub fn write(path: &Path, frame: &Frame) -> Result<Loss> {
     Ok(loss)
 }
 
-/// The training layers of a frame as a compact file; `name` stands for the path in errors. The same frame gives the same bytes.
+/// The training layers of a frame as a compact file; errors give `name` as the path. The same frame always gives the same bytes.
 ///
 /// # Errors
-/// When a channel holds NaN, or an infinity where depth's +inf is not meant, or when a picture's size is not the frame's.
+/// When a channel holds NaN, or an infinity that is not the depth of a miss, or when a picture does not have the frame's size.
 pub fn encode(name: &Path, frame: &Frame) -> Result<(Vec<u8>, Loss)> {
     encode_with(name, frame, Keep::Training)
 }
 
-/// [`encode`] with the layers that `keep` says.
+/// [`encode`] with the layers that `keep` selects.
 ///
 /// # Errors
 /// As [`encode`].
@@ -71,7 +72,7 @@ fn file(frame: &Frame, keep: Keep) -> std::result::Result<(Vec<u8>, Loss), Strin
             left_out.push(layer_name(layer).to_owned());
             continue;
         }
-        // Constant materials are smaller as they are, everything that changes smoothly as differences.
+        // Constant materials are smaller unchanged; values that change smoothly are smaller as differences.
         let plain = compress(&numbers.samples.planes(frame.width, false))?;
         let delta = compress(&numbers.samples.planes(frame.width, true))?;
         let smaller = if delta.len() < plain.len() { &delta } else { &plain };
@@ -111,7 +112,7 @@ fn file(frame: &Frame, keep: Keep) -> std::result::Result<(Vec<u8>, Loss), Strin
     Ok((bytes, loss))
 }
 
-/// One vector a sample.
+/// One vector for each sample.
 enum Samples {
     Bytes(Vec<Vec<u8>>),
     Words(Vec<Vec<u16>>),
@@ -214,7 +215,7 @@ fn floats(encoding: Encoding, components: &[Vec<f32>], loss: &mut Loss) -> Numbe
     Numbers { encoding, samples, depth: None }
 }
 
-/// Unsigned integers in as few bytes as hold the largest.
+/// Unsigned integers in the fewest bytes that hold the largest.
 fn smallest(ids: &[u32]) -> Numbers {
     let highest = ids.iter().copied().max().unwrap_or(0);
     let (encoding, samples) = if highest <= u32::from(u8::MAX) {
@@ -232,12 +233,12 @@ fn depth_error(step: u32) -> f32 {
     if step == 1 { 0.0 } else { 0.5 * step as f32 / (1 << 23) as f32 }
 }
 
-/// Depths in 16 bits where that is precise enough, and else whole.
+/// Depths in 16 bits where that is precise enough, and as `float` elsewhere.
 fn depths(values: &[f32], loss: &mut Loss) -> Numbers {
     let hits = || values.iter().copied().filter(|v| v.is_finite());
     let nearest = hits().fold(f32::INFINITY, f32::min);
     let farthest = hits().fold(nearest, f32::max);
-    // Bits of positive floats are in the order of the floats. Without any hit every code is 0, and 1 m is as good as another.
+    // Bits of positive floats sort like the floats. Without any hit every code is 0, and any depth such as 1 m serves.
     let [lowest, highest] = if nearest.is_finite() { [nearest.to_bits(), farthest.to_bits()] } else { [1f32.to_bits(); 2] };
     let step = if nearest > 0.0 { (highest - lowest).div_ceil(65534).max(1) } else { u32::MAX };
     let fits = u64::from(lowest) + 65534 * u64::from(step) <= u64::from(f32::MAX.to_bits());
@@ -260,7 +261,7 @@ fn nearest(n: DVec3) -> [u16; 2] {
     if n.z < 0.0 {
         (u, v) = ((1.0 - v.abs()).copysign(u), (1.0 - u.abs()).copysign(v));
     }
-    // The best of the four codes around: rounding each by itself is up to 1.5 times as far off.
+    // The best of the four nearest codes. Rounding each component by itself is up to 1.5 times as far off.
     let around = |c: f64| [0.0, 1.0].map(|up| ((2047.0 * c).floor() + up + 2048.0).clamp(1.0, f64::from(OCTAHEDRAL_MOST)) as u16);
     // By distance: single-precision lengths are off by as much as cosines of such angles differ.
     let unit = n.normalize_or_zero();

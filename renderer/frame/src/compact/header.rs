@@ -5,7 +5,7 @@ use crate::channel::{self, Field, LAYERS, Layer, Storage};
 use crate::{FrameInfo, rgbe};
 use serde::{Deserialize, Serialize};
 
-/// How the numbers of a block become values; the table in [`super`] says more.
+/// How the numbers of a block become values; see the table in [`super`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Encoding {
@@ -43,12 +43,12 @@ impl Encoding {
         }
     }
 
-    /// Numbers of a pixel with `components` components.
+    /// Number of stored numbers of a pixel with `components` components.
     pub fn samples(self, components: usize) -> usize {
         if self == Self::Octahedral12 { 2 } else { components }
     }
 
-    /// Whether values of `layer` may be coded so.
+    /// Whether values of `layer` may have this encoding.
     fn suits(self, layer: &Layer) -> bool {
         match (self, &layer.field) {
             (Self::U8 | Self::U16 | Self::U32, Field::Id(_)) | (Self::Octahedral12, Field::Rgb(_)) => true,
@@ -86,7 +86,7 @@ pub(super) struct Header {
     pub height: usize,
     pub info: FrameInfo,
     pub layers: Vec<Block>,
-    /// Layers that the frame had and the file has not.
+    /// Layers that the frame had but the file lacks.
     #[serde(default)]
     pub left_out: Vec<String>,
     /// JSON as text: [`channel::conventions`].
@@ -99,12 +99,12 @@ pub(super) struct Block {
     pub name: String,
     pub components: Vec<String>,
     pub encoding: Encoding,
-    /// Whether numbers are differences to the pixel above.
+    /// Whether numbers are differences from the pixel above.
     pub delta: bool,
-    /// From the end of the header.
+    /// First byte, counted from the end of the header.
     pub offset: usize,
     pub bytes: usize,
-    /// What the encoding loses, for people.
+    /// What the encoding loses, in words.
     pub precision: String,
     /// Bits of the smallest depth.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -114,25 +114,25 @@ pub(super) struct Block {
     pub step: Option<u32>,
 }
 
-/// A block after it was checked against the table, the file's length and the picture's size.
+/// A block that was checked against the table, the file's length and the picture's size.
 pub(super) struct Checked<'a> {
     pub layer: &'static Layer,
     pub block: &'a Block,
     pub bytes: &'a [u8],
-    /// Length once decompressed.
+    /// Decompressed length in bytes.
     pub raw: usize,
 }
 
-/// Longest header, decompressed; those written are a few kilobytes.
+/// Largest size of a decompressed header in bytes; the headers of this crate have a few kilobytes.
 const LONGEST: usize = 1 << 20;
 
-/// Memory a file may ask for whatever its length: 5 million pixels of the training layers.
+/// Memory in bytes that every file may ask for, whatever its length: 5 million pixels of the training layers.
 const FREE: usize = 1 << 29;
 
-/// Memory that each byte of a file may ask for beyond [`FREE`], as for OpenEXR.
+/// Memory in bytes that each byte of a file may ask for beyond [`FREE`], as for OpenEXR.
 const PER_BYTE: usize = 1_100;
 
-/// Bytes to add to a file of `length` bytes so that its reader believes it. Only pictures of one colour ever need any.
+/// Number of bytes to add to a file of `length` bytes so that its reader accepts it. Only pictures of one colour need any.
 pub(super) fn padding(width: usize, height: usize, layers: &[Block], length: usize) -> usize {
     let memory: usize =
         layers.iter().filter_map(|block| layer_named(&block.name)).map(|layer| memory(layer, width * height)).sum();
@@ -144,7 +144,7 @@ fn memory(layer: &Layer, pixels: usize) -> usize {
     4 * layer.components.len() * pixels
 }
 
-/// Fewest bytes that zstd needs for `raw` bytes: blocks of at most 128 KiB, a header of 3 bytes and one of content each.
+/// Fewest bytes that zstd needs for `raw` bytes: each block of at most 128 KiB has a header of 3 bytes and one byte of content.
 fn fewest(raw: usize) -> usize {
     4 * raw.div_ceil(1 << 17)
 }

@@ -1,4 +1,4 @@
-//! Numbers of a picture as byte planes, optionally as differences to the pixel above.
+//! Numbers of a picture as byte planes, optionally as differences from the pixel above.
 
 /// Unsigned integers in 1, 2 or 4 bytes.
 pub(super) trait Number: Copy + Default + Ord {
@@ -26,7 +26,7 @@ macro_rules! number {
             }
 
             fn add(row: &mut [Self], planes: [&[u8]; 4]) {
-                // Unused planes are the first one again: slices of one length let the loop run in vectors.
+                // Unused planes repeat the first one: slices of one length let the loop vectorise.
                 let [a, b, c, d] = planes.map(|plane| &plane[..row.len()]);
                 for (i, number) in row.iter_mut().enumerate() {
                     let ($a, $b, $c, $d) = (Self::from(a[i]), Self::from(b[i]), Self::from(c[i]), Self::from(d[i]));
@@ -58,7 +58,7 @@ pub(super) fn split<N: Number>(samples: &[Vec<N>], width: usize, delta: bool) ->
     planes
 }
 
-/// Gives the numbers of one sample row by row, from the top.
+/// Returns the numbers of one sample row by row, from the top.
 pub(super) struct Rows<'a, N> {
     planes: [&'a [u8]; 4],
     delta: bool,
@@ -76,7 +76,7 @@ impl<'a, N: Number> Rows<'a, N> {
         Self { planes: [0, 1, 2, 3].map(plane), delta, row: vec![N::default(); width] }
     }
 
-    /// The next row; call it once a row.
+    /// The next row; it is called once for each row.
     pub fn next(&mut self) -> &[N] {
         if !self.delta {
             self.row.fill(N::default());

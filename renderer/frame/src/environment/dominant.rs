@@ -8,20 +8,19 @@ use rayon::prelude::*;
 /// Half-angle in radians of the cone about the peak that may belong to the dominant light.
 const CONE: f32 = 0.21;
 
-/// Share of what a surface facing it receives below which a light stays in the rest of the environment, see
-/// [`Environment::split_lights`].
+/// A light with a smaller [`DominantLight::share`] stays in the rest of the environment, see [`Environment::split_lights`].
 const LEAST_SHARE: f32 = 0.05;
 
-/// A light so far away and so small that one direction stands for it.
+/// A light that is so far away and so small that it has one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DominantLight {
     /// World-space unit direction towards the light.
     pub direction: Vec3A,
-    /// Irradiance (intensity included) the light gives a surface that faces it.
+    /// Irradiance (intensity included) of a surface that faces the light.
     pub irradiance: [f32; 3],
     /// Radius in radians of the disc that spreads as wide as the light does.
     pub angular_radius: f32,
-    /// Share, 0..=1, of the luminance that the light gives a surface facing it, of all that the surface receives.
+    /// Share, 0..=1, of the light in the luminance that a surface facing it receives.
     pub share: f32,
 }
 
@@ -34,9 +33,9 @@ struct Peak {
 }
 
 impl Environment {
-    /// The dominant light: what rises above the mean luminance of the hemisphere about the brightest direction, inside a cone of
-    /// 12 degrees about it; its direction is the luminance-weighted mean of that part. Its irradiance and share are 0 in a constant
-    /// or black map.
+    /// The dominant light: the radiance above the mean luminance of the hemisphere about the brightest direction, inside a cone
+    /// of 12 degrees about it. Its direction is the luminance-weighted mean of this radiance. Its irradiance and share are 0 in a
+    /// constant or black map.
     pub fn dominant_light(&self) -> DominantLight {
         let none = DominantLight { direction: Vec3A::Y, irradiance: [0.0; 3], angular_radius: 0.0, share: 0.0 };
         let Some(peak) = self.peak() else { return none };
@@ -62,7 +61,7 @@ impl Environment {
         let Some(direction) = moment.try_normalize() else { return none };
         // A uniform disc of radius rho has a mean cosine of (1 + cos rho) / 2 about its axis.
         let mean_cosine = (moment.length() / bright).min(1.0);
-        // The rest of what a surface facing the light receives is that of the surroundings.
+        // A surface facing the light receives the rest from the surroundings.
         let facing = bright * mean_cosine;
         DominantLight {
             direction,
@@ -72,7 +71,7 @@ impl Environment {
         }
     }
 
-    /// Splits the environment into its dominant light and the rest; both together give the environment's energy.
+    /// Splits the environment into its dominant light and the rest. Together they have the environment's energy.
     pub fn split_dominant(&self) -> (DominantLight, Environment) {
         let light = self.dominant_light();
         let Some(peak) = self.peak().filter(|_| light.share > 0.0) else { return (light, self.clone()) };
@@ -88,9 +87,9 @@ impl Environment {
         (light, self.with_map(rest))
     }
 
-    /// Splits the environment into up to `most` lights, taken one after another, and the rest; all together give the environment's
-    /// energy. It stops at a light that gives a surface facing it less than a twentieth of all it receives. The first light is that
-    /// of [`Self::split_dominant`]; every [`DominantLight::share`] is of what the *whole* environment gives.
+    /// Splits the environment into up to `most` lights, taken one after another, and the rest. Together they have the
+    /// environment's energy. It stops at a light whose share is less than a twentieth. The first light is the one of
+    /// [`Self::split_dominant`]; every [`DominantLight::share`] refers to the *whole* environment.
     pub fn split_lights(&self, most: usize) -> (Vec<DominantLight>, Environment) {
         let (mut lights, mut rest) = (Vec::new(), self.clone());
         while lights.len() < most {
@@ -124,7 +123,7 @@ impl Environment {
         if self.is_constant() {
             return None;
         }
-        // Cells of a few degrees: one hot texel must not outshine the sun's whole disc.
+        // Cells of a few degrees, so that one hot texel does not outshine the sun's disc.
         let coarse = self.coarse();
         let brightest = (0..coarse.map.pixels.len())
             .fold(0, |best, i| if luminance(coarse.map.pixels[i]) > luminance(coarse.map.pixels[best]) { i } else { best });

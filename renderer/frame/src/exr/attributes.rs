@@ -1,4 +1,4 @@
-//! Header attributes of a frame file: [`FrameInfo`] out and in again, and the standard camera attributes for other tools.
+//! Header attributes of a frame file: writes and reads [`FrameInfo`], and writes the standard camera attributes for other tools.
 
 use crate::camera::Camera;
 use crate::{FrameInfo, channel};
@@ -20,7 +20,7 @@ const DENOISER: &str = "renderflow/denoiser";
 const CAMERA: &str = "renderflow/camera";
 const SPP: &str = "spp";
 
-/// UTF-8 as it is; the exr crate's own conversion would store Latin-1 and refuse the rest.
+/// Stores UTF-8 unchanged; the exr crate's own conversion stores Latin-1 and refuses other characters.
 fn text(value: &str) -> Text {
     Text::from_slice_unchecked(value.as_bytes())
 }
@@ -77,7 +77,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Reads what [`write`] stored. Absent values but the camera are those of [`FrameInfo::default`]; malformed ones
+/// Reads what [`write`] stored. Absent values, except the camera, take their defaults of [`FrameInfo::default`]; malformed values
 /// are errors.
 pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
     let other = &header.own_attributes.other;
@@ -136,15 +136,15 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
 fn world_to_camera(camera: &Camera) -> Mat4 {
     let mut to_camera = Mat4::from(camera.world_to_camera());
     if camera.origin != DVec3::ZERO {
-        // In double precision: far from the world's origin the translation is the difference of large numbers.
+        // In double precision, because far from the world's origin the translation is the difference of large numbers.
         let turn = camera.camera_to_world.matrix3.transpose().as_dmat3();
         to_camera.w_axis = (-(turn * camera.position_in_world())).as_vec3().extend(1.0);
     }
     Mat4::from_scale(Vec3::new(1.0, 1.0, -1.0)) * to_camera
 }
 
-/// World to OpenEXR's normalised device coordinates: after division by w, (0, 0) is the image's top left corner and (1, 1) its bottom right;
-/// z, which readers are to discard, is 1 / depth.
+/// World to OpenEXR's normalised device coordinates: after division by w, (0, 0) is the image's top left corner and (1, 1) its
+/// bottom right; z, which readers are to discard, is 1 / depth.
 fn world_to_ndc(camera: &Camera) -> Mat4 {
     let (width, height) = (camera.width as f32, camera.height as f32);
     let projection = Mat4::from_cols(
@@ -161,10 +161,10 @@ fn matrix(m: Mat4) -> Matrix4x4 {
     m.to_cols_array()
 }
 
-/// Puts the attributes of a single-part file in order of their names, in place.
+/// Sorts the attributes of a single-part file by name, in place.
 ///
-/// The exr crate keeps custom attributes in a hash map and writes them in its random order; the same frame must give the same bytes.
-/// Offsets in the file stay right because the header keeps its length.
+/// The exr crate keeps custom attributes in a hash map and writes them in random order, but the same frame must give the same
+/// bytes. Offsets in the file stay correct because the header keeps its length.
 pub(super) fn sort(bytes: &mut [u8]) -> Option<()> {
     // Magic number and version, then attributes (name, type, size, value) until an empty name.
     const START: usize = 8;

@@ -9,7 +9,7 @@ use std::cell::Cell;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// Bytes of a file that know how far they have been read.
+/// A reader of a file's bytes that records how far they have been read.
 pub(super) struct Source<'a> {
     cursor: Cursor<&'a [u8]>,
     reached: &'a Cell<u64>,
@@ -33,8 +33,9 @@ impl Seek for Source<'_> {
 
 /// Runs a decoder of the `exr` crate on `bytes`; its errors and its panics become errors that name the file and the place in it.
 ///
-/// The crate has no reader that is free of panics: damaged B44 blocks overflow its arithmetic (a panic with overflow checks), and other
-/// places rely on `expect` and slice bounds. All such calls here work on bytes in memory in one thread and keep nothing, so unwinding leaves no broken state behind.
+/// The crate has no reader that is free of panics: damaged B44 blocks overflow its arithmetic (a panic with overflow checks), and
+/// other places rely on `expect` and slice bounds. All such calls here work on bytes in memory, in one thread, and keep nothing,
+/// so unwinding leaves no broken state behind.
 pub(super) fn guarded<T>(name: &Path, bytes: &[u8], decode: impl FnOnce(Source) -> ::exr::error::Result<T>) -> Result<T> {
     let reached = Cell::new(0);
     let source = Source { cursor: Cursor::new(bytes), reached: &reached };
@@ -60,7 +61,7 @@ fn reason(error: &::exr::error::Error) -> String {
     }
 }
 
-/// Where byte `at` is: the attribute of the header that it belongs to, or the bytes behind the header.
+/// Describes where byte `at` is: in which attribute of the header, or behind the header.
 fn place(bytes: &[u8], at: u64) -> String {
     let at = usize::try_from(at).unwrap_or(usize::MAX);
     let text = |from: usize| {
@@ -88,11 +89,11 @@ fn little_endian(bytes: &[u8]) -> usize {
     bytes.iter().rev().fold(0, |number, &byte| number << 8 | usize::from(byte))
 }
 
-/// The headers of a file, after checking that decoding cannot ask for more memory than the file can justify, and for no more than `most`
+/// The headers of a file. It is checked that decoding asks for no more memory than the file can justify, and for at most `most`
 /// pixels.
 pub(super) fn meta_data(name: &Path, bytes: &[u8], most: usize) -> Result<MetaData> {
     let meta = guarded(name, bytes, |source| MetaData::read_from_buffered(source, false))?;
-    // What contradicts something else has no one place.
+    // A contradiction between two attributes has no single place.
     let valid = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| MetaData::validate(&meta.headers, false)));
     match valid {
         Ok(Ok(_)) => {}
@@ -123,7 +124,7 @@ fn check_size(header: &Header, file_bytes: usize, most: usize) -> std::result::R
     Ok(())
 }
 
-/// Bytes that one byte of the file can become at most, generously.
+/// Upper bound of the bytes that one byte of the file can become.
 fn largest_ratio(compression: Compression) -> usize {
     match compression {
         Compression::Uncompressed => 1,

@@ -1,4 +1,4 @@
-//! The environment BRDF: what the split sum multiplies the prefiltered radiance with.
+//! The environment BRDF, the factor of the prefiltered radiance in the split sum.
 
 use crate::fresnel::{self, Dielectric};
 use glam::{DVec4, Vec3A, Vec4};
@@ -11,7 +11,7 @@ const ROUGHNESS_STEPS: usize = 64;
 /// Quadrature points along each of the two random numbers of a visible normal.
 const QUADRATURE: usize = 24;
 
-/// Shares of uniform light that one reflection from a microfacet surface returns, for every Fresnel reflectance.
+/// Shares of uniform light that one reflection off a microfacet surface returns, for any Fresnel reflectance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EnvironmentBrdf {
     /// Where the facets reflect everything, 0..=1.
@@ -40,8 +40,8 @@ impl EnvironmentBrdf {
         self.parts.dot(surface.coefficients()).clamp(0.0, self.whole)
     }
 
-    /// Scale and bias of the split sum for a mixture with the share `metallic` (0..=1) of a conductor: `f0 * scale + bias` with the
-    /// `f0` of [`super::f0`] is the same mixture of [`Self::conductor`] and [`Self::dielectric`].
+    /// Scale and bias of the split sum for a mixture with the share `metallic` (0..=1) of a conductor: `f0 * scale + bias` with
+    /// the `f0` of [`super::f0`] is the same mixture of [`Self::conductor`] and [`Self::dielectric`].
     #[inline]
     pub fn mixture(&self, surface: &Dielectric, metallic: f32) -> [f32; 2] {
         let schlick = self.parts.x;
@@ -56,12 +56,13 @@ impl EnvironmentBrdf {
     }
 }
 
-/// The environment BRDF for n.v and roughness, each 0..=1 (clamped): GGX with alpha = roughness^2, height-correlated Smith masking.
+/// The environment BRDF for n.v and roughness, each 0..=1 (clamped): GGX with alpha = roughness^2, height-correlated Smith
+/// masking.
 #[inline]
 pub fn environment_brdf(n_dot_v: f32, roughness: f32) -> EnvironmentBrdf {
     static TABLE: OnceLock<Vec<EnvironmentBrdf>> = OnceLock::new();
     let table = TABLE.get_or_init(|| {
-        // One thread: a rayon worker that waits here would pick up a row of pixels, come back for the table and wait for itself.
+        // One thread: a rayon worker that waits here would pick up a row of pixels, ask for the table again and wait for itself.
         (0..N_DOT_V_STEPS * ROUGHNESS_STEPS)
             .map(|i| {
                 let (column, row) = (i % N_DOT_V_STEPS, i / N_DOT_V_STEPS);
@@ -100,7 +101,8 @@ fn integrate(n_dot_v: f32, roughness: f32) -> EnvironmentBrdf {
     let up = vh.cross(across);
     let (mut whole, mut parts) = (0.0_f64, DVec4::ZERO);
     for i in 0..QUADRATURE {
-        // The height q = s^(3/2) of the disc's hemisphere instead of its radius: points gather near the rim, where GGX has its long tail.
+        // The height q = s^(3/2) of the disc's hemisphere instead of its radius: points gather near the rim, where GGX has its
+        // long tail.
         let s = (i as f32 + 0.5) / QUADRATURE as f32;
         let q = s * s.sqrt();
         let radius = (1.0 - q * q).sqrt();

@@ -1,9 +1,9 @@
 //! Convolution of the sphere with a radially symmetric lobe, by a tree of solid-angle cells.
 //!
 //! Each cell holds its energy, the direction its energy comes from on average and its geometric mean direction. A cell that is
-//! small against its distance from the lobe's axis stands for all its texels, so far cells are large and near ones fine. Since a cell
-//! radiates from its energy's own direction, a sun keeps its place and all of its energy in every cell that holds it; the lobe's
-//! norm is summed over the same cells, so a constant environment stays exactly constant.
+//! small against its distance from the lobe's axis stands for all its texels, so far cells are large and near ones fine. Since a
+//! cell radiates from its energy's own direction, a sun keeps its place and all of its energy in every cell that holds it; the
+//! lobe's norm is summed over the same cells, so a constant environment stays exactly constant.
 
 use crate::environment::Environment;
 use crate::image::{Image, Rgb};

@@ -1,25 +1,26 @@
 //! Shading a G-buffer with the split sum.
 
 use super::{IblTables, dielectric, environment_brdf, f0};
-use crate::Frame;
 use crate::environment::Environment;
 use crate::image::{Image, Rgb};
+use crate::{Camera, Frame, Light};
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use std::sync::OnceLock;
 
-/// Furthest pixel, along either axis, that a covered pixel whose centre missed borrows from.
+/// Largest distance, along either axis, to the pixel that a covered pixel whose centre missed borrows from.
 const BORROW_RADIUS: i32 = 4;
 /// Least cosine between normal and view: a filtered or mapped normal may face away.
 const MIN_N_DOT_V: f32 = 1e-3;
 /// (roughness, metallic, specular) where no neighbour has any: a rough dielectric.
 const UNKNOWN_MATERIAL: [f32; 3] = [1.0, 0.0, 0.5];
 
-/// What the pixels of a G-buffer show, with what a pixel lacks taken from its guides and its neighbours. All but `background`, `alpha` and
-/// `depth` are 0 where nothing is covered.
+/// What the pixels of a G-buffer show. Values that a pixel lacks come from its guides and its neighbours. All but `background`,
+/// `alpha` and `depth` are 0 where nothing is covered.
 #[derive(Clone, Debug)]
 pub struct Surfaces {
-    /// Environment-BRDF scale and bias (a, b) of the pixel's mixture of conductor and dielectric ([`super::EnvironmentBrdf::mixture`]).
+    /// Environment-BRDF scale and bias (a, b) of the pixel's mixture of conductor and dielectric
+    /// ([`super::EnvironmentBrdf::mixture`]).
     pub brdf: Image<[f32; 2]>,
     /// Albedo (anti-aliased where guides exist), divided by coverage.
     pub albedo: Rgb,
@@ -29,7 +30,7 @@ pub struct Surfaces {
     pub material: Rgb,
     /// Planar depth, borrowed like `material`; +inf where nothing is covered, and where no pixel nearby was hit.
     pub depth: Image<f32>,
-    /// The environment seen through the pixel's centre; 0 where the pixel is fully covered, since nothing can ask for it there.
+    /// The environment seen through the pixel's centre; 0 where the pixel is fully covered and the background is invisible.
     pub background: Rgb,
     /// Coverage.
     pub alpha: Image<f32>,
@@ -48,15 +49,15 @@ pub struct Shading {
     pub prefiltered: Rgb,
     /// `prefiltered * (f0 * a + b)`.
     pub specular: Rgb,
-    /// What was shaded.
+    /// The surfaces that were shaded.
     pub surfaces: Surfaces,
 }
 
-/// What the pixels of `frame` show. The same bits for any number of threads; pixels without coverage cost one look-up, fully covered ones
-/// none for the background.
+/// What the pixels of `frame` show. The result has the same bits for any number of threads. Pixels without coverage cost one
+/// look-up, and fully covered pixels need no background.
 ///
 /// # Panics
-/// When a channel of `frame` has not `frame.width * frame.height` pixels.
+/// When a channel of `frame` does not have `frame.width * frame.height` pixels.
 pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
     let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
     let rgb = || Rgb::filled(width, height, [0.0; 3]);
@@ -89,7 +90,8 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
             if alpha <= 0.0 {
                 continue;
             }
-            // Point values come from the pixel's centre or the nearest one that hit; filtered guides take precedence where they exist.
+            // Point values come from the pixel's centre or the nearest one that hit; filtered guides take precedence where they
+            // exist.
             let hit = nearest_hit(frame, x, y);
             material[x] = hit.map_or(UNKNOWN_MATERIAL, |i| frame.material.pixels[i]);
             depth[x] = hit.map_or(f32::INFINITY, |i| frame.depth.pixels[i]);
@@ -112,13 +114,17 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
     out
 }
 
-/// Shades the G-buffer of `frame` with the split sum. The same bits for any number of threads.
+/// Shades the G-buffer of `frame` with the split sum. The result has the same bits for any number of threads.
 ///
 /// # Panics
-/// When a channel of `frame` has not `frame.width * frame.height` pixels.
-pub fn shade(frame: &Frame, environment: &Environment, tables: &IblTables) -> Shading {
-    let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
-    let surfaces = surfaces(frame, environment);
+/// When a channel of `frame` does not have `frame.width * frame.height` pixels.
+pub fn shade(frame: &Frame, light: &Light) -> Shading {
+    shade_surfaces(&frame.info.camera, surfaces(frame, &light.environment), light.tables())
+}
+
+/// Shades `surfaces`, which `camera` sees, with the tables of an environment that may differ from the one in their background.
+pub fn shade_surfaces(camera: &Camera, surfaces: Surfaces, tables: &IblTables) -> Shading {
+    let (width, height) = (surfaces.depth.width, surfaces.depth.height);
     let rgb = || Rgb::filled(width, height, [0.0; 3]);
     let mut out = Shading {
         image: surfaces.background.clone(),

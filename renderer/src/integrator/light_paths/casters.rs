@@ -23,7 +23,7 @@ const MOST: f32 = 0.25;
 
 /// A body that light paths are aimed at.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Caster {
+pub(super) struct CausticCaster {
     pub instance: u32,
     /// A sphere around it.
     pub center: Vec3A,
@@ -33,13 +33,13 @@ pub(super) struct Caster {
 }
 
 /// All of them, and how dense light paths are at each.
-pub(crate) struct Casters {
-    pub(super) list: Vec<Caster>,
+pub(crate) struct CausticCasters {
+    pub(super) list: Vec<CausticCaster>,
     /// By instance: light paths for one sample a pixel, per square metre across their direction; 0 where none are aimed.
     pub(super) density: Vec<f32>,
 }
 
-impl Casters {
+impl CausticCasters {
     /// `None` where light paths would bring nothing.
     pub fn find(scene: &RenderScene, settings: &Settings) -> Option<Self> {
         let wanted = settings.light_paths
@@ -48,7 +48,7 @@ impl Casters {
             && settings.clamp_indirect.is_none()
             && settings.max_bounces >= 2
             && !scene.features().flat_environment
-            && scene.light().concentration() >= CONCENTRATION;
+            && scene.environment_light().concentration() >= CONCENTRATION;
         if !wanted {
             return None;
         }
@@ -70,14 +70,14 @@ impl Casters {
             let distance = center.distance(eye);
             // Where the camera is within, nobody knows what it sees of it.
             let share = (radius / distance).powi(2) * PI * focal * focal;
-            (distance > radius && share.is_finite()).then(|| Caster {
+            (distance > radius && share.is_finite()).then(|| CausticCaster {
                 instance,
                 center,
                 radius,
                 paths: coarse(DENSITY * shine * share.min(pixels)),
             })
         };
-        let mut list: Vec<Caster> = shiny.iter().filter_map(caster).filter(|caster| caster.paths > 0).collect();
+        let mut list: Vec<CausticCaster> = shiny.iter().filter_map(caster).filter(|caster| caster.paths > 0).collect();
         let total: f32 = list.iter().map(|caster| caster.paths as f32).sum();
         if total > MOST * pixels {
             list.iter_mut().for_each(|caster| caster.paths = coarse(caster.paths as f32 * (MOST * pixels / total)));
@@ -96,8 +96,8 @@ impl Casters {
     }
 }
 
-/// A count near `count` with at most five digits in binary: roundings of where things are must not change it, or the random numbers of
-/// all paths would be others.
+/// A count near `count` with at most five digits in binary: roundings of where things are must not change it, or the random
+/// numbers of all paths would be others.
 fn coarse(count: f32) -> u32 {
     let count = count.clamp(0.0, 1e9);
     let step = (count.log2().floor() - 4.0).exp2().max(1.0);

@@ -1,15 +1,15 @@
 //! Light paths: from the environment over a shiny body to a surface that the camera sees.
 //!
-//! A path from the camera finds a caustic only when a direction drawn blindly at the first surface meets the body just where it mirrors
-//! the sun. Followed the other way, light that meets the body *is* the caustic. Both ways find the paths
-//! `environment - xk - ... - x1 - camera`, k >= 2, with xk on such a body; so do light samples at xk. The three are weighed against each
-//! other by the power heuristic, so that nothing is counted twice and each does what it does best (Veach 1997: these are the
-//! strategies of bidirectional path tracing with all, all but the last, and the last of the vertices on the camera's side).
+//! A path from the camera finds a caustic only when a direction drawn blindly at the first surface meets the body just where it
+//! mirrors the sun. Followed the other way, light that meets the body *is* the caustic. Both ways find the paths `environment -
+//! xk - ... - x1 - camera`, k >= 2, with xk on such a body; so do light samples at xk. The three are weighed against each other
+//! by the power heuristic, so that nothing is counted twice and each does what it does best (Veach 1997: these are the strategies
+//! of bidirectional path tracing with all, all but the last, and the last of the vertices on the camera's side).
 //!
-//! Let a light path stand for one in `N` where pixels have `N` samples, `pi(wi)` be the density of the direction drawn at xi towards the
-//! light, `pi'` that of the direction towards the camera if xi is seen from the light's side, `ni . in` and `ni . out` the cosines of
-//! those directions, `w` the direction of the light and `pl(w)` the density of light samples. The expected number of paths per pixel
-//! and solid angles at x1 to xk is
+//! Let a light path stand for one in `N` where pixels have `N` samples, `pi(wi)` be the density of the direction drawn at xi
+//! towards the light, `pi'` that of the direction towards the camera if xi is seen from the light's side, `ni . in` and `ni .
+//! out` the cosines of those directions, `w` the direction of the light and `pl(w)` the density of light samples. The expected
+//! number of paths per pixel and solid angles at x1 to xk is
 //!
 //! - drawn at all surfaces: `N p1 ... pk(w)`,
 //! - light sampled at xk: `N p1 ... p(k-1) pl(w)`,
@@ -17,17 +17,18 @@
 //!   body per square metre across their direction for one sample a pixel, and `J = d^2 cos^3 / (fx fy) / (n1 . out)` the area at x1 that a
 //!   pixel sees. The distances between the surfaces cancel.
 //!
-//! So the third over the second is `q reach(k-1) pk' (nk . in) / (nk . out)` with `reach(1) = (n1 . in) J / p1` and
-//! `reach(i) = reach(i-1) pi' (ni . in) / (ni . out) / pi`: a path from the camera carries `reach` along. For weights, `pi'` is that of the
-//! interaction as the camera's side sees it, in both directions alike, so that they sum to 1 whatever a light path's own density is.
+//! So the third over the second is `q reach(k-1) pk' (nk . in) / (nk . out)` with `reach(1) = (n1 . in) J / p1` and `reach(i) =
+//! reach(i-1) pi' (ni . in) / (ni . out) / pi`: a path from the camera carries `reach` along. For weights, `pi'` is that of the
+//! interaction as the camera's side sees it, in both directions alike, so that they sum to 1 whatever a light path's own density
+//! is.
 //!
 //! Light paths pass no surface from behind, and `reach` is 0 once a path from the camera has (see `crate::query`).
 
 mod casters;
 mod trace;
 
-pub(crate) use casters::Casters;
-pub(super) use trace::{Deposit, trace};
+pub(crate) use casters::CausticCasters;
+pub(super) use trace::{Deposit, LightPaths, trace};
 
 use crate::compile::RenderScene;
 use crate::features::Features;
@@ -66,15 +67,15 @@ pub(super) fn turned<F: Features>(
     scatterer.reversed_pdf(bsdf, wo, wi) * at.n.dot(wi) / at.n.dot(wo)
 }
 
-impl Casters {
+impl CausticCasters {
     /// `reach(1)`: of the first surface `at`, seen from `wo`, left along `wi` with density `pdf`.
     #[inline(always)]
     pub fn reach(&self, scene: &RenderScene, at: &Interaction, wo: Vec3A, wi: Vec3A, pdf: f32) -> f32 {
         seen_area(scene, at, wo) * at.n.dot(wi) / pdf
     }
 
-    /// Density of light paths over that of light samples, of the path that leaves `at` for the light along `wi` and came from `wo` with
-    /// `reach`; 0 where no light paths are aimed.
+    /// Density of light paths over that of light samples, of the path that leaves `at` for the light along `wi` and came from
+    /// `wo` with `reach`; 0 where no light paths are aimed.
     #[inline(always)]
     pub fn ratio<F: Features>(
         &self,

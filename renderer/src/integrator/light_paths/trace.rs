@@ -1,6 +1,6 @@
 //! Tracing light paths.
 
-use super::casters::{Caster, Casters};
+use super::casters::{CausticCaster, CausticCasters};
 use super::{longest, seen_area, turned};
 use crate::accel::{Hit, Scratch};
 use crate::camera::Projector;
@@ -45,16 +45,27 @@ pub(in crate::integrator) struct Deposit {
     pub wi: Vec3A,
 }
 
-/// Traces the light paths of the samples `samples` and hands what they bring to `store`, always in the same order.
+/// The light paths that [`trace`] follows.
+pub(in crate::integrator) struct LightPaths<'a> {
+    pub scene: &'a RenderScene,
+    pub settings: &'a Settings,
+    pub casters: &'a CausticCasters,
+    /// The samples of each pixel whose light paths these are.
+    pub samples: Range<u32>,
+}
+
+/// Traces `paths` and hands what they bring to `store`, always in the same order. `done` is told the number of paths that are
+/// traced.
+///
+/// # Errors
+/// [`Error::Cancelled`] when `cancel` was set.
 pub(in crate::integrator) fn trace<F: Features>(
-    scene: &RenderScene,
-    settings: &Settings,
-    casters: &Casters,
-    samples: Range<u32>,
+    paths: &LightPaths,
     cancel: &AtomicBool,
     done: &(dyn Fn(u64) + Sync),
     store: &mut dyn FnMut(Deposit),
 ) -> Result<Stats> {
+    let LightPaths { scene, settings, casters, samples } = paths;
     let mut chunks = casters.list.iter().enumerate().flat_map(|(number, caster)| {
         let all = u64::from(samples.start) * u64::from(caster.paths)..u64::from(samples.end) * u64::from(caster.paths);
         let starts = all.clone().step_by(CHUNK as usize);
@@ -107,8 +118,8 @@ impl<F: Features> simd::Work for Chunk<'_, F> {
 struct Tracer<'a, F: Features> {
     scene: &'a RenderScene,
     settings: &'a Settings,
-    casters: &'a Casters,
-    caster: &'a Caster,
+    casters: &'a CausticCasters,
+    caster: &'a CausticCaster,
     stream: u64,
     projector: Projector,
     camera_cone: Cone,
@@ -124,7 +135,7 @@ struct Tracer<'a, F: Features> {
 }
 
 impl<'a, F: Features> Tracer<'a, F> {
-    fn new(scene: &'a RenderScene, settings: &'a Settings, casters: &'a Casters, number: usize) -> Self {
+    fn new(scene: &'a RenderScene, settings: &'a Settings, casters: &'a CausticCasters, number: usize) -> Self {
         Self {
             scene,
             settings,
@@ -154,8 +165,8 @@ impl<'a, F: Features> Tracer<'a, F> {
 
         // From the sphere around the body to the body; whether the environment is seen from there is asked last.
         let [u, v, s, t] = self.points.point(&sampler, index, 0);
-        let Some(light) = scene.light().sample([u, v]) else { return };
-        let Caster { instance, center, radius, .. } = *self.caster;
+        let Some(light) = scene.environment_light().sample([u, v]) else { return };
+        let CausticCaster { instance, center, radius, .. } = *self.caster;
         let start = center + across(light.wi, [s, t]) * radius + light.wi * radius;
         let mut ray = Ray::new(start, -light.wi);
         self.stats.bounce_rays += 1;

@@ -16,6 +16,18 @@ const ALLOWANCE: usize = 256 << 20;
 /// How often all buffers may be read, on average.
 const SHARE: usize = 4;
 
+/// Where the elements of an accessor lie in a buffer view.
+#[derive(Clone, Copy)]
+struct Elements {
+    /// Byte of the first element.
+    offset: usize,
+    /// Bytes from one element to the next.
+    stride: usize,
+    /// Bytes of one element.
+    size: usize,
+    count: usize,
+}
+
 /// All buffers of a file, in memory.
 pub(super) struct Buffers<'a> {
     path: &'a Path,
@@ -64,16 +76,9 @@ impl<'a> Buffers<'a> {
         })
     }
 
-    /// `count` elements of `size` bytes each, `stride` apart, from byte `offset` of a view, without the gaps.
-    fn gather(
-        &self,
-        place: &str,
-        view: &buffer::View,
-        offset: usize,
-        stride: usize,
-        size: usize,
-        count: usize,
-    ) -> Result<Vec<u8>> {
+    /// The bytes of `elements` of a view, without the gaps.
+    fn gather(&self, place: &str, view: &buffer::View, elements: Elements) -> Result<Vec<u8>> {
+        let Elements { offset, stride, size, count } = elements;
         if count == 0 {
             return Ok(vec![]);
         }
@@ -111,7 +116,8 @@ impl<'a> Buffers<'a> {
         let (size, count) = (accessor.size(), accessor.count());
         let mut packed = match accessor.view() {
             Some(view) => {
-                let packed = self.gather(&place, &view, accessor.offset(), view.stride().unwrap_or(size), size, count)?;
+                let elements = Elements { offset: accessor.offset(), stride: view.stride().unwrap_or(size), size, count };
+                let packed = self.gather(&place, &view, elements)?;
                 self.spend(size, count, &place, "read again and again")?;
                 packed
             }
@@ -128,8 +134,9 @@ impl<'a> Buffers<'a> {
             }
             let (indices, values) = (sparse.indices(), sparse.values());
             let width = indices.index_type().size();
-            let at = self.gather(&place, &indices.view(), indices.offset(), width, width, exceptions)?;
-            let with = self.gather(&place, &values.view(), values.offset(), size, size, exceptions)?;
+            let packed_at = |offset, size| Elements { offset, stride: size, size, count: exceptions };
+            let at = self.gather(&place, &indices.view(), packed_at(indices.offset(), width))?;
+            let with = self.gather(&place, &values.view(), packed_at(values.offset(), size))?;
             for (index, value) in at.chunks_exact(width).zip(with.chunks_exact(size)) {
                 let index = little_endian(index) as usize;
                 let Some(element) = packed.chunks_exact_mut(size).nth(index) else {

@@ -48,7 +48,7 @@ fn specular(material: &gltf::Material, result: &mut Material, report: &mut LoadR
         }
         if color.iter().any(|&c| (c - color[0]).abs() > 1e-3) {
             match tint(color, result).filter(|_| result.base_color_texture.is_none()) {
-                Some(share) => result.specular_tint = share,
+                Some(share) => result.surface.specular_tint = share,
                 None => {
                     note(report, result, "the colour of KHR_materials_specular is not the base colour's and is reduced to grey")
                 }
@@ -59,7 +59,7 @@ fn specular(material: &gltf::Material, result: &mut Material, report: &mut LoadR
     if !(0.0..=1.0001).contains(&specular) {
         note(report, result, format!("reflects {f0} at normal incidence; 0.08 is the most a dielectric can have here"));
     }
-    result.specular = if specular.is_nan() { 0.5 } else { specular.clamp(0.0, 1.0) as f32 };
+    result.surface.specular = if specular.is_nan() { 0.5 } else { specular.clamp(0.0, 1.0) as f32 };
 }
 
 /// Share t for which 1 + t (base / luminance(base) - 1) is `color` / luminance(color); `None` where no share comes near.
@@ -68,7 +68,7 @@ fn tint(color: [f32; 3], result: &Material) -> Option<f32> {
         let grey = luminance(c);
         (grey > 0.0).then(|| c.map(|v| v / grey - 1.0))
     };
-    let (asked, base) = (hue(color)?, hue(result.base_color)?);
+    let (asked, base) = (hue(color)?, hue(result.surface.base_color.to_array())?);
     let dot = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
     let share = (dot(asked, base) / dot(base, base)).clamp(0.0, 1.0);
     let near = asked.iter().zip(base).all(|(a, b)| (a - share * b).abs() <= 0.02);
@@ -77,12 +77,12 @@ fn tint(color: [f32; 3], result: &Material) -> Option<f32> {
 
 /// The coat's width alpha = roughness^2 is Burley's alpha = mix(0.1, 0.001, gloss). His coat has a quarter of the strength.
 fn clearcoat(extension: &Value, result: &mut Material, report: &mut LoadReport) {
-    result.clearcoat = unit(extension, "clearcoatFactor");
-    if result.clearcoat == 0.0 {
+    result.surface.clearcoat = unit(extension, "clearcoatFactor");
+    if result.surface.clearcoat == 0.0 {
         return;
     }
     let alpha = unit(extension, "clearcoatRoughnessFactor").powi(2);
-    result.clearcoat_gloss = ((0.1 - alpha) / (0.1 - 0.001)).clamp(0.0, 1.0);
+    result.surface.clearcoat_gloss = ((0.1 - alpha) / (0.1 - 0.001)).clamp(0.0, 1.0);
     note(report, result, "the clear coat reflects a quarter of what glTF's does, as Burley's has it");
     if alpha > 0.1 {
         note(report, result, "the clear coat is smoother than the file says: a roughness of 0.316 is the most it can have");
@@ -97,12 +97,12 @@ fn sheen(extension: &Value, result: &mut Material, report: &mut LoadReport) {
     let numbers = extension.get("sheenColorFactor").and_then(Value::as_array);
     let channel = |i: usize| numbers.and_then(|n| n.get(i)).and_then(Value::as_f64).map_or(0.0, |v| v.clamp(0.0, 1.0) as f32);
     let color = [channel(0), channel(1), channel(2)];
-    result.sheen = color.into_iter().fold(0.0, f32::max);
-    if result.sheen == 0.0 {
+    result.surface.sheen = color.into_iter().fold(0.0, f32::max);
+    if result.surface.sheen == 0.0 {
         return;
     }
     let grey = color.iter().all(|c| (c - color[0]).abs() < 1e-3);
-    result.sheen_tint = if grey { 0.0 } else { 1.0 };
+    result.surface.sheen_tint = if grey { 0.0 } else { 1.0 };
     let hue = if grey { "" } else { " in the base colour's hue" };
     note(report, result, format!("the sheen is rendered with Burley's lobe{hue}; its roughness is not read"));
     if has(extension, &["sheenColorTexture", "sheenRoughnessTexture"]) {
@@ -112,8 +112,8 @@ fn sheen(extension: &Value, result: &mut Material, report: &mut LoadReport) {
 
 /// The strength becomes `anisotropic`: both stretch highlights along the tangent, by somewhat different amounts.
 fn anisotropy(extension: &Value, result: &mut Material, report: &mut LoadReport) {
-    result.anisotropic = unit(extension, "anisotropyStrength");
-    if result.anisotropic == 0.0 {
+    result.surface.anisotropic = unit(extension, "anisotropyStrength");
+    if result.surface.anisotropic == 0.0 {
         return;
     }
     if extension.get("anisotropyRotation").and_then(Value::as_f64).is_some_and(|r| r != 0.0) {

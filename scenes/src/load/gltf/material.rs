@@ -7,8 +7,8 @@ use crate::error::{Error, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
 use crate::texture::{self, Budget, uv_transform};
 use crate::validate::MAX_VALUE;
-use crate::{LoadReport, Material, Texture, TextureSlot};
-use glam::Affine2;
+use crate::{LoadReport, Material, Principled, Texture, TextureSlot};
+use glam::{Affine2, Vec3A};
 use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
 use renderflow_frame::reach::Reach;
@@ -97,9 +97,12 @@ impl<'a> Materials<'a> {
         let mut slot = |reference: Option<Reference>| reference.and_then(|r| self.slot(&r, &name, report));
         let scale = material.normal_texture().map_or(1.0, |t| t.scale());
         let read = Material {
-            base_color: [r, g, b].map(unit),
-            metallic: unit(pbr.metallic_factor()),
-            roughness: unit(pbr.roughness_factor()),
+            surface: Principled {
+                base_color: Vec3A::from_array([r, g, b].map(unit)),
+                metallic: unit(pbr.metallic_factor()),
+                roughness: unit(pbr.roughness_factor()),
+                ..Principled::default()
+            },
             base_color_texture: slot(used.color),
             metallic_roughness_texture: slot(used.data),
             normal_texture: slot(used.normal).map(|s| (s, if scale.is_finite() { scale } else { 1.0 })),

@@ -33,7 +33,7 @@ const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", 
 
 /// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the latter.
 pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
-    let bytes = file::read(path).map_err(Error::unreadable)?;
+    let bytes = file::read(path)?;
     let (document, blob) = document::parse(path, &bytes)?;
     drop(bytes);
     let buffers = Buffers::read(path, reach, &document, blob)?;

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::loaded::{AlphaMask, Encoding};
 use crate::texture::Budget;
 use crate::validate::MAX_VALUE;
-use crate::{LoadReport, Material};
+use crate::{LoadReport, Material, Principled};
 use renderflow_frame::color::luminance;
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
@@ -191,18 +191,22 @@ fn convert(material: &tobj::Material, textures: &mut Textures, report: &mut Load
         let given = number(key).filter(|v| !map || *v != 0.0);
         unit(given.unwrap_or(if map { 1.0 } else { without }))
     };
+    let base_color = behind(color.is_some(), material.diffuse, if alpha_mask.is_some() { [1.0; 3] } else { [0.8; 3] });
     let emissive = behind(emissive_texture.is_some(), material.emissive, [0.0; 3]);
     Ok(Material {
         name: name.clone(),
-        base_color: behind(color.is_some(), material.diffuse, if alpha_mask.is_some() { [1.0; 3] } else { [0.8; 3] }).map(unit),
-        metallic: factor(maps && metal.is_some(), "Pm", 0.0),
-        roughness: factor(maps && rough.is_some(), "Pr", roughness(material.shininess)),
-        specular: unit(specular(material)),
-        anisotropic: factor(false, "aniso", 0.0),
-        sheen: factor(false, "Ps", 0.0),
-        clearcoat: factor(false, "Pc", 0.0),
-        // Width alpha = roughness^2 of the coat is Burley's mix(0.1, 0.001, gloss).
-        clearcoat_gloss: number("Pcr").map_or(1.0, |r| unit((0.1 - unit(r).powi(2)) / (0.1 - 0.001))),
+        surface: Principled {
+            base_color: base_color.map(unit).into(),
+            metallic: factor(maps && metal.is_some(), "Pm", 0.0),
+            roughness: factor(maps && rough.is_some(), "Pr", roughness(material.shininess)),
+            specular: unit(specular(material)),
+            anisotropic: factor(false, "aniso", 0.0),
+            sheen: factor(false, "Ps", 0.0),
+            clearcoat: factor(false, "Pc", 0.0),
+            // Width alpha = roughness^2 of the coat is Burley's mix(0.1, 0.001, gloss).
+            clearcoat_gloss: number("Pcr").map_or(1.0, |r| unit((0.1 - unit(r).powi(2)) / (0.1 - 0.001))),
+            ..Principled::default()
+        },
         base_color_texture,
         metallic_roughness_texture,
         normal_texture,

@@ -17,7 +17,7 @@ use std::path::Path;
 
 /// Reads an `.obj` file, whose names lead where `reach` says; materials and textures only within a budget for the latter.
 pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
-    let text = file::read(path).map_err(Error::unreadable)?;
+    let text = file::read(path)?;
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
     let mut lines = Lines::new(text);
     let libraries = RefCell::new(material::Libraries::new(reach));

@@ -1,8 +1,8 @@
 //! Architecture: towers, houses and columns. Storeys, roofs and ornaments are closed and run into one another.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, profile, shift};
 use glam::{DAffine3, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -89,9 +89,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A tower with setbacks and recessed windows.
-    Tower("tower", "architecture", Upright) |rng| {
+    shape Tower("architecture", Upright) |rng| {
         /// What stands on it.
         crown: Crown = Crown::draw(rng);
         /// Corners of the plan.
@@ -226,9 +226,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A house with windows, a door, a roof, a chimney and perhaps a wing.
-    House("house", "architecture", Upright) |rng| {
+    shape House("architecture", Upright) |rng| {
         /// The roof.
         roof: Roof = Roof::draw(rng);
         /// Depth over width.
@@ -332,9 +332,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A column with base, shaft and capital, whole or broken off.
-    Column("column", "architecture", Upright) |rng| {
+    shape Column("architecture", Upright) |rng| {
         /// The order.
         order: Order = Order::draw(rng);
         /// Radius over height.

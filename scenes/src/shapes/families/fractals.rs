@@ -2,8 +2,8 @@
 
 use super::outlines::plate;
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, planar};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -24,9 +24,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A cube with cells taken out of its cells (Menger 1926, and relatives).
-    Sponge("sponge", "abstract", Any) |rng| {
+    shape Sponge("abstract", Any) |rng| {
         /// Which cells are kept.
         holes: Holes = Holes::draw(rng);
         /// Cells along an edge.
@@ -182,9 +182,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A fractal solid of a few levels. The pieces of the tree-like kinds are closed and run into one another.
-    Fractal("fractal", "abstract", Any) |rng| {
+    shape Fractal("abstract", Any) |rng| {
         /// The construction.
         kind: Recursion = Recursion::draw(rng);
         /// Levels.

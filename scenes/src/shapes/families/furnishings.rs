@@ -2,15 +2,15 @@
 
 use super::furniture::NUDGE;
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, at, hollow, profile, shift, spline};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
 
-model! {
+family! {
     /// Shelves with things on them, or a cabinet with doors.
-    Shelf("shelf", "furniture", Upright) |rng| {
+    shape Shelf("furniture", Upright) |rng| {
         /// Columns.
         columns: u32 [1, 5] = 1 + rng.below(4);
         /// Rows.
@@ -145,9 +145,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A lamp: foot, pole and a hollow shade with a bulb.
-    Lamp("lamp", "furniture", Upright) |rng| {
+    shape Lamp("furniture", Upright) |rng| {
         /// The kind.
         kind: LampKind = LampKind::draw(rng);
         /// Width of the shade, against the usual.

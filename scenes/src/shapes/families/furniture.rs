@@ -1,10 +1,10 @@
 //! Furniture: tables and seats from closed, bevelled parts that run into one another.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
 use crate::shapes::families::outlines::plate;
 use crate::shapes::families::round::superellipse;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{at, profile, shift};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -82,9 +82,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A table, desk or stool.
-    Table("table", "furniture", Upright) |rng| {
+    shape Table("furniture", Upright) |rng| {
         /// What carries it.
         carrier: Carrier = Carrier::draw(rng);
         /// The legs, where it has them.
@@ -245,9 +245,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A chair, armchair, bench, stool or sofa.
-    Chair("chair", "furniture", Upright) |rng| {
+    shape Chair("furniture", Upright) |rng| {
         /// The kind.
         seat: Seat = Seat::draw(rng);
         /// The legs.

@@ -1,8 +1,8 @@
 //! Solids of functions: constructive geometry, metaballs and minimal surfaces.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::Dice;
 use crate::shapes::polygonise::polygonise;
 use glam::{DQuat, DVec2, DVec3};
@@ -93,9 +93,9 @@ impl Operand {
     }
 }
 
-model! {
+family! {
     /// Constructive solid geometry: primitives joined, cut away and intersected, sharp or with fillets.
-    Csg("csg", "mechanical", Any) |rng| {
+    shape Csg("mechanical", Any) |rng| {
         /// Operations after the first body.
         parts: u32 [1, 12] = 2 + rng.below(5);
         /// Share of operations that cut away.
@@ -151,9 +151,9 @@ impl Csg {
     }
 }
 
-model! {
+family! {
     /// Metaballs: balls along wandering arms that melt into one another.
-    Blobs("blobs", "organic", Any) |rng| {
+    shape Blobs("organic", Any) |rng| {
         /// Balls.
         count: u32 [2, 32] = 4 + rng.below(12);
         /// How far neighbours melt together, as a share of their size.
@@ -214,9 +214,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A sheet or one half of space along a triply periodic minimal surface, cut to a simple body.
-    Gyroid("gyroid", "abstract", Any) |rng| {
+    shape Gyroid("abstract", Any) |rng| {
         /// The surface.
         surface: Minimal = Minimal::draw(rng);
         /// The body it is cut to.

@@ -1,9 +1,9 @@
 //! Parts of machines: bolts, flanges and brackets.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
 use crate::shapes::families::outlines::{hole, plate};
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{profile, shift};
 use glam::{DAffine3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -26,9 +26,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A threaded bolt with a head, perhaps with a washer and a nut, standing on its head.
-    Bolt("bolt", "mechanical", Any) |rng| {
+    shape Bolt("mechanical", Any) |rng| {
         /// The head.
         head: Head = Head::draw(rng);
         /// Length of the shank over the diameter.
@@ -177,9 +177,9 @@ impl Bolt {
     }
 }
 
-model! {
+family! {
     /// A round or polygonal flange: a plate with a ring of holes and a hub with a bore, lying flat.
-    Flange("flange", "mechanical", Any) |rng| {
+    shape Flange("mechanical", Any) |rng| {
         /// Corners of the plate; above 24 round.
         corners: u32 [3, 48] = if rng.chance(0.6) { 48 } else { 3 + rng.below(6) };
         /// Holes in the ring.
@@ -249,9 +249,9 @@ impl Flange {
     }
 }
 
-model! {
+family! {
     /// An angle bracket: two plates with holes and a gusset.
-    Bracket("bracket", "mechanical", Any) |rng| {
+    shape Bracket("mechanical", Any) |rng| {
         /// Length of the upright plate over the lying one.
         ratio: f32 [0.3, 2] = rng.between(0.5, 1.4);
         /// Width over the lying plate's length.

@@ -3,8 +3,8 @@
 use super::implicit::segment_distance;
 use super::round::superellipse;
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::Dice;
 use crate::shapes::polygonise::polygonise;
 use glam::{DVec2, DVec3};
@@ -117,9 +117,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A plate with a seeded outline and round or polygonal holes, bevelled, lying flat.
-    Extrusion("extrusion", "mechanical", Any) |rng| {
+    shape Extrusion("mechanical", Any) |rng| {
         /// The outline.
         outline: Outline = Outline::draw(rng);
         /// Lobes, corners or petals.
@@ -227,9 +227,9 @@ impl Extrusion {
     }
 }
 
-model! {
+family! {
     /// A letter of an unknown script: straight and bent strokes between the places of a small grid, standing upright or flat.
-    Glyph("glyph", "abstract", Any) |rng| {
+    shape Glyph("abstract", Any) |rng| {
         /// Strokes.
         strokes: u32 [1, 9] = 3 + rng.below(4);
         /// Width of a stroke as a share of the letter's width.

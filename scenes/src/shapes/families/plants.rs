@@ -1,9 +1,9 @@
 //! Small plants and fungi: cacti, rosettes, grass and mushrooms. Leaves and stems are closed and run into one another.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::noise;
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, frame, hollow, profile, spline};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -46,9 +46,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A cactus, in a pot or on a mound.
-    Cactus("cactus", "plant", Upright) |rng| {
+    shape Cactus("plant", Upright) |rng| {
         /// The kind.
         kind: CactusKind = CactusKind::draw(rng);
         /// Ribs.
@@ -207,9 +207,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// Leaves about a middle at the golden angle, in a pot or on a mound.
-    Rosette("rosette", "plant", Upright) |rng| {
+    shape Rosette("plant", Upright) |rng| {
         /// The kind.
         leaves: Leaves = Leaves::draw(rng);
         /// Leaves.
@@ -271,7 +271,7 @@ impl Rosette {
             let scale = (1.0 - 0.55 * share) * dice.between(0.88, 1.08);
             let bend = f64::from(self.bend).to_radians() * (1.0 - 0.6 * share);
             if self.leaves == Leaves::Fern {
-                self.frond(&mut b, heart, around, length * scale, steep.max(0.5), bend.max(0.4));
+                self.frond(&mut b, length * scale, Self::line(heart, around, length * scale, steep.max(0.5), bend.max(0.4)));
             } else {
                 self.blade(&mut b, heart, around, [length * scale, wide * scale.sqrt(), thick], [steep, bend]);
             }
@@ -327,8 +327,8 @@ impl Rosette {
         });
     }
 
-    fn frond(&self, b: &mut Builder, heart: DVec3, around: f64, length: f64, steep: f64, bend: f64) {
-        let line = Self::line(heart, around, length, steep, bend);
+    /// A frond of `length` along `line`, which gives point, direction and outward direction at a share of it.
+    fn frond(&self, b: &mut Builder, length: f64, line: impl Fn(f64) -> (DVec3, DVec3, DVec3)) {
         let path: Vec<DVec3> = (0..=10).map(|i| line(f64::from(i) / 10.0).0).collect();
         let radii: Vec<f64> = (0..=10).map(|i| 0.011 * (1.0 - 0.08 * f64::from(i))).collect();
         b.rod(&path, &radii, 6, true);
@@ -351,9 +351,9 @@ impl Rosette {
     }
 }
 
-model! {
+family! {
     /// A tuft of grass blades on a mound.
-    Grass("grass", "plant", Upright) |rng| {
+    shape Grass("plant", Upright) |rng| {
         /// Blades.
         blades: u32 [8, 240] = 50 + rng.below(130);
         /// Width of a blade over its length.
@@ -409,9 +409,9 @@ impl Grass {
     }
 }
 
-model! {
+family! {
     /// Mushrooms on a mound.
-    Mushroom("mushroom", "plant", Upright) |rng| {
+    shape Mushroom("plant", Upright) |rng| {
         /// How many.
         count: u32 [1, 12] = 1 + rng.below(5);
         /// Width of the cap over the height.

@@ -1,9 +1,9 @@
 //! Polyhedra by Conway's operators, their frames, and clusters of crystals.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
 use crate::shapes::conway::Polyhedron as Faces;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, along, at};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -46,9 +46,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A Platonic solid, prism or antiprism under Conway's operators (kis, ambo, truncate, dual, gyro, snub, expand, join).
-    Polyhedron("polyhedron", "abstract", Any) |rng| {
+    shape Polyhedron("abstract", Any) |rng| {
         /// How it is finished.
         finish: Finish = Finish::draw(rng);
         /// Operators.
@@ -102,9 +102,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// The open frame of a polyhedron. Struts and balls are closed and run into one another.
-    Lattice("lattice", "abstract", Any) |rng| {
+    shape Lattice("abstract", Any) |rng| {
         /// How it is made.
         frame: Frame = Frame::draw(rng);
         /// Operators on the solid it starts from.
@@ -186,9 +186,9 @@ impl Lattice {
     }
 }
 
-model! {
+family! {
     /// A druse: pointed columns of crystal growing out of a common foot.
-    Crystals("crystals", "mineral", Upright) |rng| {
+    shape Crystals("mineral", Upright) |rng| {
         /// Crystals.
         count: u32 [1, 64] = 5 + rng.below(28);
         /// Sides of a column.

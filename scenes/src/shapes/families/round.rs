@@ -1,9 +1,9 @@
 //! Round bodies: supertoroids and surfaces displaced by noise.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::noise;
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::Dice;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -16,9 +16,9 @@ pub(super) fn superellipse(a: f64, n: f64) -> DVec2 {
     DVec2::new(x, y) / (x.abs().powf(2.0 / n) + y.abs().powf(2.0 / n)).powf(0.5 * n)
 }
 
-model! {
+family! {
     /// A supertoroid (Barr 1981): a ring whose outline and section are superellipses, lying flat, wavy if asked.
-    Supertoroid("supertoroid", "round", Any) |rng| {
+    shape Supertoroid("round", Any) |rng| {
         /// Half width of the section as a share of the ring's radius.
         tube: f32 [0.05, 0.7] = rng.between(0.2, 0.6);
         /// Exponent of the ring's outline: box-like below 1, round at 1, pinched above.
@@ -135,9 +135,9 @@ pub(super) fn relief(kind: Relief, p: DVec3, seed: u32) -> f64 {
     }
 }
 
-model! {
+family! {
     /// A simple body displaced along its normals by one of several kinds of seeded noise.
-    Displaced("displaced", "organic", Any) |rng| {
+    shape Displaced("organic", Any) |rng| {
         /// The body.
         base: Base = Base::draw(rng);
         /// The noise.

@@ -1,16 +1,16 @@
 //! From the sea: shells and corals.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::Dice;
 use glam::{DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
 
-model! {
+family! {
     /// A sea shell: a tube that grows by the same share every turn about an upright axis (logarithmic spiral, Moseley 1838). Whorls
     /// run into one another.
-    Seashell("seashell", "organic", Any) |rng| {
+    shape Seashell("organic", Any) |rng| {
         /// Turns.
         turns: f32 [1, 9] = rng.between(3.0, 6.5);
         /// Size of a whorl over that of the one before.
@@ -88,9 +88,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A branching coral on a foot. Branches are closed and run into one another.
-    Coral("coral", "organic", Upright) |rng| {
+    shape Coral("organic", Upright) |rng| {
         /// How it grows.
         growth: Growth = Growth::draw(rng);
         /// Forkings from foot to tip.

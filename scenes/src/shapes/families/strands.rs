@@ -2,8 +2,8 @@
 
 use super::round::superellipse;
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, at, spline};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -40,9 +40,9 @@ impl Section {
     }
 }
 
-model! {
+family! {
     /// A section swept along a wandering spline, open like a vine or closed like a loop, of changing width and turning on its way.
-    Sweep("sweep", "organic", Any) |rng| {
+    shape Sweep("organic", Any) |rng| {
         /// The section.
         section: Section = Section::draw(rng);
         /// Points that the spline goes through.
@@ -112,9 +112,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A chain of rounded links, each turned a quarter against the last.
-    Chain("chain", "mechanical", Any) |rng| {
+    shape Chain("mechanical", Any) |rng| {
         /// How it lies.
         course: Course = Course::draw(rng);
         /// Links.
@@ -187,9 +187,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// Interlaced round strands.
-    Braid("braid", "organic", Any) |rng| {
+    shape Braid("organic", Any) |rng| {
         /// The kind.
         lace: Lace = Lace::draw(rng);
         /// Strands, or strands in each direction of a mat.

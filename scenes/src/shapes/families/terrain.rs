@@ -1,10 +1,10 @@
 //! Blocks of land.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::noise;
 use crate::shapes::builder::Builder;
 use crate::shapes::families::round::cellular;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::Dice;
 use glam::{DVec2, DVec3};
 
@@ -30,9 +30,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A closed block with a height field on top and straight sides.
-    Terrain("terrain", "terrain", Upright) |rng| {
+    shape Terrain("terrain", Upright) |rng| {
         /// The kind of land.
         land: Land = Land::draw(rng);
         /// Largest height over the width.

@@ -2,9 +2,9 @@
 
 use super::plants::{mound, pot};
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::noise;
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{Dice, spline};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -29,9 +29,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A tree or bush on a foot of earth or in a pot.
-    Tree("tree", "plant", Upright) |rng| {
+    shape Tree("plant", Upright) |rng| {
         /// The kind.
         habit: Habit = Habit::draw(rng);
         /// Angle between a branch and what it grows from, degrees.

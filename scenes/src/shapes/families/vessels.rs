@@ -1,8 +1,8 @@
 //! Vessels: turned walls with handles, spouts and lids. Parts run into one another.
 
 use crate::draw::Draw;
+use crate::family::{choice, family};
 use crate::shapes::builder::Builder;
-use crate::shapes::model::{choice, model};
 use crate::shapes::parts::{hollow, profile, spline};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -31,9 +31,9 @@ choice! {
     }
 }
 
-model! {
+family! {
     /// A hollow vessel.
-    Vessel("vessel", "vessel", Upright) |rng| {
+    shape Vessel("vessel", Upright) |rng| {
         /// The kind.
         kind: VesselKind = VesselKind::draw(rng);
         /// Height over width, against the kind's usual one.
@@ -114,16 +114,17 @@ impl Vessel {
             let (p, q) = (outer[next - 1], outer[next]);
             p.x + (q.x - p.x) * ((y - p.y) / (q.y - p.y).max(1e-9)).clamp(0.0, 1.0)
         };
+        let wall_at = |y: f64| radius(y) - 0.4 * wall;
         match self.kind {
-            VesselKind::Cup => self.handle(&mut b, &radius, [0.18 * tall, 0.75 * tall], 0.3, 0.0, wall),
-            VesselKind::Jug => self.handle(&mut b, &radius, [0.28 * tall, 0.9 * tall], 0.3, 0.0, wall),
+            VesselKind::Cup => self.handle(&mut b, &wall_at, [0.18 * tall, 0.75 * tall], 0.3, 0.0),
+            VesselKind::Jug => self.handle(&mut b, &wall_at, [0.28 * tall, 0.9 * tall], 0.3, 0.0),
             VesselKind::Amphora => {
                 for turn in [0.0, TAU / 2.0] {
-                    self.handle(&mut b, &radius, [0.98 * tall, 1.38 * tall], 0.24, turn, wall);
+                    self.handle(&mut b, &wall_at, [0.98 * tall, 1.38 * tall], 0.24, turn);
                 }
             }
             VesselKind::Teapot => {
-                self.handle(&mut b, &radius, [0.2 * tall, 0.54 * tall], 0.28, TAU / 2.0, wall);
+                self.handle(&mut b, &wall_at, [0.2 * tall, 0.54 * tall], 0.28, TAU / 2.0);
                 let y = 0.22 * tall;
                 let from = radius(y) - 0.5 * wall;
                 let spout = spline(
@@ -157,10 +158,10 @@ impl Vessel {
         (b, 40.0)
     }
 
-    /// A handle between two heights of the wall, standing off by `reach`; its ends lie within the wall.
-    fn handle(&self, b: &mut Builder, radius: &dyn Fn(f64) -> f64, [low, high]: [f64; 2], reach: f64, turn: f64, wall: f64) {
+    /// A handle between two heights that stands off by `reach`; its ends lie at the radii `within` the wall.
+    fn handle(&self, b: &mut Builder, within: &dyn Fn(f64) -> f64, [low, high]: [f64; 2], reach: f64, turn: f64) {
         let reach = reach * f64::from(self.handle);
-        let (r0, r1) = (radius(low) - 0.4 * wall, radius(high) - 0.4 * wall);
+        let (r0, r1) = (within(low), within(high));
         let out = r0.max(r1);
         let spin = DQuat::from_rotation_y(turn);
         let points = [

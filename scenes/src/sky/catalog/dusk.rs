@@ -1,9 +1,8 @@
 //! The sun at the horizon.
 
 use super::soft::glowing;
-use super::{CONCRETE, GRASS, Place, ROCK, SEA, SOIL, clear, degrees, layer, plain, shaded, skyline, which};
+use super::{CONCRETE, GRASS, Place, ROCK, SEA, SOIL, clear, degrees, ground, layer, plain, shaded, skyline, tint, which};
 use crate::draw::Draw;
-use crate::sky::random::{ground, tint};
 use crate::sky::{Air, CloudKind, Glow, Ground, Horizon, HorizonKind, Sky, Sun};
 use rand_pcg::Pcg64;
 

@@ -2,7 +2,7 @@
 
 use super::{degrees, which};
 use crate::draw::Draw;
-use crate::sky::{Figure, Sky};
+use crate::sky::{Abstract, Figure, Sky};
 use rand_pcg::Pcg64;
 
 fn colors(rng: &mut Pcg64, count: u32, dark: f32, bright: f32) -> Vec<[f32; 3]> {
@@ -17,7 +17,7 @@ fn colors(rng: &mut Pcg64, count: u32, dark: f32, bright: f32) -> Vec<[f32; 3]> 
 
 pub(super) fn color_gradient(rng: &mut Pcg64) -> Sky {
     let count = 2 + rng.below(4);
-    Sky::Abstract {
+    Sky::Abstract(Abstract {
         figure: [Figure::Gradient, Figure::Bands, Figure::Marble][rng.weighted(&[0.5, 0.2, 0.3])],
         colors: colors(rng, count, 0.05, 3.0),
         scale: rng.log(0.5, 2.0),
@@ -25,12 +25,12 @@ pub(super) fn color_gradient(rng: &mut Pcg64) -> Sky {
         elevation: rng.between(-90.0, 90.0),
         azimuth: degrees(rng),
         seed: which(rng),
-    }
+    })
 }
 
 pub(super) fn color_shapes(rng: &mut Pcg64) -> Sky {
     let count = 3 + rng.below(5);
-    Sky::Abstract {
+    Sky::Abstract(Abstract {
         figure: [Figure::Quadrants, Figure::Checker, Figure::Bands, Figure::Spots][rng.below(4) as usize],
         colors: colors(rng, count, 0.03, 4.0),
         scale: rng.log(0.7, 4.0),
@@ -38,7 +38,7 @@ pub(super) fn color_shapes(rng: &mut Pcg64) -> Sky {
         elevation: rng.between(-90.0, 90.0),
         azimuth: degrees(rng),
         seed: which(rng),
-    }
+    })
 }
 
 pub(super) fn soft_blobs(rng: &mut Pcg64) -> Sky {
@@ -47,7 +47,7 @@ pub(super) fn soft_blobs(rng: &mut Pcg64) -> Sky {
     // The light comes from the blobs.
     let dim = rng.log(0.02, 0.3);
     palette[0] = palette[0].map(|v| Pcg64::tidy(v * dim));
-    Sky::Abstract {
+    Sky::Abstract(Abstract {
         figure: if rng.chance(0.75) { Figure::Blobs } else { Figure::Spots },
         colors: palette,
         scale: rng.log(0.7, 4.0),
@@ -55,5 +55,5 @@ pub(super) fn soft_blobs(rng: &mut Pcg64) -> Sky {
         elevation: 90.0,
         azimuth: 0.0,
         seed: which(rng),
-    }
+    })
 }

@@ -1,10 +1,9 @@
 //! Rooms: windows, panels, halls, vaults, caves.
 
 use super::outdoor::under;
-use super::{ASPHALT, CONCRETE, GRASS, Place, ROCK, SOIL, clear, degrees, plain, shaded, skyline, sun, which};
+use super::{ASPHALT, CONCRETE, GRASS, Place, ROCK, SOIL, clear, degrees, plain, shaded, skyline, sun, tint, which};
 use crate::draw::Draw;
-use crate::sky::random::tint;
-use crate::sky::{Beam, Cover, CoverKind, Finish, Furnishing, HorizonKind, Opening, Sky, Sun, Wall};
+use crate::sky::{Beam, Cover, CoverKind, Finish, Furnishing, HorizonKind, Opening, Room, Sky, Sun, Wall};
 use rand_pcg::Pcg64;
 
 /// A room before its light has been scaled.
@@ -50,7 +49,7 @@ impl Hall {
         }
         let eye_height = Pcg64::tidy(rng.between(0.25, 0.5) * y.min(4.0));
         let Self { size, walls, floor, ceiling, openings, beam, furnishing } = self;
-        Sky::Room { size, eye_height, walls, floor, ceiling, openings, beam, furnishing: Some(furnishing) }
+        Sky::Room(Room { size, eye_height, walls, floor, ceiling, openings, beam, furnishing: Some(furnishing) })
     }
 
     /// An opening of the given size about a place of a face, both as shares of what fits.

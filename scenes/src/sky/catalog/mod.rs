@@ -9,8 +9,7 @@ mod outdoor;
 mod soft;
 mod studio;
 
-use super::random::tint;
-use super::{Air, CloudKind, CloudLayer, Ground, Horizon, HorizonKind, Sky, Sun};
+use super::{Air, CloudKind, CloudLayer, Ground, Horizon, HorizonKind, Scenery, Sky, Sun};
 use crate::draw::Draw;
 use rand_pcg::Pcg64;
 
@@ -131,9 +130,25 @@ pub fn random_of(name: &str, rng: &mut Pcg64) -> Option<Sky> {
     RECIPES.iter().find(|recipe| recipe.0 == name).map(|recipe| recipe.2(rng))
 }
 
+/// The same of the family at `place` in [`ENVIRONMENTS`].
+pub(crate) fn random_at(place: usize, rng: &mut Pcg64) -> Sky {
+    RECIPES[place].2(rng)
+}
+
 /// Group (of [`GROUPS`]) of the family `name`; an empty string for an unknown name.
 pub fn group(name: &str) -> &'static str {
     RECIPES.iter().find(|recipe| recipe.0 == name).map_or("", |recipe| GROUPS[recipe.1])
+}
+
+/// Diffuse reflectance of a ground.
+fn ground(rng: &mut Pcg64) -> [f32; 3] {
+    let level = rng.log(0.05, 0.5);
+    tint(rng, level, 0.35).map(|v| v.min(0.9))
+}
+
+/// A colour of about the given level whose channels differ by up to the share `spread`.
+fn tint(rng: &mut Pcg64, level: f32, spread: f32) -> [f32; 3] {
+    [0; 3].map(|_| Pcg64::tidy(level * rng.between(1.0 - spread, 1.0 + spread)))
 }
 
 /// A scenery with nothing in it yet.
@@ -148,7 +163,8 @@ impl Place {
     fn sky(self) -> Sky {
         let Self { air, clouds, horizon, ground } = self;
         let horizon = horizon.map(Box::new);
-        Sky::Scenery { air, clouds, glows: Vec::new(), stars: None, horizon, cover: None, lights: Vec::new(), ground }
+        let (glows, stars, cover, lights) = (Vec::new(), None, None, Vec::new());
+        Sky::Scenery(Scenery { air, clouds, glows, stars, horizon, cover, lights, ground })
     }
 }
 

@@ -1,9 +1,10 @@
 //! Nights: the moon, stars, and lamps over three orders of magnitude of brightness.
 
-use super::{ASPHALT, CONCRETE, GRASS, LEAVES, ROCK, SEA, SOIL, degrees, layer, plain, shaded, skyline, which};
+use super::{ASPHALT, CONCRETE, GRASS, LEAVES, ROCK, SEA, SOIL, degrees, layer, plain, shaded, skyline, tint, which};
 use crate::draw::Draw;
-use crate::sky::random::tint;
-use crate::sky::{Air, CloudKind, CloudLayer, Glow, Ground, Horizon, HorizonKind, Layout, LightGroup, Palette, Sky, Stars, Sun};
+use crate::sky::{
+    Air, CloudKind, CloudLayer, Glow, Ground, Horizon, HorizonKind, Layout, LightGroup, Palette, Scenery, Sky, Stars, Sun,
+};
 use rand_pcg::Pcg64;
 
 /// A scenery of the night.
@@ -21,7 +22,7 @@ impl Night {
     fn sky(self) -> Sky {
         let Self { air, clouds, glows, stars, horizon, lights, ground } = self;
         let horizon = horizon.map(Box::new);
-        Sky::Scenery { air, clouds, glows, stars, horizon, cover: None, lights, ground }
+        Sky::Scenery(Scenery { air, clouds, glows, stars, horizon, cover: None, lights, ground })
     }
 }
 

@@ -5,7 +5,7 @@ use super::{
     low_hard_sun, plain, shaded, skyline, sun, which,
 };
 use crate::draw::Draw;
-use crate::sky::{Air, CloudKind, Cover, CoverKind, Ground, HorizonKind, Sky, Sun};
+use crate::sky::{Air, CloudKind, Cover, CoverKind, Ground, HorizonKind, Scenery, Sky, Sun};
 use rand_pcg::Pcg64;
 
 pub(super) fn clear_high_sun(rng: &mut Pcg64) -> Sky {
@@ -131,9 +131,7 @@ pub(super) fn meadow_trees(rng: &mut Pcg64) -> Sky {
 /// Adds a cover to a scenery.
 pub(super) fn under(sky: Sky, roof: Cover) -> Sky {
     match sky {
-        Sky::Scenery { air, clouds, glows, stars, horizon, lights, ground, .. } => {
-            Sky::Scenery { air, clouds, glows, stars, horizon, cover: Some(Box::new(roof)), lights, ground }
-        }
+        Sky::Scenery(scenery) => Sky::Scenery(Scenery { cover: Some(Box::new(roof)), ..scenery }),
         other => other,
     }
 }

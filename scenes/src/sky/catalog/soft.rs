@@ -1,9 +1,10 @@
 //! Places out of doors without a visible sun, or nearly.
 
-use super::{ASPHALT, CONCRETE, GRASS, LEAVES, Place, ROCK, SEA, SNOW, clear, degrees, layer, plain, shaded, skyline, sun};
+use super::{
+    ASPHALT, CONCRETE, GRASS, LEAVES, Place, ROCK, SEA, SNOW, clear, degrees, ground, layer, plain, shaded, skyline, sun, tint,
+};
 use crate::draw::Draw;
-use crate::sky::random::{ground, tint};
-use crate::sky::{Air, CloudKind, Glow, Ground, HorizonKind, Sky};
+use crate::sky::{Air, CloudKind, Glow, Ground, HorizonKind, Scenery, Sky};
 use rand_pcg::Pcg64;
 
 fn overcast(rng: &mut Pcg64, brightest_glow: f32) -> Air {
@@ -58,9 +59,7 @@ pub(super) fn fog(rng: &mut Pcg64) -> Sky {
 /// Sets the soft bright places of a scenery.
 pub(super) fn glowing(sky: Sky, glows: Vec<Glow>) -> Sky {
     match sky {
-        Sky::Scenery { air, clouds, stars, horizon, cover, lights, ground, .. } => {
-            Sky::Scenery { air, clouds, glows, stars, horizon, cover, lights, ground }
-        }
+        Sky::Scenery(scenery) => Sky::Scenery(Scenery { glows, ..scenery }),
         other => other,
     }
 }

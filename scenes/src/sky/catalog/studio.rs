@@ -1,10 +1,21 @@
 //! Rigs of lamps. Powers follow from the irradiance that arrives at the object, drawn over wide ranges.
 
-use super::{degrees, which};
+use super::{degrees, tint, which};
 use crate::draw::Draw;
-use crate::sky::random::{lamp_color, tint};
 use crate::sky::{Backdrop, Lamp, LampShape, Mask, Sky};
 use rand_pcg::Pcg64;
+
+/// Light colours between candle and blue sky, sometimes saturated.
+fn lamp_color(rng: &mut Pcg64) -> [f32; 3] {
+    if rng.chance(0.2) {
+        let hue = rng.between(0.0, 360.0);
+        let saturation = rng.between(0.3, 0.95);
+        return Pcg64::hsv(hue, saturation, 1.0);
+    }
+    let warmth = rng.between(-1.0, 1.0);
+    let (red, blue) = if warmth > 0.0 { (1.0, 1.0 - 0.6 * warmth) } else { (1.0 + 0.4 * warmth, 1.0) };
+    [red, 1.0 - 0.22 * warmth.abs(), blue].map(Pcg64::tidy)
+}
 
 /// Where a lamp stands: azimuth and elevation in degrees, metres from the object.
 #[derive(Clone, Copy)]

@@ -50,9 +50,9 @@ impl Store {
     /// The file of a clip. Its name depends on everything that the latents depend on.
     pub(super) fn file(&self, clip: &Clip, settings: &[usize]) -> PathBuf {
         let mut hasher = DefaultHasher::new();
-        (self.autoencoder, settings, &clip.numbers, clip.exposure.to_bits()).hash(&mut hasher);
+        (self.autoencoder, settings, &clip.numbers, clip.light.exposure().to_bits()).hash(&mut hasher);
         let mut pixels = |picture: &[[f32; 3]]| picture.iter().for_each(|p| p.map(f32::to_bits).hash(&mut hasher));
-        pixels(&clip.environment.map.pixels);
+        pixels(&clip.light.environment.map.pixels);
         for frame in &clip.frames {
             [&frame.albedo, &frame.normal, &frame.material].into_iter().for_each(|image| pixels(&image.pixels));
             frame.beauty.iter().for_each(|image| pixels(&image.pixels));
@@ -60,7 +60,8 @@ impl Store {
         for frame in &clip.frames {
             frame.depth.pixels.iter().for_each(|v| v.to_bits().hash(&mut hasher));
         }
-        (clip.environment.rotation.to_bits(), clip.environment.intensity.to_bits()).hash(&mut hasher);
+        let environment = &clip.light.environment;
+        (environment.rotation.to_bits(), environment.intensity.to_bits()).hash(&mut hasher);
         for frame in &clip.frames {
             frame.info.camera.camera_to_world.to_cols_array().map(f32::to_bits).hash(&mut hasher);
         }
@@ -103,7 +104,7 @@ pub(super) fn read(path: &Path) -> Result<Option<ClipLatents>> {
     let bytes = match renderflow_frame::file::read(path) {
         Ok(bytes) => bytes,
         Err(error) if error.is_missing() => return Ok(None),
-        Err(error) => return Err(Error::unreadable(error)),
+        Err(error) => return Err(error.into()),
     };
     let (tensors, header) = open(path, &bytes)?;
     let header: Header = serde_json::from_str(&header)
