@@ -239,7 +239,13 @@ impl<'a> Maker<'a> {
             for (k, key) in carried.iter().enumerate() {
                 let distance = keys[k] as f32 - number as f32;
                 let movement = tracks.between(number, keys[k]);
-                record.add_key(k, &Neighbour { key, distance, movement }, &rendered.gbuffer, Some(&rendered.shaded.image), exposure);
+                record.add_key(
+                    k,
+                    &Neighbour { key, distance, movement },
+                    &rendered.gbuffer,
+                    Some(&rendered.shaded.image),
+                    exposure,
+                );
             }
             let alone = ibl::shade(&rendered.gbuffer, &light);
             record.add_environment(&alone, exposure);
