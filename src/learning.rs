@@ -1,4 +1,5 @@
-//! Frames to learn from, kept nowhere: composed from a plan or read from a dataset, rendered with few samples and with many, shaded, carried.
+//! Frames to learn from, kept nowhere: composed from a plan or read from a dataset, rendered with few samples and with many,
+//! shaded, carried.
 
 use crate::dataset::Dataset;
 use crate::dataset::plan::Plan;
@@ -83,13 +84,13 @@ struct Maker<'a> {
 }
 
 /// One frame, rendered.
-struct Shot {
+struct RenderedFrame {
     gbuffer: Frame,
     shaded: Deferred,
 }
 
 /// What is learnt of one sequence: numbers of frames of its scene.
-struct Chosen {
+struct SelectedFrames {
     keys: [usize; 2],
     between: Vec<usize>,
 }
@@ -120,8 +121,8 @@ impl<'a> Planned<'a> {
         let gap = GAP.min(frames.saturating_sub(1));
         let before = pick(seed, "before", frames - gap);
         let between = (before + 1..before + gap).collect();
-        let chosen = Chosen { keys: [before, before + gap], between: self.maker.some(seed, between) };
-        self.maker.records(&loaded, &chosen, seed, &|_, scene| self.maker.truth(scene))
+        let selected = SelectedFrames { keys: [before, before + gap], between: self.maker.some(seed, between) };
+        self.maker.records(&loaded, &selected, seed, &|_, scene| self.maker.truth(scene))
     }
 }
 
@@ -157,7 +158,7 @@ impl<'a> Recorded<'a> {
             let [before, after] = pairs.get(pick(seed, "before", pairs.len())).copied().unwrap_or([0, last]);
             let numbers = |indices: Range<usize>| indices.map(|index| folder.numbers[index]).collect::<Vec<usize>>();
             let between = self.maker.some(seed, numbers(before + 1..after.max(before + 1)));
-            let chosen = Chosen { keys: [folder.numbers[before], folder.numbers[after]], between };
+            let selected = SelectedFrames { keys: [folder.numbers[before], folder.numbers[after]], between };
             let truth = |number: usize, _: &RenderScene| {
                 let index = folder.numbers.iter().position(|there| *there == number).context("a frame of the dataset")?;
                 let frame = self.dataset.frame(which, index)?;
@@ -165,7 +166,7 @@ impl<'a> Recorded<'a> {
                 ensure!(frame.info.scene_hash == loaded.hash, "{name}: is of another scene than scene.json");
                 frame.beauty.with_context(|| format!("{name}: has no beauty"))
             };
-            self.maker.records(&loaded, &chosen, seed, &truth)
+            self.maker.records(&loaded, &selected, seed, &truth)
         };
         make().with_context(|| folder.path.display().to_string())
     }
@@ -199,16 +200,16 @@ impl<'a> Maker<'a> {
         between
     }
 
-    /// The frames `chosen` of a scene: its two keyframes without samples, then those between with everything. `truth` gives that of a frame, at
-    /// which the scene stands.
+    /// The frames `selected` of a scene: its two keyframes without samples, then those between with everything. `truth` gives
+    /// that of a frame, at which the scene stands.
     fn records(
         &self,
         loaded: &LoadedScene,
-        chosen: &Chosen,
+        selected: &SelectedFrames,
         seed: Seed,
         truth: &dyn Fn(usize, &RenderScene) -> Result<Rgb>,
     ) -> Result<Vec<Record<f32>>> {
-        let Chosen { keys, between } = chosen;
+        let SelectedFrames { keys, between } = selected;
         let frames = loaded.cameras.len();
         let numbers: Vec<usize> = (0..frames).collect();
         let tracks = truth::tracks(loaded, &numbers);
@@ -221,26 +222,32 @@ impl<'a> Maker<'a> {
         let mut records = Vec::new();
         let mut carried = Vec::new();
         for &number in keys {
-            let shot = self.shoot(&mut scene, number, &lighting)?;
-            let truth = fitting(truth(number, &scene)?, &shot.gbuffer)?;
-            let mut record = Record::of(&shot.gbuffer, &shot.shaded.surfaces, exposure);
-            record.add_deferred(&shot.shaded.terms, exposure);
+            let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
+            let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
+            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
+            record.add_deferred(&rendered.shaded.terms, exposure);
             record.add_truth(&truth, exposure);
             records.push(record);
-            carried.push(Keyframe { frame: shot.gbuffer, truth, start: Some(shot.shaded.image) });
+            carried.push(Keyframe { frame: rendered.gbuffer, truth, start: Some(rendered.shaded.image) });
         }
         for &number in between {
-            let shot = self.shoot(&mut scene, number, &lighting)?;
-            let truth = fitting(truth(number, &scene)?, &shot.gbuffer)?;
-            let mut record = Record::of(&shot.gbuffer, &shot.shaded.surfaces, exposure);
-            record.add_deferred(&shot.shaded.terms, exposure);
+            let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
+            let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
+            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
+            record.add_deferred(&rendered.shaded.terms, exposure);
             record.add_truth(&truth, exposure);
             for (k, key) in carried.iter().enumerate() {
                 let distance = keys[k] as f32 - number as f32;
                 let movement = tracks.between(number, keys[k]);
-                record.add_key(k, &Neighbour { key, distance, movement }, &shot.gbuffer, Some(&shot.shaded.image), exposure);
+                record.add_key(
+                    k,
+                    &Neighbour { key, distance, movement },
+                    &rendered.gbuffer,
+                    Some(&rendered.shaded.image),
+                    exposure,
+                );
             }
-            let alone = ibl::shade(&shot.gbuffer, &light);
+            let alone = ibl::shade(&rendered.gbuffer, &light);
             record.add_environment(&alone, exposure);
             // Truth, samples and neighbours each have random numbers of their own.
             let samples = self.samples(seed, number);
@@ -258,7 +265,7 @@ impl<'a> Maker<'a> {
                 let traced = self.trace(&scene, samples[0], true)?;
                 let behind = background(scene.camera(), &traced.alpha, &light.environment);
                 let movement = tracks.between(number, other);
-                let source = warp::nearest(&shot.gbuffer, &traced, Some(&|id| movement.of(id)));
+                let source = warp::nearest(&rendered.gbuffer, &traced, Some(&|id| movement.of(id)));
                 record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
             }
             self.add_denoised(&mut record, seed.child("denoised", number as u64), exposure)?;
@@ -269,12 +276,12 @@ impl<'a> Maker<'a> {
     }
 
     /// G-buffer and deferred picture of frame `number`, at which `scene` stands then.
-    fn shoot(&self, scene: &mut RenderScene, number: usize, lighting: &Lighting) -> Result<Shot> {
+    fn gbuffer_and_deferred(&self, scene: &mut RenderScene, number: usize, lighting: &Lighting) -> Result<RenderedFrame> {
         scene.set_frame(number);
         let gbuffer = render_gbuffer(scene, &Settings::default())?;
         let shadows = shadow_maps(scene, lighting, &gbuffer);
         let shaded = deferred::shade(&gbuffer, lighting, &shadows, &Options::default());
-        Ok(Shot { gbuffer, shaded })
+        Ok(RenderedFrame { gbuffer, shaded })
     }
 
     fn trace(&self, scene: &RenderScene, spp: u32, surfaces: bool) -> Result<Frame> {
@@ -308,7 +315,7 @@ impl<'a> Maker<'a> {
     /// Adds what OIDN makes of each part alone, and of the first with its neighbours.
     fn add_denoised(&self, record: &mut Record<f32>, seed: Seed, exposure: f32) -> Result<()> {
         let Some(denoisers) = &self.denoisers else { return Ok(()) };
-        let all = record::Chosen::all(record);
+        let all = record::Selection::all(record);
         for place in 0..PICTURES {
             if place >= PARTS && !all.groups.neighbours {
                 break;
@@ -321,8 +328,8 @@ impl<'a> Maker<'a> {
             });
             let groups = record::Groups { neighbours: neighbours.iter().any(|spp| *spp > 0.0), ..all.groups };
             let parts = std::array::from_fn(|other| other == part);
-            let chosen = record::Chosen { groups, parts, spp: record.parts[part] as f32, neighbours, ..all };
-            let [color, albedo, normal] = record.noisy(&chosen, exposure);
+            let selection = record::Selection { groups, parts, spp: record.parts[part] as f32, neighbours, ..all };
+            let [color, albedo, normal] = record.noisy(&selection, exposure);
             let fast = seed.child("fast", place as u64).rng().random_bool(self.recipe.fast);
             let mut denoiser = denoisers[usize::from(fast)].lock().unwrap_or_else(PoisonError::into_inner);
             record.add_denoised(place, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);

@@ -209,7 +209,7 @@ fn weights() {
     refused(&file(folder.path(), "cut.safetensors", &bytes[..bytes.len() - 1000]), &["weights: "]);
     refused(
         &file(folder.path(), "other.safetensors", safetensors(&[("a", &[2, 2])])),
-        &["weights: ", "not weights of this program"],
+        &["weights: ", "does not hold weights of this program"],
     );
     refused(&file(folder.path(), "lpips.safetensors", safetensors(&[("lin.0.weight", &[64])])), &["lpips: ", "is missing"]);
     refused(&file(folder.path(), "text.safetensors", "not weights at all"), &["weights: "]);

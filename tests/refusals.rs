@@ -369,7 +369,7 @@ fn networks_write_into_folders_of_their_own() {
     common::write_training(Path::new(&options), 1);
     let smaller = std::fs::read_to_string(&options).unwrap().replace("\"size\":32", "\"size\":16");
     std::fs::write(&options, smaller).unwrap();
-    for (name, words) in [("logs/log.jsonl", "no log of a training"), ("weights/weights.safetensors", "no checkpoint")] {
+    for (name, words) in [("logs/log.jsonl", "not a training log"), ("weights/weights.safetensors", "no checkpoint")] {
         folder.put(name, "mine\n");
         let out = folder.at(name.split('/').next().unwrap());
         let command = ["train", "--config", &options, "--data", train, "--out", &out];

@@ -6,7 +6,8 @@ use common::{copy, fail, files, renderflow, stderr, succeed};
 use renderflow::dataset::{SequenceFolder, SequenceView};
 use renderflow::evaluate::results::Results;
 use renderflow_frame::{color, frame_file};
-use renderflow_model::renderer::{self, Autoencoder, Options, View};
+use renderflow_model::renderer::{Options, View};
+use renderflow_model::wan::{self, Autoencoder};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -181,7 +182,7 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
     for i in 0..5 {
         std::fs::write(stopped.join(format!("seq-000000/frame.{i:04}.exr")), [i as u8]).unwrap();
     }
-    let renderer = renderer::open(&weights.keys, Autoencoder { file: Some(&weights.vae), tile: None }).unwrap();
+    let renderer = wan::open(&weights.keys, Autoencoder { file: Some(&weights.vae), tile: None }).unwrap();
     let view = SequenceView::new(&sequence);
     let mut session = renderer.begin(&view, Options::default()).unwrap();
     for index in 0..5 {

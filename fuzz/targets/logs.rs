@@ -4,8 +4,8 @@
 use libfuzzer_sys::fuzz_target;
 use renderflow::dataset::log::costs;
 use renderflow_fuzz::{catch_in_readers, folder, names_file, put, same_again, text, watch};
-use renderflow_model::fusion::training::LogRecord;
 use renderflow_model::train::log::Log;
+use renderflow_model::train::runner::LogRecord;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 

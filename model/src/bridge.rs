@@ -1,5 +1,5 @@
-//! Bridge matching (RenderFlow, section "Latent-Space Bridge-Matching Training") in the latents of an autoencoder, and the logarithmic curve
-//! in which networks read radiance.
+//! Bridge matching in the latents of an autoencoder (RenderFlow, section "Latent-Space Bridge-Matching Training"), and the
+//! logarithmic curve in which networks read radiance.
 
 use crate::kernels;
 use crate::{Error, Result};
@@ -9,25 +9,21 @@ use serde::{Deserialize, Serialize};
 
 /// Noise of the Brownian bridge, in units of z.
 pub const SIGMA: f32 = 0.005;
-/// Times seen in training.
+/// Times at which a network is trained.
 pub const TIMES: [f32; 4] = [0.0, 0.25, 0.5, 0.75];
-/// Largest exposed radiance that is represented; brighter is clamped (the half-float limit).
+/// Largest exposed radiance, the limit of half floats. Brighter values are clamped to it.
 pub const MAX_RADIANCE: f32 = 65504.0;
 
-/// `1 / ln 9`, the scale of [`log_curve`].
+/// `1 / ln 9`, the scale of [`log_curves`].
 const SCALE: f32 = 0.455_119_6;
 
-/// Clamps to what the curves and half floats represent; NaN becomes 0.
+/// Clamps to the range of the curve and of half floats. NaN becomes 0.
 fn representable(x: f32) -> f32 {
     if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) }
 }
 
-/// `log1p(8 x) / log1p(8)`: 0 at 0, 1 at 1; expects exposed radiance >= 0, clamps to 0..=65504, NaN becomes 0.
-pub fn log_curve(x: f32) -> f32 {
-    (8.0 * representable(x)).ln_1p() * SCALE
-}
-
-/// [`log_curve`] of every value, within 1e-6; fastest where there are multiples of 16.
+/// Replaces every exposed radiance x by `log1p(8 x) / log1p(8)`, within 1e-6: 0 at 0, and 1 at 1. Values are clamped to
+/// 0..=65504, and NaN becomes 0. It is fastest for a multiple of 16 values.
 pub(crate) fn log_curves(values: &mut [f32]) {
     values.iter_mut().for_each(|v| *v = 8.0f32.mul_add(representable(*v), 1.0));
     kernels::ln(values);
@@ -39,28 +35,29 @@ pub fn srgb_slope(x: f32) -> f32 {
     if x <= 0.003_130_8 { 12.92 } else { 1.055 / 2.4 * x.powf(1.0 / 2.4 - 1.0) }
 }
 
-/// Which times training sees.
+/// The distribution of times in training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Times {
-    /// [`TIMES`], with these probabilities (any scale). No time is 1, so that the factor `1 / (1 - t)` is 4 at most.
+    /// The four [`TIMES`] with these probabilities, which need not sum to 1. The factor `1 / (1 - t)` is at most 4.
     Four([f32; 4]),
-    /// Every time from 0 to [`LAST_TIME`] alike.
+    /// Uniform from 0 to [`LAST_TIME`].
     Uniform,
 }
 
 impl Default for Times {
-    /// [`TIMES`] alike (LBM, Chadebec et al. 2025).
+    /// The four [`TIMES`] with equal probabilities (LBM, Chadebec et al. 2025).
     fn default() -> Self {
         Self::Four([0.25; 4])
     }
 }
 
-/// Latest uniform time: at 1 the velocity of a noisy bridge is 0 / 0, here its noise is 32 sigma.
+/// Latest time of [`Times::Uniform`]. At time 1 the velocity of a noisy bridge would be 0 / 0; at this time its noise is 32
+/// sigma.
 pub const LAST_TIME: f32 = 0.999;
 
 impl Times {
-    /// One time.
+    /// Draws a time.
     pub fn draw(self, rng: &mut Pcg64Mcg) -> f32 {
         let probabilities = match self {
             Self::Uniform => return LAST_TIME * rng.random::<f32>(),
@@ -82,7 +79,7 @@ impl Times {
         drawn
     }
 
-    /// Whether there is a time to draw.
+    /// Whether probabilities are at least 0 and not all 0.
     pub fn is_valid(self) -> bool {
         match self {
             Self::Uniform => true,
@@ -97,9 +94,9 @@ impl Times {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Bridge {
-    /// Noise of the Brownian bridge, in units of z; 0 for the straight path of an ordinary differential equation.
+    /// Noise of the Brownian bridge in units of z, 0..=1. With 0, the path is straight, as for an ordinary differential equation.
     pub sigma: f32,
-    /// Times seen in training.
+    /// The distribution of times in training.
     pub times: Times,
 }
 
@@ -119,7 +116,7 @@ impl Bridge {
             return Err(Error::config("bridge.sigma", format!("{} is outside 0..=1", self.sigma)));
         }
         if !self.times.is_valid() {
-            return Err(Error::config("bridge.times", "probabilities must be >= 0 and not all 0"));
+            return Err(Error::config("bridge.times", "probabilities must be at least 0, and not all 0"));
         }
         Ok(())
     }
@@ -130,7 +127,7 @@ impl Bridge {
     }
 }
 
-/// Velocity `(z1_hat - z_t) / (1 - t)` of a predicted end point, and the target of a network when the end point is the true one.
+/// Velocity `(z1_hat - z_t) / (1 - t)` towards an end point. With the true end point, it is the target of training.
 pub fn velocity(z1_hat: f32, z_t: f32, t: f32) -> f32 {
     (z1_hat - z_t) / (1.0 - t)
 }
@@ -141,11 +138,11 @@ mod tests {
     use crate::data::step_rng;
 
     #[test]
-    fn the_curve_of_many_values_is_that_of_each() {
+    fn the_curve_agrees_with_its_formula() {
         let mut rng = step_rng(9, 0);
         let mut values: Vec<f32> = (0..1000).map(|_| rng.random_range(-12.0f32..12.0).exp2()).collect();
         values.extend([0.0, -0.0, -1.0, 1e-38, 1e-6, 1.0, 65504.0, 1e30, f32::INFINITY, f32::NAN]);
-        let expected: Vec<f32> = values.iter().map(|v| log_curve(*v)).collect();
+        let expected: Vec<f32> = values.iter().map(|v| (8.0 * representable(*v)).ln_1p() * SCALE).collect();
         log_curves(&mut values);
         for (found, expected) in values.iter().zip(&expected) {
             assert!((found - expected).abs() <= 1e-6 * expected.max(1.0), "{found} and {expected}");

@@ -1,4 +1,4 @@
-//! Clips to learn from, and the random numbers of a step.
+//! Training clips, and the random numbers of a step.
 
 use crate::{Error, Result};
 use rand::SeedableRng;
@@ -6,28 +6,28 @@ use rand_pcg::Pcg64Mcg;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, Light};
 
-/// One sequence as it was rendered: consecutive frames under one environment.
+/// One rendered sequence: frames under one environment.
 #[derive(Clone, Debug)]
 pub struct Clip {
-    /// Where it came from, for messages.
+    /// Name of the source, for messages.
     pub name: String,
     /// Frames with `beauty`.
     pub frames: Vec<Frame>,
-    /// Light of the sequence.
+    /// Environment light of the sequence.
     pub light: Light,
-    /// Number of each frame in its sequence, ascending; distances to keyframes are counted in them.
+    /// Number of each frame in its sequence, ascending. Distances to keyframes are differences of these numbers.
     pub numbers: Vec<usize>,
     /// Transforms of the objects that move.
     pub tracks: Tracks,
-    /// Indices of keyframes, ascending; used by the keyframe stage.
+    /// Indices of keyframes, ascending.
     pub keyframes: Vec<usize>,
 }
 
 impl Clip {
-    /// Checks what every kind of training needs.
+    /// Checks that the clip can be trained on.
     ///
     /// # Errors
-    /// [`Error::Data`] when lengths disagree, the exposure is no positive number, or a frame has no beauty.
+    /// [`Error::Data`] when lengths disagree, when the exposure is not a positive number, or when a frame has no beauty.
     pub fn check(&self) -> Result<()> {
         let (frames, numbers) = (self.frames.len(), self.numbers.len());
         if frames == 0 || numbers != frames {
@@ -48,24 +48,24 @@ impl Clip {
     }
 }
 
-/// Where training clips come from.
+/// A source of training clips.
 pub trait ClipSource: Sync {
     /// Number of clips.
     fn len(&self) -> usize;
-    /// Loads clip `i`; called from several threads.
+    /// Loads clip `i`. It is called from several threads.
     ///
     /// # Errors
-    /// When its files cannot be read.
+    /// When the files of the clip cannot be read.
     fn load(&self, i: usize) -> Result<Clip>;
-    /// What tells these clips from others: the same text for the same clips, wherever they lie. A run is gone on with only on the
-    /// clips it began with. `None` where nothing tells them apart.
+    /// A text that is equal for equal clips only, wherever they are stored. A run can only be resumed with the clips that it
+    /// began with. `None` if the source cannot tell its clips from others.
     ///
     /// # Errors
     /// When files cannot be read.
     fn identity(&self) -> Result<Option<String>> {
         Ok(None)
     }
-    /// Whether there is nothing to train on.
+    /// Whether there are no clips.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -81,9 +81,9 @@ impl ClipSource for Vec<Clip> {
     }
 }
 
-/// Random numbers of one step: the same for every run and every resumption.
+/// The random numbers of one step. They are the same in every run and after every resumption.
 pub fn step_rng(seed: u64, step: u64) -> Pcg64Mcg {
-    // SplitMix64's finaliser keeps neighbouring steps unrelated.
+    // SplitMix64's finaliser makes the numbers of neighbouring steps independent.
     let mut x = seed.wrapping_add(step.wrapping_mul(0x9e37_79b9_7f4a_7c15)).wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-/// What went wrong, with the file or the option it went wrong in.
+/// An error, with the file or the option that it concerns.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// One tensor of a weights file does not fit the network its configuration describes.
+    /// A tensor of a weights file does not fit the network.
     #[error("{}: tensor {tensor}: {reason}", path.display())]
     Tensor {
         /// The weights file.
@@ -16,34 +16,34 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
-    /// An option outside its range, or options that contradict each other.
+    /// An option is outside its range, or options contradict each other.
     #[error("{option}: {reason}")]
     Config {
-        /// Name of the option, as in the configuration file.
+        /// Name of the option in the configuration file.
         option: &'static str,
         /// What is wrong.
         reason: String,
     },
-    /// Training data that cannot be used.
+    /// Input data cannot be used.
     #[error("{place}: {reason}")]
     Data {
-        /// Which clip and frame.
+        /// The clip, the frame or the input.
         place: String,
         /// What is wrong.
         reason: String,
     },
-    /// The loss or a gradient was NaN or infinite in too many steps in a row; nothing of those steps was kept.
+    /// The loss or a gradient was NaN or infinite in too many steps in a row. Those steps have not changed the weights.
     #[error("step {step}: {what} is not finite; lower the learning rate or inspect the data of this step")]
     Diverged {
-        /// Step that failed.
+        /// The last of these steps.
         step: u64,
         /// The loss, or the gradient of a named parameter.
         what: String,
     },
-    /// This build carries no trained weights.
-    #[error("this build carries no trained weights: train some (`renderflow train`) and pass the file")]
+    /// This build has no trained weights.
+    #[error("this build has no trained weights: train some (`renderflow train`) and pass the file")]
     NoShippedWeights,
-    /// A file, such as weights or a checkpoint, cannot be read or written, or is not what it should be.
+    /// A file, such as weights or a checkpoint, cannot be read or written, or is not in its format.
     #[error(transparent)]
     Frame(#[from] renderflow_frame::Error),
 }
@@ -52,7 +52,7 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// For `map_err`: an I/O error with its file and what was tried.
+    /// An I/O error with its file and the operation, for `map_err`.
     pub fn io(path: impl Into<PathBuf>, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| Self::Frame(renderflow_frame::Error::Io { path, action, source })

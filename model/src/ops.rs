@@ -1,52 +1,15 @@
-//! What the layers of both networks are made of, on channels-last tensors.
+//! The operations of both networks, on channels-last tensors.
 //!
 //! Pictures are `[batch, height, width, channels]` (NHWC), sequences `[batch, tokens, channels]`, convolution weights
 //! `[k, k, channels in, channels out]` (HWIO). Everything is differentiable with respect to every tensor.
-//! On the CPU in f32 the work is done by [`crate::kernels`]; any other device or element type takes the same operations composed
-//! of burn's own ([`crate::kernels::portable`]). Both give the same numbers up to rounding.
+//! On the CPU in f32, [`crate::kernels`] compute them. Other devices and element types use compositions of burn's own operations
+//! ([`crate::kernels::portable`]). Both return the same numbers up to rounding.
+pub use crate::kernels::options::{Products, Stride};
+
 use crate::kernels::{self, portable};
 use burn::tensor::Tensor;
-use serde::{Deserialize, Serialize};
 
-/// Where a convolution puts its output pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Stride {
-    /// As many pixels out as in.
-    One,
-    /// Every second pixel, starting with the first: `ceil(height / 2)` by `ceil(width / 2)`.
-    Two,
-    /// Every second pixel, of windows of 3 x 3 that begin at the first: `height / 2` by `width / 2`, rounded down. What a window has
-    /// beyond the picture, on the right and below, is zero.
-    Half,
-    /// The picture is enlarged two-fold (each pixel becomes 2 x 2 equal ones) and then convolved.
-    Up,
-}
-
-impl Stride {
-    /// Height (or width) of the output for a height (or width) of the input.
-    pub fn output(self, size: usize) -> usize {
-        match self {
-            Self::One => size,
-            Self::Two => size.div_ceil(2),
-            Self::Half => size / 2,
-            Self::Up => 2 * size,
-        }
-    }
-}
-
-/// How a convolution multiplies.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Products {
-    /// Floats of 32 bits.
-    #[default]
-    F32,
-    /// Factors are rounded to bf16 (8 bits of mantissa) and products summed in f32, forwards and backwards, where the processor has
-    /// instructions for that (AVX-512 BF16) and the numbers of channels are even; otherwise as [`Self::F32`].
-    Bf16,
-}
-
-/// [`conv`] with a choice of how it multiplies.
+/// [`conv`] with a choice of products.
 ///
 /// # Panics
 /// When the shapes do not fit each other.
@@ -62,7 +25,8 @@ pub fn conv_by(products: Products, x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, str
 
 /// Convolution with zero padding of `k / 2`, and SiLU after it if `silu`.
 ///
-/// `x` `[b, h, w, ci]`, `w` `[k, k, ci, co]` with `k` 1 or 3, `b` `[co]`; the result is `[b, stride.output(h), stride.output(w), co]`.
+/// `x` `[b, h, w, ci]`, `w` `[k, k, ci, co]` with `k` 1 or 3, `b` `[co]`; the result is `[b, stride.output(h), stride.output(w),
+/// co]`.
 ///
 /// # Panics
 /// When the shapes do not fit each other.
@@ -70,8 +34,8 @@ pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool
     conv_by(Products::F32, x, w, b, stride, silu)
 }
 
-/// Convolution over time and space of the frames of clips: frame i of the result sees frames `newest + i step` and the two before
-/// it, zeros where there are none; in space as [`conv`] of [`Stride::One`].
+/// Convolution over time and space of the frames of clips. Frame i of the result sees frame `newest + i step` and the two before
+/// it, with zeros before the first frame. In space it is [`conv`] with [`Stride::One`].
 ///
 /// `x` `[b, t, h, w, ci]`, `w` `[k, k, 3, ci, co]` with `k` 1 or 3 and the newest frame last, `b` `[co]`; the result is
 /// `[b, (t - 1 - newest) / step + 1, h, w, co]`.
@@ -92,7 +56,7 @@ pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, new
     }
 }
 
-/// Entry of a decoder stage: `silu(conv3x3(concat(up2(x), skip)))`, where `up2` repeats each pixel 2 x 2 times.
+/// First layer of a decoder stage: `silu(conv3x3(concat(up2(x), skip)))`, where `up2` repeats each pixel 2 x 2 times.
 ///
 /// `x` `[b, h, w, cu]`, `skip` `[b, 2h, 2w, cs]`, `w` `[3, 3, cu + cs, co]`, `b` `[co]`; the result is `[b, 2h, 2w, co]`.
 ///
@@ -102,7 +66,7 @@ pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tens
     decode_by(Products::F32, x, skip, w, b)
 }
 
-/// [`decode`] with a choice of how it multiplies.
+/// [`decode`] with a choice of products.
 ///
 /// # Panics
 /// When the shapes do not fit each other.
@@ -156,7 +120,8 @@ pub fn attention(q: Tensor<3>, k: Tensor<3>, v: Tensor<3>, heads: usize) -> Tens
     }
 }
 
-/// Division of a pixel's channels by their length, times `sqrt(c)` and a factor a channel, and SiLU after it if `silu`.
+/// Divides the channels of a pixel by their Euclidean norm, multiplies by `sqrt(c)` and a factor per channel, and applies SiLU if
+/// `silu`.
 ///
 /// `x` `[.., c]` with `c` > 0, `gamma` `[c]`; the result has the shape of `x`. A pixel of zeros stays 0.
 ///
@@ -172,7 +137,7 @@ pub fn channel_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, silu: bool) 
     }
 }
 
-/// Division of a token by the root mean square of its channels, times a factor a channel (Zhang and Sennrich 2019).
+/// Divides a token by the root mean square of its channels, and multiplies by a factor per channel (Zhang and Sennrich 2019).
 ///
 /// `x` `[b, n, c]` with `c` > 0, `gamma` `[c]`, `eps` added to the mean square; the result has the shape of `x`.
 ///
@@ -188,9 +153,9 @@ pub fn rms_norm(x: Tensor<3>, gamma: Tensor<1>, eps: f32) -> Tensor<3> {
     }
 }
 
-/// `factor x + shift`; with `eps` after layer normalisation of x (Ba et al. 2016) that adds `eps` to the variance.
+/// `factor x + shift`. With `eps`, x is first layer-normalised (Ba et al. 2016) with `eps` added to the variance.
 ///
-/// `x` `[b, n, c]`, `factor` and `shift` `[b, g, c]`, each for `n / g` tokens that follow one another; the result has the shape of `x`.
+/// `x` `[b, n, c]`, `factor` and `shift` `[b, g, c]`, each for `n / g` consecutive tokens; the result has the shape of `x`.
 ///
 /// # Panics
 /// When the shapes do not fit each other.
@@ -219,10 +184,10 @@ pub fn gate(x: Tensor<3>, y: Tensor<3>, gate: Tensor<3>) -> Tensor<3> {
     }
 }
 
-/// Turns pairs of neighbouring channels (Su et al. 2021): `(a, b)` becomes `(a cos - b sin, a sin + b cos)`.
+/// Rotates pairs of neighbouring channels (Su et al. 2021): `(a, b)` becomes `(a cos - b sin, a sin + b cos)`.
 ///
-/// `x` `[b, n, c]`, whose channels are heads of p pairs; `cos` and `sin` `[n, p]`, the same for all heads and not differentiated. The
-/// result has the shape of `x`.
+/// `x` `[b, n, c]`, whose channels are heads of p pairs; `cos` and `sin` `[n, p]`, the same for all heads and not differentiated.
+/// The result has the shape of `x`.
 ///
 /// # Panics
 /// When the shapes do not fit each other.

@@ -1,9 +1,9 @@
-//! Parameters of a module by name: out to the host, back in, and their gradients.
+//! Parameters of a module by name, to the host's memory and back, and their gradients.
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
-/// One parameter on the host.
+/// One parameter in the host's memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
     /// Path of fields, joined by dots.
@@ -19,19 +19,19 @@ pub fn export<M: Module>(module: &M) -> Vec<Parameter> {
     export_some(module, &|_, _| true)
 }
 
-/// Those of [`export`] that learn (require a gradient), in its order.
+/// The parameters that learn (require a gradient), in the order of [`export`].
 pub fn export_learning<M: Module>(module: &M) -> Vec<Parameter> {
     export_some(module, &|_, learns| learns)
 }
 
-/// Those of [`export`] that `wanted` says yes to, given their name and whether they learn.
+/// The parameters that `wanted` accepts, in the order of [`export`]. It receives a name and whether the parameter learns.
 pub fn export_some<M: Module>(module: &M, wanted: &dyn Fn(&str, bool) -> bool) -> Vec<Parameter> {
     let mut visitor = Export { path: Vec::new(), wanted, found: Vec::new() };
     module.visit(&mut visitor);
     visitor.found
 }
 
-/// The module with its parameters replaced by `values`, in the order of [`export`], on `device`.
+/// Replaces the parameters of a module by `values`, in the order of [`export`], on `device`.
 ///
 /// # Panics
 /// When the number of parameters or of their values differs.
@@ -39,7 +39,7 @@ pub fn import<M: Module>(module: M, values: &[&[f32]], device: &Device) -> M {
     import_some(module, values, device, true)
 }
 
-/// [`import`] of the parameters that learn, in the order of [`export_learning`]; the others stay as they are.
+/// Replaces the parameters that learn, in the order of [`export_learning`]. The other parameters stay as they are.
 ///
 /// # Panics
 /// When the number of parameters or of their values differs.
@@ -54,7 +54,7 @@ fn import_some<M: Module>(module: M, values: &[&[f32]], device: &Device, all: bo
     module
 }
 
-/// Gradients in the order of [`export`]; `None` where the loss does not depend on the parameter.
+/// Gradients in the order of [`export`]. A gradient is `None` if the loss does not depend on the parameter.
 pub fn gradients<M: Module>(module: &M, gradients: &mut Gradients) -> Vec<Option<Vec<f32>>> {
     gradients_some(module, gradients, true)
 }
@@ -70,9 +70,9 @@ fn gradients_some<M: Module>(module: &M, gradients: &mut Gradients, all: bool) -
     visitor.found
 }
 
-/// Values of a float tensor, row-major.
+/// The values of a float tensor, row-major.
 pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    // The error case is a device that lost its memory, a broken invariant on the CPU.
+    // This fails only if the device has lost its memory, which cannot happen on the CPU.
     tensor.try_into_vec_as::<f32>().expect("tensor readable as f32")
 }
 

@@ -1,48 +1,47 @@
-//! Networks that render sequences: frames go in one after the other, pictures come out in the same order.
+//! The interface of networks that render sequences. A session takes frames one by one and returns their pictures in the same
+//! order.
 //!
-//! [`WanRenderer`] (the paper's graph) makes them in overlapping clips, so that a picture comes out up to a clip later than its frame went
-//! in, or each by itself. The memory in use does not grow with the sequence.
+//! [`WanRenderer`](crate::wan::video::WanRenderer) renders overlapping clips, so that a picture can come up to one clip later
+//! than its frame. It can also render each frame alone. Memory does not grow with the length of the sequence.
 
-use crate::wan::pictures::DepthBounds;
-use crate::wan::video::WanRenderer;
 use crate::{Error, Result, weights};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Frame, Light};
+use renderflow_frame::{DepthBounds, Frame, Light};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What a renderer says about itself.
+/// A description of a renderer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct About {
     /// Short name: `wan`.
     pub name: &'static str,
-    /// What its weights say about themselves, as JSON.
+    /// Header of its weights as JSON.
     pub header: String,
-    /// Whether it can make use of keyframes.
+    /// Whether it can use keyframes.
     pub keyframes: bool,
-    /// Whether its pictures go beyond display white; otherwise radiance ends there.
+    /// Whether its pictures can be brighter than display white.
     pub hdr: bool,
-    /// Frames rendered together; 1 = each by itself, in any order.
+    /// Number of frames that are rendered together. With 1, frames can come in any order.
     pub clip: usize,
 }
 
 impl About {
-    /// Whether frames are rendered several at a time.
+    /// Whether several frames are rendered together with these options.
     pub fn in_clips(&self, options: Options) -> bool {
         self.clip > 1 && !options.stills
     }
 }
 
-/// How pictures are made.
+/// Options of rendering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Make use of the sequence's keyframes.
+    /// Use the keyframes of the sequence.
     pub keyframes: bool,
-    /// Euler steps from t = 0; 1 is what the network is trained for.
+    /// Number of Euler steps from t = 0, at least 1. The network is trained for 1.
     pub steps: usize,
-    /// Render each frame by itself, in any order, also with a network that makes clips: sharper, since a latent frame then stands for one
-    /// picture, but not held together over time.
+    /// Render each frame alone, also with a network that renders clips. Frames can then come in any order. Pictures are sharper,
+    /// because a latent frame stands for one picture, but they are less stable over time.
     pub stills: bool,
 }
 
@@ -52,45 +51,45 @@ impl Default for Options {
     }
 }
 
-/// A rendered frame that others may be guided by.
+/// The position of a keyframe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KeyframePlace {
-    /// Number of the frame in the sequence; distances are counted in them.
+    /// Number of the frame in the sequence. Distances are differences of these numbers.
     pub number: usize,
-    /// Index of the frame among those stored.
+    /// Index of the frame among the stored frames.
     pub index: usize,
 }
 
-/// A sequence, as far as it does not arrive frame by frame. What a renderer does not ask for is never made.
+/// Everything about a sequence that does not arrive frame by frame. Parts that a renderer does not ask for are not computed.
 pub trait Sequence: Sync {
     /// The light.
     fn light(&self) -> &Light;
-    /// Depths of the whole sequence.
+    /// The range of depths in the whole sequence.
     ///
     /// # Errors
     /// When frames cannot be read.
     fn depth_bounds(&self) -> Result<DepthBounds>;
     /// Keyframes, by ascending number.
     fn keyframes(&self) -> &[KeyframePlace];
-    /// A keyframe with its beauty.
+    /// Loads a keyframe with its beauty.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// When the keyframe cannot be read.
     fn keyframe(&self, index: usize) -> Result<Frame>;
 }
 
-/// A frame to be rendered.
+/// A frame to render.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     /// Number of the frame in the sequence.
     pub number: usize,
-    /// Index of the frame among those stored.
+    /// Index of the frame among the stored frames.
     pub index: usize,
-    /// Its G-buffer; a beauty is not looked at.
+    /// G-buffer of the frame. Its beauty is not read.
     pub frame: &'a Frame,
 }
 
-/// A finished frame.
+/// A rendered frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendered {
     /// [`View::index`].
@@ -101,61 +100,62 @@ pub struct Rendered {
 
 /// A network that renders sequences.
 pub trait Renderer: Send + Sync {
-    /// What it is.
+    /// Describes the renderer.
     fn about(&self) -> About;
-    /// Begins with a sequence.
+    /// Begins a sequence.
     ///
     /// # Errors
-    /// For 0 steps, an exposure that is no positive number, and when keyframes are asked for that the weights cannot use.
+    /// For 0 steps, for an exposure that is not a positive number, and for keyframes if the weights cannot use them.
     fn begin<'a>(&'a self, sequence: &'a dyn Sequence, options: Options) -> Result<Box<dyn Session + 'a>>;
 }
 
-/// A sequence being rendered. A renderer that makes clips wants consecutive frames of one size; where a number is left out, what
-/// follows is rendered as if a sequence began there.
+/// A sequence that is being rendered. A renderer of clips needs consecutive frames of one size. Where a frame number is missing,
+/// rendering continues as if a new sequence began.
 pub trait Session {
-    /// Takes the next frame and returns the frames finished by it, in order: none, one, or a clip.
+    /// Takes the next frame, and returns the frames that are now finished, in order.
     ///
     /// # Errors
-    /// When the frame does not fit, and nothing has changed then; when a keyframe cannot be read or rendering fails.
+    /// When the frame does not fit (the session is unchanged then), when a keyframe cannot be read, or when rendering fails.
     fn push(&mut self, view: View) -> Result<Vec<Rendered>>;
-    /// Ends the sequence: the frames that were still waited for.
+    /// Ends the sequence and returns the remaining frames.
     ///
     /// # Errors
     /// As [`Self::push`].
     fn finish(&mut self) -> Result<Vec<Rendered>>;
-    /// Makes ready what the frame of this number needs beside itself; [`Self::push`] does it where nobody did.
+    /// Prepares the other inputs of the frame with this number. If it is not called, [`Self::push`] prepares them.
     ///
     /// # Errors
     /// As [`Self::push`].
     fn prepare(&mut self, _number: usize) -> Result<()> {
         Ok(())
     }
-    /// What another session needs to go on after the last finished frame; `None` where frames are waited for, and always where each
-    /// is rendered by itself.
+    /// The state that another session needs to continue after the last finished frame. `None` while frames of an unfinished clip
+    /// are held, and always if frames are rendered alone.
     fn state(&self) -> Option<State> {
         None
     }
-    /// Goes on after the frame `view`, with what [`Self::state`] said then: what follows is the same to the bit as without the stop.
+    /// Continues after the frame `view` from the [`Self::state`] of that time. The pictures are the same to the bit as without
+    /// the stop.
     ///
     /// # Errors
-    /// When the two do not belong together.
+    /// When the frame and the state do not belong together.
     fn resume(&mut self, _view: View, _state: State) -> Result<()> {
         Ok(())
     }
 }
 
-/// The end of a clip.
+/// The last frame of a clip, from which the next clip continues.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     /// [`View::number`] of the last finished frame.
     pub number: usize,
-    /// Its columns and rows.
+    /// Columns and rows.
     pub size: [usize; 2],
-    /// Its picture `[3, height, width]`, display values as -1..=1.
+    /// Picture `[3, height, width]`, display values scaled to -1..=1.
     pub picture: Vec<f32>,
 }
 
-/// What [`State::encode`] writes beside the picture.
+/// The header of an encoded [`State`].
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StateHeader {
@@ -163,14 +163,14 @@ struct StateHeader {
     size: [usize; 2],
 }
 
-/// Name of the picture in the file of a [`State`].
+/// Name of the picture's tensor in an encoded [`State`].
 const PICTURE: &str = "picture";
 
 impl State {
-    /// As the bytes of a safetensors file.
+    /// Encodes the state as a safetensors file.
     ///
     /// # Errors
-    /// When the picture has not the size it says.
+    /// When the picture does not have the stated size.
     pub fn encode(&self) -> Result<Vec<u8>> {
         let path = Path::new("state to be written");
         let header = StateHeader { number: self.number, size: self.size };
@@ -180,10 +180,10 @@ impl State {
         weights::write_safetensors(path, &header, std::iter::once((PICTURE, Dtype::F32, &shape[..], &bytes[..])))
     }
 
-    /// From what [`Self::encode`] wrote; `path` stands in errors.
+    /// Decodes the bytes of [`Self::encode`]. `path` names them in messages.
     ///
     /// # Errors
-    /// When the bytes are something else, or a value is not finite.
+    /// When the bytes are something else, or when a value is not finite.
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
         let (tensors, header) = weights::open(path, bytes)?;
         let header = serde_json::from_str(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
@@ -193,28 +193,7 @@ impl State {
     }
 }
 
-/// How the paper's graph is opened, beside its own weights.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Autoencoder<'a> {
-    /// Its file; [`crate::wan::video::AUTOENCODER_FILE`] beside that of the renderer where none is named.
-    pub file: Option<&'a Path>,
-    /// Pixels a side of the tiles in which larger pictures are encoded and decoded; `None` = always in one piece.
-    pub tile: Option<usize>,
-}
-
-/// Opens weights of the paper's network, which say so themselves.
-///
-/// # Errors
-/// When a file cannot be read or holds another network; the message names file and tensor.
-pub fn open(path: &Path, autoencoder: Autoencoder) -> Result<Box<dyn Renderer>> {
-    let renderer = WanRenderer::load(path, autoencoder.file)?;
-    Ok(match autoencoder.tile {
-        Some(pixels) => Box::new(renderer.tiled(pixels)?),
-        None => Box::new(renderer),
-    })
-}
-
-/// Checks what every renderer asks of its options.
+/// Checks the options that every renderer has.
 pub(crate) fn check(options: Options, exposure: f32) -> Result<()> {
     if options.steps == 0 {
         return Err(Error::config("steps", "must be at least 1"));
@@ -225,8 +204,8 @@ pub(crate) fn check(options: Options, exposure: f32) -> Result<()> {
     Ok(())
 }
 
-/// The keyframes that matter to frames `first..=last`: the nearest at or before the first, those up to the last, and where there is
-/// none of these the next one.
+/// The keyframes of frames `first..=last`: the nearest at or before the first frame, and those after it up to the last frame, or
+/// the next one if there are none.
 pub(crate) fn nearest(places: &[KeyframePlace], first: usize, last: usize) -> Vec<KeyframePlace> {
     let next = places.partition_point(|place| place.number <= first);
     let within = places[next..].iter().take_while(|place| place.number <= last).count();

@@ -1,4 +1,4 @@
-//! Weights files of this program: safetensors with what they say about themselves inside.
+//! Weights files of this program: safetensors with a header in JSON.
 
 use crate::parameters::Parameter;
 use crate::{Error, Result};
@@ -9,27 +9,27 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Key of the header entry in the file's metadata (a single one, so that the same weights give the same bytes).
+/// Key of the header in the file's metadata. It is the only entry, so that equal weights give equal bytes.
 pub(crate) const HEADER: &str = "renderflow";
 
 /// Number format of stored weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// Half precision: what ships.
+    /// Half precision, as in the built-in weights.
     #[default]
     F16,
     /// Single precision.
     F32,
 }
 
-/// Names a file in messages that has no path yet.
+/// Name for messages of a file that has no path yet.
 const TO_BE_WRITTEN: &str = "weights to be written";
 
-/// Encodes a weights file with `header` in its metadata.
+/// Encodes a weights file with a header.
 ///
 /// # Errors
-/// When a value is not finite; the message names the tensor.
+/// When a value is not finite. The message names the tensor.
 pub(crate) fn encode(header: &str, weights: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
     let path = Path::new(TO_BE_WRITTEN);
     let mut blobs = Vec::with_capacity(weights.len());
@@ -54,7 +54,7 @@ pub(crate) fn encode(header: &str, weights: &[Parameter], precision: Precision) 
     )
 }
 
-/// A safetensors file with one metadata entry.
+/// Encodes a safetensors file with a header.
 pub(crate) fn write_safetensors<'a>(
     path: &Path,
     header: &str,
@@ -73,18 +73,19 @@ pub(crate) fn write_safetensors<'a>(
     safetensors::serialize(views, Some(metadata)).map_err(|e| Error::malformed(path, e.to_string()))
 }
 
-/// Parses a safetensors file that carries this project's header.
+/// Parses a safetensors file with a header of this program, and returns its tensors and the header.
 pub(crate) fn open<'a>(path: &Path, bytes: &'a [u8]) -> Result<(SafeTensors<'a>, String)> {
     let malformed = |e: safetensors::SafeTensorError| Error::malformed(path, format!("not a safetensors file: {e}"));
     let tensors = SafeTensors::deserialize(bytes).map_err(malformed)?;
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
     let header = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER));
-    let header = header
-        .ok_or_else(|| Error::malformed(path, format!("no \"{HEADER}\" entry in the metadata: not weights of this program")))?;
+    let header = header.ok_or_else(|| {
+        Error::malformed(path, format!("no \"{HEADER}\" entry in the metadata: it does not hold weights of this program"))
+    })?;
     Ok((tensors, header.clone()))
 }
 
-/// Values of one tensor as f32, its shape checked.
+/// The values of a tensor as f32. Its shape must be `shape`.
 pub(crate) fn read_tensor(path: &Path, tensors: &SafeTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
     let broken = |reason: String| Error::Tensor { path: path.into(), tensor: name.into(), reason };
     let view = tensors.tensor(name).map_err(|_| broken("missing".into()))?;

@@ -194,8 +194,7 @@ fn adopted_weights_learn() {
     let (flow, _) = Flow::adopt(&config, &Source::open(&path).expect("opens"), None, 5, &device).expect("fits");
     let clip = [1, 2, 4, 4];
     let conditions = wan::flow::conditions(&config, clip, &[], &device);
-    let velocity =
-        flow.velocity(wan::flow::latents(clip, &device), &[0.0], &conditions, &mut renderflow_model::wan::Probe::idle());
+    let velocity = flow.velocity(wan::flow::latents(clip, &device), &[0.0], &conditions);
     let mut found = wan::gradients::weighed(velocity.expect("renders")).backward();
     for (parameter, gradient) in parameters::export(&flow).iter().zip(parameters::gradients(&flow, &mut found)) {
         let gradient = gradient.unwrap_or_else(|| panic!("{} has no gradient", parameter.name));

@@ -5,7 +5,7 @@ mod wan;
 use burn::tensor::{Device, Tensor};
 use renderflow_model::parameters;
 use renderflow_model::wan::flow::{Conditions, Environment, Group, Intrinsic, KeyframeLatent, Query};
-use renderflow_model::wan::{Flow, FlowConfig, Probe};
+use renderflow_model::wan::{Flow, FlowConfig};
 use wan::flow::{both, conditions, config, latents, warm};
 use wan::gradients::{compare, weighed};
 
@@ -15,8 +15,8 @@ const CLIP: [usize; 4] = [2, 2, 4, 2];
 fn loss(flow: &Flow, device: &Device) -> Tensor<1> {
     let z_t = latents(CLIP, device);
     let conditions = conditions(flow.config(), CLIP, &[-0.75, 1.5], device);
-    let rendered = flow.velocity(z_t.clone(), &[0.25, 0.75], &conditions, &mut Probe::idle()).expect("renders");
-    let back = |intrinsic| weighed(flow.invert(z_t.clone(), &[0.5, 0.0], intrinsic, &mut Probe::idle()).expect("inverts"));
+    let rendered = flow.velocity(z_t.clone(), &[0.25, 0.75], &conditions).expect("renders");
+    let back = |intrinsic| weighed(flow.invert(z_t.clone(), &[0.5, 0.0], intrinsic).expect("inverts"));
     Intrinsic::ALL.into_iter().fold(weighed(rendered), |sum, intrinsic| sum + back(intrinsic))
 }
 
@@ -68,8 +68,8 @@ fn extreme_inputs_stay_finite() {
                 keyframes: conditions.keyframes.into_iter().map(|k| KeyframeLatent { latent: k.latent * factor, ..k }).collect(),
             };
             let z_t = latents(CLIP, &device) * factor;
-            let rendered = flow.velocity(z_t.clone(), &[0.0, 1.0], &conditions, &mut Probe::idle()).expect("renders");
-            let back = flow.invert(z_t, &[0.0, 1.0], Intrinsic::Depth, &mut Probe::idle()).expect("inverts");
+            let rendered = flow.velocity(z_t.clone(), &[0.0, 1.0], &conditions).expect("renders");
+            let back = flow.invert(z_t, &[0.0, 1.0], Intrinsic::Depth).expect("inverts");
             for values in [rendered.clone(), back.clone()].map(|x| wan::values(x.without_autodiff()).values) {
                 assert!(values.iter().all(|v| v.is_finite()), "inputs of {factor}");
             }

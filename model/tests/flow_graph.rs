@@ -4,12 +4,11 @@ mod wan;
 
 use burn::tensor::{Device, Tensor};
 use renderflow_model::parameters;
-use renderflow_model::wan::flow::{
-    Conditions, Group, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent, Part, Query, Shared,
-};
+use renderflow_model::wan::flow::{Conditions, Group, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent, Query, Shared};
 use renderflow_model::wan::layers::Dense;
 use renderflow_model::wan::names::{Named, Naming};
-use renderflow_model::wan::{Flow, FlowConfig, Probe};
+use renderflow_model::wan::{Flow, FlowConfig};
+use wan::account::{Part, account};
 use wan::flow::{CLIP, TIMES, both, conditions, difference, invert, latents, velocity, warm};
 use wan::gradients::{tensor, weighed};
 use wan::values;
@@ -27,12 +26,12 @@ fn stages_are_the_whole() {
         };
         for (keyframes, count) in [(vec![], 3), (vec![-1.0, 2.25], 4)] {
             let conditions = conditions(&config, CLIP, &keyframes, &device);
-            let prepared = flow.prepare(latents(CLIP, &device), &TIMES, &conditions, &mut Probe::idle()).expect("fits");
+            let prepared = flow.prepare(latents(CLIP, &device), &TIMES, &conditions).expect("fits");
             assert_eq!(prepared.1.grid(), [2, 2, 3]);
             assert!(run(prepared) == (count, velocity(&flow, &conditions)));
         }
         let z_t = latents(CLIP, &device);
-        let prepared = flow.prepare_inverse(z_t.clone(), &TIMES, Intrinsic::Depth, &mut Probe::idle()).expect("fits");
+        let prepared = flow.prepare_inverse(z_t.clone(), &TIMES, Intrinsic::Depth).expect("fits");
         let (count, velocity) = run(prepared);
         assert_eq!(count, 3);
         let half = velocity.len() / 2;
@@ -54,7 +53,7 @@ fn shared_tensors_are_what_the_blocks_see() {
     let [config, _] = both();
     let flow = warm(&config, &device);
     let conditions = conditions(&config, CLIP, &[1.0], &device);
-    let (tokens, shared) = flow.prepare(latents(CLIP, &device), &TIMES, &conditions, &mut Probe::idle()).expect("fits");
+    let (tokens, shared) = flow.prepare(latents(CLIP, &device), &TIMES, &conditions).expect("fits");
     let of = |shared: &Shared| values(flow.finish(flow.block(0, tokens.clone(), shared), shared)).values;
     for i in 0..shared.tensors().len() {
         let mut tensors = shared.tensors();
@@ -81,9 +80,9 @@ fn a_batch_is_its_clips_one_by_one() {
                 environment: cut(&all.environment),
                 keyframes: all.keyframes.iter().map(|k| KeyframeLatent { latent: cut(&k.latent), time: k.time }).collect(),
             };
-            let alone = flow.velocity(cut(&z_t), &TIMES[i..=i], &one, &mut Probe::idle()).expect("renders");
+            let alone = flow.velocity(cut(&z_t), &TIMES[i..=i], &one).expect("renders");
             assert!(difference(&values(alone).values, &together[i * size..][..size]) < 1e-5);
-            let alone = flow.invert(cut(&z_t), &TIMES[i..=i], Intrinsic::Normal, &mut Probe::idle()).expect("inverts");
+            let alone = flow.invert(cut(&z_t), &TIMES[i..=i], Intrinsic::Normal).expect("inverts");
             assert!(difference(&values(alone).values, &inverse[i * size..][..size]) < 1e-5);
         }
     }
@@ -104,8 +103,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
     };
     let run = || {
         let z_t = tensor([1, z, f, h, w], 0.1, &device);
-        let rendered = flow.velocity(z_t.clone(), &[0.25], &conditions, &mut Probe::idle()).expect("renders");
-        let back = flow.invert(z_t, &[0.5], Intrinsic::Material, &mut Probe::idle()).expect("inverts");
+        let rendered = flow.velocity(z_t.clone(), &[0.25], &conditions).expect("renders");
+        let back = flow.invert(z_t, &[0.5], Intrinsic::Material).expect("inverts");
         let found = [rendered.clone(), back.clone()].map(|x| values(x.without_autodiff()).values);
         (found, parameters::gradients(&flow, &mut (weighed(rendered) + weighed(back)).backward()))
     };
@@ -127,8 +126,8 @@ fn parity_parameter_counts_of_the_renderer() {
     use Part::*;
     let base = FlowConfig::wan_1_3b();
     let with_keyframes = base.clone().with_keyframes(KeyframeConfig::default());
-    let account = base.account().expect("valid");
-    println!("{account}");
+    let counted = account(&base);
+    println!("{counted}");
     let of_base = [
         (Backbone, 1_126_858_816),
         (AttributeEmbedder, 886_272),
@@ -137,33 +136,33 @@ fn parity_parameter_counts_of_the_renderer() {
         (Autoencoder, 126_892_531),
     ];
     for (part, parameters) in of_base {
-        assert_eq!(account.of(part), parameters, "{}", part.name());
+        assert_eq!(counted.of(part), parameters, "{}", part.name());
     }
-    assert_eq!((account.items.len(), account.total()), (5, 1_396_387_379));
-    assert_eq!(account.total() - account.of(Autoencoder), 1_269_494_848);
+    assert_eq!((counted.items.len(), counted.total()), (5, 1_396_387_379));
+    assert_eq!(counted.total() - counted.of(Autoencoder), 1_269_494_848);
 
-    let account = with_keyframes.account().expect("valid");
-    println!("{account}");
+    let counted = account(&with_keyframes);
+    println!("{counted}");
     let added = [(KeyframeAttention, 283_392_000), (KeyframeEmbedder, 99_840), (KeyframeLora, 20_152_320)];
     for (part, parameters) in of_base.into_iter().chain(added) {
-        assert_eq!(account.of(part), parameters, "{}", part.name());
+        assert_eq!(counted.of(part), parameters, "{}", part.name());
     }
-    assert_eq!((account.items.len(), account.total()), (8, 1_700_031_539));
-    assert_eq!(account.of(KeyframeAttention) + account.of(KeyframeEmbedder), 283_491_840);
+    assert_eq!((counted.items.len(), counted.total()), (8, 1_700_031_539));
+    assert_eq!(counted.of(KeyframeAttention) + counted.of(KeyframeEmbedder), 283_491_840);
 
     // Without queries of its own, and without corrections.
     let reused = KeyframeConfig { query: Query::Reused, lora_rank: 0, ..KeyframeConfig::default() };
-    let account = base.clone().with_keyframes(reused).account().expect("valid");
-    assert_eq!(account.of(KeyframeAttention), 283_392_000 - 30 * (1536 * 1536 + 2 * 1536));
-    assert_eq!(account.of(KeyframeLora), 0);
-    let account = base.with_inverse(InverseConfig::default()).account().expect("valid");
-    println!("{account}");
-    assert_eq!(account.of(InverseEmbedder), 99_840);
-    assert_eq!(account.of(InverseLora), 30 * 3 * 32 * 2 * 1536);
-    assert_eq!(account.of(InversePrompts), 30 * (9_446_400 + 3_072) + 5 * 4 * 1536);
-    assert_eq!(account.of(InverseHeads), 4 * (1536 * 1536 + 1536 + 1536 * 64 + 64));
+    let counted = account(&base.clone().with_keyframes(reused));
+    assert_eq!(counted.of(KeyframeAttention), 283_392_000 - 30 * (1536 * 1536 + 2 * 1536));
+    assert_eq!(counted.of(KeyframeLora), 0);
+    let counted = account(&base.with_inverse(InverseConfig::default()));
+    println!("{counted}");
+    assert_eq!(counted.of(InverseEmbedder), 99_840);
+    assert_eq!(counted.of(InverseLora), 30 * 3 * 32 * 2 * 1536);
+    assert_eq!(counted.of(InversePrompts), 30 * (9_446_400 + 3_072) + 5 * 4 * 1536);
+    assert_eq!(counted.of(InverseHeads), 4 * (1536 * 1536 + 1536 + 1536 * 64 + 64));
 
-    let small = FlowConfig::small().with_keyframes(KeyframeConfig::default()).account().expect("valid");
+    let small = account(&FlowConfig::small().with_keyframes(KeyframeConfig::default()));
     println!("{small}");
     let transformer = small.total() - small.of(Autoencoder);
     assert!((19_000_000..21_000_000).contains(&transformer), "{transformer}");
@@ -250,7 +249,7 @@ fn inputs_that_do_not_fit_are_refused() {
         let run = |clip: [usize; 4], times: &[f64], change: &dyn Fn(&mut Conditions)| {
             let mut conditions = conditions(&config, clip, &[0.5], &device);
             change(&mut conditions);
-            flow.velocity(latents(clip, &device), times, &conditions, &mut Probe::idle())
+            flow.velocity(latents(clip, &device), times, &conditions)
         };
         run(CLIP, &TIMES, &|_| {}).expect("fits");
         let zeros = |shape| Tensor::<5>::zeros(shape, &device);
@@ -273,18 +272,18 @@ fn inputs_that_do_not_fit_are_refused() {
         let times: [&[f64]; 4] = [&[0.5], &[0.5, 1.5], &[f64::NAN, 0.0], &[-0.1, 0.0]];
         for times in times {
             run(CLIP, times, &|_| {}).expect_err("times must fit");
-            flow.invert(latents(CLIP, &device), times, Intrinsic::Albedo, &mut Probe::idle()).expect_err("times must fit");
+            flow.invert(latents(CLIP, &device), times, Intrinsic::Albedo).expect_err("times must fit");
         }
         for clip in [[2, 2, 3, 6], [2, 0, 4, 6]] {
             run(clip, &TIMES, &|_| {}).expect_err("size must fit");
-            flow.invert(latents(clip, &device), &TIMES, Intrinsic::Albedo, &mut Probe::idle()).expect_err("size must fit");
+            flow.invert(latents(clip, &device), &TIMES, Intrinsic::Albedo).expect_err("size must fit");
         }
         let bare = FlowConfig { keyframes: None, inverse: None, ..config.clone() };
         let bare = Flow::new(&bare, 0, &device).expect("network");
         let conditions = conditions(&config, CLIP, &[0.5], &device);
-        let error = bare.velocity(latents(CLIP, &device), &TIMES, &conditions, &mut Probe::idle()).expect_err("no adapter");
+        let error = bare.velocity(latents(CLIP, &device), &TIMES, &conditions).expect_err("no adapter");
         assert!(error.to_string().starts_with("keyframes: "), "{error}");
-        let error = bare.invert(latents(CLIP, &device), &TIMES, Intrinsic::Albedo, &mut Probe::idle()).expect_err("no adapter");
+        let error = bare.invert(latents(CLIP, &device), &TIMES, Intrinsic::Albedo).expect_err("no adapter");
         assert!(error.to_string().starts_with("inverse: "), "{error}");
     }
 }

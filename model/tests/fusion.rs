@@ -1,5 +1,8 @@
-//! The network that reads samples: it learns, goes on exactly where it stopped, and gives finite pictures for any input.
+//! The fusion network: it learns, a run that was stopped resumes exactly, and pictures are finite for any input.
 
+mod common;
+
+use common::checkpoint::edit_configuration;
 use half::f16;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -13,6 +16,7 @@ use renderflow_model::fusion::fill::Samples;
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
+use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::{Progress, Validation};
 use renderflow_model::weights::Precision;
 use std::path::Path;
@@ -78,17 +82,20 @@ impl Source for Toy {
 fn config(output: &Path, steps: u64) -> Config {
     Config {
         network: FusionConfig { widths: SMALL },
-        output: output.into(),
-        steps,
+        run: RunConfig {
+            output: output.into(),
+            steps,
+            learning_rate: 2e-3,
+            warmup_steps: 5,
+            ema_decay: 0.9,
+            checkpoint_steps: 1000,
+            log_steps: 1,
+            ..Config::default().run
+        },
         crops: vec![Crop { size: 32, batch: 2, from: 0.0 }],
         first: 4,
         rotate_steps: 5,
         window: 6,
-        learning_rate: 2e-3,
-        warmup_steps: 5,
-        ema_decay: 0.9,
-        checkpoint_steps: 1000,
-        log_steps: 1,
         ..Config::default()
     }
 }
@@ -113,10 +120,10 @@ fn every_tier_learns() {
     assert_eq!((last.step, last.psnr.len()), (150, after.len()));
 }
 
-/// A run that was stopped goes on to the same bytes, although the sequences in its window are made again.
+/// A run that was stopped resumes to the same bytes, although the sequences in its window are made again.
 #[test]
-fn stopped_runs_go_on_exactly() {
-    let weights = |stops: &[u64]| {
+fn stopped_runs_resume_exactly() {
+    let weights = |stops: &[u64], older: bool| {
         let folder = tempfile::tempdir().unwrap();
         let config = config(folder.path(), 24);
         for stop in stops.iter().copied().chain([u64::MAX]) {
@@ -130,12 +137,17 @@ fn stopped_runs_go_on_exactly() {
             };
             let summary = training::run(&config, &Toy, None, &[], &watch, &cancel).unwrap();
             assert_eq!(summary.finished, stop == u64::MAX);
+            if older && !summary.finished {
+                edit_configuration(folder.path(), |config| assert_eq!(config.remove("decay"), Some("cosine".into())));
+            }
         }
         std::fs::read(folder.path().join("weights.safetensors")).unwrap()
     };
-    let whole = weights(&[]);
-    assert!(whole == weights(&[9]));
-    assert!(whole == weights(&[3, 17]));
+    let whole = weights(&[], false);
+    assert!(whole == weights(&[9], false));
+    assert!(whole == weights(&[3, 17], false));
+    // The checkpoint of a program that had one decay and did not name it.
+    assert!(whole == weights(&[9], true));
 }
 
 /// A frame of a plane that fills its lower half.

@@ -254,7 +254,8 @@ fn instruction_sets_agree_bit_for_bit() {
     }
 }
 
-/// With numbers that bf16 holds exactly, its products are those of f32; with others they are as far from them as rounding explains.
+/// With numbers that bf16 holds exactly, its products are those of f32; with others they are as far from them as rounding
+/// explains.
 #[test]
 fn products_in_bf16_are_those_of_rounded_factors() {
     let _turn = alone();

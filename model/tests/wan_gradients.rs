@@ -5,7 +5,7 @@ mod wan;
 use burn::tensor::{Device, Tensor};
 use renderflow_model::parameters;
 use renderflow_model::wan::weights::{Header, LoadOptions, Network, Precision, Provenance, Source, load, save};
-use renderflow_model::wan::{DitConfig, DitInput, Probe, Vace, VaceConfig, Vae, VaeConfig};
+use renderflow_model::wan::{DitConfig, DitInput, Vace, VaceConfig, Vae, VaeConfig};
 use wan::gradients::{compare, tensor, weighed};
 
 #[test]
@@ -26,7 +26,7 @@ fn gradients_of_transformer_and_context_path() {
             times: vec![700.0, 100.0],
             text: Some(tensor([2, 3, 24], 0.2, &device)),
         };
-        weighed(vace.forward(input, tensor([2, 24, 1, 4, 4], 0.3, &device), None, &mut Probe::idle()).expect("runs"))
+        weighed(vace.forward(input, tensor([2, 24, 1, 4, 4], 0.3, &device), None).expect("runs"))
     });
 }
 
@@ -36,8 +36,8 @@ fn gradients_of_the_autoencoder() {
     let config = VaeConfig { num_res_blocks: 1, base_dim: 4, decoder_base_dim: 4, ..VaeConfig::tiny() };
     let vae = Vae::new(&config, 5, &device).expect("network");
     compare(vae, &device, |vae| {
-        let moments = vae.moments(tensor([1, 3, 9, 8, 8], 0.1, &device), &mut Probe::idle()).expect("encodes");
-        let pictures = vae.decode(tensor([1, 4, 3, 1, 1], 0.2, &device), &mut Probe::idle()).expect("decodes");
+        let moments = vae.moments(tensor([1, 3, 9, 8, 8], 0.1, &device)).expect("encodes");
+        let pictures = vae.decode(tensor([1, 4, 3, 1, 1], 0.2, &device)).expect("decodes");
         weighed(moments) + weighed(pictures)
     });
 }
@@ -53,7 +53,7 @@ fn weights_that_were_read_have_gradients() {
     save(&path, &drawn, &header, Precision::F32, Default::default()).expect("saves");
     let empty = Vae::new(&config, 0, &device).expect("network");
     let (vae, _) = load(empty, &Source::open(&path).expect("opens"), LoadOptions::default()).expect("fits");
-    let moments = vae.moments(Tensor::zeros([1, 3, 5, 8, 8], &device), &mut Probe::idle()).expect("encodes");
+    let moments = vae.moments(Tensor::zeros([1, 3, 5, 8, 8], &device)).expect("encodes");
     let mut found = weighed(moments).backward();
     let gradients = parameters::gradients(&vae.encoder, &mut found);
     for (parameter, gradient) in parameters::export(&vae.encoder).iter().zip(gradients) {

@@ -1,5 +1,5 @@
-//! The wan networks against themselves: two-dimensional against three-dimensional form, chunks against the whole, counts and names
-//! against the published ones.
+//! The wan networks against themselves: two-dimensional against three-dimensional form, chunks against the whole, counts and
+//! names against the published ones.
 
 mod wan;
 
@@ -8,7 +8,7 @@ use burn::tensor::{Device, Tensor, TensorData, module};
 use renderflow_model::wan::init::Init;
 use renderflow_model::wan::names::{Named, Naming};
 use renderflow_model::wan::vae::{Cache, CausalConv, Tiling};
-use renderflow_model::wan::{Dit, DitConfig, DitInput, Probe, Vace, VaceConfig, Vae, VaeConfig};
+use renderflow_model::wan::{Dit, DitConfig, DitInput, Vace, VaceConfig, Vae, VaeConfig};
 use wan::{beside_repository, values};
 
 /// Values between -1 and 1 without a pattern a convolution could share.
@@ -58,14 +58,14 @@ fn the_two_dimensional_form_is_exact() {
     let vae = Vae::new(&config, 3, &device).expect("network");
     for frames in [1, 5] {
         let pictures = waves([2, 3, frames, 24, 16], 0.1);
-        let flat = vae.moments(pictures.clone(), &mut Probe::idle()).expect("encodes");
-        let deep = vae.moments_after(Cache::of_zeros(), pictures, &mut Probe::idle());
+        let flat = vae.moments(pictures.clone()).expect("encodes");
+        let deep = vae.moments_after(Cache::of_zeros(), pictures);
         let difference = relative(flat, deep);
         println!("{frames} frames, encoder: {difference:.1e}");
         assert!(difference < 1e-6);
         let latents = waves([2, 4, 1 + frames / 4, 3, 2], 0.5);
-        let flat = vae.decode(latents.clone(), &mut Probe::idle()).expect("decodes");
-        let deep = vae.decode_after(Cache::of_zeros(), latents, &mut Probe::idle());
+        let flat = vae.decode(latents.clone()).expect("decodes");
+        let deep = vae.decode_after(Cache::of_zeros(), latents);
         let difference = relative(flat, deep);
         println!("{frames} frames, decoder: {difference:.1e}");
         assert!(difference < 1e-6);
@@ -82,9 +82,9 @@ fn time_is_causal_and_clips_are_apart() {
     assert!(relative(beginning, all.clone().narrow(2, 0, 2)) < 1e-6);
     let second = vae.encode(clip.narrow(0, 1, 1)).expect("encodes");
     assert!(relative(second, all.clone().narrow(0, 1, 1)) < 1e-6);
-    let pictures = vae.decode(all.clone(), &mut Probe::idle()).expect("decodes");
+    let pictures = vae.decode(all.clone()).expect("decodes");
     assert_eq!(pictures.dims(), [2, 3, 9, 16, 24]);
-    let first = vae.decode(all.narrow(0, 0, 1).narrow(2, 0, 2), &mut Probe::idle()).expect("decodes");
+    let first = vae.decode(all.narrow(0, 0, 1).narrow(2, 0, 2)).expect("decodes");
     assert!(relative(first, pictures.narrow(0, 0, 1).narrow(2, 0, 5)) < 1e-6);
 }
 
@@ -97,7 +97,7 @@ fn tiles_are_near_the_whole() {
     let single = vae.encode_tiled(pictures.clone(), Tiling::default()).expect("encodes");
     assert_eq!(values(single).values, values(latents.clone()).values);
     let single = vae.decode_tiled(latents.clone(), Tiling::default()).expect("decodes");
-    let whole = vae.decode(latents.clone(), &mut Probe::idle()).expect("decodes");
+    let whole = vae.decode(latents.clone()).expect("decodes");
     assert_eq!(values(single).values, values(whole.clone()).values);
     let tiling = Tiling { size: 8, overlap: 6 };
     let tiled = vae.encode_tiled(pictures.clone(), tiling).expect("encodes");
@@ -122,7 +122,7 @@ fn a_batch_is_its_clips_one_by_one() {
         let cut = |x: &Tensor<5>| x.clone().narrow(0, range.start, range.len());
         let text = text.map(|text| text.clone().narrow(0, range.start, range.len()));
         let input = DitInput { latents: cut(&latents), times: times[range.clone()].to_vec(), text };
-        vace.forward(input, cut(&context), Some(&[1.0, 0.7]), &mut Probe::idle()).expect("runs")
+        vace.forward(input, cut(&context), Some(&[1.0, 0.7])).expect("runs")
     };
     for text in [Some(&text), None] {
         let both = run(0..2, text);
@@ -142,11 +142,11 @@ fn inputs_that_do_not_fit_are_refused() {
         assert!(error.starts_with("autoencoder: "), "{error}");
     }
     for shape in [[1, 3, 1, 2, 2], [1, 4, 0, 2, 2]] {
-        vae.decode(Tensor::zeros(shape, &device), &mut Probe::idle()).expect_err("must fail");
+        vae.decode(Tensor::zeros(shape, &device)).expect_err("must fail");
     }
     let dit = Dit::new(&DitConfig::tiny().without_text(), 0, &device).expect("network");
     let input = |shape, time| DitInput { latents: Tensor::zeros(shape, &device), times: vec![time], text: None };
-    dit.forward(input([1, 4, 1, 2, 2], 3.0), &mut Probe::idle()).expect("runs");
+    dit.forward(input([1, 4, 1, 2, 2], 3.0)).expect("runs");
     let text = DitInput { text: Some(Tensor::zeros([1, 5, 24], &device)), ..input([1, 4, 1, 2, 2], 3.0) };
     for wrong in [
         input([1, 5, 1, 2, 2], 0.0),
@@ -156,7 +156,7 @@ fn inputs_that_do_not_fit_are_refused() {
         input([1, 4, 1, 2, 2], f64::NAN),
         text,
     ] {
-        let error = dit.forward(wrong, &mut Probe::idle()).expect_err("must fail").to_string();
+        let error = dit.forward(wrong).expect_err("must fail").to_string();
         assert!(error.starts_with("transformer: "), "{error}");
     }
 }

@@ -5,13 +5,12 @@
 mod wan;
 
 use burn::tensor::{Device, Tensor, TensorData};
+use renderflow_model::wan::activations::record;
 use renderflow_model::wan::dit::Prepared;
 use renderflow_model::wan::flow::{Conditions, KeyframeConfig, KeyframeLatent};
 use renderflow_model::wan::names::Named;
 use renderflow_model::wan::weights::{LoadOptions, Source, is_context_path, is_text_path, load};
-use renderflow_model::wan::{
-    Activation, Dit, DitConfig, DitInput, Flow, FlowConfig, Gelu, Probe, Vace, VaceConfig, Vae, VaeConfig,
-};
+use renderflow_model::wan::{Activation, Dit, DitConfig, DitInput, Flow, FlowConfig, Gelu, Vace, VaceConfig, Vae, VaeConfig};
 use std::collections::BTreeMap;
 use std::path::Path;
 use wan::gradients::tensor;
@@ -41,9 +40,8 @@ fn compare_vae(fixtures: &Fixtures, weights: &Path) {
     comparison.check("latents_mean", &statistics(&vae.config().latents_mean), &references.values("latents_mean"), 1e-6);
     comparison.check("latents_std", &statistics(&vae.config().latents_std), &references.values("latents_std"), 1e-6);
     for f in references.starts_of(".enc.input") {
-        let mut activations: Vec<Activation> = Vec::new();
-        let mut collect = |activation| activations.push(activation);
-        let moments = vae.moments(references.tensor(&format!("{f}.enc.input")), &mut Probe::new(&mut collect)).expect("encodes");
+        let input = references.tensor(&format!("{f}.enc.input"));
+        let (moments, mut activations) = record(|| vae.moments(input).expect("encodes"));
         let mode = moments.clone().narrow(1, 0, z);
         let mut check = |name: &str, got: Tensor<5>| {
             let name = format!("{f}.{name}");
@@ -59,8 +57,8 @@ fn compare_vae(fixtures: &Fixtures, weights: &Path) {
         };
         check("dec.input", vae.denormalise(input.clone()));
         check("dec.output", vae.decode_normalised(input.clone()).expect("decodes"));
-        let mut collect = |activation| activations.push(activation);
-        let output = vae.decode(vae.denormalise(input), &mut Probe::new(&mut collect)).expect("decodes");
+        let (output, decoded) = record(|| vae.decode(vae.denormalise(input)).expect("decodes"));
+        activations.extend(decoded);
         check("dec.output_unclamped", output);
         if f == "f1" {
             for Activation { name, shape, values } in activations {
@@ -113,7 +111,8 @@ fn rounded_waves(dit: &Dit, input: &DitInput) -> Tensor<3> {
 
 /// How far an output moves with [`rounded_waves`]; never so far that a wave that is wrong would pass.
 fn rounding(dit: &Dit, input: &DitInput, output: &Tensor<5>, run: impl Fn(Prepared) -> Tensor<5>) -> f32 {
-    let state = dit.prepare_with(input.clone(), rounded_waves(dit, input), &mut Probe::idle()).expect("runs");
+    let mut state = dit.prepare(input.clone()).expect("runs");
+    (state.time, state.modulation) = dit.time.forward(rounded_waves(dit, input));
     let moved: f32 = (run(state) - output.clone()).abs().max().into_scalar();
     moved.min(5e-5)
 }
@@ -124,17 +123,15 @@ fn compare_dit(fixtures: &Fixtures, weights: &Path) {
     let mut comparison = Comparison::default();
     for case in references.starts_of(".hidden_states") {
         let input = input(&mut references, &format!("{case}."), true);
-        let output = dit.forward(input.clone(), &mut Probe::idle()).expect("runs");
-        let rounding = rounding(&dit, &input, &output, |state| dit.run(state, &mut Probe::idle()));
+        let output = dit.forward(input.clone()).expect("runs");
+        let rounding = rounding(&dit, &input, &output, |state| dit.run(state));
         let name = format!("{case}.output");
         comparison.check(&name, &values(output), &references.values(&name), DIT + rounding);
     }
     for case in references.starts_of(".nocross.output") {
-        let mut activations: Vec<Activation> = Vec::new();
-        let mut collect = |activation| activations.push(activation);
         let input = input(&mut references, &format!("{case}."), false);
-        let output = dit.forward(input.clone(), &mut Probe::new(&mut collect)).expect("runs");
-        let rounding = rounding(&dit, &input, &output, |state| dit.run(state, &mut Probe::idle()));
+        let (output, activations) = record(|| dit.forward(input.clone()).expect("runs"));
+        let rounding = rounding(&dit, &input, &output, |state| dit.run(state));
         let name = format!("{case}.nocross.output");
         comparison.check(&name, &values(output), &references.values(&name), DIT + rounding);
         for Activation { name, shape, values } in activations {
@@ -180,16 +177,16 @@ fn parity_dit_without_text() {
     let mut comparison = Comparison::default();
     for case in references.starts_of(".nocross.output") {
         let input = input(&mut references, &format!("{case}."), false);
-        let output = dit.forward(input.clone(), &mut Probe::idle()).expect("runs");
-        let rounding = rounding(&dit, &input, &output, |state| dit.run(state, &mut Probe::idle()));
+        let output = dit.forward(input.clone()).expect("runs");
+        let rounding = rounding(&dit, &input, &output, |state| dit.run(state));
         let name = format!("{case}.nocross.output");
         comparison.check(&name, &values(output), &references.values(&name), DIT + rounding);
     }
     comparison.finish();
 }
 
-/// A renderer that has just adopted published weights is the published transformer at `1000 (1 - t)`, with the sign turned, whatever
-/// its attributes, its environment and its keyframes are.
+/// A renderer that has just adopted published weights is the published transformer at `1000 (1 - t)`, with the sign turned,
+/// whatever its attributes, its environment and its keyframes are.
 #[test]
 fn parity_of_an_adopted_renderer() {
     let Some(fixtures) = wan::fixtures() else { return };
@@ -219,9 +216,9 @@ fn parity_of_an_adopted_renderer() {
                 keyframes: vec![KeyframeLatent { latent: tensor([b, z, 1, h, w], 0.4, &device), time: 0.75 }],
             };
             let times: Vec<f64> = input.times.iter().map(|t| 1.0 - t / 1000.0).collect();
-            let velocity = flow.velocity(input.latents.clone(), &times, &conditions, &mut Probe::idle()).expect("renders");
-            let output = flow.dit.forward(input.clone(), &mut Probe::idle()).expect("runs");
-            let rounding = rounding(&flow.dit, &input, &output, |state| flow.dit.run(state, &mut Probe::idle()));
+            let velocity = flow.velocity(input.latents.clone(), &times, &conditions).expect("renders");
+            let output = flow.dit.forward(input.clone()).expect("runs");
+            let rounding = rounding(&flow.dit, &input, &output, |state| flow.dit.run(state));
             let name = format!("{case}.nocross.output");
             comparison.check(&name, &values(velocity.neg()), &references.values(&name), DIT + rounding);
         }
@@ -240,18 +237,18 @@ fn parity_vace() {
     let input = input(&mut references, "", true);
     let control = references.tensor("control");
     let want = references.values("output");
-    let output = vace.forward(input.clone(), control.clone(), None, &mut Probe::idle()).expect("runs");
+    let output = vace.forward(input.clone(), control.clone(), None).expect("runs");
     let mut comparison = Comparison::default();
-    let run = |state| vace.run(state, control.clone(), None, &mut Probe::idle()).expect("runs");
+    let run = |state| vace.run(state, control.clone(), None).expect("runs");
     let rounding = rounding(&vace.dit, &input, &output, run);
     comparison.check("output", &values(output), &want, DIT + rounding);
     // Hints times 0 are the transformer alone, whose weights are in the same file.
     let silent = vec![0.0; config.vace_layers.len()];
-    let silent = vace.forward(input.clone(), control, Some(&silent), &mut Probe::idle()).expect("runs");
+    let silent = vace.forward(input.clone(), control, Some(&silent)).expect("runs");
     let dit = Dit::new(&config.dit, 0, &Device::flex()).expect("network");
     let options = LoadOptions { ignore: &is_context_path, ..Default::default() };
     let (dit, _) = load(dit, &source, options).expect("weights that fit");
-    let alone = dit.forward(input, &mut Probe::idle()).expect("runs");
+    let alone = dit.forward(input).expect("runs");
     comparison.check("without hints", &values(silent), &values(alone), 1e-7);
     references.all_were_used();
     comparison.finish();

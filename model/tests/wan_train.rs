@@ -4,20 +4,20 @@ mod common;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
+use common::checkpoint::edit_configuration;
 use common::clip;
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
 use renderflow_model::lpips::{Backbone, weights_folder};
 use renderflow_model::parameters::{self, to_vec};
+use renderflow_model::train::{Method, RunConfig};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
-use renderflow_model::wan::latents::{ClipLatents, Encoder};
 use renderflow_model::wan::pictures::Kind;
-use renderflow_model::wan::train::batch::{Drawing, LatentBatch, Lesson};
-use renderflow_model::wan::train::{
-    BatchConfig, Config, LatentConfig, LogRecord, OptimizerConfig, PixelLoss, Progress, Stage, Summary, open_autoencoder, run,
-};
+use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
+use renderflow_model::wan::train::latents::{ClipLatents, Encoder};
+use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, LogRecord, PixelLoss, Progress, Stage, Summary, run};
 use renderflow_model::wan::weights::Source;
-use renderflow_model::wan::{Probe, Vae, VaeConfig};
+use renderflow_model::wan::{Vae, VaeConfig};
 use renderflow_model::{Clip, Error};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,17 +28,17 @@ const SIZE: usize = 64;
 fn config(output: &Path, stage: Stage, steps: u64) -> Config {
     Config {
         stage,
-        output: output.into(),
-        steps,
-        batches: vec![BatchConfig { size: SIZE, frames: 5, items: 1, weight: 1.0 }],
-        optimizer: OptimizerConfig {
+        run: RunConfig {
+            output: output.into(),
+            steps,
             learning_rate: 4e-3,
             warmup_steps: 10,
             ema_decay: 0.9,
             weight_decay: 0.0,
-            ..Default::default()
+            log_steps: 1,
+            ..RunConfig::default()
         },
-        log_steps: 1,
+        batches: vec![BatchConfig { size: SIZE, frames: 5, items: 1, weight: 1.0 }],
         ..Config::default()
     }
 }
@@ -92,7 +92,7 @@ fn latents(autoencoder: &Path) -> LatentConfig {
 fn some_autoencoder(folder: &Path, steps: u64, clips: &[Clip]) -> PathBuf {
     let mut settings = config(&folder.join("autoencoder"), autoencoder(), steps);
     settings.batches = vec![BatchConfig { size: 32, frames: 1, items: 4, weight: 1.0 }];
-    settings.optimizer.learning_rate = 1.5e-3;
+    settings.run.learning_rate = 1.5e-3;
     train(&settings, clips).weights
 }
 
@@ -152,16 +152,16 @@ fn an_autoencoder_learns_and_resumes() {
     assert!(after < 0.75 * before, "{before} at first, {after} at last");
 
     // The statistics it was saved with make its latents standard.
-    let (vae, provenance) = open_autoencoder(&path, &VaeConfig::wan(), &Device::flex()).expect("autoencoder");
+    let (vae, provenance) = Vae::open(&path, &VaeConfig::wan(), &Device::flex()).expect("autoencoder");
     assert_eq!(provenance.steps, 150);
     assert!(vae.config().latents_std.iter().all(|s| *s > 0.0 && *s != 1.0), "{:?}", vae.config().latents_std);
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
     for clip in encoded(&vae, &clips, true) {
-        for anchor in 0..5 {
+        for frame in 0..5 {
             for kind in Kind::ALL {
                 let mut values = Vec::new();
-                let window = renderflow_model::wan::train::album::Window { top: 0, left: 0, height: 4, width: 4 };
-                clip[0].read(anchor, 1, kind, window, &mut values);
+                let window = renderflow_model::wan::train::clip_pictures::Window { top: 0, left: 0, height: 4, width: 4 };
+                clip[0].read(frame, 1, kind, window, &mut values);
                 sum += values.iter().sum::<f32>();
                 squares += values.iter().map(|v| v * v).sum::<f32>();
                 count += values.len() as f32;
@@ -175,13 +175,13 @@ fn an_autoencoder_learns_and_resumes() {
 
 /// The albedo of one clip of five frames, counted here.
 fn round_trips_are_counted_by_frame(vae: &Vae, clips: &[Clip]) {
-    use renderflow_model::wan::train::{album::Album, round_trip};
+    use renderflow_model::wan::train::{clip_pictures::ClipPictures, round_trip};
 
     let all = |frames| round_trip(vae, &clips.to_vec(), frames, usize::MAX, &mut |_| Ok(()));
     let found = all(5).expect("five frames");
     assert_eq!(found.iter().map(|row| row.kind).collect::<Vec<_>>(), Kind::ALL);
-    let album = Album::new(&clips[0], None, 8, 8).expect("pictures");
-    let pictures = album.clip(0, 5, Kind::Albedo, album.whole());
+    let all_pictures = ClipPictures::new(&clips[0], None, 8, 8).expect("pictures");
+    let pictures = all_pictures.clip(0, 5, Kind::Albedo, all_pictures.whole());
     let tensor = Tensor::<5>::from_data(TensorData::new(pictures.clone(), [1, 3, 5, SIZE, SIZE]), &Device::flex());
     let back = to_vec(vae.decode_normalised(vae.encode_normalised(tensor).expect("latents")).expect("pictures"));
     for frame in 0..5 {
@@ -204,6 +204,31 @@ fn round_trips_are_counted_by_frame(vae: &Vae, clips: &[Clip]) {
     let first = round_trip(vae, &clips.to_vec(), 1, 1, &mut told).expect("first frames");
     assert!(first != stills && first[Kind::Albedo as usize].psnr[0].is_finite());
     assert_eq!(done, (1..=clips.len()).collect::<Vec<_>>());
+}
+
+/// The checkpoint of a program that kept the options of the optimiser in an object of their own, and did not name its method.
+#[test]
+fn checkpoints_of_older_programs_are_resumed() {
+    let folder = tempfile::tempdir().expect("folder");
+    let clips = [clip(5, SIZE)];
+    let settings = |name: &str| Config {
+        batches: vec![BatchConfig { size: 16, frames: 1, items: 2, weight: 1.0 }],
+        ..config(&folder.path().join(name), autoencoder(), 4)
+    };
+    let whole = train(&settings("whole"), &clips);
+    interrupted(&settings("parts"), &clips, 2);
+    edit_configuration(&folder.path().join("parts"), |config| {
+        assert_eq!(config.remove("optimizer"), Some("adamw".into()));
+        let names = ["learning_rate", "warmup_steps", "decay", "weight_decay", "clip_norm", "ema_decay"];
+        let options = names.map(|name| (name.to_owned(), config.remove(name).expect(name)));
+        config.insert("optimizer".into(), serde_json::Map::from_iter(options).into());
+    });
+    let parts = train(&settings("parts"), &clips);
+    assert!(std::fs::read(whole.weights).expect("weights") == std::fs::read(parts.weights).expect("weights"));
+    // Another method would read other moments.
+    let muon = |settings: Config| Config { run: RunConfig { optimizer: Method::Muon, ..settings.run }, ..settings };
+    let error = run(&muon(settings("parts")), &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("another method");
+    assert!(matches!(error, Error::Config { option: "optimizer", .. }), "{error}");
 }
 
 #[test]
@@ -278,7 +303,7 @@ fn prediction(flow: &Flow) -> Vec<u32> {
         environment: waves([1, 4, 2, 4, 4], 0.3),
         keyframes: Vec::new(),
     };
-    let velocity = flow.velocity(waves([1, 4, 2, 4, 4], 0.1), &[0.25], &conditions, &mut Probe::idle()).expect("fits");
+    let velocity = flow.velocity(waves([1, 4, 2, 4, 4], 0.1), &[0.25], &conditions).expect("fits");
     to_vec(velocity).into_iter().map(f32::to_bits).collect()
 }
 
@@ -323,8 +348,8 @@ fn lively(config: &FlowConfig, device: &Device) -> Flow {
 
 #[test]
 fn recomputed_gradients_are_the_plain_ones() {
-    use renderflow_model::train::runner::Learner;
-    use renderflow_model::wan::train::renderer::FlowLearner;
+    use renderflow_model::train::runner::Objective;
+    use renderflow_model::wan::train::flow::FlowObjective;
 
     let device = Device::flex().autodiff();
     let network =
@@ -334,7 +359,7 @@ fn recomputed_gradients_are_the_plain_ones() {
     let vae = Vae::new(&network.vae, 5, &device).expect("autoencoder").no_grad();
     let clips = encoded(&vae.valid(), &[clip(6, SIZE)], true);
     let settings = decoded(Path::new("unused"));
-    let learner = |recompute| FlowLearner {
+    let objective = |recompute| FlowObjective {
         vae: vae.clone(),
         pixels: settings.pixels,
         latent: 1.0,
@@ -343,22 +368,22 @@ fn recomputed_gradients_are_the_plain_ones() {
         recompute,
     };
     let flow = lively(&network, &device);
-    for (lesson, group) in [
-        (Lesson::Render { gap: None }, None),
-        (Lesson::Render { gap: Some(4) }, Some(renderflow_model::wan::flow::Group::Keyframes)),
-        (Lesson::Render { gap: Some(4) }, None),
-        (Lesson::Invert, Some(renderflow_model::wan::flow::Group::Inverse)),
-        (Lesson::Invert, None),
+    for (task, group) in [
+        (Task::Render { gap: None }, None),
+        (Task::Render { gap: Some(4) }, Some(renderflow_model::wan::flow::Group::Keyframes)),
+        (Task::Render { gap: Some(4) }, None),
+        (Task::Invert, Some(renderflow_model::wan::flow::Group::Inverse)),
+        (Task::Invert, None),
     ] {
         let flow = match group {
             Some(group) => flow.clone().learn_only(group),
             None => flow.clone(),
         };
-        let drawing = Drawing { network: &network, latents: &settings, batches: &batches(2), lesson };
+        let sampler = BatchSampler { network: &network, latents: &settings, batches: &batches(2), task };
         for step in 0..3 {
-            let batch = drawing.draw(&clips, step, &mut step_rng(7, step)).expect("batch");
-            let plain = learner(false).learn(&flow, step, batch.clone(), &device).expect("gradients");
-            let again = learner(true).learn(&flow, step, batch, &device).expect("gradients");
+            let batch = sampler.draw(&clips, step, &mut step_rng(7, step)).expect("batch");
+            let plain = objective(false).step(&flow, batch.clone(), &device).expect("gradients");
+            let again = objective(true).step(&flow, batch, &device).expect("gradients");
             assert_eq!((plain.total, &plain.terms), (again.total, &again.terms));
             assert_eq!(plain.gradients.len(), again.gradients.len());
             let (mut worst, mut equal, mut count) = (0.0f32, 0, 0);
@@ -371,7 +396,7 @@ fn recomputed_gradients_are_the_plain_ones() {
                 equal += usize::from(a == b);
                 count += 1;
             }
-            println!("{lesson:?} {group:?} step {step}: {equal} of {count} tensors to the bit, largest difference {worst:.1e}");
+            println!("{task:?} {group:?} step {step}: {equal} of {count} tensors to the bit, largest difference {worst:.1e}");
             assert!(worst <= 1e-5, "{worst}");
             assert!(plain.gradients.iter().flatten().any(|g| g.iter().any(|v| *v != 0.0)));
         }
@@ -387,8 +412,8 @@ fn batches_depend_on_seed_and_step_only() {
     let settings =
         LatentConfig { bridge: Bridge { times: Times::Four(table), ..Bridge::default() }, ..decoded(Path::new("unused")) };
     let kinds = batches(3);
-    let drawing = Drawing { network: &network, latents: &settings, batches: &kinds, lesson: Lesson::Render { gap: Some(4) } };
-    let draw = |seed, step| drawing.draw(&clips, step, &mut step_rng(seed, step)).expect("batch");
+    let sampler = BatchSampler { network: &network, latents: &settings, batches: &kinds, task: Task::Render { gap: Some(4) } };
+    let draw = |seed, step| sampler.draw(&clips, step, &mut step_rng(seed, step)).expect("batch");
     let all: Vec<LatentBatch> = (0..60).map(|step| draw(1, step)).collect();
     // In another order, and by other threads.
     for (step, batch) in all.iter().enumerate().rev() {
@@ -417,7 +442,7 @@ fn batches_depend_on_seed_and_step_only() {
     let item = batch.z_t.len() / batch.shape[0];
     let ends: Vec<f32> = (0..batch.z_t.len()).map(|i| batch.z_t[i] + (1.0 - batch.times[i / item]) * batch.velocity[i]).collect();
     let straight = LatentConfig { bridge: Bridge { sigma: 0.0, ..settings.bridge }, ..settings.clone() };
-    let same = Drawing { latents: &straight, ..drawing }.draw(&clips, 0, &mut step_rng(1, 0)).expect("batch");
+    let same = BatchSampler { latents: &straight, ..sampler }.draw(&clips, 0, &mut step_rng(1, 0)).expect("batch");
     let ends_without_noise: Vec<f32> =
         (0..same.z_t.len()).map(|i| same.z_t[i] + (1.0 - same.times[i / item]) * same.velocity[i]).collect();
     let difference = ends.iter().zip(&ends_without_noise).fold(0.0f32, |m, (a, b)| m.max((a - b).abs()));
@@ -438,7 +463,7 @@ fn unusable_settings_and_data_are_named() {
         ("batches.size", Config { batches: kinds(40, 1), ..good.clone() }),
         ("batches.frames", Config { batches: kinds(32, 3), ..good.clone() }),
         ("batches", Config { batches: Vec::new(), ..good.clone() }),
-        ("steps", Config { steps: 0, ..good.clone() }),
+        ("steps", Config { run: RunConfig { steps: 0, ..good.run.clone() }, ..good.clone() }),
         ("stage.latents.autoencoder", Config { stage: base(Path::new("")), ..good.clone() }),
         (
             "bridge.sigma",
@@ -469,14 +494,20 @@ fn unusable_settings_and_data_are_named() {
     let error = fails(&good, &[clip(3, SIZE)]);
     assert!(error.contains("no 5 frames in a row"), "{error}");
     let error = fails(&Config { batches: kinds(96, 1), ..good.clone() }, &clips);
-    assert!(error.contains("analytic: frames of 64x64 are smaller than the pictures of 96"), "{error}");
+    assert!(error.contains("analytic: frames of 64x64 are smaller than the 96 pixels of a batch"), "{error}");
     let missing = Config { stage: base(&folder.path().join("nothing.safetensors")), ..good.clone() };
     assert!(fails(&missing, &clips).contains("nothing.safetensors: cannot read"));
     let error = fails(&Config { stage: keyframes(&vae, latents(&vae)), ..good.clone() }, &clips);
     assert!(error.contains("holds another network than the renderer"), "{error}");
     let still = Config { batches: kinds(32, 1), ..good };
     train(&still, &clips);
-    let error = run(&Config { seed: 9, ..still }, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("another seed");
+    let error = run(
+        &Config { run: RunConfig { seed: 9, ..still.run.clone() }, ..still },
+        &clips.to_vec(),
+        &|_| (),
+        &AtomicBool::new(false),
+    )
+    .expect_err("another seed");
     assert!(matches!(error, Error::Config { option: "seed", .. }), "{error}");
 }
 
@@ -496,7 +527,7 @@ fn decibels(a: &[f32], b: &[f32]) -> f32 {
 /// autoencoder's own round trip of the truth; the last beside the truth itself.
 fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4] {
     let clips = [clip.clone()];
-    let pictures = open_autoencoder(vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder").0.config().clone();
+    let pictures = Vae::open(vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder").0.config().clone();
     let z = pictures.z_dim;
     let mut network = FlowConfig { vae: pictures, ..FlowConfig::tiny() };
     (network.dit.in_channels, network.dit.out_channels) = (z, z);
@@ -506,7 +537,7 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
         latents: LatentConfig { reference_probability: 0.0, ..latents(vae) },
     };
     let score = |path: &Path| {
-        let (vae, _) = open_autoencoder(vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder");
+        let (vae, _) = Vae::open(vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder");
         let encoder = Encoder {
             vae: &vae,
             sizes: vec![SIZE],
@@ -526,8 +557,8 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
         };
         let flow = open(path);
         let kinds = [BatchConfig { size: SIZE, frames: 5, items: 1, weight: 1.0 }];
-        let drawing = Drawing { network: flow.config(), latents: &start, batches: &kinds, lesson: Lesson::Render { gap: None } };
-        let batch = drawing.draw(&latents, 0, &mut step_rng(0, 0)).expect("batch");
+        let sampler = BatchSampler { network: flow.config(), latents: &start, batches: &kinds, task: Task::Render { gap: None } };
+        let batch = sampler.draw(&latents, 0, &mut step_rng(0, 0)).expect("batch");
         let tensor = |values: &[f32], channels: usize| {
             let [b, _, f, h, w] = batch.shape;
             Tensor::<5>::from_data(TensorData::new(values.to_vec(), [b, channels, f, h, w]), &Device::flex())
@@ -539,15 +570,16 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
         };
         let albedo = tensor(&batch.z_t, z);
         let truth = albedo.clone() + tensor(&batch.velocity, z);
-        let velocity = flow.velocity(albedo.clone(), &[0.0], &conditions, &mut Probe::idle()).expect("fits");
+        let velocity = flow.velocity(albedo.clone(), &[0.0], &conditions).expect("fits");
         let made = albedo.clone() + velocity;
         let shown = to_vec(vae.decode_normalised(made.clone()).expect("pictures"));
-        let album = renderflow_model::wan::train::album::Album::new(clip, None, SIZE, 16).expect("pictures");
-        let pictures = album.clip(0, 5, Kind::Target, album.whole());
+        let pictures = renderflow_model::wan::train::clip_pictures::ClipPictures::new(clip, None, SIZE, 16).expect("pictures");
+        let pictures = pictures.clip(0, 5, Kind::Target, pictures.whole());
         [psnr(&vae, albedo, truth.clone()), psnr(&vae, made, truth), decibels(&shown, &pictures)]
     };
     let [albedo, early, _] = score(&train(&config(&folder.join("early"), stage(), 1), &clips).weights);
-    let settings = Config { log_steps: 100, ..config(&folder.join("base"), stage(), steps) };
+    let settings = config(&folder.join("base"), stage(), steps);
+    let settings = Config { run: RunConfig { log_steps: 100, ..settings.run.clone() }, ..settings };
     let [_, late, seen] = score(&train(&settings, &clips).weights);
     println!("albedo {albedo:.1} dB, after one step {early:.1} dB, after {steps} {late:.1} dB; {seen:.1} dB from the truth");
     assert!(late > albedo.max(early) + 20.0, "little learned: {albedo}, {early} and {late} dB");

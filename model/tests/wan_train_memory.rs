@@ -3,12 +3,12 @@
 #![cfg(target_os = "linux")]
 
 use burn::tensor::Device;
-use renderflow_model::train::runner::Learner;
+use renderflow_model::train::runner::Objective;
 use renderflow_model::wan::Vae;
 use renderflow_model::wan::flow::{Flow, FlowConfig, Group};
 use renderflow_model::wan::train::PixelLoss;
-use renderflow_model::wan::train::batch::LatentBatch;
-use renderflow_model::wan::train::renderer::FlowLearner;
+use renderflow_model::wan::train::flow::FlowObjective;
+use renderflow_model::wan::train::latent_batch::LatentBatch;
 use std::time::Instant;
 
 /// Items, latent frames, latent rows and columns.
@@ -43,7 +43,7 @@ fn measure(case: &str) {
         environment: waves(values * config.vae.z_dim),
         ..LatentBatch::default()
     };
-    let learner = FlowLearner {
+    let objective = FlowObjective {
         vae: Vae::new(&config.vae, 1, &device).expect("a valid configuration"),
         pixels: PixelLoss { weight: 0.0, ..PixelLoss::default() },
         latent: 1.0,
@@ -53,7 +53,7 @@ fn measure(case: &str) {
     };
     let before = status("VmRSS");
     let start = Instant::now();
-    learner.learn(&flow, 0, batch, &device).expect("gradients");
+    objective.step(&flow, batch, &device).expect("gradients");
     println!("measured {} {}", status("VmHWM") - before, start.elapsed().as_secs_f64());
 }
 

@@ -6,15 +6,15 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::clip;
 use common::sequence::{Bounded, Memory, SIDE};
-use renderflow_frame::Light;
+use renderflow_frame::{DepthBounds, Light};
 use renderflow_model::parameters::{self, to_vec};
-use renderflow_model::renderer::{self, Autoencoder, Options, Rendered, Renderer, Session, State, View};
+use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
 use renderflow_model::wan::flow::{Conditions, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent};
 use renderflow_model::wan::names::Naming;
-use renderflow_model::wan::pictures::{DepthBounds, Kind, Pictures, radiance};
-use renderflow_model::wan::video::{AUTOENCODER_FILE, Clips, WanRenderer};
+use renderflow_model::wan::pictures::{Kind, Pictures, radiance};
+use renderflow_model::wan::video::{AUTOENCODER_FILE, ClipSession, WanRenderer};
 use renderflow_model::wan::weights::{Header, Network, Precision, Provenance, save};
-use renderflow_model::wan::{Flow, FlowConfig, Probe, Vae};
+use renderflow_model::wan::{Autoencoder, Flow, FlowConfig, Vae, open as open_renderer};
 
 /// A module whose parameters are all moved away from their initial values, zeros among them.
 fn disturbed<M: Module>(module: M) -> M {
@@ -107,7 +107,7 @@ fn by_hand(
     let mut z = of(Kind::Albedo);
     for step in 0..steps {
         let time = step as f64 / steps as f64;
-        let velocity = flow.velocity(z.clone(), &[time], &conditions, &mut Probe::idle()).expect("velocity");
+        let velocity = flow.velocity(z.clone(), &[time], &conditions).expect("velocity");
         z = z + velocity.div_scalar(steps as f64);
     }
     let values = to_vec(vae.decode_normalised(z).expect("pictures"));
@@ -256,7 +256,8 @@ fn what_is_held_does_not_grow_with_the_sequence() {
     let most = |frames: usize| {
         let keyframes: Vec<usize> = (0..frames).step_by(8).collect();
         let sequence = Memory::new(frames, &keyframes);
-        let mut clips = Clips::new(&renderer, &sequence, Options { keyframes: true, ..Options::default() }).expect("begins");
+        let mut clips =
+            ClipSession::new(&renderer, &sequence, Options { keyframes: true, ..Options::default() }).expect("begins");
         let mut most = 0;
         for index in 0..frames {
             clips.push(sequence.view(index)).expect("renders");
@@ -408,7 +409,7 @@ fn pictures_lead_back_to_buffers() {
         let found = renderer.invert(&slices[..count], [SIDE; 2], &Intrinsic::ALL, 1).expect("inverts");
         assert_eq!(found.len(), 4);
         for (found, intrinsic) in found.iter().zip(Intrinsic::ALL) {
-            let end = flow.invert(start.clone(), &[0.0], intrinsic, &mut Probe::idle()).expect("latents");
+            let end = flow.invert(start.clone(), &[0.0], intrinsic).expect("latents");
             let values = to_vec(vae.decode_normalised(end).expect("pictures"));
             assert_eq!(found.len(), count);
             for (i, found) in found.iter().enumerate() {
@@ -420,10 +421,9 @@ fn pictures_lead_back_to_buffers() {
     }
     // Two steps: half of the way, and from there the whole way that is left.
     let start = vae.encode_normalised(tensor(&frames[..1])).expect("latents");
-    let mut idle = Probe::idle();
-    let end = flow.invert(start.clone(), &[0.0], Intrinsic::Depth, &mut idle).expect("latents");
+    let end = flow.invert(start.clone(), &[0.0], Intrinsic::Depth).expect("latents");
     let middle = (start + end).mul_scalar(0.5);
-    let end = flow.invert(middle, &[0.5], Intrinsic::Depth, &mut idle).expect("latents");
+    let end = flow.invert(middle, &[0.5], Intrinsic::Depth).expect("latents");
     let expected = crop(&to_vec(vae.decode_normalised(end).expect("pictures")), 1, 0);
     let found = renderer.invert(&slices[..1], [SIDE; 2], &[Intrinsic::Depth], 2).expect("inverts");
     assert!(found[0][0].iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-5));
@@ -437,7 +437,7 @@ fn a_file_tells_which_network_renders() {
     let (flow, vae, header) = networks(&config);
     let file = path("flow.safetensors");
     save(&file, &flow, &header, Precision::F32, Naming::Diffusers).expect("saves");
-    let open = |path: &std::path::Path, file: Option<&std::path::Path>| renderer::open(path, Autoencoder { file, tile: None });
+    let open = |path: &std::path::Path, file: Option<&std::path::Path>| open_renderer(path, Autoencoder { file, tile: None });
     let refusal = |path: &std::path::Path, vae: Option<&std::path::Path>| match open(path, vae) {
         Ok(_) => panic!("must be refused"),
         Err(error) => error.to_string(),
@@ -457,7 +457,7 @@ fn a_file_tells_which_network_renders() {
     assert!(all(&*opened, &sequence, Options::default()) == expected);
     assert!(all(&*open(&file, Some(&path(AUTOENCODER_FILE))).expect("opens"), &sequence, Options::default()) == expected);
     // A tile as large as the picture changes nothing; there are no smaller ones than four latent pixels.
-    let tiled = |tile| renderer::open(&file, Autoencoder { file: None, tile: Some(tile) });
+    let tiled = |tile| open_renderer(&file, Autoencoder { file: None, tile: Some(tile) });
     assert!(all(&*tiled(32).expect("opens"), &sequence, Options::default()) == expected);
     assert!(tiled(31).is_err_and(|error| error.to_string().contains("four")));
     // Another autoencoder, and an autoencoder where the renderer should be.

@@ -1,4 +1,5 @@
-//! Weights files of the wan networks: what is written is read, in either naming, in shards, from PyTorch; what does not fit is named.
+//! Weights files of the wan networks: what is written is read, in either naming, in shards, from PyTorch; what does not fit is
+//! named.
 
 mod wan;
 

@@ -11,6 +11,7 @@ mod family;
 pub mod load;
 pub mod loaded;
 pub mod mipmap;
+mod model_format;
 mod noise;
 pub mod pattern;
 pub mod procedural;

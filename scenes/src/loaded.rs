@@ -1,10 +1,10 @@
 //! The validated, fully loaded form of a scene: everything a renderer needs, nothing to look up any more.
 
+pub use crate::mipmap::{Encoding, Texture, Wrap};
+
 use crate::Principled;
-use crate::mipmap::Level;
 use glam::{Affine3A, DVec3, Vec2, Vec3, Vec4};
 use renderflow_frame::{Camera, Environment};
-use std::sync::Arc;
 
 /// Triangles of one shape, in object space, metres.
 #[derive(Clone, Debug, Default)]
@@ -133,42 +133,6 @@ pub struct AlphaMask {
     pub cutoff: f32,
     /// 0..=1, multiplies the texture's alpha.
     pub factor: f32,
-}
-
-/// How texture coordinates outside 0..1 behave.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Wrap {
-    /// Fractional part.
-    #[default]
-    Repeat,
-    /// Fractional part, every other tile mirrored.
-    Mirror,
-    /// Edge texel.
-    Clamp,
-}
-
-/// What the stored numbers of a texture mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Encoding {
-    /// RGB encoded with sRGB, linear alpha; decodes to linear Rec.709, 0..=1.
-    Srgb,
-    /// Numbers 0..=1.
-    Linear,
-    /// A tangent-space direction in RGB; decodes to -1..=1.
-    Normal,
-}
-
-/// An image with its mip levels, in the precision of its file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Texture {
-    /// File or glTF image it came from.
-    pub name: String,
-    /// Wrap along u and v.
-    pub wrap: [Wrap; 2],
-    /// Meaning of the texels.
-    pub encoding: Encoding,
-    /// From the image itself down to one texel, each half the size of the one before (rounded down, at least 1).
-    pub levels: Arc<[Level]>,
 }
 
 /// Triangles that loading left out, by cause (the first that applies), and those it kept but a person should know of.

@@ -3,10 +3,45 @@
 //! Four bytes a texel (eight for 16-bit files) instead of twelve or sixteen of decoded floats: an 8k texture with its pyramid takes
 //! 358 MB, and look-ups touch a quarter of the cache lines. Halves are filtered in linear space and stored in the file's encoding.
 
-use crate::loaded::{Encoding, Texture, Wrap};
 use rayon::prelude::*;
 use renderflow_frame::color::{linear_to_srgb, srgb_to_linear};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
+
+/// How texture coordinates outside 0..1 behave.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Wrap {
+    /// Fractional part.
+    #[default]
+    Repeat,
+    /// Fractional part, every other tile mirrored.
+    Mirror,
+    /// Edge texel.
+    Clamp,
+}
+
+/// What the stored numbers of a texture mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Encoding {
+    /// RGB encoded with sRGB, linear alpha; decodes to linear Rec.709, 0..=1.
+    Srgb,
+    /// Numbers 0..=1.
+    Linear,
+    /// A tangent-space direction in RGB; decodes to -1..=1.
+    Normal,
+}
+
+/// An image with its mip levels, in the precision of its file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// File or glTF image it came from.
+    pub name: String,
+    /// Wrap along u and v.
+    pub wrap: [Wrap; 2],
+    /// Meaning of the texels.
+    pub encoding: Encoding,
+    /// From the image itself down to one texel, each half the size of the one before (rounded down, at least 1).
+    pub levels: Arc<[Level]>,
+}
 
 /// One level of a texture.
 #[derive(Clone, Debug, PartialEq)]

@@ -221,7 +221,7 @@ impl Check {
                     self.path(at("geometry/file"), path);
                     // Without an ending the content decides, once it is read.
                     let named = std::path::Path::new(path).extension().is_some();
-                    if named && crate::load::Format::of(path).is_none() {
+                    if named && crate::model_format::Format::of(path).is_none() {
                         self.say(at("geometry/file"), format!("{path:?} is not a .gltf, .glb or .obj file"));
                     }
                 }

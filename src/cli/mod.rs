@@ -27,8 +27,9 @@ use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
 use renderflow_frame::reach::Reach;
 use renderflow_model::fusion::Fusion;
-use renderflow_model::renderer::{self, Autoencoder, Renderer};
+use renderflow_model::renderer::Renderer;
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
+use renderflow_model::wan::{self, Autoencoder};
 use renderflow_renderer::Settings;
 use renderflow_scenes::LoadReport;
 use renderflow_scenes::description::{EnvironmentSource, Scene};
@@ -192,7 +193,7 @@ impl WeightsArgs {
 
     /// The paper's network in the file at `weights`.
     fn wan(&self, weights: &Path) -> Result<Box<dyn Renderer>> {
-        Ok(renderer::open(weights, Autoencoder { file: self.vae.as_deref(), tile: self.tile })?)
+        Ok(wan::open(weights, Autoencoder { file: self.vae.as_deref(), tile: self.tile })?)
     }
 
     /// BLAKE3 of every file that is read; none for the weights inside the program.
@@ -233,7 +234,7 @@ impl AllWeightsArgs {
                 ensure!(networks.fusion.replace(Fusion::load(path)?).is_none(), twice());
             } else {
                 let autoencoder = Autoencoder { file: self.vae.as_deref(), tile: None };
-                ensure!(networks.wan.replace(renderer::open(path, autoencoder)?).is_none(), twice());
+                ensure!(networks.wan.replace(wan::open(path, autoencoder)?).is_none(), twice());
             }
         }
         if let Some(vae) = self.vae.as_ref().filter(|_| networks.wan.is_none()) {

@@ -1,3 +1,5 @@
+//! `train`: trains the fusion network, or the paper's network stage by stage.
+
 mod fusion;
 mod monitor;
 mod reference;
@@ -7,80 +9,111 @@ use crate::progress::Progress;
 use crate::truth::Interrupted;
 use anyhow::{Context, Result};
 use clap::Args;
+use renderflow_frame::{file, words};
+use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::Summary;
 use renderflow_model::wan::FlowConfig;
+use renderflow_model::wan::train::Config as WanConfig;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 const HELP: &str = "\
-Examples, the network that reads samples, keyframes and deferred shading:
+Examples for the fusion network, which reads samples, keyframes and deferred shading:
   renderflow train --plan plan.toml --minutes 120 --out runs/fusion
   renderflow train --data data/train --minutes 45 --from runs/fusion/weights.safetensors --out runs/mine
 
-The paper's network, from its autoencoder to keyframes and the way back (wan-1.3b begins with published weights: --from FILE):
+Examples for the paper's network, in its order of stages (with wan-1.3b, add --from FILE to begin with published weights):
   renderflow train --preset wan-small --stage autoencoder --data data/train --minutes 60 --out runs/vae
   renderflow train --preset wan-small --stage base --vae runs/vae/weights.safetensors --data data/train --minutes 120 --out runs/wan
   renderflow train --preset wan-small --stage keyframes --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
       --data data/train --minutes 60 --out runs/wan-keys
   renderflow train --preset wan-small --stage inverse --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
-      --data data/train --minutes 60 --out runs/wan-inverse";
+      --data data/train --minutes 60 --out runs/wan-inverse
 
-/// Trains a network: the one that reads samples, from a plan or a dataset; with --preset the paper's, from its autoencoder to adapters on the
-/// frozen renderer. Checkpoints as it goes; run again with the same options, it resumes.
+A configuration file names its network: \"network\": \"fusion\" or \"network\": \"wan\". --print-config shows every option.";
+
+/// Train a network.
+///
+/// Without --preset, this trains the fusion network on a plan or a dataset. With --preset, it trains a stage of the paper's
+/// network on a dataset. The run writes checkpoints; the same command resumes a run that was stopped.
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Train {
-    /// A split of a dataset. The network that reads samples takes the truth from its frames and renders the rest from their scenes; it is
-    /// validated on the split `val` beside it
+    /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from
+    /// their scenes; it is validated on the split `val` beside it
     #[arg(long, required_unless_present_any = ["plan", "print_config"])]
     data: Option<PathBuf>,
-    /// A plan (see `dataset plan`): its training sequences are composed and rendered beside the steps; nothing is stored
+    /// Plan file (see `dataset plan`) for the fusion network. Its training sequences are composed and rendered during training,
+    /// and are not stored
     #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"])]
     plan: Option<PathBuf>,
-    /// Folder for checkpoint, log.jsonl and weights.safetensors; but for the paper's network also curves.html, TensorBoard's events and
-    /// pictures
+    /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
+    /// events and pictures
     #[arg(long)]
     out: PathBuf,
-    /// Every option of either network as JSON (as printed by --print-config); flags win over it
+    /// JSON file with the options of either network, as --print-config prints them. Other flags override it
     #[arg(long)]
     config: Option<PathBuf>,
-    /// A size of the paper's network in place of the network that reads samples
+    /// Train the paper's network at this size
     #[arg(long, value_parser = FlowConfig::PRESETS, requires = "stage", conflicts_with = "config")]
     preset: Option<String>,
-    /// What of the paper's network is trained
+    /// Stage of the paper's network to train
     #[arg(long, value_enum, requires = "preset")]
     stage: Option<wan::StageArg>,
     /// Weights of the autoencoder of the paper's network
     #[arg(long)]
     vae: Option<PathBuf>,
-    /// Weights to begin with: of this program, and for the paper's network published ones of Wan or VACE
+    /// Weights to begin with, written by this program. The paper's network can also begin with published weights of Wan or VACE
     #[arg(long)]
     from: Option<PathBuf>,
-    /// Train an adapter of the paper's network on this base
+    /// Weights of the renderer on which an adapter of the paper's network is trained
     #[arg(long, requires = "preset")]
     base: Option<PathBuf>,
-    /// Optimiser steps
+    /// Number of optimiser steps
     #[arg(long)]
     steps: Option<u64>,
-    /// Minutes over all resumptions; the learning rate anneals to this end
+    /// Minutes of training over all resumptions. The learning rate is annealed by the end
     #[arg(long)]
     minutes: Option<f64>,
-    /// Seed of initial weights and batches
+    /// Seed of the initial weights and of the batches
     #[arg(long)]
     seed: Option<u64>,
-    /// Memory for training data of the paper's network, MiB
+    /// Memory for the training data of the paper's network, MiB
     #[arg(long)]
     cache_mib: Option<usize>,
-    /// Print the configuration and stop
+    /// Print the configuration as JSON and exit
     #[arg(long)]
     print_config: bool,
 }
 
-/// The bars of a run.
+/// A configuration file. It names its network.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "network", rename_all = "lowercase")]
+enum Configuration {
+    /// The fusion network.
+    Fusion(Box<fusion::Options>),
+    /// The paper's network.
+    Wan(Box<WanConfig>),
+}
+
+impl Configuration {
+    fn read(path: &Path) -> Result<Self> {
+        let mut file: Map<String, Value> = file::read_json(path)?;
+        // Older files do not name their network. Those of the fusion network have these options.
+        let fusion = ["training", "recipe"].iter().any(|option| file.contains_key(*option));
+        file.entry("network").or_insert_with(|| if fusion { "fusion" } else { "wan" }.into());
+        let parsed = serde_json::from_value(Value::Object(file));
+        parsed.map_err(|e| renderflow_frame::Error::malformed(path, words::plain(&e.to_string())).into())
+    }
+}
+
+/// The progress bars of a run.
 struct Bars {
     loading: Progress,
-    /// From the first step on: what was before is none of its time.
+    /// Begins with the first step, so that its time leaves out the loading.
     training: OnceLock<Progress>,
 }
 
@@ -98,7 +131,7 @@ impl Bars {
         self.loading.hide(|| eprintln!("note: {note}"));
     }
 
-    /// `share` of the run is done.
+    /// Shows the share of the run that is done.
     fn step(&self, share: f64, message: String) {
         let done = (1000.0 * share) as u64;
         let training = self.training.get_or_init(|| {
@@ -110,7 +143,7 @@ impl Bars {
         training.set(done);
     }
 
-    /// Says where a finished run's weights are; an unfinished one is an interruption.
+    /// Prints where the weights of a finished run are. An unfinished run was interrupted.
     fn finish(&self, summary: &Summary) -> Result<()> {
         if !summary.finished {
             return Err(Interrupted.into());
@@ -125,13 +158,87 @@ impl Bars {
 
 impl Train {
     pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
-        match self.wan_config()? {
-            Some(config) => self.wan(&config, cancel),
-            None => self.fusion(allowed, cancel),
+        let configuration = self.configuration()?;
+        if self.print_config {
+            println!("{}", serde_json::to_string_pretty(&configuration)?);
+            return Ok(());
         }
+        match configuration {
+            Configuration::Fusion(options) => self.fusion(&options, allowed, cancel),
+            Configuration::Wan(config) => self.wan(&config, cancel),
+        }
+    }
+
+    /// The configuration of the preset or of the file, with the other flags applied.
+    fn configuration(&self) -> Result<Configuration> {
+        let mut configuration = match (&self.preset, self.stage, &self.config) {
+            (Some(preset), Some(stage), _) => Configuration::Wan(Box::new(self.preset(preset, stage)?)),
+            (_, _, Some(path)) => Configuration::read(path)?,
+            _ => Configuration::Fusion(Box::default()),
+        };
+        match &mut configuration {
+            Configuration::Fusion(options) => {
+                self.apply_flags(&mut options.training.run);
+                self.check_fusion(options)?;
+            }
+            Configuration::Wan(config) => {
+                self.apply_flags(&mut config.run);
+                self.apply_wan_flags(config)?;
+            }
+        }
+        Ok(configuration)
+    }
+
+    /// Applies the flags that both networks have.
+    fn apply_flags(&self, run: &mut RunConfig) {
+        run.output.clone_from(&self.out);
+        run.steps = self.steps.unwrap_or(run.steps);
+        run.minutes = self.minutes.or(run.minutes);
+        run.seed = self.seed.unwrap_or(run.seed);
     }
 
     fn data(&self) -> Result<&Path> {
         self.data.as_deref().context("--data is missing")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Configuration, String> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("run.json");
+        std::fs::write(&path, text).expect("a file");
+        Configuration::read(&path).map_err(|error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn a_configuration_names_its_network() {
+        for (text, fusion) in [
+            (r#"{"network": "fusion"}"#, true),
+            (r#"{"network": "wan", "steps": 7}"#, false),
+            // Files of older programs.
+            (r#"{"training": {"network": {"widths": [16, 16, 16, 16]}, "steps": 7}}"#, true),
+            (r#"{"recipe": {"frames": 2}}"#, true),
+            (r#"{"steps": 7, "optimizer": {"learning_rate": 0.001}}"#, false),
+            ("{}", false),
+        ] {
+            let configuration = read(text).expect(text);
+            assert_eq!(matches!(configuration, Configuration::Fusion(_)), fusion, "{text}");
+            let printed = serde_json::to_string_pretty(&configuration).expect("JSON");
+            assert!(printed.contains(if fusion { r#""network": "fusion""# } else { r#""network": "wan""# }), "{printed}");
+            assert_eq!(read(&printed).expect("what was printed"), configuration);
+        }
+        for (text, expected) in [
+            (r#"{"network": "fusion", "steps": 7}"#, "unknown field `steps`, expected `training` or `recipe`"),
+            (r#"{"network": "wan", "training": {}}"#, "unknown field `training`, expected one of `batches`"),
+            (r#"{"network": "nerf"}"#, "unknown name `nerf`, expected `fusion` or `wan`"),
+            (r#"{"network": "wan", "steps": "many"}"#, "found the string \"many\" where a whole number from 0 on is needed"),
+            (r#"{"training": {"rate": 1}}"#, "unknown field `rate`, expected one of `checkpoint_steps`"),
+        ] {
+            let said = read(text).expect_err(text);
+            assert!(said.contains("run.json: ") && said.contains(expected), "{text}: {said}");
+        }
     }
 }

@@ -2,9 +2,8 @@
 
 use super::SequenceFolder;
 use rayon::prelude::*;
-use renderflow_frame::{Frame, Light};
+use renderflow_frame::{DepthBounds, Frame, Light};
 use renderflow_model::renderer::{KeyframePlace, Sequence};
-use renderflow_model::wan::pictures::DepthBounds;
 use renderflow_model::{Error, Result};
 use std::sync::OnceLock;
 

@@ -7,8 +7,8 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_model::Error;
-use renderflow_model::wan::VaeConfig;
-use renderflow_model::wan::train::{RoundTrip, open_autoencoder, round_trip};
+use renderflow_model::wan::train::{RoundTrip, round_trip};
+use renderflow_model::wan::{Vae, VaeConfig};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -49,7 +49,7 @@ struct Set {
 impl Options {
     /// Measures and prints.
     pub fn run(self, cancel: &AtomicBool) -> Result<()> {
-        let (vae, _) = open_autoencoder(&self.vae, &VaeConfig::wan(), &Default::default())?;
+        let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), &Default::default())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
         for place in find::find(&self.data)? {
             sets.entry(place.set).or_default().sequences.push(place.folder);

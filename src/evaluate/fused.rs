@@ -10,7 +10,7 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::warp::Keyframe;
 use renderflow_model::fusion::batch::BEFORE;
 use renderflow_model::fusion::fill::{Samples, background};
-use renderflow_model::fusion::record::{Chosen, NEIGHBOURS};
+use renderflow_model::fusion::record::{NEIGHBOURS, Selection};
 use renderflow_model::fusion::{Fusion, Record};
 use renderflow_renderer::deferred::Deferred;
 use renderflow_renderer::denoise::Denoiser;
@@ -86,7 +86,7 @@ impl<'a> Fused<'a> {
                 self.carry(&mut record, buffer, None);
             }
             if let Some(denoiser) = denoiser {
-                let [color, albedo, normal] = record.noisy(&Chosen::all(&record), exposure);
+                let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
                 record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
             self.draw(&record)

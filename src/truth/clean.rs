@@ -7,7 +7,7 @@ use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::fill::{Samples, background};
-use renderflow_model::fusion::record::Chosen;
+use renderflow_model::fusion::record::Selection;
 use renderflow_model::fusion::{Fusion, Record, render};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
@@ -146,7 +146,7 @@ impl Cleaner {
                 let behind = background(camera, &frame.alpha, &light.environment);
                 record.add_part(0, &Samples::of(frame, &behind).context("samples without guides")?, exposure);
                 if let Some(oidn) = oidn {
-                    let [color, albedo, normal] = record.noisy(&Chosen::all(&record), exposure);
+                    let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
                     let denoised = denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?;
                     record.add_denoised(0, &denoised, exposure);
                 }

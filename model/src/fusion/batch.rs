@@ -1,22 +1,23 @@
-//! Batches: random crops of records, with augmentations that are exact (mirroring, permuted primaries, exposure), and random subsets of
-//! what is given.
+//! Batches: random crops of records, random subsets of their inputs, and augmentations that change the truth exactly as the
+//! inputs (mirroring, permuted primaries, exposure).
 
 use super::graph::MULTIPLE;
 use super::head::Picture;
 use super::record::{
-    ALL_BEFORE, AROUND, CHANNELS, Chosen, Groups, KEYS, Known, NEIGHBOURS, PARTS, Record, Stored, at, push_channels, radiance,
+    ALL_BEFORE, AROUND, CHANNELS, Groups, KEYS, NEIGHBOURS, PARTS, PixelInputs, Record, Selection, Stored, at, push_channels,
+    radiance,
 };
 use half::f16;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-/// How often a combination of groups is learnt.
+/// A combination of groups that the network is trained on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tier {
     /// Name in logs.
     pub name: &'static str,
-    /// What is given.
+    /// Groups that are given.
     pub groups: Groups,
     /// Share of the batches.
     pub weight: f32,
@@ -35,7 +36,7 @@ const fn with_neighbours(groups: Groups) -> Groups {
     Groups { neighbours: true, ..groups }
 }
 
-/// The combinations that are learnt and reported.
+/// The combinations that are trained and reported.
 pub const TIERS: [Tier; 10] = [
     Tier { name: "deferred", groups: DEFERRED, weight: 0.1 },
     Tier { name: "deferred+keys", groups: with_keys(DEFERRED), weight: 0.15 },
@@ -49,24 +50,24 @@ pub const TIERS: [Tier; 10] = [
     Tier { name: "denoised+around+keys", groups: with_keys(with_neighbours(DENOISED)), weight: 0.05 },
 ];
 
-/// Largest change of exposure, in stops.
+/// Largest change of exposure in stops.
 const STOPS: f32 = 1.0;
-/// Neighbours that come before the frame; the others come after.
+/// Number of neighbours that come before the frame. The others come after it.
 pub const BEFORE: usize = NEIGHBOURS / 2;
 
-/// Changes that leave everything as true as it was.
+/// A change of inputs and truth together.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Change {
-    /// Left and right are swapped.
+pub struct Augmentation {
+    /// Whether left and right are swapped.
     pub mirror: bool,
-    /// Which primary comes where.
+    /// The primary that each colour channel takes.
     pub primaries: [usize; 3],
-    /// Factor of all radiance.
+    /// Factor of all radiance values.
     pub gain: f32,
 }
 
-impl Change {
-    /// None.
+impl Augmentation {
+    /// No change.
     pub const NONE: Self = Self { mirror: false, primaries: [0, 1, 2], gain: 1.0 };
 
     fn draw(rng: &mut Pcg64Mcg) -> Self {
@@ -78,7 +79,7 @@ impl Change {
         }
     }
 
-    /// Changes one pixel; its place is not changed here.
+    /// Changes the numbers of one pixel. Mirroring also moves the pixel, which [`Batch::of`] does.
     pub fn apply(&self, stored: &mut [f32]) {
         if self.mirror {
             stored[at::NORMAL] = -stored[at::NORMAL];
@@ -95,7 +96,7 @@ impl Change {
     }
 }
 
-/// One crop of a record.
+/// A window of a record.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
     /// Left column, even.
@@ -108,47 +109,51 @@ pub struct Window {
     pub height: usize,
 }
 
-/// What the network and its head read, and the truth.
+/// The inputs of the network and its head for a batch of crops, and the truth.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
-    /// Pictures.
+    /// Number of crops.
     pub items: usize,
     /// Columns, a multiple of [`MULTIPLE`].
     pub width: usize,
-    /// Rows, likewise.
+    /// Rows, a multiple of [`MULTIPLE`].
     pub height: usize,
-    /// What is given.
+    /// Groups that are given.
     pub groups: Groups,
-    /// `[items][height/2][width/2][4 groups.channels()]`: group by group, in each the four pixels of a block, in each its channels.
+    /// Inputs of the network, `[items][height/2][width/2][4 groups.channels()]`. A block of four pixels holds the groups one
+    /// after another, each group its four pixels, and each pixel its channels.
     pub input: Vec<f32>,
-    /// `[items][height][width]`.
-    pub known: Vec<Known>,
-    /// `[items][height][width]`, exposed.
+    /// Inputs of the head, `[items][height][width]`.
+    pub pixels: Vec<PixelInputs>,
+    /// Exposed linear radiance, `[items][height][width]`.
     pub truth: Vec<[f32; 3]>,
 }
 
 impl Batch {
-    /// Draws `items` crops of `size` pixels a side for one of `tiers`. `None` where no record has what the drawn tier reads.
+    /// Draws `items` crops of `size` x `size` pixels for one of `tiers`, or returns `None` if no record has the inputs of the
+    /// tier.
     pub fn draw(records: &[&Record<f16>], tiers: &[Tier], size: usize, items: usize, rng: &mut Pcg64Mcg) -> Option<Self> {
         let tier = &tiers[crate::train::draw_weighted(tiers.iter().map(|tier| tier.weight), rng)];
         let wanted = tier.groups;
         let fits = |record: &&&Record<f16>| {
             let has = record.groups();
-            let given = has.given().into_iter().zip(wanted.given()).all(|(has, wanted)| has || !wanted);
+            let given = has.flags().into_iter().zip(wanted.flags()).all(|(has, wanted)| has || !wanted);
             given && record.width.min(record.height) >= size
         };
         let fitting: Vec<&Record<f16>> = records.iter().filter(fits).copied().collect();
         if fitting.is_empty() {
             return None;
         }
-        let chosen: Vec<_> = (0..items)
+        let crops: Vec<_> = (0..items)
             .map(|_| {
-                let (record, window) = place(&fitting, size, rng);
-                (record, window, choose(record, wanted, rng), Change::draw(rng))
+                let (record, window) = draw_window(&fitting, size, rng);
+                (record, window, draw_selection(record, wanted, rng), Augmentation::draw(rng))
             })
             .collect();
-        let parts: Vec<Self> =
-            chosen.par_iter().map(|(record, window, chosen, change)| Self::of(record, *window, chosen, change)).collect();
+        let parts: Vec<Self> = crops
+            .par_iter()
+            .map(|(record, window, selection, augmentation)| Self::of(record, *window, selection, augmentation))
+            .collect();
         let join = |field: fn(&Self) -> &Vec<f32>| parts.iter().flat_map(|part| field(part).iter().copied()).collect();
         Some(Self {
             items,
@@ -156,37 +161,38 @@ impl Batch {
             height: size,
             groups: wanted,
             input: join(|part| &part.input),
-            known: parts.iter().flat_map(|part| part.known.iter().copied()).collect(),
+            pixels: parts.iter().flat_map(|part| part.pixels.iter().copied()).collect(),
             truth: parts.iter().flat_map(|part| part.truth.iter().copied()).collect(),
         })
     }
 
-    /// One crop; places beyond the record repeat its last row and column.
-    pub fn of<T: Stored>(record: &Record<T>, window: Window, chosen: &Chosen, change: &Change) -> Self {
+    /// A batch of one crop. Outside the record, its last row and column are repeated.
+    pub fn of<T: Stored>(record: &Record<T>, window: Window, selection: &Selection, augmentation: &Augmentation) -> Self {
         let Window { x, y, width, height } = window;
         debug_assert!(width.is_multiple_of(MULTIPLE) && height.is_multiple_of(MULTIPLE));
-        let channels = chosen.groups.channels();
-        let mut known = vec![Known::default(); width * height];
+        let channels = selection.groups.channels();
+        let mut pixels = vec![PixelInputs::default(); width * height];
         let mut truth = vec![[0.0; 3]; width * height];
         let mut input = vec![0.0; width * height * channels];
-        // Two rows at a time make a row of blocks.
-        let rows = (known.par_chunks_mut(2 * width), truth.par_chunks_mut(2 * width), input.par_chunks_mut(2 * width * channels));
-        rows.into_par_iter().enumerate().for_each(|(pair, (known, truth, input))| {
+        // Two rows of pixels make one row of blocks.
+        let rows =
+            (pixels.par_chunks_mut(2 * width), truth.par_chunks_mut(2 * width), input.par_chunks_mut(2 * width * channels));
+        rows.into_par_iter().enumerate().for_each(|(pair, (pixels, truth, input))| {
             let mut stored = [0.0; at::COUNT];
             let mut read = Vec::with_capacity(channels);
             for i in 0..2 * width {
                 let (column, row) = (i % width, i / width);
-                let source = x + if change.mirror { width - 1 - column } else { column };
+                let source = x + if augmentation.mirror { width - 1 - column } else { column };
                 let (source, line) = (source.min(record.width - 1), (y + 2 * pair + row).min(record.height - 1));
                 T::read(&record.pixels[(line * record.width + source) * at::COUNT..][..at::COUNT], &mut stored);
-                change.apply(&mut stored);
-                known[i] = Known::new(&stored, chosen);
+                augmentation.apply(&mut stored);
+                pixels[i] = PixelInputs::new(&stored, selection);
                 truth[i] = [stored[at::TRUTH], stored[at::TRUTH + 1], stored[at::TRUTH + 2]];
                 read.clear();
-                push_channels(&stored, &known[i], chosen, &mut read);
+                push_channels(&stored, &pixels[i], selection, &mut read);
                 let (block, sub) = (column / 2, row * 2 + column % 2);
                 let (mut from, mut to) = (0, 4 * channels * block);
-                for (count, given) in CHANNELS.into_iter().zip(chosen.groups.given()) {
+                for (count, given) in CHANNELS.into_iter().zip(selection.groups.flags()) {
                     if given {
                         input[to + sub * count..][..count].copy_from_slice(&read[from..from + count]);
                         from += count;
@@ -195,20 +201,20 @@ impl Batch {
                 }
             }
         });
-        Self { items: 1, width, height, groups: chosen.groups, input, known, truth }
+        Self { items: 1, width, height, groups: selection.groups, input, pixels, truth }
     }
 
-    /// Picture `item` with the network's outputs for the whole batch.
+    /// The inputs of the head for crop `item`, given the outputs of the network for the whole batch.
     pub fn picture<'a>(&'a self, item: usize, fine: &'a [f32], coarse: &'a [f32]) -> Picture<'a> {
         let part = |values: &'a [f32]| {
             let count = values.len() / self.items;
             &values[item * count..(item + 1) * count]
         };
-        let pixels = self.width * self.height;
+        let count = self.width * self.height;
         Picture {
             width: self.width,
             height: self.height,
-            known: &self.known[item * pixels..(item + 1) * pixels],
+            pixels: &self.pixels[item * count..(item + 1) * count],
             groups: self.groups,
             fine: part(fine),
             coarse: part(coarse),
@@ -216,8 +222,9 @@ impl Batch {
     }
 }
 
-/// A crop of which one point in eight at least shows a surface, if four tries find one: sky teaches nothing.
-fn place<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&'a Record<f16>, Window) {
+/// Draws a window in which at least one point in eight shows a surface, with up to four attempts: the network learns nothing from
+/// sky.
+fn draw_window<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&'a Record<f16>, Window) {
     let mut tries = 0;
     loop {
         let record = records[rng.random_range(0..records.len())];
@@ -235,10 +242,10 @@ fn place<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg) -> (&
     }
 }
 
-/// Some of what `record` has of the wanted groups: any number of parts, neighbours on both sides or only before; with a denoised
-/// picture the samples that it was made of.
-fn choose(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Chosen {
-    let mut chosen = Chosen { groups, ..Chosen::all(record) };
+/// Draws a subset of the inputs of a record: any number of parts, and neighbours on both sides or only before the frame. With a
+/// denoised picture, it takes the samples from which that picture was made.
+fn draw_selection(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Selection {
+    let mut selection = Selection { groups, ..Selection::all(record) };
     let there = record.parts.iter().filter(|spp| **spp > 0).count();
     let before_alone = rng.random_bool(0.3);
     let (mut first, mut keep) = (rng.random_range(0..there.max(1)), rng.random_range(1..=there.max(1)));
@@ -247,24 +254,24 @@ fn choose(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Chosen {
         if groups.neighbours {
             first = 0;
         }
-        chosen.picture = match (groups.neighbours, before_alone) {
+        selection.picture = match (groups.neighbours, before_alone) {
             (false, _) => first,
             (true, false) => AROUND,
             (true, true) => ALL_BEFORE,
         };
     }
     for part in 0..PARTS {
-        chosen.parts[part] = part < there && (part + there - first) % there < keep;
+        selection.parts[part] = part < there && (part + there - first) % there < keep;
     }
-    chosen.spp = (0..PARTS).filter(|part| chosen.parts[*part]).map(|part| record.parts[part] as f32).sum();
-    for (n, spp) in chosen.neighbours.iter_mut().enumerate() {
+    selection.spp = (0..PARTS).filter(|part| selection.parts[*part]).map(|part| record.parts[part] as f32).sum();
+    for (n, spp) in selection.neighbours.iter_mut().enumerate() {
         *spp = if groups.neighbours && (n < BEFORE || !before_alone) { record.neighbours[n] as f32 } else { 0.0 };
     }
-    // Sometimes one keyframe alone.
+    // In one batch of five, one keyframe is used alone.
     if KEYS == 2 && rng.random_bool(0.2) {
-        chosen.ages[1] = None;
+        selection.ages[1] = None;
     }
-    chosen
+    selection
 }
 
 #[cfg(test)]
@@ -285,19 +292,20 @@ mod tests {
         record
     }
 
-    /// Changing a record and reading it is reading it and permuting, mirroring and scaling what was read.
+    /// Reading an augmented record gives the mirrored, permuted and scaled values of the plain record.
     #[test]
-    fn changes_are_exact() {
+    fn augmentations_are_exact() {
         let record = record(16, 16, 3);
         let window = Window { x: 0, y: 0, width: 16, height: 16 };
-        let change = Change { mirror: true, primaries: [2, 0, 1], gain: 0.5 };
-        let chosen = Chosen::all(&record);
-        let (plain, changed) = (Batch::of(&record, window, &chosen, &Change::NONE), Batch::of(&record, window, &chosen, &change));
+        let augmentation = Augmentation { mirror: true, primaries: [2, 0, 1], gain: 0.5 };
+        let selection = Selection::all(&record);
+        let (plain, changed) =
+            (Batch::of(&record, window, &selection, &Augmentation::NONE), Batch::of(&record, window, &selection, &augmentation));
         for i in 0..256 {
             let mirrored = i / 16 * 16 + 15 - i % 16;
-            let (a, b) = (&plain.known[mirrored], &changed.known[i]);
+            let (a, b) = (&plain.pixels[mirrored], &changed.pixels[i]);
             for c in 0..3 {
-                let from = change.primaries[c];
+                let from = augmentation.primaries[c];
                 assert_eq!(b.background[c], 0.5 * a.background[from]);
                 assert_eq!(b.tint[c], a.tint[from]);
                 assert_eq!((b.own[c], b.own[3]), (0.5 * a.own[from], a.own[3]));
@@ -319,11 +327,11 @@ mod tests {
         for tier in TIERS {
             let mut rng = Pcg64Mcg::seed_from_u64(1);
             let batch = Batch::draw(&[&bare, &record], &[tier], 32, 3, &mut rng).expect("a record has everything");
-            assert_eq!((batch.items, batch.known.len(), batch.groups), (3, 3 * 1024, tier.groups));
+            assert_eq!((batch.items, batch.pixels.len(), batch.groups), (3, 3 * 1024, tier.groups));
             assert_eq!(batch.input.len(), 3 * 1024 * tier.groups.channels());
-            assert!(batch.known.iter().any(|known| known.own[3] > 0.0) == tier.groups.samples);
-            assert!(batch.known.iter().any(|known| known.trust[0].is_finite()) == tier.groups.keys);
-            assert!(batch.known.iter().all(|known| known.denoised.is_some()) == tier.groups.denoised);
+            assert!(batch.pixels.iter().any(|pixel| pixel.own[3] > 0.0) == tier.groups.samples);
+            assert!(batch.pixels.iter().any(|pixel| pixel.trust[0].is_finite()) == tier.groups.keys);
+            assert!(batch.pixels.iter().all(|pixel| pixel.denoised.is_some()) == tier.groups.denoised);
             assert!(Batch::draw(&[&bare], &[tier], 32, 1, &mut rng).is_some() != (tier.groups.deferred || tier.groups.keys));
         }
         let mut rng = Pcg64Mcg::seed_from_u64(1);

@@ -1,6 +1,6 @@
-//! Fills records: what the path tracer, deferred shading and the warp give becomes what the network reads.
+//! Fills records with the results of the path tracer, of deferred shading and of the warp.
 
-use super::record::{Chosen, KEYS, Known, NEIGHBOURS, PARTS, PICTURES, Record, TINT, at, radiance, tint};
+use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, TINT, at, radiance, tint};
 use glam::Vec2;
 use rayon::prelude::*;
 use renderflow_frame::ibl::{Shading, Surfaces};
@@ -9,29 +9,29 @@ use renderflow_frame::terms::ShadingTerms;
 use renderflow_frame::warp::{self, Neighbour};
 use renderflow_frame::{Camera, Environment, Frame};
 
-/// Traced samples of a frame.
+/// The traced samples of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Samples<'a> {
-    /// Mean radiance, background included.
+    /// Mean radiance, including the background.
     pub raw: &'a Rgb,
-    /// Coverage by the same camera rays.
+    /// Coverage, from the same camera rays.
     pub alpha: &'a Image<f32>,
-    /// Albedo by the same camera rays, times coverage.
+    /// Albedo times coverage, from the same camera rays.
     pub albedo: &'a Rgb,
     /// Environment behind each pixel.
     pub background: &'a Rgb,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub spp: u32,
 }
 
 impl<'a> Samples<'a> {
-    /// Those of a path-traced frame, `None` where it has no samples or no guides.
+    /// The samples of a path-traced frame, or `None` if it has no samples or no guides.
     pub fn of(frame: &'a Frame, background: &'a Rgb) -> Option<Self> {
         let (raw, albedo) = (frame.raw.as_ref()?, frame.guide_albedo.as_ref()?);
         Some(Self { raw, alpha: &frame.alpha, albedo, background, spp: frame.info.spp })
     }
 
-    /// Radiance of the surface over the tint of its albedo in the pixel with the record `stored`, times coverage; and coverage.
+    /// Radiance of the surface divided by its reflectance, times coverage, and coverage. `stored` holds the numbers of the pixel.
     fn at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 4] {
         let alpha = finite(self.alpha.pixels[i]).clamp(0.0, 1.0);
         if alpha <= 0.0 {
@@ -47,7 +47,7 @@ impl<'a> Samples<'a> {
 }
 
 impl Record<f32> {
-    /// A record of the G-buffer of `frame`, whose pixels show `surfaces`.
+    /// The record of a frame's G-buffer. `surfaces` holds what its pixels show.
     pub fn of(frame: &Frame, surfaces: &Surfaces, exposure: f32) -> Self {
         let mut record = Self::new(frame.width, frame.height);
         let median = median(&surfaces.depth.pixels);
@@ -74,7 +74,7 @@ impl Record<f32> {
         record
     }
 
-    /// Adds what the whole environment gives with nothing in its way: what goes with samples.
+    /// Adds the unoccluded light of the environment, which the network reads with samples.
     pub fn add_environment(&mut self, shading: &Shading, exposure: f32) {
         self.each(|i, out| {
             if out[at::ALPHA] > 0.0 {
@@ -105,26 +105,33 @@ impl Record<f32> {
         });
     }
 
-    /// Adds keyframe `k` (0 before, 1 after the frame). `frame` is this record's frame, and `shaded` its deferred picture.
+    /// Adds keyframe `k` (0 before the frame, 1 after it). `frame` is the frame of this record, and `shaded` its deferred
+    /// picture.
+    ///
+    /// # Panics
+    /// When `k` is neither 0 nor 1.
     pub fn add_key(&mut self, k: usize, seen: &Neighbour, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
-        let key = seen.key;
+        let keyframe = seen.key;
         assert!(k < KEYS, "keyframe {k} of {KEYS}");
         self.distances[k] = Some(seen.distance);
         let found = seen.correspond(frame);
-        let over_shading =
-            key.start.as_ref().zip(shaded).map(|(there, here)| warp::ratio_fetch(&key.truth, there, here, &found, exposure));
+        let over_shading = keyframe
+            .start
+            .as_ref()
+            .zip(shaded)
+            .map(|(there, here)| warp::ratio_fetch(&keyframe.truth, there, here, &found, exposure));
         let plain = |frame: &Frame, i: usize| {
             let alpha = frame.alpha.pixels[i];
             let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));
             guide.unwrap_or(frame.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0) + TINT)
         };
         let over_tint = Rgb {
-            width: key.truth.width,
-            height: key.truth.height,
-            pixels: (0..key.truth.pixels.len())
+            width: keyframe.truth.width,
+            height: keyframe.truth.height,
+            pixels: (0..keyframe.truth.pixels.len())
                 .map(|i| {
-                    let plain = plain(&key.frame, i);
-                    std::array::from_fn(|c| finite(key.truth.pixels[i][c]) / plain[c])
+                    let plain = plain(&keyframe.frame, i);
+                    std::array::from_fn(|c| finite(keyframe.truth.pixels[i][c]) / plain[c])
                 })
                 .collect(),
         };
@@ -146,6 +153,9 @@ impl Record<f32> {
     }
 
     /// Adds samples of this frame as part `part`.
+    ///
+    /// # Panics
+    /// When `part` is not below [`PARTS`].
     pub fn add_part(&mut self, part: usize, samples: &Samples, exposure: f32) {
         assert!(part < PARTS, "part {part} of {PARTS}");
         self.parts[part] = samples.spp;
@@ -155,8 +165,11 @@ impl Record<f32> {
         });
     }
 
-    /// Adds samples of another frame, taken from the pixel there that `source` names, as neighbour `n`: those before the frame first, the
-    /// nearest first on either side.
+    /// Adds samples of another frame as neighbour `n`. `source` holds, for each pixel, the index of its pixel in that frame.
+    /// Neighbours before the frame come first, and on each side the nearest comes first.
+    ///
+    /// # Panics
+    /// When `n` is not below [`NEIGHBOURS`].
     pub fn add_neighbour(&mut self, n: usize, samples: &Samples, source: &Image<Option<u32>>, exposure: f32) {
         assert!(n < NEIGHBOURS, "neighbour {n} of {NEIGHBOURS}");
         self.neighbours[n] = samples.spp;
@@ -166,30 +179,33 @@ impl Record<f32> {
         });
     }
 
-    /// The picture of the samples that are `chosen`, carried neighbours among them, as another denoiser takes it: scene-linear,
-    /// with the albedo and the normals of the frame as guides. The tint that samples were divided by is that of the pixel here,
-    /// so that edges come out a little cleaner than they were.
-    pub fn noisy(&self, chosen: &Chosen, exposure: f32) -> [Rgb; 3] {
+    /// The noisy picture, the albedo and the normals that another denoiser reads, scene-linear. The picture holds the selected
+    /// samples, including those of neighbours. Samples are multiplied by the reflectance of this frame's pixel, so edges are a
+    /// little cleaner than they were.
+    pub fn noisy(&self, selection: &Selection, exposure: f32) -> [Rgb; 3] {
         let mut pictures = [(); 3].map(|()| Rgb::filled(self.width, self.height, [0.0; 3]));
         let [colors, albedos, normals] = &mut pictures;
         let row = self.width.max(1);
         let guides = albedos.pixels.par_iter_mut().zip(&mut normals.pixels);
         let stored = self.pixels.par_chunks_exact(at::COUNT).with_min_len(row);
         stored.zip(&mut colors.pixels).zip(guides).for_each(|((stored, color), (albedo, normal))| {
-            let known = Known::new(stored, chosen);
-            let sum = known.others.iter().fold(known.own, |sum, other| std::array::from_fn(|c| sum[c] + other[c]));
-            // How much of the pixel is covered, as its own samples see it.
-            let covered = (known.own[3] / chosen.spp.max(1.0)).clamp(0.0, 1.0);
+            let pixel = PixelInputs::new(stored, selection);
+            let sum = pixel.others.iter().fold(pixel.own, |sum, other| std::array::from_fn(|c| sum[c] + other[c]));
+            // The coverage of the pixel in its own samples.
+            let covered = (pixel.own[3] / selection.spp.max(1.0)).clamp(0.0, 1.0);
             let scale = if sum[3] > 0.0 { covered / sum[3] } else { 0.0 };
-            let of = |c: usize| sum[c] * scale * known.tint[c] + (1.0 - covered) * known.background[c];
+            let of = |c: usize| sum[c] * scale * pixel.tint[c] + (1.0 - covered) * pixel.background[c];
             *color = [of(0), of(1), of(2)].map(|v| v / exposure);
-            *albedo = [0, 1, 2].map(|c| known.alpha * stored[at::ALBEDO + c]);
+            *albedo = [0, 1, 2].map(|c| pixel.alpha * stored[at::ALBEDO + c]);
             *normal = [0, 1, 2].map(|c| stored[at::NORMAL + c]);
         });
         pictures
     }
 
-    /// Adds what another denoiser made of samples as picture `place`, scene-linear, background included.
+    /// Adds the picture `place` that another denoiser made from samples, scene-linear and with the background.
+    ///
+    /// # Panics
+    /// When `place` is not below [`PICTURES`].
     pub fn add_denoised(&mut self, place: usize, picture: &Rgb, exposure: f32) {
         assert!(place < PICTURES, "picture {place} of {PICTURES}");
         self.denoised[place] = true;
@@ -204,7 +220,7 @@ impl Record<f32> {
         });
     }
 
-    /// Adds the truth, scene-linear.
+    /// Adds the path-traced radiance, scene-linear.
     pub fn add_truth(&mut self, truth: &Rgb, exposure: f32) {
         self.each(|i, out| put(out, at::TRUTH, truth.pixels[i].map(|v| radiance(exposure * v))));
     }
@@ -215,7 +231,7 @@ impl Record<f32> {
     }
 }
 
-/// The environment behind each pixel; 0 where a surface covers all of it.
+/// The environment behind each pixel; 0 where a surface covers the whole pixel.
 pub fn background(camera: &Camera, alpha: &Image<f32>, environment: &Environment) -> Rgb {
     let mut out = Rgb::filled(alpha.width, alpha.height, [0.0; 3]);
     out.pixels.par_iter_mut().zip(&alpha.pixels).with_min_len(alpha.width.max(1)).enumerate().for_each(|(i, (out, alpha))| {
@@ -239,7 +255,7 @@ fn finite(v: f32) -> f32 {
     if v.is_finite() { v } else { 0.0 }
 }
 
-/// Median depth of what is hit; 1 where nothing is.
+/// Median depth of the pixels that see a surface; 1 if none does.
 fn median(depths: &[f32]) -> f32 {
     let mut known: Vec<f32> = depths.iter().copied().filter(|d| d.is_finite() && *d > 0.0).collect();
     if known.is_empty() {
@@ -254,8 +270,8 @@ mod tests {
     use super::*;
     use crate::fusion::record::Groups;
 
-    /// Samples over their tint are put together as they were taken apart; a neighbour's count as often as there are of them, and
-    /// the frame's own tell how much of a pixel is covered.
+    /// Samples are joined as they were divided. A neighbour counts by its number of samples, and the frame's own samples decide
+    /// how much of a pixel is covered.
     #[test]
     fn samples_are_put_together_as_they_were_taken_apart() {
         let mut record = Record::<f32>::new(4, 2);
@@ -264,14 +280,14 @@ mod tests {
             stored[at::ALPHA] = 0.5;
             stored[at::ALBEDO..][..3].copy_from_slice(&[0.5, 0.25, 0.125]);
             stored[at::BACKGROUND..][..3].copy_from_slice(&[1.0; 3]);
-            // Half covered, with 2 over the tint; the neighbour covers it, with 6.
+            // Half covered, with a quotient of 2; the neighbour covers the whole pixel, with a quotient of 6.
             stored[at::SAMPLES..][..4].copy_from_slice(&[1.0, 1.0, 1.0, 0.5]);
             stored[at::NEARBY..][..4].copy_from_slice(&[6.0, 6.0, 6.0, 1.0]);
         }
-        let all = Chosen::all(&record);
-        let alone = Chosen { groups: Groups { neighbours: false, ..all.groups }, ..all };
-        // No split sum is stored: the tint is the albedo and 0.02. The mean over the tint is that of the covered samples, one own
-        // and six others.
+        let all = Selection::all(&record);
+        let alone = Selection { groups: Groups { neighbours: false, ..all.groups }, ..all };
+        // No split sum is stored, so the reflectance is the albedo plus 0.02. The mean is over the covered samples, one of the
+        // frame and six of the neighbour.
         for (chosen, mean) in [(alone, 2.0), (all, (2.0 + 6.0 * 6.0) / 7.0)] {
             let [color, albedo, normal] = record.noisy(&chosen, 4.0);
             for (c, tint) in [0.52, 0.27, 0.145].into_iter().enumerate() {

@@ -10,16 +10,16 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-/// Levels: 1/2, 1/4, 1/8, 1/16.
+/// Number of levels, at 1/2, 1/4, 1/8 and 1/16 of the picture's size.
 pub const LEVELS: usize = 4;
-/// Pictures are padded to a multiple of this.
+/// Sides of pictures are padded to a multiple of this.
 pub const MULTIPLE: usize = 16;
 
 /// Size of the network.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FusionConfig {
-    /// Channels of each level, multiples of 16.
+    /// Channels of each level: multiples of 16, at most 1024.
     pub widths: [usize; LEVELS],
 }
 
@@ -39,7 +39,7 @@ impl FusionConfig {
         if self.widths.iter().all(fits) { Ok(()) } else { Err(Error::config("widths", "must be multiples of 16 up to 1024")) }
     }
 
-    /// Values of all parameters.
+    /// Number of values in all parameters.
     pub fn values(&self) -> usize {
         let w = self.widths;
         let conv = |k: usize, from: usize, to: usize| k * k * from * to + to;
@@ -72,28 +72,28 @@ impl Refine {
 /// The network.
 #[derive(Module, Debug)]
 pub struct FusionNet {
-    /// Pixel-unshuffled inputs of all groups to the first level.
+    /// From the pixel-unshuffled inputs of all groups to the first level.
     pub stem: Conv,
-    /// To each next level, stride 2.
+    /// From each level to the next, with stride 2.
     pub reduce: Vec<Conv>,
-    /// At each level on the way down.
+    /// At each level of the encoder.
     pub down: Vec<Refine>,
-    /// From each level to the one above it, joined with its skip connection; the coarsest first.
+    /// From each level and a skip connection to the next finer level. The coarsest comes first.
     pub enter: Vec<Conv>,
     /// After each of `enter`.
     pub up: Vec<Refine>,
-    /// Outputs at 1/2.
+    /// Outputs at half size.
     pub fine: Conv,
-    /// Outputs at 1/4: kernels of the coarsest scale.
+    /// Outputs at quarter size: kernels of the coarsest scale.
     pub coarse: Conv,
 }
 
-/// What the network says of a picture; see [`head`] for the meaning of the channels.
+/// The outputs of the network; see [`head`] for the meaning of the channels.
 #[derive(Clone, Debug)]
 pub struct Outputs {
     /// `[b, h/2, w/2, head::fine(groups)]`.
     pub fine: Tensor<4>,
-    /// `[b, h/4, w/4, KERNEL]`, where there are samples.
+    /// `[b, h/4, w/4, KERNEL]`, with samples only.
     pub coarse: Option<Tensor<4>>,
 }
 
@@ -107,7 +107,7 @@ impl FusionNet {
         let init = &mut Init::new(seed, device);
         let w = config.widths;
         let inputs: usize = 4 * CHANNELS.iter().sum::<usize>();
-        // About half of the groups are there at a time.
+        // About half of the groups are given at a time.
         let stem = Conv::new(init, 3, inputs, w[0], 1.4);
         Ok(Self {
             stem,
@@ -120,7 +120,7 @@ impl FusionNet {
         })
     }
 
-    /// `x` `[b, h/2, w/2, 4 groups.channels()]`, pixel-unshuffled, h and w multiples of [`MULTIPLE`].
+    /// Runs the network on pixel-unshuffled inputs `[b, h/2, w/2, 4 groups.channels()]`. h and w are multiples of [`MULTIPLE`].
     pub fn forward(&self, products: Products, x: Tensor<4>, groups: Groups) -> Outputs {
         let mut x = ops::conv_by(products, x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
         let mut skips = Vec::with_capacity(LEVELS - 1);
@@ -146,12 +146,12 @@ impl FusionNet {
     }
 }
 
-/// The weights of the inputs that are there: the others would meet zeros.
+/// The weights of the inputs that are given. The other inputs would be zeros.
 fn stem_of(weight: &Param<Tensor<4>>, groups: Groups) -> Tensor<4> {
     let weight = weight.val();
     let mut parts = Vec::new();
     let mut from = 0;
-    for (channels, given) in CHANNELS.iter().zip(groups.given()) {
+    for (channels, given) in CHANNELS.iter().zip(groups.flags()) {
         if given {
             parts.push(weight.clone().narrow(2, 4 * from, 4 * channels));
         }

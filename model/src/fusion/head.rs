@@ -1,72 +1,74 @@
-//! From the network's outputs to the picture, and from the derivative of a loss with respect to the picture to that of the outputs.
+//! The head: it computes the picture from the outputs of the network, and the derivative of a loss with respect to the outputs
+//! from its derivative with respect to the picture.
 //!
-//! All of it is a few operations a pixel on numbers that are not learnt, so it runs fused on the host. With `M` the samples of the frame
-//! and its neighbours in learnt proportion (radiance over the tint times coverage, and coverage), for each scale `l` of 1, 2 and 4 pixels
+//! The head has no parameters and needs few operations per pixel, so it runs fused on the host. Let `M` be the samples of the
+//! frame and its neighbours, blended with predicted weights: radiance divided by the reflectance, times coverage, and coverage.
+//! For each scale `l` of 1, 2 and 4 pixels, the samples are filtered by
 //!
-//! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, j over 5 x 5,
+//! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, with j over 5 x 5 pixels.
 //!
-//! so that pixels which see no surface have no say. The three are brought to full size (bilinear) and blended: the filtered
-//! samples. They, what the surface mirrors of the environment, a picture that another denoiser made of the samples, the carried
-//! keyframes and the sum of the deferred terms, each term times `exp(g)`, are mixed with softmax weights; some of the mirrored
-//! and a residual times the tint are added, and coverage puts the environment behind. Kernels blur what a smooth surface mirrors,
-//! the split sum does not.
+//! Pixels that see no surface therefore have no influence. The three scales are enlarged bilinearly and blended. The candidates
+//! are these filtered samples, the specular reflection of the environment, the picture of another denoiser, the warped keyframes,
+//! and the sum of the terms of deferred shading, each times `exp(g)`. They are mixed with softmax weights. Then a share of the
+//! specular reflection and a residual times the reflectance are added, and the environment is put behind the surface. The
+//! specular reflection is a candidate because kernels blur reflections, and the split sum does not.
 
-use super::record::{Groups, KEYS, Known, NEIGHBOURS, TERMS};
+use super::record::{Groups, KEYS, NEIGHBOURS, PixelInputs, TERMS};
 use crate::bridge::MAX_RADIANCE;
 use crate::kernels;
 use rayon::prelude::*;
 
-/// Weights of a kernel.
+/// Number of weights of a kernel.
 pub const KERNEL: usize = SIDE * SIDE;
 const SIDE: usize = 5;
 const REACH: usize = 2;
-/// [`KERNEL`] as whole vectors.
+/// [`KERNEL`] rounded up to whole vectors.
 const PADDED: usize = KERNEL.next_multiple_of(16);
-/// Scales of the kernels.
+/// Number of scales.
 const SCALES: usize = 3;
-/// Candidates: filtered samples, keyframes, deferred shading; with samples also what is mirrored of the environment, and the
-/// denoised picture.
+/// Number of candidates that every picture has: filtered samples, keyframes, deferred shading. With samples there are two more:
+/// the specular reflection of the environment, and the denoised picture.
 const CANDIDATES: usize = 2 + KEYS;
 const MIRRORED: usize = CANDIDATES;
 const DENOISED: usize = CANDIDATES + 1;
 const MIXED: usize = CANDIDATES + 2;
 
-/// Outputs for a pixel of the three blocks: what every picture has, what samples add, what neighbours add.
+/// Number of outputs per pixel: for every picture, added by samples, and added by neighbours.
 const BASE: usize = CANDIDATES + TERMS + 3;
 const TRACED: usize = KERNEL + SCALES + 3;
 const MERGE: usize = 1 + NEIGHBOURS;
-/// Outputs at 1/2 with everything: four pixels, and the kernel of scale 2.
+/// Number of outputs at half size with all groups: four pixels, and the kernel of scale 2.
 pub const FINE: usize = 4 * (BASE + TRACED + MERGE) + KERNEL;
 
-/// Most of a factor's logarithm.
+/// Largest absolute logarithm of a factor.
 const MOST: f32 = 4.0;
-/// Logits before training of the samples where there are some, and of the keyframes, beside 0 of deferred shading.
+/// Logits of samples and of keyframes before training. The logit of deferred shading is 0.
 const TRUST: [f32; 2] = [5.0, 3.0];
-/// The same of a denoised picture.
+/// Logit of the denoised picture before training.
 const TRUST_DENOISED: f32 = 8.0;
-/// Logit of the middle of a kernel before training.
+/// Logit of the centre of a kernel before training.
 const MIDDLE: f32 = 2.0;
 /// Logit of the finest scale before training.
 const FINEST: f32 = 1.0;
-/// Coverage that is no coverage.
+/// Coverage up to here counts as none.
 const NOTHING: f32 = 1e-6;
 
-/// Outputs at 1/2 where these groups are there.
+/// Number of outputs at half size for these groups.
 pub fn fine(groups: Groups) -> usize {
     let traced = if groups.samples { 4 * TRACED + KERNEL } else { 0 };
     4 * BASE + traced + if groups.neighbours { 4 * MERGE } else { 0 }
 }
 
-/// One picture, or crop, on which the head acts; even width and height, with samples multiples of 4.
+/// The inputs of the head for one picture or crop. Width and height are even, and with samples multiples of 4.
 #[derive(Clone, Copy, Debug)]
 pub struct Picture<'a> {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// A pixel each.
-    pub known: &'a [Known],
-    /// What is given.
+    /// `[height][width]`.
+    pub pixels: &'a [PixelInputs],
+    /// Groups that are given.
     pub groups: Groups,
     /// `[height/2][width/2][fine(groups)]`.
     pub fine: &'a [f32],
@@ -74,42 +76,52 @@ pub struct Picture<'a> {
     pub coarse: &'a [f32],
 }
 
-/// Samples at one scale, and what its kernels make of them.
+/// The samples at one scale, before and after filtering.
 #[derive(Clone, Debug, Default)]
 struct Scale {
     width: usize,
     height: usize,
-    /// Samples over the tint times coverage, coverage.
+    /// Samples divided by the reflectance, times coverage; coverage.
     merged: Vec<[f32; 4]>,
-    /// Filtered: the same quotient, and the sum that it was divided by.
+    /// The filtered quotient, and the weighted coverage that it was divided by.
     filtered: Vec<[f32; 4]>,
 }
 
-/// What of the forward pass the backward pass needs.
+/// The part of the forward pass that the backward pass needs.
 #[derive(Clone, Debug, Default)]
 pub struct Tape {
     scales: Vec<Scale>,
 }
 
-/// A pixel's outputs of the mix, after their non-linearities.
+/// Derivatives of a loss.
+struct Derivatives {
+    /// With respect to [`Picture::fine`].
+    fine: Vec<f32>,
+    /// With respect to [`Picture::coarse`].
+    coarse: Vec<f32>,
+    /// With respect to the filtered samples of each scale.
+    filtered: Vec<Vec<[f32; 3]>>,
+}
+
+/// The outputs that mix the candidates of one pixel, after their non-linearities.
 struct Mix {
     weights: [f32; MIXED],
     factors: [f32; TERMS],
     candidates: [[f32; 3]; MIXED],
-    /// How much of what is mirrored is added.
+    /// Share of the specular reflection that is added.
     shine: f32,
     /// Weights of the scales.
     scales: [f32; SCALES],
 }
 
 impl Picture<'_> {
-    /// Outputs of pixel i: those of every picture.
+    /// The outputs of pixel `i` that every picture has.
     fn base(&self, i: usize) -> &[f32] {
         let (block, sub) = self.place(i);
         &self.fine[block * fine(self.groups) + sub * BASE..][..BASE]
     }
 
-    /// Where outputs of samples begin for pixel `i`.
+    /// Index of the first output of pixel `i` that samples add.
     fn traced_at(&self, i: usize) -> usize {
         let (block, sub) = self.place(i);
         block * fine(self.groups) + 4 * BASE + sub * TRACED
@@ -120,7 +132,7 @@ impl Picture<'_> {
         block * fine(self.groups) + 4 * BASE + 4 * TRACED + KERNEL + sub * MERGE
     }
 
-    /// Where the kernel of pixel `i` of a scale begins in its outputs.
+    /// Index of the kernel of pixel `i` of a scale in the outputs of that scale.
     fn kernel_at(&self, scale: usize, i: usize) -> usize {
         match scale {
             0 => self.traced_at(i),
@@ -134,13 +146,14 @@ impl Picture<'_> {
         &outputs[self.kernel_at(scale, i)..][..KERNEL]
     }
 
-    /// Block of 2 x 2 and place in it of a pixel.
+    /// The block of 2 x 2 pixels that a pixel is in, and its index in the block.
     fn place(&self, i: usize) -> (usize, usize) {
         let (x, y) = (i % self.width, i / self.width);
         ((y / 2) * (self.width / 2) + x / 2, (y % 2) * 2 + x % 2)
     }
 
-    /// Weights of own samples and of the neighbours'; absent ones have no coverage and do no harm.
+    /// Weights of the frame's own samples and of its neighbours. Absent neighbours have no coverage, so their weights do not
+    /// matter.
     fn merging(&self, i: usize) -> [f32; MERGE] {
         if !self.groups.neighbours {
             return std::array::from_fn(|n| if n == 0 { 1.0 } else { 0.0 });
@@ -150,9 +163,9 @@ impl Picture<'_> {
     }
 
     fn merged(&self, i: usize) -> [f32; 4] {
-        let (known, weights) = (&self.known[i], self.merging(i));
-        let mut sum = known.own.map(|v| v * weights[0]);
-        for (other, weight) in known.others.iter().zip(&weights[1..]) {
+        let (pixel, weights) = (&self.pixels[i], self.merging(i));
+        let mut sum = pixel.own.map(|v| v * weights[0]);
+        for (other, weight) in pixel.others.iter().zip(&weights[1..]) {
             for (sum, value) in sum.iter_mut().zip(other) {
                 *sum += weight * value;
             }
@@ -161,7 +174,7 @@ impl Picture<'_> {
     }
 
     fn mix(&self, i: usize, scales: &[Scale]) -> Mix {
-        let (known, outputs) = (&self.known[i], self.base(i));
+        let (pixel, outputs) = (&self.pixels[i], self.base(i));
         let (logits, factors) = (&outputs[..CANDIDATES], &outputs[CANDIDATES..CANDIDATES + TERMS]);
         let mut mix = Mix {
             weights: [f32::NEG_INFINITY; MIXED],
@@ -173,27 +186,27 @@ impl Picture<'_> {
         if self.groups.samples {
             let outputs = &self.fine[self.traced_at(i) + KERNEL..][..SCALES + 3];
             mix.scales = softmax([outputs[0] + FINEST, outputs[1], outputs[2]]);
-            mix.candidates[MIRRORED] = known.reflected;
+            mix.candidates[MIRRORED] = pixel.reflected;
             mix.weights[MIRRORED] = outputs[SCALES];
             mix.shine = outputs[SCALES + 1];
-            if let Some(denoised) = known.denoised {
+            if let Some(denoised) = pixel.denoised {
                 mix.candidates[DENOISED] = denoised;
                 mix.weights[DENOISED] = outputs[SCALES + 2] + TRUST_DENOISED;
             }
             let filtered = self.filtered(i, &mix.scales, scales);
             if filtered[3] > NOTHING {
-                mix.candidates[0] = std::array::from_fn(|c| filtered[c] * known.tint[c]);
+                mix.candidates[0] = std::array::from_fn(|c| filtered[c] * pixel.tint[c]);
                 mix.weights[0] = logits[0] + TRUST[0];
             }
         }
         if self.groups.keys {
             for k in 0..KEYS {
-                mix.candidates[1 + k] = known.keys[k];
-                mix.weights[1 + k] = logits[1 + k] + TRUST[1] + known.trust[k];
+                mix.candidates[1 + k] = pixel.keys[k];
+                mix.weights[1 + k] = logits[1 + k] + TRUST[1] + pixel.trust[k];
             }
         }
         if self.groups.deferred {
-            for (term, factor) in known.terms.iter().zip(mix.factors) {
+            for (term, factor) in pixel.terms.iter().zip(mix.factors) {
                 (0..3).for_each(|c| mix.candidates[1 + KEYS][c] += term[c] * factor);
             }
             mix.weights[1 + KEYS] = logits[1 + KEYS];
@@ -202,13 +215,13 @@ impl Picture<'_> {
         mix
     }
 
-    /// Filtered samples over the tint at pixel `i`, and how much of them there is.
+    /// The blended filtered samples at pixel `i`, divided by the reflectance, and the sum of their weights.
     fn filtered(&self, i: usize, shares: &[f32; SCALES], scales: &[Scale]) -> [f32; 4] {
         let mut sum = [0.0; 4];
         for (scale, share) in scales.iter().zip(shares) {
             for (at, weight) in taps(i, self.width, scale) {
                 let there = scale.filtered[at];
-                // A place without samples has no say.
+                // A pixel without samples has no influence.
                 let weight = share * weight * f32::from(u8::from(there[3] > NOTHING));
                 (0..3).for_each(|c| sum[c] += weight * there[c]);
                 sum[3] += weight;
@@ -221,7 +234,7 @@ impl Picture<'_> {
     pub fn draw(&self) -> (Vec<[f32; 3]>, Tape) {
         let mut scales = Vec::new();
         if self.groups.samples {
-            let all = (0..self.known.len()).into_par_iter().with_min_len(self.width);
+            let all = (0..self.pixels.len()).into_par_iter().with_min_len(self.width);
             scales.push(Scale {
                 width: self.width,
                 height: self.height,
@@ -239,66 +252,69 @@ impl Picture<'_> {
                 scale.filtered = all.map(|i| filter(scale, i, self.kernel(level, i))).collect();
             }
         }
-        let all = (0..self.known.len()).into_par_iter().with_min_len(self.width);
+        let all = (0..self.pixels.len()).into_par_iter().with_min_len(self.width);
         let pixels = all.map(|i| self.compose(i, &self.mix(i, &scales)).map(|v| v.clamp(0.0, MAX_RADIANCE))).collect();
         (pixels, Tape { scales })
     }
 
     /// The picture before it is clamped.
     fn compose(&self, i: usize, mix: &Mix) -> [f32; 3] {
-        let (known, residual) = (&self.known[i], &self.base(i)[CANDIDATES + TERMS..]);
+        let (pixel, residual) = (&self.pixels[i], &self.base(i)[CANDIDATES + TERMS..]);
         std::array::from_fn(|c| {
-            if known.alpha <= 0.0 {
-                return known.background[c];
+            if pixel.alpha <= 0.0 {
+                return pixel.background[c];
             }
             let mixed: f32 = mix.candidates.iter().zip(mix.weights).map(|(candidate, weight)| candidate[c] * weight).sum();
-            let added = known.tint[c] * residual[c] + mix.shine * known.reflected[c];
-            let value = known.alpha * (mixed + added) + (1.0 - known.alpha) * known.background[c];
+            let added = pixel.tint[c] * residual[c] + mix.shine * pixel.reflected[c];
+            let value = pixel.alpha * (mixed + added) + (1.0 - pixel.alpha) * pixel.background[c];
             if value.is_nan() { 0.0 } else { value }
         })
     }
 
-    /// Derivatives of a loss with respect to `fine` and `coarse`, given those with respect to the pixels of [`Self::draw`].
+    /// The derivatives of a loss with respect to `fine` and `coarse`, given its derivatives with respect to the pixels of
+    /// [`Self::draw`].
     pub fn backward(&self, tape: &Tape, slopes: &[[f32; 3]]) -> (Vec<f32>, Vec<f32>) {
-        let (mut fine_out, mut coarse_out) = (vec![0.0; self.fine.len()], vec![0.0; self.coarse.len()]);
         let scales = &tape.scales;
-        // Of the filtered samples of each scale.
-        let mut filtered: Vec<Vec<[f32; 3]>> = scales.iter().map(|scale| vec![[0.0; 3]; scale.merged.len()]).collect();
+        let mut found = Derivatives {
+            fine: vec![0.0; self.fine.len()],
+            coarse: vec![0.0; self.coarse.len()],
+            filtered: scales.iter().map(|scale| vec![[0.0; 3]; scale.merged.len()]).collect(),
+        };
         for (i, slope) in slopes.iter().enumerate() {
-            let known = &self.known[i];
-            if known.alpha <= 0.0 || slope.iter().all(|v| *v == 0.0) {
+            let pixel = &self.pixels[i];
+            if pixel.alpha <= 0.0 || slope.iter().all(|v| *v == 0.0) {
                 continue;
             }
             let mix = self.mix(i, scales);
             let value = self.compose(i, &mix);
-            // The clamp passes no derivative.
+            // Clamped values have no derivative.
             let d: [f32; 3] =
-                std::array::from_fn(|c| if value[c] > 0.0 && value[c] < MAX_RADIANCE { slope[c] * known.alpha } else { 0.0 });
+                std::array::from_fn(|c| if value[c] > 0.0 && value[c] < MAX_RADIANCE { slope[c] * pixel.alpha } else { 0.0 });
             let (block, sub) = self.place(i);
             let base = block * fine(self.groups) + sub * BASE;
             let along: [f32; MIXED] = std::array::from_fn(|k| (0..3).map(|c| d[c] * mix.candidates[k][c]).sum());
             let mean: f32 = along.iter().zip(mix.weights).map(|(v, w)| v * w).sum();
             for k in 0..CANDIDATES {
-                fine_out[base + k] = mix.weights[k] * (along[k] - mean);
+                found.fine[base + k] = mix.weights[k] * (along[k] - mean);
             }
             if self.groups.deferred {
                 let weight = mix.weights[1 + KEYS];
                 for (term, factor) in mix.factors.iter().enumerate() {
                     let inside = self.base(i)[CANDIDATES + term].abs() < MOST;
-                    let slope: f32 = (0..3).map(|c| d[c] * known.terms[term][c]).sum();
-                    fine_out[base + CANDIDATES + term] = if inside { weight * factor * slope } else { 0.0 };
+                    let slope: f32 = (0..3).map(|c| d[c] * pixel.terms[term][c]).sum();
+                    found.fine[base + CANDIDATES + term] = if inside { weight * factor * slope } else { 0.0 };
                 }
             }
             for c in 0..3 {
-                fine_out[base + CANDIDATES + TERMS + c] = d[c] * known.tint[c];
+                found.fine[base + CANDIDATES + TERMS + c] = d[c] * pixel.tint[c];
             }
             if self.groups.samples {
                 let at = self.traced_at(i) + KERNEL + SCALES;
-                fine_out[at] = mix.weights[MIRRORED] * (along[MIRRORED] - mean);
-                fine_out[at + 1] = along[MIRRORED];
-                fine_out[at + 2] = mix.weights[DENOISED] * (along[DENOISED] - mean);
-                let d: [f32; 3] = std::array::from_fn(|c| d[c] * mix.weights[0] * known.tint[c]);
-                self.spread(i, &mix, d, scales, &mut filtered, &mut fine_out);
+                found.fine[at] = mix.weights[MIRRORED] * (along[MIRRORED] - mean);
+                found.fine[at + 1] = along[MIRRORED];
+                found.fine[at + 2] = mix.weights[DENOISED] * (along[DENOISED] - mean);
+                let d: [f32; 3] = std::array::from_fn(|c| d[c] * mix.weights[0] * pixel.tint[c]);
+                self.spread(i, &mix, d, scales, &mut found);
             }
         }
         if self.groups.samples {
@@ -306,15 +322,15 @@ impl Picture<'_> {
             for level in (0..SCALES).rev() {
                 let scale = &scales[level];
                 let mut into = vec![[0.0; 4]; scale.merged.len()];
-                let out = if level == 2 { &mut coarse_out } else { &mut fine_out };
-                for (i, d) in filtered[level].iter().enumerate() {
+                let out = if level == 2 { &mut found.coarse } else { &mut found.fine };
+                for (i, d) in found.filtered[level].iter().enumerate() {
                     if d.iter().any(|v| *v != 0.0) {
                         let at = self.kernel_at(level, i);
                         let kernel = self.kernel(level, i);
                         unfilter(scale, i, kernel, *d, &mut out[at..at + KERNEL], &mut into);
                     }
                 }
-                // What the coarser scale was averaged from.
+                // The pixels from which the coarser scale was averaged.
                 for (j, d) in merged.iter().enumerate() {
                     for at in four(j, scale.width / 2, scale.width) {
                         (0..4).for_each(|c| into[at][c] += 0.25 * d[c]);
@@ -324,23 +340,24 @@ impl Picture<'_> {
             }
             if self.groups.neighbours {
                 for (i, d) in merged.iter().enumerate() {
-                    let (known, weights) = (&self.known[i], self.merging(i));
+                    let (pixel, weights) = (&self.pixels[i], self.merging(i));
                     let dot = |v: &[f32; 4]| (0..4).map(|c| d[c] * v[c]).sum::<f32>();
                     let along: [f32; MERGE] =
-                        std::array::from_fn(|n| if n == 0 { dot(&known.own) } else { dot(&known.others[n - 1]) });
+                        std::array::from_fn(|n| if n == 0 { dot(&pixel.own) } else { dot(&pixel.others[n - 1]) });
                     let mean: f32 = along.iter().zip(weights).map(|(v, w)| v * w).sum();
                     let at = self.merge_at(i);
                     for n in 0..MERGE {
-                        fine_out[at + n] = weights[n] * (along[n] - mean);
+                        found.fine[at + n] = weights[n] * (along[n] - mean);
                     }
                 }
             }
         }
-        (fine_out, coarse_out)
+        (found.fine, found.coarse)
     }
 
-    /// Carries the derivative of the blended filtered samples of pixel `i` on to each scale and to the weights of the scales.
-    fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], filtered: &mut [Vec<[f32; 3]>], out: &mut [f32]) {
+    /// Propagates `d`, the derivative with respect to the blended samples of pixel `i`, to the filtered samples of each scale and
+    /// to the weights of the scales.
+    fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], found: &mut Derivatives) {
         let blended = self.filtered(i, &mix.scales, scales);
         if blended[3] <= NOTHING {
             return;
@@ -355,19 +372,19 @@ impl Picture<'_> {
                 let share = weight / blended[3];
                 for c in 0..3 {
                     along[level] += share * d[c] * (there[c] - blended[c]);
-                    filtered[level][at][c] += mix.scales[level] * share * d[c];
+                    found.filtered[level][at][c] += mix.scales[level] * share * d[c];
                 }
             }
         }
         let mean: f32 = along.iter().zip(mix.scales).map(|(v, w)| v * w).sum();
         let at = self.traced_at(i) + KERNEL;
         for level in 0..SCALES {
-            out[at + level] = mix.scales[level] * (along[level] - mean);
+            found.fine[at + level] = mix.scales[level] * (along[level] - mean);
         }
     }
 }
 
-/// Softmax; 0 everywhere where every logit is minus infinity.
+/// Softmax. The result is 0 if every logit is minus infinity.
 fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
     let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     if most == f32::NEG_INFINITY {
@@ -378,7 +395,7 @@ fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
     weights.map(|v| v / total)
 }
 
-/// Exponentials of at most 16 numbers; 0 of minus infinity.
+/// Exponentials of at most 16 numbers. Minus infinity gives 0.
 fn exp<const N: usize>(of: [f32; N]) -> [f32; N] {
     let mut values = [0.0; 16];
     values[..N].copy_from_slice(&of);
@@ -386,19 +403,19 @@ fn exp<const N: usize>(of: [f32; N]) -> [f32; N] {
     std::array::from_fn(|i| if of[i] == f32::NEG_INFINITY { 0.0 } else { values[i] })
 }
 
-/// The four pixels of the next finer scale, of `fine_width` columns, under pixel `i` of one of `width` columns.
+/// The four pixels of the next finer scale (of `fine_width` columns) that pixel `i` of a scale of `width` columns covers.
 fn four(i: usize, width: usize, fine_width: usize) -> [usize; 4] {
     let at = 2 * (i / width) * fine_width + 2 * (i % width);
     [at, at + 1, at + fine_width, at + fine_width + 1]
 }
 
-/// Mean of the four pixels under pixel `i` of a scale of `width` columns.
+/// Mean of the four finer pixels that pixel `i` of a scale of `width` columns covers.
 fn quarter(finer: &Scale, i: usize, width: usize) -> [f32; 4] {
     let under = four(i, width, finer.width).map(|at| finer.merged[at]);
     std::array::from_fn(|c| 0.25 * (under[0][c] + under[1][c] + under[2][c] + under[3][c]))
 }
 
-/// Bilinear taps of pixel `i` of the full picture of `width` columns in a scale.
+/// Bilinear taps in a scale for pixel `i` of the full picture, which has `width` columns.
 fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
     if scale.width == width {
         return [(i, 1.0), (i, 0.0), (i, 0.0), (i, 0.0)];
@@ -419,7 +436,7 @@ fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
     ]
 }
 
-/// The rows of a kernel around pixel `i` that lie in the picture: the first tap, the first pixel and the number of both.
+/// The rows of a kernel around pixel `i` that lie in the picture: first tap, first pixel, and number of pixels.
 #[inline]
 fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> {
     let (x, y) = (i % scale.width, i / scale.width);
@@ -429,7 +446,7 @@ fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> 
     (top..bottom).map(move |row| ((row + REACH - y) * SIDE + left + REACH - x, row * width + left, right - left))
 }
 
-/// Weights of a kernel; the largest is 1.
+/// The weights of a kernel, scaled so that the largest is 1.
 fn weights(kernel: &[f32]) -> [f32; PADDED] {
     let mut weights = [f32::NEG_INFINITY; PADDED];
     weights[..KERNEL].copy_from_slice(&kernel[..KERNEL]);
@@ -440,7 +457,7 @@ fn weights(kernel: &[f32]) -> [f32; PADDED] {
     weights
 }
 
-/// Quotient of the weighted sums around pixel `i`, and the sum that it was divided by.
+/// The quotient of the weighted sums around pixel `i`, and the weighted coverage that it was divided by.
 fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
     let weights = weights(kernel);
     let mut sum = [0.0; 4];
@@ -452,7 +469,7 @@ fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
     if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
 }
 
-/// Adds the derivatives that `d`, of the filtered pixel `i`, has for its kernel and for the samples around it.
+/// Propagates `d`, the derivative with respect to the filtered pixel `i`, to its kernel and to the samples around it.
 fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; 3], out: &mut [f32], into: &mut [[f32; 4]]) {
     let filtered = scale.filtered[i];
     if filtered[3] <= NOTHING {
@@ -481,27 +498,27 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    fn known(rng: &mut Pcg64Mcg, groups: Groups) -> Known {
+    fn random_pixel(rng: &mut Pcg64Mcg, groups: Groups) -> PixelInputs {
         let mut rgb = || std::array::from_fn(|_| rng.random_range(0.05..1.0));
-        let mut known = Known { background: rgb(), tint: rgb(), reflected: rgb(), ..Known::default() };
-        known.terms = std::array::from_fn(|_| rgb());
-        known.keys = std::array::from_fn(|_| rgb());
-        known.trust = [f32::NEG_INFINITY; KEYS];
+        let mut pixel = PixelInputs { background: rgb(), tint: rgb(), reflected: rgb(), ..PixelInputs::default() };
+        pixel.terms = std::array::from_fn(|_| rgb());
+        pixel.keys = std::array::from_fn(|_| rgb());
+        pixel.trust = [f32::NEG_INFINITY; KEYS];
         let traced = |rng: &mut Pcg64Mcg| {
             let coverage: f32 = if rng.random_bool(0.2) { 0.0 } else { rng.random_range(0.2..1.0) };
             [0, 1, 2, 3].map(|c| if c == 3 { coverage } else { coverage * rng.random_range(0.0..3.0f32) })
         };
-        known.own = traced(rng);
-        known.others = std::array::from_fn(|_| traced(rng));
-        known.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
-        known.denoised = groups.denoised.then(|| std::array::from_fn(|_| rng.random_range(0.05..1.0)));
+        pixel.own = traced(rng);
+        pixel.others = std::array::from_fn(|_| traced(rng));
+        pixel.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
+        pixel.denoised = groups.denoised.then(|| std::array::from_fn(|_| rng.random_range(0.05..1.0)));
         if groups.keys {
-            known.trust = [0.2, if rng.random_bool(0.5) { -0.3 } else { f32::NEG_INFINITY }];
+            pixel.trust = [0.2, if rng.random_bool(0.5) { -0.3 } else { f32::NEG_INFINITY }];
         }
-        known
+        pixel
     }
 
-    /// Derivatives agree with differences, for every combination of groups.
+    /// Derivatives agree with finite differences for every combination of groups.
     #[test]
     fn derivatives_agree_with_differences() {
         let (width, height) = (8, 8);
@@ -512,16 +529,16 @@ mod tests {
             }
             let groups = Groups { deferred, keys, samples, neighbours, denoised };
             let mut rng = Pcg64Mcg::seed_from_u64(bits);
-            let known: Vec<Known> = (0..width * height).map(|_| known(&mut rng, groups)).collect();
+            let pixels: Vec<PixelInputs> = (0..width * height).map(|_| random_pixel(&mut rng, groups)).collect();
             let mut random = |count: usize| -> Vec<f32> { (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() };
             let fine_outputs = random(width * height / 4 * fine(groups));
             let coarse_outputs = random(if samples { width * height / 16 * KERNEL } else { 0 });
             let slopes: Vec<[f32; 3]> = random(3 * width * height).chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
             let loss = |fine: &[f32], coarse: &[f32]| -> f64 {
-                let (drawn, _) = Picture { width, height, known: &known, groups, fine, coarse }.draw();
+                let (drawn, _) = Picture { width, height, pixels: &pixels, groups, fine, coarse }.draw();
                 drawn.iter().zip(&slopes).flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] * b[c]))).sum()
             };
-            let picture = Picture { width, height, known: &known, groups, fine: &fine_outputs, coarse: &coarse_outputs };
+            let picture = Picture { width, height, pixels: &pixels, groups, fine: &fine_outputs, coarse: &coarse_outputs };
             let (_, tape) = picture.draw();
             let (d_fine, d_coarse) = picture.backward(&tape, &slopes);
             let step = 1e-2;
@@ -535,48 +552,49 @@ mod tests {
                     };
                     let expected = (at(step) - at(-step)) / f64::from(2.0 * step);
                     let error = (expected - f64::from(slopes[i])).abs();
-                    // A clamp between the two differences is rare, and would show as a large error.
+                    // A clamp between the two points is rare, and would show as a large error.
                     assert!(error < 3e-3 + 0.02 * expected.abs(), "{groups:?} {which} {i}: {} and {expected}", slopes[i]);
                     worst = worst.max(expected.abs());
                 }
             }
-            assert!(worst > 1e-2, "{groups:?}: nothing depends on the outputs");
+            assert!(worst > 1e-2, "{groups:?}: the picture does not depend on the outputs");
         }
     }
 
-    /// Outputs of 0 give the best picture there is: mostly that of another denoiser, else samples, else keyframes, else deferred
+    /// Outputs of 0 give the best input: mostly the picture of another denoiser, else samples, else keyframes, else deferred
     /// shading.
     #[test]
-    fn an_untrained_network_gives_what_it_was_handed() {
-        let one = Known {
+    fn an_untrained_network_returns_its_best_input() {
+        let one = PixelInputs {
             alpha: 1.0,
             tint: [1.0; 3],
             terms: [[0.1, 0.2, 0.3]; TERMS],
             keys: [[0.7; 3]; KEYS],
             trust: [0.0; KEYS],
             own: [2.0, 2.0, 2.0, 1.0],
-            ..Known::default()
+            ..PixelInputs::default()
         };
-        let known = vec![one; 64];
-        let with_picture = vec![Known { denoised: Some([0.9; 3]), ..one }; 64];
+        let pixels = vec![one; 64];
+        let with_picture = vec![PixelInputs { denoised: Some([0.9; 3]), ..one }; 64];
         let draw = |groups: Groups| {
-            let known = if groups.denoised { &with_picture } else { &known };
+            let pixels = if groups.denoised { &with_picture } else { &pixels };
             let fine_outputs = vec![0.0; 16 * fine(groups)];
             let coarse = vec![0.0; if groups.samples { 4 * KERNEL } else { 0 }];
-            let (drawn, _) = Picture { width: 8, height: 8, known, groups, fine: &fine_outputs, coarse: &coarse }.draw();
+            let (drawn, _) = Picture { width: 8, height: 8, pixels, groups, fine: &fine_outputs, coarse: &coarse }.draw();
             drawn[27]
         };
         let deferred = Groups { deferred: true, ..Groups::default() };
-        let mut bare = known[0];
+        let mut bare = pixels[0];
         bare.trust = [f32::NEG_INFINITY; KEYS];
         let samples = Groups { samples: true, ..Groups::default() };
         assert!((draw(samples)[0] - 2.0).abs() < 0.2);
-        // Beside samples of 2 the denoised picture of 0.9 weighs exp(3) times as much.
+        // The denoised picture of 0.9 weighs exp(3) times as much as the samples of 2.
         assert!((draw(Groups { denoised: true, ..samples })[0] - 0.9).abs() < 0.1);
         assert!((draw(Groups { keys: true, ..deferred })[0] - 0.7).abs() < 0.05);
         let bare = vec![bare; 64];
         let fine_outputs = vec![0.0; 16 * fine(deferred)];
-        let (drawn, _) = Picture { width: 8, height: 8, known: &bare, groups: deferred, fine: &fine_outputs, coarse: &[] }.draw();
+        let (drawn, _) =
+            Picture { width: 8, height: 8, pixels: &bare, groups: deferred, fine: &fine_outputs, coarse: &[] }.draw();
         assert_eq!(drawn[9].map(|v| (v * 1e5).round()), [40000.0, 80000.0, 120_000.0]);
     }
 }

@@ -1,24 +1,25 @@
-//! One network for everything that may be known of a frame: its G-buffer, and where they are given the terms of deferred shading, keyframes
-//! carried to it, a few traced samples of it and of its neighbours.
+//! The fusion network: it renders a frame from everything that is known about it. The G-buffer is always given. The terms of
+//! deferred shading, warped keyframes, and a few traced samples of the frame and of its neighbours are optional.
 //!
-//! The network does not draw. It weighs and corrects pictures that are given: samples are filtered by kernels that it predicts (Bako et
-//! al. 2017; on three scales, as Balint et al. 2023), terms of deferred shading get a factor each, candidates are mixed, and a residual
-//! is added. Its last layers begin at zero, so that an untrained network gives the best of the pictures it was handed.
+//! The network does not paint the picture itself. It weighs and corrects the pictures that it is given: it predicts kernels that
+//! filter the samples (Bako et al. 2017; on three scales, as in Balint et al. 2023), one factor for each term of deferred
+//! shading, the weights of all candidates, and a residual. Its last layers begin at zero, so that an untrained network returns
+//! the best of its input pictures.
 //!
-//! - [`record`] says what is stored of a pixel and what the network reads of it;
+//! - [`record`] defines the numbers that are stored for a pixel, and the channels that the network reads;
 //! - [`fill`] makes records from G-buffers, deferred shading, keyframes and samples;
 //! - [`graph`] is the U-Net;
-//! - [`head`] goes from its outputs to the picture, with derivatives;
+//! - [`head`] computes the picture from the outputs of the U-Net, with derivatives;
 //! - [`batch`] draws random crops with exact augmentations;
-//! - [`objective`] is the loss;
-//! - [`training`] is the loop;
+//! - [`loss`] is the loss;
+//! - [`training`] is the training loop;
 //! - [`mod@render`] is inference.
 
 pub mod batch;
 pub mod fill;
 pub mod graph;
 pub mod head;
-pub mod objective;
+pub mod loss;
 pub mod record;
 pub mod render;
 pub mod training;

@@ -1,4 +1,4 @@
-//! What is known of a frame, a record of numbers a pixel, and what the network reads of it.
+//! Records: the numbers that are known about each pixel of a frame, and the channels that the network reads from them.
 
 use crate::bridge::{MAX_RADIANCE, log_curves};
 use half::f16;
@@ -6,35 +6,35 @@ use half::slice::HalfFloatSliceExt;
 use renderflow_frame::ibl;
 use renderflow_frame::warp::{AGE_UNIT, OLDEST, age};
 
-/// Keyframes that are carried: the nearest before and the nearest after.
+/// Number of keyframes: the nearest before the frame and the nearest after it.
 pub const KEYS: usize = 2;
-/// Renders of independent samples that a record holds, at most.
+/// Most parts in a record. A part is a render with independent samples.
 pub const PARTS: usize = 4;
-/// Neighbouring frames whose samples a record holds, at most.
+/// Most neighbouring frames whose samples a record holds.
 pub const NEIGHBOURS: usize = 4;
-/// Denoised pictures that a record holds, at most: one of each part alone, then [`AROUND`] and [`ALL_BEFORE`].
+/// Most denoised pictures in a record: one for each part, then [`AROUND`] and [`ALL_BEFORE`].
 pub const PICTURES: usize = PARTS + 2;
-/// Of the denoised pictures, the one of the first part with all neighbours.
+/// Index of the denoised picture of the first part with all neighbours.
 pub const AROUND: usize = PARTS;
-/// Of the denoised pictures, the one of the first part with the neighbours before the frame.
+/// Index of the denoised picture of the first part with the neighbours before the frame.
 pub const ALL_BEFORE: usize = PARTS + 1;
-/// Terms of deferred shading that get a factor of their own: lights, diffuse sky, reflections, bounced light.
+/// Number of terms of deferred shading, each with its own factor: lights, diffuse sky, reflections, bounced light.
 pub const TERMS: usize = 4;
 
-/// Added to the albedo where keyframes are divided by it: what a dielectric reflects without its base.
+/// Added to the albedo before keyframes are divided by it: the reflectance of a dielectric at normal incidence.
 pub const TINT: f32 = 0.04;
-/// Least of what samples are divided by.
+/// Added to the reflectance before samples are divided by it.
 const LEAST: f32 = 0.02;
 
-/// Where the numbers of a pixel begin. Radiance is exposed and linear, 0..=65504.
+/// Indices of the numbers of a pixel. Radiance is exposed and linear, 0..=65504.
 pub mod at {
     use super::{KEYS, NEIGHBOURS, PARTS, PICTURES};
 
-    /// Base colour over the pixel, 0..=1.
+    /// Mean base colour in the pixel, 0..=1.
     pub const ALBEDO: usize = 0;
-    /// Normal over the pixel in camera space, shorter than 1 where it varies.
+    /// Mean normal in the pixel, in camera space. It is shorter than 1 where normals vary.
     pub const NORMAL: usize = 3;
-    /// Half the logarithm of depth over the frame's median, -2..=2.
+    /// Half the logarithm of depth divided by the frame's median depth, -2..=2.
     pub const DEPTH: usize = 6;
     /// Roughness, metallic, specular.
     pub const MATERIAL: usize = 7;
@@ -44,85 +44,85 @@ pub mod at {
     pub const ALPHA: usize = 12;
     /// Environment behind the pixel.
     pub const BACKGROUND: usize = 13;
-    /// Irradiance of the environment over pi, nothing in its way.
+    /// Unoccluded irradiance of the environment, divided by pi.
     pub const LIT: usize = BACKGROUND + 3;
-    /// What the surface mirrors of the environment by the split sum, nothing in its way.
+    /// Unoccluded specular reflection of the environment, by the split sum.
     pub const REFLECTED: usize = LIT + 3;
-    /// Deferred terms, three channels each: lights, diffuse sky, reflections, bounced light.
+    /// Terms of deferred shading, three channels each: lights, diffuse sky, reflections, bounced light.
     pub const TERMS: usize = REFLECTED + 3;
-    /// Irradiance of the sky without the lights over pi, nothing in its way.
+    /// Unoccluded irradiance of the sky without the lights, divided by pi.
     pub const SKY: usize = TERMS + 3 * super::TERMS;
-    /// Open share of the sky, of the near hemisphere; seen share of the strongest light.
+    /// Visible share of the sky, of the near hemisphere, and of the strongest light.
     pub const OPEN: usize = SKY + 3;
-    /// Of each keyframe carried over deferred shading: radiance of the surface, validity.
+    /// For each keyframe, warped as a ratio to deferred shading: radiance of the surface, validity.
     pub const KEYS_SHADED: usize = OPEN + 3;
-    /// The same carried over the albedo.
+    /// For each keyframe, warped as a ratio to the albedo: radiance of the surface, validity.
     pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
-    /// Of each part: radiance of the surface over its tint ([`super::tint`]), times coverage; coverage.
+    /// For each part: radiance of the surface divided by its reflectance ([`super::tint`]), times coverage; coverage.
     pub const SAMPLES: usize = KEYS_TINTED + 4 * KEYS;
-    /// The same of each neighbour; coverage 0 where it does not show this surface.
+    /// The same for each neighbour. Coverage is 0 where the neighbour does not show this surface.
     pub const NEARBY: usize = SAMPLES + 4 * PARTS;
-    /// Of each denoised picture: radiance of the surface.
+    /// For each denoised picture: radiance of the surface.
     pub const DENOISED: usize = NEARBY + 4 * NEIGHBOURS;
     /// True radiance.
     pub const TRUTH: usize = DENOISED + 3 * PICTURES;
-    /// Numbers a pixel.
+    /// Number of values per pixel.
     pub const COUNT: usize = TRUTH + 3;
 }
 
-/// Which groups of inputs are given besides the G-buffer.
+/// The groups of inputs that are given besides the G-buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Groups {
     /// Terms of deferred shading.
     pub deferred: bool,
-    /// Carried keyframes.
+    /// Warped keyframes.
     pub keys: bool,
-    /// Traced samples of the frame, and with them what the environment alone gives.
+    /// Traced samples of the frame, with the unoccluded light of the environment.
     pub samples: bool,
-    /// Samples of its neighbours; only where there are some of its own.
+    /// Samples of neighbouring frames. They require samples of the frame itself.
     pub neighbours: bool,
-    /// A picture that another denoiser made of these samples; only where there are some.
+    /// A picture that another denoiser made from these samples. It requires samples.
     pub denoised: bool,
 }
 
-/// Channels a pixel that the network reads of each group: G-buffer, deferred, keys, samples, neighbours, denoised.
+/// Number of channels per pixel in each group: G-buffer, deferred, keys, samples, neighbours, denoised.
 pub const CHANNELS: [usize; 6] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS, 3];
 
 impl Groups {
-    /// Whether each of the groups of [`CHANNELS`] is there.
-    pub fn given(self) -> [bool; 6] {
+    /// Whether each group of [`CHANNELS`] is given.
+    pub fn flags(self) -> [bool; 6] {
         [true, self.deferred, self.keys, self.samples, self.neighbours, self.denoised]
     }
 
-    /// Channels a pixel of the groups that are there.
+    /// Number of channels per pixel in the groups that are given.
     pub fn channels(self) -> usize {
-        CHANNELS.iter().zip(self.given()).filter(|(_, given)| *given).map(|(channels, _)| channels).sum()
+        CHANNELS.iter().zip(self.flags()).filter(|(_, given)| *given).map(|(channels, _)| channels).sum()
     }
 }
 
-/// One frame. `T` is `f32` where it is rendered, `f16` where it is kept to learn from.
+/// What is known about one frame. `T` is `f32` for rendering, and `f16` for training data.
 #[derive(Clone, Debug, Default)]
 pub struct Record<T> {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// `[height][width][at::COUNT]`; 0 where a group is not given.
+    /// `[height][width][at::COUNT]`. The numbers of groups that are not given are 0.
     pub pixels: Vec<T>,
-    /// Whether there are deferred terms.
+    /// Whether terms of deferred shading are given.
     pub deferred: bool,
-    /// Frames to each keyframe, where there is one.
+    /// Distance to each keyframe in frames, negative before the frame; `None` if there is no such keyframe.
     pub distances: [Option<f32>; KEYS],
-    /// Samples a pixel of each part, 0 = not there.
+    /// Samples per pixel of each part; 0 if it is not given.
     pub parts: [u32; PARTS],
-    /// Samples a pixel of each neighbour, 0 = not there.
+    /// Samples per pixel of each neighbour; 0 if it is not given.
     pub neighbours: [u32; NEIGHBOURS],
-    /// Which denoised pictures are there.
+    /// Whether each denoised picture is given.
     pub denoised: [bool; PICTURES],
 }
 
 impl<T> Record<T> {
-    /// What is given.
+    /// The groups that are given.
     pub fn groups(&self) -> Groups {
         let samples = self.parts[0] > 0;
         Groups {
@@ -141,7 +141,7 @@ impl Record<f32> {
         Self { width, height, pixels: vec![0.0; width * height * at::COUNT], ..Self::default() }
     }
 
-    /// In half precision.
+    /// The record in half precision.
     pub fn to_half(&self) -> Record<f16> {
         let mut pixels = vec![f16::ZERO; self.pixels.len()];
         pixels.convert_from_f32_slice(&self.pixels);
@@ -159,31 +159,31 @@ impl Record<f32> {
 }
 
 impl Record<f16> {
-    /// Bytes that it takes.
+    /// Size of the pixels in bytes.
     pub fn bytes(&self) -> usize {
         2 * self.pixels.len()
     }
 }
 
-/// What is chosen of a record for one picture.
+/// The part of a record that one picture is rendered from.
 #[derive(Clone, Copy, Debug)]
-pub struct Chosen {
-    /// Groups.
+pub struct Selection {
+    /// Groups that are used.
     pub groups: Groups,
-    /// Age of each keyframe (see [`age`]), where it is used.
+    /// Age of each keyframe (see [`age`]); `None` if it is not used.
     pub ages: [Option<f32>; KEYS],
-    /// Which parts.
+    /// Whether each part is used.
     pub parts: [bool; PARTS],
-    /// Samples a pixel of the chosen parts.
+    /// Samples per pixel of the parts that are used.
     pub spp: f32,
-    /// Samples a pixel of each neighbour, 0 where it is not used.
+    /// Samples per pixel of each neighbour; 0 if it is not used.
     pub neighbours: [f32; NEIGHBOURS],
-    /// Which denoised picture; read only where the groups have one.
+    /// Index of the denoised picture. It is read only if the groups include one.
     pub picture: usize,
 }
 
-impl Chosen {
-    /// Everything that `record` has; of several denoised pictures the first.
+impl Selection {
+    /// Everything in `record`, with the first of its denoised pictures.
     pub fn all<T>(record: &Record<T>) -> Self {
         let groups = record.groups();
         Self {
@@ -197,87 +197,88 @@ impl Chosen {
     }
 }
 
-/// What a surface of this albedo in a pixel reflects of light that is the same from everywhere: diffuse base and split sum (Karis 2013).
-/// Samples over it vary less than samples over the albedo where a textured surface shines. `stored` is the pixel's record.
+/// Reflectance of a surface of this albedo under uniform light: its diffuse base and the split sum (Karis 2013). On glossy
+/// textured surfaces, samples divided by it vary less than samples divided by the albedo. `stored` holds the numbers of the
+/// pixel.
 pub fn tint(albedo: [f32; 3], stored: &[f32]) -> [f32; 3] {
     let [_, metallic, specular] = [stored[at::MATERIAL], stored[at::MATERIAL + 1], stored[at::MATERIAL + 2]];
     let f0 = ibl::f0(albedo, metallic, specular);
     std::array::from_fn(|c| albedo[c] * (1.0 - metallic) + f0[c] * stored[at::BRDF] + stored[at::BRDF + 1] + LEAST)
 }
 
-/// What the head acts on in one pixel.
+/// The inputs of the head in one pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Known {
+pub struct PixelInputs {
     /// Coverage.
     pub alpha: f32,
     /// Environment behind the pixel.
     pub background: [f32; 3],
-    /// What filtered samples are multiplied with.
+    /// Reflectance ([`tint`]) by which filtered samples are multiplied.
     pub tint: [f32; 3],
-    /// What the surface mirrors of the environment, nothing in its way.
+    /// Unoccluded specular reflection of the environment.
     pub reflected: [f32; 3],
-    /// Deferred terms.
+    /// Terms of deferred shading.
     pub terms: [[f32; 3]; TERMS],
-    /// Carried keyframes.
+    /// Warped keyframes.
     pub keys: [[f32; 3]; KEYS],
-    /// Logarithm of the weight that each keyframe has at first; minus infinity where it shows nothing.
+    /// Logarithm of each keyframe's weight before training; minus infinity where the keyframe shows nothing.
     pub trust: [f32; KEYS],
-    /// Samples over the tint and their coverage, both times the number of samples.
+    /// Samples divided by the reflectance, and their coverage, both times the number of samples.
     pub own: [f32; 4],
-    /// The same of each neighbour.
+    /// The same for each neighbour.
     pub others: [[f32; 4]; NEIGHBOURS],
-    /// Radiance of the surface in the denoised picture, where there is one.
+    /// Radiance of the surface in the denoised picture, if one is used.
     pub denoised: Option<[f32; 3]>,
 }
 
-impl Known {
-    /// Of one record of [`at::COUNT`] numbers.
-    pub fn new(stored: &[f32], chosen: &Chosen) -> Self {
+impl PixelInputs {
+    /// The inputs from the [`at::COUNT`] numbers of a pixel.
+    pub fn new(stored: &[f32], selection: &Selection) -> Self {
         let three = |from: usize| [stored[from], stored[from + 1], stored[from + 2]];
-        let mut known = Self {
+        let mut pixel = Self {
             alpha: stored[at::ALPHA],
             background: three(at::BACKGROUND),
             tint: tint(three(at::ALBEDO), stored),
             trust: [f32::NEG_INFINITY; KEYS],
             ..Self::default()
         };
-        let groups = chosen.groups;
+        let groups = selection.groups;
         if groups.deferred {
-            known.terms = std::array::from_fn(|term| three(at::TERMS + 3 * term));
+            pixel.terms = std::array::from_fn(|term| three(at::TERMS + 3 * term));
         }
         if groups.keys {
             let from = keys_at(groups);
             for k in 0..KEYS {
                 let valid = stored[from + 4 * k + 3];
-                if let (Some(age), true) = (chosen.ages[k], valid > 0.0) {
-                    known.keys[k] = three(from + 4 * k);
-                    known.trust[k] = -(age + 1.0 / AGE_UNIT).ln();
+                if let (Some(age), true) = (selection.ages[k], valid > 0.0) {
+                    pixel.keys[k] = three(from + 4 * k);
+                    pixel.trust[k] = -(age + 1.0 / AGE_UNIT).ln();
                 }
             }
         }
         if groups.samples {
-            known.reflected = three(at::REFLECTED);
-            let used = chosen.parts.iter().filter(|part| **part).count().max(1) as f32;
-            let scale = chosen.spp / used;
-            for part in (0..PARTS).filter(|part| chosen.parts[*part]) {
-                for (sum, value) in known.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
+            pixel.reflected = three(at::REFLECTED);
+            let used = selection.parts.iter().filter(|part| **part).count().max(1) as f32;
+            let scale = selection.spp / used;
+            for part in (0..PARTS).filter(|part| selection.parts[*part]) {
+                for (sum, value) in pixel.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
                     *sum += scale * value;
                 }
             }
         }
         if groups.neighbours {
-            for (n, other) in known.others.iter_mut().enumerate() {
-                *other = std::array::from_fn(|c| chosen.neighbours[n] * stored[at::NEARBY + 4 * n + c]);
+            for (n, other) in pixel.others.iter_mut().enumerate() {
+                *other = std::array::from_fn(|c| selection.neighbours[n] * stored[at::NEARBY + 4 * n + c]);
             }
         }
-        known.denoised = groups.denoised.then(|| three(at::DENOISED + 3 * chosen.picture));
-        known
+        pixel.denoised = groups.denoised.then(|| three(at::DENOISED + 3 * selection.picture));
+        pixel
     }
 }
 
-/// Numbers of a pixel in either precision.
+/// A number of a record, in either precision.
 pub trait Stored: Copy + Send + Sync {
-    /// As single precision.
+    /// Converts numbers to single precision.
     fn read(from: &[Self], to: &mut [f32]);
 }
 
@@ -293,25 +294,25 @@ impl Stored for f16 {
     }
 }
 
-/// Which of the two ways to carry keyframes is read: over deferred shading where that is there.
+/// Index of the keyframes that are read: those warped as ratios to deferred shading, if that is given.
 fn keys_at(groups: Groups) -> usize {
     if groups.deferred { at::KEYS_SHADED } else { at::KEYS_TINTED }
 }
 
-/// Colours that the network reads of a pixel, at most: terms, sky, keyframes, samples and what the environment gives, neighbours,
+/// Most colours that the network reads from a pixel: terms, sky, keyframes, samples, light of the environment, neighbours,
 /// denoised.
 const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS + 1;
 
-/// Appends what the network reads of a pixel, [`Groups::channels`] numbers of about -1..=2.
-pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut Vec<f32>) {
-    let groups = chosen.groups;
-    let covered = known.alpha > 0.0;
+/// Appends the channels that the network reads from a pixel: [`Groups::channels`] numbers of about -1..=2.
+pub fn push_channels(stored: &[f32], pixel: &PixelInputs, selection: &Selection, out: &mut Vec<f32>) {
+    let groups = selection.groups;
+    let covered = pixel.alpha > 0.0;
     let before = out.len();
     if !covered {
         out.resize(before + groups.channels(), 0.0);
         return;
     }
-    // Colours go through the curve together.
+    // The logarithmic curve is applied to all colours together.
     let (mut places, mut count) = ([0; COLOURS], 0);
     let mut colour = |rgb: [f32; 3], out: &mut Vec<f32>| {
         places[count] = out.len();
@@ -320,7 +321,7 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
     };
     out.extend_from_slice(&stored[at::ALBEDO..at::BACKGROUND]);
     if groups.deferred {
-        for term in known.terms {
+        for term in pixel.terms {
             colour(term, out);
         }
         colour([stored[at::SKY], stored[at::SKY + 1], stored[at::SKY + 2]], out);
@@ -328,12 +329,12 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
     }
     if groups.keys {
         for k in 0..KEYS {
-            let there = known.trust[k] > f32::NEG_INFINITY;
-            // Over the tint, so that texture does not hide what differs.
-            let rgb: [f32; 3] = std::array::from_fn(|c| known.keys[k][c] / known.tint[c]);
+            let there = pixel.trust[k] > f32::NEG_INFINITY;
+            // Dividing by the reflectance removes the texture, which would hide differences.
+            let rgb: [f32; 3] = std::array::from_fn(|c| pixel.keys[k][c] / pixel.tint[c]);
             colour(rgb, out);
             out.push(f32::from(u8::from(there)));
-            out.push(if there { 1.0 - 0.5 * chosen.ages[k].unwrap_or(OLDEST) } else { 0.0 });
+            out.push(if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(OLDEST) } else { 0.0 });
         }
     }
     let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, light: &[[f32; 3]], out: &mut Vec<f32>| {
@@ -345,17 +346,17 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
     };
     if groups.samples {
         let lit = [stored[at::LIT], stored[at::LIT + 1], stored[at::LIT + 2]];
-        // As samples are: over the tint.
-        let reflected = std::array::from_fn(|c| known.reflected[c] / known.tint[c]);
-        traced(known.own, chosen.spp, &[lit, reflected], out);
+        // Divided by the reflectance, as samples are.
+        let reflected = std::array::from_fn(|c| pixel.reflected[c] / pixel.tint[c]);
+        traced(pixel.own, selection.spp, &[lit, reflected], out);
     }
     if groups.neighbours {
-        for (other, spp) in known.others.iter().zip(chosen.neighbours) {
+        for (other, spp) in pixel.others.iter().zip(selection.neighbours) {
             traced(*other, spp, &[], out);
         }
     }
-    if let Some(denoised) = known.denoised {
-        colour(std::array::from_fn(|c| denoised[c] / known.tint[c]), out);
+    if let Some(denoised) = pixel.denoised {
+        colour(std::array::from_fn(|c| denoised[c] / pixel.tint[c]), out);
     }
     debug_assert_eq!(out.len() - before, groups.channels());
     let mut curved = [0.0; (3 * COLOURS).next_multiple_of(16)];
@@ -371,7 +372,7 @@ pub fn push_channels(stored: &[f32], known: &Known, chosen: &Chosen, out: &mut V
     }
 }
 
-/// A number that may be stored as radiance.
+/// Clamps a number to the range of stored radiance. NaN becomes 0.
 pub fn radiance(v: f32) -> f32 {
     if v.is_nan() { 0.0 } else { v.clamp(0.0, MAX_RADIANCE) }
 }

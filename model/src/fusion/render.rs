@@ -1,8 +1,8 @@
-//! Inference: a record in, scene-linear radiance out.
+//! Inference: the network renders the frame of a record.
 
-use super::batch::{Batch, Change, Window};
+use super::batch::{Augmentation, Batch, Window};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
-use super::record::{Chosen, Record, Stored};
+use super::record::{Record, Selection, Stored};
 use crate::ops::Products;
 use crate::parameters::{self, Parameter, to_vec};
 use crate::weights::{self, Precision};
@@ -12,19 +12,19 @@ use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What a weights file says about itself.
+/// The header of a weights file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Header {
     /// The network.
     pub fusion: FusionConfig,
-    /// Steps of training behind the weights; 0 = untrained.
+    /// Number of training steps; 0 for an untrained network.
     pub steps: u64,
-    /// Seed of the run.
+    /// Seed of the training run.
     pub seed: u64,
 }
 
-/// Most bytes of a weights file: some 400 times those of the default network in half precision.
+/// Most bytes of a weights file: about 400 times the default network in half precision.
 const LARGEST: u64 = 1 << 30;
 
 #[cfg(shipped_weights)]
@@ -32,14 +32,15 @@ static SHIPPED: Option<&[u8]> = Some(include_bytes!("../../weights/fusion.safete
 #[cfg(not(shipped_weights))]
 static SHIPPED: Option<&[u8]> = None;
 
-/// Columns and rows of a tile, of which pictures of more are rendered one after the other.
+/// Columns and rows of a tile. Larger pictures are rendered in tiles, one after another.
 const TILE: usize = 768;
-/// Pixels of the largest window that the network works on at a time.
+/// Number of pixels in the largest window that the network works on at a time.
 pub const TILE_PIXELS: usize = (TILE + 2 * MARGIN) * (TILE + 2 * MARGIN);
-/// How far from a pixel the network looks, at most: 44 pixels on the way down, 30 on the way up, 11 by kernels; in whole [`MULTIPLE`]s.
+/// Largest distance in pixels of an input that a pixel depends on, rounded up to a [`MULTIPLE`]: 44 on the way down, 30 on the
+/// way up, and 11 for the kernels.
 const MARGIN: usize = 96;
 
-/// The network, ready to render. Results depend on the inputs only: never on threads, runs or earlier calls.
+/// The network, ready to render. Results depend on the inputs alone, and not on threads, runs or earlier calls.
 #[derive(Clone, Debug)]
 pub struct Fusion {
     network: FusionNet,
@@ -49,7 +50,7 @@ pub struct Fusion {
 }
 
 impl Fusion {
-    /// An untrained network: it gives the best picture that it is handed.
+    /// An untrained network. It returns the best of its input pictures.
     ///
     /// # Errors
     /// When the configuration is invalid.
@@ -59,15 +60,15 @@ impl Fusion {
         Ok(Self { network: FusionNet::new(config, seed, &device)?, header, products: Products::F32, device })
     }
 
-    /// The weights inside this build.
+    /// The network with the weights that are built in.
     ///
     /// # Errors
-    /// [`Error::NoShippedWeights`] when it carries none.
+    /// [`Error::NoShippedWeights`] when this build has no weights.
     pub fn shipped() -> Result<Self> {
         Self::decode(Path::new("shipped weights"), SHIPPED.ok_or(Error::NoShippedWeights)?)
     }
 
-    /// With these parameters, in the order of the network's own.
+    /// A network with these parameters, in the order of [`parameters::export`].
     ///
     /// # Errors
     /// When the configuration is invalid.
@@ -78,12 +79,12 @@ impl Fusion {
         Ok(Self { network: parameters::import(network, &values, &device), header, products: Products::F32, device })
     }
 
-    /// The same network, multiplying in this way.
-    pub fn by(self, products: Products) -> Self {
+    /// The same network with another kind of products in its convolutions.
+    pub fn with_products(self, products: Products) -> Self {
         Self { products, ..self }
     }
 
-    /// Whether the file at `path` says that it holds weights of this network.
+    /// Whether the header of the file at `path` is one of this network's weights.
     pub fn recognises(path: &Path) -> bool {
         let bytes = file::read_at_most(path, LARGEST);
         bytes.is_ok_and(|bytes| {
@@ -94,21 +95,21 @@ impl Fusion {
     /// Reads a weights file.
     ///
     /// # Errors
-    /// When it cannot be read, or is not one of this network.
+    /// When the file cannot be read, or does not hold weights of this network.
     pub fn load(path: &Path) -> Result<Self> {
         let bytes = file::read_at_most(path, LARGEST)?;
         Self::decode(path, &bytes)
     }
 
-    /// Decodes a weights file; `path` names it in messages.
+    /// Decodes the bytes of a weights file. `path` names it in messages.
     ///
     /// # Errors
-    /// When the bytes are no weights of this network.
+    /// When the bytes are not weights of this network.
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
         let (tensors, header) = weights::open(path, bytes)?;
         let header: Header = serde_json::from_str(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
         header.fusion.validate().map_err(|e| Error::malformed(path, format!("header: {e}")))?;
-        // The network is made before its tensors are compared: a short header could ask for much memory.
+        // The network is made before its tensors are compared, so a wrong header could ask for too much memory.
         let (values, most) = (header.fusion.values(), bytes.len() / 2);
         if values > most {
             let reason = format!("the network its header describes has {values} values; {most} at most are in the file");
@@ -126,7 +127,7 @@ impl Fusion {
         Self::with_parameters(header, &fresh.into_iter().map(read).collect::<Result<Vec<_>>>()?)
     }
 
-    /// Writes a weights file, beside its place and renamed.
+    /// Writes a weights file.
     ///
     /// # Errors
     /// When it cannot be written, or a value is not finite.
@@ -134,35 +135,35 @@ impl Fusion {
         Ok(file::write_atomic(path, &encode(&self.header, &self.parameters(), precision)?)?)
     }
 
-    /// Its parameters on the host.
+    /// The parameters, in the host's memory.
     pub fn parameters(&self) -> Vec<Parameter> {
         parameters::export(&self.network)
     }
 
-    /// What the network is.
+    /// The header of the weights.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// Exposed linear radiance of the frame of `record`, from all that it has.
+    /// Renders the frame of a record from all of its inputs. The result is exposed linear radiance.
     ///
     /// # Errors
     /// When the record is empty.
     pub fn render(&self, record: &Record<f32>) -> Result<Vec<[f32; 3]>> {
-        self.draw(record, &Chosen::all(record))
+        self.draw(record, &Selection::all(record))
     }
 
-    /// [`Self::render`] from a part of what the record has. Large pictures are rendered in tiles that look as far around themselves as the
-    /// network does, so that nothing of the result depends on them.
+    /// Renders the frame of a record from the selected inputs. Large pictures are rendered in tiles; their margins cover
+    /// everything that the network reads, so the result does not depend on the tiles.
     ///
     /// # Errors
     /// When the record is empty.
-    pub fn draw<T: Stored>(&self, record: &Record<T>, chosen: &Chosen) -> Result<Vec<[f32; 3]>> {
-        self.draw_in_tiles(record, chosen, TILE)
+    pub fn draw<T: Stored>(&self, record: &Record<T>, selection: &Selection) -> Result<Vec<[f32; 3]>> {
+        self.draw_in_tiles(record, selection, TILE)
     }
 
     /// [`Self::draw`] in tiles of `side` columns and rows, a multiple of [`MULTIPLE`].
-    fn draw_in_tiles<T: Stored>(&self, record: &Record<T>, chosen: &Chosen, side: usize) -> Result<Vec<[f32; 3]>> {
+    fn draw_in_tiles<T: Stored>(&self, record: &Record<T>, selection: &Selection, side: usize) -> Result<Vec<[f32; 3]>> {
         let (width, height) = (record.width, record.height);
         if width == 0 || height == 0 {
             return Err(Error::Data { place: "frame".into(), reason: format!("has {width} x {height} pixels") });
@@ -175,7 +176,7 @@ impl Fusion {
                 let end =
                     |end: usize, whole: usize| (end + MARGIN).min(whole.next_multiple_of(MULTIPLE)).next_multiple_of(MULTIPLE);
                 let window = Window { x, y, width: end(right, width) - x, height: end(bottom, height) - y };
-                let drawn = self.draw_window(record, chosen, window);
+                let drawn = self.draw_window(record, selection, window);
                 for row in top..bottom {
                     let from = (row - y) * window.width + left - x;
                     picture[row * width + left..row * width + right].copy_from_slice(&drawn[from..from + right - left]);
@@ -185,8 +186,8 @@ impl Fusion {
         Ok(picture)
     }
 
-    fn draw_window<T: Stored>(&self, record: &Record<T>, chosen: &Chosen, window: Window) -> Vec<[f32; 3]> {
-        let mut batch = Batch::of(record, window, chosen, &Change::NONE);
+    fn draw_window<T: Stored>(&self, record: &Record<T>, selection: &Selection, window: Window) -> Vec<[f32; 3]> {
+        let mut batch = Batch::of(record, window, selection, &Augmentation::NONE);
         let outputs = forward(&self.network, self.products, &mut batch, &self.device);
         let fine = to_vec(outputs.fine);
         let coarse = outputs.coarse.map(to_vec).unwrap_or_default();
@@ -194,14 +195,14 @@ impl Fusion {
     }
 }
 
-/// Runs the network on a batch, whose input it takes.
+/// Runs the network on a batch, and takes the input out of it.
 pub(super) fn forward(network: &FusionNet, products: Products, batch: &mut Batch, device: &Device) -> Outputs {
     let shape = [batch.items, batch.height / 2, batch.width / 2, 4 * batch.groups.channels()];
     let input = Tensor::from_data(TensorData::new(std::mem::take(&mut batch.input), shape), device);
     network.forward(products, input, batch.groups)
 }
 
-/// Bytes of a weights file.
+/// Encodes a weights file.
 ///
 /// # Errors
 /// When a value is not finite.
@@ -217,7 +218,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    /// Tiles see everything that the network looks at: the picture is the same to the last bit.
+    /// The margins of tiles are wide enough: the picture is the same to the last bit.
     #[test]
     fn tiles_leave_no_trace() {
         let mut rng = Pcg64Mcg::seed_from_u64(4);
@@ -227,18 +228,18 @@ mod tests {
         record.parts = [2; PARTS];
         record.neighbours = [2; NEIGHBOURS];
         record.denoised = [true; PICTURES];
-        // Weights of every layer, so that what is far away has a say.
+        // No weight is 0, so that distant pixels have an influence.
         let fresh = Fusion::untrained(&FusionConfig { widths: [16; 4] }, 5).expect("a network");
         let mut parameters = fresh.parameters();
         for parameter in &mut parameters {
             parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1));
         }
         let fusion = Fusion::with_parameters(fresh.header().clone(), &parameters).expect("a network");
-        let chosen = Chosen::all(&record);
-        let whole = fusion.draw_in_tiles(&record, &chosen, 256).expect("a picture");
-        assert!(whole == fusion.draw_in_tiles(&record, &chosen, 64).expect("a picture"));
+        let selection = Selection::all(&record);
+        let whole = fusion.draw_in_tiles(&record, &selection, 256).expect("a picture");
+        assert!(whole == fusion.draw_in_tiles(&record, &selection, 64).expect("a picture"));
         let narrow = |x: usize| Window { x, y: 0, width: 256 - x, height: 240 };
-        let without_margin = fusion.draw_window(&record, &chosen, narrow(128));
+        let without_margin = fusion.draw_window(&record, &selection, narrow(128));
         assert!(without_margin[5 * 128] != whole[5 * 250 + 128], "the test would not see a seam");
     }
 }

@@ -2,8 +2,8 @@
 use rayon::prelude::*;
 use std::mem::MaybeUninit;
 
-/// `count * length` floats, computed in parallel: `write(i, chunk)` for chunk `i` of `length` floats (the last may be shorter when
-/// `total` is no multiple), which it finds zeroed. `state` is what a worker keeps from one chunk to the next.
+/// `count * length` floats, computed in parallel: `write(i, chunk)` for chunk `i` of `length` floats (the last may be shorter
+/// when `total` is no multiple), which it finds zeroed. `state` is what a worker keeps from one chunk to the next.
 ///
 /// A plain `vec![0.0; n]` is zeroed by one thread before the others may start.
 pub fn fill<S: Send>(
@@ -16,7 +16,8 @@ pub fn fill<S: Send>(
     if total > 0 {
         values.par_chunks_mut(length).enumerate().for_each_init(state, |state, (i, chunk)| write(state, i, zeroed(chunk)));
     }
-    // SAFETY: the chunks cover the whole slice and each was zeroed before `write` saw it; had a call panicked, so had this function.
+    // SAFETY: the chunks cover the whole slice and each was zeroed before `write` saw it; had a call panicked, so had this
+    // function.
     unsafe { values.assume_init() }.into_vec()
 }
 

@@ -1,9 +1,9 @@
 //! Convolution, decoder entry and their gradients on plain slices.
 use super::gather::{Finish, Frames, Size, Source, Weights, gather};
-use super::gradient;
+use super::gradient::{self, WeightGradient};
+use super::options::Stride;
 use super::taps::Lattice;
 use super::tile::Tile;
-use crate::ops::Stride;
 use std::borrow::Cow;
 
 /// Frames of a clip, and how a convolution over time reads them.
@@ -51,7 +51,8 @@ pub struct Convolution<'a> {
     pub skip: Option<(&'a [f32], Size)>,
     /// The pictures are frames, and the kernel has three taps over time as well; only with [`Stride::One`] and without `skip`.
     pub time: Option<Time>,
-    /// `[kernel, kernel, channels of x and skip, outputs]`; of a convolution over time `[kernel, kernel, taps, channels, outputs]`.
+    /// `[kernel, kernel, channels of x and skip, outputs]`; of a convolution over time `[kernel, kernel, taps, channels,
+    /// outputs]`.
     pub weights: &'a [f32],
     /// Rows and columns of the kernel, 1 or 3.
     pub kernel: usize,
@@ -184,7 +185,8 @@ impl<'a> Convolution<'a> {
                 if self.skip.is_some() && source.first > 0 {
                     source.lattice = Lattice::forward(self.kernel, Stride::One);
                 }
-                gradient::weights(tile, &source, gradient, out, self.kernel, transposed.inputs, &mut result.weights);
+                let into = WeightGradient { values: &mut result.weights, kernel: self.kernel, inputs: transposed.inputs };
+                gradient::weights(tile, &source, gradient, out, into);
             }
         }
         if wanted.bias {

@@ -1,10 +1,10 @@
 //! The kernels as operations of burn's CPU backend, with their gradients.
 use super::Kernel;
-use super::attention::Attention;
+use super::attention::{Attention, Inputs};
 use super::convolve::{Convolution, Time, Wanted};
 use super::gather::{Finish, Size};
 use super::norm::ChannelNorm;
-use crate::ops::{Products, Stride};
+use super::options::{Products, Stride};
 use burn::backend::autodiff::NodeId;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients as Tape;
@@ -32,7 +32,8 @@ macro_rules! with_tile {
 
 pub(super) use with_tile;
 
-/// [`with_tile`] for a convolution: with pairs in bf16 where those are asked for, the processor has them and the channels come in pairs.
+/// [`with_tile`] for a convolution. It uses bf16 if that is requested, the processor has it, and the numbers of channels are
+/// even.
 macro_rules! with_tile_for {
     ($convolution:ident, $products:expr, $tile:ident => $call:expr) => {{
         #[cfg(target_arch = "x86_64")]
@@ -46,16 +47,23 @@ macro_rules! with_tile_for {
     }};
 }
 
-/// Which operation, apart from its tensors.
+/// An operation without its tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
     stride: Stride,
-    /// There is a second picture.
+    /// Whether there is a second picture.
     decode: bool,
     silu: bool,
-    /// The pictures are frames.
+    /// Given if the pictures are frames of clips.
     time: Option<Time>,
     products: Products,
+}
+
+/// A backward pass: the operation, and the gradients that are needed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BackwardTask {
+    kind: Kind,
+    wanted: Wanted,
 }
 
 /// Convolutions on channels-last tensors, attention and channel normalisation. Pictures, weights and bias as in [`crate::ops`].
@@ -97,7 +105,8 @@ pub trait CpuKernels: Backend {
         silu: bool,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
-    /// The activated output of either convolution, and the sums before the activation. `skip` is any tensor if there is no second picture.
+    /// The activated output of either convolution, and the sums before the activation. `skip` is any tensor if there is no second
+    /// picture.
     fn nhwc_with_sums(
         x: FloatTensor<Self>,
         skip: FloatTensor<Self>,
@@ -106,16 +115,16 @@ pub trait CpuKernels: Backend {
         kind: Kind,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
-    /// Gradients of x, skip, weights and bias of either; those not wanted are empty. `sums` is any tensor if there is no activation.
-    #[allow(clippy::too_many_arguments, clippy::type_complexity)] // The extension macro takes no structs of borrowed tensors.
+    /// Gradients of x, skip, weights and bias of either; gradients that are not wanted are empty. `sums` is any tensor if there
+    /// is no activation.
+    #[allow(clippy::type_complexity)] // The extension macro returns tensors only in tuples.
     fn nhwc_backward(
         x: FloatTensor<Self>,
         skip: FloatTensor<Self>,
         w: FloatTensor<Self>,
         sums: FloatTensor<Self>,
         gradient: FloatTensor<Self>,
-        kind: Kind,
-        wanted: Wanted,
+        task: BackwardTask,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 
@@ -170,8 +179,8 @@ fn size(t: &FlexTensor) -> Size {
     Size { batch: batch.iter().product(), height: inner[0], width: inner[1], channels: inner[2] }
 }
 
-/// A point-wise convolution sees no neighbours, so its pixels may be laid out anew, in rows of a length that makes good tasks:
-/// those of all pictures together, or of each on its own if they are `frames`.
+/// A point-wise convolution sees no neighbours, so its pixels can be arranged in rows of a length that suits parallel work: the
+/// pixels of all pictures together, or of each picture alone if they are `frames`.
 fn regroup(size: Size, frames: bool) -> Size {
     let pictures = if frames { size.batch } else { 1 };
     let pixels = size.batch / pictures.max(1) * size.height * size.width;
@@ -228,7 +237,7 @@ impl CpuKernels for Flex {
     fn token_attention(q: FlexTensor, k: FlexTensor, v: FlexTensor, heads: usize) -> FlexTensor {
         let [q, k, v] = [q, k, v].map(|t| t.to_contiguous());
         let attention = attention_of(&q, &k, heads);
-        tensor(with_tile!(tile => attention.forward(tile, floats(&q), floats(&k), floats(&v))), q.shape())
+        tensor(with_tile!(tile => attention.forward(tile, Inputs { q: floats(&q), k: floats(&k), v: floats(&v) })), q.shape())
     }
 
     fn token_attention_backward(
@@ -240,7 +249,8 @@ impl CpuKernels for Flex {
     ) -> (FlexTensor, FlexTensor, FlexTensor) {
         let [q, k, v, gradient] = [q, k, v, gradient].map(|t| t.to_contiguous());
         let attention = attention_of(&q, &k, heads);
-        let [dq, dk, dv] = with_tile!(tile => attention.backward(tile, floats(&q), floats(&k), floats(&v), floats(&gradient)));
+        let inputs = Inputs { q: floats(&q), k: floats(&k), v: floats(&v) };
+        let [dq, dk, dv] = with_tile!(tile => attention.backward(tile, inputs, floats(&gradient)));
         (tensor(dq, q.shape()), tensor(dk, k.shape()), tensor(dv, v.shape()))
     }
 
@@ -283,9 +293,9 @@ impl CpuKernels for Flex {
         w: FlexTensor,
         sums: FlexTensor,
         gradient: FlexTensor,
-        kind: Kind,
-        wanted: Wanted,
+        task: BackwardTask,
     ) -> (FlexTensor, FlexTensor, FlexTensor, FlexTensor) {
+        let BackwardTask { kind, wanted } = task;
         let [x, skip, w, sums, gradient] = [x, skip, w, sums, gradient].map(|t| t.to_contiguous());
         let convolution = convolution(&x, &skip, &w, kind);
         let sums = kind.silu.then(|| floats(&sums));
@@ -301,7 +311,7 @@ impl CpuKernels for Flex {
     }
 }
 
-/// What the backward pass needs: the inputs (through the checkpointer), the sums if there was an activation.
+/// The state of the backward pass: the inputs (through the checkpointer), and the sums if there was an activation.
 #[derive(Clone, Debug)]
 struct Kept<B: Backend> {
     x: NodeId,
@@ -312,7 +322,7 @@ struct Kept<B: Backend> {
 }
 
 impl<B: CpuKernels> Kept<B> {
-    /// Gradients of x, skip, weights and bias, given that of the output.
+    /// Gradients of x, skip, weights and bias, given the gradient of the output.
     fn gradients(self, gradient: FloatTensor<B>, wanted: Wanted, checkpointer: &mut Checkpointer) -> [FloatTensor<B>; 4] {
         let x: FloatTensor<B> = checkpointer.retrieve_node_output(self.x);
         let w: FloatTensor<B> = checkpointer.retrieve_node_output(self.w);
@@ -321,7 +331,7 @@ impl<B: CpuKernels> Kept<B> {
             None => x.clone(),
         };
         let sums = self.sums.unwrap_or_else(|| gradient.clone());
-        let (x, skip, w, b) = B::nhwc_backward(x, skip, w, sums, gradient, self.kind, wanted);
+        let (x, skip, w, b) = B::nhwc_backward(x, skip, w, sums, gradient, BackwardTask { kind: self.kind, wanted });
         [x, skip, w, b]
     }
 }
@@ -502,8 +512,7 @@ impl<B: CpuKernels, C: CheckpointStrategy> CpuKernels for Autodiff<B, C> {
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
-        _: Kind,
-        _: Wanted,
+        _: BackwardTask,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
         unreachable!("gradients of gradients are not offered")
     }

@@ -29,7 +29,7 @@ impl Size {
     }
 }
 
-/// Which picture of a source belongs to a picture of the output: frames of clips that are worked through together.
+/// The picture of a source that belongs to a picture of the output, for frames of clips.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frames {
     /// Frames of a clip of the output.
@@ -45,10 +45,10 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Each picture is its own.
+    /// Single pictures.
     pub const SINGLE: Self = Self { out: 1, source: 1, step: 1, offset: 0, every: 1 };
 
-    /// The source's picture, counted through the batch, for picture `index` of the output; `None` where there is none.
+    /// The picture of the source for picture `index` of the output, both counted through the batch, or `None` if there is none.
     pub fn picture(self, index: usize) -> Option<usize> {
         let (clip, frame) = (index / self.out, index % self.out);
         let at = usize::try_from((frame * self.step) as isize + self.offset).ok()?;
@@ -62,27 +62,27 @@ impl Frames {
     }
 }
 
-/// A picture that is read, and how. Its channels are cells of the tile that reads it ([`Tile::FACTORS`]).
+/// A source of a convolution. Its channels are cells of the tile that reads it ([`Tile::FACTORS`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
-    /// Its cells.
+    /// Cells of the pictures.
     pub values: &'a [f32],
-    /// Its size, in cells.
+    /// Size in cells.
     pub size: Size,
-    /// Which of its pixels an output pixel reads.
+    /// The pixels that an output pixel reads.
     pub lattice: Lattice,
-    /// Which of its pictures an output picture reads.
+    /// The pictures that an output picture reads.
     pub frames: Frames,
-    /// Channel of the weights, in cells, that its first one meets.
+    /// Input channel of the weights, in cells, for the first channel of the source.
     pub first: usize,
-    /// Channel of the weights that the first channel written meets.
+    /// Channel of the weights for the first channel of the output.
     pub onto: usize,
 }
 
 /// Convolution weights `[kernel, kernel, inputs, outputs]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Weights<'a> {
-    /// Their floats.
+    /// Values.
     pub values: &'a [f32],
     /// Rows and columns of the kernel.
     pub kernel: usize,
@@ -90,12 +90,12 @@ pub struct Weights<'a> {
     pub inputs: usize,
     /// Output channels.
     pub outputs: usize,
-    /// The gather goes from outputs to inputs (a gradient).
+    /// Whether the gather runs from outputs to inputs, for a gradient.
     pub transposed: bool,
 }
 
 impl Weights<'_> {
-    /// Weight of kernel element `tap` between channel `from` of what is read and channel `to` of what is written.
+    /// Weight of kernel element `tap` from channel `from` of the source to channel `to` of the output.
     #[inline(always)]
     fn at(&self, tap: usize, from: usize, to: usize) -> f32 {
         let (input, output) = if self.transposed { (to, from) } else { (from, to) };
@@ -103,14 +103,14 @@ impl Weights<'_> {
     }
 }
 
-/// What happens to a finished output pixel.
+/// The last operation on an output pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
     /// Nothing.
     Plain,
     /// SiLU in place.
     Silu,
-    /// SiLU into a second output; the first keeps the sums for the gradient.
+    /// SiLU to a second output. The first output keeps the sums for the gradient.
     SiluAndSums,
 }
 
@@ -123,7 +123,8 @@ struct PackedTerm {
     start: usize,
 }
 
-/// Weights of the output pixels with one pair of lattice remainders: `[block][term][channel][block width]`, zero beyond the last output.
+/// Weights of the output pixels with one pair of lattice remainders, `[block][term][channel][block width]`, with zeros after the
+/// last output.
 struct Packed {
     terms: Vec<PackedTerm>,
     block: usize,
@@ -162,25 +163,25 @@ fn pack<T: Tile>(sources: &[Source], weights: Weights, outputs: usize, wide: usi
     Packed { terms, block, values }
 }
 
-/// A tile of output pixels in one row and the pieces of input it reads.
+/// A tile of output pixels in one row, and the pieces of input that it reads.
 struct Block {
-    /// Which packed weights.
+    /// Index of the packed weights.
     pass: usize,
-    /// First pixel's place in the chunk of output rows, in pixels.
+    /// Index of the first pixel in the chunk of output rows.
     pixel: usize,
     rows: usize,
     pieces: std::ops::Range<usize>,
 }
 
-/// Input of one term of one block.
+/// The input of one term of a tile.
 struct Piece {
     term: usize,
     start: usize,
-    /// Copied, because it reaches beyond the picture's edge.
+    /// Whether it is a copy, because it reaches beyond the edge of the picture.
     copied: bool,
 }
 
-/// What a worker keeps from chunk to chunk.
+/// Buffers that a worker reuses for every chunk.
 #[derive(Default)]
 struct Plan {
     blocks: Vec<Block>,
@@ -189,9 +190,20 @@ struct Plan {
     edges: Vec<f32>,
 }
 
+/// The inputs for the layout of tiles.
+struct Job<'a> {
+    sources: &'a [Source<'a>],
+    packed: &'a [Packed],
+    /// Size of the output.
+    out: Size,
+    /// Most pixels of a tile.
+    most: usize,
+}
+
 impl Plan {
-    /// Lays out the tiles of output row `row` (counted through the batch), the `nth` of the chunk.
-    fn add_row(&mut self, sources: &[Source], packed: &[Packed], out: Size, most: usize, row: usize, nth: usize) {
+    /// Lays out the tiles of row `row` of the output (counted through the batch), which is the `nth` row of the chunk.
+    fn add_row(&mut self, job: &Job, row: usize, nth: usize) {
+        let Job { sources, packed, out, most } = *job;
         let (picture, y) = (row / out.height, row % out.height);
         let spread = sources[0].lattice.spread;
         let (r, py) = (y / spread, y % spread);
@@ -232,8 +244,8 @@ impl Plan {
     }
 }
 
-/// Sums `sources`, of which there is one at least and all have the same spread, into pictures of size `out`.
-/// Returns the output, and the activated one for [`Finish::SiluAndSums`].
+/// Sums `sources` into pictures of size `out`. There is at least one source, and all sources have the same spread. Returns the
+/// output, and the activated output for [`Finish::SiluAndSums`].
 pub fn gather<T: Tile>(
     tile: T,
     sources: &[Source],
@@ -248,18 +260,19 @@ pub fn gather<T: Tile>(
     let mut padded_bias = vec![0.0; n.next_multiple_of(wide)];
     padded_bias[..bias.len()].copy_from_slice(bias);
 
-    // A chunk of rows shares each block of weights while that is in cache; small pictures still make 16 chunks or more.
+    // The rows of a chunk share each block of weights while it is in cache. Small pictures still have at least 16 chunks.
     let rows = out.batch * out.height;
     let per_chunk = (128 / out.width.max(1)).clamp(1, (rows / 16).max(1));
     let chunk_length = per_chunk * out.width * n;
 
+    let job = Job { sources, packed: &packed, out, most: T::ROWS };
     let compute = |plan: &mut Plan, chunk: usize, values: &mut [f32]| {
         plan.blocks.clear();
         plan.pieces.clear();
         plan.edges.clear();
         let begin = chunk * per_chunk;
         for (nth, row) in (begin..rows.min(begin + per_chunk)).enumerate() {
-            plan.add_row(sources, &packed, out, T::ROWS, row, nth);
+            plan.add_row(&job, row, nth);
         }
         let mut terms: Vec<Term> = Vec::with_capacity(16);
         for (at, bias) in padded_bias.chunks_exact(wide).enumerate() {

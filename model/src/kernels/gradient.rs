@@ -1,7 +1,7 @@
 //! Gradients of a convolution with respect to its weights and bias.
 //!
-//! The work is cut by the problem's size alone and partial sums are added in a fixed order, so the result does not depend on the
-//! number of threads.
+//! Only the size of the problem decides how work is divided, and partial sums are added in a fixed order. The result therefore
+//! does not depend on the number of threads.
 use super::buffer;
 use super::gather::{Size, Source};
 use super::taps::inside;
@@ -36,10 +36,20 @@ struct Tap {
     dx: isize,
 }
 
-/// Adds the gradient with respect to the weights `[kernel, kernel, inputs, outputs]` of `source`'s channels to `dw`.
-///
-/// `gradient` is that of the sums, of size `out`.
-pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, kernel: usize, inputs: usize, dw: &mut [f32]) {
+/// The gradient with respect to the weights of a convolution.
+pub struct WeightGradient<'a> {
+    /// `[kernel, kernel, inputs, outputs]`.
+    pub values: &'a mut [f32],
+    /// Rows and columns of the kernel.
+    pub kernel: usize,
+    /// Input channels.
+    pub inputs: usize,
+}
+
+/// Adds the part of the gradient that the channels of `source` have. `gradient` is the gradient with respect to the sums, of size
+/// `out`.
+pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, into: WeightGradient) {
+    let WeightGradient { values: dw, kernel, inputs } = into;
     let (channels, outputs) = (source.size.channels, out.channels);
     if source.size.len() == 0 || out.len() == 0 {
         return;
@@ -93,7 +103,8 @@ pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, k
         };
         let steps = [steps[0] * channels, steps[1] * wide];
         sums.par_chunks_mut(CHANNELS * wide).enumerate().for_each(|(block, sums)| {
-            accumulate(tile, [values, gradient], steps, &segments, block * CHANNELS, wide, sums);
+            let pixels = PixelSum { values, gradient, steps, segments: &segments };
+            accumulate(tile, &pixels, block * CHANNELS, wide, sums);
         });
     });
 
@@ -111,8 +122,8 @@ pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, k
     });
 }
 
-/// Into how many chunks of rows the sum over pixels is cut: so that each chunk's data fits a cache, there are tasks for many
-/// cores, and the partial sums take no more than 32 MiB.
+/// Number of chunks of rows for the sum over pixels. The data of a chunk fits a cache, there are enough tasks for many cores, and
+/// the partial sums take at most 32 MiB.
 fn chunk_count(tasks_per_chunk: usize, bytes_per_chunk: usize, data: usize, rows: usize) -> usize {
     let wanted = (data / CACHE).max(32_usize.div_ceil(tasks_per_chunk));
     wanted.min((32 << 20) / bytes_per_chunk.max(1)).clamp(1, 64).min(rows)
@@ -222,17 +233,18 @@ impl Pairs {
     }
 }
 
-/// Adds the products over `segments` of `values` and `gradient` to `sums` `[channels, wide]`, whose first row is channel `first`. `steps`
-/// are the distances from one pixel, or cell of pixels, to the next in each of the two.
-fn accumulate<T: Tile>(
-    tile: T,
-    [values, gradient]: [&[f32]; 2],
-    [step, b_step]: [usize; 2],
-    segments: &[Segment],
-    first: usize,
-    wide: usize,
-    sums: &mut [f32],
-) {
+/// A sum of products over pixels, or over cells of pixels.
+struct PixelSum<'a> {
+    values: &'a [f32],
+    gradient: &'a [f32],
+    /// Floats from one pixel to the next in `values` and in `gradient`.
+    steps: [usize; 2],
+    segments: &'a [Segment],
+}
+
+/// Adds the products of values and gradient to `sums` `[channels, wide]`, whose first row is channel `first`.
+fn accumulate<T: Tile>(tile: T, pixels: &PixelSum, first: usize, wide: usize, sums: &mut [f32]) {
+    let PixelSum { values, gradient, steps: [step, b_step], segments } = *pixels;
     let channels = sums.len() / wide;
     let mut terms: Vec<Term> = Vec::with_capacity(PIXELS);
     let mut rest = segments;

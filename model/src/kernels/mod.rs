@@ -1,23 +1,22 @@
-//! Convolution over space and time, attention, and what happens to pixels and tokens in between, for the CPU: implicit matrix products on
-//! channels-last pictures, without an im2col buffer, and single passes over rows.
+//! CPU kernels for convolution over space and time, for attention, and for the operations on pixels and tokens between them.
+//! Convolutions are implicit matrix products on channels-last pictures, without an im2col buffer. The other operations are single
+//! passes over rows.
 //!
-//! All work is a small tile of outputs kept in registers ([`tile`]), filled from lists of input pixels and packed weights
-//! ([`gather`], [`gradient`]); a clip's taps over time are further sources of the same sum, so that no frame is copied. It exists in AVX-512, in AVX2 and, as their portable twin, in plain Rust; all three return the same bits, for
-//! any number of threads. [`crate::ops`] chooses between them and [`portable`], the composition of burn's own operations that
-//! serves every other device and element type.
+//! Every matrix product computes small tiles of outputs in registers ([`tile`]) from lists of input pixels and packed weights
+//! ([`gather`], [`gradient`]). Taps over time are further sources of the same sum, so that no frame is copied. There are three
+//! implementations of a tile: AVX-512, AVX2, and portable Rust. All three return the same bits for any number of threads.
+//! [`crate::ops`] chooses between the kernels and [`portable`], which composes burn's own operations for every other device and
+//! element type.
 //!
-//! A fourth, AVX-512 BF16, multiplies factors rounded to bf16 in pairs where that is asked for ([`crate::ops::Products`]); its bits are its own.
+//! A fourth implementation, AVX-512 BF16, multiplies pairs of factors that are rounded to bf16 ([`options::Products`]). Its bits
+//! differ.
 //!
-//! Weights are packed anew in each call to `[outputs / block][tap][inputs][block]`, with a block of two vectors. The
-//! gradient of the input is the same gather over the transposed lattice; that of the weights sums over pixels instead of channels.
+//! Each call packs the weights to `[outputs / block][tap][inputs][block]`, with a block of two vectors. The gradient of the input
+//! is the same gather over the transposed lattice. The gradient of the weights sums over pixels instead of channels.
 //!
-//! Convolution 3 x 3, 64 to 64 channels, 128 x 128 pixels, batch of 4, with SiLU, against the composition: 6.7-6.9 times as fast
-//! forward and 5.7-5.9 times with all gradients in AVX-512, 3.5 and 3.2 times in AVX2. Two runs of `measure_against_the_composition`
-//! in `tests/kernels.rs` (variants alternating in one process, medians of 9, glibc's allocator) on four busy Zen 5 cores; the
-//! fused enlargement (16-19 times forward) and stride 2 gain most, small deep layers and point-wise products least (3 times).
-//! Channel normalisation with SiLU, which burn composes of ten passes on one thread: 21-24 times forward, 6 times with gradients. On 2048
-//! tokens of 320 channels: root mean square 3 and 2.3 times, modulated normalisation 4.7 and 2.4, gates 2.3 and 1.2, rotary places 46 and
-//! 35, GELU 23 and 16 (of 1280 channels). Convolution over time, 64 channels, 62 x 64 pixels: 4 frames 5.4 and 6.2 times, stills 13 and 15.
+//! `docs/measurements/model-kernels.md` compares the speed of kernels and compositions.
+
+pub mod options;
 pub mod portable;
 
 mod attention;

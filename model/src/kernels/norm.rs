@@ -3,7 +3,8 @@
 use super::tile::Tile;
 use rayon::prelude::*;
 
-/// Square of the least length a pixel is divided by. Bounding the square, not the root, keeps the gradient of a pixel of zeros finite.
+/// Square of the least length a pixel is divided by. Bounding the square, not the root, keeps the gradient of a pixel of zeros
+/// finite.
 pub const LEAST_SQUARE: f32 = 1e-24;
 
 /// Values a task works on, about: what a core's first cache holds.

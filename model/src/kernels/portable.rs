@@ -1,6 +1,6 @@
 //! The operations of [`crate::ops`] composed of burn's own, for every device and element type.
 use super::norm::LEAST_SQUARE;
-use crate::ops::Stride;
+use super::options::Stride;
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Tensor, activation, module};
 

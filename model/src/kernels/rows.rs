@@ -146,8 +146,8 @@ pub fn gate_gradient(y: &[f32], gate: &[f32], gradient: &[f32], groups: Groups) 
     [dy, dgate]
 }
 
-/// Turns pairs of neighbouring channels of each head: `(a cos - b sin, a sin + b cos)`, with `[tokens, pairs of a head]` cosines and
-/// sines, the same for every head and every item; the other way round if `back`.
+/// Turns pairs of neighbouring channels of each head: `(a cos - b sin, a sin + b cos)`, with `[tokens, pairs of a head]` cosines
+/// and sines, the same for every head and every item; the other way round if `back`.
 pub fn turn(x: &[f32], cos: &[f32], sin: &[f32], channels: usize, pairs: usize, back: bool) -> Vec<f32> {
     let tokens = cos.len() / pairs.max(1);
     let sign = if back { -1.0 } else { 1.0 };

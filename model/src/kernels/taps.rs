@@ -1,5 +1,5 @@
 //! Which input pixels and which weights an output pixel is made of, along one axis.
-use crate::ops::Stride;
+use super::options::Stride;
 
 /// One input pixel of a lattice: `offset` from the lattice's own place, times the sum of these kernel rows (or columns).
 pub type AxisTap = (isize, &'static [usize]);

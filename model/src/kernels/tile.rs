@@ -75,7 +75,8 @@ pub trait Tile: Copy + Send + Sync {
     const LANES: usize;
     /// Most rows of a tile.
     const ROWS: usize;
-    /// Factors in each of the 32-bit cells that [`Self::tile`] multiplies: one float, or two neighbours in bf16 whose products are summed.
+    /// Factors in each of the 32-bit cells that [`Self::tile`] multiplies: one float, or two neighbours in bf16 whose products
+    /// are summed.
     const FACTORS: usize = 1;
 
     /// The cell of the factors `at(0)..at(FACTORS)`.
@@ -88,8 +89,8 @@ pub trait Tile: Copy + Send + Sync {
         Cow::Borrowed(values)
     }
 
-    /// Cells of two factors each, the first from `first` and the second from `second`; all slices are of one length. Only with two
-    /// factors a cell.
+    /// Cells of two factors each, the first from `first` and the second from `second`; all slices are of one length. Only with
+    /// two factors a cell.
     fn pair(self, first: &[f32], second: &[f32], cells: &mut [f32]) {
         let _ = (first, second, cells);
         unreachable!("cells of one factor are not made of two");
@@ -223,7 +224,8 @@ fn exp(x: f32) -> f32 {
     f32::from_bits((shifted.to_bits() << 23).wrapping_add(p.to_bits()))
 }
 
-/// `ln(x)` of a normal number above 0 within 2 ulp of the larger of 1 and the result: the polynomial of Cephes' `logf`, without branches.
+/// `ln(x)` of a normal number above 0 within 2 ulp of the larger of 1 and the result: the polynomial of Cephes' `logf`, without
+/// branches.
 #[inline(always)]
 fn ln(x: f32) -> f32 {
     // The mantissa is brought to sqrt(1/2)..sqrt(2).

@@ -5,7 +5,7 @@ use crate::error::Result;
 use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
 use burn::tensor::{Device, Tensor, TensorData, activation, module};
 
-/// One convolution: its place in torchvision's `features`, channels, kernel, stride and padding.
+/// One convolution: its index in torchvision's `features`, channels, kernel, stride and padding.
 struct Shape {
     index: usize,
     channels: [usize; 2],
@@ -14,13 +14,14 @@ struct Shape {
     padding: usize,
 }
 
-/// A step of the network. After a tapped step its output is one of the compared features.
+/// A step of the network. The outputs of tapped steps are the features that are compared.
 enum Step {
     /// Convolution and ReLU, tapped.
     Conv(Shape),
-    /// 3 x 3 maximum with stride 2; rounding the output size up if `ceil`.
+    /// Maximum of 3 x 3 pixels with stride 2. The output size is rounded up if `ceil`.
     Pool { ceil: bool },
-    /// Fire module (Iandola et al. 2016): 1 x 1 to `squeeze` channels, then 1 x 1 and 3 x 3 to `expand` each, side by side.
+    /// Fire module (Iandola et al. 2016): 1 x 1 to `squeeze` channels, then 1 x 1 and 3 x 3 to `expand` channels each,
+    /// concatenated.
     Fire { index: usize, input: usize, squeeze: usize, expand: usize, tap: bool },
 }
 

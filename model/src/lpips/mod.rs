@@ -13,18 +13,18 @@ use renderflow_frame::image::Rgb;
 use std::path::{Path, PathBuf};
 use weights::Weights;
 
-/// Most bytes of a weights file; those of the networks here have 10 million.
+/// Most bytes of a weights file. The weights of these networks have about 10 million.
 const LARGEST: u64 = 1 << 30;
 
 /// Environment variable that names the folder with the weights.
 pub const WEIGHTS_VARIABLE: &str = "RENDERFLOW_LPIPS_WEIGHTS";
 
-/// Where the weights are looked for; see [`weights_folder`].
+/// The folder of the weights; see [`weights_folder`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WeightsLocation {
     /// Folder with `lpips_alex.safetensors` and `lpips_squeeze.safetensors`.
     pub folder: PathBuf,
-    /// Somebody named this folder ([`WEIGHTS_VARIABLE`]): what is missing there is a failure, not a reason to do without.
+    /// Whether [`WEIGHTS_VARIABLE`] names this folder. Missing weights are an error then, and otherwise LPIPS is left out.
     pub named: bool,
 }
 
@@ -49,7 +49,7 @@ pub enum Backbone {
 }
 
 impl Backbone {
-    /// Name of its weights file.
+    /// Name of the weights file.
     pub fn file_name(self) -> &'static str {
         match self {
             Self::Alex => "lpips_alex.safetensors",
@@ -57,7 +57,7 @@ impl Backbone {
         }
     }
 
-    /// Smallest width and height whose deepest features still have a pixel.
+    /// Smallest width and height of a picture: the deepest features have one pixel.
     pub fn smallest_side(self) -> usize {
         match self {
             Self::Alex => 31,
@@ -71,13 +71,13 @@ impl Backbone {
 pub struct Lpips {
     backbone: Backbone,
     network: Network,
-    /// One weight a channel of each tap, not negative.
+    /// One weight for each channel of each tap, at least 0.
     heads: Vec<Vec<f32>>,
     shift: [f32; 3],
     scale: [f32; 3],
 }
 
-/// What LPIPS needs of one picture: half of the work of a comparison. See [`Lpips::reference`].
+/// The features of one picture, which are half of the work of a comparison; see [`Lpips::reference`].
 #[derive(Debug)]
 pub struct Reference {
     backbone: Backbone,
@@ -91,8 +91,8 @@ impl Lpips {
     /// Reads the weights of `backbone` from `folder`.
     ///
     /// # Errors
-    /// [`Error::Frame`] when the file cannot be read, [`Error::Frame`] when it is no safetensors file, and [`Error::Tensor`]
-    /// with the tensor's name when one is missing, cut off, of another shape or type, or holds a value that is not finite.
+    /// [`Error::Frame`] when the file cannot be read or is not a safetensors file, and [`Error::Tensor`] when a tensor is missing,
+    /// cut off, of another shape or type, or holds a value that is not finite.
     pub fn load(folder: &Path, backbone: Backbone) -> Result<Self> {
         Self::load_file(&folder.join(backbone.file_name()), backbone)
     }
@@ -102,11 +102,11 @@ impl Lpips {
     /// # Errors
     /// As [`Lpips::load`].
     pub fn load_file(path: &Path, backbone: Backbone) -> Result<Self> {
-        // Metrics are always measured on the CPU: the same number whatever device trained or rendered.
+        // Metrics always run on the CPU, so that they do not depend on the device of training or rendering.
         Self::load_on(path, backbone, &Device::flex())
     }
 
-    /// [`Self::load_file`] onto the device whose tensors [`Self::loss`] is given, one that records gradients in training.
+    /// Reads the weights of `backbone` from the file `path` to a device: the one of the tensors for [`Self::loss`].
     ///
     /// # Errors
     /// As [`Lpips::load`].
@@ -129,21 +129,23 @@ impl Lpips {
         self.backbone
     }
 
-    /// LPIPS distance of two pictures of display values (sRGB-encoded, 0 to 1): 0 for equal ones, about 1 for unrelated ones.
+    /// LPIPS distance of two pictures of display values (sRGB-encoded, 0 to 1): 0 for equal pictures, about 1 for unrelated
+    /// pictures.
     ///
     /// # Errors
     /// [`Error::Data`] when the sizes differ, a side is shorter than [`Backbone::smallest_side`], or a value is not finite.
     pub fn distance(&self, a: &Rgb, b: &Rgb) -> Result<f32> {
-        // Before the network runs on one of them.
+        // Both are checked before the network runs.
         same_size((a.width, a.height), (b.width, b.height))?;
         self.distance_to(a, &self.reference(b)?)
     }
 
-    /// Mean distance of the pictures of two batches `[b, 3, h, w]` of -1..=1 on the device the network was loaded on, `[1]`;
-    /// differentiable with respect to both, with a gradient of zero where the features of both are zero.
+    /// Mean distance of two batches of pictures `[b, 3, h, w]` with values -1..=1, on the device of the network, `[1]`. It is
+    /// differentiable with respect to both batches, with a gradient of zero where the features of both are zero.
     ///
     /// # Errors
-    /// [`Error::Data`] when the shapes differ, are not of three channels, or a side is shorter than [`Backbone::smallest_side`].
+    /// [`Error::Data`] when the shapes differ, when there are not three channels, or when a side is shorter than
+    /// [`Backbone::smallest_side`].
     pub fn loss(&self, a: Tensor<4>, b: Tensor<4>) -> Result<Tensor<1>> {
         let ([n, channels, height, width], smallest) = (a.dims(), self.backbone.smallest_side());
         if b.dims() != a.dims() || n == 0 || channels != 3 || width.min(height) < smallest {
@@ -157,7 +159,7 @@ impl Lpips {
         let triple = |v: [f32; 3]| Tensor::<1>::from_data(v, &device).reshape([1, 3, 1, 1]);
         let (shift, scale) = (triple(self.shift), triple(self.scale));
         let taps = |x: Tensor<4>| self.network.taps((x - shift.clone()) / scale.clone());
-        // Bounding the square, not the root, keeps the slope of a pixel without features finite.
+        // The bound is added inside the root, so that the slope of a pixel without features is finite.
         let unit = |f: Tensor<4>| f.clone() / (f.clone() * f).sum_dim(1).add_scalar(1e-20).sqrt();
         let mut sum: Option<Tensor<1>> = None;
         for ((a, b), head) in taps(a).into_iter().zip(taps(b)).zip(&self.heads) {
@@ -173,7 +175,7 @@ impl Lpips {
         sum.ok_or_else(|| data("a network without features".into()))
     }
 
-    /// The features of a picture that several are compared with.
+    /// The features of a picture, for several comparisons with it.
     ///
     /// # Errors
     /// [`Error::Data`] when a side is shorter than [`Backbone::smallest_side`], or a value is not finite.
@@ -194,10 +196,10 @@ impl Lpips {
         Ok(Reference { backbone: self.backbone, width, height, taps })
     }
 
-    /// [`Lpips::distance`] of `picture` and the picture that `reference` was made of, to the last bit.
+    /// The [`Lpips::distance`] of `picture` and the picture of `reference`, equal to the last bit.
     ///
     /// # Errors
-    /// As [`Lpips::distance`], and when `reference` is of the other backbone.
+    /// When `reference` is of the other backbone, or as for [`Lpips::distance`].
     pub fn distance_to(&self, picture: &Rgb, reference: &Reference) -> Result<f32> {
         same_size((picture.width, picture.height), (reference.width, reference.height))?;
         if reference.backbone != self.backbone {
@@ -212,7 +214,7 @@ impl Lpips {
         Ok(distance as f32)
     }
 
-    /// A picture as a batch `[1, 3, h, w]`, normalised as the networks were trained.
+    /// A picture as a batch `[1, 3, h, w]`, normalised as in the training of the networks.
     fn input(&self, picture: &Rgb) -> Tensor<4> {
         let plane = |c: usize| picture.pixels.iter().map(move |p| (p[c] * 2.0 - 1.0 - self.shift[c]) / self.scale[c]);
         let values: Vec<f32> = (0..3).flat_map(plane).collect();

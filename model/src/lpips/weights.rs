@@ -39,7 +39,7 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// The tensor that a cut-off file lacks, or the parser's own words.
+/// An error that names the tensor that a cut-off file lacks, or the message of the parser.
 fn explain(path: &Path, bytes: &[u8], error: &SafeTensorError) -> Error {
     if let Some((name, end, present)) = cut_off(bytes) {
         let reason = format!("ends at byte {end} of the data, but the file is cut off at byte {present}");
@@ -48,8 +48,8 @@ fn explain(path: &Path, bytes: &[u8], error: &SafeTensorError) -> Error {
     Error::malformed(path, format!("is no safetensors file: {error}"))
 }
 
-/// The first tensor that reaches beyond the file: its name, its end and the bytes of data there are. The parser only says that
-/// the whole does not fit, so the header (a length and JSON) is read once more here.
+/// The first tensor that reaches beyond the end of the file: its name, its end, and the number of bytes of data. The parser only
+/// reports that the file is too short, so the header (a length and JSON) is read here again.
 fn cut_off(bytes: &[u8]) -> Option<(String, u64, u64)> {
     let (length, rest) = bytes.split_first_chunk()?;
     let (header, data) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;

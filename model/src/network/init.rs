@@ -1,4 +1,5 @@
-//! Initial values of parameters: drawn from one seeded generator in the order of construction, so that a seed fixes the network.
+//! Initial values of parameters. They are drawn from one seeded generator in the order of construction, so that a seed determines
+//! the network.
 
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -12,12 +13,12 @@ pub struct Init<'a> {
 }
 
 impl<'a> Init<'a> {
-    /// Parameters on `device` from `seed`.
+    /// Begins with `seed`; parameters are made on `device`.
     pub fn new(seed: u64, device: &'a Device) -> Self {
         Self { rng: Pcg64Mcg::seed_from_u64(seed), device }
     }
 
-    /// Normal values of standard deviation `std`.
+    /// Normal values with standard deviation `std`.
     pub fn normal<const D: usize>(&mut self, shape: [usize; D], std: f32) -> Param<Tensor<D>> {
         let values: Vec<f32> = (0..shape.iter().product()).map(|_| std * normal(&mut self.rng)).collect();
         Param::from_data(TensorData::new(values, shape), self.device)
@@ -29,9 +30,9 @@ impl<'a> Init<'a> {
     }
 }
 
-/// One standard normal number (Box and Muller 1958).
+/// Draws a standard normal number (Box and Muller 1958).
 pub fn normal(rng: &mut Pcg64Mcg) -> f32 {
-    // 1 - u lies in (0, 1], so the logarithm is finite.
+    // 1 - u is in (0, 1], so the logarithm is finite.
     let (u, v): (f32, f32) = (rng.random(), rng.random());
     (-2.0 * (1.0 - u).ln()).sqrt() * (std::f32::consts::TAU * v).cos()
 }

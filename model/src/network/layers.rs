@@ -15,7 +15,7 @@ pub struct Conv {
 }
 
 impl Conv {
-    /// `gain` times He initialisation (He et al. 2015); gain 0 makes the layer return 0.
+    /// He initialisation (He et al. 2015) times `gain`. With gain 0, the layer returns 0.
     pub fn new(init: &mut Init, k: usize, from: usize, to: usize, gain: f32) -> Self {
         let std = gain * (2.0 / (k * k * from) as f32).sqrt();
         Self { weight: init.normal([k, k, from, to], std), bias: init.constant([to], 0.0) }
@@ -26,7 +26,7 @@ impl Conv {
         ops::conv_by(products, x, self.weight.val(), self.bias.val(), stride, silu)
     }
 
-    /// Decoder entry: `silu(conv(concat(up2(x), skip)))`.
+    /// `silu(conv(concat(up2(x), skip)))`, the first layer of a decoder stage.
     pub fn decode(&self, products: Products, x: Tensor<4>, skip: Tensor<4>) -> Tensor<4> {
         ops::decode_by(products, x, skip, self.weight.val(), self.bias.val())
     }

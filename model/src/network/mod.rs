@@ -1,4 +1,4 @@
-//! What networks are built of: random weights, layers.
+//! Building blocks of networks: initial weights and layers.
 
 pub mod init;
 pub mod layers;

@@ -1,5 +1,5 @@
-//! Checkpoints: everything a run needs to go on exactly where it stopped. Random numbers are a function of (seed, step), so the step
-//! counter is the whole state of the generators.
+//! Checkpoints: everything that a run needs to resume exactly where it stopped. Random numbers depend on the seed and the step,
+//! so the number of steps is the whole state of the generators.
 
 use super::optimizer::Optimizer;
 use crate::weights::{open, read_tensor, write_safetensors};
@@ -9,31 +9,33 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What stands in a checkpoint besides tensors.
+/// The header of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CheckpointHeader<C> {
-    /// Settings of the run.
+    /// Configuration of the run.
     pub config: C,
-    /// Steps done.
+    /// Number of steps done.
     pub step: u64,
     /// Seconds of training so far.
     pub elapsed: f64,
-    /// What the run learns from, as [`ClipSource::identity`](crate::data::ClipSource::identity) gives it; older checkpoints do not say.
+    /// Identity of the training data ([`ClipSource::identity`](crate::data::ClipSource::identity)). Older checkpoints do not have
+    /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub data: Option<String>,
 }
 
-/// Most steps of a run: counts up to here are exact in the schedule's double precision.
+/// Largest number of steps: up to here, counts are exact in double precision.
 const MOST_STEPS: u64 = 1 << 53;
+/// Prefixes of the tensors of each parameter.
 const PARTS: [&str; 4] = ["value", "first", "second", "average"];
 
-/// What to do about a checkpoint that cannot be read.
+/// Advice for a checkpoint that cannot be read.
 const AGAIN: &str = "use another output folder, or remove the file to begin again";
 
-/// Writes a checkpoint beside its place and renames it.
+/// Writes a checkpoint.
 ///
 /// # Errors
-/// When it cannot be written.
+/// When the file cannot be written.
 pub fn save<C: Serialize>(path: &Path, header: &CheckpointHeader<C>, optimizer: &Optimizer) -> Result<()> {
     let mut entries = Vec::new();
     for slot in &optimizer.slots {
@@ -47,11 +49,12 @@ pub fn save<C: Serialize>(path: &Path, header: &CheckpointHeader<C>, optimizer: 
     Ok(renderflow_frame::file::write_atomic(path, &write_safetensors(path, &header, tensors)?)?)
 }
 
-/// Reads a checkpoint into `optimizer`, whose parameters give names and shapes. `None` when there is no file. `difference` names the
-/// first option that decides what is learned and that the checkpoint's run had otherwise; `data` is what is to be learned from.
+/// Reads a checkpoint into `optimizer`, whose parameters determine the names and shapes of the tensors. Returns `None` if there
+/// is no file. `difference` names the first option that a resumed run may not change and that differs; `data` is the identity of
+/// the training data.
 ///
 /// # Errors
-/// When the file is broken, there is such an option, or the run learned from other data.
+/// When the file is broken, when an option differs, or when the run learned from other data.
 pub fn load<C: DeserializeOwned>(
     path: &Path,
     difference: &dyn Fn(&C) -> Option<&'static str>,
@@ -91,7 +94,7 @@ pub fn load<C: DeserializeOwned>(
         let read = |part: &str| read_tensor(path, &tensors, &format!("{part}/{}", slot.parameter.name), &slot.parameter.shape);
         let read = |part: &str| read(part).map_err(broken);
         let [value, first, second, average] = [read(PARTS[0])?, read(PARTS[1])?, read(PARTS[2])?, read(PARTS[3])?];
-        // The optimiser divides by its square root: NaN would spread through the network.
+        // The optimiser takes its square root: NaN would spread through the network.
         if let Some(negative) = second.iter().find(|v| **v < 0.0) {
             let (tensor, reason) = (format!("{}/{}", PARTS[2], slot.parameter.name), format!("holds {negative}, below 0"));
             return Err(broken(Error::Tensor { path: path.into(), tensor, reason }));
@@ -111,7 +114,7 @@ mod tests {
     use crate::parameters::Parameter;
 
     #[test]
-    fn states_that_no_run_leaves_behind_are_refused() {
+    fn states_that_no_run_can_have_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("checkpoint.safetensors");
         let fresh = || Optimizer::new(vec![Parameter { name: "w".into(), shape: vec![2], values: vec![1.0, 2.0] }]);

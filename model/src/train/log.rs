@@ -1,4 +1,4 @@
-//! The training log: one JSON object a line.
+//! The training log, with one JSON object per line.
 
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -6,23 +6,23 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
-/// What every kind of record has.
+/// The field that every record has.
 #[derive(Deserialize)]
 struct Stepped {
     step: u64,
 }
 
-/// Appends records to a file.
+/// A log that records are appended to.
 pub struct Log {
     path: PathBuf,
     file: File,
 }
 
 impl Log {
-    /// Checks that what is at `path`, if anything, is the log of a run: its first line is a record.
+    /// Checks that the file at `path`, if there is one, is a training log: its first line must be a record.
     ///
     /// # Errors
-    /// When it is something else, or cannot be read.
+    /// When the file is something else, or cannot be read.
     pub fn check(path: &Path) -> Result<()> {
         if std::fs::symlink_metadata(path).is_err() {
             return Ok(());
@@ -33,10 +33,10 @@ impl Log {
         if first.is_empty() || serde_json::from_str::<Stepped>(&first).is_ok() {
             return Ok(());
         }
-        Err(Error::malformed(path, "is there already, and is no log of a training; choose another output folder"))
+        Err(Error::malformed(path, "exists already and is not a training log; choose another output folder"))
     }
 
-    /// Opens `path`; lines of steps after `resumed` (written before an interruption, to be done again) are dropped.
+    /// Opens the log at `path`. Lines of steps after `resumed` are dropped, because a resumed run takes these steps again.
     ///
     /// # Errors
     /// When the file cannot be read or written.
@@ -56,7 +56,7 @@ impl Log {
         Ok(Self { path: path.into(), file })
     }
 
-    /// Appends one line.
+    /// Appends a record.
     ///
     /// # Errors
     /// When the file cannot be written.

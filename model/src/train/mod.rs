@@ -1,16 +1,19 @@
-//! Training: steps, checkpoints, a log, clips in memory.
+//! What the training of every network shares: options, the loop, the optimiser, checkpoints, the log, clips in memory.
 
 pub mod checkpoint;
+pub mod config;
 pub mod log;
 pub mod optimizer;
 pub mod pool;
 pub mod runner;
 pub mod schedule;
 
+pub use config::{Decay, Method, RunConfig, TrainingConfig};
+
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
-/// Index of one of `weights` (>= 0, not all 0), drawn in proportion.
+/// Draws an index with a probability proportional to its weight. Weights are at least 0 and not all 0.
 pub(crate) fn draw_weighted(weights: impl Iterator<Item = f32> + Clone, rng: &mut Pcg64Mcg) -> usize {
     let total: f32 = weights.clone().sum();
     let mut u = rng.random::<f32>() * total;

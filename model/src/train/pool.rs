@@ -1,4 +1,4 @@
-//! Clips in memory: all of them when they fit, otherwise a window that slides over a seeded order as training goes on.
+//! Clips in memory: all of them if they fit, otherwise a window that slides over a seeded order during training.
 
 use crate::data::{Clip, ClipSource, step_rng};
 use crate::{Error, Result};
@@ -8,34 +8,34 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// How the cache is filled.
+/// Options of a pool.
 #[derive(Clone, Copy, Debug)]
 pub struct PoolSettings {
-    /// Bytes it may take, beyond the one clip that is being loaded.
+    /// Most bytes of clips in memory, besides the clip that is being loaded.
     pub limit: usize,
-    /// Steps after which the oldest clip makes room for the next, when not all fit.
+    /// Steps after which the oldest clip is replaced, if not all clips fit.
     pub rotate_steps: u64,
-    /// Seed of the order.
+    /// Seed of the order of clips.
     pub seed: u64,
 }
 
-/// What a clip is kept as.
+/// The form in which a clip is kept in memory.
 pub trait Stored: Default + Send + Sync {
-    /// Memory it takes.
+    /// Size in bytes.
     fn bytes(&self) -> usize;
 }
 
-/// Makes what is kept of a clip; called from several threads.
+/// Converts a clip to the form that is kept. It is called from several threads.
 pub type Make<'a, T> = &'a (dyn Fn(&Clip) -> Result<T> + Sync);
 
-/// The clips a step may draw from; a function of the step alone, so that resuming gives the same batches.
+/// The clips that a step may draw from. They depend on the step alone, so that a resumed run draws the same batches.
 pub struct Pool<'a, T> {
     source: &'a dyn ClipSource,
     make: Make<'a, T>,
     settings: PoolSettings,
     /// Clips of the window, oldest first.
     window: VecDeque<Arc<T>>,
-    /// Position in the endless order of the clip at the front of the window.
+    /// Position of the window's first clip in the endless order.
     front: u64,
 }
 
@@ -43,7 +43,7 @@ impl<'a, T: Stored> Pool<'a, T> {
     /// Loads the window of `step`. `progress(done, total)` is called after each clip, from several threads.
     ///
     /// # Errors
-    /// [`Error::Data`] when there are no clips or a clip cannot be used.
+    /// When there are no clips, or when a clip cannot be used.
     pub fn load(
         source: &'a dyn ClipSource,
         make: Make<'a, T>,
@@ -57,7 +57,7 @@ impl<'a, T: Stored> Pool<'a, T> {
             return Err(Error::Data { place: "training data".into(), reason: "no clips".into() });
         }
         let mut pool = Self { source, make, settings, window: VecDeque::new(), front: 0 };
-        // The first clip of the order tells how many fit; the same on every run.
+        // The first clip of the order decides how many fit, so the number is the same in every run.
         let probe = pool.fetch(0)?;
         let bytes = probe.bytes();
         let size = (settings.limit / bytes.max(1)).clamp(1, count);
@@ -78,7 +78,7 @@ impl<'a, T: Stored> Pool<'a, T> {
         Ok(pool)
     }
 
-    /// Clips a step may draw from; moves the window forward when its time has come.
+    /// The clips of a step. Steps must come in ascending order.
     ///
     /// # Errors
     /// When a clip cannot be loaded.
@@ -94,12 +94,12 @@ impl<'a, T: Stored> Pool<'a, T> {
         Ok(self.window.iter().cloned().collect())
     }
 
-    /// Whether every clip is in memory.
+    /// Whether all clips are in memory.
     pub fn complete(&self) -> bool {
         self.window.len() == self.source.len()
     }
 
-    /// Loads the clip at a position of the endless order: one seeded permutation of all clips after another.
+    /// Loads the clip at a position of the endless order, which is one seeded permutation of all clips after another.
     fn fetch(&self, position: u64) -> Result<Arc<T>> {
         let count = self.source.len() as u64;
         let mut order: Vec<usize> = (0..self.source.len()).collect();

@@ -1,33 +1,21 @@
-//! Learning rate: linear warm-up, then a cosine down to 1% by the share of the run that is done, or no change.
+//! The learning rate over a run: a linear warm-up, then half a cosine down to 1%, or no change.
 
-use super::runner::Settings;
-use serde::{Deserialize, Serialize};
+use super::config::{Decay, RunConfig};
 use std::f64::consts::PI;
 
-/// What follows the warm-up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Decay {
-    /// Half a cosine, down to 1%.
-    #[default]
-    Cosine,
-    /// The peak rate to the end.
-    Constant,
+/// The learning rate at `step` (from 0) of a run of which `share` (0..=1), in steps or in time, is done.
+pub fn rate(run: &RunConfig, step: u64, share: f64) -> f64 {
+    let share = match run.decay {
+        Decay::Cosine => share,
+        Decay::Constant => 0.0,
+    };
+    learning_rate(run.learning_rate, step, run.warmup_steps, share)
 }
 
-/// The rate of a run with these settings.
-pub fn rate(settings: Settings, step: u64, share: f64) -> f64 {
-    match settings.decay {
-        Decay::Cosine => learning_rate(settings.learning_rate, step, settings.warmup_steps, share),
-        Decay::Constant => learning_rate(settings.learning_rate, step, settings.warmup_steps, 0.0),
-    }
-}
-
-/// Share of the peak rate at the end.
+/// The rate at the end, relative to the peak.
 const FLOOR: f64 = 0.01;
 
-/// Rate at `step` (from 0) when `share` (0..=1) of the run, in steps or in time, is done.
-pub fn learning_rate(peak: f64, step: u64, warmup_steps: u64, share: f64) -> f64 {
+fn learning_rate(peak: f64, step: u64, warmup_steps: u64, share: f64) -> f64 {
     let warm = ((step + 1) as f64 / (warmup_steps.max(1)) as f64).min(1.0);
     let cosine = 0.5 * (1.0 + (PI * share.clamp(0.0, 1.0)).cos());
     peak * warm * (FLOOR + (1.0 - FLOOR) * cosine)

@@ -1,14 +1,14 @@
-//! Sizes and constants of the networks: presets, and their limits. Reading configuration files is in `config_file`.
+//! Configurations of the networks: presets and limits. `config_file` reads published configuration files.
 
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Statistics of the published autoencoder's latents: mean of each channel.
+/// Mean of each latent channel of the published autoencoder.
 const LATENTS_MEAN: [f32; 16] = [
     -0.7571, -0.7089, -0.9113, 0.1075, -0.1745, 0.9653, -0.1517, 1.5508, 0.4134, -0.0715, 0.5517, -0.3632, -0.1922, -0.9497,
     0.2503, -0.2921,
 ];
-/// Standard deviation of each channel.
+/// Standard deviation of each latent channel of the published autoencoder.
 const LATENTS_STD: [f32; 16] = [
     2.8184, 1.4541, 2.3275, 2.6558, 1.2196, 1.7708, 2.6052, 2.0743, 3.2687, 2.1526, 2.8652, 1.5579, 1.6382, 1.1253, 2.8251,
     1.9160,
@@ -24,15 +24,15 @@ pub struct VaeConfig {
     pub decoder_base_dim: usize,
     /// Latent channels.
     pub z_dim: usize,
-    /// Channels of each level, as multiples of the base; each level but the last halves the resolution.
+    /// Channels of each level as multiples of the base. Each level but the last halves the resolution.
     pub dim_mult: Vec<usize>,
-    /// Residual blocks of each encoder level; a decoder level has one more.
+    /// Number of residual blocks in each encoder level. A decoder level has one more.
     pub num_res_blocks: usize,
-    /// Whether the reduction after each level but the last halves the frame rate too; the decoder runs it backwards.
+    /// Whether the reduction after each level but the last also halves the frame rate. The decoder reverses it.
     pub temporal_downsample: Vec<bool>,
-    /// Channels of a picture going in.
+    /// Channels of input pictures.
     pub in_channels: usize,
-    /// Channels of a picture coming out.
+    /// Channels of output pictures.
     pub out_channels: usize,
     /// Mean of each latent channel, for normalisation.
     pub latents_mean: Vec<f32>,
@@ -57,28 +57,29 @@ impl VaeConfig {
         }
     }
 
-    /// The same graph, small enough for unit tests; latents are left as they are.
+    /// The same graph at a size for unit tests. Latents are not normalised.
     pub fn tiny() -> Self {
         Self { base_dim: 8, decoder_base_dim: 8, z_dim: 4, latents_mean: vec![0.0; 4], latents_std: vec![1.0; 4], ..Self::wan() }
     }
 
-    /// Pixels a latent pixel spans in height and in width.
+    /// Number of pixels that a latent pixel spans in height and in width.
     pub fn spatial_factor(&self) -> usize {
         1 << (self.dim_mult.len() - 1)
     }
 
-    /// Frames a latent frame spans, but for the first, which spans one.
+    /// Number of frames that a latent frame spans. The first latent frame spans one.
     pub fn temporal_factor(&self) -> usize {
         1 << self.temporal_downsample.iter().filter(|&&halved| halved).count()
     }
 
-    /// Latent frames of a clip of `frames` pictures; `None` unless `frames` is 1 more than a multiple of [`Self::temporal_factor`].
+    /// Number of latent frames of a clip of `frames` pictures. `None` unless `frames` is 1 more than a multiple of
+    /// [`Self::temporal_factor`].
     pub fn latent_frames(&self, frames: usize) -> Option<usize> {
         let factor = self.temporal_factor();
         (frames >= 1 && (frames - 1).is_multiple_of(factor)).then(|| 1 + (frames - 1) / factor)
     }
 
-    /// Checks that the numbers describe a network.
+    /// Checks that the configuration describes a network.
     ///
     /// # Errors
     /// [`Error::Config`] naming the option.
@@ -109,14 +110,14 @@ impl VaeConfig {
     }
 }
 
-/// Which approximation of `x Phi(x)` the perceptrons use.
+/// The form of GELU, `x Phi(x)`, in the perceptrons.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Gelu {
-    /// `x / 2 (1 + tanh(sqrt(2 / pi) (x + 0.044715 x^3)))`, what Wan was trained with.
+    /// `x / 2 (1 + tanh(sqrt(2 / pi) (x + 0.044715 x^3)))`, with which Wan was trained.
     #[default]
     Tanh,
-    /// The error function.
+    /// The exact form, by the error function.
     Erf,
 }
 
@@ -124,29 +125,29 @@ pub enum Gelu {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DitConfig {
-    /// Attention heads.
+    /// Number of attention heads.
     pub heads: usize,
-    /// Channels of a head, even.
+    /// Channels of a head, an even number.
     pub head_dim: usize,
     /// Hidden width of a block's perceptron.
     pub ffn_dim: usize,
-    /// Blocks.
+    /// Number of blocks.
     pub layers: usize,
-    /// Channels of a text token; `None` for the graph without text: no text embedder, no cross-attention.
+    /// Channels of a text token. `None` for the graph without text, which has no text embedder and no cross-attention.
     pub text_dim: Option<usize>,
-    /// Length of the timestep's sinusoid, even.
+    /// Length of the timestep's sinusoidal embedding, an even number.
     pub freq_dim: usize,
-    /// Channels of a latent going in.
+    /// Channels of input latents.
     pub in_channels: usize,
-    /// Channels of a latent coming out.
+    /// Channels of output latents.
     pub out_channels: usize,
-    /// Latent frames, rows and columns of a token.
+    /// Latent frames, rows and columns that a token covers.
     pub patch_size: [usize; 3],
     /// Whether a learned layer normalisation precedes cross-attention.
     pub cross_attn_norm: bool,
-    /// Added to the variance in layer normalisation.
+    /// Constant that layer normalisation adds to the variance.
     pub layer_norm_eps: f64,
-    /// Added to the mean square in the normalisation of queries and keys.
+    /// Constant that the normalisation of queries and keys adds to the mean square.
     pub qk_norm_eps: f64,
     /// Nonlinearity of the perceptrons (blocks and text embedder).
     pub activation: Gelu,
@@ -175,7 +176,7 @@ impl DitConfig {
         }
     }
 
-    /// The same graph, small enough for unit tests.
+    /// The same graph at a size for unit tests.
     pub fn tiny() -> Self {
         Self {
             heads: 2,
@@ -190,7 +191,7 @@ impl DitConfig {
         }
     }
 
-    /// The same transformer without its text path: RenderFlow's backbone.
+    /// The same transformer without its text path, which is RenderFlow's backbone.
     pub fn without_text(self) -> Self {
         Self { text_dim: None, ..self }
     }
@@ -209,12 +210,12 @@ impl DitConfig {
         self.heads * self.head_dim
     }
 
-    /// Latent values under one token, a channel.
+    /// Number of latent values that a token covers in each channel.
     pub fn patch_values(&self) -> usize {
         self.patch_size.iter().product()
     }
 
-    /// Checks that the numbers describe a network.
+    /// Checks that the configuration describes a network.
     ///
     /// # Errors
     /// [`Error::Config`] naming the option.
@@ -232,7 +233,7 @@ impl DitConfig {
             ));
         }
         if !(2..=1 << 16).contains(&self.freq_dim) || !self.freq_dim.is_multiple_of(2) {
-            return Err(Error::config("dit.freq_dim", "must be even: half cosines, half sines"));
+            return Err(Error::config("dit.freq_dim", "must be even: one half is cosines, the other sines"));
         }
         check("dit.text_dim", self.text_dim.is_none_or(|dim| (1..=1 << 16).contains(&dim)))?;
         for (option, eps) in [("dit.layer_norm_eps", self.layer_norm_eps), ("dit.qk_norm_eps", self.qk_norm_eps)] {
@@ -250,7 +251,7 @@ impl DitConfig {
 pub struct VaceConfig {
     /// The transformer.
     pub dit: DitConfig,
-    /// Blocks of the transformer that receive a hint, ascending, the first 0; one context block each.
+    /// Blocks of the transformer that receive a hint, ascending from 0. Each has one context block.
     pub vace_layers: Vec<usize>,
     /// Channels of the context.
     pub vace_in_channels: usize,
@@ -262,12 +263,12 @@ impl VaceConfig {
         Self { dit: DitConfig::wan_1_3b(), vace_layers: (0..30).step_by(2).collect(), vace_in_channels: 96 }
     }
 
-    /// Small enough for unit tests.
+    /// The same graph at a size for unit tests.
     pub fn tiny() -> Self {
         Self { dit: DitConfig::tiny(), vace_layers: vec![0, 1], vace_in_channels: 24 }
     }
 
-    /// Checks that the numbers describe a network.
+    /// Checks that the configuration describes a network.
     ///
     /// # Errors
     /// [`Error::Config`] naming the option.

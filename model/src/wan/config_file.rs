@@ -1,4 +1,4 @@
-//! Configurations as published: diffusers' `config.json`, and the shorter one beside original weights.
+//! Published configuration files: diffusers' `config.json`, and the shorter file beside original weights.
 
 use super::config::{DitConfig, Gelu, VaceConfig, VaeConfig};
 use crate::{Error, Result};
@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use std::path::Path;
 
-/// A parsed file whose options are asked for one by one.
+/// A parsed file whose options are read one by one.
 struct Options<'a> {
     path: &'a Path,
     values: Map<String, Value>,
@@ -23,7 +23,7 @@ impl<'a> Options<'a> {
         }
     }
 
-    /// The first of `names` that is there and not null.
+    /// The first option of `names` that is present and not null.
     fn find<T: DeserializeOwned>(&self, names: &[&str]) -> Result<Option<T>> {
         let found = names.iter().find_map(|name| self.values.get(*name).filter(|v| !v.is_null()).map(|v| (name, v)));
         let Some((name, value)) = found else { return Ok(None) };
@@ -36,7 +36,7 @@ impl<'a> Options<'a> {
         self.find(names)?.ok_or_else(missing)
     }
 
-    /// Options that would change the graph in a way this program does not know.
+    /// Refuses options that would change the graph in a way that this program does not support.
     fn refuse(&self, names: &[&str]) -> Result<()> {
         let off = |v: &Value| match v {
             Value::Null | Value::Bool(false) => true,
@@ -66,12 +66,13 @@ impl VaeConfig {
     /// Reads diffusers' `config.json` of the autoencoder.
     ///
     /// # Errors
-    /// When the file cannot be read, an option is missing or out of range, or asks for a variant that is not supported.
+    /// When the file cannot be read, when an option is missing or out of range, or when a variant of the network is not
+    /// supported.
     pub fn read(path: &Path) -> Result<Self> {
         Self::parse(path, &read(path)?)
     }
 
-    /// [`Self::read`] of a text; `path` stands in errors.
+    /// Parses the text of such a file. `path` names it in messages.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -85,7 +86,7 @@ impl VaeConfig {
             z_dim: options.need(&["z_dim"])?,
             dim_mult: options.need(&["dim_mult"])?,
             num_res_blocks: options.need(&["num_res_blocks"])?,
-            // The published files spell it with an e.
+            // The published files spell this name with an e.
             temporal_downsample: options.need(&["temperal_downsample", "temporal_downsample"])?,
             in_channels: options.find(&["in_channels"])?.unwrap_or(3),
             out_channels: options.find(&["out_channels"])?.unwrap_or(3),
@@ -98,7 +99,7 @@ impl VaeConfig {
 }
 
 impl DitConfig {
-    /// Reads diffusers' `config.json` of the transformer, or the one beside the original weights.
+    /// Reads diffusers' `config.json` of the transformer, or the file beside the original weights.
     ///
     /// # Errors
     /// As [`VaeConfig::read`].
@@ -106,7 +107,7 @@ impl DitConfig {
         Self::parse(path, &read(path)?)
     }
 
-    /// [`Self::read`] of a text; `path` stands in errors.
+    /// Parses the text of such a file. `path` names it in messages.
     ///
     /// # Errors
     /// As [`VaeConfig::read`].
@@ -130,7 +131,7 @@ impl DitConfig {
             None => {
                 let width: usize = options.need(&["attention_head_dim", "dim"])?;
                 if heads == 0 || !width.is_multiple_of(heads) {
-                    return Err(Error::malformed(options.path, format!("/dim: {width} is no multiple of {heads} heads")));
+                    return Err(Error::malformed(options.path, format!("/dim: {width} is not a multiple of {heads} heads")));
                 }
                 width / heads
             }
@@ -142,7 +143,7 @@ impl DitConfig {
             head_dim,
             ffn_dim: options.need(&["ffn_dim"])?,
             layers: options.need(&["num_layers"])?,
-            // The original files leave it out: always the width of umT5-xxl.
+            // The original files leave it out. It is always the width of umT5-xxl.
             text_dim: Some(options.find(&["text_dim"])?.unwrap_or(4096)),
             freq_dim: options.find(&["freq_dim"])?.unwrap_or(256),
             in_channels,
@@ -158,7 +159,7 @@ impl DitConfig {
 }
 
 impl VaceConfig {
-    /// Reads diffusers' `config.json` of VACE, or the one beside the original weights.
+    /// Reads diffusers' `config.json` of VACE, or the file beside the original weights.
     ///
     /// # Errors
     /// As [`VaeConfig::read`].
@@ -166,7 +167,7 @@ impl VaceConfig {
         Self::parse(path, &read(path)?)
     }
 
-    /// [`Self::read`] of a text; `path` stands in errors.
+    /// Parses the text of such a file. `path` names it in messages.
     ///
     /// # Errors
     /// As [`VaeConfig::read`].

@@ -1,5 +1,5 @@
-//! Weights that do not exist yet: each is drawn, from its own stream of one seed, when it is first used. A network whose weights
-//! are read from a file, or only counted, never draws them.
+//! Initial weights that are made late: each weight is drawn when it is first used, from a random stream of its own. A network
+//! whose weights are read from a file, or only counted, never draws them.
 
 use burn::module::{Param, ParamId};
 use burn::tensor::{Device, Shape, Tensor, TensorData};
@@ -7,22 +7,22 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-/// Values drawn from one stream of random numbers; whatever the number of threads, a weight is the same.
+/// Number of values that are drawn from one random stream. Weights are the same for any number of threads.
 const CHUNK: usize = 1 << 16;
-/// Distances of the seeds of streams: odd, with bits everywhere (the first is the golden ratio).
+/// Distances between the seeds of streams. They are odd numbers with well spread bits (the first is the golden ratio).
 const BETWEEN_WEIGHTS: u64 = 0x9E37_79B9_7F4A_7C15;
 const BETWEEN_CHUNKS: u64 = 0xD1B5_4A32_D192_ED03;
 
-/// How a weight begins.
+/// The distribution of an initial weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start {
-    /// The same value everywhere.
+    /// The same value for all.
     Constant(f32),
-    /// Normal values of this standard deviation.
+    /// Normal values with this standard deviation.
     Normal(f32),
 }
 
-/// Makes the weights of a network, in the order of construction.
+/// Makes the weights of a network in the order of construction.
 #[derive(Debug)]
 pub struct Init<'a> {
     seed: u64,
@@ -36,7 +36,7 @@ impl<'a> Init<'a> {
         Self { seed, made: 0, device }
     }
 
-    /// A weight that begins with `start`.
+    /// A weight with the distribution `start`.
     pub fn weight<const D: usize>(&mut self, shape: [usize; D], start: Start) -> Param<Tensor<D>> {
         self.made += 1;
         let seed = self.seed.wrapping_add(self.made.wrapping_mul(BETWEEN_WEIGHTS));
@@ -59,13 +59,13 @@ impl<'a> Init<'a> {
         Param::uninitialized(ParamId::new(), draw, self.device.clone(), true, Shape::from(shape))
     }
 
-    /// A matrix `[from, to]` that keeps the variance between the two directions (Glorot and Bengio 2010).
+    /// A matrix `[from, to]` with Glorot initialisation (Glorot and Bengio 2010).
     pub fn matrix(&mut self, from: usize, to: usize) -> Param<Tensor<2>> {
         self.weight([from, to], Start::Normal((2.0 / (from + to) as f32).sqrt()))
     }
 
-    /// Offsets of a convolution over `inputs` values, of the variance that PyTorch draws them with. Not zeros: a grey picture (0) would
-    /// have features of exactly zero, and there the slope of the autoencoder's normalisation is 1e12.
+    /// Biases of a convolution over `inputs` values, with the variance of PyTorch's initialisation. They are not zeros: the
+    /// features of a grey picture (0) would be exactly zero, where the slope of the autoencoder's normalisation is 1e12.
     pub fn offsets(&mut self, inputs: usize, to: usize) -> Param<Tensor<1>> {
         self.weight([to], Start::Normal((3.0 * inputs as f32).powf(-0.5)))
     }

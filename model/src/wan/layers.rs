@@ -1,4 +1,4 @@
-//! Layers both networks are made of, on channels-last tensors; the arithmetic is in [`crate::ops`].
+//! Layers of the autoencoder and the transformer, on channels-last tensors. The arithmetic is in [`crate::ops`].
 
 use super::init::{Init, Start};
 use super::names::{Layout, Listing};
@@ -16,17 +16,17 @@ pub struct Dense {
 }
 
 impl Dense {
-    /// Glorot-initialised, no offset.
+    /// Glorot-initialised weights and a bias of 0.
     pub fn new(init: &mut Init, from: usize, to: usize) -> Self {
         Self { weight: init.matrix(from, to), bias: init.zeros(to) }
     }
 
-    /// Returns 0 at first.
+    /// A layer that returns 0 before training.
     pub fn zero(init: &mut Init, from: usize, to: usize) -> Self {
         Self { weight: init.weight([from, to], Start::Constant(0.0)), bias: init.zeros(to) }
     }
 
-    /// A layer of its own that begins with the same values.
+    /// Another layer that begins with the same values.
     pub fn copy(&self) -> Self {
         Self { weight: Param::from_tensor(self.weight.val().detach()), bias: Param::from_tensor(self.bias.val().detach()) }
     }
@@ -36,12 +36,12 @@ impl Dense {
         ops::linear(x, self.weight.val(), self.bias.val(), false)
     }
 
-    /// With SiLU after it.
+    /// [`Self::forward`] and SiLU.
     pub fn forward_silu(&self, x: Tensor<3>) -> Tensor<3> {
         ops::linear(x, self.weight.val(), self.bias.val(), true)
     }
 
-    /// `[.., channels in]` to `[.., channels out]`, the same map of every pixel.
+    /// Maps every pixel of a clip: `[.., channels in]` to `[.., channels out]`.
     pub fn clip(&self, x: Tensor<5>) -> Tensor<5> {
         let [b, t, h, w, c] = x.dims();
         let y = self.forward(x.reshape([b, t * h * w, c]));
@@ -49,20 +49,22 @@ impl Dense {
         y.reshape([b, t, h, w, c])
     }
 
-    /// Its tensors under `name`; the file has them as `[channels out, inner..]`, with the product of `inner` the channels in.
+    /// Lists the tensors under `name`. In files, the weight is `[channels out, inner..]`, and the product of `inner` is the input
+    /// channels.
     pub fn list(&self, list: &mut Listing, name: &str, inner: &[usize]) {
         list.push(&self.weight, format!("{name}.weight"), Layout::Matrix { inner: inner.to_vec() });
         list.push(&self.bias, format!("{name}.bias"), Layout::Same);
     }
 
-    /// [`Self::list`] of a plain matrix.
+    /// Lists the tensors of a plain matrix.
     pub fn list_plain(&self, list: &mut Listing, name: &str) {
         let from = self.weight.lazy_shape()[0];
         self.list(list, name, &[from]);
     }
 }
 
-/// Division of a pixel's channels by their length, times `sqrt(channels)` and a learned factor a channel.
+/// Divides the channels of a pixel by their Euclidean norm, and multiplies them by `sqrt(channels)` and a learned factor per
+/// channel.
 #[derive(Module, Debug)]
 pub struct ChannelNorm {
     /// `[channels]`.
@@ -70,7 +72,7 @@ pub struct ChannelNorm {
 }
 
 impl ChannelNorm {
-    /// Factor 1.
+    /// Factors of 1.
     pub fn new(init: &mut Init, width: usize) -> Self {
         Self { gamma: init.weight([width], Start::Constant(1.0)) }
     }
@@ -80,18 +82,19 @@ impl ChannelNorm {
         ops::channel_norm(x, self.gamma.val(), false)
     }
 
-    /// With SiLU after it.
+    /// [`Self::forward`] and SiLU.
     pub fn forward_silu(&self, x: Tensor<5>) -> Tensor<5> {
         ops::channel_norm(x, self.gamma.val(), true)
     }
 
-    /// Its tensor under `name`; the file has `ones` axes of length 1 behind the channels.
+    /// Lists the tensor under `name`. In files, `ones` axes of length 1 follow the channels.
     pub fn list(&self, list: &mut Listing, name: &str, ones: usize) {
         list.push(&self.gamma, format!("{name}.gamma"), Layout::Vector { ones });
     }
 }
 
-/// Division of a token by the root mean square of all its channels (Zhang and Sennrich 2019).
+/// Divides a token by the root mean square of its channels (Zhang and Sennrich 2019), and multiplies by a learned factor per
+/// channel.
 #[derive(Module, Debug)]
 pub struct RmsNorm {
     /// `[channels]`.
@@ -101,7 +104,7 @@ pub struct RmsNorm {
 }
 
 impl RmsNorm {
-    /// Factor 1.
+    /// Factors of 1.
     pub fn new(init: &mut Init, width: usize, eps: f64) -> Self {
         Self { weight: init.weight([width], Start::Constant(1.0)), eps }
     }
@@ -111,7 +114,7 @@ impl RmsNorm {
         ops::rms_norm(x, self.weight.val(), self.eps as f32)
     }
 
-    /// Its tensor under `name`.
+    /// Lists the tensor under `name`.
     pub fn list(&self, list: &mut Listing, name: &str) {
         list.push(&self.weight, format!("{name}.weight"), Layout::Same);
     }
@@ -129,7 +132,7 @@ pub struct LayerNorm {
 }
 
 impl LayerNorm {
-    /// Scale 1, shift 0.
+    /// A scale of 1 and a shift of 0.
     pub fn new(init: &mut Init, width: usize, eps: f64) -> Self {
         Self { weight: init.weight([width], Start::Constant(1.0)), bias: init.zeros(width), eps }
     }
@@ -141,14 +144,14 @@ impl LayerNorm {
         ops::modulate(x, of(self.weight.val()), of(self.bias.val()), Some(self.eps as f32))
     }
 
-    /// Its tensors under `name`.
+    /// Lists the tensors under `name`.
     pub fn list(&self, list: &mut Listing, name: &str) {
         list.push(&self.weight, format!("{name}.weight"), Layout::Same);
         list.push(&self.bias, format!("{name}.bias"), Layout::Same);
     }
 }
 
-/// `norm(x) (1 + scale) + shift`, with the layer normalisation that has no weights of its own.
+/// `norm(x) (1 + scale) + shift`, where the layer normalisation has no weights.
 ///
 /// `x` `[b, n, c]`, `scale` and `shift` `[b, 1, c]`.
 pub fn modulated_norm(x: Tensor<3>, scale: Tensor<3>, shift: Tensor<3>, eps: f64) -> Tensor<3> {

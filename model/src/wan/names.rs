@@ -1,16 +1,16 @@
-//! What the tensors of a network are called and how they lie in files: in diffusers' layout and in the original one.
+//! Names and layouts of a network's tensors in files: diffusers' and the original ones.
 
 use burn::module::{Param, ParamId};
 use burn::tensor::Tensor;
 
-/// How a weight lies in a file, given how it lies in memory (last axis: channels out).
+/// The order of a weight's axes in a file, relative to memory, where output channels come last.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// As in memory.
+    /// The order in memory.
     Same,
-    /// A vector with this many axes of length 1 behind it.
+    /// A vector, followed by axes of length 1.
     Vector {
-        /// Axes of length 1.
+        /// Number of axes of length 1.
         ones: usize,
     },
     /// Memory `[in, out]`, file `[out, inner..]`, where the product of `inner` is `in`.
@@ -25,7 +25,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// Shape in the file of a weight that has the shape `memory`.
+    /// Shape in the file of a weight with the shape `memory`.
     pub fn stored_shape(&self, memory: &[usize]) -> Vec<usize> {
         match (self, memory) {
             (Self::Same, _) => memory.to_vec(),
@@ -37,7 +37,7 @@ impl Layout {
         }
     }
 
-    /// For each value of a stored row (one channel out), which row of memory it belongs to; `None` where the orders agree.
+    /// For each value of a stored row (one output channel), its row in memory. `None` if the orders agree.
     pub(crate) fn rows(&self, memory: &[usize]) -> Option<Vec<u32>> {
         match (self, memory) {
             (Self::Matrix { inner }, _) => Some((0..inner.iter().product::<usize>() as u32).collect()),
@@ -61,27 +61,27 @@ fn kernel_rows(h: usize, w: usize, t: usize, channels: usize) -> Vec<u32> {
 /// One tensor of a network.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Which parameter.
+    /// The parameter.
     pub id: ParamId,
-    /// Its name in diffusers' files.
+    /// Name in diffusers' files.
     pub diffusers: String,
-    /// Its name in the original files.
+    /// Name in the original files.
     pub original: String,
-    /// Its shape in either file.
+    /// Shape in both kinds of files.
     pub shape: Vec<usize>,
-    /// Its shape in memory.
+    /// Shape in memory.
     pub memory: Vec<usize>,
-    /// Relation of the two.
+    /// Relation of the two shapes.
     pub layout: Layout,
 }
 
 impl Entry {
-    /// Values.
+    /// Number of values.
     pub fn parameters(&self) -> u64 {
         self.shape.iter().map(|&n| n as u64).product()
     }
 
-    /// Its name under `naming`.
+    /// Name under `naming`.
     pub fn name(&self, naming: Naming) -> &str {
         match naming {
             Naming::Diffusers => &self.diffusers,
@@ -90,13 +90,13 @@ impl Entry {
     }
 }
 
-/// Whose names a file uses.
+/// The names that a file uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Naming {
-    /// diffusers'.
+    /// The names of diffusers.
     #[default]
     Diffusers,
-    /// The authors' own.
+    /// The names of the original authors.
     Original,
 }
 
@@ -112,7 +112,7 @@ impl Listing {
         Self { to_original, entries: Vec::new() }
     }
 
-    /// Adds a parameter by its diffusers name; its values stay unmade.
+    /// Adds a parameter by its diffusers name. Its values are not made.
     pub fn push<const D: usize>(&mut self, param: &Param<Tensor<D>>, name: String, layout: Layout) {
         let memory: Vec<usize> = param.lazy_shape().iter().copied().collect();
         let shape = layout.stored_shape(&memory);
@@ -120,7 +120,7 @@ impl Listing {
         self.entries.push(Entry { id: param.id, diffusers: name, original, shape, memory, layout });
     }
 
-    /// What `add` lists under `diffusers`, a prefix that is `original` in the original files.
+    /// Adds what `add` lists under the prefix `diffusers`. In the original files the prefix is `original`.
     pub(crate) fn within(&mut self, diffusers: String, original: String, add: impl FnOnce(&mut Self, &str)) {
         let first = self.entries.len();
         add(self, &diffusers);
@@ -138,16 +138,16 @@ impl Listing {
 
 /// A network whose tensors have names in published files.
 pub trait Named: burn::module::Module {
-    /// Every tensor with its names and shapes. Makes no values: listing the largest network costs no memory to speak of.
+    /// Every tensor with its names and shapes. No values are made, so listing takes little memory even for the largest network.
     fn entries(&self) -> Vec<Entry>;
 
-    /// Number of values of all tensors together.
+    /// Number of values in all tensors.
     fn count(&self) -> u64 {
         self.entries().iter().map(Entry::parameters).sum()
     }
 }
 
-/// Replaces whole dotted parts: each rule is a run of parts and what it becomes.
+/// Replaces parts of a dotted name. Each rule holds some consecutive parts and their replacement.
 fn replace_parts(name: &str, rules: &[(&str, &str)]) -> String {
     let parts: Vec<&str> = name.split('.').collect();
     let (mut out, mut at) = (Vec::new(), 0);
@@ -182,7 +182,7 @@ const DIT_BLOCK: &[(&str, &str)] = &[
     ("to_out.0", "o"),
     ("ffn.net.0.proj", "ffn.0"),
     ("ffn.net.2", "ffn.2"),
-    // The two families number the norms of a block differently: this is the one before cross-attention.
+    // The two namings number the norms of a block differently. This norm comes before cross-attention.
     ("norm2", "norm3"),
     ("scale_shift_table", "modulation"),
     ("proj_in", "before_proj"),
@@ -213,7 +213,7 @@ const VAE_PARTS: &[(&str, &str)] = &[
     ("conv2", "residual.6"),
 ];
 
-/// The original name of an autoencoder's tensor, but for the decoder's blocks, which are numbered through there.
+/// The original name of an autoencoder's tensor. The blocks of the decoder are named by [`Listing::within`] instead.
 pub(crate) fn vae_original(diffusers: &str) -> String {
     replace_parts(diffusers, VAE_PARTS)
 }
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn stored_kernels_are_permuted_as_their_shapes_say() {
-        // Each value encodes its place in the file; in memory it must be at the place the shape asks for.
+        // Each value encodes its place in the file. In memory it must be at the place that the layout determines.
         let (h, w, t, i, o) = (2, 3, 4, 5, 6);
         let rows = Layout::Kernel3.rows(&[h, w, t, i, o]).expect("permuted");
         for c in 0..i {

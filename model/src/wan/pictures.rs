@@ -1,14 +1,16 @@
-//! Frames as the pictures an autoencoder reads: three channels of -1..=1, in planes.
+//! Frames as the pictures that an autoencoder reads: planes of three channels with values -1..=1.
 //!
-//! The paper leaves the encodings open; these are this program's:
-//! - `albedo` and `target` (the truth) in the curve of the metrics, `sRGB(clamp(exposure x))` for radiance, `sRGB(x)` for base colour;
-//! - `normal` in camera space, as it is (`0.5 + 0.5 n` of 0..=1);
-//! - `depth` `ln(z / near) / ln(far / near)` of 0..=1, clamped, three times alike, with bounds that hold for the whole sequence
-//!   (bounds of single frames would flicker);
-//! - `material` (roughness, metallic, specular) of 0..=1;
-//! - pixels that see no surface: albedo is the environment behind them as the target shows it, normal 0, depth 1, material 0;
-//! - `environment` seen from the camera, latitude by longitude with the view direction in the middle, exposed, brought to 0..=1 by
-//!   the extended Reinhard curve with white point 16 channel by channel (as DiffusionRenderer, Liang et al. 2025), in sRGB.
+//! The paper does not define the encodings. This program scales the following values from 0..=1 to -1..=1:
+//! - `albedo` and `target` (the path-traced picture): display values as in the metrics, `sRGB(x)` of the base colour and
+//!   `sRGB(clamp(exposure x))` of the radiance;
+//! - `normal`: `0.5 + 0.5 n` in camera space;
+//! - `depth`: `ln(z / near) / ln(far / near)`, clamped, in all three channels, with bounds for the whole sequence;
+//! - `material`: roughness, metallic, specular;
+//! - pixels that see no surface: the albedo shows the environment behind them as the target does, the normal is the zero vector,
+//!   the depth is 1, and the material is 0;
+//! - `environment`: a latitude-longitude picture around the camera with the view direction in the middle. Its exposed radiance is
+//!   mapped by the extended Reinhard curve with white point 16, per channel (as in DiffusionRenderer, Liang et al. 2025), and
+//!   encoded with sRGB.
 
 use crate::bridge::MAX_RADIANCE;
 use crate::{Error, Result};
@@ -16,74 +18,14 @@ use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use renderflow_frame::color::{display, linear_to_srgb, reinhard, srgb_to_linear};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Camera, Environment, Frame, Light};
+use renderflow_frame::{Camera, DepthBounds, Environment, Frame, Light, is_depth};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::{PI, TAU};
 
-/// Exposed radiance that the picture of the environment shows as white.
+/// Exposed radiance that pictures of the environment show as white.
 pub const WHITE: f32 = 16.0;
 
-/// Planar depths of a sequence that its depth pictures show as 0 and 1, metres.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DepthBounds {
-    /// Least depth, > 0.
-    pub near: f32,
-    /// Largest depth, > `near`.
-    pub far: f32,
-}
-
-impl DepthBounds {
-    /// Smallest quotient of the two: a wall at one distance has bounds too.
-    const LEAST_QUOTIENT: f32 = 1.01;
-
-    /// The bounds of frames: their least and their largest depth; 1 m and 1.01 m when no pixel of any frame sees a surface.
-    pub fn of<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> Self {
-        Self::of_depths(frames.into_iter().flat_map(|frame| frame.depth.pixels.iter().copied()))
-    }
-
-    /// [`Self::of`] frames that have these depths; those that are no positive number are of pixels that see no surface.
-    pub fn of_depths(depths: impl IntoIterator<Item = f32>) -> Self {
-        let (mut near, mut far) = (f32::INFINITY, 0.0f32);
-        for depth in depths.into_iter().filter(|d| is_depth(*d)) {
-            (near, far) = (near.min(depth), far.max(depth));
-        }
-        if near > far {
-            (near, far) = (1.0, 1.0);
-        }
-        // Beyond these the quotient is no longer a number of single precision.
-        let near = near.clamp(1e-6, 1e12);
-        Self { near, far: far.clamp(near * Self::LEAST_QUOTIENT, 1e14) }
-    }
-
-    /// Checks that a logarithm can be taken.
-    ///
-    /// # Errors
-    /// [`Error::Data`] with the bounds.
-    pub fn validate(self) -> Result<()> {
-        let quotient = self.far / self.near;
-        if self.near > 0.0 && quotient.is_finite() && quotient >= 1.0001 {
-            return Ok(());
-        }
-        Err(Error::Data { place: "depth bounds".into(), reason: format!("{} to {} m is no range", self.near, self.far) })
-    }
-
-    /// Depth in metres to 0..=1; 1 where there is no surface.
-    pub fn encode(self, depth: f32) -> f32 {
-        if is_depth(depth) { ((depth / self.near).ln() / (self.far / self.near).ln()).clamp(0.0, 1.0) } else { 1.0 }
-    }
-
-    /// Inverse of [`Self::encode`] within the bounds.
-    pub fn decode(self, value: f32) -> f32 {
-        self.near * (value.clamp(0.0, 1.0) * (self.far / self.near).ln()).exp()
-    }
-}
-
-fn is_depth(depth: f32) -> bool {
-    depth > 0.0 && depth.is_finite()
-}
-
-/// The environment of a sequence, ready to be shown from any of its cameras.
+/// The environment of a sequence, prepared for pictures from any camera.
 #[derive(Clone, Debug)]
 pub struct EnvironmentView {
     source: Environment,
@@ -92,13 +34,13 @@ pub struct EnvironmentView {
 }
 
 impl EnvironmentView {
-    /// Pictures of `width x height`. A finer map is averaged to that size, so that a small sun keeps its energy.
+    /// Prepares pictures of `width x height`. A finer map is averaged to that size, so that a small sun keeps its energy.
     pub fn new(environment: &Environment, width: usize, height: usize) -> Self {
         let (w, h) = (environment.map.width.min(width), environment.map.height.min(height));
         Self { source: environment.downsampled(w, h), width, height }
     }
 
-    /// What `camera` has around it, `[3, height, width]` of -1..=1.
+    /// The environment around a camera, `[3, height, width]` with values -1..=1.
     pub fn picture(&self, camera: &Camera, exposure: f32) -> Vec<f32> {
         planes(self.width, self.height, |x, y| {
             let (sin_phi, cos_phi) = (TAU * ((x as f32 + 0.5) / self.width as f32 - 0.5)).sin_cos();
@@ -126,12 +68,12 @@ pub enum Kind {
     Material,
     /// The environment around the camera.
     Environment,
-    /// The truth.
+    /// The path-traced picture.
     Target,
 }
 
 impl Kind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 6] = [Self::Albedo, Self::Normal, Self::Depth, Self::Material, Self::Environment, Self::Target];
 
     /// Name in files.
@@ -147,7 +89,7 @@ impl Kind {
     }
 }
 
-/// One frame as pictures; see the module. All but `environment` and `mask` are `[3, height, width]`.
+/// The pictures of one frame; see the module. All are `[3, height, width]` except `environment` and `mask`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pictures {
     /// Columns.
@@ -162,11 +104,11 @@ pub struct Pictures {
     pub depth: Vec<f32>,
     /// Roughness, metallic, specular.
     pub material: Vec<f32>,
-    /// The environment around the camera, `[3, he, we]` of the view it was made with.
+    /// The environment around the camera, `[3, he, we]` with the size of the view.
     pub environment: Vec<f32>,
-    /// `[height, width]`: 1 where a surface is seen, 0 elsewhere; what masked metrics count.
+    /// `[height, width]`: 1 where the pixel sees a surface, 0 elsewhere. Masked metrics count the former.
     pub mask: Vec<f32>,
-    /// The truth, where the frame has one.
+    /// The path-traced picture, if the frame has one.
     pub target: Option<Vec<f32>>,
 }
 
@@ -174,15 +116,15 @@ impl Pictures {
     /// The pictures of `frame` under `light`, whose environment `view` shows.
     ///
     /// # Errors
-    /// [`Error::Data`] when the exposure is no positive number, the bounds are no range, or a frame and its camera differ in
-    /// size.
+    /// [`Error::Data`] when the exposure is not a positive number, when the bounds are not a range, or when the sizes of a frame,
+    /// its channels and its camera differ.
     pub fn new(frame: &Frame, light: &Light, view: &EnvironmentView, bounds: DepthBounds) -> Result<Self> {
         let exposure = light.exposure();
         let broken = |reason: String| Error::Data { place: "frame".into(), reason };
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(broken(format!("exposure {exposure} is not a positive number")));
         }
-        bounds.validate()?;
+        check_bounds(bounds)?;
         let (width, height, camera) = (frame.width, frame.height, &frame.info.camera);
         let sizes = [frame.alpha.pixels.len(), frame.albedo.pixels.len(), frame.normal.pixels.len(), frame.depth.pixels.len()];
         let whole = sizes.iter().chain([&frame.material.pixels.len()]).all(|n| *n == width * height);
@@ -222,7 +164,7 @@ impl Pictures {
 }
 
 impl Pictures {
-    /// The picture of a kind; empty where the frame has no truth.
+    /// The picture of a kind. It is empty for [`Kind::Target`] if the frame has no path-traced picture.
     pub fn of(&self, kind: Kind) -> &[f32] {
         match kind {
             Kind::Albedo => &self.albedo,
@@ -235,7 +177,18 @@ impl Pictures {
     }
 }
 
-/// A picture of the target's kind `[3, height, width]` as scene-linear radiance of 0 to display white.
+/// Checks the bounds of depth pictures.
+///
+/// # Errors
+/// [`Error::Data`] when they are not a range.
+pub(super) fn check_bounds(bounds: DepthBounds) -> Result<()> {
+    if bounds.is_range() {
+        return Ok(());
+    }
+    Err(Error::Data { place: "depth bounds".into(), reason: format!("{} to {} m is not a range", bounds.near, bounds.far) })
+}
+
+/// Converts a picture of kind [`Kind::Target`], `[3, height, width]`, to scene-linear radiance from 0 to display white.
 ///
 /// # Errors
 /// [`Error::Data`] when the number of values does not fit.
@@ -251,22 +204,22 @@ pub fn radiance(picture: &[f32], width: usize, height: usize, exposure: f32) -> 
     }))
 }
 
-/// Radiance in the curve of the metrics.
+/// Radiance as a display value, scaled to -1..=1.
 fn shown(radiance: [f32; 3], exposure: f32) -> [f32; 3] {
     display(radiance.map(finite), exposure).map(signed)
 }
 
-/// 0..=1 to -1..=1.
+/// Scales 0..=1 to -1..=1.
 fn signed(value: f32) -> f32 {
     2.0 * value - 1.0
 }
 
-/// NaN shows as 0.
+/// Replaces NaN by 0.
 fn finite(value: f32) -> f32 {
     if value.is_nan() { 0.0 } else { value }
 }
 
-/// `[3, height, width]` of a function of column and row.
+/// The picture `[3, height, width]` of a function of column and row.
 fn planes(width: usize, height: usize, pixel: impl Fn(usize, usize) -> [f32; 3] + Sync) -> Vec<f32> {
     let pixels: Vec<[f32; 3]> = (0..width * height).into_par_iter().map(|i| pixel(i % width, i / width)).collect();
     (0..3).flat_map(|c| pixels.iter().map(move |p| p[c])).collect()
@@ -276,33 +229,7 @@ fn planes(width: usize, height: usize, pixel: impl Fn(usize, usize) -> [f32; 3] 
 mod tests {
     use super::*;
 
-    #[test]
-    fn depth_bounds_hold_for_any_frames() {
-        let frame = |depths: &[f32]| Frame {
-            width: depths.len(),
-            height: 1,
-            depth: renderflow_frame::Image { width: depths.len(), height: 1, pixels: depths.to_vec() },
-            ..Frame::default()
-        };
-        let frames = [frame(&[2.0, f32::INFINITY]), frame(&[f32::NAN, 8.0, -1.0])];
-        let bounds = DepthBounds::of(&frames);
-        assert_eq!(bounds, DepthBounds { near: 2.0, far: 8.0 });
-        assert!((bounds.encode(4.0) - 0.5).abs() < 1e-6 && (bounds.decode(0.5) - 4.0).abs() < 1e-5);
-        assert_eq!(
-            [bounds.encode(1.0), bounds.encode(9.0), bounds.encode(f32::INFINITY), bounds.encode(f32::NAN)],
-            [0.0, 1.0, 1.0, 1.0]
-        );
-        for depths in [vec![], vec![f32::INFINITY], vec![5.0, 5.0], vec![1e-30, f32::MAX]] {
-            let bounds = DepthBounds::of(&[frame(&depths)]);
-            bounds.validate().expect("a range");
-            assert!(depths.iter().all(|d| (0.0..=1.0).contains(&bounds.encode(*d))), "{bounds:?}");
-        }
-        for (near, far) in [(0.0, 1.0), (2.0, 2.0), (f32::NAN, 1.0), (1.0, f32::INFINITY), (-1.0, -2.0)] {
-            assert!(DepthBounds { near, far }.validate().is_err(), "{near} to {far}");
-        }
-    }
-
-    /// A sun that rises to the right of the camera is in the right half of the picture, whichever way the camera looks.
+    /// A sun to the right of the camera is in the right half of the picture, in whichever direction the camera looks.
     #[test]
     fn the_environment_turns_with_the_camera() {
         let toward_x = Rgb::from_fn(64, 32, |x, y| {
@@ -319,7 +246,7 @@ mod tests {
             let brightest = (0..32).max_by(|a, b| row[*a].total_cmp(&row[*b])).expect("pixels");
             assert!(brightest.abs_diff(column) <= 1, "looking at {target}: {brightest}");
         }
-        // Any exposure gives a picture.
+        // Every exposure gives a picture.
         let camera = Camera::look_at(Vec3A::ZERO, Vec3A::X, Vec3A::Y, 1.0, 8, 8);
         assert!(view.picture(&camera, f32::MAX).iter().all(|v| (-1.0..=1.0).contains(v)));
     }

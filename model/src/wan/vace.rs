@@ -1,11 +1,12 @@
-//! VACE: a second row of blocks that reads a context (masked video, masks, references) and gives hints to the transformer's blocks.
+//! VACE: a second sequence of blocks. It reads a context (masked video, masks, references) and adds hints to the transformer's
+//! tokens.
 
+use super::activations;
 use super::config::VaceConfig;
 use super::dit::{Block, Dit, DitInput, Prepared, expect, patches, token_grid};
 use super::init::Init;
 use super::layers::Dense;
 use super::names::{self, Entry, Listing, Named};
-use super::probe::Probe;
 use crate::Result;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -13,11 +14,11 @@ use burn::tensor::{Device, Tensor};
 /// One context block.
 #[derive(Module, Debug)]
 pub struct ContextBlock {
-    /// Of the first block only: before the transformer's tokens are added.
+    /// In the first block only, before the transformer's tokens are added.
     pub proj_in: Option<Dense>,
     /// A block like the transformer's.
     pub block: Block,
-    /// Context to hint; 0 at first.
+    /// From context to hint; 0 before training.
     pub proj_out: Dense,
 }
 
@@ -35,7 +36,7 @@ pub struct Vace {
 }
 
 impl Vace {
-    /// A network with weights from `seed`, none of them made yet; hints are 0.
+    /// A network with weights from `seed`, which are made when they are used. Its hints are 0.
     ///
     /// # Errors
     /// When the configuration is invalid.
@@ -57,26 +58,26 @@ impl Vace {
         })
     }
 
-    /// What the network is.
+    /// The configuration of the network.
     pub fn config(&self) -> &VaceConfig {
         &self.config
     }
 
-    /// Velocity as of [`Dit::forward`], with the context `[b, vace_in_channels, frames', h, w]` of no more frames than the latents;
-    /// each hint is multiplied by its entry of `scales` (one a context block), or taken as it is.
+    /// The velocity of [`Dit::forward`] with a context `[b, vace_in_channels, frames', h, w]`, which may have fewer frames than
+    /// the latents. With `scales`, each hint is multiplied by the scale of its context block.
     ///
     /// # Errors
     /// [`crate::Error::Data`] when latents, context or scales do not fit.
-    pub fn forward(&self, input: DitInput, context: Tensor<5>, scales: Option<&[f32]>, probe: &mut Probe) -> Result<Tensor<5>> {
-        let state = self.dit.prepare(input, probe)?;
-        self.run(state, context, scales, probe)
+    pub fn forward(&self, input: DitInput, context: Tensor<5>, scales: Option<&[f32]>) -> Result<Tensor<5>> {
+        let state = self.dit.prepare(input)?;
+        self.run(state, context, scales)
     }
 
-    /// [`Self::forward`] of a prepared input.
+    /// Runs the network on a prepared input.
     ///
     /// # Errors
-    /// As [`Self::forward`].
-    pub fn run(&self, mut state: Prepared, context: Tensor<5>, scales: Option<&[f32]>, probe: &mut Probe) -> Result<Tensor<5>> {
+    /// As for [`Self::forward`].
+    pub fn run(&self, mut state: Prepared, context: Tensor<5>, scales: Option<&[f32]>) -> Result<Tensor<5>> {
         let (config, hints) = (&self.config, self.blocks.len());
         let ([b, channels, ..], [f, h, w]) = (context.dims(), state.grid);
         let channels_fit = channels == config.vace_in_channels;
@@ -88,7 +89,7 @@ impl Vace {
         let hints = self.hints(&state, context);
         let mut x = state.tokens.clone();
         for (i, block) in self.dit.blocks.iter().enumerate() {
-            x = block.forward(x, &state, probe, &format!("block{i}"));
+            x = block.forward(x, &state, &format!("block{i}"));
             if let Some(at) = config.vace_layers.iter().position(|&layer| layer == i) {
                 let hint = hints[at].clone();
                 x = x + scales.map_or(hint.clone(), |scales| hint * scales[at]);
@@ -98,7 +99,7 @@ impl Vace {
         Ok(self.dit.finish(state))
     }
 
-    /// What each context block has to say to the transformer's tokens before its first block.
+    /// The hint of each context block, from the transformer's tokens before its first block.
     fn hints(&self, state: &Prepared, context: Tensor<5>) -> Vec<Tensor<3>> {
         let mut c = self.patch.forward(patches(context, self.config.dit.patch_size));
         let ([b, n, width], [_, tokens, _]) = (c.dims(), state.tokens.dims());
@@ -110,7 +111,7 @@ impl Vace {
             if let Some(proj_in) = &context.proj_in {
                 c = proj_in.forward(c) + state.tokens.clone();
             }
-            c = context.block.forward(c, state, &mut Probe::idle(), "");
+            c = activations::unrecorded(|| context.block.forward(c, state, ""));
             hints.push(context.proj_out.forward(c.clone()));
         }
         hints

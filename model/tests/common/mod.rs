@@ -1,6 +1,7 @@
 //! A small analytic scene: a sphere on a plane under a sky with a bright spot, its truth a known function of the split sum.
 #![allow(dead_code)]
 
+pub mod checkpoint;
 pub mod sequence;
 
 use glam::{Vec2, Vec3A};

@@ -1,10 +1,10 @@
 //! The analytic clip as a sequence for renderers.
 
 use super::clip;
-use renderflow_frame::{Frame, Light};
+use renderflow_frame::{DepthBounds, Frame, Light};
 use renderflow_model::Clip;
 use renderflow_model::renderer::{KeyframePlace, Sequence, View};
-use renderflow_model::wan::pictures::{DepthBounds, EnvironmentView, Pictures};
+use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
 
 /// Pixels a side: not what tokens cover.
 pub const SIDE: usize = 20;

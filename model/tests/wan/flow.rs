@@ -6,7 +6,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use renderflow_model::parameters;
 use renderflow_model::wan::flow::{Conditions, Environment, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent, Query};
-use renderflow_model::wan::{Flow, FlowConfig, Probe};
+use renderflow_model::wan::{Flow, FlowConfig};
 
 /// A small renderer with both adapters.
 pub fn config(query: Query, environment: Environment, lora_rank: usize) -> FlowConfig {
@@ -65,13 +65,13 @@ pub fn both() -> [FlowConfig; 2] {
 /// Velocity of the clips.
 pub fn velocity(flow: &Flow, conditions: &Conditions) -> Vec<f32> {
     let z_t = latents(CLIP, &Device::flex());
-    values(flow.velocity(z_t, &TIMES, conditions, &mut Probe::idle()).expect("renders")).values
+    values(flow.velocity(z_t, &TIMES, conditions).expect("renders")).values
 }
 
 /// Latents behind the clips.
 pub fn invert(flow: &Flow, intrinsic: Intrinsic) -> Vec<f32> {
     let z_t = latents(CLIP, &Device::flex());
-    values(flow.invert(z_t, &TIMES, intrinsic, &mut Probe::idle()).expect("inverts")).values
+    values(flow.invert(z_t, &TIMES, intrinsic).expect("inverts")).values
 }
 
 /// Largest difference over the largest value.

@@ -1,6 +1,7 @@
 //! Reference tensors of the wan networks and how results are compared with them.
 #![allow(dead_code)]
 
+pub mod account;
 pub mod flow;
 pub mod gradients;
 

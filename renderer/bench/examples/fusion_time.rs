@@ -5,14 +5,15 @@ use burn::tensor::Device;
 use rand::RngExt;
 use renderflow_model::data::step_rng;
 use renderflow_model::fusion::batch::{Batch, TIERS};
-use renderflow_model::fusion::objective::{LossWeights, loss};
-use renderflow_model::fusion::record::{Chosen, NEIGHBOURS, PARTS, Record, at};
-use renderflow_model::fusion::training::Objective;
+use renderflow_model::fusion::loss::{LossWeights, loss};
+use renderflow_model::fusion::record::{NEIGHBOURS, PARTS, Record, Selection, at};
+use renderflow_model::fusion::training::FusionObjective;
 use renderflow_model::fusion::{Fusion, FusionConfig, FusionNet, head};
 use renderflow_model::ops::Products;
 use renderflow_model::parameters;
-use renderflow_model::train::optimizer::{Method, Optimizer, StepSettings};
-use renderflow_model::train::runner::Learner;
+use renderflow_model::train::optimizer::Optimizer;
+use renderflow_model::train::runner::Objective;
+use renderflow_model::train::{Method, RunConfig};
 use std::time::Instant;
 
 const CROP: usize = 96;
@@ -34,10 +35,10 @@ fn main() {
         let head = median(|| head_alone(&one));
         let [step, paired] = [Products::F32, Products::Bf16].map(|products| {
             let mut batches: Vec<Batch> = (0..9).map(|_| drawn()).collect();
-            let objective = Objective { products, ..Objective::default() };
+            let objective = FusionObjective { products, ..FusionObjective::default() };
             median(|| {
                 let batch = batches.pop().expect("a batch for each run");
-                objective.learn(&model, 0, batch, &device).expect("the batch fits");
+                objective.step(&model, batch, &device).expect("the batch fits");
             })
         });
         println!(
@@ -48,17 +49,17 @@ fn main() {
     for method in [Method::AdamW, Method::Muon] {
         let mut optimizer = Optimizer::new(parameters::export_learning(&model));
         let gradients: Vec<Option<Vec<f32>>> = optimizer.values().iter().map(|values| Some(values.to_vec())).collect();
-        let settings = StepSettings { method, learning_rate: 1e-4, weight_decay: 0.01, clip_norm: 1.0, ema_decay: 0.999 };
-        let step = median(|| drop(optimizer.step(&gradients, settings)));
+        let run = RunConfig { optimizer: method, ..RunConfig::default() };
+        let step = median(|| drop(optimizer.step(&gradients, 1e-4, &run)));
         println!("{method:?}: {step:.0} ms");
     }
     for size in [256, 512] {
         let record = record(size);
         for tier in TIERS {
-            let chosen = Chosen { groups: tier.groups, ..Chosen::all(&record) };
+            let selection = Selection { groups: tier.groups, ..Selection::all(&record) };
             let [seconds, paired] = [Products::F32, Products::Bf16].map(|products| {
-                let network = network.clone().by(products);
-                median(|| drop(network.draw(&record, &chosen)))
+                let network = network.clone().with_products(products);
+                median(|| drop(network.draw(&record, &selection)))
             });
             println!("{size} x {size}, {}: {seconds:.0} ms, {paired:.0} in bf16", tier.name);
         }
@@ -84,7 +85,7 @@ fn head_alone(batch: &Batch) {
         let picture = batch.picture(item, &fine, &coarse);
         let (drawn, tape) = picture.draw();
         let truth = &batch.truth[item * pixels..(item + 1) * pixels];
-        let (_, slopes) = loss(batch.width, picture.known, &drawn, truth, LossWeights::default());
+        let (_, slopes) = loss(batch.width, picture.pixels, &drawn, truth, LossWeights::default());
         picture.backward(&tape, &slopes);
     }
 }

@@ -11,7 +11,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use renderflow::machine;
 use renderflow_model::wan::flow::{Conditions, KeyframeConfig, KeyframeLatent};
 use renderflow_model::wan::vae::Cache;
-use renderflow_model::wan::{Dit, DitConfig, DitInput, Flow, FlowConfig, Probe, Vae, VaeConfig};
+use renderflow_model::wan::{Dit, DitConfig, DitInput, Flow, FlowConfig, Vae, VaeConfig};
 use std::error::Error;
 use std::time::Instant;
 
@@ -72,7 +72,7 @@ fn renderer(size: usize, layers: usize, keyframes: usize) -> Result<(), Box<dyn 
             environment: part(4, 1),
             keyframes: (0..keyframes).map(|i| KeyframeLatent { latent: part(0, 1), time: 4.0 * i as f64 }).collect(),
         };
-        let velocity = timed("velocity", || Ok(flow.velocity(part(0, 1), &[0.0], &conditions, &mut Probe::idle())?))?;
+        let velocity = timed("velocity", || Ok(flow.velocity(part(0, 1), &[0.0], &conditions)?))?;
         timed("latents to a picture", || Ok(vae.decode_normalised(part(0, 1) + velocity)?))?;
     }
     println!("{} parameters", config.account()?.total());
@@ -83,8 +83,8 @@ fn autoencoder(size: usize) -> Result<(), Box<dyn Error>> {
     let vae = Vae::new(&VaeConfig::wan(), 1, &Device::flex())?;
     let (pictures, latents) = (waves([1, 3, 1, size, size], 0.1), waves([1, 16, 1, size / 8, size / 8], 0.2));
     for _ in 0..4 {
-        let encode = |cache: Cache| Ok(vae.moments_after(cache, pictures.clone(), &mut Probe::idle()));
-        let decode = |cache: Cache| Ok(vae.decode_after(cache, latents.clone(), &mut Probe::idle()));
+        let encode = |cache: Cache| Ok(vae.moments_after(cache, pictures.clone()));
+        let decode = |cache: Cache| Ok(vae.decode_after(cache, latents.clone()));
         timed("encode, 2D", || encode(Cache::new()))?;
         timed("encode, 3D", || encode(Cache::of_zeros()))?;
         timed("decode, 2D", || decode(Cache::new()))?;
@@ -99,7 +99,7 @@ fn transformer(size: usize, layers: usize) -> Result<(), Box<dyn Error>> {
         let text = (i % 2 == 0).then(|| waves([1, 512, 4096], 0.2));
         let what = if text.is_some() { "with text" } else { "without text" };
         let input = DitInput { latents: waves([1, 16, 1, size / 8, size / 8], 0.1), times: vec![1000.0], text };
-        timed(what, || Ok(dit.forward(input, &mut Probe::idle())?))?;
+        timed(what, || Ok(dit.forward(input)?))?;
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ pub mod camera;
 pub mod channel;
 pub mod color;
 pub mod compact;
+pub mod depth;
 pub mod environment;
 pub mod error;
 pub mod exr;
@@ -30,6 +31,7 @@ pub mod warp;
 pub mod words;
 
 pub use camera::Camera;
+pub use depth::{DepthBounds, is_depth};
 pub use environment::Environment;
 pub use error::{Error, Result};
 pub use frame::{Frame, FrameInfo};

@@ -15,9 +15,10 @@ use crate::loaded::Encoding;
 use glam::{Affine3A, DAffine3, DVec3};
 use std::path::Path;
 
+pub use crate::model_format::Format;
 pub use build::{load, load_everything};
 pub(crate) use model::{Extent, extent};
-pub use model::{Format, ModelView, describe_model};
+pub use model::{ModelView, describe_model};
 
 /// Reads an image file (PNG or JPEG, by content) as a texture that repeats.
 ///

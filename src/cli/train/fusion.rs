@@ -1,4 +1,4 @@
-//! Training of the network that reads samples, on sequences made beside the steps.
+//! Training of the fusion network, on sequences that are rendered during training.
 
 use super::monitor::Monitor;
 use super::reference::References;
@@ -19,17 +19,17 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The options of a run as JSON.
+/// The options of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct Options {
-    training: Config,
-    recipe: Recipe,
+pub(super) struct Options {
+    pub(super) training: Config,
+    pub(super) recipe: Recipe,
 }
 
 impl Options {
-    /// Refuses frames of which no crop can be taken, before anything is rendered.
-    fn fits(&self, [width, height]: [usize; 2]) -> Result<()> {
+    /// Refuses frames that are smaller than a crop, before anything is rendered.
+    fn check_size(&self, [width, height]: [usize; 2]) -> Result<()> {
         let crop = self.training.crops.iter().map(|crop| crop.size).max().unwrap_or(0);
         ensure!(
             width.min(height) >= crop,
@@ -38,7 +38,7 @@ impl Options {
         Ok(())
     }
 
-    /// How the frames are made that a run is validated on.
+    /// The recipe of the frames that a run is validated on.
     fn validation(&self) -> Recipe {
         Recipe {
             truth_spp: self.recipe.truth_spp.max(VALIDATION_SPP),
@@ -50,47 +50,50 @@ impl Options {
     }
 }
 
-/// Samples a pixel of the truth of sequences that a run is validated on, at least.
+/// Least samples per pixel of the truth in validation.
 const VALIDATION_SPP: u32 = 128;
-/// Samples a pixel of each part of their frames; of each neighbour as many as of the first.
+/// Samples per pixel of each part in validation. Each neighbour has as many as the first part.
 const VALIDATION_SAMPLES: [u32; PARTS] = [4, 1, 2, 8];
 /// Most sequences that a run is validated on.
 const VALIDATION_SEQUENCES: u32 = 8;
 
 impl Train {
-    pub(super) fn fusion(&self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
-        // Whatever a render that was stopped says, it was stopped.
-        self.learn(allowed, cancel).map_err(|error| if cancel.load(Ordering::Relaxed) { Interrupted.into() } else { error })
+    /// Refuses options outside their ranges, and flags of the other network.
+    pub(super) fn check_fusion(&self, options: &Options) -> Result<()> {
+        for (flag, given) in [("--vae", self.vae.is_some()), ("--cache-mib", self.cache_mib.is_some())] {
+            ensure!(
+                !given,
+                "{flag} is an option of the paper's network: add its --preset, or --config with a configuration of it"
+            );
+        }
+        options.training.validate()?;
+        let fast = options.recipe.fast;
+        ensure!((0.0..=1.0).contains(&fast), "recipe.fast: {fast} is outside 0..=1");
+        Ok(())
     }
 
-    fn learn(&self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
-        for (flag, given) in [("--vae", self.vae.is_some()), ("--cache-mib", self.cache_mib.is_some())] {
-            ensure!(!given, "{flag} is of the paper's network: name its --preset or a configuration of it");
-        }
-        let options = self.fusion_options()?;
-        if self.print_config {
-            println!("{}", serde_json::to_string_pretty(&options)?);
-            return Ok(());
-        }
-        match &self.plan {
-            Some(plan) => self.learn_from_plan(&options, plan, cancel),
-            None => self.learn_from_dataset(&options, self.data()?, allowed, cancel),
-        }
+    pub(super) fn fusion(&self, options: &Options, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+        let done = match &self.plan {
+            Some(plan) => self.learn_from_plan(options, plan, cancel),
+            None => self.learn_from_dataset(options, self.data()?, allowed, cancel),
+        };
+        // A render that was cancelled may report any error.
+        done.map_err(|error| if cancel.load(Ordering::Relaxed) { Interrupted.into() } else { error })
     }
 
     fn learn_from_plan(&self, options: &Options, plan: &Path, cancel: &AtomicBool) -> Result<()> {
         let plan = Plan::read(plan)?;
         let counts = plan.sequences;
-        ensure!(counts.train > 0, "the plan has no sequences to learn from");
-        options.fits(plan.resolution.map(|side| side as usize)).context("the plan")?;
+        ensure!(counts.train > 0, "the plan has no training sequences");
+        options.check_size(plan.resolution.map(|side| side as usize)).context("the plan")?;
         let bars = Bars::new(options.training.first);
         let tested = Planned::new(&plan, [counts.train, counts.val], options.validation(), cancel);
         if !tested.denoises() {
-            bars.note("this build has no denoiser: the truth that is learnt from is noisy");
+            bars.note("this build has no denoiser: the network learns from noisy truth");
         }
         let validation = validation(&bars, counts.val, &|i| tested.records(i), cancel)?;
-        let learnt = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
-        self.learn_beside(options, &learnt, &validation, &bars, cancel)
+        let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
+        self.learn_beside(options, &training, &validation, &bars, cancel)
     }
 
     fn learn_from_dataset(&self, options: &Options, data: &Path, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
@@ -100,13 +103,13 @@ impl Train {
         for folder in &dataset.sequences {
             let camera = folder.sequence.cameras.iter().min_by_key(|camera| camera.width.min(camera.height));
             let size = camera.map_or([0; 2], |camera| [camera.width, camera.height]);
-            options.fits(size).with_context(|| folder.path.display().to_string())?;
+            options.check_size(size).with_context(|| folder.path.display().to_string())?;
         }
         let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));
         let held_out = match beside.filter(|folder| folder.is_dir() && !same(folder, data)) {
             Some(folder) => Some(Dataset::open_to_learn(&folder)?.0),
             None => {
-                bars.note("there is no split val beside the data: nothing is validated");
+                bars.note("there is no split val beside the data: the run is not validated");
                 None
             }
         };
@@ -115,8 +118,8 @@ impl Train {
             let tested = Recorded::new(held_out, allowed, options.validation(), cancel)?;
             records = validation(&bars, held_out.sequences.len() as u32, &|i| tested.records(i), cancel)?;
         }
-        let learnt = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
-        self.learn_beside(options, &learnt, &records, &bars, cancel)
+        let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
+        self.learn_beside(options, &training, &records, &bars, cancel)
     }
 
     fn learn_beside(
@@ -129,7 +132,7 @@ impl Train {
     ) -> Result<()> {
         let start = self.from.as_deref().map(Fusion::load).transpose()?;
         let references = References::measure(&options.training.network, validation)?;
-        let monitor = Monitor::new(&options.training.output, validation, &references);
+        let monitor = Monitor::new(&options.training.run.output, validation, &references);
         let shown = |done: Result<()>| done.unwrap_or_else(|error| bars.note(&format!("{error:#}")));
         let tell = |progress: &Progress| match progress {
             Progress::Loading { done, total } => bars.loading(*done, *total),
@@ -144,37 +147,21 @@ impl Train {
                 shown(monitor.line(record));
             }
         };
-        for (what, psnr) in [("what the network is handed", &references.handed), ("OIDN on the same samples", &references.oidn)] {
+        for (what, psnr) in [("inputs of the network", &references.inputs), ("OIDN on the same samples", &references.oidn)] {
             if !psnr.is_empty() {
                 bars.note(&format!("validation, {what}: {} dB", listed(psnr)));
             }
         }
         bars.finish(&training::run(&options.training, source, start.as_ref(), validation, &tell, cancel)?)
     }
-
-    fn fusion_options(&self) -> Result<Options> {
-        let mut options: Options = match &self.config {
-            Some(path) => renderflow_frame::file::read_json(path)?,
-            None => Options::default(),
-        };
-        let training = &mut options.training;
-        training.output = self.out.clone();
-        training.steps = self.steps.unwrap_or(training.steps);
-        training.minutes = self.minutes.or(training.minutes);
-        training.seed = self.seed.unwrap_or(training.seed);
-        training.validate()?;
-        let fast = options.recipe.fast;
-        ensure!((0.0..=1.0).contains(&fast), "recipe.fast: {fast} is outside 0..=1");
-        Ok(options)
-    }
 }
 
-/// PSNR by tier in one line.
+/// The PSNR of each kind of input, in one line.
 fn listed(psnr: &BTreeMap<String, f32>) -> String {
     psnr.iter().map(|(name, psnr)| format!("{name} {psnr:.2}")).collect::<Vec<_>>().join(", ")
 }
 
-/// One frame of each of the first of `count` sequences.
+/// One frame of each of the first sequences, of which there are `count`.
 fn validation(
     bars: &Bars,
     count: u32,
@@ -185,7 +172,7 @@ fn validation(
     let mut validation = Vec::new();
     for i in 0..count {
         bars.loading.message(format!("validation, sequence {} of {count}", i + 1));
-        // The last frame of a sequence has everything.
+        // The last record of a sequence has all inputs.
         validation.extend(records(i.into())?.pop().map(|record| record.to_half()));
         ensure!(!cancel.load(Ordering::Relaxed), Interrupted);
     }

@@ -1,5 +1,4 @@
-//! What a run shows of itself while it goes on: curves as a page of SVG, scalars as TensorBoard events, and pictures of some of the frames
-//! that it is validated on.
+//! The files that show how a run is doing: a page of curves, TensorBoard events, and pictures of some validation frames.
 
 use super::reference::References;
 use crate::report::plot::{self, Level, Line, Plot, Point, Scale};
@@ -8,12 +7,11 @@ use anyhow::{Context, Result};
 use half::f16;
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
-use renderflow_model::fusion::objective::display;
+use renderflow_model::fusion::loss::display;
 use renderflow_model::fusion::record::at;
 use renderflow_model::fusion::training::variants;
 use renderflow_model::fusion::{Fusion, Record};
-use renderflow_model::train::runner::weights_path;
-use renderflow_model::train::runner::{LogRecord, Validation};
+use renderflow_model::train::runner::{LogRecord, Validation, weights_path};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -22,15 +20,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What is drawn of the frames that a run is validated on.
+/// The kinds of input that the sheets of pictures show.
 const SHEETS: [&str; 4] = ["deferred+keys", "rays 1", "denoised 4", "denoised+around+keys 4"];
-/// Most frames of a sheet.
+/// Most frames on one sheet.
 const FRAMES: usize = 4;
 
-/// The files of one run.
+/// Writes the files of one run.
 pub(super) struct Monitor<'a> {
     out: &'a Path,
-    /// Made with the first scalar, so that a refused run leaves nothing behind.
+    /// Created with the first scalar, so that a run that is refused leaves no file behind.
     events: Mutex<Option<Events>>,
     validation: &'a [Record<f16>],
     references: &'a References,
@@ -41,7 +39,7 @@ impl<'a> Monitor<'a> {
         Self { out, events: Mutex::new(None), validation, references }
     }
 
-    /// After a line of the log.
+    /// Writes the scalars of a log line.
     pub(super) fn line(&self, record: &LogRecord) -> Result<()> {
         let numbers =
             [("train/loss", record.loss), ("train/gradient_norm", record.gradient_norm), ("train/rate", record.lr as f32)];
@@ -51,7 +49,7 @@ impl<'a> Monitor<'a> {
         self.scalars(record.step, &scalars)
     }
 
-    /// After a validation: its scalars, the curves so far, the sheets.
+    /// Writes the scalars of a validation, the curves so far, and the sheets.
     pub(super) fn validated(&self, validated: &Validation) -> Result<()> {
         let scalars: Vec<(String, f32)> =
             validated.psnr.iter().map(|(name, value)| (format!("validation_psnr/{name}"), *value)).collect();
@@ -76,7 +74,7 @@ impl<'a> Monitor<'a> {
         events.as_mut().map_or(Ok(()), |events| events.write(step, scalars))
     }
 
-    /// The page of the run's curves, from its logs.
+    /// The page of curves, from the logs of the run.
     fn curves(&self) -> Result<String> {
         let lines: Vec<LogRecord> = records(&self.out.join("log.jsonl"))?;
         let validations: Vec<Validation> = records(&self.out.join("validation.jsonl"))?;
@@ -89,7 +87,7 @@ impl<'a> Monitor<'a> {
                 by_tier.entry(name.clone()).or_default().push(point(validation.step, *psnr));
             }
         }
-        // In the colour of the tier's own line.
+        // Each level has the colour of its curve.
         let level = |(color, name): (usize, &String)| {
             let y = f64::from(*self.references.oidn.get(name)?);
             Some(Level { name: format!("OIDN, {name}"), named: true, color, y })
@@ -125,7 +123,7 @@ fn figure(title: &str, y: &str, lines: Vec<(String, Vec<Point>)>, levels: Vec<Le
     })
 }
 
-/// The lines of a log; none where there is none yet, and not the last where its end is missing.
+/// The lines of a log. A missing log is empty, and an incomplete last line is left out.
 fn records<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
     let text = match file::read(path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
@@ -136,22 +134,23 @@ fn records<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
     whole.map(|line| serde_json::from_str(line).with_context(|| path.display().to_string())).collect()
 }
 
-/// A row for each frame that has what `name` reads: what the network is handed, what it makes of it, the truth, the error of both.
+/// A sheet with one row for each frame that has the inputs `name`: the best input, the picture of the network, the truth, and the
+/// errors of the first two.
 fn sheet(network: &Fusion, untrained: &Fusion, frames: &[Record<f16>], name: &str) -> Result<Option<Rgb>> {
     let mut rows = Vec::new();
     for record in frames {
-        let Some((_, chosen)) = variants(record).into_iter().find(|(variant, _)| variant == name) else { continue };
+        let Some((_, selection)) = variants(record).into_iter().find(|(variant, _)| variant == name) else { continue };
         let picture = |pixels: Vec<[f32; 3]>| Rgb {
             width: record.width,
             height: record.height,
             pixels: pixels.into_iter().map(|rgb| rgb.map(display)).collect(),
         };
-        let [handed, drawn] = [untrained, network].map(|network| network.draw(record, &chosen).map(picture));
+        let [input, drawn] = [untrained, network].map(|network| network.draw(record, &selection).map(picture));
         let truth = record.pixels.chunks_exact(at::COUNT).map(|stored| [0, 1, 2].map(|c| stored[at::TRUTH + c].to_f32()));
-        let (handed, drawn, truth) = (handed?, drawn?, picture(truth.collect()));
-        let errors = [&handed, &drawn].map(|made| picture::error_map(made, &truth));
+        let (input, drawn, truth) = (input?, drawn?, picture(truth.collect()));
+        let errors = [&input, &drawn].map(|made| picture::error_map(made, &truth));
         let [before, after] = errors;
-        rows.push([handed, drawn, truth, before, after]);
+        rows.push([input, drawn, truth, before, after]);
         if rows.len() == FRAMES {
             break;
         }
@@ -168,7 +167,7 @@ struct Events {
 }
 
 impl Events {
-    /// A file of its own for each time that a run goes on, as TensorBoard expects.
+    /// Creates a file of its own for each session of a run, as TensorBoard expects.
     fn create(folder: &Path) -> Result<Self> {
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
         let path = folder.join(format!("events.out.tfevents.{seconds:010}.renderflow.{}", std::process::id()));
@@ -206,7 +205,7 @@ impl Events {
     }
 }
 
-/// An event of now: field 1 the seconds since 1970, field 2 the step, then `content`.
+/// An event at the current time: field 1 is the seconds since 1970, field 2 the step, then comes `content`.
 fn event(step: u64, content: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
     let mut out = vec![1 << 3 | 1];
@@ -217,7 +216,7 @@ fn event(step: u64, content: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     out
 }
 
-/// A field of bytes.
+/// Writes a field of bytes.
 fn text(out: &mut Vec<u8>, field: u8, bytes: &[u8]) {
     out.push(field << 3 | 2);
     varint(out, bytes.len() as u64);
@@ -243,7 +242,7 @@ mod tests {
 
     #[test]
     fn checksums_are_those_of_tfrecord() {
-        // What TensorBoard's own `masked_crc32c` gives.
+        // These are the results of TensorBoard's own `masked_crc32c`.
         assert_eq!(masked_checksum(&[0; 32]), 0x0fd7_fffa);
         assert_eq!(masked_checksum(b"brain.Event:2"), 0x7c06_01ee);
         let mut out = Vec::new();

@@ -1,13 +1,14 @@
-//! One block: modulated self-attention, cross-attention to the text, modulated perceptron, each added to the tokens.
+//! A block of the transformer: modulated self-attention, cross-attention to the text, and a modulated perceptron. Each is added
+//! to the tokens.
 
 use super::Prepared;
 use super::rope::Rope;
 use crate::ops;
+use crate::wan::activations;
 use crate::wan::config::{DitConfig, Gelu};
 use crate::wan::init::{Init, Start};
 use crate::wan::layers::{Dense, LayerNorm, RmsNorm, modulated_norm};
 use crate::wan::names::{Layout, Listing};
-use crate::wan::probe::Probe;
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
@@ -22,9 +23,9 @@ pub struct Attention {
     pub to_v: Dense,
     /// Output.
     pub to_out: Dense,
-    /// Over all channels, before they are split into heads.
+    /// Normalisation of queries over all channels, before they are split into heads.
     pub norm_q: RmsNorm,
-    /// Same of keys.
+    /// The same for keys.
     pub norm_k: RmsNorm,
     #[module(skip)]
     heads: usize,
@@ -44,33 +45,33 @@ impl Attention {
         }
     }
 
-    /// Tokens `[b, n, width]` among themselves, turned by their places.
-    pub fn among(&self, x: Tensor<3>, rope: &Rope) -> Tensor<3> {
-        let q = self.turned_query(self.to_q.forward(x.clone()), rope);
-        let k = self.turned_key(self.to_k.forward(x.clone()), rope);
-        self.gather(q, k, self.to_v.forward(x))
+    /// Self-attention of tokens `[b, n, width]` at their positions.
+    pub fn self_attention(&self, x: Tensor<3>, rope: &Rope) -> Tensor<3> {
+        let q = self.rotated_query(self.to_q.forward(x.clone()), rope);
+        let k = self.rotated_key(self.to_k.forward(x.clone()), rope);
+        self.attend(q, k, self.to_v.forward(x))
     }
 
-    /// What [`Self::to_q`] returned, normalised and turned.
-    pub(in crate::wan) fn turned_query(&self, q: Tensor<3>, rope: &Rope) -> Tensor<3> {
-        rope.turn(self.norm_q.forward(q))
+    /// Normalises and rotates the output of [`Self::to_q`].
+    pub(in crate::wan) fn rotated_query(&self, q: Tensor<3>, rope: &Rope) -> Tensor<3> {
+        rope.rotate(self.norm_q.forward(q))
     }
 
-    /// What [`Self::to_k`] returned, normalised and turned.
-    pub(in crate::wan) fn turned_key(&self, k: Tensor<3>, rope: &Rope) -> Tensor<3> {
-        rope.turn(self.norm_k.forward(k))
+    /// Normalises and rotates the output of [`Self::to_k`].
+    pub(in crate::wan) fn rotated_key(&self, k: Tensor<3>, rope: &Rope) -> Tensor<3> {
+        rope.rotate(self.norm_k.forward(k))
     }
 
-    /// Attention of queries to keys and values, projected out.
-    pub(in crate::wan) fn gather(&self, q: Tensor<3>, k: Tensor<3>, v: Tensor<3>) -> Tensor<3> {
+    /// Attention of queries to keys and values, and the output projection.
+    pub(in crate::wan) fn attend(&self, q: Tensor<3>, k: Tensor<3>, v: Tensor<3>) -> Tensor<3> {
         self.to_out.forward(ops::attention(q, k, v, self.heads))
     }
 
-    /// Tokens `[b, n, width]` to others `[b, m, width]` that have no place.
-    pub fn towards(&self, x: Tensor<3>, others: Tensor<3>) -> Tensor<3> {
+    /// Cross-attention of tokens `[b, n, width]` to others `[b, m, width]` without positions.
+    pub fn cross_attention(&self, x: Tensor<3>, others: Tensor<3>) -> Tensor<3> {
         let q = self.norm_q.forward(self.to_q.forward(x));
         let k = self.norm_k.forward(self.to_k.forward(others.clone()));
-        self.gather(q, k, self.to_v.forward(others))
+        self.attend(q, k, self.to_v.forward(others))
     }
 
     pub(in crate::wan) fn list(&self, list: &mut Listing, name: &str) {
@@ -86,9 +87,9 @@ impl Attention {
 /// Cross-attention and the normalisation before it.
 #[derive(Module, Debug)]
 pub struct Cross {
-    /// `None` where the configuration goes without.
+    /// Normalisation of the tokens, if the configuration has it.
     pub norm: Option<LayerNorm>,
-    /// To the text.
+    /// The attention.
     pub attention: Attention,
 }
 
@@ -100,13 +101,13 @@ impl Cross {
         }
     }
 
-    /// What tokens `[b, n, width]` gather from others `[b, m, width]` that have no place.
+    /// Cross-attention of tokens `[b, n, width]` to others `[b, m, width]` without positions.
     pub fn forward(&self, x: Tensor<3>, others: Tensor<3>) -> Tensor<3> {
         let x = match &self.norm {
             Some(norm) => norm.forward(x),
             None => x,
         };
-        self.attention.towards(x, others)
+        self.attention.cross_attention(x, others)
     }
 
     pub(in crate::wan) fn list(&self, list: &mut Listing, attention: &str, norm: &str) {
@@ -117,19 +118,19 @@ impl Cross {
     }
 }
 
-/// Perceptron with one hidden layer.
+/// A perceptron with one hidden layer.
 #[derive(Module, Debug)]
 pub struct FeedForward {
-    /// Width to hidden.
+    /// From the width to the hidden width.
     pub up: Dense,
-    /// Hidden to width.
+    /// From the hidden width to the width.
     pub down: Dense,
     #[module(skip)]
     activation: Gelu,
 }
 
 impl FeedForward {
-    /// `[b, n, width]` to the same shape.
+    /// Runs the perceptron on `[b, n, width]`. The result has the same shape.
     pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
         self.down.forward(self.activate(self.up.forward(x)))
     }
@@ -140,14 +141,14 @@ impl FeedForward {
     }
 }
 
-/// What runs beside or inside the parts of a block. A block that is given none of its own runs as published.
-pub(in crate::wan) trait Beside {
-    /// Self-attention of the normalised tokens, which the gate scales, and what is added without the gate.
+/// An adapter of a block. By default, a block runs as published.
+pub(in crate::wan) trait BlockAdapter {
+    /// Self-attention of the normalised tokens, which the gate scales, and another term that is added without the gate.
     fn attend(&self, attention: &Attention, x: Tensor<3>, rope: &Rope) -> (Tensor<3>, Option<Tensor<3>>) {
-        (attention.among(x, rope), None)
+        (attention.self_attention(x, rope), None)
     }
 
-    /// What is added to the tokens between self-attention and perceptron.
+    /// A term that is added to the tokens between self-attention and perceptron.
     fn cross(&self, _tokens: &Tensor<3>) -> Option<Tensor<3>> {
         None
     }
@@ -158,13 +159,13 @@ pub(in crate::wan) trait Beside {
     }
 }
 
-/// Cross-attention to the text, where there is one.
+/// Cross-attention to the text, if there is one.
 struct Text<'a> {
     cross: Option<&'a Cross>,
     text: Option<&'a Tensor<3>>,
 }
 
-impl Beside for Text<'_> {
+impl BlockAdapter for Text<'_> {
     fn cross(&self, tokens: &Tensor<3>) -> Option<Tensor<3>> {
         Some(self.cross?.forward(tokens.clone(), self.text?.clone()))
     }
@@ -173,11 +174,12 @@ impl Beside for Text<'_> {
 /// One block; see the module.
 #[derive(Module, Debug)]
 pub struct Block {
-    /// `[1, 6, width]`: shift, scale and gate of self-attention, then of the perceptron; added to those from the time.
+    /// `[1, 6, width]`: shift, scale and gate of self-attention, then of the perceptron. They are added to the modulation from
+    /// the time.
     pub modulation: Param<Tensor<3>>,
     /// Self-attention.
     pub attention: Attention,
-    /// To the text; `None` in the graph without text.
+    /// Cross-attention to the text; `None` in the graph without text.
     pub cross: Option<Cross>,
     /// Perceptron.
     pub ffn: FeedForward,
@@ -201,39 +203,38 @@ impl Block {
         }
     }
 
-    /// Tokens `[b, n, width]` to the same shape; reports as `name`.
-    pub fn forward(&self, x: Tensor<3>, state: &Prepared, probe: &mut Probe, name: &str) -> Tensor<3> {
+    /// Runs the block on tokens `[b, n, width]`. The result has the same shape. Activations are reported as `name`.
+    pub fn forward(&self, x: Tensor<3>, state: &Prepared, name: &str) -> Tensor<3> {
         let text = Text { cross: self.cross.as_ref(), text: state.text.as_ref() };
-        self.run(x, &state.modulation, &state.rope, &text, probe, name)
+        self.run(x, &state.modulation, &state.rope, &text, name)
     }
 
-    /// [`Self::forward`] with the modulation `[b, 6, width]` from the time, the tokens' places, and adapters.
+    /// Runs the block with the modulation `[b, 6, width]` from the time, the positions of the tokens, and an adapter.
     pub(in crate::wan) fn run(
         &self,
         x: Tensor<3>,
         modulation: &Tensor<3>,
         rope: &Rope,
-        beside: &dyn Beside,
-        probe: &mut Probe,
+        adapter: &dyn BlockAdapter,
         name: &str,
     ) -> Tensor<3> {
         let modulation = self.modulation.val() + modulation.clone();
         let part = |i: usize| modulation.clone().narrow(1, i, 1);
         let (shift, scale, gate) = (part(0), part(1), part(2));
-        let (y, ungated) = beside.attend(&self.attention, modulated_norm(x.clone(), scale, shift, self.eps), rope);
-        probe.report(&format!("{name}.attn1"), || y.clone());
+        let (y, ungated) = adapter.attend(&self.attention, modulated_norm(x.clone(), scale, shift, self.eps), rope);
+        activations::report(&format!("{name}.attn1"), || y.clone());
         let mut x = ops::gate(x, y, gate);
         if let Some(y) = ungated {
-            probe.report(&format!("{name}.keyframe_attn"), || y.clone());
+            activations::report(&format!("{name}.keyframe_attn"), || y.clone());
             x = x + y;
         }
-        if let Some(y) = beside.cross(&x) {
+        if let Some(y) = adapter.cross(&x) {
             x = x + y;
         }
         let (shift, scale, gate) = (part(3), part(4), part(5));
-        let y = beside.perceptron(&self.ffn, modulated_norm(x.clone(), scale, shift, self.eps));
+        let y = adapter.perceptron(&self.ffn, modulated_norm(x.clone(), scale, shift, self.eps));
         let x = ops::gate(x, y, gate);
-        probe.report(name, || x.clone());
+        activations::report(name, || x.clone());
         x
     }
 

@@ -1,4 +1,4 @@
-//! Time and text to what the blocks are modulated by and attend to.
+//! Embeddings of time and text.
 
 use crate::ops;
 use crate::wan::config::{DitConfig, Gelu};
@@ -8,9 +8,10 @@ use crate::wan::names::Listing;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData, activation};
 
-/// Waves of the times, `[b, 1, length]`: `cos(t w_i)` then `sin(t w_i)`, `w_i = 10000^(-i / half)`, half = `length / 2`.
+/// Sinusoidal embedding of times, `[b, 1, length]`: `cos(t w_i)` and then `sin(t w_i)`, with `w_i = 10000^(-i / half)` and half =
+/// `length / 2`.
 ///
-/// The angles are taken in f64, as in the original: at t = 1000 an f32 angle is wrong in the fifth digit of its wave.
+/// Angles are computed in f64, as in the original code: at t = 1000, an angle in f32 makes the fifth digit of its sine wrong.
 pub fn sinusoid(times: &[f64], length: usize, device: &Device) -> Tensor<3> {
     let half = length / 2;
     let mut values = Vec::with_capacity(times.len() * length);
@@ -22,7 +23,7 @@ pub fn sinusoid(times: &[f64], length: usize, device: &Device) -> Tensor<3> {
     Tensor::from_data(TensorData::new(values, [times.len(), 1, length]), device)
 }
 
-/// Time to the modulation of blocks and head.
+/// From the time to the modulation of blocks and head.
 #[derive(Module, Debug)]
 pub struct TimeEmbed {
     linear_1: Dense,
@@ -40,7 +41,8 @@ impl TimeEmbed {
         }
     }
 
-    /// Waves `[b, 1, freq_dim]` to the embedded time `[b, 1, width]` and the blocks' modulation `[b, 6, width]`.
+    /// The embedded time `[b, 1, width]` and the modulation of the blocks `[b, 6, width]`, from a sinusoidal embedding `[b, 1,
+    /// freq_dim]`.
     pub fn forward(&self, waves: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
         let time = self.linear_2.forward(self.linear_1.forward_silu(waves));
         let modulation = self.proj.forward(activation::silu(time.clone()));
@@ -55,7 +57,7 @@ impl TimeEmbed {
     }
 }
 
-/// Text tokens to tokens of the transformer's width.
+/// From text tokens to tokens of the transformer's width.
 #[derive(Module, Debug)]
 pub struct TextEmbed {
     linear_1: Dense,
@@ -79,7 +81,7 @@ impl TextEmbed {
         self.linear_1.weight.lazy_shape()[0]
     }
 
-    /// `[b, n, text_dim]` to `[b, n, width]`.
+    /// Embeds text tokens: `[b, n, text_dim]` to `[b, n, width]`.
     pub fn forward(&self, text: Tensor<3>) -> Tensor<3> {
         self.linear_2.forward(self.activation.apply(self.linear_1.forward(text)))
     }
@@ -91,7 +93,7 @@ impl TextEmbed {
 }
 
 impl Gelu {
-    /// The function, on every value (Hendrycks and Gimpel 2016).
+    /// Applies the function to every value (Hendrycks and Gimpel 2016).
     pub fn apply<const D: usize>(self, x: Tensor<D>) -> Tensor<D> {
         match self {
             Self::Tanh => ops::gelu(x),

@@ -1,14 +1,14 @@
-//! Rotary places in time, height and width (Su et al. 2021; three axes as in Wan).
+//! Rotary position embeddings in time, height and width (Su et al. 2021; three axes as in Wan).
 
 use crate::ops;
+use crate::wan::activations;
 use crate::wan::config::DitConfig;
-use crate::wan::probe::Probe;
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Angles by which queries and keys are turned, for one list of token places.
+/// The angles by which queries and keys are rotated, for a list of token positions.
 ///
-/// Of a head's d channels, height and width turn `2 (d / 6)` each and time the rest, in the order time, height, width; pair j of an
-/// axis of `a` channels turns by `place theta^(-2 j / a)`. Places are real numbers: nothing is looked up in a table.
+/// Of the d channels of a head, height and width rotate `2 (d / 6)` each, and time the rest, in the order time, height, width.
+/// Pair j of an axis with `a` channels is rotated by `position theta^(-2 j / a)`. Positions are real numbers.
 #[derive(Clone, Debug)]
 pub struct Rope {
     /// `[n, pairs]`.
@@ -18,7 +18,7 @@ pub struct Rope {
 }
 
 impl Rope {
-    /// Turns tokens at `places` (time, row, column), in units of tokens.
+    /// Angles for tokens at `places` (time, row, column), in units of tokens.
     pub fn new(config: &DitConfig, places: &[[f64; 3]], device: &Device) -> Self {
         let space = 2 * (config.head_dim / 6);
         let axes = [config.head_dim - 2 * space, space, space];
@@ -35,7 +35,7 @@ impl Rope {
         Self { cos: table(f64::cos), sin: table(f64::sin) }
     }
 
-    /// Turns a grid of frames, rows and columns of tokens; frame i is at the time `first + i step`.
+    /// Angles for a grid of frames, rows and columns of tokens. Frame i has the time `first + i step`.
     pub fn grid(config: &DitConfig, [frames, rows, columns]: [usize; 3], first: f64, step: f64, device: &Device) -> Self {
         let mut places = Vec::with_capacity(frames * rows * columns);
         for frame in 0..frames {
@@ -45,15 +45,15 @@ impl Rope {
         Self::new(config, &places, device)
     }
 
-    /// Turns queries or keys `[b, n, c]`: channels 2 i and 2 i + 1 of a head are a pair.
-    pub fn turn(&self, x: Tensor<3>) -> Tensor<3> {
+    /// Rotates queries or keys `[b, n, c]`. Channels 2 i and 2 i + 1 of a head are a pair.
+    pub fn rotate(&self, x: Tensor<3>) -> Tensor<3> {
         ops::turn(x, self.cos.clone(), self.sin.clone())
     }
 
-    /// Reports the tables as diffusers keeps them: each value twice, `[1, n, 1, head_dim]`.
-    pub(super) fn report(&self, probe: &mut Probe) {
+    /// Reports the tables in diffusers' form, with each value twice, `[1, n, 1, head_dim]`.
+    pub(super) fn report(&self) {
         for (name, table) in [("rope_cos", &self.cos), ("rope_sin", &self.sin)] {
-            probe.report(name, || {
+            activations::report(name, || {
                 let [n, pairs] = table.dims();
                 table.clone().reshape([1, n, 1, pairs, 1]).expand([1, n, 1, pairs, 2]).reshape([1, n, 1, 2 * pairs])
             });
@@ -73,7 +73,7 @@ mod tests {
         let row: Vec<f32> = (0..config.head_dim).map(|i| (i * 7 % 5) as f32 - 1.7).collect();
         let product = |a: [f64; 3], b: [f64; 3]| {
             let x = Tensor::<3>::from_data(TensorData::new(row.repeat(2), [1, 2, config.head_dim]), &device);
-            let y = to_vec(Rope::new(&config, &[a, b], &device).turn(x));
+            let y = to_vec(Rope::new(&config, &[a, b], &device).rotate(x));
             y[..config.head_dim].iter().zip(&y[config.head_dim..]).map(|(a, b)| f64::from(a * b)).sum::<f64>()
         };
         let origin = product([0.0; 3], [3.25, 2.0, -1.0]);

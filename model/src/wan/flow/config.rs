@@ -8,23 +8,23 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Environment {
-    /// One factor and one offset a latent frame, from the mean of its environment tokens. The paper leaves this open; a mean has no
-    /// place, as the light has none.
+    /// One factor and one offset for each latent frame, from the mean of its environment tokens. The paper leaves this choice
+    /// open.
     #[default]
     Pooled,
-    /// A factor and an offset for each token, from the environment token of the same place; environment latents have the size of
-    /// those of the picture.
+    /// A factor and an offset for each token, from the environment token at the same position. Environment latents have the size
+    /// of the picture's latents.
     Tokens,
 }
 
-/// Where the queries of keyframe attention come from.
+/// The source of the queries of keyframe attention.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Query {
-    /// Its own projection: the paper's best.
+    /// A projection of the adapter, which is best in the paper.
     #[default]
     Dedicated,
-    /// Those of self-attention: the paper's cheaper variant.
+    /// The queries of self-attention, which is the paper's cheaper variant.
     Reused,
 }
 
@@ -32,12 +32,12 @@ pub enum Query {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct KeyframeConfig {
-    /// Queries of its attention.
+    /// The source of the queries.
     pub query: Query,
-    /// Rank of the correction of both layers of each perceptron; 0 for none. The paper does not tell its rank: 8 to 64 all give the
-    /// 1.7 B parameters it counts.
+    /// Rank of the correction of both layers of each perceptron, or 0 for no correction. The paper does not state it: ranks of 8
+    /// to 64 all give its total of 1.7 B parameters.
     pub lora_rank: usize,
-    /// The correction is scaled by this over the rank; at the rank by default, so the scale is 1.
+    /// The correction is scaled by `lora_alpha / lora_rank`, which is 1 by default.
     pub lora_alpha: f32,
 }
 
@@ -51,13 +51,14 @@ impl Default for KeyframeConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct InverseConfig {
-    /// Rank of the correction of queries, keys and values of each self-attention; 0 for none. The paper does not tell it.
+    /// Rank of the correction of queries, keys and values of each self-attention, or 0 for no correction. The paper does not
+    /// state it.
     pub lora_rank: usize,
-    /// The correction is scaled by this over the rank.
+    /// The correction is scaled by `lora_alpha / lora_rank`.
     pub lora_alpha: f32,
-    /// Prompts of the table: one for each [`Intrinsic`], the rest in reserve, so that one can be added to trained weights.
+    /// Number of prompts: one for each [`Intrinsic`], and reserves for intrinsics that are added to trained weights.
     pub prompts: usize,
-    /// Tokens of a prompt.
+    /// Number of tokens in a prompt.
     pub prompt_tokens: usize,
 }
 
@@ -67,7 +68,7 @@ impl Default for InverseConfig {
     }
 }
 
-/// What the inverse adapter can be asked for.
+/// A buffer that inverse rendering recovers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Intrinsic {
@@ -75,17 +76,17 @@ pub enum Intrinsic {
     Albedo,
     /// Normals in camera space.
     Normal,
-    /// Depth, three times the same.
+    /// Depth, in three equal channels.
     Depth,
     /// Roughness, metallic, specular.
     Material,
 }
 
 impl Intrinsic {
-    /// All of them; the place of one is that of its prompt and of its head.
+    /// All intrinsics. The index of an intrinsic is also the index of its prompt and of its head.
     pub const ALL: [Self; 4] = [Self::Albedo, Self::Normal, Self::Depth, Self::Material];
 
-    /// Its name in files and on the command line.
+    /// Name in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Albedo => "albedo",
@@ -95,29 +96,24 @@ impl Intrinsic {
         }
     }
 
-    /// The one of this name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|intrinsic| intrinsic.name() == name)
-    }
-
-    /// Its place in [`Self::ALL`].
+    /// Index in [`Self::ALL`].
     pub fn index(self) -> usize {
         self as usize
     }
 }
 
-/// Buffers beside the albedo, each encoded as a picture of its own: normal, depth, material.
-pub(super) const BUFFERS: usize = 3;
+/// Number of buffers besides the albedo: normal, depth, material. Each is encoded as a picture.
+pub(in crate::wan) const BUFFERS: usize = 3;
 
 /// The renderer: its autoencoder, its transformer and its adapters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FlowConfig {
-    /// Pictures to latents; decides how many channels a latent and a mask have.
+    /// The autoencoder. It determines the channels of latents and masks.
     pub vae: VaeConfig,
     /// The transformer, without text.
     pub dit: DitConfig,
-    /// How the environment acts.
+    /// How the environment modulates the tokens.
     #[serde(default)]
     pub environment: Environment,
     /// The keyframe adapter, if there is one.
@@ -134,8 +130,8 @@ impl FlowConfig {
         Self::plain(VaeConfig::wan(), DitConfig::wan_1_3b().without_text())
     }
 
-    /// The same graph at a size that a CPU can train, 15 M parameters and 20 M with the default keyframe adapter, and a small
-    /// autoencoder of its own, whose latents' statistics are those of a normal distribution until they have been measured.
+    /// The same graph at a size that a CPU can train: 15 M parameters, or 20 M with the default keyframe adapter. It has a small
+    /// autoencoder of its own. The statistics of its latents are 0 and 1 until training measures them.
     pub fn small() -> Self {
         let vae = VaeConfig {
             base_dim: 16,
@@ -149,7 +145,7 @@ impl FlowConfig {
         Self::plain(vae, dit)
     }
 
-    /// The same graph, small enough for unit tests.
+    /// The same graph at a size for unit tests.
     pub fn tiny() -> Self {
         Self::plain(VaeConfig::tiny(), DitConfig::tiny().without_text())
     }
@@ -158,10 +154,10 @@ impl FlowConfig {
         Self { vae, dit, environment: Environment::Pooled, keyframes: None, inverse: None }
     }
 
-    /// Names [`Self::preset`] knows.
+    /// Names of the presets.
     pub const PRESETS: [&str; 3] = ["wan-1.3b", "wan-small", "wan-tiny"];
 
-    /// A preset by name, without optional adapters.
+    /// The preset of a name, without optional adapters.
     pub fn preset(name: &str) -> Option<Self> {
         match name {
             "wan-1.3b" => Some(Self::wan_1_3b()),
@@ -181,12 +177,12 @@ impl FlowConfig {
         Self { inverse: Some(inverse), ..self }
     }
 
-    /// Channels of the masked reference: inactive and reactive latents, and the mask's cells.
+    /// Channels of the masked reference: inactive latents, reactive latents, and the cells of the mask.
     pub fn reference_channels(&self) -> usize {
         2 * self.vae.z_dim + self.mask_channels()
     }
 
-    /// Channels of a latent pixel's mask: one for each pixel it spans.
+    /// Channels of the mask: one for each pixel that a latent pixel covers.
     pub fn mask_channels(&self) -> usize {
         self.vae.spatial_factor().pow(2)
     }

@@ -1,9 +1,9 @@
-//! Which parameters learn together: the renderer first, then each optional adapter with the rest frozen.
+//! Groups of parameters that are trained together: first the renderer, then each optional adapter with the rest frozen.
 
 use super::Flow;
 use burn::module::Module;
 
-/// Parameters that learn in the same stage.
+/// A group of parameters that learn in the same stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Group {
     /// Stage 1: backbone, the embedders of attributes and environment, the environment's projections.
@@ -15,7 +15,7 @@ pub enum Group {
 }
 
 impl Group {
-    /// All of them.
+    /// All groups.
     pub const ALL: [Self; 3] = [Self::Base, Self::Keyframes, Self::Inverse];
 
     /// The group of a parameter of [`Flow`], by its name in [`crate::parameters`] (a path of fields, such as
@@ -31,7 +31,7 @@ impl Group {
     /// The group of a tensor in a file, by its name under either naming (see [`crate::wan::names::Entry`]).
     pub fn of_tensor(name: &str) -> Self {
         let part = if name.starts_with("blocks.") { name.splitn(3, '.').nth(2) } else { Some(name) }.unwrap_or_default();
-        // With keyframes the perceptrons are corrected, on the way back the attention.
+        // The keyframe adapter corrects perceptrons, and the inverse adapter corrects attention.
         let (corrects, perceptron) = (part.contains(".lora_"), part.starts_with("ffn."));
         if part.starts_with("keyframe_") || (corrects && perceptron) {
             Self::Keyframes
@@ -44,8 +44,8 @@ impl Group {
 }
 
 impl Flow {
-    /// The same renderer with only `group` learning: gradients are found for its parameters alone, and whatever depends on none of
-    /// them is not recorded.
+    /// The same renderer, in which only `group` learns. Only its parameters have gradients, and operations that do not depend on
+    /// them are not recorded.
     pub fn learn_only(self, group: Group) -> Self {
         let learns = |of| of == group;
         Self {

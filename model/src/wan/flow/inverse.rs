@@ -1,9 +1,9 @@
-//! The inverse adapter: the same transformer, led from a picture to one of the buffers behind it.
+//! The inverse adapter: it lets the transformer recover an intrinsic from a picture.
 
 use super::config::{FlowConfig, Intrinsic, InverseConfig};
 use super::lora::Lora;
 use crate::wan::config::Gelu;
-use crate::wan::dit::{Attention, Beside, Cross, Rope};
+use crate::wan::dit::{Attention, BlockAdapter, Cross, Rope};
 use crate::wan::init::{Init, Start};
 use crate::wan::layers::Dense;
 use crate::wan::names::{Layout, Listing};
@@ -15,16 +15,16 @@ use burn::tensor::Tensor;
 pub struct InverseBlock {
     /// Corrections of the queries, keys and values of self-attention.
     pub qkv: Option<[Lora; 3]>,
-    /// To the prompt, after self-attention; adds nothing at first.
+    /// Attention to the prompt, after self-attention. It adds 0 before training.
     pub cross: Cross,
 }
 
-/// Tokens after the last block to the patches of one intrinsic.
+/// From tokens after the last block to patches of one intrinsic.
 #[derive(Module, Debug)]
 pub struct Head {
     /// First layer.
     pub first: Dense,
-    /// Second layer; 0 at first.
+    /// Second layer; 0 before training.
     pub second: Dense,
     #[module(skip)]
     activation: Gelu,
@@ -43,12 +43,12 @@ pub(super) struct WithPrompt<'a> {
     pub prompt: &'a Tensor<3>,
 }
 
-impl Beside for WithPrompt<'_> {
+impl BlockAdapter for WithPrompt<'_> {
     fn attend(&self, attention: &Attention, x: Tensor<3>, rope: &Rope) -> (Tensor<3>, Option<Tensor<3>>) {
-        let Some([q, k, v]) = &self.block.qkv else { return (attention.among(x, rope), None) };
-        let q = attention.turned_query(q.beside(&attention.to_q, x.clone()), rope);
-        let k = attention.turned_key(k.beside(&attention.to_k, x.clone()), rope);
-        (attention.gather(q, k, v.beside(&attention.to_v, x)), None)
+        let Some([q, k, v]) = &self.block.qkv else { return (attention.self_attention(x, rope), None) };
+        let q = attention.rotated_query(q.beside(&attention.to_q, x.clone()), rope);
+        let k = attention.rotated_key(k.beside(&attention.to_k, x.clone()), rope);
+        (attention.attend(q, k, v.beside(&attention.to_v, x)), None)
     }
 
     fn cross(&self, tokens: &Tensor<3>) -> Option<Tensor<3>> {
@@ -59,18 +59,18 @@ impl Beside for WithPrompt<'_> {
 /// The adapter of all blocks.
 #[derive(Module, Debug)]
 pub struct InverseAdapter {
-    /// A patch of a picture's latent to a token, in place of the embedders of albedo and attributes.
+    /// From a patch of a picture's latent to a token, in place of the embedders of albedo and attributes.
     pub embed: Dense,
-    /// `[prompts, tokens, width]`; the first ones belong to [`Intrinsic::ALL`].
+    /// `[prompts, tokens, width]`. The first prompts belong to [`Intrinsic::ALL`].
     pub prompts: Param<Tensor<3>>,
-    /// One a block.
+    /// One for each block.
     pub blocks: Vec<InverseBlock>,
-    /// One an intrinsic.
+    /// One for each intrinsic.
     pub heads: Vec<Head>,
 }
 
 impl InverseAdapter {
-    /// An adapter whose prediction is the picture itself.
+    /// An adapter whose prediction is the picture.
     pub(super) fn new(embed: Dense, init: &mut Init, config: &FlowConfig, adapter: &InverseConfig) -> Self {
         let (dit, width) = (&config.dit, config.dit.width());
         let block = |init: &mut Init| {

@@ -3,14 +3,14 @@
 use super::config::{FlowConfig, KeyframeConfig, Query};
 use super::lora::Lora;
 use crate::ops;
-use crate::wan::dit::{Attention, Beside, FeedForward, Rope};
+use crate::wan::dit::{Attention, BlockAdapter, FeedForward, Rope};
 use crate::wan::init::Init;
 use crate::wan::layers::{Dense, RmsNorm};
 use crate::wan::names::Listing;
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-/// Projection of queries that are the adapter's own.
+/// The projection of queries that belong to the adapter.
 #[derive(Module, Debug)]
 pub struct OwnQuery {
     /// Queries.
@@ -22,13 +22,13 @@ pub struct OwnQuery {
 /// The adapter's part in one block.
 #[derive(Module, Debug)]
 pub struct KeyframeBlock {
-    /// `None` where self-attention's queries are reused.
+    /// `None` if the queries of self-attention are reused.
     pub query: Option<OwnQuery>,
     /// Keys of keyframe tokens.
     pub to_k: Dense,
     /// Values of keyframe tokens.
     pub to_v: Dense,
-    /// Output; 0 at first.
+    /// Output; 0 before training.
     pub to_out: Dense,
     /// Over all channels.
     pub norm_k: RmsNorm,
@@ -58,26 +58,26 @@ impl KeyframeBlock {
     }
 }
 
-/// The adapter in a block, with the keyframe tokens `[b, m, width]` and their places.
+/// The adapter in a block, with the keyframe tokens `[b, m, width]` and their positions.
 pub(super) struct WithKeyframes<'a> {
     pub block: &'a KeyframeBlock,
     pub tokens: &'a Tensor<3>,
     pub places: &'a Rope,
 }
 
-impl Beside for WithKeyframes<'_> {
+impl BlockAdapter for WithKeyframes<'_> {
     fn attend(&self, attention: &Attention, x: Tensor<3>, rope: &Rope) -> (Tensor<3>, Option<Tensor<3>>) {
         let (block, heads) = (self.block, self.block.heads);
-        let q = attention.turned_query(attention.to_q.forward(x.clone()), rope);
+        let q = attention.rotated_query(attention.to_q.forward(x.clone()), rope);
         let own = match &block.query {
-            Some(own) => rope.turn(own.norm_q.forward(own.to_q.forward(x.clone()))),
+            Some(own) => rope.rotate(own.norm_q.forward(own.to_q.forward(x.clone()))),
             None => q.clone(),
         };
-        let k = attention.turned_key(attention.to_k.forward(x.clone()), rope);
-        let among = attention.gather(q, k, attention.to_v.forward(x));
-        let k = self.places.turn(block.norm_k.forward(block.to_k.forward(self.tokens.clone())));
+        let k = attention.rotated_key(attention.to_k.forward(x.clone()), rope);
+        let attended = attention.attend(q, k, attention.to_v.forward(x));
+        let k = self.places.rotate(block.norm_k.forward(block.to_k.forward(self.tokens.clone())));
         let v = block.to_v.forward(self.tokens.clone());
-        (among, Some(block.to_out.forward(ops::attention(own, k, v, heads))))
+        (attended, Some(block.to_out.forward(ops::attention(own, k, v, heads))))
     }
 
     fn perceptron(&self, ffn: &FeedForward, x: Tensor<3>) -> Tensor<3> {
@@ -91,14 +91,14 @@ impl Beside for WithKeyframes<'_> {
 /// The adapter of all blocks.
 #[derive(Module, Debug)]
 pub struct KeyframeAdapter {
-    /// A patch of a keyframe's latent to a token.
+    /// From a patch of a keyframe's latent to a token.
     pub embed: Dense,
-    /// One a block.
+    /// One for each block.
     pub blocks: Vec<KeyframeBlock>,
 }
 
 impl KeyframeAdapter {
-    /// An adapter that adds nothing yet.
+    /// An adapter that adds 0 before training.
     pub(super) fn new(init: &mut Init, config: &FlowConfig, adapter: &KeyframeConfig) -> Self {
         let values = config.dit.in_channels * config.dit.patch_values();
         Self {
@@ -108,7 +108,7 @@ impl KeyframeAdapter {
     }
 
     pub(super) fn list(&self, list: &mut Listing, patch: &[usize]) {
-        // A convolution of one frame: no axis of time.
+        // The convolution covers one frame, so it has no time axis.
         self.embed.list(list, "keyframe_embedding", &[patch[0], patch[2], patch[3]]);
         for (i, block) in self.blocks.iter().enumerate() {
             let name = format!("blocks.{i}.keyframe_attn");

@@ -1,26 +1,26 @@
-//! The renderer in stages: what precedes the blocks, one block, what follows them. A caller that recomputes activations keeps the
-//! tokens between blocks and runs a block again when its gradient is due.
+//! The renderer in stages: the part before the blocks, one block, and the part after them. A caller that recomputes activations
+//! keeps the tokens between blocks, and runs a block again for its gradient.
 
 use super::inverse::WithPrompt;
 use super::keyframes::WithKeyframes;
 use super::{Conditions, Environment, Flow, Intrinsic, InverseAdapter, KeyframeAdapter, KeyframeLatent};
-use crate::wan::dit::{Beside, DitInput, Prepared, Rope, expect, patches, token_grid};
-use crate::wan::probe::Probe;
+use crate::wan::activations;
+use crate::wan::dit::{BlockAdapter, DitInput, Prepared, Rope, expect, patches, token_grid};
 use crate::{Error, Result};
 use burn::tensor::Tensor;
 
-/// What every block and the head need beside the tokens.
+/// The inputs of every block and the head besides the tokens.
 #[derive(Clone, Debug)]
 pub struct Shared {
     /// Embedded time `[b, 1, width]`.
     pub time: Tensor<3>,
-    /// Modulation of the blocks `[b, 6, width]`, before each adds its own.
+    /// Modulation of the blocks `[b, 6, width]`. Each block adds its own to it.
     pub modulation: Tensor<3>,
-    /// Embedded environment: `[b, frames, width]`, or as many tokens as the picture has; `None` on the way back.
+    /// Embedded environment: `[b, frames, width]`, or one token for each token of the picture. `None` for inverse rendering.
     pub environment: Option<Tensor<3>>,
     /// Tokens of all keyframes `[b, m, width]`.
     pub keyframes: Option<Tensor<3>>,
-    /// Tokens that say what to recover, `[b, tokens, width]`, on the way back.
+    /// Prompt tokens that select the intrinsic, `[b, tokens, width]`, for inverse rendering.
     pub prompt: Option<Tensor<3>>,
     places: Rope,
     keyframe_places: Option<Rope>,
@@ -35,10 +35,10 @@ impl Shared {
         always.chain([&self.environment, &self.keyframes, &self.prompt].into_iter().flatten()).cloned().collect()
     }
 
-    /// The same with `tensors` in place of [`Self::tensors`], such as those cut from the graph that made them.
+    /// Replaces the [`Self::tensors`], for instance by detached ones.
     ///
     /// # Panics
-    /// When their number is another.
+    /// When the number of tensors differs.
     pub fn with_tensors(&self, tensors: Vec<Tensor<3>>) -> Self {
         let count = tensors.len();
         assert!(count == self.tensors().len(), "{count} tensors where {} are shared", self.tensors().len());
@@ -50,24 +50,19 @@ impl Shared {
         shared
     }
 
-    /// Frames, rows and columns of tokens.
+    /// Numbers of frames, rows and columns of tokens.
     pub fn grid(&self) -> [usize; 3] {
         self.grid
     }
 }
 
 impl Flow {
-    /// Tokens `[b, n, width]` before the first block, and what the blocks share; arguments as of [`Self::velocity`].
+    /// The tokens `[b, n, width]` before the first block, and the inputs that blocks share. The arguments are those of
+    /// [`Self::velocity`].
     ///
     /// # Errors
-    /// As [`Self::velocity`].
-    pub fn prepare(
-        &self,
-        z_t: Tensor<5>,
-        times: &[f64],
-        conditions: &Conditions,
-        probe: &mut Probe,
-    ) -> Result<(Tensor<3>, Shared)> {
+    /// As for [`Self::velocity`].
+    pub fn prepare(&self, z_t: Tensor<5>, times: &[f64], conditions: &Conditions) -> Result<(Tensor<3>, Shared)> {
         let (config, patch) = (&self.config, self.config.dit.patch_size);
         let [b, _, f, h, w] = z_t.dims();
         let (attributes, environment) = (&conditions.attributes, &conditions.environment);
@@ -79,7 +74,7 @@ impl Flow {
         let fits = [eb, ec, ef] == [b, config.vae.z_dim, f] && size_fits;
         expect(fits, || format!("environment {:?} beside latents {:?}", environment.dims(), z_t.dims()))?;
         token_grid(patch, environment)?;
-        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare(input(z_t, times)?, probe)?;
+        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare(input(z_t, times)?)?;
         let keyframes = match (&self.keyframes, conditions.keyframes.as_slice()) {
             (_, []) => None,
             (None, _) => return Err(Error::config("keyframes", "this renderer has no keyframe adapter")),
@@ -87,9 +82,9 @@ impl Flow {
         };
 
         let attributes = self.attributes.forward(patches(attributes.clone(), patch));
-        probe.report("attribute_embedding", || attributes.clone());
+        activations::report("attribute_embedding", || attributes.clone());
         let environment = self.environment.embedded(patches(environment.clone(), patch), f);
-        probe.report("environment_embedding", || environment.clone());
+        activations::report("environment_embedding", || environment.clone());
         let (keyframes, keyframe_places) = keyframes.unzip();
         let shared = Shared {
             time,
@@ -105,21 +100,15 @@ impl Flow {
         Ok((tokens + attributes, shared))
     }
 
-    /// [`Self::prepare`] of the way back; arguments as of [`Self::invert`].
+    /// [`Self::prepare`] for inverse rendering. The arguments are those of [`Self::invert`].
     ///
     /// # Errors
-    /// As [`Self::invert`].
-    pub fn prepare_inverse(
-        &self,
-        z_t: Tensor<5>,
-        times: &[f64],
-        intrinsic: Intrinsic,
-        probe: &mut Probe,
-    ) -> Result<(Tensor<3>, Shared)> {
+    /// As for [`Self::invert`].
+    pub fn prepare_inverse(&self, z_t: Tensor<5>, times: &[f64], intrinsic: Intrinsic) -> Result<(Tensor<3>, Shared)> {
         let adapter = self.inverse()?;
         let b = z_t.dims()[0];
         let input = input(z_t, times)?;
-        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare_embedded(&adapter.embed, input, probe)?;
+        let Prepared { tokens, time, modulation, rope, grid, .. } = self.dit.prepare_embedded(&adapter.embed, input)?;
         let shared = Shared {
             time,
             modulation,
@@ -134,32 +123,11 @@ impl Flow {
         Ok((tokens, shared))
     }
 
-    /// Block `i` of [`crate::wan::DitConfig::layers`]: tokens `[b, n, width]` to the same shape.
+    /// Runs block `i` on tokens `[b, n, width]`. The result has the same shape.
     ///
     /// # Panics
-    /// When there is no such block.
+    /// When `i` is not below [`crate::wan::DitConfig::layers`].
     pub fn block(&self, i: usize, tokens: Tensor<3>, shared: &Shared) -> Tensor<3> {
-        self.probed_block(i, tokens, shared, &mut Probe::idle())
-    }
-
-    /// Tokens after the last block to the velocity `[b, z, f, h, w]`, of rendering or of the way back.
-    pub fn finish(&self, tokens: Tensor<3>, shared: &Shared) -> Tensor<5> {
-        let normed = self.dit.head_norm(tokens, shared.time.clone());
-        match (shared.intrinsic, &self.inverse) {
-            (Some(intrinsic), Some(adapter)) => self.dit.unpatch(adapter.heads[intrinsic.index()].forward(normed), shared.grid),
-            _ => self.dit.unpatch(self.dit.head.forward(normed), shared.grid).neg(),
-        }
-    }
-
-    /// All blocks and the head.
-    pub(super) fn run(&self, mut tokens: Tensor<3>, shared: &Shared, probe: &mut Probe) -> Tensor<5> {
-        for i in 0..self.dit.blocks.len() {
-            tokens = self.probed_block(i, tokens, shared, probe);
-        }
-        self.finish(tokens, shared)
-    }
-
-    fn probed_block(&self, i: usize, tokens: Tensor<3>, shared: &Shared, probe: &mut Probe) -> Tensor<3> {
         let tokens = match &shared.environment {
             Some(environment) => self.environment.modulate(i, tokens, environment.clone()),
             None => tokens,
@@ -169,12 +137,29 @@ impl Flow {
             keyframes.map(|((adapter, tokens), places)| WithKeyframes { block: &adapter.blocks[i], tokens, places });
         let prompt = self.inverse.as_ref().zip(shared.prompt.as_ref());
         let with_prompt = prompt.map(|(adapter, prompt)| WithPrompt { block: &adapter.blocks[i], prompt });
-        let beside: &dyn Beside = match (&with_keyframes, &with_prompt) {
+        let adapter: &dyn BlockAdapter = match (&with_keyframes, &with_prompt) {
             (Some(keyframes), _) => keyframes,
             (None, Some(prompt)) => prompt,
             (None, None) => &Alone,
         };
-        self.dit.blocks[i].run(tokens, &shared.modulation, &shared.places, beside, probe, &format!("block{i}"))
+        self.dit.blocks[i].run(tokens, &shared.modulation, &shared.places, adapter, &format!("block{i}"))
+    }
+
+    /// The velocity `[b, z, f, h, w]` of rendering or of inverse rendering, from the tokens after the last block.
+    pub fn finish(&self, tokens: Tensor<3>, shared: &Shared) -> Tensor<5> {
+        let normed = self.dit.head_norm(tokens, shared.time.clone());
+        match (shared.intrinsic, &self.inverse) {
+            (Some(intrinsic), Some(adapter)) => self.dit.unpatch(adapter.heads[intrinsic.index()].forward(normed), shared.grid),
+            _ => self.dit.unpatch(self.dit.head.forward(normed), shared.grid).neg(),
+        }
+    }
+
+    /// Runs all blocks and the head.
+    pub(super) fn run(&self, mut tokens: Tensor<3>, shared: &Shared) -> Tensor<5> {
+        for i in 0..self.dit.blocks.len() {
+            tokens = self.block(i, tokens, shared);
+        }
+        self.finish(tokens, shared)
     }
 
     /// The inverse adapter.
@@ -185,7 +170,7 @@ impl Flow {
         self.inverse.as_ref().ok_or_else(|| Error::config("inverse", "this renderer has no inverse adapter"))
     }
 
-    /// Tokens of all keyframes and their places, beside b clips of `h x w` latent pixels.
+    /// The tokens of all keyframes and their positions, for b clips of `h x w` latent pixels.
     fn keyframe_tokens(
         &self,
         adapter: &KeyframeAdapter,
@@ -210,14 +195,14 @@ impl Flow {
     }
 }
 
-/// No adapter inside the blocks.
+/// No adapter.
 struct Alone;
 
-impl Beside for Alone {}
+impl BlockAdapter for Alone {}
 
-/// The transformer's input at times of the bridge.
+/// The input of the transformer at times of the bridge.
 fn input(latents: Tensor<5>, times: &[f64]) -> Result<DitInput> {
     let valid = times.iter().all(|t| (0.0..=1.0).contains(t));
-    expect(valid, || format!("times {times:?} of the bridge; 0 (start) to 1 (end) are needed"))?;
+    expect(valid, || format!("times {times:?} of the bridge; they must be from 0 (start) to 1 (end)"))?;
     Ok(DitInput { latents, times: times.iter().map(|t| 1000.0 * (1.0 - t)).collect(), text: None })
 }

@@ -1,73 +1,40 @@
-//! Settings of training runs of the wan networks; one JSON file holds one run.
+//! Options of training runs of the wan networks. One JSON file holds one run.
 
+use crate::Result;
 use crate::bridge::Bridge;
-use crate::train::optimizer::Method;
-use crate::train::runner;
-use crate::train::schedule::Decay;
+use crate::train::config::{self, RunConfig, TrainingConfig, all, first_difference};
 use crate::wan::config::VaeConfig;
 use crate::wan::flow::{FlowConfig, InverseConfig, KeyframeConfig};
 use crate::wan::weights::Precision;
-use crate::{Error, Result};
 use serde::de::Error as _;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Map, Value};
 use std::path::PathBuf;
 
 /// A kind of batch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BatchConfig {
-    /// Rows and columns in pixels, a multiple of what a token (of an autoencoder: a latent pixel) spans.
+    /// Rows and columns in pixels, 8..=4096. For an autoencoder it is a multiple of a latent pixel, and otherwise of a token.
     pub size: usize,
-    /// Frames of an item: 1, or 1 more than a latent frame spans (5 with Wan's autoencoder).
+    /// Frames of an item: 1, or 1 more than the frames that a latent frame spans (5 with Wan's autoencoder).
     pub frames: usize,
-    /// Items of a batch.
+    /// Number of items in a batch, 1..=4096.
     pub items: usize,
-    /// Relative frequency.
+    /// Relative frequency, at least 0.
     pub weight: f32,
 }
 
-/// The optimiser and its schedule.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct OptimizerConfig {
-    /// Peak learning rate.
-    pub learning_rate: f64,
-    /// Steps of linear warm-up.
-    pub warmup_steps: u64,
-    /// What follows the warm-up. The paper keeps the rate.
-    pub decay: Decay,
-    /// Decoupled weight decay.
-    pub weight_decay: f32,
-    /// Largest gradient norm.
-    pub clip_norm: f32,
-    /// Decay of the moving average of the weights.
-    pub ema_decay: f32,
-}
-
-impl Default for OptimizerConfig {
-    fn default() -> Self {
-        Self {
-            // Of 1.25e-4 to 2e-3, the best for the small autoencoder after 400 steps: 20.2 dB; 16.7 dB at 1e-3, 14.2 dB at 2e-3.
-            learning_rate: 3e-4,
-            warmup_steps: 200,
-            decay: Decay::Cosine,
-            weight_decay: 0.01,
-            clip_norm: 1.0,
-            ema_decay: 0.999,
-        }
-    }
-}
-
-/// What is minimised when an autoencoder is trained: `|x - y|` and these.
+/// Weights of the terms that are added to the absolute error in the training of an autoencoder.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AutoencoderLoss {
     /// Weight of the difference of gradient magnitudes.
     pub gradient: f32,
-    /// Weight of the divergence of latents from a normal distribution, a latent value. Small: it keeps latents of one scale without
-    /// costing detail (Rombach et al. 2022 weigh it with 1e-6 of a sum, which is 1e-7 here).
+    /// Weight of the divergence of latents from a normal distribution, per latent value. A small weight keeps latents at one
+    /// scale without a loss of detail (Rombach et al. 2022 weigh the sum by 1e-6, which corresponds to 1e-7).
     pub divergence: f32,
-    /// Weight of LPIPS; 0 for none.
+    /// Weight of LPIPS, or 0 to leave it out.
     pub lpips: f32,
 }
 
@@ -77,19 +44,21 @@ impl Default for AutoencoderLoss {
     }
 }
 
-/// What is minimised when the renderer is trained: the squared error of the velocity in the latents, and these on decoded predictions.
+/// Losses on decoded predictions in the training of the renderer. They are added to the squared error of the velocity in the
+/// latents.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PixelLoss {
-    /// Weight of LPIPS and gradients together, the paper's lambda, which it does not tell (LBM: 10); 0 decodes nothing.
+    /// Weight of LPIPS and gradients together: the paper's lambda, whose value it does not state (LBM uses 10). With 0, nothing
+    /// is decoded.
     pub weight: f32,
-    /// Of which LPIPS; 0 to train without its weights.
+    /// Weight of LPIPS within `weight`, or 0 to train without LPIPS.
     pub lpips: f32,
-    /// Of which the difference of gradient magnitudes.
+    /// Weight of the difference of gradient magnitudes within `weight`.
     pub gradient: f32,
-    /// Steps from one decoded prediction to the next; each then counts once. Decoding takes longer than the rest of a step.
+    /// Number of steps from one decoded prediction to the next, at least 1. Decoding takes longer than the rest of a step.
     pub period: u64,
-    /// Side of the decoded window in latent pixels; less than the latent has, where it is larger.
+    /// Side of the decoded window in latent pixels, at least 1. It is limited to the side of the latents.
     pub window: usize,
 }
 
@@ -99,19 +68,20 @@ impl Default for PixelLoss {
     }
 }
 
-/// Settings that every stage of the renderer's training has.
+/// Options that every stage of the renderer's training has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LatentConfig {
-    /// Weights file of the autoencoder, frozen.
+    /// Weights file of the autoencoder, which is frozen.
     pub autoencoder: PathBuf,
-    /// Noise and times.
+    /// Noise and times of the bridge.
     pub bridge: Bridge,
     /// Losses on decoded predictions.
     pub pixels: PixelLoss,
-    /// Probability that a clip's first frame is given; the paper does not tell it.
+    /// Probability that the first frame of a clip is given, 0..=1. The paper does not state it.
     pub reference_probability: f32,
-    /// Whether activations are computed again block by block in the backward pass: slower by a third, memory of one block.
+    /// Whether the backward pass computes activations again, block by block. Training is slower by a third, and needs memory for
+    /// one block.
     pub recompute: bool,
 }
 
@@ -131,28 +101,28 @@ impl Default for LatentConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Stage {
-    /// An autoencoder, on pictures of all kinds.
+    /// An autoencoder for pictures of all kinds.
     Autoencoder {
-        /// The network, where training does not start from a file, or the name of a preset ([`FlowConfig::PRESETS`]); its statistics
-        /// of latents are measured in training.
+        /// The network, or the name of a preset ([`FlowConfig::PRESETS`]), if training does not start from a file. Training
+        /// measures the statistics of its latents.
         #[serde(default = "small_autoencoder", deserialize_with = "autoencoder_or_preset")]
         network: VaeConfig,
-        /// Weights file to start from.
+        /// Weights file to begin with.
         #[serde(default)]
         start: Option<PathBuf>,
-        /// What is minimised.
+        /// Weights of the loss.
         #[serde(default)]
         loss: AutoencoderLoss,
     },
     /// The renderer without optional adapters.
     Base {
-        /// The network, or the name of a preset ([`FlowConfig::PRESETS`]); its autoencoder is replaced by that of the file.
+        /// The network, or the name of a preset ([`FlowConfig::PRESETS`]). The autoencoder's file replaces its autoencoder.
         #[serde(deserialize_with = "network_or_preset")]
         network: Box<FlowConfig>,
-        /// Weights file to start from: one of this program, or published ones of Wan or VACE.
+        /// Weights file to begin with, of this program, or published weights of Wan or VACE.
         #[serde(default)]
         start: Option<PathBuf>,
-        /// The rest.
+        /// The other options.
         #[serde(default)]
         latents: LatentConfig,
     },
@@ -160,13 +130,13 @@ pub enum Stage {
     Keyframes {
         /// Weights file of the renderer.
         base: PathBuf,
-        /// The adapter; a renderer that has one keeps it.
+        /// The adapter. A renderer that has one keeps it.
         #[serde(default)]
         network: KeyframeConfig,
-        /// Frames from a keyframe to the next, counted as sequences count them.
+        /// Distance from one keyframe to the next, in frame numbers, 1..=4096.
         #[serde(default = "sixteen")]
         gap: usize,
-        /// The rest.
+        /// The other options.
         #[serde(default)]
         latents: LatentConfig,
     },
@@ -174,17 +144,17 @@ pub enum Stage {
     Inverse {
         /// Weights file of the renderer.
         base: PathBuf,
-        /// The adapter; a renderer that has one keeps it.
+        /// The adapter. A renderer that has one keeps it.
         #[serde(default)]
         network: InverseConfig,
-        /// Weight of LPIPS in the loss of the albedo.
+        /// Weight of LPIPS in the loss of the albedo, at least 0.
         #[serde(default)]
         lpips: f32,
-        /// Weight of the squared error of latents, which costs no decoding. The paper has none; where a prediction is not decoded
-        /// ([`PixelLoss::period`]) it is all there is.
+        /// Weight of the squared error of latents, at least 0. It needs no decoding. The paper does not have this term; in steps
+        /// that do not decode their prediction ([`PixelLoss::period`]), it is the whole loss.
         #[serde(default = "one")]
         latent: f32,
-        /// The rest; of its pixel losses, `weight` scales those of the intrinsics.
+        /// The other options. Of its pixel losses, `weight` scales the losses of the intrinsics.
         #[serde(default)]
         latents: LatentConfig,
     },
@@ -212,7 +182,7 @@ enum Given {
 fn given<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Given, D::Error> {
     let value = serde_json::Value::deserialize(deserializer)?;
     let serde_json::Value::String(name) = &value else { return Ok(Given::Value(value)) };
-    let unknown = || D::Error::custom(format!("{name} is none of the presets {}", FlowConfig::PRESETS.join(", ")));
+    let unknown = || D::Error::custom(format!("{name} is not one of the presets {}", FlowConfig::PRESETS.join(", ")));
     FlowConfig::preset(name).map(|network| Given::Preset(Box::new(network))).ok_or_else(unknown)
 }
 
@@ -228,38 +198,27 @@ fn one() -> f32 {
     1.0
 }
 
-/// Settings of a run.
+/// Options of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(remote = "Self")]
 pub struct Config {
     /// What is trained.
     pub stage: Stage,
-    /// Folder for `checkpoint.safetensors`, `weights.safetensors` and `log.jsonl`.
-    pub output: PathBuf,
-    /// Seed of initial weights and of every batch.
-    pub seed: u64,
-    /// Optimiser steps; where `minutes` is given, an upper bound.
-    pub steps: u64,
-    /// Minutes of training over all resumptions; a falling learning rate follows time then.
-    pub minutes: Option<f64>,
-    /// Batches, drawn by weight.
+    /// The options that every run has.
+    #[serde(flatten)]
+    pub run: RunConfig,
+    /// Kinds of batch, drawn by weight.
     pub batches: Vec<BatchConfig>,
-    /// Optimiser.
-    pub optimizer: OptimizerConfig,
-    /// Folder with the weights of LPIPS ([`crate::lpips::weights_folder`] where none is named).
+    /// Folder with the weights of LPIPS, or `None` for [`crate::lpips::weights_folder`].
     pub lpips_weights: Option<PathBuf>,
-    /// Folder where latents are kept, for this run when it is resumed and for later stages with the same autoencoder; `None` makes them
-    /// anew in each run, which takes longer than reading frames.
+    /// Folder where latents are kept for resumptions of this run and for later stages with the same autoencoder. Without it, each
+    /// run encodes all frames again, which takes longer than reading latents.
     pub latents_folder: Option<PathBuf>,
-    /// Mebibytes of training data held in memory.
+    /// Memory for training data, MiB.
     pub cache_mib: usize,
-    /// Steps after which a clip is replaced when not all fit.
+    /// Steps after which one clip in memory is replaced when not all clips fit, at least 1.
     pub rotate_steps: u64,
-    /// Steps between checkpoints.
-    pub checkpoint_steps: u64,
-    /// Steps between log lines and progress reports.
-    pub log_steps: u64,
-    /// Number format of the final weights.
+    /// Number format of the weights file.
     pub precision: Precision,
 }
 
@@ -267,80 +226,82 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             stage: Stage::Autoencoder { network: small_autoencoder(), start: None, loss: AutoencoderLoss::default() },
-            output: PathBuf::from("train-out"),
-            seed: 1,
-            steps: 20_000,
-            minutes: None,
+            run: RunConfig::default(),
             batches: vec![BatchConfig { size: 128, frames: 1, items: 8, weight: 1.0 }],
-            optimizer: OptimizerConfig::default(),
             lpips_weights: None,
             latents_folder: None,
             cache_mib: 8192,
             rotate_steps: 50,
-            checkpoint_steps: 500,
-            log_steps: 20,
             precision: Precision::F32,
         }
     }
 }
 
-impl Config {
-    /// What the loop needs to know.
-    pub(super) fn settings(&self) -> runner::Settings {
-        let OptimizerConfig { learning_rate, warmup_steps, decay, weight_decay, clip_norm, ema_decay } = self.optimizer;
-        runner::Settings {
-            method: Method::AdamW,
-            steps: self.steps,
-            minutes: self.minutes,
-            learning_rate,
-            warmup_steps,
-            decay,
-            weight_decay,
-            clip_norm,
-            ema_decay,
-            checkpoint_steps: self.checkpoint_steps,
-            log_steps: self.log_steps,
-        }
+impl Serialize for Config {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Config {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        config::over_defaults(deserializer, unfold_optimizer, Self::deserialize)
+    }
+}
+
+/// Older files keep the options of the optimiser in an object of their own.
+fn unfold_optimizer(file: &mut Map<String, Value>) {
+    match file.remove("optimizer") {
+        Some(Value::Object(options)) => file.extend(options),
+        Some(other) => _ = file.insert("optimizer".into(), other),
+        None => {}
+    }
+}
+
+impl TrainingConfig for Config {
+    fn run(&self) -> &RunConfig {
+        &self.run
     }
 
+    fn difference(&self, other: &Self) -> Option<&'static str> {
+        first_difference([("stage", self.stage == other.stage), ("batches", self.batches == other.batches)])
+    }
+}
+
+impl Config {
     /// Checks every option that can be checked without reading files.
     ///
     /// # Errors
     /// [`Error::Config`] naming the option.
     pub fn validate(&self) -> Result<()> {
         let weight = |w: f32| w >= 0.0 && w.is_finite();
-        let o = &self.optimizer;
-        let checks = [
+        self.run.validate()?;
+        all([
             ("batches", !self.batches.is_empty(), "needs at least one kind of batch"),
             ("batches.size", self.batches.iter().all(|b| (8..=4096).contains(&b.size)), "must be 8..=4096"),
             ("batches.frames", self.batches.iter().all(|b| (1..=64).contains(&b.frames)), "must be 1..=64"),
             ("batches.items", self.batches.iter().all(|b| (1..=4096).contains(&b.items)), "must be 1..=4096"),
-            ("batches.weight", self.batches.iter().all(|b| weight(b.weight)), "must be a number >= 0"),
+            ("batches.weight", self.batches.iter().all(|b| weight(b.weight)), "must be a number of at least 0"),
             ("batches.weight", self.batches.iter().map(|b| b.weight).sum::<f32>() > 0.0, "must not all be 0"),
-            ("steps", self.steps > 0, "must be at least 1"),
-            ("minutes", self.minutes.is_none_or(|m| m > 0.0 && m.is_finite()), "must be a number > 0"),
-            ("optimizer.learning_rate", o.learning_rate > 0.0 && o.learning_rate <= 1.0, "must be in 0..=1"),
-            ("optimizer.weight_decay", (0.0..=1.0).contains(&o.weight_decay), "must be in 0..=1"),
-            ("optimizer.clip_norm", o.clip_norm > 0.0 && o.clip_norm.is_finite(), "must be a number > 0"),
-            ("optimizer.ema_decay", (0.0..1.0).contains(&o.ema_decay), "must be in 0..1"),
             ("rotate_steps", self.rotate_steps > 0, "must be at least 1"),
-            ("checkpoint_steps", self.checkpoint_steps > 0, "must be at least 1"),
-            ("log_steps", self.log_steps > 0, "must be at least 1"),
-        ];
-        all(checks)?;
+        ])?;
         match &self.stage {
             Stage::Autoencoder { network, loss, .. } => {
                 network.validate()?;
                 all([
                     ("stage.network.in_channels", network.in_channels == 3, "pictures have three channels"),
                     ("stage.network.out_channels", network.out_channels == 3, "pictures have three channels"),
-                    ("stage.loss", [loss.gradient, loss.divergence, loss.lpips].into_iter().all(weight), "weights must be >= 0"),
+                    (
+                        "stage.loss",
+                        [loss.gradient, loss.divergence, loss.lpips].into_iter().all(weight),
+                        "weights must be at least 0",
+                    ),
                 ])
             }
             Stage::Base { network, latents, .. } => {
                 network.validate()?;
                 let plain = network.keyframes.is_none() && network.inverse.is_none();
-                all([("stage.network", plain, "adapters are trained in stages of their own: leave keyframes and inverse out")])?;
+                all([("stage.network", plain, "other stages train the adapters: leave out keyframes and inverse")])?;
                 latents.validate()
             }
             Stage::Keyframes { gap, latents, .. } => {
@@ -349,9 +310,9 @@ impl Config {
             }
             Stage::Inverse { lpips, latent, latents, .. } => {
                 all([
-                    ("stage.lpips", weight(*lpips), "must be a number >= 0"),
-                    ("stage.latent", weight(*latent), "must be a number >= 0"),
-                    ("stage.latent", *latent > 0.0 || latents.pixels.weight > 0.0, "nothing would be minimised"),
+                    ("stage.lpips", weight(*lpips), "must be a number of at least 0"),
+                    ("stage.latent", weight(*latent), "must be a number of at least 0"),
+                    ("stage.latent", *latent > 0.0 || latents.pixels.weight > 0.0, "all weights of the loss are 0"),
                 ])?;
                 latents.validate()
             }
@@ -369,27 +330,12 @@ impl LatentConfig {
             (
                 "stage.latents.pixels",
                 [pixels.weight, pixels.lpips, pixels.gradient].into_iter().all(weight),
-                "weights must be >= 0",
+                "weights must be at least 0",
             ),
             ("stage.latents.pixels.period", pixels.period > 0, "must be at least 1"),
             ("stage.latents.pixels.window", pixels.window > 0, "must be at least 1"),
         ])
     }
-}
-
-fn all<const N: usize>(checks: [(&'static str, bool, &'static str); N]) -> Result<()> {
-    match checks.into_iter().find(|(_, valid, _)| !valid) {
-        Some((option, _, reason)) => Err(Error::config(option, reason)),
-        None => Ok(()),
-    }
-}
-
-/// The first option that may not change between a run and its continuation.
-pub(super) fn difference(a: &Config, b: &Config) -> Option<&'static str> {
-    [("stage", a.stage == b.stage), ("seed", a.seed == b.seed), ("batches", a.batches == b.batches)]
-        .into_iter()
-        .find(|(_, same)| !same)
-        .map(|(option, _)| option)
 }
 
 #[cfg(test)]
@@ -403,21 +349,24 @@ mod tests {
         config.validate().expect("valid");
         let Stage::Base { network, latents, .. } = &config.stage else { panic!("{:?}", config.stage) };
         assert_eq!((**network).clone(), FlowConfig::small());
-        assert_eq!((latents.reference_probability, latents.bridge, config.steps), (0.5, Bridge::default(), 7));
+        assert_eq!((latents.reference_probability, latents.bridge, config.run.steps), (0.5, Bridge::default(), 7));
         let again: Config = serde_json::from_str(&serde_json::to_string(&config).expect("text")).expect("the same");
         assert_eq!(again, config);
         let default = Config::default();
         default.validate().expect("valid");
         let again: Config = serde_json::from_str(&serde_json::to_string(&default).expect("text")).expect("the same");
         assert_eq!(again, default);
-        // JSON, in which checkpoints hold settings, has no infinity: the run could not be resumed.
-        let endless = Config { optimizer: OptimizerConfig { clip_norm: f32::INFINITY, ..default.optimizer }, ..default };
-        assert!(endless.validate().expect_err("no bound").to_string().contains("optimizer.clip_norm"));
+        // Checkpoints hold options as JSON, which has no infinity: the run could not be resumed.
+        let endless = Config { run: RunConfig { clip_norm: f32::INFINITY, ..default.run }, ..default };
+        assert!(endless.validate().expect_err("no bound").to_string().contains("clip_norm"));
         for (text, word) in [
             (r#"{"stage": {"base": {"network": "wan-big"}}}"#, "wan-small"),
             (r#"{"stage": {"base": {"network": "wan-small", "pixels": 1}}}"#, "pixels"),
             (r#"{"stage": {"autoencoder": {"network": {"base_dim": 3}}}}"#, "decoder_base_dim"),
-            (r#"{"rate": 3}"#, "rate"),
+            (r#"{"rate": 3}"#, "`rate`, expected one of `batches`"),
+            (r#"{"optimizer": {"rate": 3}}"#, "`rate`, expected one of `batches`"),
+            (r#"{"optimizer": "sgd"}"#, "adamw"),
+            (r#"{"steps": -3}"#, "u64"),
         ] {
             let error = serde_json::from_str::<Config>(text).expect_err("not a configuration").to_string();
             assert!(error.contains(word), "{error}");

@@ -1,57 +1,61 @@
-//! Training of the wan networks: an autoencoder, the renderer, its keyframe adapter, its inverse adapter; one [`Config`] a run.
+//! Training of the wan networks: an autoencoder, the renderer, its keyframe adapter, its inverse adapter. A [`Config`] describes
+//! one run.
 //!
-//! Clips become pictures ([`album`]), pictures latents ([`super::latents`]), both once and in half precision; batches depend on the
-//! seed and the step alone, so that a run that was stopped goes on as if it had not been. Weights, gradients and the optimiser are in
-//! single precision: the CPU's tensors have no other that is faster.
+//! Clips are turned into pictures ([`clip_pictures`]) and pictures into latents ([`latents`]); both are kept in half precision.
+//! Batches depend on the seed and the step alone, so that a run that was stopped continues as if it had not been. Weights,
+//! gradients and the optimiser use single precision, because the CPU backend has no faster format.
 //!
-//! Sources: RenderFlow, section "Latent-Space Bridge-Matching Training", "Inverse Rendering" and the appendix "Implementation Details".
+//! Sources: RenderFlow, sections "Latent-Space Bridge-Matching Training" and "Inverse Rendering", appendix "Implementation
+//! Details".
 
-pub mod album;
 pub mod autoencoder;
-pub mod batch;
+pub mod clip_pictures;
 pub mod config;
+pub mod flow;
+pub mod latent_batch;
+pub mod latents;
 pub mod losses;
 pub mod recompute;
-pub mod renderer;
 mod round_trip;
 
-pub use config::{AutoencoderLoss, BatchConfig, Config, LatentConfig, OptimizerConfig, PixelLoss, Stage};
+pub use config::{AutoencoderLoss, BatchConfig, Config, LatentConfig, PixelLoss, Stage};
 pub use round_trip::{RoundTrip, round_trip};
 
 use super::config::VaeConfig;
 use super::flow::{Flow, FlowConfig, Group};
-use super::latents::{ClipLatents, Encoder, Store};
 use super::names::{Named, Naming};
 use super::pictures::Kind;
 use super::vae::Vae;
-use super::weights::{self, Header, LoadOptions, Network, Provenance, Source};
+use super::weights::{self, Header, Network, Provenance, Source};
 use crate::data::{Clip, ClipSource, step_rng};
 use crate::lpips::{Backbone, Lpips, weights_folder};
 use crate::parameters;
 use crate::train::optimizer::Optimizer;
 use crate::train::pool::{Make, Pool, PoolSettings, Stored};
-use crate::train::runner::{self, Learner, Runner};
+use crate::train::runner::{self, Objective, Runner};
 pub use crate::train::runner::{LogRecord, Progress, Summary};
 use crate::{Error, Result};
-use album::Album;
-use autoencoder::{AutoencoderLearner, PictureBatch, Sample, new_autoencoder};
-use batch::{Drawing, LatentBatch, Lesson};
+use autoencoder::{AutoencoderObjective, PictureBatch, StatisticsSample, new_autoencoder};
 use burn::module::Module;
 use burn::tensor::Device;
-use renderer::FlowLearner;
+use clip_pictures::ClipPictures;
+use flow::FlowObjective;
+use latent_batch::{BatchSampler, LatentBatch, Task};
+use latents::{ClipLatents, Encoder, Store};
 use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Trains, resuming from the checkpoint in `config.output` if there is one.
+/// Trains a network, and resumes from the checkpoint in the output folder if there is one.
 ///
-/// Batches depend on (seed, step) only. `progress` is called from this thread and, while loading, from others. Setting `cancel`
-/// stops after the current step with a checkpoint.
+/// Batches depend on the seed and the step alone. `progress` is called from this thread, and during loading from others. Setting
+/// `cancel` stops the run after the current step, with a checkpoint.
 ///
 /// # Errors
-/// Bad options or data, files that cannot be read or written, a checkpoint of another run, or a loss that is no longer finite.
+/// For invalid options or data, files that cannot be read or written, a checkpoint of another run, or a loss that stays not
+/// finite.
 pub fn run(
     config: &Config,
     source: &dyn ClipSource,
@@ -64,30 +68,30 @@ pub fn run(
         Stage::Autoencoder { network, start, loss } => run.autoencoder(network, start.as_deref(), *loss),
         Stage::Base { network, start, latents } => run.base(network, start.as_deref(), latents),
         Stage::Keyframes { base, network, gap, latents } => {
-            let add = |old: FlowConfig| FlowConfig { keyframes: old.keyframes.or(Some(network.clone())), ..old };
-            run.adapter(base, add, Group::Keyframes, Lesson::Render { gap: Some(*gap) }, latents, [1.0, 0.0])
+            let add = |old: FlowConfig| if old.keyframes.is_some() { old } else { old.with_keyframes(network.clone()) };
+            let task = Task::Render { gap: Some(*gap) };
+            run.adapter(base, add, FlowStage { group: Group::Keyframes, task, latents, latent_weight: 1.0, albedo_lpips: 0.0 })
         }
         Stage::Inverse { base, network, lpips, latent, latents } => {
-            let add = |old: FlowConfig| FlowConfig { inverse: old.inverse.or(Some(network.clone())), ..old };
-            run.adapter(base, add, Group::Inverse, Lesson::Invert, latents, [*latent, *lpips])
+            let add = |old: FlowConfig| if old.inverse.is_some() { old } else { old.with_inverse(network.clone()) };
+            let (group, task) = (Group::Inverse, Task::Invert);
+            run.adapter(base, add, FlowStage { group, task, latents, latent_weight: *latent, albedo_lpips: *lpips })
         }
     }
 }
 
-/// An autoencoder from a file of this program, or from published weights of the configuration `published`.
-///
-/// # Errors
-/// When the file cannot be read, holds another network, or its tensors do not fit.
-pub fn open_autoencoder(path: &Path, published: &VaeConfig, device: &Device) -> Result<(Vae, Provenance)> {
-    let source = Source::open(path)?;
-    let (config, mut provenance) = match source.header()? {
-        Some(Header { network: Network::WanVae(config), provenance }) => (config, provenance),
-        Some(_) => return Err(Error::malformed(path, "holds another network than an autoencoder")),
-        None => (published.clone(), Provenance::default()),
-    };
-    let (vae, _) = weights::load(Vae::new(&config, 0, device)?, &source, LoadOptions::default())?;
-    provenance.sources.push(path.display().to_string());
-    Ok((vae, provenance))
+/// A stage of the renderer's training.
+struct FlowStage<'a> {
+    /// Parameters that learn.
+    group: Group,
+    /// What they learn.
+    task: Task,
+    /// Options that every such stage has.
+    latents: &'a LatentConfig,
+    /// Weight of the squared error of the velocity.
+    latent_weight: f32,
+    /// Weight of LPIPS in the loss of a recovered albedo.
+    albedo_lpips: f32,
 }
 
 /// Draws the batch of a step from the clips in memory.
@@ -105,32 +109,32 @@ impl Run<'_> {
     fn autoencoder(&self, network: &VaeConfig, start: Option<&Path>, loss: AutoencoderLoss) -> Result<Summary> {
         let config = self.config;
         let (vae, provenance) = match start {
-            Some(path) => open_autoencoder(path, network, &self.device)?,
-            None => (new_autoencoder(network, config.seed, &self.device)?, self.drawn()),
+            Some(path) => Vae::open(path, network, &self.device)?,
+            None => (new_autoencoder(network, config.run.seed, &self.device)?, self.new_provenance()),
         };
         let network = vae.config().clone();
         self.check_batches(network.spatial_factor(), &network)?;
         let least = config.batches.iter().map(|b| b.size).max().unwrap_or(1);
         let multiple = network.spatial_factor();
-        let make = move |clip: &Clip| Album::new(clip, None, least, multiple);
-        let sample = Sample::draw(config, &network, self.source, &make)?;
-        let learner = AutoencoderLearner { loss, lpips: self.lpips(loss.lpips)? };
+        let make = move |clip: &Clip| ClipPictures::new(clip, None, least, multiple);
+        let sample = StatisticsSample::draw(config, &network, self.source, &make)?;
+        let objective = AutoencoderObjective { loss, lpips: self.lpips(loss.lpips)? };
         let save = |optimizer: &Optimizer, vae: &Vae| {
             let vae = self.averaged(optimizer, vae);
             let header = Network::WanVae(sample.measure(&network, &vae)?);
             self.save(&vae, header, &provenance, optimizer.steps)
         };
         let draw =
-            |albums: &[_], step: u64| PictureBatch::draw(&network, &config.batches, albums, &mut step_rng(config.seed, step));
-        self.train(&learner, vae, &make, &draw, &save)
+            |clips: &[_], step: u64| PictureBatch::draw(&network, &config.batches, clips, &mut step_rng(config.run.seed, step));
+        self.train(&objective, vae, &make, &draw, &save)
     }
 
     fn base(&self, network: &FlowConfig, start: Option<&Path>, latents: &LatentConfig) -> Result<Summary> {
-        let (vae, _) = open_autoencoder(&latents.autoencoder, &network.vae, &self.device)?;
+        let (vae, _) = Vae::open(&latents.autoencoder, &network.vae, &self.device)?;
         let network = FlowConfig { vae: vae.config().clone(), ..network.clone() };
-        let seed = self.config.seed;
+        let seed = self.config.run.seed;
         let (flow, provenance) = match start {
-            None => (Flow::new(&network, seed, &self.device)?, self.drawn()),
+            None => (Flow::new(&network, seed, &self.device)?, self.new_provenance()),
             Some(path) => {
                 let source = Source::open(path)?;
                 let named = |mut provenance: Provenance| {
@@ -146,38 +150,23 @@ impl Run<'_> {
                 }
             }
         };
-        self.renderer(flow, vae, provenance, Group::Base, Lesson::Render { gap: None }, latents, [1.0, 0.0])
+        let task = Task::Render { gap: None };
+        let stage = FlowStage { group: Group::Base, task, latents, latent_weight: 1.0, albedo_lpips: 0.0 };
+        self.flow(flow, vae, provenance, stage)
     }
 
-    /// Trains one of the optional adapters of the renderer in a file; `weights` are those of the latent loss and of LPIPS in the loss
-    /// of the albedo.
-    fn adapter(
-        &self,
-        base: &Path,
-        add: impl FnOnce(FlowConfig) -> FlowConfig,
-        group: Group,
-        lesson: Lesson,
-        latents: &LatentConfig,
-        weights: [f32; 2],
-    ) -> Result<Summary> {
-        let (flow, header, _) = Flow::read(&Source::open(base)?, add, self.config.seed, &self.device)?;
-        let (vae, _) = open_autoencoder(&latents.autoencoder, &flow.config().vae, &self.device)?;
+    /// Trains an optional adapter of the renderer in the file `base`.
+    fn adapter(&self, base: &Path, add: impl FnOnce(FlowConfig) -> FlowConfig, stage: FlowStage) -> Result<Summary> {
+        let (flow, header, _) = Flow::read(&Source::open(base)?, add, self.config.run.seed, &self.device)?;
+        let (vae, _) = Vae::open(&stage.latents.autoencoder, &flow.config().vae, &self.device)?;
         let mut provenance = header.provenance;
         provenance.sources.push(base.display().to_string());
-        self.renderer(flow, vae, provenance, group, lesson, latents, weights)
+        self.flow(flow, vae, provenance, stage)
     }
 
-    #[allow(clippy::too_many_arguments)]
-    fn renderer(
-        &self,
-        flow: Flow,
-        vae: Vae,
-        provenance: Provenance,
-        group: Group,
-        lesson: Lesson,
-        latents: &LatentConfig,
-        [latent, albedo_lpips]: [f32; 2],
-    ) -> Result<Summary> {
+    /// Trains a part of the renderer.
+    fn flow(&self, flow: Flow, vae: Vae, provenance: Provenance, stage: FlowStage) -> Result<Summary> {
+        let FlowStage { group, task, latents, latent_weight, albedo_lpips } = stage;
         let config = self.config;
         let network = flow.config().clone();
         if &network.vae != vae.config() {
@@ -185,29 +174,29 @@ impl Run<'_> {
             return Err(Error::config("stage.latents.autoencoder", reason));
         }
         self.check_batches(network.pixel_multiple(), &network.vae)?;
-        let drawing = Drawing { network: &network, latents, batches: &config.batches, lesson };
+        let sampler = BatchSampler { network: &network, latents, batches: &config.batches, task };
         let vae = vae.no_grad();
         let plain = vae.valid();
         let decodes = latents.pixels.weight > 0.0;
         let encoder = Encoder {
             vae: &plain,
-            sizes: drawing.sizes(),
+            sizes: sampler.sizes(),
             multiple: network.pixel_multiple(),
             stills: config.batches.iter().any(|b| b.frames == 1),
             clips: config.batches.iter().any(|b| b.frames > 1),
-            references: latents.reference_probability > 0.0 && lesson != Lesson::Invert,
-            pictures: match lesson {
+            references: latents.reference_probability > 0.0 && task != Task::Invert,
+            pictures: match task {
                 _ if !decodes => &[],
-                Lesson::Render { .. } => &[Kind::Target],
-                Lesson::Invert => &[Kind::Albedo, Kind::Normal, Kind::Depth, Kind::Material],
+                Task::Render { .. } => &[Kind::Target],
+                Task::Invert => &[Kind::Albedo, Kind::Normal, Kind::Depth, Kind::Material],
             },
             store: config.latents_folder.as_deref().map(|folder| Store::new(folder, &plain)),
         };
-        let wants_lpips = if lesson == Lesson::Invert { albedo_lpips } else { latents.pixels.lpips };
-        let learner = FlowLearner {
+        let wants_lpips = if task == Task::Invert { albedo_lpips } else { latents.pixels.lpips };
+        let objective = FlowObjective {
             vae,
             pixels: latents.pixels,
-            latent,
+            latent: latent_weight,
             albedo_lpips,
             lpips: self.lpips(if decodes { wants_lpips } else { 0.0 })?,
             recompute: latents.recompute,
@@ -216,7 +205,7 @@ impl Run<'_> {
         let frozen = digests(&flow);
         let save = |optimizer: &Optimizer, flow: &Flow| {
             let flow = self.averaged(optimizer, flow);
-            // Whoever froze a parameter was promised that it is the same to the bit.
+            // A frozen parameter must stay the same to the bit.
             if let Some((name, _)) =
                 digests(&flow).into_iter().zip(&frozen).find(|(now, before)| &now != before).map(|(now, _)| now)
             {
@@ -225,41 +214,33 @@ impl Run<'_> {
             self.save(&flow, Network::WanFlow(network.clone()), &provenance, optimizer.steps)
         };
         let draw = |clips: &[Arc<Vec<ClipLatents>>], step: u64| -> Result<LatentBatch> {
-            drawing.draw(clips, step, &mut step_rng(config.seed, step))
+            sampler.draw(clips, step, &mut step_rng(config.run.seed, step))
         };
-        self.train(&learner, flow, &|clip: &Clip| encoder.encode(clip), &draw, &save)
+        self.train(&objective, flow, &|clip: &Clip| encoder.encode(clip), &draw, &save)
     }
 
-    /// The loop: clips kept as `T`, batches drawn from them, checkpoints, log.
-    fn train<L: Learner, T: Stored>(
+    /// Runs the loop. Clips are kept as `T`, and batches are drawn from them.
+    fn train<O: Objective, T: Stored>(
         &self,
-        learner: &L,
-        model: L::Model,
+        objective: &O,
+        model: O::Model,
         make: Make<T>,
-        draw: Draw<T, L::Batch>,
-        save: &dyn Fn(&Optimizer, &L::Model) -> Result<()>,
+        draw: Draw<T, O::Batch>,
+        save: &dyn Fn(&Optimizer, &O::Model) -> Result<()>,
     ) -> Result<Summary> {
         let config = self.config;
-        let settings = PoolSettings { limit: config.cache_mib << 20, rotate_steps: config.rotate_steps, seed: config.seed };
+        let settings = PoolSettings { limit: config.cache_mib << 20, rotate_steps: config.rotate_steps, seed: config.run.seed };
         let loading = |done, total| (self.progress)(&Progress::Loading { done: done as u64, total: total as u64 });
-        let runner = Runner {
-            config,
-            difference: &config::difference,
-            output: &config.output,
-            data: self.source.identity()?,
-            settings: config.settings(),
-            device: self.device.clone(),
-            progress: self.progress,
-            cancel: self.cancel,
-        };
+        let (data, device) = (self.source.identity()?, self.device.clone());
+        let runner = Runner { config, data, device, progress: self.progress, cancel: self.cancel };
         let batches = |first_step| {
             let mut pool = Pool::load(self.source, make, settings, first_step, self.cancel, &loading)?;
             Ok(move |step| draw(&pool.at(step)?, step))
         };
-        runner.run(learner, model, batches, save)
+        runner.run(objective, model, batches, save)
     }
 
-    /// The model with its averaged weights: what is evaluated and shipped.
+    /// The model with its averaged weights, which are the ones that are saved.
     fn averaged<M: Module>(&self, optimizer: &Optimizer, model: &M) -> M {
         let average: Vec<&[f32]> = optimizer.slots.iter().map(|slot| slot.average.as_slice()).collect();
         parameters::import_learning(model.clone(), &average, &self.device)
@@ -268,14 +249,15 @@ impl Run<'_> {
     fn save<M: Named>(&self, model: &M, network: Network, provenance: &Provenance, steps: u64) -> Result<()> {
         let provenance = Provenance { steps: provenance.steps + steps, ..provenance.clone() };
         let header = Header { network, provenance };
-        weights::save(&runner::weights_path(&self.config.output), model, &header, self.config.precision, Naming::Diffusers)
+        weights::save(&runner::weights_path(&self.config.run.output), model, &header, self.config.precision, Naming::Diffusers)
     }
 
-    fn drawn(&self) -> Provenance {
-        Provenance { seed: Some(self.config.seed), program: env!("CARGO_PKG_VERSION").into(), ..Provenance::default() }
+    /// The provenance of weights that begin with this run.
+    fn new_provenance(&self) -> Provenance {
+        Provenance { seed: Some(self.config.run.seed), program: env!("CARGO_PKG_VERSION").into(), ..Provenance::default() }
     }
 
-    /// The network of LPIPS where its weight asks for it: SqueezeNet, the faster.
+    /// LPIPS if its weight is above 0, with SqueezeNet as the faster backbone.
     fn lpips(&self, weight: f32) -> Result<Option<Lpips>> {
         if weight <= 0.0 {
             return Ok(None);
@@ -288,7 +270,7 @@ impl Run<'_> {
     fn check_batches(&self, multiple: usize, vae: &VaeConfig) -> Result<()> {
         for batch in &self.config.batches {
             if !batch.size.is_multiple_of(multiple) {
-                return Err(Error::config("batches.size", format!("{} is no multiple of {multiple}", batch.size)));
+                return Err(Error::config("batches.size", format!("{} is not a multiple of {multiple}", batch.size)));
             }
             let clip = 1 + vae.temporal_factor();
             if batch.frames != 1 && (batch.frames != clip || clip == 2) {
@@ -299,7 +281,7 @@ impl Run<'_> {
     }
 }
 
-/// Name and a digest of the values of every parameter that does not learn.
+/// The name of every parameter that does not learn, and a digest of its values.
 fn digests<M: Module>(model: &M) -> Vec<(String, u64)> {
     let digest = |values: &[f32]| {
         let mut hasher = DefaultHasher::new();

@@ -1,8 +1,8 @@
-//! Gradients of the renderer, with or without activations that are computed again.
+//! Gradients of the renderer, with or without recomputed activations.
 //!
-//! Recomputed, the forward pass keeps the tokens between blocks only; the backward pass then runs one block at a time once more, with
-//! its tokens and everything blocks share ([`Shared::tensors`]) as leaves, and hands the gradients on. At any time the activations of
-//! one block are in memory (Chen et al. 2016 with a checkpoint a block).
+//! With recomputation, the forward pass keeps only the tokens between blocks. The backward pass runs the blocks again, one at a
+//! time, with the tokens and everything that blocks share ([`Shared::tensors`]) as leaves, and passes the gradients on. The
+//! activations of one block are in memory at any time (Chen et al. 2016, with one checkpoint per block).
 
 use crate::Result;
 use crate::parameters;
@@ -11,39 +11,39 @@ use burn::module::Module;
 use burn::tensor::{Gradients, Tensor};
 
 /// Gradients in the order of [`parameters::export_learning`].
-pub type Found = Vec<Option<Vec<f32>>>;
+pub type GradientList = Vec<Option<Vec<f32>>>;
 
-/// What a loss returns: anything to be passed on, and the number to be differentiated.
-pub type Judged<T> = Result<(T, Tensor<1>)>;
+/// The value of a loss function: a report to pass on, and the number to differentiate.
+pub type LossValue<T> = Result<(T, Tensor<1>)>;
 
-/// The gradients of `loss` of the velocity `[b, z, f, h, w]` that `flow` gives to tokens and shared tensors as `Flow::prepare` makes
-/// them, by one backward pass through everything.
+/// The gradients of `loss`, a function of the velocity `[b, z, f, h, w]` that `flow` predicts from prepared tokens and shared
+/// tensors ([`Flow::prepare`]). One backward pass runs through the whole network.
 ///
 /// # Errors
-/// Those of `loss`.
+/// When `loss` fails.
 pub fn plain<T>(
     flow: &Flow,
     (mut tokens, shared): (Tensor<3>, Shared),
-    loss: impl FnOnce(Tensor<5>) -> Judged<T>,
-) -> Result<(T, Found)> {
+    loss: impl FnOnce(Tensor<5>) -> LossValue<T>,
+) -> Result<(T, GradientList)> {
     for i in 0..flow.config().dit.layers {
         tokens = flow.block(i, tokens, &shared);
     }
-    let (judged, loss) = loss(flow.finish(tokens, &shared))?;
-    Ok((judged, parameters::gradients_learning(flow, &mut loss.backward())))
+    let (report, loss) = loss(flow.finish(tokens, &shared))?;
+    Ok((report, parameters::gradients_learning(flow, &mut loss.backward())))
 }
 
-/// [`plain`] in the memory of one block.
+/// The gradients of [`plain`], with the activations of one block in memory.
 ///
 /// # Errors
-/// Those of `loss`.
+/// When `loss` fails.
 pub fn recomputed<T>(
     flow: &Flow,
     (first, shared): (Tensor<3>, Shared),
-    loss: impl FnOnce(Tensor<5>) -> Judged<T>,
-) -> Result<(T, Found)> {
+    loss: impl FnOnce(Tensor<5>) -> LossValue<T>,
+) -> Result<(T, GradientList)> {
     let layers = flow.config().dit.layers;
-    // Nothing is recorded on the way forward.
+    // The forward pass records nothing.
     let frozen = flow.clone().no_grad();
     let resting = shared.with_tensors(shared.tensors().into_iter().map(Tensor::detach).collect());
     let mut kept = Vec::with_capacity(layers + 1);
@@ -53,29 +53,29 @@ pub fn recomputed<T>(
         kept.push(tokens);
     }
 
-    let mut found = Found::new();
+    let mut found = GradientList::new();
     let mut slopes = vec![None; resting.tensors().len()];
     let leaves = Leaves::of(&kept.pop().unwrap_or(first.clone()), &resting);
-    let (judged, loss) = loss(flow.finish(leaves.tokens.clone(), &leaves.shared))?;
+    let (report, loss) = loss(flow.finish(leaves.tokens.clone(), &leaves.shared))?;
     let mut slope = leaves.collect(flow, loss.backward(), &mut found, &mut slopes);
     drop(loss);
     for i in (0..layers).rev() {
         let leaves = Leaves::of(&kept.pop().unwrap_or(first.clone()), &resting);
         let tokens = flow.block(i, leaves.tokens.clone(), &leaves.shared);
-        slope = match pull([(tokens, slope)]) {
+        slope = match propagate([(tokens, slope)]) {
             Some(gradients) => leaves.collect(flow, gradients, &mut found, &mut slopes),
             None => None,
         };
     }
-    // What precedes the blocks was recorded when it was made.
+    // The operations before the blocks were recorded when they ran.
     let ends = shared.tensors().into_iter().zip(slopes);
-    if let Some(mut gradients) = pull([(first, slope)].into_iter().chain(ends)) {
+    if let Some(mut gradients) = propagate([(first, slope)].into_iter().chain(ends)) {
         add(&mut found, parameters::gradients_learning(flow, &mut gradients));
     }
-    Ok((judged, found))
+    Ok((report, found))
 }
 
-/// The inputs of a stage, cut from what made them.
+/// The inputs of a block, detached from the operations that made them.
 struct Leaves {
     tokens: Tensor<3>,
     shared: Shared,
@@ -87,12 +87,12 @@ impl Leaves {
         Self { tokens: leaf(tokens.clone()), shared: shared.with_tensors(shared.tensors().into_iter().map(leaf).collect()) }
     }
 
-    /// Adds the gradients of parameters and shared tensors to those found before, and returns that of the tokens.
+    /// Adds the gradients of parameters and shared tensors to the sums, and returns the gradient of the tokens.
     fn collect(
         &self,
         flow: &Flow,
         mut gradients: Gradients,
-        found: &mut Found,
+        found: &mut GradientList,
         slopes: &mut [Option<Tensor<3>>],
     ) -> Option<Tensor<3>> {
         for (slope, leaf) in slopes.iter_mut().zip(self.shared.tensors()) {
@@ -107,12 +107,12 @@ impl Leaves {
     }
 }
 
-/// Continues gradients to what the tensors were made of; `None` where nothing behind them learns.
-fn pull(ends: impl IntoIterator<Item = (Tensor<3>, Option<Tensor<3>>)>) -> Option<Gradients> {
+/// Propagates gradients through the operations that made the tensors; `None` if no parameter before them learns.
+fn propagate(ends: impl IntoIterator<Item = (Tensor<3>, Option<Tensor<3>>)>) -> Option<Gradients> {
     let mut sum: Option<Tensor<1>> = None;
     for (tensor, slope) in ends {
         let Some(slope) = slope.filter(|_| tensor.is_tracked()) else { continue };
-        // The derivative of this product's sum with respect to the tensor is the slope.
+        // The derivative of the sum of this product with respect to the tensor is the slope.
         let part = (tensor * Tensor::from_inner(slope)).sum();
         sum = Some(match sum {
             Some(sum) => sum + part,
@@ -122,7 +122,7 @@ fn pull(ends: impl IntoIterator<Item = (Tensor<3>, Option<Tensor<3>>)>) -> Optio
     sum.map(|sum| sum.backward())
 }
 
-fn add(found: &mut Found, new: Found) {
+fn add(found: &mut GradientList, new: GradientList) {
     if found.is_empty() {
         *found = new;
         return;

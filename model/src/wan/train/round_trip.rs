@@ -1,6 +1,6 @@
-//! What an autoencoder loses: pictures of clips there and back.
+//! The error of an autoencoder: pictures of clips are encoded and decoded.
 
-use super::album::Album;
+use super::clip_pictures::ClipPictures;
 use crate::Result;
 use crate::data::ClipSource;
 use crate::parameters::to_vec;
@@ -9,45 +9,45 @@ use crate::wan::vae::Vae;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// PSNR, dB, of pictures of one kind after the round trip, by their place in the clip.
+/// PSNR of pictures of one kind after encoding and decoding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoundTrip {
-    /// What was shown.
+    /// Kind of the pictures.
     pub kind: Kind,
-    /// Of all first frames, all second frames, .. from the mean squared error of values of 0..=1 over all clips.
+    /// PSNR in dB for each position in the clip, from the mean squared error over all clips, of values scaled to 0..=1.
     pub psnr: Vec<f32>,
 }
 
-/// Takes clips of `frames` consecutive frames of `source` through the autoencoder, one after another and at most `most` of a sequence.
-/// A picture by itself is `frames` 1; a clip is what training and rendering of videos work on, 5 frames with Wan's autoencoder.
-/// `told` is called with the number of sequences done after each; its error ends the work.
+/// Encodes and decodes clips of `frames` consecutive frames, at most `most` for each sequence of `source`. `frames` is 1 for
+/// single pictures; training and rendering of videos use clips of 5 frames with Wan's autoencoder. `done` is called after each
+/// sequence with the number of sequences so far; its error ends the work.
 ///
 /// # Errors
-/// That of `told`, when a clip cannot be used, there are no such frames in a row, or their number is none the autoencoder takes.
+/// When `done` fails, when a clip cannot be used, when no sequence has that many frames in a row, or when the autoencoder cannot
+/// encode that many frames.
 pub fn round_trip(
     vae: &Vae,
     source: &dyn ClipSource,
     frames: usize,
     most: usize,
-    told: &mut dyn FnMut(usize) -> Result<()>,
+    done: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Vec<RoundTrip>> {
     let vae = vae.valid();
     let factor = vae.config().spatial_factor();
     let mut sums = vec![[0.0f64; Kind::ALL.len()]; frames];
     let mut count = 0.0;
     for index in 0..source.len() {
-        let clip = source.load(index)?;
-        let album = Album::new(&clip, None, factor, factor)?;
-        let (h, w) = (album.height, album.width);
+        let clip = ClipPictures::new(&source.load(index)?, None, factor, factor)?;
+        let (h, w) = (clip.height, clip.width);
         let (mut next, mut taken) = (0, 0);
-        for page in album.stretches(frames.saturating_sub(1)) {
-            if page < next || taken == most {
+        for start in clip.starts(frames.saturating_sub(1)) {
+            if start < next || taken == most {
                 continue;
             }
-            (next, taken) = (page + frames, taken + 1);
+            (next, taken) = (start + frames, taken + 1);
             count += (3 * h * w) as f64;
             for kind in Kind::ALL {
-                let pictures = album.clip(page, frames, kind, album.whole());
+                let pictures = clip.clip(start, frames, kind, clip.whole());
                 let tensor = Tensor::from_data(TensorData::new(pictures.clone(), [1, 3, frames, h, w]), &Device::flex());
                 let back = to_vec(vae.decode_normalised(vae.encode_normalised(tensor)?)?);
                 for (i, (a, b)) in pictures.chunks_exact(h * w).zip(back.chunks_exact(h * w)).enumerate() {
@@ -56,7 +56,7 @@ pub fn round_trip(
                 }
             }
         }
-        told(index + 1)?;
+        done(index + 1)?;
     }
     if count == 0.0 {
         let reason = format!("no {frames} frames in a row in any clip");

@@ -1,4 +1,4 @@
-//! Convolution over time that sees the past only, and what it remembers of it.
+//! Convolution over time that sees only the past, and the cache of past frames.
 
 use crate::ops;
 use crate::wan::init::{Init, Start};
@@ -6,10 +6,10 @@ use crate::wan::names::{Layout, Listing};
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
-/// Frames a causal convolution remembers.
+/// Number of frames that a causal convolution remembers.
 const KEPT: usize = 2;
 
-/// The last frames of the input of every convolution over time, in the order in which a pass visits them.
+/// The last input frames of every convolution over time, in the order in which a pass runs them.
 #[derive(Clone, Debug, Default)]
 pub struct Cache {
     slots: Vec<Option<Tensor<5>>>,
@@ -19,12 +19,12 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// Before the first chunk.
+    /// The cache before the first chunk.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Before the first chunk, with frames of zeros in place of those that do not exist: the three-dimensional form, for comparison.
+    /// A cache with frames of zeros before the first chunk: the three-dimensional form, for comparison.
     #[doc(hidden)]
     pub fn of_zeros() -> Self {
         Self { zeros: true, ..Self::default() }
@@ -36,18 +36,18 @@ impl Cache {
         self.chunks += 1;
     }
 
-    /// Back to the first convolution. Networks do it themselves; for convolutions that stand alone.
+    /// Returns to the first convolution. Networks do this themselves; single convolutions need it.
     #[doc(hidden)]
     pub fn rewind(&mut self) {
         self.next = 0;
     }
 
-    /// Whether the running pass is the first.
+    /// Whether the current pass is the first.
     pub(super) fn is_first(&self) -> bool {
         self.chunks == 1
     }
 
-    /// Passes by the next convolution.
+    /// Skips the next convolution.
     pub(super) fn skip(&mut self) {
         self.slot();
     }
@@ -61,7 +61,8 @@ impl Cache {
         &mut self.slots[at]
     }
 
-    /// Puts the frames the next convolution remembers before `x` `[b, t, h, w, c]`; it then remembers the last `keep` of both.
+    /// Puts the frames that the next convolution remembers before `x` `[b, t, h, w, c]`, and remembers the last `keep` frames of
+    /// both.
     pub(super) fn extend(&mut self, x: Tensor<5>, keep: usize) -> Tensor<5> {
         let zeros = self.zeros;
         let slot = self.slot();
@@ -77,7 +78,7 @@ impl Cache {
     }
 }
 
-/// Convolution `3 x k x k` (k 1 or 3): a frame sees itself and the two before it, zeros before the first.
+/// A convolution `3 x k x k` (k is 1 or 3). A frame sees itself and the two frames before it, with zeros before the first frame.
 #[derive(Module, Debug)]
 pub struct CausalConv {
     /// `[k, k, 3, channels in, channels out]`, the newest frame last.
@@ -100,25 +101,26 @@ impl CausalConv {
         self.over(cache.extend(x, KEPT), frames)
     }
 
-    /// The last `frames` frames of the convolution of `x`.
+    /// The last `frames` frames of the convolved `x`.
     pub(super) fn over(&self, x: Tensor<5>, frames: usize) -> Tensor<5> {
         let newest = x.dims()[1] - frames;
         ops::conv_over_time(x, self.weight.val(), self.bias.val(), 1, newest)
     }
 
-    /// One output frame for each `step` input frames and the two before the last of them, without zeros before the first.
+    /// One output frame for each `step` input frames, from the last of them and the two before it, without zeros before the first
+    /// frame.
     pub(super) fn strided(&self, x: Tensor<5>, step: usize) -> Tensor<5> {
         ops::conv_over_time(x, self.weight.val(), self.bias.val(), step, KEPT)
     }
 
-    /// Its tensors under `name`.
+    /// Lists the tensors under `name`.
     pub fn list(&self, list: &mut Listing, name: &str) {
         list.push(&self.weight, format!("{name}.weight"), Layout::Kernel3);
         list.push(&self.bias, format!("{name}.bias"), Layout::Same);
     }
 }
 
-/// `x` `[b, t, h, w, c]` with `count` frames of zeros before it.
+/// Puts `count` frames of zeros before `x` `[b, t, h, w, c]`.
 fn with_zeros(x: Tensor<5>, count: usize) -> Tensor<5> {
     let [b, _, h, w, c] = x.dims();
     Tensor::cat(vec![Tensor::zeros([b, count, h, w, c], &x.device()), x], 1)

@@ -1,19 +1,19 @@
-//! Latents to pictures.
+//! The decoder, from latents to pictures.
 
 use super::causal::{Cache, CausalConv};
 use super::encoder::Conv;
 use super::residual::{Middle, Residual};
 use super::to_first;
 use crate::ops::Stride;
+use crate::wan::activations;
 use crate::wan::config::VaeConfig;
 use crate::wan::init::Init;
 use crate::wan::layers::ChannelNorm;
 use crate::wan::names::Listing;
-use crate::wan::probe::Probe;
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-/// Twice the height and width at half the channels, and twice the frame rate if it has a convolution over time.
+/// Doubles height and width and halves the channels. With a convolution over time, it also doubles the frame rate.
 #[derive(Module, Debug)]
 pub struct Up {
     time: Option<CausalConv>,
@@ -36,7 +36,7 @@ impl Up {
         y.reshape([b, t, 2 * h, 2 * w, c / 2])
     }
 
-    /// Two frames for one, but for the first frame of a clip, which stays one and is not history to those after it.
+    /// Doubles the frames. The first frame of a clip stays a single frame, and later frames do not depend on it.
     fn double(time: &CausalConv, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         if cache.is_first() {
             cache.skip();
@@ -56,14 +56,14 @@ impl Up {
     }
 }
 
-/// The blocks at one resolution, and the way out of it.
+/// The residual blocks at one resolution, and the enlargement after them.
 #[derive(Module, Debug)]
 pub struct Level {
     residuals: Vec<Residual>,
     up: Option<Up>,
 }
 
-/// Latents to pictures; see [`super`].
+/// The decoder; see [`super`].
 #[derive(Module, Debug)]
 pub struct Decoder {
     conv_in: CausalConv,
@@ -100,13 +100,13 @@ impl Decoder {
         }
     }
 
-    /// One latent frame after [`super::Vae::post_quant`], `[b, 1, h, w, z]`, to `[b, t, s h, s w, channels]`, channels-last: 1
-    /// frame on the first call of a cache, as many as a latent spans after that.
-    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+    /// Decodes one latent frame after [`super::Vae::post_quant`], `[b, 1, h, w, z]`, to `[b, t, s h, s w, channels]`,
+    /// channels-last. With a new cache, t is 1; then it is the number of frames that a latent frame spans.
+    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         cache.begin();
         let x = self.conv_in.forward(x, cache);
-        probe.report("dec.conv_in", || to_first(x.clone()));
-        let mut x = self.middle.forward(x, cache, probe, "dec");
+        activations::report("dec.conv_in", || to_first(x.clone()));
+        let mut x = self.middle.forward(x, cache, "dec");
         for (i, level) in self.levels.iter().enumerate() {
             for residual in &level.residuals {
                 x = residual.forward(x, cache);
@@ -114,7 +114,7 @@ impl Decoder {
             if let Some(up) = &level.up {
                 x = up.forward(x, cache);
             }
-            probe.report(&format!("dec.up_blocks.{i}"), || to_first(x.clone()));
+            activations::report(&format!("dec.up_blocks.{i}"), || to_first(x.clone()));
         }
         self.conv_out.forward(self.norm_out.forward_silu(x), cache)
     }
@@ -122,7 +122,7 @@ impl Decoder {
     pub(super) fn list(&self, list: &mut Listing) {
         self.conv_in.list(list, "decoder.conv_in");
         self.middle.list(list, "decoder.mid_block");
-        // The original files number residual blocks and enlargements through.
+        // The original files number residual blocks and enlargements together.
         let mut flat = 0;
         for (i, level) in self.levels.iter().enumerate() {
             let mut next = || {

@@ -1,18 +1,18 @@
-//! Pictures to moments.
+//! The encoder, from pictures to moments.
 
 use super::causal::{Cache, CausalConv};
 use super::residual::{Middle, Residual};
 use super::to_first;
 use crate::ops::{self, Stride};
+use crate::wan::activations;
 use crate::wan::config::VaeConfig;
 use crate::wan::init::{Init, Start};
 use crate::wan::layers::ChannelNorm;
 use crate::wan::names::{Layout, Listing};
-use crate::wan::probe::Probe;
 use burn::module::{Module, Param};
 use burn::tensor::{Tensor, activation};
 
-/// 3 x 3 convolution of pictures.
+/// A 3 x 3 convolution of pictures.
 #[derive(Module, Debug)]
 pub struct Conv {
     /// `[3, 3, channels in, channels out]`.
@@ -37,7 +37,7 @@ impl Conv {
     }
 }
 
-/// Half the height and width, and half the frame rate if it has a convolution over time.
+/// Halves height and width. With a convolution over time, it also halves the frame rate.
 #[derive(Module, Debug)]
 pub struct Down {
     conv: Conv,
@@ -72,7 +72,7 @@ impl Down {
     }
 }
 
-/// One step on the way down.
+/// One step of the encoder.
 #[derive(Module, Debug)]
 #[allow(clippy::large_enum_variant)] // A dozen of them in a network.
 pub enum Step {
@@ -82,7 +82,7 @@ pub enum Step {
     Down(Down),
 }
 
-/// Pictures to moments; see [`super`].
+/// The encoder; see [`super`].
 #[derive(Module, Debug)]
 pub struct Encoder {
     conv_in: CausalConv,
@@ -114,23 +114,23 @@ impl Encoder {
         }
     }
 
-    /// One chunk `[b, t, h, w, channels]` to `[b, t', h / s, w / s, 2 z]`, channels-last: 1 frame to 1 on the first chunk of a
-    /// cache, as many as a latent spans to 1 after that.
-    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+    /// Encodes one chunk `[b, t, h, w, channels]` to `[b, 1, h / s, w / s, 2 z]`, channels-last. With a new cache, t is 1; then
+    /// it is the number of frames that a latent frame spans.
+    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         cache.begin();
         let mut x = self.conv_in.forward(x, cache);
-        probe.report("enc.conv_in", || to_first(x.clone()));
+        activations::report("enc.conv_in", || to_first(x.clone()));
         for (i, step) in self.steps.iter().enumerate() {
             x = match step {
                 Step::Residual(residual) => residual.forward(x, cache),
                 Step::Down(down) => down.forward(x, cache),
             };
-            probe.report(&format!("enc.down_blocks.{i}"), || to_first(x.clone()));
+            activations::report(&format!("enc.down_blocks.{i}"), || to_first(x.clone()));
         }
-        let x = self.norm_out.forward(self.middle.forward(x, cache, probe, "enc"));
-        probe.report("enc.norm_out", || to_first(x.clone()));
+        let x = self.norm_out.forward(self.middle.forward(x, cache, "enc"));
+        activations::report("enc.norm_out", || to_first(x.clone()));
         let x = self.conv_out.forward(activation::silu(x), cache);
-        probe.report("enc.conv_out", || to_first(x.clone()));
+        activations::report("enc.conv_out", || to_first(x.clone()));
         x
     }
 

@@ -1,8 +1,10 @@
-//! The causal video autoencoder: pictures of -1..=1 to latents of an eighth of the size and a quarter of the frame rate, and back.
+//! The causal video autoencoder. It encodes pictures with values -1..=1 to latents at an eighth of the size and a quarter of the
+//! frame rate, and decodes latents to pictures.
 //!
-//! A clip of 1 + 4 k frames is worked through in chunks (1, 4, 4, ... frames; one latent frame each), every causal convolution
-//! keeping the last two frames of its input ([`Cache`]): memory does not grow with the clip, and the result is that of the whole
-//! clip at once. On a first chunk every causal convolution is exactly the two-dimensional one of its newest tap, and runs as that.
+//! A clip of 1 + 4 k frames is processed in chunks of 1, 4, 4, ... frames, each of which is one latent frame. Every causal
+//! convolution keeps the last two frames of its input ([`Cache`]). Memory therefore does not grow with the clip, and the result
+//! is the same as for the whole clip at once. On the first chunk, every causal convolution is exactly a two-dimensional
+//! convolution with its newest tap, and runs as one.
 
 mod causal;
 mod decoder;
@@ -15,11 +17,11 @@ pub use decoder::Decoder;
 pub use encoder::Encoder;
 pub use tiling::Tiling;
 
+use super::activations;
 use super::config::VaeConfig;
 use super::init::Init;
 use super::layers::Dense;
 use super::names::{self, Entry, Listing, Named};
-use super::probe::Probe;
 use crate::{Error, Result};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -27,13 +29,13 @@ use burn::tensor::{Device, Tensor, TensorData};
 /// The autoencoder; see the module.
 #[derive(Module, Debug)]
 pub struct Vae {
-    /// Pictures to moments, before [`Self::quant`].
+    /// From pictures to moments, before [`Self::quant`].
     pub encoder: Encoder,
-    /// Point-wise, after the encoder.
+    /// Point-wise layer after the encoder.
     pub quant: Dense,
-    /// Point-wise, before the decoder.
+    /// Point-wise layer before the decoder.
     pub post_quant: Dense,
-    /// Latents to pictures.
+    /// From latents to pictures.
     pub decoder: Decoder,
     #[module(skip)]
     config: VaeConfig,
@@ -50,7 +52,7 @@ pub(super) fn to_first(x: Tensor<5>) -> Tensor<5> {
 }
 
 impl Vae {
-    /// An autoencoder with weights from `seed`, none of them made yet.
+    /// An autoencoder with weights from `seed`, which are made when they are used.
     ///
     /// # Errors
     /// When the configuration is invalid.
@@ -66,52 +68,54 @@ impl Vae {
         })
     }
 
-    /// What the network is.
+    /// The configuration of the network.
     pub fn config(&self) -> &VaeConfig {
         &self.config
     }
 
-    /// Moments of the latents: `[b, channels, 1 + k f, h, w]` pictures of -1..=1 to `[b, 2 z, 1 + k, h / s, w / s]`, means before
-    /// logarithms of variances, where f and s are the configuration's factors. Sizes are rounded down, as in the original, which
-    /// loses what lies beyond the last multiple of s; [`Self::encode`] refuses such pictures.
+    /// The moments of the latents of pictures `[b, channels, 1 + k f, h, w]` with values -1..=1: means, then logarithms of
+    /// variances, `[b, 2 z, 1 + k, h / s, w / s]`, where f and s are the factors of the configuration. Sizes are rounded down, as
+    /// in the original code, so pixels beyond the last multiple of s are lost. [`Self::encode`] refuses such pictures.
     ///
     /// # Errors
     /// [`Error::Data`] when the size does not fit.
-    pub fn moments(&self, pictures: Tensor<5>, probe: &mut Probe) -> Result<Tensor<5>> {
+    pub fn moments(&self, pictures: Tensor<5>) -> Result<Tensor<5>> {
         let [_, c, t, h, w] = pictures.dims();
         let (config, factor) = (&self.config, self.config.spatial_factor());
         let frames = config.temporal_factor();
         expect(c == config.in_channels, || format!("{c} channels where the autoencoder reads {}", config.in_channels))?;
         expect(config.latent_frames(t).is_some(), || format!("{t} frames; 1 more than a multiple of {frames} is needed"))?;
         expect(h.min(w) >= factor, || format!("a picture of {w}x{h}; {factor}x{factor} is the smallest"))?;
-        Ok(self.moments_after(Cache::new(), pictures, probe))
+        Ok(self.moments_after(Cache::new(), pictures))
     }
 
-    /// [`Self::moments`] of a size that fits, with this cache before the first chunk.
+    /// [`Self::moments`] for a size that fits, beginning with this cache.
     #[doc(hidden)]
-    pub fn moments_after(&self, mut cache: Cache, pictures: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
+    pub fn moments_after(&self, mut cache: Cache, pictures: Tensor<5>) -> Tensor<5> {
         let (t, frames) = (pictures.dims()[2], self.config.temporal_factor());
-        let mut chunks = vec![self.moments_next(pictures.clone().narrow(2, 0, 1), &mut cache, probe)];
-        for start in (1..t).step_by(frames) {
-            let chunk = pictures.clone().narrow(2, start, frames);
-            chunks.push(self.moments_next(chunk, &mut cache, &mut Probe::idle()));
-        }
+        let mut chunks = vec![self.moments_next(pictures.clone().narrow(2, 0, 1), &mut cache)];
+        activations::unrecorded(|| {
+            for start in (1..t).step_by(frames) {
+                let chunk = pictures.clone().narrow(2, start, frames);
+                chunks.push(self.moments_next(chunk, &mut cache));
+            }
+        });
         Tensor::cat(chunks, 2)
     }
 
-    /// Moments of the next latent frame of a clip that arrives bit by bit: 1 picture with a new cache, then as many at a time as a
-    /// latent frame spans, of the size of the first. `[b, channels, t, h, w]` to `[b, 2 z, 1, h / s, w / s]`.
-    pub fn moments_next(&self, pictures: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
-        to_first(self.quant.clip(self.encoder.forward(to_last(pictures), cache, probe)))
+    /// The moments of the next latent frame of a clip that arrives in chunks: `[b, channels, t, h, w]` to `[b, 2 z, 1, h / s, w /
+    /// s]`. With a new cache, t is 1; then it is the number of frames that a latent frame spans. All chunks have the same size.
+    pub fn moments_next(&self, pictures: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
+        to_first(self.quant.clip(self.encoder.forward(to_last(pictures), cache)))
     }
 
-    /// Latents of pictures, the means of [`Self::moments`], not normalised: `[b, z, 1 + k, h / s, w / s]`.
+    /// The latents of pictures before normalisation, `[b, z, 1 + k, h / s, w / s]`: the means of [`Self::moments`].
     ///
     /// # Errors
-    /// [`Error::Data`] when the size does not fit, or height or width is no multiple of s.
+    /// [`Error::Data`] when the size does not fit, or when height or width is not a multiple of s.
     pub fn encode(&self, pictures: Tensor<5>) -> Result<Tensor<5>> {
         self.check_encode(&pictures)?;
-        Ok(self.moments(pictures, &mut Probe::idle())?.narrow(1, 0, self.config.z_dim))
+        Ok(self.moments(pictures)?.narrow(1, 0, self.config.z_dim))
     }
 
     fn check_encode(&self, pictures: &Tensor<5>) -> Result<()> {
@@ -120,59 +124,61 @@ impl Vae {
         expect(fits, || format!("a picture of {w}x{h}; multiples of {factor} are needed"))
     }
 
-    /// [`Self::encode`], normalised: what the transformer sees.
+    /// The normalised latents of pictures, which the transformer reads.
     ///
     /// # Errors
-    /// As [`Self::encode`].
+    /// As for [`Self::encode`].
     pub fn encode_normalised(&self, pictures: Tensor<5>) -> Result<Tensor<5>> {
         Ok(self.normalise(self.encode(pictures)?))
     }
 
-    /// Pictures of latents that are not normalised: `[b, z, 1 + k, h, w]` to `[b, channels, 1 + k f, s h, s w]`. About -1..=1, not
-    /// clamped.
+    /// Decodes latents that are not normalised: `[b, z, 1 + k, h, w]` to pictures `[b, channels, 1 + k f, s h, s w]`. Values are
+    /// about -1..=1, and not clamped.
     ///
     /// # Errors
     /// [`Error::Data`] when the size does not fit.
-    pub fn decode(&self, latents: Tensor<5>, probe: &mut Probe) -> Result<Tensor<5>> {
+    pub fn decode(&self, latents: Tensor<5>) -> Result<Tensor<5>> {
         let [_, z, t, h, w] = latents.dims();
         expect(z == self.config.z_dim, || format!("{z} channels where a latent has {}", self.config.z_dim))?;
         expect(t > 0 && h > 0 && w > 0, || format!("an empty latent, {t} frames of {w}x{h}"))?;
-        Ok(self.decode_after(Cache::new(), latents, probe))
+        Ok(self.decode_after(Cache::new(), latents))
     }
 
-    /// [`Self::decode`] of a size that fits, with this cache before the first latent frame.
+    /// [`Self::decode`] for a size that fits, beginning with this cache.
     #[doc(hidden)]
-    pub fn decode_after(&self, mut cache: Cache, latents: Tensor<5>, probe: &mut Probe) -> Tensor<5> {
-        let mut pictures = vec![self.decode_next(latents.clone().narrow(2, 0, 1), &mut cache, probe)];
-        for i in 1..latents.dims()[2] {
-            pictures.push(self.decode_next(latents.clone().narrow(2, i, 1), &mut cache, &mut Probe::idle()));
-        }
+    pub fn decode_after(&self, mut cache: Cache, latents: Tensor<5>) -> Tensor<5> {
+        let mut pictures = vec![self.decode_next(latents.clone().narrow(2, 0, 1), &mut cache)];
+        activations::unrecorded(|| {
+            for i in 1..latents.dims()[2] {
+                pictures.push(self.decode_next(latents.clone().narrow(2, i, 1), &mut cache));
+            }
+        });
         Tensor::cat(pictures, 2)
     }
 
-    /// Pictures of the next latent frame, one at a time, of a clip too long to be held: `[b, z, 1, h, w]` to
-    /// `[b, channels, t, s h, s w]`, t = 1 with a new cache, then as many as a latent frame spans.
-    pub fn decode_next(&self, latent: Tensor<5>, cache: &mut Cache, probe: &mut Probe) -> Tensor<5> {
+    /// Decodes the next latent frame of a clip: `[b, z, 1, h, w]` to `[b, channels, t, s h, s w]`. With a new cache, t is 1; then
+    /// it is the number of frames that a latent frame spans.
+    pub fn decode_next(&self, latent: Tensor<5>, cache: &mut Cache) -> Tensor<5> {
         let x = self.post_quant.clip(to_last(latent));
-        probe.report("dec.post_quant_conv", || to_first(x.clone()));
-        to_first(self.decoder.forward(x, cache, probe))
+        activations::report("dec.post_quant_conv", || to_first(x.clone()));
+        to_first(self.decoder.forward(x, cache))
     }
 
-    /// Pictures of normalised latents, clamped to -1..=1.
+    /// Decodes normalised latents to pictures, which are clamped to -1..=1.
     ///
     /// # Errors
-    /// As [`Self::decode`].
+    /// As for [`Self::decode`].
     pub fn decode_normalised(&self, latents: Tensor<5>) -> Result<Tensor<5>> {
-        Ok(self.decode(self.denormalise(latents), &mut Probe::idle())?.clamp(-1.0, 1.0))
+        Ok(self.decode(self.denormalise(latents))?.clamp(-1.0, 1.0))
     }
 
-    /// `(z - mean) / std`, a channel.
+    /// `(z - mean) / std` for each channel.
     pub fn normalise(&self, latents: Tensor<5>) -> Tensor<5> {
         let (mean, std) = self.statistics(&latents.device());
         (latents - mean) / std
     }
 
-    /// `z std + mean`, a channel: the inverse of [`Self::normalise`].
+    /// `z std + mean` for each channel, the inverse of [`Self::normalise`].
     pub fn denormalise(&self, latents: Tensor<5>) -> Tensor<5> {
         let (mean, std) = self.statistics(&latents.device());
         latents * std + mean

@@ -1,15 +1,16 @@
-//! Blocks that encoder and decoder share: the residual block, attention within a frame, both together in the middle.
+//! Blocks of encoder and decoder: the residual block, attention within a frame, and the middle block, which has both.
 
 use super::causal::{Cache, CausalConv};
 use crate::ops;
+use crate::wan::activations;
 use crate::wan::init::Init;
 use crate::wan::layers::{ChannelNorm, Dense};
 use crate::wan::names::Listing;
-use crate::wan::probe::Probe;
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-/// Twice normalise, SiLU, convolve; added to the input, which is mapped point-wise where the channels change.
+/// Normalisation, SiLU and convolution, twice, added to the input. If the number of channels changes, a point-wise layer maps the
+/// input.
 #[derive(Module, Debug)]
 pub struct Residual {
     norm1: ChannelNorm,
@@ -52,7 +53,7 @@ impl Residual {
     }
 }
 
-/// Self-attention among the pixels of each frame, one head of all channels.
+/// Self-attention among the pixels of each frame, with one head.
 #[derive(Module, Debug)]
 pub struct FrameAttention {
     norm: ChannelNorm,
@@ -86,7 +87,7 @@ impl FrameAttention {
     }
 }
 
-/// The middle: residual block, attention, residual block.
+/// The middle block: residual block, attention, residual block.
 #[derive(Module, Debug)]
 pub struct Middle {
     first: Residual,
@@ -104,11 +105,11 @@ impl Middle {
     }
 
     /// `[b, t, h, w, c]` to the same shape; reports as `<side>.mid_attn` and `<side>.mid_block`.
-    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, probe: &mut Probe, side: &str) -> Tensor<5> {
+    pub fn forward(&self, x: Tensor<5>, cache: &mut Cache, side: &str) -> Tensor<5> {
         let x = self.attention.forward(self.first.forward(x, cache));
-        probe.report(&format!("{side}.mid_attn"), || super::to_first(x.clone()));
+        activations::report(&format!("{side}.mid_attn"), || super::to_first(x.clone()));
         let x = self.second.forward(x, cache);
-        probe.report(&format!("{side}.mid_block"), || super::to_first(x.clone()));
+        activations::report(&format!("{side}.mid_block"), || super::to_first(x.clone()));
         x
     }
 

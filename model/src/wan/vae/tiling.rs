@@ -1,19 +1,19 @@
-//! Large pictures in overlapping tiles, so that memory is that of one tile and of the result.
+//! Encoding and decoding of large pictures in overlapping tiles, so that memory holds one tile and the result.
 
 use super::Vae;
-use crate::wan::probe::Probe;
 use crate::{Error, Result};
 use burn::tensor::{Tensor, TensorData};
 
-/// How pictures are cut; both numbers in latent pixels.
+/// The size of tiles, in latent pixels.
 ///
-/// Tiles are blended linearly where they overlap. The result is close to that of the whole picture, not equal: the attention in the
-/// middle of each network sees its tile only, and convolutions see zeros beyond its edge. A picture of one tile is the same to the bit.
+/// Tiles are blended linearly where they overlap. The result is close to the result for the whole picture but not equal: the
+/// attention in the middle of each network sees one tile, and convolutions see zeros beyond its edge. A picture of one tile is
+/// the same to the bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tiling {
     /// Side of a tile.
     pub size: usize,
-    /// Of which this much lies on the neighbour; less than `size`.
+    /// Overlap of neighbouring tiles, less than `size`.
     pub overlap: usize,
 }
 
@@ -33,14 +33,15 @@ impl Tiling {
         Ok(())
     }
 
-    /// First pixel of each tile along an axis; the last tile ends with the axis.
+    /// First pixel of each tile along an axis. The last tile ends with the axis.
     fn starts(self, length: usize) -> Vec<usize> {
         let last = length.saturating_sub(self.size);
         let step = self.size - self.overlap;
         (0..last).step_by(step).chain([last]).collect()
     }
 
-    /// What each tile contributes to each of its pixels along an axis of `length`, at `scale` pixels for one; 1 in sum.
+    /// Weight of each tile at each of its pixels along an axis of `length`, with `scale` pixels for each of the axis. Weights sum
+    /// to 1.
     fn weights(self, length: usize, scale: usize) -> Vec<Vec<f32>> {
         let (starts, size) = (self.starts(length), self.size.min(length));
         let ramp = (self.overlap * scale) as f32;
@@ -63,7 +64,8 @@ impl Tiling {
         weights
     }
 
-    /// `run` on each tile of `x` `[b, c, t, h, w]`, where a latent pixel is `from` pixels of x and `to` of the result.
+    /// Applies `run` to each tile of `x` `[b, c, t, h, w]`. A latent pixel spans `from` pixels of `x` and `to` pixels of the
+    /// result.
     fn map(self, x: Tensor<5>, from: usize, to: usize, run: impl Fn(Tensor<5>) -> Result<Tensor<5>>) -> Result<Tensor<5>> {
         self.validate()?;
         let [_, _, _, h, w] = x.dims();
@@ -100,7 +102,7 @@ fn add(sum: &mut Option<Tensor<5>>, x: Tensor<5>) {
     });
 }
 
-/// `x` with zeros around it: it begins at `start` of an axis of `length`.
+/// Pads `x` with zeros, so that it begins at `start` of an axis of `length`.
 fn within(x: Tensor<5>, axis: usize, start: usize, length: usize) -> Tensor<5> {
     let (shape, device) = (x.dims(), x.device());
     let end = length - start - shape[axis];
@@ -124,7 +126,7 @@ impl Vae {
     /// [`Vae::encode`] in tiles.
     ///
     /// # Errors
-    /// As [`Vae::encode`], and when the tiling is invalid.
+    /// When the tiling is invalid, or as for [`Vae::encode`].
     pub fn encode_tiled(&self, pictures: Tensor<5>, tiling: Tiling) -> Result<Tensor<5>> {
         let factor = self.config().spatial_factor();
         self.check_encode(&pictures)?;
@@ -134,10 +136,10 @@ impl Vae {
     /// [`Vae::decode`] in tiles.
     ///
     /// # Errors
-    /// As [`Vae::decode`], and when the tiling is invalid.
+    /// When the tiling is invalid, or as for [`Vae::decode`].
     pub fn decode_tiled(&self, latents: Tensor<5>, tiling: Tiling) -> Result<Tensor<5>> {
         let factor = self.config().spatial_factor();
-        tiling.map(latents, 1, factor, |tile| self.decode(tile, &mut Probe::idle()))
+        tiling.map(latents, 1, factor, |tile| self.decode(tile))
     }
 }
 
@@ -146,7 +148,7 @@ mod tests {
     use super::*;
     use burn::tensor::Device;
 
-    /// A map that looks at single pixels does not notice the tiles.
+    /// Tiles do not change the result of a map of single pixels.
     #[test]
     fn tiles_cover_everything_once() {
         let device = Device::flex();

@@ -1,49 +1,48 @@
-//! A sequence rendered clip by clip.
+//! A session that renders a sequence clip by clip.
 
 use super::WanRenderer;
 use super::pixels::Size;
 use crate::parameters::to_vec;
 use crate::renderer::{KeyframePlace, Options, Rendered, Sequence, Session, State, View, check, nearest};
 use crate::wan::flow::{Conditions, KeyframeLatent};
-use crate::wan::pictures::{DepthBounds, EnvironmentView, Kind, Pictures, radiance};
-use crate::wan::probe::Probe;
+use crate::wan::pictures::{EnvironmentView, Kind, Pictures, check_bounds, radiance};
 use crate::{Error, Result};
 use burn::tensor::Tensor;
 use glam::Vec2;
-use renderflow_frame::Camera;
 use renderflow_frame::image::Rgb;
+use renderflow_frame::{Camera, DepthBounds};
 
-/// The session of [`WanRenderer`]; see [`super`]. What it holds: the frames of one clip as pictures, its keyframes, the latents of grey.
-pub struct Clips<'a> {
+/// The session of [`WanRenderer`]; see [`super`]. It holds the pictures of one clip, its keyframes, and the latents of a grey
+/// clip.
+pub struct ClipSession<'a> {
     renderer: &'a WanRenderer,
     sequence: &'a dyn Sequence,
     options: Options,
     bounds: DepthBounds,
-    /// The size of all frames, and the environment at the padded one; known with the first frame.
+    /// The size of all frames, and the environment at the padded size. The first frame determines both.
     shown: Option<(Size, EnvironmentView)>,
-    /// Frames of the next clip.
-    waiting: Vec<Page>,
-    /// The frame before them and its picture.
-    last: Option<(Page, Vec<f32>)>,
-    keyframes: Vec<Key>,
-    /// Latents of a clip of grey, of the number of frames they were last needed for.
+    /// Frames that wait for the next clip.
+    waiting: Vec<FrameInputs>,
+    /// The frame before them, and its picture.
+    last: Option<(FrameInputs, Vec<f32>)>,
+    keyframes: Vec<EncodedKeyframe>,
+    /// Latents of a grey clip, with its number of frames.
     grey: Option<(usize, Tensor<5>)>,
-    /// Of each kind, the last clip in which nothing changed: where the camera stands still, or the light is the same from
-    /// everywhere, the next one need not be encoded (81 frames of a scene in which nothing moves in 4.1 s instead of 5.9 s with
-    /// `wan-small` at 64 x 64 pixels, the same bytes).
-    still: Vec<Still>,
+    /// For each kind, the last clip whose frames were all equal. The next clip is often the same, for instance with a camera that
+    /// stands still, and then it is not encoded again.
+    unchanged: Vec<UnchangedClip>,
 }
 
-/// A clip whose frames are all the same.
-struct Still {
+/// A clip whose frames are all equal.
+struct UnchangedClip {
     kind: Kind,
     frames: usize,
     picture: Vec<f32>,
     latents: Tensor<5>,
 }
 
-/// A frame to be rendered.
-struct Page {
+/// A frame to render.
+struct FrameInputs {
     number: usize,
     index: usize,
     camera: Camera,
@@ -51,42 +50,43 @@ struct Page {
 }
 
 /// A keyframe.
-struct Key {
+struct EncodedKeyframe {
     place: KeyframePlace,
     latent: Tensor<5>,
     picture: Vec<f32>,
     beauty: Rgb,
 }
 
-impl<'a> Clips<'a> {
+impl<'a> ClipSession<'a> {
     /// Begins with a sequence.
     ///
     /// # Errors
-    /// As of [`crate::renderer::Renderer::begin`].
+    /// As for [`crate::renderer::Renderer::begin`].
     pub fn new(renderer: &'a WanRenderer, sequence: &'a dyn Sequence, options: Options) -> Result<Self> {
         check(options, sequence.light().exposure())?;
         if options.keyframes && renderer.config().keyframes.is_none() {
             return Err(Error::config("keyframes", "these weights have no keyframe adapter"));
         }
         let bounds = sequence.depth_bounds()?;
-        bounds.validate()?;
-        let (waiting, keyframes, still) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { renderer, sequence, options, bounds, shown: None, waiting, last: None, keyframes, grey: None, still })
+        check_bounds(bounds)?;
+        let (waiting, keyframes, unchanged) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { renderer, sequence, options, bounds, shown: None, waiting, last: None, keyframes, grey: None, unchanged })
     }
 
-    /// Numbers held of frames, keyframes, grey and clips without change: bounded by the size of a clip, whatever the length of the sequence.
+    /// Number of values in memory for frames, keyframes, grey and unchanged clips. It does not grow with the length of the
+    /// sequence.
     pub fn held(&self) -> usize {
-        let pictures = |page: &Page| Kind::ALL.iter().map(|kind| page.pictures.of(*kind).len()).sum::<usize>();
+        let pictures = |frame: &FrameInputs| Kind::ALL.iter().map(|kind| frame.pictures.of(*kind).len()).sum::<usize>();
         let latent = |tensor: &Tensor<5>| tensor.dims().iter().product::<usize>();
-        let key = |key: &Key| latent(&key.latent) + key.picture.len() + 3 * key.beauty.pixels.len();
+        let key = |key: &EncodedKeyframe| latent(&key.latent) + key.picture.len() + 3 * key.beauty.pixels.len();
         self.waiting.iter().map(pictures).sum::<usize>()
-            + self.last.as_ref().map_or(0, |(page, picture)| pictures(page) + picture.len())
+            + self.last.as_ref().map_or(0, |(frame, picture)| pictures(frame) + picture.len())
             + self.keyframes.iter().map(key).sum::<usize>()
             + self.grey.as_ref().map_or(0, |(_, grey)| latent(grey))
-            + self.still.iter().map(|still| still.picture.len() + latent(&still.latents)).sum::<usize>()
+            + self.unchanged.iter().map(|still| still.picture.len() + latent(&still.latents)).sum::<usize>()
     }
 
-    fn page(&mut self, view: View) -> Result<Page> {
+    fn inputs(&mut self, view: View) -> Result<FrameInputs> {
         let (frame, sequence) = (view.frame, self.sequence);
         let size = Size::new(frame.width, frame.height, self.renderer.config().pixel_multiple());
         if frame.width == 0 || frame.height == 0 {
@@ -101,10 +101,10 @@ impl<'a> Clips<'a> {
         }
         let mut pictures = Pictures::new(frame, sequence.light(), environment, self.bounds)?;
         pictures.target = None;
-        Ok(Page { number: view.number, index: view.index, camera: frame.info.camera, pictures })
+        Ok(FrameInputs { number: view.number, index: view.index, camera: frame.info.camera, pictures })
     }
 
-    /// Makes latents of the keyframes that guide the clip of frames `first..=last`; others are let go.
+    /// The latents of the keyframes for the clip of frames `first..=last`. Other keyframes are dropped.
     fn keys(&mut self, first: usize, last: usize, size: Size) -> Result<Vec<KeyframeLatent>> {
         if !self.options.keyframes {
             return Ok(Vec::new());
@@ -127,24 +127,24 @@ impl<'a> Clips<'a> {
         Ok(latents)
     }
 
-    fn key(&self, place: KeyframePlace, size: Size) -> Result<Key> {
+    fn key(&self, place: KeyframePlace, size: Size) -> Result<EncodedKeyframe> {
         let frame = self.sequence.keyframe(place.index)?;
         let broken = |reason: &str| Error::Data { place: format!("keyframe {}", place.number), reason: reason.into() };
         if (frame.width, frame.height) != (size.width, size.height) {
             return Err(broken("differs in size from the frames"));
         }
-        // Its environment is not looked at: any size will do.
+        // The environment of a keyframe is not used, so its size does not matter.
         let light = self.sequence.light();
         let pictures = Pictures::new(&frame, light, &EnvironmentView::new(&light.environment, 1, 1), self.bounds)?;
         let (Some(picture), Some(beauty)) = (pictures.target, frame.beauty) else { return Err(broken("has no beauty")) };
         let latent = self.renderer.encode(size.clip(&[&picture], &self.renderer.device))?;
-        Ok(Key { place, latent, picture, beauty })
+        Ok(EncodedKeyframe { place, latent, picture, beauty })
     }
 
-    /// Renders the frames that wait, after the one before them.
+    /// Renders the frames that wait.
     fn clip(&mut self) -> Result<Vec<Rendered>> {
         let Some((size, _)) = self.shown else { return Ok(Vec::new()) };
-        let first = self.last.as_ref().map(|(page, _)| page).or(self.waiting.first());
+        let first = self.last.as_ref().map(|(frame, _)| frame).or(self.waiting.first());
         let (Some(first), Some(last)) = (first, self.waiting.last()) else { return Ok(Vec::new()) };
         let keyframes = self.keys(first.number, last.number, size)?;
         let given = usize::from(self.last.is_some());
@@ -156,39 +156,39 @@ impl<'a> Clips<'a> {
         let count = self.padded(frames);
         let mut rendered = Vec::with_capacity(self.waiting.len());
         let mut last = None;
-        for (i, page) in std::mem::take(&mut self.waiting).into_iter().enumerate() {
-            let key = self.keyframes.iter().find(|key| key.place.number == page.number);
+        for (i, frame) in std::mem::take(&mut self.waiting).into_iter().enumerate() {
+            let key = self.keyframes.iter().find(|key| key.place.number == frame.number);
             let (picture, linear) = match key {
                 Some(key) => (key.picture.clone(), key.beauty.clone()),
-                None => self.picture(&page, size.frame(&values, count, given + i))?,
+                None => self.picture(&frame, size.frame(&values, count, given + i))?,
             };
-            rendered.push(Rendered { index: page.index, linear });
-            last = Some((page, picture));
+            rendered.push(Rendered { index: frame.index, linear });
+            last = Some((frame, picture));
         }
         self.last = last;
         Ok(rendered)
     }
 
-    /// Whether every frame that waits is a keyframe, whose picture is known.
+    /// Whether every frame that waits is a keyframe, so that its picture is known.
     fn wholly_known(&self) -> bool {
-        let known = |page: &Page| self.keyframes.iter().any(|key| key.place.number == page.number);
+        let known = |frame: &FrameInputs| self.keyframes.iter().any(|key| key.place.number == frame.number);
         self.waiting.iter().all(known)
     }
 
-    /// Frames of the clip that `frames` are padded to.
+    /// Number of frames of a clip to which `frames` frames are padded.
     fn padded(&self, frames: usize) -> usize {
         1 + (frames - 1).next_multiple_of(self.renderer.config().vae.temporal_factor())
     }
 
-    /// Latents of a kind of picture of the next clip's frames, the last one repeated up to `count`.
+    /// Latents of the next clip for a kind of picture. The last frame is repeated up to `count` frames.
     fn encode(&mut self, kind: Kind, size: Size, count: usize) -> Result<Tensor<5>> {
-        let pages = self.last.iter().map(|(page, _)| page).chain(&self.waiting);
-        let mut frames: Vec<&[f32]> = pages.map(|page| page.pictures.of(kind)).collect();
+        let inputs = self.last.iter().map(|(frame, _)| frame).chain(&self.waiting);
+        let mut frames: Vec<&[f32]> = inputs.map(|frame| frame.pictures.of(kind)).collect();
         let Some(&last) = frames.last() else { return Err(broken("is missing".into())) };
         frames.resize(count, last);
         let changes = frames.iter().any(|frame| *frame != last);
-        let known = |still: &&Still| still.kind == kind && still.frames == count && still.picture == last;
-        if let Some(still) = self.still.iter().find(|still| !changes && known(still)) {
+        let known = |still: &&UnchangedClip| still.kind == kind && still.frames == count && still.picture == last;
+        if let Some(still) = self.unchanged.iter().find(|still| !changes && known(still)) {
             return Ok(still.latents.clone());
         }
         let device = &self.renderer.device;
@@ -197,12 +197,12 @@ impl<'a> Clips<'a> {
             _ => size.clip(&frames, device),
         })?;
         let picture = (!changes).then(|| last.to_vec());
-        self.still.retain(|still| still.kind != kind);
-        self.still.extend(picture.map(|picture| Still { kind, frames: count, picture, latents: latents.clone() }));
+        self.unchanged.retain(|still| still.kind != kind);
+        self.unchanged.extend(picture.map(|picture| UnchangedClip { kind, frames: count, picture, latents: latents.clone() }));
         Ok(latents)
     }
 
-    /// The values of the whole clip's pictures, `[3, frames, padded height, padded width]`.
+    /// The pictures of the whole clip, `[3, frames, padded height, padded width]`.
     fn render(&mut self, size: Size, keyframes: Vec<KeyframeLatent>) -> Result<Vec<f32>> {
         let (renderer, device) = (self.renderer, &self.renderer.device);
         let count = self.padded(usize::from(self.last.is_some()) + self.waiting.len());
@@ -222,7 +222,7 @@ impl<'a> Clips<'a> {
                 let frames: Vec<&[f32]> = std::iter::once(picture).chain(std::iter::repeat(&unknown[..])).take(count).collect();
                 renderer.encode(size.clip(&frames, device))?
             }
-            // Nothing is given: the clip of what is given is grey.
+            // No frame is given, so the inactive latents are those of a grey clip.
             None => grey.clone(),
         };
         let known: Vec<bool> = (0..count).map(|i| i == 0 && reference.is_some()).collect();
@@ -236,7 +236,7 @@ impl<'a> Clips<'a> {
         let steps = self.options.steps;
         for step in 0..steps {
             let t = step as f64 / steps as f64;
-            let velocity = renderer.flow.velocity(z.clone(), &[t], &conditions, &mut Probe::idle())?;
+            let velocity = renderer.flow.velocity(z.clone(), &[t], &conditions)?;
             z = z + velocity * (1.0 / steps as f64);
         }
         let values = to_vec(renderer.decode(z)?);
@@ -244,32 +244,32 @@ impl<'a> Clips<'a> {
         Ok(values)
     }
 
-    /// Picture and radiance of a frame from what the network made of it: pixels that no surface covers are the environment.
-    fn picture(&self, page: &Page, mut picture: Vec<f32>) -> Result<(Vec<f32>, Rgb)> {
-        let Pictures { width, height, mask, albedo, .. } = &page.pictures;
+    /// Picture and radiance of a frame from the output of the network. Pixels that see no surface show the environment.
+    fn picture(&self, frame: &FrameInputs, mut picture: Vec<f32>) -> Result<(Vec<f32>, Rgb)> {
+        let Pictures { width, height, mask, albedo, .. } = &frame.pictures;
         let (width, pixels) = (*width, width * height);
         let mut linear = radiance(&picture, width, *height, self.sequence.light().exposure())?;
         for i in (0..pixels).filter(|&i| mask[i] == 0.0) {
-            // The albedo shows the environment there.
+            // The albedo shows the environment in such pixels.
             for c in 0..3 {
                 picture[c * pixels + i] = albedo[c * pixels + i];
             }
-            let direction = page.camera.ray_direction(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5));
+            let direction = frame.camera.ray_direction(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5));
             linear.pixels[i] = self.sequence.light().environment.radiance(direction);
         }
         Ok((picture, linear))
     }
 }
 
-impl Session for Clips<'_> {
+impl Session for ClipSession<'_> {
     fn push(&mut self, view: View) -> Result<Vec<Rendered>> {
-        let page = self.page(view)?;
-        let before = self.waiting.last().or(self.last.as_ref().map(|(page, _)| page)).map(|page| page.number);
+        let frame = self.inputs(view)?;
+        let before = self.waiting.last().or(self.last.as_ref().map(|(frame, _)| frame)).map(|frame| frame.number);
         let mut rendered = match before {
-            Some(before) if before + 1 != page.number => self.finish()?,
+            Some(before) if before + 1 != frame.number => self.finish()?,
             _ => Vec::new(),
         };
-        self.waiting.push(page);
+        self.waiting.push(frame);
         if self.options.stills {
             rendered.extend(self.finish()?);
             return Ok(rendered);
@@ -288,9 +288,9 @@ impl Session for Clips<'_> {
     }
 
     fn state(&self) -> Option<State> {
-        let (page, picture) = self.last.as_ref().filter(|_| self.waiting.is_empty())?;
-        let size = [page.pictures.width, page.pictures.height];
-        Some(State { number: page.number, size, picture: picture.clone() })
+        let (frame, picture) = self.last.as_ref().filter(|_| self.waiting.is_empty())?;
+        let size = [frame.pictures.width, frame.pictures.height];
+        Some(State { number: frame.number, size, picture: picture.clone() })
     }
 
     fn resume(&mut self, view: View, state: State) -> Result<()> {
@@ -301,16 +301,16 @@ impl Session for Clips<'_> {
         }
         all_finite(&state.picture)?;
         self.waiting.clear();
-        self.last = Some((self.page(view)?, state.picture));
+        self.last = Some((self.inputs(view)?, state.picture));
         Ok(())
     }
 }
 
-/// No picture goes out with NaN or infinity in it.
+/// Checks that a picture has no NaN or infinity.
 pub(super) fn all_finite(values: &[f32]) -> Result<()> {
     match values.iter().all(|v| v.is_finite()) {
         true => Ok(()),
-        false => Err(Error::Data { place: "renderer".into(), reason: "made values that are not finite".into() }),
+        false => Err(Error::Data { place: "renderer".into(), reason: "the network returned values that are not finite".into() }),
     }
 }
 

@@ -1,23 +1,23 @@
-//! From pictures to the buffers behind them.
+//! Inverse rendering: from pictures to intrinsics.
 
 use super::WanRenderer;
 use super::pixels::Size;
 use crate::parameters::to_vec;
 use crate::wan::flow::Intrinsic;
-use crate::wan::probe::Probe;
 use crate::{Error, Result};
 
 impl WanRenderer {
-    /// Whether the weights hold an inverse adapter.
+    /// Whether the weights include an inverse adapter.
     pub fn inverts(&self) -> bool {
         self.config().inverse.is_some()
     }
 
-    /// Each of `intrinsics` behind the frames of a clip, `[3, height, width]` of -1..=1 in and out; out per intrinsic, then per frame. One
-    /// frame is a picture by itself; several are consecutive ones, and are padded to a whole clip with the last. `steps` Euler steps.
+    /// Recovers `intrinsics` from the frames of a clip, with `steps` Euler steps. Frames and results are `[3, height, width]`
+    /// with values -1..=1; results are ordered by intrinsic, then by frame. Several frames must be consecutive. They are padded
+    /// to a whole clip with the last frame.
     ///
     /// # Errors
-    /// When there is no inverse adapter, no frame, 0 steps, or a frame has another number of values.
+    /// When there is no inverse adapter, for no frames or 0 steps, or when a frame has another number of values.
     pub fn invert(
         &self,
         frames: &[&[f32]],
@@ -43,9 +43,9 @@ impl WanRenderer {
         for &intrinsic in intrinsics {
             let mut z = start.clone();
             for step in 0..steps {
-                // The whole way that is left is the velocity times 1 - t; a step goes 1 / steps of it all.
+                // The remaining distance is the velocity times 1 - t. A step covers 1 / steps of the whole distance.
                 let t = step as f64 / steps as f64;
-                let end = self.flow.invert(z.clone(), &[t], intrinsic, &mut Probe::idle())?;
+                let end = self.flow.invert(z.clone(), &[t], intrinsic)?;
                 z = z.clone() + (end - z) * (1.0 / (steps - step) as f64);
             }
             let pictures = to_vec(self.decode(z)?);

@@ -1,20 +1,18 @@
-//! Rendering with the paper's graph: sequences of any length in overlapping clips, and the way back from pictures to buffers.
+//! Rendering with the paper's network: sequences of any length in overlapping clips, and inverse rendering of pictures.
 //!
-//! A clip has 1 + s frames (s what a latent frame spans, 4 with Wan's autoencoder) and begins with the last frame of the clip before
-//! it, whose picture it is given as VACE's masked reference (RenderFlow, section "Long video inference"). Where clips begin depends on
-//! the place in the sequence alone, so that the result does not depend on how the frames arrive, nor on stops between clips; memory
-//! is that of one clip. A sequence that ends inside a clip has its last frame repeated to the clip's end; one of a single frame is a
-//! clip of one, which the autoencoder does in two dimensions.
+//! A clip has 1 + s frames, where s is the number of frames that a latent frame spans (4 with Wan's autoencoder). It begins with
+//! the last frame of the clip before it, whose picture is VACE's masked reference (RenderFlow, section "Long video inference").
+//! The position in the sequence alone decides where clips begin. Therefore the result does not depend on how frames arrive, or on
+//! stops between clips. Memory holds one clip. If a sequence ends inside a clip, its last frame is repeated to the end of the
+//! clip. A single frame is a clip of one frame, for which the autoencoder is two-dimensional.
 
 mod clips;
 mod invert;
 mod pixels;
 
-pub use clips::Clips;
+pub use clips::ClipSession;
 
-use super::flow::{Flow, FlowConfig};
-use super::latents::mask_cells;
-use super::train::open_autoencoder;
+use super::flow::{Flow, FlowConfig, mask_cells};
 use super::vae::{Tiling, Vae};
 use super::weights::{Header, Source};
 use crate::renderer::{About, Options, Renderer, Sequence, Session};
@@ -22,10 +20,10 @@ use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::path::Path;
 
-/// Name of the autoencoder's file where it lies beside the renderer's.
+/// Name of the autoencoder's file in the folder of the renderer's file.
 pub const AUTOENCODER_FILE: &str = "vae.safetensors";
 
-/// The paper's graph with its autoencoder, ready to render.
+/// The paper's renderer with its autoencoder.
 #[derive(Debug)]
 pub struct WanRenderer {
     flow: Flow,
@@ -36,16 +34,16 @@ pub struct WanRenderer {
 }
 
 impl WanRenderer {
-    /// Whether a file holds a network of [`crate::wan`] written by this program.
+    /// Whether a file holds a network of [`crate::wan`] that this program wrote.
     pub fn recognises(path: &Path) -> bool {
         Source::open(path).and_then(|source| source.header()).is_ok_and(|header| header.is_some())
     }
 
-    /// The renderer in `path`, and its autoencoder in `autoencoder` (a file of this program, or a published one in either layout) or in
-    /// [`AUTOENCODER_FILE`] beside it.
+    /// Opens the renderer in the file `path`. Its autoencoder is in the file `autoencoder` (of this program, or published in
+    /// either layout), or in [`AUTOENCODER_FILE`] beside the renderer.
     ///
     /// # Errors
-    /// When a file cannot be read, holds another network, or the two do not belong together.
+    /// When a file cannot be read, when it holds another network, or when the two do not belong together.
     pub fn load(path: &Path, autoencoder: Option<&Path>) -> Result<Self> {
         let device = Device::flex();
         let (flow, header, _) = Flow::read(&Source::open(path)?, |config| config, 0, &device)?;
@@ -55,7 +53,7 @@ impl WanRenderer {
             return Err(Error::malformed(path, reason));
         }
         let autoencoder = autoencoder.unwrap_or(&beside);
-        let (vae, _) = open_autoencoder(autoencoder, &flow.config().vae, &device)?;
+        let (vae, _) = Vae::open(autoencoder, &flow.config().vae, &device)?;
         if vae.config() != &flow.config().vae {
             let reason = format!("not the autoencoder on whose latents {} was trained", path.display());
             return Err(Error::malformed(autoencoder, reason));
@@ -63,7 +61,7 @@ impl WanRenderer {
         Self::new(flow, vae, header, device)
     }
 
-    /// From networks in memory, on `device`.
+    /// A renderer from networks in memory, which are on `device`.
     ///
     /// # Errors
     /// When the two do not belong together.
@@ -74,11 +72,12 @@ impl WanRenderer {
         Ok(Self { flow, vae, header, tiling: None, device })
     }
 
-    /// The same with pictures larger than `pixels` a side encoded and decoded in tiles of that size, of which a quarter overlaps, so that
-    /// the autoencoder's memory is that of one; see [`Tiling`] for what that changes. Tokens attend to the whole picture.
+    /// The same renderer, which encodes and decodes pictures of more than `pixels` pixels a side in tiles of that size. A quarter
+    /// of each tile overlaps with the next. The autoencoder then needs memory for one tile; [`Tiling`] describes how results
+    /// change. Tokens still attend to the whole picture.
     ///
     /// # Errors
-    /// When a tile is smaller than four latent pixels.
+    /// When a tile would be smaller than four latent pixels.
     pub fn tiled(self, pixels: usize) -> Result<Self> {
         let size = pixels / self.config().vae.spatial_factor();
         if size < 4 {
@@ -87,12 +86,12 @@ impl WanRenderer {
         Ok(Self { tiling: Some(Tiling { size, overlap: size / 4 }), ..self })
     }
 
-    /// What the network is.
+    /// The configuration of the network.
     pub fn config(&self) -> &FlowConfig {
         self.flow.config()
     }
 
-    /// What the weights say about themselves.
+    /// The header of the weights.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -105,7 +104,7 @@ impl WanRenderer {
         }
     }
 
-    /// Pictures of normalised latents, clamped to -1..=1.
+    /// Pictures from normalised latents, clamped to -1..=1.
     fn decode(&self, latents: Tensor<5>) -> Result<Tensor<5>> {
         match self.tiling {
             Some(tiling) => Ok(self.vae.decode_tiled(self.vae.denormalise(latents), tiling)?.clamp(-1.0, 1.0)),
@@ -113,12 +112,33 @@ impl WanRenderer {
         }
     }
 
-    /// The mask of a clip of which `known` frames are given, `[1, s s, f, h, w]` for latents `[1, z, f, h, w]`.
+    /// The mask of a clip, `[1, s s, f, h, w]` for latents `[1, z, f, h, w]`. `known` says for each frame whether it is given.
     fn mask(&self, known: &[bool], latents: &Tensor<5>) -> Tensor<5> {
         let [b, _, f, h, w] = latents.dims();
         let cells = self.config().mask_channels();
         Tensor::from_data(TensorData::new(mask_cells(known, f, cells, h * w), [b, cells, f, h, w]), &self.device)
     }
+}
+
+/// The autoencoder of the paper's renderer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Autoencoder<'a> {
+    /// Its weights file, or `None` for [`AUTOENCODER_FILE`] beside the weights of the renderer.
+    pub file: Option<&'a Path>,
+    /// Side of the tiles, in pixels, in which larger pictures are encoded and decoded, or `None` to process pictures whole.
+    pub tile: Option<usize>,
+}
+
+/// Opens weights of the paper's renderer.
+///
+/// # Errors
+/// When a file cannot be read or holds another network. The message names the file and the tensor.
+pub fn open(path: &Path, autoencoder: Autoencoder) -> Result<Box<dyn Renderer>> {
+    let renderer = WanRenderer::load(path, autoencoder.file)?;
+    Ok(match autoencoder.tile {
+        Some(pixels) => Box::new(renderer.tiled(pixels)?),
+        None => Box::new(renderer),
+    })
 }
 
 impl Renderer for WanRenderer {
@@ -129,6 +149,6 @@ impl Renderer for WanRenderer {
     }
 
     fn begin<'a>(&'a self, sequence: &'a dyn Sequence, options: Options) -> Result<Box<dyn Session + 'a>> {
-        Ok(Box::new(Clips::new(self, sequence, options)?))
+        Ok(Box::new(ClipSession::new(self, sequence, options)?))
     }
 }

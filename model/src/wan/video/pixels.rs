@@ -1,8 +1,8 @@
-//! Pictures in planes, as tensors of a size that tokens cover, and back.
+//! Conversion between pictures in planes and tensors whose size is a multiple of a token.
 
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// A size of pictures, and the one they are padded to.
+/// The size of pictures, and the size to which they are padded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Size {
     pub width: usize,
@@ -12,13 +12,13 @@ pub(super) struct Size {
 }
 
 impl Size {
-    /// Padded to multiples of `multiple`.
+    /// A size that is padded to multiples of `multiple`.
     pub fn new(width: usize, height: usize, multiple: usize) -> Self {
         Self { width, height, padded_width: width.next_multiple_of(multiple), padded_height: height.next_multiple_of(multiple) }
     }
 
-    /// Frames `[3, height, width]` as a clip `[1, 3, frames, padded height, padded width]`: each at the top left, its last row and column
-    /// repeated.
+    /// Frames `[3, height, width]` as a clip `[1, 3, frames, padded height, padded width]`. Padding repeats the last row and
+    /// column.
     pub fn clip(&self, frames: &[&[f32]], device: &Device) -> Tensor<5> {
         let (h, w) = (self.padded_height, self.padded_width);
         let mut values = Vec::with_capacity(3 * frames.len() * h * w);
@@ -35,12 +35,12 @@ impl Size {
         Tensor::from_data(TensorData::new(values, [1, 3, frames.len(), h, w]), device)
     }
 
-    /// Frames `[3, padded height, padded width]` that are not padded.
+    /// Frames `[3, padded height, padded width]` as a clip, without padding.
     pub fn whole_clip(&self, frames: &[&[f32]], device: &Device) -> Tensor<5> {
         Self::new(self.padded_width, self.padded_height, 1).clip(frames, device)
     }
 
-    /// A frame of the values of a clip `[1, 3, frames, padded height, padded width]` as `[3, height, width]`.
+    /// One frame `[3, height, width]` from the values of a clip `[1, 3, frames, padded height, padded width]`.
     pub fn frame(&self, values: &[f32], frames: usize, frame: usize) -> Vec<f32> {
         let plane = self.padded_height * self.padded_width;
         let mut picture = Vec::with_capacity(3 * self.width * self.height);
@@ -60,7 +60,7 @@ mod tests {
     use crate::parameters::to_vec;
 
     #[test]
-    fn what_is_padded_is_found_again() {
+    fn padding_is_removed_again() {
         let size = Size::new(5, 3, 4);
         assert_eq!((size.padded_width, size.padded_height), (8, 4));
         let frame = |first: f32| (0..3 * 5 * 3).map(|i| first + i as f32).collect::<Vec<f32>>();
@@ -68,7 +68,7 @@ mod tests {
         let clip = size.clip(&[&frames[0], &frames[1]], &Device::flex());
         assert_eq!(clip.dims(), [1, 3, 2, 4, 8]);
         let values = to_vec(clip);
-        // Second channel, first frame, below and right of the picture: its last pixel.
+        // In the second channel of the first frame, padding at the bottom right is the last pixel.
         assert_eq!(values[(2 * 4 + 3) * 8 + 7], 29.0);
         for (i, frame) in frames.iter().enumerate() {
             assert_eq!(&size.frame(&values, 2, i), frame);

@@ -1,5 +1,5 @@
-//! A file to another one, tensor by tensor: names, number format and shards change, values do not. The network is never made, so
-//! that the memory in use is that of two copies of the largest tensor.
+//! Conversion of a weights file, tensor by tensor: names, number format and shards change, and values stay the same. The network
+//! itself is not made, so memory holds two copies of the largest tensor.
 
 use super::load::{self, LoadOptions, LoadReport};
 use super::save::{Header, Network, Precision, write};
@@ -12,12 +12,11 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Writes the network `header` describes from `source` to the safetensors file `path` under the names of `naming`, beside its place
-/// and renamed.
+/// Writes the network that `header` describes from `source` to the safetensors file `path`, with the names of `naming`.
 ///
 /// # Errors
-/// As [`super::load`] where a tensor does not fit the network; when a value cannot be stored in `precision`, the message names the
-/// tensor; when a file cannot be read or written.
+/// When a tensor does not fit the network (as for [`super::load`]), when a value cannot be stored in `precision`, or when a file
+/// cannot be read or written. The message names the tensor.
 pub fn convert(source: &Source, path: &Path, header: &Header, precision: Precision, naming: Naming) -> Result<LoadReport> {
     let entries = header.network.entries()?;
     let (wanted, report) = load::fit(&entries, source, LoadOptions::default())?;
@@ -31,22 +30,22 @@ pub fn convert(source: &Source, path: &Path, header: &Header, precision: Precisi
     Ok(report)
 }
 
-/// Whether every tensor of `network`, and nothing else, is in `source`.
+/// Checks that `source` holds every tensor of `network` and no others.
 ///
 /// # Errors
-/// As [`super::load`] where one does not fit.
+/// When a tensor does not fit, as for [`super::load`].
 pub fn check(source: &Source, network: &Network) -> Result<LoadReport> {
     Ok(load::fit(&network.entries()?, source, LoadOptions::default())?.1)
 }
 
-/// A tensor of `source` that is read when it is its turn to be written.
+/// A tensor of `source` that is read only when it is written.
 struct Copied<'a> {
     source: &'a Source,
     entry: &'a Entry,
     from: Naming,
     path: &'a Path,
     precision: Precision,
-    /// The first thing that went wrong: what is asked for bytes cannot say so.
+    /// The first error. The writer asks for bytes and cannot receive errors.
     failed: &'a Mutex<Option<Error>>,
 }
 
@@ -96,7 +95,7 @@ impl Precision {
         }
     }
 
-    /// Largest value that can be stored.
+    /// Largest value of the format.
     pub(super) fn largest(self) -> f32 {
         match self {
             Self::F32 => f32::MAX,
@@ -105,12 +104,12 @@ impl Precision {
         }
     }
 
-    /// Bytes of a value.
+    /// Bytes per value.
     pub(super) fn size(self) -> usize {
         if self == Self::F32 { 4 } else { 2 }
     }
 
-    /// Values as they are stored, rounded to nearest.
+    /// Encodes values, rounded to the nearest.
     pub(super) fn bytes(self, values: &[f32]) -> Vec<u8> {
         match self {
             Self::F32 => values.iter().flat_map(|v| v.to_le_bytes()).collect(),

@@ -1,4 +1,5 @@
-//! What network a file holds: what it says about itself, else the configuration beside it, else the shapes of its tensors.
+//! Identification of the network in a file: by its header, else by the configuration beside it, else by the shapes of its
+//! tensors.
 
 use super::save::{Header, Network, Provenance};
 use super::source::{Source, Table};
@@ -11,48 +12,48 @@ use std::path::PathBuf;
 
 /// Channels of a head in every published transformer.
 const HEAD_DIM: usize = 128;
-/// Configuration files that may lie beside weights.
+/// Names of configuration files beside weights.
 const CONFIG: &str = "config.json";
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Identity {
-    /// This program's network that reads samples.
+    /// The fusion network of this program.
     Fusion(Box<fusion::render::Header>),
-    /// A network of this module, this program's own or a published one.
+    /// A network of [`crate::wan`], of this program or published.
     Wan(Box<Found>),
-    /// Something else; the reason in a sentence.
+    /// Something else, with the reason in a sentence.
     Unknown(String),
 }
 
-/// A network of this module in a file.
+/// A network of [`crate::wan`] in a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
-    /// The network and, in this program's own files, its history.
+    /// The network, and in files of this program its history.
     pub header: Header,
-    /// Whose names the file uses.
+    /// The names that the file uses.
     pub naming: Naming,
-    /// What tells so.
+    /// How the network was identified.
     pub evidence: Evidence,
-    /// What the evidence leaves open and how it was settled, a sentence each.
+    /// Sentences on what the evidence leaves open, and what was assumed.
     pub assumed: Vec<String>,
 }
 
-/// What tells which network a file holds.
+/// How a network was identified.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Evidence {
-    /// This program's entry in the file.
+    /// By the header of this program.
     Header,
-    /// A configuration beside the file.
+    /// By a configuration beside the file.
     Config(PathBuf),
-    /// The shapes of the tensors.
+    /// By the shapes of the tensors.
     Shapes,
 }
 
-/// Finds out what `source` holds. Whether each of its tensors fits is told by [`super::load`] and [`super::convert`].
+/// Identifies the network in `source`. [`super::load`] and [`super::convert`] check whether each tensor fits.
 ///
 /// # Errors
-/// When an entry or configuration is there that cannot be read, or contradicts itself.
+/// When a header or a configuration cannot be read or contradicts itself.
 pub fn identify(source: &Source) -> Result<Identity> {
     if let Some(text) = source.header_text() {
         let broken = |e: serde_json::Error| Error::malformed(source.path(), format!("header: {e}"));
@@ -90,7 +91,7 @@ pub fn identify(source: &Source) -> Result<Identity> {
     }
 }
 
-/// A file of another program: by the configuration beside it, or by its shapes.
+/// Identifies a file of another program by the configuration beside it, or by its shapes.
 fn published(
     source: &Source,
     read: impl FnOnce(&std::path::Path) -> Result<Network>,
@@ -113,14 +114,14 @@ fn published(
     Ok(Identity::Wan(Box::new(Found { header, naming: naming(source), evidence, assumed })))
 }
 
-/// The naming of a file, by parts of names that one of them alone has.
+/// The naming of a file, from parts of names that only one naming has.
 fn naming(source: &Source) -> Naming {
     let original = ["self_attn", "downsamples", "time_embedding", "head", "residual"];
     let is = |name: &str| name.split('.').any(|part| original.contains(&part));
     if source.names().any(is) { Naming::Original } else { Naming::Diffusers }
 }
 
-/// Shapes by diffusers names, under whichever naming a file uses.
+/// Shapes by diffusers name, for a file of either naming.
 struct Shapes<'a> {
     source: &'a Source,
 }
@@ -229,7 +230,7 @@ impl Shapes<'_> {
 }
 
 impl Table {
-    /// Tensors and values of each part of the network, by the first part of the names.
+    /// Number of tensors and values of each part of the network, by the first part of their names.
     pub fn parts(&self) -> Vec<(String, usize, u64)> {
         let mut parts: BTreeMap<&str, (usize, u64)> = BTreeMap::new();
         for row in &self.rows {

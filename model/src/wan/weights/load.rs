@@ -1,4 +1,4 @@
-//! Weights from a file into a network.
+//! Loading weights from a file into a network.
 
 use super::source::{ElementType, Source};
 use crate::wan::names::{Entry, Layout, Named, Naming};
@@ -8,15 +8,15 @@ use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
-/// Problems told in full; the rest are counted.
+/// Most problems that a message lists. Further ones are counted.
 const TOLD: usize = 10;
 
-/// What a file may have beyond the network, and lack of it. By default nothing.
+/// Allowed differences between a file and a network. By default there are none.
 #[derive(Clone, Copy)]
 pub struct LoadOptions<'a> {
-    /// Names of tensors in the file that the network does not need.
+    /// Accepts names of tensors in the file that the network does not have.
     pub ignore: &'a dyn Fn(&str) -> bool,
-    /// diffusers names of tensors that keep their initial values where the file lacks them.
+    /// Accepts diffusers names of tensors that may be missing in the file. They keep their initial values.
     pub may_lack: &'a dyn Fn(&str) -> bool,
 }
 
@@ -26,20 +26,21 @@ impl Default for LoadOptions<'_> {
     }
 }
 
-/// What became of a file.
+/// The result of loading a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoadReport {
-    /// Whose names it used.
+    /// The names that the file uses.
     pub naming: Naming,
-    /// Tensors that were read.
+    /// Number of tensors that were read.
     pub read: usize,
-    /// Tensors that were left aside, as the options allow.
+    /// Tensors of the file that were ignored.
     pub ignored: Vec<String>,
-    /// Tensors of the network that kept their initial values, as the options allow.
+    /// Tensors of the network that kept their initial values.
     pub kept: Vec<String>,
 }
 
-/// Whether a transformer's tensor serves the text alone, under either naming: what RenderFlow's backbone leaves aside.
+/// Whether a tensor of a transformer is part of its text path, which RenderFlow's backbone does not have. The name is of either
+/// naming.
 pub fn is_text_path(name: &str) -> bool {
     let parts: Vec<&str> = name.split('.').collect();
     let in_block = matches!(parts.first(), Some(&"blocks" | &"vace_blocks"));
@@ -49,16 +50,16 @@ pub fn is_text_path(name: &str) -> bool {
     }
 }
 
-/// Whether a tensor belongs to VACE's context path.
+/// Whether a tensor is part of VACE's context path.
 pub fn is_context_path(name: &str) -> bool {
     name.starts_with("vace_")
 }
 
-/// `network` with the weights in `source`, whichever naming it uses; weights not made yet are never made.
+/// Loads the weights in `source`, of either naming, into `network`. Initial weights that have not been made yet are not made.
 ///
 /// # Errors
-/// [`Error::Frame`] that lists every tensor that is missing, not part of the network, of another shape or of an unusable number
-/// format (the first ten in full); [`Error::Frame`] and [`Error::Tensor`] when reading fails or a value is not finite.
+/// [`Error::Frame`] with the tensors that are missing, that the network does not have, or that have another shape or an
+/// unusable number format. [`Error::Frame`] and [`Error::Tensor`] when reading fails or a value is not finite.
 pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Result<(M, LoadReport)> {
     let entries = network.entries();
     let (wanted, report) = fit(&entries, source, options)?;
@@ -70,10 +71,10 @@ pub fn load<M: Named>(network: M, source: &Source, options: LoadOptions) -> Resu
     }
 }
 
-/// Which of `entries` are in `source`.
+/// Finds the tensors of a network in `source`.
 ///
 /// # Errors
-/// [`Error::Frame`] as of [`load`].
+/// [`Error::Frame`] as for [`load`].
 pub(super) fn fit<'a>(
     entries: &'a [Entry],
     source: &Source,
@@ -112,7 +113,7 @@ pub(super) fn fit<'a>(
     Ok((wanted, report))
 }
 
-/// The naming under which more of the network is found.
+/// The naming under which more tensors of the network are found.
 fn naming(entries: &[Entry], source: &Source) -> Naming {
     let found = |naming| entries.iter().filter(|entry| source.shape(entry.name(naming)).is_some()).count();
     if found(Naming::Original) > found(Naming::Diffusers) { Naming::Original } else { Naming::Diffusers }
@@ -159,10 +160,10 @@ impl ModuleMapper for Reader<'_> {
     }
 }
 
-/// Rows of memory that are gathered together: as many cache lines of each are in use at a time.
+/// Number of rows that are transposed together, so that their cache lines stay in use.
 const BLOCK: usize = 64;
 
-/// Values of a file in the order of memory.
+/// Reorders the values of a file to the order in memory.
 fn to_memory(values: Vec<f32>, layout: &Layout, memory: &[usize]) -> Vec<f32> {
     let (Some(rows), Some(&out)) = (layout.rows(memory), memory.last()) else { return values };
     let count = rows.len();
@@ -185,7 +186,7 @@ fn to_memory(values: Vec<f32>, layout: &Layout, memory: &[usize]) -> Vec<f32> {
     result
 }
 
-/// Values of memory in the order of a file.
+/// Reorders values in memory to the order of a file.
 pub(super) fn to_file(values: Vec<f32>, layout: &Layout, memory: &[usize]) -> Vec<f32> {
     let (Some(rows), Some(&out)) = (layout.rows(memory), memory.last()) else { return values };
     let count = rows.len();

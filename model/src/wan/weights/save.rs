@@ -1,4 +1,4 @@
-//! A network into a safetensors file, with what it is and where it comes from inside.
+//! Saving a network to a safetensors file, with its configuration and its provenance in the header.
 
 use super::load::to_file;
 use super::source::Source;
@@ -19,7 +19,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// What a file holds.
+/// The network in a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", content = "config", rename_all = "kebab-case")]
 pub enum Network {
@@ -29,7 +29,7 @@ pub enum Network {
     WanDit(DitConfig),
     /// The transformer with its context path.
     WanVace(VaceConfig),
-    /// The renderer; without its autoencoder's weights, which have a file of their own.
+    /// The renderer. The weights of its autoencoder are in another file.
     WanFlow(FlowConfig),
 }
 
@@ -47,7 +47,7 @@ impl Network {
         }
     }
 
-    /// Every tensor of it; no weights are made.
+    /// Every tensor of the network. No weights are made.
     ///
     /// # Errors
     /// When the configuration is invalid.
@@ -61,7 +61,7 @@ impl Network {
         })
     }
 
-    /// What it is, for people.
+    /// Name for messages.
     pub fn name(&self) -> &'static str {
         match self {
             Self::WanVae(_) => "Wan autoencoder",
@@ -72,26 +72,26 @@ impl Network {
     }
 }
 
-/// Where weights come from.
+/// The history of weights.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Provenance {
-    /// Files the weights were read from, oldest first.
+    /// Files that the weights were read from, oldest first.
     pub sources: Vec<String>,
-    /// Seed of weights that were drawn.
+    /// Seed of initial weights that were drawn.
     pub seed: Option<u64>,
-    /// Training steps since.
+    /// Number of training steps since then.
     pub steps: u64,
-    /// Version of this program that wrote the file.
+    /// Version of the program that wrote the file.
     pub program: String,
 }
 
-/// This program's entry in the metadata of its files.
+/// The header of this program's files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// The network.
     pub network: Network,
-    /// Its history.
+    /// Its provenance.
     pub provenance: Provenance,
 }
 
@@ -104,25 +104,25 @@ pub enum Precision {
     F32,
     /// Half precision.
     F16,
-    /// The upper half of single precision, as the published transformers are stored.
+    /// bfloat16, as in the published transformers.
     Bf16,
 }
 
 impl Source {
-    /// What the file says about itself; `None` for files of other programs.
+    /// The header of the file, or `None` for files of other programs.
     ///
     /// # Errors
-    /// When there is an entry of this program that does not say what a network of this module says.
+    /// When the header does not describe a network of [`crate::wan`].
     pub fn header(&self) -> Result<Option<Header>> {
         let broken = |e: serde_json::Error| Error::malformed(self.path(), format!("header: {e}"));
         self.header_text().map(|text| serde_json::from_str(text).map_err(broken)).transpose()
     }
 }
 
-/// Writes `network` under the names of `naming`, beside its place and renamed. Tensors are converted one at a time.
+/// Writes `network` with the names of `naming`. Tensors are converted one at a time.
 ///
 /// # Errors
-/// When a value is not finite or too large for `precision`; the message names the tensor. When the file cannot be written.
+/// When a value is not finite or too large for `precision` (the message names the tensor), or when the file cannot be written.
 pub fn save<M: Named>(path: &Path, network: &M, header: &Header, precision: Precision, naming: Naming) -> Result<()> {
     let entries = network.entries();
     let by_id: HashMap<ParamId, &Entry> = entries.iter().map(|entry| (entry.id, entry)).collect();
@@ -134,7 +134,8 @@ pub fn save<M: Named>(path: &Path, network: &M, header: &Header, precision: Prec
     write(path, writer.views, header, || Ok(()))
 }
 
-/// A safetensors file of `views` with `header`, beside its place and renamed if `sound` has nothing to say once all is written.
+/// Writes a safetensors file of `views` with `header`. It replaces the file at its place only if `sound` returns no error at the
+/// end.
 pub(super) fn write(
     path: &Path,
     views: Vec<(String, impl View)>,
@@ -177,7 +178,7 @@ impl ModuleVisitor for Writer<'_> {
     }
 }
 
-/// A tensor that is converted when it is its turn to be written.
+/// A tensor that is converted only when it is written.
 struct LazyView<'a> {
     entry: &'a Entry,
     precision: Precision,

@@ -1,4 +1,4 @@
-//! One weights file, or several that belong together, as a list of tensors to be read one by one.
+//! A weights file, or a set of shards, as a list of tensors that can be read one by one.
 
 use crate::weights::HEADER;
 use crate::{Error, Result};
@@ -15,10 +15,10 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-/// Largest list of tensors a safetensors file may have, in bytes; the format's own limit.
+/// Most bytes of a safetensors file's list of tensors, as the format defines.
 const LARGEST_HEADER: u64 = 100_000_000;
 
-/// How a stored number is written.
+/// Number format of a tensor in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ElementType {
     /// Double precision.
@@ -27,9 +27,9 @@ pub enum ElementType {
     F32,
     /// Half precision.
     F16,
-    /// Half of the bits of single precision.
+    /// bfloat16.
     Bf16,
-    /// Anything else; cannot be a weight.
+    /// Another format, which weights cannot have.
     Other,
 }
 
@@ -45,7 +45,7 @@ impl fmt::Display for ElementType {
     }
 }
 
-/// Where the bytes of a tensor are.
+/// The place of a tensor's bytes.
 enum Place {
     Range { file: Arc<(PathBuf, Mutex<File>)>, start: u64, length: usize },
     Torch(pytorch_reader::Tensor),
@@ -73,19 +73,19 @@ pub struct Row {
     pub shape: Vec<usize>,
     /// Number format in the file.
     pub element: ElementType,
-    /// Values.
+    /// Number of values.
     pub parameters: u64,
 }
 
-/// What is in a file; displays as a table.
+/// The tensors of a file. It displays as a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// In the order of their names.
+    /// Tensors in the order of their names.
     pub rows: Vec<Row>,
 }
 
 impl Table {
-    /// Values of all tensors.
+    /// Number of values in all tensors.
     pub fn parameters(&self) -> u64 {
         self.rows.iter().map(|row| row.parameters).sum()
     }
@@ -103,11 +103,11 @@ impl fmt::Display for Table {
 }
 
 impl Source {
-    /// Opens `path`: a `.safetensors` file, the `.safetensors.index.json` of a set of shards, a PyTorch file (`.pth`, `.pt`, `.bin`),
-    /// or a folder with exactly one of these.
+    /// Opens `path`: a `.safetensors` file, the `.safetensors.index.json` of a set of shards, a PyTorch file (`.pth`, `.pt`,
+    /// `.bin`), or a folder with exactly one of these.
     ///
     /// # Errors
-    /// When a file cannot be read or is not what its name says; the message names it.
+    /// When a file cannot be read, or is not in the format of its name. The message names the file.
     pub fn open(path: &Path) -> Result<Self> {
         if path.is_dir() {
             return Self::open(&only_weights(path)?);
@@ -176,12 +176,12 @@ impl Source {
         self.tensors.get(name).map(|stored| stored.element)
     }
 
-    /// This program's entry in the metadata.
+    /// The header of this program, if there is one.
     pub(super) fn header_text(&self) -> Option<&str> {
         self.header.as_deref()
     }
 
-    /// What is in the file.
+    /// The list of all tensors.
     pub fn table(&self) -> Table {
         let row = |(name, stored): (&String, &Stored)| Row {
             name: name.clone(),
@@ -192,10 +192,10 @@ impl Source {
         Table { rows: self.tensors.iter().map(row).collect() }
     }
 
-    /// Values of one tensor in the order of the file.
+    /// Reads the values of a tensor in the order of the file.
     ///
     /// # Errors
-    /// When there is no such tensor, its numbers are not floating-point, one of them is not finite, or the file cannot be read.
+    /// When there is no such tensor, when its numbers are not floating-point or not finite, or when the file cannot be read.
     pub fn read(&self, name: &str) -> Result<Vec<f32>> {
         let broken = |reason: String| Error::Tensor { path: self.path.clone(), tensor: name.into(), reason };
         let stored = self.tensors.get(name).ok_or_else(|| broken("missing".into()))?;
@@ -242,7 +242,7 @@ fn is_torch(name: &str) -> bool {
     [".pth", ".pt", ".bin"].iter().any(|end| name.ends_with(end))
 }
 
-/// The weights in a folder: an index before single files, safetensors before PyTorch's.
+/// The weights file in a folder. An index has priority over single files, and safetensors over PyTorch files.
 fn only_weights(folder: &Path) -> Result<PathBuf> {
     let entries = std::fs::read_dir(folder).map_err(Error::io(folder, "read"))?;
     let mut names: Vec<String> = Vec::new();
@@ -264,7 +264,7 @@ fn only_weights(folder: &Path) -> Result<PathBuf> {
     Err(Error::malformed(folder, "no weights (.safetensors.index.json, .safetensors, .pth, .pt, .bin) in this folder"))
 }
 
-/// Tensors of one safetensors file and this program's entry of its metadata.
+/// The tensors of a safetensors file, and the header of this program.
 fn safetensors_file(path: &Path) -> Result<(BTreeMap<String, Stored>, Option<String>)> {
     let malformed = |reason: String| Error::malformed(path, format!("not a safetensors file: {reason}"));
     let mut file = file::open(path)?;
@@ -304,10 +304,10 @@ fn safetensors_file(path: &Path) -> Result<(BTreeMap<String, Stored>, Option<Str
     Ok((tensors, header))
 }
 
-/// Tensors of one PyTorch file: a plain dictionary of tensors, or one under `state_dict` or `model`.
+/// The tensors of a PyTorch file, which holds a dictionary of tensors, or one under `state_dict` or `model`.
 fn torch_file(path: &Path) -> Result<BTreeMap<String, Stored>> {
     use pytorch_reader::DType;
-    // A missing file, or a pipe, is told apart from a broken one.
+    // This distinguishes a missing file or a pipe from a broken file.
     file::open(path)?;
     let malformed = |e: pytorch_reader::PytorchError| Error::malformed(path, format!("not a PyTorch file: {e}"));
     let tensors = pytorch_reader::PytorchReader::new(path).map_err(malformed)?.into_tensors();

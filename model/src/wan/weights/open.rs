@@ -1,21 +1,45 @@
-//! The renderer from files: its own, and the published ones it begins with.
+//! Networks from files: this program's own, and published ones to begin with.
 
-use super::{Flow, FlowConfig, Group};
+use super::load::{LoadOptions, LoadReport, is_context_path, is_text_path, load};
+use super::save::{Header, Network, Provenance};
+use super::source::Source;
+use crate::wan::config::VaeConfig;
+use crate::wan::flow::{BUFFERS, Flow, FlowConfig, Group};
 use crate::wan::names::{Entry, Named};
-use crate::wan::weights::{self, Header, LoadOptions, LoadReport, Network, Source};
+use crate::wan::vae::Vae;
 use crate::{Error, Result};
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::HashSet;
 use std::fmt;
+use std::path::Path;
 
-impl Flow {
-    /// Reads a renderer that was saved with [`weights::save`] under [`Network::WanFlow`]. `change` may add or leave out adapters: one
-    /// that the file lacks begins as in [`Self::new`] with `seed` (the inverse adapter's embedder with the file's embedder of albedo),
-    /// one that the configuration lacks is not read.
+impl Vae {
+    /// Reads an autoencoder from a file of this program, or from published weights of the configuration `published`.
     ///
     /// # Errors
-    /// When the file holds something else, the configuration is changed in another way, or tensors do not fit; they are named.
+    /// When the file cannot be read, when it holds another network, or when its tensors do not fit.
+    pub fn open(path: &Path, published: &VaeConfig, device: &Device) -> Result<(Self, Provenance)> {
+        let source = Source::open(path)?;
+        let (config, mut provenance) = match source.header()? {
+            Some(Header { network: Network::WanVae(config), provenance }) => (config, provenance),
+            Some(_) => return Err(Error::malformed(path, "holds another network, not an autoencoder")),
+            None => (published.clone(), Provenance::default()),
+        };
+        let (vae, _) = load(Self::new(&config, 0, device)?, &source, LoadOptions::default())?;
+        provenance.sources.push(path.display().to_string());
+        Ok((vae, provenance))
+    }
+}
+
+impl Flow {
+    /// Reads a renderer that was saved with [`super::save()`] as [`Network::WanFlow`]. `change` may add adapters to the
+    /// configuration or remove them. An adapter that the file lacks begins as in [`Self::new`] with `seed`, but the embedder of
+    /// the inverse adapter begins with the file's embedder of albedo. An adapter that the configuration lacks is not read.
+    ///
+    /// # Errors
+    /// When the file holds something else, when the configuration is changed in another way, or when tensors do not fit. The
+    /// message names the tensors.
     pub fn read(
         source: &Source,
         change: impl FnOnce(FlowConfig) -> FlowConfig,
@@ -50,23 +74,24 @@ impl Flow {
             ignore: &|name| has(stored, Group::of_tensor(name)) && !has(&config, Group::of_tensor(name)),
             may_lack: &|name| !has(stored, Group::of_tensor(name)),
         };
-        let (mut flow, report) = weights::load(Self::new(&config, seed, device)?, source, options)?;
+        let (mut flow, report) = load(Self::new(&config, seed, device)?, source, options)?;
         if stored.inverse.is_none() {
             flow.copy_albedo_to_inverse();
         }
         Ok((flow, Header { network: Network::WanFlow(config), ..header }, report))
     }
 
-    /// A renderer that begins with published weights: the transformer of Wan2.1 or VACE in `base`, and the embedder of VACE's context
-    /// in `context`, or in `base` itself if that has one. What files lack begins so:
+    /// A renderer that begins with published weights: the transformer of Wan2.1 or VACE in `base`, and the embedder of VACE's
+    /// context in `context`, or in `base` if it has one. The other parts begin as follows:
     ///
-    /// - attribute embedder: the channels of the masked reference from VACE's `vace_patch_embedding`, or 0; all others 0;
-    /// - embedders of environment and inverse adapter: copies of the albedo's, which is the transformer's;
-    /// - projections of the environment: 0, so that at first the blocks run as published;
-    /// - keyframe and inverse adapter: as in [`Self::new`] with `seed`; what they add to the tokens is 0 at first.
+    /// - attribute embedder: the channels of the masked reference come from VACE's `vace_patch_embedding`, or are 0; all others
+    ///   are 0;
+    /// - embedders of environment and inverse adapter: copies of the albedo's embedder, which is the transformer's;
+    /// - projections of the environment: 0, so that the blocks run as published before training;
+    /// - keyframe and inverse adapter: as in [`Self::new`] with `seed`; before training they add 0 to the tokens.
     ///
     /// # Errors
-    /// When a tensor of the backbone is missing, a tensor is unknown or of another shape; they are named.
+    /// When a tensor of the backbone is missing, or when a tensor is unknown or has another shape. The message names the tensors.
     pub fn adopt(
         config: &FlowConfig,
         base: &Source,
@@ -76,7 +101,7 @@ impl Flow {
     ) -> Result<(Self, Adoption)> {
         let network = Self::new(config, seed, device)?;
         let entries = network.entries();
-        // The backbone is what the transformer lists, whatever else a file may be lacking.
+        // The tensors of the transformer are the backbone, which the file must have.
         let backbone: HashSet<String> = network.dit.entries().into_iter().map(|e| e.diffusers).collect();
         let own = |entry: &&Entry| !backbone.contains(&entry.diffusers) && base.shape(&entry.diffusers).is_some();
         if let Some(entry) = entries.iter().find(own) {
@@ -84,10 +109,10 @@ impl Flow {
             return Err(Error::malformed(base.path(), reason));
         }
         let options = LoadOptions {
-            ignore: &|name| weights::is_text_path(name) || weights::is_context_path(name),
+            ignore: &|name| is_text_path(name) || is_context_path(name),
             may_lack: &|name| !backbone.contains(name),
         };
-        let (mut flow, report) = weights::load(network, base, options)?;
+        let (mut flow, report) = load(network, base, options)?;
         let mut adoption = Adoption { read: report.read, ignored: report.ignored, ..Adoption::default() };
 
         let width = config.dit.width();
@@ -105,7 +130,7 @@ impl Flow {
             bias = read(source, CONTEXT_BIAS, &[width])?;
             let place = format!("{CONTEXT_WEIGHT} of {}", source.path().display());
             adoption.copied.push((format!("attribute_embedding, first {} channels", config.reference_channels()), place));
-            adoption.zeroed.push(format!("attribute_embedding, last {} channels", super::config::BUFFERS * config.vae.z_dim));
+            adoption.zeroed.push(format!("attribute_embedding, last {} channels", BUFFERS * config.vae.z_dim));
         } else if let Some(source) = context {
             return Err(Error::Tensor { path: source.path().into(), tensor: CONTEXT_WEIGHT.into(), reason: "missing".into() });
         } else {
@@ -128,18 +153,18 @@ impl Flow {
         Ok((flow, adoption))
     }
 
-    /// Begins the embedder of the inverse adapter with that of the albedo; `false` when there is no such adapter.
+    /// Copies the albedo's embedder to the inverse adapter. Returns `false` if there is no such adapter.
     fn copy_albedo_to_inverse(&mut self) -> bool {
         let copied = self.inverse.as_mut().map(|adapter| adapter.embed = self.dit.patch.copy());
         copied.is_some()
     }
 }
 
-/// VACE's embedder, under either naming.
+/// Name of the weights of VACE's embedder in either naming.
 const CONTEXT_WEIGHT: &str = "vace_patch_embedding.weight";
 const CONTEXT_BIAS: &str = "vace_patch_embedding.bias";
 
-/// Values of a tensor of this shape.
+/// Reads a tensor that must have this shape.
 fn read(source: &Source, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
     match source.shape(name) {
         Some(found) if found != shape => {
@@ -150,24 +175,24 @@ fn read(source: &Source, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
     }
 }
 
-/// A parameter of these values in place of another of the same shape.
+/// A parameter with these values, in place of another of the same shape.
 fn given<const D: usize>(old: &Param<Tensor<D>>, values: Vec<f32>) -> Param<Tensor<D>> {
     let data = TensorData::new(values, old.lazy_shape());
     Param::initialized(old.id, Tensor::from_data(data, &old.lazy_device())).set_require_grad(true)
 }
 
-/// What became of the files a renderer began with; displays as a list.
+/// How each part of a renderer began. It displays as a list.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Adoption {
-    /// Tensors of the backbone that were read.
+    /// Number of tensors of the backbone that were read.
     pub read: usize,
-    /// Tensors of the file that the renderer does not need: text and VACE's context blocks.
+    /// Tensors of the file that the renderer does not have: the text path and VACE's context blocks.
     pub ignored: Vec<String>,
-    /// What was copied, and from where.
+    /// Parts that were copied, and their sources.
     pub copied: Vec<(String, String)>,
-    /// What is 0.
+    /// Parts that are 0.
     pub zeroed: Vec<String>,
-    /// What was drawn from the seed.
+    /// Parts that were drawn from the seed.
     pub drawn: Vec<String>,
 }
 

@@ -1,22 +1,21 @@
-//! How many parameters the renderer has, item by item.
+//! Number of parameters of each part of the renderer.
 
-use super::{Flow, FlowConfig, Group};
-use crate::Result;
-use crate::wan::names::{Entry, Named};
-use crate::wan::vae::Vae;
 use burn::tensor::Device;
+use renderflow_model::wan::flow::Group;
+use renderflow_model::wan::names::{Entry, Named};
+use renderflow_model::wan::{Flow, FlowConfig, Vae};
 use std::fmt;
 
 /// Parameters of one part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Item {
-    /// Which part.
+    /// The part.
     pub part: Part,
-    /// Values.
+    /// Number of values.
     pub parameters: u64,
 }
 
-/// What parameters are counted by.
+/// A part of the renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Part {
     /// The transformer without text, with the albedo's embedder.
@@ -35,9 +34,9 @@ pub enum Part {
     KeyframeEmbedder,
     /// Corrections of the perceptrons with keyframes.
     KeyframeLora,
-    /// Embedder of pictures on the way back.
+    /// Embedder of pictures for inverse rendering.
     InverseEmbedder,
-    /// Corrections of self-attention on the way back.
+    /// Corrections of self-attention for inverse rendering.
     InverseLora,
     /// Prompts, and attention to them, one a block.
     InversePrompts,
@@ -46,7 +45,7 @@ pub enum Part {
 }
 
 impl Part {
-    /// All of them, in the order they are added up.
+    /// All parts, in the order in which they are listed.
     pub const ALL: [Self; 12] = [
         Self::Backbone,
         Self::AttributeEmbedder,
@@ -62,7 +61,7 @@ impl Part {
         Self::InverseHeads,
     ];
 
-    /// In words.
+    /// Name for tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Backbone => "backbone",
@@ -99,25 +98,26 @@ impl Part {
     }
 }
 
-/// Parameters of every part a renderer has; displays as a table.
+/// The number of parameters of every part that a renderer has. It displays as a table.
 ///
-/// The paper gives two numbers, 1.4 B without and 1.7 B with keyframes. They are met when the autoencoder is counted (as the numbers
-/// it gives for other methods count theirs) and each block has one projection of the environment and, with keyframes, an attention
-/// of its own; the rank of the perceptrons' correction is not told by them (8 to 64 all round to 1.7 B). Two projections a block and
-/// no autoencoder would give 1.411 B and 1.69 to 1.72 B, which cannot be excluded; VACE's whole context path (734 M more) can be.
+/// The paper states two totals: 1.4 B without keyframes, and 1.7 B with them. The counts agree with both if the autoencoder is
+/// included (as it is in the totals that the paper gives for other methods), and if each block has one projection of the
+/// environment and, with keyframes, an attention of its own. The totals do not determine the rank of the perceptrons' correction:
+/// 8 to 64 all round to 1.7 B. They also fit two projections per block without the autoencoder (1.411 B and 1.69 to 1.72 B), but
+/// not VACE's whole context path, which has 734 M parameters more.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
-    /// In the order of [`Part::ALL`]; parts the renderer lacks are left out.
+    /// In the order of [`Part::ALL`], without the parts that the renderer lacks.
     pub items: Vec<Item>,
 }
 
 impl Account {
-    /// Parameters of one part, 0 where there is none.
+    /// Parameters of one part; 0 if the renderer lacks it.
     pub fn of(&self, part: Part) -> u64 {
         self.items.iter().filter(|item| item.part == part).map(|item| item.parameters).sum()
     }
 
-    /// All parts together.
+    /// Parameters of all parts.
     pub fn total(&self) -> u64 {
         self.items.iter().map(|item| item.parameters).sum()
     }
@@ -132,17 +132,12 @@ impl fmt::Display for Account {
     }
 }
 
-impl FlowConfig {
-    /// Counts the parameters of this renderer and its autoencoder, from shapes alone: nothing is made.
-    ///
-    /// # Errors
-    /// When the configuration is invalid.
-    pub fn account(&self) -> Result<Account> {
-        let device = Device::flex();
-        let entries = Flow::new(self, 0, &device)?.entries();
-        let autoencoder = Vae::new(&self.vae, 0, &device)?.count();
-        let sum = |part| entries.iter().filter(|e| Part::of_tensor(&e.diffusers) == part).map(Entry::parameters).sum();
-        let item = |part| Item { part, parameters: if part == Part::Autoencoder { autoencoder } else { sum(part) } };
-        Ok(Account { items: Part::ALL.into_iter().map(item).filter(|item| item.parameters > 0).collect() })
-    }
+/// Counts the parameters of a renderer and its autoencoder from their shapes. No weights are made.
+pub fn account(config: &FlowConfig) -> Account {
+    let device = Device::flex();
+    let entries = Flow::new(config, 0, &device).expect("valid").entries();
+    let autoencoder = Vae::new(&config.vae, 0, &device).expect("valid").count();
+    let sum = |part| entries.iter().filter(|e| Part::of_tensor(&e.diffusers) == part).map(Entry::parameters).sum();
+    let item = |part| Item { part, parameters: if part == Part::Autoencoder { autoencoder } else { sum(part) } };
+    Account { items: Part::ALL.into_iter().map(item).filter(|item| item.parameters > 0).collect() }
 }

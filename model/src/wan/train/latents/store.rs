@@ -1,6 +1,6 @@
 //! Latents in files, one for each clip and size.
 
-use super::{Anchor, ClipLatents, Next};
+use super::{ClipLatents, FrameLatents, SecondLatents};
 use crate::data::Clip;
 use crate::parameters;
 use crate::wan::pictures::Kind;
@@ -14,25 +14,26 @@ use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 
-/// A folder of latents of one autoencoder. Files are named after what they are made of, so that runs can share a folder.
+/// A folder of latents that one autoencoder made. The name of a file is a digest of its inputs, so that runs can share a folder.
 #[derive(Clone, Debug)]
 pub struct Store {
     folder: PathBuf,
-    /// Of the autoencoder's weights and statistics.
+    /// Digest of the autoencoder's weights and statistics.
     autoencoder: u64,
 }
 
-/// What a file says beside its tensors.
+/// The header of a file.
 #[derive(Serialize, Deserialize)]
 struct Header {
     shape: [usize; 2],
     stride: usize,
-    /// Page, number, whether a clip begins there.
-    anchors: Vec<(usize, usize, bool)>,
+    /// For each frame its index, its number, and whether a clip begins with it.
+    #[serde(rename = "anchors")]
+    frames: Vec<(usize, usize, bool)>,
 }
 
 impl Store {
-    /// Latents of `vae` in `folder`.
+    /// The latents that `vae` made, in `folder`.
     pub fn new(folder: &Path, vae: &Vae) -> Self {
         let mut hasher = DefaultHasher::new();
         let floats = |values: &[f32], hasher: &mut DefaultHasher| values.iter().for_each(|v| v.to_bits().hash(hasher));
@@ -46,7 +47,7 @@ impl Store {
         Self { folder: folder.into(), autoencoder: hasher.finish() }
     }
 
-    /// The file of a clip, a function of everything its latents depend on.
+    /// The file of a clip. Its name depends on everything that the latents depend on.
     pub(super) fn file(&self, clip: &Clip, settings: &[usize]) -> PathBuf {
         let mut hasher = DefaultHasher::new();
         (self.autoencoder, settings, &clip.numbers, clip.light.exposure().to_bits()).hash(&mut hasher);
@@ -71,25 +72,24 @@ impl Store {
     }
 }
 
-fn name(part: &str, anchor: usize, kind: Kind) -> String {
-    format!("{part}/{anchor}/{}", kind.name())
+fn name(part: &str, frame: usize, kind: Kind) -> String {
+    format!("{part}/{frame}/{}", kind.name())
 }
 
-/// Writes latents, without their pictures.
+/// Writes latents without the pictures that are kept beside them.
 pub(super) fn write(path: &Path, latents: &ClipLatents) -> Result<()> {
     let mut entries: Vec<(String, &[f16])> = vec![("grey".into(), &latents.grey)];
-    for (i, anchor) in latents.anchors.iter().enumerate() {
-        entries.extend(Kind::ALL.map(|kind| (name("first", i, kind), anchor.kinds[kind as usize].as_slice())));
-        if let Some(next) = &anchor.next {
+    for (i, frame) in latents.frames.iter().enumerate() {
+        entries.extend(Kind::ALL.map(|kind| (name("first", i, kind), frame.kinds[kind as usize].as_slice())));
+        if let Some(next) = &frame.next {
             entries.extend(Kind::ALL.map(|kind| (name("second", i, kind), next.kinds[kind as usize].as_slice())));
             entries.push((format!("reference/{i}"), &next.reference));
         }
     }
-    let anchors = latents.anchors.iter();
     let header = Header {
         shape: [latents.height, latents.width],
         stride: latents.stride,
-        anchors: anchors.map(|a| (a.page, a.number, a.next.is_some())).collect(),
+        frames: latents.frames.iter().map(|frame| (frame.index, frame.number, frame.next.is_some())).collect(),
     };
     let header = serde_json::to_string(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
     let shapes: Vec<[usize; 1]> = entries.iter().map(|(_, values)| [values.len()]).collect();
@@ -119,17 +119,18 @@ pub(super) fn read(path: &Path) -> Result<Option<ClipLatents>> {
         }
         Ok(all)
     };
-    let mut anchors = Vec::with_capacity(header.anchors.len());
-    for (i, &(page, number, clip)) in header.anchors.iter().enumerate() {
-        let next =
-            if clip { Some(Next { kinds: kinds("second", i)?, reference: values(&format!("reference/{i}"))? }) } else { None };
-        anchors.push(Anchor { page, number, kinds: kinds("first", i)?, next });
+    let mut frames = Vec::with_capacity(header.frames.len());
+    for (i, &(index, number, clip)) in header.frames.iter().enumerate() {
+        let second =
+            || Ok::<_, Error>(SecondLatents { kinds: kinds("second", i)?, reference: values(&format!("reference/{i}"))? });
+        let next = clip.then(second).transpose()?;
+        frames.push(FrameLatents { index, number, kinds: kinds("first", i)?, next });
     }
     let grey = values("grey")?;
-    Ok(Some(ClipLatents { height, width, stride: header.stride, anchors, grey, ..ClipLatents::default() }))
+    Ok(Some(ClipLatents { height, width, stride: header.stride, frames, grey, ..ClipLatents::default() }))
 }
 
-/// Values of a tensor of whole planes.
+/// The values of a tensor, which must be whole planes.
 fn halves(path: &Path, tensors: &SafeTensors, name: &str, plane: usize) -> Result<Vec<f16>> {
     let broken = |reason: &str| Error::Tensor { path: path.into(), tensor: name.into(), reason: reason.into() };
     let view = tensors.tensor(name).map_err(|_| broken("missing"))?;

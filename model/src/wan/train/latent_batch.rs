@@ -1,36 +1,36 @@
-//! Batches of latents: a function of the seed, the step and the clips in memory.
+//! Batches of latents. A batch depends on the seed, the step and the clips in memory.
 
-use super::album::Window;
+use super::clip_pictures::Window;
 use super::config::{BatchConfig, LatentConfig};
+use super::latents::ClipLatents;
 use crate::bridge::velocity;
 use crate::network::init::normal;
 use crate::train::draw_weighted;
-use crate::wan::flow::{FlowConfig, Intrinsic};
-use crate::wan::latents::{ClipLatents, mask_cells};
+use crate::wan::flow::{FlowConfig, Intrinsic, mask_cells};
 use crate::wan::pictures::Kind;
 use crate::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::sync::Arc;
 
-/// What a batch is to teach.
+/// The task that a batch is drawn for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lesson {
-    /// Rendering, with keyframes a gap of frames apart where there is one.
+pub enum Task {
+    /// Rendering.
     Render {
-        /// Frames from a keyframe to the next.
+        /// Distance between keyframes in frames, or `None` to render without keyframes.
         gap: Option<usize>,
     },
-    /// The way back, to a random intrinsic.
+    /// Inverse rendering of an intrinsic that is drawn at random.
     Invert,
 }
 
-/// A window of the pictures that decoded predictions are compared with.
+/// The window of pictures that decoded predictions are compared with.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
-    /// In latent pixels.
+    /// First row in latent pixels.
     pub top: usize,
-    /// In latent pixels.
+    /// First column in latent pixels.
     pub left: usize,
     /// Rows and columns in latent pixels.
     pub size: [usize; 2],
@@ -40,50 +40,62 @@ pub struct Truth {
     pub masks: Vec<f32>,
 }
 
-/// One batch on the host.
+/// One batch in the host's memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LatentBatch {
-    /// Items, latent channels, latent frames, rows, columns.
+    /// Numbers of items, latent channels, latent frames, rows and columns.
     pub shape: [usize; 5],
-    /// State of the bridge, of that shape.
+    /// State of the bridge, of [`Self::shape`].
     pub z_t: Vec<f32>,
-    /// `(z_1 - z_t) / (1 - t)`, what a network should answer, of that shape.
+    /// The target `(z_1 - z_t) / (1 - t)`, of [`Self::shape`].
     pub velocity: Vec<f32>,
-    /// Of each item.
+    /// Bridge time of each item.
     pub times: Vec<f32>,
-    /// What the renderer is given beside the state, `[items, channels, frames, rows, columns]`; empty on the way back.
+    /// Conditions beside the state, `[items, channels, frames, rows, columns]`; empty for inverse rendering.
     pub attributes: Vec<f32>,
-    /// Of that shape; empty on the way back.
+    /// Latents of the environment, of [`Self::shape`]; empty for inverse rendering.
     pub environment: Vec<f32>,
-    /// Latents `[items, z, 1, rows, columns]` and time in latent frames.
+    /// Latents `[items, z, 1, rows, columns]` of each keyframe, and its time in latent frames.
     pub keyframes: Vec<(Vec<f32>, f64)>,
-    /// What is recovered on the way back.
+    /// The intrinsic that inverse rendering recovers.
     pub intrinsic: Option<Intrinsic>,
-    /// Pictures, where this step decodes its prediction.
+    /// Pictures to compare with, in steps that decode their prediction.
     pub truth: Option<Truth>,
 }
 
 /// Draws batches.
-pub struct Drawing<'a> {
+pub struct BatchSampler<'a> {
     /// The renderer.
     pub network: &'a FlowConfig,
-    /// Settings of the stage.
+    /// Options of the stage.
     pub latents: &'a LatentConfig,
     /// Kinds of batch.
     pub batches: &'a [BatchConfig],
-    /// What is taught.
-    pub lesson: Lesson,
+    /// The task that batches are drawn for.
+    pub task: Task,
 }
 
-/// Where an item comes from.
+/// The first frame of an item.
 #[derive(Clone, Copy)]
 struct Item {
     clip: usize,
-    anchor: usize,
+    frame: usize,
 }
 
-impl Drawing<'_> {
-    /// Distinct sizes of pictures, in the order of [`crate::wan::latents::Encoder::sizes`].
+/// What is drawn for one item.
+struct ItemDraw {
+    /// Bridge time.
+    time: f32,
+    /// Whether the first frame is given.
+    given: bool,
+    /// Noise of the bridge.
+    noise: Pcg64Mcg,
+    /// In latent pixels.
+    window: Window,
+}
+
+impl BatchSampler<'_> {
+    /// Distinct sizes of pictures, ascending: [`super::latents::Encoder::sizes`].
     pub fn sizes(&self) -> Vec<usize> {
         let mut sizes: Vec<usize> = self.batches.iter().map(|b| b.size).collect();
         sizes.sort_unstable();
@@ -96,31 +108,31 @@ impl Drawing<'_> {
         self.latents.pixels.weight > 0.0 && step.is_multiple_of(self.latents.pixels.period)
     }
 
-    /// The batch of a step; `rng` is that of the step.
+    /// Draws the batch of a step. `rng` holds the random numbers of that step.
     ///
     /// # Errors
-    /// When no clip in memory has the frames or keyframes that are asked for.
+    /// When no clip in memory has the frames or keyframes that the batch needs.
     pub fn draw(&self, clips: &[Arc<Vec<ClipLatents>>], step: u64, rng: &mut Pcg64Mcg) -> Result<LatentBatch> {
         let kind = self.batches[draw_weighted(self.batches.iter().map(|b| b.weight), rng)];
         let size = self.sizes().binary_search(&kind.size).unwrap_or_default();
         let at = |item: Item| &clips[item.clip][size];
         let mut items = Vec::new();
         for (clip, sized) in clips.iter().enumerate() {
-            let anchors = 0..sized[size].anchors.len();
-            let fits = anchors.filter(|&anchor| kind.frames == 1 || sized[size].begins_clip(anchor));
-            items.extend(fits.map(|anchor| Item { clip, anchor }));
+            let frames = 0..sized[size].frames.len();
+            let fits = frames.filter(|&frame| kind.frames == 1 || sized[size].begins_clip(frame));
+            items.extend(fits.map(|frame| Item { clip, frame }));
         }
-        let (offsets, stride) = match self.lesson {
-            Lesson::Render { gap: Some(gap) } => self.keyframes(&mut items, &at, gap, rng)?,
+        let (offsets, stride) = match self.task {
+            Task::Render { gap: Some(gap) } => self.keyframes(&mut items, &at, gap, rng)?,
             _ => (Vec::new(), 1),
         };
         if items.is_empty() {
             let reason = format!("no {} frames in a row in the clips in memory", kind.frames);
             return Err(Error::Data { place: "training data".into(), reason });
         }
-        let intrinsic = match self.lesson {
-            Lesson::Invert => Some(Intrinsic::ALL[rng.random_range(0..Intrinsic::ALL.len())]),
-            Lesson::Render { .. } => None,
+        let intrinsic = match self.task {
+            Task::Invert => Some(Intrinsic::ALL[rng.random_range(0..Intrinsic::ALL.len())]),
+            Task::Render { .. } => None,
         };
 
         let vae = &self.network.vae;
@@ -143,16 +155,16 @@ impl Drawing<'_> {
         for _ in 0..kind.items {
             let item = items[rng.random_range(0..items.len())];
             let clip = at(item);
-            // Corners of tokens, so that tokens are those of the whole picture.
+            // Windows begin at corners of tokens, so that their tokens are tokens of the whole picture.
             let [top, left] = [clip.height, clip.width].map(|all| patch * rng.random_range(0..=(all - side) / patch));
             let window = Window { top, left, height: side, width: side };
             let time = self.latents.bridge.times.draw(rng);
-            let given = rng.random::<f32>() < self.latents.reference_probability;
+            let given = rng.random::<f32>() < self.latents.reference_probability && kind.frames > 1;
             let noise = Pcg64Mcg::seed_from_u64(rng.random());
-            self.add(&mut batch, clip, item.anchor, window, (time, given && kind.frames > 1, noise));
+            self.add(&mut batch, clip, item.frame, ItemDraw { time, given, noise, window });
             for (keyframe, offset) in batch.keyframes.iter_mut().zip(&offsets) {
-                if let Some(anchor) = clip.offset(item.anchor, *offset) {
-                    clip.read(anchor, 1, Kind::Target, window, &mut keyframe.0);
+                if let Some(frame) = clip.offset(item.frame, *offset) {
+                    clip.read(frame, 1, Kind::Target, window, &mut keyframe.0);
                 }
             }
             if let Some(truth) = &mut batch.truth {
@@ -162,17 +174,18 @@ impl Drawing<'_> {
                     height: truth.size[0] * factor,
                     width: truth.size[1] * factor,
                 };
-                let page = clip.anchors[item.anchor].page;
+                let index = clip.frames[item.frame].index;
                 let compared = intrinsic.map_or(Kind::Target, kind_of);
-                truth.pictures.extend(clip.album.clip(page, kind.frames, compared, pixels));
-                truth.masks.extend(clip.album.masks(page, kind.frames, pixels));
+                truth.pictures.extend(clip.pictures.clip(index, kind.frames, compared, pixels));
+                truth.masks.extend(clip.pictures.masks(index, kind.frames, pixels));
             }
         }
         Ok(batch)
     }
 
-    /// Chooses where the keyframes of a batch are, in frames from the first of each clip: the nearest at or before it and the next, a
-    /// gap later. Keeps the items that have both, or the one there is, and the stride of one of them: a batch has one distance.
+    /// Draws the distances of a batch's keyframes from the first frame of each clip: one keyframe at or before that frame, and
+    /// one `gap` frames later. Keeps the items that have both, or one if no item has both. All items of a batch have the same
+    /// stride, which is returned too.
     fn keyframes<'b>(
         &self,
         items: &mut Vec<Item>,
@@ -186,7 +199,7 @@ impl Drawing<'_> {
         }
         let stride = at(items[rng.random_range(0..items.len())]).stride;
         items.retain(|item| at(*item).stride == stride);
-        let has = |item: &Item, offset: i64| at(*item).offset(item.anchor, offset).is_some();
+        let has = |item: &Item, offset: i64| at(*item).offset(item.frame, offset).is_some();
         let mut choices: Vec<Vec<i64>> = Vec::new();
         for offset in (0..gap as i64).step_by(stride).map(|offset| -offset) {
             let both = vec![offset, offset + gap as i64];
@@ -202,18 +215,13 @@ impl Drawing<'_> {
         Ok((offsets, stride))
     }
 
-    fn add(
-        &self,
-        batch: &mut LatentBatch,
-        clip: &ClipLatents,
-        anchor: usize,
-        window: Window,
-        (time, given, mut rng): (f32, bool, Pcg64Mcg),
-    ) {
+    /// Adds one item: the clip that begins with `frame`.
+    fn add(&self, batch: &mut LatentBatch, clip: &ClipLatents, frame: usize, draw: ItemDraw) {
+        let ItemDraw { time, given, mut noise, window } = draw;
         let frames = batch.shape[2];
         let latents = |kind: Kind| {
             let mut out = Vec::new();
-            clip.read(anchor, frames, kind, window, &mut out);
+            clip.read(frame, frames, kind, window, &mut out);
             out
         };
         let (start, end) = match batch.intrinsic {
@@ -221,7 +229,7 @@ impl Drawing<'_> {
             None => (latents(Kind::Albedo), latents(Kind::Target)),
         };
         for (z0, z1) in start.into_iter().zip(end) {
-            let z_t = self.latents.bridge.interpolate(z0, z1, time, normal(&mut rng));
+            let z_t = self.latents.bridge.interpolate(z0, z1, time, normal(&mut noise));
             batch.z_t.push(z_t);
             batch.velocity.push(velocity(z1, z_t, time));
         }
@@ -229,18 +237,18 @@ impl Drawing<'_> {
         if batch.intrinsic.is_some() {
             return;
         }
-        clip.read_reference(anchor, frames, given, window, &mut batch.attributes);
+        clip.read_reference(frame, frames, given, window, &mut batch.attributes);
         let mut known = vec![false; 1 + (frames - 1) * self.network.vae.temporal_factor()];
         known[0] = given;
         batch.attributes.extend(mask_cells(&known, frames, self.network.mask_channels(), window.height * window.width));
         for kind in [Kind::Normal, Kind::Depth, Kind::Material] {
-            clip.read(anchor, frames, kind, window, &mut batch.attributes);
+            clip.read(frame, frames, kind, window, &mut batch.attributes);
         }
-        clip.read(anchor, frames, Kind::Environment, window, &mut batch.environment);
+        clip.read(frame, frames, Kind::Environment, window, &mut batch.environment);
     }
 }
 
-/// The picture of an intrinsic.
+/// The kind of picture that shows an intrinsic.
 pub fn kind_of(intrinsic: Intrinsic) -> Kind {
     match intrinsic {
         Intrinsic::Albedo => Kind::Albedo,

@@ -1,16 +1,17 @@
-//! The loss on one picture and its derivative: what PSNR measures, with two terms that keep dark and bright parts and edges honest.
+//! The loss of one picture and its derivative: the error that PSNR measures, and two terms for dark and bright parts and for
+//! edges.
 
-use super::record::Known;
+use super::record::PixelInputs;
 use crate::bridge::{log_curves, srgb_slope};
 use renderflow_frame::color::linear_to_srgb;
 use serde::{Deserialize, Serialize};
 
-/// Weights of the terms.
+/// Weights of the terms of the loss.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossWeights {
-    /// Natural logarithm of the mean squared error of the display picture, a picture each: PSNR is what results are told in, and its mean
-    /// over pictures weighs the easy ones and the hard ones alike.
+    /// Natural logarithm of the mean squared error of each display picture. Results are reported as mean PSNR, in which easy and
+    /// hard pictures have the same weight.
     pub psnr: f32,
     /// Squared error of the display picture.
     pub display: f32,
@@ -26,16 +27,16 @@ impl Default for LossWeights {
     }
 }
 
-/// Sums over the pixels that show a surface, of three channels each.
+/// Terms of the loss, as means over the three channels of the pixels that show a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Loss {
-    /// What is minimised, a mean.
+    /// The loss that is minimised.
     pub total: f32,
     /// Mean squared display error: PSNR is `-10 log10` of it.
     pub display: f32,
     /// Mean absolute error in the logarithmic curve.
     pub log: f32,
-    /// Mean absolute error of differences.
+    /// Mean absolute error of differences between neighbouring pixels.
     pub gradient: f32,
 }
 
@@ -44,25 +45,25 @@ pub fn display(x: f32) -> f32 {
     linear_to_srgb(x.clamp(0.0, 1.0))
 }
 
-/// Added to the mean squared error before its logarithm: that of 50 dB.
+/// Added to the mean squared error before its logarithm: the error at 50 dB.
 const LEAST: f32 = 1e-5;
 
-/// Slope of [`crate::bridge::log_curve`].
+/// Slope of the logarithmic curve ([`log_curves`]).
 fn log_slope(x: f32) -> f32 {
     8.0 / ((1.0 + 8.0 * x.max(0.0)) * 9f32.ln())
 }
 
-/// Loss of a drawn picture of `width` columns and its derivative with respect to the drawn pixels.
+/// The loss of a rendered picture of `width` columns, and its derivative with respect to the rendered pixels.
 pub fn loss(
     width: usize,
-    known: &[Known],
+    pixels: &[PixelInputs],
     drawn: &[[f32; 3]],
     truth: &[[f32; 3]],
     weights: LossWeights,
 ) -> (Loss, Vec<[f32; 3]>) {
-    let covered = |i: usize| known[i].alpha > 0.0;
-    let count = |pairs: &dyn Fn(usize) -> bool| 3.0 * (0..known.len()).filter(|i| pairs(*i)).count().max(1) as f32;
-    let height = known.len() / width;
+    let covered = |i: usize| pixels[i].alpha > 0.0;
+    let count = |pairs: &dyn Fn(usize) -> bool| 3.0 * (0..pixels.len()).filter(|i| pairs(*i)).count().max(1) as f32;
+    let height = pixels.len() / width;
     let right = |i: usize| i % width + 1 < width && covered(i) && covered(i + 1);
     let below = |i: usize| i / width + 1 < height && covered(i) && covered(i + width);
     let (n, n_right, n_below) = (count(&covered), count(&right), count(&below));
@@ -102,7 +103,7 @@ pub fn loss(
     }
     for (slope, (of_display, drawn)) in slopes.iter_mut().zip(of_display.iter().zip(drawn)) {
         for c in 0..3 {
-            // What is brighter than the display shows has no slope there.
+            // Display values that are clamped have no slope.
             if drawn[c] > 0.0 && drawn[c] < 1.0 {
                 slope[c] += of_display[c] * srgb_slope(drawn[c]);
             }
@@ -114,7 +115,7 @@ pub fn loss(
     (Loss { total, display: squares, log, gradient }, slopes)
 }
 
-/// The sign of 0 is 0: a subgradient.
+/// The sign of a number. It is 0 for 0, which is a subgradient.
 fn sign(v: f32) -> f32 {
     if v == 0.0 { 0.0 } else { v.signum() }
 }
@@ -128,20 +129,20 @@ mod tests {
     #[test]
     fn derivatives_agree_with_differences() {
         let mut rng = Pcg64Mcg::seed_from_u64(8);
-        let known: Vec<Known> =
-            (0..48).map(|_| Known { alpha: f32::from(u8::from(rng.random_bool(0.8))), ..Known::default() }).collect();
+        let pixels: Vec<PixelInputs> =
+            (0..48).map(|_| PixelInputs { alpha: f32::from(u8::from(rng.random_bool(0.8))), ..PixelInputs::default() }).collect();
         let mut picture =
             |most: f32| -> Vec<[f32; 3]> { (0..48).map(|_| [(); 3].map(|()| rng.random_range(0.05..most))).collect() };
         let (drawn, truth) = (picture(1.4), picture(1.4));
         let weights = LossWeights { psnr: 0.05, display: 3.0, log: 0.7, gradient: 0.2 };
-        let (_, slopes) = loss(8, &known, &drawn, &truth, weights);
+        let (_, slopes) = loss(8, &pixels, &drawn, &truth, weights);
         for i in 0..48 {
             for c in 0..3 {
                 let step = 1e-3;
                 let at = |delta: f32| {
                     let mut moved = drawn.clone();
                     moved[i][c] += delta;
-                    loss(8, &known, &moved, &truth, weights).0.total
+                    loss(8, &pixels, &moved, &truth, weights).0.total
                 };
                 let expected = (at(step) - at(-step)) / (2.0 * step);
                 let near_a_corner = (drawn[i][c] - 1.0).abs() < 2.0 * step;
@@ -152,9 +153,9 @@ mod tests {
 
     #[test]
     fn the_truth_has_no_loss() {
-        let known = vec![Known { alpha: 1.0, ..Known::default() }; 16];
+        let pixels = vec![PixelInputs { alpha: 1.0, ..PixelInputs::default() }; 16];
         let picture = vec![[0.3, 0.6, 2.0]; 16];
-        let (loss, slopes) = loss(4, &known, &picture, &picture, LossWeights::default());
+        let (loss, slopes) = loss(4, &pixels, &picture, &picture, LossWeights::default());
         assert_eq!(loss, Loss::default());
         assert!(slopes.iter().flatten().all(|v| *v == 0.0));
     }

@@ -1,38 +1,38 @@
-//! Clips as pictures in memory, in half precision.
+//! The frames of a clip as pictures in memory, in half precision.
 
 use crate::Result;
 use crate::data::Clip;
 use crate::train::pool::Stored;
-use crate::wan::pictures::{DepthBounds, EnvironmentView, Kind, Pictures};
+use crate::wan::pictures::{EnvironmentView, Kind, Pictures};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::{Frame, FrameInfo};
+use renderflow_frame::{DepthBounds, Frame, FrameInfo};
 
-/// All frames of a clip as pictures.
+/// All frames of a clip as pictures of one size.
 #[derive(Clone, Debug, Default)]
-pub struct Album {
+pub struct ClipPictures {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
     /// Frames in order.
-    pub pages: Vec<Page>,
+    pub frames: Vec<FramePictures>,
 }
 
-/// One frame.
+/// The pictures of one frame.
 #[derive(Clone, Debug, Default)]
-pub struct Page {
-    /// Its number in the sequence.
+pub struct FramePictures {
+    /// Number of the frame in its sequence.
     pub number: usize,
-    /// `[3, height, width]` of each [`Kind`].
+    /// `[3, height, width]` for each [`Kind`].
     kinds: [Vec<f16>; 6],
-    /// `[1, height, width]`: 1 where a surface is seen.
+    /// `[1, height, width]`: 1 where the pixel sees a surface.
     mask: Vec<f16>,
 }
 
-/// A window of a picture, pixels.
+/// A window of a picture, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// First row.
@@ -45,21 +45,23 @@ pub struct Window {
     pub width: usize,
 }
 
-impl Stored for Album {
+impl Stored for ClipPictures {
     fn bytes(&self) -> usize {
-        let page = |page: &Page| page.kinds.iter().map(Vec::len).sum::<usize>() + page.mask.len();
-        2 * self.pages.iter().map(page).sum::<usize>()
+        let values = |frame: &FramePictures| frame.kinds.iter().map(Vec::len).sum::<usize>() + frame.mask.len();
+        2 * self.frames.iter().map(values).sum::<usize>()
     }
 }
 
-impl Album {
-    /// The pictures of `clip`, no smaller than `least` pixels a side. With `size`, frames of twice that and more are reduced: their
-    /// shorter side is then `size` to twice `size`. Sides are cut to multiples of `multiple`, at the right and below.
+impl ClipPictures {
+    /// The pictures of `clip`, at least `least` pixels a side. With `size`, frames whose shorter side is at least twice `size`
+    /// are reduced until it is between `size` and twice `size`. Sides are cut to multiples of `multiple`, at the right and at the
+    /// bottom.
     ///
-    /// A reduced G-buffer is a sample in the middle of each pixel, and the truth the mean of radiance, as if rendered so.
+    /// A reduced G-buffer takes the sample in the middle of each new pixel, and the truth takes the mean radiance, as if the
+    /// frame had been rendered at that size.
     ///
     /// # Errors
-    /// [`crate::Error::Data`] when the clip cannot be used or its frames are too small or not all of one size.
+    /// [`crate::Error::Data`] when the clip cannot be used, when its frames are too small, or when they differ in size.
     pub fn new(clip: &Clip, size: Option<usize>, least: usize, multiple: usize) -> Result<Self> {
         clip.check()?;
         let (width, height) = (clip.frames[0].width, clip.frames[0].height);
@@ -70,11 +72,11 @@ impl Album {
         let (w, h) = (width / factor, height / factor);
         let (cut_w, cut_h) = (w - w % multiple, h - h % multiple);
         if cut_w.min(cut_h) < least.max(1) {
-            return Err(clip.broken(format!("frames of {width}x{height} are smaller than the pictures of {least} to be drawn")));
+            return Err(clip.broken(format!("frames of {width}x{height} are smaller than the {least} pixels of a batch")));
         }
         let bounds = DepthBounds::of(&clip.frames);
         let view = EnvironmentView::new(&clip.light.environment, cut_w, cut_h);
-        let pages = (0..clip.frames.len())
+        let frames = (0..clip.frames.len())
             .into_par_iter()
             .map(|i| {
                 let reduced;
@@ -96,32 +98,32 @@ impl Album {
                     Kind::Environment => cut(pictures.of(kind), cut_w, cut_h),
                     _ => cut(pictures.of(kind), w, h),
                 });
-                Ok(Page { number: clip.numbers[i], kinds, mask: cut(&pictures.mask, w, h) })
+                Ok(FramePictures { number: clip.numbers[i], kinds, mask: cut(&pictures.mask, w, h) })
             })
             .collect::<Result<_>>()?;
-        Ok(Self { width: cut_w, height: cut_h, pages })
+        Ok(Self { width: cut_w, height: cut_h, frames })
     }
 
-    /// `frames` pages from `page` on, `[3, frames, height, width]`.
-    pub fn clip(&self, page: usize, frames: usize, kind: Kind, window: Window) -> Vec<f32> {
-        let mut clip = Vec::with_capacity(3 * frames * window.height * window.width);
+    /// A window of `count` frames that begin with frame `first`, `[3, count, height, width]`.
+    pub fn clip(&self, first: usize, count: usize, kind: Kind, window: Window) -> Vec<f32> {
+        let mut clip = Vec::with_capacity(3 * count * window.height * window.width);
         let plane = self.width * self.height;
         for channel in 0..3 {
-            for page in &self.pages[page..page + frames] {
-                self.read_planes(&page.kinds[kind as usize][channel * plane..][..plane], window, &mut clip);
+            for frame in &self.frames[first..first + count] {
+                self.read_planes(&frame.kinds[kind as usize][channel * plane..][..plane], window, &mut clip);
             }
         }
         clip
     }
 
-    /// The masks of `frames` pages from `page` on, `[1, frames, height, width]`.
-    pub fn masks(&self, page: usize, frames: usize, window: Window) -> Vec<f32> {
-        let mut masks = Vec::with_capacity(frames * window.height * window.width);
-        self.pages[page..page + frames].iter().for_each(|page| self.read_planes(&page.mask, window, &mut masks));
+    /// The masks of `count` frames that begin with frame `first`, `[1, count, height, width]`.
+    pub fn masks(&self, first: usize, count: usize, window: Window) -> Vec<f32> {
+        let mut masks = Vec::with_capacity(count * window.height * window.width);
+        self.frames[first..first + count].iter().for_each(|frame| self.read_planes(&frame.mask, window, &mut masks));
         masks
     }
 
-    /// The whole of a picture.
+    /// The window that covers the whole picture.
     pub fn whole(&self) -> Window {
         Window { top: 0, left: 0, height: self.height, width: self.width }
     }
@@ -132,30 +134,30 @@ impl Album {
         }
     }
 
-    /// The same with the pictures of these kinds only.
+    /// Keeps the pictures of these kinds, and drops the others.
     pub fn keeping(mut self, kinds: &[Kind]) -> Self {
-        for page in &mut self.pages {
+        for frame in &mut self.frames {
             let others = Kind::ALL.into_iter().filter(|kind| !kinds.contains(kind));
-            others.for_each(|kind| page.kinds[kind as usize] = Vec::new());
+            others.for_each(|kind| frame.kinds[kind as usize] = Vec::new());
         }
         self
     }
 
-    /// Smallest distance of the numbers of two pages: 1, or more where a dataset stores every n-th frame.
+    /// Smallest distance between the numbers of two neighbouring frames: 1, or more where a dataset stores every n-th frame.
     pub fn stride(&self) -> usize {
-        let distances = self.pages.windows(2).map(|pair| pair[1].number.saturating_sub(pair[0].number));
+        let distances = self.frames.windows(2).map(|pair| pair[1].number.saturating_sub(pair[0].number));
         distances.min().unwrap_or(1).max(1)
     }
 
-    /// First pages of the stretches of `1 + step` pages that are one [`Self::stride`] apart.
-    pub fn stretches(&self, step: usize) -> Vec<usize> {
-        let (pages, distance) = (&self.pages, step * self.stride());
-        (0..pages.len()).filter(|&i| i + step < pages.len() && pages[i + step].number == pages[i].number + distance).collect()
+    /// The frames that `step` more frames follow without a gap, each one [`Self::stride`] after the one before it.
+    pub fn starts(&self, step: usize) -> Vec<usize> {
+        let (frames, distance) = (&self.frames, step * self.stride());
+        (0..frames.len()).filter(|&i| i + step < frames.len() && frames[i + step].number == frames[i].number + distance).collect()
     }
 }
 
-/// Adds a window of a plane of `width` columns to `out`.
-pub(in crate::wan) fn read_window(plane: &[f16], width: usize, window: Window, out: &mut Vec<f32>) {
+/// Appends a window of a plane of `width` columns to `out`.
+pub(super) fn read_window(plane: &[f16], width: usize, window: Window, out: &mut Vec<f32>) {
     rows(plane, width, window, |row| {
         let at = out.len();
         out.resize(at + row.len(), 0.0);
@@ -169,7 +171,7 @@ fn rows<T>(plane: &[T], width: usize, window: Window, mut row: impl FnMut(&[T]))
     }
 }
 
-/// A frame of a `factor`-th of the size; remainders at the right and below are left out.
+/// A frame whose sides are divided by `factor`. Remainders at the right and at the bottom are left out.
 fn reduce(frame: &Frame, factor: usize) -> Frame {
     let (width, height) = (frame.width / factor, frame.height / factor);
     let middle = |x: usize| x * factor + factor / 2;

@@ -1,72 +1,68 @@
-//! What the loop needs of the renderer's stages: loss and gradients of one batch.
+//! The loss of the renderer, and of its adapters.
 
-use super::autoencoder::{Parts, Sum, frames};
-use super::batch::{LatentBatch, Truth};
 use super::config::PixelLoss;
-use super::{losses, recompute};
+use super::latent_batch::{LatentBatch, Truth};
+use super::losses::{self, LossSum, frames};
+use super::recompute;
 use crate::lpips::Lpips;
-use crate::train::runner::{Learner, Lesson};
+use crate::train::runner::{Objective, StepResult};
 use crate::wan::flow::{Conditions, Flow, Intrinsic, KeyframeLatent};
-use crate::wan::probe::Probe;
 use crate::wan::vae::Vae;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Loss of the renderer, forwards or back.
-pub struct FlowLearner {
-    /// Frozen, on the recording device.
+/// The loss of rendering or of inverse rendering.
+pub struct FlowObjective {
+    /// The frozen autoencoder, on the recording device.
     pub vae: Vae,
-    /// Losses on decoded predictions.
+    /// Losses of decoded predictions.
     pub pixels: PixelLoss,
     /// Weight of the squared error of the velocity.
     pub latent: f32,
     /// Weight of LPIPS in the loss of a recovered albedo.
     pub albedo_lpips: f32,
-    /// Loaded on the recording device, where wanted.
+    /// LPIPS on the recording device, if it is part of the loss.
     pub lpips: Option<Lpips>,
-    /// See [`recompute::recomputed`].
+    /// Whether activations are computed again in the backward pass; see [`recompute::recomputed`].
     pub recompute: bool,
 }
 
-impl Learner for FlowLearner {
+impl Objective for FlowObjective {
     type Batch = LatentBatch;
     type Model = Flow;
 
-    fn learn(&self, model: &Flow, _: u64, mut batch: LatentBatch, device: &Device) -> Result<Lesson> {
+    fn step(&self, model: &Flow, mut batch: LatentBatch, device: &Device) -> Result<StepResult> {
         let shape = batch.shape;
         let latents = |values: Vec<f32>| Tensor::<5>::from_data(TensorData::new(values, shape), device);
         let z_t = latents(std::mem::take(&mut batch.z_t));
         let target = latents(std::mem::take(&mut batch.velocity));
         let times: Vec<f64> = batch.times.iter().map(|t| f64::from(*t)).collect();
         let prepared = match batch.intrinsic {
-            Some(intrinsic) => model.prepare_inverse(z_t.clone(), &times, intrinsic, &mut Probe::idle())?,
-            None => model.prepare(z_t.clone(), &times, &conditions(&mut batch, device)?, &mut Probe::idle())?,
+            Some(intrinsic) => model.prepare_inverse(z_t.clone(), &times, intrinsic)?,
+            None => model.prepare(z_t.clone(), &times, &conditions(&mut batch, device)?)?,
         };
-        let judge = |velocity: Tensor<5>| {
-            let mut sum = Sum::default();
+        let loss = |velocity: Tensor<5>| {
+            let mut sum = LossSum::default();
             sum.add("latent", self.latent, losses::square(velocity.clone(), target));
             if let Some(truth) = &batch.truth {
                 let left = batch.times.iter().map(|t| 1.0 - t).collect::<Vec<f32>>();
                 let left = Tensor::<1>::from_data(left.as_slice(), device).reshape([shape[0], 1, 1, 1, 1]);
-                self.judge_pictures(&mut sum, z_t + velocity * left, batch.intrinsic, truth)?;
+                self.add_pixel_losses(&mut sum, z_t + velocity * left, batch.intrinsic, truth)?;
             }
             sum.finish()
         };
-        let (Parts { total, terms, squares }, gradients) = if self.recompute {
-            recompute::recomputed(model, prepared, judge)?
-        } else {
-            recompute::plain(model, prepared, judge)?
-        };
-        Ok(Lesson { total, terms, squares, items: shape[0], gradients })
+        let (report, gradients) =
+            if self.recompute { recompute::recomputed(model, prepared, loss)? } else { recompute::plain(model, prepared, loss)? };
+        Ok(report.result(shape[0], gradients))
     }
 }
 
-impl FlowLearner {
-    /// Adds the losses of a window of the decoded latents.
-    fn judge_pictures(&self, sum: &mut Sum, latents: Tensor<5>, intrinsic: Option<Intrinsic>, truth: &Truth) -> Result<()> {
+impl FlowObjective {
+    /// Decodes a window of the latents and adds the losses of its pictures.
+    fn add_pixel_losses(&self, sum: &mut LossSum, latents: Tensor<5>, intrinsic: Option<Intrinsic>, truth: &Truth) -> Result<()> {
         let device = latents.device();
         let window = latents.narrow(3, truth.top, truth.size[0]).narrow(4, truth.left, truth.size[1]);
-        let decoded = self.vae.decode(self.vae.denormalise(window), &mut Probe::idle())?.clamp(-1.0, 1.0);
+        let decoded = self.vae.decode(self.vae.denormalise(window))?.clamp(-1.0, 1.0);
         let [b, _, f, h, w] = decoded.dims();
         let tensor = |values: &[f32], channels: usize| -> Result<Tensor<5>> {
             if values.len() != b * channels * f * h * w {
@@ -93,7 +89,7 @@ impl FlowLearner {
             }
             Some(Intrinsic::Normal) => sum.add("normal", weight, losses::angle(decoded.clone(), pictures.clone(), masks)),
             Some(Intrinsic::Depth) => {
-                // The picture is a logarithm of depth already; its three channels are alike.
+                // The picture holds the logarithm of depth in three equal channels.
                 let grey = |x: Tensor<5>| x.mean_dim(1);
                 sum.add("depth", weight, losses::log_depth(grey(decoded.clone()), grey(pictures.clone()), masks));
             }
@@ -101,13 +97,12 @@ impl FlowLearner {
                 sum.add("material", weight, losses::masked_absolute(decoded.clone(), pictures.clone(), masks));
             }
         }
-        // Of values of 0..=1, as PSNR is counted.
-        sum.compare(losses::square(decoded.without_autodiff(), pictures.without_autodiff()).mul_scalar(0.25));
+        sum.compare(decoded, pictures);
         Ok(())
     }
 }
 
-/// What the renderer is given beside the state, on `device`; the batch is left without it.
+/// Moves the conditions of the renderer from the batch to `device`.
 fn conditions(batch: &mut LatentBatch, device: &Device) -> Result<Conditions> {
     let [b, z, f, h, w] = batch.shape;
     let tensor = |values: Vec<f32>, [c, f]: [usize; 2]| -> Result<Tensor<5>> {
