@@ -64,7 +64,10 @@ pub struct KeyframePlace {
 /// A sequence, as far as it does not arrive frame by frame. What a renderer does not ask for is never made.
 pub trait Sequence: Sync {
     /// The light.
-    fn light(&self) -> &Light;
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn light(&self) -> Result<&Light>;
     /// Depths of the whole sequence.
     ///
     /// # Errors

@@ -7,7 +7,8 @@ use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Object, Scene};
 use renderflow_scenes::load::load;
 use renderflow_scenes::procedural::{
-    Cameras, Composed, Composition, ENVIRONMENT_COUNT, LayoutKind, Layouts, MESH_COUNT, Pool, Request, Split, compose_one, families,
+    Cameras, Composed, Composition, ENVIRONMENT_COUNT, LayoutKind, Layouts, MESH_COUNT, Pool, Request, Split, compose_one,
+    families,
 };
 use renderflow_scenes::seed::Seed;
 use renderflow_scenes::shapes::{self, Shape};

@@ -3,15 +3,14 @@ mod monitor;
 mod reference;
 mod wan;
 
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::progress::Progress;
 use anyhow::{Context, Result};
 use clap::Args;
 use renderflow_model::train::runner::Summary;
 use renderflow_model::wan::FlowConfig;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::sync::atomic::AtomicBool;
 
 const HELP: &str = "\
 Examples, the network that reads samples, keyframes and deferred shading:
@@ -124,7 +123,7 @@ impl Bars {
 }
 
 impl Train {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         match self.wan_config()? {
             Some(config) => self.wan(&config, cancel),
             None => self.fusion(allowed, cancel),

@@ -2,8 +2,9 @@
 //! that it is validated on.
 
 use super::reference::References;
+use crate::report::html;
 use crate::report::plot::{self, Level, Line, Plot, Point, Scale};
-use crate::report::{html, picture};
+use crate::util::picture;
 use anyhow::{Context, Result};
 use half::f16;
 use renderflow_frame::file;

@@ -2,6 +2,7 @@
 
 use super::{Bars, Train};
 use crate::dataset::Dataset;
+use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
@@ -11,7 +12,6 @@ use renderflow_model::wan::flow::{InverseConfig, KeyframeConfig};
 use renderflow_model::wan::train::{self, BatchConfig, Config, LatentConfig, Stage};
 use serde_json::Value;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 /// What can be trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -123,7 +123,7 @@ impl Train {
     }
 
     /// Trains, or prints the configuration.
-    pub(super) fn wan(&self, config: &Config, cancel: &AtomicBool) -> Result<()> {
+    pub(super) fn wan(&self, config: &Config, cancel: &Cancel) -> Result<()> {
         if self.print_config {
             println!("{}", serde_json::to_string_pretty(config)?);
             return Ok(());

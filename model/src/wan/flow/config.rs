@@ -68,6 +68,7 @@ impl Default for InverseConfig {
 }
 
 /// What the inverse adapter can be asked for.
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Intrinsic {
