@@ -26,11 +26,6 @@ pub fn list(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// The content of a folder, by path; empty where it cannot be listed.
-pub fn list_or_nothing(folder: &Path) -> Vec<PathBuf> {
-    list(folder).unwrap_or_default()
-}
-
 /// The files that have one of `endings`, in a folder and in all folders below it, by path.
 ///
 /// # Errors
