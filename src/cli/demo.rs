@@ -18,8 +18,8 @@ use renderflow_frame::image::Rgb;
 use renderflow_renderer::denoise::Denoiser;
 use std::path::{Path, PathBuf};
 
-/// Seed of the scene: a gilded ring, a goblet and firs in front of a sun that is about to set. Networks find its hard, low light, long
-/// shadows and glossy metal hardest, and no network of the program was trained on its families.
+/// Seed of the scene: a gilded ring, a goblet and firs in front of a sun that is about to set. Networks find its hard, low light,
+/// long shadows and glossy metal hardest, and no network of the program was trained on its families.
 const SCENE: u64 = 53;
 /// Samples for each pixel of the truth by default: the whole demo then takes about a minute on four cores.
 const SAMPLES: u32 = 128;
@@ -34,8 +34,8 @@ pub struct Demo {
     scene: SceneArgs,
     #[command(flatten)]
     trace: TraceArgs,
-    /// Seed. With --scene, it replaces the scene's seed for random sampling. Otherwise it composes the scene (53 by default), whose
-    /// meshes and light training never uses
+    /// Seed. With --scene, it replaces the scene's seed for random sampling. Otherwise it composes the scene (53 by default),
+    /// whose meshes and light training never uses
     #[arg(long)]
     seed: Option<u64>,
     /// Pixels along both sides

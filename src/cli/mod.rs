@@ -265,9 +265,10 @@ fn parent(path: &Path) -> PathBuf {
 }
 
 impl SceneArgs {
-    /// The scene to work on, and the files that it may name. The scene comes from a file, or is composed with meshes and light that
-    /// training never sees. It may name files in its own folder, in the folders that are `allowed`, and those that the user names here.
-    /// `seed` composes the scene (`composed` where there is no seed); a scene or model from a file is sampled with it.
+    /// The scene to work on, and the files that it may name. The scene comes from a file, or is composed with meshes and light
+    /// that training never sees. It may name files in its own folder, in the folders that are `allowed`, and those that the user
+    /// names here. `seed` composes the scene (`composed` where there is no seed); a scene or model from a file is sampled with
+    /// it.
     fn describe(
         &self,
         allowed: &[PathBuf],

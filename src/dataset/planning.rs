@@ -32,9 +32,9 @@ pub fn all_to(split: Split, sequences: u32) -> Counts {
     Counts { train: of(Split::Train), val: of(Split::Val), test: of(Split::Test) }
 }
 
-/// What each split may draw from: its [`families`] of the catalogue, and its part of the files in two of the user's folders. About one
-/// file in six goes to the test split and one in six goes to the validation split, by the plan's seed and the files' contents. Files that
-/// cannot be used are left out, with a warning.
+/// What each split may draw from: its [`families`] of the catalogue, and its part of the files in two of the user's folders.
+/// About one file in six goes to the test split and one in six goes to the validation split, by the plan's seed and the files'
+/// contents. Files that cannot be used are left out, with a warning.
 pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
     let (catalog, seed) = (plan.catalog(), Seed::root(plan.seed));
     let mut splits = Splits::default();

@@ -6,8 +6,8 @@ use renderflow_frame::Frame;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::warp::{self, Keyframe, Neighbour};
 
-/// Reads the keyframes of `sequence`, each with its index among the stored frames; `draw` makes the picture without paths of one from its
-/// index and G-buffer.
+/// Reads the keyframes of `sequence`, each with its index among the stored frames; `draw` makes the picture without paths of one
+/// from its index and G-buffer.
 ///
 /// # Errors
 /// When a keyframe cannot be read, has no beauty, or cannot be drawn.
