@@ -4,13 +4,15 @@ mod common;
 
 use common::{fail, renderflow, succeed};
 use renderflow::dataset::Shard;
-use renderflow::dataset::plan::{Denoise, Plan};
+use renderflow::dataset::denoise::Denoise;
+use renderflow::dataset::layout::AUDIT;
+use renderflow::dataset::plan::Plan;
+use renderflow::dataset::testset::{Extent, SET, make_plans};
 use renderflow::evaluate::find::find;
 use renderflow::evaluate::results::{Results, Score};
-use renderflow::testset::{AUDIT, Extent, SET, make_plans};
+use renderflow::util::cancel::Cancel;
 use renderflow_frame::{color, exr, frame_file};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 /// A plan of one tiny sequence of five frames, keyframes at both ends.
 fn plan(folder: &Path, seed: &str) -> PathBuf {
@@ -203,10 +205,10 @@ fn neighbours_samples_help_and_budgets_are_kept() {
 /// Truth of `set`'s near class as PNG (16 bits) named by `name`, in `out`.
 fn write_pngs(sequence: &Path, out: &Path, name: impl Fn(usize) -> String) {
     std::fs::create_dir_all(out).unwrap();
-    let folder = renderflow::dataset::SequenceFolder::open(sequence).unwrap();
+    let folder = renderflow::dataset::Sequence::open(sequence).unwrap();
     for number in 0..folder.len() {
         let frame = folder.frame(number).unwrap();
-        let values = frame.beauty.unwrap().pixels.into_iter().flat_map(|p| color::display(p, folder.sequence.exposure));
+        let values = frame.beauty.unwrap().pixels.into_iter().flat_map(|p| color::display(p, folder.exposure()));
         let values: Vec<u16> = values.map(|v| (v * 65535.0 + 0.5) as u16).collect();
         let picture = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(48, 48, values).unwrap();
         picture.save(out.join(name(number))).unwrap();
@@ -336,7 +338,7 @@ fn a_set_is_made_audited_and_proved() {
         .collect();
     assert_eq!(plans[0].1.render.denoise, Denoise::None);
     let out = folder.path().join("sets");
-    let idle = AtomicBool::new(false);
+    let idle = Cancel::default();
     let all = Extent { shard: Shard { index: 1, count: 1 }, every: 1, audited: 64 };
     let made = make_plans("tiny", &plans, &out, all, &idle).unwrap().unwrap();
     let root = out.join("tiny");

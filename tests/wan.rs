@@ -3,7 +3,7 @@
 mod common;
 
 use common::{copy, fail, files, renderflow, stderr, succeed};
-use renderflow::dataset::{SequenceFolder, SequenceView};
+use renderflow::dataset::Sequence;
 use renderflow::evaluate::results::Results;
 use renderflow_frame::{color, frame_file};
 use renderflow_model::renderer::{Options, View};
@@ -152,7 +152,7 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
         let output = infer(out, more);
         assert!(output.status.success(), "{}", stderr(&output));
     }
-    let sequence = SequenceFolder::open(&data.join("seq-000000")).unwrap();
+    let sequence = Sequence::open(&data.join("seq-000000")).unwrap();
     let read = |out: &Path, i: usize| {
         let frame = frame_file::read(&out.join(format!("seq-000000/frame.{i:04}.exr"))).unwrap();
         assert!(out.join(format!("seq-000000/frame.{i:04}.png")).is_file());
@@ -162,7 +162,7 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
         let (with, without) = (read(&keyed, i), read(&plain, i));
         assert_eq!((with.width, with.height), (SIDE, SIDE));
         // A network of two steps is hardly moved by keyframes; at theirs, they are returned (in the half precision of files).
-        let display = |picture: &renderflow_frame::image::Rgb| picture.map(|p| color::display(*p, sequence.sequence.exposure));
+        let display = |picture: &renderflow_frame::image::Rgb| picture.map(|p| color::display(*p, sequence.exposure()));
         let truth = sequence.frame(i).unwrap().beauty.unwrap();
         let near = |picture| display(picture).pixels.iter().zip(&display(&truth).pixels).all(|(a, b)| (a[0] - b[0]).abs() < 2e-3);
         assert_eq!((near(&with), near(&without)), (i % 4 == 0, false), "frame {i}");
@@ -183,8 +183,7 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
         std::fs::write(stopped.join(format!("seq-000000/frame.{i:04}.exr")), [i as u8]).unwrap();
     }
     let renderer = wan::open(&weights.keys, Autoencoder { file: Some(&weights.vae), tile: None }).unwrap();
-    let view = SequenceView::new(&sequence);
-    let mut session = renderer.begin(&view, Options::default()).unwrap();
+    let mut session = renderer.begin(&sequence, Options::default()).unwrap();
     for index in 0..5 {
         let frame = sequence.frame(index).unwrap();
         session.push(View { number: index, index, frame: &frame }).unwrap();

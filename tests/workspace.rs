@@ -1,5 +1,5 @@
 //! The chain of crates is one-way: frame <- scenes <- renderer, frame <- model. The root knows them all, and only what measures
-//! knows the root. Inside the crates below the root, modules have no circles.
+//! knows the root. Inside crates, modules have no circles. Those of the root crate form floors.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -41,11 +41,12 @@ fn dependencies_point_one_way() {
 /// The film of the renderer reads the settings of the integrator, which fills it: the one circle that is left, by crate, user and used.
 const KNOWN_CIRCLES: [(&str, &str, &str); 1] = [("renderer", "film", "integrator")];
 
-/// Below a crate's root, and below each module of `renderflow-model`, modules use each other in one direction.
+/// Below a crate's root, and below each module of the root crate and of `renderflow-model`, modules use each other in one direction.
 #[test]
 fn modules_have_no_circles() {
-    for (folder, every_level) in [("model", true), ("renderer", false), ("renderer/frame", false), ("scenes", false)] {
-        let mut sources = Sources::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(folder).join("src"));
+    for (folder, every_level) in [("", true), ("model", true), ("renderer", false), ("renderer/frame", false), ("scenes", false)]
+    {
+        let mut sources = Sources::read(folder);
         for (_, user, used) in KNOWN_CIRCLES.into_iter().filter(|(name, ..)| *name == folder) {
             sources.uses.retain(|(a, b)| a.first().is_none_or(|a| a != user) || b.first().is_none_or(|b| b != used));
         }
@@ -57,6 +58,26 @@ fn modules_have_no_circles() {
             }
         }
     }
+}
+
+/// The floors of `src/` from the lowest to the highest: a module uses its own floor and those below it.
+const FLOORS: [&str; 6] = ["util", "metrics", "dataset", "evaluate", "report", "cli"];
+
+#[test]
+fn floors_of_the_root_crate_use_lower_floors_alone() {
+    let sources = Sources::read("");
+    assert!(sources.modules.len() > 80, "only {} modules were read", sources.modules.len());
+    let floor = |module: &Module| {
+        let name = module.first()?;
+        let place = FLOORS.iter().position(|floor| floor == name);
+        Some(place.unwrap_or_else(|| panic!("{name} is on no floor")))
+    };
+    let of_floors = sources.uses.iter().filter_map(|(user, used)| Some((user, used, floor(user)?, floor(used)?)));
+    let upwards: Vec<String> = of_floors
+        .filter(|(_, _, own, other)| other > own)
+        .map(|(user, used, _, _)| format!("{} uses {}", user.join("::"), used.join("::")))
+        .collect();
+    assert!(upwards.is_empty(), "{}", upwards.join("\n"));
 }
 
 /// A module by its path from the crate's root.
@@ -71,9 +92,10 @@ struct Sources {
 }
 
 impl Sources {
-    fn read(root: &Path) -> Self {
+    /// Reads the crate in `folder`.
+    fn read(folder: &str) -> Self {
         let mut files = Vec::new();
-        list(root, &mut Vec::new(), &mut files);
+        list(&Path::new(env!("CARGO_MANIFEST_DIR")).join(folder).join("src"), &mut Vec::new(), &mut files);
         let modules: BTreeSet<Module> = files.iter().map(|(module, _)| module.clone()).collect();
         let mut uses = BTreeSet::new();
         for (module, text) in &files {

@@ -2,8 +2,9 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use renderflow::dataset::manifest::{MANIFEST, Manifest};
-use renderflow::testset::{SET, SetFile};
+use renderflow::dataset::layout::MANIFEST;
+use renderflow::dataset::manifest::Manifest;
+use renderflow::dataset::testset::{SET, SetFile};
 use renderflow_frame::file::parse_json;
 use renderflow_fuzz::{names_file, same_again, watch};
 use std::path::Path;

@@ -2,9 +2,12 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use renderflow::dataset::damage::{self, Depth, Part};
+use renderflow::dataset::check::Part;
+use renderflow::dataset::damage::{self, Depth};
 use renderflow::dataset::manifest::{self, Manifest};
-use renderflow::dataset::record::{self, FAILURES, RECORD, Record};
+use renderflow::dataset::home::Home;
+use renderflow::dataset::layout::{FAILURES, RECORD};
+use renderflow::dataset::record::{self, Record};
 use renderflow::dataset::{Plan, stats};
 use renderflow_fuzz::{catch_in_readers, folder, names_file, parts, plain, put, same_again, watch};
 use std::path::PathBuf;
@@ -57,7 +60,8 @@ fuzz_target!(
         if let Ok(numbers) = stats::numbers(dataset) {
             serde_json::to_string(&numbers).expect("the numbers of a dataset can be written");
         }
-        if let Ok(records) = manifest::records(plan, dataset) {
+        let home = Home::of(dataset).ok().flatten();
+        if let Some(Ok(records)) = home.map(|home| home.accept(&home.indices)) {
             same_again(&Manifest::new(plan, dataset, &records).expect("records make a manifest"));
         }
     })

@@ -3,12 +3,12 @@
 
 use libfuzzer_sys::fuzz_target;
 use renderflow::evaluate::results::{ABOUT, Results, TRUTH, picture_file};
-use renderflow::progress::Progress;
+use renderflow::util::cancel::Cancel;
+use renderflow::util::progress::Progress;
 use renderflow::report::{self, table};
 use renderflow_fuzz::{catch_in_readers, folder, parts, plain, put, watch};
 use std::path::PathBuf;
 use std::sync::LazyLock;
-use std::sync::atomic::AtomicBool;
 
 /// The results, and where their report goes.
 static FOLDERS: LazyLock<[PathBuf; 2]> = LazyLock::new(|| {
@@ -33,7 +33,7 @@ fuzz_target!(
         let Ok(results) = Results::read(results) else { return };
         table::markdown(&results, table::Filter::default());
         let progress = Progress::new("report", 2);
-        if report::build(&results, out, &progress, &AtomicBool::new(false)).is_err() {
+        if report::build(&results, out, &progress, &Cancel::default()).is_err() {
             return;
         }
         let mut pages = 0;

@@ -63,7 +63,10 @@ pub struct KeyframePlace {
 /// Everything about a sequence that does not arrive frame by frame. Parts that a renderer does not ask for are not computed.
 pub trait Sequence: Sync {
     /// The light.
-    fn light(&self) -> &Light;
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn light(&self) -> Result<&Light>;
     /// The range of depths in the whole sequence.
     ///
     /// # Errors

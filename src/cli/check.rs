@@ -1,5 +1,5 @@
-use crate::console;
-use crate::inspect::{Inspected, inspect};
+use crate::dataset::inspect::{Inspected, inspect};
+use crate::util::console;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use rayon::prelude::*;
@@ -9,8 +9,9 @@ use std::panic::UnwindSafe;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
-/// Says of each file whether it can be used, and what is in it or what is wrong with it and where: scenes, plans, transforms.json,
-/// glTF, OBJ, environment maps, frames, textures, weights, dataset folders. The kind is found by content.
+/// Checks whether files can be used, and prints what is in each file, or what is wrong and where. It knows scenes, plans,
+/// transforms.json, glTF, OBJ, environment maps, frames, textures, weights and dataset folders, and finds the kind by the
+/// content.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted (or nobody reads the list to its end), 130 if interrupted."
@@ -22,7 +23,7 @@ pub struct Check {
     /// Print one JSON array
     #[arg(long)]
     json: bool,
-    /// Print what is refused only
+    /// Print only the files that are refused
     #[arg(long)]
     quiet: bool,
 }
@@ -52,22 +53,22 @@ impl Check {
         Ok(())
     }
 
-    /// Inspects several files at a time; `tell` hears of them in order, each as soon as those before it are done. Ends early when nobody
-    /// reads what is printed.
+    /// Inspects several files in parallel. `tell` gets the results in the order of the files, each as soon as those before it are
+    /// done. Ends early when nobody reads the output any more.
     fn inspect_all(&self, allowed: &[PathBuf], mut tell: impl FnMut(&Path, &Inspected)) {
         let (sender, receiver) = mpsc::channel();
         std::thread::scope(|scope| {
             scope.spawn(move || {
-                let wanted = self.files.par_iter().enumerate().take_any_while(|_| !console::is_closed());
-                wanted.for_each_with(sender, |sender, (i, path)| {
-                    // Nobody listens any more only when `tell` panicked.
+                let files = self.files.par_iter().enumerate().take_any_while(|_| !console::is_closed());
+                files.for_each_with(sender, |sender, (i, path)| {
+                    // The receiver is gone only when `tell` panicked.
                     let _ = sender.send((i, guarded(|| inspect(path, allowed))));
                 });
             });
-            let (mut waiting, mut next) = (BTreeMap::new(), 0);
+            let (mut early, mut next) = (BTreeMap::new(), 0);
             for (i, inspected) in receiver {
-                waiting.insert(i, inspected);
-                while let Some(inspected) = waiting.remove(&next) {
+                early.insert(i, inspected);
+                while let Some(inspected) = early.remove(&next) {
                     tell(&self.files[next], &inspected);
                     next += 1;
                 }
@@ -76,10 +77,10 @@ impl Check {
     }
 }
 
-/// Turns a panic into a refusal: it must not take the other files down.
+/// Turns a panic into a refusal, so that the other files are still inspected.
 fn guarded(inspect: impl FnOnce() -> Inspected + UnwindSafe) -> Inspected {
     std::panic::catch_unwind(inspect).unwrap_or_else(|payload| {
-        let reason = super::panic_message(payload.as_ref());
+        let reason = crate::util::panic::message(payload.as_ref());
         Inspected { kind: None, verdict: Err(anyhow!("internal error, please report it with the file: {reason}")) }
     })
 }

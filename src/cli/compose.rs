@@ -1,8 +1,7 @@
-use super::SplitArg;
-use crate::output;
+use crate::util::output;
 use anyhow::Result;
 use clap::Args;
-use renderflow_scenes::procedural::{Composition, compose_one};
+use renderflow_scenes::procedural::{Composition, Split, compose_one};
 use std::path::PathBuf;
 
 /// Writes a procedurally composed scene: objects on a ground, a room or open country, with light and a camera.
@@ -14,20 +13,20 @@ pub struct Compose {
     seed: u64,
     /// Split whose families of meshes and environments the scene is made of; training never sees those of val and test
     #[arg(long, value_enum, default_value = "train")]
-    split: SplitArg,
+    split: Split,
     /// Width and height in pixels
     #[arg(long, num_args = 2, default_values_t = [256, 256], value_names = ["WIDTH", "HEIGHT"])]
     resolution: Vec<u32>,
-    /// Frames
+    /// Number of frames
     #[arg(long, default_value_t = 17)]
     frames: u32,
-    /// Turn of an orbiting camera from a frame to the next
+    /// Degrees that an orbiting camera turns from one frame to the next
     #[arg(long, default_value_t = 3.6)]
     degrees_per_frame: f32,
-    /// File to write; standard output without it
+    /// File to write; without it, the scene goes to standard output
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Replace the file where another one is there
+    /// Replace the file if another one is there
     #[arg(long, requires = "out")]
     overwrite: bool,
 }
@@ -36,7 +35,7 @@ impl Compose {
     pub fn run(self) -> Result<()> {
         let composition = Composition { degrees_per_frame: self.degrees_per_frame, ..Composition::default() };
         let resolution = [self.resolution[0], self.resolution[1]];
-        let scene = compose_one(self.seed, self.split.into(), resolution, self.frames, &composition)?;
+        let scene = compose_one(self.seed, self.split, resolution, self.frames, &composition)?;
         match self.out {
             Some(path) => {
                 let text = renderflow_frame::file::json(&path, &scene)?;

@@ -1,35 +1,35 @@
-use super::SplitArg;
-use crate::dataset::plan::{Allowed, Denoise, Keyframes, NO_CLASSIC, Plan, Render};
-use crate::dataset::{Shard, export, log, manifest, mend, pack, planning, preview, render, stats, verify};
-use crate::output;
-use crate::ranges::within;
-use crate::truth::{DenoiseMode, NO_TRUTH};
+use crate::dataset::denoise::Denoise;
+use crate::dataset::job::NO_TRUTH;
+use crate::dataset::plan::{Allowed, Keyframes, NO_CLASSIC, Plan, Render};
+use crate::dataset::{Shard, export, log, merge, pack, planning, preview, render, repair, stats, verify};
+use crate::util::cancel::Cancel;
+use crate::util::ranges::within;
+use crate::util::{files, output};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
-use renderflow_scenes::procedural::{Composition, ENVIRONMENT_COUNT, MESH_COUNT};
+use renderflow_scenes::procedural::{Composition, Split};
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
-/// Datasets: a small plan, then folders of sequences made from it.
+/// Datasets: a small plan, and folders of sequences made from it.
 #[derive(Subcommand)]
 pub enum DatasetCommand {
-    /// Write a plan: counts, sizes, the seed, and every knob with its default
+    /// Write a plan: counts, sizes, the seed, and every option with its default
     Plan(PlanArgs),
-    /// Show what a plan would make: contact sheets of meshes, environments and scenes, and a count of the catalogue
+    /// Show what a plan would make: contact sheets of its meshes, environments and scenes, and counts of its catalogue
     Preview(PreviewArgs),
-    /// Render a plan, or a shard of it; finished frames are kept
+    /// Render a plan, or a shard of it; finished frames stay
     Render(RenderArgs),
     /// Write the manifest of a dataset whose shards are complete
     Merge(MergeArgs),
-    /// Prove a dataset: counts, hashes, values, depth against motion and normals, splits
+    /// Verify a dataset: counts, hashes, values, depth against motion and normals, splits
     Verify(VerifyArgs),
-    /// Make again what is damaged or missing in a dataset, to the same bytes
+    /// Make damaged or missing parts of a dataset again, with the same bytes
     Repair(RepairArgs),
-    /// Write a page of histograms
+    /// Write a page of histograms about a dataset
     Stats(StatsArgs),
     /// Write scripts that render a plan on a Slurm or Kubernetes cluster
     Slurm(super::slurm::SlurmArgs),
@@ -47,53 +47,53 @@ pub struct PlanArgs {
     /// Root of the seed tree
     #[arg(long)]
     seed: u64,
-    /// All sequences to this split; by default a tenth each to val and test
+    /// Put all sequences into this split; by default, val and test get a tenth each
     #[arg(long, value_enum)]
-    split: Option<SplitArg>,
-    /// Sequences, one scene each
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    split: Option<Split>,
+    /// Number of sequences; each has a scene of its own
+    #[arg(long, value_parser = within(Plan::SEQUENCES))]
     sequences: u32,
-    /// Frames a sequence
-    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Frames in each sequence
+    #[arg(long, default_value_t = 100, value_parser = within(Plan::FRAMES))]
     frames: u32,
-    /// Render only every so-manyth frame
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Render only every n-th frame
+    #[arg(long, default_value_t = Plan::FRAME_STEP, value_parser = within(Plan::FRAMES))]
     frame_step: u32,
-    /// Turn of orbiting cameras from a frame to the next
-    #[arg(long, default_value_t = 3.6)]
+    /// Degrees that an orbiting camera turns from one frame to the next
+    #[arg(long, default_value_t = Composition::default().degrees_per_frame)]
     degrees_per_frame: f32,
     /// Pixels along both sides
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    #[arg(long, default_value_t = 256, value_parser = within(Plan::RESOLUTION))]
     resolution: u32,
-    /// Samples a pixel; 0 = G-buffers only
-    #[arg(long, default_value_t = 256)]
+    /// Samples for each pixel; 0 renders G-buffers only
+    #[arg(long, default_value_t = Settings::default().spp, value_parser = within(Plan::SPP))]
     spp: u32,
-    /// Spend the samples where the picture is noisier, --spp a pixel on average
+    /// Spend more samples where the picture is noisier, --spp for each pixel on average
     #[arg(long)]
     adaptive: bool,
-    /// Scattering events of a path
+    /// How often a path may scatter
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
-    /// Denoise with OIDN: where this machine has it, or on every machine, or not at all; the plan says which
+    /// How to denoise the picture. The plan stores whether OIDN is used, so that all machines make the same dataset
     #[arg(long, value_enum, default_value_t)]
-    denoise: DenoiseMode,
+    denoise: Denoise,
     /// Frames 0, gap, 2 gap, ... are keyframes
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES))]
     keyframe_gap: u32,
-    /// Samples a pixel of the frames between keyframes; 0 = G-buffers only
-    #[arg(long)]
+    /// Samples for each pixel of the frames between keyframes; 0 renders G-buffers only
+    #[arg(long, value_parser = within(Plan::SPP))]
     between_spp: Option<u32>,
-    /// Store the Euclidean distance beside the planar depth
+    /// Store the Euclidean distance as well as the planar depth
     #[arg(long)]
     distance: bool,
-    /// Store frames in the compact training profile
+    /// Store frames in the compact form for training
     #[arg(long)]
     compact: bool,
-    /// Meshes in the catalogue
-    #[arg(long, default_value_t = MESH_COUNT, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Number of meshes in the catalogue
+    #[arg(long, default_value_t = Plan::MESHES, value_parser = within(Plan::CATALOGUE))]
     mesh_count: u32,
-    /// Maps in the catalogue of environments
-    #[arg(long, default_value_t = ENVIRONMENT_COUNT, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Number of environment maps in the catalogue
+    #[arg(long, default_value_t = Plan::ENVIRONMENTS, value_parser = within(Plan::CATALOGUE))]
     environment_count: u32,
     /// Folder of glTF and OBJ models to mix in
     #[arg(long, value_name = "DIR")]
@@ -104,10 +104,10 @@ pub struct PlanArgs {
     /// Refused: version 0.1 had another composer
     #[arg(long, hide = true)]
     classic: bool,
-    /// File to write; TOML where it is named .toml, else JSON
+    /// File to write: TOML if its name ends in .toml, JSON otherwise
     #[arg(long)]
     out: PathBuf,
-    /// Replace the file where another one is there: an edited plan, for one
+    /// Replace the file if another one is there, such as an edited plan
     #[arg(long)]
     overwrite: bool,
 }
@@ -125,13 +125,13 @@ pub struct PreviewArgs {
     /// Pixels along a side of each picture
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(16..=1024))]
     size: u32,
-    /// Samples a pixel
+    /// Samples for each pixel
     #[arg(long, default_value_t = 32, value_parser = within(Settings::SPP))]
     spp: u32,
     /// Number in the catalogue of the first mesh and the first environment to show
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]
     first: u32,
-    /// Only count the catalogue: distinct meshes and maps, watertight ones, triangles
+    /// Only count the catalogue: distinct meshes and maps, watertight meshes, triangles
     #[arg(long)]
     count_only: bool,
 }
@@ -149,10 +149,11 @@ pub struct RenderArgs {
     /// Dataset folder
     #[arg(long)]
     out: PathBuf,
-    /// Part i of n, counted from 1; unless given, the task of a Slurm array or the index of a Kubernetes job, else all
+    /// Part i of n, counted from 1. Without it, the task of a Slurm array or the index of a Kubernetes job decides; without
+    /// those, everything is rendered
     #[arg(long)]
     shard: Option<Shard>,
-    /// Go on where an earlier run stopped; always on, and here for scripts that say so
+    /// Continue where an earlier run stopped. This always happens; the option is here for scripts that ask for it
     #[arg(long)]
     resume: bool,
 }
@@ -170,7 +171,7 @@ pub struct MergeArgs {
     out: PathBuf,
 }
 
-/// Proves a dataset.
+/// Verifies a dataset.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow dataset verify data\n\
 Prints each fault with the command that mends it, and notes about what is odd and does no harm. Exit code 1 where there are faults.")]
@@ -179,7 +180,7 @@ pub struct VerifyArgs {
     dataset: PathBuf,
 }
 
-/// Mends a dataset.
+/// Repairs a dataset.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow dataset repair data\n\
 Reads everything as `verify` does, then makes again what is damaged or missing; a dataset that was not complete is completed. What is\n\
@@ -187,7 +188,7 @@ no part of the dataset is not removed: where it is in the way, it is moved to th
 pub struct RepairArgs {
     /// Dataset folder
     dataset: PathBuf,
-    /// The plan it was made from, should the folder's own be damaged and no log hold it
+    /// The plan of the dataset, if the dataset's own plan is damaged and no log holds it
     #[arg(long)]
     plan: Option<PathBuf>,
 }
@@ -207,7 +208,7 @@ pub struct StatsArgs {
 }
 
 impl DatasetCommand {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         match self {
             Self::Plan(args) => args.run(allowed),
             Self::Preview(args) => args.run(allowed, cancel),
@@ -219,7 +220,7 @@ impl DatasetCommand {
                 Ok(())
             }
             Self::Merge(args) => {
-                let manifest = manifest::merge(&Plan::read(&args.plan)?, &args.out, cancel)?;
+                let manifest = merge::merge(&Plan::read(&args.plan)?, &args.out, cancel)?;
                 let frames = manifest.frames;
                 println!("{} sequences, {} frames", manifest.entries.len(), frames.train + frames.val + frames.test);
                 Ok(())
@@ -238,16 +239,16 @@ impl PlanArgs {
     fn run(self, allowed: &[PathBuf]) -> Result<()> {
         ensure!(!self.classic, "--classic: {NO_CLASSIC}");
         let denoise = match self.denoise {
-            DenoiseMode::Oidn => Denoise::Oidn,
-            DenoiseMode::Auto if Denoiser::new().is_ok() => Denoise::Oidn,
-            DenoiseMode::Neural => bail!("--denoise neural: {NO_TRUTH}"),
-            DenoiseMode::Auto | DenoiseMode::None => Denoise::None,
+            Denoise::Auto if Denoiser::new().is_ok() => Denoise::Oidn,
+            Denoise::Auto => Denoise::None,
+            Denoise::Neural => bail!("--denoise neural: {NO_TRUTH}"),
+            named => named,
         };
         let mut plan = Plan {
             version: 2,
             seed: self.seed,
             sequences: match self.split {
-                Some(split) => planning::all_to(split.into(), self.sequences),
+                Some(split) => planning::all_to(split, self.sequences),
                 None => planning::share_out(self.sequences),
             },
             frames: self.frames,
@@ -273,7 +274,7 @@ impl PlanArgs {
         };
         plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref())?;
         plan.check()?;
-        let text = if self.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+        let text = if files::has_ending(&self.out, &["toml"]) {
             toml::to_string_pretty(&plan)?.into_bytes()
         } else {
             file::json(&self.out, &plan)?
@@ -283,7 +284,7 @@ impl PlanArgs {
 }
 
 impl PreviewArgs {
-    fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let plan = Plan { allowed: Allowed(allowed.to_vec()), ..Plan::read(&self.plan)? };
         preview::check_folder(&self.out)?;
         let found = preview::inventory(&plan, cancel)?;
@@ -311,7 +312,7 @@ impl PreviewArgs {
 }
 
 impl VerifyArgs {
-    fn run(self, cancel: &AtomicBool) -> Result<()> {
+    fn run(self, cancel: &Cancel) -> Result<()> {
         let found = verify::verify(&self.dataset, cancel)?;
         let agreement = &found.agreement;
         let percent = |part: u64, whole: u64| 100.0 * part as f64 / whole.max(1) as f64;
@@ -337,9 +338,9 @@ impl VerifyArgs {
 }
 
 impl RepairArgs {
-    fn run(self, cancel: &AtomicBool) -> Result<()> {
+    fn run(self, cancel: &Cancel) -> Result<()> {
         let plan = self.plan.as_deref().map(Plan::read).transpose()?;
-        let repaired = mend::repair(&self.dataset, plan.as_ref(), cancel)?;
+        let repaired = repair::repair(&self.dataset, plan.as_ref(), cancel)?;
         let render::Summary { made, kept, damaged, .. } = repaired.summary;
         println!("{damaged} sequences were damaged; {made} frames made, {kept} kept");
         for file in &repaired.rewritten {

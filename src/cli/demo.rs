@@ -1,12 +1,15 @@
 use super::{AllWeightsArgs, SceneArgs, TraceArgs};
-use crate::dataset::SequenceFolder;
+use crate::dataset::Sequence;
+use crate::dataset::denoise::Denoise;
+use crate::dataset::job::{NO_TRUTH, SequenceJob, TruthSettings};
 use crate::evaluate::find::TestSequence;
 use crate::evaluate::method::Method;
 use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
 use crate::evaluate::{renderer, run};
-use crate::progress::Progress;
-use crate::report::{self, picture, table};
-use crate::truth::{DenoiseMode, NO_TRUTH, SequenceJob, TruthSettings};
+use crate::report::{self, table};
+use crate::util::cancel::Cancel;
+use crate::util::picture;
+use crate::util::progress::Progress;
 use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
@@ -14,17 +17,16 @@ use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::denoise::Denoiser;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
-/// Seed of the scene that is shown: a gilded ring, a goblet and firs under a sun that is about to set. Its hard, low light, long shadows
-/// and glossy metal are what networks find hardest, and it is made of families that no network of the program has learnt from.
+/// Seed of the scene: a gilded ring, a goblet and firs in front of a sun that is about to set. Networks find its hard, low light,
+/// long shadows and glossy metal hardest, and no network of the program was trained on its families.
 const SCENE: u64 = 53;
-/// Samples a pixel of the truth, unless asked for others: the whole demo takes about a minute on four cores.
+/// Samples for each pixel of the truth by default: the whole demo then takes about a minute on four cores.
 const SAMPLES: u32 = 128;
 
-/// The whole pipeline on one sequence: compose (or load) a scene, render truth and keyframes along an orbit, render it by
-/// split-sum IBL, deferred shading and by the networks without and with keyframes, print the comparison and write a report. Run
-/// again, it goes on where it stopped.
+/// Runs the whole pipeline on one sequence. It composes (or loads) a scene, renders truth and keyframes along an orbit, renders
+/// the same frames by split-sum IBL, by deferred shading and by the networks with and without keyframes, prints the comparison
+/// and writes a report. If it was stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow demo\n  renderflow demo --scene model.glb --hdri sky.hdr --out demo-model")]
 pub struct Demo {
@@ -32,22 +34,22 @@ pub struct Demo {
     scene: SceneArgs,
     #[command(flatten)]
     trace: TraceArgs,
-    /// Seed: with --scene of the random numbers of sampling, in place of the scene's own; else of the composed scene (53 by
-    /// default), whose meshes and light are never those of training
+    /// Seed. With --scene, it replaces the scene's seed for random sampling. Otherwise it composes the scene (53 by default),
+    /// whose meshes and light training never uses
     #[arg(long)]
     seed: Option<u64>,
     /// Pixels along both sides
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=4096))]
     resolution: u32,
-    /// Frames; an orbiting camera turns by 3.6 degrees from one to the next
+    /// Number of frames; an orbiting camera turns by 3.6 degrees from one to the next
     #[arg(long, default_value_t = 17, value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
-    /// Distance of keyframes
+    /// Distance between keyframes, in frames
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
     keyframe_gap: u32,
     #[command(flatten)]
     weights: AllWeightsArgs,
-    /// Sample counts of path-traced rows
+    /// Samples for each pixel of the path-traced rows
     #[arg(long, value_delimiter = ',', default_value = "1,4")]
     path_traced: Vec<u32>,
     /// Folder to write to
@@ -56,10 +58,10 @@ pub struct Demo {
 }
 
 impl Demo {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
-        ensure!(self.trace.denoise != DenoiseMode::Neural, "--denoise neural: {NO_TRUTH}");
-        // What could fail fast fails before the first ray.
-        let denoised = self.trace.denoise != DenoiseMode::None && Denoiser::new().is_ok();
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        ensure!(self.trace.denoise != Denoise::Neural, "--denoise neural: {NO_TRUTH}");
+        // Fail early: whatever can be checked is checked before the first ray.
+        let denoised = self.trace.denoise != Denoise::None && Denoiser::new().is_ok();
         let clean = if denoised { "+oidn" } else { "" };
         let traced = self.path_traced.iter().map(|spp| format!(",pt{spp}{clean}")).collect::<String>();
         let all = Method::list(&format!("ibl,deferred,warp,neural,neural+keys,wan,wan+keys{traced}"))?;
@@ -104,14 +106,13 @@ impl Demo {
         };
         let [results_folder, report_folder] = ["results", "report"].map(|name| self.out.join(name));
         run::check(&options, &results_folder)?;
-        crate::output::check_page(&report_folder.join("index.html"))?;
+        crate::util::output::check_page(&report_folder.join("index.html"))?;
 
         sequence.make(&missing, &settings, &progress, cancel)?;
         progress.finish();
         super::print_report(&sequence.loaded.report);
-        let test =
-            TestSequence { set: "demo".into(), class: "scene".into(), folder: SequenceFolder::open(&folder)?, record: None };
-        let progress = Progress::new("comparing", test.folder.len() as u64);
+        let test = TestSequence { set: "demo".into(), class: "scene".into(), sequence: Sequence::open(&folder)? };
+        let progress = Progress::new("comparing", test.sequence.len() as u64);
         run::run(&[test], &options, &results_folder, &progress, cancel)?;
         progress.finish();
 
@@ -127,7 +128,7 @@ impl Demo {
         Ok(())
     }
 
-    /// Writes the kept pictures of each frame side by side, errors below.
+    /// Writes the pictures of each frame side by side, with their errors below.
     fn montages(&self, scored: &Scored, results: &Results) -> Result<()> {
         for &frame in &scored.about.shown {
             let read = |method: &str| picture::display_values(&scored.pictures.join(picture_file(frame, method)));
@@ -174,7 +175,7 @@ impl Demo {
 
 /// Largest resident set of this process so far, from the operating system.
 fn peak_memory() -> String {
-    match crate::machine::peak() {
+    match crate::util::machine::peak() {
         0 => "unknown on this system".into(),
         bytes => format!("{:.0} MiB", bytes as f64 / f64::from(1 << 20)),
     }

@@ -3,15 +3,15 @@ use crate::evaluate::find::find;
 use crate::evaluate::method::{Method, help};
 use crate::evaluate::{autoencoder, external, inverse, renderer, results::Results, run};
 use crate::metrics::Networks;
-use crate::progress::Progress;
-use crate::ranges::within;
 use crate::report::table;
+use crate::util::cancel::Cancel;
+use crate::util::progress::Progress;
+use crate::util::ranges::within;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_model::lpips::WEIGHTS_VARIABLE;
 use renderflow_renderer::Settings;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 const HELP: &str = "\
 Examples:
@@ -29,7 +29,7 @@ becomes sRGB(clamp(exposure x radiance)); datasets say their exposure.
 
 Sequences that are complete in the results folder are kept: the same command goes on where it was stopped.";
 
-/// Compares methods, or anybody's pictures, with path-traced truth: metrics, intervals, seconds.
+/// Compares methods, or anybody's pictures, with path-traced truth, by metrics with intervals and by seconds.
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -43,17 +43,17 @@ pub struct Evaluate {
     pictures: Pictures,
 }
 
-/// What is measured in place of pictures.
+/// Parts of the networks that are measured instead of pictures.
 #[derive(Subcommand)]
 enum Part {
-    /// What recovered albedo, normals, depth and material are worth
+    /// Measure recovered albedo, normals, depth and material
     Inverse(inverse::Options),
-    /// What an autoencoder of the paper's network loses, by kind of picture and frame of a clip
+    /// Measure what an autoencoder of the paper's network loses, by kind of picture and by frame of a clip
     Autoencoder(autoencoder::Options),
 }
 
 impl Evaluate {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         match self.part {
             Some(Part::Inverse(options)) => options.run(cancel),
             Some(Part::Autoencoder(options)) => options.run(cancel),
@@ -68,34 +68,34 @@ struct Pictures {
     /// Folder of pictures to compare
     #[arg(value_name = "PRED_DIR", requires = "truth", conflicts_with = "data")]
     pictures: Option<PathBuf>,
-    /// Folder of the truth to compare them with
+    /// Folder of the truth
     #[arg(value_name = "TRUTH_DIR")]
     truth: Option<PathBuf>,
-    /// Test sets, a dataset, a split of it, or one sequence, to run the program's own methods on
+    /// Test sets, a dataset, one of its splits, or one sequence, on which to run the program's own methods
     #[arg(long, required_unless_present = "pictures")]
     data: Option<PathBuf>,
-    /// What to evaluate
+    /// Methods to evaluate
     #[arg(long, default_value = "standard", conflicts_with = "pictures")]
     methods: String,
-    /// Seconds a frame of 256 x 256 pixels (in proportion to the pixels at other sizes) that path tracing with OIDN is given, in every
-    /// form of it, beside the methods; such as .05,.1,.2,.4,.8
+    /// Also evaluate path tracing with OIDN, in all its forms, with this many seconds for each frame of 256 x 256 pixels (other
+    /// sizes get seconds in proportion to their pixels); for example .05,.1,.2,.4,.8
     #[arg(long, value_name = "SECONDS", value_delimiter = ',', conflicts_with = "pictures")]
     budgets: Vec<f64>,
     #[command(flatten)]
     weights: AllWeightsArgs,
-    /// Of every so many frames evaluate the first two; 1 = all
+    /// Evaluate the first two of every n frames; 1 evaluates all
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "pictures")]
     every: u32,
-    /// Scattering events of path-traced rows
+    /// How often a path may scatter in path-traced rows
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
-    /// Name of the compared pictures in tables
+    /// Name of the pictures in tables
     #[arg(long, default_value = "pictures", requires = "pictures")]
     label: String,
-    /// Factor from radiance to display-linear where the truth is no dataset
+    /// Factor from radiance to display-linear, for truth that is not a dataset
     #[arg(long, default_value_t = 1.0, requires = "pictures")]
     exposure: f32,
-    /// Compare what there is, in place of failing when pictures are missing
+    /// Compare the pictures that are there, instead of failing when some are missing
     #[arg(long, requires = "pictures")]
     partial: bool,
     /// Frames a sequence whose pictures are kept for the report
@@ -107,7 +107,7 @@ struct Pictures {
 }
 
 impl Pictures {
-    fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let lpips = lpips()?;
         let out = self.out.as_deref().context("--out")?;
         match (&self.pictures, &self.truth, &self.data) {
@@ -120,7 +120,7 @@ impl Pictures {
         Ok(())
     }
 
-    fn methods(&self, data: &Path, out: &Path, lpips: &Networks, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    fn methods(&self, data: &Path, out: &Path, lpips: &Networks, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let mut methods = Method::list(&self.methods)?;
         let budgets = Method::budgets(&self.budgets).context("--budgets")?;
         methods.extend(budgets.into_iter().filter(|budget| !methods.contains(budget)).collect::<Vec<_>>());
@@ -154,7 +154,7 @@ impl Pictures {
         Ok(())
     }
 
-    fn compare(&self, pictures: &Path, truth: &Path, out: &Path, lpips: &Networks, cancel: &AtomicBool) -> Result<()> {
+    fn compare(&self, pictures: &Path, truth: &Path, out: &Path, lpips: &Networks, cancel: &Cancel) -> Result<()> {
         let options = external::Options {
             lpips,
             label: self.label.clone(),

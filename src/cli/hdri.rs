@@ -1,4 +1,4 @@
-use crate::output;
+use crate::util::output;
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;

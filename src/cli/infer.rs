@@ -1,14 +1,15 @@
 use super::WeightsArgs;
-use crate::dataset::{Dataset, SequenceFolder, SequenceView};
+use crate::dataset::{Dataset, Sequence};
 use crate::evaluate::method::Method;
+use crate::evaluate::method::tracing::{Clean, Neighbours};
 use crate::evaluate::renderer::{self, MethodRenderer};
-use crate::output::Claim;
-use crate::progress::Progress;
-use crate::ranges::within;
-use crate::report::picture;
-use crate::truth::Interrupted;
+use crate::util::cancel::Cancel;
+use crate::util::output::Claim;
+use crate::util::picture;
+use crate::util::progress::Progress;
+use crate::util::ranges::within;
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use renderflow_frame::{color, exr, file, reach};
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
@@ -16,19 +17,18 @@ use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What made the pictures of a folder.
+/// The file that says what made the pictures in a folder.
 const RECORD: &str = "infer.json";
-/// What a folder with another record holds.
+/// Said of a folder whose record differs.
 pub(super) const OTHERS: &str = "pictures of other weights or options";
-/// Where a network that renders clips was stopped in a sequence.
+/// State of a network that was stopped between the clips of a sequence.
 const STATE: &str = "stopped.safetensors";
 
-/// Renders every frame of sequence folders with a network: from deferred shading, from keyframes, from a few samples a pixel that are
-/// traced for it, or all of them. The sequences' scenes must be beside the frames, as datasets have them. The paper's network (--weights) reads
-/// G-buffers and keyframes alone, and works in clips of five frames that overlap by one, unless --stills. Run again with the same weights and
-/// options, it goes on where it was stopped.
+/// Renders every frame of sequence folders with a network: from deferred shading, from keyframes, from a few samples that are
+/// traced for it, or from all of them. The scene of each sequence must be beside its frames, as in datasets. The paper's network
+/// (--weights) only reads G-buffers and keyframes, and works in clips of five frames that overlap by one, unless --stills is
+/// given. If it was stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes --out neural\n  \
 renderflow infer --data data/test --rays 4 --neighbours around --out neural-rays\n  \
@@ -42,23 +42,23 @@ pub struct Infer {
     /// Use the beauty of the sequence's keyframes
     #[arg(long)]
     keyframes: bool,
-    /// Samples a pixel to trace of each frame, in place of deferred shading
+    /// Trace this many samples for each pixel, instead of deferred shading
     #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=65536))]
     rays: Option<u32>,
-    /// Take in samples of the two frames before, or before and after
+    /// Also use the samples of the two frames before, or of those before and after
     #[arg(long, value_enum, requires = "rays")]
-    neighbours: Option<NeighboursArg>,
-    /// What is made of the samples of --rays and read beside them: OIDN's picture of least error or of least time; by default the
-    /// former where this build has OIDN
+    neighbours: Option<Neighbours>,
+    /// The denoised picture that the network reads with the samples of --rays: OIDN's picture of least error (the default where
+    /// this build has OIDN), the one that takes least time, or none
     #[arg(long, value_enum, requires = "rays")]
-    denoised: Option<DenoisedArg>,
-    /// Surfaces that a path of --rays may scatter at
+    denoised: Option<Clean>,
+    /// How often a path of --rays may scatter
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
-    /// Render each frame by itself with the paper's network too: sharper, but not held together over time
+    /// Render each frame by itself with the paper's network too: sharper, but less stable over time
     #[arg(long)]
     stills: bool,
-    /// Euler steps of the paper's network; 1 is what it is trained for
+    /// Euler steps of the paper's network; it is trained for 1
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: u32,
     /// Folder to write to: an EXR with the picture as beauty and a PNG for every frame
@@ -66,20 +66,7 @@ pub struct Infer {
     out: PathBuf,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum NeighboursArg {
-    Before,
-    Around,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DenoisedArg {
-    Oidn,
-    Fast,
-    None,
-}
-
-/// What decides the pictures; written into the folder, so that others are not mixed in.
+/// What decides the pictures. It is written into the folder, so that no other pictures are mixed in.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Record {
     network: String,
@@ -99,7 +86,7 @@ struct Record {
 }
 
 impl Infer {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let dataset = Dataset::open(&self.data)?;
         let weights = match (self.weights.fusion()?, &self.weights.weights) {
             (None, Some(weights)) => weights,
@@ -108,42 +95,34 @@ impl Infer {
         ensure!(self.rays.is_none(), "--rays: these weights are of a network that reads no samples");
         let renderer = self.weights.wan(weights)?;
         let claim = self.claim(&*renderer)?;
-        for folder in &dataset.sequences {
-            ready(folder).with_context(|| folder.path.display().to_string())?;
+        for sequence in &dataset.sequences {
+            ready(sequence).with_context(|| sequence.folder.display().to_string())?;
         }
         let progress = Progress::new("infer", dataset.sequences.iter().map(|s| s.len() as u64).sum());
-        for folder in &dataset.sequences {
-            progress.message(folder.name());
-            let work = self.work(folder, &claim, &progress, cancel);
+        for sequence in &dataset.sequences {
+            progress.message(sequence.name.clone());
+            let work = self.work(sequence, &claim, &progress, cancel);
             if renderer.about().in_clips(self.options()) { work.clips(&*renderer) } else { work.frames(&*renderer) }
-                .with_context(|| folder.path.display().to_string())?;
+                .with_context(|| sequence.folder.display().to_string())?;
         }
         progress.finish();
         Ok(())
     }
 
-    fn work<'a>(&self, folder: &'a SequenceFolder, claim: &'a Claim, progress: &'a Progress, cancel: &'a AtomicBool) -> Work<'a> {
-        Work { folder, out: self.out.join(folder.name()), claim, options: self.options(), progress, cancel }
+    fn work<'a>(&self, sequence: &'a Sequence, claim: &'a Claim, progress: &'a Progress, cancel: &'a Cancel) -> Work<'a> {
+        Work { sequence, out: self.out.join(&sequence.name), claim, options: self.options(), progress, cancel }
     }
 
-    /// Renders with the network that reads samples and terms of deferred shading, both made from the scene.
-    fn with_scene(&self, dataset: &Dataset, fusion: &Fusion, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    /// Renders with the network that reads samples, and with samples or terms of deferred shading that are made from the scene.
+    fn with_scene(&self, dataset: &Dataset, fusion: &Fusion, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let others = [("--stills", self.stills), ("--steps", self.steps != 1), ("--tile", self.weights.tile.is_some())];
         if let Some((option, _)) = others.into_iter().find(|(_, given)| *given) {
             bail!("{option}: is for the paper's network (--weights)");
         }
         let keys = if self.keyframes { "+keys" } else { "" };
-        let neighbours = match self.neighbours {
-            None => "",
-            Some(NeighboursArg::Before) => "+before",
-            Some(NeighboursArg::Around) => "+around",
-        };
-        let denoised = match self.denoised {
-            Some(DenoisedArg::None) => "",
-            Some(DenoisedArg::Fast) => "+fast",
-            None if Denoiser::new().is_err() => "",
-            Some(DenoisedArg::Oidn) | None => "+oidn",
-        };
+        let neighbours = self.neighbours.unwrap_or(Neighbours::Alone).suffix();
+        let usual = || if Denoiser::new().is_ok() { Clean::High } else { Clean::Raw };
+        let denoised = self.denoised.unwrap_or_else(usual).suffix();
         let id = match self.rays {
             Some(rays) => format!("pt{rays}{denoised}+neural{neighbours}{keys}"),
             None => format!("neural{keys}"),
@@ -161,18 +140,18 @@ impl Infer {
             max_bounces: self.rays.map(|_| self.max_bounces),
         };
         let claim = Claim::new(&self.out, RECORD, &record, OTHERS)?;
-        for folder in &dataset.sequences {
+        for sequence in &dataset.sequences {
             let ready = || -> Result<()> {
-                ready(folder)?;
-                let there = folder.path.join("scene.json").is_file();
+                ready(sequence)?;
+                let has_scene = sequence.folder.join("scene.json").is_file();
                 ensure!(
-                    there,
+                    has_scene,
                     "has no scene.json, and the network shades the scene: the paper's (--weights) reads G-buffers alone"
                 );
-                ensure!(!self.keyframes || !folder.sequence.keyframes.is_empty(), "--keyframes: the sequence has none");
+                ensure!(!self.keyframes || !sequence.transforms.keyframes.is_empty(), "--keyframes: the sequence has none");
                 Ok(())
             };
-            ready().with_context(|| folder.path.display().to_string())?;
+            ready().with_context(|| sequence.folder.display().to_string())?;
         }
         let options = renderer::Options {
             methods: &methods,
@@ -184,9 +163,11 @@ impl Infer {
             timed: false,
         };
         let progress = Progress::new("infer", dataset.sequences.iter().map(|s| s.len() as u64).sum());
-        for folder in &dataset.sequences {
-            progress.message(folder.name());
-            self.work(folder, &claim, &progress, cancel).methods(&options).with_context(|| folder.path.display().to_string())?;
+        for sequence in &dataset.sequences {
+            progress.message(sequence.name.clone());
+            self.work(sequence, &claim, &progress, cancel)
+                .methods(&options)
+                .with_context(|| sequence.folder.display().to_string())?;
         }
         progress.finish();
         Ok(())
@@ -196,7 +177,7 @@ impl Infer {
         Options { keyframes: self.keyframes, steps: self.steps as usize, stills: self.stills }
     }
 
-    /// What the pictures are made with, to be written before the first; or says that the folder holds others.
+    /// The claim on the folder: it is written before the first picture. Fails if the folder holds other pictures.
     fn claim(&self, renderer: &dyn Renderer) -> Result<Claim> {
         let about = renderer.about();
         ensure!(!self.keyframes || about.keyframes, "--keyframes: these weights cannot make use of any");
@@ -215,37 +196,36 @@ impl Infer {
     }
 }
 
-/// Checks that the frames are there, and that pictures called after them stay in the folder they are written to.
-pub(super) fn ready(folder: &SequenceFolder) -> Result<()> {
-    for file in &folder.sequence.files {
+/// Checks that the frames are there, and that pictures with their names stay in the folder that they are written to.
+pub(super) fn ready(sequence: &Sequence) -> Result<()> {
+    for file in &sequence.transforms.files {
         reach::plain_name(file).map_err(|reason| anyhow!("transforms.json: {reason}"))?;
-        ensure!(folder.path.join(file).is_file(), "{file}: is not there");
+        ensure!(sequence.folder.join(file).is_file(), "{file}: is not there");
     }
     Ok(())
 }
 
-/// One sequence to be rendered.
+/// One sequence to render.
 struct Work<'a> {
-    folder: &'a SequenceFolder,
+    sequence: &'a Sequence,
     out: PathBuf,
-    /// What is written before the first picture.
+    /// Written before the first picture.
     claim: &'a Claim,
     options: Options,
     progress: &'a Progress,
-    cancel: &'a AtomicBool,
+    cancel: &'a Cancel,
 }
 
 impl Work<'_> {
-    /// Where a frame goes.
+    /// File of the picture of a frame.
     fn path(&self, index: usize) -> PathBuf {
-        self.out.join(&self.folder.sequence.files[index]).with_extension("exr")
+        self.out.join(&self.sequence.transforms.files[index]).with_extension("exr")
     }
 
-    /// Frames that do not depend on each other: those that are there are kept.
+    /// Renders frames that do not depend on each other. Pictures that are there already stay.
     fn frames(&self, renderer: &dyn Renderer) -> Result<()> {
-        let view = SequenceView::new(self.folder);
-        let mut session = renderer.begin(&view, self.options)?;
-        for index in 0..self.folder.len() {
+        let mut session = renderer.begin(self.sequence, self.options)?;
+        for index in 0..self.sequence.len() {
             if self.path(index).is_file() {
                 self.progress.resume(1);
             } else {
@@ -255,46 +235,42 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Frames made from the scene: those that are there are kept.
+    /// Renders frames from the scene. Pictures that are there already stay.
     fn methods(&self, options: &renderer::Options) -> Result<()> {
-        let missing: Vec<usize> = (0..self.folder.len()).filter(|&index| !self.path(index).is_file()).collect();
-        self.progress.resume((self.folder.len() - missing.len()) as u64);
+        let missing: Vec<usize> = (0..self.sequence.len()).filter(|&index| !self.path(index).is_file()).collect();
+        self.progress.resume((self.sequence.len() - missing.len()) as u64);
         if missing.is_empty() {
             return Ok(());
         }
-        let view = SequenceView::new(self.folder);
-        let mut renderer = MethodRenderer::new(&view, options)?;
+        let mut renderer = MethodRenderer::new(self.sequence, options)?;
         for index in missing {
-            if self.cancel.load(Ordering::Relaxed) {
-                return Err(Interrupted.into());
-            }
-            let made = renderer.render(index, self.cancel)?;
-            self.write(made.into_iter().map(|made| Rendered { index, linear: made.linear }).collect())?;
+            self.cancel.check()?;
+            let pictures = renderer.render(index, self.cancel)?;
+            self.write(pictures.into_iter().map(|picture| Rendered { index, linear: picture.linear }).collect())?;
         }
         Ok(())
     }
 
-    /// Frames in clips: what was there when the last clip was written is kept.
+    /// Renders frames in clips. Everything up to the last clip that was written stays.
     fn clips(&self, renderer: &dyn Renderer) -> Result<()> {
         let state = self.out.join(STATE);
-        let done = (0..self.folder.len()).take_while(|&index| self.path(index).is_file()).count();
-        if done == self.folder.len() && !state.is_file() {
+        let done = (0..self.sequence.len()).take_while(|&index| self.path(index).is_file()).count();
+        if done == self.sequence.len() && !state.is_file() {
             self.progress.resume(done as u64);
             return Ok(());
         }
-        let view = SequenceView::new(self.folder);
-        let mut session = renderer.begin(&view, self.options)?;
+        let mut session = renderer.begin(self.sequence, self.options)?;
         let start = match self.stopped(&state, done)? {
             Some((index, state)) => {
-                let frame = self.folder.frame(index)?;
-                let number = self.folder.numbers[index];
+                let frame = self.sequence.frame(index)?;
+                let number = self.sequence.numbers[index];
                 session.resume(View { number, index, frame: &frame }, state)?;
                 index + 1
             }
             None => 0,
         };
         self.progress.resume(start as u64);
-        for index in start..self.folder.len() {
+        for index in start..self.sequence.len() {
             self.push(&mut *session, index)?;
             if let Some(reached) = session.state() {
                 self.claim.write()?;
@@ -302,7 +278,7 @@ impl Work<'_> {
             }
         }
         self.write(session.finish()?)?;
-        // It is this program's: it was written above, or was read when work began.
+        // The file is this program's own: it was written above, or was read when work began.
         match std::fs::remove_file(&state) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 Err(error).with_context(|| format!("{}: cannot remove", state.display()))
@@ -311,7 +287,8 @@ impl Work<'_> {
         }
     }
 
-    /// The index of the last frame of the last clip that was written, and what the next one begins with; `None` where work begins anew.
+    /// The index of the last frame of the last clip that was written, and the state that the next clip starts from. `None` where
+    /// work starts from the beginning.
     fn stopped(&self, path: &Path, done: usize) -> Result<Option<(usize, State)>> {
         let bytes = match file::read(path) {
             Ok(bytes) => bytes,
@@ -319,26 +296,24 @@ impl Work<'_> {
             Err(error) => return Err(error.into()),
         };
         let state = State::decode(path, &bytes)?;
-        let index = self.folder.numbers.iter().position(|number| *number == state.number);
-        // Where frames have been taken away since, all are made again.
+        let index = self.sequence.numbers.iter().position(|number| *number == state.number);
+        // Where frames were removed since then, all are made again.
         Ok(index.filter(|index| *index < done).map(|index| (index, state)))
     }
 
     fn push(&self, session: &mut dyn Session, index: usize) -> Result<()> {
-        if self.cancel.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
-        let frame = self.folder.frame(index)?;
-        let number = self.folder.numbers[index];
+        self.cancel.check()?;
+        let frame = self.sequence.frame(index)?;
+        let number = self.sequence.numbers[index];
         let rendered = session.push(View { number, index, frame: &frame })?;
         self.write(rendered)
     }
 
     fn write(&self, rendered: Vec<Rendered>) -> Result<()> {
-        let exposure = self.folder.sequence.exposure;
+        let exposure = self.sequence.exposure();
         for Rendered { index, linear } in rendered {
             let path = self.path(index);
-            let mut frame = self.folder.frame(index)?;
+            let mut frame = self.sequence.frame(index)?;
             self.claim.write()?;
             file::write_atomic(&path.with_extension("png"), &picture::png(&linear.map(|p| color::display(*p, exposure)))?)?;
             frame.beauty = Some(linear);

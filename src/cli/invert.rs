@@ -1,21 +1,21 @@
 use super::{WeightsArgs, infer};
 use crate::dataset::export::picture::{byte, png, word};
-use crate::dataset::{Dataset, SequenceFolder};
-use crate::output::Claim;
-use crate::progress::Progress;
-use crate::report::picture;
-use crate::truth::Interrupted;
+use crate::dataset::{Dataset, Sequence};
+use crate::util::cancel::Cancel;
+use crate::util::output::Claim;
+use crate::util::progress::Progress;
+use crate::util::{files, picture};
 use anyhow::{Context, Result, bail, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{color, file, hdr};
 use renderflow_model::wan::flow::Intrinsic;
 use renderflow_model::wan::video::WanRenderer;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What made the pictures of a folder.
+/// The file that says what made the pictures in a folder.
 const RECORD: &str = "invert.json";
 /// Endings of pictures that can be read.
 const ENDINGS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
@@ -29,56 +29,37 @@ Writes NAME.albedo.png (sRGB), NAME.normal.png (0.5 + 0.5 n, camera space: x rig
 0 nearest to 1 farthest, in the logarithm of depth over a range that a picture does not tell) and NAME.material.png (roughness, metallic,
 specular). With --exr the same as numbers: albedo linear, normals of length 1.";
 
-/// Finds the buffers behind pictures with the inverse adapter of the paper's network. Run again with the same weights and options, it
-/// goes on where it was stopped.
+/// Finds albedo, normals, depth and material behind pictures, with the inverse adapter of the paper's network. If it was stopped,
+/// the same command continues.
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Invert {
-    /// Pictures, or folders of them: PNG, JPEG (display values), EXR, HDR (radiance)
+    /// Pictures, or folders of pictures: PNG, JPEG (display values), EXR, HDR (radiance)
     #[arg(required_unless_present = "data", conflicts_with = "data")]
     pictures: Vec<PathBuf>,
-    /// A sequence folder, or a folder of them, whose beauty is the picture
+    /// A sequence folder, or a folder of them; their beauty is the picture
     #[arg(long)]
     data: Option<PathBuf>,
     #[command(flatten)]
     weights: WeightsArgs,
     /// What to find
     #[arg(long, value_enum, value_delimiter = ',', default_values = ["albedo", "normal", "depth", "material"])]
-    only: Vec<IntrinsicArg>,
-    /// Pictures at a time: 1 = each by itself, more for the frames of a video, which are then consistent within each clip
+    only: Vec<Intrinsic>,
+    /// Pictures to invert together: 1 takes each by itself; more suits the frames of a video, and keeps each clip consistent
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1025))]
     clip: u32,
-    /// Euler steps; 1 is what the network is trained for
+    /// Euler steps; the network is trained for 1
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: u32,
     /// Factor from radiance to display-linear of EXR and HDR pictures
     #[arg(long, default_value_t = 1.0, conflicts_with = "data")]
     exposure: f32,
-    /// Write the numbers as EXR, too
+    /// Also write the numbers as EXR
     #[arg(long)]
     exr: bool,
     /// Folder to write to
     #[arg(long)]
     out: PathBuf,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum IntrinsicArg {
-    Albedo,
-    Normal,
-    Depth,
-    Material,
-}
-
-impl From<IntrinsicArg> for Intrinsic {
-    fn from(argument: IntrinsicArg) -> Self {
-        match argument {
-            IntrinsicArg::Albedo => Self::Albedo,
-            IntrinsicArg::Normal => Self::Normal,
-            IntrinsicArg::Depth => Self::Depth,
-            IntrinsicArg::Material => Self::Material,
-        }
-    }
 }
 
 /// What decides the pictures.
@@ -93,7 +74,7 @@ struct Record {
     tile: Option<usize>,
 }
 
-/// A picture to be taken apart.
+/// A picture to invert.
 struct Item<'a> {
     /// Path of what is written, without the names of intrinsics.
     name: PathBuf,
@@ -102,11 +83,11 @@ struct Item<'a> {
 
 enum Origin<'a> {
     File(PathBuf),
-    Sequence(&'a SequenceFolder, usize),
+    Sequence(&'a Sequence, usize),
 }
 
 impl Invert {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &Cancel) -> Result<()> {
         ensure!(self.exposure.is_finite() && self.exposure > 0.0, "--exposure: {} is not a positive number", self.exposure);
         let dataset = self.data.as_deref().map(Dataset::open).transpose()?;
         let groups = match &dataset {
@@ -121,20 +102,18 @@ impl Invert {
         }
         ensure!(renderer.inverts(), "{}: has no inverse adapter", weights.display());
         let mut only: Vec<Intrinsic> = Vec::new();
-        for intrinsic in self.only.iter().copied().map(Intrinsic::from) {
+        for intrinsic in self.only.iter().copied() {
             if !only.contains(&intrinsic) {
                 only.push(intrinsic);
             }
         }
-        for folder in dataset.iter().flat_map(|dataset| &dataset.sequences) {
-            infer::ready(folder).with_context(|| folder.path.display().to_string())?;
+        for sequence in dataset.iter().flat_map(|dataset| &dataset.sequences) {
+            infer::ready(sequence).with_context(|| sequence.folder.display().to_string())?;
         }
         let claim = self.claim(&only)?;
         let progress = Progress::new("invert", groups.iter().map(|group| group.len() as u64).sum());
         for clip in groups.iter().flat_map(|group| group.chunks(self.clip as usize)) {
-            if cancel.load(Ordering::Relaxed) {
-                return Err(Interrupted.into());
-            }
+            cancel.check()?;
             let outputs = |item: &Item| only.iter().flat_map(|i| self.outputs(&item.name, *i)).collect::<Vec<PathBuf>>();
             if clip.iter().flat_map(outputs).all(|path| path.is_file()) {
                 progress.resume(clip.len() as u64);
@@ -160,7 +139,7 @@ impl Invert {
         Claim::new(&self.out, RECORD, &record, infer::OTHERS)
     }
 
-    /// Files of an intrinsic: PNG, and EXR where wanted.
+    /// Files of an intrinsic: PNG, and EXR if the user asks for it.
     fn outputs(&self, name: &Path, intrinsic: Intrinsic) -> Vec<PathBuf> {
         let path = |ending: &str| {
             let mut path = self.out.join(name).into_os_string();
@@ -170,7 +149,7 @@ impl Invert {
         if self.exr { vec![path("png"), path("exr")] } else { vec![path("png")] }
     }
 
-    /// Takes the pictures of one clip apart.
+    /// Inverts the pictures of one clip.
     fn clip(&self, renderer: &WanRenderer, clip: &[Item], only: &[Intrinsic], claim: &Claim) -> Result<()> {
         let pictures = clip.iter().map(|item| self.read(item)).collect::<Result<Vec<Rgb>>>()?;
         let Some(Rgb { width, height, .. }) = pictures.first() else { return Ok(()) };
@@ -217,27 +196,27 @@ impl Invert {
         Ok(())
     }
 
-    /// Display values.
+    /// The display values of a picture.
     fn read(&self, item: &Item) -> Result<Rgb> {
         match &item.from {
-            Origin::Sequence(folder, index) => {
-                let frame = folder.frame(*index)?;
+            Origin::Sequence(sequence, index) => {
+                let frame = sequence.frame(*index)?;
                 let beauty = frame.beauty.with_context(|| format!("{}: has no beauty", item.name.display()))?;
-                Ok(beauty.map(|p| color::display(*p, folder.sequence.exposure)))
+                Ok(beauty.map(|p| color::display(*p, sequence.exposure())))
             }
-            Origin::File(path) if ["exr", "hdr"].contains(&ending(path).as_str()) => {
+            Origin::File(path) if files::has_ending(path, &["exr", "hdr"]) => {
                 Ok(hdr::read(path)?.map.map(|p| color::display(*p, self.exposure)))
             }
             Origin::File(path) => picture::display_values(path),
         }
     }
 
-    /// The pictures that were named, a group each folder; files named by themselves make one.
+    /// The pictures that the user named: one group for each folder, and one for the files that were named directly.
     fn files(&self) -> Result<Vec<Vec<Item<'_>>>> {
         let (mut groups, mut single) = (Vec::new(), Vec::new());
         for path in &self.pictures {
             if path.is_dir() {
-                folders(path, Path::new(""), &mut groups)?;
+                groups.extend(groups_in(path)?);
             } else {
                 let name = PathBuf::from(path.file_stem().unwrap_or_default());
                 single.push(Item { name, from: Origin::File(path.clone()) });
@@ -256,32 +235,21 @@ impl Invert {
 }
 
 /// Frames of a sequence.
-fn frames(folder: &SequenceFolder) -> Vec<Item<'_>> {
-    let name = |index: usize| Path::new(&folder.name()).join(&folder.sequence.files[index]).with_extension("");
-    (0..folder.len()).map(|index| Item { name: name(index), from: Origin::Sequence(folder, index) }).collect()
+fn frames(sequence: &Sequence) -> Vec<Item<'_>> {
+    let name = |index: usize| Path::new(&sequence.name).join(&sequence.transforms.files[index]).with_extension("");
+    (0..sequence.len()).map(|index| Item { name: name(index), from: Origin::Sequence(sequence, index) }).collect()
 }
 
-/// Adds the pictures of a folder and of those inside it, by name.
-fn folders(folder: &Path, below: &Path, groups: &mut Vec<Vec<Item>>) -> Result<()> {
-    let unreadable = || format!("{}: cannot list", folder.display());
-    let (mut pictures, mut inside) = (Vec::new(), Vec::new());
-    for entry in std::fs::read_dir(folder).with_context(unreadable)? {
-        let path = entry.with_context(unreadable)?.path();
-        if path.is_dir() {
-            inside.push(path);
-        } else if ENDINGS.contains(&ending(&path).as_str()) {
-            let name = below.join(path.file_stem().unwrap_or_default());
-            pictures.push(Item { name, from: Origin::File(path) });
-        }
+/// The pictures of a folder and of all folders below it, a group for each of them.
+fn groups_in(folder: &Path) -> Result<Vec<Vec<Item<'static>>>> {
+    let mut groups: BTreeMap<PathBuf, Vec<Item>> = BTreeMap::new();
+    for path in files::walk(folder, &ENDINGS)? {
+        let name = path.strip_prefix(folder).unwrap_or(&path).with_extension("");
+        let below = name.parent().unwrap_or(Path::new("")).to_owned();
+        groups.entry(below).or_default().push(Item { name, from: Origin::File(path) });
     }
-    pictures.sort_by(|a, b| a.name.cmp(&b.name));
-    inside.sort();
-    groups.push(pictures);
-    inside.iter().try_for_each(|path| folders(path, &below.join(path.file_name().unwrap_or_default()), groups))
-}
-
-fn ending(path: &Path) -> String {
-    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+    groups.values_mut().for_each(|group| group.sort_by(|a, b| a.name.cmp(&b.name)));
+    Ok(groups.into_values().collect())
 }
 
 /// An EXR file of single precision; `path` stands in errors.

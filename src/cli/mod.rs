@@ -1,4 +1,4 @@
-//! The command line: one file a subcommand.
+//! The command line: one file for each subcommand.
 
 mod check;
 mod compose;
@@ -17,11 +17,10 @@ mod testset;
 mod train;
 mod weights;
 
-use crate::dataset::damage;
+use crate::dataset::denoise::Denoise;
 use crate::evaluate::method::Method;
-use crate::ranges::within;
-use crate::stop;
-use crate::truth::DenoiseMode;
+use crate::util::ranges::within;
+use crate::util::{files, stop};
 use anyhow::{Context, Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
@@ -56,7 +55,7 @@ enum Command {
     Render(render::Render),
     /// Write a procedurally composed scene as JSON
     Compose(compose::Compose),
-    /// Say whether scenes, models, maps, frames, weights and datasets can be used
+    /// Check whether scenes, models, maps, frames, weights and datasets can be used
     Check(check::Check),
     /// What became of `renderflow bench`
     #[command(hide = true, disable_help_flag = true)]
@@ -70,24 +69,24 @@ enum Command {
     /// Plan and render datasets
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
-    /// Train a network: the one that reads samples, or the paper's on Wan's autoencoder and transformer
+    /// Train a network: the one that reads samples, or the paper's network with Wan's autoencoder and transformer
     Train(train::Train),
     /// Render the frames of sequence folders with a network
     Infer(infer::Infer),
-    /// Find albedo, normal, depth and material behind pictures
+    /// Find the albedo, normal, depth and material behind pictures
     Invert(invert::Invert),
     /// Make the test sets that numbers are reported on
     #[command(subcommand)]
     Testset(testset::TestsetCommand),
-    /// Compare methods, or anybody's pictures, with the truth
+    /// Compare methods, or anybody's pictures, with path-traced truth
     Evaluate(evaluate::Evaluate),
     /// Make a report from the results of an evaluation
     Report(report::Report),
-    /// Make the skies and studios of hdri/ again
+    /// Make the skies and studios in hdri/ again
     Hdri(hdri::Hdri),
     /// Print the JSON Schema of scene files
     Schema,
-    /// Describe weights files, list their tensors, convert them
+    /// Describe weights files, list their tensors, or convert them
     Weights(weights::Weights),
 }
 
@@ -126,43 +125,37 @@ fn run(cli: Cli) -> Result<()> {
     }
 }
 
-/// What a caught panic said.
-pub(crate) fn panic_message(payload: &(dyn std::any::Any + Send)) -> String {
-    let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned());
-    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".into())
-}
-
-/// Flags of everything that path-traces.
+/// Options of every command that traces paths.
 #[derive(Args, Clone, Debug)]
 struct TraceArgs {
-    /// Samples a pixel; 256 by default, 128 in the demo
+    /// Samples for each pixel; 256 by default, 128 in the demo
     #[arg(long, value_parser = within(Settings::SPP))]
     spp: Option<u32>,
-    /// Scattering events of a path
+    /// How often a path may scatter
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
-    /// Denoise with OIDN: where available, or else fail, or not at all
+    /// How to denoise the picture
     #[arg(long, value_enum, default_value_t)]
-    denoise: DenoiseMode,
+    denoise: Denoise,
 }
 
 impl TraceArgs {
-    /// What the renderer is told; `usual` samples a pixel where none are asked for.
+    /// The settings of the renderer that follow from these options; `usual` samples for each pixel by default.
     fn settings(&self, usual: u32) -> Settings {
         Settings { spp: self.spp.unwrap_or(usual), max_bounces: self.max_bounces, ..Settings::default() }
     }
 }
 
-/// A model file or scene to work on, in place of a composed one.
+/// A model file or a scene, instead of a composed scene.
 #[derive(Args, Clone, Debug)]
 struct SceneArgs {
-    /// Scene (.json) or model (.gltf, .glb, .obj); a model is set on a ground plane
+    /// Scene (.json) or model (.gltf, .glb, .obj); a model stands on a ground plane
     #[arg(long)]
     scene: Option<PathBuf>,
-    /// Environment map (.hdr, .exr) or the name of a built-in one
+    /// Environment map (.hdr, .exr), or the name of a built-in one
     #[arg(long)]
     hdri: Option<String>,
-    /// Degrees to turn the environment about +Y
+    /// Degrees by which to turn the environment about +Y
     #[arg(long)]
     hdri_rotation: Option<f32>,
 }
@@ -170,19 +163,20 @@ struct SceneArgs {
 /// Weights of a network that renders.
 #[derive(Args, Clone, Debug)]
 struct WeightsArgs {
-    /// Weights of a network, as the file itself says of which; those inside the program without it
+    /// Weights of a network; the file says which network. Without it, the weights inside the program are used
     #[arg(long)]
     weights: Option<PathBuf>,
-    /// Weights of the autoencoder of the paper's network; vae.safetensors beside --weights without it
+    /// Weights of the autoencoder of the paper's network. Without it, vae.safetensors beside --weights is used
     #[arg(long, requires = "weights")]
     vae: Option<PathBuf>,
-    /// Encode and decode pictures of more pixels a side in tiles of so many, a quarter of which overlaps: less memory, other edges
+    /// Encode and decode larger pictures in tiles of this many pixels a side, which overlap by a quarter. Tiles need less memory,
+    /// and pixels near their edges change slightly
     #[arg(long, requires = "weights")]
     tile: Option<usize>,
 }
 
 impl WeightsArgs {
-    /// The network that reads samples, where it is the one that is asked for.
+    /// The network that reads samples, if the options choose it.
     fn fusion(&self) -> Result<Option<Fusion>> {
         Ok(match &self.weights {
             None => Some(Fusion::shipped()?),
@@ -196,27 +190,27 @@ impl WeightsArgs {
         Ok(wan::open(weights, Autoencoder { file: self.vae.as_deref(), tile: self.tile })?)
     }
 
-    /// BLAKE3 of every file that is read; none for the weights inside the program.
+    /// BLAKE3 of every weights file; empty for the weights inside the program.
     fn digests(&self) -> Result<Vec<String>> {
         let Some(path) = &self.weights else { return Ok(Vec::new()) };
         let wan = WanRenderer::recognises(path).then(|| self.vae.clone().unwrap_or_else(|| parent(path).join(AUTOENCODER_FILE)));
-        std::iter::once(path).chain(&wan).map(|path| damage::hash(path)).collect()
+        std::iter::once(path).chain(&wan).map(|path| files::hash(path)).collect()
     }
 }
 
-/// Weights of both networks, to be compared.
+/// Weights of both networks, for a comparison.
 #[derive(Args, Clone, Debug)]
 struct AllWeightsArgs {
-    /// Weights of the network that reads samples (those inside the program without it) or of the paper's, as the file itself says; once for
-    /// each
+    /// Weights of the network that reads samples, or of the paper's network; the file says which. May be given once for each.
+    /// Without weights for the network that reads samples, those inside the program are used
     #[arg(long)]
     weights: Vec<PathBuf>,
-    /// Weights of the autoencoder of the paper's network; vae.safetensors beside its weights without it
+    /// Weights of the autoencoder of the paper's network. Without it, vae.safetensors beside the network's own weights is used
     #[arg(long, requires = "weights")]
     vae: Option<PathBuf>,
 }
 
-/// The networks that rows of a comparison are made with.
+/// The networks that make the rows of a comparison.
 struct Networks {
     /// The one that reads samples.
     fusion: Option<Fusion>,
@@ -225,7 +219,8 @@ struct Networks {
 }
 
 impl AllWeightsArgs {
-    /// The networks in the files that `methods` ask for; that inside the program where they ask for it and no file holds another.
+    /// Opens the networks that `methods` need. The one inside the program stands in where no file holds the network that reads
+    /// samples.
     fn open(&self, methods: &[Method]) -> Result<Networks> {
         let mut networks = Networks { fusion: None, wan: None };
         for path in &self.weights {
@@ -253,7 +248,7 @@ impl AllWeightsArgs {
 }
 
 impl Networks {
-    /// What the weights say about themselves, as settings of a report.
+    /// What the weights say about themselves, as settings for a report.
     fn settings(&self) -> Vec<(String, String)> {
         let fusion = self.fusion.as_ref().and_then(|fusion| serde_json::to_string(fusion.header()).ok());
         let wan = self.wan.as_ref().map(|wan| wan.about().header);
@@ -262,7 +257,7 @@ impl Networks {
     }
 }
 
-/// The folder relative paths of a file start from.
+/// The folder that relative paths in a file start from.
 fn parent(path: &Path) -> PathBuf {
     match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
@@ -271,9 +266,10 @@ fn parent(path: &Path) -> PathBuf {
 }
 
 impl SceneArgs {
-    /// The scene to work on, a file or a composed one with meshes and light that training never sees, and what it may name: files of its own folder
-    /// and of those that are `allowed`, and what the user names here. `seed` composes the scene, `composed` where none is given; a scene
-    /// or model from a file is sampled with it.
+    /// The scene to work on, and the files that it may name. The scene comes from a file, or is composed with meshes and light
+    /// that training never sees. It may name files in its own folder, in the folders that are `allowed`, and those that the user
+    /// names here. `seed` composes the scene (`composed` where there is no seed); a scene or model from a file is sampled with
+    /// it.
     fn describe(
         &self,
         allowed: &[PathBuf],
@@ -288,7 +284,7 @@ impl SceneArgs {
                 let (seed, resolution) = (seed.unwrap_or(composed), [resolution.unwrap_or(256); 2]);
                 compose_one(seed, Split::Test, resolution, frames.unwrap_or(1), &Composition::default())?
             }
-            Some(path) if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) => Scene::read(path)?,
+            Some(path) if files::has_ending(path, &["json"]) => Scene::read(path)?,
             Some(path) => {
                 let options = ModelView::default();
                 let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
@@ -326,7 +322,7 @@ impl SceneArgs {
     }
 }
 
-/// Prints what loading had to decide; silent when it had nothing to.
+/// Prints what loading had to decide. It prints nothing where there was nothing to decide.
 fn print_report(report: &LoadReport) {
     let counted = [
         (report.blend_as_opaque, "materials with alpha blending, rendered as opaque"),
@@ -342,23 +338,5 @@ fn print_report(report: &LoadReport) {
     }
     for note in &report.notes {
         eprintln!("note: {note}");
-    }
-}
-
-/// Pools of environments.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum SplitArg {
-    Train,
-    Val,
-    Test,
-}
-
-impl From<SplitArg> for Split {
-    fn from(split: SplitArg) -> Self {
-        match split {
-            SplitArg::Train => Self::Train,
-            SplitArg::Val => Self::Val,
-            SplitArg::Test => Self::Test,
-        }
     }
 }

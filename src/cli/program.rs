@@ -1,33 +1,31 @@
-//! What the programs of this project share: the threads, the files that scenes may name, interrupts, and exit codes.
+//! What the programs of this project share: threads, files that scenes may name, interrupts, and exit codes.
 
-use crate::console::{self, message};
-use crate::stop;
-use crate::truth::Interrupted;
+use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::console::{self, message};
+use crate::util::stop;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Options of every command.
 #[derive(Args)]
 pub struct Common {
-    /// Threads to use, at most 4 for each core; 0, the default, is one for each. Results do not depend on it.
+    /// Number of threads, at most 4 for each core; 0 (the default) takes one for each core. Results do not depend on it.
     #[arg(long, global = true)]
     threads: Option<usize>,
-    /// Let scenes and models name files of this folder too, not only of their own; may be given several times
+    /// Let scenes and models name files in this folder too, not only in their own; may be given several times
     #[arg(long, global = true, value_name = "FOLDER")]
     allow_files: Vec<PathBuf>,
 }
 
 impl Common {
-    /// Starts the threads and listens for interrupts. Returns the folders that scenes may name files of, and the flag that the
+    /// Starts the threads and listens for interrupts. Returns the folders that scenes may name files in, and the flag that the
     /// first interrupt sets.
     ///
     /// # Errors
     /// When a folder is missing, or the threads cannot be started.
-    pub fn start(self) -> Result<(Vec<PathBuf>, Arc<AtomicBool>)> {
+    pub fn start(self) -> Result<(Vec<PathBuf>, Cancel)> {
         if let Some(asked) = self.threads {
             rayon::ThreadPoolBuilder::new().num_threads(threads(asked)).build_global().context("--threads")?;
         }
@@ -39,10 +37,11 @@ impl Common {
     }
 }
 
-/// Threads for each core beyond which more are of no use, only of memory.
+/// More threads than this for each core only take memory.
 const THREADS_A_CORE: usize = 4;
 
-/// The number of threads that `--threads` asks for, 0 for all cores; a note where that is too many.
+/// The number of threads that `--threads` asks for; 0 stands for one for each core. Prints a note where the user asks for too
+/// many.
 fn threads(asked: usize) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let most = THREADS_A_CORE * cores;
@@ -52,7 +51,7 @@ fn threads(asked: usize) -> usize {
     asked.min(most)
 }
 
-/// The exit code of a program whose work ended with `result`; an error is told on standard error.
+/// The exit code of a program whose work ended with `result`. An error is printed on standard error.
 pub fn exit_code(result: Result<()>) -> ExitCode {
     match result {
         Ok(()) => match console::lost_output() {

@@ -1,11 +1,13 @@
 use super::{SceneArgs, TraceArgs};
-use crate::dataset::folder::frame_file;
-use crate::progress::Progress;
-use crate::ranges::within;
-use crate::report::picture;
-use crate::stop;
-use crate::truth::watch::{Errors, Target, Watch};
-use crate::truth::{SequenceJob, TruthSettings};
+use crate::dataset::job::watch::{Errors, Target, Watch};
+use crate::dataset::job::{SequenceJob, TruthSettings};
+use crate::dataset::layout::frame_file;
+use crate::dataset::plan::{Keyframes, Plan};
+use crate::util::cancel::Cancel;
+use crate::util::picture;
+use crate::util::progress::Progress;
+use crate::util::ranges::within;
+use crate::util::stop;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::frame_file::Profile;
@@ -14,9 +16,8 @@ use renderflow_renderer::{Budget, Mode, Settings};
 use renderflow_scenes::description::Scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
-/// Path-traces a scene or a model: an EXR with beauty and G-buffer, and a PNG, for every frame. Finished frames are kept.
+/// Path-traces a scene or a model. Every frame becomes an EXR with beauty and G-buffer, and a PNG. Finished frames stay.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow render --scene scene.json --out out\n  renderflow render --scene model.glb --hdri sky.hdr --frames 1 --out out"
@@ -28,51 +29,50 @@ pub struct Render {
     trace: TraceArgs,
     #[command(flatten)]
     adaptive: AdaptiveArgs,
-    /// Form of the BRDF: energy-conserving, or the formulae as Burley published them
+    /// Form of the BRDF: energy-conserving, or with the formulae as Burley published them
     #[arg(long, value_enum, default_value_t)]
-    bsdf: BsdfArg,
-    /// Most samples a pixel on average with --target-error or --time-budget
+    bsdf: Mode,
+    /// The most samples for each pixel, on average, with --target-error or --time-budget
     #[arg(long, default_value_t = 4096, value_parser = within(Settings::SPP))]
     max_spp: u32,
-    /// Samples that share a camera ray, at most: a power of two is taken, fewer where fewer than four rays a pixel would be left
+    /// The most samples that share a camera ray, a power of two. Pixels keep at least four camera rays, so fewer may share one
     #[arg(long, default_value_t = Settings::default().branches, value_parser = within(Settings::BRANCHES), conflicts_with = "sample_map")]
     branches: u32,
-    /// Limit what light scattered at two or more surfaces contributes to a sample. Biased, for pictures to look at only: 10
-    /// darkened two scenes by 0.8 and 2.1 % where it was measured, for 0.55 and 0.15 times the error; no limit without it
+    /// Limit the light that a sample gets after two or more scattering events. The limit makes pictures too dark and less noisy;
+    /// use it only for pictures to look at. There is no limit by default
     #[arg(long, value_name = "RADIANCE", value_parser = limit)]
     clamp_indirect: Option<f32>,
-    /// Trace paths from the camera alone, whatever caustics there are: more noise in the same picture
+    /// Trace paths from the camera only, not from lights; caustics get noisier
     #[arg(long, conflicts_with = "sample_map")]
     no_light_paths: bool,
     /// Split the light into this many groups by direction: channels light.0 to light.7
     #[arg(long, default_value_t = 0, value_parser = within(Settings::LIGHT_GROUPS))]
     light_groups: u32,
-    /// Write the Euclidean distance beside the planar depth
+    /// Also write the Euclidean distance
     #[arg(long)]
     distance: bool,
-    /// Write the unoccluded irradiance too
+    /// Also write the unoccluded irradiance
     #[arg(long)]
     irradiance: bool,
-    /// Pixels along both sides; a scene file keeps its own without it
+    /// Pixels along both sides; by default, a scene file keeps its own resolution
     #[arg(long)]
     resolution: Option<u32>,
-    /// Frames; a scene file keeps its own without it
+    /// Number of frames; by default, a scene file keeps its own
     #[arg(long)]
     frames: Option<u32>,
-    /// Distance of keyframes
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Distance between keyframes, in frames
+    #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES))]
     keyframe_gap: u32,
-    /// Seed: with --scene of the random numbers of sampling, in place of the scene's own; else of the composed scene (1 by
-    /// default)
+    /// Seed. With --scene, it replaces the scene's seed for random sampling. Otherwise it composes the scene (1 by default)
     #[arg(long)]
     seed: Option<u64>,
-    /// Picture to compare with: seconds and error are printed whenever the samples have doubled, six times up to --spp. A frame
-    /// of this program (its raw beauty), any RGB .exr or .hdr of radiance, or a .png or .jpg of display values; of one frame
-    /// only. Where the reference was sampled with the same seed, another one is taken, so that both have noise of their own;
-    /// --seed keeps it
+    /// Reference picture. Seconds and error are printed each time the samples have doubled, six times up to --spp. It may be a
+    /// frame of this program (its raw beauty is used), any RGB .exr or .hdr of radiance, or a .png or .jpg of display values, and
+    /// the scene must have one frame. If the reference was sampled with the same seed, the render takes another seed, so that
+    /// both have independent noise; --seed prevents that
     #[arg(long, value_name = "IMAGE")]
     reference: Option<PathBuf>,
-    /// Replace the frames and descriptions of an earlier render in the folder; other files stay as they are
+    /// Replace frames and descriptions of an earlier render in the folder; other files stay
     #[arg(long)]
     overwrite: bool,
     /// Folder to write to
@@ -80,20 +80,22 @@ pub struct Render {
     out: PathBuf,
 }
 
-/// How samples are spread over the pixels; evenly without any of these.
+/// How samples are spread over the pixels. Without any of these options, every pixel gets the same number.
 #[derive(Args)]
 #[group(multiple = false)]
 struct AdaptiveArgs {
-    /// Spend --spp samples a pixel on average, more where the picture is noisier
+    /// Spend --spp samples for each pixel on average, and more where the picture is noisier
     #[arg(long)]
     adaptive: bool,
-    /// Sample until the relMSE of a frame is estimated to be this small, at most --max-spp a pixel on average
+    /// Sample until the estimated relMSE of a frame is this small, with at most --max-spp for each pixel on average
     #[arg(long, value_name = "RELMSE", value_parser = whole_units::<1_000_000>)]
     target_error: Option<u32>,
-    /// Sample for so many seconds a frame, at most --max-spp a pixel on average; the map of samples is kept in the frame
+    /// Sample for this many seconds a frame, with at most --max-spp for each pixel on average; the frame stores how many samples
+    /// each pixel got
     #[arg(long, value_name = "SECONDS", value_parser = whole_units::<1000>)]
     time_budget: Option<u32>,
-    /// Sample every pixel as often as in this frame (EXR) or this folder of frames: the same picture again
+    /// Give every pixel the number of samples that it has in this frame (EXR) or this folder of frames; the picture comes out the
+    /// same
     #[arg(long, value_name = "FRAME")]
     sample_map: Option<PathBuf>,
 }
@@ -114,15 +116,8 @@ fn limit(text: &str) -> std::result::Result<f32, String> {
     if limit > 0.0 && limit.is_finite() { Ok(limit) } else { Err("must be finite and above 0".into()) }
 }
 
-#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
-enum BsdfArg {
-    #[default]
-    Conserving,
-    Published,
-}
-
-/// The reference at `path`, which must fit `scene`. Equal seeds are no comparison: parts of the noise would be the same, and the
-/// error smaller than it is. So `scene` gets another seed, unless `chosen` is the user's.
+/// The reference at `path`, which must fit `scene`. With equal seeds, the two pictures share noise and the error looks too small.
+/// So `scene` gets another seed, unless `chosen` is the user's own.
 fn target(path: &Path, scene: &mut Scene, chosen: Option<u64>) -> Result<Target> {
     if scene.frames != 1 {
         bail!("--reference is of one picture, the scene has {} frames; --frames 1 renders the first", scene.frames);
@@ -148,18 +143,14 @@ fn target(path: &Path, scene: &mut Scene, chosen: Option<u64>) -> Result<Target>
 }
 
 impl Render {
-    /// What is not stored yet is made again by the same command, so that nothing is lost where a signal ends it at once.
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    /// The same command makes whatever is not stored yet, so nothing is lost where a signal ends it at once.
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         stop::at_once(stop::RESUMABLE, || self.render(allowed, cancel))
     }
 
-    fn render(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    fn render(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let (mut scene, base) = self.scene.describe(allowed, self.seed, 1, self.resolution, self.frames)?;
         let target = self.reference.as_deref().map(|path| target(path, &mut scene, self.seed)).transpose()?;
-        let bsdf = match self.bsdf {
-            BsdfArg::Conserving => Mode::Conserving,
-            BsdfArg::Published => Mode::Published,
-        };
         let usual = self.trace.settings(Settings::default().spp);
         let (spp, budget) = match &self.adaptive {
             AdaptiveArgs { adaptive: true, .. } => (usual.spp, Budget::Average),
@@ -170,7 +161,7 @@ impl Render {
         let render = Settings {
             spp,
             budget,
-            bsdf,
+            bsdf: self.bsdf,
             branches: self.branches,
             clamp_indirect: self.clamp_indirect,
             light_paths: !self.no_light_paths,

@@ -1,24 +1,25 @@
 use crate::evaluate::results::Results;
-use crate::progress::Progress;
 use crate::report;
+use crate::util::cancel::Cancel;
+use crate::util::progress::Progress;
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
-/// Makes a report from results: tables with intervals, plots, and a page a sequence with pictures to compare. Needs no network.
+/// Makes a report from results: tables with intervals, plots, and a page for each sequence where pictures can be compared. The
+/// pages need no network connection.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow report results --out report")]
 pub struct Report {
     /// Results folder of `renderflow evaluate`
     results: PathBuf,
-    /// Folder to write index.html and the pages of the sequences to
+    /// Folder for index.html and the pages of the sequences
     #[arg(long)]
     out: PathBuf,
 }
 
 impl Report {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &Cancel) -> Result<()> {
         let results = Results::read(&self.results)?;
         let progress = Progress::new("report", results.sequences.len() as u64 + 1);
         report::build(&results, &self.out, &progress, cancel)?;

@@ -18,37 +18,37 @@ pub struct SlurmArgs {
     /// Folder for array.sh, merge.sh, submit.sh, kubernetes.yaml and the logs
     #[arg(long)]
     script_dir: PathBuf,
-    /// Slurm partition; the cluster's default unless given
+    /// Slurm partition; by default the cluster's own default
     #[arg(long)]
     partition: Option<String>,
     /// Slurm account
     #[arg(long)]
     account: Option<String>,
-    /// Time limit of a task, one sequence
+    /// Time limit of a task, which makes one sequence
     #[arg(long, default_value = "02:00:00")]
     time: String,
     /// Processor cores of a task
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
     cpus: u32,
-    /// Memory of a task; doubled when it runs out, where the cluster lets users
+    /// Memory of a task; it is doubled when a task runs out of memory, if the cluster allows that
     #[arg(long, default_value = "8G")]
     memory: Memory,
-    /// Tasks that may run at a time; any number unless given
+    /// Tasks that may run at the same time; by default any number
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     tasks_at_once: Option<u32>,
-    /// How often a task that failed or was interrupted starts again
+    /// How often a task starts again after it failed or was interrupted
     #[arg(long, default_value_t = 3)]
     retries: u32,
-    /// Seconds before the end of --time at which a task is told to stop after its frame
+    /// Seconds before the end of --time at which a task gets a signal to stop after its frame
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=65535))]
     grace: u32,
-    /// One more option of sbatch, "--qos=long" for one; may be repeated
+    /// One more option for sbatch, such as "--qos=long"; may be given several times
     #[arg(long, allow_hyphen_values = true)]
     extra: Vec<String>,
-    /// The program as the nodes find it; this one unless given
+    /// Path of this program on the nodes; by default its path here
     #[arg(long)]
     program: Option<PathBuf>,
-    /// Replace scripts that were edited, or made with other options
+    /// Replace scripts that were edited or made with other options
     #[arg(long)]
     overwrite: bool,
 }

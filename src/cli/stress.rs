@@ -1,20 +1,20 @@
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::util::cancel::Cancel;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_renderer::verify::{Check, Effort, Outcome, Ticker, checks};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Tests the numerics of the path tracer: samplers, filters, film, materials, lights, geometry, determinism, and scenes whose picture
-/// is known on paper. Prints a table and writes JSON; fails if any claim does. Finished checks are kept: run again, it goes on.
+/// Tests the numerics of the path tracer: samplers, filters, film, materials, lights, geometry, determinism, and scenes whose
+/// picture is known in closed form. Prints a table and writes JSON; fails if any claim fails. If it was stopped, the same command
+/// continues.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow stress --quick\n  renderflow stress --only film --again --out film.json")]
 pub struct Stress {
-    /// Fewer cases: below a minute on four cores
+    /// Test fewer cases: less than a minute on four cores
     #[arg(long)]
     quick: bool,
     /// Only checks whose name contains this; may be given several times
@@ -23,7 +23,7 @@ pub struct Stress {
     /// List the checks and stop
     #[arg(long)]
     list: bool,
-    /// Where to write the results; finished checks in it, of this version and effort, are not run again
+    /// File for the results. Checks that are finished in it, for this version and effort, do not run again
     #[arg(long, default_value = "stress.json")]
     out: PathBuf,
     /// Run everything again
@@ -54,7 +54,7 @@ struct CheckResult {
 const UNITS: u64 = 1000;
 
 impl Stress {
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &Cancel) -> Result<()> {
         let chosen = self.chosen()?;
         if self.list {
             let width = chosen.iter().map(|c| c.name.len()).max().unwrap_or(0);
@@ -74,13 +74,11 @@ impl Stress {
             let result = run_check(check, effort, cancel, &|done, total| {
                 progress.set(base + (UNITS * done / total.max(1)).min(UNITS));
             });
-            if cancel.load(Ordering::Relaxed) {
-                return Err(Interrupted.into());
-            }
+            cancel.check()?;
             progress.set(base + UNITS);
             results.checks.push(result);
             results.passed = results.checks.iter().all(CheckResult::passed);
-            // After every check: an interruption loses the one under way only.
+            // Written after every check, so that an interruption loses only the check that is running.
             file::write_json(&self.out, &results)?;
         }
         progress.finish();
@@ -102,11 +100,11 @@ impl Stress {
                 bail!("--only {name}: no such check; --list shows them");
             }
         }
-        let wanted = |c: &Check| self.only.is_empty() || self.only.iter().any(|name| c.name.contains(name.as_str()));
-        Ok(all.into_iter().filter(wanted).collect())
+        let selected = |c: &Check| self.only.is_empty() || self.only.iter().any(|name| c.name.contains(name.as_str()));
+        Ok(all.into_iter().filter(selected).collect())
     }
 
-    /// Results to go on from. A file of another version or effort is replaced, one that is something else is left alone.
+    /// Results to continue from. A file of another version or effort is replaced; a file that is something else stays.
     fn earlier(&self, effort: Effort) -> Result<Results> {
         let version = env!("CARGO_PKG_VERSION").to_owned();
         let fresh = Results { version, effort, passed: true, checks: Vec::new() };
@@ -129,19 +127,19 @@ impl CheckResult {
     }
 }
 
-/// Runs one check. A panic inside is a failed claim: it must not take the other checks down.
-fn run_check(check: &Check, effort: Effort, cancel: &AtomicBool, report: &(dyn Fn(u64, u64) + Sync)) -> CheckResult {
+/// Runs one check. A panic inside is a failed claim, so that the other checks still run.
+fn run_check(check: &Check, effort: Effort, cancel: &Cancel, report: &(dyn Fn(u64, u64) + Sync)) -> CheckResult {
     let started = Instant::now();
     let ticker = Ticker::new(report, cancel);
     let outcomes =
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| (check.run)(effort, &ticker))).unwrap_or_else(|payload| {
-            let reason = super::panic_message(payload.as_ref());
+            let reason = crate::util::panic::message(payload.as_ref());
             vec![Outcome { passed: false, ..Outcome::at_most("does not panic", 0, 1.0, 0.0, reason) }]
         });
     CheckResult { name: check.name.to_owned(), seconds: started.elapsed().as_secs_f64(), outcomes }
 }
 
-/// One line a claim, and below it where the worst case of a failed claim was.
+/// One line for each claim; below a failed claim, where its worst case was.
 fn table(results: &[&CheckResult]) -> String {
     let claims = || results.iter().flat_map(|r| r.outcomes.iter().map(move |o| (r, o)));
     let label = |r: &CheckResult, o: &Outcome| format!("{}: {}", r.name, o.name);
@@ -185,7 +183,7 @@ mod tests {
     #[test]
     fn a_panic_is_a_failed_claim() {
         let check = Check { name: "a", about: "b", run: |_, _| panic!("on purpose: {}", 7) };
-        let result = run_check(&check, Effort::Quick, &AtomicBool::new(false), &|_, _| ());
+        let result = run_check(&check, Effort::Quick, &Cancel::default(), &|_, _| ());
         assert!(!result.passed() && result.outcomes[0].detail.contains("on purpose: 7"), "{result:?}");
     }
 }

@@ -1,27 +1,27 @@
 use crate::dataset::Shard;
-use crate::testset::{self, Extent, Sources, TestSet};
+use crate::dataset::testset::{self, Extent, Sources, TestSet};
+use crate::util::cancel::Cancel;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
 /// Test sets: the same pictures for everybody who reports numbers.
 #[derive(Subcommand)]
 pub enum TestsetCommand {
-    /// Make a set, or go on with it
+    /// Make a set, or continue one
     Make(Make),
-    /// Prove a finished set: every file's hash, every frame, the set's own hash
+    /// Verify a finished set: every file's hash, every frame, the set's own hash
     Verify(Verify),
 }
 
-/// Makes a set: plans, truth, an estimate of the truth's own error, and a proof of all of it.
+/// Makes a set: plans, truth, and an estimate of the truth's own error; verifies all of it.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow testset make synthetic --out sets\n  \
 renderflow testset make assets --models models/ --hdris hdris/ --out sets\n\
 The synthetic set takes 4 GB and, on 4 cores, about an hour; with --every 10 some three tenths of both. A termination signal lets the frame at hand finish (exit code 75); the\n\
 same command goes on.")]
 pub struct Make {
-    /// Which one
+    /// The set
     set: TestSet,
     /// Models (.gltf, .glb, .obj) of the assets set: files, or folders of them
     #[arg(long, num_args = 1.., value_name = "PATH")]
@@ -29,22 +29,23 @@ pub struct Make {
     /// Environment maps (.hdr, .exr) of the assets set: files, or folders of them
     #[arg(long, num_args = 1.., value_name = "PATH")]
     hdris: Vec<PathBuf>,
-    /// Folder in which the set gets one of its own
+    /// Folder in which the set gets a folder of its own
     #[arg(long)]
     out: PathBuf,
     /// Part i of n of every class, counted from 1
     #[arg(long)]
     shard: Option<Shard>,
-    /// Of every so many frames make the first two alone, beside the keyframes: what `evaluate --every` reads with the same number; 1 = all.
-    /// The set is not finished then; without it the rest is made
+    /// Make only the first two of every n frames, and the keyframes: `evaluate --every` with the same number reads these; 1 makes
+    /// all. The set is not finished then; the same command without this option makes the rest
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// Samples a pixel of the longer render, of one frame a sequence, that tells how far the truth is from the truth; 0 = none
+    /// Samples for each pixel of a longer render of one frame in each sequence, which estimates the error of the truth; 0 skips
+    /// it
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(..=1 << 20))]
     audit: u32,
 }
 
-/// Proves a finished set.
+/// Verifies a finished set.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow testset verify sets/synthetic")]
 pub struct Verify {
@@ -53,7 +54,7 @@ pub struct Verify {
 }
 
 impl TestsetCommand {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         match self {
             Self::Make(make) => make.run(allowed, cancel),
             Self::Verify(verify) => {
@@ -65,7 +66,7 @@ impl TestsetCommand {
 }
 
 impl Make {
-    fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let sources = Sources { models: self.models, hdris: self.hdris, allowed: allowed.to_vec() };
         let assigned = Shard::choose(self.shard)?;
         let extent = Extent { shard: assigned.shard, every: self.every, audited: self.audit };

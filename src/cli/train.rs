@@ -5,8 +5,8 @@ mod monitor;
 mod reference;
 mod wan;
 
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::progress::Progress;
 use anyhow::{Context, Result};
 use clap::Args;
 use renderflow_frame::{file, words};
@@ -18,7 +18,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::sync::atomic::AtomicBool;
 
 const HELP: &str = "\
 Examples for the fusion network, which reads samples, keyframes and deferred shading:
@@ -157,7 +156,7 @@ impl Bars {
 }
 
 impl Train {
-    pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let configuration = self.configuration()?;
         if self.print_config {
             println!("{}", serde_json::to_string_pretty(&configuration)?);

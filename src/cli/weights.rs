@@ -1,7 +1,6 @@
-use crate::dataset::damage;
-use crate::output::{self, OVERWRITE};
+use crate::util::output::{self, OVERWRITE};
 use anyhow::{Result, bail, ensure};
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 use renderflow_frame::file::Draft;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::wan::names::Naming;
@@ -11,7 +10,8 @@ use renderflow_model::weights;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Prints configuration and training record of a weights file as JSON; lists what is in any weights file, converts published ones.
+/// Prints the configuration and the training record of a weights file as JSON. Also lists the content of any weights file, and
+/// converts published ones.
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 renderflow weights convert Wan2.1_VAE.pth vae.safetensors --naming diffusers --precision bf16"
 )]
 pub struct Weights {
-    /// A safetensors file; the weights inside the program without it
+    /// A safetensors file; by default the weights inside the program
     file: Option<PathBuf>,
     #[command(subcommand)]
     command: Option<Command>,
@@ -27,13 +27,13 @@ pub struct Weights {
 
 #[derive(Subcommand)]
 enum Command {
-    /// List the tensors of weights files: name, shape, number format, parameters; totals by part; what network it is
+    /// List the tensors of weights files: name, shape, number format, parameters, totals for each part, and the network
     Inspect(Inspect),
     /// Write a Wan or VACE network as one safetensors file, in either layout and any precision
     Convert(Convert),
 }
 
-/// Lists what is in weights files: safetensors, the index of a set of shards, PyTorch files, or a folder with one of these.
+/// Lists the content of weights files: safetensors, the index of a set of shards, PyTorch files, or a folder with one of these.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow weights inspect Wan2.1_VAE.pth transformer/\n\nWhat network it is, is told by what this \
@@ -48,8 +48,9 @@ struct Inspect {
     json: bool,
 }
 
-/// Converts between the original and the diffusers layout, from PyTorch files and shards to one safetensors file, and between number
-/// formats. Configuration and provenance are kept; a file with a tensor missing, left over or of another shape is refused.
+/// Converts weights between the original and the diffusers layout, between number formats, and from PyTorch files and shards to
+/// one safetensors file. Configuration and provenance stay. A file with a missing tensor, an extra one, or one of another shape
+/// is refused.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow weights convert Wan2.1_VAE.pth vae.safetensors\n  renderflow weights convert transformer/ \
@@ -60,29 +61,15 @@ struct Convert {
     input: PathBuf,
     /// Safetensors file to write
     output: PathBuf,
-    /// Whose names to use
+    /// Names to use: those of the diffusers library, or the authors' own
     #[arg(long, value_enum, default_value_t)]
-    naming: NamingArg,
-    /// Number format; that of the input where all its tensors share one, else f32
+    naming: Naming,
+    /// Number format; by default the format of the input, or f32 where its tensors have several
     #[arg(long, value_enum)]
-    precision: Option<PrecisionArg>,
-    /// Replace the file where another one is there
+    precision: Option<wan::Precision>,
+    /// Replace the file if another one is there
     #[arg(long)]
     overwrite: bool,
-}
-
-#[derive(Clone, Copy, Default, ValueEnum)]
-enum NamingArg {
-    #[default]
-    Diffusers,
-    Original,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum PrecisionArg {
-    F32,
-    F16,
-    Bf16,
 }
 
 impl Weights {
@@ -118,7 +105,7 @@ impl Inspect {
                 }
                 Err(error) => {
                     refused += 1;
-                    let error = crate::console::message(&error);
+                    let error = crate::util::console::message(&error);
                     eprintln!("error: {error}");
                     array.push(json!({ "path": path.to_string_lossy(), "error": error }));
                 }
@@ -218,37 +205,29 @@ impl Convert {
     fn run(self) -> Result<()> {
         let (source, identity) = open(&self.input)?;
         let from = source.path().display();
-        // Another file may be there: it is compared with what is to be written, and stays.
+        // Another file may be there. It is compared with the new one, and stays.
         let beside = if output::exists(&self.output) && !self.overwrite { Some(Draft::new(&self.output)?) } else { None };
         let to_file = beside.as_ref().map_or(self.output.as_path(), Draft::temporary);
         let done = match identity {
             Identity::Unknown(reason) => bail!("{from}: {reason}"),
             Identity::Fusion(_) => {
                 let precision = match self.precision.unwrap_or_else(|| stored(&source)) {
-                    PrecisionArg::F32 => weights::Precision::F32,
-                    PrecisionArg::F16 => weights::Precision::F16,
-                    PrecisionArg::Bf16 => bail!("{from}: this network is stored in f16 or f32"),
+                    wan::Precision::F32 => weights::Precision::F32,
+                    wan::Precision::F16 => weights::Precision::F16,
+                    wan::Precision::Bf16 => bail!("{from}: this network is stored in f16 or f32"),
                 };
                 Fusion::load(source.path())?.save(to_file, precision)?;
                 format!("{}: network that reads samples", self.output.display())
             }
             Identity::Wan(found) => {
-                let to = match self.naming {
-                    NamingArg::Diffusers => Naming::Diffusers,
-                    NamingArg::Original => Naming::Original,
-                };
-                let precision = match self.precision.unwrap_or_else(|| stored(&source)) {
-                    PrecisionArg::F32 => wan::Precision::F32,
-                    PrecisionArg::F16 => wan::Precision::F16,
-                    PrecisionArg::Bf16 => wan::Precision::Bf16,
-                };
+                let (to, precision) = (self.naming, self.precision.unwrap_or_else(|| stored(&source)));
                 let report = wan::convert(&source, to_file, &found.header, precision, to)?;
                 let (name, out) = (found.header.network.name(), self.output.display());
                 format!("{out}: {name}, {} tensors, {} names from {}", report.read, naming(to), naming(report.naming))
             }
         };
         if beside.is_some() {
-            let same = damage::hash(to_file)? == damage::hash(&self.output)?;
+            let same = crate::util::files::hash(to_file)? == crate::util::files::hash(&self.output)?;
             ensure!(same, "{}: is there already, with other content; {OVERWRITE}", self.output.display());
         }
         println!("{done}");
@@ -257,11 +236,11 @@ impl Convert {
 }
 
 /// The number format all tensors share, else single precision.
-fn stored(source: &Source) -> PrecisionArg {
+fn stored(source: &Source) -> wan::Precision {
     let rows = source.table().rows;
     match rows.first().map(|row| row.element).filter(|first| rows.iter().all(|row| row.element == *first)) {
-        Some(wan::ElementType::F16) => PrecisionArg::F16,
-        Some(wan::ElementType::Bf16) => PrecisionArg::Bf16,
-        _ => PrecisionArg::F32,
+        Some(wan::ElementType::F16) => wan::Precision::F16,
+        Some(wan::ElementType::Bf16) => wan::Precision::Bf16,
+        _ => wan::Precision::F32,
     }
 }

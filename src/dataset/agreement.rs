@@ -1,36 +1,34 @@
-//! Do the channels of a sequence agree with one another? Depth, cameras and moving objects are projected into the next frame and
-//! compared with its motion vectors and depth; normals are compared with the slope of the depth.
+//! Checks that the channels of a sequence agree with one another. Depth, cameras and moving objects are projected into the next
+//! frame and compared with its motion vectors and depth; normals are compared with the slope of the depth.
 //!
-//! What the checks are for are wrong conventions: distance for planar depth, flipped axes, world-space normals, motion of the wrong
-//! sign, unit or direction, cameras of another frame. Over 250 sequences of varied scenes at 96 x 96 no motion vector was off, the least share
-//! of points seen again was 0.52, the largest median angle 6.25 degrees, and every normal faced the camera.
+//! The checks find wrong conventions: distance instead of planar depth, flipped axes, world-space normals, motion with the wrong
+//! sign, unit or direction, cameras of another frame.
 
 use glam::{Vec2, Vec3, Vec3A};
 use renderflow_frame::warp::correspond;
 use renderflow_frame::{Camera, Frame, Image};
 use serde::{Deserialize, Serialize};
 
-/// Pixels by which a motion vector may differ from the projection, ...
+/// A motion vector may differ from the projection by this many pixels ...
 const MOTION_TOLERANCE: f32 = 0.05;
-/// ... plus this share of its length: half floats have 11 bits, the depth of the compact profile has some more.
+/// ... plus this share of its length: half floats have 11 bits, and the depth of compact files has a few more.
 const MOTION_SHARE: f32 = 2e-3;
-/// Largest share of motion vectors that may be off.
+/// The largest share of motion vectors that may be off.
 const MOTION_OFF: f64 = 1e-3;
-/// Least share of the points that are still in the picture a frame later which that frame shows, all others being hidden there.
+/// Of the points that stay inside the picture, the next frame must show at least this share; the others are hidden there.
 const SEEN: f64 = 0.3;
-/// Largest median angle between the normal and the slope of the depth, degrees. Textures and smooth shading bend normals, by 14 degrees in one of 36
-/// scenes with a bumpy floor at 128 x 128.
+/// The largest median angle between normals and the slope of the depth, degrees. Textures and smooth shading bend normals.
 const NORMAL_ANGLE: f64 = 25.0;
-/// Normals are wrong, too, where reading them by one of [`RIVALS`] makes that angle less by so much, degrees.
+/// Normals are also wrong where another convention ([`RIVALS`]) makes that angle smaller by this many degrees.
 const RIVAL: f64 = 2.0 * BIN;
-/// Least share of normals that face the camera; those of smooth shading and of normal maps may point away a little.
+/// At least this share of normals must face the camera. Smooth shading and normal maps turn a few of them away.
 const FACING: f64 = 0.98;
-/// Fewest pixels that a share is judged by.
+/// A share is judged only over this many pixels or more.
 const FEWEST: u64 = 256;
 /// Width of the bins of angles, degrees.
 const BIN: f64 = 2.5;
 
-/// Makes camera-space normals of those of another convention.
+/// Turns normals of another convention into camera-space normals.
 type Reading = fn(Vec3A, &Camera) -> Vec3A;
 
 /// Other conventions that normals may be in by mistake.
@@ -46,11 +44,11 @@ const RIVALS: [(&str, Reading); 3] = [
 pub struct Agreement {
     /// Motion vectors compared with the projection of the depth.
     pub motion: u64,
-    /// Those that differ.
+    /// Motion vectors that differ from it.
     pub motion_off: u64,
     /// Points that lie inside the next frame.
     pub projected: u64,
-    /// Those that it shows at their depth.
+    /// Points that the next frame shows at their depth.
     pub seen: u64,
     /// Normals compared with the slope of the depth, by the angle between them, in bins of 2.5 degrees.
     pub angles: Vec<u64>,
@@ -59,7 +57,7 @@ pub struct Agreement {
     pub rivals: Vec<Vec<u64>>,
     /// Covered pixels.
     pub covered: u64,
-    /// Those whose normal faces the camera.
+    /// Covered pixels whose normal faces the camera.
     pub facing: u64,
 }
 
@@ -73,7 +71,7 @@ pub struct View<'a> {
 }
 
 impl Agreement {
-    /// Counts what one frame says about itself.
+    /// Adds the counts of one frame by itself.
     pub fn add_frame(&mut self, view: View<'_>) {
         let (frame, camera) = (view.frame, view.camera);
         let (width, height) = (frame.width, frame.height);
@@ -111,7 +109,7 @@ impl Agreement {
         }
     }
 
-    /// Counts what a frame and the next one say about each other. `objects` tells how objects move from one to the other.
+    /// Adds the counts of a frame and the next one. `objects` says how objects move from one to the other.
     pub fn add_pair(&mut self, this: View<'_>, next: View<'_>, objects: &renderflow_frame::warp::ObjectMotion<'_>) {
         let back = |id: u32| objects(id).map(|map| map.inverse());
         if let Some(motion) = &this.frame.motion {
@@ -147,7 +145,7 @@ impl Agreement {
             // A point that goes behind the camera has no place in the other picture.
             let Some((place, _)) = other.project(p_world) else { continue };
             let expected = place - pixel;
-            // Nor has one that leaves it by far.
+            // A point far outside of the other picture has none either.
             if expected.length() > 4.0 * (frame.width + frame.height) as f32 {
                 continue;
             }
@@ -178,7 +176,7 @@ impl Agreement {
         median(&self.angles)
     }
 
-    /// What is wrong with the normals.
+    /// Describes what is wrong with the normals.
     fn normals(&self) -> Option<String> {
         let angle = self.median_angle()?;
         let fitting = RIVALS.iter().zip(&self.rivals).filter_map(|((name, _), counts)| Some((name, median(counts)?)));
@@ -190,7 +188,7 @@ impl Agreement {
         }
     }
 
-    /// What does not agree, a sentence each.
+    /// Describes what does not agree, one sentence each.
     pub fn faults(&self) -> Vec<String> {
         let share = |part: u64, whole: u64| (whole >= FEWEST).then(|| part as f64 / whole as f64);
         let mut faults = Vec::new();
@@ -208,7 +206,7 @@ impl Agreement {
     }
 }
 
-/// Median of counts in bins of angles; `None` where they are few.
+/// Median of counts in bins of angles, degrees; `None` where there are too few.
 fn median(counts: &[u64]) -> Option<f64> {
     let total: u64 = counts.iter().sum();
     let mut below = 0;
@@ -219,7 +217,7 @@ fn median(counts: &[u64]) -> Option<f64> {
     (total >= FEWEST).then_some((bin as f64 + 0.5) * BIN)
 }
 
-/// Whether the four neighbours of a pixel are on its surface, and the surface does not bend much there.
+/// Whether the four neighbours of a pixel lie on the same surface, and the surface is almost flat there.
 fn smooth(frame: &Frame, x: usize, y: usize) -> bool {
     let (width, i) = (frame.width, y * frame.width + x);
     let depth = frame.depth.pixels[i];
@@ -229,7 +227,7 @@ fn smooth(frame: &Frame, x: usize, y: usize) -> bool {
             && frame.depth.pixels[j].is_finite()
             && Vec3::from(frame.normal.pixels[j]).dot(frame.normal.pixels[i].into()) > 0.95
     };
-    // The inverse of a plane's depth is linear in the picture, however steep the plane.
+    // The inverse depth of a plane is linear in the picture, however steep the plane is.
     let inverse = |j: usize| depth / frame.depth.pixels[j];
     let bend = |a: usize, b: usize| (inverse(a) + inverse(b) - 2.0).abs() < 2e-3;
     let (left, right, above, below) = (i - 1, i + 1, i - width, i + width);
@@ -240,7 +238,8 @@ fn smooth(frame: &Frame, x: usize, y: usize) -> bool {
 mod tests {
     use super::*;
 
-    /// A plane seen from above at an angle, its normals turned aside by `bump` degrees one way and the other, then by `convention`.
+    /// A plane seen from above at an angle, its normals turned aside by `bump` degrees one way and the other, then by
+    /// `convention`.
     fn plane(bump: f32, convention: impl Fn(Vec3A, &Camera) -> Vec3A) -> Agreement {
         let camera = Camera::look_at(Vec3A::new(1.0, 0.5, 2.0), Vec3A::ZERO, Vec3A::Y, 0.8, 48, 48);
         let up = camera.camera_to_world.matrix3.transpose() * Vec3A::Y;

@@ -1,18 +1,32 @@
-//! Reads a sequence back: every file is hashed, every frame decoded and held against the plan, its camera and its neighbours.
+//! Reads a sequence back: hashes every file, decodes every frame, and compares it with the plan, its camera and its neighbours.
 
 use super::agreement::View;
-use super::damage::Part;
-use super::folder::SequenceFolder;
 use super::plan::Plan;
-use super::record::{Checked, DESCRIPTIONS, FrameEntry};
-use crate::truth::is_keyframe;
+use super::record::{Checked, FrameEntry};
+use super::sequence::Sequence;
+use super::sequence::fits;
+use crate::dataset::layout::DESCRIPTIONS;
+use crate::dataset::plan::is_keyframe;
 use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::{Camera, Frame, FrameInfo, file, frame_file};
 use std::path::Path;
 
-/// Frames that a thread reads one after the other; the next one's first is read once more.
+/// A thread reads this many frames one after the other. The first frame of the next run is read a second time.
 const RUN: usize = 8;
+
+/// The part of a sequence that is damaged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// `sequence.json`: what it says about files cannot be trusted.
+    Record,
+    /// The scene, the cameras or the environment.
+    Description,
+    /// The frame of this number.
+    Frame(usize),
+    /// The frames together: they contradict each other.
+    Sequence,
+}
 
 /// What the header of every frame of a sequence must say.
 #[derive(Clone, Copy, Debug)]
@@ -24,10 +38,10 @@ pub struct Header<'a> {
 }
 
 impl Header<'_> {
-    /// That a frame with the header `info` is one of this scene, seen by `camera`.
+    /// Checks that a frame with the header `info` belongs to this scene and was seen by `camera`.
     ///
     /// # Errors
-    /// Says what it is of instead.
+    /// Says what the frame belongs to instead.
     pub fn hold(&self, info: &FrameInfo, camera: &Camera) -> Result<()> {
         ensure!(info.scene_hash == self.scene, "is of another scene ({:.64})", info.scene_hash);
         ensure!(info.seed == self.seed, "has the seed {}, the sequence has {}", info.seed, self.seed);
@@ -36,7 +50,7 @@ impl Header<'_> {
     }
 }
 
-/// Whether two cameras are the same but for the rounding of numbers in text.
+/// Whether two cameras are equal up to the rounding of numbers in text.
 pub fn same_camera(a: &Camera, b: &Camera) -> bool {
     let near = |a: f32, b: f32| (a - b).abs() <= 1e-5 * a.abs().max(b.abs());
     let reach = a.position_in_world().length().max(1.0);
@@ -49,12 +63,12 @@ pub fn same_camera(a: &Camera, b: &Camera) -> bool {
         && (a.position_in_world() - b.position_in_world()).length() <= 1e-6 * reach
 }
 
-/// What reading a sequence back gave.
+/// The result of reading a sequence back.
 #[derive(Clone, Debug, Default)]
 pub struct Reading {
-    /// What was found of the frames without a fault.
+    /// What the frames without faults are like.
     pub checked: Checked,
-    /// What is wrong, and with what: first what frames say about one another, then frame by frame.
+    /// What is wrong, and with which part: first faults between frames, then faults of single frames.
     pub faults: Vec<(Part, String)>,
 }
 
@@ -71,21 +85,22 @@ pub fn sequence(plan: &Plan, folder: &Path, header: Header<'_>) -> Result<Checke
     }
 }
 
-/// As [`sequence`], but goes on after a fault.
+/// As [`sequence`], but continues after a fault.
 ///
 /// # Errors
-/// When the descriptions cannot be read or are not those of the plan: then frames have nothing to be held against.
+/// When the descriptions cannot be read or differ from the plan: then frames cannot be compared with anything.
 pub fn read(plan: &Plan, folder: &Path, header: Header<'_>) -> Result<Reading> {
-    let opened = SequenceFolder::open(folder)?;
+    let opened = Sequence::open_without_record(folder)?;
+    opened.light()?;
     let numbers: Vec<usize> = plan.numbers().collect();
     ensure!(opened.len() == numbers.len(), "transforms.json: {} frames, the plan has {}", opened.len(), numbers.len());
     ensure!(opened.numbers == numbers, "transforms.json: its frames are not those of the plan");
-    let keyframes: Vec<usize> = opened.sequence.keyframes.iter().filter_map(|&i| numbers.get(i).copied()).collect();
+    let keyframes: Vec<usize> = opened.transforms.keyframes.iter().filter_map(|&i| numbers.get(i).copied()).collect();
     ensure!(keyframes == plan.keyframe_numbers().collect::<Vec<_>>(), "transforms.json: its keyframes are not those of the plan");
     let starts: Vec<usize> = (0..numbers.len()).step_by(RUN).collect();
-    let sequence = Opened { plan, folder: &opened, header };
+    let reader = Reader { plan, sequence: &opened, header };
     let parts: Vec<Reading> =
-        starts.par_iter().with_max_len(1).map(|&start| sequence.run(start..(start + RUN).min(numbers.len()))).collect();
+        starts.par_iter().with_max_len(1).map(|&start| reader.run(start..(start + RUN).min(numbers.len()))).collect();
     let mut all = Reading::default();
     let mut of_frames = Vec::new();
     for part in parts {
@@ -104,41 +119,41 @@ pub fn read(plan: &Plan, folder: &Path, header: Header<'_>) -> Result<Reading> {
 }
 
 /// A sequence that is being read.
-struct Opened<'a> {
+struct Reader<'a> {
     plan: &'a Plan,
-    folder: &'a SequenceFolder,
+    sequence: &'a Sequence,
     header: Header<'a>,
 }
 
-impl Opened<'_> {
-    /// Reads the frames `range` and compares each with the next.
+impl Reader<'_> {
+    /// Reads the frames `range`, and compares each of them with the next.
     fn run(&self, range: std::ops::Range<usize>) -> Reading {
-        let folder = self.folder;
+        let sequence = self.sequence;
         let mut found = Reading::default();
         let checked = &mut found.checked;
         let mut before: Option<(usize, Frame)> = None;
-        // One more than the run, to compare its last with.
-        for index in range.start..(range.end + 1).min(folder.len()) {
+        // One frame more than the run, to compare its last frame with.
+        for index in range.start..(range.end + 1).min(sequence.len()) {
             let (frame, entry) = match self.frame(index) {
                 Ok(read) => read,
                 Err(error) => {
                     if range.contains(&index) {
-                        let reason = format!("{}: {}", folder.sequence.files[index], crate::console::message(&error));
-                        found.faults.push((Part::Frame(folder.numbers[index]), reason));
+                        let reason = format!("{}: {}", sequence.transforms.files[index], crate::util::console::message(&error));
+                        found.faults.push((Part::Frame(sequence.numbers[index]), reason));
                     }
                     before = None;
                     continue;
                 }
             };
             if let Some((previous, last)) = &before
-                && folder.numbers[index] == folder.numbers[*previous] + 1
+                && sequence.numbers[index] == sequence.numbers[*previous] + 1
             {
-                let movement = folder.sequence.tracks.between(*previous, index);
-                let view = |frame, index| View { frame, camera: folder.camera(index) };
+                let movement = sequence.transforms.tracks.between(*previous, index);
+                let view = |frame, index| View { frame, camera: sequence.camera(index) };
                 checked.agreement.add_pair(view(last, *previous), view(&frame, index), &|id| movement.of(id));
             }
             if range.contains(&index) {
-                checked.agreement.add_frame(View { frame: &frame, camera: folder.camera(index) });
+                checked.agreement.add_frame(View { frame: &frame, camera: sequence.camera(index) });
                 checked.statistics.add_frame(&frame);
                 checked.frames.push(entry);
             }
@@ -148,9 +163,9 @@ impl Opened<'_> {
     }
 
     fn frame(&self, index: usize) -> Result<(Frame, FrameEntry)> {
-        let (plan, folder) = (self.plan, self.folder);
-        let (name, number) = (&folder.sequence.files[index], folder.numbers[index]);
-        let path = folder.path.join(name);
+        let (plan, sequence) = (self.plan, self.sequence);
+        let (name, number) = (&sequence.transforms.files[index], sequence.numbers[index]);
+        let path = sequence.file(index);
         let bytes = match file::read(&path) {
             Err(renderflow_frame::Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
                 bail!("is not there")
@@ -158,7 +173,7 @@ impl Opened<'_> {
             bytes => bytes.map_err(|error| without_name(&error, &path))?,
         };
         let frame = frame_file::decode(&path, &bytes).map_err(|error| without_name(&error, &path))?;
-        let camera = folder.camera(index);
+        let camera = sequence.camera(index);
         fits(&frame, camera)?;
         let [width, height] = plan.resolution.map(|v| v as usize);
         ensure!(
@@ -168,14 +183,14 @@ impl Opened<'_> {
             frame.height
         );
         self.header.hold(&frame.info, camera)?;
-        let wanted = plan.samples(number);
+        let planned = plan.samples(number);
         ensure!(
-            frame.info.spp == wanted || plan.render.adaptive && wanted > 0 && frame.info.spp > 0,
-            "{} samples a pixel, the plan has {wanted}",
+            frame.info.spp == planned || plan.render.adaptive && planned > 0 && frame.info.spp > 0,
+            "{} samples a pixel, the plan has {planned}",
             frame.info.spp
         );
-        ensure!((wanted == 0) == frame.beauty.is_none(), "has a beauty where the plan has none, or none where it has one");
-        crate::inspect::verify_frame(&frame)?;
+        ensure!((planned == 0) == frame.beauty.is_none(), "has a beauty where the plan has none, or none where it has one");
+        verify_frame(&frame)?;
         let entry = FrameEntry {
             file: name.clone(),
             number,
@@ -188,19 +203,40 @@ impl Opened<'_> {
     }
 }
 
-/// That a frame has the size of its camera.
-///
-/// # Errors
-/// Gives both sizes.
-pub fn fits(frame: &Frame, camera: &Camera) -> Result<()> {
-    ensure!(
-        (frame.width, frame.height) == (camera.width, camera.height),
-        "{} x {} pixels where the camera has {} x {}",
-        frame.width,
-        frame.height,
-        camera.width,
-        camera.height
-    );
+/// Half floats change the length of a unit normal by up to this much.
+const NORMAL: f32 = 2e-3;
+
+/// Checks the conventions that a frame's header states, pixel by pixel: infinite depth and a zero normal at a miss, a positive
+/// depth and a unit normal at a hit, coverage within 0..=1, no negative light. (The reader has refused NaN.)
+pub(super) fn verify_frame(frame: &Frame) -> Result<()> {
+    let place = |i: usize| format!("pixel ({}, {})", i % frame.width, i / frame.width);
+    for i in 0..frame.depth.pixels.len() {
+        let (depth, alpha) = (frame.depth.pixels[i], frame.alpha.pixels[i]);
+        let length = glam::Vec3::from(frame.normal.pixels[i]).length();
+        ensure!(depth > 0.0, "{}: depth.Z is {depth}, not above 0", place(i));
+        ensure!((0.0..=1.0).contains(&alpha), "{}: A is {alpha}, outside 0..=1", place(i));
+        if depth.is_finite() {
+            ensure!((length - 1.0).abs() <= NORMAL, "{}: the normal has length {length}, not 1", place(i));
+        } else {
+            ensure!(length == 0.0, "{}: a miss (depth +inf) with a normal of length {length}", place(i));
+        }
+    }
+    if let Some(distance) = &frame.distance {
+        let mut expected = frame.clone();
+        expected.fill_distance();
+        let pairs = distance.pixels.iter().zip(expected.distance.iter().flat_map(|image| &image.pixels));
+        if let Some(i) = pairs.into_iter().position(|(d, e)| !(d == e || (d - e).abs() <= 1e-5 * e)) {
+            bail!("{}: distance.Z is {}, not that of the planar depth", place(i), distance.pixels[i]);
+        }
+    }
+    let lights = [("the beauty", &frame.beauty), ("raw", &frame.raw), ("variance", &frame.variance)];
+    for (name, image) in lights {
+        if let Some(image) = image
+            && let Some(i) = image.pixels.iter().position(|p| p.iter().any(|v| *v < 0.0))
+        {
+            bail!("{}: {name} is negative, {:?}", place(i), image.pixels[i]);
+        }
+    }
     Ok(())
 }
 

@@ -1,15 +1,18 @@
-//! What is damaged in a dataset: the one judgement that `verify`, `render`, `repair`, `merge`, `pack`, `export` and `train` share.
+//! Finds what is damaged in a dataset. `verify`, `render`, `repair`, `merge`, `pack`, `export` and `train` all judge by it.
 //!
-//! A sequence is whole when its record is that of its plan and of the folder it lies in, its scene is the one the record names, and every
-//! file is the one that was recorded. How much of the files is read is the caller's choice, [`Depth`]. BLAKE3 hashes some gigabytes a
-//! second, decoding a frame is fifty times slower, rendering it thousands of times: whoever resumes hashes everything.
+//! A sequence is whole when its record fits the plan and the folder, its scene is the one in the record, and every file is the
+//! one in the record. The caller chooses how much of the files is read ([`Depth`]). BLAKE3 hashes some gigabytes a second;
+//! decoding a frame is fifty times slower, and rendering it is thousands of times slower. So commands that continue earlier work
+//! hash everything.
 
+use super::check::Part;
 use super::check::{self, Header};
 use super::manifest::Listed;
 use super::plan::Plan;
-use super::record::{Checked, DESCRIPTIONS, FrameEntry, RECORD, Record};
-use super::render::sequence_folder;
-use crate::truth::Interrupted;
+use super::record::{Checked, FrameEntry, Record};
+use crate::dataset::layout::{DESCRIPTIONS, RECORD};
+use crate::util::cancel::Cancel;
+use crate::util::files;
 use anyhow::Result;
 use rayon::prelude::*;
 use renderflow_frame::file;
@@ -21,30 +24,16 @@ use std::collections::{HashMap, HashSet};
 use std::fmt;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How closely a sequence is looked at.
+/// How closely a sequence is examined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Depth {
-    /// The record and the scene are read; of other files the sizes.
+    /// The record and the scene are read; other files are compared by size.
     Sizes,
     /// Every file is hashed.
     Hashes,
-    /// Every frame is decoded too and held against the plan, its camera and its neighbours.
+    /// Every frame is also decoded, and compared with the plan, its camera and its neighbours.
     Pixels,
-}
-
-/// What of a sequence is damaged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// `sequence.json`: what it says of files cannot be believed.
-    Record,
-    /// The scene, the cameras or the environment.
-    Description,
-    /// The frame of this number.
-    Frame(usize),
-    /// What the frames say about one another.
-    Sequence,
 }
 
 /// One thing that is wrong with a sequence.
@@ -52,7 +41,7 @@ pub enum Part {
 pub struct Damage {
     /// What is damaged.
     pub part: Part,
-    /// How, in words that begin with the file where it is one.
+    /// The reason, in words. It starts with the name of the file where there is one.
     pub reason: String,
 }
 
@@ -62,29 +51,28 @@ impl fmt::Display for Damage {
     }
 }
 
-/// What was found of a sequence.
+/// What an examination found in a sequence.
 #[derive(Clone, Debug, Default)]
-pub struct Found {
-    /// Its record, where one can be read, be it right or not.
+pub struct Findings {
+    /// Its record, right or wrong, if it can be read.
     pub record: Option<Record>,
-    /// BLAKE3 of the file of the record.
+    /// BLAKE3 of the record's file.
     pub record_hash: Option<String>,
-    /// What the files were found to be; at [`Depth::Pixels`] alone.
+    /// What the files are like; empty below [`Depth::Pixels`].
     pub checked: Checked,
     /// What is wrong.
     pub damage: Vec<Damage>,
-    /// Whether there is no record: the sequence was never finished, or has lost it.
+    /// Whether the sequence has no record: it was never finished, or its record was lost.
     pub unfinished: bool,
 }
 
-impl Found {
+impl Findings {
     /// Whether nothing is wrong.
     pub fn is_whole(&self) -> bool {
         self.damage.is_empty()
     }
 
-    /// Whether the record can be believed, and says that the file of frame `number` is as it was. Means something from
-    /// [`Depth::Hashes`] on.
+    /// Whether the record can be trusted and confirms the file of frame `number`. Only meaningful from [`Depth::Hashes`] on.
     pub fn vouches_for(&self, number: usize) -> bool {
         self.record.is_some() && !self.damage.iter().any(|d| matches!(d.part, Part::Record) || d.part == Part::Frame(number))
     }
@@ -98,10 +86,10 @@ impl Found {
     }
 }
 
-/// Looks at sequence `index` of the dataset in `out`. `listed` is the BLAKE3 that the dataset's manifest has of its record.
-pub fn sequence(plan: &Plan, out: &Path, index: u32, listed: Option<&str>, depth: Depth) -> Found {
-    let folder = sequence_folder(plan, out, index);
-    let mut found = Found::default();
+/// Examines sequence `index` of the dataset in `out`. `listed` is the BLAKE3 of its record in the dataset's manifest.
+pub fn sequence(plan: &Plan, out: &Path, index: u32, listed: Option<&str>, depth: Depth) -> Findings {
+    let folder = plan.folder(out, index);
+    let mut found = Findings::default();
     let record = match Record::read_with_bytes(&folder) {
         Ok(None) => {
             found.unfinished = true;
@@ -109,7 +97,7 @@ pub fn sequence(plan: &Plan, out: &Path, index: u32, listed: Option<&str>, depth
             return found;
         }
         Err(error) => {
-            found.add(Part::Record, relative(&folder, &crate::console::message(&error)));
+            found.add(Part::Record, relative(&folder, &crate::util::console::message(&error)));
             return found;
         }
         Ok(Some((record, bytes))) => {
@@ -137,12 +125,12 @@ pub fn sequence(plan: &Plan, out: &Path, index: u32, listed: Option<&str>, depth
     found
 }
 
-/// Holds the scene against the record and the place.
-fn scene(found: &mut Found, plan: &Plan, index: u32, folder: &Path, record: &Record) {
+/// Compares the scene with the record and the folder.
+fn scene(found: &mut Findings, plan: &Plan, index: u32, folder: &Path, record: &Record) {
     let path = folder.join("scene.json");
     let scene = match read_scene(&path) {
         Ok(scene) => scene,
-        Err(error) => return found.add(Part::Description, relative(folder, &crate::console::message(&error))),
+        Err(error) => return found.add(Part::Description, relative(folder, &crate::util::console::message(&error))),
     };
     let expected = plan.scene_name(index);
     let hash = scene.hash();
@@ -155,7 +143,7 @@ fn scene(found: &mut Found, plan: &Plan, index: u32, folder: &Path, record: &Rec
     } else {
         None
     };
-    // The hash of a scene that names no files has told all there is to tell.
+    // For a scene that names no files, the hash says everything.
     if reason.is_none() && !names_files(&scene) {
         return;
     }
@@ -169,12 +157,12 @@ fn scene(found: &mut Found, plan: &Plan, index: u32, folder: &Path, record: &Rec
     }
 }
 
-/// Reads and checks a scene.
+/// Reads and validates a scene.
 pub(super) fn read_scene(path: &Path) -> Result<Scene> {
     Ok(Scene::from_json(path, &file::read_text(path)?)?)
 }
 
-/// Whether a scene names files: its copy beside the frames may name them otherwise, and then has another hash.
+/// Whether a scene names files. Its copy beside the frames may name them by other paths, and then has another hash.
 pub(super) fn names_files(scene: &Scene) -> bool {
     let textured = |m: &renderflow_scenes::description::Material| {
         [&m.base_color_texture, &m.metallic_roughness_texture, &m.normal_texture, &m.emissive_texture].iter().any(|t| t.is_some())
@@ -184,10 +172,10 @@ pub(super) fn names_files(scene: &Scene) -> bool {
         || scene.objects.iter().any(|object| matches!(object.geometry, Geometry::File(_)))
 }
 
-/// Holds the files against a record that fits.
-fn files(found: &mut Found, plan: &Plan, folder: &Path, record: &Record, depth: Depth) {
+/// Compares the files with a record that fits the plan.
+fn files(found: &mut Findings, plan: &Plan, folder: &Path, record: &Record, depth: Depth) {
     for (name, hash) in &record.descriptions {
-        // The scene has been judged by what it holds.
+        // The content of the scene was already compared.
         let known = found.damage.iter().any(|damage| damage.reason.starts_with(name.as_str()));
         if let Some(reason) = fault(folder, name, None, hash, depth).filter(|_| !known) {
             found.add(Part::Description, reason);
@@ -202,7 +190,7 @@ fn files(found: &mut Found, plan: &Plan, folder: &Path, record: &Record, depth: 
                 found.checked = reading.checked;
             }
             Err(error) if !found.has(Part::Description) => {
-                found.add(Part::Description, relative(folder, &crate::console::message(&error)));
+                found.add(Part::Description, relative(folder, &crate::util::console::message(&error)));
             }
             Err(_) => {}
         }
@@ -238,7 +226,7 @@ fn differs(name: &str, found: &str, recorded: &str) -> String {
     format!("{name}: has BLAKE3 {found}, {RECORD} says {recorded}")
 }
 
-/// What is wrong with a file that was recorded.
+/// Describes what is wrong with a recorded file.
 fn fault(folder: &Path, name: &str, bytes: Option<u64>, blake3: &str, depth: Depth) -> Option<String> {
     let path = folder.join(name);
     let length = match std::fs::metadata(&path) {
@@ -254,42 +242,32 @@ fn fault(folder: &Path, name: &str, bytes: Option<u64>, blake3: &str, depth: Dep
     if depth < Depth::Hashes {
         return None;
     }
-    match hash(&path) {
+    match files::hash(&path) {
         Ok(found) => (found != blake3).then(|| differs(name, &found, blake3)),
-        Err(error) => Some(relative(folder, &crate::console::message(&error))),
+        Err(error) => Some(relative(folder, &crate::util::console::message(&error))),
     }
 }
 
-/// BLAKE3 of a regular file, hexadecimal.
-///
-/// # Errors
-/// When it cannot be read.
-pub fn hash(path: &Path) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(file::open(path)?).map_err(renderflow_frame::Error::io(path, "read"))?;
-    Ok(hasher.finalize().to_hex().to_string())
-}
-
-/// A message about files in `folder`, which it does not name again.
+/// Removes the folder from a message about files in it.
 pub(super) fn relative(folder: &Path, message: &str) -> String {
     message.replace(&format!("{}/", folder.display()), "")
 }
 
-/// What making a sequence from its plan would give, as far as nothing has to be rendered for it.
+/// What the plan would make of a sequence, as far as that can be found out without rendering.
 pub enum Made {
     /// The same record.
     Same,
-    /// Another one: the place in it, and what stands there.
+    /// A different record: the place in it, and both values.
     Other(String),
-    /// Another scene: this version of the program composes the plan otherwise, so that it could not go on with the sequence.
+    /// A different scene: this version of the program composes the plan differently, so it could not continue the sequence.
     OtherVersion,
-    /// It cannot be told, for instance because a model of the user has gone.
+    /// Unknown, for instance because a model of the user is missing.
     Unknown(String),
 }
 
-/// Holds a sequence that is whole at [`Depth::Pixels`] against what this program would record of it. Loading the scene for that takes
-/// longer than everything else, and is left out where the manifest lists the record as it stands.
-pub fn against_plan(plan: &Plan, catalog: &Catalog, index: u32, listed: bool, found: &Found) -> Made {
+/// Compares a sequence that is whole at [`Depth::Pixels`] with the record that this program would write for it. Loading the scene
+/// takes most of the time; it is skipped where the manifest lists this very record.
+pub fn against_plan(plan: &Plan, catalog: &Catalog, index: u32, listed: bool, found: &Findings) -> Made {
     let Some(record) = &found.record else { return Made::Unknown(format!("no {RECORD}")) };
     let make = || -> Result<Made> {
         let composed = plan.compose(catalog, index)?;
@@ -306,10 +284,10 @@ pub fn against_plan(plan: &Plan, catalog: &Catalog, index: u32, listed: bool, fo
         let value = |record: &Record| serde_json::from_str(&serde_json::to_string(record)?);
         Ok(difference("", &value(record)?, &value(&made)?).map_or(Made::Same, Made::Other))
     };
-    super::render::guarded(make).unwrap_or_else(|error| Made::Unknown(crate::console::message(&error)))
+    crate::util::panic::guarded(make).unwrap_or_else(|error| Made::Unknown(crate::util::console::message(&error)))
 }
 
-/// The first place where two values differ.
+/// Finds the first place where two values differ.
 fn difference(pointer: &str, there: &serde_json::Value, made: &serde_json::Value) -> Option<String> {
     use serde_json::Value::{Array, Object};
     match (there, made) {
@@ -327,33 +305,31 @@ fn difference(pointer: &str, there: &serde_json::Value, made: &serde_json::Value
     }
 }
 
-/// Looks at the sequences `indices` in parallel; what is found of each, in order.
+/// Examines the sequences `indices` in parallel. The results are in the same order.
 ///
 /// # Errors
-/// [`Interrupted`] when `stop` was set.
+/// When `stop` was set.
 pub fn sequences(
     plan: &Plan,
     out: &Path,
     indices: &[u32],
     listed: &Listed,
     depth: Depth,
-    stop: &AtomicBool,
-) -> Result<Vec<Found>> {
+    stop: &Cancel,
+) -> Result<Vec<Findings>> {
     let look = |&index: &u32| {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
+        stop.check()?;
         Ok(sequence(plan, out, index, listed.of(index), depth))
     };
     indices.par_iter().with_max_len(1).map(look).collect()
 }
 
-/// Folders in a dataset that hold a sequence and are none of the plan's: training would take them for data of their split.
+/// Folders in a dataset that hold a sequence but do not belong to the plan: training would take them for data of their split.
 ///
 /// # Errors
 /// When a folder cannot be listed.
 pub fn strangers(plan: &Plan, out: &Path) -> Result<Vec<PathBuf>> {
-    let known: HashSet<PathBuf> = (0..plan.total()).map(|index| sequence_folder(plan, out, index)).collect();
+    let known: HashSet<PathBuf> = (0..plan.total()).map(|index| plan.folder(out, index)).collect();
     let mut strangers = Vec::new();
     for parent in std::iter::once(out.to_owned()).chain(super::plan::SPLITS.map(|split| out.join(split.name()))) {
         let holds = |path: &Path| path.join("transforms.json").exists() || path.join(RECORD).exists();
@@ -362,20 +338,20 @@ pub fn strangers(plan: &Plan, out: &Path) -> Result<Vec<PathBuf>> {
     Ok(strangers)
 }
 
-/// Files in the folder of sequence `index` that are no part of it: nothing reads them.
+/// Files in the folder of sequence `index` that do not belong to it. Nothing reads them.
 ///
 /// # Errors
 /// When the folder cannot be listed.
 pub fn strays(plan: &Plan, out: &Path, index: u32) -> Result<Vec<PathBuf>> {
-    let folder = sequence_folder(plan, out, index);
-    let others = [RECORD, super::record::FAILURES, crate::truth::TIMING, crate::testset::AUDIT];
-    let frames: HashSet<String> = plan.numbers().map(|number| super::folder::frame_file(number, plan.storage)).collect();
+    let folder = plan.folder(out, index);
+    let others = [RECORD, super::layout::FAILURES, crate::dataset::layout::TIMING, crate::dataset::layout::AUDIT];
+    let frames: HashSet<String> = plan.numbers().map(|number| super::layout::frame_file(number, plan.storage)).collect();
     let own = |name: &str| DESCRIPTIONS.contains(&name) || others.contains(&name) || frames.contains(name);
     let name = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_str().is_some_and(own));
     Ok(list(&folder)?.into_iter().filter(|path| !name(path)).collect())
 }
 
-/// What is in a folder, by name; nothing where there is none.
+/// The content of a folder, by name; empty where there is no folder.
 fn list(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = match std::fs::read_dir(folder) {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(Vec::new()),
@@ -389,7 +365,7 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// The command that mends a dataset.
+/// The command that repairs a dataset.
 pub fn remedy(out: &Path) -> String {
     format!("renderflow dataset repair {}", shell(&out.to_string_lossy()))
 }

@@ -1,7 +1,6 @@
-//! Datasets in the names and conventions that other tools read.
+//! Writes datasets in the names and conventions of other tools.
 //!
-//! What each form holds is written in its module; none loses anything that the tool could read, and every one states its ranges
-//! in JSON.
+//! Each form is described in its module. No form loses anything that its tool could read, and each states its ranges in JSON.
 
 mod coco;
 mod cosmos;
@@ -9,12 +8,14 @@ mod nerfstudio;
 pub(crate) mod picture;
 mod png;
 
-use super::manifest::{MANIFEST, Manifest};
+use super::manifest::Manifest;
 use super::plan::Plan;
-use super::source::{self, Source};
-use crate::output::{self, Claim};
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use super::sequence::Sequence;
+use super::whole;
+use crate::dataset::layout::MANIFEST;
+use crate::util::cancel::Cancel;
+use crate::util::output::{self, Claim};
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use rayon::prelude::*;
@@ -22,7 +23,6 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, file, frame_file};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Writes a dataset in the names and conventions that another tool reads.
 #[derive(Args)]
@@ -59,7 +59,7 @@ pub enum Form {
 
 impl Options {
     /// Exports.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &Cancel) -> Result<()> {
         let (sequences, frames) = export(&self.dataset, self.to, &self.out, cancel)?;
         println!("{sequences} sequences, {frames} frames: {}", self.out.display());
         Ok(())
@@ -78,13 +78,13 @@ struct Mark {
 /// File name of [`Mark`].
 const MARK: &str = "export.json";
 
-/// Writes the dataset in `dataset` to `out`; returns how many sequences and frames.
+/// Writes the dataset in `dataset` to `out`; returns the numbers of sequences and frames.
 ///
 /// # Errors
-/// When the dataset is not complete, a frame cannot be read or lacks what the form needs, or a file cannot be written; when `out`
-/// is the dataset, inside of it or above it, or holds files that this form did not write.
-pub fn export(dataset: &Path, to: Form, out: &Path, cancel: &AtomicBool) -> Result<(usize, usize)> {
-    let sources = source::open(dataset)?.sequences;
+/// When the dataset is not complete, when a frame cannot be read or lacks something that the form needs, or when a file cannot be
+/// written; when `out` is the dataset, inside of it or above it, or holds files that this form did not write.
+pub fn export(dataset: &Path, to: Form, out: &Path, cancel: &Cancel) -> Result<(usize, usize)> {
+    let sequences = whole::open(dataset)?.sequences;
     let root = root(dataset)?;
     let (from, target) = (output::resolved(&root)?, output::resolved(out)?);
     let place =
@@ -95,24 +95,24 @@ pub fn export(dataset: &Path, to: Form, out: &Path, cancel: &AtomicBool) -> Resu
     let manifest = file::read_at_most(&root.join(MANIFEST), file::LARGEST_TEXT).ok();
     let mark = Mark { version: 1, form: to, dataset: manifest.map(|bytes| blake3::hash(&bytes).to_hex().to_string()) };
     let claim = Claim::new(out, MARK, &mark, "files of another form or of another dataset")?;
-    sources.iter().try_for_each(|source| ready(source, to))?;
-    let categories = if to == Form::Coco { coco::Categories::of(&root, &sources)? } else { Default::default() };
-    let frames = sources.iter().map(|source| source.numbers.len()).sum();
+    sequences.iter().try_for_each(|sequence| ready(sequence, to))?;
+    let categories = if to == Form::Coco { coco::Categories::of(&root, &sequences)? } else { Default::default() };
+    let frames = sequences.iter().map(|sequence| sequence.numbers.len()).sum();
     let progress = Progress::new("export", frames as u64);
     let job = Job { progress: Some(&progress), cancel, claim: &claim };
     match to {
-        Form::Nerfstudio => sources.iter().try_for_each(|source| nerfstudio::sequence(source, out, &job))?,
-        Form::Cosmos => sources.iter().try_for_each(|source| cosmos::sequence(source, out, &job))?,
-        Form::Png => sources.iter().try_for_each(|source| png::sequence(source, out, &job))?,
+        Form::Nerfstudio => sequences.iter().try_for_each(|sequence| nerfstudio::sequence(sequence, out, &job))?,
+        Form::Cosmos => sequences.iter().try_for_each(|sequence| cosmos::sequence(sequence, out, &job))?,
+        Form::Png => sequences.iter().try_for_each(|sequence| png::sequence(sequence, out, &job))?,
         Form::Coco => {
-            sources.chunk_by(|a, b| a.split == b.split).try_for_each(|split| coco::split(split, &categories, out, &job))?;
+            sequences.chunk_by(|a, b| a.split == b.split).try_for_each(|split| coco::split(split, &categories, out, &job))?;
         }
     }
     progress.finish();
-    Ok((sources.len(), frames))
+    Ok((sequences.len(), frames))
 }
 
-/// The whole dataset that `dataset` is a split or a sequence of; itself where there is none.
+/// The whole dataset, if `dataset` is a split or a sequence of one; otherwise `dataset` itself.
 fn root(dataset: &Path) -> Result<PathBuf> {
     let full = output::resolved(dataset)?;
     let is_whole = |folder: &&Path| {
@@ -122,12 +122,12 @@ fn root(dataset: &Path) -> Result<PathBuf> {
     Ok(above.filter(|_| !is_whole(&full.as_path())).map_or_else(|| dataset.to_owned(), Path::to_owned))
 }
 
-/// Checks what can be told of a sequence without decoding its frames.
-fn ready(source: &Source, to: Form) -> Result<()> {
-    for index in 0..source.numbers.len() {
-        let (path, file) = (source.file(index), &source.sequence.files[index]);
+/// Checks a sequence as far as that is possible without decoding its frames.
+fn ready(sequence: &Sequence, to: Form) -> Result<()> {
+    for index in 0..sequence.numbers.len() {
+        let (path, file) = (sequence.file(index), &sequence.transforms.files[index]);
         ensure!(path.is_file(), "{}: is not there", path.display());
-        let recorded = source.record.iter().flat_map(|record| &record.frames).find(|frame| frame.file == *file);
+        let recorded = sequence.record.iter().flat_map(|record| &record.frames).find(|frame| frame.file == *file);
         let traced = recorded.is_none_or(|frame| frame.spp > 0);
         ensure!(traced || to == Form::Png, "{}: {NO_BEAUTY}", path.display());
     }
@@ -137,17 +137,17 @@ fn ready(source: &Source, to: Form) -> Result<()> {
 /// Said of a frame without a picture.
 const NO_BEAUTY: &str = "has no beauty (a frame of G-buffers only)";
 
-/// What all forms do with frames.
+/// What all forms share.
 struct Job<'a> {
-    /// Frames done; `None` where they are only looked at.
+    /// Counts frames; `None` while they are only read.
     progress: Option<&'a Progress>,
-    cancel: &'a AtomicBool,
+    cancel: &'a Cancel,
     /// The right to write to the folder.
     claim: &'a Claim,
 }
 
 impl Job<'_> {
-    /// The same without progress, for frames that are only looked at.
+    /// The same without progress, for frames that are only read.
     fn quiet(&self) -> Self {
         Self { progress: None, ..*self }
     }
@@ -158,16 +158,14 @@ impl Job<'_> {
         Ok(file::write_atomic(&path, bytes)?)
     }
 
-    /// Calls `f` with every frame of a sequence, in parallel; the results are in order.
-    fn frames<T: Send>(&self, source: &Source, f: impl Fn(usize, Frame) -> Result<T> + Sync) -> Result<Vec<T>> {
+    /// Calls `f` with every frame of a sequence, in parallel. The results are in order.
+    fn frames<T: Send>(&self, sequence: &Sequence, f: impl Fn(usize, Frame) -> Result<T> + Sync) -> Result<Vec<T>> {
         if let Some(progress) = self.progress {
-            progress.message(source.name.clone());
+            progress.message(sequence.name.clone());
         }
-        let results = (0..source.numbers.len()).into_par_iter().map(|index| {
-            if self.cancel.load(Ordering::Relaxed) {
-                return Err(Interrupted.into());
-            }
-            let path = source.file(index);
+        let results = (0..sequence.numbers.len()).into_par_iter().map(|index| {
+            self.cancel.check()?;
+            let path = sequence.file(index);
             let result = f(index, frame_file::read(&path)?).with_context(|| path.display().to_string())?;
             if let Some(progress) = self.progress {
                 progress.add(1);
@@ -178,7 +176,7 @@ impl Job<'_> {
     }
 }
 
-/// The picture that people look at: exposure, clamp, sRGB.
+/// The picture as people see it: exposure, clamp, sRGB.
 fn displayed(frame: &Frame, exposure: f32) -> Result<Rgb> {
     let beauty = frame.beauty.as_ref().context(NO_BEAUTY)?;
     Ok(beauty.map(|pixel| color::display(*pixel, exposure)))

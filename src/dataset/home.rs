@@ -1,14 +1,14 @@
-//! The dataset that a folder belongs to, for those who are given a part of one: a split to train on, a sequence to export.
+//! Finds the dataset that a folder belongs to, for commands that get a part of it: a split to train on, a sequence to export.
 
 use super::damage::{self, Depth};
-use super::manifest::{self, Listed, MANIFEST};
-use super::mend::PLAN;
+use super::manifest::Listed;
+use super::merge;
 use super::plan::{Plan, SPLITS};
 use super::record::Record;
-use super::render::sequence_folder;
+use crate::dataset::layout::{MANIFEST, PLAN};
+use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail, ensure};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 /// A folder of a dataset that has a plan.
 #[derive(Clone, Debug)]
@@ -17,15 +17,15 @@ pub struct Home {
     pub root: PathBuf,
     /// Its plan.
     pub plan: Plan,
-    /// Sequences of the plan whose place is in the folder.
+    /// The sequences of the plan that lie in the folder.
     pub indices: Vec<u32>,
 }
 
 impl Home {
-    /// The dataset that `folder` is, or is a split or a sequence of; `None` where no plan says what belongs to it.
+    /// The dataset that `folder` is, or of which it is a split or a sequence. `None` where there is no plan.
     ///
     /// # Errors
-    /// When the plan cannot be read, or the folder is no sequence of it; when a dataset that the folder is a part of has lost its plan.
+    /// When the plan cannot be read, when the folder is not a sequence of it, or when the folder's dataset has lost its plan.
     pub fn of(folder: &Path) -> Result<Option<Self>> {
         let full = std::path::absolute(folder).with_context(|| folder.display().to_string())?;
         let is_split = |path: &Path| SPLITS.iter().any(|split| path.file_name().is_some_and(|name| name == split.name()));
@@ -46,7 +46,7 @@ impl Home {
         }
         let plan = Plan::read(&path)
             .with_context(|| format!("the plan of the dataset cannot be read; to mend it: {}", damage::remedy(&root)))?;
-        let place = |index: u32| std::path::absolute(sequence_folder(&plan, &root, index)).unwrap_or_default();
+        let place = |index: u32| std::path::absolute(plan.folder(&root, index)).unwrap_or_default();
         let inside = |index: &u32| place(*index).starts_with(&full);
         let indices: Vec<u32> = (0..plan.total()).filter(inside).collect();
         if depth == 2 && indices.is_empty() {
@@ -59,27 +59,28 @@ impl Home {
         Ok(Some(Self { root, plan, indices }))
     }
 
-    /// Those of its sequences of which there is a folder.
+    /// Its sequences that have a folder.
     pub fn present(&self) -> Vec<u32> {
-        let there = |index: &u32| sequence_folder(&self.plan, &self.root, *index).is_dir();
-        self.indices.iter().copied().filter(there).collect()
+        let has_folder = |index: &u32| self.plan.folder(&self.root, *index).is_dir();
+        self.indices.iter().copied().filter(has_folder).collect()
     }
 
-    /// The records of the sequences `indices`, held to the plan, to their folders, to the scenes and to the sizes of the files.
+    /// The records of the sequences `indices`, after a comparison with the plan, the folders, the scenes and the sizes of the
+    /// files.
     ///
     /// # Errors
-    /// When a sequence is not complete or damaged; names the command that mends it.
+    /// When a sequence is not complete or damaged. The message names the command that repairs it.
     pub fn accept(&self, indices: &[u32]) -> Result<Vec<Record>> {
         let listed = Listed::read(&self.plan, &self.root);
-        let found = damage::sequences(&self.plan, &self.root, indices, &listed, Depth::Sizes, &AtomicBool::new(false))?;
-        manifest::accept(&self.plan, &self.root, indices, found)
+        let found = damage::sequences(&self.plan, &self.root, indices, &listed, Depth::Sizes, &Cancel::default())?;
+        merge::accept(&self.plan, &self.root, indices, found)
     }
 }
 
-/// Refuses a dataset of which only the manifest tells that it had a plan: nothing says what belongs to it.
+/// Refuses a dataset that has a manifest but no plan: then nothing says what belongs to it.
 ///
 /// # Errors
-/// Names the command that mends it.
+/// The message names the command that repairs it.
 pub fn keeps_its_plan(root: &Path) -> Result<()> {
     ensure!(
         root.join(PLAN).exists() || !root.join(MANIFEST).exists(),
@@ -90,10 +91,10 @@ pub fn keeps_its_plan(root: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What to do about a folder that does not belong.
+/// What to do about a folder that does not belong to its dataset.
 const REMOVE: &str = "move it out of there, or the sequences that are wanted to a folder without a plan";
 
-/// The folder above, in the words of the user where they name it.
+/// The folder above, spelt as the user did where that is possible.
 fn parent(path: &Path) -> Option<PathBuf> {
     match path.parent() {
         Some(parent) if path.file_name().is_some() => {

@@ -1,8 +1,10 @@
-//! The log of a shard: a JSON object a line, appended by every run, so that a thousand machines can be watched by their files.
+//! The log of a shard: one JSON object on each line. Every run appends to it, so that a thousand machines can be watched by their
+//! files.
 
+use super::job::Cost;
 use super::plan::Plan;
-use super::record::Event;
-use crate::machine;
+use super::record::Failure;
+use crate::util::machine;
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -11,7 +13,66 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// An open log. What cannot be written to it is lost, the work goes on.
+/// One line of a shard's log.
+#[derive(Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event<'a> {
+    /// Work begins.
+    Start {
+        /// Part of the plan.
+        shard: String,
+        /// Process id.
+        process: u32,
+        /// Threads.
+        threads: usize,
+        /// Frames of this part.
+        frames: usize,
+        /// The plan: if `plan.json` is lost, `dataset repair` finds it here.
+        plan: &'a Plan,
+    },
+    /// A frame was made.
+    Frame {
+        /// Its sequence.
+        sequence: &'a str,
+        /// Its number.
+        frame: usize,
+        /// Samples a pixel.
+        spp: u32,
+        /// Seconds and bytes.
+        #[serde(flatten)]
+        cost: Cost,
+    },
+    /// A frame, or a whole sequence, could not be made.
+    Failure {
+        /// Its sequence.
+        sequence: &'a str,
+        /// What failed.
+        #[serde(flatten)]
+        failure: &'a Failure,
+    },
+    /// A sequence is complete.
+    Sequence {
+        /// Its name.
+        sequence: &'a str,
+        /// Seconds of composing and loading it.
+        load: f64,
+        /// Seconds of reading everything back.
+        check: f64,
+    },
+    /// A signal came.
+    Interrupted {},
+    /// Nothing is left to do.
+    End {
+        /// Frames made by this run.
+        made: usize,
+        /// Frames that were there before.
+        kept: usize,
+        /// Frames that failed.
+        failed: usize,
+    },
+}
+
+/// An open log. A line that cannot be written is lost; the work continues.
 pub struct Log {
     file: Option<Mutex<File>>,
 }
@@ -27,7 +88,7 @@ struct Line<'a> {
 }
 
 impl Log {
-    /// Opens `path` to append to it; says so where that is not possible.
+    /// Opens `path` to append to it; warns where that is not possible.
     pub fn open(path: &Path) -> Self {
         let folder = path.parent().unwrap_or(Path::new("."));
         let file = std::fs::create_dir_all(folder).and_then(|()| append(path));
@@ -43,14 +104,14 @@ impl Log {
         let Ok(mut line) = serde_json::to_vec(&Line { time: (time * 1000.0).round() / 1000.0, rss, event }) else { return };
         line.push(b'\n');
         let mut log = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        // One call a line: lines of two runs do not mix.
+        // One call for each line, so that lines of two runs do not mix.
         let _ = log.write_all(&line);
     }
 }
 
-/// Opens a log at its end. A line that a killed run began is ended.
+/// Opens a log at its end, and ends a line that a killed run began.
 fn append(path: &Path) -> std::io::Result<File> {
-    // A pipe without a reader would keep the call waiting.
+    // The call would wait for the reader of a pipe.
     if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
         return Err(std::io::Error::other("is no regular file"));
     }
@@ -65,16 +126,16 @@ fn append(path: &Path) -> std::io::Result<File> {
     Ok(log)
 }
 
-/// What the logs of a dataset say its frames cost.
+/// What the frames of a dataset cost, according to its logs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Costs {
     /// Frames made, over all runs.
     pub frames: usize,
     /// Wall seconds from the first to the last line of each run, added up over runs and shards.
     pub wall: f64,
-    /// Mean seconds a frame of compiling or moving, rendering, denoising and writing.
+    /// Mean seconds for each frame of compiling or moving, rendering, denoising and writing.
     pub stages: [f64; 4],
-    /// Mean seconds a sequence of composing and loading, and of reading back.
+    /// Mean seconds for each sequence of composing and loading, and of reading back.
     pub sequences: [f64; 2],
     /// Failures.
     pub failures: usize,
@@ -105,7 +166,7 @@ fn logs(out: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// Reads every log in `out`; lines that cannot be read (a run may have been killed while writing one) are passed over.
+/// Reads every log in `out`. Lines that cannot be read are skipped: a run may have been killed while it wrote one.
 pub fn costs(out: &Path) -> Costs {
     let (mut costs, mut memory) = (Costs::default(), Vec::new());
     let (mut sequences, mut stages) = ([0.0; 3], [0.0; 4]);

@@ -1,24 +1,15 @@
 //! `manifest.json`: the whole dataset on one page, collected from the records of its sequences.
 
-use super::damage::{self, Depth, Found};
-use super::plan::{Counts, Denoise, Plan};
-use super::record::{RECORD, Record};
-use super::render::{remove_leftovers, sequence_folder};
-use crate::progress::Progress;
-use crate::truth::Interrupted;
-use anyhow::{Result, bail, ensure};
-use rayon::prelude::*;
+use super::denoise::Denoise;
+use super::plan::{Counts, Plan};
+use super::record::Record;
+use crate::dataset::layout::{MANIFEST, RECORD};
+use anyhow::{Result, ensure};
 use renderflow_frame::{channel, file};
 use serde::{Deserialize, Serialize};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::fmt;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-/// File name of the manifest.
-pub const MANIFEST: &str = "manifest.json";
-/// Damaged sequences that a message names.
-const SHOWN: usize = 20;
 
 /// A finished dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,7 +39,7 @@ pub struct Manifest {
 pub struct Entry {
     /// Folder, such as `train/seq-000012`.
     pub folder: String,
-    /// BLAKE3 of `sequence.json`, which holds those of all its files.
+    /// BLAKE3 of `sequence.json`, which holds the hashes of all its files.
     pub record: String,
     /// BLAKE3 of the scene.
     pub scene: String,
@@ -62,19 +53,14 @@ pub struct Entry {
     pub keyframes: Vec<usize>,
 }
 
-/// Whether every sequence has its record.
-pub fn complete(plan: &Plan, out: &Path) -> bool {
-    (0..plan.total()).all(|index| sequence_folder(plan, out, index).join(RECORD).is_file())
-}
-
-/// What a manifest says of the records of its dataset.
+/// The hashes of records that the manifest of a dataset lists.
 #[derive(Clone, Debug, Default)]
 pub struct Listed {
     records: HashMap<u32, String>,
 }
 
 impl Listed {
-    /// That of the manifest in `out`; nothing where there is none that can be read, or it is of another plan.
+    /// Reads the manifest in `out`; empty where it cannot be read or belongs to another plan.
     pub fn read(plan: &Plan, out: &Path) -> Self {
         let Ok(manifest) = file::read_json::<Manifest>(&out.join(MANIFEST)) else { return Self::default() };
         if manifest.plan != plan.hash() {
@@ -82,7 +68,7 @@ impl Listed {
         }
         let mut hashes: HashMap<String, String> =
             manifest.entries.into_iter().map(|entry| (entry.folder, entry.record)).collect();
-        let of = |index| Some((index, hashes.remove(&folder_name(plan, index))?));
+        let of = |index| Some((index, hashes.remove(&plan.place(index))?));
         Self { records: (0..plan.total()).filter_map(of).collect() }
     }
 
@@ -92,100 +78,13 @@ impl Listed {
     }
 }
 
-/// Folder of sequence `index` in its dataset.
-fn folder_name(plan: &Plan, index: u32) -> String {
-    format!("{}/{}", plan.split(index), Plan::sequence_name(index))
-}
-
-/// Reads every record.
-///
-/// # Errors
-/// Names the sequences that lack theirs or have that of another.
-pub fn records(plan: &Plan, out: &Path) -> Result<Vec<Record>> {
-    let all: Vec<u32> = (0..plan.total()).collect();
-    let none = AtomicBool::new(false);
-    accept(plan, out, &all, damage::sequences(plan, out, &all, &Listed::default(), Depth::Sizes, &none)?)
-}
-
-/// The records of the sequences `indices`, of which `found` tells.
-///
-/// # Errors
-/// When some are not complete, or damaged; names them and the command that mends them.
-pub(super) fn accept(plan: &Plan, out: &Path, indices: &[u32], found: Vec<Found>) -> Result<Vec<Record>> {
-    let missing: Vec<u32> = indices.iter().zip(&found).filter(|(_, found)| found.unfinished).map(|(index, _)| *index).collect();
-    if let Some(&first) = missing.first() {
-        let failed: usize =
-            missing.iter().map(|&index| super::record::failures(&sequence_folder(plan, out, index)).map_or(0, |f| f.len())).sum();
-        bail!(
-            "{} of {} sequences are not complete ({failed} failures recorded), the first is {}; render them, then merge: {}",
-            missing.len(),
-            indices.len(),
-            Plan::sequence_name(first),
-            damage::remedy(out)
-        );
-    }
-    let first = |(index, found): (&u32, &Found)| Some(format!("{}: {}", folder_name(plan, *index), found.damage.first()?));
-    let damaged: Vec<String> = indices.iter().zip(&found).filter_map(first).collect();
-    if !damaged.is_empty() {
-        let shown = damaged.iter().take(SHOWN).map(|line| format!("\n  {line}")).collect::<String>();
-        let more = damaged.len().saturating_sub(SHOWN);
-        let more = if more > 0 { format!("\n  and {more} more") } else { String::new() };
-        bail!("{} sequences are damaged:{shown}{more}\nto mend them: {}", damaged.len(), damage::remedy(out));
-    }
-    Ok(found.into_iter().filter_map(|found| found.record).collect())
-}
-
-/// Collects the records into the manifest.
-///
-/// # Errors
-/// When a sequence is not complete or damaged: every file is hashed. When splits share what they must not.
-pub fn merge(plan: &Plan, out: &Path, stop: &AtomicBool) -> Result<Manifest> {
-    merge_after(plan, out, &HashSet::new(), Depth::Hashes, stop)
-}
-
-/// [`merge`] where the sequences `proven` have just been looked at or made; at others it looks as closely as `depth` says.
-pub(super) fn merge_after(plan: &Plan, out: &Path, proven: &HashSet<u32>, depth: Depth, stop: &AtomicBool) -> Result<Manifest> {
-    let listed = Listed::read(plan, out);
-    let progress = (depth >= Depth::Hashes).then(|| Progress::new("merge", u64::from(plan.total())));
-    let look = |index: u32| {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
-        let found = if proven.contains(&index) {
-            damage::sequence(plan, out, index, None, Depth::Sizes)
-        } else {
-            damage::sequence(plan, out, index, listed.of(index), depth)
-        };
-        if let Some(progress) = &progress {
-            progress.add(1);
-        }
-        Ok(found)
-    };
-    let all: Vec<u32> = (0..plan.total()).collect();
-    let found = all.par_iter().with_max_len(1).map(|&index| look(index)).collect::<Result<_>>()?;
-    if let Some(progress) = &progress {
-        progress.finish();
-    }
-    let records = accept(plan, out, &all, found)?;
-    let manifest = Manifest::new(plan, out, &records)?;
-    let leaks: Vec<String> = leaks(plan, (0..).zip(&records)).iter().map(Leak::to_string).collect();
-    ensure!(leaks.is_empty(), "splits share what they must not: {}", leaks.join("; "));
-    remove_leftovers(out);
-    let path = out.join(MANIFEST);
-    match file::write_json(&path, &manifest) {
-        // Another shard that came to its end at the same time has swept this one's file away, and written the same.
-        Err(error) if file::read_json::<Manifest>(&path).ok().as_ref() != Some(&manifest) => Err(error.into()),
-        _ => Ok(manifest),
-    }
-}
-
 impl Entry {
     /// The entry of the sequence in `out` that has this record.
     fn new(plan: &Plan, out: &Path, record: &Record) -> Result<Self> {
-        let path = sequence_folder(plan, out, record.index).join(RECORD);
+        let path = plan.folder(out, record.index).join(RECORD);
         let bytes = file::read_at_most(&path, file::LARGEST_TEXT)?;
         Ok(Self {
-            folder: folder_name(plan, record.index),
+            folder: plan.place(record.index),
             record: blake3::hash(&bytes).to_hex().to_string(),
             scene: record.scene.clone(),
             environment: record.environment.family.clone(),
@@ -203,7 +102,7 @@ impl Manifest {
         Ok(Self::with(plan, entries))
     }
 
-    /// This manifest as it must be: the entries of the sequences whose record is known come from it, the others stay as they are.
+    /// This manifest as it should be: entries come from the records that are known; the others stay.
     pub(super) fn corrected(&self, plan: &Plan, out: &Path, records: &[Option<Record>]) -> Result<Self> {
         let mut entries = self.entries.clone();
         for (entry, record) in entries.iter_mut().zip(records) {
@@ -218,11 +117,7 @@ impl Manifest {
     fn with(plan: &Plan, entries: Vec<Entry>) -> Self {
         let mut frames = Counts::default();
         for (index, entry) in (0..).zip(&entries) {
-            let count = match plan.split(index).name() {
-                "train" => &mut frames.train,
-                "val" => &mut frames.val,
-                _ => &mut frames.test,
-            };
+            let count = frames.of_mut(plan.split(index));
             *count = count.saturating_add(entry.frames.try_into().unwrap_or(u32::MAX));
         }
         Self {
@@ -255,8 +150,8 @@ impl fmt::Display for Leak {
     }
 }
 
-/// What splits share: scenes, mesh families, geometry, user files, environments. `records` are the sequences by the number of the folder
-/// they lie in, whatever they say themselves.
+/// Finds what splits share: scenes, mesh families, geometry, user files, environments. `records` come with the number of the
+/// folder that they lie in, whatever they say themselves.
 pub fn leaks<'a>(plan: &Plan, records: impl IntoIterator<Item = (u32, &'a Record)>) -> Vec<Leak> {
     let mut records: Vec<(u32, &Record)> = records.into_iter().collect();
     // Splits follow one another in the numbers.
@@ -276,8 +171,7 @@ pub fn leaks<'a>(plan: &Plan, records: impl IntoIterator<Item = (u32, &'a Record
             let first = *seen.entry(thing.clone()).or_insert(index);
             if plan.split(first) != plan.split(index) {
                 let (what, which) = thing;
-                leaks
-                    .push(Leak { places: [first, index].map(|index| folder_name(plan, index)), what: format!("{what} {which}") });
+                leaks.push(Leak { places: [first, index].map(|index| plan.place(index)), what: format!("{what} {which}") });
             }
         }
     }

@@ -14,15 +14,16 @@ mod sample;
 mod verify;
 mod write;
 
-use super::source::{self, Source};
-use crate::progress::Progress;
+use super::sequence::Sequence;
+use super::whole;
+use crate::util::cancel::Cancel;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 /// File name of the manifest of shards.
 pub const MANIFEST: &str = "manifest.json";
@@ -31,8 +32,7 @@ const PROGRAM: &str = concat!("renderflow ", env!("CARGO_PKG_VERSION"));
 /// File name of the list of shards of a run that did not come to its end.
 const UNFINISHED: &str = "unfinished.json";
 
-/// Packs a dataset into WebDataset tar shards; finished shards are kept. With --verify, reads shards and holds them against their
-/// manifest.
+/// Packs a dataset into WebDataset tar shards; finished shards stay. With --verify, compares shards with their manifest.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow dataset pack data --out shards --profile compact\n         renderflow dataset pack --verify shards\n\
@@ -46,7 +46,7 @@ pub struct Options {
     /// Folder for the shards
     #[arg(long, required_unless_present = "verify")]
     out: Option<PathBuf>,
-    /// Samples in a shard; the last one of a split may have fewer
+    /// Samples in a shard; the last shard of a split may have fewer
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
     samples_per_shard: u32,
     /// Form of the frames
@@ -85,7 +85,7 @@ pub struct Manifest {
     pub samples: BTreeMap<String, u64>,
     /// Sequences by split.
     pub sequences: BTreeMap<String, u64>,
-    /// The shards, those of sequences last in each split.
+    /// The shards; in each split, the shard of its sequences comes last.
     pub shards: Vec<Shard>,
     /// BLAKE3 of all this, hexadecimal; empty in folders of earlier versions.
     #[serde(default)]
@@ -125,7 +125,7 @@ pub enum Kind {
 
 impl Options {
     /// Packs or verifies.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &Cancel) -> Result<()> {
         if let Some(shards) = &self.verify {
             return verify::verify(shards, cancel);
         }
@@ -144,14 +144,14 @@ struct Planned<'a> {
     kind: Kind,
     split: &'static str,
     /// Sequence and index of each frame, or sequence and 0.
-    samples: Vec<(&'a Source, usize)>,
+    samples: Vec<(&'a Sequence, usize)>,
 }
 
 /// The shards of a dataset, in the order of the manifest.
-fn plan(sequences: &[Source], samples_per_shard: usize) -> Vec<Planned<'_>> {
+fn plan(sequences: &[Sequence], samples_per_shard: usize) -> Vec<Planned<'_>> {
     let mut planned = Vec::new();
     for split in sequences.chunk_by(|a, b| a.split == b.split) {
-        let name = split[0].split;
+        let name = split[0].split.name();
         let frames: Vec<_> = split.iter().flat_map(|s| (0..s.numbers.len()).map(move |index| (s, index))).collect();
         for (number, samples) in frames.chunks(samples_per_shard).enumerate() {
             let file = format!("{name}-{number:06}.tar");
@@ -169,13 +169,13 @@ fn plan(sequences: &[Source], samples_per_shard: usize) -> Vec<Planned<'_>> {
 /// When the dataset is not complete, a frame is missing or not the one its sequence recorded, or a file cannot be written; when
 /// `out` holds files that this program did not pack. What is finished is kept; the same call goes on. Shards of another dataset
 /// are replaced.
-pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames, cancel: &AtomicBool) -> Result<Manifest> {
-    let sources = source::open(dataset)?;
-    let planned = plan(&sources.sequences, samples_per_shard as usize);
+pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames, cancel: &Cancel) -> Result<Manifest> {
+    let whole = whole::open(dataset)?;
+    let planned = plan(&whole.sequences, samples_per_shard as usize);
     let made_from: Vec<String> = planned.iter().map(|planned| sample::source_hash(planned, profile)).collect::<Result<_>>()?;
     let before = list::find(out)?;
     file::remove_leftovers(out);
-    // Until it is written again at the end, what is there is no finished set of shards.
+    // Until this list is written again at the end, the folder holds no finished set of shards.
     list::unfinished(out, &before, &[], &[])?;
     let manifest_path = out.join(MANIFEST);
     if before.finished {
@@ -198,7 +198,7 @@ pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames,
     }
     progress.finish();
     let mut removed = Vec::new();
-    // Shards of an earlier, larger set are in no manifest any more.
+    // The new manifest does not list shards of an earlier, larger set.
     for old in before.shards.iter().filter(|old| shards.iter().all(|new| new.file != old.file)) {
         list::remove(out, old, before.sealed)?;
         removed.push(old.file.clone());
@@ -214,7 +214,7 @@ pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames,
     let manifest = Manifest {
         version: 1,
         program: PROGRAM.into(),
-        dataset: sources.manifest,
+        dataset: whole.manifest,
         profile,
         samples_per_shard,
         samples: count(Kind::Frames),

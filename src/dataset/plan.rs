@@ -1,5 +1,7 @@
-//! A dataset plan: everything needed to make the same dataset again, byte for byte, anywhere.
+//! A dataset plan: everything that is needed to make the same dataset again, byte for byte, on any machine.
 
+use super::denoise::Denoise;
+use crate::util::files;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::reach::Reach;
@@ -10,10 +12,27 @@ use renderflow_scenes::procedural::{Composed, Composition, ENVIRONMENT_COUNT, ME
 use renderflow_scenes::validate::{MAX_FRAMES, MAX_RESOLUTION};
 use renderflow_scenes::{description::EnvironmentSource, seed::Seed};
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-/// Most sequences of a plan.
-pub const MAX_SEQUENCES: u32 = 1_000_000;
+impl Plan {
+    /// Sequences that a plan may have.
+    pub const SEQUENCES: RangeInclusive<u32> = 1..=1_000_000;
+    /// Frames that a sequence may have; also the range of steps and gaps between frames.
+    pub const FRAMES: RangeInclusive<u32> = 1..=MAX_FRAMES;
+    /// Pixels that a side of a picture may have.
+    pub const RESOLUTION: RangeInclusive<u32> = 1..=MAX_RESOLUTION;
+    /// Members that a catalogue may have.
+    pub const CATALOGUE: RangeInclusive<u32> = 1..=1_000_000;
+    /// Samples for each pixel that a plan may ask for; 0 = G-buffers only.
+    pub const SPP: RangeInclusive<u32> = 0..=*Settings::SPP.end();
+    /// The step between frames where a plan does not name one.
+    pub const FRAME_STEP: u32 = 1;
+    /// The number of meshes where a plan does not name it.
+    pub const MESHES: u32 = MESH_COUNT;
+    /// The number of environments where a plan does not name it.
+    pub const ENVIRONMENTS: u32 = ENVIRONMENT_COUNT;
+}
 
 /// Counts, sizes, the seed, and what scenes are made of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,14 +46,15 @@ pub struct Plan {
     pub sequences: Counts,
     /// Frames of a sequence, 1..=100000.
     pub frames: u32,
-    /// Only frames 0, step, 2 step, ... are rendered; 1 = all. Training wants many scenes more than many frames of one.
-    #[serde(default = "one")]
+    /// Only frames 0, step, 2 step, ... are rendered; 1 = all. For training, many scenes are worth more than many frames of one
+    /// scene.
+    #[serde(default = "frame_step")]
     pub frame_step: u32,
     /// Width and height in pixels, each 1..=16384.
     pub resolution: [u32; 2],
     /// How the truth is rendered.
     pub render: Render,
-    /// Which frames are keyframes, and what the others get.
+    /// Which frames are keyframes, and how the others are rendered.
     #[serde(default)]
     pub keyframes: Keyframes,
     /// How frames are stored.
@@ -52,15 +72,16 @@ pub struct Plan {
     /// What scenes look like.
     #[serde(default)]
     pub composition: Composition,
-    /// What each split may draw from; no two share anything.
+    /// What each split may draw from; no two splits share anything.
     #[serde(default)]
     pub splits: Splits,
-    /// Folders beside their own that its models may name files of.
+    /// More folders that its models may name files in.
     #[serde(skip)]
     pub allowed: Allowed,
 }
 
-/// Folders that the user of a plan allows its models to name files of: no part of the plan, so plans are equal whatever is allowed.
+/// Folders that the user allows the models of a plan to name files in. They are not part of the plan, so plans are equal whatever
+/// is allowed.
 #[derive(Clone, Debug, Default)]
 pub struct Allowed(pub Vec<PathBuf>);
 
@@ -70,14 +91,21 @@ impl PartialEq for Allowed {
     }
 }
 
-fn one() -> u32 {
-    1
+// Values that a plan file may leave out.
+fn frame_step() -> u32 {
+    Plan::FRAME_STEP
 }
 fn meshes() -> u32 {
-    MESH_COUNT
+    Plan::MESHES
 }
 fn environments() -> u32 {
-    ENVIRONMENT_COUNT
+    Plan::ENVIRONMENTS
+}
+fn max_bounces() -> u32 {
+    Settings::default().max_bounces
+}
+fn no_denoiser() -> Denoise {
+    Denoise::None
 }
 
 /// Why a plan or an option that asks for the classic composer is refused.
@@ -92,11 +120,11 @@ fn not_classic<'de, D: serde::Deserializer<'de>>(from: D) -> std::result::Result
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Counts {
-    /// To learn from.
+    /// For training.
     pub train: u32,
     /// For choosing settings.
     pub val: u32,
-    /// For the numbers that are reported.
+    /// For the results that are reported.
     pub test: u32,
 }
 
@@ -104,30 +132,31 @@ pub struct Counts {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Render {
-    /// Samples a pixel, 0..=16777216; 0 = G-buffers only, for sequences that a network is to render.
+    /// Samples for each pixel, 0..=16777216; 0 = G-buffers only, for sequences that a network will render.
     pub spp: u32,
-    /// Whether the samples are spread by need, `spp` a pixel on average.
+    /// Whether noisier pixels get more samples, with `spp` samples for each pixel on average.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub adaptive: bool,
-    /// Scattering events of a path, 1..=1024.
-    #[serde(default = "six")]
+    /// How often a path may scatter, 1..=1024.
+    #[serde(default = "max_bounces")]
     pub max_bounces: u32,
-    /// Denoiser of the beauty; machines that lack it refuse the plan, so that no dataset is a mixture.
-    #[serde(default)]
+    /// Denoiser of the beauty, `oidn` or `none`. Machines without it refuse the plan, so that all frames of a dataset are
+    /// denoised alike.
+    #[serde(default = "no_denoiser")]
     pub denoise: Denoise,
     /// Whether frames hold the unoccluded irradiance.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub irradiance: bool,
-    /// Whether frames hold the Euclidean distance beside the planar depth (full storage only: it follows from the depth).
+    /// Whether frames hold the Euclidean distance as well as the planar depth (full storage only: it follows from the depth).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub distance: bool,
-    /// Groups to split the light into, 0..=8.
+    /// Number of groups to split the light into, 0..=8.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub light_groups: u32,
 }
 
 impl Render {
-    /// What the renderer is told of frames with `spp` samples a pixel, 0 = G-buffers only.
+    /// The settings of the renderer for frames with `spp` samples for each pixel; 0 = G-buffers only.
     pub fn settings(&self, spp: u32) -> Settings {
         Settings {
             spp,
@@ -140,22 +169,8 @@ impl Render {
     }
 }
 
-fn six() -> u32 {
-    6
-}
 fn is_zero(v: &u32) -> bool {
     *v == 0
-}
-
-/// Denoiser of a dataset.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Denoise {
-    /// Intel Open Image Denoise.
-    Oidn,
-    /// The beauty is the raw mean.
-    #[default]
-    None,
 }
 
 /// Which frames are keyframes.
@@ -164,14 +179,19 @@ pub enum Denoise {
 pub struct Keyframes {
     /// Frames 0, gap, 2 gap, ... are keyframes, 1..=100000.
     pub gap: u32,
-    /// Samples a pixel of the frames between them; 0 = G-buffers only, absent = as many as keyframes have.
+    /// Samples for each pixel of the frames between them; 0 = G-buffers only, absent = the same number as keyframes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub between_spp: Option<u32>,
 }
 
+impl Keyframes {
+    /// The gap where a plan does not name one, in frames.
+    pub const GAP: u32 = 16;
+}
+
 impl Default for Keyframes {
     fn default() -> Self {
-        Self { gap: 16, between_spp: None }
+        Self { gap: Self::GAP, between_spp: None }
     }
 }
 
@@ -179,11 +199,11 @@ impl Default for Keyframes {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Splits {
-    /// To learn from.
+    /// For training.
     pub train: Sources,
     /// For choosing settings.
     pub val: Sources,
-    /// For the numbers that are reported.
+    /// For the results that are reported.
     pub test: Sources,
 }
 
@@ -206,13 +226,13 @@ pub struct Sources {
     pub hdris: Vec<UserFile>,
 }
 
-/// A file that a plan names; the hash keeps another file of the same name out of the dataset.
+/// A file that a plan names. The hash keeps a different file with the same name out of the dataset.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UserFile {
     /// Absolute path.
     pub path: String,
-    /// BLAKE3 of the file (not of what it refers to), hexadecimal.
+    /// BLAKE3 of the file, hexadecimal; files that it refers to are not included.
     pub blake3: String,
 }
 
@@ -228,6 +248,15 @@ impl Counts {
             Split::Test => self.test,
         }
     }
+
+    /// The number of one split, for changing it.
+    pub fn of_mut(&mut self, split: Split) -> &mut u32 {
+        match split {
+            Split::Train => &mut self.train,
+            Split::Val => &mut self.val,
+            Split::Test => &mut self.test,
+        }
+    }
 }
 
 impl Splits {
@@ -240,7 +269,7 @@ impl Splits {
         }
     }
 
-    /// The sources of one split, to be changed.
+    /// The sources of one split, for changing them.
     pub fn of_mut(&mut self, split: Split) -> &mut Sources {
         match split {
             Split::Train => &mut self.train,
@@ -250,21 +279,26 @@ impl Splits {
     }
 }
 
-/// A frame of a plan as it is to be rendered.
+/// Whether frame `number` is a keyframe, if frames 0, gap, 2 gap, ... are; with a gap of 0, no frame is.
+pub fn is_keyframe(gap: u32, number: usize) -> bool {
+    gap > 0 && number.is_multiple_of(gap as usize)
+}
+
+/// How a frame of a plan is rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quality {
-    /// A keyframe, or any frame where all are alike.
+    /// As a keyframe. So are all frames of a plan that does not tell them apart.
     Full,
-    /// A frame between keyframes with samples of its own.
+    /// As a frame between keyframes, with its own number of samples.
     Between,
     /// Without light.
     GBuffer,
 }
 
 impl Plan {
-    /// Reads and checks a plan file: TOML where it is named so, else JSON.
+    /// Reads and checks a plan file: TOML if its name ends in .toml, JSON otherwise.
     pub fn read(path: &Path) -> Result<Self> {
-        let plan: Self = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+        let plan: Self = if files::has_ending(path, &["toml"]) {
             let text = renderflow_frame::file::read_text(path)?;
             toml::from_str(&text).map_err(|e| anyhow::anyhow!("{}{}", path.display(), toml_error(&text, &e)))?
         } else {
@@ -274,27 +308,32 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Ranges of every field, and that no two splits share a source.
+    /// Checks the range of every field, and that no two splits share a source.
     pub fn check(&self) -> Result<()> {
         ensure!(self.version == 2, "/version: {} is not 2", self.version);
-        let range = |at: &str, value: u32, low: u32, high: u32| {
-            ensure!((low..=high).contains(&value), "{at}: {value} is outside {low}..={high}");
+        let range = |at: &str, value: u32, range: RangeInclusive<u32>| {
+            ensure!(range.contains(&value), "{at}: {value} is outside {}..={}", range.start(), range.end());
             Ok(())
         };
         let counts = [("train", self.sequences.train), ("val", self.sequences.val), ("test", self.sequences.test)];
         let total: u64 = counts.iter().map(|&(_, n)| u64::from(n)).sum();
-        ensure!((1..=u64::from(MAX_SEQUENCES)).contains(&total), "/sequences: {total} in all is outside 1..={MAX_SEQUENCES}");
-        range("/frames", self.frames, 1, MAX_FRAMES)?;
-        range("/frame_step", self.frame_step, 1, MAX_FRAMES)?;
-        range("/keyframes/gap", self.keyframes.gap, 1, MAX_FRAMES)?;
-        range("/keyframes/between_spp", self.keyframes.between_spp.unwrap_or(0), 0, 1 << 24)?;
-        range("/render/spp", self.render.spp, 0, *Settings::SPP.end())?;
-        range("/render/max_bounces", self.render.max_bounces, *Settings::MAX_BOUNCES.start(), *Settings::MAX_BOUNCES.end())?;
-        range("/render/light_groups", self.render.light_groups, 0, *Settings::LIGHT_GROUPS.end())?;
-        range("/meshes", self.meshes, 1, 1_000_000)?;
-        range("/environments", self.environments, 1, 1_000_000)?;
+        let most = *Self::SEQUENCES.end();
+        ensure!((1..=u64::from(most)).contains(&total), "/sequences: {total} in all is outside 1..={most}");
+        range("/frames", self.frames, Self::FRAMES)?;
+        range("/frame_step", self.frame_step, Self::FRAMES)?;
+        range("/keyframes/gap", self.keyframes.gap, Self::FRAMES)?;
+        range("/keyframes/between_spp", self.keyframes.between_spp.unwrap_or(0), Self::SPP)?;
+        range("/render/spp", self.render.spp, Self::SPP)?;
+        range("/render/max_bounces", self.render.max_bounces, Settings::MAX_BOUNCES)?;
+        range("/render/light_groups", self.render.light_groups, Settings::LIGHT_GROUPS)?;
+        ensure!(
+            matches!(self.render.denoise, Denoise::Oidn | Denoise::None),
+            "/render/denoise: must be oidn or none, which are the same on every machine"
+        );
+        range("/meshes", self.meshes, Self::CATALOGUE)?;
+        range("/environments", self.environments, Self::CATALOGUE)?;
         for (axis, &size) in self.resolution.iter().enumerate() {
-            range(&format!("/resolution/{axis}"), size, 1, MAX_RESOLUTION)?;
+            range(&format!("/resolution/{axis}"), size, Self::RESOLUTION)?;
         }
         self.composition.check().map_err(|e| anyhow::anyhow!("{e}"))?;
         self.check_splits()
@@ -349,7 +388,8 @@ impl Plan {
         Ok(())
     }
 
-    /// What the scenes of the plan may name: the files that it lists, those that their models name beside them, and what is allowed.
+    /// The files that scenes of the plan may name: the files in the plan, the files that their models name beside them, and what
+    /// is allowed.
     pub fn reach(&self) -> Reach {
         let sources = || SPLITS.into_iter().map(|split| self.splits.of(split));
         let listed = sources().flat_map(|s| s.models.iter().chain(&s.hdris)).map(|file| &file.path);
@@ -366,18 +406,18 @@ impl Plan {
         format!("seq-{index:06}")
     }
 
-    /// Seed that all of sequence `index` but its split follows from.
+    /// The seed from which everything in sequence `index` follows, apart from its split.
     fn sequence_seed(&self, index: u32) -> Seed {
         Seed::root(self.seed).child("sequence", u64::from(index))
     }
 
-    /// Name of the scene of sequence `index`: no two sequences of a plan have the same.
+    /// Name of the scene of sequence `index`. It is unique within a plan.
     pub fn scene_name(&self, index: u32) -> String {
         let split = self.split(index);
         format!("{split}_{}", Self::sequence_name(index))
     }
 
-    /// Split of sequence `index`: the first are to learn from, the last to be reported.
+    /// Split of sequence `index`: training comes first, test comes last.
     pub fn split(&self, index: u32) -> Split {
         match index {
             i if i < self.sequences.train => Split::Train,
@@ -400,6 +440,42 @@ impl Plan {
             (false, Some(spp)) if spp != self.render.spp => Quality::Between,
             _ => Quality::Full,
         }
+    }
+
+    /// BLAKE3 of the plan as compact JSON.
+    pub fn hash(&self) -> String {
+        let text = serde_json::to_vec(self).unwrap_or_default();
+        blake3::hash(&text).to_hex().to_string()
+    }
+
+    /// Numbers of the stored frames that are keyframes.
+    pub fn keyframe_numbers(&self) -> impl Iterator<Item = usize> + use<> {
+        let gap = self.keyframe_gap();
+        self.numbers().filter(move |&number| is_keyframe(gap, number))
+    }
+
+    /// The gap between keyframes; 0 where no frame has a picture.
+    pub fn keyframe_gap(&self) -> u32 {
+        if self.render.spp == 0 { 0 } else { self.keyframes.gap }
+    }
+
+    /// Samples a pixel that frame `number` should have.
+    pub fn samples(&self, number: usize) -> u32 {
+        match self.quality(number) {
+            Quality::Full => self.render.spp,
+            Quality::Between => self.keyframes.between_spp.unwrap_or(self.render.spp),
+            Quality::GBuffer => 0,
+        }
+    }
+
+    /// Folder of sequence `index` in the dataset `out`.
+    pub fn folder(&self, out: &Path, index: u32) -> PathBuf {
+        out.join(self.split(index).name()).join(Self::sequence_name(index))
+    }
+
+    /// Folder of sequence `index` within its dataset, such as `train/seq-000012`.
+    pub fn place(&self, index: u32) -> String {
+        format!("{}/{}", self.split(index), Self::sequence_name(index))
     }
 
     /// Meshes and environments by number.
@@ -442,15 +518,15 @@ impl Plan {
     }
 }
 
-/// That a user's file is still the one that was planned.
+/// Checks that a user's file is still the one that was planned.
 fn check_file(files: &[UserFile], path: &str) -> Result<()> {
     let Some(planned) = files.iter().find(|file| file.path == path) else { return Ok(()) };
-    let found = super::damage::hash(Path::new(path))?;
+    let found = files::hash(Path::new(path))?;
     ensure!(found == planned.blake3, "{path}: is not the file that was planned (BLAKE3 {found}, not {})", planned.blake3);
     Ok(())
 }
 
-/// The place and the reason of what a TOML parser found, without the line: it may be long.
+/// Where and why a TOML parser failed, without the line itself, which may be long.
 fn toml_error(text: &str, error: &toml::de::Error) -> String {
     let reason = words::plain(error.message().lines().next().unwrap_or_default());
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else { return format!(": {reason}") };

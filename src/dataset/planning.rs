@@ -1,9 +1,9 @@
-//! Makes a plan: how sequences are shared out, which families and files each split gets.
+//! Makes a plan: decides how many sequences each split gets, and which families and files.
 
-use super::damage;
 use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile};
-use crate::console::message;
-use crate::progress::Progress;
+use crate::util::console::message;
+use crate::util::files;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::hdr;
 use renderflow_frame::reach::Reach;
@@ -18,23 +18,23 @@ pub const MODELS: [&str; 3] = ["gltf", "glb", "obj"];
 /// Endings of environment maps.
 pub const MAPS: [&str; 2] = ["hdr", "exr"];
 
-/// Shares `sequences` out: a tenth each to validation and test, rounded; the rest to training.
+/// Deals `sequences` to the splits: a tenth each to validation and test, rounded; the rest to training.
 pub fn share_out(sequences: u32) -> Counts {
     let tenth = (sequences + 5) / 10;
-    // Fewer than ten are there to look at: all to training.
+    // A plan with fewer than ten sequences is only for looking at: all go to training.
     let held = if sequences < 10 { 0 } else { tenth };
     Counts { train: sequences - 2 * held, val: held, test: held }
 }
 
-/// All sequences to one split.
+/// Deals all sequences to one split.
 pub fn all_to(split: Split, sequences: u32) -> Counts {
     let of = |other: Split| if split == other { sequences } else { 0 };
     Counts { train: of(Split::Train), val: of(Split::Val), test: of(Split::Test) }
 }
 
-/// What each split may draw from: its [`families`] of the catalogue, and its part of the files in two folders of the user's, of which
-/// about one in six goes to the test split and to the validation split, by the plan's seed and the files' contents. Files that cannot be
-/// used are left out, and said.
+/// What each split may draw from: its [`families`] of the catalogue, and its part of the files in two of the user's folders.
+/// About one file in six goes to the test split and one in six goes to the validation split, by the plan's seed and the files'
+/// contents. Files that cannot be used are left out, with a warning.
 pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
     let (catalog, seed) = (plan.catalog(), Seed::root(plan.seed));
     let mut splits = Splits::default();
@@ -64,8 +64,8 @@ fn deal_files(splits: &mut Splits, seed: &Seed, groups: Vec<Vec<UserFile>>, mut 
     deal(seed, names, |split, hash| by_hash[&hash].iter().for_each(|file| add(splits.of_mut(split), file.clone())));
 }
 
-/// The models below `folder`, those that share a mesh in one group: the same body under two names must not be in two splits. Models
-/// that cannot be read are left out, and said.
+/// The models below `folder`, in groups that share a mesh: the same body under two names must not be in two splits. Models that
+/// cannot be read are left out, with a warning.
 fn model_groups(folder: &Path, allowed: &[PathBuf]) -> Result<Vec<Vec<UserFile>>> {
     let files = user_files(folder, &MODELS)?;
     let progress = Progress::new("models", files.len() as u64);
@@ -98,7 +98,7 @@ fn model_groups(folder: &Path, allowed: &[PathBuf]) -> Result<Vec<Vec<UserFile>>
     Ok(groups.into_iter().map(|(_, files)| files).collect())
 }
 
-/// The environment maps below `folder`. Those that cannot be used are left out, and said.
+/// The environment maps below `folder`. Maps that cannot be used are left out, with a warning.
 fn usable_maps(folder: &Path) -> Result<Vec<UserFile>> {
     let files = user_files(folder, &MAPS)?;
     let progress = Progress::new("maps", files.len() as u64);
@@ -116,17 +116,17 @@ fn usable_maps(folder: &Path) -> Result<Vec<UserFile>> {
     Ok(usable)
 }
 
-/// The files among and below `paths` with one of `endings`, with their hashes, by path.
+/// The files in `paths` and below them that have one of `endings`, with their hashes, by path.
 ///
 /// # Errors
-/// When one cannot be read, or a file that is named has another ending.
+/// When a file cannot be read, or when `paths` names a file with another ending.
 pub fn files_in(paths: &[PathBuf], endings: &[&str]) -> Result<Vec<UserFile>> {
     let mut files = Vec::new();
     for path in paths {
         if path.is_dir() {
             files.extend(user_files(path, endings)?);
         } else {
-            ensure!(has_ending(path, endings), "{}: its name does not end in {}", path.display(), endings.join(", "));
+            ensure!(files::has_ending(path, endings), "{}: its name does not end in {}", path.display(), endings.join(", "));
             files.push(user_file(path)?);
         }
     }
@@ -135,36 +135,22 @@ pub fn files_in(paths: &[PathBuf], endings: &[&str]) -> Result<Vec<UserFile>> {
     Ok(files)
 }
 
-fn has_ending(path: &Path, endings: &[&str]) -> bool {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    endings.contains(&ending.as_str())
-}
-
 fn user_file(path: &Path) -> Result<UserFile> {
     let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
-    Ok(UserFile { blake3: damage::hash(path)?, path: full.to_string_lossy().into_owned() })
+    Ok(UserFile { blake3: files::hash(path)?, path: full.to_string_lossy().into_owned() })
 }
 
-/// Files below `folder` with one of `endings`, with their hashes. What cannot be read, a pipe for one, is left out, and said.
+/// The files below `folder` that have one of `endings`, with their hashes. Files that cannot be read, such as pipes, are left
+/// out, with a warning.
 fn user_files(folder: &Path, endings: &[&str]) -> Result<Vec<UserFile>> {
-    let mut files = Vec::new();
-    let mut open: Vec<PathBuf> = vec![folder.to_owned()];
-    while let Some(folder) = open.pop() {
-        let unreadable = || format!("{}: cannot list", folder.display());
-        for entry in std::fs::read_dir(&folder).with_context(unreadable)? {
-            let path = entry.with_context(unreadable)?.path();
-            if path.is_dir() {
-                open.push(path);
-            } else if has_ending(&path, endings) {
-                match user_file(&path) {
-                    Ok(file) => files.push(file),
-                    Err(error) => eprintln!("warning: left out: {}", message(&error)),
-                }
-            }
+    let usable = |path: PathBuf| match user_file(&path) {
+        Ok(file) => Some(file),
+        Err(error) => {
+            eprintln!("warning: left out: {}", message(&error));
+            None
         }
-    }
-    files.sort_by(|a, b| a.path.cmp(&b.path));
-    Ok(files)
+    };
+    Ok(files::walk(folder, endings)?.into_iter().filter_map(usable).collect())
 }
 
 #[cfg(test)]

@@ -1,10 +1,12 @@
-//! Looks at a plan before it is rendered: contact sheets of its meshes, environments and scenes, and a count of its catalogue.
+//! Shows a plan before it is rendered: contact sheets of its meshes, environments and scenes, and counts of its catalogue.
 
+use super::denoise::Denoise;
+use super::job::TruthSettings;
 use super::plan::Plan;
-use crate::output;
-use crate::progress::Progress;
-use crate::report::picture;
-use crate::truth::{DenoiseMode, Interrupted, TruthSettings};
+use crate::util::cancel::Cancel;
+use crate::util::output;
+use crate::util::picture;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -19,7 +21,6 @@ use renderflow_scenes::{load, sky};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Pictures along a side of a sheet.
 const SIDE: u32 = 8;
@@ -34,15 +35,15 @@ const SHEETS: [&str; 3] = ["meshes.png", "environments.png", "scenes.png"];
 pub struct Inventory {
     /// Meshes.
     pub meshes: usize,
-    /// Different ones, by a hash of positions and triangles.
+    /// Distinct meshes, by a hash of positions and triangles.
     pub distinct_meshes: usize,
-    /// Those that enclose a volume: every edge has two triangles.
+    /// Meshes that enclose a volume: every edge has two triangles.
     pub watertight: usize,
-    /// Triangles of all of them.
+    /// Triangles of all meshes.
     pub triangles: u64,
     /// Environment maps.
     pub environments: usize,
-    /// Different ones, by a hash of their texels.
+    /// Distinct maps, by a hash of their texels.
     pub distinct_environments: usize,
     /// Members and mean triangles of each mesh family.
     pub families: BTreeMap<String, (usize, u64)>,
@@ -50,13 +51,13 @@ pub struct Inventory {
     pub environment_families: BTreeMap<String, usize>,
 }
 
-/// Makes every mesh and map of the plan's catalogue and counts.
-pub fn inventory(plan: &Plan, stop: &AtomicBool) -> Result<Inventory> {
+/// Makes every mesh and map in the plan's catalogue, and counts them.
+pub fn inventory(plan: &Plan, stop: &Cancel) -> Result<Inventory> {
     let catalog = plan.catalog();
     let progress = Progress::new("catalogue", u64::from(plan.meshes) + u64::from(plan.environments));
     let meshes: Vec<_> = (0..plan.meshes)
         .into_par_iter()
-        .filter(|_| !stop.load(Ordering::Relaxed))
+        .filter(|_| !stop.is_set())
         .map(|k| {
             let mesh = shapes::mesh(&catalog.mesh(k));
             progress.add(1);
@@ -65,7 +66,7 @@ pub fn inventory(plan: &Plan, stop: &AtomicBool) -> Result<Inventory> {
         .collect();
     let maps: Vec<_> = (0..plan.environments)
         .into_par_iter()
-        .filter(|_| !stop.load(Ordering::Relaxed))
+        .filter(|_| !stop.is_set())
         .map(|k| {
             let [width, height] = sky::LIBRARY_SIZE;
             let map = sky::render(&catalog.environment(k), width, height);
@@ -73,9 +74,7 @@ pub fn inventory(plan: &Plan, stop: &AtomicBool) -> Result<Inventory> {
             (k, blake3::hash(&hdr::encode(&map)))
         })
         .collect();
-    if stop.load(Ordering::Relaxed) {
-        return Err(Interrupted.into());
-    }
+    stop.check()?;
     progress.finish();
     let mut found = Inventory { meshes: meshes.len(), environments: maps.len(), ..Inventory::default() };
     found.distinct_meshes = meshes.iter().map(|mesh| &mesh.1).collect::<HashSet<_>>().len();
@@ -95,10 +94,10 @@ pub fn inventory(plan: &Plan, stop: &AtomicBool) -> Result<Inventory> {
     Ok(found)
 }
 
-/// Checks that a preview may be written into the folder `out`: its files are those of an earlier preview, or not there.
+/// Checks that a preview may be written into the folder `out`: its files come from an earlier preview, or are not there.
 ///
 /// # Errors
-/// When one of them is there and nothing says that it is of a preview.
+/// When one of them is there and did not come from a preview.
 pub fn check_folder(out: &Path) -> Result<()> {
     if file::read_json::<Inventory>(&out.join(CATALOG)).is_ok() {
         return Ok(());
@@ -110,18 +109,16 @@ pub fn check_folder(out: &Path) -> Result<()> {
     }
 }
 
-/// `meshes.png`, `environments.png` and `scenes.png` with their bytes: 64 pictures each of `size` pixels.
-/// Meshes and environments are the first of the catalogue, `first` on; scenes are spread over the plan's sequences.
-pub fn sheets(plan: &Plan, size: u32, spp: u32, first: u32, stop: &AtomicBool) -> Result<Vec<(&'static str, Vec<u8>)>> {
+/// The names and bytes of `meshes.png`, `environments.png` and `scenes.png`, with 64 pictures of `size` pixels each. Meshes and
+/// environments come from the catalogue, starting with number `first`; scenes are spread over the plan's sequences.
+pub fn sheets(plan: &Plan, size: u32, spp: u32, first: u32, stop: &Cancel) -> Result<Vec<(&'static str, Vec<u8>)>> {
     let catalog = plan.catalog();
     let count = SIDE * SIDE;
     let progress = Progress::new("preview", u64::from(3 * count));
     let settings =
-        TruthSettings::quiet(Settings { spp, max_bounces: plan.render.max_bounces, ..Settings::default() }, DenoiseMode::Auto)?;
+        TruthSettings::quiet(Settings { spp, max_bounces: plan.render.max_bounces, ..Settings::default() }, Denoise::Auto)?;
     let picture = |scene: &Scene, frame: usize| -> Result<Rgb> {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
+        stop.check()?;
         let mut compiled = RenderScene::compile(&load::load(scene, &plan.reach())?)?;
         compiled.set_frame(frame);
         let (frame, _) = settings.frame(&compiled, &|_, _| (), stop)?;
@@ -146,7 +143,7 @@ pub fn sheets(plan: &Plan, size: u32, spp: u32, first: u32, stop: &AtomicBool) -
     let scenes: Vec<Rgb> = (0..count)
         .map(|i| {
             let (index, turn) = (i * plan.total() / count, i % plan.total().max(1));
-            // A small plan has fewer sequences than the sheet has places: it shows several frames of each.
+            // Where a plan has fewer sequences than the sheet has places, several frames of each are shown.
             let index = if plan.total() < count { turn } else { index };
             let frame = (i / plan.total().max(1)) * plan.frames / count.div_ceil(plan.total().max(1)).max(1);
             let mut scene = plan.compose(&catalog, index)?.scene;
@@ -158,7 +155,7 @@ pub fn sheets(plan: &Plan, size: u32, spp: u32, first: u32, stop: &AtomicBool) -
     Ok(SHEETS.into_iter().zip([meshes, maps, sheet(&scenes)?]).collect())
 }
 
-/// A shape on a grey floor, seen from slightly above in the light of a studio.
+/// A shape on a grey floor, seen from slightly above, in a studio's light.
 fn pedestal(shape: &Shape, k: u32, size: u32) -> Scene {
     let report = shapes::inspect(&shapes::mesh(shape));
     let (low, high) = (Vec3::from(report.low), Vec3::from(report.high));
@@ -199,7 +196,7 @@ fn pedestal(shape: &Shape, k: u32, size: u32) -> Scene {
     }
 }
 
-/// A PNG of pictures of equal size side by side, eight a row.
+/// A PNG of pictures of equal size, eight in a row.
 fn sheet(pictures: &[Rgb]) -> Result<Vec<u8>> {
     let (width, height) = pictures.first().map_or((1, 1), |p| (p.width, p.height));
     let columns = SIDE as usize;

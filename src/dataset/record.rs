@@ -1,10 +1,9 @@
-//! `sequence.json`: what a finished sequence consists of. It is written last, so a sequence that has one is complete.
+//! `sequence.json`: what a finished sequence holds. It is written last, so a sequence that has one is complete.
 
 use super::agreement::Agreement;
-use super::folder::frame_file;
-use super::plan::{Plan, Quality};
+use super::plan::{Plan, is_keyframe};
 use super::statistics::Statistics;
-use crate::truth::{Cost, is_keyframe};
+use crate::dataset::layout::{DESCRIPTIONS, FAILURES, RECORD, frame_file};
 use anyhow::{Context, Result, anyhow, ensure};
 use renderflow_frame::file;
 use renderflow_frame::reach::plain_name;
@@ -14,13 +13,6 @@ use renderflow_scenes::{LoadedScene, shapes};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::Path;
-
-/// File name of a record.
-pub const RECORD: &str = "sequence.json";
-/// File name of the list of frames that failed.
-pub const FAILURES: &str = "failures.json";
-/// The descriptions of a sequence, beside its frames.
-pub const DESCRIPTIONS: [&str; 3] = ["scene.json", "transforms.json", "env.hdr"];
 
 /// A finished sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,7 +27,7 @@ pub struct Record {
     pub split: Split,
     /// BLAKE3 of the plan it was made from.
     pub plan: String,
-    /// Seed of everything random in rendering.
+    /// Seed of all random sampling.
     pub seed: u64,
     /// BLAKE3 of the scene's canonical JSON.
     pub scene: String,
@@ -51,9 +43,9 @@ pub struct Record {
     pub environment: EnvironmentEntry,
     /// Objects that were drawn from the catalogue or from the user's models.
     pub objects: Vec<ObjectEntry>,
-    /// Materials on objects, those with textures, and those more metal than not.
+    /// Materials on objects; how many of them have textures, and how many are more than half metal.
     pub materials: [usize; 3],
-    /// Triangles in the scene, each placed mesh counted.
+    /// Triangles in the scene; a mesh counts wherever it is placed.
     pub triangles: u64,
     /// Numbers of the keyframes.
     pub keyframes: Vec<usize>,
@@ -61,7 +53,7 @@ pub struct Record {
     pub descriptions: Vec<(String, String)>,
     /// The frames.
     pub frames: Vec<FrameEntry>,
-    /// What the channels say about one another.
+    /// How well the channels agree with one another.
     pub agreement: Agreement,
     /// What the pixels are like.
     pub statistics: Statistics,
@@ -94,7 +86,7 @@ pub struct ObjectEntry {
     /// The user's model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
-    /// Hashes of the geometry of its meshes; one, but for models of several parts.
+    /// Hashes of the geometry of its meshes; models may have several.
     pub geometry: Vec<String>,
 }
 
@@ -125,7 +117,7 @@ pub struct FrameEntry {
 /// A frame that could not be made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
-    /// Its number in the sequence; `None` when the whole sequence could not be begun or ended.
+    /// Its number in the sequence; `None` when the whole sequence could not be started or finished.
     pub frame: Option<usize>,
     /// Seed of the sequence's rendering, where it is known.
     pub seed: Option<u64>,
@@ -133,14 +125,14 @@ pub struct Failure {
     pub error: String,
 }
 
-/// What a sequence's files were found to be.
+/// What the files of a sequence hold.
 #[derive(Clone, Debug, Default)]
 pub struct Checked {
     /// The frames.
     pub frames: Vec<FrameEntry>,
     /// File name and BLAKE3 of the descriptions.
     pub descriptions: Vec<(String, String)>,
-    /// What the channels say about one another.
+    /// How well the channels agree with one another.
     pub agreement: Agreement,
     /// What the pixels are like.
     pub statistics: Statistics,
@@ -196,7 +188,7 @@ impl Record {
         })
     }
 
-    /// The same with everything that composing alone decides as `composed` has it.
+    /// The same record, with everything that follows from composing alone taken from `composed`.
     #[must_use]
     pub fn with_composed(&self, composed: &Composed) -> Self {
         let mut geometry = self.objects.iter().map(|object| object.geometry.clone());
@@ -221,12 +213,12 @@ impl Record {
     /// Reads the record in the folder of a sequence; `None` where there is none.
     ///
     /// # Errors
-    /// When the file cannot be read, is no record, or names files that would not lie beside it.
+    /// When the file cannot be read, is not a record, or names files outside of the folder.
     pub fn read(folder: &Path) -> Result<Option<Self>> {
         Ok(Self::read_with_bytes(folder)?.map(|(record, _)| record))
     }
 
-    /// As [`Self::read`], and the bytes of the file.
+    /// As [`Self::read`]; also returns the bytes of the file.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -251,8 +243,7 @@ impl Record {
         Ok(Some((record, bytes)))
     }
 
-    /// What of it cannot be in the record of sequence `index` of `plan`, a sentence each with the place in the record. Files are not
-    /// looked at.
+    /// What in it does not fit sequence `index` of `plan`: one sentence each, with the place in the record. No files are read.
     pub fn misfits(&self, plan: &Plan, index: u32) -> Vec<String> {
         let (split, name) = (plan.split(index), Plan::sequence_name(index));
         if (self.split, self.index, &self.name) != (split, index, &name) {
@@ -287,39 +278,11 @@ impl Record {
         misfits
     }
 
-    /// The BLAKE3 that it has of a frame or a description.
+    /// The BLAKE3 that it holds for a frame or a description.
     pub fn hash_of(&self, file: &str) -> Option<&str> {
         let frames = self.frames.iter().map(|frame| (&frame.file, &frame.blake3));
         let descriptions = self.descriptions.iter().map(|(file, hash)| (file, hash));
         frames.chain(descriptions).find(|(name, _)| *name == file).map(|(_, hash)| hash.as_str())
-    }
-}
-
-impl Plan {
-    /// BLAKE3 of the plan as compact JSON.
-    pub fn hash(&self) -> String {
-        let text = serde_json::to_vec(self).unwrap_or_default();
-        blake3::hash(&text).to_hex().to_string()
-    }
-
-    /// Numbers of the stored frames that are keyframes.
-    pub fn keyframe_numbers(&self) -> impl Iterator<Item = usize> + use<> {
-        let gap = self.keyframe_gap();
-        self.numbers().filter(move |&number| is_keyframe(gap, number))
-    }
-
-    /// The gap between keyframes; 0 where no frame has a picture.
-    pub fn keyframe_gap(&self) -> u32 {
-        if self.render.spp == 0 { 0 } else { self.keyframes.gap }
-    }
-
-    /// Samples a pixel that frame `number` should have.
-    pub fn samples(&self, number: usize) -> u32 {
-        match self.quality(number) {
-            Quality::Full => self.render.spp,
-            Quality::Between => self.keyframes.between_spp.unwrap_or(self.render.spp),
-            Quality::GBuffer => 0,
-        }
     }
 }
 
@@ -329,7 +292,7 @@ pub fn failures(folder: &Path) -> Result<Vec<Failure>> {
     if path.exists() { Ok(file::read_json(&path)?) } else { Ok(Vec::new()) }
 }
 
-/// Writes them; without any, the file goes.
+/// Writes the failures; without any, removes the file.
 pub fn write_failures(folder: &Path, failures: &[Failure]) -> Result<()> {
     let path = folder.join(FAILURES);
     if !failures.is_empty() {
@@ -341,63 +304,4 @@ pub fn write_failures(folder: &Path, failures: &[Failure]) -> Result<()> {
         }
         _ => Ok(()),
     }
-}
-
-/// One line of a shard's log.
-#[derive(Serialize)]
-#[serde(tag = "event", rename_all = "snake_case")]
-pub enum Event<'a> {
-    /// Work begins.
-    Start {
-        /// Part of the plan.
-        shard: String,
-        /// Process id.
-        process: u32,
-        /// Threads.
-        threads: usize,
-        /// Frames of this part.
-        frames: usize,
-        /// What is made: should `plan.json` be lost, `dataset repair` finds it here.
-        plan: &'a Plan,
-    },
-    /// A frame was made.
-    Frame {
-        /// Its sequence.
-        sequence: &'a str,
-        /// Its number.
-        frame: usize,
-        /// Samples a pixel.
-        spp: u32,
-        /// Seconds and bytes.
-        #[serde(flatten)]
-        cost: Cost,
-    },
-    /// A frame, or a whole sequence, could not be made.
-    Failure {
-        /// Its sequence.
-        sequence: &'a str,
-        /// What failed.
-        #[serde(flatten)]
-        failure: &'a Failure,
-    },
-    /// A sequence is complete.
-    Sequence {
-        /// Its name.
-        sequence: &'a str,
-        /// Seconds of composing and loading it.
-        load: f64,
-        /// Seconds of reading everything back.
-        check: f64,
-    },
-    /// A signal came.
-    Interrupted {},
-    /// Nothing is left to do.
-    End {
-        /// Frames made by this run.
-        made: usize,
-        /// Frames that were there.
-        kept: usize,
-        /// Frames that failed.
-        failed: usize,
-    },
 }

@@ -1,28 +1,33 @@
-//! Renders the sequences of a plan: idempotent, resumable, the same bytes for any shard and thread count.
+//! Renders the sequences of a plan. The work can be resumed, and gives the same bytes for any shard and any number of threads.
 
+use super::check::Part;
 use super::check::{self, Header};
-use super::damage::{self, Depth, Made, Part};
+use super::damage::{self, Depth, Made};
+use super::log::Event;
 use super::log::Log;
-use super::manifest::{self, Listed};
+use super::manifest::Listed;
 use super::mend;
-use super::plan::{Denoise, Plan, Quality};
-use super::record::{Checked, Event, FAILURES, Failure, RECORD, Record, write_failures};
+use super::merge;
+use super::plan::{Plan, Quality};
+use super::record::{Checked, Failure, Record, write_failures};
 use super::shard::Shard;
-use crate::progress::Progress;
-use crate::truth::{DenoiseMode, Found, Interrupted, OpenSequence, SequenceJob, TruthSettings};
-use crate::{machine, memory};
+use crate::dataset::job::memory;
+use crate::dataset::job::{Existing, OpenSequence, SequenceJob, TruthSettings};
+use crate::dataset::layout::{FAILURES, RECORD};
+use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::machine;
+use crate::util::panic::guarded;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, bail};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::{self, Profile};
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::procedural::Composed;
 use std::collections::HashSet;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::Path;
 use std::time::Instant;
 
-/// Units of progress a frame.
+/// Units of progress for each frame.
 const UNITS: u64 = 1000;
 
 /// What a run did.
@@ -34,7 +39,7 @@ pub struct Summary {
     pub kept: usize,
     /// Frames, or whole sequences, that could not be made.
     pub failed: usize,
-    /// Sequences of which something was damaged.
+    /// Sequences that were damaged.
     pub damaged: usize,
 }
 
@@ -47,12 +52,8 @@ struct Qualities {
 
 impl Qualities {
     fn new(plan: &Plan) -> Result<Self> {
-        let mode = match plan.render.denoise {
-            Denoise::Oidn => DenoiseMode::Oidn,
-            Denoise::None => DenoiseMode::None,
-        };
         let settings = |spp: u32| -> Result<TruthSettings> {
-            let mut settings = TruthSettings::new(plan.render.settings(spp), mode)?;
+            let mut settings = TruthSettings::new(plan.render.settings(spp), plan.render.denoise)?;
             settings.distance = plan.render.distance;
             Ok(settings)
         };
@@ -73,13 +74,13 @@ impl Qualities {
 struct Work<'a> {
     plan: &'a Plan,
     out: &'a Path,
-    /// How closely what is there is looked at.
+    /// How closely existing files are examined.
     depth: Depth,
     /// Which frames to make, by number.
     wanted: &'a dyn Fn(usize) -> bool,
-    /// What the manifest says, where there is one.
+    /// The hashes in the manifest, if there is one.
     listed: Listed,
-    /// Sequences that this run has found whole or made.
+    /// Sequences that this run made, or found whole.
     proven: HashSet<u32>,
     catalog: Catalog,
     qualities: Qualities,
@@ -87,41 +88,36 @@ struct Work<'a> {
     log: Log,
     started: Instant,
     summary: Summary,
-    stop: &'a AtomicBool,
+    stop: &'a Cancel,
 }
 
-/// Folder of sequence `index` of a dataset.
-pub fn sequence_folder(plan: &Plan, out: &Path, index: u32) -> PathBuf {
-    out.join(plan.split(index).name()).join(Plan::sequence_name(index))
-}
-
-/// Renders `shard` of `plan` into `out`. What is finished and whole is kept: every file is hashed. What is damaged is made again, with
-/// a note. A frame that cannot be made is recorded beside the others and does not stop them; `stop` ends the work after the frame at
-/// hand. Writes the manifest once all sequences of the plan are complete.
+/// Renders `shard` of `plan` into `out`. Every file that is there is hashed: whole ones stay, damaged ones are made again, with a
+/// note. A frame that cannot be made is recorded and does not stop the others. `stop` ends the work after the current frame.
+/// Writes the manifest once all sequences of the plan are complete.
 ///
 /// # Errors
-/// [`Interrupted`] when stopped; when the folder belongs to another plan; when nothing can be stored any more; at the end, when frames
-/// failed.
-pub fn run(plan: &Plan, out: &Path, shard: Shard, stop: &AtomicBool) -> Result<Summary> {
+/// When stopped ([`Interrupted`]), when the folder belongs to another plan, when nothing can be stored any more, and at the end,
+/// when frames failed.
+pub fn run(plan: &Plan, out: &Path, shard: Shard, stop: &Cancel) -> Result<Summary> {
     run_some(plan, out, shard, &|_| true, stop)
 }
 
-/// [`run`] for those frames of every sequence alone whose number is `wanted`. A sequence whose other frames are not recorded yet gets no
-/// record: it counts as unfinished, and a later run makes the rest.
+/// As [`run`], but only for the frames of every sequence whose number is `wanted`. A sequence gets no record until all its frames
+/// are made: it counts as unfinished, and a later run makes the rest.
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_some(plan: &Plan, out: &Path, shard: Shard, wanted: &dyn Fn(usize) -> bool, stop: &AtomicBool) -> Result<Summary> {
+pub fn run_some(plan: &Plan, out: &Path, shard: Shard, wanted: &dyn Fn(usize) -> bool, stop: &Cancel) -> Result<Summary> {
     run_at(plan, out, shard, (Depth::Hashes, wanted), stop)
 }
 
-/// [`run_some`], looking as closely as `depth` says at what is there: [`Depth::Hashes`] or [`Depth::Pixels`].
+/// As [`run_some`], and examines existing files at `depth`: [`Depth::Hashes`] or [`Depth::Pixels`].
 pub(super) fn run_at(
     plan: &Plan,
     out: &Path,
     shard: Shard,
     (depth, wanted): (Depth, &dyn Fn(usize) -> bool),
-    stop: &AtomicBool,
+    stop: &Cancel,
 ) -> Result<Summary> {
     let qualities = Qualities::new(plan)?;
     for settings in [&qualities.full, &qualities.between] {
@@ -167,35 +163,25 @@ pub(super) fn run_at(
     if failed > 0 {
         bail!("{failed} failures; see {FAILURES} in the folders of their sequences");
     }
-    if manifest::complete(plan, out) {
-        // Those of other shards were read back when they were made, and are not hashed again by every shard.
-        manifest::merge_after(plan, out, &proven, Depth::Sizes, stop)?;
+    if merge::complete(plan, out) {
+        // Sequences of other shards were read back when they were made; not every shard hashes them again.
+        merge::merge_after(plan, out, &proven, Depth::Sizes, stop)?;
     }
     Ok(summary)
 }
 
-/// Files that a process left behind when it was killed while writing.
-pub fn remove_leftovers(folder: &Path) {
-    file::remove_leftovers(folder);
-}
-
-/// Whether an error means that nothing more can be stored: a full or read-only disk, a quota, a device that fails.
+/// Whether an error means that nothing more can be stored: the disk is full or read-only, a quota is reached, or a device fails.
 fn storage_is_gone(error: &anyhow::Error) -> bool {
     use std::io::ErrorKind::{QuotaExceeded, ReadOnlyFilesystem, StorageFull};
     let io = error.chain().find_map(|cause| cause.downcast_ref::<std::io::Error>());
     io.is_some_and(|io| matches!(io.kind(), StorageFull | QuotaExceeded | ReadOnlyFilesystem) || io.raw_os_error() == Some(5))
 }
 
-/// The result of `work`; a panic in it is an error like others.
-pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| bail!("panic: {}", crate::cli::panic_message(payload.as_ref())))
-}
-
 impl Work<'_> {
     fn sequence(&mut self, index: u32) -> Result<()> {
         self.stopped()?;
         let name = Plan::sequence_name(index);
-        let folder = sequence_folder(self.plan, self.out, index);
+        let folder = self.plan.folder(self.out, index);
         let frames = self.plan.numbers().filter(|&number| (self.wanted)(number)).count();
         if self.depth == Depth::Pixels {
             mend::clear_places(self.plan, self.out, &folder, |what| self.note(&what))?;
@@ -212,7 +198,7 @@ impl Work<'_> {
             self.proven.insert(index);
             self.summary.kept += frames;
             self.progress.resume(UNITS * frames as u64);
-            // What failed once has been made since.
+            // The frames that failed once have been made since.
             let _ = write_failures(&folder, &[]);
             return Ok(());
         }
@@ -222,18 +208,18 @@ impl Work<'_> {
                 self.note(&format!("{}: {damage}", folder.display()));
             }
         }
-        remove_leftovers(&folder);
+        file::remove_leftovers(&folder);
         let before = self.progress.position();
         let mut failed = Vec::new();
         match self.frames(index, &name, &found, &mut failed) {
             Ok(()) => {}
             Err(error) if error.is::<Interrupted>() || storage_is_gone(&error) || error.is::<Mixture>() => {
-                // What failed before is worth keeping, if it can be kept.
+                // The list of earlier failures is worth keeping, if it can be stored.
                 let _ = write_failures(&folder, &failed);
                 return Err(error.context(name));
             }
             Err(error) => {
-                let failure = Failure { frame: None, seed: None, error: crate::console::message(&error) };
+                let failure = Failure { frame: None, seed: None, error: crate::util::console::message(&error) };
                 self.fail(&name, failure, &mut failed);
             }
         }
@@ -241,16 +227,16 @@ impl Work<'_> {
         write_failures(&folder, &failed).with_context(|| name.clone())
     }
 
-    /// Makes the frames of a sequence that are not there as they should be; those that fail are added to `failed`. The record follows
-    /// when none did.
-    fn frames(&mut self, index: u32, name: &str, found: &damage::Found, failed: &mut Vec<Failure>) -> Result<()> {
+    /// Makes the frames of a sequence that are missing or damaged. Frames that fail are added to `failed`; the record is written
+    /// if there are none.
+    fn frames(&mut self, index: u32, name: &str, found: &damage::Findings, failed: &mut Vec<Failure>) -> Result<()> {
         let started = Instant::now();
-        let folder = &sequence_folder(self.plan, self.out, index);
+        let folder = &self.plan.folder(self.out, index);
         let composed = guarded(|| self.plan.compose(&self.catalog, index))?;
         if let Some(reason) = mend::other_version(self.plan, folder, &composed.scene) {
             return Err(Mixture(reason).into());
         }
-        let nothing = damage::Found::default();
+        let nothing = damage::Findings::default();
         let mut found = found;
         if mend::is_misplaced(folder, found.record.as_ref(), &composed.scene) {
             found = &nothing;
@@ -270,7 +256,7 @@ impl Work<'_> {
         let seed = Some(sequence.loaded.seed);
         let doubtful: Vec<usize> = self.plan.numbers().filter(|&number| !found.vouches_for(number)).collect();
         let doubles = mend::doubles(&doubtful.iter().map(|&number| (number, sequence.path(number))).collect::<Vec<_>>());
-        // Frames that are there, but for which no record vouches.
+        // Frames that are there, but that no record confirms.
         let mut believed = Vec::new();
         for number in self.plan.numbers().filter(|&number| (self.wanted)(number)) {
             self.stopped()?;
@@ -282,7 +268,7 @@ impl Work<'_> {
                 Ok(kept) => believed.extend(kept.then_some(number)),
                 Err(error) if error.is::<Interrupted>() || storage_is_gone(&error) || error.is::<Mixture>() => return Err(error),
                 Err(error) => {
-                    let failure = Failure { frame: Some(number), seed, error: crate::console::message(&error) };
+                    let failure = Failure { frame: Some(number), seed, error: crate::util::console::message(&error) };
                     self.fail(name, failure, failed);
                 }
             }
@@ -291,7 +277,7 @@ impl Work<'_> {
             return Ok(());
         }
         sequence.describe()?;
-        // A record speaks for all frames: those that nobody looked at keep it from being written.
+        // A record stands for all frames, so it is not written while some of them were not examined.
         if !self.plan.numbers().all(|number| (self.wanted)(number) || found.vouches_for(number)) {
             return Ok(());
         }
@@ -322,7 +308,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Reads the files of a sequence that is complete.
+    /// Reads the files of a complete sequence back.
     fn read_back(&self, folder: &Path, sequence: &OpenSequence<'_>) -> Result<Checked> {
         check::sequence(self.plan, folder, header(sequence))
     }
@@ -341,7 +327,7 @@ impl Work<'_> {
         Ok((bytes, hash))
     }
 
-    /// Makes frame `number` unless it is there; whether it was. One of `doubles` is never believed.
+    /// Makes frame `number` unless it is there; returns whether it was. A frame among `doubles` is always made again.
     fn frame(&mut self, sequence: &mut OpenSequence<'_>, name: &str, number: usize, double: bool) -> Result<bool> {
         let settings = self.qualities.of(self.plan.quality(number));
         let path = sequence.path(number);
@@ -349,44 +335,44 @@ impl Work<'_> {
             bail!("{}: is no file, so no frame can be put there; to move it aside: {}", path.display(), damage::remedy(self.out));
         }
         match sequence.found(number, settings)? {
-            Found::Same if double => self.note(&format!("{}: made again: another frame has the same bytes", path.display())),
-            Found::Same => match self.hold(sequence, number) {
+            Existing::Same if double => self.note(&format!("{}: made again: another frame has the same bytes", path.display())),
+            Existing::Same => match self.hold(sequence, number) {
                 Ok(()) => {
                     self.keep();
                     return Ok(true);
                 }
-                Err(error) => self.note(&format!("{}: made again: {}", path.display(), crate::console::message(&error))),
+                Err(error) => self.note(&format!("{}: made again: {}", path.display(), crate::util::console::message(&error))),
             },
-            Found::Other(_) => {
+            Existing::Other(_) => {
                 let aside = mend::set_aside(self.out, &path)?;
                 let what = "made again: is of another scene or other settings, moved to";
                 self.note(&format!("{}: {what} {}", path.display(), aside.display()));
             }
-            Found::Broken(error) => self.note(&format!("made again: {}", crate::console::message(&error))),
-            Found::Nothing => {}
+            Existing::Broken(error) => self.note(&format!("made again: {}", crate::util::console::message(&error))),
+            Existing::Nothing => {}
         }
         self.make(sequence, name, number)?;
         Ok(false)
     }
 
-    /// That a frame of this scene and these settings, for which no record vouches, is frame `number`, to the byte.
+    /// Checks that a frame of this scene and these settings, which no record confirms, is frame `number`, byte for byte.
     fn hold(&self, sequence: &OpenSequence<'_>, number: usize) -> Result<()> {
         let path = sequence.path(number);
         let bytes = file::read(&path)?;
         let frame = frame_file::decode(&path, &bytes)?;
         header(sequence).hold(&frame.info, &sequence.loaded.cameras[number])?;
-        // Blocks of OpenEXR that do not compress have no checksum. Compact files have one everywhere.
+        // Blocks of OpenEXR that are stored without compression have no checksum. Compact files have checksums everywhere.
         if self.plan.storage == Profile::Full && self.plan.storage.encode(&path, &frame)?.0 != bytes {
             bail!("its bytes are not those that this program writes");
         }
         Ok(())
     }
 
-    /// Renders frame `number`, whatever is at its place.
+    /// Renders frame `number`, whatever is in its place.
     fn make(&mut self, sequence: &mut OpenSequence<'_>, name: &str, number: usize) -> Result<()> {
         let settings = self.qualities.of(self.plan.quality(number));
-        // The frame at hand is finished whatever comes: only the checks between frames heed signals.
-        let heedless = AtomicBool::new(false);
+        // The current frame is always finished: signals are checked between frames only.
+        let heedless = Cancel::default();
         let cost = guarded(|| sequence.render(number, settings, &self.progress, &heedless))?;
         self.summary.made += 1;
         self.log.write(Event::Frame { sequence: name, frame: number, spp: settings.render.spp, cost });
@@ -394,7 +380,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// A frame is there as it should be.
+    /// Counts a frame that was there already.
     fn keep(&mut self) {
         self.summary.kept += 1;
         self.progress.resume(UNITS);
@@ -422,7 +408,7 @@ impl Work<'_> {
     }
 
     fn stopped(&self) -> Result<()> {
-        if self.stop.load(Ordering::Relaxed) {
+        if self.stop.is_set() {
             self.log.write(Event::Interrupted {});
             return Err(Interrupted.into());
         }
@@ -430,12 +416,12 @@ impl Work<'_> {
     }
 }
 
-/// What every frame of an open sequence says of itself.
+/// What the header of every frame of an open sequence must say.
 fn header<'a>(sequence: &'a OpenSequence<'_>) -> Header<'a> {
     Header { scene: &sequence.loaded.hash, seed: sequence.loaded.seed }
 }
 
-/// A sequence that this version of the program would make otherwise is in the way.
+/// A sequence is in the way that this version of the program would make differently.
 #[derive(Debug)]
 struct Mixture(String);
 

@@ -1,11 +1,11 @@
-//! Which part of a plan this process makes: told by a flag, or by the engine that started it.
+//! The part of a plan that this process makes, as an option or the batch system says.
 
 use anyhow::{Context, Result, bail, ensure};
 use std::fmt;
 
-/// Shards of the whole plan, set by whoever starts the tasks.
+/// Number of shards of the whole plan, set by whoever starts the tasks.
 pub const SHARDS: &str = "RENDERFLOW_SHARDS";
-/// Added to the engine's task number: engines limit the length of an array, so a plan may need several.
+/// Added to the task number: batch systems limit the length of an array, so a plan may need several arrays.
 pub const SHARD_OFFSET: &str = "RENDERFLOW_SHARD_OFFSET";
 const SLURM_TASK: &str = "SLURM_ARRAY_TASK_ID";
 const KUBERNETES_INDEX: &str = "JOB_COMPLETION_INDEX";
@@ -19,12 +19,12 @@ pub struct Shard {
     pub count: u32,
 }
 
-/// A shard and who said so.
+/// A shard, and where it came from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Assigned {
     /// The part to make.
     pub shard: Shard,
-    /// The flag or the variables it was read from.
+    /// The option or the variables that named it.
     pub source: String,
 }
 
@@ -37,7 +37,7 @@ impl Shard {
         sequence % self.count == self.index - 1
     }
 
-    /// `flag` where there is one, else what the environment of this process says; see [`Shard::from_variables`].
+    /// `flag` if it is given; otherwise the shard in the environment of this process, see [`Shard::from_variables`].
     pub fn choose(flag: Option<Self>) -> Result<Assigned> {
         match flag {
             Some(shard) => Ok(Assigned { shard, source: "--shard".into() }),
@@ -104,7 +104,7 @@ impl Shard {
     }
 }
 
-/// The shard of a task where the array is the whole plan: arrays may start anywhere and have a step, but not holes.
+/// The shard of a task whose array is the whole plan. Such an array may start anywhere and have a step, but no holes.
 fn whole_array(task: u32, number: &dyn Fn(&str) -> Result<Option<u32>>) -> Result<Assigned> {
     let needed = |name: &str| number(name)?.with_context(|| format!("{SLURM_TASK} is set, neither {SHARDS} nor {name} is"));
     let (count, min) = (needed("SLURM_ARRAY_TASK_COUNT")?, needed("SLURM_ARRAY_TASK_MIN")?);

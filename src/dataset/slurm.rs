@@ -1,9 +1,10 @@
-//! Scripts that render a plan on a cluster: one sequence a task of a Slurm array, retried where it failed, and a merge behind it.
+//! Writes scripts that render a plan on a cluster: a Slurm array with one sequence for each task, retries of tasks that fail, and
+//! a merge at the end.
 //!
-//! The templates are in `src/dataset/slurm/`; `docs/scale-out.md` says how to use what is written.
+//! The templates are in `src/dataset/slurm/`; `docs/scale-out.md` explains the scripts.
 
 use crate::dataset::Plan;
-use crate::output;
+use crate::util::output;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::words::shell;
 use std::path::{Path, PathBuf};
@@ -13,10 +14,10 @@ const MERGE: &str = include_str!("slurm/merge.sh");
 const SUBMIT: &str = include_str!("slurm/submit.sh");
 const KUBERNETES: &str = include_str!("slurm/kubernetes.yaml");
 
-/// The most completions an indexed Kubernetes job may have with a limit of failures an index.
+/// An indexed Kubernetes job with a limit of failures for each index has at most this many completions.
 const KUBERNETES_COMPLETIONS: u32 = 100_000;
 
-/// What the scripts ask the cluster for.
+/// What the scripts request from the cluster.
 #[derive(Clone, Debug)]
 pub struct Request {
     /// The program; every node must find it there.
@@ -25,21 +26,21 @@ pub struct Request {
     pub plan: PathBuf,
     /// Dataset folder.
     pub out: PathBuf,
-    /// Folders that models may name files of (`--allow-files`).
+    /// Folders in which models may name files (`--allow-files`).
     pub allowed: Vec<PathBuf>,
-    /// Where to write the scripts; logs go to `logs` inside.
+    /// Folder for the scripts; logs go to `logs` in it.
     pub folder: PathBuf,
     /// Slurm partition; the cluster's default unless given.
     pub partition: Option<String>,
     /// Slurm account.
     pub account: Option<String>,
-    /// Time limit of a task as Slurm writes it, `hours:minutes:seconds` for one.
+    /// Time limit of a task in Slurm's form, such as `hours:minutes:seconds`.
     pub time: String,
     /// Processor cores of a task.
     pub cpus: u32,
     /// Memory of a task.
     pub memory: Memory,
-    /// Tasks that may run at a time, over all arrays; any number unless given.
+    /// Tasks that may run at the same time, over all arrays; `None` = any number.
     pub tasks_at_once: Option<u32>,
     /// How often a task that failed or was interrupted starts again.
     pub retries: u32,
@@ -59,7 +60,7 @@ pub struct Memory {
 impl std::str::FromStr for Memory {
     type Err = String;
 
-    /// As Slurm writes it: `8G`, `500M`, `2T`; a number alone is in MiB.
+    /// In Slurm's form: `8G`, `500M`, `2T`; a number alone is in MiB.
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let (digits, scale) = match text.strip_suffix(['M', 'm']) {
             Some(digits) => (digits, 1),
@@ -71,7 +72,7 @@ impl std::str::FromStr for Memory {
         };
         let megabytes = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(scale));
         match megabytes {
-            // One PiB: shells double it without overflow, and no node has it.
+            // One PiB: shells can double it without overflow, and no node has it.
             Some(megabytes @ 1..=1_073_741_824) => Ok(Self { megabytes }),
             _ => Err(format!("{text:?}: write memory as 8G or 500M, 1M to 1024T")),
         }
@@ -82,11 +83,12 @@ impl Request {
     /// Writes `array.sh`, `merge.sh`, `submit.sh` and `kubernetes.yaml`. Returns the number of tasks.
     ///
     /// # Errors
-    /// A plan that cannot be read, paths that are not UTF-8, and options that would end their line or their word in a script;
-    /// other files of these names, unless `overwrite`.
+    /// When the plan cannot be read, when a path is not UTF-8, when an option would end its line or its word in a script, and
+    /// when other files with these names are there, unless `overwrite`.
     pub fn write(&self, overwrite: bool) -> Result<u32> {
         let tasks = Plan::read(&self.plan)?.total();
-        // Slurm replaces %A and the like anywhere in the name of a log; %% is a percent sign, and a backslash ends all that.
+        // Slurm replaces %A and similar codes anywhere in the name of a log. %% is a percent sign, and a backslash turns the
+        // codes off.
         let logs = full(&self.folder.join("logs"))?;
         ensure!(!logs.contains('\\'), "{logs}: Slurm's logs cannot be in a folder with a backslash");
         let allowed = self.allowed.iter().map(|folder| Ok(format!(" --allow-files {}", shell(&full(folder)?))));
@@ -119,7 +121,7 @@ impl Request {
         Ok(tasks)
     }
 
-    /// The lines for `sbatch` that not every cluster needs.
+    /// Lines for `sbatch` that only some clusters need.
     fn directives(&self) -> Result<String> {
         let mut lines = vec!["#SBATCH --job-name=renderflow".to_owned()];
         for (option, value) in [("--partition", &self.partition), ("--account", &self.account)] {
@@ -137,7 +139,7 @@ impl Request {
     }
 }
 
-/// `value` if it can stand in a line for `sbatch` as it is.
+/// `value`, if it can stand in a line for `sbatch` as it is.
 fn word<'a>(option: &str, value: &'a str) -> Result<&'a str> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-.,:+@/".contains(c);
     ensure!(!value.is_empty() && value.chars().all(plain), "{option} {value:?}: not a word");

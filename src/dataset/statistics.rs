@@ -1,4 +1,4 @@
-//! What the pixels of a dataset are like: counts over fixed bins, added up from frames to sequences to the whole.
+//! Describes the pixels of a dataset by counts over fixed bins, which add up from frames to sequences to the whole.
 
 use glam::Vec2;
 use renderflow_frame::Frame;
@@ -7,17 +7,17 @@ use serde::{Deserialize, Serialize};
 /// Bins of a quantity.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
-    /// As the JSON names it.
+    /// Its name in JSON.
     pub name: &'static str,
     /// What is counted, in words.
     pub title: &'static str,
-    /// Lower end of the first bin; what lies below it counts there too.
+    /// Lower end of the first bin, which also counts values below it.
     pub low: f32,
-    /// Upper end of the last bin; what lies above it counts there too.
+    /// Upper end of the last bin, which also counts values above it.
     pub high: f32,
     /// Number of bins.
     pub bins: usize,
-    /// Whether bins have equal ratios in place of equal widths.
+    /// Whether bins have equal ratios instead of equal widths.
     pub log: bool,
     pick: fn(&mut Statistics) -> &mut Vec<u64>,
     view: fn(&Statistics) -> &Vec<u64>,
@@ -71,17 +71,17 @@ impl Axis {
         } else {
             (value - self.low) / (self.high - self.low)
         };
-        // As for any cast, below 0 is 0.
+        // The cast turns negative numbers into 0.
         ((share * self.bins as f32) as usize).min(self.bins - 1)
     }
 
-    /// Lower end of bin `i`; of the one after the last, the upper end of the last.
+    /// Lower end of bin `i`. For the number after the last bin, the upper end of the last bin.
     pub fn edge(&self, i: usize) -> f64 {
         let (low, high, share) = (f64::from(self.low), f64::from(self.high), i as f64 / self.bins as f64);
         if self.log { low * (high / low).powf(share) } else { low + (high - low) * share }
     }
 
-    /// The counts, as many as there are bins.
+    /// The counts, one for each bin.
     pub fn counts(&self, statistics: &Statistics) -> Vec<u64> {
         let mut counts = (self.view)(statistics).clone();
         counts.resize(self.bins, 0);
@@ -126,7 +126,7 @@ impl Statistics {
         }
     }
 
-    /// Adds the counts of `other`; sums that a damaged record makes too large stay at the largest number.
+    /// Adds the counts of `other`. Sums stop at the largest number, since a damaged record may hold any.
     pub fn add(&mut self, other: &Self) {
         for axis in AXES {
             let more = axis.counts(other);

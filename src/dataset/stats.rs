@@ -1,12 +1,12 @@
-//! The page that shows what a dataset is like: tables of families and histograms of its pixels, from the records of its sequences.
+//! Makes a page about a dataset from the records of its sequences: tables of families and histograms of pixels.
 
 use super::log::Costs;
 use super::manifest;
 use super::plan::{Plan, SPLITS};
 use super::record::Record;
-use super::render::sequence_folder;
 use super::statistics::{AXES, Axis, Statistics};
-use crate::output::GENERATOR;
+use crate::util::output::GENERATOR;
+use crate::util::text::escape;
 use anyhow::{Context, Result, ensure};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -25,7 +25,7 @@ pub struct Bars {
 /// All numbers of the page.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Numbers {
-    /// Complete sequences, and those of the plan.
+    /// Number of complete sequences, and of sequences in the plan.
     pub sequences: [usize; 2],
     /// Frames.
     pub frames: usize,
@@ -37,7 +37,7 @@ pub struct Numbers {
     pub scenes: usize,
     /// Distinct environments (family and number, or file).
     pub environments: usize,
-    /// What two splits share, a sentence each; empty as it should be.
+    /// What two splits share, one sentence each; empty in a good dataset.
     pub leaks: Vec<String>,
     /// Frames by split.
     pub splits: Bars,
@@ -50,10 +50,10 @@ pub struct Numbers {
 /// Reads the records of the complete sequences in `out`.
 pub fn numbers(out: &Path) -> Result<Numbers> {
     let plan = Plan::read(&out.join("plan.json")).context("not a dataset folder")?;
-    // Beside each record the number of the folder it lies in.
+    // Each record has the number of its folder beside it.
     let (mut records, mut places) = (Vec::new(), Vec::new());
     for index in 0..plan.total() {
-        let record = Record::read(&sequence_folder(&plan, out, index))?;
+        let record = Record::read(&plan.folder(out, index))?;
         places.extend(record.as_ref().map(|_| index));
         records.extend(record);
     }
@@ -69,7 +69,7 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
         }
         Bars { title: title.into(), bars: counts.into_iter().collect() }
     };
-    // Records of strangers may hold any numbers.
+    // Damaged records may hold any numbers.
     let sum = |values: &mut dyn Iterator<Item = u64>| values.fold(0, u64::saturating_add);
     let yes = |flag: bool| if flag { "yes" } else { "no" }.to_owned();
     let objects = || records.iter().flat_map(|record| &record.objects);
@@ -127,7 +127,7 @@ fn histogram(axis: &Axis, statistics: &Statistics) -> Bars {
     Bars { title: axis.title.into(), bars: bars.collect() }
 }
 
-/// The page, self-contained.
+/// The page; it needs no other files.
 pub fn html(numbers: &Numbers, costs: &Costs) -> Result<String> {
     let mut page = String::new();
     let [complete, planned] = numbers.sequences;
@@ -176,11 +176,7 @@ const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:1.5rem auto
 .all{display:flex;flex-wrap:wrap;gap:1.2rem}figure{margin:0;flex:1 1 22rem;max-width:38rem}figcaption{font-weight:600}\
 svg{width:100%;height:auto}rect{fill:#4e79a7}text{font:10px system-ui,sans-serif;fill:#333}.leak{color:#b00020}";
 
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-/// Many bars side by side, a few of them labelled.
+/// Draws many bars side by side, and labels a few of them.
 fn upright(page: &mut String, bars: &Bars) -> Result<()> {
     let (width, height) = (400.0, 130.0);
     let most = bars.bars.iter().map(|bar| bar.1).max().unwrap_or(0).max(1) as f64;
@@ -208,7 +204,7 @@ fn upright(page: &mut String, bars: &Bars) -> Result<()> {
     Ok(())
 }
 
-/// A bar a line with its label.
+/// Draws one bar in each line, with its label.
 fn lying(page: &mut String, bars: &Bars) -> Result<()> {
     let most = bars.bars.iter().map(|bar| bar.1).max().unwrap_or(0).max(1) as f64;
     write!(

@@ -1,28 +1,29 @@
-//! Proves a dataset on disk: counts, hashes, values, the agreement of channels, and that splits share nothing.
+//! Verifies a dataset on disk: counts, hashes, values, the agreement of channels, and that splits share nothing.
 
 use super::agreement::Agreement;
-use super::damage::{self, Depth, Made, Part};
-use super::manifest::{self, Listed, MANIFEST, Manifest};
+use super::check::Part;
+use super::damage::{self, Depth, Made};
+use super::manifest::{self, Listed, Manifest};
 use super::mend;
 use super::plan::Plan;
 use super::record::{Record, failures};
-use super::render::{guarded, sequence_folder};
 use super::statistics::Statistics;
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::dataset::layout::MANIFEST;
+use crate::util::cancel::Cancel;
+use crate::util::panic::guarded;
+use crate::util::progress::Progress;
 use anyhow::Result;
 use renderflow_frame::file;
 use renderflow_frame::words::shell;
 use std::fmt;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Something that is wrong with a dataset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// A sentence that begins with the place.
+    /// A sentence that starts with the place.
     pub what: String,
-    /// The command that mends it.
+    /// The command that repairs it.
     pub remedy: String,
 }
 
@@ -32,7 +33,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// What was found in a dataset.
+/// The result of verifying a dataset.
 #[derive(Clone, Debug, Default)]
 pub struct Verified {
     /// Sequences.
@@ -41,13 +42,13 @@ pub struct Verified {
     pub frames: usize,
     /// Bytes of all frames.
     pub bytes: u64,
-    /// What the channels say about one another.
+    /// How well the channels agree with one another.
     pub agreement: Agreement,
     /// What the pixels are like.
     pub statistics: Statistics,
     /// Everything that is wrong.
     pub faults: Vec<Fault>,
-    /// What is odd and does no harm, a sentence each.
+    /// Oddities that do no harm, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -60,13 +61,13 @@ impl Verified {
 /// Reads the whole dataset in `out`.
 ///
 /// # Errors
-/// When it has no plan, or `stop` was set. What is wrong with it stands in the result.
-pub fn verify(out: &Path, stop: &AtomicBool) -> Result<Verified> {
+/// When it has no plan, or when `stop` was set. Everything that is wrong with the dataset is in the result.
+pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
     let mut found = Verified::default();
     let plan = match mend::plan_of(out)? {
         Ok(plan) => plan,
         Err(reason) => {
-            // Nothing can be held against a plan that is another one.
+            // Nothing can be compared with a plan that is not the dataset's own.
             found.fault(format!("{reason}; the rest is not looked at"), damage::remedy(out));
             return Ok(found);
         }
@@ -74,15 +75,13 @@ pub fn verify(out: &Path, stop: &AtomicBool) -> Result<Verified> {
     let catalog = plan.catalog();
     let listed = Listed::read(&plan, out);
     let progress = Progress::new("verify", u64::from(plan.total()));
-    // With the place of the folder each is in, whatever it says itself.
+    // Each record has the number of its folder beside it, whatever it says itself.
     let mut records: Vec<(u32, Record)> = Vec::new();
-    // One a sequence: those that the manifest can be held against.
+    // One entry for each sequence: the record, if the manifest can be compared with it.
     let mut listable: Vec<Option<Record>> = Vec::new();
     for index in 0..plan.total() {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
-        let folder = sequence_folder(&plan, out, index);
+        stop.check()?;
+        let folder = plan.folder(out, index);
         let name = folder.display();
         let examined = guarded(|| Ok(damage::sequence(&plan, out, index, listed.of(index), Depth::Pixels)))?;
         for damage in &examined.damage {
@@ -110,7 +109,7 @@ pub fn verify(out: &Path, stop: &AtomicBool) -> Result<Verified> {
                     found.fault(format!("{name}{frame}: failed when it was made: {}", failure.error), damage::remedy(out));
                 }
             }
-            Err(error) => found.fault(crate::console::message(&error), damage::remedy(out)),
+            Err(error) => found.fault(crate::util::console::message(&error), damage::remedy(out)),
         }
         found.notes.extend(
             damage::strays(&plan, out, index)?.iter().map(|path| format!("{}: is no part of the dataset", path.display())),
@@ -139,25 +138,25 @@ pub fn verify(out: &Path, stop: &AtomicBool) -> Result<Verified> {
     Ok(found)
 }
 
-/// Holds the manifest against the records that can be believed, one a sequence of the plan.
+/// Compares the manifest with the records that can be trusted, one for each sequence of the plan.
 fn manifest_of(found: &mut Verified, plan: &Plan, out: &Path, records: &[Option<Record>]) {
     let path = out.join(MANIFEST);
     let judge = || -> Result<Option<String>> {
-        let there = file::read_at_most(&path, file::LARGEST_TEXT)?;
-        let manifest: Manifest = file::parse_json(&path, &there)?;
+        let stored = file::read_at_most(&path, file::LARGEST_TEXT)?;
+        let manifest: Manifest = file::parse_json(&path, &stored)?;
         if manifest.plan != plan.hash() {
             return Ok(Some("/plan: is of another plan".into()));
         }
-        let made = match manifest.corrected(plan, out, records) {
+        let expected = match manifest.corrected(plan, out, records) {
             Ok(corrected) => file::json(&path, &corrected)?,
-            Err(error) => return Ok(Some(crate::console::message(&error))),
+            Err(error) => return Ok(Some(crate::util::console::message(&error))),
         };
-        Ok((there != made).then(|| "is not that of these sequences".into()))
+        Ok((stored != expected).then(|| "is not that of these sequences".into()))
     };
     match judge() {
         Ok(None) => {}
         Ok(Some(reason)) => found.fault(format!("{}: {reason}", path.display()), damage::remedy(out)),
-        // A dataset that is being rendered has none yet, and is not complete either.
-        Err(error) => found.fault(crate::console::message(&error), damage::remedy(out)),
+        // A dataset that is still being rendered has no manifest, and is not complete either.
+        Err(error) => found.fault(crate::util::console::message(&error), damage::remedy(out)),
     }
 }

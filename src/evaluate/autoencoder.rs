@@ -2,7 +2,8 @@
 
 use super::find;
 use crate::dataset::Dataset;
-use crate::progress::Progress;
+use crate::util::cancel::Cancel;
+use crate::util::progress::Progress;
 use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
@@ -12,9 +13,9 @@ use renderflow_model::wan::{Vae, VaeConfig};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// PSNR of pictures after encoding and decoding, by kind of picture and place in the clip. Writes autoencoder.json and prints tables.
+/// PSNR of pictures after encoding and decoding, by kind of picture and place in the clip. Writes autoencoder.json and prints
+/// tables.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets --out results-autoencoder"
@@ -48,11 +49,11 @@ struct Set {
 
 impl Options {
     /// Measures and prints.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &Cancel) -> Result<()> {
         let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), &Default::default())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
-        for place in find::find(&self.data)? {
-            sets.entry(place.set).or_default().sequences.push(place.folder);
+        for test in find::find(&self.data)? {
+            sets.entry(test.set).or_default().sequences.push(test.sequence);
         }
         let total: usize = sets.values().map(|set| set.sequences.len()).sum();
         let progress = Progress::new("autoencoder", 2 * total as u64);
@@ -62,7 +63,7 @@ impl Options {
                 let before = progress.position();
                 let mut told = |done: usize| {
                     progress.set(before + done as u64);
-                    if cancel.load(Ordering::Relaxed) {
+                    if cancel.is_set() {
                         return Err(Error::Data { place: "autoencoder".into(), reason: "interrupted".into() });
                     }
                     Ok(())

@@ -1,14 +1,16 @@
-//! Anybody's pictures against the truth: names matched by rule, one colour curve, the same metrics.
+//! Compares anybody's pictures with the truth: names are matched by rule, and the colour curve and the metrics are the same for
+//! all.
 
 use super::find::{TestSequence, find};
-use super::results::{ABOUT, About, Group, MethodInfo, Score, Sequence, TRUTH, Truth, VERSION, picture_file};
-use super::run::{CURVE, values, write_scores};
+use super::results::{ABOUT, About, Group, MethodInfo, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file};
+use super::run::{CURVE, write_scores};
+use crate::dataset::sequence::find_folders;
 use crate::metrics::temporal::{Pair, correspondence, temporal};
-use crate::metrics::{self, Hdr, Networks};
-use crate::output::Claim;
-use crate::progress::Progress;
-use crate::report::picture;
-use crate::truth::Interrupted;
+use crate::metrics::{self, Hdr, Networks, values};
+use crate::util::cancel::Cancel;
+use crate::util::output::Claim;
+use crate::util::progress::Progress;
+use crate::util::{files, picture};
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::image::{Image, Rgb};
@@ -16,26 +18,26 @@ use renderflow_frame::{Frame, color, file, hdr};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Endings of pictures that can be compared. Of a picture with several the first is taken: radiance before display values.
+/// Endings of pictures that can be compared. If a picture is there with several endings, the first one here is taken: radiance
+/// before display values.
 pub const ENDINGS: [&str; 3] = ["exr", "hdr", "png"];
 
 /// How to compare.
 pub struct Options<'a> {
-    /// LPIPS where its weights are there.
+    /// LPIPS, if its weights are there.
     pub lpips: &'a Networks,
     /// Name of the method in tables.
     pub label: String,
-    /// Factor from radiance to display-linear where the truth does not say; truth that is no dataset has none of its own.
+    /// Factor from radiance to display-linear, for truth that is not a dataset and so has no exposure of its own.
     pub exposure: f32,
-    /// Compare what there is: truth without a picture is left out.
+    /// Leaves out truth without a picture, instead of failing.
     pub partial: bool,
-    /// Frames a sequence whose pictures are kept.
+    /// Number of frames in each sequence whose pictures are stored.
     pub pictures: usize,
 }
 
-/// One picture: display values, radiance where the file holds it, and coverage where it says.
+/// A picture: display values; radiance and coverage where the file holds them.
 struct Read {
     display: Rgb,
     linear: Option<Rgb>,
@@ -43,23 +45,23 @@ struct Read {
     frame: Option<Frame>,
 }
 
-/// A picture and what it is compared with.
+/// A picture and its truth.
 struct Match<'a> {
-    /// Of the frame.
+    /// Number of the frame.
     number: usize,
     truth: &'a Path,
     picture: PathBuf,
 }
 
 /// A sequence of truth, or a folder of pictures.
-struct Folder {
+struct TruthFolder {
     set: String,
     class: String,
-    /// Below the truth, without the names of splits; also where its predictions are.
+    /// Path below the truth, without the names of splits; the predictions may lie under the same path.
     name: String,
     exposure: f32,
     test: Option<TestSequence>,
-    /// Number (of the frame; else position), file, and the names a prediction may have, the best first.
+    /// Number and file of every truth. The number comes from the frame, or else is the position.
     truths: Vec<(usize, PathBuf)>,
 }
 
@@ -82,7 +84,7 @@ pub fn run(
     options: &Options,
     out: &Path,
     progress: &Progress,
-    cancel: &AtomicBool,
+    cancel: &Cancel,
 ) -> Result<usize> {
     ensure!(options.exposure.is_finite() && options.exposure > 0.0, "the exposure {} is no positive number", options.exposure);
     let folders = folders(truth, options.exposure)?;
@@ -92,7 +94,7 @@ pub fn run(
         version: VERSION,
         program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
         title: format!("{} against the truth", options.label),
-        machine: crate::machine::processor(),
+        machine: crate::util::machine::processor(),
         curve: CURVE.into(),
         methods: vec![method],
         settings: vec![
@@ -101,9 +103,9 @@ pub fn run(
             ("exposure where the truth has none".into(), options.exposure.to_string()),
         ],
     };
-    // Truth and pictures are settings here: other ones are another comparison.
-    let claim = Claim::agreed(out, ABOUT, &about, |there: &About| {
-        let same = (&there.methods, &there.settings) == (&about.methods, &about.settings);
+    // The folders of truth and pictures are settings here: other folders make another comparison.
+    let claim = Claim::agreed(out, ABOUT, &about, |stored: &About| {
+        let same = (&stored.methods, &stored.settings) == (&about.methods, &about.settings);
         ensure!(same, "the folder holds results of other pictures or settings; choose another folder");
         Ok(())
     })?;
@@ -114,9 +116,9 @@ pub fn run(
             continue;
         }
         let class = out.join(&folder.set).join(&folder.class);
-        let (about, scores, kept) = sequence(folder, pairs, options, progress, cancel)?;
+        let (about, scores, shown_pictures) = sequence(folder, pairs, options, progress, cancel)?;
         claim.write()?;
-        for (name, bytes) in kept {
+        for (name, bytes) in shown_pictures {
             file::write_atomic(&class.join(&folder.name).join(name), &bytes)?;
         }
         write_scores(&class.join(format!("{}.jsonl", about.name)), &scores)?;
@@ -126,24 +128,18 @@ pub fn run(
     Ok(compared)
 }
 
-/// The truth of a folder of sequences, or of plain pictures.
-fn folders(truth: &Path, exposure: f32) -> Result<Vec<Folder>> {
-    if let Ok(tests) = find(truth) {
-        let folder = |test: TestSequence| Folder {
+/// Finds the truth: sequences, or folders of plain pictures.
+fn folders(truth: &Path, exposure: f32) -> Result<Vec<TruthFolder>> {
+    if !find_folders(truth)?.is_empty() {
+        let folder = |test: TestSequence| TruthFolder {
             set: test.set.clone(),
             class: test.class.clone(),
-            name: test.folder.name(),
-            exposure: test.folder.sequence.exposure,
-            truths: test
-                .folder
-                .numbers
-                .iter()
-                .copied()
-                .zip(test.folder.sequence.files.iter().map(|f| test.folder.path.join(f)))
-                .collect(),
+            name: test.sequence.name.clone(),
+            exposure: test.sequence.exposure(),
+            truths: (0..test.sequence.len()).map(|i| (test.sequence.numbers[i], test.sequence.file(i))).collect(),
             test: Some(test),
         };
-        return Ok(tests.into_iter().map(folder).collect());
+        return Ok(find(truth)?.into_iter().map(folder).collect());
     }
     let mut by_folder: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     for path in pictures(truth)? {
@@ -160,17 +156,17 @@ fn folders(truth: &Path, exposure: f32) -> Result<Vec<Folder>> {
         let numbered = distinct.len() == paths.len();
         let truths = paths.into_iter().enumerate().map(|(i, path)| (if numbered { numbers[i].unwrap_or(i) } else { i }, path));
         let name = if name.is_empty() { own.clone() } else { name.replace(['/', '\\'], "-") };
-        Folder { set: own.clone(), class: "pictures".into(), name, exposure, test: None, truths: truths.collect() }
+        TruthFolder { set: own.clone(), class: "pictures".into(), name, exposure, test: None, truths: truths.collect() }
     };
     Ok(by_folder.into_iter().map(folder).collect())
 }
 
-/// Pictures below a folder, by path; of those that differ in their ending alone the one with most in it.
+/// The pictures below a folder, by path. Of files that differ only in their ending, the one that holds most is taken.
 fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
-    let all = every_picture(folder)?;
+    let all = files::walk(folder, &ENDINGS)?;
     let count = all.len();
     let mut best: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
-    let rank = |path: &Path| ENDINGS.iter().position(|known| *known == ending(path));
+    let rank = |path: &Path| ENDINGS.iter().position(|known| *known == files::ending(path));
     for path in all {
         match best.entry(path.with_extension("")) {
             Entry::Vacant(place) => drop(place.insert(path)),
@@ -188,27 +184,7 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(best.into_values().collect())
 }
 
-/// The ending of a file's name, in small letters.
-fn ending(path: &Path) -> String {
-    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
-}
-
-fn every_picture(folder: &Path) -> Result<Vec<PathBuf>> {
-    let unreadable = || format!("{}: cannot list", folder.display());
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).with_context(unreadable)? {
-        let path = entry.with_context(unreadable)?.path();
-        if path.is_dir() {
-            found.extend(every_picture(&path)?);
-        } else if ENDINGS.contains(&ending(&path).as_str()) {
-            found.push(path);
-        }
-    }
-    found.sort();
-    Ok(found)
-}
-
-/// The number a file's name ends in.
+/// The number at the end of a file's name.
 fn number(path: &Path) -> Option<usize> {
     let stem = path.file_stem()?.to_string_lossy().into_owned();
     let end = stem.trim_end_matches(|c: char| !c.is_ascii_digit());
@@ -216,8 +192,8 @@ fn number(path: &Path) -> Option<usize> {
     end[end.len() - digits..].parse().ok()
 }
 
-/// The prediction of every truth, by folder.
-fn matched<'a>(predictions: &Path, folders: &'a [Folder], partial: bool) -> Result<Vec<Vec<Match<'a>>>> {
+/// Finds the prediction of every truth.
+fn matched<'a>(predictions: &Path, folders: &'a [TruthFolder], partial: bool) -> Result<Vec<Vec<Match<'a>>>> {
     let all = pictures(predictions)?;
     let mut by_name: BTreeMap<(PathBuf, String), &PathBuf> = BTreeMap::new();
     let mut by_number: BTreeMap<(PathBuf, usize), Vec<&PathBuf>> = BTreeMap::new();
@@ -266,11 +242,11 @@ fn matched<'a>(predictions: &Path, folders: &'a [Folder], partial: bool) -> Resu
     Ok(pairs)
 }
 
-/// Reads a picture; radiance becomes display values by `exposure`. Its size has to be `expected` where that is known, and is compared before
-/// a pixel is decoded.
+/// Reads a picture; radiance becomes display values by `exposure`. If its size must be `expected`, the size is compared before
+/// any pixel is decoded.
 fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read> {
     let bytes = picture::bytes(path)?;
-    if ending(path) == "png" {
+    if files::has_ending(path, &["png"]) {
         let picture = picture::decode(path, &bytes, expected)?;
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let has_alpha = picture.color().has_alpha();
@@ -289,7 +265,7 @@ fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read
     Ok(Read { display: map.map.map(|p| color::display(*p, exposure)), linear: Some(map.map), alpha: None, frame: None })
 }
 
-impl Folder {
+impl TruthFolder {
     fn truth(&self, path: &Path) -> Result<Read> {
         let Some(_) = &self.test else { return read(path, self.exposure, None) };
         let mut frame = renderflow_frame::frame_file::read(path)?;
@@ -299,24 +275,24 @@ impl Folder {
     }
 }
 
-/// Name and bytes of a file to be written.
+/// Name and bytes of a file.
 type NamedFile = (String, Vec<u8>);
 
-/// Compares the pictures of a folder: what it is, the scores, and the pictures to keep by name.
+/// Compares the pictures of one folder. Returns its summary, the scores, and the pictures to store.
 fn sequence(
-    folder: &Folder,
+    folder: &TruthFolder,
     pairs: &[Match<'_>],
     options: &Options,
     progress: &Progress,
-    cancel: &AtomicBool,
-) -> Result<(Sequence, Vec<Score>, Vec<NamedFile>)> {
+    cancel: &Cancel,
+) -> Result<(SequenceSummary, Vec<Score>, Vec<NamedFile>)> {
     let keyframes: Vec<usize> = folder
         .test
         .as_ref()
-        .map_or_else(Vec::new, |test| test.folder.sequence.keyframes.iter().map(|&i| test.folder.numbers[i]).collect());
+        .map_or_else(Vec::new, |test| test.sequence.transforms.keyframes.iter().map(|&i| test.sequence.numbers[i]).collect());
     let count = options.pictures.min(pairs.len());
     let shown: Vec<usize> = (0..count).map(|k| pairs[(2 * k + 1) * pairs.len() / (2 * count)].number).collect();
-    // Pairs of neighbours are read twice, so that frames can be compared side by side.
+    // Neighbours are read twice, so that frames can be compared in parallel.
     let one = |i: usize| -> Result<(Read, Read)> {
         let Match { truth, picture, .. } = &pairs[i];
         let truth = folder.truth(truth)?;
@@ -324,12 +300,10 @@ fn sequence(
         Ok((truth, read(picture, folder.exposure, Some(size))?))
     };
     let score = |i: usize| -> Result<(Score, [usize; 2], Vec<NamedFile>)> {
-        if cancel.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
+        cancel.check()?;
         let number = pairs[i].number;
         let (truth, picture) = one(i)?;
-        // Radiance is compared where both have it.
+        // Radiance is compared where both files hold it.
         let both = truth.linear.is_some() && picture.linear.is_some();
         let truth_hdr = truth.linear.as_ref().filter(|_| both).map(|linear| Hdr { linear, exposure: folder.exposure });
         let picture_hdr = picture.linear.as_ref().filter(|_| both).map(|linear| Hdr { linear, exposure: folder.exposure });
@@ -341,8 +315,8 @@ fn sequence(
             && let (Some(test), Some(frame)) = (&folder.test, &truth.frame)
         {
             let (before, earlier) = one(i - 1)?;
-            let at = |number: usize| test.folder.numbers.iter().position(|&n| n == number).unwrap_or(0);
-            let movement = test.folder.sequence.tracks.between(at(number), at(pairs[i - 1].number));
+            let at = |number: usize| test.sequence.numbers.iter().position(|&n| n == number).unwrap_or(0);
+            let movement = test.sequence.transforms.tracks.between(at(number), at(pairs[i - 1].number));
             if let Some(previous) = &before.frame {
                 let correspondence = correspondence(frame, previous, movement);
                 let now = Pair { picture: &picture.display, truth: &truth.display };
@@ -350,21 +324,21 @@ fn sequence(
                 metrics.temporal = temporal(now, then, &correspondence).map(|t| 1000.0 * t);
             }
         }
-        let mut kept = Vec::new();
+        let mut shown_pictures = Vec::new();
         if shown.contains(&number) {
-            kept.push((picture_file(number, TRUTH), picture::png(&truth.display)?));
-            kept.push((picture_file(number, "pictures"), picture::png(&picture.display)?));
+            shown_pictures.push((picture_file(number, TRUTH), picture::png(&truth.display)?));
+            shown_pictures.push((picture_file(number, "pictures"), picture::png(&picture.display)?));
         }
         progress.add(1);
         let key = keyframes.contains(&number);
         let size = [truth.display.width, truth.display.height];
         let values = values(&metrics)?;
-        Ok((Score { method: "pictures".into(), frame: number, key, seconds: None, spp: None, values }, size, kept))
+        Ok((Score { method: "pictures".into(), frame: number, key, seconds: None, spp: None, values }, size, shown_pictures))
     };
     let scored = (0..pairs.len()).into_par_iter().with_max_len(1).map(score).collect::<Result<Vec<_>>>()?;
     let [width, height] = scored.first().map_or([0; 2], |(_, size, _)| *size);
     let numbers: Vec<usize> = pairs.iter().map(|pair| pair.number).collect();
-    let about = Sequence {
+    let about = SequenceSummary {
         set: folder.set.clone(),
         class: folder.class.clone(),
         name: folder.name.clone(),
@@ -375,14 +349,14 @@ fn sequence(
         shown,
         exposure: folder.exposure,
         truth: Truth::default(),
-        ..Sequence::default()
+        ..SequenceSummary::default()
     };
-    let (mut scores, mut kept) = (Vec::with_capacity(scored.len()), Vec::new());
+    let (mut scores, mut shown_pictures) = (Vec::with_capacity(scored.len()), Vec::new());
     for (score, _, pictures) in scored {
         scores.push(score);
-        kept.extend(pictures);
+        shown_pictures.extend(pictures);
     }
-    Ok((about, scores, kept))
+    Ok((about, scores, shown_pictures))
 }
 
 #[cfg(test)]

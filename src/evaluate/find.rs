@@ -1,53 +1,49 @@
-//! Finds sequences below a folder and says which test set and class of scene each belongs to.
+//! Finds the sequences to evaluate, and names the test set and the class of each.
 
-use crate::dataset::SequenceFolder;
-use crate::dataset::record::Record;
-use crate::testset::{SET, SetFile};
-use anyhow::{Context, Result, ensure};
+use crate::dataset::plan::SPLITS;
+use crate::dataset::sequence::{self, Sequence};
+use crate::dataset::testset::{SET, SetFile};
+use anyhow::{Result, ensure};
 use renderflow_frame::file;
 use renderflow_frame::reach::plain_name;
 use renderflow_scenes::procedural::Split;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A sequence to evaluate.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct TestSequence {
     /// Test set.
     pub set: String,
     /// Class of scene.
     pub class: String,
     /// The sequence.
-    pub folder: SequenceFolder,
-    /// What its maker wrote down, where it did.
-    pub record: Option<Record>,
+    pub sequence: Sequence,
 }
 
-/// Every sequence at or below `data`, by set, class and name. Of the folders between `data` and a sequence, those named as splits apart,
-/// the first is the set and the second the class; where there are fewer, the set is the name of `data` and the class the kind of
-/// layout (`scene` where that is not known). Where `data` is a finished test set or inside of one, names are those of the whole set.
+/// Finds every sequence at or below `data`, ordered by set, class and name. The first folder between `data` and a sequence is the
+/// set, and the second is the class; folders of splits do not count. Where there are fewer, the set is the name of `data`, and
+/// the class is the kind of layout (`scene` where that is unknown). If `data` is a finished test set, or lies in one, names start
+/// from the whole set.
 ///
 /// # Errors
-/// When there is none, or one cannot be read.
+/// When there is none, when one cannot be read, or when two would have the same name in the results.
 pub fn find(data: &Path) -> Result<Vec<TestSequence>> {
-    let mut folders = Vec::new();
-    collect(data, &mut folders)?;
-    ensure!(!folders.is_empty(), "{}: no sequence (a folder with transforms.json) inside", data.display());
     let above = above(data);
-    let mut tests = folders.iter().map(|path| open(data, &above, path)).collect::<Result<Vec<_>>>()?;
-    tests.sort_by_cached_key(|test| (test.set.clone(), test.class.clone(), test.folder.name()));
+    let mut tests: Vec<TestSequence> = sequence::find(data)?.into_iter().map(|sequence| named(data, &above, sequence)).collect();
+    tests.sort_by_cached_key(|test| (test.set.clone(), test.class.clone(), test.sequence.name.clone()));
     for pair in tests.windows(2) {
-        let name = |test: &TestSequence| (test.set.clone(), test.class.clone(), test.folder.name());
+        let name = |test: &TestSequence| (test.set.clone(), test.class.clone(), test.sequence.name.clone());
         ensure!(
             name(&pair[0]) != name(&pair[1]),
             "{} and {} would have the same name in the results",
-            pair[0].folder.path.display(),
-            pair[1].folder.path.display()
+            pair[0].sequence.folder.display(),
+            pair[1].sequence.folder.display()
         );
     }
     Ok(tests)
 }
 
-/// The names of folders that `data` itself stands for: those from the test set on that it is or is inside of.
+/// The names of the folders from the test set, if `data` is one or lies in one, down to `data` itself.
 fn above(data: &Path) -> Vec<String> {
     let Ok(whole) = data.canonicalize() else { return Vec::new() };
     let is_set = |folder: &&Path| file::read_json::<SetFile>(&folder.join(SET)).is_ok();
@@ -56,40 +52,24 @@ fn above(data: &Path) -> Vec<String> {
     inside.iter().map(|name| name.to_string_lossy().into_owned()).collect()
 }
 
-fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
-    if folder.join("transforms.json").is_file() {
-        found.push(folder.to_owned());
-        return Ok(());
-    }
-    let unreadable = || format!("{}: cannot list", folder.display());
-    for entry in std::fs::read_dir(folder).with_context(unreadable)? {
-        let path = entry.with_context(unreadable)?.path();
-        if path.is_dir() {
-            collect(&path, found)?;
-        }
-    }
-    Ok(())
-}
-
-fn open(data: &Path, above: &[String], path: &Path) -> Result<TestSequence> {
-    let folder = SequenceFolder::open(path)?;
-    let record = Record::read(path)?;
-    let between = path.parent().and_then(|parent| parent.strip_prefix(data).ok()).unwrap_or(Path::new(""));
-    let splits = [Split::Train, Split::Val, Split::Test].map(|split| split.name());
+/// A sequence with the names of its set and its class.
+fn named(data: &Path, above: &[String], sequence: Sequence) -> TestSequence {
+    let between = sequence.folder.parent().and_then(|parent| parent.strip_prefix(data).ok()).unwrap_or(Path::new(""));
+    let splits = SPLITS.map(Split::name);
     let names = above.iter().cloned().chain(between.iter().map(|name| name.to_string_lossy().into_owned()));
     let mut names = names.filter(|name| !splits.contains(&name.as_str()));
     let own = || file_name(data).unwrap_or_else(|| "data".into());
     let set = names.next().unwrap_or_else(own);
     // Results are written into a folder of this name.
     let layout = || {
-        let recorded = record.as_ref().map(|record| record.layout.clone());
+        let recorded = sequence.record.as_ref().map(|record| record.layout.clone());
         recorded.filter(|layout| plain_name(layout).is_ok()).unwrap_or_else(|| "scene".into())
     };
     let class = names.next().unwrap_or_else(layout);
-    Ok(TestSequence { set, class, folder, record })
+    TestSequence { set, class, sequence }
 }
 
-/// Last part of a path that has a name, `.` and `..` followed.
+/// The last part of a path that has a name; `.` and `..` are resolved.
 fn file_name(path: &Path) -> Option<String> {
     let path = path.canonicalize().ok()?;
     path.file_name().map(|name| name.to_string_lossy().into_owned())

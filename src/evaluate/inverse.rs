@@ -1,13 +1,13 @@
 //! `renderflow evaluate inverse`: what recovered buffers are worth.
 
-use super::find::{self, TestSequence};
-use crate::dataset::SequenceFolder;
+use crate::dataset::Sequence;
+use crate::evaluate::find::{self, TestSequence};
 use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
 use crate::metrics::{Networks, median};
-use crate::progress::Progress;
-use crate::report::picture;
-use crate::truth::Interrupted;
+use crate::util::cancel::Cancel;
+use crate::util::picture;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use renderflow_frame::image::Rgb;
@@ -18,12 +18,11 @@ use renderflow_model::wan::video::WanRenderer;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Recovered albedo, normals, depth and material beside the true ones, and beside what needs no network: the picture itself as albedo,
-/// normals that face the camera, one depth, half-rough dielectric. Writes inverse.json and prints tables. Pixels that see no surface do
-/// not count; brackets hold 95 % of the means of sequences that are drawn again and again.
+/// Recovered albedo, normals, depth and material beside the true ones, and beside what needs no network: the picture itself as
+/// albedo, normals that face the camera, one depth, half-rough dielectric. Writes inverse.json and prints tables. Pixels that see
+/// no surface do not count; brackets hold 95 % of the means of sequences that are drawn again and again.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -110,7 +109,7 @@ enum Method<'a> {
 
 impl Options {
     /// Measures and prints.
-    pub fn run(self, cancel: &AtomicBool) -> Result<()> {
+    pub fn run(self, cancel: &Cancel) -> Result<()> {
         let method = match (&self.weights, &self.buffers) {
             (Some(weights), _) => {
                 let renderer = WanRenderer::load(weights, self.vae.as_deref())?;
@@ -123,21 +122,19 @@ impl Options {
         let tests = find::find(&self.data)?;
         if let Method::Folder(_) = method {
             let mut names = BTreeSet::new();
-            let twice = tests.iter().map(|test| test.folder.name()).find(|name| !names.insert(name.clone()));
+            let twice = tests.iter().map(|test| test.sequence.name.clone()).find(|name| !names.insert(name.clone()));
             ensure!(twice.is_none(), "two sequences are called {}: name one class of scenes", twice.unwrap_or_default());
         }
-        let chosen = |test: &TestSequence| (0..test.folder.len()).step_by(self.every as usize);
+        let chosen = |test: &TestSequence| (0..test.sequence.len()).step_by(self.every as usize);
         let progress = Progress::new("inverse", tests.iter().map(|test| chosen(test).len() as u64).sum());
         let mut sets: BTreeMap<&str, [Tally; 2]> = BTreeMap::new();
         for test in &tests {
             let tallies = sets.entry(&test.set).or_default();
             let [mut found, mut start] = [Frames::new(), Frames::new()];
             for index in chosen(test) {
-                if cancel.load(Ordering::Relaxed) {
-                    return Err(Interrupted.into());
-                }
-                let name = || test.folder.path.join(&test.folder.sequence.files[index]).display().to_string();
-                let errors = frame(&method, &test.folder, index, &networks, &mut tallies[0].seconds);
+                cancel.check()?;
+                let name = || test.sequence.folder.join(&test.sequence.transforms.files[index]).display().to_string();
+                let errors = frame(&method, &test.sequence, index, &networks, &mut tallies[0].seconds);
                 let [ours, others] = errors.with_context(name)?;
                 found.push(ours);
                 start.push(others);
@@ -169,16 +166,17 @@ impl Options {
 /// Errors of one frame: those of the method, and those of no network.
 fn frame(
     method: &Method,
-    folder: &SequenceFolder,
+    sequence: &Sequence,
     index: usize,
     networks: &Networks,
     seconds: &mut Vec<f64>,
 ) -> Result<[BTreeMap<&'static str, f64>; 2]> {
-    let frame = folder.frame(index)?;
+    let frame = sequence.frame(index)?;
     // Not looked at: the smallest there is.
-    let view = EnvironmentView::new(&folder.light.environment, 2, 1);
+    let light = sequence.light()?;
+    let view = EnvironmentView::new(&light.environment, 2, 1);
     let bounds = DepthBounds::of([&frame]);
-    let pictures = Pictures::new(&frame, &folder.light, &view, bounds)?;
+    let pictures = Pictures::new(&frame, light, &view, bounds)?;
     let picture = pictures.target.as_deref().context("has no beauty")?;
     let (width, height) = (pictures.width, pictures.height);
     let depth = frame.depth.map(|z| if is_depth(*z) { z.ln() } else { 0.0 });
@@ -194,7 +192,7 @@ fn frame(
             let [albedo, normal, depth, material] = [0, 1, 2, 3].map(|i| made[i][0].clone());
             buffers(width, height, &Pictures { albedo, normal, depth, material, ..Pictures::default() })
         }
-        Method::Folder(root) => read(&root.join(folder.name()).join(&folder.sequence.files[index]).with_extension(""))?,
+        Method::Folder(root) => read(&root.join(&sequence.name).join(&sequence.transforms.files[index]).with_extension(""))?,
     };
     let start = Buffers {
         albedo: Some(image(width, height, picture).map(|p| p.map(unit))),

@@ -1,17 +1,20 @@
-//! The methods that are compared. A method is a variant of [`Method`], a row of [`METHODS`] and an arm of `MethodRenderer`: names, lists,
-//! help and the columns of reports follow from the row. Path tracing has a grammar of names in place of rows ([`super::tracing`]).
+//! The methods that are compared. A method is a variant of [`Method`], a row of [`METHODS`] and an arm of `MethodRenderer`;
+//! names, lists, help and the columns of reports follow from the row. Path tracing has a grammar of names instead of rows
+//! ([`tracing`]).
+
+pub mod tracing;
 
 use super::results::{Group, MethodInfo};
-use super::tracing::{self, Clean, Samples, Tracing};
 use anyhow::{Context, Result, ensure};
 use std::fmt::Write;
+use tracing::{Clean, Samples, Tracing};
 
 /// A part of the deferred renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// Lights taken out of the environment and shaded by themselves.
+    /// Lights that are taken out of the environment and shaded separately.
     Lights,
-    /// All shadows but ambient occlusion.
+    /// All shadows except ambient occlusion.
     Shadows,
     /// Shadow maps of lights and sky; screen-space shadows of the lights stay.
     Maps,
@@ -32,28 +35,28 @@ pub enum Method {
     Ibl,
     /// The deferred renderer, with a part left out.
     Deferred(Option<Part>),
-    /// Keyframes carried along; in the holes the deferred renderer, or the split sum.
+    /// Keyframes carried to other frames; the deferred renderer or the split sum fills holes.
     Warp {
-        /// Which of the two.
+        /// Whether the deferred renderer fills them.
         deferred: bool,
     },
-    /// The network that reads samples, here on the terms of deferred shading.
+    /// The network that reads samples; here it reads terms of deferred shading instead.
     Neural {
-        /// Whether it reads keyframes carried over them.
+        /// Whether it also reads keyframes.
         keyframes: bool,
     },
     /// The paper's network, in clips.
     Wan {
-        /// Whether it reads them.
+        /// Whether it reads keyframes.
         keyframes: bool,
-        /// Each frame by itself instead.
+        /// Whether it renders each frame by itself.
         stills: bool,
     },
     /// Path tracing.
     Traced(Tracing),
 }
 
-/// All that names, lists, help and tables say of a method.
+/// Everything that names, lists, help and tables say about a method.
 #[derive(Debug)]
 pub struct Entry {
     /// The method.
@@ -62,24 +65,24 @@ pub struct Entry {
     pub id: &'static str,
     /// Name in tables.
     pub label: &'static str,
-    /// What it is listed with.
+    /// The group of methods that it is listed with.
     pub group: Group,
-    /// What one should know about its rows, in a few words; nothing where the label says it.
+    /// What readers of its rows should know, in a few words; empty where the label says it.
     pub note: &'static str,
     /// What it is, for the help.
     pub help: &'static str,
-    /// Where it is evaluated without being named.
+    /// The list that includes it.
     pub list: List,
 }
 
 /// Lists that stand for several methods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum List {
-    /// `standard` and `all`.
+    /// `standard`, and so also `all`.
     Standard,
     /// `all`.
     All,
-    /// None.
+    /// No list: it must be named.
     Named,
 }
 
@@ -184,7 +187,7 @@ pub static METHODS: [Entry; 17] = [
     },
 ];
 
-/// The deferred renderer without a part; what it lacks follows `Deferred, ` in the label.
+/// The deferred renderer without a part. The label names what is missing after `Deferred, `.
 const fn part(part: Part, id: &'static str, label: &'static str) -> Entry {
     Entry {
         method: Method::Deferred(Some(part)),
@@ -199,7 +202,7 @@ const fn part(part: Part, id: &'static str, label: &'static str) -> Entry {
 
 /// Path-traced rows of the list `standard`.
 const STANDARD_TRACED: [&str; 2] = ["pt1+oidn", "pt4+oidn"];
-/// Path-traced rows of the list `all`: each of these with 1, 2, 4 and 8 samples a pixel, then rows of equal time.
+/// Path-traced rows of the list `all`: each of these with 1, 2, 4 and 8 samples for each pixel, then rows of equal time.
 const ALL_TRACED: [&str; 6] = ["", "+fast", "+oidn", "+oidn+gbuffer", "+oidn+around", "+oidn+before"];
 const ALL_EQUAL: [&str; 3] = ["equal-deferred+fast", "equal-deferred", "equal-neural+keys"];
 
@@ -219,7 +222,7 @@ impl List {
     }
 }
 
-/// The methods, as the help lists them.
+/// The text about methods in the help.
 pub fn help() -> String {
     let rows = METHODS.iter().map(|entry| (entry.id, entry.help)).chain(tracing::HELP);
     let standard = format!("the list of {}", List::Standard.ids().join(", "));
@@ -248,15 +251,15 @@ pub fn help() -> String {
     text
 }
 
-/// Columns of the names in the help, and of all of it.
+/// Columns of names in the help, and columns in all.
 const NAMES: usize = 24;
 const WIDTH: usize = 130;
 
 impl Method {
-    /// The method named `id`; the names are in the help of `renderflow evaluate`.
+    /// The method named `id`; the help of `renderflow evaluate` lists the names.
     ///
     /// # Errors
-    /// When there is none of that name.
+    /// When there is no such method.
     pub fn parse(id: &str) -> Result<Self> {
         if id.starts_with("equal-") || id.starts_with("pt") {
             return Tracing::parse(id).map(Self::Traced);
@@ -267,8 +270,8 @@ impl Method {
             .with_context(|| format!("there is no method {id:?}; the help of `renderflow evaluate` lists them"))
     }
 
-    /// The methods of a comma-separated list in which `standard` and `all` stand for lists of their own, each once. A method whose time
-    /// another one is given comes before it.
+    /// The methods in a comma-separated list, each once; `standard` and `all` stand for lists. If a method takes the time of
+    /// another one, that one comes first.
     ///
     /// # Errors
     /// As [`Self::parse`], and for an empty list.
@@ -297,11 +300,11 @@ impl Method {
         Ok(methods)
     }
 
-    /// Path tracing in each of `budgets`, seconds a frame of 256 x 256 pixels: with OIDN in least time and of least error, guided by its own
-    /// camera rays and by a G-buffer, and with the samples of frames around and before.
+    /// Path tracing within each of `budgets`, in seconds for each frame of 256 x 256 pixels: with OIDN in least time and with
+    /// least error, guided by its own camera rays and by a G-buffer, and with the samples of frames before or around.
     ///
     /// # Errors
-    /// When one is no whole number of milliseconds, 1 ms to an hour.
+    /// When a budget is not a whole number of milliseconds from 1 ms to an hour.
     pub fn budgets(budgets: &[f64]) -> Result<Vec<Self>> {
         let mut methods: Vec<Self> = Vec::new();
         for seconds in budgets {
@@ -352,12 +355,12 @@ impl Method {
         matches!(self, Self::Deferred(_) | Self::Warp { deferred: true } | Self::Neural { .. })
     }
 
-    /// Whether the network that reads samples makes it, whatever it is given.
+    /// Whether the network that reads samples makes it.
     pub fn is_neural(&self) -> bool {
         matches!(self, Self::Neural { .. } | Self::Traced(Tracing { clean: Clean::Neural(_), .. }))
     }
 
-    /// What tables and plots say about it.
+    /// The facts about it for tables and plots.
     pub fn describe(&self) -> MethodInfo {
         if let Self::Traced(tracing) = self {
             return tracing.describe();
@@ -374,7 +377,7 @@ impl Method {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tracing::{Guides, IN_BUDGET, Neighbours};
+    use super::tracing::{Guides, IN_BUDGET, Neighbours};
     use super::*;
 
     #[test]
@@ -425,7 +428,7 @@ mod tests {
             ("pt4+fast+gbuffer", traced(Samples::Count(4), Clean::Fast, Guides::GBuffer, alone)),
             ("pt-50ms+oidn+around", traced(Samples::Within(50), Clean::High, own, Neighbours::Around)),
             ("equal-ibl+before", traced(Samples::AsLongAs("ibl".into()), Clean::High, own, Neighbours::Before)),
-            // What the seconds are taken of ends where its own parts begin.
+            // The name of the other method ends where this method's own parts start.
             ("equal-pt4+oidn", traced(Samples::AsLongAs("pt4+oidn".into()), Clean::High, own, alone)),
             ("equal-pt4+fast", traced(Samples::AsLongAs("pt4".into()), Clean::Fast, own, alone)),
         ] {

@@ -1,15 +1,20 @@
-//! Makes the pictures of one sequence by every method, one after the other, each with its seconds.
+//! Makes the pictures of one sequence by every method, one method after the other, and measures their seconds.
 
-use super::baseline::{DeferredBaseline, Maps};
-use super::fused::Fused;
-use super::keyframes;
+mod baseline;
+mod fused;
+mod keyframes;
+mod samples;
+mod sessions;
+mod traced;
+
+use super::method::tracing::Samples;
 use super::method::{Method, Part};
-use super::sessions::NetworkSessions;
-use super::traced::{Buffer, Tracer};
-use super::tracing::Samples;
-use crate::dataset::{SequenceFolder, SequenceView};
-use crate::truth::Interrupted;
+use crate::dataset::Sequence;
+use crate::util::cancel::Cancel;
+use crate::util::clock::timed;
 use anyhow::{Context, Result};
+use baseline::{DeferredBaseline, Maps};
+use fused::Fused;
 use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
@@ -19,96 +24,90 @@ use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
+use samples::Buffer;
+use sessions::NetworkSessions;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use traced::{Current, Tracer};
 
-/// Added to the seed of a sequence: path-traced rows must not have the truth's own samples in them.
+/// Added to the seed of a sequence, so that path-traced rows do not contain the truth's own samples.
 const OTHER_SEED: u64 = 1;
 
-/// What is done once for a keyframe.
+/// Name of the work that is done once for each keyframe.
 const PREPARING: &str = "preparing keyframes";
 
-/// The methods that pictures are made by, and what they need.
+/// The methods to evaluate, and what they need.
 pub struct Options<'a> {
-    /// Methods, those whose time another one is given before it.
+    /// Methods. A method whose time another one takes comes before it.
     pub methods: &'a [Method],
-    /// The network that reads samples, where a method needs it.
+    /// The network that reads samples, if a method needs it.
     pub fusion: Option<&'a Fusion>,
-    /// The paper's network, where a method needs it.
+    /// The paper's network, if a method needs it.
     pub wan: Option<&'a dyn Renderer>,
-    /// Camera rays a pixel for the anti-aliased G-buffer.
+    /// Camera rays for each pixel of the anti-aliased G-buffer.
     pub guide_samples: u32,
-    /// Scattering events of path-traced rows.
+    /// How often a path may scatter in path-traced rows.
     pub max_bounces: u32,
-    /// Folders beside a sequence's own that its scene may name files of.
+    /// More folders in which the scene of a sequence may name files.
     pub allowed: &'a [PathBuf],
-    /// Whether seconds count: the first frame is made twice then, so that it pays for nothing but itself.
+    /// Whether seconds count. Then the first frame is made twice, so that its seconds hold nothing but its own work.
     pub timed: bool,
 }
 
 /// A picture by one method.
 pub struct Picture {
-    /// Of the method.
+    /// Id of the method.
     pub id: String,
     /// Scene-linear radiance.
     pub linear: Rgb,
     /// Wall seconds from the scene in memory.
     pub seconds: f64,
-    /// Samples a pixel, for path tracing.
+    /// Samples for each pixel, for path tracing.
     pub spp: Option<u32>,
 }
 
-/// What all methods share of one frame.
+/// What all methods of a frame share.
 struct Shared {
     index: usize,
     gbuffer: Frame,
     /// Seconds of the G-buffer.
     seconds: f64,
-    /// None where no method needs them.
+    /// Empty where no method needs them.
     maps: Maps,
 }
 
-/// Everything that lasts for a sequence.
+/// Renders the frames of one sequence by all methods.
 pub struct MethodRenderer<'a> {
-    folder: &'a SequenceFolder,
+    sequence: &'a Sequence,
     options: &'a Options<'a>,
     scene: RenderScene,
-    /// Where a method starts from the deferred picture.
+    /// The deferred renderer, if a method needs it.
     baseline: Option<DeferredBaseline<'a>>,
-    /// Where keyframes are carried into the split sum.
+    /// Keyframes for methods that carry them over the split sum, by stored index.
     keyframes: Vec<(usize, Keyframe)>,
     sessions: NetworkSessions<'a>,
     tracer: Tracer<'a>,
-    /// Where a method needs the network that reads samples.
+    /// The network that reads samples, if a method needs it.
     fused: Option<Fused<'a>>,
-    /// Whether the first frame pays for nothing but itself.
+    /// Whether the work that only the first frame needs is done.
     warm: bool,
     once: Vec<(String, f64)>,
 }
 
-/// The result of `work` and its wall seconds.
-pub(super) fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, f64)> {
-    let started = Instant::now();
-    let value = work()?;
-    Ok((value, started.elapsed().as_secs_f64()))
-}
-
 impl<'a> MethodRenderer<'a> {
-    /// Loads the scene and does what is done once a sequence.
-    pub fn new(view: &'a SequenceView<'a>, options: &'a Options<'a>) -> Result<Self> {
-        let folder = view.folder;
-        let file = folder.path.join("scene.json");
+    /// Loads the scene, and does everything that is done once for a sequence.
+    pub fn new(sequence: &'a Sequence, options: &'a Options<'a>) -> Result<Self> {
+        let light = sequence.light()?;
+        let file = sequence.folder.join("scene.json");
         let scene = Scene::read(&file)?;
         let loaded = load::load(&scene, &Reach::of(&file).allow(options.allowed)).with_context(|| file.display().to_string())?;
         let mut scene = RenderScene::compile(&loaded)?.with_seed(loaded.seed.wrapping_add(OTHER_SEED));
-        let (_, prefilter) = timed(|| Ok(folder.light.tables()))?;
+        let (_, prefilter) = timed(|| Ok(light.tables()))?;
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
         let methods = options.methods;
         let mut baseline = None;
         if methods.iter().any(Method::is_deferred) {
             let whole = methods.contains(&Method::Deferred(Some(Part::Lights)));
-            let (made, seconds) = timed(|| Ok(DeferredBaseline::new(folder, whole)))?;
+            let (made, seconds) = timed(|| DeferredBaseline::new(sequence, whole))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
             let baseline = baseline.insert(made);
             if methods.iter().any(|method| matches!(method, Method::Warp { deferred: true } | Method::Neural { keyframes: true }))
@@ -120,31 +119,31 @@ impl<'a> MethodRenderer<'a> {
         let mut keyframes = Vec::new();
         if methods.contains(&Method::Warp { deferred: false }) {
             let (prepared, seconds) = timed(|| {
-                let draw = |_, frame: &Frame| Ok(Some(ibl::shade(frame, &folder.light).image));
-                keyframes::prepare(folder, draw)
+                let draw = |_, frame: &Frame| Ok(Some(ibl::shade(frame, light).image));
+                keyframes::prepare(sequence, draw)
             })?;
             keyframes = prepared;
             once.push((PREPARING.to_owned(), seconds));
         }
-        let (sessions, beginning) = timed(|| NetworkSessions::new(view, options))?;
+        let (sessions, beginning) = timed(|| NetworkSessions::new(sequence, options))?;
         if sessions.read_depths() {
             once.push(("reading the range of depths".to_owned(), beginning));
         }
-        let tracer = Tracer::new(folder, options)?;
+        let tracer = Tracer::new(sequence, options)?;
         let mut fused = None;
         if methods.iter().any(Method::is_neural) {
             let network = options.fusion.context("the methods need weights of the network that reads samples")?;
-            let fused = fused.insert(Fused::new(folder, network));
+            let fused = fused.insert(Fused::new(sequence, network));
             if methods.iter().any(|method| method.is_neural() && method.needs_keyframes()) {
                 fused.prepare_keyframes(|index| baseline.as_ref().and_then(|baseline| baseline.keyframe(index)).cloned())?;
             }
         }
-        Ok(Self { fused, folder, options, scene, baseline, keyframes, sessions, tracer, warm: !options.timed, once })
+        Ok(Self { fused, sequence, options, scene, baseline, keyframes, sessions, tracer, warm: !options.timed, once })
     }
 
-    /// Seconds spent once a sequence, by what they were spent on.
+    /// Seconds of the work that was done once for the sequence, by the name of the work.
     pub fn once(mut self) -> Vec<(String, f64)> {
-        // Keyframes are made ready when they come near.
+        // The networks prepare keyframes as they come near.
         match self.once.iter_mut().find(|(what, _)| what == PREPARING) {
             Some((_, seconds)) => *seconds += self.sessions.preparing,
             None if self.sessions.preparing > 0.0 => self.once.push((PREPARING.to_owned(), self.sessions.preparing)),
@@ -154,30 +153,28 @@ impl<'a> MethodRenderer<'a> {
     }
 
     /// The picture of stored frame `index` by every method.
-    pub fn render(&mut self, index: usize, cancel: &AtomicBool) -> Result<Vec<Picture>> {
+    pub fn render(&mut self, index: usize, cancel: &Cancel) -> Result<Vec<Picture>> {
         let settings = Settings { guide_samples: self.options.guide_samples, ..Settings::default() };
-        self.scene.set_frame(self.folder.numbers[index]);
+        self.scene.set_frame(self.sequence.numbers[index]);
         if !self.warm {
             self.warm_up(&settings, index, cancel)?;
             self.warm = true;
         }
-        // Clips take in frames that are not painted yet, or never.
+        // Clips need later frames before the current one can be finished.
         while let Some(next) = self.sessions.wanted(index) {
-            self.scene.set_frame(self.folder.numbers[next]);
+            self.scene.set_frame(self.sequence.numbers[next]);
             let frame = render_gbuffer(&self.scene, &settings)?;
             self.sessions.push(next, &frame)?;
-            if cancel.load(Ordering::Relaxed) {
-                return Err(Interrupted.into());
-            }
+            cancel.check()?;
         }
-        self.scene.set_frame(self.folder.numbers[index]);
+        self.scene.set_frame(self.sequence.numbers[index]);
         let shared = self.share(&settings, index)?;
         self.tracer.forget_before(index);
         let mut made: Vec<Picture> = Vec::new();
         for method in self.options.methods {
             let (linear, seconds, spp) = match method {
                 Method::Traced(tracing) => {
-                    if tracing.keyframes && self.folder.sequence.keyframes.is_empty() {
+                    if tracing.keyframes && self.sequence.transforms.keyframes.is_empty() {
                         continue;
                     }
                     let given = match &tracing.samples {
@@ -187,8 +184,8 @@ impl<'a> MethodRenderer<'a> {
                     if matches!(tracing.samples, Samples::AsLongAs(_)) && given.is_none() {
                         continue;
                     }
-                    let (picture, seconds, spp) =
-                        self.tracer.picture(&mut self.scene, tracing, given, shared.buffer(), self.fused.as_ref(), cancel)?;
+                    let current = Current { buffer: shared.buffer(), fused: self.fused.as_ref(), cancel };
+                    let (picture, seconds, spp) = self.tracer.picture(&mut self.scene, tracing, given, current)?;
                     (picture, seconds, Some(spp))
                 }
                 method => {
@@ -205,10 +202,11 @@ impl<'a> MethodRenderer<'a> {
         Ok(made)
     }
 
-    /// The picture of a method that starts from the G-buffer, and its seconds without that; `None` where it cannot be made.
+    /// The picture of a method that starts from the G-buffer, and its seconds without the G-buffer's. `None` where it cannot be
+    /// made.
     fn shade(&self, method: &Method, shared: &Shared) -> Result<Option<(Rgb, f64)>> {
-        let (folder, gbuffer) = (self.folder, &shared.gbuffer);
-        if method.needs_keyframes() && folder.sequence.keyframes.is_empty() {
+        let (sequence, light, gbuffer) = (self.sequence, self.sequence.light()?, &shared.gbuffer);
+        if method.needs_keyframes() && sequence.transforms.keyframes.is_empty() {
             return Ok(None);
         }
         let made = match method {
@@ -227,25 +225,26 @@ impl<'a> MethodRenderer<'a> {
                 let (picture, drawing) = fused.shaded(shared.buffer(), &parts, *keyframes)?;
                 (picture, shading + drawing)
             }
-            Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, &folder.light).image))?,
+            Method::Ibl => timed(|| Ok(ibl::shade(gbuffer, light).image))?,
             Method::Warp { deferred: false } => timed(|| {
-                let current = ibl::shade(gbuffer, &folder.light).image;
-                Ok(keyframes::warp(folder, &self.keyframes, shared.index, gbuffer, &current))
+                let current = ibl::shade(gbuffer, light).image;
+                Ok(keyframes::warp(sequence, &self.keyframes, shared.index, gbuffer, &current))
             })?,
             _ => return Ok(None),
         };
         Ok(Some(made))
     }
 
-    /// What all methods start from.
+    /// Makes what all methods of a frame start from.
     fn share(&self, settings: &Settings, index: usize) -> Result<Shared> {
         let (gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, settings)?))?;
         let maps = self.baseline.as_ref().map(|baseline| baseline.maps(&self.scene, &gbuffer)).transpose()?.unwrap_or_default();
         Ok(Shared { index, gbuffer, seconds, maps })
     }
 
-    /// What the first frame would pay for all: caches, the denoisers' networks; and how path tracing's time grows with the samples.
-    fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &AtomicBool) -> Result<()> {
+    /// Does what only the first frame would need: fills caches, builds the denoisers' networks, and measures how the time of path
+    /// tracing grows with the samples.
+    fn warm_up(&mut self, settings: &Settings, index: usize, cancel: &Cancel) -> Result<()> {
         let shared = self.share(settings, index)?;
         for method in self.options.methods {
             if method.is_wan() {
@@ -254,11 +253,12 @@ impl<'a> MethodRenderer<'a> {
                 self.shade(method, &shared)?;
             }
         }
-        // The first frame pays for its own shadow maps.
+        // The first frame makes its own shadow maps.
         if let Some(baseline) = &mut self.baseline {
             baseline.forget();
         }
-        self.tracer.warm_up(&mut self.scene, self.options.methods, shared.buffer(), self.fused.as_ref(), cancel)
+        let current = Current { buffer: shared.buffer(), fused: self.fused.as_ref(), cancel };
+        self.tracer.warm_up(&mut self.scene, self.options.methods, current)
     }
 }
 

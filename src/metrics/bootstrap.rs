@@ -1,36 +1,37 @@
-//! How sure a mean over sequences is, by the bootstrap (Efron 1979): sequences are what was drawn at random, frames of one sequence
-//! are alike; so whole sequences are drawn anew.
+//! Intervals of means over sequences, by the bootstrap (Efron 1979). Sequences were drawn at random, and the frames of one
+//! sequence are alike, so whole sequences are resampled.
 
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-/// How often the sequences are drawn anew.
+/// Number of resamples.
 pub const RESAMPLES: usize = 2000;
 /// Share of the means that the interval holds.
 pub const CONFIDENCE: f64 = 0.95;
-/// The same draws for every method and metric, so that intervals do not differ by chance alone.
+/// All methods and metrics use the same draws, so that their intervals do not differ by chance alone.
 const SEED: u64 = 0x5eed;
 
-/// A mean with the interval that holds 95 % of the means of sequences drawn anew (percentile method).
+/// A mean, with the interval that holds 95 % of the means of resampled sequences (percentile method).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Mean over the sequences.
     pub mean: f64,
-    /// Lower and upper end; `None` for a single sequence, which says nothing of others.
+    /// Lower and upper end; `None` for a single sequence, which says nothing about others.
     pub range: Option<[f64; 2]>,
     /// Number of sequences.
     pub sequences: usize,
 }
 
 impl Interval {
-    /// Whether the interval leaves out 0: for a difference, that one of the two is better whatever sequences are drawn.
+    /// Whether the interval excludes 0. For a difference, this means that one of the two is better whatever sequences are drawn.
     pub fn is_clear(&self) -> bool {
         self.range.is_some_and(|[low, high]| low > 0.0 || high < 0.0)
     }
 }
 
-/// Interval of the mean of `sequences`, one value each: the mean of its frames. `None` when there are none or one is not finite.
+/// The interval of the mean of `sequences`; each value is the mean of a sequence's frames. `None` when there are none, or one is
+/// not finite.
 pub fn bootstrap(sequences: &[f64]) -> Option<Interval> {
     if sequences.is_empty() || sequences.iter().any(|v| !v.is_finite()) {
         return None;
@@ -41,7 +42,7 @@ pub fn bootstrap(sequences: &[f64]) -> Option<Interval> {
         return Some(Interval { mean, range: None, sequences: 1 });
     }
     let mut rng = Pcg64Mcg::seed_from_u64(SEED);
-    // High half of a product: an index below `count` without the division, its bias (count / 2^64) out of sight.
+    // The high half of a product is an index below `count` without a division; its bias of count / 2^64 does not matter.
     let mut draw = || sequences[((u128::from(rng.next_u64()) * count as u128) >> 64) as usize];
     let mut means: Vec<f64> = (0..RESAMPLES).map(|_| (0..count).map(|_| draw()).sum::<f64>() / count as f64).collect();
     means.sort_by(f64::total_cmp);
@@ -50,9 +51,9 @@ pub fn bootstrap(sequences: &[f64]) -> Option<Interval> {
     Some(Interval { mean, range: Some(range), sequences: count })
 }
 
-/// Interval of the mean difference `a - b` of two methods on the same sequences, in the same order; sequences that lack either are
-/// left out. Much narrower than the intervals of the two: what makes a sequence hard is hard for both.
-/// `None` when no sequence has both, the lists differ in length, or a value is not finite.
+/// The interval of the mean difference `a - b` of two methods on the same sequences, in the same order. Sequences without both
+/// values are left out. It is much narrower than the intervals of the two methods, since a hard sequence is hard for both. `None`
+/// when no sequence has both values, the lists differ in length, or a value is not finite.
 pub fn bootstrap_difference(a: &[Option<f64>], b: &[Option<f64>]) -> Option<Interval> {
     if a.len() != b.len() {
         return None;

@@ -1,4 +1,4 @@
-//! Symmetric kernels along rows and columns: what SSIM and FLIP spend their time on.
+//! Symmetric kernels along rows and columns, where SSIM and FLIP spend their time.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
@@ -6,8 +6,8 @@ use std::ops::{Add, AddAssign, Mul, Sub};
 pub trait Number: Copy + Default + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + AddAssign {}
 impl<T: Copy + Default + Add<Output = T> + Sub<Output = T> + Mul<Output = T> + AddAssign> Number for T {}
 
-/// One half of a kernel, from its centre outwards: the other half mirrors it (`Even`) or mirrors it with the opposite sign
-/// (`Odd`, whose centre is 0).
+/// One half of a kernel, from its centre outwards. The other half mirrors it (`Even`), or mirrors it with the opposite sign
+/// (`Odd`, with 0 at the centre).
 #[derive(Clone, Debug)]
 pub enum Taps<T> {
     /// `k(-i) = k(i)`.
@@ -45,7 +45,7 @@ pub fn accumulate<'a, T: Number + 'a>(taps: &Taps<T>, line: impl Fn(isize) -> &'
     }
 }
 
-/// A row with its ends repeated `radius` times, for kernels that leave the picture.
+/// A row with its ends repeated `radius` times, for kernels that reach outside of the picture.
 pub fn pad<T: Number>(row: &[T], radius: usize, padded: &mut Vec<T>) {
     padded.clear();
     let (Some(&first), Some(&last)) = (row.first(), row.last()) else { return };
@@ -54,7 +54,7 @@ pub fn pad<T: Number>(row: &[T], radius: usize, padded: &mut Vec<T>) {
     padded.resize(row.len() + 2 * radius, last);
 }
 
-/// The kernel along each row of a plane `width` wide; the border repeats.
+/// Applies the kernel along each row of a plane `width` wide; the border repeats.
 pub fn rows<T: Number>(plane: &[T], width: usize, taps: &Taps<T>) -> Vec<T> {
     let mut out = vec![T::default(); plane.len()];
     let (radius, mut padded) = (taps.radius(), Vec::new());
@@ -65,7 +65,7 @@ pub fn rows<T: Number>(plane: &[T], width: usize, taps: &Taps<T>) -> Vec<T> {
     out
 }
 
-/// Adds what the kernel along each column of a plane `width` wide gives to `out`; the border repeats.
+/// Applies the kernel along each column of a plane `width` wide, and adds the result to `out`; the border repeats.
 pub fn add_columns<T: Number>(plane: &[T], width: usize, taps: &Taps<T>, out: &mut [T]) {
     let height = plane.len() / width.max(1);
     for (y, out) in out.chunks_mut(width.max(1)).enumerate() {
@@ -77,7 +77,7 @@ pub fn add_columns<T: Number>(plane: &[T], width: usize, taps: &Taps<T>, out: &m
     }
 }
 
-/// [`add_columns`] to nothing.
+/// As [`add_columns`], starting from 0.
 pub fn columns<T: Number>(plane: &[T], width: usize, taps: &Taps<T>) -> Vec<T> {
     let mut out = vec![T::default(); plane.len()];
     add_columns(plane, width, taps, &mut out);

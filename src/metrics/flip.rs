@@ -13,9 +13,9 @@ use renderflow_frame::image::Rgb;
 const COLOUR_EXPONENT: f32 = 0.7;
 /// Exponent of the feature difference (q_f).
 const FEATURE_EXPONENT: f32 = 0.5;
-/// Share of the largest colour difference up to which the scale is linear ... (p_c)
+/// Up to this share of the largest colour difference the scale is linear (p_c) ...
 const KNEE: f32 = 0.4;
-/// ... and what that becomes (p_t).
+/// ... and this is its value there (p_t).
 const KNEE_VALUE: f32 = 0.95;
 
 /// How many pixels fill one degree of the observer's view.
@@ -33,7 +33,7 @@ impl Viewing {
 }
 
 impl Default for Viewing {
-    /// What the paper and its program use: 0.7 m from a screen 0.7 m and 3840 pixels wide, 67.02 pixels per degree.
+    /// The values of the paper and its program: 0.7 m from a screen 0.7 m and 3840 pixels wide, 67.02 pixels per degree.
     fn default() -> Self {
         Self::screen(0.7, 0.7, 3840.0)
     }
@@ -55,25 +55,25 @@ impl FlipMap {
     }
 }
 
-/// What FLIP needs of one picture. That of the truth is worth keeping where several pictures are compared with it: it is half
-/// the work.
+/// Everything that FLIP needs of one picture. It is half the work, so keep it for a truth that several pictures are compared
+/// with.
 #[derive(Clone, Debug)]
 pub struct Seen {
     viewing: Viewing,
     width: usize,
     height: usize,
-    /// The picture as the eye resolves it: CIELAB with Hunt's adjustment.
+    /// The picture as the eye sees it: CIELAB with Hunt's adjustment.
     colour: Vec<[f32; 3]>,
-    /// Lengths of the gradients that edges and points leave in the luminance.
+    /// Lengths of the gradients of luminance at edges and points.
     features: Vec<[f32; 2]>,
 }
 
 impl Seen {
-    /// `picture` holds display values (sRGB curve applied); what is outside 0..=1 is clamped, NaN counts as 0. `None` for a picture
-    /// without pixels or a `viewing` out of its range.
+    /// `picture` holds display values (sRGB curve applied). Values outside of 0..=1 are clamped, and NaN counts as 0. `None` for
+    /// a picture without pixels or a `viewing` out of range.
     pub fn new(picture: &Rgb, viewing: Viewing) -> Option<Self> {
         let (width, height) = (picture.width, picture.height);
-        // Beyond, kernels are single pixels, or wider than any picture.
+        // Outside, kernels are single pixels, or wider than any picture.
         let usable = (0.1..=1000.0).contains(&viewing.pixels_per_degree);
         if picture.pixels.is_empty() || picture.pixels.len() != width * height || !usable {
             return None;
@@ -105,7 +105,7 @@ impl Seen {
     }
 }
 
-/// Colour difference to 0..=1: small differences get most of the range, as large ones all look alike.
+/// Maps a colour difference to 0..=1. Small differences get most of the range, since large ones look alike.
 fn spread(difference: f32, largest: f32) -> f32 {
     let knee = KNEE * largest;
     if difference < knee {

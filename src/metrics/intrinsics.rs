@@ -1,8 +1,8 @@
 //! How far recovered buffers are from the true ones. Everything is over the pixels that see a surface, one picture at a time.
 //!
-//! Sources: thresholds of angles, Fouhey et al. 2013; relative error and threshold of depth, Eigen et al. 2014, here after scale and shift
-//! of its logarithm, as the loss it is trained with leaves the shift open; PSNR, LPIPS, angle and root of the mean square are the columns of
-//! RenderFlow's table of inverse rendering.
+//! Sources: thresholds of angles, Fouhey et al. 2013; relative error and threshold of depth, Eigen et al. 2014, here after scale
+//! and shift of its logarithm, as the loss it is trained with leaves the shift open; PSNR, LPIPS, angle and root of the mean
+//! square are the columns of RenderFlow's table of inverse rendering.
 
 use super::psnr::{capped, psnr_masked};
 use super::{Networks, masked_mean};
@@ -12,15 +12,15 @@ use renderflow_frame::{Image, color};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Angle below which a normal counts as found, degrees: the smallest of the usual three.
+/// A normal counts as found below this angle, in degrees: the smallest of the usual three.
 const NEAR: f64 = 11.25;
-/// Quotient of depths below which one counts as found.
+/// A depth counts as found below this quotient.
 const CLOSE: f64 = 1.25;
 
 /// Something that is measured.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Column {
-    /// Key of [`measure`].
+    /// Its key in the result of [`measure`].
     pub id: &'static str,
     /// What it is, with its unit.
     pub name: &'static str,
@@ -33,7 +33,7 @@ const fn column(id: &'static str, name: &'static str, digits: usize) -> Column {
     Column { id, name, digits }
 }
 
-/// Everything [`measure`] finds.
+/// Everything that [`measure`] computes.
 pub const COLUMNS: [Column; 10] = [
     column("albedo_psnr", "albedo, PSNR of sRGB values (dB)", 2),
     column("albedo_psnr_scaled", "albedo, PSNR after the best factor for each channel (dB)", 2),
@@ -47,21 +47,21 @@ pub const COLUMNS: [Column; 10] = [
     column("metallic_rms", "metallic, root of the mean square", 3),
 ];
 
-/// Buffers of one picture; what was not recovered is `None`. All of one size.
+/// Buffers of one picture, all of equal size; `None` for buffers that were not recovered.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Buffers {
     /// Base colour in sRGB, 0..=1.
     pub albedo: Option<Rgb>,
     /// Normals, of any length but 0.
     pub normal: Option<Rgb>,
-    /// Logarithm of planar depth; a recovered one up to scale and shift.
+    /// Logarithm of planar depth; a recovered one is known up to scale and shift.
     pub depth: Option<Image<f32>>,
     /// Roughness, metallic, and whatever the third channel holds, 0..=1.
     pub material: Option<Rgb>,
 }
 
-/// Compares `found` with `truth` at the pixels where `mask` is above 0, by [`Column::id`]; without what either lacks, and empty where no
-/// surface is seen.
+/// Compares `found` with `truth` where `mask` is above 0; values by [`Column::id`]. Buffers that one of them lacks are left out;
+/// empty where no surface is seen.
 ///
 /// # Errors
 /// When sizes differ or a value is not finite.
@@ -108,7 +108,7 @@ pub fn measure(found: &Buffers, truth: &Buffers, mask: &Image<f32>, networks: &N
     Ok(errors)
 }
 
-/// Both, where both are there and fit.
+/// Both images, if both are there and fit.
 fn pair<'a, T: Finite>(
     found: &'a Option<Image<T>>,
     truth: &'a Option<Image<T>>,
@@ -142,8 +142,8 @@ impl Finite for [f32; 3] {
     }
 }
 
-/// The albedo times what brings each linear channel nearest to the truth: base colour and the colour of the light are told apart by
-/// nothing in a picture.
+/// The albedo after scaling each linear channel to come as near to the truth as possible: a picture alone cannot separate base
+/// colour from the colour of the light.
 fn scaled(found: &Rgb, truth: &Rgb, mask: &Image<f32>) -> Rgb {
     let linear = |p: &[f32; 3], c: usize| f64::from(color::srgb_to_linear(p[c].clamp(0.0, 1.0)));
     let factors = [0, 1, 2].map(|c| {
@@ -158,18 +158,18 @@ fn scaled(found: &Rgb, truth: &Rgb, mask: &Image<f32>) -> Rgb {
     found.map(|p| pixel(*p))
 }
 
-/// Degrees between normals; a recovered one of length 0 is 90 degrees off, a true one is left out.
+/// Angles between normals in degrees. A recovered normal of length 0 counts as 90 degrees off; a true one is left out.
 fn angles(found: &Rgb, truth: &Rgb, mask: &Image<f32>) -> Vec<f64> {
     let vector = |p: &[f32; 3]| glam::DVec3::from(p.map(f64::from));
     let seen = found.pixels.iter().zip(&truth.pixels).zip(&mask.pixels).filter(|(_, m)| **m > 0.0);
     seen.map(|((a, b), _)| (vector(a), vector(b)))
         .filter(|(_, b)| b.length() > 0.0)
-        // By the tangent: the cosine of a small angle has no digits left.
+        // Computed by the tangent, since the cosine of a small angle has no digits left.
         .map(|(a, b)| if a.length() > 0.0 { a.cross(b).length().atan2(a.dot(b)).to_degrees() } else { 90.0 })
         .collect()
 }
 
-/// Recovered by true depth, after the scale and shift of the logarithm that fit best (least squares).
+/// Quotients of recovered and true depths, after the scale and shift of the logarithm that fit best (least squares).
 fn quotients(found: &Image<f32>, truth: &Image<f32>, mask: &Image<f32>) -> Vec<f64> {
     let seen = found.pixels.iter().zip(&truth.pixels).zip(&mask.pixels).filter(|(_, m)| **m > 0.0);
     let pairs: Vec<[f64; 2]> = seen.map(|((a, b), _)| [f64::from(*a), f64::from(*b)]).collect();
@@ -179,9 +179,9 @@ fn quotients(found: &Image<f32>, truth: &Image<f32>, mask: &Image<f32>) -> Vec<f
         let d = p[0] - a;
         (cross + d * (p[1] - b), square + d * d)
     });
-    // A constant says nothing: the mean is left.
+    // A constant says nothing about the scale; the mean is left.
     let scale = if square > 1e-12 * count { cross / square } else { 0.0 };
-    // Within single precision's range whatever the outliers.
+    // Clamped to the range of single precision, whatever the outliers.
     pairs.iter().map(|p| (scale * (p[0] - a) + b - p[1]).clamp(-80.0, 80.0).exp()).collect()
 }
 

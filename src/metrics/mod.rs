@@ -1,9 +1,10 @@
 //! How far a picture is from the truth.
 //!
 //! Every metric but the relative error is of display values: sRGB(clamp(exposure x linear)) in 0..=1, as floats, never quantised.
-//! [`Truth`] holds what is computed once for a frame, [`Truth::measure`] compares a picture with it. [`temporal`] needs two frames
-//! and [`bootstrap`] many sequences. Nothing here starts threads, so frames and methods can be measured side by side; all results
-//! are the same for any number of threads. (The network of LPIPS and the warp of [`temporal`] use the threads of their caller.)
+//! [`Truth`] holds what is computed once for a frame, [`Truth::measure`] compares a picture with it. [`temporal`] needs two
+//! frames and [`bootstrap`] many sequences. Nothing here starts threads, so frames and methods can be measured side by side; all
+//! results are the same for any number of threads. (The network of LPIPS and the warp of [`temporal`] use the threads of their
+//! caller.)
 
 pub mod bootstrap;
 mod convolve;
@@ -15,8 +16,10 @@ pub mod relmse;
 pub mod ssim;
 pub mod temporal;
 
+mod table;
 mod truth;
 
+pub use table::{METRICS, Metric, values};
 pub use truth::{Hdr, Networks, Truth, measure};
 
 use renderflow_frame::Image;
@@ -44,7 +47,8 @@ pub struct Metrics {
     pub flip: Option<f64>,
     /// Mean FLIP over the object; `None` where nothing is covered.
     pub flip_object: Option<f64>,
-    /// Relative squared error of exposed radiance, mean over pixels and channels; `None` for methods that only make display values.
+    /// Relative squared error of exposed radiance, mean over pixels and channels; `None` for methods that only make display
+    /// values.
     pub rel_mse: Option<f64>,
     /// The same over the object.
     pub rel_mse_object: Option<f64>,

@@ -1,4 +1,5 @@
-//! Structural similarity (Wang et al. 2004): Gaussian window 11x11, sigma 1.5, population covariance, peak 1, mean of the three channels.
+//! Structural similarity (Wang et al. 2004): Gaussian window 11x11, sigma 1.5, population covariance, peak 1, mean of the three
+//! channels.
 
 use super::convolve::{Taps, accumulate};
 use renderflow_frame::Image;
@@ -14,7 +15,8 @@ const C2: f64 = 0.03 * 0.03;
 /// SSIM of every window that lies inside the picture, and their mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SsimMap {
-    /// `(width - 10) x (height - 10)` values in -1..=1, mean of the channels; pixel (x, y) is the window centred on (x + 5, y + 5).
+    /// `(width - 10) x (height - 10)` values in -1..=1, mean of the channels; pixel (x, y) is the window centred on (x + 5, y +
+    /// 5).
     pub map: Image<f32>,
     /// Mean of the map, before it was rounded to single precision.
     pub mean: f64,

@@ -31,9 +31,9 @@ impl Pair<'_> {
 /// Mean over the valid pixels and channels of `|(picture - warp(previous picture)) - (truth - warp(previous truth))|`: how much
 /// more, or else, the picture changes on the surfaces than the truth does. `None` when nothing is valid or the sizes differ.
 ///
-/// It is fair to any method: what changes in the truth (highlights that travel, shadows that move) may change, and must; the truth
-/// itself gets exactly 0, and so does a constant error, however large: that is for the other metrics. Errors that stay on the
-/// surface count only by what the bilinear look-up blurs of them; errors that stay on the screen while surfaces move under
+/// It is fair to any method: what changes in the truth (highlights that travel, shadows that move) may change, and must; the
+/// truth itself gets exactly 0, and so does a constant error, however large: that is for the other metrics. Errors that stay on
+/// the surface count only by what the bilinear look-up blurs of them; errors that stay on the screen while surfaces move under
 /// them ("shower door"), noise and popping count in full. As the warp is linear, the error alone is warped.
 pub fn temporal(current: Pair<'_>, previous: Pair<'_>, correspondence: &Correspondence) -> Option<f64> {
     let size = |i: &Rgb| (i.width, i.height, i.pixels.len());

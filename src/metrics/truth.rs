@@ -166,11 +166,10 @@ fn check(picture: &Rgb, truth: &Rgb) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::results::METRICS;
-    use crate::evaluate::run::values;
     use crate::metrics::flip::flip;
     use crate::metrics::psnr::CAP;
     use crate::metrics::ssim::ssim;
+    use crate::metrics::{METRICS, values};
     use rayon::prelude::*;
 
     fn picture(width: usize, height: usize, phase: f32) -> Rgb {

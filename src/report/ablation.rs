@@ -1,16 +1,17 @@
-//! Parts of baselines switched on and off, beside what they were taken from.
+//! The table of parts of baselines that were switched on or off, beside the baseline itself.
 
 use super::View;
 use super::html;
 use super::style::{NONE, direction, name, seconds};
 use super::table::{self, Filter, Row};
-use crate::evaluate::results::{Group, Metric};
+use crate::evaluate::results::Group;
+use crate::metrics::Metric;
 use crate::metrics::bootstrap::Interval;
 
 /// Metrics that the table compares.
 const COMPARED: [&str; 5] = ["psnr", "ssim", "lpips_alex", "flip", "temporal"];
 
-/// The table of a set; empty where nothing was switched.
+/// The table of a set; empty where no part was switched.
 pub fn section(view: &View, set: &str) -> String {
     let filter = Filter { set: Some(set), ..Filter::default() };
     let of = view.means.sequences(filter).len();
@@ -35,7 +36,7 @@ pub fn section(view: &View, set: &str) -> String {
             lines.extend(parts.map(|row| line(row, parent(row))));
         }
     }
-    // What was taken from nothing that was scored here.
+    // Changes of a method that was not scored here.
     let scored = |id: &str| rows.iter().any(|row| row.method.id == id);
     lines.extend(ablations.iter().filter(|row| !parent(row).is_some_and(scored)).map(|row| line(row, None)));
     if ablations.is_empty() {
@@ -52,7 +53,7 @@ pub fn section(view: &View, set: &str) -> String {
     )
 }
 
-/// A mean, and its change with sign and interval.
+/// A mean and its change, with sign and interval.
 fn cell(metric: &Metric, mean: Option<&Interval>, change: Option<Interval>) -> (Option<f64>, String) {
     let Some(mean) = mean else { return (None, NONE.into()) };
     let mean = table::number(metric, mean.mean);

@@ -4,7 +4,8 @@ use super::View;
 use super::plot::{Level, Line, Plot, Point, Scale, figure};
 use super::style::short_label;
 use super::table::{self, Filter, Row};
-use crate::evaluate::results::{Group, Metric, Scored};
+use crate::evaluate::results::{Group, Scored};
+use crate::metrics::Metric;
 use std::collections::BTreeMap;
 
 /// Metrics with plots of their own.
@@ -14,14 +15,14 @@ const OVER_WHOLE_TIME: [&str; 2] = ["psnr", "temporal"];
 /// Pixels of the plots.
 const SIZE: (f64, f64) = (960.0, 520.0);
 
-/// Error against seconds a frame, every method but those of budgets: a name and a plot a metric.
+/// Error against seconds a frame, for all methods except those with a budget: the name and the plot of each metric.
 pub fn time(view: &View, set: &str) -> Vec<(String, String)> {
     let rows = view.means.rows(Filter { set: Some(set), without_budgets: true, ..Filter::default() });
     each(&rows, |metric| time_plot(view, &rows, metric, &Axis::SECONDS))
 }
 
-/// Error and flicker against all seconds a frame, the truth of keyframes paid: a name and two plots a class of scene, all classes first.
-/// Where path tracing was given budgets, it stands in the plots by them alone.
+/// Error and flicker against all seconds a frame, which include the truth of keyframes: a name and two plots for all classes of
+/// scenes, then for each class. Where path tracing had budgets, only its rows with budgets are in these plots.
 pub fn whole_time(view: &View, set: &str) -> Vec<(String, String)> {
     let classes = table::classes(view.results, set);
     let each = if classes.len() > 1 { classes.as_slice() } else { &[] };
@@ -38,7 +39,7 @@ pub fn whole_time(view: &View, set: &str) -> Vec<(String, String)> {
     parts.filter_map(part).collect()
 }
 
-/// Which seconds of a row a plot is over.
+/// The seconds that a plot is drawn over.
 struct Axis {
     name: &'static str,
     seconds: fn(&Row) -> Option<f64>,
@@ -51,14 +52,14 @@ impl Axis {
         Self { name: "seconds a frame with truth", seconds: |row| row.seconds_with_truth, height: 0.75 * SIZE.1 };
 }
 
-/// A plot a metric that any row has.
+/// A plot for each metric that any row has.
 fn each(rows: &[Row], draw: impl Fn(&Metric) -> Option<String>) -> Vec<(String, String)> {
     let metrics = PLOTTED.iter().filter_map(|id| table::metric(id));
     let present = metrics.filter(|metric| rows.iter().any(|row| row.cells.contains_key(metric.id)));
     present.filter_map(|metric| Some((metric.label.to_owned(), draw(metric)?))).collect()
 }
 
-/// Ratios matter in errors, differences in decibels and similarities.
+/// For errors, ratios matter; for decibels and similarities, differences.
 fn scale(metric: &Metric) -> Scale {
     if metric.rising { Scale::Linear } else { Scale::Log }
 }
@@ -75,7 +76,7 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric, axis: &Axis) -> Option<
         let (Some(cell), Some(seconds)) = (row.cells.get(metric.id), (axis.seconds)(row)) else { continue };
         let faint = row.method.group == Group::Ablation;
         let series = row.method.series.as_deref().filter(|_| !faint);
-        // Loose methods are lines of one point.
+        // A method without a series is a line of one point.
         let key = series.map_or((number, row.method.id.as_str()), |series| (usize::MAX, series));
         let line = lines.entry(key).or_insert_with(|| Line {
             id: row.method.id.clone(),
@@ -94,7 +95,8 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric, axis: &Axis) -> Option<
         });
     }
     for (key, line) in lines.iter_mut().filter(|(_, line)| line.joined) {
-        // Joined in the order of the methods, so that a row that was faster than a cheaper one shows. The last carries the name of the series.
+        // Points are joined in the order of the methods, which shows where a row was faster than a cheaper one. The last point
+        // carries the name of the series.
         if let Some(last) = line.points.last_mut() {
             last.label = if last.label.is_empty() { key.1.to_owned() } else { format!("{}, {}", key.1, last.label) };
         }
@@ -112,17 +114,18 @@ fn time_plot(view: &View, rows: &[Row], metric: &Metric, axis: &Axis) -> Option<
     })
 }
 
-/// What tells a point from others of its series.
+/// The text that tells a point from others of its series.
 fn short(view: &View, row: &Row, series: Option<&str>) -> String {
     match (series, row.method.spp) {
         (Some(_), Some(spp)) => format!("{spp} spp"),
-        // Its seconds are the axis.
+        // The axis shows its seconds.
         (Some(_), None) if row.method.group == Group::Budget => String::new(),
         _ => short_label(&view.results.about.methods, row.method),
     }
 }
 
-/// Error against samples a pixel for each series of path tracing, other methods as levels: a name and a plot a metric.
+/// Error against samples for each pixel, for every series of path tracing, with other methods as levels: the name and the plot of
+/// each metric.
 pub fn convergence(view: &View, set: &str) -> Vec<(String, String)> {
     let rows = view.means.rows(Filter { set: Some(set), without_ablations: true, without_budgets: true, ..Filter::default() });
     each(&rows, |metric| convergence_plot(view, &rows, metric))
@@ -161,7 +164,8 @@ fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String
     })
 }
 
-/// What the truth would score against a perfect one, a column a sequence, beside the best method: `None` where nothing is known.
+/// The score of the truth against a perfect picture, beside the best method, with a column for each sequence. `None` where
+/// nothing is known.
 pub fn truth(view: &View, set: &str) -> Option<String> {
     let sequences = view.means.sequences(Filter { set: Some(set), ..Filter::default() });
     let kind = |name: &str, color, value: &dyn Fn(usize, &Scored) -> Option<f64>| {
@@ -195,12 +199,12 @@ pub fn truth(view: &View, set: &str) -> Option<String> {
     })
 }
 
-/// Whether a value says that a picture is the truth itself, as on keyframes.
+/// Whether a value says that a picture is the truth itself, as at keyframes.
 fn copy(metric: &Metric, value: f64) -> bool {
     if metric.rising { value >= 99.0 } else { value <= 0.0 }
 }
 
-/// Metrics over the frames of a sequence, a line a method: a name and a plot a metric.
+/// Metrics over the frames of a sequence, with a line for each method: the name and the plot of each metric.
 pub fn frames(view: &View, number: usize) -> Vec<(String, String)> {
     let scored = &view.results.sequences[number];
     let about = &scored.about;

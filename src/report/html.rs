@@ -1,35 +1,19 @@
-//! The shell of a page and its small parts.
+//! The frame of a page, and its small parts.
 
-use crate::output::GENERATOR;
+use crate::util::output::GENERATOR;
+pub use crate::util::text::escape;
 use std::fmt::Write;
 
 /// The style sheet of pages and plots.
 pub(super) const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
 
-/// Text as it may stand in an element or an attribute; control characters become spaces.
-pub fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
-            '\'' => out += "&#39;",
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out
-}
-
-/// JSON as it may stand in a `script` element.
+/// JSON for a `script` element.
 pub fn json(value: &impl serde::Serialize) -> serde_json::Result<String> {
     Ok(serde_json::to_string(value)?.replace('<', "\\u003c"))
 }
 
-/// A whole page. Its policy forbids it to ask for anything from anywhere.
+/// A whole page. Its policy forbids it to load anything.
 pub fn page(title: &str, body: &str) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n{GENERATOR}\n\
@@ -41,12 +25,12 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// A box that scrolls sideways by itself; `label` names it for those who reach it by keyboard.
+/// A box that scrolls sideways on its own. `label` names it for keyboard users.
 pub fn scroll(label: &str, content: &str) -> String {
     format!("<div class=\"scroll\" role=\"region\" tabindex=\"0\" aria-label=\"{}\">\n{content}</div>\n", escape(label))
 }
 
-/// One of several contents at a time, chosen by name; the first is shown. A single one is shown without a chooser.
+/// Shows one of several contents, chosen by name; the first one at the start. A single content is shown without a chooser.
 pub fn chooser(label: &str, choices: &[(String, String)]) -> String {
     let mut out = String::from("<div class=\"choices\">\n");
     if choices.len() > 1 {
@@ -72,7 +56,7 @@ pub fn facts(rows: &[(String, String)]) -> String {
     out + "</dl>\n"
 }
 
-/// A table whose columns sort: heads as (text, explanation), cells as (what to sort by, HTML).
+/// A table whose columns can be sorted. Heads are (text, explanation); cells are (sort key, HTML).
 pub fn table(caption: &str, heads: &[(String, String)], rows: &[Vec<(Option<f64>, String)>]) -> String {
     let mut out = format!("<table><caption>{}</caption>\n<thead><tr>", escape(caption));
     for (text, meaning) in heads {

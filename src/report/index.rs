@@ -1,14 +1,16 @@
-//! The page that one opens first.
+//! The first page of a report.
 
 use super::html::{self, escape};
 use super::style::{self, NONE};
 use super::table::{self, Filter};
-use super::{View, ablation, charts, picture, summary};
-use crate::evaluate::results::{Group, METRICS, Metric, Scored, TRUTH, picture_file};
+use super::{View, ablation, charts, summary};
+use crate::evaluate::results::{Group, Scored, TRUTH, picture_file};
+use crate::metrics::{METRICS, Metric};
+use crate::util::picture;
 use anyhow::Result;
 use std::fmt::Write;
 
-/// Pixels of thumbnails, longer side.
+/// Longer side of thumbnails, in pixels.
 const THUMBNAIL: u32 = 160;
 
 /// The whole page.
@@ -65,7 +67,7 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     Ok(out)
 }
 
-/// Error and flicker over all seconds, and the table of what budgets allowed.
+/// Error and flicker over all seconds, and the table of rows with budgets.
 fn whole_time(view: &View, filter: Filter, of: usize) -> String {
     let Some(set) = filter.set else { return String::new() };
     let choices = charts::whole_time(view, set);
@@ -91,7 +93,7 @@ fn plots(heading: &str, choices: &[(String, String)], note: &str) -> String {
     format!("<h3>{heading}</h3>\n<p>{note}</p>\n{}", html::chooser("Metric", choices))
 }
 
-/// MethodInfo by class, a table a metric.
+/// The methods for each class: a table for each metric.
 fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
     let classes = table::classes(view.results, set);
     let columns: Vec<_> = classes
@@ -122,7 +124,7 @@ fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
     METRICS.iter().filter_map(table).collect()
 }
 
-/// What is known of the truth's own error.
+/// The error of the truth itself, as far as it is known.
 fn truth(view: &View, set: &str) -> String {
     let sequences = view.means.sequences(Filter { set: Some(set), ..Filter::default() });
     let decibels = |value: Option<f64>| match value.filter(|value| value.is_finite()) {
@@ -164,7 +166,7 @@ fn truth(view: &View, set: &str) -> String {
     )
 }
 
-/// A card a sequence.
+/// A card for each sequence.
 fn grid(view: &View, set: &str) -> Result<String> {
     let mut out = String::from("<h3>Sequences</h3>\n<ul class=\"grid\">\n");
     let main = |group| matches!(group, Group::Baseline | Group::Neural | Group::Other);

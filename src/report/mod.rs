@@ -1,12 +1,12 @@
-//! The report of an evaluation: pages that need nothing but themselves.
+//! The report of an evaluation: pages that need no other files.
 //!
-//! [`build`] makes `index.html` and a page a sequence from a results folder; [`table`] computes the rows, for terminals too.
+//! [`build`] makes `index.html` and a page for each sequence from a results folder; [`table`] computes the rows, also for
+//! terminals.
 
 mod ablation;
 mod charts;
 pub(crate) mod html;
 mod index;
-pub mod picture;
 mod place;
 pub mod plot;
 mod sequence;
@@ -15,20 +15,19 @@ mod summary;
 pub mod table;
 
 use crate::evaluate::results::Results;
-use crate::output;
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::util::cancel::Cancel;
+use crate::util::output;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::file::Draft;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The page one opens.
+/// The first page of a report.
 const INDEX: &str = "index.html";
 
-/// What the pages are made from.
+/// Everything that the pages are made from.
 struct View<'a> {
     results: &'a Results,
     means: table::Means<'a>,
@@ -38,13 +37,13 @@ struct View<'a> {
     pages: Vec<String>,
 }
 
-/// Writes `out/index.html` and a page for each sequence; a unit of progress each. The same results make the same bytes. The pages
-/// are put at their places together, once all are made.
+/// Writes `out/index.html` and a page for each sequence; each page is a unit of progress. The same results give the same bytes.
+/// Pages are renamed to their places together, once all are made.
 ///
 /// # Errors
-/// When there is no sequence, a picture is damaged, another file has the name of a page, a file cannot be written, or with
-/// [`Interrupted`].
-pub fn build(results: &Results, out: &Path, progress: &Progress, cancel: &AtomicBool) -> Result<()> {
+/// When there is no sequence, when a picture is damaged, when another file has the name of a page, when a file cannot be written,
+/// or when stopped.
+pub fn build(results: &Results, out: &Path, progress: &Progress, cancel: &Cancel) -> Result<()> {
     ensure!(!results.sequences.is_empty(), "no sequence is complete: nothing to report");
     let view = View {
         results,
@@ -63,20 +62,18 @@ pub fn build(results: &Results, out: &Path, progress: &Progress, cancel: &Atomic
     };
     let mut drafts = Vec::with_capacity(places.len() + 1);
     for (number, place) in places.iter().enumerate() {
-        if cancel.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
+        cancel.check()?;
         progress.message(view.pages[number].clone());
         drafts.push(written(place, sequence::html(&view, number)?)?);
         progress.add(1);
     }
-    // Last: whoever opens it finds all that it links to.
+    // The index comes last, so that everything it links to is there when somebody opens it.
     drafts.push(written(&index, index::html(&view)?)?);
     progress.add(1);
     drafts.into_iter().try_for_each(|draft| Ok(draft.finish()?))
 }
 
-/// `<set>-<class>-<sequence>.html`, with what file names and addresses cannot hold replaced, and none twice.
+/// `<set>-<class>-<sequence>.html`, without characters that file names and addresses cannot hold, and without repeats.
 fn page_names(results: &Results) -> Vec<String> {
     let mut taken = BTreeSet::from([INDEX.to_owned()]);
     let name = |scored: &crate::evaluate::results::Scored| {
@@ -85,7 +82,7 @@ fn page_names(results: &Results) -> Vec<String> {
         let safe = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
         let stem: String = whole.chars().map(safe).collect();
         let names = std::iter::once(format!("{stem}.html")).chain((2..).map(|n| format!("{stem}-{n}.html")));
-        // File systems may not tell capitals.
+        // Some file systems ignore case.
         names.into_iter().find(|name| taken.insert(name.to_lowercase())).unwrap_or_default()
     };
     results.sequences.iter().map(name).collect()

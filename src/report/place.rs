@@ -1,4 +1,4 @@
-//! Where the labels of a plot go.
+//! Places the labels of a plot.
 
 /// An upright rectangle: left, top, right, bottom.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +37,7 @@ impl Patch {
     }
 }
 
-/// What lies in a plot already.
+/// The parts of a plot that are taken already.
 pub struct Taken {
     inside: Patch,
     boxes: Vec<Patch>,
@@ -49,12 +49,12 @@ impl Taken {
         Self { inside: Patch(inside), boxes: Vec::new() }
     }
 
-    /// Keeps labels off a rectangle.
+    /// Keeps labels away from a rectangle.
     pub fn add(&mut self, taken: Patch) {
         self.boxes.push(taken);
     }
 
-    /// Keeps labels off a line, by small rectangles along it.
+    /// Keeps labels away from a line, by small rectangles along it.
     pub fn segment(&mut self, from: (f64, f64), to: (f64, f64)) {
         let steps = ((to.0 - from.0).hypot(to.1 - from.1) / 8.0).ceil().clamp(1.0, 500.0) as usize;
         for step in 0..=steps {
@@ -63,7 +63,8 @@ impl Taken {
         }
     }
 
-    /// The best place for a label near a point, which is then taken: the one that covers least, the nearest of those.
+    /// Finds and takes the best place for a label near a point: the place that covers least, and of several such places the
+    /// nearest.
     pub fn place(&mut self, at: (f64, f64), (width, height): (f64, f64)) -> Patch {
         let half = (0.5 * width + 2.0, 0.5 * height + 1.0);
         let mut best = (f64::INFINITY, Patch::around(at, half));
@@ -71,7 +72,7 @@ impl Taken {
             for turn in 0..16 {
                 let (sin, cos) = (std::f64::consts::TAU * f64::from(turn) / 16.0).sin_cos();
                 let gap = 6.0 + 11.0 * f64::from(ring);
-                // On the ray from the point outwards, the label's side or corner touches the ring.
+                // On the ray from the point outwards, a side or a corner of the label touches the ring.
                 let center = (at.0 + cos * gap + cos.signum() * half.0 * (cos.abs() * 2.0).min(1.0), at.1 + sin * (gap + half.1));
                 let spot = Patch::around(center, half);
                 let outside = spot.area() - spot.overlap(&self.inside);
@@ -87,9 +88,9 @@ impl Taken {
     }
 }
 
-/// Moves rising values apart to `gap`, as little as it can, within `low` to `high` while there is room.
+/// Moves rising values apart to `gap`, as little as possible, and within `low` to `high` while there is room.
 pub fn spread(values: &[f64], gap: f64, low: f64, high: f64) -> Vec<f64> {
-    // Runs of labels that touch, each as (centre of what its members want, members).
+    // Runs of labels that touch: (the mean of the values that their members ask for, number of members).
     let mut runs: Vec<(f64, usize)> = Vec::new();
     for value in values {
         runs.push((*value, 1));

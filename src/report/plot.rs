@@ -6,23 +6,23 @@ use std::fmt::Write;
 
 /// Number of colour classes in the style sheet.
 pub const COLORS: usize = 10;
-/// Pixels of a letter of the labels, on average over names like ours in common sans-serif fonts at 12 pixels.
+/// Mean width of a letter in labels, in pixels, for common sans-serif fonts at 12 pixels.
 pub const LETTER: f64 = 7.0;
-/// Pixels of plots in narrow windows: those of a phone held upright.
+/// Size of plots in narrow windows, such as a phone held upright, in pixels.
 const NARROW: (f64, f64) = (340.0, 380.0);
 /// Left, top, right, bottom.
 const MARGIN: [f64; 4] = [62.0, 14.0, 16.0, 48.0];
 
-/// How values lie on an axis.
+/// How an axis is divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Evenly.
+    /// Linear.
     Linear,
-    /// Evenly, marked at whole numbers only.
+    /// Linear, with ticks at whole numbers only.
     Count,
-    /// By their logarithm; values that are not above 0 are left out.
+    /// Logarithmic; values that are not above 0 are left out.
     Log,
-    /// The same, marked at powers of two.
+    /// Logarithmic, with ticks at powers of two.
     Doubling,
 }
 
@@ -33,11 +33,11 @@ pub struct Point {
     pub at: (f64, f64),
     /// Ends of the interval in y.
     pub bar: Option<[f64; 2]>,
-    /// Written beside it; empty for none.
+    /// Text beside it; empty for none.
     pub label: String,
-    /// What a pointer held over it is told.
+    /// Text shown when a pointer is over it.
     pub title: String,
-    /// Drawn faintly, without a part in the axes' range.
+    /// Whether it is drawn faintly; then it does not count for the range of the axes.
     pub faint: bool,
 }
 
@@ -52,18 +52,18 @@ pub struct Line {
     pub joined: bool,
     /// Name in a legend.
     pub legend: String,
-    /// Whether the name is written at the right end of the line, too.
+    /// Whether the name is also written at the right end of the line.
     pub named: bool,
-    /// In any order for loose points, in the order to join them otherwise.
+    /// Points that are joined come in the order of the line; loose points in any order.
     pub points: Vec<Point>,
 }
 
-/// A level to compare with.
+/// A horizontal line to compare with.
 #[derive(Clone, Debug)]
 pub struct Level {
     /// Name in a legend.
     pub name: String,
-    /// Whether the name is written at its right end, too.
+    /// Whether the name is also written at its right end.
     pub named: bool,
     /// Number of its colour.
     pub color: usize,
@@ -74,23 +74,23 @@ pub struct Level {
 /// A plot.
 #[derive(Clone, Debug)]
 pub struct Plot<'a> {
-    /// What a screen reader is told.
+    /// Text for screen readers.
     pub title: &'a str,
-    /// What x counts.
+    /// Name and scale of the x axis.
     pub x: (&'a str, Scale),
-    /// What y counts.
+    /// Name and scale of the y axis.
     pub y: (&'a str, Scale),
     /// Points and lines.
     pub lines: Vec<Line>,
     /// Levels.
     pub levels: Vec<Level>,
-    /// Values of x to mark at the foot.
+    /// Values of x to mark at the bottom.
     pub marks: Vec<f64>,
     /// Width and height, pixels.
     pub size: (f64, f64),
 }
 
-/// From a value to a place.
+/// Turns values into places.
 pub struct Axis {
     scale: Scale,
     low: f64,
@@ -104,7 +104,7 @@ impl Axis {
         matches!(scale, Scale::Log | Scale::Doubling)
     }
 
-    /// Covers the values with a little room at both ends.
+    /// An axis that covers the values, with a little room at both ends.
     pub fn new(values: impl Iterator<Item = f64>, scale: Scale, from: f64, to: f64) -> Self {
         let usable = values.filter(|v| v.is_finite() && (!Self::is_log(scale) || *v > 0.0));
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -123,7 +123,7 @@ impl Axis {
         Self { scale, low, high, from, to }
     }
 
-    /// Place of a value, if it has one.
+    /// The place of a value, if it has one.
     pub fn at(&self, value: f64) -> Option<f64> {
         let share = match self.scale {
             Scale::Linear | Scale::Count => (value - self.low) / (self.high - self.low),
@@ -132,7 +132,7 @@ impl Axis {
         share.is_finite().then_some(self.from + (self.to - self.from) * share)
     }
 
-    /// Like [`Axis::at`], the ends for what lies beyond.
+    /// As [`Axis::at`]; values beyond the ends are moved to the ends.
     fn within(&self, value: f64) -> Option<f64> {
         self.at(value.clamp(self.low, self.high))
     }
@@ -141,7 +141,7 @@ impl Axis {
     pub fn ticks(&self) -> Vec<f64> {
         let inside = |value: &f64| (self.low - 1e-9 * self.low.abs()..=self.high + 1e-9 * self.high.abs()).contains(value);
         let decades = (self.high / self.low).log10();
-        // Within a third of a decade 1, 2 and 5 may leave a single tick.
+        // Within a third of a decade, 1, 2 and 5 may leave only one tick.
         if self.scale == Scale::Log && decades > 0.8 {
             let steps: &[f64] = if decades > 3.5 { &[1.0] } else { &[1.0, 2.0, 5.0] };
             let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
@@ -159,7 +159,7 @@ impl Axis {
     }
 }
 
-/// A tick's value, without digits it does not have.
+/// The value of a tick, without digits that it does not have.
 pub fn tick(value: f64) -> String {
     if value != 0.0 && !(1e-4..1e5).contains(&value.abs()) {
         return format!("{value:.0e}");
@@ -169,12 +169,12 @@ pub fn tick(value: f64) -> String {
     if text == "-0" { "0".into() } else { text.into() }
 }
 
-/// Pixels that a text takes.
+/// Width of a text in pixels.
 pub fn text_width(text: &str) -> f64 {
     text.chars().count() as f64 * LETTER
 }
 
-/// The plot for wide and for narrow windows, of which the style sheet shows one: names on the lines, or in a legend below.
+/// The plot for wide and for narrow windows; the style sheet shows one of them. Names are at the lines, or in a legend below.
 pub fn figure(plot: &Plot) -> String {
     let mut narrow = Plot { size: NARROW, ..plot.clone() };
     for line in &mut narrow.lines {
@@ -336,7 +336,7 @@ fn label(out: &mut String, text: &str, number: usize, at: (f64, f64), taken: &mu
     )
 }
 
-/// Names at the right ends, pushed apart where they would overlap.
+/// Names at the right ends of lines, moved apart where they would overlap.
 fn end_names(out: &mut String, plot: &Plot, y: &Axis, [top, right, bottom]: [f64; 3]) -> std::fmt::Result {
     let lines = plot.lines.iter().filter(|line| line.named);
     let ends =

@@ -2,17 +2,18 @@
 
 use super::html::{self, escape};
 use super::table::Filter;
-use super::{View, charts, picture, style};
+use super::{View, charts, style};
 use crate::evaluate::results::{Group, Scored, TRUTH, picture_file};
+use crate::util::picture;
 use anyhow::Result;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Bytes of picture files that a page may hold; in base64 they are 40 MB, which a phone still opens.
+/// A page may hold this many bytes of picture files; in base64 they become 40 MB, which a phone can still open.
 const LARGEST: usize = 30_000_000;
 
-/// What the page's script reads.
+/// The data that the page's script reads.
 #[derive(Serialize)]
 struct Data {
     width: usize,
@@ -61,16 +62,16 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
     }
     write!(body, "<section><h2>Facts</h2>\n{}</section>\n</main>\n", facts(scored))?;
     writeln!(body, "<script type=\"application/json\" id=\"data\">{}</script>", html::json(&data)?)?;
-    // The shell adds some 20 kB; said to one digit after the point that does not matter.
+    // The frame of the page adds about 20 kB, which does not change the first digit after the point.
     let size = format!("{:.1}", (body.len() as f64 + 20e3) / 1e6);
     body = body.replacen(PAGE_SIZE, &size, 1);
     Ok(html::page(&title, &body))
 }
 
-/// Stands for the page's size until it is known; a control character, which nothing escaped holds.
+/// Stands for the page's size until that is known. It is a control character, which no escaped text holds.
 const PAGE_SIZE: &str = "\u{1}";
 
-/// To the index and the neighbours.
+/// Links to the index and to the neighbours.
 fn links(view: &View, number: usize) -> String {
     let mut out = String::from("<nav aria-label=\"Pages\"><a href=\"index.html\">All sequences</a>");
     let neighbours = [(number.checked_sub(1), "Previous"), (Some(number + 1), "Next")];
@@ -82,7 +83,7 @@ fn links(view: &View, number: usize) -> String {
     out + "</nav>\n"
 }
 
-/// Pictures of the frames shown, of every n-th frame where all would be too many; and how many frames that left out.
+/// The pictures of the shown frames, or of every n-th of them where all would be too many; and the number of frames left out.
 fn collect(view: &View, scored: &Scored) -> Result<(Data, usize)> {
     let about = &scored.about;
     let labels = view.results.about.methods.iter().map(|method| (method.id.clone(), method.label.clone()));
@@ -126,7 +127,7 @@ fn collect(view: &View, scored: &Scored) -> Result<(Data, usize)> {
     ))
 }
 
-/// Of frames and their bytes, every n-th with the smallest n that fits; one at least.
+/// Every n-th frame, for the smallest n with which the bytes fit; at least one frame.
 fn kept_frames(frames: &[(usize, usize)]) -> Vec<usize> {
     let every = |n: usize| frames.iter().step_by(n);
     let fits = |n: &usize| every(*n).map(|(_, bytes)| bytes).sum::<usize>() <= LARGEST;
@@ -150,7 +151,7 @@ fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Res
     };
     let about = &scored.about;
     let last = data.frames.len() - 1;
-    // A frame that is no keyframe says more.
+    // A frame that is not a keyframe shows more.
     let first = data.frames.iter().position(|frame| !about.keyframes.contains(frame)).unwrap_or(0);
     let neural = |id: &str| view.results.about.methods.iter().any(|method| method.id == id && method.group == Group::Neural);
     let right = data.methods.iter().position(|(id, _)| neural(id)).unwrap_or(1);

@@ -1,16 +1,17 @@
-//! Colours and the cells that both kinds of pages share.
+//! Colours, and the cells that both kinds of pages share.
 
 use super::html::{self, escape};
 use super::table::{self, COLUMNS, Row};
-use crate::evaluate::results::{Group, MethodInfo, Metric};
+use crate::evaluate::results::{Group, MethodInfo};
+use crate::metrics::Metric;
 use crate::metrics::bootstrap::Interval;
 use std::collections::BTreeMap;
 
-/// A colour number a method: methods of one series share theirs, ablations have their parent's.
+/// A colour number for each method. Methods of one series share it, and ablations have the colour of their parent.
 pub struct Palette(BTreeMap<String, usize>);
 
 impl Palette {
-    /// Deals colours in the order of the methods.
+    /// Gives out colours in the order of the methods.
     pub fn new(methods: &[MethodInfo]) -> Self {
         let mut colors = BTreeMap::new();
         let mut series: BTreeMap<&str, usize> = BTreeMap::new();
@@ -22,7 +23,7 @@ impl Palette {
             };
             let color = match &method.series {
                 Some(name) => *series.entry(name).or_insert_with(fresh),
-                // In the time of another method, but by the means of its series.
+                // It takes the time of another method, but belongs to its own series.
                 None => of_series(method, &series).map_or_else(fresh, |(_, color)| color),
             };
             colors.insert(method.id.clone(), color);
@@ -40,33 +41,33 @@ impl Palette {
     }
 }
 
-/// The series whose name a method's label begins with, where it is another row of it with the seconds of some method.
+/// The series whose name starts a method's label, for a row that takes the seconds of another method.
 fn of_series<'a, T: Copy>(method: &MethodInfo, series: &BTreeMap<&'a str, T>) -> Option<(&'a str, T)> {
     let begun = series.iter().filter(|(name, _)| method.group == Group::EqualTime && method.label.starts_with(*name));
     begun.max_by_key(|(name, _)| name.len()).map(|(name, value)| (*name, *value))
 }
 
-/// A method's label without the name of the series that its colour tells.
+/// A method's label without the name of its series, which the colour shows.
 pub fn short_label(methods: &[MethodInfo], method: &MethodInfo) -> String {
     let series = methods.iter().filter_map(|method| Some((method.series.as_deref()?, ()))).collect();
     let rest = of_series(method, &series).and_then(|(name, ())| method.label.strip_prefix(name));
     rest.map(str::trim).filter(|rest| !rest.is_empty()).unwrap_or(&method.label).to_owned()
 }
 
-/// Seconds count as equal up to this ratio: equal-time rows hit theirs to a few percent on a quiet machine.
+/// Seconds count as equal up to this ratio: rows of equal time differ by a few percent on a quiet machine.
 pub const EQUAL: f64 = 1.15;
 
-/// What is written where there is no value.
+/// Stands where there is no value.
 pub const NONE: &str = "<span class=\"none\">–</span>";
 
-/// A method's name with its colour; `of` is how many sequences it could have been scored on.
+/// A method's name with its colour; `of` is the number of sequences that it could have been scored on.
 pub fn name(palette: &Palette, row: &Row, of: usize) -> String {
     let color = palette.color(&row.method.id) % super::plot::COLORS;
     let partly = if row.sequences < of { format!(" <small>{} of {of} sequences</small>", row.sequences) } else { String::new() };
     format!("<span class=\"dot c{color}\"></span>{}{partly}", escape(&row.label()))
 }
 
-/// A mean with its interval below it.
+/// A mean, with its interval below.
 pub fn cell(metric: &Metric, cell: Option<&Interval>) -> (Option<f64>, String) {
     let Some(cell) = cell else { return (None, NONE.into()) };
     let mean = table::number(metric, cell.mean);
@@ -80,7 +81,7 @@ pub fn seconds(value: Option<f64>) -> (Option<f64>, String) {
     (value, value.map_or_else(|| NONE.into(), table::seconds))
 }
 
-/// Seconds; where a row has missed those it was given, by how much.
+/// Seconds, and by how much a row missed the seconds that it was given.
 fn given_seconds(rows: &[Row], row: &Row) -> (Option<f64>, String) {
     let (value, text) = seconds(row.seconds);
     let ratio = table::given_seconds(rows, row).and_then(|given| Some(row.seconds? / given));
@@ -108,7 +109,7 @@ pub fn main_table(palette: &Palette, caption: &str, rows: &[Row], of: usize) -> 
     html::table(caption, &heads, &rows.iter().map(line).collect::<Vec<_>>())
 }
 
-/// What a metric means and which way is better.
+/// The meaning of a metric, and which direction is better.
 pub fn direction(metric: &Metric) -> String {
     format!("{}; {} is better", metric.meaning, if metric.rising { "more" } else { "less" })
 }

@@ -1,11 +1,11 @@
-//! What stands where, in a few sentences.
+//! A summary of the results in a few sentences.
 
 use super::html::escape;
 use super::style::EQUAL;
 use super::table::{self, Filter, Means, Row};
-use crate::evaluate::results::Metric;
+use crate::metrics::Metric;
 
-/// A paragraph on a set; empty where no method has a PSNR.
+/// A paragraph about a set; empty where no method has a PSNR.
 pub fn paragraph(means: &Means, set: &str) -> String {
     let filter = Filter { set: Some(set), without_ablations: true, ..Filter::default() };
     let rows = means.rows(filter);

@@ -1,8 +1,8 @@
-//! Means over frames and sequences with their intervals, and the tables that are printed.
+//! Computes means over frames and sequences with their intervals, and prints tables.
 
-use crate::evaluate::results::{BUDGET_PIXELS, Group, METRICS, MethodInfo, Metric, Results, Scored, Sequence};
+use crate::evaluate::results::{BUDGET_PIXELS, Group, MethodInfo, Results, Scored, SequenceSummary};
 use crate::metrics::bootstrap::{self, Interval};
-use crate::metrics::median;
+use crate::metrics::{METRICS, Metric, median};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
@@ -12,32 +12,32 @@ pub const COLUMNS: [&str; 7] = ["psnr", "ssim", "lpips_alex", "flip", "psnr_full
 /// Head of the column of [`Row::seconds_with_truth`].
 pub const WITH_TRUTH: &str = "s/frame with truth";
 
-/// A metric by its id; `None` for one that [`METRICS`] does not list.
+/// A metric by its id; `None` if [`METRICS`] does not list it.
 pub fn metric(id: &str) -> Option<&'static Metric> {
     METRICS.iter().find(|metric| metric.id == id)
 }
 
-/// What a table says of a method.
+/// The row of a method in a table.
 #[derive(Clone, Debug)]
 pub struct Row<'a> {
     /// The method.
     pub method: &'a MethodInfo,
-    /// By id of the metric; one without a value is missing.
+    /// Means by id of the metric; metrics without a value are missing.
     pub cells: BTreeMap<&'static str, Interval>,
-    /// Mean over sequences of the median wall seconds of the frames counted.
+    /// Mean over sequences of the median wall seconds of the counted frames.
     pub seconds: Option<f64>,
-    /// The same with what the truth of keyframes costs a frame, for methods that read it; `None` where that is not known.
+    /// The same, plus the seconds a frame for the truth of keyframes, where a method reads it; `None` where these are unknown.
     pub seconds_with_truth: Option<f64>,
-    /// Mean over sequences of the seconds that the row was given, for rows of a budget.
+    /// Mean over sequences of the seconds that the row was given, for rows with a budget.
     pub budget: Option<f64>,
-    /// Mean samples a pixel of the frames counted, for path tracing.
+    /// Mean samples for each pixel of the counted frames, for path tracing.
     pub spp: Option<f64>,
-    /// Sequences that the method has been scored on.
+    /// Number of sequences that the method was scored on.
     pub sequences: usize,
 }
 
 impl Row<'_> {
-    /// Name in tables; with the samples that the time allowed, where that is what they follow from.
+    /// Name in tables, with the number of samples where it follows from the time.
     pub fn label(&self) -> String {
         let label = &self.method.label;
         match self.spp.filter(|_| matches!(self.method.group, Group::EqualTime | Group::Budget)) {
@@ -52,7 +52,7 @@ impl Row<'_> {
     }
 }
 
-/// Which part of the results a table is about.
+/// The part of the results that a table is about.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Filter<'a> {
     /// One set only.
@@ -68,25 +68,25 @@ pub struct Filter<'a> {
 }
 
 impl Filter<'_> {
-    /// Whether the sequence is asked for.
-    pub fn takes(&self, sequence: &Sequence) -> bool {
-        let takes = |wanted: Option<&str>, is: &str| wanted.is_none_or(|wanted| wanted == is);
+    /// Whether the filter takes the sequence.
+    pub fn takes(&self, sequence: &SequenceSummary) -> bool {
+        let takes = |asked: Option<&str>, is: &str| asked.is_none_or(|asked| asked == is);
         takes(self.set, &sequence.set) && takes(self.class, &sequence.class) && takes(self.name, &sequence.name)
     }
 }
 
-/// Means over frames, a sequence at a time: all that rows are made from.
+/// Means over frames for each sequence, from which rows are made.
 ///
-/// All methods are averaged over the same frames: those that are no keyframes, or all where every frame of the sequence is one.
+/// All methods are averaged over the same frames: those that are not keyframes, or all frames where every frame is a keyframe.
 pub struct Means<'a> {
     results: &'a Results,
-    /// A sequence each, by method and metric.
+    /// For each sequence, by method and metric.
     values: Vec<BTreeMap<(&'a str, &'static str), f64>>,
-    /// A sequence each, by method: seconds of the frames counted.
+    /// For each sequence, by method: seconds of the counted frames.
     seconds: Vec<BTreeMap<&'a str, Vec<f64>>>,
-    /// A sequence each, by method: mean samples a pixel of the frames counted.
+    /// For each sequence, by method: mean samples for each pixel of the counted frames.
     spp: Vec<BTreeMap<&'a str, f64>>,
-    /// A sequence each: methods with a score on a frame counted.
+    /// For each sequence: methods with a score on a counted frame.
     scored: Vec<BTreeSet<&'a str>>,
 }
 
@@ -127,12 +127,12 @@ impl<'a> Means<'a> {
         self.values.get(sequence)?.get(&(method, metric.id)).copied()
     }
 
-    /// Numbers and sequences that the filter takes.
+    /// The sequences that the filter takes, with their numbers.
     pub fn sequences(&self, filter: Filter) -> Vec<(usize, &'a Scored)> {
         self.results.sequences.iter().enumerate().filter(|(_, sequence)| filter.takes(&sequence.about)).collect()
     }
 
-    /// A row for each method that has a score there, in the order of the results' methods.
+    /// A row for each method with a score, in the order of the results' methods.
     pub fn rows(&self, filter: Filter) -> Vec<Row<'a>> {
         let sequences = self.sequences(filter);
         let methods = self.results.about.methods.iter();
@@ -162,7 +162,7 @@ impl<'a> Means<'a> {
             Some(share.map(|share| seconds + share))
         };
         let all: Option<Vec<f64>> = sequences.iter().filter_map(with_truth).collect();
-        let pixels = |sequence: &Sequence| (sequence.width * sequence.height) as f64 / BUDGET_PIXELS;
+        let pixels = |sequence: &SequenceSummary| (sequence.width * sequence.height) as f64 / BUDGET_PIXELS;
         let budget = method.budget.map(|budget| {
             let scored = sequences.iter().filter(|(number, _)| self.scored[*number].contains(method.id.as_str()));
             scored.map(|(_, sequence)| budget * pixels(&sequence.about)).sum::<f64>() / count.max(1) as f64
@@ -170,7 +170,7 @@ impl<'a> Means<'a> {
         (count > 0).then(|| Row {
             method,
             cells: METRICS.iter().filter_map(|metric| Some((metric.id, cell(metric)?))).collect(),
-            // Not the median of all frames: among a few dear and a few cheap scenes it would be one scene's.
+            // The median of all frames would follow a single scene among a few slow and a few fast ones.
             seconds: bootstrap::bootstrap(&medians).map(|seconds| seconds.mean),
             seconds_with_truth: all.and_then(|all| bootstrap::bootstrap(&all)).map(|seconds| seconds.mean),
             budget,
@@ -179,7 +179,7 @@ impl<'a> Means<'a> {
         })
     }
 
-    /// Mean over sequences of what `method` scores above `other` on the same sequence.
+    /// Mean over sequences of the difference between `method` and `other` on the same sequence.
     pub fn difference(&self, filter: Filter, method: &str, other: &str, metric: &str) -> Option<Interval> {
         let sequences = self.sequences(filter);
         let values = |method| sequences.iter().map(|(number, _)| self.value(*number, method, metric)).collect::<Vec<_>>();
@@ -187,17 +187,17 @@ impl<'a> Means<'a> {
     }
 }
 
-/// The method that an ablation is a change of.
+/// The method that an ablation changes.
 pub fn parent<'a>(methods: &'a [MethodInfo], ablation: &MethodInfo) -> Option<&'a MethodInfo> {
     methods.iter().find(|method| ablation.part_of.as_ref() == Some(&method.id))
 }
 
-/// The row whose seconds an equal-time method was given.
+/// The row whose seconds a method of equal time was given.
 pub fn given<'r, 'a>(rows: &'r [Row<'a>], method: &MethodInfo) -> Option<&'r Row<'a>> {
     rows.iter().find(|row| method.time_of.as_ref() == Some(&row.method.id))
 }
 
-/// Seconds that a row was given, by a budget or another method.
+/// Seconds that a row was given, by a budget or by another method.
 pub fn given_seconds(rows: &[Row], row: &Row) -> Option<f64> {
     row.budget.or_else(|| given(rows, row.method)?.seconds)
 }
@@ -205,11 +205,11 @@ pub fn given_seconds(rows: &[Row], row: &Row) -> Option<f64> {
 /// A value with the digits of its metric.
 pub fn number(metric: &Metric, value: f64) -> String {
     let digits = metric.digits;
-    // A rare huge value must not widen a column.
+    // A rare huge value must not make a column wider.
     if value.abs() >= 1e5 { format!("{value:.2e}") } else { format!("{value:.digits$}") }
 }
 
-/// Seconds with three digits that count, down to a microsecond.
+/// Seconds with three significant digits, down to a microsecond.
 pub fn seconds(value: f64) -> String {
     let digits = if value >= 100.0 {
         0
@@ -225,7 +225,7 @@ pub fn seconds(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
-/// The sets of the results, the one with most sequences first.
+/// The sets of the results; the one with most sequences comes first.
 pub fn sets(results: &Results) -> Vec<&str> {
     let mut sets = unique(results.sequences.iter().map(|sequence| sequence.about.set.as_str()));
     let count = |set: &str| results.sequences.iter().filter(|sequence| sequence.about.set == set).count();
@@ -248,11 +248,11 @@ fn unique<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     seen
 }
 
-/// The main table of each set as Markdown for a terminal; PSNR with its interval, a dash where there is no value.
+/// The main table of each set as Markdown for a terminal: PSNR with its interval, and a dash where there is no value.
 pub fn markdown(results: &Results, filter: Filter) -> String {
     let means = Means::new(results);
     let mut text = String::new();
-    for set in sets(results).into_iter().filter(|set| filter.set.is_none_or(|wanted| wanted == *set)) {
+    for set in sets(results).into_iter().filter(|set| filter.set.is_none_or(|asked| asked == *set)) {
         let filter = Filter { set: Some(set), ..filter };
         let rows = means.rows(filter);
         if rows.is_empty() {
@@ -267,15 +267,15 @@ pub fn markdown(results: &Results, filter: Filter) -> String {
     text
 }
 
-/// Sequences, and frames that are averaged over in them.
+/// Number of sequences, and of frames that they are averaged over.
 pub fn extent(means: &Means, filter: Filter) -> (usize, usize) {
     let sequences = means.sequences(filter);
     let frames = sequences.iter().map(|(_, sequence)| counted(&sequence.about).len()).sum();
     (sequences.len(), frames)
 }
 
-/// Frames that means are taken over.
-pub fn counted(sequence: &Sequence) -> Vec<usize> {
+/// The frames that count for means.
+pub fn counted(sequence: &SequenceSummary) -> Vec<usize> {
     let rest: Vec<usize> = sequence.frames.iter().copied().filter(|frame| !sequence.keyframes.contains(frame)).collect();
     if rest.is_empty() { sequence.frames.clone() } else { rest }
 }
@@ -285,7 +285,7 @@ pub fn plural(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Rows as Markdown, columns lined up.
+/// Rows as Markdown, with aligned columns.
 fn grid(rows: &[Row]) -> String {
     let columns: Vec<&Metric> = COLUMNS.iter().filter_map(|id| metric(id)).collect();
     let mut lines = vec![vec!["method".to_owned()]];

@@ -1,7 +1,8 @@
 //! A small results folder made up for tests: two sets, three classes, four sequences, values one can compute by head.
 
-use renderflow::evaluate::results::{About, Group, METRICS, MethodInfo, Score, Sequence, TRUTH, Truth, VERSION, picture_file};
-use renderflow::report::picture::png;
+use renderflow::evaluate::results::{About, Group, MethodInfo, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file};
+use renderflow::metrics::METRICS;
+use renderflow::util::picture::png;
 use renderflow_frame::file::{write_atomic, write_json};
 use renderflow_frame::image::Rgb;
 use std::path::Path;
@@ -116,7 +117,7 @@ pub fn write(folder: &Path) {
             write_atomic(&file, &png(&picture(frame, 0)).unwrap()).unwrap();
         }
         write_atomic(&place.join(format!("{stem}.jsonl")), lines.as_bytes()).unwrap();
-        let sequence = Sequence {
+        let sequence = SequenceSummary {
             set: set.into(),
             class: class.into(),
             name: name.into(),

@@ -3,11 +3,11 @@
 mod example;
 
 use renderflow::evaluate::results::Results;
-use renderflow::progress::Progress;
 use renderflow::report::{self, table};
+use renderflow::util::cancel::Cancel;
+use renderflow::util::progress::Progress;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 fn results(folder: &Path) -> Results {
     example::write(folder);
@@ -16,7 +16,7 @@ fn results(folder: &Path) -> Results {
 
 /// Pages by file name.
 fn pages(results: &Results, out: &Path) -> BTreeMap<String, String> {
-    report::build(results, out, &Progress::new("report", 5), &AtomicBool::new(false)).unwrap();
+    report::build(results, out, &Progress::new("report", 5), &Cancel::default()).unwrap();
     let files = std::fs::read_dir(out).unwrap().map(|entry| entry.unwrap());
     files.map(|f| (f.file_name().into_string().unwrap(), std::fs::read_to_string(f.path()).unwrap())).collect()
 }
@@ -214,7 +214,7 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
     assert_eq!(data["psnr"]["1"]["ibl"], "20.00 dB");
     // Pictures are the files, byte for byte.
     let file = results.sequences.iter().find(|s| s.about.name == "first").unwrap().pictures.join("0003.neural.png");
-    assert_eq!(data["pictures"]["3"]["neural"], report::picture::base64(&std::fs::read(file).unwrap()));
+    assert_eq!(data["pictures"]["3"]["neural"], renderflow::util::picture::base64(&std::fs::read(file).unwrap()));
 }
 
 #[test]
@@ -235,10 +235,12 @@ fn what_is_missing_or_damaged_is_met() {
     let damaged = results.sequences[1].pictures.join("0002.truth.png");
     std::fs::write(&damaged, b"not a picture").unwrap();
     let progress = Progress::new("report", 5);
-    let error = report::build(&results, &out, &progress, &AtomicBool::new(false)).unwrap_err();
+    let error = report::build(&results, &out, &progress, &Cancel::default()).unwrap_err();
     assert!(error.to_string().contains(damaged.to_str().unwrap()), "{error:#}");
-    let error = report::build(&results, &out, &progress, &AtomicBool::new(true)).unwrap_err();
-    assert!(error.is::<renderflow::truth::Interrupted>());
+    let stopped = Cancel::default();
+    stopped.set();
+    let error = report::build(&results, &out, &progress, &stopped).unwrap_err();
+    assert!(error.is::<renderflow::util::cancel::Interrupted>());
     results.sequences.clear();
-    assert!(report::build(&results, &out, &progress, &AtomicBool::new(false)).is_err());
+    assert!(report::build(&results, &out, &progress, &Cancel::default()).is_err());
 }

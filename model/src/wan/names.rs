@@ -91,6 +91,7 @@ impl Entry {
 }
 
 /// The names that a file uses.
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Naming {
     /// The names of diffusers.

@@ -39,8 +39,8 @@ impl Memory {
 }
 
 impl Sequence for Memory {
-    fn light(&self) -> &Light {
-        &self.clip.light
+    fn light(&self) -> renderflow_model::Result<&Light> {
+        Ok(&self.clip.light)
     }
 
     fn depth_bounds(&self) -> renderflow_model::Result<DepthBounds> {
@@ -63,7 +63,7 @@ pub struct Bounded {
 }
 
 impl Sequence for Bounded {
-    fn light(&self) -> &Light {
+    fn light(&self) -> renderflow_model::Result<&Light> {
         self.sequence.light()
     }
 

@@ -6,7 +6,7 @@
 //! they were, from memory, with nothing in between. Where paths split, each branch counts.
 //! `--render` only renders, as often as `--repeats` says, for `perf stat` and for comparisons of two versions.
 
-use renderflow::clock::{Clock, Of};
+use renderflow::util::clock::{Clock, Of};
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::accel::Scratch;
 use renderflow_renderer::ray::Ray;

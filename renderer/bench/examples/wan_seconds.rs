@@ -8,7 +8,7 @@
 //! KEYFRAMES those given (0).
 
 use burn::tensor::{Device, Tensor, TensorData};
-use renderflow::machine;
+use renderflow::util::machine;
 use renderflow_model::wan::flow::{Conditions, KeyframeConfig, KeyframeLatent};
 use renderflow_model::wan::vae::Cache;
 use renderflow_model::wan::{Dit, DitConfig, DitInput, Flow, FlowConfig, Vae, VaeConfig};

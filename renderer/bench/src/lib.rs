@@ -26,7 +26,7 @@ pub mod scenes;
 pub mod skip;
 pub mod stages;
 
-use renderflow::machine;
+use renderflow::util::machine;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers were measured with.

@@ -1,7 +1,7 @@
 //! References: a picture of many samples in parts with seeds of their own, so that its noise is known, kept in a file and gone on with.
 
 use anyhow::{Result, bail};
-use renderflow::truth::Interrupted;
+use renderflow::util::cancel::Interrupted;
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
 use renderflow_renderer::{RenderScene, Settings, render};

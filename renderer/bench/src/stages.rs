@@ -1,8 +1,8 @@
 //! Where the time of a frame goes.
 
 use anyhow::Result;
-use renderflow::clock::{Spent, Stopwatch};
-use renderflow::truth::Interrupted;
+use renderflow::util::cancel::Interrupted;
+use renderflow::util::clock::{Spent, Stopwatch};
 use renderflow_frame::{Frame, exr};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
 use renderflow_renderer::{RenderScene, Settings, Stats, develop, expose_whole};

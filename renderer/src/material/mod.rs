@@ -27,6 +27,7 @@ use glam::Vec3A;
 use serde::{Deserialize, Serialize};
 
 /// Which form of the material is rendered.
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {

@@ -4,9 +4,9 @@ use super::monitor::Monitor;
 use super::reference::References;
 use super::{Bars, Train};
 use crate::dataset::Dataset;
+use crate::dataset::learning::{Planned, Recipe, Recorded};
 use crate::dataset::plan::Plan;
-use crate::learning::{Planned, Recipe, Recorded};
-use crate::truth::Interrupted;
+use crate::util::cancel::{Cancel, Interrupted};
 use anyhow::{Context, Result, ensure};
 use half::f16;
 use renderflow_model::fusion::record::PARTS;
@@ -17,7 +17,6 @@ use renderflow_scenes::procedural::Split;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The options of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -72,16 +71,16 @@ impl Train {
         Ok(())
     }
 
-    pub(super) fn fusion(&self, options: &Options, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    pub(super) fn fusion(&self, options: &Options, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let done = match &self.plan {
             Some(plan) => self.learn_from_plan(options, plan, cancel),
             None => self.learn_from_dataset(options, self.data()?, allowed, cancel),
         };
         // A render that was cancelled may report any error.
-        done.map_err(|error| if cancel.load(Ordering::Relaxed) { Interrupted.into() } else { error })
+        done.map_err(|error| if cancel.is_set() { Interrupted.into() } else { error })
     }
 
-    fn learn_from_plan(&self, options: &Options, plan: &Path, cancel: &AtomicBool) -> Result<()> {
+    fn learn_from_plan(&self, options: &Options, plan: &Path, cancel: &Cancel) -> Result<()> {
         let plan = Plan::read(plan)?;
         let counts = plan.sequences;
         ensure!(counts.train > 0, "the plan has no training sequences");
@@ -96,14 +95,14 @@ impl Train {
         self.learn_beside(options, &training, &validation, &bars, cancel)
     }
 
-    fn learn_from_dataset(&self, options: &Options, data: &Path, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
+    fn learn_from_dataset(&self, options: &Options, data: &Path, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let (dataset, notes) = Dataset::open_to_learn(data)?;
         let bars = Bars::new(options.training.first);
         notes.iter().for_each(|note| bars.note(note));
-        for folder in &dataset.sequences {
-            let camera = folder.sequence.cameras.iter().min_by_key(|camera| camera.width.min(camera.height));
+        for sequence in &dataset.sequences {
+            let camera = sequence.transforms.cameras.iter().min_by_key(|camera| camera.width.min(camera.height));
             let size = camera.map_or([0; 2], |camera| [camera.width, camera.height]);
-            options.check_size(size).with_context(|| folder.path.display().to_string())?;
+            options.check_size(size).with_context(|| sequence.folder.display().to_string())?;
         }
         let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));
         let held_out = match beside.filter(|folder| folder.is_dir() && !same(folder, data)) {
@@ -128,7 +127,7 @@ impl Train {
         source: &dyn Source,
         validation: &[Record<f16>],
         bars: &Bars,
-        cancel: &AtomicBool,
+        cancel: &Cancel,
     ) -> Result<()> {
         let start = self.from.as_deref().map(Fusion::load).transpose()?;
         let references = References::measure(&options.training.network, validation)?;
@@ -166,7 +165,7 @@ fn validation(
     bars: &Bars,
     count: u32,
     records: &dyn Fn(u64) -> Result<Vec<Record<f32>>>,
-    cancel: &AtomicBool,
+    cancel: &Cancel,
 ) -> Result<Vec<Record<f16>>> {
     let count = count.min(VALIDATION_SEQUENCES);
     let mut validation = Vec::new();
@@ -174,7 +173,7 @@ fn validation(
         bars.loading.message(format!("validation, sequence {} of {count}", i + 1));
         // The last record of a sequence has all inputs.
         validation.extend(records(i.into())?.pop().map(|record| record.to_half()));
-        ensure!(!cancel.load(Ordering::Relaxed), Interrupted);
+        ensure!(!cancel.is_set(), Interrupted);
     }
     Ok(validation)
 }

@@ -1,8 +1,9 @@
 //! The files that show how a run is doing: a page of curves, TensorBoard events, and pictures of some validation frames.
 
 use super::reference::References;
+use crate::report::html;
 use crate::report::plot::{self, Level, Line, Plot, Point, Scale};
-use crate::report::{html, picture};
+use crate::util::picture;
 use anyhow::{Context, Result};
 use half::f16;
 use renderflow_frame::file;

@@ -2,6 +2,7 @@
 
 use super::{Bars, Train};
 use crate::dataset::Dataset;
+use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
@@ -9,7 +10,6 @@ use renderflow_model::train::Decay;
 use renderflow_model::wan::FlowConfig;
 use renderflow_model::wan::flow::{InverseConfig, KeyframeConfig};
 use renderflow_model::wan::train::{self, BatchConfig, Config, LatentConfig, Stage};
-use std::sync::atomic::AtomicBool;
 
 /// A stage of the training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -108,7 +108,7 @@ impl Train {
         Ok(config)
     }
 
-    pub(super) fn wan(&self, config: &Config, cancel: &AtomicBool) -> Result<()> {
+    pub(super) fn wan(&self, config: &Config, cancel: &Cancel) -> Result<()> {
         let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
         let bars = Bars::new(dataset.sequences.len() as u64);
         notes.iter().for_each(|note| bars.note(note));

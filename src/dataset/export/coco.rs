@@ -8,7 +8,8 @@
 
 use super::picture::{byte, png};
 use super::{Job, displayed};
-use crate::dataset::source::{self, Source};
+use crate::dataset::Sequence;
+use crate::dataset::whole::{self, key};
 use anyhow::{Context, Result};
 use renderflow_frame::Image;
 use renderflow_frame::file;
@@ -75,9 +76,9 @@ struct Mask {
     runs: RunLengths,
 }
 
-/// Lengths of runs, first of pixels that are not in the mask, in pycocotools' characters: each count from the third on as its
-/// difference to the one before the last, in groups of five bits, lowest first, bit 6 where another follows (`rleToString` of
-/// maskApi.c).
+/// The lengths of runs in pycocotools' characters. The first run is of pixels outside of the mask. From the third on, each length
+/// is stored as its difference to the one before the last, in groups of five bits, lowest first; bit 6 is set where another group
+/// follows (`rleToString` of maskApi.c).
 fn characters(runs: &[i64]) -> String {
     let mut text = String::new();
     for (i, &run) in runs.iter().enumerate() {
@@ -99,7 +100,7 @@ fn characters(runs: &[i64]) -> String {
 fn masks(ids: &Image<u32>) -> Vec<Mask> {
     struct Growing {
         runs: Vec<i64>,
-        /// Where, column by column, the last run ends.
+        /// Where the last run ends, column by column.
         end: usize,
         area: usize,
         low: [usize; 2],
@@ -147,7 +148,7 @@ struct Named {
     name: String,
 }
 
-/// What stands before the first number in a name: `table` for `table_07` and for its part `table_07_2`.
+/// The part of a name before its first number: `table` for `table_07`, and for its part `table_07_2`.
 fn family(name: &str) -> &str {
     let mut end = 0;
     for word in name.split('_') {
@@ -164,19 +165,19 @@ fn family(name: &str) -> &str {
 pub struct Categories(BTreeMap<String, usize>);
 
 impl Categories {
-    /// Those of the dataset in `root`, of which `exported` is a part or the whole.
+    /// The categories of the dataset in `root`; `exported` is a part of it, or the whole.
     ///
     /// # Errors
     /// When a scene cannot be read.
-    pub fn of(root: &Path, exported: &[Source]) -> Result<Self> {
-        let whole = source::open(root).map(|found| found.sequences).unwrap_or_else(|_| {
+    pub fn of(root: &Path, exported: &[Sequence]) -> Result<Self> {
+        let whole = whole::open(root).map(|found| found.sequences).unwrap_or_else(|_| {
             eprintln!("note: {}: is not complete; ids of what is no mesh family may be others once it is", root.display());
             Vec::new()
         });
         let families: Vec<&str> = FAMILIES.iter().copied().chain([USERS]).collect();
         let mut others = BTreeSet::new();
-        for source in if whole.is_empty() { exported } else { &whole } {
-            others.extend(categories(source)?.into_iter().filter(|name| !families.contains(&name.as_str())));
+        for sequence in if whole.is_empty() { exported } else { &whole } {
+            others.extend(categories(sequence)?.into_iter().filter(|name| !families.contains(&name.as_str())));
         }
         Ok(Self(families.into_iter().map(str::to_owned).chain(others).zip(1..).collect()))
     }
@@ -197,21 +198,22 @@ impl Categories {
 const USERS: &str = "file";
 
 /// Category of each object; object id 1 is the first.
-fn categories(source: &Source) -> Result<Vec<String>> {
-    let scene: Scene = file::read_json(&source.folder.join("scene.json"))?;
-    let recorded = |name: &str| source.record.iter().flat_map(|r| &r.objects).find(|o| o.name == name).map(|o| o.family.clone());
+fn categories(sequence: &Sequence) -> Result<Vec<String>> {
+    let scene: Scene = file::read_json(&sequence.folder.join("scene.json"))?;
+    let recorded =
+        |name: &str| sequence.record.iter().flat_map(|r| &r.objects).find(|o| o.name == name).map(|o| o.family.clone());
     Ok(scene.objects.iter().map(|o| recorded(&o.name).unwrap_or_else(|| family(&o.name).to_owned())).collect())
 }
 
 /// The sequences of one split.
-pub fn split(sources: &[Source], ids: &Categories, out: &Path, job: &Job) -> Result<()> {
+pub fn split(sequences: &[Sequence], ids: &Categories, out: &Path, job: &Job) -> Result<()> {
     let (mut images, mut found): (Vec<Picture>, Vec<(usize, usize, Mask)>) = (Vec::new(), Vec::new());
-    for source in sources {
-        let categories = categories(source)?;
-        let folder = out.join(source.split);
-        let frames = job.frames(source, |index, frame| {
-            let picture = displayed(&frame, source.sequence.exposure)?;
-            let file_name = format!("{}.png", source.key(index));
+    for sequence in sequences {
+        let categories = categories(sequence)?;
+        let folder = out.join(sequence.split.name());
+        let frames = job.frames(sequence, |index, frame| {
+            let picture = displayed(&frame, sequence.transforms.exposure)?;
+            let file_name = format!("{}.png", key(sequence, index));
             let bytes = png(frame.width, frame.height, picture.pixels.iter().map(|p| p.map(byte)))?;
             job.write(folder.join(&file_name), &bytes)?;
             Ok((file_name, frame.width, frame.height, masks(&frame.object_id)))
@@ -239,7 +241,7 @@ pub fn split(sources: &[Source], ids: &Categories, out: &Path, job: &Job) -> Res
     let annotations = annotations.collect();
     let categories = ids.list();
     let info = Info { description: "RenderFlow", version: env!("CARGO_PKG_VERSION") };
-    let name = format!("annotations/instances_{}.json", sources[0].split);
+    let name = format!("annotations/instances_{}.json", sequences[0].split);
     let text = serde_json::to_vec(&Instances { info, images, annotations, categories })?;
     job.write(out.join(name), &text)
 }

@@ -18,7 +18,7 @@
 
 use super::picture::{byte, png};
 use super::{Job, displayed};
-use crate::dataset::source::Source;
+use crate::dataset::Sequence;
 use anyhow::Result;
 use glam::Vec3A;
 use renderflow_frame::transforms::{Matrix, rows};
@@ -64,22 +64,22 @@ fn normal(n: [f32; 3]) -> [u8; 3] {
     n.map(|v| byte(0.5 * v + 0.5))
 }
 
-pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
-    let (sequence, folder) = (&source.sequence, out.join(source.split));
-    let map = hdr::read(&source.folder.join(&sequence.environment))?.map;
-    let environment = Environment { map, rotation: sequence.environment_rotation, intensity: sequence.environment_intensity };
+pub fn sequence(sequence: &Sequence, out: &Path, job: &Job) -> Result<()> {
+    let (transforms, folder) = (&sequence.transforms, out.join(sequence.split.name()));
+    let map = hdr::read(&sequence.folder.join(&transforms.environment))?.map;
+    let environment = Environment { map, rotation: transforms.environment_rotation, intensity: transforms.environment_intensity };
     // The range of depth is the clip's, so that depth does not flicker; frames are read twice for it.
     let quiet = job.quiet();
-    let ranges = quiet.frames(source, |_, frame| {
+    let ranges = quiet.frames(sequence, |_, frame| {
         let hits = frame.depth.pixels.iter().copied().filter(|d| d.is_finite());
         Ok(hits.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), d| (low.min(d), high.max(d))))
     })?;
     let (near, far) = ranges.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |all, own| (all.0.min(own.0), all.1.max(own.1)));
     let (near, far) = if near <= far { (near, far) } else { (0.0, 1.0) };
-    let name = |index: usize, label: &str| folder.join(format!("{}.{:04}.{label}.png", source.name, source.numbers[index]));
-    job.frames(source, |index, frame| {
+    let name = |index: usize, label: &str| folder.join(format!("{}.{:04}.{label}.png", sequence.name, sequence.numbers[index]));
+    job.frames(sequence, |index, frame| {
         let (width, height) = (frame.width, frame.height);
-        let picture = displayed(&frame, sequence.exposure)?;
+        let picture = displayed(&frame, transforms.exposure)?;
         let grey = |v: f32| [byte(v); 3];
         let share = |depth: f32| if depth.is_finite() { (depth - near) / (far - near).max(f32::MIN_POSITIVE) } else { 1.0 };
         let mut files = vec![
@@ -92,17 +92,17 @@ pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
         ];
         // Texels about as large as the pixels that look at them: a small sun is not missed.
         let coarse = environment.downsampled(environment.map.width.min(width), environment.map.height.min(height));
-        files.extend(maps(&coarse, &sequence.cameras[index])?);
+        files.extend(maps(&coarse, &transforms.cameras[index])?);
         files.iter().try_for_each(|(label, bytes)| job.write(name(index, label), bytes))
     })?;
-    if let Some(camera) = sequence.cameras.first() {
+    if let Some(camera) = transforms.cameras.first() {
         let (width, height) = (camera.width, camera.height);
         let directions = (0..width * height).map(|i| direction(width, height, i % width, i / width).to_array());
         job.write(name(0, "env_nrm"), &png(width, height, directions.map(normal))?)?;
     }
-    let frames = sequence.cameras.iter().map(|c| Pose { transform_matrix: rows(c.camera_to_world, c.origin) });
+    let frames = transforms.cameras.iter().map(|c| Pose { transform_matrix: rows(c.camera_to_world, c.origin) });
     let cameras = Cameras { depth_range: [near, far], frames: frames.collect() };
-    let path = folder.join(format!("{}.cameras.json", source.name));
+    let path = folder.join(format!("{}.cameras.json", sequence.name));
     job.write(path.clone(), &file::json(&path, &cameras)?)
 }
 

@@ -1,12 +1,12 @@
 //! nerfstudio: `OUT/<split>/seq-000123/{transforms.json, images, depths, masks}`, as its `nerfstudio_dataparser.py` reads them
 //! (commit 50e0e3c, 2025-07): camera-to-world in OpenGL axes, the world's +Z up, pixel centres at +0.5.
 //!
-//! Depths are planar, 16 bits, millimetres; 0 = unknown: a miss, or beyond 65.535 m. Masks are white where the picture shows a surface that
-//! stands still, black where it shows the sky or a moving object, which a static scene cannot explain.
+//! Depths are planar, 16 bits, millimetres; 0 = unknown: a miss, or beyond 65.535 m. Masks are white where the picture shows a
+//! surface that stands still, black where it shows the sky or a moving object, which a static scene cannot explain.
 
 use super::picture::{byte, png};
 use super::{Job, displayed};
-use crate::dataset::source::Source;
+use crate::dataset::Sequence;
 use anyhow::Result;
 use renderflow_frame::file;
 use renderflow_frame::transforms::{Matrix, rows};
@@ -63,22 +63,22 @@ fn millimetres(depth: f32) -> u16 {
     if (1.0..=65535.0).contains(&rounded) { rounded as u16 } else { 0 }
 }
 
-pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
-    let folder = out.join(source.split).join(&source.name);
-    let sequence = &source.sequence;
-    let name = |kind: &str, index: usize| format!("{kind}/frame_{:04}.png", source.numbers[index]);
-    job.frames(source, |index, frame| {
+pub fn sequence(sequence: &Sequence, out: &Path, job: &Job) -> Result<()> {
+    let folder = out.join(sequence.split.name()).join(&sequence.name);
+    let transforms = &sequence.transforms;
+    let name = |kind: &str, index: usize| format!("{kind}/frame_{:04}.png", sequence.numbers[index]);
+    job.frames(sequence, |index, frame| {
         let (width, height) = (frame.width, frame.height);
-        let picture = displayed(&frame, sequence.exposure)?;
+        let picture = displayed(&frame, transforms.exposure)?;
         let image = png(width, height, picture.pixels.iter().map(|pixel| pixel.map(byte)))?;
         let depth = png(width, height, frame.depth.pixels.iter().map(|&depth| [millimetres(depth)]))?;
-        let still = |id: u32| id != 0 && !sequence.tracks.objects.contains_key(&id);
+        let still = |id: u32| id != 0 && !transforms.tracks.objects.contains_key(&id);
         let mask = png(width, height, frame.object_id.pixels.iter().map(|&id| [if still(id) { 255u8 } else { 0 }]))?;
         job.write(folder.join(name("images", index)), &image)?;
         job.write(folder.join(name("depths", index)), &depth)?;
         job.write(folder.join(name("masks", index)), &mask)
     })?;
-    let intrinsics: Vec<_> = (sequence.cameras.iter())
+    let intrinsics: Vec<_> = (transforms.cameras.iter())
         .map(|camera| Intrinsics {
             fl_x: camera.fl_x,
             fl_y: camera.fl_y,
@@ -93,7 +93,7 @@ pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
         })
         .collect();
     let shared = intrinsics.iter().all(|own| *own == intrinsics[0]);
-    let frames = sequence.cameras.iter().enumerate().map(|(index, camera)| Entry {
+    let frames = transforms.cameras.iter().enumerate().map(|(index, camera)| Entry {
         file_path: name("images", index),
         depth_file_path: name("depths", index),
         mask_path: name("masks", index),

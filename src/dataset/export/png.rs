@@ -14,7 +14,7 @@
 
 use super::picture::{byte, png, word};
 use super::{Job, displayed};
-use crate::dataset::source::Source;
+use crate::dataset::Sequence;
 use anyhow::Result;
 use half::f16;
 use renderflow_frame::image::{Image, Rgb};
@@ -155,15 +155,15 @@ fn pictures(frame: &Frame, exposure: f32, spans: &Spans) -> Result<Vec<(String, 
     Ok(found)
 }
 
-pub fn sequence(source: &Source, out: &Path, job: &Job) -> Result<()> {
-    let folder = out.join(source.split).join(&source.name);
+pub fn sequence(sequence: &Sequence, out: &Path, job: &Job) -> Result<()> {
+    let folder = out.join(sequence.split.name()).join(&sequence.name);
     let quiet = job.quiet();
-    let spans = quiet.frames(source, |_, frame| Ok(Spans::of(&frame)))?;
+    let spans = quiet.frames(sequence, |_, frame| Ok(Spans::of(&frame)))?;
     let Some(spans) = spans.into_iter().reduce(Spans::with) else { return Ok(()) };
-    let ranges = job.frames(source, |index, frame| {
+    let ranges = job.frames(sequence, |index, frame| {
         let mut ranges = BTreeMap::new();
-        for (name, bytes, range) in pictures(&frame, source.sequence.exposure, &spans)? {
-            job.write(folder.join(format!("{name}_{:04}.png", source.numbers[index])), &bytes)?;
+        for (name, bytes, range) in pictures(&frame, sequence.transforms.exposure, &spans)? {
+            job.write(folder.join(format!("{name}_{:04}.png", sequence.numbers[index])), &bytes)?;
             ranges.insert(name, range);
         }
         Ok(ranges)

@@ -1,33 +1,33 @@
-//! The lists of shards in a folder: which ones are this program's own, what they may name, and what may be removed because of
+//! The lists of shards in a folder: which lists are this program's own, what they may name, and what may be removed because of
 //! them.
 
 use super::{Kind, MANIFEST, Manifest, PROGRAM, Shard, UNFINISHED, verify};
 use crate::dataset::plan::SPLITS;
-use crate::output;
+use crate::util::output;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::{file, reach};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::path::Path;
 
-/// The shards of a run that is not finished, and those of the run before that are still there.
+/// The shards of a run that is not finished, and the shards of the previous run that are still there.
 #[derive(Serialize, Deserialize)]
 pub struct Unfinished {
     version: u32,
     program: String,
-    /// Whether the run began with a list without a seal.
+    /// Whether the run started from a list without a seal.
     adopted: bool,
     shards: Vec<Shard>,
     seal: String,
 }
 
 /// What earlier runs left in a folder.
-pub struct Found {
+pub struct EarlierShards {
     /// Their shards.
     pub shards: Vec<Shard>,
-    /// Whether they came to an end: the manifest is there.
+    /// Whether they finished: the manifest is there.
     pub finished: bool,
-    /// Whether the list is as this program wrote it. Those of earlier versions do not tell.
+    /// Whether the list is as this program wrote it. Lists of earlier versions have no seal.
     pub sealed: bool,
 }
 
@@ -44,10 +44,10 @@ impl Manifest {
         Ok(self)
     }
 
-    /// Reads the manifest in `out`: its version, its seal, and the names in it.
+    /// Reads the manifest in `out`, and checks its version, its seal, and the names in it.
     ///
     /// # Errors
-    /// When one of these is not right; the message names file and entry.
+    /// When one of these is wrong. The message names file and entry.
     pub(super) fn read(out: &Path) -> Result<Self> {
         let path = out.join(MANIFEST);
         let manifest: Self = file::read_json(&path)?;
@@ -58,12 +58,12 @@ impl Manifest {
     }
 }
 
-/// What is said of a list whose seal does not fit.
+/// Said of a list whose seal does not fit.
 fn changed(path: &Path) -> String {
     format!("{}: /seal: the file was changed after it was written; choose another folder", path.display())
 }
 
-/// The form of `unfinished.json`: of this version, or of those before it.
+/// The form of `unfinished.json`, of this version or of earlier ones.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Listed {
@@ -71,12 +71,12 @@ enum Listed {
     Plain(Vec<Shard>),
 }
 
-/// What earlier runs left in `out`. Nothing is changed.
+/// Finds what earlier runs left in `out`. Nothing is changed.
 ///
 /// # Errors
-/// When the folder holds anything, but no list of this program's shards; when a list was changed, or names what no shard is
-/// called.
-pub fn find(out: &Path) -> Result<Found> {
+/// When the folder holds files but no list of this program's shards; when a list was changed, or names a file that is not named
+/// as a shard.
+pub fn find(out: &Path) -> Result<EarlierShards> {
     let (unfinished, finished) = (out.join(UNFINISHED), output::exists(&out.join(MANIFEST)));
     if output::exists(&unfinished) {
         let listed: Listed = read(&unfinished)?;
@@ -91,14 +91,14 @@ pub fn find(out: &Path) -> Result<Found> {
         };
         check_names(&unfinished, pointer, &shards)?;
         if finished {
-            // The run was stopped between the two.
+            // The run was stopped after it had written the manifest.
             Manifest::read(out).context("not a folder of shards that this program packed; choose another")?;
         }
-        return Ok(Found { shards, finished, sealed });
+        return Ok(EarlierShards { shards, finished, sealed });
     }
     if finished {
         let manifest = Manifest::read(out).context("not a folder of shards that this program packed; choose another")?;
-        return Ok(Found { sealed: !manifest.seal.is_empty(), shards: manifest.shards, finished });
+        return Ok(EarlierShards { sealed: !manifest.seal.is_empty(), shards: manifest.shards, finished });
     }
     if !output::is_empty(out)? {
         bail!(
@@ -106,7 +106,7 @@ pub fn find(out: &Path) -> Result<Found> {
             out.display()
         );
     }
-    Ok(Found { shards: Vec::new(), finished, sealed: true })
+    Ok(EarlierShards { shards: Vec::new(), finished, sealed: true })
 }
 
 fn read(path: &Path) -> Result<Listed> {
@@ -114,7 +114,7 @@ fn read(path: &Path) -> Result<Listed> {
     serde_json::from_value(value).ok().with_context(|| format!("{}: not a list of shards; choose another folder", path.display()))
 }
 
-/// Checks that every entry is called as this program calls shards.
+/// Checks that every entry is named as this program names shards.
 fn check_names(path: &Path, pointer: &str, shards: &[Shard]) -> Result<()> {
     let mut names = HashSet::new();
     for (number, shard) in shards.iter().enumerate() {
@@ -132,9 +132,9 @@ fn check_names(path: &Path, pointer: &str, shards: &[Shard]) -> Result<()> {
     Ok(())
 }
 
-/// Writes the list of a run that goes on: the shards it has finished, and those of the run `before` that it has not replaced or
-/// `removed`.
-pub fn unfinished(out: &Path, before: &Found, shards: &[Shard], removed: &[String]) -> Result<()> {
+/// Writes the list of a run that continues: the shards that it has finished, and the shards of the run `before` that it has
+/// neither replaced nor `removed`.
+pub fn unfinished(out: &Path, before: &EarlierShards, shards: &[Shard], removed: &[String]) -> Result<()> {
     let still = |old: &&Shard| shards.iter().all(|new| new.file != old.file) && !removed.contains(&old.file);
     let shards = shards.iter().chain(before.shards.iter().filter(still)).cloned().collect();
     let list = Unfinished { version: 1, program: PROGRAM.into(), adopted: !before.sealed, shards, seal: String::new() };
@@ -142,7 +142,7 @@ pub fn unfinished(out: &Path, before: &Found, shards: &[Shard], removed: &[Strin
     Ok(file::write_json(&out.join(UNFINISHED), &Unfinished { seal, ..list })?)
 }
 
-/// Removes a shard that is in no set any more; it stays, with a note, unless it is known to be the one in the `sealed` list.
+/// Removes a shard that no set holds any more. It stays, with a note, unless it is known to be the file in a `sealed` list.
 pub fn remove(out: &Path, old: &Shard, sealed: bool) -> Result<()> {
     let path = out.join(&old.file);
     let Ok(about) = std::fs::symlink_metadata(&path) else { return Ok(()) };

@@ -1,7 +1,9 @@
-//! What stands in a sample.
+//! The content of a sample.
 
-use super::super::source::Source;
+use super::super::sequence::Sequence;
+use super::super::whole::key;
 use super::{Frames, Kind, Planned};
+use crate::util::files;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::frame_file::{self, Profile};
 use renderflow_frame::transforms::{Matrix, rows};
@@ -89,56 +91,48 @@ fn hex(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
-/// The hash that `sequence.json` has of a frame or a description.
-fn recorded<'a>(source: &'a Source, file: &str) -> Option<&'a str> {
-    let record = source.record.as_ref()?;
-    let frames = record.frames.iter().map(|frame| (&frame.file, &frame.blake3));
-    let descriptions = record.descriptions.iter().map(|(file, hash)| (file, hash));
-    frames.chain(descriptions).find(|(name, _)| *name == file).map(|(_, hash)| hash.as_str())
-}
-
-/// Reads a file of a sequence; it must be the one that was recorded.
-fn read_recorded(source: &Source, file: &str) -> Result<(Vec<u8>, String)> {
-    let path = source.folder.join(file);
+/// Reads a file of a sequence, which must be the one in its record.
+fn read_recorded(sequence: &Sequence, file: &str) -> Result<(Vec<u8>, String)> {
+    let path = sequence.folder.join(file);
     let bytes = read(&path)?;
     let hash = hex(&bytes);
-    if let Some(recorded) = recorded(source, file) {
+    if let Some(recorded) = sequence.record.as_ref().and_then(|record| record.hash_of(file)) {
         ensure!(hash == recorded, "{}: has BLAKE3 {hash}, sequence.json says {recorded}", path.display());
     }
     Ok((bytes, hash))
 }
 
 /// The files of a frame.
-pub fn frame(source: &Source, index: usize, profile: Frames) -> Result<Vec<Member>> {
-    let path = source.file(index);
-    let (mut bytes, _) = read_recorded(source, &source.sequence.files[index])?;
+pub fn frame(sequence: &Sequence, index: usize, profile: Frames) -> Result<Vec<Member>> {
+    let path = sequence.file(index);
+    let (mut bytes, _) = read_recorded(sequence, &sequence.transforms.files[index])?;
     let info = frame_file::info(&path, &bytes)?;
     let is_compact = bytes.starts_with(&compact::SIGNATURE);
     if profile == Frames::Compact && !is_compact {
         bytes = compact::encode(&path, &frame_file::decode(&path, &bytes)?)?.0;
     }
     let form = if profile == Frames::Compact || is_compact { Profile::Compact } else { Profile::Full };
-    let sequence = &source.sequence;
-    let camera = sequence.cameras[index];
+    let transforms = &sequence.transforms;
+    let camera = transforms.cameras[index];
     let json = Frame {
-        key: source.key(index),
-        split: source.split,
-        sequence: &source.name,
-        frame: source.numbers[index],
+        key: key(sequence, index),
+        split: sequence.split.name(),
+        sequence: &sequence.name,
+        frame: sequence.numbers[index],
         index,
-        keyframe: sequence.keyframes.contains(&index),
+        keyframe: transforms.keyframes.contains(&index),
         spp: info.spp,
         denoiser: info.denoiser.as_deref(),
         seed: info.seed,
         scene_hash: &info.scene_hash,
-        exposure: sequence.exposure,
+        exposure: transforms.exposure,
         camera: CameraEntry::of(&camera),
         environment: Environment {
-            key: &source.name,
-            rotation: sequence.environment_rotation,
-            intensity: sequence.environment_intensity,
+            key: &sequence.name,
+            rotation: transforms.environment_rotation,
+            intensity: transforms.environment_intensity,
         },
-        object_transforms: (sequence.tracks.objects.iter())
+        object_transforms: (transforms.tracks.objects.iter())
             .filter_map(|(&id, track)| Some((id, rows(*track.get(index)?, camera.origin))))
             .collect(),
         file: form.extension(),
@@ -149,28 +143,29 @@ pub fn frame(source: &Source, index: usize, profile: Frames) -> Result<Vec<Membe
     Ok(vec![(form.extension(), bytes), ("json", json)])
 }
 
-/// The files of a sequence: its environment, and its descriptions as they stand, under one object.
-pub fn sequence(source: &Source) -> Result<Vec<Member>> {
-    let (environment, hash) = read_recorded(source, &source.sequence.environment)?;
+/// The files of a sequence: its environment, and its descriptions as one object.
+pub fn sequence(sequence: &Sequence) -> Result<Vec<Member>> {
+    let (environment, hash) = read_recorded(sequence, &sequence.transforms.environment)?;
     let mut json =
-        format!("{{\"key\": \"{}\", \"split\": \"{}\", \"environment\": \"{hash}\"", source.name, source.split).into_bytes();
+        format!("{{\"key\": \"{}\", \"split\": \"{}\", \"environment\": \"{hash}\"", sequence.name, sequence.split).into_bytes();
     for (key, file) in [("scene", "scene.json"), ("transforms", "transforms.json"), ("sequence", "sequence.json")] {
-        if file == "sequence.json" && source.record.is_none() {
+        if file == "sequence.json" && sequence.record.is_none() {
             continue;
         }
-        let (text, _) = read_recorded(source, file)?;
-        // Its own bytes, so that hashes and numbers stay what they are; a broken file must not break the whole.
-        serde_json::from_slice::<IgnoredAny>(&text).with_context(|| source.folder.join(file).display().to_string())?;
+        let (text, _) = read_recorded(sequence, file)?;
+        // The description's own bytes are used, so that hashes and numbers stay the same. A broken file must not break the
+        // sample.
+        serde_json::from_slice::<IgnoredAny>(&text).with_context(|| sequence.folder.join(file).display().to_string())?;
         json.extend_from_slice(format!(", \"{key}\": ").as_bytes());
         json.extend_from_slice(text.trim_ascii());
     }
     json.extend_from_slice(b"}");
-    let ending = if source.sequence.environment.ends_with(".exr") { "exr" } else { "hdr" };
+    let ending = if sequence.transforms.environment.ends_with(".exr") { "exr" } else { "hdr" };
     Ok(vec![(ending, environment), ("json", json)])
 }
 
-/// Hash of everything a shard is made from. Recorded hashes are taken at their word here, where a shard is only to be recognised;
-/// what is written was read and compared.
+/// Hash of everything that a shard is made from. Recorded hashes are trusted here, where a shard is only compared with an earlier
+/// one; files that are written were read and compared.
 pub fn source_hash(planned: &Planned, profile: Frames) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     let mut put = |text: &str| {
@@ -179,28 +174,29 @@ pub fn source_hash(planned: &Planned, profile: Frames) -> Result<String> {
     };
     put(concat!("renderflow ", env!("CARGO_PKG_VERSION"), " shard 1"));
     put(if profile == Frames::Compact { "compact" } else { "stored" });
-    let hash_of = |source: &Source, file: &str| -> Result<String> {
-        let path = source.folder.join(file);
+    let hash_of = |sequence: &Sequence, file: &str| -> Result<String> {
+        let path = sequence.folder.join(file);
         ensure!(path.is_file(), "{}: is not there", path.display());
-        recorded(source, file).map_or_else(|| Ok(hex(&read(&path)?)), |hash| Ok(hash.to_owned()))
+        let recorded = sequence.record.as_ref().and_then(|record| record.hash_of(file));
+        recorded.map_or_else(|| files::hash(&path), |hash| Ok(hash.to_owned()))
     };
-    let mut last: Option<&Source> = None;
-    for &(source, index) in &planned.samples {
-        if last.is_none_or(|last| !std::ptr::eq(last, source)) {
-            put(&source.name);
-            put(&hash_of(source, "transforms.json")?);
-            last = Some(source);
+    let mut last: Option<&Sequence> = None;
+    for &(sequence, index) in &planned.samples {
+        if last.is_none_or(|last| !std::ptr::eq(last, sequence)) {
+            put(&sequence.name);
+            put(&hash_of(sequence, "transforms.json")?);
+            last = Some(sequence);
         }
         match planned.kind {
             Kind::Frames => {
-                put(&source.key(index));
-                put(&hash_of(source, &source.sequence.files[index])?);
+                put(&key(sequence, index));
+                put(&hash_of(sequence, &sequence.transforms.files[index])?);
             }
             Kind::Sequences => {
-                put(&hash_of(source, &source.sequence.environment)?);
-                put(&hash_of(source, "scene.json")?);
-                if source.record.is_some() {
-                    put(&hash_of(source, "sequence.json")?);
+                put(&hash_of(sequence, &sequence.transforms.environment)?);
+                put(&hash_of(sequence, "scene.json")?);
+                if sequence.record.is_some() {
+                    put(&hash_of(sequence, "sequence.json")?);
                 }
             }
         }

@@ -1,40 +1,37 @@
-//! Holds shards against their manifest: hashes, counts, names, and the hash in each sample.
+//! Compares shards with their manifest: hashes, counts, names, and the hash in each sample.
 
 use super::{Kind, MANIFEST, Manifest, Shard};
-use crate::dataset::damage::hash;
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::util::cancel::Cancel;
+use crate::util::files;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::Deserialize;
 use std::collections::{BTreeMap, HashSet};
 use std::io::{BufReader, Read};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Whether the file at `path` is the one that `shard` describes.
 pub fn is_whole(path: &Path, shard: &Shard) -> bool {
     std::fs::metadata(path).is_ok_and(|about| about.is_file() && about.len() == shard.bytes)
-        && hash(path).is_ok_and(|blake3| blake3 == shard.blake3)
+        && files::hash(path).is_ok_and(|blake3| blake3 == shard.blake3)
 }
 
-/// Reads every shard in `out`; prints what was found.
+/// Reads every shard in `out`, and prints the result.
 ///
 /// # Errors
-/// When there is no manifest, or anything is not as it says; every fault is printed first.
-pub fn verify(out: &Path, cancel: &AtomicBool) -> Result<()> {
+/// When there is no manifest, or when anything differs from it; every fault is printed first.
+pub fn verify(out: &Path, cancel: &Cancel) -> Result<()> {
     let manifest = Manifest::read(out).context("not a finished folder of shards")?;
     let progress = Progress::new("verify", manifest.shards.len() as u64);
     let mut faults = Vec::new();
     let (mut counts, mut keys) = (BTreeMap::new(), HashSet::new());
     for shard in &manifest.shards {
-        if cancel.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
+        cancel.check()?;
         progress.message(shard.file.clone());
         match check(&out.join(&shard.file), shard, &mut keys) {
             Ok(()) => *counts.entry((shard.split.clone(), shard.kind == Kind::Frames)).or_insert(0) += shard.samples,
-            Err(error) => faults.push(crate::console::message(&error)),
+            Err(error) => faults.push(crate::util::console::message(&error)),
         }
         progress.add(1);
     }
@@ -47,9 +44,8 @@ pub fn verify(out: &Path, cancel: &AtomicBool) -> Result<()> {
             }
         }
     }
-    for entry in std::fs::read_dir(out).with_context(|| format!("{}: cannot list", out.display()))? {
-        let name = entry.with_context(|| format!("{}: cannot list", out.display()))?.file_name();
-        let name = name.to_string_lossy();
+    for path in files::list(out)? {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
         if name.ends_with(".tar") && manifest.shards.iter().all(|shard| shard.file != name) {
             faults.push(format!("{name}: is not in {MANIFEST}"));
         }
@@ -65,17 +61,18 @@ pub fn verify(out: &Path, cancel: &AtomicBool) -> Result<()> {
     Ok(())
 }
 
-/// One shard; `keys` are those of all shards before it.
+/// Checks one shard; `keys` are the keys of all shards before it.
 fn check(path: &Path, shard: &Shard, keys: &mut HashSet<String>) -> Result<()> {
-    let (bytes, blake3) = (std::fs::metadata(path)?.len(), hash(path)?);
+    let bytes = file::open(path)?.metadata()?.len();
     ensure!(bytes == shard.bytes, "{}: {bytes} bytes, the manifest says {}", path.display(), shard.bytes);
+    let blake3 = files::hash(path)?;
     ensure!(blake3 == shard.blake3, "{}: has BLAKE3 {blake3}, the manifest says {}", path.display(), shard.blake3);
     let found = samples(path, shard.kind, keys).with_context(|| path.display().to_string())?;
     ensure!(found == shard.samples, "{}: {found} samples, the manifest says {}", path.display(), shard.samples);
     Ok(())
 }
 
-/// The keys of a sample's description that say what its frame is.
+/// The keys in a sample's description that identify its frame.
 #[derive(Deserialize)]
 struct Described {
     key: String,
@@ -85,7 +82,7 @@ struct Described {
     blake3: String,
 }
 
-/// Walks an archive; returns the number of samples.
+/// Reads an archive; returns the number of samples.
 fn samples(path: &Path, kind: Kind, keys: &mut HashSet<String>) -> Result<u64> {
     let mut archive = tar::Archive::new(BufReader::with_capacity(1 << 20, file::open(path)?));
     let mut count = 0;
@@ -93,7 +90,7 @@ fn samples(path: &Path, kind: Kind, keys: &mut HashSet<String>) -> Result<u64> {
     for entry in archive.entries()? {
         let mut entry = entry?;
         let name = entry.path()?.to_string_lossy().into_owned();
-        // As readers do: the key ends at the first dot.
+        // As in readers of archives, the key ends at the first dot.
         let (key, ending) = name.split_once('.').with_context(|| format!("{name}: no ending"))?;
         let mut content = Vec::new();
         entry.read_to_end(&mut content)?;

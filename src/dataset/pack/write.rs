@@ -1,20 +1,21 @@
-//! One tar file, written beside its place and renamed.
+//! Writes one tar file to a draft, which is renamed at the end.
 
 use super::sample::{self, Member};
 use super::{Frames, Kind, Planned, Shard};
-use crate::progress::Progress;
-use crate::truth::Interrupted;
+use crate::dataset::sequence::Sequence;
+use crate::dataset::whole::key;
+use crate::util::cancel::Cancel;
+use crate::util::progress::Progress;
 use anyhow::{Context, Result};
 use rayon::prelude::*;
 use renderflow_frame::file::Draft;
 use std::io::{BufWriter, Write};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Samples in memory at a time; enough to keep cores busy that convert them.
+/// Samples in memory at the same time: enough to keep all cores busy.
 const AT_ONCE: usize = 32;
 
-/// Counts and hashes what passes.
+/// Counts and hashes everything that is written.
 struct Hashing<W> {
     inner: W,
     hasher: blake3::Hasher,
@@ -41,7 +42,7 @@ pub fn shard(
     profile: Frames,
     source: String,
     progress: &Progress,
-    cancel: &AtomicBool,
+    cancel: &Cancel,
 ) -> Result<Shard> {
     let path = out.join(&planned.file);
     let cannot = || format!("{}: cannot write", path.display());
@@ -49,14 +50,12 @@ pub fn shard(
     let inner = BufWriter::with_capacity(1 << 20, &mut draft);
     let mut archive = tar::Builder::new(Hashing { inner, hasher: blake3::Hasher::new(), bytes: 0 });
     for samples in planned.samples.chunks(AT_ONCE) {
-        if cancel.load(Ordering::Relaxed) {
-            return Err(Interrupted.into());
-        }
+        cancel.check()?;
         let members: Vec<(String, Vec<Member>)> = samples
             .par_iter()
-            .map(|&(source, index)| match planned.kind {
-                Kind::Frames => Ok((source.key(index), sample::frame(source, index, profile)?)),
-                Kind::Sequences => Ok((source.name.clone(), sample::sequence(source)?)),
+            .map(|&(sequence, index)| match planned.kind {
+                Kind::Frames => Ok((key(sequence, index), sample::frame(sequence, index, profile)?)),
+                Kind::Sequences => Ok((sequence.name.clone(), sample::sequence(sequence)?)),
             })
             .collect::<Result<_>>()?;
         for (key, files) in &members {
@@ -71,16 +70,16 @@ pub fn shard(
     let (bytes, blake3) = (hashing.bytes, hashing.hasher.finalize().to_hex().to_string());
     drop(hashing);
     draft.finish()?;
-    let key = |&(source, index): &(&super::Source, usize)| match planned.kind {
-        Kind::Frames => source.key(index),
-        Kind::Sequences => source.name.clone(),
+    let name = |&(sequence, index): &(&Sequence, usize)| match planned.kind {
+        Kind::Frames => key(sequence, index),
+        Kind::Sequences => sequence.name.clone(),
     };
-    let ends = [planned.samples.first(), planned.samples.last()].map(|sample| sample.map(key).unwrap_or_default());
+    let ends = [planned.samples.first(), planned.samples.last()].map(|sample| sample.map(name).unwrap_or_default());
     let (file, split) = (planned.file.clone(), planned.split.to_owned());
     Ok(Shard { file, kind: planned.kind, split, samples: planned.samples.len() as u64, keys: ends, bytes, blake3, source })
 }
 
-/// Appends a file whose header says nothing of this machine, this user or this day.
+/// Appends a file; its header says nothing about this machine, this user or this day.
 fn append<W: Write>(archive: &mut tar::Builder<W>, name: &str, bytes: &[u8]) -> std::io::Result<()> {
     let mut header = tar::Header::new_ustar();
     header.set_entry_type(tar::EntryType::Regular);

@@ -69,6 +69,7 @@ impl Default for InverseConfig {
 }
 
 /// A buffer that inverse rendering recovers.
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Intrinsic {

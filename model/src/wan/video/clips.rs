@@ -63,7 +63,7 @@ impl<'a> ClipSession<'a> {
     /// # Errors
     /// As for [`crate::renderer::Renderer::begin`].
     pub fn new(renderer: &'a WanRenderer, sequence: &'a dyn Sequence, options: Options) -> Result<Self> {
-        check(options, sequence.light().exposure())?;
+        check(options, sequence.light()?.exposure())?;
         if options.keyframes && renderer.config().keyframes.is_none() {
             return Err(Error::config("keyframes", "these weights have no keyframe adapter"));
         }
@@ -92,14 +92,15 @@ impl<'a> ClipSession<'a> {
         if frame.width == 0 || frame.height == 0 {
             return Err(broken("has no pixels".into()));
         }
-        let (known, environment) = self.shown.get_or_insert_with(|| {
-            (size, EnvironmentView::new(&sequence.light().environment, size.padded_width, size.padded_height))
-        });
+        let light = sequence.light()?;
+        let (known, environment) = self
+            .shown
+            .get_or_insert_with(|| (size, EnvironmentView::new(&light.environment, size.padded_width, size.padded_height)));
         if *known != size {
             let reason = format!("{}x{} pixels after frames of {}x{}", size.width, size.height, known.width, known.height);
             return Err(broken(reason));
         }
-        let mut pictures = Pictures::new(frame, sequence.light(), environment, self.bounds)?;
+        let mut pictures = Pictures::new(frame, light, environment, self.bounds)?;
         pictures.target = None;
         Ok(FrameInputs { number: view.number, index: view.index, camera: frame.info.camera, pictures })
     }
@@ -134,7 +135,7 @@ impl<'a> ClipSession<'a> {
             return Err(broken("differs in size from the frames"));
         }
         // The environment of a keyframe is not used, so its size does not matter.
-        let light = self.sequence.light();
+        let light = self.sequence.light()?;
         let pictures = Pictures::new(&frame, light, &EnvironmentView::new(&light.environment, 1, 1), self.bounds)?;
         let (Some(picture), Some(beauty)) = (pictures.target, frame.beauty) else { return Err(broken("has no beauty")) };
         let latent = self.renderer.encode(size.clip(&[&picture], &self.renderer.device))?;
@@ -248,14 +249,15 @@ impl<'a> ClipSession<'a> {
     fn picture(&self, frame: &FrameInputs, mut picture: Vec<f32>) -> Result<(Vec<f32>, Rgb)> {
         let Pictures { width, height, mask, albedo, .. } = &frame.pictures;
         let (width, pixels) = (*width, width * height);
-        let mut linear = radiance(&picture, width, *height, self.sequence.light().exposure())?;
+        let light = self.sequence.light()?;
+        let mut linear = radiance(&picture, width, *height, light.exposure())?;
         for i in (0..pixels).filter(|&i| mask[i] == 0.0) {
             // The albedo shows the environment in such pixels.
             for c in 0..3 {
                 picture[c * pixels + i] = albedo[c * pixels + i];
             }
             let direction = frame.camera.ray_direction(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5));
-            linear.pixels[i] = self.sequence.light().environment.radiance(direction);
+            linear.pixels[i] = light.environment.radiance(direction);
         }
         Ok((picture, linear))
     }

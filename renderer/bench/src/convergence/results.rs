@@ -2,10 +2,10 @@
 
 use super::Method;
 use crate::Machine;
-use renderflow::clock::Spent;
 use renderflow::metrics::displayed::Displayed;
 use renderflow::metrics::median;
 use renderflow::metrics::relmse::RelMse;
+use renderflow::util::clock::Spent;
 use renderflow_renderer::Stats;
 use serde::{Deserialize, Serialize};
 

@@ -12,7 +12,7 @@
 //! It ends when its standard input does.
 
 use anyhow::{Context, Result, anyhow, bail};
-use renderflow::truth::Interrupted;
+use renderflow::util::cancel::Interrupted;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
@@ -71,7 +71,11 @@ impl Child {
             Ok(greeting) => greeting,
             Err(error) if error.is::<Interrupted>() => return Err(error),
             Err(error) => {
-                return Ok(Started::Unavailable(format!("{}; see {}", renderflow::console::message(&error), log.display())));
+                return Ok(Started::Unavailable(format!(
+                    "{}; see {}",
+                    renderflow::util::console::message(&error),
+                    log.display()
+                )));
             }
         };
         if let Some(reason) = greeting["unavailable"].as_str() {

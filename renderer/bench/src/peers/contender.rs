@@ -2,8 +2,8 @@
 
 use super::child::Child;
 use anyhow::{Context, Result, ensure};
-use renderflow::clock::{Clock, Elapsed, Of};
-use renderflow::truth::Interrupted;
+use renderflow::util::cancel::Interrupted;
+use renderflow::util::clock::{Clock, Elapsed, Of};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_renderer::{Budget, Channels, RenderScene, Settings, render};
 use renderflow_scenes::LoadedScene;

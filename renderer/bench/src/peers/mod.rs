@@ -14,9 +14,9 @@ use child::{Child, Started};
 use clap::Args;
 use contender::{Contender, KINDS, Kind, OURS, Shot};
 use reference::{Difference, Reference};
-use renderflow::progress::Progress;
-use renderflow::ranges::within;
-use renderflow::truth::Interrupted;
+use renderflow::util::cancel::Interrupted;
+use renderflow::util::progress::Progress;
+use renderflow::util::ranges::within;
 use renderflow_frame::file;
 use renderflow_renderer::Settings as RenderSettings;
 use renderflow_scenes::LoadedScene;
@@ -313,7 +313,7 @@ impl Run<'_> {
                     self.progress.hide(|| {
                         println!(
                             "left out {id}: {what}: {} (see {}/messages)",
-                            renderflow::console::message(&error),
+                            renderflow::util::console::message(&error),
                             self.options.out.display()
                         )
                     });

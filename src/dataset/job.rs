@@ -1,0 +1,362 @@
+//! Renders the ground truth of a sequence: path tracing, denoising, G-buffers, one file for each frame. The work can be resumed.
+
+mod clean;
+mod decide;
+pub(crate) mod memory;
+pub mod watch;
+
+use crate::dataset::layout::{ENVIRONMENT, SCENE, TIMING, TRANSFORMS, frame_file};
+pub use decide::Existing;
+
+use super::denoise::Denoise;
+use super::plan::is_keyframe;
+use crate::util::cancel::Cancel;
+use crate::util::output;
+use crate::util::progress::Progress;
+use crate::util::stop;
+use anyhow::{Context, Result, bail};
+use clean::Cleaner;
+use renderflow_frame::frame_file::Profile;
+use renderflow_frame::reach::Reach;
+use renderflow_frame::tracks::Tracks;
+use renderflow_frame::{Frame, exr, file, hdr, transforms};
+use renderflow_renderer::denoise::Denoiser;
+use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
+use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
+use renderflow_scenes::{Instance, LoadedScene, load};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use watch::Watch;
+
+/// Why the network cannot make truth.
+pub const NO_TRUTH: &str = "is for pictures to look at: truth that a network is compared with must not be its own";
+
+/// How truth is rendered. One denoiser serves all frames.
+pub struct TruthSettings {
+    /// The settings of the renderer. 0 samples for each pixel stand for G-buffers only.
+    pub render: Settings,
+    /// A frame, or a folder of a sequence's frames, from which to take the number of samples of every pixel. It replaces
+    /// `render.spp` and `render.budget`.
+    pub sample_map: Option<PathBuf>,
+    /// Whether frames hold the Euclidean distance as well as the depth.
+    pub distance: bool,
+    /// Compares the picture with a reference while it is rendered.
+    pub watch: Option<Watch>,
+    denoiser: Option<Cleaner>,
+}
+
+impl TruthSettings {
+    /// Opens the denoiser that `mode` asks for. Without samples there is nothing to denoise.
+    ///
+    /// # Errors
+    /// When the mode asks for a denoiser that this build does not have.
+    pub fn new(render: Settings, mode: Denoise) -> Result<Self> {
+        let denoiser = if render.spp == 0 { None } else { Cleaner::open(mode, &render)? };
+        Ok(Self { render, sample_map: None, distance: false, watch: None, denoiser })
+    }
+
+    /// As [`Self::new`], but without a warning: for rows beside a truth that has already warned.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn quiet(render: Settings, mode: Denoise) -> Result<Self> {
+        match mode {
+            Denoise::Auto if Denoiser::new().is_err() => Self::new(render, Denoise::None),
+            mode => Self::new(render, mode),
+        }
+    }
+
+    /// Name of the denoiser in use.
+    pub fn denoiser_name(&self) -> Option<String> {
+        self.denoiser.as_ref().map(|denoiser| denoiser.name().to_owned())
+    }
+
+    /// Bytes that denoising a picture of this many pixels takes beyond its channels, and how many of them are kept for the next
+    /// picture.
+    pub(crate) fn denoising(&self, pixels: u64) -> [u64; 2] {
+        self.denoiser.as_ref().map_or([0; 2], |denoiser| denoiser.bytes(pixels))
+    }
+
+    /// The settings and the sample map of frame `index` of `frames`.
+    fn mapped(&self, path: &Path, index: usize, frames: usize) -> Result<(Settings, Frame)> {
+        let path = if path.is_dir() { path.join(frame_file(index, Profile::Full)) } else { path.to_owned() };
+        if frames > 1 && path.file_name() != Some(frame_file(index, Profile::Full).as_ref()) {
+            bail!("{}: is the map of one frame, the sequence has {frames}; name a folder of frames", path.display());
+        }
+        let map = exr::read(&path)?;
+        let settings = self.render.with_sampling(&map.info.sampling);
+        let settings = settings.with_context(|| format!("{}: was not sampled adaptively", path.display()))?;
+        // The numbers of samples are multiples of the branches, and another number of branches would make another picture.
+        let (branches, light_paths) = (map.info.branches.unwrap_or(1), map.info.light_paths);
+        Ok((Settings { branches, light_paths, ..settings }, map))
+    }
+
+    /// Path-traces and denoises the current frame of `scene`, or makes only its G-buffer where there are no samples. Also returns
+    /// the wall seconds of both steps.
+    pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &Cancel) -> Result<(Frame, [f64; 2])> {
+        let (mut frame, seconds) = self.picture(scene, progress, cancel)?;
+        if self.distance {
+            frame.fill_distance();
+        }
+        Ok((frame, seconds))
+    }
+
+    fn picture(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &Cancel) -> Result<(Frame, [f64; 2])> {
+        let started = Instant::now();
+        if self.render.spp == 0 {
+            // Coverage and guides need camera rays of their own; their number is the default.
+            let frame = render_gbuffer_until(scene, &Settings { spp: 1, ..self.render }, cancel);
+            cancel.check()?;
+            let frame = frame?;
+            return Ok((frame, [started.elapsed().as_secs_f64(), 0.0]));
+        }
+        let rendered = match (&self.sample_map, &self.watch) {
+            (None, None) => render_with_stats(scene, &self.render, progress, cancel).map_err(anyhow::Error::from),
+            (None, Some(watch)) => watch.render(scene, &self.render, progress, cancel),
+            (Some(path), watch) => {
+                let (settings, frame) = self.mapped(path, scene.frame(), scene.frames())?;
+                let map = frame.samples.with_context(|| format!("{}: {NO_MAP}", path.display()))?;
+                let render = || render_mapped(scene, &settings, &map, progress, cancel);
+                match watch {
+                    None => render().map_err(anyhow::Error::from),
+                    Some(watch) => watch.whole(scene, render),
+                }
+            }
+        };
+        cancel.check()?;
+        let (mut frame, stats) = rendered?;
+        if stats.non_finite_samples > 0 {
+            eprintln!("warning: {} samples were not finite and count as black", stats.non_finite_samples);
+        }
+        let traced = started.elapsed().as_secs_f64();
+        if let Some(denoiser) = &self.denoiser {
+            frame.beauty = None;
+            frame.beauty = Some(denoiser.clean(scene, &frame, &self.render, cancel)?);
+            frame.info.denoiser = self.denoiser_name();
+            if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
+                watch.after("denoised", beauty, scene.exposure())?;
+            }
+        }
+        Ok((frame, [traced, started.elapsed().as_secs_f64() - traced]))
+    }
+}
+
+/// One sequence to render into a folder.
+pub struct SequenceJob {
+    /// The scene.
+    pub scene: Scene,
+    /// The folder that relative paths in `scene` start from, and the files that it may name.
+    pub base: Reach,
+    /// Folder to write to.
+    pub out: PathBuf,
+    /// Frames 0, gap, 2 gap, ... are keyframes; 0 = no frame is.
+    pub keyframe_gap: u32,
+    /// Only frames 0, step, 2 step, ... are rendered.
+    pub frame_step: u32,
+    /// How frames are stored.
+    pub storage: Profile,
+}
+
+/// Seconds that each frame of truth took, stored beside the frames.
+#[derive(Default, Serialize, Deserialize)]
+struct Timing {
+    seconds: Vec<Option<f64>>,
+}
+
+/// Said of a frame that has no numbers of samples.
+const NO_MAP: &str = "has no channel samples.N";
+
+/// Wall seconds of the frames of truth in `folder`, as far as they were stored.
+pub fn seconds(folder: &Path) -> Vec<f64> {
+    let timing: Option<Timing> = file::read_json(&folder.join(TIMING)).ok();
+    timing.map(|t| t.seconds.into_iter().flatten().collect()).unwrap_or_default()
+}
+
+/// Wall seconds of the frames `numbers` of truth in `folder`, as far as they were stored.
+pub fn seconds_of(folder: &Path, numbers: &[usize]) -> Vec<f64> {
+    let timing: Timing = file::read_json(&folder.join(TIMING)).unwrap_or_default();
+    numbers.iter().filter_map(|&number| *timing.seconds.get(number)?).collect()
+}
+
+/// What one frame cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Cost {
+    /// Moving what moves; for the first frame also compiling the scene. Seconds.
+    pub compile: f64,
+    /// Path tracing, G-buffer included; seconds.
+    pub render: f64,
+    /// Denoising; seconds.
+    pub denoise: f64,
+    /// Encoding and writing; seconds.
+    pub write: f64,
+    /// Bytes of the file.
+    pub bytes: u64,
+}
+
+impl Cost {
+    /// Seconds in all.
+    pub fn seconds(&self) -> f64 {
+        self.compile + self.render + self.denoise + self.write
+    }
+}
+
+/// A sequence whose scene is loaded; it is compiled when the first frame is rendered. Nothing is written before that.
+pub struct OpenSequence<'a> {
+    job: &'a SequenceJob,
+    /// The scene.
+    pub loaded: LoadedScene,
+    compiled: Option<RenderScene>,
+    timing: Timing,
+    /// Whether the descriptions in the folder belong to this sequence.
+    described: bool,
+}
+
+impl SequenceJob {
+    /// Numbers of the frames to render, of a sequence of `frames`.
+    fn numbers(&self, frames: usize) -> impl Iterator<Item = usize> + use<> {
+        (0..frames).step_by(self.frame_step.max(1) as usize)
+    }
+
+    /// Loads the scene. Nothing is written yet.
+    pub fn open(&self) -> Result<OpenSequence<'_>> {
+        let loaded = load::load(&self.scene, &self.base)?;
+        // The seconds are not worth a failure: a broken file starts again.
+        let mut timing: Timing = file::read_json(&self.out.join(TIMING)).unwrap_or_default();
+        timing.seconds.resize(loaded.cameras.len(), None);
+        Ok(OpenSequence { job: self, loaded, compiled: None, timing, described: false })
+    }
+}
+
+impl OpenSequence<'_> {
+    /// File of frame `number`.
+    pub fn path(&self, number: usize) -> PathBuf {
+        self.job.out.join(frame_file(number, self.job.storage))
+    }
+
+    /// Renders the frames `missing` and writes the descriptions. Every frame of the sequence takes 1000 units of `progress`.
+    ///
+    /// # Errors
+    /// When stopped ([`Interrupted`](crate::util::cancel::Interrupted)), when a frame cannot be rendered, or when a file cannot
+    /// be written.
+    pub fn make(&mut self, missing: &[usize], settings: &TruthSettings, progress: &Progress, cancel: &Cancel) -> Result<()> {
+        let kept = self.job.numbers(self.loaded.cameras.len()).count() - missing.len();
+        progress.resume(1000 * kept as u64);
+        for &number in missing {
+            self.render(number, settings, progress, cancel)?;
+        }
+        self.describe()
+    }
+
+    /// Cameras, files and light for `transforms.json`.
+    fn sequence(&self) -> Result<transforms::Sequence> {
+        let (job, loaded) = (self.job, &self.loaded);
+        let environment = &loaded.environment;
+        let numbers: Vec<usize> = job.numbers(loaded.cameras.len()).collect();
+        Ok(transforms::Sequence {
+            cameras: numbers.iter().map(|&n| loaded.cameras[n]).collect(),
+            files: numbers.iter().map(|&n| frame_file(n, job.storage)).collect(),
+            keyframes: (0..numbers.len()).filter(|&i| is_keyframe(job.keyframe_gap, numbers[i])).collect(),
+            exposure: renderflow_frame::ibl::exposure(environment),
+            environment: ENVIRONMENT.into(),
+            environment_rotation: environment.rotation,
+            environment_intensity: environment.intensity,
+            tracks: tracks(loaded, &numbers),
+        })
+    }
+
+    /// Paths and bytes of the descriptions.
+    fn descriptions(&self) -> Result<[(PathBuf, Vec<u8>); 3]> {
+        let [environment, cameras, scene] = [ENVIRONMENT, TRANSFORMS, SCENE].map(|name| self.job.out.join(name));
+        let map = hdr::encode(&self.loaded.environment.map);
+        let sequence = transforms::encode(&cameras, &self.sequence()?)?;
+        let text = file::json(&scene, &with_absolute_paths(&self.job.scene, self.job.base.base())?)?;
+        Ok([(environment, map), (cameras, sequence), (scene, text)])
+    }
+
+    /// Writes the descriptions that are missing or differ.
+    ///
+    /// # Errors
+    /// When one cannot be written.
+    pub fn describe(&mut self) -> Result<()> {
+        if !self.described {
+            stop::hold(|| output::write(&self.descriptions()?, true))?;
+            self.described = true;
+        }
+        Ok(())
+    }
+
+    /// Writes the descriptions, then renders and writes frame `number`, in 1000 units of `progress`.
+    ///
+    /// # Errors
+    /// As [`make`](Self::make).
+    pub fn render(&mut self, number: usize, settings: &TruthSettings, progress: &Progress, cancel: &Cancel) -> Result<Cost> {
+        let started = Instant::now();
+        let mut scene = match self.compiled.take() {
+            Some(scene) => scene,
+            None => {
+                let compiled = RenderScene::compile(&self.loaded)?;
+                let limited = compiled.environment_repairs().limited;
+                if limited > 0 {
+                    eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
+                }
+                compiled
+            }
+        };
+        scene.set_frame(number);
+        let camera = scene.camera();
+        let light_paths = scene.has_light_paths(&settings.render);
+        memory::ensure(settings, [camera.width, camera.height], light_paths, self.job.storage)?;
+        self.describe()?;
+        let compile = started.elapsed().as_secs_f64();
+        let before = progress.position();
+        let rendered = settings.frame(&scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel);
+        self.compiled = Some(scene);
+        let (frame, [render, denoise]) = rendered?;
+        progress.set(before + 1000);
+        let written = Instant::now();
+        let path = self.path(number);
+        let (bytes, clamped) = self.job.storage.encode(&path, &frame)?;
+        if clamped > 0 {
+            eprintln!("warning: {}: {clamped} values beyond 65504 were clamped", path.display());
+        }
+        stop::hold(|| file::write_atomic(&path, &bytes))?;
+        let write = written.elapsed().as_secs_f64();
+        self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
+        stop::hold(|| file::write_json(&self.job.out.join(TIMING), &self.timing))?;
+        Ok(Cost { compile, render, denoise, write, bytes: bytes.len() as u64 })
+    }
+}
+
+/// Transforms of the moving objects at the frames `numbers`.
+pub(crate) fn tracks(loaded: &LoadedScene, numbers: &[usize]) -> Tracks {
+    let moving = loaded.instances.iter().filter(|instance| instance.transforms.len() > 1);
+    // All instances of an object move alike, and only differences between frames count, so any instance will do.
+    let track = |instance: &Instance| (instance.object_id, numbers.iter().map(|&n| instance.transform(n)).collect());
+    Tracks { objects: moving.map(track).collect() }
+}
+
+/// The scene with the full path of every file, so that its copy beside the frames still finds them.
+fn with_absolute_paths(scene: &Scene, base: &Path) -> Result<Scene> {
+    let mut scene = scene.clone();
+    let mut files: Vec<&mut String> = Vec::new();
+    if let EnvironmentSource::File(path) = &mut scene.environment.source {
+        files.push(path);
+    }
+    for material in &mut scene.materials {
+        files.extend(&mut material.base_color_texture);
+        files.extend(&mut material.metallic_roughness_texture);
+        files.extend(&mut material.normal_texture);
+        files.extend(&mut material.emissive_texture);
+    }
+    for object in &mut scene.objects {
+        if let Geometry::File(path) = &mut object.geometry {
+            files.push(path);
+        }
+    }
+    for file in files {
+        let full = std::path::absolute(base.join(&*file)).with_context(|| file.clone())?;
+        *file = full.to_string_lossy().into_owned();
+    }
+    Ok(scene)
+}

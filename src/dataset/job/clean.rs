@@ -1,0 +1,161 @@
+//! Denoises path-traced pictures, by OIDN or by the network inside the program.
+
+use crate::dataset::denoise::Denoise;
+use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::stop;
+use anyhow::{Context, Result};
+use renderflow_frame::Frame;
+use renderflow_frame::ibl;
+use renderflow_frame::image::Rgb;
+use renderflow_model::fusion::fill::{Samples, background};
+use renderflow_model::fusion::record::Selection;
+use renderflow_model::fusion::{Fusion, Record, render};
+use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
+use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
+use std::sync::{Mutex, PoisonError};
+
+/// Bytes of a pixel of three channels.
+const RGB: u64 = size_of::<[f32; 3]>() as u64;
+/// Pixels of the largest tile that OIDN denoises at a time, and the bytes that its network takes for one of them.
+const OIDN_TILE: u64 = 2160 * 2160;
+const OIDN_NETWORK: u64 = 480;
+/// Bytes for each pixel of the record that the network reads and of its picture, and bytes for each pixel that the network is
+/// working on.
+const NEURAL_RECORD: u64 = 640;
+const NEURAL_NETWORK: u64 = 800;
+
+/// The network inside the program was trained with at most this many samples for each pixel.
+const NEURAL_MOST: u32 = 32;
+
+/// A denoiser at work.
+pub(super) enum Cleaner {
+    Oidn(Mutex<Denoiser>),
+    Neural {
+        network: Box<Fusion>,
+        /// Also denoises the samples; the network reads the result.
+        oidn: Option<Mutex<Denoiser>>,
+        /// Name in the headers of frames. It includes a hash of the weights, because other weights make other pictures.
+        name: String,
+    },
+}
+
+impl Cleaner {
+    /// Opens the denoiser that `mode` asks for; `settings` are the settings of the pictures.
+    ///
+    /// # Errors
+    /// When the mode asks for a denoiser that this build does not have.
+    pub(super) fn open(mode: Denoise, settings: &Settings) -> Result<Option<Self>> {
+        let clean_guides = settings.clean_guides();
+        let oidn = || Denoiser::with_options(Options { clean_guides, ..Options::default() });
+        Ok(match mode {
+            Denoise::None => None,
+            Denoise::Oidn => Some(Self::Oidn(Mutex::new(oidn()?))),
+            Denoise::Neural => {
+                if settings.spp > NEURAL_MOST {
+                    let spp = settings.spp;
+                    eprintln!(
+                        "note: the network learnt from up to {NEURAL_MOST} samples a pixel; with {spp} OIDN has less error"
+                    );
+                }
+                // The network reads a G-buffer, whose guides are clean.
+                Some(Self::neural(Fusion::shipped()?, Denoiser::new().ok()))
+            }
+            Denoise::Auto => match oidn() {
+                Ok(denoiser) => Some(Self::Oidn(Mutex::new(denoiser))),
+                Err(error) => {
+                    eprintln!("warning: pictures stay noisy: {error}");
+                    None
+                }
+            },
+        })
+    }
+
+    fn neural(network: Fusion, oidn: Option<Denoiser>) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        for parameter in network.parameters() {
+            parameter.values.iter().for_each(|v| {
+                hasher.update(&v.to_le_bytes());
+            });
+        }
+        let digest = hasher.finalize().to_hex();
+        let after = if oidn.is_some() { "oidn + " } else { "" };
+        Self::Neural { network: Box::new(network), oidn: oidn.map(Mutex::new), name: format!("{after}neural {}", &digest[..16]) }
+    }
+
+    /// Name in the headers of frames.
+    pub(super) fn name(&self) -> &str {
+        match self {
+            Self::Oidn(_) => "oidn",
+            Self::Neural { name, .. } => name,
+        }
+    }
+
+    /// Bytes that denoising a picture of this many pixels takes, and how many of them are kept for the next picture.
+    pub(super) fn bytes(&self, pixels: u64) -> [u64; 2] {
+        let each = |bytes: u64| pixels.saturating_mul(bytes);
+        match self {
+            // OIDN's own pictures, and the copies that it is given.
+            Self::Oidn(_) => [oidn_bytes(pixels).saturating_add(each(3 * RGB)), oidn_bytes(pixels)],
+            Self::Neural { oidn, .. } => {
+                let tile = pixels.min(render::TILE_PIXELS as u64);
+                let network = each(NEURAL_RECORD).saturating_add(tile * NEURAL_NETWORK);
+                match oidn {
+                    Some(_) => [network.saturating_add(each(3 * RGB)).saturating_add(oidn_bytes(pixels)), oidn_bytes(pixels)],
+                    None => [network, 0],
+                }
+            }
+        }
+    }
+
+    /// Denoises `frame`, at which `scene` stands.
+    ///
+    /// # Errors
+    /// When stopped ([`Interrupted`]), when the denoiser fails, or when the frame has no samples.
+    pub(super) fn clean(&self, scene: &RenderScene, frame: &Frame, settings: &Settings, cancel: &Cancel) -> Result<Rgb> {
+        let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
+        match self {
+            Self::Oidn(denoiser) => denoise(denoiser, raw, [frame.guide_albedo.as_ref(), frame.guide_normal.as_ref()], cancel),
+            Self::Neural { network, oidn, .. } => {
+                let (camera, light, exposure) = (scene.camera(), scene.light(), scene.exposure());
+                // The network was trained with G-buffers of this many camera rays for each pixel, even where there are fewer
+                // samples.
+                let usual = Settings::default();
+                let few = settings.camera_samples() < usual.guide_samples;
+                let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
+                cancel.check()?;
+                let gbuffer = gbuffer?;
+                let guides = gbuffer.as_ref().unwrap_or(frame);
+                let shading = ibl::shade(guides, light);
+                let mut record = Record::of(guides, &shading.surfaces, exposure);
+                record.add_environment(&shading, exposure);
+                let behind = background(camera, &frame.alpha, &light.environment);
+                record.add_part(0, &Samples::of(frame, &behind).context("samples without guides")?, exposure);
+                if let Some(oidn) = oidn {
+                    let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
+                    let denoised = denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?;
+                    record.add_denoised(0, &denoised, exposure);
+                }
+                let pixels = network.render(&record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
+                Ok(Rgb { width: record.width, height: record.height, pixels })
+            }
+        }
+    }
+}
+
+/// Bytes that OIDN takes for a picture of this many pixels: its own copies (colour, two guides, the result) and its network.
+fn oidn_bytes(pixels: u64) -> u64 {
+    pixels.saturating_mul(4 * RGB).saturating_add(pixels.min(OIDN_TILE) * OIDN_NETWORK)
+}
+
+/// Denoises `color` with OIDN, guided by albedo and normals.
+///
+/// # Errors
+/// When stopped ([`Interrupted`]), or when OIDN fails.
+fn denoise(denoiser: &Mutex<Denoiser>, color: &Rgb, [albedo, normal]: [Option<&Rgb>; 2], cancel: &Cancel) -> Result<Rgb> {
+    let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
+    // OIDN must not be running when the process ends; it stops when `cancel` is set.
+    match stop::hold(|| denoiser.denoise_until(color, albedo, normal, cancel)) {
+        Err(DenoiseError::Cancelled) => Err(Interrupted.into()),
+        denoised => Ok(denoised?),
+    }
+}

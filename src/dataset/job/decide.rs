@@ -1,0 +1,260 @@
+//! Examines the folder of a sequence and decides what to render, before anything is written.
+
+use super::memory;
+use super::{NO_MAP, OpenSequence, TruthSettings, with_absolute_paths};
+use crate::dataset::layout::{ENVIRONMENT, RECORD, SCENE, TIMING, TRANSFORMS};
+use crate::util::output::{self, OVERWRITE};
+use anyhow::{Result, bail, ensure};
+use renderflow_frame::frame_file::{self, Profile};
+use renderflow_frame::{Frame, exr, file, transforms};
+use renderflow_renderer::Budget;
+use renderflow_scenes::description::Scene;
+use serde_json::Value::{self, Array, Null, Object};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Said of a file that is in the way of a render and did not come from one.
+const FOREIGN: &str = "is there already, and nothing in the folder says that this program rendered it; choose another folder";
+
+impl OpenSequence<'_> {
+    /// Examines the folder, and returns the numbers of the frames that [`make`](Self::make) must render: frames that are missing
+    /// or cannot be read, and with `overwrite` also frames of another scene or of other settings. Nothing is written. `overwrite`
+    /// is `None` for a command without this option.
+    ///
+    /// # Errors
+    /// When the folder holds frames of another scene or of other settings, unless `overwrite` is set; when a file is in the way
+    /// that is not part of an earlier render.
+    pub fn decide(&self, settings: &TruthSettings, overwrite: Option<bool>) -> Result<Vec<usize>> {
+        // Light paths may take more; the compiled scene will know.
+        memory::ensure(settings, self.job.scene.resolution.map(|v| v as usize), false, self.job.storage)?;
+        let (overwrite, way) = (overwrite == Some(true), overwrite.map_or("choose another folder", |_| OVERWRITE));
+        let out = &self.job.out;
+        let earlier = self.earlier();
+        let (mut missing, mut kept) = (Vec::new(), false);
+        for number in self.job.numbers(self.loaded.cameras.len()) {
+            match self.found(number, settings)? {
+                Existing::Same => {
+                    kept = true;
+                    continue;
+                }
+                Existing::Nothing => {}
+                Existing::Other(what) if !overwrite => bail!("{what}; {way}"),
+                Existing::Other(what) if earlier.is_none() => bail!("{what}; {FOREIGN}"),
+                Existing::Other(_) => {}
+                // Somebody else put a picture there that can be read, but is no frame of this program.
+                Existing::Broken(_) if earlier.is_none() || exr::read_rgb(&self.path(number)).is_ok() => {
+                    bail!(
+                        "{}: is there already, and is no frame of this program; choose another folder",
+                        self.path(number).display()
+                    );
+                }
+                Existing::Broken(error) => eprintln!("note: rendered again: {}", crate::util::console::message(&error)),
+            }
+            if let Some(map) = &settings.sample_map {
+                let (_, frame) = settings.mapped(map, number, self.loaded.cameras.len())?;
+                ensure!(frame.samples.is_some(), "{}: frame {number} {NO_MAP}", map.display());
+            }
+            missing.push(number);
+        }
+        let Some(earlier) = earlier else {
+            // Nothing says that these files are ours, so they must be equal to what would be written.
+            let descriptions = self.descriptions()?;
+            let described = |path: &Path| {
+                descriptions.iter().any(|(own, bytes)| own == path && file::holds(path, bytes).is_ok_and(|same| same))
+            };
+            let pictures = missing.iter().map(|&number| self.path(number).with_extension("png"));
+            let places = descriptions.iter().map(|(path, _)| path.clone()).chain([out.join(TIMING)]).chain(pictures);
+            if let Some(path) = places.into_iter().find(|path| output::exists(path) && !described(path) && !kept) {
+                bail!("{}: {FOREIGN}", path.display());
+            }
+            return Ok(missing);
+        };
+        if overwrite {
+            let dataset = out.join(RECORD);
+            ensure!(
+                missing.is_empty() || !output::exists(&dataset),
+                "{}: the folder is a sequence of a dataset; choose another",
+                dataset.display()
+            );
+            let own = self.sequence()?.files;
+            let old: Vec<&String> = earlier.files.iter().filter(|file| !own.contains(file) && out.join(file).is_file()).collect();
+            if let (Some(first), Some(last)) = (old.first(), old.last()) {
+                eprintln!(
+                    "note: {}: {first} to {last} of the earlier render stay there, and are part of no sequence",
+                    out.display()
+                );
+            }
+            return Ok(missing);
+        }
+        let scene = if kept { Vec::new() } else { self.scene_differences() };
+        ensure!(scene.is_empty(), "{}: is of another scene{}; {way}", out.join(SCENE).display(), listed(": ", &scene, ""));
+        let keyframes = self.sequence()?.keyframes;
+        ensure!(
+            earlier.keyframes == keyframes,
+            "{}: /keyframes: were {:?}, now {keyframes:?}; {way}",
+            out.join(TRANSFORMS).display(),
+            earlier.keyframes
+        );
+        Ok(missing)
+    }
+
+    /// Cameras and files of an earlier render in the folder; `None` where there was none.
+    fn earlier(&self) -> Option<transforms::Sequence> {
+        let stored: Scene = file::read_json(&self.job.out.join(SCENE)).ok()?;
+        let sequence = transforms::read(&self.job.out.join(TRANSFORMS)).ok()?;
+        (stored.version == self.job.scene.version && sequence.environment == ENVIRONMENT).then_some(sequence)
+    }
+
+    /// What is in the place of frame `number`.
+    pub fn found(&self, number: usize, settings: &TruthSettings) -> Result<Existing> {
+        let path = self.path(number);
+        if !output::exists(&path) {
+            return Ok(Existing::Nothing);
+        }
+        let frame = match frame_file::read(&path) {
+            Ok(frame) => frame,
+            Err(error) => return Ok(Existing::Broken(error.into())),
+        };
+        let other = frame.info.scene_hash != self.loaded.hash;
+        let scene = other.then(|| format!("another scene{}", listed(" (", &self.scene_differences(), ")")));
+        let settings = self.differences(&frame, number, settings)?;
+        let settings = listed("other settings: ", &settings, "");
+        let what: Vec<String> = scene.into_iter().chain((!settings.is_empty()).then_some(settings)).collect();
+        Ok(if what.is_empty() {
+            Existing::Same
+        } else {
+            Existing::Other(format!("{}: is of {}", path.display(), what.join(" and of ")))
+        })
+    }
+
+    /// How the settings of `frame` differ from those that it should have: the old and the new value of each.
+    fn differences(&self, frame: &Frame, number: usize, settings: &TruthSettings) -> Result<Vec<String>> {
+        let (info, render) = (&frame.info, &settings.render);
+        let compact = self.job.storage == Profile::Compact;
+        let mut found: Vec<String> = Vec::new();
+        let mut put = |what: &str, was: String, now: String| found.push(format!("{what} was {was}, now {now}"));
+        let yes = |given: bool| if given { "there" } else { "not there" }.to_owned();
+        if render.spp == 0 {
+            if info.spp != 0 || frame.beauty.is_some() {
+                put("the picture", yes(true), yes(false));
+            }
+        } else {
+            let mut expected = *render;
+            let spread = |sampling: &str, spp: u32| match sampling {
+                "" => format!("{spp} in every pixel"),
+                sampling => sampling.to_owned(),
+            };
+            let was = spread(&info.sampling, info.spp);
+            match &settings.sample_map {
+                None if render.budget == Budget::Uniform && (!info.sampling.is_empty() || info.spp != render.spp) => {
+                    put("the number of samples", was, spread("", render.spp));
+                }
+                None if render.budget == Budget::Uniform => {}
+                None if info.sampling != expected.sampling() => put("the number of samples", was, expected.sampling()),
+                None => {}
+                Some(map) => {
+                    let (mapped, other) = settings.mapped(map, number, self.loaded.cameras.len())?;
+                    expected = mapped;
+                    if frame.samples != other.samples {
+                        put("the number of samples", was, format!("that of {}", map.display()));
+                    }
+                }
+            }
+            let none = |name: &Option<String>| name.clone().unwrap_or_else(|| "none".into());
+            if info.denoiser != settings.denoiser_name() {
+                put("the denoiser", none(&info.denoiser), none(&settings.denoiser_name()));
+            }
+            if info.bsdf != render.bsdf.name() {
+                put("the BRDF", info.bsdf.clone(), render.bsdf.name().into());
+            }
+            let branches = info.branches.unwrap_or(1);
+            if branches != expected.branches() {
+                put("the number of samples that share a camera ray", branches.to_string(), expected.branches().to_string());
+            }
+            if info.indirect_limit != render.clamp_indirect {
+                let limit = |limit: Option<f32>| limit.map_or_else(|| "none".into(), |limit| limit.to_string());
+                put("the limit of indirect light", limit(info.indirect_limit), limit(render.clamp_indirect));
+            }
+            // Frames may lack them because the scene has no use for them.
+            if !expected.light_paths && info.light_paths {
+                put("tracing paths from the light", "on".into(), "off".into());
+            }
+            let groups = frame.light.iter().flatten().count();
+            if groups != render.light_groups as usize && !compact {
+                put("the number of light groups", groups.to_string(), render.light_groups.to_string());
+            }
+        }
+        if frame.irradiance.is_some() != render.irradiance {
+            put("the irradiance", yes(frame.irradiance.is_some()), yes(render.irradiance));
+        }
+        if frame.distance.is_some() != settings.distance && !compact {
+            put("the distance", yes(frame.distance.is_some()), yes(settings.distance));
+        }
+        Ok(found)
+    }
+
+    /// The places where `scene.json` in the folder differs from this scene; empty where it cannot be read.
+    fn scene_differences(&self) -> Vec<String> {
+        let stored = file::read_json::<Scene>(&self.job.out.join(SCENE)).ok();
+        let own = with_absolute_paths(&self.job.scene, self.job.base.base()).ok();
+        // Through text: a single-precision 3.6 would otherwise print as 3.5999999046325684.
+        let value = |scene: Option<Scene>| serde_json::from_str(&serde_json::to_string(&scene?).ok()?).ok();
+        let mut found = Vec::new();
+        if let (Some(stored), Some(own)) = (value(stored), value(own)) {
+            compare("", &stored, &own, &mut found);
+        }
+        found
+    }
+}
+
+/// The first few of `things`, between `before` and `after`; empty where there are none.
+fn listed(before: &str, things: &[String], after: &str) -> String {
+    const SHOWN: usize = 3;
+    if things.is_empty() {
+        return String::new();
+    }
+    let more = things.len().saturating_sub(SHOWN);
+    let more = if more > 0 { format!("; {more} more") } else { String::new() };
+    format!("{before}{}{more}{after}", things[..things.len().min(SHOWN)].join("; "))
+}
+
+/// Adds the pointer of every value that differs, with both values.
+fn compare(pointer: &str, was: &Value, now: &Value, found: &mut Vec<String>) {
+    let short = |value: &Value| match value {
+        Array(_) | Object(_) => "a list or an object".to_owned(),
+        Null => "none".to_owned(),
+        value => {
+            let text = value.to_string();
+            if text.chars().count() <= 60 { text } else { format!("{}...", text.chars().take(57).collect::<String>()) }
+        }
+    };
+    match (was, now) {
+        (Object(a), Object(b)) => {
+            let names: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+            for name in names {
+                let at = |object: &serde_json::Map<String, Value>| object.get(name).cloned().unwrap_or(Null);
+                compare(&format!("{pointer}/{name}"), &at(a), &at(b), found);
+            }
+        }
+        (Array(a), Array(b)) if a.len() == b.len() => {
+            for (index, (a, b)) in a.iter().zip(b).enumerate() {
+                compare(&format!("{pointer}/{index}"), a, b, found);
+            }
+        }
+        (Array(a), Array(b)) => found.push(format!("{pointer} had {} entries, now {}", a.len(), b.len())),
+        _ if was != now => found.push(format!("{pointer} was {}, now {}", short(was), short(now))),
+        _ => {}
+    }
+}
+
+/// What is in the place of a frame.
+pub enum Existing {
+    /// The frame, of this scene and with these settings.
+    Same,
+    /// A frame of another scene or of other settings; in words, which.
+    Other(String),
+    /// Something that cannot be read as a frame.
+    Broken(anyhow::Error),
+    /// Nothing.
+    Nothing,
+}

@@ -1,0 +1,262 @@
+//! `renderflow render --reference`: the error of a picture while its samples double.
+
+use crate::metrics::displayed::displayed;
+use crate::metrics::relmse::{RelMse, relmse};
+use crate::util::clock::{Spent, Stopwatch};
+use crate::util::picture;
+use anyhow::{Context, Result, bail};
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Frame, color, exr, hdr};
+use renderflow_renderer::{Budget, Film, RenderScene, Settings, Stats, develop, expose, render_with_stats};
+use std::fmt::Write;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// A picture to compare with.
+pub struct Target {
+    picture: Rgb,
+    /// Whether it holds display values (exposed, clamped, sRGB) in place of radiance.
+    displayed: bool,
+    /// Seed of its samples, where it is a frame of this program.
+    seed: Option<u64>,
+}
+
+impl Target {
+    /// Reads a frame of this program (its raw beauty, or else the beauty), any other OpenEXR file with `R`, `G`, `B`, a Radiance
+    /// `.hdr`, or display values in a PNG or JPEG file.
+    ///
+    /// # Errors
+    /// When it cannot be read, is none of these, or holds a value that is not finite.
+    pub fn read(path: &Path) -> Result<Self> {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        let mut seed = None;
+        let (picture, displayed) = match extension.to_str() {
+            Some("exr") => {
+                let (picture, own) = radiance(path)?;
+                seed = own;
+                (picture, false)
+            }
+            Some("hdr") => (hdr::read(path)?.map, false),
+            _ => {
+                let decoded = picture::display_values(path);
+                (decoded.with_context(|| format!("{}: not a picture to compare with", path.display()))?, true)
+            }
+        };
+        if let Some(at) = picture.pixels.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+            let (x, y) = (at % picture.width, at / picture.width);
+            bail!("{}: pixel ({x}, {y}) is not finite: {:?}", path.display(), picture.pixels[at]);
+        }
+        Ok(Self { picture, displayed, seed })
+    }
+
+    /// The seed of its samples, where it is a frame of this program.
+    pub fn seed(&self) -> Option<u64> {
+        self.seed
+    }
+
+    /// # Errors
+    /// When a picture of `width x height` pixels cannot be compared with it.
+    pub fn check_size(&self, width: usize, height: usize) -> Result<()> {
+        let (own_width, own_height) = (self.picture.width, self.picture.height);
+        if (own_width, own_height) != (width, height) {
+            bail!(
+                "the reference has {own_width} x {own_height} pixels, the picture {width} x {height}; --resolution sets the latter"
+            );
+        }
+        Ok(())
+    }
+
+    /// Errors of `radiance`. Against display values what is beyond white counts as white.
+    ///
+    /// # Errors
+    /// When the sizes differ.
+    pub fn errors(&self, radiance: &Rgb, exposure: f32) -> Result<Errors> {
+        let [image, reference] = if self.displayed {
+            let white = 1.0 / exposure.max(f32::MIN_POSITIVE);
+            let linear = self.picture.map(|p| p.map(|v| color::srgb_to_linear(v) * white));
+            [radiance.map(|p| p.map(|v| v.min(white))), linear]
+        } else {
+            [radiance.clone(), self.picture.clone()]
+        };
+        let relmse = relmse(&image, &reference, None)?;
+        Ok(Errors { relmse, psnr: displayed(&image, &reference, exposure)?.psnr })
+    }
+}
+
+/// The raw beauty of a frame of this program and its seed, or the root channels of any other file.
+fn radiance(path: &Path) -> Result<(Rgb, Option<u64>)> {
+    if let Ok(frame) = exr::read(path)
+        && let Some(picture) = frame.raw.or(frame.beauty)
+    {
+        return Ok((picture, (frame.info.spp > 0).then_some(frame.info.seed)));
+    }
+    Ok((exr::read_rgb(path)?, None))
+}
+
+/// What is printed of a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Errors {
+    relmse: RelMse,
+    /// Decibel on display values.
+    psnr: f64,
+}
+
+impl Errors {
+    /// Names of the columns of [`Self::row`].
+    pub fn heading() -> String {
+        format!(
+            "{:>7}  {:>9}  {:>9}  {:>10}  {:>10}  {:>10}  {:>6}",
+            "spp", "seconds", "cpu s", "relMSE", "99 % trim", "median", "PSNR"
+        )
+    }
+
+    /// A line of a table; `spent` since the render began, where it was watched.
+    pub fn row(&self, spp: impl std::fmt::Display, spent: Option<Spent>) -> String {
+        let time = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+        let mut line = format!("{spp:>7}  {:>9}", time(spent.map(|s| s.seconds)));
+        let RelMse { mean, trimmed, median, .. } = self.relmse;
+        // Writing to a string cannot fail.
+        let _ = write!(
+            line,
+            "  {:>9}  {mean:>10.3e}  {trimmed:>10.3e}  {median:>10.3e}  {:>6.2}",
+            time(spent.and_then(|s| s.processor)),
+            self.psnr
+        );
+        line
+    }
+}
+
+/// Renders with a look at the error whenever the samples have doubled.
+pub struct Watch {
+    target: Target,
+    print: Box<dyn Fn(&str) + Send + Sync>,
+}
+
+impl Watch {
+    /// Compares with `target`; `print` gets each line of the table.
+    pub fn new(target: Target, print: impl Fn(&str) + Send + Sync + 'static) -> Self {
+        Self { target, print: Box::new(print) }
+    }
+
+    /// What `render` gives, with its seconds and the error of its picture: for samples that are not spread evenly and have no
+    /// parts.
+    ///
+    /// # Errors
+    /// As `render`, and when the sizes differ.
+    pub fn whole(
+        &self,
+        scene: &RenderScene,
+        render: impl FnOnce() -> renderflow_renderer::Result<(Frame, Stats)>,
+    ) -> Result<(Frame, Stats)> {
+        self.target.check_size(scene.camera().width, scene.camera().height)?;
+        let mut rendering = Total::default();
+        let (frame, stats) = rendering.time(render)?;
+        if let Some(raw) = &frame.raw {
+            let errors = self.target.errors(raw, scene.exposure())?;
+            (self.print)(&Errors::heading());
+            (self.print)(&errors.row(frame.info.spp, Some(rendering.0)));
+        }
+        Ok((frame, stats))
+    }
+
+    /// As `render_with_stats`, the same picture to the bit. Comparing is not in the seconds printed. Adaptive settings give one
+    /// line only: another number of samples would spread them otherwise.
+    ///
+    /// # Errors
+    /// As `render_with_stats`, and when the sizes differ.
+    pub fn render(
+        &self,
+        scene: &RenderScene,
+        settings: &Settings,
+        progress: &(dyn Fn(u64, u64) + Sync),
+        cancel: &AtomicBool,
+    ) -> Result<(Frame, Stats)> {
+        if settings.budget != Budget::Uniform {
+            return self.whole(scene, || render_with_stats(scene, settings, progress, cancel));
+        }
+        let (width, height) = (scene.camera().width, scene.camera().height);
+        self.target.check_size(width, height)?;
+        let pixels = (width * height) as u64;
+        let total = pixels * u64::from(settings.spp);
+        let exposure = scene.exposure();
+        (self.print)(&Errors::heading());
+        let mut rendering = Total::default();
+        let mut comparing = Total::default();
+        let mut film: Option<Film> = None;
+        let mut stats = Stats::default();
+        let (mut done, mut next) = (0, first_look(settings.spp, settings.branches()));
+        while done < settings.spp {
+            next = settings.spp.min(next);
+            let base = pixels * u64::from(done);
+            let part = rendering.time(|| -> Result<Film> {
+                let (part, more) = expose(scene, settings, done..next, &|now, _| progress(base + now, total), cancel)?;
+                stats += more;
+                Ok(match film.take() {
+                    Some(mut whole) => {
+                        whole.merge(&part)?;
+                        whole
+                    }
+                    None => part,
+                })
+            })?;
+            let line = comparing.time(|| self.target.errors(&part.mean(), exposure).map(|e| e.row(next, Some(rendering.0))))?;
+            (self.print)(&line);
+            film = Some(part);
+            (done, next) = (next, next.saturating_mul(2));
+        }
+        let film = film.context("a picture of no samples has no error")?;
+        let (frame, more) = rendering.time(|| develop(scene, settings, &film))?;
+        stats += more;
+        let (all, apart) = (rendering.0.seconds, comparing.0.seconds);
+        (self.print)(&format!("rendered in {all:.3} s with its G-buffer; comparing took {apart:.3} s more"));
+        Ok((frame, stats))
+    }
+
+    /// Prints what became of the picture afterwards: the error of a denoised one.
+    ///
+    /// # Errors
+    /// When the sizes differ.
+    pub fn after(&self, what: &str, picture: &Rgb, exposure: f32) -> Result<()> {
+        (self.print)(&self.target.errors(picture, exposure)?.row(what, None));
+        Ok(())
+    }
+}
+
+/// Samples after which the first error is printed: six doublings before the end. Sixteen samples are numbered at once, so a
+/// smaller part costs more than its share. The first look is not before the first camera ray is done, which several samples
+/// share. It is a power of two, as the others are.
+fn first_look(spp: u32, branches: u32) -> u32 {
+    branches.max(1 << (spp / 64).max(1).ilog2())
+}
+
+/// Time of what was done now and then.
+struct Total(Spent);
+
+impl Default for Total {
+    fn default() -> Self {
+        Self(Spent { seconds: 0.0, processor: cfg!(unix).then_some(0.0) })
+    }
+}
+
+impl Total {
+    fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
+        let clock = Stopwatch::start();
+        let result = work();
+        let spent = clock.spent();
+        self.0.seconds += spent.seconds;
+        self.0.processor = self.0.processor.zip(spent.processor).map(|(a, b)| a + b);
+        result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_look_is_six_doublings_before_the_end() {
+        let first = |branches| [1, 12, 64, 127, 128, 256, 1000, 1024].map(|spp| first_look(spp, branches));
+        assert_eq!(first(1), [1, 1, 1, 1, 2, 4, 8, 16]);
+        assert_eq!(first(4), [4, 4, 4, 4, 4, 4, 8, 16]);
+    }
+}

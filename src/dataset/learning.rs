@@ -1,0 +1,366 @@
+//! Makes frames for training on the fly: composes them from a plan or reads them from a dataset, renders them with few samples
+//! and with many, shades them, and carries keyframes to them.
+
+use crate::dataset::Dataset;
+use crate::dataset::plan::Plan;
+use crate::util::cancel::Cancel;
+use anyhow::{Context, Result, ensure};
+use half::f16;
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use renderflow_frame::Frame;
+use renderflow_frame::ibl;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::reach::Reach;
+use renderflow_frame::warp::{self, Keyframe, Neighbour};
+use renderflow_model::data::step_rng;
+use renderflow_model::fusion::fill::{Samples, background};
+use renderflow_model::fusion::record::{self, ALL_BEFORE, AROUND, NEIGHBOURS, PARTS, PICTURES};
+use renderflow_model::fusion::training::Source;
+use renderflow_model::fusion::{Record, batch::BEFORE};
+use renderflow_renderer::deferred::{self, Deferred, Lighting, Options, shadow_maps};
+use renderflow_renderer::denoise::{self, Denoiser, Quality};
+use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
+use renderflow_scenes::catalog::Catalog;
+use renderflow_scenes::description::Scene;
+use renderflow_scenes::seed::Seed;
+use renderflow_scenes::{LoadedScene, load};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Frames between two keyframes.
+const GAP: usize = 16;
+
+/// How frames for training are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Recipe {
+    /// Samples for each pixel of the truth, which is denoised where this build has a denoiser.
+    pub truth_spp: u32,
+    /// How often a path may scatter.
+    pub max_bounces: u32,
+    /// Frames of each sequence between its two keyframes.
+    pub frames: usize,
+    /// Samples for each pixel of each part of a frame; each neighbour gets the number of the first part. `None` draws them: 1, 2,
+    /// 4 and 8 or 16, in any order.
+    pub samples: Option<[u32; PARTS]>,
+    /// Share of the denoised pictures, 0..=1, that OIDN makes in least time. It makes the others with least error.
+    pub fast: f64,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4 }
+    }
+}
+
+/// The sequences of a plan, one after the other. After the last one it continues with other seeds.
+pub struct Planned<'a> {
+    plan: &'a Plan,
+    catalog: Catalog,
+    /// Index of the first sequence of the split, and the number of sequences.
+    range: [u32; 2],
+    maker: Maker<'a>,
+}
+
+/// The sequences of a dataset, in a new order each time round. Their truth is read; everything else is made from their scenes.
+pub struct Recorded<'a> {
+    dataset: &'a Dataset,
+    /// BLAKE3 of the content of the dataset.
+    digest: String,
+    allowed: &'a [PathBuf],
+    maker: Maker<'a>,
+}
+
+/// Makes the frames.
+struct Maker<'a> {
+    recipe: Recipe,
+    /// OIDN with least error, and in least time; `None` where this build has no denoiser.
+    denoisers: Option<[Mutex<Denoiser>; 2]>,
+    cancel: &'a Cancel,
+}
+
+/// One frame, rendered.
+struct RenderedFrame {
+    gbuffer: Frame,
+    shaded: Deferred,
+}
+
+/// The frames of one sequence that are used, by number.
+struct SelectedFrames {
+    keys: [usize; 2],
+    between: Vec<usize>,
+}
+
+impl<'a> Planned<'a> {
+    /// Uses `count` sequences of `plan`, starting with sequence `first`.
+    pub fn new(plan: &'a Plan, [first, count]: [u32; 2], recipe: Recipe, cancel: &'a Cancel) -> Self {
+        Self { plan, catalog: plan.catalog(), range: [first, count.max(1)], maker: Maker::new(recipe, cancel) }
+    }
+
+    /// Whether the truth is denoised: whether this build has OIDN.
+    pub fn denoises(&self) -> bool {
+        self.maker.denoisers.is_some()
+    }
+
+    /// The frames of sequence `i`: its two keyframes without samples, then the frames between them with everything.
+    ///
+    /// # Errors
+    /// When the sequence cannot be composed or rendered.
+    pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
+        let [first, count] = self.range;
+        let (round, index) = (i / u64::from(count), first + (i % u64::from(count)) as u32);
+        let seed = Seed::root(self.plan.seed).child("learning", i);
+        let plan = Plan { seed: self.plan.seed.wrapping_add(round), ..self.plan.clone() };
+        let composed = if round == 0 { plan.compose(&self.catalog, index)? } else { plan.compose(&plan.catalog(), index)? };
+        let loaded = load::load(&composed.scene, &plan.reach())?;
+        let frames = loaded.cameras.len();
+        let gap = GAP.min(frames.saturating_sub(1));
+        let before = pick(seed, "before", frames - gap);
+        let between = (before + 1..before + gap).collect();
+        let selected = SelectedFrames { keys: [before, before + gap], between: self.maker.some(seed, between) };
+        self.maker.records(&loaded, &selected, seed, &|_, scene| self.maker.truth(scene))
+    }
+}
+
+impl<'a> Recorded<'a> {
+    /// Uses the sequences of `dataset`, whose scenes may name files in the folders `allowed`.
+    ///
+    /// # Errors
+    /// When a file of the dataset cannot be read, or differs from its record.
+    pub fn new(dataset: &'a Dataset, allowed: &'a [PathBuf], recipe: Recipe, cancel: &'a Cancel) -> Result<Self> {
+        (0..dataset.sequences.len()).try_for_each(|index| dataset.check_scene(index))?;
+        Ok(Self { dataset, digest: dataset.digest()?, allowed, maker: Maker::new(recipe, cancel) })
+    }
+
+    /// The frames of sequence `i`, as [`Planned::records`].
+    ///
+    /// # Errors
+    /// When the sequence cannot be read or rendered, or when a frame has no beauty, another size or another scene.
+    pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
+        let count = self.dataset.sequences.len() as u64;
+        let mut order: Vec<usize> = (0..count as usize).collect();
+        order.shuffle(&mut step_rng(0x6c65_6172, i / count));
+        let which = order[(i % count) as usize];
+        let sequence = &self.dataset.sequences[which];
+        let make = || -> Result<Vec<Record<f32>>> {
+            ensure!(!sequence.is_empty(), "has no frames");
+            let file = sequence.folder.join("scene.json");
+            let scene = Scene::read(&file)?;
+            let loaded = load::load(&scene, &Reach::of(&file).allow(self.allowed))?;
+            let seed = Seed::root(loaded.seed).child("learning", i);
+            let last = sequence.len().saturating_sub(1);
+            // Two keyframes that follow each other; the ends of the sequence where there are none.
+            let pairs: Vec<[usize; 2]> = sequence.transforms.keyframes.windows(2).map(|pair| [pair[0], pair[1]]).collect();
+            let [before, after] = pairs.get(pick(seed, "before", pairs.len())).copied().unwrap_or([0, last]);
+            let numbers = |indices: Range<usize>| indices.map(|index| sequence.numbers[index]).collect::<Vec<usize>>();
+            let between = self.maker.some(seed, numbers(before + 1..after.max(before + 1)));
+            let selected = SelectedFrames { keys: [sequence.numbers[before], sequence.numbers[after]], between };
+            let truth = |number: usize, _: &RenderScene| {
+                let index = sequence.numbers.iter().position(|stored| *stored == number).context("a frame of the dataset")?;
+                let frame = self.dataset.frame(which, index)?;
+                let name = &sequence.transforms.files[index];
+                ensure!(frame.info.scene_hash == loaded.hash, "{name}: is of another scene than scene.json");
+                frame.beauty.with_context(|| format!("{name}: has no beauty"))
+            };
+            self.maker.records(&loaded, &selected, seed, &truth)
+        };
+        make().with_context(|| sequence.folder.display().to_string())
+    }
+}
+
+/// Checks that `truth` has the size of its frame.
+fn fitting(truth: Rgb, frame: &Frame) -> Result<Rgb> {
+    let (found, expected) = ([truth.width, truth.height], [frame.width, frame.height]);
+    ensure!(found == expected, "the truth has {found:?} pixels where the scene has {expected:?}");
+    Ok(truth)
+}
+
+/// Draws one of `count`, by name.
+fn pick(seed: Seed, name: &str, count: usize) -> usize {
+    (seed.child(name, 0).u64() % count.max(1) as u64) as usize
+}
+
+impl<'a> Maker<'a> {
+    fn new(recipe: Recipe, cancel: &'a Cancel) -> Self {
+        let open =
+            |quality| Denoiser::with_options(denoise::Options { quality, ..denoise::Options::default() }).ok().map(Mutex::new);
+        let denoisers = open(Quality::High).zip(open(Quality::Fast)).map(|(high, fast)| [high, fast]);
+        Self { recipe, denoisers, cancel }
+    }
+
+    /// Draws the number of frames that the recipe asks for from `between`.
+    fn some(&self, seed: Seed, mut between: Vec<usize>) -> Vec<usize> {
+        while between.len() > self.recipe.frames {
+            between.remove(pick(seed, "between", between.len() * 7919) % between.len());
+        }
+        between
+    }
+
+    /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with everything.
+    /// `truth` gives the truth of a frame, at which the scene stands.
+    fn records(
+        &self,
+        loaded: &LoadedScene,
+        selected: &SelectedFrames,
+        seed: Seed,
+        truth: &dyn Fn(usize, &RenderScene) -> Result<Rgb>,
+    ) -> Result<Vec<Record<f32>>> {
+        let SelectedFrames { keys, between } = selected;
+        let frames = loaded.cameras.len();
+        let numbers: Vec<usize> = (0..frames).collect();
+        let tracks = super::job::tracks(loaded, &numbers);
+
+        let mut scene = RenderScene::compile(loaded)?;
+        let exposure = scene.exposure();
+        let light = Arc::clone(scene.light());
+        let lighting = Lighting::new(Arc::clone(&light), deferred::LIGHTS);
+
+        let mut records = Vec::new();
+        let mut carried = Vec::new();
+        for &number in keys {
+            let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
+            let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
+            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
+            record.add_deferred(&rendered.shaded.terms, exposure);
+            record.add_truth(&truth, exposure);
+            records.push(record);
+            carried.push(Keyframe { frame: rendered.gbuffer, truth, start: Some(rendered.shaded.image) });
+        }
+        for &number in between {
+            let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
+            let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
+            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
+            record.add_deferred(&rendered.shaded.terms, exposure);
+            record.add_truth(&truth, exposure);
+            for (k, key) in carried.iter().enumerate() {
+                let distance = keys[k] as f32 - number as f32;
+                let movement = tracks.between(number, keys[k]);
+                record.add_key(
+                    k,
+                    &Neighbour { key, distance, movement },
+                    &rendered.gbuffer,
+                    Some(&rendered.shaded.image),
+                    exposure,
+                );
+            }
+            let alone = ibl::shade(&rendered.gbuffer, &light);
+            record.add_environment(&alone, exposure);
+            // Truth, samples and neighbours use different random numbers.
+            let samples = self.samples(seed, number);
+            for (part, spp) in samples.into_iter().enumerate() {
+                scene.reseed(loaded.seed.wrapping_add(1 + part as u64));
+                let traced = self.trace(&scene, spp, false)?;
+                let behind = background(scene.camera(), &traced.alpha, &light.environment);
+                record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
+            }
+            for n in 0..NEIGHBOURS {
+                let distance = (n % BEFORE + 1) as isize * if n < BEFORE { -1 } else { 1 };
+                let Some(other) = number.checked_add_signed(distance).filter(|other| *other < frames) else { continue };
+                scene.reseed(loaded.seed.wrapping_add(1 + (n % PARTS) as u64));
+                scene.set_frame(other);
+                let traced = self.trace(&scene, samples[0], true)?;
+                let behind = background(scene.camera(), &traced.alpha, &light.environment);
+                let movement = tracks.between(number, other);
+                let source = warp::nearest(&rendered.gbuffer, &traced, Some(&|id| movement.of(id)));
+                record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
+            }
+            self.add_denoised(&mut record, seed.child("denoised", number as u64), exposure)?;
+            records.push(record);
+            scene.reseed(loaded.seed);
+        }
+        Ok(records)
+    }
+
+    /// Makes the G-buffer and the deferred picture of frame `number`; `scene` stays at that frame.
+    fn gbuffer_and_deferred(&self, scene: &mut RenderScene, number: usize, lighting: &Lighting) -> Result<RenderedFrame> {
+        scene.set_frame(number);
+        let gbuffer = render_gbuffer(scene, &Settings::default())?;
+        let shadows = shadow_maps(scene, lighting, &gbuffer);
+        let shaded = deferred::shade(&gbuffer, lighting, &shadows, &Options::default());
+        Ok(RenderedFrame { gbuffer, shaded })
+    }
+
+    fn trace(&self, scene: &RenderScene, spp: u32, surfaces: bool) -> Result<Frame> {
+        let channels = Channels { guides: true, gbuffer: surfaces, ..Channels::BEAUTY };
+        let settings = Settings { spp, max_bounces: self.recipe.max_bounces, channels, ..Settings::default() };
+        Ok(render(scene, &settings, &|_, _| (), self.cancel)?)
+    }
+
+    fn truth(&self, scene: &RenderScene) -> Result<Rgb> {
+        let traced = self.trace(scene, self.recipe.truth_spp, false)?;
+        let raw = traced.raw.context("the path tracer made no picture")?;
+        match &self.denoisers {
+            Some([denoiser, _]) => {
+                let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
+                Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
+            }
+            None => Ok(raw),
+        }
+    }
+
+    /// The samples for each pixel of each part of frame `number`.
+    fn samples(&self, seed: Seed, number: usize) -> [u32; PARTS] {
+        self.recipe.samples.unwrap_or_else(|| {
+            let mut rng = seed.child("samples", number as u64).rng();
+            let mut samples = [1, 2, 4, if rng.random_bool(0.3) { 16 } else { 8 }];
+            samples.shuffle(&mut rng);
+            samples
+        })
+    }
+
+    /// Adds OIDN's picture of each part alone, and of the first part with its neighbours.
+    fn add_denoised(&self, record: &mut Record<f32>, seed: Seed, exposure: f32) -> Result<()> {
+        let Some(denoisers) = &self.denoisers else { return Ok(()) };
+        let all = record::Selection::all(record);
+        for place in 0..PICTURES {
+            if place >= PARTS && !all.groups.neighbours {
+                break;
+            }
+            let part = if place < PARTS { place } else { 0 };
+            let neighbours = std::array::from_fn(|n| match place {
+                AROUND => all.neighbours[n],
+                ALL_BEFORE if n < BEFORE => all.neighbours[n],
+                _ => 0.0,
+            });
+            let groups = record::Groups { neighbours: neighbours.iter().any(|spp| *spp > 0.0), ..all.groups };
+            let parts = std::array::from_fn(|other| other == part);
+            let selection = record::Selection { groups, parts, spp: record.parts[part] as f32, neighbours, ..all };
+            let [color, albedo, normal] = record.noisy(&selection, exposure);
+            let fast = seed.child("fast", place as u64).rng().random_bool(self.recipe.fast);
+            let mut denoiser = denoisers[usize::from(fast)].lock().unwrap_or_else(PoisonError::into_inner);
+            record.add_denoised(place, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
+        }
+        Ok(())
+    }
+}
+
+impl Source for Planned<'_> {
+    fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+        halved(i, self.records(i))
+    }
+
+    fn identity(&self) -> String {
+        let plan = serde_json::to_string(&(self.plan, &self.maker.recipe, self.range)).unwrap_or_default();
+        blake3::hash(plan.as_bytes()).to_hex().to_string()
+    }
+}
+
+impl Source for Recorded<'_> {
+    fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+        halved(i, self.records(i))
+    }
+
+    fn identity(&self) -> String {
+        let recipe = serde_json::to_string(&self.maker.recipe).unwrap_or_default();
+        blake3::hash(format!("{} {recipe}", self.digest).as_bytes()).to_hex().to_string()
+    }
+}
+
+fn halved(i: u64, made: Result<Vec<Record<f32>>>) -> renderflow_model::Result<Vec<Record<f16>>> {
+    let reason =
+        |error: anyhow::Error| renderflow_model::Error::Data { place: format!("sequence {i}"), reason: format!("{error:#}") };
+    made.map(|records| records.iter().map(Record::to_half).collect()).map_err(reason)
+}

@@ -1,0 +1,124 @@
+//! The network that reads samples on one sequence: fills the network's input for each frame, and measures the seconds.
+
+use super::keyframes;
+use super::samples::{Buffer, Carried, Traced};
+use crate::dataset::Sequence;
+use crate::util::clock::timed;
+use anyhow::{Context, Result};
+use renderflow_frame::ibl;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::warp::Keyframe;
+use renderflow_model::fusion::batch::BEFORE;
+use renderflow_model::fusion::fill::{Samples, background};
+use renderflow_model::fusion::record::{NEIGHBOURS, Selection};
+use renderflow_model::fusion::{Fusion, Record};
+use renderflow_renderer::deferred::Deferred;
+use renderflow_renderer::denoise::Denoiser;
+
+/// The network that reads samples on one sequence.
+pub struct Fused<'a> {
+    sequence: &'a Sequence,
+    network: &'a Fusion,
+    /// Keyframes, by stored index.
+    keys: Vec<(usize, Keyframe)>,
+}
+
+impl<'a> Fused<'a> {
+    /// Starts without keyframes.
+    pub fn new(sequence: &'a Sequence, network: &'a Fusion) -> Self {
+        Self { sequence, network, keys: Vec::new() }
+    }
+
+    /// Reads the keyframes. `shaded` gives the deferred picture of a keyframe, if there is one.
+    pub fn prepare_keyframes(&mut self, shaded: impl Fn(usize) -> Option<Rgb>) -> Result<()> {
+        self.keys = keyframes::prepare(self.sequence, |index, _| Ok(shaded(index)))?;
+        Ok(())
+    }
+
+    /// The picture from terms of deferred shading, with or without keyframes, and its seconds without those of the terms.
+    pub fn shaded(&self, buffer: Buffer, deferred: &Deferred, keyframes: bool) -> Result<(Rgb, f64)> {
+        if let Some(truth) = self.truth(buffer.index, keyframes) {
+            return Ok((truth, 0.0));
+        }
+        let exposure = self.sequence.exposure();
+        timed(|| {
+            let mut record = Record::of(buffer.frame, &deferred.surfaces, exposure);
+            record.add_deferred(&deferred.terms, exposure);
+            if keyframes {
+                self.carry(&mut record, buffer, Some(&deferred.image));
+            }
+            self.draw(&record)
+        })
+    }
+
+    /// The picture from samples of the frame and of its neighbours, with or without keyframes, and with what `denoiser` makes of
+    /// the samples; and its seconds without those of the samples.
+    pub fn traced(
+        &self,
+        buffer: Buffer,
+        own: &Traced,
+        others: &[(usize, Carried)],
+        keyframes: bool,
+        denoiser: Option<&mut Denoiser>,
+    ) -> Result<(Rgb, f64)> {
+        if let Some(truth) = self.truth(buffer.index, keyframes) {
+            return Ok((truth, 0.0));
+        }
+        let (sequence, light, index) = (self.sequence, self.sequence.light()?, buffer.index);
+        let (environment, exposure) = (&light.environment, light.exposure());
+        timed(|| {
+            let shading = ibl::shade(buffer.frame, light);
+            let mut record = Record::of(buffer.frame, &shading.surfaces, exposure);
+            record.add_environment(&shading, exposure);
+            let behind = background(sequence.camera(index), &own.alpha, environment);
+            record.add_part(0, &samples(own, &behind)?, exposure);
+            let (mut before, mut after) = (0, BEFORE);
+            for (there, carried) in others {
+                let (place, limit) = if *there < index { (&mut before, BEFORE) } else { (&mut after, NEIGHBOURS) };
+                if *place < limit {
+                    let traced = carried.samples;
+                    let behind = background(sequence.camera(*there), &traced.alpha, environment);
+                    record.add_neighbour(*place, &samples(traced, &behind)?, &carried.source, exposure);
+                    *place += 1;
+                }
+            }
+            if keyframes {
+                self.carry(&mut record, buffer, None);
+            }
+            if let Some(denoiser) = denoiser {
+                let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
+                record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
+            }
+            self.draw(&record)
+        })
+    }
+
+    /// The truth of a frame, if it is a keyframe.
+    fn truth(&self, index: usize, keyframes: bool) -> Option<Rgb> {
+        let found = self.keys.iter().find(|(key, _)| keyframes && *key == index);
+        found.map(|(_, key)| key.truth.clone())
+    }
+
+    fn carry(&self, record: &mut Record<f32>, buffer: Buffer, shaded: Option<&Rgb>) {
+        let before = self.keys.iter().rfind(|(key, _)| *key < buffer.index);
+        let after = self.keys.iter().find(|(key, _)| *key > buffer.index);
+        for (k, found) in [before, after].into_iter().enumerate() {
+            if let Some((index, key)) = found {
+                let seen = keyframes::seen_from(self.sequence, buffer.index, *index, key);
+                record.add_key(k, &seen, buffer.frame, shaded, self.sequence.exposure());
+            }
+        }
+    }
+
+    fn draw(&self, record: &Record<f32>) -> Result<Rgb> {
+        let exposure = self.sequence.exposure();
+        let pixels = self.network.render(record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
+        Ok(Rgb { width: record.width, height: record.height, pixels })
+    }
+}
+
+/// Samples in the form that the network takes; `background` is the environment behind their frame.
+fn samples<'a>(traced: &'a Traced, background: &'a Rgb) -> Result<Samples<'a>> {
+    let [albedo, _] = traced.guides.as_ref().context("samples without guides")?;
+    Ok(Samples { raw: &traced.raw, alpha: &traced.alpha, albedo, background, spp: traced.spp })
+}

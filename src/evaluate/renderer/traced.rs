@@ -1,0 +1,399 @@
+//! Path tracing on one sequence: traces only the channels that a row needs, carries the samples of neighbouring frames, denoises,
+//! and measures the seconds.
+
+use super::Options;
+use super::fused::Fused;
+use super::samples::{Buffer, Carried, Traced, add_up};
+use crate::dataset::Sequence;
+use crate::evaluate::method::Method;
+use crate::evaluate::method::tracing::{Clean, Guides, Neighbours, REACH, Samples, Tracing};
+use crate::evaluate::results::BUDGET_PIXELS;
+use crate::metrics::median;
+use crate::util::cancel::Cancel;
+use crate::util::clock::timed;
+use anyhow::{Context, Result};
+
+use renderflow_frame::image::Rgb;
+
+use renderflow_frame::{Frame, FrameInfo, warp};
+use renderflow_renderer::denoise::{self, Denoiser, Quality};
+use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
+use std::collections::BTreeMap;
+
+/// Two renders with these numbers of samples for each pixel give the time of any number.
+const PROBES: [u32; 2] = [2, 16];
+/// From this number of camera rays for each pixel on, neighbours included, OIDN is told that the guides are clean. It then keeps
+/// the noise that they have.
+const CLEAN_GUIDES: u32 = 4;
+/// Seconds are turned into at most this many samples for each pixel.
+const MOST: u32 = 65536;
+
+/// The channels that are needed besides the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Needs {
+    /// Guides of the samples' own camera rays.
+    guides: bool,
+    /// The surfaces that the pixels' centres see.
+    surfaces: bool,
+}
+
+impl Needs {
+    fn of(tracing: &Tracing) -> Self {
+        // The network divides samples by the albedo that they saw.
+        if tracing.clean.is_neural() {
+            return Self { guides: true, surfaces: false };
+        }
+        // A G-buffer holds both.
+        let own = tracing.guides == Guides::Own;
+        Self { guides: own && tracing.clean != Clean::Raw, surfaces: own && tracing.neighbours != Neighbours::Alone }
+    }
+}
+
+/// How a picture is denoised, and whether OIDN is told that the guides are clean.
+type Effort = (Clean, bool);
+
+/// The frame that is being made.
+#[derive(Clone, Copy)]
+pub struct Current<'a> {
+    /// Its G-buffer.
+    pub buffer: Buffer<'a>,
+    /// The network that reads samples, if a method needs it.
+    pub fused: Option<&'a Fused<'a>>,
+    /// Asks for a stop.
+    pub cancel: &'a Cancel,
+}
+
+/// Path tracing on one sequence.
+pub struct Tracer<'a> {
+    sequence: &'a Sequence,
+    max_bounces: u32,
+    /// By effort, and by whether they are told that the guides are clean.
+    denoisers: BTreeMap<(Quality, bool), Denoiser>,
+    /// Seconds of path tracing with 0 samples, and of each further sample.
+    rates: BTreeMap<Needs, [f64; 2]>,
+    /// Seconds of each denoiser so far.
+    denoised: BTreeMap<Effort, Vec<f64>>,
+    /// Seconds of carrying and adding the samples of neighbours so far.
+    gathered: BTreeMap<Neighbours, Vec<f64>>,
+    /// Samples for each pixel of a frame, for rows with given seconds: a frame is traced once only.
+    counts: BTreeMap<(String, usize), u32>,
+    /// By stored index, by needs, and by samples for each pixel.
+    traced: BTreeMap<(usize, Needs, u32), Traced>,
+    /// The surfaces that the pixels' centres see, in frames whose samples are carried.
+    surfaces: BTreeMap<usize, Frame>,
+}
+
+impl<'a> Tracer<'a> {
+    /// Opens the denoisers that the methods ask for.
+    pub fn new(sequence: &'a Sequence, options: &Options) -> Result<Self> {
+        let mut denoisers = BTreeMap::new();
+        for tracing in tracings(options.methods) {
+            let Some(quality) = tracing.clean.oidn() else { continue };
+            for clean_guides in [true, false] {
+                let effort = (quality, clean_guides);
+                let noisy = tracing.guides == Guides::Own && !tracing.clean.is_neural();
+                if !denoisers.contains_key(&effort) && (clean_guides || noisy) {
+                    let options = denoise::Options { quality, clean_guides };
+                    let denoiser = Denoiser::with_options(options).context("path tracing + OIDN is among the methods")?;
+                    denoisers.insert(effort, denoiser);
+                }
+            }
+        }
+        Ok(Self {
+            sequence,
+            max_bounces: options.max_bounces,
+            denoisers,
+            rates: BTreeMap::new(),
+            denoised: BTreeMap::new(),
+            gathered: BTreeMap::new(),
+            counts: BTreeMap::new(),
+            traced: BTreeMap::new(),
+            surfaces: BTreeMap::new(),
+        })
+    }
+
+    /// Does what only the first frame would need: fills caches, builds the denoisers' networks, and measures how the time of path
+    /// tracing grows with the samples.
+    pub fn warm_up(&mut self, scene: &mut RenderScene, methods: &[Method], current: Current) -> Result<()> {
+        let Current { buffer, cancel, .. } = current;
+        for needs in tracings(methods).map(Needs::of) {
+            if self.rates.contains_key(&needs) {
+                continue;
+            }
+            let mut seconds = [0.0; 2];
+            // The first round fills the caches; the second one counts.
+            for _ in 0..2 {
+                for (seconds, spp) in seconds.iter_mut().zip(PROBES) {
+                    *seconds = self.trace(scene, buffer.index, needs, spp, cancel)?.seconds;
+                }
+            }
+            let each = ((seconds[1] - seconds[0]) / f64::from(PROBES[1] - PROBES[0])).max(1e-6);
+            self.rates.insert(needs, [(seconds[0] - f64::from(PROBES[0]) * each).max(0.0), each]);
+        }
+        for tracing in tracings(methods) {
+            let frames = 1 + tracing.neighbours.of(buffer.index, self.sequence.len()).len();
+            for spp in [1, CLEAN_GUIDES] {
+                let effort = effort(tracing, frames as u32 * camera_rays(spp));
+                let known = self.denoised.contains_key(&effort) || tracing.clean == Clean::Raw;
+                if known && (tracing.neighbours == Neighbours::Alone || self.gathered.contains_key(&tracing.neighbours)) {
+                    continue;
+                }
+                let probe = Tracing { samples: Samples::Count(spp), ..tracing.clone() };
+                // The first run of a denoiser builds its network.
+                for _ in 0..2 {
+                    self.denoised.remove(&effort);
+                    self.gathered.remove(&tracing.neighbours);
+                    self.picture(scene, &probe, None, current)?;
+                }
+            }
+        }
+        self.traced.clear();
+        Ok(())
+    }
+
+    /// The picture that `tracing` makes of the current frame, its seconds, and its samples for each pixel. `given` are the
+    /// seconds of the other method, if `tracing` may take its time. `scene` stays at that frame.
+    pub fn picture(
+        &mut self,
+        scene: &mut RenderScene,
+        tracing: &Tracing,
+        given: Option<f64>,
+        current: Current,
+    ) -> Result<(Rgb, f64, u32)> {
+        let Current { buffer, fused, cancel } = current;
+        let needs = Needs::of(tracing);
+        let others = tracing.neighbours.of(buffer.index, self.sequence.len());
+        let frames: Vec<usize> = std::iter::once(buffer.index).chain(others).collect();
+        let mut keys = Vec::with_capacity(frames.len());
+        for &index in &frames {
+            let spp = self.count(tracing, index, given, buffer);
+            let key = (index, needs, spp);
+            if !self.traced.contains_key(&key) {
+                let traced = self.trace(scene, index, needs, spp, cancel)?;
+                self.learn(needs, &traced);
+                self.traced.insert(key, traced);
+            }
+            if let Some(traced) = self.traced.get_mut(&key) {
+                traced.carried |= tracing.neighbours != Neighbours::Alone;
+            }
+            keys.push(key);
+        }
+        if tracing.neighbours != Neighbours::Alone {
+            self.see(scene, buffer, &frames)?;
+        }
+        scene.set_frame(self.sequence.numbers[buffer.index]);
+        if tracing.clean.is_neural() {
+            let network = fused.context("the methods need weights of the network that reads samples (--weights)")?;
+            // Taken out while samples are borrowed.
+            let key = tracing.clean.oidn().map(|quality| (quality, true));
+            let mut denoiser = key.and_then(|key| self.denoisers.remove(&key));
+            let own = &self.traced[&keys[0]];
+            let (others, gathering) = timed(|| Ok(self.carried(&keys)))?;
+            let others: Vec<(usize, Carried)> = keys[1..].iter().map(|key| key.0).zip(others).collect();
+            let drawn = network.traced(buffer, own, &others, tracing.keyframes, denoiser.as_mut());
+            let (seconds, spp) = (own.seconds, own.spp);
+            self.denoisers.extend(key.zip(denoiser));
+            let (picture, drawing) = drawn?;
+            self.denoised.entry((tracing.clean, true)).or_default().push(gathering + drawing);
+            return Ok((picture, seconds + buffer.seconds + gathering + drawing, spp));
+        }
+        let own = &self.traced[&keys[0]];
+        let mut seconds = own.seconds;
+        let carried;
+        let (raw, guides) = if frames.len() > 1 {
+            let (gathered, gathering) = timed(|| Ok(self.gather(&keys)))?;
+            self.gathered.entry(tracing.neighbours).or_default().push(gathering);
+            seconds += gathering;
+            carried = gathered;
+            (&carried.0, carried.1.as_ref())
+        } else {
+            (&own.raw, own.guides.as_ref())
+        };
+        let spp = own.spp;
+        let effort = effort(tracing, keys.iter().map(|key| camera_rays(key.2)).sum());
+        let denoiser = tracing.clean.oidn().and_then(|quality| self.denoisers.get_mut(&(quality, effort.1)));
+        let Some(denoiser) = denoiser else { return Ok((raw.clone(), seconds, spp)) };
+        let [albedo, normal] = match (tracing.guides, guides) {
+            (Guides::Own, Some([albedo, normal])) => [Some(albedo), Some(normal)],
+            _ => {
+                seconds += buffer.seconds;
+                [buffer.frame.guide_albedo.as_ref(), buffer.frame.guide_normal.as_ref()]
+            }
+        };
+        let (picture, denoising) = timed(|| Ok(denoiser.denoise(raw, albedo, normal)?))?;
+        self.denoised.entry(effort).or_default().push(denoising);
+        Ok((picture, seconds + denoising, spp))
+    }
+
+    /// Forgets what frame `index` and later frames cannot use.
+    pub fn forget_before(&mut self, index: usize) {
+        let near = |other: usize| other + REACH >= index;
+        self.traced.retain(|(other, ..), traced| near(*other) && traced.carried);
+        self.surfaces.retain(|other, _| near(*other));
+        self.counts.retain(|(_, other), _| near(*other));
+    }
+
+    /// Path-traces a frame with the channels that are needed.
+    fn trace(&mut self, scene: &mut RenderScene, index: usize, needs: Needs, spp: u32, cancel: &Cancel) -> Result<Traced> {
+        let channels = Channels { gbuffer: needs.surfaces, guides: needs.guides, ..Channels::BEAUTY };
+        let settings = Settings { spp, max_bounces: self.max_bounces, channels, ..Settings::default() };
+        scene.set_frame(self.sequence.numbers[index]);
+        let rendered = timed(|| Ok(render(scene, &settings, &|_, _| (), cancel)?));
+        cancel.check()?;
+        let (mut frame, seconds) = rendered?;
+        let raw = frame.raw.take().context("the path tracer made no picture")?;
+        let alpha = std::mem::take(&mut frame.alpha);
+        let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
+        if needs.surfaces {
+            self.surfaces.entry(index).or_insert_with(|| surface(&frame));
+        }
+        Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, seconds, carried: false })
+    }
+
+    /// Finds the surfaces that the pixels' centres see in `frames`. Where samples did not record them, a G-buffer is made,
+    /// outside of the row's seconds.
+    fn see(&mut self, scene: &mut RenderScene, buffer: Buffer, frames: &[usize]) -> Result<()> {
+        let channels = Channels { gbuffer: true, ..Channels::BEAUTY };
+        for &index in frames {
+            if self.surfaces.contains_key(&index) {
+                continue;
+            }
+            let seen = if index == buffer.index {
+                surface(buffer.frame)
+            } else {
+                scene.set_frame(self.sequence.numbers[index]);
+                let frame = render_gbuffer(scene, &Settings { guide_samples: 1, channels, ..Settings::default() })?;
+                surface(&frame)
+            };
+            self.surfaces.insert(index, seen);
+        }
+        Ok(())
+    }
+
+    /// The samples of the first frame together with those of the others, weighted by their numbers; likewise the guides.
+    fn gather(&self, keys: &[(usize, Needs, u32)]) -> (Rgb, Option<[Rgb; 2]>) {
+        add_up(&self.traced[&keys[0]], &self.carried(keys), &self.surfaces[&keys[0].0].object_id)
+    }
+
+    /// The samples of all but the first frame, ready to be carried to it.
+    fn carried(&self, keys: &[(usize, Needs, u32)]) -> Vec<Carried<'_>> {
+        if keys.len() < 2 {
+            return Vec::new();
+        }
+        let index = keys[0].0;
+        let current = &self.surfaces[&index];
+        let others = keys[1..].iter().map(|key| {
+            let there = &self.surfaces[&key.0];
+            let movement = self.sequence.transforms.tracks.between(index, key.0);
+            let cameras = [index, key.0].map(|index| self.sequence.camera(index).camera_to_world.matrix3);
+            Carried {
+                samples: &self.traced[key],
+                source: warp::nearest(current, there, Some(&|id| movement.of(id))),
+                movement,
+                turn: cameras[0].inverse() * cameras[1],
+                to_world: cameras[1],
+            }
+        });
+        others.collect()
+    }
+
+    /// The samples for each pixel of frame `index`: the number of the row, or the number that its seconds allow.
+    fn count(&mut self, tracing: &Tracing, index: usize, given: Option<f64>, buffer: Buffer) -> u32 {
+        let size = self.sequence.camera(index);
+        let budget = match tracing.samples {
+            Samples::Count(spp) => return spp,
+            Samples::Within(milliseconds) => f64::from(milliseconds) / 1e3 * (size.width * size.height) as f64 / BUDGET_PIXELS,
+            Samples::AsLongAs(_) => given.unwrap_or(0.0),
+        };
+        let Some(&rate) = self.rates.get(&Needs::of(tracing)) else { return 1 };
+        let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| median(seconds)).filter(|s| s.is_finite());
+        let mut others = usual(self.gathered.get(&tracing.neighbours)).unwrap_or(0.0);
+        if tracing.guides == Guides::GBuffer || tracing.clean.is_neural() {
+            others += buffer.seconds;
+        }
+        let frames = 1 + tracing.neighbours.of(index, self.sequence.len()).len() as u32;
+        let clean = |spp: u32| effort(tracing, frames * camera_rays(spp)).1;
+        let after = |clean: bool| usual(self.denoised.get(&(tracing.clean, clean))).unwrap_or(0.0) + others;
+        let mut spp = affordable(budget - after(true), rate);
+        if !clean(spp) {
+            // Guides that are not clean are denoised faster; that alone must not raise the number of samples until the guides
+            // count as clean.
+            spp = affordable(budget - after(false), rate);
+            while spp > 1 && clean(spp) {
+                spp -= 1;
+            }
+        }
+        *self.counts.entry((Method::Traced(tracing.clone()).id(), index)).or_insert(spp)
+    }
+
+    /// Updates the rates after a render, since the cost of scenes changes from frame to frame.
+    fn learn(&mut self, needs: Needs, traced: &Traced) {
+        let Some([start, each]) = self.rates.get_mut(&needs) else { return };
+        let expected = *start + *each * f64::from(traced.spp);
+        let factor = (traced.seconds / expected.max(1e-9)).clamp(0.5, 2.0).sqrt();
+        (*start, *each) = (*start * factor, (*each * factor).max(1e-6));
+    }
+}
+
+/// Camera rays of a picture with this many samples for each pixel.
+fn camera_rays(spp: u32) -> u32 {
+    Settings { spp, ..Settings::default() }.camera_samples()
+}
+
+/// How to denoise a picture whose guides have this many camera rays for each pixel.
+fn effort(tracing: &Tracing, rays: u32) -> Effort {
+    (tracing.clean, tracing.guides == Guides::GBuffer || tracing.clean.is_neural() || rays >= CLEAN_GUIDES)
+}
+
+/// The path-traced methods among `methods`.
+pub fn tracings(methods: &[Method]) -> impl Iterator<Item = &Tracing> {
+    methods.iter().filter_map(|method| if let Method::Traced(tracing) = method { Some(tracing) } else { None })
+}
+
+/// The samples for each pixel that `seconds` allow, if a render takes `start` seconds and `each` more for every sample; at least
+/// 1.
+fn affordable(seconds: f64, [start, each]: [f64; 2]) -> u32 {
+    ((seconds - start) / each).floor().clamp(1.0, f64::from(MOST)) as u32
+}
+
+/// The part of a frame that is needed for carrying samples.
+fn surface(frame: &Frame) -> Frame {
+    Frame {
+        width: frame.width,
+        height: frame.height,
+        albedo: frame.albedo.clone(),
+        normal: frame.normal.clone(),
+        depth: frame.depth.clone(),
+        object_id: frame.object_id.clone(),
+        info: FrameInfo { camera: frame.info.camera, ..FrameInfo::default() },
+        ..Frame::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_fill_the_time() {
+        assert_eq!(affordable(1.1, [0.1, 0.01]), 100);
+        assert_eq!(affordable(0.5, [0.1, 0.1]), 4);
+        // At least one sample, even where there is no time for it.
+        assert_eq!([affordable(0.05, [0.1, 0.1]), affordable(-1.0, [0.0, 0.1])], [1, 1]);
+        assert_eq!(affordable(1e9, [0.0, 1e-6]), MOST);
+    }
+
+    #[test]
+    fn rows_ask_for_what_they_read() {
+        let needs = |id: &str| {
+            let Method::Traced(tracing) = Method::parse(id).unwrap() else { unreachable!() };
+            let Needs { guides, surfaces } = Needs::of(&tracing);
+            [guides, surfaces]
+        };
+        assert_eq!(needs("pt4"), [false, false]);
+        assert_eq!(needs("pt4+oidn"), [true, false]);
+        assert_eq!(needs("pt4+oidn+around"), [true, true]);
+        // A G-buffer has both.
+        assert_eq!([needs("pt4+oidn+gbuffer"), needs("pt4+oidn+gbuffer+before")], [[false; 2]; 2]);
+    }
+}

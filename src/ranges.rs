@@ -1,9 +1,0 @@
-//! What numbers on the command line may be.
-
-use clap::builder::RangedI64ValueParser;
-use std::ops::RangeInclusive;
-
-/// Takes the numbers of `range`.
-pub fn within(range: RangeInclusive<u32>) -> RangedI64ValueParser<u32> {
-    clap::value_parser!(u32).range(i64::from(*range.start())..=i64::from(*range.end()))
-}

@@ -1,0 +1,16 @@
+//! Things that every floor uses and that know nothing about rendering: console, files, signals, machine, pictures.
+
+#[macro_use]
+pub mod console;
+
+pub mod cancel;
+pub mod clock;
+pub mod files;
+pub mod machine;
+pub mod output;
+pub mod panic;
+pub mod picture;
+pub mod progress;
+pub mod ranges;
+pub mod stop;
+pub mod text;

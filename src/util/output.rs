@@ -1,0 +1,234 @@
+//! Decides what may be written before the first byte is written. The user's files stay, unless the user asks to replace them. A
+//! folder is written to only if it is empty or holds the mark of work that continues.
+
+use anyhow::{Context, Result, bail};
+use renderflow_frame::file;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// Said after the reason by commands with the option `--overwrite`.
+pub const OVERWRITE: &str = "name another place, or replace it with --overwrite";
+
+/// Whether there is anything at `path`; a broken link counts too.
+pub fn exists(path: &Path) -> bool {
+    std::fs::symlink_metadata(path).is_ok()
+}
+
+/// Whether the folder `path` is missing, or holds nothing but temporary files of this program.
+///
+/// # Errors
+/// When it cannot be listed, or is not a folder.
+pub fn is_empty(path: &Path) -> Result<bool> {
+    if !exists(path) {
+        return Ok(true);
+    }
+    for entry in std::fs::read_dir(path).with_context(|| format!("{}: cannot list", path.display()))? {
+        let name = entry.with_context(|| format!("{}: cannot list", path.display()))?.file_name();
+        if !name.to_str().is_some_and(file::is_leftover) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Checks all files, then writes them. A file that holds these bytes already is not touched; a different file is replaced only
+/// with `overwrite`.
+///
+/// # Errors
+/// When a different file is there without `overwrite` (then nothing was written), or when a file cannot be written.
+pub fn write(files: &[(PathBuf, Vec<u8>)], overwrite: bool) -> Result<()> {
+    let mut changed = Vec::new();
+    for (path, bytes) in files {
+        if !exists(path) {
+            changed.push((path, bytes));
+        } else if !std::fs::metadata(path).is_ok_and(|about| about.is_file()) {
+            bail!("{}: is there already and is no regular file; name another place", path.display());
+        } else if !file::holds(path, bytes)? {
+            anyhow::ensure!(overwrite, "{}: is there already, with other content; {OVERWRITE}", path.display());
+            changed.push((path, bytes));
+        }
+    }
+    for (path, bytes) in changed {
+        file::write_atomic(path, bytes)?;
+    }
+    Ok(())
+}
+
+/// The full path of `path`. Links are followed as far as there are files; the rest of the path is taken as it is.
+///
+/// # Errors
+/// When a link cannot be followed, or there is no working folder.
+pub fn resolved(path: &Path) -> Result<PathBuf> {
+    let full = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    let mut found = PathBuf::new();
+    for component in full.components() {
+        match component {
+            Component::ParentDir => drop(found.pop()),
+            Component::CurDir => {}
+            other => found.push(other),
+        }
+        if found.is_symlink() || found.is_dir() {
+            found = found.canonicalize().with_context(|| format!("{}: cannot follow", found.display()))?;
+        }
+    }
+    Ok(found)
+}
+
+/// The right to write to a folder: a file (the mark) that says what the folder holds. It is checked at once, and written before
+/// the first other file.
+pub struct Claim {
+    path: PathBuf,
+    /// The bytes of the mark, until they are written.
+    mark: Mutex<Option<Vec<u8>>>,
+}
+
+impl Claim {
+    /// Checks that the folder `out` is empty, or holds a mark `name` equal to `record`. If the mark differs, the error says that
+    /// the folder holds `other`.
+    ///
+    /// # Errors
+    /// When the mark differs or cannot be read, or when the folder holds other files.
+    pub fn new<R: Serialize + DeserializeOwned + PartialEq>(out: &Path, name: &str, record: &R, other: &str) -> Result<Self> {
+        let claim = Self::agreed(out, name, record, |there| {
+            anyhow::ensure!(there == record, "the folder holds {other}; choose another folder");
+            Ok(())
+        })?;
+        // The mark is there already, perhaps written a little differently.
+        if exists(&claim.path) {
+            *claim.mark.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        }
+        Ok(claim)
+    }
+
+    /// As [`new`](Self::new), but `agrees` decides whether work continues from a mark that is there. The mark is then written
+    /// again.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and the errors of `agrees`.
+    pub fn agreed<R: Serialize + DeserializeOwned>(
+        out: &Path,
+        name: &str,
+        record: &R,
+        agrees: impl FnOnce(&R) -> Result<()>,
+    ) -> Result<Self> {
+        let path = out.join(name);
+        if exists(&path) {
+            agrees(&file::read_json(&path)?).with_context(|| path.display().to_string())?;
+        } else if !is_empty(out)? {
+            bail!("{}: not empty, and no {name} says what made its files; choose another folder", out.display());
+        }
+        let mark = file::json(&path, record)?;
+        Ok(Self { path, mark: Mutex::new(Some(mark)) })
+    }
+
+    /// Writes the mark, once. Must be called before the first other file is written.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write(&self) -> Result<()> {
+        let mut mark = self.mark.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bytes) = &*mark {
+            file::write_atomic(&self.path, bytes)?;
+            *mark = None;
+        }
+        Ok(())
+    }
+}
+
+/// Every page has this in its head, so that the program knows its own pages.
+pub const GENERATOR: &str = concat!("<meta name=\"generator\" content=\"renderflow ", env!("CARGO_PKG_VERSION"), "\">");
+
+/// Pages of versions without [`GENERATOR`] are known by these.
+const EARLIER: [&str; 2] = [
+    "<meta name=\"color-scheme\" content=\"light dark\">\n<link rel=\"icon\" href=\"data:,\">\n<title>",
+    "<title>Dataset</title><style>body{font:15px/1.45 system-ui,sans-serif;",
+];
+
+/// Checks that the file at `path`, if there is one, is a page of this program.
+///
+/// # Errors
+/// When it is something else.
+pub fn check_page(path: &Path) -> Result<()> {
+    if !exists(path) {
+        return Ok(());
+    }
+    let of_any_version = GENERATOR.split_inclusive("renderflow").next().unwrap_or_default();
+    let mut beginning = Vec::new();
+    std::io::Read::read_to_end(&mut std::io::Read::take(file::open(path)?, 4096), &mut beginning)
+        .with_context(|| format!("{}: cannot read", path.display()))?;
+    let beginning = String::from_utf8_lossy(&beginning);
+    let own = beginning.contains(of_any_version) || EARLIER.iter().any(|mark| beginning.contains(mark));
+    anyhow::ensure!(own, "{}: is there already and is no page of this program; choose another place", path.display());
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn other_files_stay_unless_they_are_to_be_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let files = [(path("a"), b"a".to_vec()), (path("b"), b"b".to_vec())];
+        write(&files, false).unwrap();
+        let before = std::fs::metadata(path("a")).unwrap().modified().unwrap();
+        write(&files, false).unwrap();
+        assert_eq!(std::fs::metadata(path("a")).unwrap().modified().unwrap(), before, "the same bytes were written again");
+        std::fs::remove_file(path("a")).unwrap();
+        std::fs::write(path("b"), b"edited").unwrap();
+        let refused = write(&files, false).unwrap_err().to_string();
+        assert!(refused.contains("/b: is there already") && refused.contains("--overwrite"), "{refused}");
+        assert!(!path("a").exists(), "written before all was decided");
+        write(&files, true).unwrap();
+        assert_eq!((std::fs::read(path("a")).unwrap(), std::fs::read(path("b")).unwrap()), (b"a".to_vec(), b"b".to_vec()));
+        assert!(write(&[(folder.path().to_owned(), Vec::new())], true).is_err());
+    }
+
+    #[test]
+    fn a_folder_is_claimed_where_it_is_empty_or_marked() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let claim = |record: u32| Claim::new(&out, "mark.json", &record, "other things");
+        let first = claim(1).unwrap();
+        assert!(!out.exists(), "nothing is written before it is needed");
+        first.write().unwrap();
+        std::fs::write(out.join("x"), b"x").unwrap();
+        claim(1).unwrap().write().unwrap();
+        let refused = crate::util::console::message(&claim(2).map(drop).unwrap_err());
+        assert!(refused.contains("mark.json: the folder holds other things"), "{refused}");
+        std::fs::remove_file(out.join("mark.json")).unwrap();
+        assert!(crate::util::console::message(&claim(1).map(drop).unwrap_err()).contains("not empty"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn paths_are_resolved_through_links_and_before_they_exist() {
+        let folder = tempfile::tempdir().unwrap();
+        let real = folder.path().canonicalize().unwrap();
+        std::fs::create_dir(real.join("data")).unwrap();
+        std::os::unix::fs::symlink("data", real.join("link")).unwrap();
+        for (path, expected) in [
+            ("link", "data"),
+            ("link/new/x", "data/new/x"),
+            ("link/../data/./x", "data/x"),
+            ("none/../data", "data"),
+            ("none", "none"),
+        ] {
+            assert_eq!(resolved(&real.join(path)).unwrap(), real.join(expected), "{path}");
+        }
+    }
+
+    #[test]
+    fn pages_are_known_by_their_head() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("index.html");
+        check_page(&path).unwrap();
+        std::fs::write(&path, format!("<!doctype html><head>{GENERATOR}")).unwrap();
+        check_page(&path).unwrap();
+        std::fs::write(&path, "<!doctype html><title>renderflow</title>").unwrap();
+        assert!(check_page(&path).is_err());
+    }
+}

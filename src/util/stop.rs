@@ -1,0 +1,87 @@
+//! Decides what the first and the second interrupt or termination signal do.
+//!
+//! Long work checks a flag between its steps, and stores what is done before it ends. Where a step takes long and stores nothing
+//! meanwhile, the signal ends the process at once ([`at_once`]), except while something is stored ([`hold`]). The second signal
+//! always ends the process.
+
+use super::cancel::{Cancel, Interrupted};
+use anyhow::{Context, Result};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Exit code of work that was interrupted and can be resumed.
+pub const RESUMABLE: u8 = 75;
+/// Exit code of a command that was interrupted and leaves nothing behind: 128 + 2, as in shells.
+pub const NOTHING_TO_RESUME: u8 = 130;
+
+/// What a signal may do now.
+struct State {
+    /// Exit code, if a signal may end the process.
+    at_once: Option<u8>,
+    /// Number of things that are being stored.
+    held: usize,
+    /// The flag that the first signal sets.
+    flag: Option<Cancel>,
+}
+
+static STATE: Mutex<State> = Mutex::new(State { at_once: None, held: 0, flag: None });
+
+fn state() -> MutexGuard<'static, State> {
+    STATE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl State {
+    /// Ends the process if that is allowed. The lock is held until the end, so that nothing starts to be stored.
+    fn end_if_free(&self) {
+        if let (Some(code), 0) = (self.at_once, self.held) {
+            if code == RESUMABLE {
+                eprintln!("{}", Interrupted);
+            }
+            std::process::exit(code.into());
+        }
+    }
+}
+
+/// Listens for signals. The first one sets the flag.
+pub fn listen() -> Result<Cancel> {
+    let flag = Cancel::default();
+    state().flag = Some(flag.clone());
+    let first = flag.clone();
+    ctrlc::set_handler(move || {
+        if first.set() {
+            std::process::exit(RESUMABLE.into());
+        }
+        state().end_if_free();
+        eprintln!("stopping after the current step; once more to stop at once");
+    })
+    .context("cannot listen for interrupts")?;
+    Ok(flag)
+}
+
+/// Does `work`, during which the first signal ends the process with exit code `code`. Nothing else may run at that time.
+pub fn at_once<T>(code: u8, work: impl FnOnce() -> T) -> T {
+    let before = state().at_once.replace(code);
+    let _after = OnDrop(|| state().at_once = before);
+    work()
+}
+
+/// Does `work`, during which a signal does not end the process. A signal takes effect afterwards.
+pub fn hold<T>(work: impl FnOnce() -> T) -> T {
+    state().held += 1;
+    let _after = OnDrop(|| {
+        let mut state = state();
+        state.held -= 1;
+        if state.flag.as_ref().is_some_and(Cancel::is_set) {
+            state.end_if_free();
+        }
+    });
+    work()
+}
+
+/// Does something however a scope is left.
+struct OnDrop<F: FnMut()>(F);
+
+impl<F: FnMut()> Drop for OnDrop<F> {
+    fn drop(&mut self) {
+        (self.0)();
+    }
+}
