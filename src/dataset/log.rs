@@ -4,7 +4,7 @@
 use super::job::Cost;
 use super::plan::Plan;
 use super::record::Failure;
-use crate::util::machine;
+use crate::util::{files, machine};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -160,10 +160,7 @@ pub fn plans(out: &Path) -> Vec<Plan> {
 
 /// The logs in `out`, by name.
 fn logs(out: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(out.join("logs")).into_iter().flatten().flatten();
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-    paths.sort();
-    paths
+    files::list(&out.join("logs")).unwrap_or_default()
 }
 
 /// Reads every log in `out`. Lines that cannot be read are skipped: a run may have been killed while it wrote one.

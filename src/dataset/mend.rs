@@ -47,8 +47,8 @@ pub(super) fn known_plan(out: &Path) -> Option<String> {
         plan: String,
     }
     let own: Option<String> = Plan::read(&out.join(PLAN)).ok().map(|plan| plan.hash());
-    let records = SPLITS.iter().flat_map(|split| std::fs::read_dir(out.join(split.name())).into_iter().flatten().flatten());
-    let marked = std::iter::once(out.join(MANIFEST)).chain(records.map(|entry| entry.path().join(RECORD)));
+    let records = SPLITS.iter().flat_map(|split| files::list(&out.join(split.name())).unwrap_or_default());
+    let marked = std::iter::once(out.join(MANIFEST)).chain(records.map(|folder| folder.join(RECORD)));
     let marks = marked.filter_map(|path| Some(file::read_json::<Mark>(&path).ok()?.plan)).filter(|plan| plan.len() == 64);
     let logged: HashSet<String> = super::log::plans(out).iter().map(Plan::hash).collect();
     let mut votes: HashMap<String, usize> = HashMap::new();

@@ -7,7 +7,8 @@
 //! RESULTS/<set>/<class>/<sequence>/0007.ibl.png  display values of frame 7 by method `ibl`; `truth` is the reference
 //! ```
 
-use anyhow::{Context, Result, ensure};
+use crate::util::files;
+use anyhow::{Result, ensure};
 use renderflow_frame::reach::plain_name;
 use renderflow_frame::{file, words};
 use serde::{Deserialize, Serialize};
@@ -241,7 +242,7 @@ impl Results {
         let mut sequences = Vec::new();
         for set in folders(folder)? {
             for class in folders(&set)? {
-                for file in list(&class)?.into_iter().filter(|path| path.extension().is_some_and(|e| e == "json")) {
+                for file in files::list(&class)?.into_iter().filter(|path| path.extension().is_some_and(|e| e == "json")) {
                     let scores = read_scores(&file.with_extension("jsonl"))?;
                     let about = file::read_json(&file)?;
                     sequences.push(Scored { about, pictures: file.with_extension(""), scores });
@@ -264,13 +265,5 @@ pub fn read_scores(path: &Path) -> Result<Vec<Score>> {
 }
 
 fn folders(path: &Path) -> Result<Vec<PathBuf>> {
-    Ok(list(path)?.into_iter().filter(|path| path.is_dir()).collect())
-}
-
-fn list(path: &Path) -> Result<Vec<PathBuf>> {
-    let unreadable = || format!("{}: cannot list", path.display());
-    let entries = std::fs::read_dir(path).with_context(unreadable)?;
-    let mut paths = entries.map(|entry| Ok(entry.with_context(unreadable)?.path())).collect::<Result<Vec<_>>>()?;
-    paths.sort();
-    Ok(paths)
+    Ok(files::list(path)?.into_iter().filter(|path| path.is_dir()).collect())
 }
