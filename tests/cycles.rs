@@ -1,11 +1,12 @@
 //! Pictures of Lambertian and white metallic spheres against Blender's Cycles (numbers from `tests/references/cycles_means.py`).
 //!
 //! - `diffuse`: Lambert in both.
-//! - `single`: one scattering off GGX at Fresnel 1. Cycles masks with the height-correlated `1 / (1 + L_o + L_i)`, Burley with the
-//!   separable `1 / ((1 + L_o) (1 + L_i))`: Burley's is darker by the share `L_o L_i / ((1 + L_o) (1 + L_i))`, in which
-//!   `L = (sqrt(1 + alpha^2 tan^2) - 1) / 2`. The share grows with the fourth power of alpha: up to roughness 0.35 it does not show.
-//! - `rough`, `roughest`: one sphere of roughness 0.6 or 1, where it does. The test integrates both formulae over the sky, pixel by
-//!   pixel, and their quotient must be the whole difference.
+//! - `single`: one scattering off GGX at Fresnel 1. Cycles masks with the height-correlated `1 / (1 + L_o + L_i)`, Burley with
+//!   the separable `1 / ((1 + L_o) (1 + L_i))`: Burley's is darker by the share `L_o L_i / ((1 + L_o) (1 + L_i))`, in which
+//!   `L = (sqrt(1 + alpha^2 tan^2) - 1) / 2`. The share grows with the fourth power of alpha: up to roughness 0.35 it does not
+//!   show.
+//! - `rough`, `roughest`: one sphere of roughness 0.6 or 1, where it does. The test integrates both formulae over the sky, pixel
+//!   by pixel, and their quotient must be the whole difference.
 //! - `multiple`: Cycles' MULTI_GGX scales the single scattering to the energy of all scatterings as our conserving mode does
 //!   (divided by its directional albedo where Fresnel is 1).
 
@@ -60,8 +61,8 @@ fn lambda(cos: f64, alpha: f64) -> f64 {
 }
 
 /// Radiance towards the camera from the unit sphere of the scenes `rough` and `roughest`, or from the sky behind it, through the
-/// image point (`x`, `y`) in -1..1 of half the picture: with separable and with correlated masking. Fresnel is 1, and a sphere does
-/// not see itself.
+/// image point (`x`, `y`) in -1..1 of half the picture: with separable and with correlated masking. Fresnel is 1, and a sphere
+/// does not see itself.
 fn masked_radiance(x: f64, y: f64, alpha: f64) -> [DVec3; 2] {
     let eye = DVec3::new(0.0, 0.0, 5.0);
     let slope = 15f64.to_radians().tan();
@@ -111,8 +112,8 @@ fn masking_of_rough_metal_is_burleys_here_and_correlated_in_cycles() {
                 *block = (DVec3::from(*block) + radiance / 64.0).to_array();
             }
         }
-        // The quotient of both integrals, in which the coarse silhouette and the quadrature at the rim cancel, takes Cycles' picture
-        // to Burley's masking.
+        // The quotient of both integrals, in which the coarse silhouette and the quadrature at the rim cancel, takes Cycles'
+        // picture to Burley's masking.
         let mut translated = Blocks { noise: theirs.noise, blocks: theirs.blocks.clone() };
         for (i, block) in translated.blocks.iter_mut().flatten().enumerate() {
             for (c, value) in block.iter_mut().enumerate() {

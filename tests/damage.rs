@@ -1,5 +1,5 @@
-//! Random damage to a dataset, through the binary: whatever is cut, flipped, renamed, swapped, copied or lost, no command panics or touches
-//! anything outside of the folder, `verify` names what is damaged, and `repair` gives back the same bytes.
+//! Random damage to a dataset, through the binary: whatever is cut, flipped, renamed, swapped, copied or lost, no command panics
+//! or touches anything outside of the folder, `verify` names what is damaged, and `repair` gives back the same bytes.
 
 mod common;
 

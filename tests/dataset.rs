@@ -418,8 +418,8 @@ fn a_thousand_scenes_do_not_pile_up() {
     assert!(quarters[3] < 1.15 * quarters[1], "{quarters:?}");
 }
 
-/// The user's models and maps are mixed in; two files of one body go to one split, what cannot be read is left out, and a file that
-/// changed after planning is refused.
+/// The user's models and maps are mixed in; two files of one body go to one split, what cannot be read is left out, and a file
+/// that changed after planning is refused.
 #[test]
 fn files_of_the_user_are_mixed_in() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Shards and exports of a small dataset, end to end: the same bytes again, damage found, stopped runs gone on with, and other people's formats.
+//! Shards and exports of a small dataset, end to end: the same bytes again, damage found, stopped runs gone on with, and other
+//! people's formats.
 
 mod common;
 

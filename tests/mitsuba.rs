@@ -1,4 +1,5 @@
-//! Mean radiance of a diffuse, a metal and a dielectric sphere on a plane, conserving mode, against Mitsuba 3 (numbers from `tests/references/mitsuba_means.py`).
+//! Mean radiance of a diffuse, a metal and a dielectric sphere on a plane, conserving mode, against Mitsuba 3 (numbers from
+//! `tests/references/mitsuba_means.py`).
 
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::{RenderScene, Settings, render};

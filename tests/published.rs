@@ -1,24 +1,26 @@
 //! The published mode of the material, value by value and picture by picture, against Mitsuba 3's `principled`.
 //!
 //! Values come from `tests/references/mitsuba_principled.py`, pictures from `tests/references/mitsuba_published.py`.
-//! Both programs implement Burley's formulae (2012 notes, 2014 masking); with `c` the cosine between half vector and light, `D`, `G` the
-//! distribution and the separable masking, `w(x) = (1 - x)^5`, they differ in three places, each applied here in double precision:
+//! Both programs implement Burley's formulae (2012 notes, 2014 masking); with `c` the cosine between half vector and light, `D`,
+//! `G` the distribution and the separable masking, `w(x) = (1 - x)^5`, they differ in three places, each applied here in double
+//! precision:
 //!
-//! 1. Fresnel of the dielectric. Burley: Schlick, `F0 + (1 - F0) w(c)`, `F0 = 0.08 specular`. Mitsuba: the exact unpolarised reflectance
-//!    at the index `2 / (1 - sqrt(F0)) - 1` in the share `1 - spec_tint` of the lobe, Schlick in the rest. Value added by Mitsuba:
-//!    `(1 - metallic) (1 - spec_tint) (F_exact - F_schlick) D G / (4 cos_o)`.
+//! 1. Fresnel of the dielectric. Burley: Schlick, `F0 + (1 - F0) w(c)`, `F0 = 0.08 specular`. Mitsuba: the exact unpolarised
+//! reflectance at the index `2 / (1 - sqrt(F0)) - 1` in the share `1 - spec_tint` of the lobe, Schlick in the rest. Value added
+//! by Mitsuba: `(1 - metallic) (1 - spec_tint) (F_exact - F_schlick) D G / (4 cos_o)`.
 //! 2. `specular` = 0. Mitsuba drops the whole specular lobe wherever its exact reflectance is 0, metal included; Burley keeps
 //!    `w(c)` at grazing angles. Value added: minus the lobe.
-//! 3. Clearcoat. Burley: `clearcoat / 4 D F G / (4 cos_o cos_i)`; his explorer's `smithG_GGX` holds the denominator. Mitsuba lacks it.
-//!    Value added: `clearcoat / 4 D F G (1 - 1 / (4 cos_o cos_i)) cos_i`.
+//! 3. Clearcoat. Burley: `clearcoat / 4 D F G / (4 cos_o cos_i)`; his explorer's `smithG_GGX` holds the denominator. Mitsuba
+//! lacks it. Value added: `clearcoat / 4 D F G (1 - 1 / (4 cos_o cos_i)) cos_i`.
 //!
 //! Mitsuba forms the denominator of the clearcoat's distribution in single precision as `1 + (alpha^2 - 1) cos^2`: at gloss 1
 //! (alpha 0.001) it is wrong by up to 18 %. The test allows for that rounding, and for nothing else.
-//! The same: smallest GGX alpha 0.001, anisotropic aspect, luminance (Rec.709), sheen, tints, and the diffuse lobe, whose 2015 split into
-//! `(1 - F/2)(1 - F/2)` and a retro-reflective part equals the product of 2012 exactly. `flatness` is Burley's `subsurface`.
+//! The same: smallest GGX alpha 0.001, anisotropic aspect, luminance (Rec.709), sheen, tints, and the diffuse lobe, whose 2015
+//! split into `(1 - F/2)(1 - F/2)` and a retro-reflective part equals the product of 2012 exactly. `flatness` is Burley's
+//! `subsurface`.
 //!
-//! The pictures use `spec_tint` 1 where a dielectric shows, so that difference 1 is 0, and no clearcoat (difference 3 is 40 % of that
-//! lobe and more, and held by the values alone).
+//! The pictures use `spec_tint` 1 where a dielectric shows, so that difference 1 is 0, and no clearcoat (difference 3 is 40 % of
+//! that lobe and more, and held by the values alone).
 
 mod pictures;
 
@@ -204,9 +206,9 @@ fn textured_model_agrees_with_mitsuba() {
     }
 }
 
-/// Difference 1 in a picture: the same grey spheres with Schlick's Fresnel in both, then against Mitsuba's exact one. Schlick lies below
-/// the exact curve by up to 0.02 at 40 to 75 degrees for `F0` 0.02 to 0.08: Mitsuba's two pictures differ by 0.79 % in the mean and
-/// by 2.26 % in the darkest block, ours from its second by the same.
+/// Difference 1 in a picture: the same grey spheres with Schlick's Fresnel in both, then against Mitsuba's exact one. Schlick
+/// lies below the exact curve by up to 0.02 at 40 to 75 degrees for `F0` 0.02 to 0.08: Mitsuba's two pictures differ by 0.79 % in
+/// the mean and by 2.26 % in the darkest block, ours from its second by the same.
 #[test]
 fn grey_dielectrics_differ_from_mitsubas_exact_fresnel_by_that_alone() {
     assert_close("fresnel", None, 64, 0.005);

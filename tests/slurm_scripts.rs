@@ -1,4 +1,5 @@
-//! The scripts of `dataset slurm`, run with stand-ins for Slurm's commands and for the program. The real Slurm: tests/slurm/run.sh.
+//! The scripts of `dataset slurm`, run with stand-ins for Slurm's commands and for the program. The real Slurm:
+//! tests/slurm/run.sh.
 #![cfg(unix)]
 
 mod common;
@@ -201,8 +202,8 @@ fn what_follows_the_end_of_a_task() {
     }
 }
 
-/// Slurm signals the shell alone, and `scancel` may do so twice. The program is told once, for a second signal would make it drop the
-/// frame at hand, and is waited for.
+/// Slurm signals the shell alone, and `scancel` may do so twice. The program is told once, for a second signal would make it drop
+/// the frame at hand, and is waited for.
 #[test]
 fn a_signal_reaches_the_program() {
     let site = Site::new(2, &[]);

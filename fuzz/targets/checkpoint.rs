@@ -1,4 +1,5 @@
-//! Checkpoints of a training run: inputs as they are, and as the header (before a NUL) and the tensors of a file whose lengths are right.
+//! Checkpoints of a training run: inputs as they are, and as the header (before a NUL) and the tensors of a file whose lengths
+//! are right.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,5 @@
-//! The report of a results folder: `results.json`, a sequence and its scores, NULs between them. A picture of the truth lies beside them.
+//! The report of a results folder: `results.json`, a sequence and its scores, NULs between them. A picture of the truth lies
+//! beside them.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -41,8 +41,8 @@ fuzz_target!(|bytes: &[u8]| watch(|| {
     unchecked(bytes);
 }));
 
-/// Takes the input apart into the header and blocks of a file that says of itself what the input says, so that mutations reach what lies
-/// behind the checksums.
+/// Takes the input apart into the header and blocks of a file that says of itself what the input says, so that mutations reach
+/// what lies behind the checksums.
 fn unchecked(bytes: &[u8]) {
     let Some((lengths, rest)) = bytes.split_at_checked(4) else { return };
     let header = u16::from_le_bytes([lengths[0], lengths[1]]) as usize;

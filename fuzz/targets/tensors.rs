@@ -1,4 +1,5 @@
-//! Published weights: a safetensors file, one with its index (both before a NUL each), or PyTorch's archive, by what the input begins with.
+//! Published weights: a safetensors file, one with its index (both before a NUL each), or PyTorch's archive, by what the input
+//! begins with.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

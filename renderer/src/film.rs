@@ -7,7 +7,7 @@ pub(crate) use pixel::{FirstHit, GroupStatistics, GuideStatistics, LightStatisti
 
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
-use crate::integrator::{Budget, Settings};
+use crate::settings::{Budget, Settings};
 use bytemuck::zeroed_vec;
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;

@@ -26,6 +26,7 @@ pub mod ray;
 pub mod record;
 pub mod sampler;
 mod schedule;
+mod settings;
 mod simd;
 mod skips;
 mod stats;
@@ -38,11 +39,12 @@ pub use error::{Error, Result};
 pub use film::Film;
 pub use geometry::{Builds, Sharing};
 pub use integrator::{
-    Budget, DirectLight, Memory, Settings, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer,
-    render_gbuffer_until, render_mapped, render_with_stats,
+    Memory, develop, expose, expose_mapped, expose_whole, ibl, render, render_gbuffer, render_gbuffer_until, render_mapped,
+    render_with_stats,
 };
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;
+pub use settings::{Budget, DirectLight, Settings};
 pub use skips::{Channels, Skips};
 pub use stats::Stats;

@@ -1,11 +1,12 @@
 //! What paths ask of a compiled scene: rays, with holes and single-sided surfaces, and lights.
 //!
-//! **Single-sided surfaces.** A ray passes a single-sided surface that it meets from behind, and every segment of a path is judged in
-//! the direction from the camera to the light: camera rays, bounce rays and shadow rays alike, and rays to pixel centres. (This
-//! is how glTF's back faces are culled, carried on beyond the first surface.) Such a surface can let a path through in one
-//! direction only, so a path from the light must not be judged by the way it travels. Light paths therefore end where they would
-//! pass a surface from behind: seen from the camera's side they would meet its front. What camera paths carry through surfaces
-//! from behind no light path finds, and it is weighed that way. The picture is the same with and without light paths.
+//! **Single-sided surfaces.** A ray passes a single-sided surface that it meets from behind, and every segment of a path is
+//! judged in the direction from the camera to the light: camera rays, bounce rays and shadow rays alike, and rays to pixel
+//! centres. (This is how glTF's back faces are culled, carried on beyond the first surface.) Such a surface can let a path
+//! through in one direction only, so a path from the light must not be judged by the way it travels. Light paths therefore end
+//! where they would pass a surface from behind: seen from the camera's side they would meet its front. What camera paths carry
+//! through surfaces from behind no light path finds, and it is weighed that way. The picture is the same with and without light
+//! paths.
 
 use crate::accel::{Candidate, Hit, Scratch};
 use crate::compile::{CompiledMaterial, RenderScene};

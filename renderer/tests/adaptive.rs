@@ -170,9 +170,9 @@ fn the_mean_is_that_of_uniform_samples() {
     };
     // Light samples have little noise here.
     let (exact, _) = of_seeds(&Settings { spp: 1024, budget: Budget::Uniform, direct: DirectLight::Mis, ..base }, 4);
-    // All pixels share one sum, and here some twenty bright samples of the first round decide on it: one of them more takes samples
-    // from every pixel, its own too, which keeps it bright. Measured with 2400 seeds: +7e-3 +- 1.4e-3, inversely to the picture's
-    // area. (A pixel judged by itself: -0.71.) The stopping rule of the last looks at the whole picture.
+    // All pixels share one sum, and here some twenty bright samples of the first round decide on it: one of them more takes
+    // samples from every pixel, its own too, which keeps it bright. Measured with 2400 seeds: +7e-3 +- 1.4e-3, inversely to the
+    // picture's area. (A pixel judged by itself: -0.71.) The stopping rule of the last looks at the whole picture.
     for (budget, seeds, allowance) in
         [(Budget::Uniform, 200, 0.0), (Budget::Average, 200, 0.01), (Budget::Error { millionths: 100_000 }, 60, 0.02)]
     {

@@ -1,4 +1,5 @@
-//! Materials that change along a sequence: every frame's picture is, bit for bit, that of a still scene with the materials the frame has.
+//! Materials that change along a sequence: every frame's picture is, bit for bit, that of a still scene with the materials the
+//! frame has.
 
 mod common;
 

@@ -317,8 +317,8 @@ fn nearest_hit_agrees_with_brute_force() {
     assert!(hits > 1000 && apart <= 1);
 }
 
-/// Shapes that break tree builders: all in one plane, boxes within boxes, needles, the same triangle again and again. Each is built
-/// and every ray aimed at the middle of a triangle hits. Times are printed; 1e6 needles took 0.6 s on one busy core.
+/// Shapes that break tree builders: all in one plane, boxes within boxes, needles, the same triangle again and again. Each is
+/// built and every ray aimed at the middle of a triangle hits. Times are printed; 1e6 needles took 0.6 s on one busy core.
 #[test]
 fn trees_over_degenerate_triangles() {
     let mut state = 7u32;

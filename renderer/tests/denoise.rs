@@ -130,7 +130,8 @@ fn unusable_guides_are_errors() {
     assert!(matches!(denoiser.denoise(&picture, None, Some(&picture)), Err(DenoiseError::NormalAlone)));
 }
 
-/// A flag set from outside ends the work between the layers of the network; the denoiser serves the next picture as if nothing had been.
+/// A flag set from outside ends the work between the layers of the network; the denoiser serves the next picture as if nothing
+/// had been.
 #[test]
 fn it_can_be_stopped_and_goes_on_with_the_next_picture() {
     use std::sync::atomic::{AtomicBool, Ordering};

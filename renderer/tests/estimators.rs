@@ -1,5 +1,5 @@
-//! Estimators that may only change the noise: pictures of many branches have the mean of pictures of one; limits of indirect light
-//! are the one setting that darkens, and count what they take.
+//! Estimators that may only change the noise: pictures of many branches have the mean of pictures of one; limits of indirect
+//! light are the one setting that darkens, and count what they take.
 
 mod common;
 

@@ -31,7 +31,8 @@ fn gbuffer_of_a_sphere() {
             let b = camera.position().dot(d);
             let discriminant = b * b - camera.position().length_squared() + radius * radius;
             let depth = *frame.depth.at(x, y);
-            // The mesh is inscribed; within its sagitta (7.5e-5 along each of its two directions) of the silhouette either answer is right.
+            // The mesh is inscribed; within its sagitta (7.5e-5 along each of its two directions) of the silhouette either answer
+            // is right.
             if discriminant < 4e-4 {
                 assert!(discriminant > -1e-4 || depth.is_infinite());
                 continue;
@@ -167,7 +168,8 @@ fn background_is_the_environment() {
     }
 }
 
-/// Texture lookups reach the picture: a checker of two colours, the normal map's lean, and roughness and metal from their channels.
+/// Texture lookups reach the picture: a checker of two colours, the normal map's lean, and roughness and metal from their
+/// channels.
 #[test]
 fn textures_and_normal_maps_reach_the_gbuffer() {
     let mut mesh = plane(2.0);

@@ -131,8 +131,8 @@ fn cube(edge: f32, outwards: bool) -> Mesh {
     mesh
 }
 
-/// Which rays a single-sided surface stops is one rule for paths from both ends: whatever stands between body, floor and light, the
-/// picture is that of camera paths alone.
+/// Which rays a single-sided surface stops is one rule for paths from both ends: whatever stands between body, floor and light,
+/// the picture is that of camera paths alone.
 #[test]
 fn single_sided_surfaces_are_the_same_from_both_ends() {
     let settings = Settings { spp: 128, ..Settings::default() };

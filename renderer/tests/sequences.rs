@@ -1,5 +1,5 @@
-//! What is kept from frame to frame does not show: every frame is the same from wherever the sequence was entered, and the same as
-//! that of a scene which stands still where the frame has it.
+//! What is kept from frame to frame does not show: every frame is the same from wherever the sequence was entered, and the same
+//! as that of a scene which stands still where the frame has it.
 
 mod common;
 

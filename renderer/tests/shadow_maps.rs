@@ -96,8 +96,8 @@ fn all_maps_of_a_frame_and_none_without_receivers() {
     assert!(dark > 20, "{dark} pixels in the shadow");
 }
 
-/// A sequence of frames about a still scene looks at some tiles again and again; what is kept of them does not show, and a scene where
-/// something moves keeps none.
+/// A sequence of frames about a still scene looks at some tiles again and again; what is kept of them does not show, and a scene
+/// where something moves keeps none.
 #[test]
 fn kept_tiles_do_not_show() {
     let still = ball(Vec3::new(0.0, 1.5, 0.0), diffuse([0.5; 3]));

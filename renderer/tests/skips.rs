@@ -195,8 +195,8 @@ fn guide_differences(a: &Frame, b: &Frame) -> [f64; 3] {
     })
 }
 
-/// Where centre and corners of a pixel see one plain surface, sixteen rays would say the same: they are not farther from many rays
-/// than sixteen rays in every pixel are, and pixel centres do not notice.
+/// Where centre and corners of a pixel see one plain surface, sixteen rays would say the same: they are not farther from many
+/// rays than sixteen rays in every pixel are, and pixel centres do not notice.
 #[test]
 fn plain_pixels_need_no_guide_rays() {
     for (name, scene) in &scenes() {

@@ -101,7 +101,8 @@ fn wraps_and_transforms_reach_the_picture() {
             let material = Material { base_color_texture: slot(transform), ..diffuse([1.0; 3]) };
             let compiled = compile(&textured(material, pattern(4, Encoding::Linear, [wu, wv]), from_above()));
             let frame = render_gbuffer(&compiled, &Settings::default()).expect("in range");
-            // 12 texels each way, four pixels each: the mean of the middle four is the texel's, where its neighbours blend evenly.
+            // 12 texels each way, four pixels each: the mean of the middle four is the texel's, where its neighbours blend
+            // evenly.
             for (x, y) in (0..144).map(|i| (i64::from(i % 12), i64::from(i / 12))) {
                 // -1 + x and -1 + y tiles; turned, u = -1 + y and v = -1 - x.
                 let (column, row) = if quarter { (y - 4, -5 - x) } else { (x - 4, y - 4) };

@@ -1,7 +1,7 @@
 //! The meshes and environments of a plan, by number.
 //!
-//! Number k has family k modulo the number of families, and its parameters follow from the plan's seed and k alone: any of them can be
-//! made on any machine without the others, and a larger catalogue begins with the smaller one.
+//! Number k has family k modulo the number of families, and its parameters follow from the plan's seed and k alone: any of them
+//! can be made on any machine without the others, and a larger catalogue begins with the smaller one.
 
 use crate::draw::Draw;
 use crate::seed::Seed;

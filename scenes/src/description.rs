@@ -145,7 +145,8 @@ pub(crate) struct View {
 }
 
 impl CameraPath {
-    /// Camera of `frame`, counted from 0, for an image of `resolution` pixels (width, height); placed relative to [`Self::origin`].
+    /// Camera of `frame`, counted from 0, for an image of `resolution` pixels (width, height); placed relative to
+    /// [`Self::origin`].
     pub fn at(&self, frame: u32, resolution: [u32; 2]) -> Camera {
         let View { eye, target, up, vertical_fov } = self.view(frame);
         let origin = self.origin();
@@ -157,7 +158,8 @@ impl CameraPath {
         Camera { origin, ..camera }
     }
 
-    /// The point of the world that cameras and objects of the sequence are counted from, metres: [`near_origin`] of the first camera.
+    /// The point of the world that cameras and objects of the sequence are counted from, metres: [`near_origin`] of the first
+    /// camera.
     pub fn origin(&self) -> DVec3 {
         let View { eye, target, .. } = self.view(0);
         near_origin(eye, eye.distance(target))
@@ -298,7 +300,8 @@ impl Transform {
 }
 
 impl Object {
-    /// Object to world at `frame`, counted from 0: scale, spin, rotation, translation. In double precision: the world may be wide.
+    /// Object to world at `frame`, counted from 0: scale, spin, rotation, translation. In double precision: the world may be
+    /// wide.
     pub fn transform_at(&self, frame: u32) -> DAffine3 {
         let motion = self.motion.clone().unwrap_or_default();
         self.transform.matrix(motion.shift(frame), f64::from(motion.spin) * f64::from(frame))
@@ -310,8 +313,8 @@ impl Object {
     }
 }
 
-/// Change of a transform from frame to frame: a steady way, a turn, and on top of them a bounce and a circle. The last two came after
-/// the first version and are written only where they are.
+/// Change of a transform from frame to frame: a steady way, a turn, and on top of them a bounce and a circle. The last two came
+/// after the first version and are written only where they are.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Motion {

@@ -212,8 +212,8 @@ macro_rules! range_doc {
 }
 pub(crate) use range_doc;
 
-/// Declares parameters, each once, with documentation, type, range, default and random draw. From that follow the type, its form in
-/// files, its JSON Schema, its documentation and its check.
+/// Declares parameters, each once, with documentation, type, range, default and random draw. From that follow the type, its form
+/// in files, its JSON Schema, its documentation and its check.
 ///
 /// ```text
 /// /// What it is.
@@ -221,17 +221,17 @@ pub(crate) use range_doc;
 /// ```
 ///
 /// All behind the type may be absent. The brackets hold the range of every number of the parameter; `; most EXPRESSION` and
-/// `; least EXPRESSION` narrow it by other parameters, which go by their names there, and `; count FEW, MOST` limits the entries of a
-/// list. `or` is the default of a pattern; parameters of shapes and skies that a file may leave out have serde's `default` attribute.
-/// Draws are made from top to bottom and may name what is above. What else must hold stands behind the parameters:
+/// `; least EXPRESSION` narrow it by other parameters, which go by their names there, and `; count FEW, MOST` limits the entries
+/// of a list. `or` is the default of a pattern; parameters of shapes and skies that a file may leave out have serde's `default`
+/// attribute. Draws are made from top to bottom and may name what is above. What else must hold stands behind the parameters:
 /// `, rules |faults, at| { ... }`.
 ///
 /// There are five forms:
 /// - `pub struct Name { ... }`: a part of others.
 /// - `pub enum Name by "tag" { Variant = "name" { ... } ... }`: kinds told apart by a tag in the file.
 /// - `pub enum Name by "tag" |rng| { Variant = "name" { ... } ... } or { Model = "name"; ... }`: the same with draws
-///   (`with { ... }` before the parameters draws those that have no draw of their own), and with variants that are shapes with files of
-///   their own.
+///   (`with { ... }` before the parameters draws those that have no draw of their own), and with variants that are shapes with
+///   files of their own.
 /// - `shape Name("group", Stance) |rng| { ... }`: a shape with a file of its own. It has `size` besides, and its inherent
 ///   `build(&self) -> (Builder, f64)` makes the surface.
 /// - `pattern Name: COUNT colors [...], roughness [...], depth ...; ...`: a pattern, which has a seed and a resolution besides.

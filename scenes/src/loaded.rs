@@ -76,13 +76,14 @@ pub struct Material {
     pub alpha_mask: Option<AlphaMask>,
     /// Whether the surface exists seen from behind; a single-sided one lets rays pass from there, as glTF culls it.
     pub double_sided: bool,
-    /// Its parameters at the last frame of the sequence, between which and `surface` it changes evenly; `None` where it does not change.
+    /// Its parameters at the last frame of the sequence, between which and `surface` it changes evenly; `None` where it does not
+    /// change.
     pub change: Option<Principled>,
 }
 
 impl Material {
-    /// The material as it is at `frame`, counted from 0, of a sequence of `frames`: between the first and the last one, evenly; held
-    /// beyond. The result changes no more.
+    /// The material as it is at `frame`, counted from 0, of a sequence of `frames`: between the first and the last one, evenly;
+    /// held beyond. The result changes no more.
     pub fn at(&self, frame: usize, frames: usize) -> Self {
         let Some(last) = self.change else { return self.clone() };
         let t = if frames < 2 { 0.0 } else { (frame as f64 / (frames - 1) as f64).min(1.0) };
@@ -203,7 +204,8 @@ pub struct LoadedScene {
     pub materials: Vec<Material>,
     /// Textures.
     pub textures: Vec<Texture>,
-    /// The point of the world that transforms and cameras are counted from, metres (see [`renderflow_frame::camera::near_origin`]).
+    /// The point of the world that transforms and cameras are counted from, metres (see
+    /// [`renderflow_frame::camera::near_origin`]).
     pub origin: DVec3,
     /// Light of the scene.
     pub environment: Environment,

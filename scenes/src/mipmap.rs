@@ -1,7 +1,8 @@
 //! Textures as they are stored: four channels in the precision of the file, and a pyramid of box-filtered halves.
 //!
-//! Four bytes a texel (eight for 16-bit files) instead of twelve or sixteen of decoded floats: an 8k texture with its pyramid takes
-//! 358 MB, and look-ups touch a quarter of the cache lines. Halves are filtered in linear space and stored in the file's encoding.
+//! Four bytes a texel (eight for 16-bit files) instead of twelve or sixteen of decoded floats: an 8k texture with its pyramid
+//! takes 358 MB, and look-ups touch a quarter of the cache lines. Halves are filtered in linear space and stored in the file's
+//! encoding.
 
 use rayon::prelude::*;
 use renderflow_frame::color::{linear_to_srgb, srgb_to_linear};

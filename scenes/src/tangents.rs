@@ -2,7 +2,8 @@
 //!
 //! The method is that of MikkTSpace (Mikkelsen 2008, "Simulation of Wrinkled Surfaces Revisited"), which glTF 2.0 asks for
 //! (section 3.7.2.1): the direction in which u grows on each triangle, projected into the plane of the vertex normal, summed over
-//! the triangles of a vertex with the corner angle as weight. Triangles with mirrored coordinates never share a tangent with others.
+//! the triangles of a vertex with the corner angle as weight. Triangles with mirrored coordinates never share a tangent with
+//! others.
 
 use crate::Mesh;
 use glam::{DVec3, Vec3, Vec4};

@@ -101,8 +101,8 @@ pub(crate) struct Wanted {
     pub wrap: [Wrap; 2],
 }
 
-/// Decodes images that take no more memory than `budget` has: nothing is decoded where they do. `about` says what image an item wants,
-/// `bytes` reads its file, `fail` makes an error of an item and a reason.
+/// Decodes images that take no more memory than `budget` has: nothing is decoded where they do. `about` says what image an item
+/// wants, `bytes` reads its file, `fail` makes an error of an item and a reason.
 pub(crate) fn decode_all<'a, T: Sync, E: Send>(
     items: &[T],
     budget: &Budget,

@@ -42,7 +42,8 @@ fn channels(map: &Option<Map>, size: usize) -> Vec<[f64; 3]> {
     }
 }
 
-/// Mean difference of two rows (or columns) of texels that lie side by side, by the number of the first; the last lies beside the first.
+/// Mean difference of two rows (or columns) of texels that lie side by side, by the number of the first; the last lies beside the
+/// first.
 fn steps(texels: &[[f64; 3]], n: usize, columns: bool) -> Vec<f64> {
     let at = |line: usize, i: usize| texels[if columns { i * n + line % n } else { line % n * n + i }];
     let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f64>();
@@ -97,7 +98,8 @@ fn values_stay_in_their_ranges_and_normals_are_normals() {
     }
 }
 
-/// The bytes of every kind, whatever machine made them. A change here changes published data: `RENDERFLOW_UPDATE=1` renews the file.
+/// The bytes of every kind, whatever machine made them. A change here changes published data: `RENDERFLOW_UPDATE=1` renews the
+/// file.
 #[test]
 fn maps_are_pinned() {
     let found: String = all()

@@ -86,8 +86,8 @@ fn only(layout: &str, camera: &str) -> Composition {
 /// Seventeen scenes of every layout with every camera.
 static SCENES: LazyLock<Vec<Composed>> = LazyLock::new(|| {
     let kinds: Vec<_> = LAYOUTS.iter().flat_map(|l| CAMERAS.iter().map(move |c| only(l, c))).collect();
-    // Meshes and light that are made quickly; rooms look at theirs. Threads instead of a parallel loop: whoever waits for this cell might be asked
-    // to run a part of such a loop.
+    // Meshes and light that are made quickly; rooms look at theirs. Threads instead of a parallel loop: whoever waits for this
+    // cell might be asked to run a part of such a loop.
     let slow = ["csg", "blobs", "gyroid", "sponge", "fractal", "coral", "tree", "grass", "terrain", "displaced", "seashell"];
     let all = Lists::all();
     let meshes = all.meshes.iter().filter(|family| !slow.contains(&family.as_str())).cloned().collect();

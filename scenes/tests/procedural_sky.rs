@@ -161,7 +161,8 @@ fn overcast_irradiance_is_seven_ninths_of_pi() {
 
 #[test]
 fn a_softbox_overhead_gives_the_textbook_irradiance() {
-    // A rectangle of half extents a, b at height h, parallel to the receiver below its middle (Siegel and Howell, configuration 1).
+    // A rectangle of half extents a, b at height h, parallel to the receiver below its middle (Siegel and Howell, configuration
+    // 1).
     let (a, b, h) = (0.9f64, 0.4f64, 1.5f64);
     let (x, y) = (a / h, b / h);
     let corner = x / (1.0 + x * x).sqrt() * (y / (1.0 + x * x).sqrt()).atan()

@@ -1,4 +1,5 @@
-//! Named families of environments: valid, finite, distinct, closed around the eye, and as bright as the paper says where that is known.
+//! Named families of environments: valid, finite, distinct, closed around the eye, and as bright as the paper says where that is
+//! known.
 
 use rayon::prelude::*;
 use renderflow_frame::color::luminance;
@@ -30,8 +31,8 @@ fn concentration(map: &Rgb) -> f64 {
     (0..map.height).map(row).sum::<f64>() * 4.0 * PI / flux(map).powi(2)
 }
 
-/// Mean step of the logarithm between the columns beside u = 0/1, or the largest one between any two others. A seam is a step in every
-/// row; a sun is one in a few, and counts little.
+/// Mean step of the logarithm between the columns beside u = 0/1, or the largest one between any two others. A seam is a step in
+/// every row; a sun is one in a few, and counts little.
 fn roughness(map: &Rgb, seam: bool) -> f64 {
     let (w, h) = (map.width, map.height);
     let value = |x: usize, y: usize| f64::from(luminance(*map.at(x % w, y))).max(1e-6).ln();
@@ -277,8 +278,9 @@ fn lamps_and_stars_bring_the_asked_luminance() {
 
 #[test]
 fn a_room_of_white_walls_is_a_furnace() {
-    // Nearly all light stays: with reflectance r everywhere and openings of share s of the faces, black to what hits them, the mean
-    // radiance of the walls is that of the openings times s r / (1 - r) (each face treated alike), here close to the openings' own.
+    // Nearly all light stays: with reflectance r everywhere and openings of share s of the faces, black to what hits them, the
+    // mean radiance of the walls is that of the openings times s r / (1 - r) (each face treated alike), here close to the
+    // openings' own.
     let room = |reflectance: f32| -> Sky {
         serde_json::from_value(serde_json::json!({ "family": "room", "size": [4.0, 4.0, 4.0], "eye_height": 2.0, "walls": [reflectance, reflectance, reflectance],
             "floor": [reflectance, reflectance, reflectance], "ceiling": [reflectance, reflectance, reflectance],

@@ -17,7 +17,7 @@ fn seeds_form_a_stable_tree() {
     }
 }
 
-// The first three agree with the `blake3` package of Python: derive_key of "renderflow 2026 seed tree, root", then keyed hashes of
-// (length of the label, label, index), each number 8 bytes little endian.
+// The first three agree with the `blake3` package of Python: derive_key of "renderflow 2026 seed tree, root", then keyed hashes
+// of (length of the label, label, index), each number 8 bytes little endian.
 const SEEDS: [u64; 4] =
     [18_288_444_373_478_556_299, 18_365_428_502_637_909_720, 1_554_266_496_274_973_223, 16_068_202_164_324_143_780];

@@ -52,8 +52,8 @@ impl Shard {
 
     /// The shard that variables name, `lookup` giving the value of each.
     ///
-    /// - Slurm: shard `RENDERFLOW_SHARD_OFFSET` (0 unless set) + `SLURM_ARRAY_TASK_ID` of `RENDERFLOW_SHARDS`. Where the latter is
-    ///   not set, the array is taken for the whole plan: its first task is shard 1 of `SLURM_ARRAY_TASK_COUNT`.
+    /// - Slurm: shard `RENDERFLOW_SHARD_OFFSET` (0 unless set) + `SLURM_ARRAY_TASK_ID` of `RENDERFLOW_SHARDS`. Where the latter
+    ///   is not set, the array is taken for the whole plan: its first task is shard 1 of `SLURM_ARRAY_TASK_COUNT`.
     /// - Kubernetes: shard `RENDERFLOW_SHARD_OFFSET` + `JOB_COMPLETION_INDEX` + 1 of `RENDERFLOW_SHARDS`.
     /// - Neither: 1/1.
     ///

@@ -47,7 +47,8 @@ pub fn methods() -> Vec<MethodInfo> {
     methods
 }
 
-/// PSNR of method number `method` on a frame that is no keyframe: 20, 22, ... plus the sequence's part, frames 1 to 3 at -1, 0, +1.
+/// PSNR of method number `method` on a frame that is no keyframe: 20, 22, ... plus the sequence's part, frames 1 to 3 at -1, 0,
+/// +1.
 fn psnr(method: usize, sequence: f64, frame: usize) -> f64 {
     20.0 + 2.0 * method as f64 + sequence + (frame as f64 - 2.0)
 }

@@ -91,8 +91,8 @@ impl Lpips {
     /// Reads the weights of `backbone` from `folder`.
     ///
     /// # Errors
-    /// [`Error::Frame`] when the file cannot be read or is not a safetensors file, and [`Error::Tensor`] when a tensor is missing,
-    /// cut off, of another shape or type, or holds a value that is not finite.
+    /// [`Error::Frame`] when the file cannot be read or is not a safetensors file, and [`Error::Tensor`] when a tensor is
+    /// missing, cut off, of another shape or type, or holds a value that is not finite.
     pub fn load(folder: &Path, backbone: Backbone) -> Result<Self> {
         Self::load_file(&folder.join(backbone.file_name()), backbone)
     }

@@ -1,6 +1,7 @@
 //! What a path costs beyond its rays, on one thread: the time of a render less that of tracing exactly its rays again.
 //!
-//! `cargo run --release -p renderflow-bench --features record --example shading_cost -- SCENE.json [--spp 16] [--size 256] [--repeats 5] [--branches 2] [--no-light-paths]`
+//! `cargo run --release -p renderflow-bench --features record --example shading_cost -- SCENE.json [--spp 16] [--size 256]
+//! [--repeats 5] [--branches 2] [--no-light-paths]`
 //!
 //! Times are processor time of the thread. The rays are asked for in the order of the render and together where
 //! they were, from memory, with nothing in between. Where paths split, each branch counts.

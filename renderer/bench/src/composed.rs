@@ -1,5 +1,5 @@
-//! Sixteen scenes as data sets have them, which nobody arranged: composed from one seed, the same on every machine for as long as the
-//! composer stays as it is.
+//! Sixteen scenes as data sets have them, which nobody arranged: composed from one seed, the same on every machine for as long as
+//! the composer stays as it is.
 
 use anyhow::Result;
 use renderflow_scenes::catalog::Catalog;

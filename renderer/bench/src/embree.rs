@@ -239,7 +239,8 @@ impl Embree {
         self.version.map(|v| v.to_string()).join(".")
     }
 
-    /// Builds a scene at high quality (with spatial splits); `robust` avoids optimisations that let rays through between triangles.
+    /// Builds a scene at high quality (with spatial splits); `robust` avoids optimisations that let rays through between
+    /// triangles.
     ///
     /// # Errors
     /// When Embree reports one.
@@ -250,7 +251,8 @@ impl Embree {
         let vertices: Vec<[f32; 3]> = triangles.iter().flatten().map(|v| v.to_array()).chain(padding).collect();
         let indices: Vec<[u32; 3]> = (0..count / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let c = &self.common;
-        // SAFETY: handles are used while alive and released once; the buffers have the stated sizes and live as long as the scene.
+        // SAFETY: handles are used while alive and released once; the buffers have the stated sizes and live as long as the
+        // scene.
         unsafe {
             let handle = (c.new_scene)(self.device);
             let scene = Scene { embree: self, handle, _vertices: vertices, _triangles: indices };
@@ -337,7 +339,8 @@ impl Scene<'_> {
         query.tfar < 0.0
     }
 
-    /// As [`Self::closest`] for up to sixteen rays (origin, direction) at once, said to be coherent or not: a bit for each that hits.
+    /// As [`Self::closest`] for up to sixteen rays (origin, direction) at once, said to be coherent or not: a bit for each that
+    /// hits.
     pub fn closest16(&self, rays: &[[Vec3A; 2]], coherent: bool) -> u16 {
         let rays = &rays[..rays.len().min(16)];
         let mut valid = Valid([0; 16]);

@@ -21,8 +21,8 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// A frame with all channels, denoised and written: seconds by stage, error, and the share of pixels that show geometry; once with
-/// even samples and once with as many adaptive ones as make the same error. Writes frame.json and prints a table.
+/// A frame with all channels, denoised and written: seconds by stage, error, and the share of pixels that show geometry; once
+/// with even samples and once with as many adaptive ones as make the same error. Writes frame.json and prints a table.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow-bench frame --out bench")]
 pub struct Options {

@@ -172,7 +172,8 @@ pub fn terrain(size: f64, cells: usize) -> Model {
     })
 }
 
-/// Crowns of single leaves (two flat triangles each) about the given trunks: (foot, height of the crown's middle, crown's radius).
+/// Crowns of single leaves (two flat triangles each) about the given trunks: (foot, height of the crown's middle, crown's
+/// radius).
 pub fn foliage(trunks: &[(DVec3, f64, f64)], leaves: usize, leaf: f64) -> Model {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for (tree, &(foot, height, radius)) in trunks.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! References: a picture of many samples in parts with seeds of their own, so that its noise is known, kept in a file and gone on with.
+//! References: a picture of many samples in parts with seeds of their own, so that its noise is known, kept in a file and gone on
+//! with.
 
 use anyhow::{Result, bail};
 use renderflow::util::cancel::Interrupted;

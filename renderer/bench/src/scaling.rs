@@ -15,7 +15,8 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Ten million triangles are measured by themselves where this many bytes are free: reading, building and tracing them takes about 4e9.
+/// Ten million triangles are measured by themselves where this many bytes are free: reading, building and tracing them takes
+/// about 4e9.
 const ROOMY: u64 = 8 << 30;
 /// Edge of the pictures of the rows over triangles, pixels.
 const TRIANGLES_RESOLUTION: u32 = 256;

@@ -57,7 +57,8 @@ pub fn by_name(name: &str) -> Option<&'static BenchScene> {
     ALL.iter().find(|scene| scene.name == name)
 }
 
-/// The scene of the set called `name`, composed or not, `resolution` pixels along both sides; `None` where there is no such scene.
+/// The scene of the set called `name`, composed or not, `resolution` pixels along both sides; `None` where there is no such
+/// scene.
 ///
 /// # Errors
 /// When the resolution is out of range.

@@ -61,7 +61,8 @@ struct Row {
     ratio: f64,
     /// The same of processor seconds.
     processor_ratio: Option<f64>,
-    /// Whether the two pictures should be the same to the bit; otherwise they differ by rounding or, where `note` says so, by noise.
+    /// Whether the two pictures should be the same to the bit; otherwise they differ by rounding or, where `note` says so, by
+    /// noise.
     exact: bool,
     /// Largest difference of a value of the two pictures.
     difference: f64,

@@ -170,8 +170,9 @@ fn what_models_have_is_exported() {
     }
 }
 
-/// A program that is started in place of Python and answers as a renderer would; `None`, with the reason, where there is no Python. It
-/// writes down every command. Pictures are 0.5 for seeds of references and 0.6 for others; `misbehave` is run before each.
+/// A program that is started in place of Python and answers as a renderer would; `None`, with the reason, where there is no
+/// Python. It writes down every command. Pictures are 0.5 for seeds of references and 0.6 for others; `misbehave` is run before
+/// each.
 fn stand_in(folder: &Path, misbehave: &str) -> Option<(String, PathBuf)> {
     if !Command::new("python3").arg("--version").output().is_ok_and(|o| o.status.success()) {
         eprintln!("skipped: no python3");

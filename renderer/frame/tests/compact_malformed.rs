@@ -131,7 +131,8 @@ fn blocks_with_infinities() {
     assert!(error(&damaged).contains("layer beauty") && error(&damaged).contains("NaN or infinite"));
 }
 
-/// A picture of one colour compresses ten thousand times; its file must be believed all the same, and one that claims more must not.
+/// A picture of one colour compresses ten thousand times; its file must be believed all the same, and one that claims more must
+/// not.
 #[test]
 fn pictures_of_one_colour() {
     let blank = |width, height| Frame {

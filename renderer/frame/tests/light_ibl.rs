@@ -161,8 +161,8 @@ fn exact_fresnel(cos: f64, index: f64) -> f64 {
 
 const INDICES: [f64; 4] = [1.07, 1.2, 1.5, 1.75];
 
-/// Shares of white light that reflectances of 1, Schlick's weight and dielectrics of [`INDICES`] return, by summing over half vectors
-/// in polar coordinates of the normal: no code or sampling scheme shared with the table.
+/// Shares of white light that reflectances of 1, Schlick's weight and dielectrics of [`INDICES`] return, by summing over half
+/// vectors in polar coordinates of the normal: no code or sampling scheme shared with the table.
 fn brdf_by_quadrature(nv: f64, roughness: f64) -> [f64; 6] {
     let alpha = roughness * roughness;
     let v = [(1.0 - nv * nv).sqrt(), 0.0, nv];

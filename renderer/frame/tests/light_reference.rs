@@ -1,4 +1,5 @@
-//! Tables of real skies against values computed in NumPy and SciPy by `references/light_ibl.py`, which shares no code with this crate.
+//! Tables of real skies against values computed in NumPy and SciPy by `references/light_ibl.py`, which shares no code with this
+//! crate.
 
 use glam::Vec3A;
 use renderflow_frame::environment::Environment;

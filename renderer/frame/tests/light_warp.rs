@@ -338,7 +338,8 @@ fn keyframes_are_warped_and_holes_filled() {
         (warped, filled) = (warped + i32::from(good), filled + i32::from(hole));
     }
     assert!(warped > 3 * filled && filled > 20, "{warped} warped, {filled} filled");
-    // Of two keyframes the nearer one counts more; one at no distance counts alone; one of another size or without a start not at all.
+    // Of two keyframes the nearer one counts more; one at no distance counts alone; one of another size or without a start not at
+    // all.
     let dark = Keyframe { truth: key.truth.map(|_| [0.0; 3]), ..key.clone() };
     let both = fill(&frame, &start, &[at(&key, -4.0), at(&dark, 16.0)], 1.0);
     assert!(both.pixels.iter().zip(&made.pixels).all(|(b, m)| b[0] <= m[0] + 1e-5 && b[0] > 0.4 * m[0] - 0.3));

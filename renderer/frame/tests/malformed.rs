@@ -1,4 +1,5 @@
-//! Damaged and hostile OpenEXR files: every reader answers with a value or an error that names the file, within bounded memory and time.
+//! Damaged and hostile OpenEXR files: every reader answers with a value or an error that names the file, within bounded memory
+//! and time.
 
 mod common;
 

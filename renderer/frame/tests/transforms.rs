@@ -63,7 +63,8 @@ fn a_sequence_comes_back_exactly_with_shared_and_with_own_intrinsics() {
     assert_eq!(transforms::read(&path).unwrap(), empty);
 }
 
-/// Projects with the numbers in the file as nerfstudio documents them: rows of camera-to-world, -z forward, y up, pixel centres at +0.5.
+/// Projects with the numbers in the file as nerfstudio documents them: rows of camera-to-world, -z forward, y up, pixel centres
+/// at +0.5.
 #[test]
 fn the_file_projects_points_as_the_camera_does() {
     let folder = folder();

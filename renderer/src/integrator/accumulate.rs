@@ -1,6 +1,5 @@
 //! Traces camera samples and light paths, and adds them to a film.
 
-use super::Settings;
 use super::light_paths::{CausticCasters, Deposit, LightPaths, trace as trace_light};
 use super::path::{SHOTS, Shot, Tracer};
 use super::splitting::light_samples;
@@ -10,6 +9,7 @@ use crate::features::{Features, with_features};
 use crate::film::{Film, GroupStatistics, GuideStatistics, PixelStatistics};
 use crate::integrator::gbuffer::Visible;
 use crate::schedule::{self, Progress, TilePixels};
+use crate::settings::Settings;
 use crate::stats::Stats;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

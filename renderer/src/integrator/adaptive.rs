@@ -20,77 +20,19 @@
 use super::accumulate::{Meter, Work};
 use super::gbuffer::Visible;
 use super::light_paths::CausticCasters;
-use super::{Settings, mean};
+use super::mean;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::film::Film;
 use crate::sampler::hash;
 use crate::schedule::Progress;
+use crate::settings::{Budget, FLOOR, STEP, Settings, pilot};
 use crate::stats::Stats;
 use glam::DVec3;
 use rayon::prelude::*;
 use renderflow_frame::Image;
-use serde::{Deserialize, Serialize};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
-
-/// How the samples of a picture are spread over its pixels.
-///
-/// But for [`Self::Uniform`], pixels get counts of their own, multiples of 4, told by [`renderflow_frame::Frame::samples`]; at
-/// least half the average where geometry may be seen. Pixels that see the environment alone count a sixteenth: what they do not
-/// need is not spent on others, so that such a picture takes about as long as a uniform one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Budget {
-    /// As many in every pixel: [`Settings::spp`].
-    #[default]
-    Uniform,
-    /// A fixed sum: at most [`Settings::spp`] a pixel on average, and no fewer where pixels that may see geometry need them.
-    /// Below 32 all that may see geometry have as many.
-    Average,
-    /// Until the relMSE of the picture, mean((picture - truth)^2 / (truth^2 + 0.01)), is estimated to be at most a target; at most
-    /// [`Settings::spp`] a pixel on average.
-    Error {
-        /// The target in millionths, at least 1.
-        millionths: u32,
-    },
-    /// For a time; at most [`Settings::spp`] a pixel on average. The picture depends on the machine's speed;
-    /// [`super::render_mapped`] makes it again.
-    Time {
-        /// Milliseconds of tracing, at least 1. The pilot and rounds under way are finished.
-        milliseconds: u32,
-    },
-}
-
-impl Budget {
-    pub(super) fn check(self) -> Result<()> {
-        match self {
-            Self::Error { millionths: 0 } => {
-                Err(Error::Setting { name: "budget.error", value: 0, range: "1.. millionths".into() })
-            }
-            Self::Time { milliseconds: 0 } => {
-                Err(Error::Setting { name: "budget.time", value: 0, range: "1.. milliseconds".into() })
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// Fewest samples of a pixel that may see geometry, where `spp` samples are asked for.
-    pub fn fewest(self, spp: u32) -> u32 {
-        match self {
-            Self::Uniform => spp,
-            Self::Average if spp < FEWEST_SPREAD => spp,
-            Self::Average => pilot(spp, FLOOR),
-            // A small pilot: nobody knows how much is needed.
-            Self::Error { .. } | Self::Time { .. } => pilot(spp.min(STEP * STEP), 1.0),
-        }
-    }
-}
-
-/// First samples of a pixel that shall have at least a share of `spp`.
-fn pilot(spp: u32, share: f64) -> u32 {
-    ((f64::from(spp) * share) as u32 / STEP * STEP).max(STEP).min(spp)
-}
 
 /// Largest count of a map that fits the scene's picture.
 pub(super) fn largest(scene: &RenderScene, settings: &Settings, map: &Image<u32>) -> Result<u32> {
@@ -116,21 +58,9 @@ pub(super) fn largest(scene: &RenderScene, settings: &Settings, map: &Image<u32>
 
 /// Most samples of a pixel.
 const MOST: u32 = 1 << 24;
-/// Counts are multiples of this: the shortest runs of the low-discrepancy points that are well spread.
-const STEP: u32 = 4;
-/// Most samples that share a camera ray. Where many samples go, what the camera sees is a part of the noise, and 2 are better
-/// than 4 (docs/measurements/renderer-notes.md, adaptive).
-pub(super) const BRANCHES: u32 = 2;
 /// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as
 /// dear as one of four times the samples.
 const LARGEST_STEP: u32 = 32;
-/// Share of the average that the pilot has, and that no pixel which may see geometry goes below. An eighth is a little better
-/// where the noise stays in its places, and far worse where rare bright samples may come anywhere
-/// (docs/measurements/renderer-notes.md, adaptive).
-const FLOOR: f64 = 1.0 / 2.0;
-/// Fewer samples on average are not spread: the pilot tells too little, and a round costs too much
-/// (docs/measurements/renderer-notes.md, adaptive).
-const FEWEST_SPREAD: u32 = 32;
 /// The pilot's share where the environment alone is seen.
 const FLOOR_UNSEEN: f64 = 1.0 / 8.0;
 /// Most samples of a pixel, in averages.

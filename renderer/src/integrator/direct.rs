@@ -1,6 +1,5 @@
 //! Direct light: light samples and light found by scattering, combined by multiple importance sampling.
 
-use super::DirectLight;
 use super::light_paths::MOST_SURFACES;
 use super::path::{Origin, Path, Tracer};
 use super::scatter::Scatterer;
@@ -9,6 +8,7 @@ use crate::interaction::Interaction;
 use crate::light::{LightSample, Source};
 use crate::query::Sight;
 use crate::sampler::PixelSampler;
+use crate::settings::DirectLight;
 use glam::Vec3A;
 
 impl<F: Features> Tracer<'_, F> {

@@ -1,17 +1,18 @@
 //! First hits of camera rays: the G-buffer at pixel centres, guides over the pixel, and which pixels can see geometry at all.
 
 use super::path::{SHOTS, camera_ray_at};
-use super::{Film, Settings};
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Filter, Projector};
 use crate::compile::RenderScene;
 use crate::error::Result;
 use crate::features::Features;
+use crate::film::Film;
 use crate::film::{FirstHit, GuideStatistics};
 use crate::interaction::{Cone, Interaction};
 use crate::ray::Ray;
 use crate::sampler::Points;
 use crate::schedule::{self, TILE, Tile};
+use crate::settings::Settings;
 use crate::simd;
 use crate::stats::Stats;
 use glam::{DVec2, Vec2, Vec3A};

@@ -1,11 +1,11 @@
 //! How much memory a picture takes while it is made.
 
-use super::Settings;
 use super::gbuffer;
 use super::light_paths::CausticCasters;
 use crate::compile::RenderScene;
 use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
 use crate::schedule;
+use crate::settings::{Budget, Settings};
 use renderflow_frame::frame::LIGHT_GROUPS;
 
 const RGB: usize = size_of::<[f32; 3]>();
@@ -38,8 +38,8 @@ impl Settings {
         let guides = size_of::<GuideStatistics>();
         let light = when(light_paths, size_of::<LightStatistics>() + when(groups > 0, size_of::<GroupStatistics>()));
         // Counts and noise of the pixels, of which adaptive sampling needs some more.
-        let spread = when(self.budget != super::Budget::Uniform, 48);
-        let adaptive = when(self.budget != super::Budget::Uniform, size_of::<u32>());
+        let spread = when(self.budget != Budget::Uniform, 48);
+        let adaptive = when(self.budget != Budget::Uniform, size_of::<u32>());
         // What the film's beauty is, and what camera rays make.
         let beauty = RGB * (1 + groups) + when(self.channels.variance, RGB) + adaptive;
         let wanted = self.channels;

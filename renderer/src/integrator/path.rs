@@ -1,6 +1,5 @@
 //! Unidirectional path tracing with sampled lights and multiple importance sampling.
 
-use super::Settings;
 use super::light_paths::{self, CausticCasters};
 use super::scatter::Scatterer;
 use crate::accel::{Hit, Scratch};
@@ -13,6 +12,7 @@ use crate::material::{Mode, Prepared};
 use crate::query::Sight;
 use crate::ray::Ray;
 use crate::sampler::{PixelSampler, Points};
+use crate::settings::Settings;
 use crate::simd;
 use crate::stats::Stats;
 use glam::{Vec2, Vec3A};

@@ -6,17 +6,17 @@
 //!
 //! `(v_x + v_l / l + v_s / b) (c_x + l c_l + b c_s)`,
 //!
-//! whose least value over `l` is sought (splitting: Arvo and Kirk 1990; Pharr, Jakob and Humphreys 2023, section 2.2.5). Under a smooth sky that
-//! scattering finds anyway the answer is few, where half-shadows are the noise it is many. Pilot paths of a few pixels tell the
-//! variances; their random numbers are their own, so that the picture has no bias.
+//! whose least value over `l` is sought (splitting: Arvo and Kirk 1990; Pharr, Jakob and Humphreys 2023, section 2.2.5). Under a
+//! smooth sky that scattering finds anyway the answer is few, where half-shadows are the noise it is many. Pilot paths of a few
+//! pixels tell the variances; their random numbers are their own, so that the picture has no bias.
 
-use super::Settings;
 use super::gbuffer::Visible;
 use super::light_paths::CausticCasters;
 use super::path::{Probe, Shot, Tracer};
 use crate::compile::RenderScene;
 use crate::features::{Features, with_features};
 use crate::sampler::{PixelSampler, hash};
+use crate::settings::{DirectLight, Settings};
 use glam::Vec3A;
 use rayon::prelude::*;
 
@@ -60,7 +60,7 @@ fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visib
     let (width, height) = (scene.camera().width, scene.camera().height);
     let samples = (width * height) as u64 * u64::from(settings.spp);
     let count = ((samples / (SHARE * 2 * u64::from(RAYS))) as usize).min(MOST);
-    if count < FEWEST || !scene.samples_lights::<F>() || settings.direct != super::DirectLight::Mis {
+    if count < FEWEST || !scene.samples_lights::<F>() || settings.direct != DirectLight::Mis {
         return 1;
     }
     let seed = hash::child(scene.seed, STREAM);

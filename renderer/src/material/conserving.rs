@@ -4,12 +4,12 @@
 //!   several reflections (Turquin 2019). `E` is the directional albedo at reflectance 1. Kulla and Conty's separate lobe (2017)
 //!   is reciprocal where this factor is not, but for smooth metals it is hard to draw (weights in the thousands at grazing view),
 //!   and it needs a second look-up and a second lobe for every metal; paths are only ever traced from the camera.
-//! - Dielectric: single-scattering GGX with the reflectance of Fresnel's equations ([`renderflow_frame::fresnel`]) over a diffuse base
-//!   that receives, reciprocally, what the coat lets through: see [`super::diffuse`]. A tint scales the reflectance at normal incidence
-//!   alone; its rise from there follows the untinted index.
+//! - Dielectric: single-scattering GGX with the reflectance of Fresnel's equations ([`renderflow_frame::fresnel`]) over a diffuse
+//!   base that receives, reciprocally, what the coat lets through: see [`super::diffuse`]. A tint scales the reflectance at
+//!   normal incidence alone; its rise from there follows the untinted index.
 //! - Sheen and clearcoat lie on top and scale everything below by `1 - E(wo)` of their own albedo. A factor of `wo` alone is not
-//!   reciprocal; but with it the sum is exact for every view, where the reciprocal coupling of the base would need one second lobe
-//!   a layer, and paths are only ever traced from the camera.
+//!   reciprocal; but with it the sum is exact for every view, where the reciprocal coupling of the base would need one second
+//!   lobe a layer, and paths are only ever traced from the camera.
 //!
 //! With base colour 1 every material reflects exactly what it receives. `metallic` blends conductor and dielectric.
 

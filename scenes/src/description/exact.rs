@@ -1,7 +1,7 @@
 //! Positions in double precision that are written with as few digits as single precision needs wherever that says the same.
 //!
-//! The bytes of a scene whose numbers have at most single precision's digits (everything composed from a seed) are therefore those
-//! that single precision would give, and every number reads back as it was.
+//! The bytes of a scene whose numbers have at most single precision's digits (everything composed from a seed) are therefore
+//! those that single precision would give, and every number reads back as it was.
 
 use serde::Serializer;
 

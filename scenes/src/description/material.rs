@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 macro_rules! material {
     ({ $($rest:tt)* } $($(#[$doc:meta])* $name:ident: $type:tt = $default:expr, ($($attribute:meta),*);)*) => {
-        /// Disney's principled material (Burley 2012), with light of its own and holes. What is left out has its default; what came after
-        /// the first version is written only where it differs from it, so that older scenes keep their bytes.
+        /// Disney's principled material (Burley 2012), with light of its own and holes. What is left out has its default; what
+        /// came after the first version is written only where it differs from it, so that older scenes keep their bytes.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
         pub struct Material {
@@ -65,8 +65,9 @@ with_parameters!(material! {
     /// Image multiplied with `emissive`, decoded from sRGB.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub emissive_texture: Option<String>,
-    /// Texture made from parameters instead of images: colour, roughness, metallic and normals. They are multiplied with the factors,
-    /// as images are: `base_color` 1, `metallic` 1 and `roughness` 1 show it as it is. Not together with images of the same.
+    /// Texture made from parameters instead of images: colour, roughness, metallic and normals. They are multiplied with the
+    /// factors, as images are: `base_color` 1, `metallic` 1 and `roughness` 1 show it as it is. Not together with images of the
+    /// same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pattern: Option<Pattern>,
     /// How all of its textures lie on the surface.

@@ -1,8 +1,8 @@
-//! Parameters of the principled material (Burley 2012), each declared once. The description of a scene, the loaded material, the path tracer
-//! and the deferred renderer all use this list.
+//! Parameters of the principled material (Burley 2012), each declared once. The description of a scene, the loaded material, the
+//! path tracer and the deferred renderer all use this list.
 //!
-//! A new parameter is one entry here. The tests of this crate then ask for a new `schema.json` and for an example in `examples/materials.json`.
-//! The renderer ignores the parameter until a lobe reads it.
+//! A new parameter is one entry here. The tests of this crate then ask for a new `schema.json` and for an example in
+//! `examples/materials.json`. The renderer ignores the parameter until a lobe reads it.
 
 use glam::Vec3A;
 
@@ -25,7 +25,8 @@ macro_rules! with_parameters {
             specular: f32 = 0.5, (serde(default = "half"), schemars(range(min = 0, max = 1)));
             /// 0..=1, 0 by default; share of the base colour's hue in the dielectric reflection.
             specular_tint: f32 = 0.0, (serde(default, skip_serializing_if = "is_zero"), schemars(range(min = 0, max = 1)));
-            /// 0..=1, 0 by default; stretch of highlights; along the direction of growing u where the mesh has texture coordinates.
+            /// 0..=1, 0 by default; stretch of highlights; along the direction of growing u where the mesh has texture
+            /// coordinates.
             anisotropic: f32 = 0.0, (serde(default, skip_serializing_if = "is_zero"), schemars(range(min = 0, max = 1)));
             /// 0..=1, 0 by default; grazing component of cloth.
             sheen: f32 = 0.0, (serde(default, skip_serializing_if = "is_zero"), schemars(range(min = 0, max = 1)));
@@ -128,7 +129,8 @@ macro_rules! principled {
         }
 
         impl Principled {
-            /// Calls `f` with every number of every parameter and its JSON pointer in a material, such as `roughness` or `base_color/1`.
+            /// Calls `f` with every number of every parameter and its JSON pointer in a material, such as `roughness` or
+            /// `base_color/1`.
             pub fn for_each(&self, mut f: impl FnMut(&str, f32)) {
                 $(self.$name.for_each(|suffix, value| f(&format!("{}{suffix}", stringify!($name)), value));)*
             }

@@ -13,14 +13,15 @@ use renderflow_frame::reach::Reach;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// Validates `scene` and loads what it refers to; `reach` says where relative paths start, the folder of the scene file, and which files
-/// the scene, and the models in it, may name.
+/// Validates `scene` and loads what it refers to; `reach` says where relative paths start, the folder of the scene file, and
+/// which files the scene, and the models in it, may name.
 ///
-/// Images that nothing looks at are not read, so they need not be there: those of materials on no object, normal maps on meshes without
-/// texture coordinates, and those that a factor of zero hides.
+/// Images that nothing looks at are not read, so they need not be there: those of materials on no object, normal maps on meshes
+/// without texture coordinates, and those that a factor of zero hides.
 ///
 /// # Errors
-/// [`Error::Invalid`] as [`Scene::validate`]; for a file that cannot be read, the place in the scene, the file and the place in it;
+/// [`Error::Invalid`] as [`Scene::validate`]; for a file that cannot be read, the place in the scene, the file and the place in
+/// it;
 /// [`Error::Name`] for a name that leads out of reach.
 pub fn load(scene: &Scene, reach: &Reach) -> Result<LoadedScene> {
     build(scene, reach, false)
@@ -204,7 +205,8 @@ impl<'a> Build<'a> {
         slot(user, texture)
     }
 
-    /// Reads the images of described materials and makes their patterns, those that nothing looks at only if `everything` is asked for.
+    /// Reads the images of described materials and makes their patterns, those that nothing looks at only if `everything` is
+    /// asked for.
     fn read_images(&mut self, everything: bool) -> Result<()> {
         if everything {
             self.patterns.make(&mut self.materials, &mut self.textures, true);

@@ -11,9 +11,9 @@ const SHARE: f64 = 0.5;
 /// Cells along each side of that rectangle in which the share is counted.
 const CELLS: usize = 64;
 
-/// Whether triangles at the lowest height `lowest` of the model (of radius `radius`) cover half of the rectangle it stands on or more. Counted is
-/// what can be seen from above: what has no other triangle of the model above it, and what faces up in a mesh that is not closed, such as
-/// the floor of a room. So the underside of a box is no floor.
+/// Whether triangles at the lowest height `lowest` of the model (of radius `radius`) cover half of the rectangle it stands on or
+/// more. Counted is what can be seen from above: what has no other triangle of the model above it, and what faces up in a mesh
+/// that is not closed, such as the floor of a room. So the underside of a box is no floor.
 pub(super) fn is_in(model: &Model, lowest: f64, radius: f64) -> bool {
     let top = lowest + THICKNESS * radius;
     let at_bottom = |corners: &[DVec3; 3]| corners.iter().all(|p| p.y <= top);

@@ -24,8 +24,8 @@ pub(super) fn placeholder(name: &str, encoding: Encoding, wrap: [Wrap; 2]) -> Te
     Texture { name: name.into(), wrap, encoding, levels: [].into() }
 }
 
-/// Takes away the look-ups that cannot change a picture: all those of materials on nothing, normal maps on meshes without tangents, and
-/// what a factor of zero hides. Returns the names of unused materials that had any.
+/// Takes away the look-ups that cannot change a picture: all those of materials on nothing, normal maps on meshes without
+/// tangents, and what a factor of zero hides. Returns the names of unused materials that had any.
 pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance], meshes: &[Mesh]) -> Vec<String> {
     let (mut used, mut bumpy) = (vec![false; materials.len()], vec![false; materials.len()]);
     for instance in instances {

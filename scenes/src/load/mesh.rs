@@ -85,7 +85,8 @@ fn shape(positions: &[Vec3], triangle: [u32; 3]) -> Shape {
     if longest.powi(2) > TriangleReport::NEEDLE.powi(2) * area { Shape::Needle } else { Shape::Good }
 }
 
-/// Whether a mesh is the surface of a body: each edge is passed as often in one direction as in the other. Vertices at one place are one.
+/// Whether a mesh is the surface of a body: each edge is passed as often in one direction as in the other. Vertices at one place
+/// are one.
 pub(crate) fn is_closed(mesh: &Mesh) -> bool {
     let mut known = HashMap::new();
     let mut place = |v: u32| {
@@ -170,7 +171,8 @@ fn mix(v: u64) -> u64 {
 }
 
 /// Moves a mesh that stands far from its own zero next to it, and returns by how much: to be added to its transforms in double
-/// precision. No coordinate is rounded: axes move only where all vertices lie within a factor of two of the middle (Sterbenz's lemma).
+/// precision. No coordinate is rounded: axes move only where all vertices lie within a factor of two of the middle (Sterbenz's
+/// lemma).
 pub(crate) fn recentre(mesh: &mut Mesh) -> DVec3 {
     let used = || mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize]);
     let (low, high) = used().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));

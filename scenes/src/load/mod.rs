@@ -30,8 +30,8 @@ pub fn read_texture(path: &Path, encoding: Encoding) -> Result<Texture> {
     crate::texture::decode(&bytes, name, encoding, Default::default()).map_err(|reason| Error::model(path, "", reason))
 }
 
-/// Does the transform, as single precision stores it, keep three dimensions? Its inverse, taken in double precision, has to be finite
-/// in single precision: the determinant alone would underflow for a uniform scale of 1e-13.
+/// Does the transform, as single precision stores it, keep three dimensions? Its inverse, taken in double precision, has to be
+/// finite in single precision: the determinant alone would underflow for a uniform scale of 1e-13.
 fn invertible(transform: Affine3A) -> bool {
     let matrix = transform.matrix3.as_dmat3();
     let determinant = matrix.determinant();

@@ -64,8 +64,8 @@ pub struct ModelView {
     pub seed: u64,
     /// Light where no environment file is given.
     pub environment: EnvironmentSource,
-    /// Put a grey ground plane under the model? A model that has a floor of its own at that height gets none: where triangles at its
-    /// lowest height that can be seen from above cover half of the rectangle it stands on.
+    /// Put a grey ground plane under the model? A model that has a floor of its own at that height gets none: where triangles at
+    /// its lowest height that can be seen from above cover half of the rectangle it stands on.
     pub ground: bool,
 }
 
@@ -102,8 +102,8 @@ const MARGIN: f32 = 1.1;
 pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView, reach: &Reach) -> Result<Scene> {
     let (geometry, (center, radius, lowest)) = bounds(model, reach)?;
     let factor = (1.0 / radius) as f32;
-    // The centre of the sphere above the origin, the lowest vertex in the plane y = 0. With the factor as the scene has it: far out,
-    // its rounding would show.
+    // The centre of the sphere above the origin, the lowest vertex in the plane y = 0. With the factor as the scene has it: far
+    // out, its rounding would show.
     let scale = f64::from(factor);
     let height = (center.y - lowest) * scale;
     let moved = DVec3::new(-center.x * scale, -lowest * scale, -center.z * scale);
@@ -182,7 +182,8 @@ pub(crate) fn extent(path: &Path, reach: &Reach) -> Result<Extent> {
     Ok(Extent { low, high, radius })
 }
 
-/// A model file without materials, cleaned; centre and radius of a sphere around all its triangles, and the height of its lowest vertex.
+/// A model file without materials, cleaned; centre and radius of a sphere around all its triangles, and the height of its lowest
+/// vertex.
 fn bounds(path: &Path, reach: &Reach) -> Result<(Model, (DVec3, f64, f64))> {
     let mut model = read(path, reach, None)?;
     let mut dropped = model.report.triangles;

@@ -50,7 +50,8 @@ impl Patterns {
         material.normal_texture = normal.map(|slot| (slot, 1.0));
     }
 
-    /// Makes the maps that some material looks at. One that is the same everywhere becomes a factor, unless `everything` is asked for.
+    /// Makes the maps that some material looks at. One that is the same everywhere becomes a factor, unless `everything` is asked
+    /// for.
     pub fn make(&self, materials: &mut [Material], textures: &mut [Texture], everything: bool) {
         let looked_at = images::looked_at(materials, textures.len());
         let asked = |wanted: &Wanted, map: usize| {

@@ -96,8 +96,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Fractal gradient noise (Perlin 2002) with `cells` lattice cells along u and v and `octaves` octaves of half the size and height;
-    /// of mean 0 and a standard deviation of 0.35, about -1..=1. Octaves finer than two texels a cell are left out.
+    /// Fractal gradient noise (Perlin 2002) with `cells` lattice cells along u and v and `octaves` octaves of half the size and
+    /// height; of mean 0 and a standard deviation of 0.35, about -1..=1. Octaves finer than two texels a cell are left out.
     pub fn noise(n: usize, cells: [u32; 2], octaves: u32, seed: u32) -> Self {
         let mut values = vec![0.0; n * n];
         let mut weight = 1.0;
@@ -118,8 +118,8 @@ impl Grid {
         Self { n, values }
     }
 
-    /// Straight marks on zero ground: `count` lines of at most `length`, thinner than `width` (both in widths of the texture) and of
-    /// heights up to 1; the direction is along u where `spread` is 0, any where it is 1.
+    /// Straight marks on zero ground: `count` lines of at most `length`, thinner than `width` (both in widths of the texture) and
+    /// of heights up to 1; the direction is along u where `spread` is 0, any where it is 1.
     pub fn scratches(n: usize, count: u32, length: f64, width: f64, spread: f64, seed: u32) -> Self {
         let mut values = vec![0.0_f64; n * n];
         for k in 0..count {
@@ -168,7 +168,8 @@ impl Grid {
     }
 }
 
-/// One octave. On a row, what a lattice column gives is linear in the distance from it: two numbers a column, six operations a texel.
+/// One octave. On a row, what a lattice column gives is linear in the distance from it: two numbers a column, six operations a
+/// texel.
 fn add_noise(values: &mut [f64], n: usize, cells: [u32; 2], weight: f64, seed: u32) {
     let [columns, rows] = cells.map(|c| c.max(1));
     let gradient = |x: u32, y: u32| {

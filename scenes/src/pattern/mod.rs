@@ -1,7 +1,7 @@
 //! Patterns made from parameters: base colour, roughness, metallic and normals of surfaces that repeat without a seam.
 //!
-//! A pattern is one square of texture, evaluated in double precision where a scene is loaded: the same bytes on every machine. Lengths
-//! are in widths of the texture; how large that is on a surface the material's `texture_transform` says.
+//! A pattern is one square of texture, evaluated in double precision where a scene is loaded: the same bytes on every machine.
+//! Lengths are in widths of the texture; how large that is on a surface the material's `texture_transform` says.
 
 mod fabric;
 mod field;
@@ -61,7 +61,8 @@ macro_rules! patterns {
                 }
             }
 
-            /// Makes the maps that are wanted. Parameters out of range give some other picture, but only [`Self::validate`] tells.
+            /// Makes the maps that are wanted. Parameters out of range give some other picture, but only [`Self::validate`]
+            /// tells.
             pub fn maps(&self, wanted: MapSet) -> Maps {
                 match self {
                     $(Self::$kind(kind) => kind.maps(wanted),)*

@@ -100,7 +100,8 @@ fn fault(path: &CameraPath, layout: &Layout, frames: u32, resolution: [u32; 2]) 
         .sum()
 }
 
-/// Shares of the picture covered by the cylinders of all bodies, by those of subjects with nothing before them, and by the largest.
+/// Shares of the picture covered by the cylinders of all bodies, by those of subjects with nothing before them, and by the
+/// largest.
 pub(super) fn coverage(path: &CameraPath, layout: &Layout, frame: u32, resolution: [u32; 2]) -> [f32; 3] {
     let view = path.view(frame);
     let lens = Lens::new(view.vertical_fov, resolution);

@@ -28,8 +28,8 @@ impl Daylight {
         Self(even)
     }
 
-    /// Mean irradiance of a room's surfaces over that of level ground outside, where the map is turned by `degrees`; light that came in
-    /// is reflected with `reflectance` by `surface` square metres, openings included.
+    /// Mean irradiance of a room's surfaces over that of level ground outside, where the map is turned by `degrees`; light that
+    /// came in is reflected with `reflectance` by `surface` square metres, openings included.
     pub fn inside(&self, degrees: f32, openings: &[Opening], surface: f32, reflectance: f32) -> f32 {
         let sky = Environment { rotation: degrees.rem_euclid(360.0).to_radians(), ..self.0.clone() };
         let (mut flux, mut ground) = (0.0f32, 0.0f32);

@@ -37,8 +37,8 @@ pub(super) fn layout(context: &Context) -> Result<Layout> {
     Ok(layout)
 }
 
-/// A floor whose top lies at height 0, `extent` metres from the middle at least, and the height of its origin: mostly so wide that its
-/// edge is the horizon, otherwise a plate with an edge to be seen.
+/// A floor whose top lies at height 0, `extent` metres from the middle at least, and the height of its origin: mostly so wide
+/// that its edge is the horizon, otherwise a plate with an edge to be seen.
 fn floor(rng: &mut Pcg64, extent: f32) -> (Shape, f32) {
     match rng.weighted(&[0.7, 0.15, 0.15]) {
         0 => (Shape::Plane { size: Pcg64::tidy(extent * rng.between(40.0, 90.0)) }, 0.0),

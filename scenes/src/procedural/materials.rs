@@ -20,7 +20,8 @@ pub struct MaterialKnobs {
     pub metal: f64,
     /// Objects with a clear coat, 0.08 by default.
     pub coated: f64,
-    /// Objects of one colour, not of metal, with the sheen of cloth, 0.08 by default; of woven and knitted ones 0.4 have it anyway.
+    /// Objects of one colour, not of metal, with the sheen of cloth, 0.08 by default; of woven and knitted ones 0.4 have it
+    /// anyway.
     pub sheen: f64,
     /// Objects with stretched highlights, 0.08 by default.
     pub anisotropic: f64,

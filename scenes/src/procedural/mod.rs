@@ -1,5 +1,5 @@
-//! The composer. It makes scenes of many kinds from the knobs of a plan: objects on a ground, rooms and open country, seen by cameras
-//! that turn, drive, walk or stand still, with objects that move and materials that change.
+//! The composer. It makes scenes of many kinds from the knobs of a plan: objects on a ground, rooms and open country, seen by
+//! cameras that turn, drive, walk or stand still, with objects that move and materials that change.
 //!
 //! The same [`Request`] gives the same scene, to the byte of its JSON, on every machine.
 
@@ -88,8 +88,8 @@ pub struct Composed {
     pub moving: bool,
     /// Whether a material changes.
     pub changing: bool,
-    /// One an object that comes from the pool. Floors, walls, plain furniture and occluders (made of planes, boxes, spheres, cylinders
-    /// and cones) are not in it.
+    /// One an object that comes from the pool. Floors, walls, plain furniture and occluders (made of planes, boxes, spheres,
+    /// cylinders and cones) are not in it.
     pub meshes: Vec<Used>,
     /// Family, `builtin:NAME` or `file:PATH`.
     pub environment: String,
@@ -113,8 +113,8 @@ pub struct Used {
 /// A scene of the plan's kind.
 ///
 /// # Errors
-/// [`Error::Invalid`] for knobs out of range, for a pool that is empty or names what does not exist, for a resolution or a number of
-/// frames out of range; a model file that cannot be read is an error that names it.
+/// [`Error::Invalid`] for knobs out of range, for a pool that is empty or names what does not exist, for a resolution or a number
+/// of frames out of range; a model file that cannot be read is an error that names it.
 pub fn compose(request: &Request) -> Result<Composed> {
     let knobs = request.composition;
     knobs.check().map_err(invalid)?;

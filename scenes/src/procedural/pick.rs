@@ -94,7 +94,8 @@ impl<'a> Picker<'a> {
         Ok(Self { pool, knobs, meshes: meshes.into_iter().map(group).collect(), environments })
     }
 
-    /// An object: a model file, or a mesh whose group ([`Shape::group`]) is one of those that `suits` accepts (any, where it accepts none).
+    /// An object: a model file, or a mesh whose group ([`Shape::group`]) is one of those that `suits` accepts (any, where it
+    /// accepts none).
     pub fn object(&self, rng: &mut Pcg64, suits: impl Fn(&str) -> bool) -> Result<Picked> {
         let models = self.pool.models;
         if !models.is_empty() && (self.meshes.is_empty() || rng.chance(self.knobs.user_models)) {

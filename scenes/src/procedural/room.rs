@@ -15,8 +15,8 @@ use rand_pcg::Pcg64;
 const WALL: f32 = 0.15;
 /// Openings as a share of the room's inner surface, to begin with.
 const OPEN: [f32; 2] = [0.14, 0.3];
-/// Mean light inside over that on level ground outside, below which a room gets more openings or another turn of the sky: the exposure
-/// follows the environment alone, and a tenth of it made two rooms of three too dark to see what stands in them.
+/// Mean light inside over that on level ground outside, below which a room gets more openings or another turn of the sky: the
+/// exposure follows the environment alone, and a tenth of it made two rooms of three too dark to see what stands in them.
 const BRIGHT: f32 = 0.3;
 /// Reflectance of walls and floor that the estimate takes.
 const REFLECTANCE: f32 = 0.5;

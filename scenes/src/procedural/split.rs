@@ -42,8 +42,8 @@ impl std::fmt::Display for Split {
 
 /// Of this many members of a group, one goes to the test split and one to the validation split.
 const HELD_OUT: usize = 6;
-/// Families are dealt by this seed, whatever the plan's: what one plan holds out no other learns from, so that a network trained on any
-/// of them may be judged on the program's own test sets. This one holds out grass, gyroids and a low sun: hard cases.
+/// Families are dealt by this seed, whatever the plan's: what one plan holds out no other learns from, so that a network trained
+/// on any of them may be judged on the program's own test sets. This one holds out grass, gyroids and a low sun: hard cases.
 const FAMILIES: u64 = 2059;
 /// Members of a catalogue that holds every family.
 const WHOLE: u32 = 256;
@@ -57,9 +57,9 @@ pub struct Families {
     pub environments: Vec<String>,
 }
 
-/// The families of a catalogue that `split` may draw from. From every group of families (vessels, furniture, low suns, studios, ...)
-/// about one in six goes to the test split and to the validation split, so that what is held out is as varied as what is learnt from.
-/// All catalogues are dealt alike.
+/// The families of a catalogue that `split` may draw from. From every group of families (vessels, furniture, low suns, studios,
+/// ...) about one in six goes to the test split and to the validation split, so that what is held out is as varied as what is
+/// learnt from. All catalogues are dealt alike.
 pub fn families(catalog: &Catalog, split: Split) -> Families {
     let whole = Catalog::new(0, WHOLE, WHOLE);
     let sorted = |mut names: Vec<String>| {
@@ -72,8 +72,8 @@ pub fn families(catalog: &Catalog, split: Split) -> Families {
     }
 }
 
-/// What `split` gets of the families that are `there`, dealt as `all` of them are dealt. A catalogue too small to give every split one
-/// that way deals its own few among the splits: those may be others than the test sets'.
+/// What `split` gets of the families that are `there`, dealt as `all` of them are dealt. A catalogue too small to give every
+/// split one that way deals its own few among the splits: those may be others than the test sets'.
 fn deal_families(all: Vec<(&'static str, String)>, there: Vec<(&'static str, String)>, split: Split) -> Vec<String> {
     let lists = |members: Vec<(&'static str, String)>| {
         let mut lists = Split::ALL.map(|_| vec![]);

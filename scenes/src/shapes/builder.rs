@@ -311,8 +311,8 @@ impl Builder {
     /// The finished mesh, centred on its bounding box. Faces that meet at less than `crease` degrees share smooth normals.
     pub fn finish(self, name: &str, crease: f64) -> Mesh {
         let face: Vec<DVec3> = self.triangles.iter().map(|t| self.area_vector(t).normalize_or_zero()).collect();
-        // Corners around each vertex, as (triangle, angle of the triangle there); the angle as weight makes normals independent of
-        // how faces are split.
+        // Corners around each vertex, as (triangle, angle of the triangle there); the angle as weight makes normals independent
+        // of how faces are split.
         let mut around: Vec<Vec<(u32, f64)>> = vec![Vec::new(); self.points.len()];
         for (index, corners) in self.triangles.iter().enumerate() {
             for k in 0..3 {

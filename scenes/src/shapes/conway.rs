@@ -289,7 +289,8 @@ impl Polyhedron {
         Self { points, faces }
     }
 
-    /// An open frame in place of each face: a window of this share of the face, through a shell that goes in to `inner` of the radius.
+    /// An open frame in place of each face: a window of this share of the face, through a shell that goes in to `inner` of the
+    /// radius.
     pub fn leonardo(&self, window: f64, inner: f64) -> Self {
         let n = self.points.len();
         let mut out = Self { points: self.points.clone(), faces: Vec::new() };

@@ -15,7 +15,8 @@ pub struct MeshReport {
     pub components: usize,
     /// Whether every edge belongs to exactly two triangles that walk it in opposite directions (and there is one at all).
     pub watertight: bool,
-    /// Signed volume, the mesh's units cubed; where pieces overlap, the overlap counts for each. Positive when faces look outwards.
+    /// Signed volume, the mesh's units cubed; where pieces overlap, the overlap counts for each. Positive when faces look
+    /// outwards.
     pub volume: f64,
     /// Pieces of negative volume: turned inside out, or the walls of bubbles.
     pub inverted: usize,

@@ -123,7 +123,8 @@ family! {
                 faults.say(&below(at, "q"), format!("{q} shares a factor with p = {p}: the curve would be walked twice"));
             }
         }
-        /// Superellipsoid |(|x|^(2/e) + |z|^(2/e))|^(e/n) + |y|^(2/n) = 1 (Barr 1981): box-like below 1, round at 1, pinched above.
+        /// Superellipsoid |(|x|^(2/e) + |z|^(2/e))|^(e/n) + |y|^(2/n) = 1 (Barr 1981): box-like below 1, round at 1, pinched
+        /// above.
         Superellipsoid = "superellipsoid" {
             /// Extent along x, y, z, metres.
             size: [f32; 3] [0.01, 1000] = [0; 3].map(|_| rng.between(0.5, 1.1));
@@ -372,8 +373,8 @@ impl Shape {
         !matches!(self, Self::Plane { .. } | Self::Disc { .. })
     }
 
-    /// What kind of thing a shape is, for splits that share out all kinds: round, boxy, mechanical, organic, mineral, architecture,
-    /// furniture, vessel, plant, terrain, abstract or ground.
+    /// What kind of thing a shape is, for splits that share out all kinds: round, boxy, mechanical, organic, mineral,
+    /// architecture, furniture, vessel, plant, terrain, abstract or ground.
     pub fn group(&self) -> &'static str {
         match self {
             Self::Plane { .. } | Self::Disc { .. } => "ground",

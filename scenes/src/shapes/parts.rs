@@ -338,8 +338,8 @@ pub(super) fn profile(points: &[(f64, f64)], steps: usize) -> Vec<DVec2> {
     spline(&lifted, false, steps).iter().map(|p| DVec2::new(p.x.max(0.0), p.y)).collect()
 }
 
-/// A wall of even thickness inside the profile `outer` (from the foot's rim up to the lip), closed on the axis: a hollow vessel with
-/// a floor `floor` above the bottom.
+/// A wall of even thickness inside the profile `outer` (from the foot's rim up to the lip), closed on the axis: a hollow vessel
+/// with a floor `floor` above the bottom.
 pub(super) fn hollow(outer: &[DVec2], wall: f64, floor: f64) -> Vec<DVec2> {
     let mut closed = vec![DVec2::new(0.0, outer[0].y)];
     closed.extend(outer);

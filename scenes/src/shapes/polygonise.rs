@@ -1,9 +1,9 @@
 //! Solids given by a function, negative inside, to closed triangle meshes.
 //!
 //! A dual method (surface nets, Gibson 1998, with one vertex for each separate sheet in a cell as in Nielson 2004): each crossed
-//! grid edge becomes a polygon of the vertices of the four cells around it. Sharp features are kept as in dual contouring (Ju et al.
-//! 2002): a vertex descends towards the planes through its crossings. Where two sheets meet in one face of the grid, a further point
-//! in that face keeps them apart, so every edge of the result belongs to exactly two triangles.
+//! grid edge becomes a polygon of the vertices of the four cells around it. Sharp features are kept as in dual contouring (Ju et
+//! al. 2002): a vertex descends towards the planes through its crossings. Where two sheets meet in one face of the grid, a
+//! further point in that face keeps them apart, so every edge of the result belongs to exactly two triangles.
 
 use super::builder::Builder;
 use super::parts::planar;
@@ -103,8 +103,8 @@ struct Sheet {
     feature: bool,
 }
 
-/// Adds the surface of `field` in the box `low..high` (closed at its border), `cells` grid cells along the longest edge. Sharp edges
-/// and corners are kept when `sharp`.
+/// Adds the surface of `field` in the box `low..high` (closed at its border), `cells` grid cells along the longest edge. Sharp
+/// edges and corners are kept when `sharp`.
 pub(super) fn polygonise(b: &mut Builder, low: DVec3, high: DVec3, cells: usize, sharp: bool, field: impl Field) {
     let extent = high - low;
     let step = extent.max_element() / cells.clamp(4, 96) as f64;
@@ -214,7 +214,8 @@ fn sheet_of_edges(inside: u8) -> [u8; 12] {
     sheet
 }
 
-/// The vertices of every crossed cell, keyed by its lowest grid vertex: one for each edge of the cell (edges of one sheet share it).
+/// The vertices of every crossed cell, keyed by its lowest grid vertex: one for each edge of the cell (edges of one sheet share
+/// it).
 fn sheets(b: &mut Builder, grid: &Grid, sharp: bool, crossings: &Crossings) -> Sheets {
     let table: Vec<[u8; 12]> = (0..=255).map(sheet_of_edges).collect();
     let mut made = Sheets { all: Vec::new(), of: vec![NONE; grid.values.len()] };

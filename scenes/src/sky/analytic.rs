@@ -1,7 +1,8 @@
 //! A clear sky: light of the sun scattered once by air and haze, dimmed by ozone, plus a multiple-scattering term.
 //!
-//! Densities and coefficients are those of Bruneton and Neyret (2008) and Hillaire (2020, "A Scalable and Production Ready Sky and
-//! Atmosphere Rendering Technique"); the isotropic multiple-scattering term follows section 5.5 of the latter. Distances are kilometres.
+//! Densities and coefficients are those of Bruneton and Neyret (2008) and Hillaire (2020, "A Scalable and Production Ready Sky
+//! and Atmosphere Rendering Technique"); the isotropic multiple-scattering term follows section 5.5 of the latter. Distances are
+//! kilometres.
 
 use super::canvas::luminance;
 use glam::DVec3;
@@ -255,7 +256,8 @@ fn lookup(table: &[DVec3], height: f64) -> DVec3 {
     table[i].lerp(table[i + 1], x - i as f64)
 }
 
-/// Direction of table entry (e, a): elevation 0..90 degrees with dense rows at the horizon, azimuth 0..180 degrees from the sun's.
+/// Direction of table entry (e, a): elevation 0..90 degrees with dense rows at the horizon, azimuth 0..180 degrees from the
+/// sun's.
 fn table_direction(sun: DVec3, e: usize, a: usize) -> DVec3 {
     let elevation = FRAC_PI_2 * (e as f64 / (ELEVATIONS - 1) as f64).powi(2);
     let azimuth = sun.x.atan2(sun.z) + PI * a as f64 / (AZIMUTHS - 1) as f64;

@@ -170,7 +170,8 @@ pub(super) fn disc(axis: DVec3, radius: f64, radiance: impl Fn(DVec3) -> DVec3 +
     Emitter { axis, bound: radius, radiance: Box::new(inside), energy }
 }
 
-/// A flat emitter with the given centre and half-extent vectors (perpendicular); `profile(a, b)` is its radiance at a, b in -1..=1.
+/// A flat emitter with the given centre and half-extent vectors (perpendicular); `profile(a, b)` is its radiance at a, b in
+/// -1..=1.
 pub(super) fn flat(centre: DVec3, half_u: DVec3, half_v: DVec3, profile: impl Fn(f64, f64) -> DVec3 + Sync + 'static) -> Emitter {
     flat_by(96, centre, half_u, half_v, profile)
 }

@@ -1,5 +1,5 @@
-//! The family `room`: a box lit through openings, its inter-reflections solved on a coarse grid of patches (radiosity), with pillars,
-//! boxes, patches of sunlight, bars and coloured panes.
+//! The family `room`: a box lit through openings, its inter-reflections solved on a coarse grid of patches (radiosity), with
+//! pillars, boxes, patches of sunlight, bars and coloured panes.
 
 use super::canvas::{Dome, Emitter, disc, flat_by, luminance, rgb, smoothstep, toward};
 use super::parts::{Beam, Finish, Furnishing, Opening};

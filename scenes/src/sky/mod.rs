@@ -1,7 +1,7 @@
 //! Environment maps made from parameters: analytic skies, clouds, studios, nights, rooms. The maps in `hdri/` are made here.
 //!
-//! Directions follow `renderflow_frame::Environment`: an azimuth of a degrees lies at u = a / 360 (0 = -Z, 90 = +X), the zenith is +Y.
-//! All radiance is scene-linear Rec.709 on a relative scale; a map's mean luminance lies near 0.1 to 2.
+//! Directions follow `renderflow_frame::Environment`: an azimuth of a degrees lies at u = a / 360 (0 = -Z, 90 = +X), the zenith
+//! is +Y. All radiance is scene-linear Rec.709 on a relative scale; a map's mean luminance lies near 0.1 to 2.
 
 mod analytic;
 mod canvas;

@@ -12,9 +12,10 @@
 //! | `env_log` | sRGB(log(1 + E) / log(1 + 10000)) |
 //! | `env_nrm` | the direction of each pixel of the two maps, as normals; one a clip |
 //!
-//! Maps are in camera space: column gx in -1..1 and row gy in 0..1 look along (sin(pi gy) sin(pi gx), cos(pi gy), sin(pi gy) cos(pi gx)), its
-//! `envmap_vec`. Its own loader mirrors the map it is given (its `process_environment_map` says so); these are not mirrored.
-//! `<clip>.cameras.json` has its `frames[].transform_matrix` (OpenGL camera-to-world, +Y up) and the range of depth.
+//! Maps are in camera space: column gx in -1..1 and row gy in 0..1 look along (sin(pi gy) sin(pi gx), cos(pi gy), sin(pi gy)
+//! cos(pi gx)), its `envmap_vec`. Its own loader mirrors the map it is given (its `process_environment_map` says so); these are
+//! not mirrored. `<clip>.cameras.json` has its `frames[].transform_matrix` (OpenGL camera-to-world, +Y up) and the range of
+//! depth.
 
 use super::picture::{byte, png};
 use super::{Job, displayed};

@@ -1,4 +1,5 @@
-//! Every channel as PNG: `OUT/<split>/seq-000123/<channel>_0007.png` and `data_ranges.json`, which says for each what its numbers mean.
+//! Every channel as PNG: `OUT/<split>/seq-000123/<channel>_0007.png` and `data_ranges.json`, which says for each what its numbers
+//! mean.
 //!
 //! | file | bits | value |
 //! |---|---|---|

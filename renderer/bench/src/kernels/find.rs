@@ -12,8 +12,8 @@ const VARIABLE: &str = "RENDERFLOW_EMBREE";
 const ASK: &str =
     "import importlib.util as u, os\ns = u.find_spec('embreex')\nprint(os.path.dirname(os.path.dirname(s.origin)) if s else '')";
 
-/// Embree at `named`, or where the environment says, or in the package embreex of `python`, or the system's version 4 or 3. `None`, with a
-/// line that says so, where there is none.
+/// Embree at `named`, or where the environment says, or in the package embreex of `python`, or the system's version 4 or 3.
+/// `None`, with a line that says so, where there is none.
 ///
 /// # Errors
 /// When it was named and cannot be used.

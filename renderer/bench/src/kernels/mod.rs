@@ -183,8 +183,8 @@ fn embree_name(embree: &Embree, robust: bool) -> String {
     format!("embree {}{}", embree.version(), if robust { " robust" } else { "" })
 }
 
-/// Casts `set` with every tracer by turns, `repeats` times after a first time that is not counted. The first tracer is the one that the
-/// others are compared with hit by hit.
+/// Casts `set` with every tracer by turns, `repeats` times after a first time that is not counted. The first tracer is the one
+/// that the others are compared with hit by hit.
 fn cast(set: &Rays, tracers: &mut [Tracer<'_>], repeats: u32, cancel: &AtomicBool) -> Result<Vec<Row>> {
     let count = set.rays.len();
     let mut found = vec![vec![false; count]; tracers.len()];

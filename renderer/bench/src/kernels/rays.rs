@@ -46,7 +46,8 @@ pub struct Rays {
 /// Sides of tiles of primary rays, and of blocks in them that a packet covers, pixels.
 const TILES: [usize; 2] = [8, 4];
 
-/// All kinds of rays for what `camera` sees of `triangles`; about as many bounces as primary rays. Kinds without rays are left out.
+/// All kinds of rays for what `camera` sees of `triangles`; about as many bounces as primary rays. Kinds without rays are left
+/// out.
 pub fn make(camera: &Camera, triangles: &[[Vec3A; 3]], accel: &Accel) -> Vec<Rays> {
     let primary = tiled(camera);
     let mut scratch = Scratch::default();
@@ -87,7 +88,8 @@ fn tiled(camera: &Camera) -> Vec<[Vec3A; 2]> {
     rays
 }
 
-/// Visits the pixels from `low` to before `high` in squares of the first of `sides`, each of those in squares of the next, and so on.
+/// Visits the pixels from `low` to before `high` in squares of the first of `sides`, each of those in squares of the next, and so
+/// on.
 fn tile(low: [usize; 2], high: [usize; 2], sides: &[usize], visit: &mut impl FnMut(usize, usize)) {
     let Some((&side, rest)) = sides.split_first() else {
         (low[1]..high[1]).for_each(|y| (low[0]..high[0]).for_each(|x| visit(x, y)));

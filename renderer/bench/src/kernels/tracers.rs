@@ -20,8 +20,8 @@ pub struct Tracer<'a> {
     pub cast: Cast<'a>,
 }
 
-/// Every way to cast rays of `kind`; ours, one ray at a time, first. `embree` is scenes of it with their names, the first of which is the
-/// yardstick.
+/// Every way to cast rays of `kind`; ours, one ray at a time, first. `embree` is scenes of it with their names, the first of
+/// which is the yardstick.
 pub fn for_rays<'a>(kind: Kind, accel: &'a Accel, embree: &'a [(String, Scene<'a>)]) -> Vec<Tracer<'a>> {
     let mut tracers = vec![Tracer { name: OURS.into(), yardstick: false, cast: ours(kind, accel) }];
     if kind == Kind::Primary {

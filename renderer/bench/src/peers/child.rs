@@ -1,7 +1,7 @@
 //! Another renderer in a process of its own, which lives as long as the measurement and renders on command.
 //!
-//! Both sides speak JSON, one object a line. The script says `{"ready": {"name", "version"}}` or `{"unavailable": REASON}` first, then
-//! answers every command with an object of its own, `{"error": REASON}` where it failed:
+//! Both sides speak JSON, one object a line. The script says `{"ready": {"name", "version"}}` or `{"unavailable": REASON}` first,
+//! then answers every command with an object of its own, `{"error": REASON}` where it failed:
 //!
 //! | command | answer |
 //! |---|---|

@@ -1,7 +1,7 @@
 //! `renderflow-bench peers`: the same scenes rendered by turns by this program, Mitsuba 3 and Cycles.
 //!
-//! Materials are not quite the same in the three (ours is the conserving mode, Mitsuba's the published one, Cycles has a model of its
-//! own), so each is measured against a picture of many samples of its own; how far those differ is printed.
+//! Materials are not quite the same in the three (ours is the conserving mode, Mitsuba's the published one, Cycles has a model of
+//! its own), so each is measured against a picture of many samples of its own; how far those differ is printed.
 
 mod child;
 mod contender;
@@ -63,8 +63,8 @@ pub struct Options {
     /// Scattering events of a path
     #[arg(long, default_value_t = RenderSettings::default().max_bounces, value_parser = within(RenderSettings::MAX_BOUNCES))]
     max_bounces: u32,
-    /// Every surface Lambertian, of its base colour: the material models then are the same, and where references still differ they
-    /// differ in how light is transported
+    /// Every surface Lambertian, of its base colour: the material models then are the same, and where references still differ
+    /// they differ in how light is transported
     #[arg(long)]
     lambertian: bool,
     /// Relative squared error that times are compared at

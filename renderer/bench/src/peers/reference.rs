@@ -38,8 +38,8 @@ pub struct Difference {
 }
 
 impl Reference {
-    /// Reads it from `path`, or else makes it of `spp` samples (rounded up to a multiple of 8) and writes it there. `step` is called with
-    /// the samples of every part.
+    /// Reads it from `path`, or else makes it of `spp` samples (rounded up to a multiple of 8) and writes it there. `step` is
+    /// called with the samples of every part.
     ///
     /// # Errors
     /// When a picture fails, the file cannot be written, or `cancel` was set.

@@ -128,8 +128,8 @@ fn points(scene: &str, renderer: &str, pixels: usize, rows: &[Row]) -> Vec<Point
         .collect()
 }
 
-/// Seconds at which a measured curve of (seconds, error), in the order of samples, first falls to `target`: linear between its points in
-/// the logarithms of both, inversely proportional beyond them. `None` without a point of positive error.
+/// Seconds at which a measured curve of (seconds, error), in the order of samples, first falls to `target`: linear between its
+/// points in the logarithms of both, inversely proportional beyond them. `None` without a point of positive error.
 pub fn time_to(curve: &[(f64, f64)], target: f64) -> Option<TimeTo> {
     let known: Vec<(f64, f64)> = curve.iter().copied().filter(|(s, e)| *s > 0.0 && *e > 0.0).collect();
     for pair in known.windows(2) {
@@ -147,8 +147,8 @@ pub fn time_to(curve: &[(f64, f64)], target: f64) -> Option<TimeTo> {
 /// Which seconds and which error of a point are meant.
 type Measure = (fn(&Point) -> f64, fn(&RelMse) -> f64);
 
-/// Our seconds over those of another renderer at equal errors: the geometric mean over its points. `None` where one of the curves has no
-/// error above its reference's noise.
+/// Our seconds over those of another renderer at equal errors: the geometric mean over its points. `None` where one of the curves
+/// has no error above its reference's noise.
 fn at_equal_error(ours: &Curve, theirs: &Curve, (seconds, error): Measure) -> Option<f64> {
     let own: Vec<(f64, f64)> = ours.points.iter().map(|p| (seconds(p), error(&p.error))).collect();
     let points = theirs.points.iter().filter(|p| error(&p.error) > 0.0);

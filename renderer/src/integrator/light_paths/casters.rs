@@ -2,7 +2,7 @@
 
 use crate::camera::Filter;
 use crate::compile::{CompiledMaterial, RenderScene};
-use crate::integrator::{DirectLight, Settings};
+use crate::settings::{DirectLight, Settings};
 use glam::{Affine3A, DMat3, Vec3A};
 use rayon::prelude::*;
 use renderflow_scenes::Mesh;

@@ -13,9 +13,9 @@
 //!
 //! - drawn at all surfaces: `N p1 ... pk(w)`,
 //! - light sampled at xk: `N p1 ... p(k-1) pl(w)`,
-//! - light path: `N q pl(w) (product over i = k..2 of pi' (ni . in) / (ni . out)) (n1 . in) J`, where `q` is the number of paths aimed at the
-//!   body per square metre across their direction for one sample a pixel, and `J = d^2 cos^3 / (fx fy) / (n1 . out)` the area at x1 that a
-//!   pixel sees. The distances between the surfaces cancel.
+//! - light path: `N q pl(w) (product over i = k..2 of pi' (ni . in) / (ni . out)) (n1 . in) J`, where `q` is the number of paths
+//!   aimed at the body per square metre across their direction for one sample a pixel, and `J = d^2 cos^3 / (fx fy) / (n1 . out)`
+//!   the area at x1 that a pixel sees. The distances between the surfaces cancel.
 //!
 //! So the third over the second is `q reach(k-1) pk' (nk . in) / (nk . out)` with `reach(1) = (n1 . in) J / p1` and `reach(i) =
 //! reach(i-1) pi' (ni . in) / (ni . out) / pi`: a path from the camera carries `reach` along. For weights, `pi'` is that of the
@@ -32,9 +32,9 @@ pub(super) use trace::{Deposit, LightPaths, trace};
 
 use crate::compile::RenderScene;
 use crate::features::Features;
-use crate::integrator::Settings;
 use crate::integrator::scatter::Scatterer;
 use crate::interaction::Interaction;
+use crate::settings::Settings;
 use glam::Vec3A;
 
 /// Surface that a pixel sees around `at` from its camera, in square metres: `J` above.

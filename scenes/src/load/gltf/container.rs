@@ -1,9 +1,10 @@
 //! The container of binary glTF (glTF 2.0, section 4.4).
 //!
-//! The reader of the gltf crate is not used here: it (1.4) subtracts the header from the stated length unchecked, and refuses chunks
-//! of unknown types and bytes behind the container, which readers are to ignore.
+//! The reader of the gltf crate is not used here: it (1.4) subtracts the header from the stated length unchecked, and refuses
+//! chunks of unknown types and bytes behind the container, which readers are to ignore.
 
-/// The JSON and the binary chunk of a file; a file that is no container is JSON as a whole. The error says what is wrong, in words.
+/// The JSON and the binary chunk of a file; a file that is no container is JSON as a whole. The error says what is wrong, in
+/// words.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     if !bytes.starts_with(b"glTF") {
         return Ok((bytes, None));

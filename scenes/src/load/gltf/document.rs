@@ -1,4 +1,5 @@
-//! The JSON of a glTF file: read, brought into the form that the gltf crate knows where that is stricter than glTF, and validated.
+//! The JSON of a glTF file: read, brought into the form that the gltf crate knows where that is stricter than glTF, and
+//! validated.
 
 use super::{READ, container};
 use crate::error::{Error, Result};

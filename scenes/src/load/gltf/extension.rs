@@ -1,5 +1,5 @@
-//! Material extensions of glTF, brought into Burley's parameters. Exact where the two models agree, the nearest of his lobes and a
-//! note where they do not.
+//! Material extensions of glTF, brought into Burley's parameters. Exact where the two models agree, the nearest of his lobes and
+//! a note where they do not.
 
 use crate::{LoadReport, Material};
 use renderflow_frame::color::luminance;

@@ -31,7 +31,8 @@ const READ: [&str; 5] = [
 /// Extensions that the gltf crate reads here (its cargo features).
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
 
-/// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the latter.
+/// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the
+/// latter.
 pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
     let bytes = file::read(path)?;
     let (document, blob) = document::parse(path, &bytes)?;

@@ -30,7 +30,8 @@ pub(super) fn read(reach: &Reach, uri: &str) -> Result<Vec<u8>, String> {
     })
 }
 
-/// File a relative URI refers to. Its name is what the percent-encoding stands for: what it hides is judged, not how it is written.
+/// File a relative URI refers to. Its name is what the percent-encoding stands for: what it hides is judged, not how it is
+/// written.
 pub(super) fn file(reach: &Reach, uri: &str) -> Result<PathBuf, String> {
     let relative = || format!("{:?} is not a path relative to the file", shortened(uri));
     if uri.split_once(':').is_some_and(|(scheme, _)| !scheme.contains('/')) {

@@ -183,8 +183,8 @@ impl<'a> Lines<'a> {
         Some(format!("line {}: the face names vertex {:?}, {there}", self.line, shortened(index)))
     }
 
-    /// Writes a face with positive indices that all exist, or one that tobj refuses where the words are no indices: its own check of
-    /// indices overflows.
+    /// Writes a face with positive indices that all exist, or one that tobj refuses where the words are no indices: its own check
+    /// of indices overflows.
     fn face<'b>(&mut self, words: impl Iterator<Item = &'b str>) {
         let words: Vec<&str> = words.take_while(|w| !w.starts_with('#')).collect();
         let corners: Option<Vec<[Option<usize>; 3]>> = words.iter().map(|w| self.corner(w)).collect();
@@ -228,7 +228,8 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Indices (from 1) of position, texture coordinate and normal; `None` inside for absent or out of range, outside for no number.
+    /// Indices (from 1) of position, texture coordinate and normal; `None` inside for absent or out of range, outside for no
+    /// number.
     fn corner(&self, word: &str) -> Option<[Option<usize>; 3]> {
         let mut result = [None; 3];
         for (k, number) in word.split('/').enumerate() {

@@ -217,7 +217,8 @@ fn convert(material: &tobj::Material, textures: &mut Textures, report: &mut Load
     })
 }
 
-/// Perceptual roughness of a Blinn-Phong exponent: alpha^2 = 2 / (Ns + 2) (Walter et al. 2007, section 5.2), roughness = sqrt(alpha).
+/// Perceptual roughness of a Blinn-Phong exponent: alpha^2 = 2 / (Ns + 2) (Walter et al. 2007, section 5.2), roughness =
+/// sqrt(alpha).
 fn roughness(exponent: Option<f32>) -> f32 {
     exponent.filter(|n| n.is_finite()).map_or(0.5, |n| (2.0 / (n.max(0.0) + 2.0)).powf(0.25))
 }

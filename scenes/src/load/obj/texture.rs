@@ -55,8 +55,8 @@ impl<'a> Textures<'a> {
         Ok(TextureSlot { texture, uv_transform: statement.uv_transform() })
     }
 
-    /// The colour map with the opacity map as its alpha; white without one. `None` where the two differ in size or in how they lie.
-    /// An opacity map with an alpha channel means that, any other its red.
+    /// The colour map with the opacity map as its alpha; white without one. `None` where the two differ in size or in how they
+    /// lie. An opacity map with an alpha channel means that, any other its red.
     pub(super) fn masked(
         &mut self,
         material: &str,
@@ -87,8 +87,8 @@ impl<'a> Textures<'a> {
         Ok(texture.map(|texture| TextureSlot { texture, uv_transform: opacity.uv_transform() }))
     }
 
-    /// glTF's layout (G = roughness, B = metallic) from one or two grey maps; `None` without any, or where the two differ in size or
-    /// in how they lie.
+    /// glTF's layout (G = roughness, B = metallic) from one or two grey maps; `None` without any, or where the two differ in size
+    /// or in how they lie.
     pub(super) fn metallic_roughness(
         &mut self,
         material: &str,

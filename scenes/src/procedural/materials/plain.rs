@@ -4,8 +4,8 @@ use crate::description::Material;
 use crate::draw::Draw;
 use rand_pcg::Pcg64;
 
-/// Reflectance of metals at normal incidence, linear Rec.709 (rounded values of measured spectra as collected at physicallybased.info):
-/// gold, silver, copper, iron, aluminium, brass, chromium, titanium, platinum.
+/// Reflectance of metals at normal incidence, linear Rec.709 (rounded values of measured spectra as collected at
+/// physicallybased.info): gold, silver, copper, iron, aluminium, brass, chromium, titanium, platinum.
 const METALS: [[f32; 3]; 9] = [
     [1.0, 0.77, 0.31],
     [0.97, 0.96, 0.92],

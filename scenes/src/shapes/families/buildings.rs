@@ -16,8 +16,8 @@ struct Openings {
     depth: f64,
 }
 
-/// A prism over the plan `corners` (counter-clockwise from above: x, z with z down the page), from 0 to `height`, each side a wall
-/// with recessed openings.
+/// A prism over the plan `corners` (counter-clockwise from above: x, z with z down the page), from 0 to `height`, each side a
+/// wall with recessed openings.
 fn storey(b: &mut Builder, corners: &[DVec2], height: f64, openings: Openings) {
     let n = corners.len();
     // Marks between 0 and 1: wall, opening, wall, opening, ..., wall.

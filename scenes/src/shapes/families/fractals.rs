@@ -106,8 +106,8 @@ impl Sponge {
     }
 }
 
-/// The surface of the solid cells of a cube of `n` cells along each edge. Where two solid cells meet in an edge alone, a further one
-/// is filled, so that each edge of the surface belongs to two faces.
+/// The surface of the solid cells of a cube of `n` cells along each edge. Where two solid cells meet in an edge alone, a further
+/// one is filled, so that each edge of the surface belongs to two faces.
 pub(in crate::shapes) fn voxels(b: &mut Builder, n: usize, solid: &mut [bool], place: impl Fn([usize; 3]) -> DVec3) {
     let index = |c: [usize; 3]| (c[2] * n + c[1]) * n + c[0];
     let cells = || (0..n * n * n).map(|i| [i % n, i / n % n, i / (n * n)]);

@@ -256,7 +256,8 @@ impl Gyroid {
             };
             surface.max(body)
         };
-        // The area, and with it the count of triangles, grows with the periods and the square of the cells: about as many as allowed.
+        // The area, and with it the count of triangles, grows with the periods and the square of the cells: about as many as
+        // allowed.
         let mut cells = 48.0;
         loop {
             let mut b = Builder::default();

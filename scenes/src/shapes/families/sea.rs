@@ -8,8 +8,8 @@ use glam::{DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
 
 family! {
-    /// A sea shell: a tube that grows by the same share every turn about an upright axis (logarithmic spiral, Moseley 1838). Whorls
-    /// run into one another.
+    /// A sea shell: a tube that grows by the same share every turn about an upright axis (logarithmic spiral, Moseley 1838).
+    /// Whorls run into one another.
     shape Seashell("organic", Any) |rng| {
         /// Turns.
         turns: f32 [1, 9] = rng.between(3.0, 6.5);

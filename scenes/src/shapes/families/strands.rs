@@ -41,7 +41,8 @@ impl Section {
 }
 
 family! {
-    /// A section swept along a wandering spline, open like a vine or closed like a loop, of changing width and turning on its way.
+    /// A section swept along a wandering spline, open like a vine or closed like a loop, of changing width and turning on its
+    /// way.
     shape Sweep("organic", Any) |rng| {
         /// The section.
         section: Section = Section::draw(rng);
