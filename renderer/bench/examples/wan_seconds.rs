@@ -10,6 +10,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use renderflow::util::machine;
 use renderflow_model::wan::flow::{Conditions, KeyframeConfig, KeyframeLatent};
+use renderflow_model::wan::names::Named;
 use renderflow_model::wan::vae::Cache;
 use renderflow_model::wan::{Dit, DitConfig, DitInput, Flow, FlowConfig, Vae, VaeConfig};
 use std::error::Error;
@@ -75,7 +76,7 @@ fn renderer(size: usize, layers: usize, keyframes: usize) -> Result<(), Box<dyn 
         let velocity = timed("velocity", || Ok(flow.velocity(part(0, 1), &[0.0], &conditions)?))?;
         timed("latents to a picture", || Ok(vae.decode_normalised(part(0, 1) + velocity)?))?;
     }
-    println!("{} parameters", config.account()?.total());
+    println!("{} parameters", flow.count() + vae.count());
     Ok(())
 }
 
