@@ -1,7 +1,6 @@
 //! Seconds of the paper's network at its published size, with random weights, on one square picture; needs up to 7 GB of memory.
 //!
-//! `cargo run --release -p renderflow-bench --example wan_seconds -- [renderer|autoencoder|transformer] [SIZE] [LAYERS]
-//! [KEYFRAMES]`
+//! `cargo run --release -p renderflow-bench --example wan_seconds -- [renderer|autoencoder|transformer] [SIZE] [LAYERS] [KEYFRAMES]`
 //!
 //! `renderer`, without a word: five pictures to latents, one velocity, one picture of the latents, three times; the weights are
 //! drawn in the first. `autoencoder`: the two-dimensional form of single pictures and the three-dimensional one by turns.
@@ -11,6 +10,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use renderflow::util::machine;
 use renderflow_model::wan::flow::{Conditions, KeyframeConfig, KeyframeLatent};
+use renderflow_model::wan::names::Named;
 use renderflow_model::wan::vae::Cache;
 use renderflow_model::wan::{Dit, DitConfig, DitInput, Flow, FlowConfig, Vae, VaeConfig};
 use std::error::Error;
@@ -76,6 +76,7 @@ fn renderer(size: usize, layers: usize, keyframes: usize) -> Result<(), Box<dyn 
         let velocity = timed("velocity", || Ok(flow.velocity(part(0, 1), &[0.0], &conditions)?))?;
         timed("latents to a picture", || Ok(vae.decode_normalised(part(0, 1) + velocity)?))?;
     }
+    println!("{} parameters", flow.count() + vae.count());
     Ok(())
 }
 
