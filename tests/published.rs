@@ -28,6 +28,7 @@ use glam::{DVec3, Vec3A};
 use pictures::{Description, Reference, blocks, compare};
 use renderflow_renderer::Settings;
 use renderflow_renderer::material::{Bsdf, Mode, Principled};
+use renderflow_scenes::description::Material;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -65,8 +66,8 @@ struct Parameters {
 
 impl Parameters {
     fn surface(&self) -> Principled {
-        Principled {
-            base_color: Vec3A::from(self.base_color),
+        Principled::from(&Material {
+            base_color: self.base_color,
             metallic: self.metallic,
             roughness: self.roughness,
             specular: self.specular.unwrap_or(0.5),
@@ -77,7 +78,8 @@ impl Parameters {
             clearcoat: self.clearcoat,
             clearcoat_gloss: self.clearcoat_gloss,
             subsurface: self.subsurface,
-        }
+            ..Material::default()
+        })
     }
 }
 

@@ -6,19 +6,10 @@ use renderflow_renderer::verify::bsdf as checks;
 use renderflow_renderer::verify::chi_square::Random;
 use std::f64::consts::PI;
 
-const BLACK: Principled = Principled {
-    base_color: Vec3A::ZERO,
-    metallic: 0.0,
-    roughness: 0.3,
-    specular: 0.0,
-    specular_tint: 0.0,
-    anisotropic: 0.0,
-    sheen: 0.0,
-    sheen_tint: 0.0,
-    clearcoat: 0.0,
-    clearcoat_gloss: 0.0,
-    subsurface: 0.0,
-};
+/// A black dielectric that does not reflect.
+fn black() -> Principled {
+    Principled { base_color: Vec3A::ZERO, roughness: 0.3, specular: 0.0, clearcoat_gloss: 0.0, ..Principled::default() }
+}
 
 /// Snell's law and Fresnel's two equations, unpolarised, from outside.
 fn fresnel(f0: f64, cos: f64) -> f64 {
@@ -67,8 +58,8 @@ fn worst_difference(mode: Mode, expected: impl Fn(&Principled, DVec3, DVec3) -> 
     for i in 0..20_000 {
         // From an index of 1.06 on.
         let specular = 0.01 + 0.99 * random.next();
-        let coated = Principled { specular, roughness: 0.1 + 0.9 * random.next(), ..BLACK };
-        let lacquered = Principled { clearcoat: random.next(), clearcoat_gloss: 0.5 * random.next(), ..BLACK };
+        let coated = Principled { specular, roughness: 0.1 + 0.9 * random.next(), ..black() };
+        let lacquered = Principled { clearcoat: random.next(), clearcoat_gloss: 0.5 * random.next(), ..black() };
         let surface = if i % 2 == 0 { coated } else { lacquered };
         let (wo, wi) = (direction(&mut random), direction(&mut random));
         let found = Bsdf::<true>::new(&surface, mode).eval(wo, wi).f_cos;
@@ -110,7 +101,7 @@ fn a_tint_keeps_the_rise_of_the_index() {
     for _ in 0..5_000 {
         // A green so dark that the base hardly shows: its hue is that of any green.
         let color = Vec3A::new(0.0, 1e-12, 0.0);
-        let surface = Principled { base_color: color, specular: 0.5, specular_tint: random.next(), roughness: 0.3, ..BLACK };
+        let surface = Principled { base_color: color, specular: 0.5, specular_tint: random.next(), roughness: 0.3, ..black() };
         let (wo, wi) = (direction(&mut random), direction(&mut random));
         let found = Bsdf::<true>::new(&surface, Mode::Conserving).eval(wo, wi).f_cos.as_dvec3();
         let (wo, wi) = (wo.as_dvec3(), wi.as_dvec3());
@@ -129,7 +120,7 @@ fn a_smooth_dielectric_reflects_what_fresnel_says() {
     for specular in [0.02_f32, 0.25, 0.5, 1.0] {
         for degrees in [0.0_f32, 30.0, 45.0, 56.3, 65.0, 75.0, 85.0] {
             let cos = degrees.to_radians().cos();
-            let bsdf = Bsdf::<false>::new(&Principled { specular, roughness: 0.0, ..BLACK }, Mode::Conserving);
+            let bsdf = Bsdf::<false>::new(&Principled { specular, roughness: 0.0, ..black() }, Mode::Conserving);
             let found = checks::albedo(&bsdf, checks::view(cos, 0.4), 128).x;
             let expected = fresnel(f64::from(0.08 * specular), f64::from(cos));
             assert!((found - expected).abs() < 5e-4, "specular {specular}, {degrees} degrees: {found} for {expected}");
@@ -140,7 +131,7 @@ fn a_smooth_dielectric_reflects_what_fresnel_says() {
 /// Where `W` fades to air too, and under a tint and a mixture.
 #[test]
 fn white_dielectrics_of_every_index_close_the_furnace() {
-    let white = Principled { base_color: Vec3A::ONE, ..BLACK };
+    let white = Principled { base_color: Vec3A::ONE, ..black() };
     let mut surfaces = Vec::new();
     for specular in [1e-6, 1e-3, 0.0099, 0.0101, 0.02, 0.1, 0.35, 1.0] {
         for roughness in [0.0, 0.3, 1.0] {
@@ -165,7 +156,7 @@ fn white_dielectrics_of_every_index_close_the_furnace() {
 fn values_are_continuous_down_to_no_coat() {
     let mut random = Random::new(7);
     for _ in 0..200 {
-        let surface = Principled { base_color: Vec3A::splat(0.5), roughness: 0.1 + 0.9 * random.next(), ..BLACK };
+        let surface = Principled { base_color: Vec3A::splat(0.5), roughness: 0.1 + 0.9 * random.next(), ..black() };
         let (wo, wi) = (direction(&mut random), direction(&mut random));
         let value = |specular| Bsdf::<true>::new(&Principled { specular, ..surface }, Mode::Conserving).eval(wo, wi).f_cos.x;
         let (mut last, bare) = (value(0.0), value(0.0));

@@ -63,19 +63,7 @@ impl Random {
     }
 
     fn surface(&mut self) -> Principled {
-        Principled {
-            base_color: Vec3A::new(self.parameter(), self.parameter(), self.parameter()),
-            metallic: self.parameter(),
-            roughness: self.parameter(),
-            specular: self.parameter(),
-            specular_tint: self.parameter(),
-            anisotropic: self.parameter(),
-            sheen: self.parameter(),
-            sheen_tint: self.parameter(),
-            clearcoat: self.parameter(),
-            clearcoat_gloss: self.parameter(),
-            subsurface: self.parameter(),
-        }
+        Principled::from_fn(|| self.parameter())
     }
 
     /// A direction above the horizon; a third graze it, down to cosines of 1e-7.

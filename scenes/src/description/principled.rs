@@ -51,6 +51,8 @@ pub(crate) trait Parameter: Copy {
     fn of(stored: Self::Stored) -> Self;
     /// Each number, with the suffix that a JSON pointer to it has.
     fn for_each(self, f: impl FnMut(&str, f32));
+    /// The parameter whose numbers are the results of calls of `f`.
+    fn from_fn(f: impl FnMut() -> f32) -> Self;
     /// The parameter with every number in 0..=1.
     fn clamped(self) -> Self;
     /// The parameter between this one, at `t` = 0, and `other`, at `t` = 1.
@@ -67,6 +69,10 @@ impl Parameter for f32 {
 
     fn for_each(self, mut f: impl FnMut(&str, f32)) {
         f("", self);
+    }
+
+    fn from_fn(mut f: impl FnMut() -> f32) -> Self {
+        f()
     }
 
     #[inline(always)]
@@ -91,6 +97,10 @@ impl Parameter for Vec3A {
         for (suffix, value) in ["/0", "/1", "/2"].into_iter().zip(self.to_array()) {
             f(suffix, value);
         }
+    }
+
+    fn from_fn(mut f: impl FnMut() -> f32) -> Self {
+        Self::new(f(), f(), f())
     }
 
     #[inline(always)]
@@ -133,6 +143,11 @@ macro_rules! principled {
             /// `base_color/1`.
             pub fn for_each(&self, mut f: impl FnMut(&str, f32)) {
                 $(self.$name.for_each(|suffix, value| f(&format!("{}{suffix}", stringify!($name)), value));)*
+            }
+
+            /// Parameters whose numbers are the results of calls of `f`, in the order of declaration.
+            pub fn from_fn(mut f: impl FnMut() -> f32) -> Self {
+                Self { $($name: Parameter::from_fn(&mut f),)* }
             }
 
             /// Every parameter in its range.
