@@ -144,8 +144,8 @@ impl Settings {
         Ok(())
     }
 
-    /// How samples are distributed, as the header of a frame stores it: `average 256`, `error 0.01 within 4096`, `time 5 within 4096`;
-    /// empty for [`Budget::Uniform`].
+    /// How samples are distributed, as the header of a frame stores it: `average 256`, `error 0.01 within 4096`, `time 5 within
+    /// 4096`; empty for [`Budget::Uniform`].
     pub fn sampling(&self) -> String {
         match self.budget {
             Budget::Uniform => String::new(),
@@ -243,7 +243,8 @@ pub enum Budget {
     /// A fixed sum: at most [`Settings::spp`] a pixel on average, and no fewer where pixels that may see geometry need them.
     /// Below 32 all that may see geometry have as many.
     Average,
-    /// Until the relMSE of the picture, mean((picture - truth)^2 / (truth^2 + 0.01)), is estimated to be at most a target; at most
+    /// Until the relMSE of the picture, mean((picture - truth)^2 / (truth^2 + 0.01)), is estimated to be at most a target; at
+    /// most
     /// [`Settings::spp`] a pixel on average.
     Error {
         /// The target in millionths, at least 1.

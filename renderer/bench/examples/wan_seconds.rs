@@ -1,6 +1,7 @@
 //! Seconds of the paper's network at its published size, with random weights, on one square picture; needs up to 7 GB of memory.
 //!
-//! `cargo run --release -p renderflow-bench --example wan_seconds -- [renderer|autoencoder|transformer] [SIZE] [LAYERS] [KEYFRAMES]`
+//! `cargo run --release -p renderflow-bench --example wan_seconds -- [renderer|autoencoder|transformer] [SIZE] [LAYERS]
+//! [KEYFRAMES]`
 //!
 //! `renderer`, without a word: five pictures to latents, one velocity, one picture of the latents, three times; the weights are
 //! drawn in the first. `autoencoder`: the two-dimensional form of single pictures and the three-dimensional one by turns.
