@@ -294,8 +294,8 @@ impl Picture<'_> {
             let base = block * fine(self.groups) + sub * BASE;
             let along: [f32; MIXED] = std::array::from_fn(|k| (0..3).map(|c| d[c] * mix.candidates[k][c]).sum());
             let mean: f32 = along.iter().zip(mix.weights).map(|(v, w)| v * w).sum();
-            for k in 0..CANDIDATES {
-                found.fine[base + k] = mix.weights[k] * (along[k] - mean);
+            for (k, along) in along[..CANDIDATES].iter().enumerate() {
+                found.fine[base + k] = mix.weights[k] * (along - mean);
             }
             if self.groups.deferred {
                 let weight = mix.weights[1 + KEYS];
@@ -305,8 +305,8 @@ impl Picture<'_> {
                     found.fine[base + CANDIDATES + term] = if inside { weight * factor * slope } else { 0.0 };
                 }
             }
-            for c in 0..3 {
-                found.fine[base + CANDIDATES + TERMS + c] = d[c] * pixel.tint[c];
+            for (c, d) in d.iter().enumerate() {
+                found.fine[base + CANDIDATES + TERMS + c] = d * pixel.tint[c];
             }
             if self.groups.samples {
                 let at = self.traced_at(i) + KERNEL + SCALES;
@@ -378,8 +378,8 @@ impl Picture<'_> {
         }
         let mean: f32 = along.iter().zip(mix.scales).map(|(v, w)| v * w).sum();
         let at = self.traced_at(i) + KERNEL;
-        for level in 0..SCALES {
-            found.fine[at + level] = mix.scales[level] * (along[level] - mean);
+        for (level, along) in along.iter().enumerate() {
+            found.fine[at + level] = mix.scales[level] * (along - mean);
         }
     }
 }

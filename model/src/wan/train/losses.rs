@@ -84,9 +84,9 @@ pub fn absolute(a: Tensor<5>, b: Tensor<5>) -> Tensor<1> {
 /// Keeps the slope of the square root finite where a picture is flat (SPSR, Ma et al. 2020).
 const FLAT: f32 = 1e-6;
 
-/// Mean absolute difference of the gradient magnitudes `sqrt(gx^2 + gy^2 + 1e-6)` of two pictures, per channel, with `gx = I(x +
-/// 1) - I(x - 1)`. The mean is over the pixels that have all neighbours: the zero padding of SPSR (Ma et al. 2020) would turn the
-/// border into an edge. It is 0 for pictures with fewer than three pixels a side.
+/// Mean absolute difference of the gradient magnitudes `sqrt(gx^2 + gy^2 + 1e-6)` of two pictures, per channel, with
+/// `gx = I(x + 1) - I(x - 1)`. The mean is over the pixels that have all neighbours: the zero padding of SPSR (Ma et al. 2020)
+/// would turn the border into an edge. It is 0 for pictures with fewer than three pixels a side.
 pub fn gradient(a: Tensor<5>, b: Tensor<5>) -> Tensor<1> {
     let [_, _, _, h, w] = a.dims();
     if h < 3 || w < 3 {
