@@ -78,9 +78,7 @@ fn links_lead_somewhere() {
     let mut faults = Vec::new();
     for page in pages {
         let text = std::fs::read_to_string(&page).unwrap();
-        // The book takes its page on contributing from the file at the root, whose links are those of the root.
-        let lines = links(&text);
-        for (line, target) in lines {
+        for (line, target) in links(&text) {
             faults.extend(broken(&page, &text, &target).map(|fault| format!("{}:{line}: {fault}", page.display())));
         }
     }

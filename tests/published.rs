@@ -6,8 +6,8 @@
 //! precision:
 //!
 //! 1. Fresnel of the dielectric. Burley: Schlick, `F0 + (1 - F0) w(c)`, `F0 = 0.08 specular`. Mitsuba: the exact unpolarised
-//!    reflectance at the index `2 / (1 - sqrt(F0)) - 1` in the share `1 - spec_tint` of the lobe, Schlick in the rest. Value added
-//!    by Mitsuba: `(1 - metallic) (1 - spec_tint) (F_exact - F_schlick) D G / (4 cos_o)`.
+//!    reflectance at the index `2 / (1 - sqrt(F0)) - 1` in the share `1 - spec_tint` of the lobe, Schlick in the rest. Value
+//!    added by Mitsuba: `(1 - metallic) (1 - spec_tint) (F_exact - F_schlick) D G / (4 cos_o)`.
 //! 2. `specular` = 0. Mitsuba drops the whole specular lobe wherever its exact reflectance is 0, metal included; Burley keeps
 //!    `w(c)` at grazing angles. Value added: minus the lobe.
 //! 3. Clearcoat. Burley: `clearcoat / 4 D F G / (4 cos_o cos_i)`; his explorer's `smithG_GGX` holds the denominator. Mitsuba
