@@ -108,8 +108,12 @@ fn comments_keep_to_the_page() {
     let mut faults = Vec::new();
     for path in sources {
         let text = std::fs::read_to_string(&path).unwrap();
-        let long =
-            text.lines().enumerate().filter(|(_, line)| line.trim_start().starts_with("//") && line.chars().count() > COLUMNS);
+        // A row of a table is one line.
+        let wraps = |line: &str| {
+            let text = line.trim_start();
+            text.starts_with("//") && !text.trim_start_matches(['/', '!', ' ']).starts_with('|')
+        };
+        let long = text.lines().enumerate().filter(|(_, line)| wraps(line) && line.chars().count() > COLUMNS);
         faults.extend(long.map(|(i, line)| format!("{}:{}: {} columns", path.display(), i + 1, line.chars().count())));
     }
     assert!(faults.is_empty(), "comments over {COLUMNS} columns:\n{}", faults.join("\n"));
