@@ -20,6 +20,12 @@ fn plan(folder: &Path, seed: &str) -> PathBuf {
     let arguments = ["dataset", "plan", "--seed", seed, "--split", "test", "--sequences", "1", "--frames", "5"];
     let size = ["--resolution", "48", "--spp", "4", "--keyframe-gap", "4", "--denoise", "none", "--out", path.to_str().unwrap()];
     succeed(&[&arguments[..], &size].concat());
+    // Objects on a ground, and a camera that turns around them.
+    let mut plan: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let composition = &mut plan["composition"];
+    composition["layouts"] = serde_json::json!({ "ground": 1.0, "room": 0.0, "outdoor": 0.0 });
+    composition["cameras"] = serde_json::json!({ "orbit": 1.0, "dolly": 0.0, "handheld": 0.0, "fixed": 0.0 });
+    std::fs::write(&path, plan.to_string()).unwrap();
     path
 }
 

@@ -414,7 +414,8 @@ fn results_and_reports_are_not_mixed_with_other_files() {
     // The record of a downloaded sequence names the folder its results go into.
     let record = data.join("train/seq-000000/sequence.json");
     let text = std::fs::read_to_string(&record).unwrap();
-    std::fs::write(&record, text.replace("\"layout\": \"ground\"", "\"layout\": \"../../../escaped\"")).unwrap();
+    let layout = serde_json::from_str::<serde_json::Value>(&text).unwrap()["layout"].to_string();
+    std::fs::write(&record, text.replace(&format!("\"layout\": {layout}"), "\"layout\": \"../../../escaped\"")).unwrap();
     assert_ne!(std::fs::read_to_string(&record).unwrap(), text);
     let deep = folder.at("deep/er/results");
     succeed(&["evaluate", "--data", sequence, "--methods", "ibl", "--out", &deep]);
