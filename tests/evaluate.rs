@@ -31,7 +31,7 @@ fn plan(folder: &Path, seed: &str) -> PathBuf {
 
 /// A set of two classes of a tiny sequence each: `set/near` and `set/far`.
 fn set(folder: &Path) -> PathBuf {
-    for (class, seed) in [("near", "3"), ("far", "4")] {
+    for (class, seed) in [("near", "9"), ("far", "4")] {
         let out = folder.join("sets/tiny").join(class);
         succeed(&["dataset", "render", "--plan", plan(folder, seed).to_str().unwrap(), "--out", out.to_str().unwrap()]);
     }
