@@ -48,11 +48,18 @@ pub struct Recipe {
     pub samples: Option<[u32; PARTS]>,
     /// Share of the denoised pictures, 0..=1, that OIDN makes in least time. It makes the others with least error.
     pub fast: f64,
+    /// Share of the sequences, 0..=1, that have neither samples nor denoised pictures. They cost a small part of the time of the
+    /// others, and train the tiers that read deferred shading and keyframes alone.
+    pub bare: f64,
+    /// Samples for each pixel of the truth of a bare sequence.
+    pub bare_spp: u32,
+    /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
+    pub skip: u64,
 }
 
 impl Default for Recipe {
     fn default() -> Self {
-        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4 }
+        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4, bare: 0.75, bare_spp: 16, skip: 0 }
     }
 }
 
@@ -110,6 +117,7 @@ impl<'a> Planned<'a> {
     /// # Errors
     /// When the sequence cannot be composed or rendered.
     pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
+        let i = i.saturating_add(self.maker.recipe.skip);
         let [first, count] = self.range;
         let (round, index) = (i / u64::from(count), first + (i % u64::from(count)) as u32);
         let seed = Seed::root(self.plan.seed).child("learning", i);
@@ -121,7 +129,7 @@ impl<'a> Planned<'a> {
         let before = pick(seed, "before", frames - gap);
         let between = (before + 1..before + gap).collect();
         let selected = SelectedFrames { keys: [before, before + gap], between: self.maker.some(seed, between) };
-        self.maker.records(&loaded, &selected, seed, &|_, scene| self.maker.truth(scene))
+        self.maker.records(&loaded, &selected, seed, &|_, scene| self.maker.truth(scene, seed))
     }
 }
 
@@ -140,6 +148,7 @@ impl<'a> Recorded<'a> {
     /// # Errors
     /// When the sequence cannot be read or rendered, or when a frame has no beauty, another size or another scene.
     pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
+        let i = i.saturating_add(self.maker.recipe.skip);
         let count = self.dataset.sequences.len() as u64;
         let mut order: Vec<usize> = (0..count as usize).collect();
         order.shuffle(&mut step_rng(0x6c65_6172, i / count));
@@ -199,8 +208,13 @@ impl<'a> Maker<'a> {
         between
     }
 
-    /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with everything.
-    /// `truth` gives the truth of a frame, at which the scene stands.
+    /// Whether the sequence of a seed has neither samples nor denoised pictures.
+    fn bare(&self, seed: Seed) -> bool {
+        seed.child("bare", 0).rng().random_bool(self.recipe.bare)
+    }
+
+    /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with everything,
+    /// or without samples too if the sequence is bare. `truth` gives the truth of a frame, at which the scene stands.
     fn records(
         &self,
         loaded: &LoadedScene,
@@ -248,6 +262,10 @@ impl<'a> Maker<'a> {
             }
             let alone = ibl::shade(&rendered.gbuffer, &light);
             record.add_environment(&alone, exposure);
+            if self.bare(seed) {
+                records.push(record);
+                continue;
+            }
             // Truth, samples and neighbours use different random numbers.
             let samples = self.samples(seed, number);
             for (part, spp) in samples.into_iter().enumerate() {
@@ -289,8 +307,9 @@ impl<'a> Maker<'a> {
         Ok(render(scene, &settings, &|_, _| (), self.cancel)?)
     }
 
-    fn truth(&self, scene: &RenderScene) -> Result<Rgb> {
-        let traced = self.trace(scene, self.recipe.truth_spp, false)?;
+    fn truth(&self, scene: &RenderScene, seed: Seed) -> Result<Rgb> {
+        let spp = if self.bare(seed) { self.recipe.bare_spp } else { self.recipe.truth_spp };
+        let traced = self.trace(scene, spp, false)?;
         let raw = traced.raw.context("the path tracer made no picture")?;
         match &self.denoisers {
             Some([denoiser, _]) => {

@@ -44,6 +44,8 @@ impl Options {
             frames: 1,
             samples: Some(VALIDATION_SAMPLES),
             fast: 0.0,
+            bare: 0.0,
+            skip: 0,
             ..self.recipe.clone()
         }
     }
@@ -66,8 +68,10 @@ impl Train {
             );
         }
         options.training.validate()?;
-        let fast = options.recipe.fast;
-        ensure!((0.0..=1.0).contains(&fast), "recipe.fast: {fast} is outside 0..=1");
+        let recipe = &options.recipe;
+        for (name, share) in [("fast", recipe.fast), ("bare", recipe.bare)] {
+            ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
+        }
         Ok(())
     }
 
