@@ -1,14 +1,11 @@
 # RenderFlow. `make demo` and `make test` do all set-up on a fresh Debian or Ubuntu with Rust and Python's pip.
 .PHONY: demo test test-full bench docs oidn build lint hdri clean
 
-# Where OIDN was fetched (or cannot be), the same rules serve: the feature is on exactly when the library is there.
-OIDN_LIBRARY := .oidn/pyoidn/oidn/lib/libOpenImageDenoise.so
-FEATURES = $(if $(wildcard $(OIDN_LIBRARY)),--features oidn)
 CARGO = cargo
 RENDERFLOW = target/release/renderflow
 
 build: oidn
-	$(CARGO) build --release $(FEATURES)
+	$(CARGO) build --release
 
 # Pipeline on one held-out scene; ends with a table and demo-out/report/index.html.
 demo: build
@@ -16,24 +13,24 @@ demo: build
 
 lint:
 	$(CARGO) fmt --all --check
-	$(CARGO) clippy --release --workspace --all-targets $(FEATURES) -- -D warnings
+	$(CARGO) clippy --release --workspace --all-targets -- -D warnings
 	@if command -v cargo-deny >/dev/null; then cargo deny check; else echo "skipped: cargo deny is not installed"; fi
 
 test: oidn
 	$(MAKE) lint
-	$(CARGO) test --release --workspace $(FEATURES)
+	$(CARGO) test --release --workspace
 
 # What takes longer, or needs packages from the Python registry.
 test-full: test build
-	$(CARGO) test --release --workspace $(FEATURES) -- --ignored
+	$(CARGO) test --release --workspace -- --ignored
 	sh tests/python/run.sh
 	sh tests/slurm/run.sh
-	FEATURES="$(FEATURES)" sh tests/browser/run.sh
+	sh tests/browser/run.sh
 	$(RENDERFLOW) stress --again --out target/stress.json
 
 # Time against error on every benchmark scene, small: minutes. docs/benchmarks.md has the other measurements.
 bench: oidn
-	$(CARGO) build --release -p renderflow-bench $(FEATURES)
+	$(CARGO) build --release -p renderflow-bench
 	target/release/renderflow-bench convergence --resolution 128 --max-spp 64 --repeats 1 --reference-spp 1024 --out bench
 
 # The book, target/book/index.html. mdBook is built once, into target/tools.
@@ -46,7 +43,7 @@ docs: $(MDBOOK)
 
 # Fetches Intel Open Image Denoise; without it everything works and pictures stay noisy.
 oidn:
-	@sh scripts/fetch_oidn.sh || echo "warning: OIDN could not be fetched; building without it"
+	@sh scripts/fetch_oidn.sh || echo "warning: OIDN could not be fetched; pictures stay noisy without it"
 
 # The maps of hdri/ again, bit for bit.
 hdri: build

@@ -10,14 +10,14 @@ root=.oidn/pyoidn/oidn
 # Written last, so that an interrupted run is not taken for a finished one.
 stamp=.oidn/$sha256
 
-if [ -f "$stamp" ] && [ -f "$root/lib/libOpenImageDenoise.so" ]; then
+if [ -f "$stamp" ] && [ -f "$root/lib/libOpenImageDenoise.so.2" ]; then
     exit 0
 fi
 
 case "$(uname -s)-$(uname -m)" in
 Linux-x86_64) ;;
 *)
-    echo "fetch_oidn: no packaged OIDN for $(uname -s) on $(uname -m); set OIDN_DIR to an installed OIDN 2.5 instead" >&2
+    echo "fetch_oidn: no packaged OIDN for $(uname -s) on $(uname -m); name an installed OIDN 2 with RENDERFLOW_OIDN instead" >&2
     exit 1
     ;;
 esac
@@ -45,6 +45,5 @@ mkdir -p "$root/lib"
 for library in libOpenImageDenoise.so.2 libOpenImageDenoise_core.so.2.5.1 libOpenImageDenoise_device_cpu.so.2.5.1 libtbb.so.12; do
     cp "$work/unpacked/pyoidn/oidn/lib/$library" "$root/lib/"
 done
-ln -s libOpenImageDenoise.so.2 "$root/lib/libOpenImageDenoise.so"
 : >"$stamp"
 echo "fetch_oidn: ready in $root" >&2

@@ -131,13 +131,22 @@ fn full_disk() {
 
 #[test]
 fn oidn_asked_for_and_absent() {
-    if cfg!(feature = "oidn") {
-        println!("skipped: built with OIDN");
-        return;
-    }
     let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    refused(&["render", "--denoise", "oidn", "--out", out.to_str().unwrap()], &["make oidn"], &out);
+    let (out, absent) = (folder.path().join("out"), folder.path().join("absent"));
+    let run = |denoise: &str| {
+        let arguments = ["render", "--frames", "1", "--resolution", "16", "--spp", "1", "--denoise", denoise, "--out"];
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_renderflow"));
+        program.args(arguments).arg(&out).env("RENDERFLOW_OIDN", &absent).output().unwrap()
+    };
+    let output = run("oidn");
+    assert_eq!(output.status.code(), Some(1));
+    let message = stderr(&output);
+    assert!(["make oidn", "pip install pyoidn", "absent"].iter().all(|part| message.contains(part)), "{message}");
+    assert!(!out.exists(), "a refused render wrote something");
+    // What OIDN is not needed for goes on.
+    let output = run("auto");
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(out.join("frame.0000.exr").is_file());
 }
 
 #[test]

@@ -146,7 +146,7 @@ fn path_tracing_gets_the_seconds_of_another_method() {
     let out = folder.path().join("results");
     let (data, out_name) = (data.join("tiny/near"), out.to_str().unwrap());
     if renderflow_renderer::denoise::Denoiser::new().is_err() {
-        return println!("skipped: this build has no denoiser");
+        return println!("skipped: OIDN is not found");
     }
     let clean = "equal-pt64";
     succeed(&["evaluate", "--data", data.to_str().unwrap(), "--methods", clean, "--out", out_name]);
@@ -164,7 +164,7 @@ fn neighbours_samples_help_and_budgets_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let data = set(folder.path()).join("tiny/near");
     if renderflow_renderer::denoise::Denoiser::new().is_err() {
-        return println!("skipped: this build has no denoiser");
+        return println!("skipped: OIDN is not found");
     }
     let run = |out: &str, threads: &str, more: &[&str]| -> (Results, String) {
         let out = folder.path().join(out);

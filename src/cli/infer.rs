@@ -49,7 +49,7 @@ pub struct Infer {
     #[arg(long, value_enum, requires = "rays")]
     neighbours: Option<Neighbours>,
     /// The denoised picture that the network reads with the samples of --rays: OIDN's picture of least error (the default where
-    /// this build has OIDN), the one that takes least time, or none
+    /// OIDN is found), the one that takes least time, or none
     #[arg(long, value_enum, requires = "rays")]
     denoised: Option<Clean>,
     /// How often a path of --rays may scatter

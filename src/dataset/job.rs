@@ -50,7 +50,7 @@ impl TruthSettings {
     /// Opens the denoiser that `mode` asks for. Without samples there is nothing to denoise.
     ///
     /// # Errors
-    /// When the mode asks for a denoiser that this build does not have.
+    /// When the mode asks for a denoiser that is not found.
     pub fn new(render: Settings, mode: Denoise) -> Result<Self> {
         let denoiser = if render.spp == 0 { None } else { Cleaner::open(mode, &render)? };
         Ok(Self { render, sample_map: None, distance: false, watch: None, denoiser })

@@ -37,7 +37,7 @@ const GAP: usize = 16;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Recipe {
-    /// Samples for each pixel of the truth, which is denoised where this build has a denoiser.
+    /// Samples for each pixel of the truth, which is denoised where OIDN is found.
     pub truth_spp: u32,
     /// How often a path may scatter.
     pub max_bounces: u32,
@@ -84,7 +84,7 @@ pub struct Recorded<'a> {
 /// Makes the frames.
 struct Maker<'a> {
     recipe: Recipe,
-    /// OIDN with least error, and in least time; `None` where this build has no denoiser.
+    /// OIDN with least error, and in least time; `None` where OIDN is not found.
     denoisers: Option<[Mutex<Denoiser>; 2]>,
     cancel: &'a Cancel,
 }
@@ -107,7 +107,7 @@ impl<'a> Planned<'a> {
         Self { plan, catalog: plan.catalog(), range: [first, count.max(1)], maker: Maker::new(recipe, cancel) }
     }
 
-    /// Whether the truth is denoised: whether this build has OIDN.
+    /// Whether the truth is denoised: whether OIDN was found.
     pub fn denoises(&self) -> bool {
         self.maker.denoisers.is_some()
     }

@@ -16,7 +16,7 @@ report=${1:-}
 if [ -z "$report" ]; then
     report=$(mktemp -d)
     trap 'rm -rf "$report"' EXIT
-    RENDERFLOW_REPORT_OUT=$report cargo test -q --release ${FEATURES:-} --test report pages_hold
+    RENDERFLOW_REPORT_OUT=$report cargo test -q --release --test report pages_hold
 fi
 mkdir -p "$target/browser"
 NODE_PATH=$modules/node_modules CHROMIUM=$chromium node tests/browser/report.cjs "$report" "$target/browser"

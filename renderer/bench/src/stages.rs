@@ -70,14 +70,14 @@ pub fn timed<T>(f: impl FnOnce() -> Result<T>) -> Result<(T, Spent)> {
     Ok((value, clock.spent()))
 }
 
-/// A denoiser for pictures of these settings, `None` where the program was built without one.
+/// A denoiser for pictures of these settings, `None` where the library is not found.
 ///
 /// # Errors
 /// What the library reports.
 pub fn denoiser(settings: &Settings) -> Result<Option<Denoiser>> {
     match Denoiser::with_options(Options { clean_guides: settings.clean_guides(), ..Options::default() }) {
         Ok(denoiser) => Ok(Some(denoiser)),
-        Err(DenoiseError::NotBuilt) => Ok(None),
+        Err(DenoiseError::NotFound(_)) => Ok(None),
         Err(error) => Err(error.into()),
     }
 }

@@ -1,12 +1,15 @@
-//! Removes the noise that is left in a path-traced picture: Intel Open Image Denoise (OIDN), with the cargo feature `oidn`.
+//! Removes the noise that is left in a path-traced picture, with Intel Open Image Denoise (OIDN).
 //!
-//! The feature links a library that plain `cargo build` must not need, so without it [`Denoiser::new`] fails and says how to
+//! The library is searched when the first [`Denoiser`] is made. Where it is not found, [`Denoiser::new`] fails and says how to
 //! get it; all else is the same.
 
-#[cfg(feature = "oidn")]
+mod library;
 mod oidn;
 
+pub use library::VARIABLE;
+
 use renderflow_frame::image::Rgb;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Largest radiance handed to the denoiser, the largest half float. One pixel of infinite or 1e30 radiance blows up OIDN's
@@ -45,9 +48,12 @@ impl Default for Options {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DenoiseError {
-    /// The program was built without OIDN.
-    #[error("this build has no denoiser: run `make oidn`, then build with `--features oidn`")]
-    NotBuilt,
+    /// The library was not found, or cannot be loaded.
+    #[error(
+        "Open Image Denoise cannot be loaded ({0}); fetch it with `make oidn` or `pip install pyoidn`, or name an installed copy of \
+         version 2 with the environment variable {VARIABLE}"
+    )]
+    NotFound(&'static str),
     /// OIDN reported an error.
     #[error("Open Image Denoise: {0}")]
     Oidn(String),
@@ -72,9 +78,16 @@ pub enum DenoiseError {
     Cancelled,
 }
 
+/// Where the library of OIDN was found.
+///
+/// # Errors
+/// [`DenoiseError::NotFound`].
+pub fn library() -> Result<&'static Path, DenoiseError> {
+    library::Oidn::get().map(library::Oidn::path).map_err(DenoiseError::NotFound)
+}
+
 /// A denoiser, kept between pictures: its network is built once for each picture size and set of guides.
 pub struct Denoiser {
-    #[cfg(feature = "oidn")]
     filter: oidn::Filter,
     clamped: u64,
 }
@@ -83,7 +96,7 @@ impl Denoiser {
     /// Opens OIDN on the CPU with default [`Options`].
     ///
     /// # Errors
-    /// [`DenoiseError::NotBuilt`] without the feature `oidn`; otherwise what OIDN reports.
+    /// [`DenoiseError::NotFound`] where the library is not found; otherwise what OIDN reports.
     pub fn new() -> Result<Self, DenoiseError> {
         Self::with_options(Options::default())
     }
@@ -92,12 +105,8 @@ impl Denoiser {
     ///
     /// # Errors
     /// As [`Self::new`].
-    #[cfg_attr(not(feature = "oidn"), expect(unused_variables, reason = "there is nothing to configure"))]
     pub fn with_options(options: Options) -> Result<Self, DenoiseError> {
-        #[cfg(feature = "oidn")]
-        return Ok(Self { filter: oidn::Filter::new(options)?, clamped: 0 });
-        #[cfg(not(feature = "oidn"))]
-        Err(DenoiseError::NotBuilt)
+        Ok(Self { filter: oidn::Filter::new(options)?, clamped: 0 })
     }
 
     /// Denoises `color` (scene-linear radiance). Guides are of the same size: `guide_albedo` in 0..=1, `guide_normal` in -1..=1
@@ -143,7 +152,7 @@ impl Denoiser {
             return Err(DenoiseError::Cancelled);
         }
         self.clamped += clamped;
-        let mut denoised = self.run(color, albedo, normal, cancel)?;
+        let mut denoised = self.filter.run(color, albedo, normal, cancel)?;
         bound(&mut denoised, 0.0, f32::MAX);
         Ok(denoised)
     }
@@ -151,16 +160,6 @@ impl Denoiser {
     /// Values of all pictures so far that were clamped to [`MAX_RADIANCE`].
     pub fn clamped(&self) -> u64 {
         self.clamped
-    }
-
-    #[cfg(feature = "oidn")]
-    fn run(&mut self, color: Rgb, albedo: Option<Rgb>, normal: Option<Rgb>, cancel: &AtomicBool) -> Result<Rgb, DenoiseError> {
-        self.filter.run(color, albedo, normal, cancel)
-    }
-
-    #[cfg(not(feature = "oidn"))]
-    fn run(&mut self, _: Rgb, _: Option<Rgb>, _: Option<Rgb>, _: &AtomicBool) -> Result<Rgb, DenoiseError> {
-        Err(DenoiseError::NotBuilt)
     }
 }
 
@@ -191,12 +190,5 @@ mod tests {
         let (bounded, above) = bounded(&picture, 0.0, MAX_RADIANCE);
         assert_eq!(bounded.pixels, [[0.0, 0.0, MAX_RADIANCE], [MAX_RADIANCE, 2.0, MAX_RADIANCE]]);
         assert_eq!(above, 2);
-    }
-
-    #[cfg(not(feature = "oidn"))]
-    #[test]
-    fn a_build_without_oidn_says_how_to_get_it() {
-        let message = Denoiser::new().err().map(|error| error.to_string()).unwrap_or_default();
-        assert!(message.contains("make oidn") && message.contains("--features oidn"), "{message}");
     }
 }

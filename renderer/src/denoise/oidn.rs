@@ -1,10 +1,7 @@
-//! The OIDN binding, on the raw functions of the crate `oidn`.
-//!
-//! Its safe interface sets a parameter `clean_aux` that OIDN ignores (the name is `cleanAux`) and rebuilds the filter for every
-//! picture.
+//! The OIDN binding: a device, a filter that is kept between pictures, and their buffers.
 
+use super::library::{self, Oidn};
 use super::{DenoiseError, Options, Quality};
-use oidn::sys;
 use renderflow_frame::image::Rgb;
 use std::ffi::{CStr, c_void};
 use std::mem::size_of;
@@ -34,8 +31,9 @@ pub(super) struct Filter {
 
 /// A filter and its buffers for one size and set of guides.
 struct Ready {
+    api: &'static Oidn,
     signature: Signature,
-    filter: NonNull<sys::OIDNFilterImpl>,
+    filter: NonNull<library::Filter>,
     /// Colour, output, then albedo and normal where used.
     buffers: Vec<Buffer>,
 }
@@ -48,9 +46,14 @@ struct Signature {
     normal: bool,
 }
 
-struct Device(NonNull<sys::OIDNDeviceImpl>);
+struct Device {
+    api: &'static Oidn,
+    handle: NonNull<library::Device>,
+}
+
 struct Buffer {
-    handle: NonNull<sys::OIDNBufferImpl>,
+    api: &'static Oidn,
+    handle: NonNull<library::Buffer>,
     bytes: usize,
 }
 
@@ -60,17 +63,19 @@ unsafe impl Send for Filter {}
 
 impl Filter {
     pub fn new(options: Options) -> Result<Self, DenoiseError> {
+        let api = Oidn::get().map_err(DenoiseError::NotFound)?;
         // SAFETY: no preconditions; a failure returns null, which `NonNull` catches.
-        let device = unsafe { sys::oidnNewDevice(sys::OIDNDeviceType_OIDN_DEVICE_TYPE_CPU) };
-        let device = Device(NonNull::new(device).ok_or_else(last_error_without_device)?);
+        let handle = unsafe { (api.new_device)(library::DEVICE_CPU) };
+        let handle = NonNull::new(handle).ok_or_else(|| last_error_without_device(api))?;
+        let device = Device { api, handle };
         // Pinned threads would compete with rayon's for the same cores.
         // SAFETY: the device is alive and not committed yet; the name is a C string.
-        unsafe { sys::oidnSetDeviceBool(device.0.as_ptr(), c"setAffinity".as_ptr(), false) };
+        unsafe { (api.set_device_bool)(device.handle.as_ptr(), c"setAffinity".as_ptr(), false) };
         // SAFETY: the device is alive.
-        unsafe { sys::oidnCommitDevice(device.0.as_ptr()) };
+        unsafe { (api.commit_device)(device.handle.as_ptr()) };
         device.check()?;
         // SAFETY: the device is alive and the name is a C string.
-        let version = unsafe { sys::oidnGetDeviceInt(device.0.as_ptr(), c"versionMajor".as_ptr()) };
+        let version = unsafe { (api.get_device_int)(device.handle.as_ptr(), c"versionMajor".as_ptr()) };
         if version != 2 {
             return Err(DenoiseError::Version(version));
         }
@@ -104,11 +109,11 @@ impl Filter {
         let user = ptr::from_ref(cancel).cast_mut().cast::<c_void>();
         // SAFETY: the filter is alive; `goes_on` reads an `AtomicBool` behind `user`, which outlives the call of the filter, and
         // the monitor is taken away after it.
-        unsafe { sys::oidnSetFilterProgressMonitorFunction(ready.filter.as_ptr(), Some(goes_on), user) };
+        unsafe { (ready.api.set_filter_monitor)(ready.filter.as_ptr(), Some(goes_on), user) };
         // SAFETY: the filter is committed and its buffers live in `ready`.
-        unsafe { sys::oidnExecuteFilter(ready.filter.as_ptr()) };
+        unsafe { (ready.api.execute_filter)(ready.filter.as_ptr()) };
         // SAFETY: the filter is alive; no function means no monitor.
-        unsafe { sys::oidnSetFilterProgressMonitorFunction(ready.filter.as_ptr(), None, ptr::null_mut()) };
+        unsafe { (ready.api.set_filter_monitor)(ready.filter.as_ptr(), None, ptr::null_mut()) };
         self.device.check()?;
         let mut denoised = Rgb::filled(signature.width, signature.height, [0.0; 3]);
         output.read(&mut denoised.pixels);
@@ -122,13 +127,14 @@ impl Filter {
 
 impl Ready {
     fn new(device: &Device, options: Options, signature: Signature) -> Result<Self, DenoiseError> {
+        let api = device.api;
         // SAFETY: the device is alive and committed, the name is a C string.
-        let filter = unsafe { sys::oidnNewFilter(device.0.as_ptr(), c"RT".as_ptr()) };
+        let filter = unsafe { (api.new_filter)(device.handle.as_ptr(), c"RT".as_ptr()) };
         let Some(filter) = NonNull::new(filter) else {
             device.check()?;
             return Err(DenoiseError::Oidn("the filter could not be made".into()));
         };
-        let mut ready = Self { signature, filter, buffers: Vec::with_capacity(4) };
+        let mut ready = Self { api, signature, filter, buffers: Vec::with_capacity(4) };
         ready.attach(device, c"color")?;
         ready.attach(device, c"output")?;
         if signature.albedo {
@@ -138,17 +144,17 @@ impl Ready {
             ready.attach(device, c"normal")?;
         }
         let quality = match options.quality {
-            Quality::Fast => sys::OIDNQuality_OIDN_QUALITY_FAST,
-            Quality::Balanced => sys::OIDNQuality_OIDN_QUALITY_BALANCED,
-            Quality::High => sys::OIDNQuality_OIDN_QUALITY_HIGH,
+            Quality::Fast => library::QUALITY_FAST,
+            Quality::Balanced => library::QUALITY_BALANCED,
+            Quality::High => library::QUALITY_HIGH,
         };
         let filter = filter.as_ptr();
         // SAFETY: the filter is alive, names are C strings, and the buffers attached outlive it (see `Drop`).
         unsafe {
-            sys::oidnSetFilterBool(filter, c"hdr".as_ptr(), true);
-            sys::oidnSetFilterBool(filter, c"cleanAux".as_ptr(), options.clean_guides && signature.albedo);
-            sys::oidnSetFilterInt(filter, c"quality".as_ptr(), quality);
-            sys::oidnCommitFilter(filter);
+            (api.set_filter_bool)(filter, c"hdr".as_ptr(), true);
+            (api.set_filter_bool)(filter, c"cleanAux".as_ptr(), options.clean_guides && signature.albedo);
+            (api.set_filter_int)(filter, c"quality".as_ptr(), quality);
+            (api.commit_filter)(filter);
         }
         device.check()?;
         Ok(ready)
@@ -161,11 +167,11 @@ impl Ready {
         // SAFETY: filter and buffer are alive; `width * height` pixels of three floats fill the buffer exactly; strides of 0
         // mean densely packed.
         unsafe {
-            sys::oidnSetFilterImage(
+            (self.api.set_filter_image)(
                 self.filter.as_ptr(),
                 name.as_ptr(),
                 buffer.handle.as_ptr(),
-                sys::OIDNFormat_OIDN_FORMAT_FLOAT3,
+                library::FORMAT_FLOAT3,
                 width,
                 height,
                 0,
@@ -181,16 +187,16 @@ impl Ready {
 impl Device {
     /// The error pending on the device, if any; reading it clears it.
     fn check(&self) -> Result<(), DenoiseError> {
-        read_error(self.0.as_ptr())
+        read_error(self.api, self.handle.as_ptr())
     }
 }
 
 impl Buffer {
     fn new(device: &Device, bytes: usize) -> Result<Self, DenoiseError> {
         // SAFETY: the device is alive and committed; a failure returns null.
-        let handle = unsafe { sys::oidnNewBuffer(device.0.as_ptr(), bytes) };
+        let handle = unsafe { (device.api.new_buffer)(device.handle.as_ptr(), bytes) };
         match NonNull::new(handle) {
-            Some(handle) => Ok(Self { handle, bytes }),
+            Some(handle) => Ok(Self { api: device.api, handle, bytes }),
             None => {
                 device.check()?;
                 Err(DenoiseError::Oidn(format!("no memory for {bytes} bytes")))
@@ -201,29 +207,29 @@ impl Buffer {
     fn write(&self, pixels: &[[f32; 3]]) {
         assert_eq!(size_of_val(pixels), self.bytes, "picture and buffer differ in size");
         // SAFETY: the buffer is alive and, as just checked, of the size of `pixels`, which OIDN only reads.
-        unsafe { sys::oidnWriteBuffer(self.handle.as_ptr(), 0, self.bytes, pixels.as_ptr().cast::<c_void>()) };
+        unsafe { (self.api.write_buffer)(self.handle.as_ptr(), 0, self.bytes, pixels.as_ptr().cast::<c_void>()) };
     }
 
     fn read(&self, pixels: &mut [[f32; 3]]) {
         assert_eq!(size_of_val(pixels), self.bytes, "picture and buffer differ in size");
         // SAFETY: the buffer is alive and, as just checked, of the size of `pixels`; any bit pattern is a float.
-        unsafe { sys::oidnReadBuffer(self.handle.as_ptr(), 0, self.bytes, pixels.as_mut_ptr().cast::<c_void>()) };
+        unsafe { (self.api.read_buffer)(self.handle.as_ptr(), 0, self.bytes, pixels.as_mut_ptr().cast::<c_void>()) };
     }
 }
 
-fn last_error_without_device() -> DenoiseError {
-    read_error(ptr::null_mut()).err().unwrap_or_else(|| DenoiseError::Oidn("no CPU device".into()))
+fn last_error_without_device(api: &Oidn) -> DenoiseError {
+    read_error(api, ptr::null_mut()).err().unwrap_or_else(|| DenoiseError::Oidn("no CPU device".into()))
 }
 
 /// Null reads the error of this thread, which is where failures to make a device end up.
-fn read_error(device: sys::OIDNDevice) -> Result<(), DenoiseError> {
+fn read_error(api: &Oidn, device: *mut library::Device) -> Result<(), DenoiseError> {
     let mut message = ptr::null();
     // SAFETY: `device` is alive or null, both of which OIDN accepts; `message` is a valid place for a pointer.
-    let code = unsafe { sys::oidnGetDeviceError(device, &mut message) };
-    if code == sys::OIDNError_OIDN_ERROR_NONE {
+    let code = unsafe { (api.get_device_error)(device, &mut message) };
+    if code == library::ERROR_NONE {
         return Ok(());
     }
-    if code == sys::OIDNError_OIDN_ERROR_CANCELLED {
+    if code == library::ERROR_CANCELLED {
         return Err(DenoiseError::Cancelled);
     }
     let text = if message.is_null() {
@@ -238,20 +244,20 @@ fn read_error(device: sys::OIDNDevice) -> Result<(), DenoiseError> {
 impl Drop for Ready {
     fn drop(&mut self) {
         // SAFETY: the handle is ours and released once. The buffers follow; OIDN counts references.
-        unsafe { sys::oidnReleaseFilter(self.filter.as_ptr()) };
+        unsafe { (self.api.release_filter)(self.filter.as_ptr()) };
     }
 }
 
 impl Drop for Buffer {
     fn drop(&mut self) {
         // SAFETY: the handle is ours and released once.
-        unsafe { sys::oidnReleaseBuffer(self.handle.as_ptr()) };
+        unsafe { (self.api.release_buffer)(self.handle.as_ptr()) };
     }
 }
 
 impl Drop for Device {
     fn drop(&mut self) {
         // SAFETY: the handle is ours and released once; OIDN keeps the device alive while a filter or buffer refers to it.
-        unsafe { sys::oidnReleaseDevice(self.0.as_ptr()) };
+        unsafe { (self.api.release_device)(self.handle.as_ptr()) };
     }
 }

@@ -92,7 +92,7 @@ impl Train {
         let bars = Bars::new(options.training.first);
         let tested = Planned::new(&plan, [counts.train, counts.val], options.validation(), cancel);
         if !tested.denoises() {
-            bars.note("this build has no denoiser: the network learns from noisy truth");
+            bars.note("OIDN is not found: the network learns from noisy truth");
         }
         let validation = validation(&bars, counts.val, &|i| tested.records(i), cancel)?;
         let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);

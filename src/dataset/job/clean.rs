@@ -43,7 +43,7 @@ impl Cleaner {
     /// Opens the denoiser that `mode` asks for; `settings` are the settings of the pictures.
     ///
     /// # Errors
-    /// When the mode asks for a denoiser that this build does not have.
+    /// When the mode asks for a denoiser that is not found.
     pub(super) fn open(mode: Denoise, settings: &Settings) -> Result<Option<Self>> {
         let clean_guides = settings.clean_guides();
         let oidn = || Denoiser::with_options(Options { clean_guides, ..Options::default() });

@@ -105,8 +105,8 @@ fn denoiser(bench: &mut Bench<'_>) -> Result<()> {
     }
     let mut kept = match Denoiser::new() {
         Ok(denoiser) => denoiser,
-        Err(DenoiseError::NotBuilt) => {
-            println!("{name}: skipped, this build has no denoiser");
+        Err(error @ DenoiseError::NotFound(_)) => {
+            println!("{name}: skipped: {error}");
             return Ok(());
         }
         Err(error) => return Err(error.into()),
