@@ -1,5 +1,5 @@
 # RenderFlow. `make demo` and `make test` do all set-up on a fresh Debian or Ubuntu with Rust and Python's pip.
-.PHONY: demo test test-full bench docs oidn build lint hdri clean
+.PHONY: demo test test-full test-wheel bench docs oidn build dist wheel lint hdri clean
 
 CARGO = cargo
 RENDERFLOW = target/release/renderflow
@@ -21,7 +21,7 @@ test: oidn
 	$(CARGO) test --release --workspace
 
 # What takes longer, or needs packages from the Python registry.
-test-full: test build
+test-full: test build test-wheel
 	$(CARGO) test --release --workspace -- --ignored
 	sh tests/python/run.sh
 	sh tests/slurm/run.sh
@@ -40,6 +40,24 @@ $(MDBOOK):
 
 docs: $(MDBOOK)
 	$(MDBOOK) build docs
+
+# The Python wheel, target/wheels/renderflow-*.whl, and its tests in a fresh environment.
+WHEEL_TOOLS = target/python-wheel
+$(WHEEL_TOOLS)/bin/maturin:
+	python3 -m venv $(WHEEL_TOOLS)
+	$(WHEEL_TOOLS)/bin/pip install -q "maturin==1.16.0" "auditwheel==6.8.2"
+
+wheel: $(WHEEL_TOOLS)/bin/maturin
+	rm -rf target/wheels
+	cd python && ../$(WHEEL_TOOLS)/bin/maturin build --release --out ../target/wheels
+	$(WHEEL_TOOLS)/bin/auditwheel show target/wheels/*.whl
+
+test-wheel: wheel
+	sh python/tests/run.sh
+
+# The program as an archive, target/dist/*.tar.gz, with its checksum.
+dist: build
+	sh scripts/dist.sh
 
 # Fetches Intel Open Image Denoise; without it everything works and pictures stay noisy.
 oidn:

@@ -34,6 +34,7 @@ use renderflow_scenes::LoadReport;
 use renderflow_scenes::description::{EnvironmentSource, Scene};
 use renderflow_scenes::load::{self, ModelView};
 use renderflow_scenes::procedural::{Composition, Split, compose_one};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -94,10 +95,14 @@ enum Command {
 const BENCH_MOVED: &str = "the measurements are in the program renderflow-bench (cargo build --release -p renderflow-bench); \
     `bench inverse` and `bench autoencoder` are `renderflow evaluate inverse` and `renderflow evaluate autoencoder`\n";
 
-/// Parses the command line and runs it.
+/// Parses the command line of this process and runs it.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    program::exit_code(run(cli))
+    main_with(std::env::args_os()).into()
+}
+
+/// Parses a command line, whose first argument is the name of the program, and runs it. Returns the exit code.
+pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    program::exit_code(run(Cli::parse_from(arguments)))
 }
 
 fn run(cli: Cli) -> Result<()> {

@@ -6,7 +6,6 @@ use crate::util::stop;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Options of every command.
 #[derive(Args)]
@@ -52,22 +51,22 @@ fn threads(asked: usize) -> usize {
 }
 
 /// The exit code of a program whose work ended with `result`. An error is printed on standard error.
-pub fn exit_code(result: Result<()>) -> ExitCode {
+pub fn exit_code(result: Result<()>) -> u8 {
     match result {
         Ok(()) => match console::lost_output() {
-            None => ExitCode::SUCCESS,
+            None => 0,
             Some(error) => {
                 eprintln!("error: the work is done, but standard output could not be written: {error}");
-                ExitCode::FAILURE
+                1
             }
         },
         Err(error) if error.downcast_ref::<Interrupted>().is_some() || error.root_cause().is::<Interrupted>() => {
             eprintln!("{}", message(&error));
-            ExitCode::from(stop::RESUMABLE)
+            stop::RESUMABLE
         }
         Err(error) => {
             eprintln!("error: {}", message(&error));
-            ExitCode::FAILURE
+            1
         }
     }
 }

@@ -20,12 +20,14 @@ use renderflow_frame::frame_file::Profile;
 use renderflow_frame::reach::Reach;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
+use renderflow_model::fusion::Fusion;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 use watch::Watch;
 
@@ -65,6 +67,12 @@ impl TruthSettings {
             Denoise::Auto if Denoiser::new().is_err() => Self::new(render, Denoise::None),
             mode => Self::new(render, mode),
         }
+    }
+
+    /// Denoises with `network`, which also reads what `oidn` makes of the samples. `render` has at least one sample per pixel.
+    pub fn with_network(render: Settings, network: Arc<Fusion>, oidn: Option<Denoiser>) -> Self {
+        let denoiser = Some(Cleaner::neural(network, oidn));
+        Self { render, sample_map: None, distance: false, watch: None, denoiser }
     }
 
     /// Name of the denoiser in use.

@@ -25,6 +25,7 @@ pub mod repair;
 pub mod sequence;
 pub mod shard;
 pub mod slurm;
+pub mod source;
 pub mod statistics;
 pub mod stats;
 pub mod testset;

@@ -45,8 +45,11 @@ pub fn reference_noise(reference: &Rgb, variance: &Rgb) -> Result<Vec<f64>> {
     Ok(variance.pixels.iter().zip(&reference.pixels).map(pixel).collect())
 }
 
-/// Fails when the sizes differ or there are no pixels.
-pub(crate) fn same_size(image: &Rgb, reference: &Rgb) -> Result<()> {
+/// Checks that two pictures can be compared.
+///
+/// # Errors
+/// When the sizes differ or there are no pixels.
+pub fn same_size(image: &Rgb, reference: &Rgb) -> Result<()> {
     let size = |i: &Rgb| (i.width, i.height);
     if size(image) != size(reference) {
         let ((w, h), (rw, rh)) = (size(image), size(reference));

@@ -5,7 +5,7 @@ import pathlib
 import sys
 
 import numpy as np
-from renderflow_data import read_rff, samples
+from numpy_reader import read_rff, samples
 
 UNIT = 0.5 / 255 + 1e-6
 stored, compact = map(pathlib.Path, sys.argv[1:])

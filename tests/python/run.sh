@@ -7,7 +7,8 @@ venv=target/python
 $venv/bin/pip install -q "OpenEXR==3.5.3" "numpy==2.4.6" "zstandard==0.25.0" "pillow==13.0.0" "webdataset==1.0.2" "pycocotools==2.0.11"
 out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
-export PYTHONPATH=python
+# `make test-wheel` has built it.
+$venv/bin/pip install -q --force-reinstall --no-deps target/wheels/renderflow-*.whl
 renderflow=target/release/renderflow
 $renderflow render --seed 1 --frames 1 --resolution 64 --spp 4 --out "$out"
 $venv/bin/python tests/python/openexr_channels.py "$out/frame.0000.exr"
@@ -29,7 +30,7 @@ if $venv/bin/python -c "import torch" 2>/dev/null ||
     $venv/bin/pip install -q --retries 0 --timeout 10 "torch==2.15.0" --index-url https://download.pytorch.org/whl/cpu 2>/dev/null ||
     $venv/bin/pip install -q "torch==2.15.0"; then
     for form in stored compact; do
-        $venv/bin/python python/show_batch.py "$out/$form" "$out/$form.png"
+        $venv/bin/python python/examples/show_batch.py "$out/$form" "$out/$form.png"
     done
     $venv/bin/python tests/python/same_batch.py "$out/stored.png" "$out/compact.png"
 else

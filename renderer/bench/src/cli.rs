@@ -41,7 +41,7 @@ enum Command {
 
 /// Parses the command line and runs it.
 pub fn main() -> ExitCode {
-    program::exit_code(run(Cli::parse()))
+    program::exit_code(run(Cli::parse())).into()
 }
 
 fn run(cli: Cli) -> Result<()> {

@@ -49,9 +49,33 @@ pub(crate) enum Field {
 pub(crate) struct Access<T: 'static> {
     pub get: fn(&Frame) -> Option<&T>,
     pub set: fn(&mut Frame, T),
+    pub take: fn(&mut Frame) -> Option<T>,
+}
+
+/// The values of a layer.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Values {
+    /// Three numbers per pixel.
+    Rgb(Rgb),
+    /// Two numbers per pixel.
+    Vec2(Image<[f32; 2]>),
+    /// One number per pixel.
+    Scalar(Image<f32>),
+    /// One integer per pixel.
+    Id(Image<u32>),
 }
 
 impl Layer {
+    /// Moves the values of this layer out of `frame`; `None` where the frame lacks it.
+    pub fn take(&self, frame: &mut Frame) -> Option<Values> {
+        match &self.field {
+            Field::Rgb(field) => (field.take)(frame).map(Values::Rgb),
+            Field::Vec2(field) => (field.take)(frame).map(Values::Vec2),
+            Field::Scalar(field) => (field.take)(frame).map(Values::Scalar),
+            Field::Id(field) => (field.take)(frame).map(Values::Id),
+        }
+    }
+
     /// Whether a miss is +inf in this layer; no other layer holds infinities.
     pub(crate) fn is_infinite_at_miss(&self) -> bool {
         matches!(self.name, "depth" | "distance")
@@ -74,7 +98,11 @@ macro_rules! layer {
             storage: Storage::$storage,
             optional: true,
             meaning: $meaning,
-            field: Field::$kind(Access { get: |frame| frame.$field.as_ref(), set: |frame, value| frame.$field = Some(value) }),
+            field: Field::$kind(Access {
+                get: |frame| frame.$field.as_ref(),
+                set: |frame, value| frame.$field = Some(value),
+                take: |frame| frame.$field.take(),
+            }),
         }
     };
     (light $group:literal, $name:literal) => {
@@ -87,6 +115,7 @@ macro_rules! layer {
             field: Field::Rgb(Access {
                 get: |frame| frame.light[$group].as_ref(),
                 set: |frame, value| frame.light[$group] = Some(value),
+                take: |frame| frame.light[$group].take(),
             }),
         }
     };
@@ -97,7 +126,11 @@ macro_rules! layer {
             storage: Storage::$storage,
             optional: false,
             meaning: $meaning,
-            field: Field::$kind(Access { get: |frame| Some(&frame.$field), set: |frame, value| frame.$field = value }),
+            field: Field::$kind(Access {
+                get: |frame| Some(&frame.$field),
+                set: |frame, value| frame.$field = value,
+                take: |frame| Some(std::mem::take(&mut frame.$field)),
+            }),
         }
     };
 }

@@ -12,7 +12,7 @@ use renderflow_model::fusion::record::Selection;
 use renderflow_model::fusion::{Fusion, Record, render};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Bytes of a pixel of three channels.
 const RGB: u64 = size_of::<[f32; 3]>() as u64;
@@ -31,7 +31,7 @@ const NEURAL_MOST: u32 = 32;
 pub(super) enum Cleaner {
     Oidn(Mutex<Denoiser>),
     Neural {
-        network: Box<Fusion>,
+        network: Arc<Fusion>,
         /// Also denoises the samples; the network reads the result.
         oidn: Option<Mutex<Denoiser>>,
         /// Name in the headers of frames. It includes a hash of the weights, because other weights make other pictures.
@@ -58,7 +58,7 @@ impl Cleaner {
                     );
                 }
                 // The network reads a G-buffer, whose guides are clean.
-                Some(Self::neural(Fusion::shipped()?, Denoiser::new().ok()))
+                Some(Self::neural(Arc::new(Fusion::shipped()?), Denoiser::new().ok()))
             }
             Denoise::Auto => match oidn() {
                 Ok(denoiser) => Some(Self::Oidn(Mutex::new(denoiser))),
@@ -70,7 +70,8 @@ impl Cleaner {
         })
     }
 
-    fn neural(network: Fusion, oidn: Option<Denoiser>) -> Self {
+    /// The network, which also reads what `oidn` makes of the samples.
+    pub(super) fn neural(network: Arc<Fusion>, oidn: Option<Denoiser>) -> Self {
         let mut hasher = blake3::Hasher::new();
         for parameter in network.parameters() {
             parameter.values.iter().for_each(|v| {
@@ -79,7 +80,7 @@ impl Cleaner {
         }
         let digest = hasher.finalize().to_hex();
         let after = if oidn.is_some() { "oidn + " } else { "" };
-        Self::Neural { network: Box::new(network), oidn: oidn.map(Mutex::new), name: format!("{after}neural {}", &digest[..16]) }
+        Self::Neural { network, oidn: oidn.map(Mutex::new), name: format!("{after}neural {}", &digest[..16]) }
     }
 
     /// Name in the headers of frames.

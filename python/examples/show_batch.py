@@ -6,15 +6,12 @@ import sys
 import numpy as np
 import torch
 from PIL import Image
-from renderflow_data import Shards
-
-
-def srgb(linear):
-    return np.where((c := np.clip(linear, 0, 1)) <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
+from renderflow._frame import srgb
+from renderflow.torch import ShardDataset
 
 
 def main(folder, out, split="train"):
-    loader = torch.utils.data.DataLoader(Shards(folder, split), batch_size=4, num_workers=2)
+    loader = torch.utils.data.DataLoader(ShardDataset(folder, split), batch_size=4, num_workers=2)
     batch = next(iter(loader))
     for name, value in batch.items():
         print(f"{name:10}", tuple(value.shape) if torch.is_tensor(value) else value)

@@ -1,10 +1,8 @@
-"""Reads RenderFlow's frames and shards with numpy: compact frames (.rff), OpenEXR frames, WebDataset tar files.
+"""Reads RenderFlow's frames and shards with numpy, zstandard and OpenEXR alone, so that tests compare our reader with another one.
 
 Layers are float32 (height, width[, components]): scene-linear Rec.709; camera space with +x right, +y up, +z to the viewer; depth in
 metres, +inf at a miss. Ids are uint32. Layout and precision of .rff: renderer/frame/src/compact.rs."""
 import json
-import pathlib
-import random
 import struct
 import tarfile
 import tempfile
@@ -91,26 +89,3 @@ def samples(shard, layers=None):
                 yield json.loads(data), frame
             else:
                 _, frame = read_rff(data, layers) if ending == "rff" else read_exr(data, layers)
-
-
-def Shards(folder, split="train", layers=("beauty", "albedo", "normal", "depth", "material"), shuffle=True, seed=0):
-    """A PyTorch dataset: frames as dicts of tensors (components, height, width); shards are divided among workers."""
-    import torch
-
-    def tensor(values):  # ids as signed integers, which torch can compare and index
-        values = np.moveaxis(np.atleast_3d(values), -1, 0)
-        return torch.from_numpy(np.ascontiguousarray(values, "i8" if values.dtype.kind == "u" else None))
-
-    class Dataset(torch.utils.data.IterableDataset):
-        def __iter__(self):
-            shards = json.loads((pathlib.Path(folder) / "manifest.json").read_text())["shards"]
-            names = [s["file"] for s in shards if (s["split"], s["kind"]) == (split, "frames")]
-            if shuffle:
-                random.Random(seed).shuffle(names)
-            worker = torch.utils.data.get_worker_info()
-            for name in names[worker.id :: worker.num_workers] if worker else names:
-                for about, frame in samples(pathlib.Path(folder) / name, set(layers)):
-                    tensors = {k: tensor(v) for k, v in frame.items()}
-                    yield {"key": about["key"], "exposure": about["exposure"], "keyframe": about["keyframe"], **tensors}
-
-    return Dataset()

@@ -1,0 +1,89 @@
+"""Datasets on disk, with numpy alone: folders that ``renderflow dataset render`` wrote, and shards that ``dataset pack`` wrote."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tarfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from . import Frame, read_frame
+
+__all__ = ["Dataset", "Shard", "read_shard", "shards"]
+
+_FRAME = re.compile(r"frame\.(\d+)\.(exr|rff)")
+
+
+class Dataset(Sequence[Frame]):
+    """The frames of a dataset, in order of their sequences. ``folder`` is a dataset, one split of it, or one sequence.
+
+    ``dataset[i]`` reads a frame. ``paths[i]`` is its file. ``layers`` selects layers; ``None`` reads all.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], split: str | None = None, layers: Iterable[str] | None = None) -> None:
+        root = Path(folder)
+        root = root / split if split is not None else root
+        if not root.is_dir():
+            raise FileNotFoundError(f"{root}: there is no such folder")
+        self.layers = None if layers is None else tuple(layers)
+        self.paths = sorted(path for path in root.rglob("frame.*") if _FRAME.fullmatch(path.name))
+        if not self.paths:
+            raise ValueError(f"{root}: holds no frames")
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __getitem__(self, index: int) -> Frame:  # type: ignore[override]
+        return read_frame(self.paths[index], self.layers)
+
+    def sequences(self) -> dict[Path, list[int]]:
+        """The indices of the frames of each sequence folder."""
+        found: dict[Path, list[int]] = {}
+        for index, path in enumerate(self.paths):
+            found.setdefault(path.parent, []).append(index)
+        return found
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A tar file of frames."""
+
+    path: Path
+    samples: int
+    """Number of frames."""
+
+
+def shards(folder: str | os.PathLike[str], split: str = "train") -> list[Shard]:
+    """The shards of a split that hold frames. Raises ``ValueError`` where the folder has no such split."""
+    root = Path(folder)
+    manifest = json.loads((root / "manifest.json").read_text(encoding="utf-8"))
+    of_frames = [shard for shard in manifest["shards"] if shard["kind"] == "frames"]
+    found = [Shard(root / shard["file"], shard["samples"]) for shard in of_frames if shard["split"] == split]
+    if not found:
+        known = sorted({shard["split"] for shard in of_frames})
+        raise ValueError(f"{root}: no split {split!r}, but {', '.join(known) or 'none at all'}")
+    return found
+
+
+def read_shard(path: str | os.PathLike[str], layers: Iterable[str] | None = None) -> Iterator[tuple[dict[str, Any], Frame]]:
+    """The description and the frame of every sample in a shard, in order."""
+    for about, data in _samples(path):
+        yield about, read_frame(data, layers)
+
+
+def _samples(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], bytes]]:
+    """The description and the bytes of every frame: in the file, a frame comes before its description."""
+    data = b""
+    with tarfile.open(path) as archive:
+        for member in archive:
+            file = archive.extractfile(member)
+            if file is None:
+                continue
+            if member.name.endswith(".json"):
+                yield json.loads(file.read()), data
+            else:
+                data = file.read()

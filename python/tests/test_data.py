@@ -1,0 +1,86 @@
+"""Datasets from Python, on a small one that the command line makes."""
+
+import multiprocessing
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from renderflow import data
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    root = tmp_path_factory.mktemp("data")
+
+    def run(*arguments):
+        done = subprocess.run([sys.executable, "-m", "renderflow", "dataset", *arguments], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+    plan, whole, packed = (str(root / name) for name in ("plan.toml", "whole", "packed"))
+    run("plan", "--seed", "5", "--sequences", "5", "--frames", "3", "--resolution", "32", "--spp", "1", "--denoise", "none", "--out", plan)
+    run("render", "--plan", plan, "--out", whole)
+    run("pack", whole, "--out", packed, "--profile", "compact", "--samples-per-shard", "3")
+    return whole, packed
+
+
+def test_folders(folders):
+    whole, _ = folders
+    dataset = data.Dataset(whole, "train", layers=["beauty", "depth"])
+    assert len(dataset) == 3 * len(dataset.sequences()) and set(dataset[0]) == {"beauty", "depth"}
+    assert len(data.Dataset(whole)) == 15
+    assert dataset[-1]["beauty"].shape == (32, 32, 3)
+    with pytest.raises(FileNotFoundError):
+        data.Dataset(whole, "trian")
+
+
+def test_shards_hold_what_folders_hold(folders):
+    whole, packed = folders
+    dataset = data.Dataset(whole, "train")
+    found = data.shards(packed, "train")
+    assert sum(shard.samples for shard in found) == len(dataset)
+    frames = [frame for shard in found for _, frame in data.read_shard(shard.path)]
+    assert len(frames) == len(dataset)
+    for ours, packed_frame in zip(dataset, frames):
+        assert np.array_equal(ours["object_id"], packed_frame["object_id"])
+        np.testing.assert_allclose(ours["albedo"], packed_frame["albedo"], atol=0.01)
+    with pytest.raises(ValueError, match="no split 'trian', but .*train"):
+        data.shards(packed, "trian")
+
+
+def test_torch(folders):
+    pytest.importorskip("torch")
+    from renderflow.torch import FrameDataset, ShardDataset
+    from torch.utils.data import DataLoader
+
+    whole, packed = folders
+    assert len(FrameDataset(whole, "train")) == len(ShardDataset(packed, "train"))
+    sample = FrameDataset(whole, "train", layers=["beauty", "object_id"])[0]
+    assert sample["beauty"].shape == (3, 32, 32) and str(sample["object_id"].dtype) == "torch.int64"
+    dataset = ShardDataset(packed, "train", buffer=4)
+
+    def keys(**options):
+        return [key for batch in DataLoader(dataset, batch_size=2, **options) for key in batch["key"]]
+
+    first = keys()
+    assert len(first) == len(set(first)) == len(dataset) and first == keys()
+    dataset.set_epoch(1)
+    assert sorted(keys()) == sorted(first) and keys() != first
+    # Workers that are spawned, as on macOS, on Windows, and by default from Python 3.14 on.
+    context = multiprocessing.get_context("spawn")
+    assert sorted(keys(num_workers=2, multiprocessing_context=context)) == sorted(first)
+    with pytest.raises(KeyError, match="colour"):
+        next(iter(ShardDataset(packed, "train", layers=["colour"])))
+
+
+def test_processes_share_the_shards_evenly(folders):
+    pytest.importorskip("torch")
+    from renderflow.torch import ShardDataset
+
+    _, packed = folders
+    count = len(data.shards(packed, "train"))
+    ranks = [ShardDataset(packed, "train", rank=rank, world=2) for rank in range(2)]
+    seen = [[sample["key"] for sample in dataset] for dataset in ranks]
+    assert len(seen[0]) == len(seen[1]) == len(ranks[0]) and not set(seen[0]) & set(seen[1])
+    with pytest.raises(ValueError, match="fewer samples per shard"):
+        ShardDataset(packed, "train", rank=0, world=count + 1)

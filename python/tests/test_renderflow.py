@@ -1,0 +1,179 @@
+"""What the package promises, on small scenes. Run after installing the wheel: pytest python/tests"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import renderflow as rf
+
+
+@pytest.fixture(scope="module")
+def scene() -> rf.Scene:
+    return rf.compose(seed=7, resolution=(64, 48), frames=3)
+
+
+def command(*arguments: str, **options) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", "renderflow", *arguments], capture_output=True, text=True, **options)
+
+
+def test_a_frame_is_the_one_of_the_command_line(scene, tmp_path):
+    scene.save(tmp_path / "scene.json")
+    made = command("render", "--scene", str(tmp_path / "scene.json"), "--spp", "4", "--denoise", "none", "--out", str(tmp_path / "out"))
+    assert made.returncode == 0, made.stderr
+    for number in range(scene.frames):
+        ours = rf.render(scene, number, spp=4, denoise="none")
+        stored = rf.read_frame(tmp_path / "out" / f"frame.{number:04}.exr")
+        assert ours.info["scene_hash"] == stored.info["scene_hash"] == scene.hash
+        assert set(ours) == set(stored)
+        for name, values in stored.items():
+            assert ours[name].shape == values.shape and ours[name].dtype == values.dtype, name
+            # Files hold half floats where the channel table says so.
+            half = np.float16(np.minimum(ours[name], 65504)) if values.dtype == np.float32 else values
+            equal = np.array_equal(ours[name], values) or np.array_equal(half.astype(values.dtype), values)
+            assert equal, (number, name)
+
+
+def test_shapes_types_and_no_copies(scene):
+    frame = rf.render(scene, spp=2, denoise="none", distance=True, light_groups=2)
+    for name in ("beauty", "albedo", "normal", "material", "raw", "light.0", "light.1"):
+        assert frame[name].shape == (48, 64, 3) and frame[name].dtype == np.float32, name
+    for name in ("depth", "distance", "alpha"):
+        assert frame[name].shape == (48, 64) and frame[name].dtype == np.float32, name
+    assert frame["object_id"].dtype == np.uint32 and frame["motion"].shape == (48, 64, 2)
+    assert not any(values.flags.owndata for values in frame.values()), "arrays should view the renderer's memory"
+    assert all(values.flags.writeable and values.flags.c_contiguous for values in frame.values())
+    assert frame.display().dtype == np.uint8 and frame.exposure > 0
+    np.testing.assert_allclose(frame["light.0"] + frame["light.1"], frame["raw"], rtol=1e-4, atol=1e-5)
+
+
+def test_scenes_go_through_dicts(scene):
+    description = scene.to_dict()
+    assert rf.Scene.from_dict(description).hash == scene.hash
+    description["materials"][0]["roughness"] = 0.123
+    assert rf.Scene.from_dict(description).hash != scene.hash
+    with pytest.raises(rf.Error, match="roughness"):
+        description["materials"][0]["roughness"] = 7
+        rf.Scene.from_dict(description)
+    with pytest.raises(ValueError):
+        description["materials"][0]["roughness"] = float("nan")
+        rf.Scene.from_dict(description)
+
+
+def test_wrong_arguments_are_named(scene, tmp_path):
+    with pytest.raises(IndexError, match="frame 3 of a scene with 3 frames"):
+        rf.render(scene, 3)
+    with pytest.raises(ValueError, match="sharpness is no setting"):
+        rf.render(scene, spp=1, sharpness=2)
+    with pytest.raises(ValueError, match="denoise: .magic. is none of"):
+        rf.render(scene, spp=1, denoise="magic")
+    with pytest.raises(rf.Error, match="spp"):
+        rf.render(scene, spp=0x7FFFFFFF, denoise="none")
+    with pytest.raises(rf.Error, match="absent.glb"):
+        rf.load(tmp_path / "absent.glb")
+    with pytest.raises(OSError):
+        rf.read_frame(tmp_path / "absent.exr")
+    with pytest.raises(rf.Error):
+        rf.read_frame(b"no frame")
+    with pytest.raises(ValueError, match="height, width, 3"):
+        rf.psnr(np.zeros((8, 8, 4)), np.zeros((8, 8, 4)))
+    with pytest.raises(ValueError):
+        rf.ssim(np.zeros((16, 16, 3)), np.zeros((16, 17, 3)))
+
+
+def test_layers_of_a_file(scene, tmp_path):
+    scene.save(tmp_path / "scene.json")
+    out = str(tmp_path / "out")
+    assert command("render", "--scene", str(tmp_path / "scene.json"), "--frames", "1", "--spp", "1", "--out", out).returncode == 0
+    path = tmp_path / "out" / "frame.0000.exr"
+    assert set(rf.read_frame(path, ["depth", "albedo"])) == {"depth", "albedo"}
+    assert set(rf.read_frame(path.read_bytes(), ["alpha"])) == {"alpha"}
+    with pytest.raises(KeyError, match="colour"):
+        rf.read_frame(path, ["colour"])
+    with pytest.raises(KeyError, match="distance"):
+        rf.read_frame(path, ["distance"])
+
+
+def test_metrics_agree_with_formulae():
+    rng = np.random.default_rng(5)
+    a = rng.random((40, 50, 3), np.float32)
+    b = np.clip(a + 0.1 * rng.standard_normal(a.shape, np.float32), 0, 1)
+    assert rf.psnr(a, b) == pytest.approx(-10 * np.log10(np.mean((a - b) ** 2)), abs=1e-4)
+    assert rf.psnr(a, a) == float("inf") and rf.ssim(a, a) == pytest.approx(1) and rf.flip(a, a) == 0
+    mask = np.zeros((40, 50))
+    mask[10:20, 5:30] = 1
+    inside = mask > 0
+    assert rf.psnr(a, b, mask) == pytest.approx(-10 * np.log10(np.mean((a[inside] - b[inside]) ** 2)), abs=1e-4)
+    assert 0 < rf.ssim(a, b) < 1 and 0 < rf.flip(a, b) < 1
+    # Any array that can be read as floats will do.
+    assert rf.psnr(a.astype(np.float64)[::-1], b[::-1]) == pytest.approx(rf.psnr(a, b), abs=1e-4)
+    skimage = pytest.importorskip("skimage.metrics")
+    theirs = skimage.structural_similarity(
+        a, b, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1, channel_axis=2
+    )
+    assert rf.ssim(a, b) == pytest.approx(theirs, abs=1e-5)
+
+
+def test_the_network_and_deferred_shading(scene):
+    network = rf.Neural()
+    assert network.parameters > 100_000
+    truth = rf.render(scene, spp=256, denoise="none").display() / 255
+    exposure = rf.gbuffer(scene).exposure
+
+    def error(picture):
+        return rf.psnr(rf.to_display(picture, exposure) / 255, truth)
+
+    noisy = rf.render(scene, spp=2, denoise="none")["beauty"]
+    with_rays = network.render(scene, rays=2, oidn=None)
+    assert error(with_rays) > error(noisy) + 1
+    assert np.isfinite(network.render(scene)).all()
+    assert error(rf.deferred(scene)) > 15
+    if rf.denoiser() is not None:
+        frame = rf.render(scene, spp=2, denoise="none")
+        clean = rf.denoise(frame["raw"], frame["guide_albedo"], frame["guide_normal"])
+        assert error(clean) > error(noisy) + 1
+    with pytest.raises(rf.Error):
+        rf.Neural(__file__)
+
+
+def test_threads_share_a_scene(scene):
+    expected = rf.render(scene, 1, spp=2, denoise="none")["beauty"]
+    made = [None] * 4
+
+    def work(i):
+        made[i] = rf.render(scene, i % 3, spp=2, denoise="none")["beauty"]
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+    assert np.array_equal(made[1], expected) and np.array_equal(made[0], made[3])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_stops_a_render():
+    code = (
+        "import renderflow as rf, sys\n"
+        "scene = rf.compose(seed=3, resolution=512)\n"
+        "rf.gbuffer(scene); print('ready', flush=True)\n"
+        "try: rf.render(scene, spp=1 << 20, denoise='none')\n"
+        "except KeyboardInterrupt: print('stopped', flush=True)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=60)[0] == "stopped\n" and process.returncode == 0
+
+
+def test_the_command_line_is_inside(tmp_path):
+    version = command("--version")
+    assert version.returncode == 0 and version.stdout.split() == ["renderflow", rf.__version__]
+    assert command("render", "--no-such-option").returncode == 2
+    made = command("compose", "--seed", "7", "--out", str(tmp_path / "scene.json"))
+    assert made.returncode == 0 and json.loads((tmp_path / "scene.json").read_text())["frames"] >= 1
+    assert command("render", "--scene", str(tmp_path / "absent.json"), "--out", str(tmp_path / "o")).returncode == 1
