@@ -11,6 +11,7 @@ mod memory;
 mod path;
 mod scatter;
 mod splitting;
+mod visible;
 
 pub use memory::Memory;
 
@@ -22,12 +23,13 @@ use crate::schedule::Progress;
 use crate::settings::{Budget, Settings};
 use crate::stats::Stats;
 use accumulate::{Meter, Work};
-use gbuffer::Visible;
+
 use gbuffer::frame as gbuffer;
 use light_paths::CausticCasters;
 use renderflow_frame::{Frame, Image};
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
+use visible::Visible;
 
 /// Path-traces the current frame: beauty with variance, coverage, guides, and the G-buffer at pixel centres.
 ///
