@@ -139,7 +139,6 @@ impl Ready {
         }
         let quality = match options.quality {
             Quality::Fast => sys::OIDNQuality_OIDN_QUALITY_FAST,
-            Quality::Balanced => sys::OIDNQuality_OIDN_QUALITY_BALANCED,
             Quality::High => sys::OIDNQuality_OIDN_QUALITY_HIGH,
         };
         let filter = filter.as_ptr();
