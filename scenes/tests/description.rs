@@ -16,7 +16,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).into()
 }
 
-/// Regenerate with `RENDERFLOW_UPDATE=1 cargo test -p renderflow-scenes schema`.
+/// Regenerate with `RENDERFLOW_UPDATE=1 cargo test --release -p renderflow-scenes --test description schema`.
 #[test]
 fn schema_file_is_current() {
     let path = folder().join("schema.json");
