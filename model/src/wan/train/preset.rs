@@ -29,14 +29,14 @@ impl Config {
         let network = FlowConfig::preset(name)?;
         let [paper, tiny] = ["wan-1.3b", "wan-tiny"].map(|known| known == name);
         let (base, latents) = (PathBuf::new(), LatentConfig { recompute: paper, ..LatentConfig::default() });
-        let mut config = Self::default();
-        config.stage = match stage {
+        let stage_config = match stage {
             StageName::Autoencoder => Stage::Autoencoder { network: network.vae, start: None, loss: Default::default() },
             StageName::Base => Stage::Base { network: Box::new(network), start: None, latents },
             StageName::Keyframes => Stage::Keyframes { base, network: KeyframeConfig::default(), gap: 16, latents },
             StageName::Inverse => Stage::Inverse { base, network: InverseConfig::default(), lpips: 0.0, latent: 1.0, latents },
         };
         let size = if tiny { 32 } else { 128 };
+        let mut config = Self { stage: stage_config, ..Self::default() };
         let batch = |size, frames, items, weight| BatchConfig { size, frames, items, weight };
         config.batches = match stage {
             // Single pictures teach detail, and clips teach motion.
