@@ -3,7 +3,7 @@
 
 use renderflow::metrics::Networks;
 use renderflow::metrics::bootstrap::bootstrap;
-use renderflow::metrics::flip::{Viewing, flip};
+use renderflow::metrics::flip::{FlipMap, Seen, Viewing};
 use renderflow::metrics::psnr::{psnr, psnr_masked};
 use renderflow::metrics::ssim::{ssim, ssim_map};
 use renderflow_frame::Image;
@@ -11,6 +11,10 @@ use renderflow_frame::image::Rgb;
 use renderflow_model::lpips::{Backbone, weights_folder};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+
+fn flip(a: &Rgb, b: &Rgb, viewing: Viewing) -> Option<FlipMap> {
+    Seen::new(a, viewing)?.compare(&Seen::new(b, viewing)?)
+}
 
 /// How a pair is named in the files.
 #[derive(Debug, Deserialize)]

@@ -3,7 +3,6 @@
 use crate::{Error, Result};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, Light};
 
 /// One rendered sequence: frames under one environment.
@@ -17,10 +16,6 @@ pub struct Clip {
     pub light: Light,
     /// Number of each frame in its sequence, ascending. Distances to keyframes are differences of these numbers.
     pub numbers: Vec<usize>,
-    /// Transforms of the objects that move.
-    pub tracks: Tracks,
-    /// Indices of keyframes, ascending.
-    pub keyframes: Vec<usize>,
 }
 
 impl Clip {

@@ -62,15 +62,7 @@ pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, new
 ///
 /// # Panics
 /// When the shapes do not fit each other.
-pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
-    decode_by(Products::F32, x, skip, w, b)
-}
-
-/// [`decode`] with a choice of products.
-///
-/// # Panics
-/// When the shapes do not fit each other.
-pub fn decode_by(products: Products, x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
+pub fn decode(products: Products, x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
     let ([batch, height, width, cu], [sb, sh, sw, cs]) = (x.dims(), skip.dims());
     assert!([sb, sh, sw] == [batch, 2 * height, 2 * width], "decode: skip {:?} is not twice {:?}", skip.dims(), x.dims());
     check_conv("decode", [batch, sh, sw, cu + cs], w.dims(), b.dims());

@@ -87,7 +87,7 @@ fn run_by(products: Products, case: Case) -> Results {
             let s = leaf(rng, [batch, 2 * height, 2 * width, skip], &device);
             let w = leaf(rng, [3, 3, up + skip, outputs], &device);
             let b = leaf(rng, [outputs], &device);
-            collect!(ops::decode_by(products, x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b)
+            collect!(ops::decode(products, x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b)
         }
         Case::Linear { batch, tokens, inputs, outputs, silu } => {
             let x = leaf(rng, [batch, tokens, inputs], &device);
@@ -384,7 +384,7 @@ fn results_equal_those_of_jax_in_double_precision() {
                 ["decode"] => {
                     let (x, s) = (numbers.tensor(&shapes[0], &device), numbers.tensor(&shapes[1], &device));
                     let (w, b) = (numbers.tensor(&shapes[2], &device), numbers.tensor(&shapes[3], &device));
-                    compare!(ops::decode(x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b);
+                    compare!(ops::decode(Products::F32, x.clone(), s.clone(), w.clone(), b.clone()), x, s, w, b);
                 }
                 ["linear"] => {
                     let (x, w) = (numbers.tensor(&shapes[0], &device), numbers.tensor(&shapes[1], &device));
@@ -425,7 +425,7 @@ fn only_wanted_gradients_are_formed() {
     let (x, skip) = (tensor(rng, [1, 4, 4, 8], &device), tensor(rng, [1, 8, 8, 4], &device));
     let w = tensor(rng, [3, 3, 12, 8], &device);
     let b = leaf(rng, [8], &device);
-    let y = ops::decode(x.clone(), skip, w.clone(), b.clone());
+    let y = ops::decode(Products::F32, x.clone(), skip, w.clone(), b.clone());
     let found = gradients(rng, y, &device);
     assert!(x.grad(&found).is_none() && w.grad(&found).is_none());
     assert_eq!(b.grad(&found).expect("gradient").dims(), [8]);

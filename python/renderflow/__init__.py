@@ -54,7 +54,7 @@ _oidn.find()
 
 Picture = NDArray[np.float32]
 Denoise = Literal["auto", "oidn", "neural", "none"]
-Quality = Literal["fast", "balanced", "high"]
+Quality = Literal["fast", "high"]
 PathLike = str | os.PathLike[str]
 
 

@@ -5,7 +5,7 @@ use crate::work::{self, failed};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use renderflow::metrics::flip::{self as flips, Viewing};
+use renderflow::metrics::flip::{Seen, Viewing};
 use renderflow::metrics::relmse::same_size;
 use renderflow::metrics::{psnr as psnrs, ssim as ssims};
 use renderflow_frame::image::{Image, Rgb};
@@ -59,7 +59,8 @@ pub fn ssim(py: Python<'_>, a: Picture<'_>, b: Picture<'_>, mask: Mask<'_>) -> P
 pub fn flip(py: Python<'_>, a: Picture<'_>, b: Picture<'_>, mask: Mask<'_>) -> PyResult<f64> {
     let (a, b, mask) = pair(&a, &b, mask.as_ref())?;
     let value = py.detach(|| {
-        let map = flips::flip(&a, &b, Viewing::default())?;
+        let seen = |picture| Seen::new(picture, Viewing::default());
+        let map = seen(&a)?.compare(&seen(&b)?)?;
         mask.as_ref().map_or(Some(map.mean), |mask| map.masked(mask))
     });
     defined(value, "a picture with pixels, and a mask with a value above 0,")

@@ -74,9 +74,8 @@ impl Neural {
 fn quality(name: &str) -> PyResult<Quality> {
     Ok(match name {
         "fast" => Quality::Fast,
-        "balanced" => Quality::Balanced,
         "high" => Quality::High,
-        _ => return Err(PyValueError::new_err(format!("quality: {name:?} is none of 'fast', 'balanced' and 'high'"))),
+        _ => return Err(PyValueError::new_err(format!("quality: {name:?} is none of 'fast' and 'high'"))),
     })
 }
 

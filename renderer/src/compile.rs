@@ -1,6 +1,6 @@
 //! Compiles a loaded scene: its geometry, material and light tables, and the features the scene needs.
 
-use crate::accel::{Candidate, Hit, MAX_TRIANGLES, Scratch};
+use crate::accel::{Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
@@ -305,18 +305,6 @@ impl RenderScene {
         self.geometry.occluded(ray, scratch)
     }
 
-    /// As [`Self::closest`], of the triangles that `accept` accepts.
-    #[inline]
-    pub fn closest_where(&self, ray: &Ray, scratch: &mut Scratch, accept: impl Fn(&Candidate) -> bool) -> Option<Hit> {
-        self.geometry.closest_where(ray, scratch, accept)
-    }
-
-    /// As [`Self::occluded`], of the triangles that `accept` accepts.
-    #[inline]
-    pub fn occluded_where(&self, ray: &Ray, scratch: &mut Scratch, accept: impl Fn(&Candidate) -> bool) -> bool {
-        self.geometry.occluded_where(ray, scratch, accept)
-    }
-
     /// Instance and triangle of emitter `id`.
     #[inline]
     pub(crate) fn emitter(&self, id: u32) -> (u32, u32) {
@@ -333,22 +321,6 @@ impl RenderScene {
     #[inline]
     pub(crate) fn slot_value(&self, slot: &TextureSlot, lookup: Lookup) -> glam::Vec4 {
         self.textures[slot.texture].value(slot, lookup)
-    }
-
-    /// BLAKE3 of the scene's description, hexadecimal.
-    pub fn hash(&self) -> &str {
-        &self.hash
-    }
-
-    /// Triangles that emit, whether or not they are ever drawn as lights.
-    pub fn emissive_triangles(&self) -> usize {
-        self.emitters.len()
-    }
-
-    /// Indices of the instance that was hit, of the triangle in its mesh, and of its material.
-    pub fn locate(&self, hit: &Hit) -> (u32, u32, usize) {
-        let (instance, triangle) = self.geometry.locate(hit);
-        (instance, triangle, self.geometry.material(hit))
     }
 }
 

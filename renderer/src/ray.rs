@@ -23,10 +23,4 @@ impl Ray {
     pub(crate) fn leaving(p: Vec3A, n: Vec3A, offset: f32, direction: Vec3A) -> Self {
         Self::new(p + n * offset, direction)
     }
-
-    /// The point `t` metres along the ray.
-    #[inline]
-    pub fn at(&self, t: f32) -> Vec3A {
-        self.origin + self.direction * t
-    }
 }

@@ -5,9 +5,7 @@ mod common;
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
 use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame, Image};
-use renderflow_renderer::{
-    Budget, DirectLight, Error, Film, RenderScene, Settings, develop, expose_mapped, render_mapped, render_with_stats,
-};
+use renderflow_renderer::{Budget, DirectLight, Error, RenderScene, Settings, render_mapped, render_with_stats};
 use renderflow_scenes::{LoadedScene, Material, Principled};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -97,7 +95,7 @@ fn the_sum_is_the_budget() {
 }
 
 #[test]
-fn a_map_gives_the_same_picture_again_and_in_parts() {
+fn a_map_gives_the_same_picture_again() {
     let scene = compile(&caustic(25, 21));
     for groups in [0, 3] {
         let settings = Settings { light_groups: groups, ..average(32) };
@@ -109,23 +107,6 @@ fn a_map_gives_the_same_picture_again_and_in_parts() {
         // The budget that led to the counts does not enter.
         let other = Settings { budget: Budget::Time { milliseconds: 1 }, ..settings };
         assert_eq!(bits(&render_mapped(&scene, &other, &map, &|_, _| (), &quiet()).unwrap().0), bits(&frame));
-
-        let largest = *map.pixels.iter().max().unwrap();
-        let part = |range| expose_mapped(&scene, &settings, &map, range, &|_, _| (), &quiet()).expect("in range").0;
-        for order in [[0, 1, 2, 3], [3, 1, 0, 2]] {
-            let cuts = [0..4, 4..16, 16..20, 20..largest];
-            let mut film: Film = part(cuts[order[0]].clone());
-            for &i in &order[1..] {
-                film.merge(&part(cuts[i].clone())).expect("disjoint");
-            }
-            assert_eq!(film.counts(), map.pixels);
-            assert_eq!(bits(&develop(&scene, &settings, &film).unwrap().0), bits(&frame), "{order:?}");
-        }
-        let mut film = part(0..4);
-        let mut flatter = map.clone();
-        flatter.pixels[7] += 4;
-        let other = expose_mapped(&scene, &settings, &flatter, 4..8, &|_, _| (), &quiet()).unwrap().0;
-        assert!(matches!(film.merge(&other), Err(Error::Merge(_))), "parts of two maps were merged");
     }
 }
 

@@ -39,7 +39,7 @@ fn changing() -> LoadedScene {
 
 /// The scene with the materials of `frame`, for ever.
 fn frozen(loaded: &LoadedScene, frame: usize) -> LoadedScene {
-    let materials = (0..loaded.materials.len()).map(|m| loaded.material_at(m, frame)).collect();
+    let materials = (0..loaded.materials.len()).map(|m| loaded.materials[m].at(frame, loaded.cameras.len())).collect();
     LoadedScene { materials, ..loaded.clone() }
 }
 
@@ -76,13 +76,14 @@ fn frames_equal_those_of_still_scenes() {
 #[test]
 fn the_ends_are_what_was_asked_for() {
     let loaded = changing();
-    let (first, last) = (&loaded.materials[1], loaded.material_at(1, FRAMES - 1));
-    assert_eq!(loaded.material_at(1, 0), Material { change: None, ..first.clone() });
+    let at = |frame| loaded.materials[1].at(frame, loaded.cameras.len());
+    let (first, last) = (&loaded.materials[1], at(FRAMES - 1));
+    assert_eq!(at(0), Material { change: None, ..first.clone() });
     let Principled { metallic, roughness, specular, base_color, .. } = last.surface;
     assert_eq!([metallic, roughness, specular], [1.0, 0.1, 0.5]);
     assert_eq!(base_color.to_array(), [0.9, 0.8, 0.4]);
-    assert_eq!(loaded.material_at(1, 4).surface.metallic, 0.5);
-    assert_eq!(loaded.material_at(1, 1000), last);
+    assert_eq!(at(4).surface.metallic, 0.5);
+    assert_eq!(at(1000), last);
 }
 
 /// A target out of range is refused as a value out of range is.

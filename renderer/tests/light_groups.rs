@@ -64,7 +64,7 @@ fn borders_belong_to_one_group() {
 fn emitters_have_the_last_group() {
     for count in 1..=LightGroups::MAXIMUM {
         let groups = LightGroups::new(count, 0.0).expect("in range").with_emitters();
-        assert_eq!((groups.count(), groups.emitters()), (count, count - 1));
+        assert_eq!(groups.emitters(), count - 1);
         let mut random = Random::new(2);
         let largest = (0..1000).map(|_| groups.group(random.direction().as_vec3a())).max();
         assert_eq!(largest, Some(count.saturating_sub(2)));

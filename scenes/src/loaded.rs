@@ -214,10 +214,3 @@ pub struct LoadedScene {
     /// What loading decided.
     pub report: LoadReport,
 }
-
-impl LoadedScene {
-    /// Material `material` as it is at `frame`, counted from 0.
-    pub fn material_at(&self, material: usize, frame: usize) -> Material {
-        self.materials[material].at(frame, self.cameras.len())
-    }
-}

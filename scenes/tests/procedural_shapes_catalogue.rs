@@ -1,8 +1,10 @@
 //! The meshes of a catalogue: all different, all closed, finite, in bounds and outward; and known volumes.
 
+use glam::DVec3;
 use rayon::prelude::*;
+use renderflow_scenes::Mesh;
 use renderflow_scenes::seed::Seed;
-use renderflow_scenes::shapes::{FAMILIES, Shape, Stance, geometry_hash, inspect, inward_normals, mesh};
+use renderflow_scenes::shapes::{FAMILIES, Shape, Stance, geometry_hash, inspect, mesh};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::f64::consts::PI;
 
@@ -15,6 +17,17 @@ fn entry(root: u64, k: usize) -> Shape {
     Shape::random_of(solid[k % solid.len()], &mut Seed::root(root).child("mesh", k as u64).rng())
 }
 
+/// How many triangles have shading normals that look into the body. Every vertex must have a normal.
+fn inward_normals(mesh: &Mesh) -> usize {
+    let looks_in = |t: &&[u32; 3]| {
+        let corner = |k: usize| mesh.positions.get(t[k] as usize).map(|p| p.as_dvec3());
+        let (Some(a), Some(b), Some(c)) = (corner(0), corner(1), corner(2)) else { return false };
+        let shading: DVec3 = t.iter().filter_map(|&i| mesh.normals.get(i as usize)).map(|n| n.as_dvec3()).sum();
+        shading.dot((b - a).cross(c - a)) <= 0.0
+    };
+    mesh.triangles.iter().filter(looks_in).count()
+}
+
 /// What is wrong with a mesh, if anything.
 fn faults(shape: &Shape) -> (String, Vec<String>) {
     let mut wrong = Vec::new();
@@ -23,6 +36,7 @@ fn faults(shape: &Shape) -> (String, Vec<String>) {
     }
     let m = mesh(shape);
     let report = inspect(&m);
+    let size = (0..3).map(|k| report.high[k] - report.low[k]).fold(0.0, f32::max);
     let mut fault = |yes: bool, what: &str| {
         if yes {
             wrong.push(what.into());
@@ -37,9 +51,9 @@ fn faults(shape: &Shape) -> (String, Vec<String>) {
     fault(m.normals.iter().any(|n| (n.length() - 1.0).abs() > 1e-5), "normals not unit");
     fault(inward_normals(&m) > 0, "normals inwards");
     fault(m.uvs.iter().any(|uv| uv.abs().max_element() > 60.0), "texture coordinates out of bounds");
-    fault(!(0.05..=6.0).contains(&report.size()), "size");
+    fault(!(0.05..=6.0).contains(&size), "size");
     let middle: f32 = (0..3).map(|k| (report.low[k] + report.high[k]).abs()).sum();
-    fault(middle > 1e-4 * report.size(), "not centred");
+    fault(middle > 1e-4 * size, "not centred");
     if !wrong.is_empty() {
         wrong.push(format!("{report:?} {}", serde_json::to_string(shape).unwrap()));
     }

@@ -1,7 +1,8 @@
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::NO_TRUTH;
 use crate::dataset::plan::{Allowed, Keyframes, NO_CLASSIC, Plan, Render};
-use crate::dataset::{Shard, export, log, merge, pack, planning, preview, render, repair, stats, verify};
+use crate::dataset::{Shard, log, merge, planning, preview, render, repair, stats, verify};
+use crate::report;
 use crate::util::cancel::Cancel;
 use crate::util::ranges::within;
 use crate::util::{files, output};
@@ -34,9 +35,9 @@ pub enum DatasetCommand {
     /// Write scripts that render a plan on a Slurm or Kubernetes cluster
     Slurm(super::slurm::SlurmArgs),
     /// Turn a dataset into WebDataset tar shards, or verify such shards
-    Pack(pack::Options),
+    Pack(super::pack::PackArgs),
     /// Write a dataset for nerfstudio, Cosmos DiffusionRenderer or COCO tools, or as PNG files
-    Export(export::Options),
+    Export(super::export::ExportArgs),
 }
 
 /// Writes a plan file.
@@ -229,8 +230,8 @@ impl DatasetCommand {
             Self::Repair(args) => args.run(cancel),
             Self::Stats(args) => args.run(),
             Self::Slurm(args) => args.run(allowed),
-            Self::Pack(options) => options.run(cancel),
-            Self::Export(options) => options.run(cancel),
+            Self::Pack(args) => args.run(cancel),
+            Self::Export(args) => args.run(cancel),
         }
     }
 }
@@ -365,7 +366,7 @@ impl StatsArgs {
         }
         let out = self.out.unwrap_or_else(|| self.dataset.join("stats.html"));
         output::check_page(&out)?;
-        file::write_atomic(&out, stats::html(&numbers, &costs)?.as_bytes())?;
+        file::write_atomic(&out, report::dataset::page(&numbers, &costs)?.as_bytes())?;
         if !self.json {
             if costs.frames > 0 {
                 let [compile, render, denoise, write] = costs.stages;

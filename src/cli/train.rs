@@ -13,7 +13,7 @@ use renderflow_frame::{file, words};
 use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::Summary;
 use renderflow_model::wan::FlowConfig;
-use renderflow_model::wan::train::Config as WanConfig;
+use renderflow_model::wan::train::{Config as WanConfig, StageName};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -61,7 +61,7 @@ pub struct Train {
     preset: Option<String>,
     /// Stage of the paper's network to train
     #[arg(long, value_enum, requires = "preset")]
-    stage: Option<wan::StageArg>,
+    stage: Option<StageName>,
     /// Weights of the autoencoder of the paper's network
     #[arg(long)]
     vae: Option<PathBuf>,

@@ -17,31 +17,12 @@ use crate::util::cancel::Cancel;
 use crate::util::output::{self, Claim};
 use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, file, frame_file};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-
-/// Writes a dataset in the names and conventions that another tool reads.
-#[derive(Args)]
-#[command(after_help = "Example: renderflow dataset export data --to nerfstudio --out nerf\n\
-nerfstudio: a folder a sequence: transforms.json (world +Z up), images, 16-bit depths in millimetres, masks of what stands still\n\
-cosmos:     <clip>.<frame>.{rgb,basecolor,metallic,roughness,normal,depth,env_ldr,env_log}.png of DiffusionRenderer\n\
-png:        every channel as a PNG that can be looked at, 16 bits where 8 would lose something, with data_ranges.json\n\
-coco:       images and instances with run lengths; categories are mesh families, with the same ids in every split\n\
-The folder must be empty, or one of this form and dataset; it may not be the dataset's own, inside of it or above it.")]
-pub struct Options {
-    /// Dataset folder, or a split or sequence of it
-    dataset: PathBuf,
-    /// Tool to write for
-    #[arg(long, value_enum)]
-    to: Form,
-    /// Folder to write to
-    #[arg(long)]
-    out: PathBuf,
-}
 
 /// What can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
@@ -55,15 +36,6 @@ pub enum Form {
     Png,
     /// COCO instances
     Coco,
-}
-
-impl Options {
-    /// Exports.
-    pub fn run(self, cancel: &Cancel) -> Result<()> {
-        let (sequences, frames) = export(&self.dataset, self.to, &self.out, cancel)?;
-        println!("{sequences} sequences, {frames} frames: {}", self.out.display());
-        Ok(())
-    }
 }
 
 /// What an exported folder holds.

@@ -202,13 +202,6 @@ pub struct Cost {
     pub bytes: u64,
 }
 
-impl Cost {
-    /// Seconds in all.
-    pub fn seconds(&self) -> f64 {
-        self.compile + self.render + self.denoise + self.write
-    }
-}
-
 /// A sequence whose scene is loaded; it is compiled when the first frame is rendered. Nothing is written before that.
 pub struct OpenSequence<'a> {
     job: &'a SequenceJob,

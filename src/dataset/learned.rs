@@ -128,9 +128,7 @@ impl Dataset {
             name: sequence.name.clone(),
             frames,
             numbers: sequence.numbers.clone(),
-            tracks: sequence.transforms.tracks.clone(),
             light: Light::clone(sequence.light()?),
-            keyframes: sequence.transforms.keyframes.clone(),
         })
     }
 }

@@ -14,16 +14,18 @@ mod sample;
 mod verify;
 mod write;
 
+pub use verify::verify;
+
 use super::sequence::Sequence;
 use super::whole;
 use crate::util::cancel::Cancel;
 use crate::util::progress::Progress;
-use anyhow::{Context, Result, bail};
-use clap::{Args, ValueEnum};
+use anyhow::{Context, Result};
+use clap::ValueEnum;
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// File name of the manifest of shards.
 pub const MANIFEST: &str = "manifest.json";
@@ -31,31 +33,6 @@ pub const MANIFEST: &str = "manifest.json";
 const PROGRAM: &str = concat!("renderflow ", env!("CARGO_PKG_VERSION"));
 /// File name of the list of shards of a run that did not come to its end.
 const UNFINISHED: &str = "unfinished.json";
-
-/// Packs a dataset into WebDataset tar shards; finished shards stay. With --verify, compares shards with their manifest.
-#[derive(Args)]
-#[command(
-    after_help = "Example: renderflow dataset pack data --out shards --profile compact\n         renderflow dataset pack --verify shards\n\
-Samples are `seq-000123_0007.exr|rff` and `.json` (camera, keyframe, spp, exposure, moving objects, split, hash); the environment and the\n\
-scene of each sequence are in `<split>-sequences.tar`. `manifest.json` is written last. The folder must be empty, or one of this command."
-)]
-pub struct Options {
-    /// Dataset folder
-    #[arg(required_unless_present = "verify")]
-    dataset: Option<PathBuf>,
-    /// Folder for the shards
-    #[arg(long, required_unless_present = "verify")]
-    out: Option<PathBuf>,
-    /// Samples in a shard; the last shard of a split may have fewer
-    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
-    samples_per_shard: u32,
-    /// Form of the frames
-    #[arg(long, value_enum, default_value_t)]
-    profile: Frames,
-    /// Hash and count the shards in this folder instead
-    #[arg(long, value_name = "OUT", conflicts_with_all = ["dataset", "out"])]
-    verify: Option<PathBuf>,
-}
 
 /// Form of the frames in shards.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -121,21 +98,6 @@ pub enum Kind {
     Frames,
     /// One a sequence.
     Sequences,
-}
-
-impl Options {
-    /// Packs or verifies.
-    pub fn run(self, cancel: &Cancel) -> Result<()> {
-        if let Some(shards) = &self.verify {
-            return verify::verify(shards, cancel);
-        }
-        let (Some(dataset), Some(out)) = (&self.dataset, &self.out) else { bail!("a dataset and --out are needed") };
-        let manifest = pack(dataset, out, self.samples_per_shard, self.profile, cancel)?;
-        let bytes: u64 = manifest.shards.iter().map(|shard| shard.bytes).sum();
-        let samples: u64 = manifest.samples.values().sum();
-        println!("{} shards, {samples} samples, {bytes} bytes: {}", manifest.shards.len(), out.join(MANIFEST).display());
-        Ok(())
-    }
 }
 
 /// One shard to write.

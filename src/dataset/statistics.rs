@@ -7,8 +7,6 @@ use serde::{Deserialize, Serialize};
 /// Bins of a quantity.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
-    /// Its name in JSON.
-    pub name: &'static str,
     /// What is counted, in words.
     pub title: &'static str,
     /// Lower end of the first bin, which also counts values below it.
@@ -23,10 +21,16 @@ pub struct Axis {
     view: fn(&Statistics) -> &Vec<u64>,
 }
 
-macro_rules! axis {
-    ($field:ident, $title:literal, $low:literal .. $high:literal, $bins:literal, $log:literal) => {
-        Axis {
-            name: stringify!($field),
+macro_rules! axes {
+    ($($quantity:ident, $field:ident, $title:literal, $low:literal .. $high:literal, $bins:literal, $log:literal;)*) => {
+        /// What is counted, in the order of [`AXES`].
+        #[derive(Clone, Copy)]
+        enum Quantity {
+            $($quantity,)*
+        }
+
+        /// Every quantity that is counted.
+        pub const AXES: &[Axis] = &[$(Axis {
             title: $title,
             low: $low,
             high: $high,
@@ -34,21 +38,20 @@ macro_rules! axis {
             log: $log,
             pick: |s| &mut s.$field,
             view: |s| &s.$field,
-        }
+        },)*];
     };
 }
 
-/// Every quantity that is counted.
-pub const AXES: &[Axis] = &[
-    axis!(coverage, "covered share of a frame", 0.0..1.0, 20, false),
-    axis!(depth, "depth of a pixel, metres", 0.1..1000.0, 40, true),
-    axis!(luminance, "exposed luminance of a pixel (1 = white)", 0.0001..100.0, 48, true),
-    axis!(albedo, "luminance of the albedo", 0.0..1.0, 20, false),
-    axis!(roughness, "roughness", 0.0..1.0, 20, false),
-    axis!(metallic, "metallic", 0.0..1.0, 10, false),
-    axis!(facing, "cosine between normal and view", 0.0..1.0, 20, false),
-    axis!(motion, "motion to the next frame, pixels", 0.01..1000.0, 40, true),
-];
+axes! {
+    Coverage, coverage, "covered share of a frame", 0.0..1.0, 20, false;
+    Depth, depth, "depth of a pixel, metres", 0.1..1000.0, 40, true;
+    Luminance, luminance, "exposed luminance of a pixel (1 = white)", 0.0001..100.0, 48, true;
+    Albedo, albedo, "luminance of the albedo", 0.0..1.0, 20, false;
+    Roughness, roughness, "roughness", 0.0..1.0, 20, false;
+    Metallic, metallic, "metallic", 0.0..1.0, 10, false;
+    Facing, facing, "cosine between normal and view", 0.0..1.0, 20, false;
+    Motion, motion, "motion to the next frame, pixels", 0.01..1000.0, 40, true;
+}
 
 /// Counts of every quantity in [`AXES`]: frames for the coverage, pixels for all else (covered ones but for the luminance).
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,6 +65,12 @@ pub struct Statistics {
     metallic: Vec<u64>,
     facing: Vec<u64>,
     motion: Vec<u64>,
+}
+
+impl Quantity {
+    fn axis(self) -> &'static Axis {
+        &AXES[self as usize]
+    }
 }
 
 impl Axis {
@@ -97,28 +106,28 @@ impl Statistics {
     /// Counts one frame.
     pub fn add_frame(&mut self, frame: &Frame) {
         let pixels = frame.depth.pixels.len().max(1);
-        self.count("coverage", std::iter::once(frame.alpha.pixels.iter().sum::<f32>() / pixels as f32));
+        self.count(Quantity::Coverage, std::iter::once(frame.alpha.pixels.iter().sum::<f32>() / pixels as f32));
         let hit = |i: &usize| frame.depth.pixels[*i].is_finite();
         let hits: Vec<usize> = (0..frame.depth.pixels.len()).filter(hit).collect();
-        self.count("depth", hits.iter().map(|&i| frame.depth.pixels[i]));
-        self.count("albedo", hits.iter().map(|&i| luminance(frame.albedo.pixels[i])));
-        self.count("roughness", hits.iter().map(|&i| frame.material.pixels[i][0]));
-        self.count("metallic", hits.iter().map(|&i| frame.material.pixels[i][1]));
+        self.count(Quantity::Depth, hits.iter().map(|&i| frame.depth.pixels[i]));
+        self.count(Quantity::Albedo, hits.iter().map(|&i| luminance(frame.albedo.pixels[i])));
+        self.count(Quantity::Roughness, hits.iter().map(|&i| frame.material.pixels[i][0]));
+        self.count(Quantity::Metallic, hits.iter().map(|&i| frame.material.pixels[i][1]));
         let cosine = |&i: &usize| {
             let pixel = Vec2::new((i % frame.width) as f32 + 0.5, (i / frame.width) as f32 + 0.5);
             -frame.info.camera.direction_cam(pixel).normalize().dot(frame.normal.pixels[i].into())
         };
-        self.count("facing", hits.iter().map(cosine));
+        self.count(Quantity::Facing, hits.iter().map(cosine));
         if let Some(motion) = &frame.motion {
-            self.count("motion", hits.iter().map(|&i| Vec2::from(motion.pixels[i]).length()).filter(|m| *m > 0.0));
+            self.count(Quantity::Motion, hits.iter().map(|&i| Vec2::from(motion.pixels[i]).length()).filter(|m| *m > 0.0));
         }
         if let Some(beauty) = &frame.beauty {
-            self.count("luminance", beauty.pixels.iter().map(|&p| frame.info.exposure * luminance(p)));
+            self.count(Quantity::Luminance, beauty.pixels.iter().map(|&p| frame.info.exposure * luminance(p)));
         }
     }
 
-    fn count(&mut self, name: &str, values: impl Iterator<Item = f32>) {
-        let Some(axis) = AXES.iter().find(|axis| axis.name == name) else { return };
+    fn count(&mut self, quantity: Quantity, values: impl Iterator<Item = f32>) {
+        let axis = quantity.axis();
         let counts = (axis.pick)(self);
         counts.resize(axis.bins, 0);
         for value in values {
@@ -149,7 +158,7 @@ mod tests {
             for i in 0..axis.bins {
                 let (low, high) = (axis.edge(i), axis.edge(i + 1));
                 let middle = if axis.log { (low * high).sqrt() } else { 0.5 * (low + high) };
-                assert_eq!(axis.bin(middle as f32), i, "{} at {middle}", axis.name);
+                assert_eq!(axis.bin(middle as f32), i, "{} at {middle}", axis.title);
             }
             assert_eq!(axis.bin(-1.0), 0);
             assert_eq!(axis.bin(1e30), axis.bins - 1);
@@ -160,18 +169,17 @@ mod tests {
     #[test]
     fn sums_are_sums() {
         let mut one = Statistics::default();
-        one.count("roughness", [0.02, 0.5, 0.5].into_iter());
+        one.count(Quantity::Roughness, [0.02, 0.5, 0.5].into_iter());
         let mut two = Statistics::default();
-        two.count("roughness", [0.51].into_iter());
-        two.count("depth", [3.0].into_iter());
+        two.count(Quantity::Roughness, [0.51].into_iter());
+        two.count(Quantity::Depth, [3.0].into_iter());
         one.add(&two);
-        let axis = |name: &str| AXES.iter().find(|a| a.name == name).unwrap();
-        assert_eq!(axis("roughness").counts(&one)[10], 3);
-        assert_eq!(axis("roughness").counts(&one).iter().sum::<u64>(), 4);
-        assert_eq!(axis("depth").counts(&one).iter().sum::<u64>(), 1);
+        assert_eq!(Quantity::Roughness.axis().counts(&one)[10], 3);
+        assert_eq!(Quantity::Roughness.axis().counts(&one).iter().sum::<u64>(), 4);
+        assert_eq!(Quantity::Depth.axis().counts(&one).iter().sum::<u64>(), 1);
         let most = Statistics { depth: vec![u64::MAX], ..Statistics::default() };
         one.add(&most);
         one.add(&most);
-        assert_eq!(axis("depth").counts(&one)[0], u64::MAX);
+        assert_eq!(Quantity::Depth.axis().counts(&one)[0], u64::MAX);
     }
 }

@@ -114,8 +114,3 @@ fn spread(difference: f32, largest: f32) -> f32 {
         (KNEE_VALUE + (difference - knee) / (largest - knee) * (1.0 - KNEE_VALUE)).min(1.0)
     }
 }
-
-/// FLIP between two pictures of display values; see [`Seen::new`] and [`Seen::compare`].
-pub fn flip(a: &Rgb, b: &Rgb, viewing: Viewing) -> Option<FlipMap> {
-    Seen::new(a, viewing)?.compare(&Seen::new(b, viewing)?)
-}

@@ -20,7 +20,7 @@ mod table;
 mod truth;
 
 pub use table::{METRICS, Metric, values};
-pub use truth::{Hdr, Networks, Truth, measure};
+pub use truth::{Hdr, Networks, Truth};
 
 use renderflow_frame::Image;
 use serde::{Deserialize, Serialize};

@@ -135,21 +135,6 @@ impl<'a> Truth<'a> {
     }
 }
 
-/// One comparison; where several pictures have the same truth, [`Truth`] is cheaper.
-///
-/// # Errors
-/// As [`Truth::new`] and [`Truth::measure`].
-pub fn measure(
-    picture: &Rgb,
-    truth: &Rgb,
-    mask: Option<&Image<f32>>,
-    hdr: Option<[Hdr<'_>; 2]>,
-    networks: &Networks,
-) -> Result<Metrics> {
-    let [picture_hdr, truth_hdr] = hdr.map_or([None; 2], |both| both.map(Some));
-    Truth::new(truth, mask, truth_hdr, networks)?.measure(picture, picture_hdr)
-}
-
 /// Fails for sizes that differ, no pixels, and values that are not finite.
 fn check(picture: &Rgb, truth: &Rgb) -> Result<()> {
     same_size(picture, truth)?;
@@ -166,11 +151,23 @@ fn check(picture: &Rgb, truth: &Rgb) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::flip::flip;
+    use crate::metrics::flip::{Seen, Viewing};
     use crate::metrics::psnr::CAP;
     use crate::metrics::ssim::ssim;
     use crate::metrics::{METRICS, values};
     use rayon::prelude::*;
+
+    /// One comparison.
+    fn measure(
+        picture: &Rgb,
+        truth: &Rgb,
+        mask: Option<&Image<f32>>,
+        hdr: Option<[Hdr<'_>; 2]>,
+        networks: &Networks,
+    ) -> Result<Metrics> {
+        let [picture_hdr, truth_hdr] = hdr.map_or([None; 2], |both| both.map(Some));
+        Truth::new(truth, mask, truth_hdr, networks)?.measure(picture, picture_hdr)
+    }
 
     fn picture(width: usize, height: usize, phase: f32) -> Rgb {
         Rgb::from_fn(width, height, |x, y| {
@@ -192,7 +189,8 @@ mod tests {
         assert_eq!(metrics.psnr_full, Some(psnr(&a, &b)));
         assert_eq!(metrics.ssim, ssim(&a, &b));
         assert_eq!(metrics.ssim_object, ssim_map(&a, &b).unwrap().masked(&mask));
-        let map = flip(&a, &b, Viewing::default()).unwrap();
+        let seen = |picture| Seen::new(picture, Viewing::default()).unwrap();
+        let map = seen(&a).compare(&seen(&b)).unwrap();
         assert_eq!((metrics.flip, metrics.flip_object), (Some(map.mean), map.masked(&mask)));
         assert_eq!(metrics.temporal, None);
         for (value, network) in [(metrics.lpips_alex, &networks.alex), (metrics.lpips_squeeze, &networks.squeeze)] {

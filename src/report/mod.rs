@@ -5,6 +5,7 @@
 
 mod ablation;
 mod charts;
+pub mod dataset;
 pub(crate) mod html;
 mod index;
 mod place;

@@ -15,13 +15,6 @@ pub fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, f64)> {
     Ok((value, started.elapsed().as_secs_f64()))
 }
 
-/// Processor and wall seconds since a moment.
-pub struct Clock {
-    cpu: f64,
-    wall: Instant,
-    of: Of,
-}
-
 /// Whose processor time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Of {
@@ -29,28 +22,6 @@ pub enum Of {
     Thread,
     /// All threads of the process.
     Process,
-}
-
-/// Seconds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Elapsed {
-    /// Of the processor; the wall's where the system does not tell.
-    pub cpu: f64,
-    /// Of the wall clock.
-    pub wall: f64,
-}
-
-impl Clock {
-    /// Starts measuring.
-    pub fn start(of: Of) -> Self {
-        Self { cpu: now(of).unwrap_or(0.0), wall: Instant::now(), of }
-    }
-
-    /// Time since.
-    pub fn elapsed(&self) -> Elapsed {
-        let wall = self.wall.elapsed().as_secs_f64();
-        Elapsed { cpu: now(self.of).map_or(wall, |cpu| cpu - self.cpu), wall }
-    }
 }
 
 #[cfg(unix)]
@@ -73,13 +44,18 @@ fn now(_: Of) -> Option<f64> {
 pub struct Spent {
     /// Seconds by wall clock.
     pub seconds: f64,
-    /// Processor seconds of all threads of this program, `None` where the system does not tell.
+    /// Processor seconds of all threads of this program (or of the thread in question); `None` where the system does not tell.
     pub processor: Option<f64>,
 }
 
 impl Spent {
     /// No time at all.
     pub const NONE: Self = Self { seconds: 0.0, processor: Some(0.0) };
+
+    /// Processor seconds; those of the wall clock where the system does not tell.
+    pub fn cpu(self) -> f64 {
+        self.processor.unwrap_or(self.seconds)
+    }
 
     /// `factor` times as long.
     pub fn times(self, factor: f64) -> Self {
@@ -102,17 +78,26 @@ impl std::ops::Add for Spent {
 }
 
 /// Measures [`Spent`] from its start.
-pub struct Stopwatch(Clock);
+pub struct Stopwatch {
+    wall: Instant,
+    processor: Option<f64>,
+    of: Of,
+}
 
 impl Stopwatch {
-    /// Starts to measure.
+    /// Starts to measure all threads of the process.
     pub fn start() -> Self {
-        Self(Clock::start(Of::Process))
+        Self::start_of(Of::Process)
+    }
+
+    /// Starts to measure the processor time of `of`.
+    pub fn start_of(of: Of) -> Self {
+        Self { processor: now(of), wall: Instant::now(), of }
     }
 
     /// Time since the start.
     pub fn spent(&self) -> Spent {
-        let Elapsed { cpu, wall } = self.0.elapsed();
-        Spent { seconds: wall, processor: cfg!(unix).then_some(cpu) }
+        let seconds = self.wall.elapsed().as_secs_f64();
+        Spent { seconds, processor: now(self.of).zip(self.processor).map(|(end, start)| end - start) }
     }
 }

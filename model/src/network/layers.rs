@@ -28,6 +28,6 @@ impl Conv {
 
     /// `silu(conv(concat(up2(x), skip)))`, the first layer of a decoder stage.
     pub fn decode(&self, products: Products, x: Tensor<4>, skip: Tensor<4>) -> Tensor<4> {
-        ops::decode_by(products, x, skip, self.weight.val(), self.bias.val())
+        ops::decode(products, x, skip, self.weight.val(), self.bias.val())
     }
 }

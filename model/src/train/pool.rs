@@ -94,11 +94,6 @@ impl<'a, T: Stored> Pool<'a, T> {
         Ok(self.window.iter().cloned().collect())
     }
 
-    /// Whether all clips are in memory.
-    pub fn complete(&self) -> bool {
-        self.window.len() == self.source.len()
-    }
-
     /// Loads the clip at a position of the endless order, which is one seeded permutation of all clips after another.
     fn fetch(&self, position: u64) -> Result<Arc<T>> {
         let count = self.source.len() as u64;

@@ -7,7 +7,7 @@
 //! they were, from memory, with nothing in between. Where paths split, each branch counts.
 //! `--render` only renders, as often as `--repeats` says, for `perf stat` and for comparisons of two versions.
 
-use renderflow::util::clock::{Clock, Of};
+use renderflow::util::clock::{Of, Stopwatch};
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::accel::Scratch;
 use renderflow_renderer::ray::Ray;
@@ -59,9 +59,9 @@ fn measure(scene: &RenderScene, settings: &Settings, repeats: usize, only_render
     if only_render {
         let mut best = f64::INFINITY;
         for _ in 1..repeats {
-            let clock = Clock::start(Of::Thread);
+            let clock = Stopwatch::start_of(Of::Thread);
             std::hint::black_box(render()?);
-            best = best.min(clock.elapsed().cpu);
+            best = best.min(clock.spent().cpu());
         }
         println!("{:.3} us a path", best / stats.samples as f64 * 1e6);
         return Ok(());
@@ -74,12 +74,12 @@ fn measure(scene: &RenderScene, settings: &Settings, repeats: usize, only_render
     }
     let (mut whole, mut alone) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..repeats {
-        let clock = Clock::start(Of::Thread);
+        let clock = Stopwatch::start_of(Of::Thread);
         std::hint::black_box(render()?);
-        whole = whole.min(clock.elapsed().cpu);
-        let clock = Clock::start(Of::Thread);
+        whole = whole.min(clock.spent().cpu());
+        let clock = Stopwatch::start_of(Of::Thread);
         std::hint::black_box(trace(scene, &rays));
-        alone = alone.min(clock.elapsed().cpu);
+        alone = alone.min(clock.spent().cpu());
     }
     report(&stats, &rays, whole, alone);
     Ok(())

@@ -47,11 +47,6 @@ impl DepthBounds {
     pub fn encode(self, depth: f32) -> f32 {
         if is_depth(depth) { ((depth / self.near).ln() / (self.far / self.near).ln()).clamp(0.0, 1.0) } else { 1.0 }
     }
-
-    /// The inverse of [`Self::encode`] between the bounds, in metres.
-    pub fn decode(self, value: f32) -> f32 {
-        self.near * (value.clamp(0.0, 1.0) * (self.far / self.near).ln()).exp()
-    }
 }
 
 /// Whether a depth belongs to a surface: misses have infinite depth.
@@ -74,7 +69,7 @@ mod tests {
         let frames = [frame(&[2.0, f32::INFINITY]), frame(&[f32::NAN, 8.0, -1.0])];
         let bounds = DepthBounds::of(&frames);
         assert_eq!(bounds, DepthBounds { near: 2.0, far: 8.0 });
-        assert!((bounds.encode(4.0) - 0.5).abs() < 1e-6 && (bounds.decode(0.5) - 4.0).abs() < 1e-5);
+        assert!((bounds.encode(4.0) - 0.5).abs() < 1e-6);
         assert_eq!(
             [bounds.encode(1.0), bounds.encode(9.0), bounds.encode(f32::INFINITY), bounds.encode(f32::NAN)],
             [0.0, 1.0, 1.0, 1.0]

@@ -94,12 +94,6 @@ impl Dielectric {
         self.f0
     }
 
-    /// Index of refraction, `(1 + sqrt(f0)) / (1 - sqrt(f0))`.
-    pub fn index(&self) -> f32 {
-        let root = self.f0.sqrt();
-        (1.0 + root) / (1.0 - root)
-    }
-
     /// Reflectance at a cosine 0..=1 from outside.
     #[inline(always)]
     pub fn reflectance(&self, cos: f32) -> f32 {
@@ -212,7 +206,6 @@ mod tests {
             let dielectric = Dielectric::new(f0);
             let root = f64::from(f0).sqrt();
             let index = (1.0 + root) / (1.0 - root);
-            assert!((f64::from(dielectric.index()) - index).abs() < 1e-6, "{f0}: {}", dielectric.index());
             for cos in cosines() {
                 let error = (f64::from(dielectric.reflectance(cos)) - fresnel(index, f64::from(cos))).abs();
                 worst = worst.max(error);
@@ -222,7 +215,7 @@ mod tests {
         assert!(worst < 1e-6, "{worst}");
         // Glass: 4 % at normal incidence, 8.9 % at 60 degrees, all at grazing incidence; nothing of p at Brewster's angle.
         let glass = Dielectric::GLASS;
-        assert!((glass.index() - 1.5).abs() < 1e-6 && (glass.reflectance(1.0) - 0.04).abs() < 1e-7);
+        assert!((glass.reflectance(1.0) - 0.04).abs() < 1e-7);
         assert!((glass.reflectance(0.5) - 0.089_186_7).abs() < 1e-6 && (glass.reflectance(0.0) - 1.0).abs() < 1e-6);
         let brewster = (1.0 / (1.0 + 1.5_f32 * 1.5)).sqrt();
         assert!((glass.reflectance(brewster) - 0.5 * (1.25_f32 / 3.25).powi(2)).abs() < 1e-6);
@@ -255,7 +248,7 @@ mod tests {
     #[test]
     fn reflectance_is_continuous_down_to_air() {
         let air = Dielectric::new(0.0);
-        assert!(air.coefficients() == Vec4::ZERO && air.index() == 1.0);
+        assert!(air.coefficients() == Vec4::ZERO);
         assert!(cosines().all(|cos| air.reflectance(cos) == 0.0 && Dielectric::AIR.reflectance(cos) == 0.0));
         let mut last = air;
         // Even in the root of f0, in which the fade is linear.

@@ -15,7 +15,7 @@ mod sky;
 pub use lighting::{LIGHTS, Lighting, Shadows};
 pub use material::{Material, Response};
 pub use shadow_map::{ShadowMap, axes};
-pub use shadow_tiles::{SHADOW_MAP_SIZE, ShadowTiles, shadow_map, shadow_maps};
+pub use shadow_tiles::{SHADOW_MAP_SIZE, ShadowTiles, shadow_maps};
 pub use sky::SkyCell;
 
 use glam::{Vec3A, Vec4};

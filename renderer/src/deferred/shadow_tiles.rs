@@ -84,14 +84,6 @@ pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, frame: &Frame) -> S
     ShadowTiles::default().maps(scene, lighting, frame)
 }
 
-/// One map over all `receivers`, `size` texels along the longer side or up to 1.5 times as many; `None` where there are none.
-/// `light` is the unit direction towards the light, `radius` the angle that it covers, radians.
-pub fn shadow_map(scene: &RenderScene, light: Vec3A, radius: f32, receivers: &[Vec3A], size: usize) -> Option<ShadowMap> {
-    let start = scene.first_along(-light);
-    let plan = Plan::new(light, receivers, size)?.look(receivers, reach(radius, start))?;
-    ShadowTiles::default().draw(scene, vec![plan]).pop()
-}
-
 impl ShadowTiles {
     /// As [`shadow_maps`]. Where nothing in the scene moves, tiles of earlier calls are used again. A scene with another hash
     /// starts without tiles; scenes that have no hash must therefore not share a `ShadowTiles`.
@@ -331,3 +323,6 @@ impl RenderScene {
         if first.is_finite() && last.is_finite() { first - room } else { 0.0 }
     }
 }
+
+#[cfg(test)]
+mod tests;

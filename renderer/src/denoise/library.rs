@@ -28,7 +28,6 @@ pub(super) type Monitor = unsafe extern "C" fn(*mut c_void, f64) -> bool;
 pub(super) const DEVICE_CPU: c_int = 1;
 pub(super) const FORMAT_FLOAT3: c_int = 3;
 pub(super) const QUALITY_FAST: c_int = 4;
-pub(super) const QUALITY_BALANCED: c_int = 5;
 pub(super) const QUALITY_HIGH: c_int = 6;
 pub(super) const ERROR_NONE: c_int = 0;
 pub(super) const ERROR_CANCELLED: c_int = 6;

@@ -21,8 +21,6 @@ pub const MAX_RADIANCE: f32 = 65504.0;
 pub enum Quality {
     /// Least time, for previews.
     Fast,
-    /// Between the two.
-    Balanced,
     /// Least error.
     #[default]
     High,

@@ -145,7 +145,6 @@ impl Ready {
         }
         let quality = match options.quality {
             Quality::Fast => library::QUALITY_FAST,
-            Quality::Balanced => library::QUALITY_BALANCED,
             Quality::High => library::QUALITY_HIGH,
         };
         let filter = filter.as_ptr();

@@ -7,7 +7,7 @@ use crate::compile::RenderScene;
 use crate::error::Result;
 use crate::features::{Features, with_features};
 use crate::film::{Film, GroupStatistics, GuideStatistics, PixelStatistics};
-use crate::integrator::gbuffer::Visible;
+use crate::integrator::visible::Visible;
 use crate::schedule::{self, Progress, TilePixels};
 use crate::settings::Settings;
 use crate::stats::Stats;

@@ -18,9 +18,9 @@
 //! The error, the biases and the variants that were tried and left are in docs/measurements/renderer-notes.md, adaptive.
 
 use super::accumulate::{Meter, Work};
-use super::gbuffer::Visible;
 use super::light_paths::CausticCasters;
 use super::mean;
+use super::visible::Visible;
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::film::Film;

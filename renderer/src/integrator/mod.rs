@@ -11,6 +11,7 @@ mod memory;
 mod path;
 mod scatter;
 mod splitting;
+mod visible;
 
 pub use memory::Memory;
 
@@ -22,12 +23,12 @@ use crate::schedule::Progress;
 use crate::settings::{Budget, Settings};
 use crate::stats::Stats;
 use accumulate::{Meter, Work};
-use gbuffer::Visible;
 use gbuffer::frame as gbuffer;
 use light_paths::CausticCasters;
 use renderflow_frame::{Frame, Image};
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
+use visible::Visible;
 
 /// Path-traces the current frame: beauty with variance, coverage, guides, and the G-buffer at pixel centres.
 ///
@@ -127,25 +128,6 @@ pub fn render_mapped(
     let (frame, more) = finish(scene, settings, &visible, film, cancel)?;
     stats += more;
     Ok((frame, stats))
-}
-
-/// As [`expose`] with the number of samples of each pixel from `map`: traces the samples whose number is in `samples`, a part of
-/// 0 to the largest count.
-///
-/// # Errors
-/// As [`expose`] and [`render_mapped`].
-pub fn expose_mapped(
-    scene: &RenderScene,
-    settings: &Settings,
-    map: &Image<u32>,
-    samples: Range<u32>,
-    progress: Progress<'_>,
-    cancel: &AtomicBool,
-) -> Result<(Film, Stats)> {
-    settings.check(scene)?;
-    settings.check_range(&samples, adaptive::largest(scene, settings, map)?)?;
-    let visible = &Visible::new(scene, settings);
-    expose_samples(Samples { scene, settings, visible, range: samples, map: Some(&map.pixels) }, progress, cancel)
 }
 
 /// Samples of a picture that are to be traced.

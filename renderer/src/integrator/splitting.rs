@@ -10,9 +10,9 @@
 //! smooth sky that scattering finds anyway the answer is few, where half-shadows are the noise it is many. Pilot paths of a few
 //! pixels tell the variances; their random numbers are their own, so that the picture has no bias.
 
-use super::gbuffer::Visible;
 use super::light_paths::CausticCasters;
 use super::path::{Probe, Shot, Tracer};
+use super::visible::Visible;
 use crate::compile::RenderScene;
 use crate::features::{Features, with_features};
 use crate::sampler::{PixelSampler, hash};

@@ -51,9 +51,6 @@ pub struct EmitterLight {
     /// First emitter for every `1 << shift` units.
     guide: Vec<u32>,
     shift: u32,
-    ignored: usize,
-    limited: usize,
-    power: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -68,16 +65,14 @@ struct Emitter {
 }
 
 impl EmitterLight {
-    /// Tables for `triangles`. Ignored and counted are those of no area, those that are black, and those whose corners or
-    /// radiance are not finite and >= 0. `None` when nothing is left. Radiance beyond [`MAX_RADIANCE`] is limited to it, and
-    /// counted.
+    /// Tables for `triangles`. Ignored are those of no area, those that are black, and those whose corners or
+    /// radiance are not finite and >= 0. `None` when nothing is left. Radiance beyond [`MAX_RADIANCE`] is limited to it.
     pub fn new(triangles: impl IntoIterator<Item = EmissiveTriangle>) -> Option<Self> {
         Self::with_units(triangles, UNITS)
     }
 
     /// As [`Self::new`] for [`Self::pick`] of `0..units`.
     pub(super) fn with_units(triangles: impl IntoIterator<Item = EmissiveTriangle>, units: u32) -> Option<Self> {
-        let (mut ignored, mut limited) = (0, 0);
         let mut weighted: Vec<(Emitter, f64, f64)> = Vec::new();
         for triangle in triangles {
             let [a, b, c] = triangle.corners.map(|p| p.as_dvec3());
@@ -88,10 +83,8 @@ impl EmitterLight {
             let power = area * f64::from(luminance(triangle.radiance.min(Vec3A::splat(MAX_RADIANCE)).to_array()));
             let power = if triangle.two_sided { 2.0 * power } else { power };
             if !usable || !power.is_finite() || power <= 0.0 {
-                ignored += 1;
                 continue;
             }
-            limited += usize::from(triangle.radiance.max_element() > MAX_RADIANCE);
             let EmissiveTriangle { corners, two_sided, id, .. } = triangle;
             let n = (cross / (2.0 * area)).as_vec3a();
             weighted.push((Emitter { corners, n, id, two_sided, pdf_area: 0.0 }, power, area));
@@ -129,27 +122,7 @@ impl EmitterLight {
                 first as u32
             })
             .collect();
-        Some(Self { emitters, cumulative, guide, shift, ignored, limited, power: total * largest * std::f64::consts::PI })
-    }
-
-    /// Number of triangles that can emit.
-    pub fn count(&self) -> usize {
-        self.emitters.len()
-    }
-
-    /// Triangles that were ignored.
-    pub fn ignored(&self) -> usize {
-        self.ignored
-    }
-
-    /// Triangles whose radiance was limited.
-    pub fn limited(&self) -> usize {
-        self.limited
-    }
-
-    /// Emitted power in watts (of luminance): pi times area times radiance times sides.
-    pub fn power(&self) -> f64 {
-        self.power
+        Some(Self { emitters, cumulative, guide, shift })
     }
 
     /// Draws a point on an emitter as seen from `p`; random numbers in 0..1, `choice` for the triangle. `None` when the emitter

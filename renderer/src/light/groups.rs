@@ -42,11 +42,6 @@ impl LightGroups {
         Self { upper: directions.div_ceil(2), lower: directions / 2, ..self }
     }
 
-    /// Number of groups, 1..=8.
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
     /// Group of light from emitters: the last.
     pub fn emitters(&self) -> usize {
         self.count - 1

@@ -88,11 +88,6 @@ impl LightSampler {
         &self.environment
     }
 
-    /// The emissive triangles, if there are any.
-    pub fn emitters(&self) -> Option<&EmitterLight> {
-        self.emitters.as_ref()
-    }
-
     /// Draws a direction from the shading point `p` to a light; random numbers in 0..1. `None` when what was drawn sends no light
     /// to `p`.
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! What a mesh is made of: counts, closedness, volume; and a fingerprint of its geometry.
 
 use crate::Mesh;
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use std::collections::{HashMap, HashSet};
 
 /// Findings of [`inspect`]. Vertices at bit-equal positions count as one.
@@ -28,13 +28,6 @@ pub struct MeshReport {
     pub low: [f32; 3],
     /// Highest corner of the bounding box.
     pub high: [f32; 3],
-}
-
-impl MeshReport {
-    /// Largest extent of the bounding box.
-    pub fn size(&self) -> f32 {
-        (0..3).map(|k| self.high[k] - self.low[k]).fold(0.0, f32::max)
-    }
 }
 
 /// BLAKE3 of positions and triangles, 64 hexadecimal digits: equal for the same geometry, whatever its normals and textures.
@@ -122,15 +115,4 @@ pub fn inspect(mesh: &Mesh) -> MeshReport {
         low: low.to_array(),
         high: high.to_array(),
     }
-}
-
-/// How many triangles have shading normals that look into the body. Every vertex must have a normal.
-pub fn inward_normals(mesh: &Mesh) -> usize {
-    let looks_in = |t: &&[u32; 3]| {
-        let corner = |k: usize| mesh.positions.get(t[k] as usize).map(|p| p.as_dvec3());
-        let (Some(a), Some(b), Some(c)) = (corner(0), corner(1), corner(2)) else { return false };
-        let shading: DVec3 = t.iter().filter_map(|&i| mesh.normals.get(i as usize)).map(|n| n.as_dvec3()).sum();
-        shading.dot((b - a).cross(c - a)) <= 0.0
-    };
-    mesh.triangles.iter().filter(looks_in).count()
 }

@@ -34,7 +34,7 @@ pub use families::strands::{Braid, Chain, Course, Lace, Section, Sweep};
 pub use families::terrain::{Land, Terrain};
 pub use families::trees::{Habit, Tree};
 pub use families::vessels::{Vessel, VesselKind};
-pub use inspect::{MeshReport, geometry_hash, inspect, inward_normals};
+pub use inspect::{MeshReport, geometry_hash, inspect};
 pub use model::Stance;
 
 family! {

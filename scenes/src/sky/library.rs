@@ -47,14 +47,6 @@ struct Entry<'a> {
     parameters: &'a Sky,
 }
 
-/// Writes every map as `<name>.hdr`, and `manifest.json`, into `folder`: the same bytes on every machine.
-///
-/// # Errors
-/// When a file cannot be written.
-pub fn write_library(folder: &Path) -> Result<()> {
-    library_files()?.into_iter().try_for_each(|(name, bytes)| file::write_atomic(&folder.join(name), &bytes))
-}
-
 /// The files of `hdri/` by name: the maps, and last `manifest.json`.
 ///
 /// # Errors

@@ -25,7 +25,7 @@ pub use catalog::{ENVIRONMENTS, GROUPS, group, random_of};
 pub use chamber::Room;
 pub use fields::{Lamp, LampShape, Mask, Sun, Wall, Window};
 pub use figures::Abstract;
-pub use library::{LIBRARY_SIZE, builtin, library, library_files, names, write_library};
+pub use library::{LIBRARY_SIZE, builtin, library, library_files, names};
 pub use parts::{
     Air, Backdrop, Beam, CloudKind, CloudLayer, Cover, CoverKind, Figure, Finish, Furnishing, Glow, Ground, Horizon, HorizonKind,
     Layout, LightGroup, Opening, Palette, Stars,
@@ -183,15 +183,6 @@ impl Sky {
     /// Name of the family as scene files write it.
     pub fn family(&self) -> &'static str {
         self.name()
-    }
-
-    /// The sun (or the moon), where the sky has one.
-    pub fn sun(&self) -> Option<&Sun> {
-        match self {
-            Self::Daylight { sun, .. } | Self::Cloudy { sun, .. } | Self::Sunset { sun, .. } => Some(sun),
-            Self::Scenery(scenery) => scenery.air.sun(),
-            _ => None,
-        }
     }
 
     /// Parameters out of their documented range: (JSON pointer below the sky, message such as `-1 is outside 0..=1`).

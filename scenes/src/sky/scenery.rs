@@ -5,8 +5,8 @@ use super::canvas::{Dome, disc, luminance, rgb, toward};
 use super::clouds::{CloudLight, Layer};
 use super::cover::Shade;
 use super::horizon::{AIR, Light, Silhouette, heading, turn};
+use super::lights;
 use super::parts::{Air, CloudLayer, Cover, Glow, Ground, Horizon, LightGroup, Stars};
-use super::{lights, parts};
 use crate::family::family;
 use crate::noise;
 use crate::seed::Seed;
@@ -345,14 +345,4 @@ pub(super) fn scenery(s: &Scenery) -> Dome {
     emitters.extend(lamps);
     let background = move |d: DVec3| if d.y > 0.0 { above.radiance(d) } else { below.radiance(d, &above) };
     Dome { background: Box::new(background), emitters, points }
-}
-
-impl parts::Air {
-    /// The sun, where the air has one.
-    pub(super) fn sun(&self) -> Option<&super::Sun> {
-        match self {
-            Self::Clear { sun, .. } => Some(sun),
-            _ => None,
-        }
-    }
 }

@@ -1,31 +1,11 @@
-//! Training of the paper's network: the configuration of each preset, and the run.
+//! Training of the paper's network: its flags, and the run.
 
 use super::{Bars, Train};
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
-use clap::ValueEnum;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
-use renderflow_model::train::Decay;
-use renderflow_model::wan::FlowConfig;
-use renderflow_model::wan::flow::{InverseConfig, KeyframeConfig};
-use renderflow_model::wan::train::{self, BatchConfig, Config, LatentConfig, Stage};
-
-/// A stage of the training.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum StageArg {
-    /// The autoencoder, between pictures and latents
-    Autoencoder,
-    /// The renderer
-    Base,
-    /// The keyframe adapter of the renderer
-    Keyframes,
-    /// The inverse adapter of the renderer
-    Inverse,
-}
-
-/// Frames of the paper's training clips.
-const CLIP: usize = 5;
+use renderflow_model::wan::train::{self, Config, Stage, StageName};
 
 impl Train {
     /// Applies the flags of the paper's network.
@@ -65,45 +45,20 @@ impl Train {
         Ok(())
     }
 
-    /// The configuration of a preset. The options of wan-1.3b are the paper's as far as it states them.
-    pub(super) fn preset(&self, name: &str, stage: StageArg) -> Result<Config> {
-        let network = FlowConfig::preset(name).with_context(|| format!("{name}: no such preset"))?;
-        let mut config = Config::default();
-        let latents = LatentConfig::default();
-        let [paper, tiny] = ["wan-1.3b", "wan-tiny"].map(|known| known == name);
-        config.stage = match stage {
-            StageArg::Autoencoder => Stage::Autoencoder { network: network.vae, start: None, loss: Default::default() },
-            StageArg::Base => Stage::Base { network: Box::new(network), start: None, latents },
-            StageArg::Keyframes => {
-                let base = self.base.clone().context("--stage keyframes: name the renderer with --base")?;
-                Stage::Keyframes { base, network: KeyframeConfig::default(), gap: 16, latents }
-            }
-            StageArg::Inverse => {
-                let base = self.base.clone().context("--stage inverse: name the renderer with --base")?;
-                Stage::Inverse { base, network: InverseConfig::default(), lpips: 0.0, latent: 1.0, latents }
-            }
-        };
-        let size = if tiny { 32 } else { 128 };
-        let batch = |size, frames, items, weight| BatchConfig { size, frames, items, weight };
-        config.batches = match stage {
-            // Single pictures teach detail, and clips teach motion.
-            StageArg::Autoencoder => vec![batch(size, 1, 8, 0.7), batch(size / 2, CLIP, 4, 0.3)],
-            StageArg::Base | StageArg::Inverse if paper => vec![batch(256, CLIP, 32, 1.0)],
-            StageArg::Keyframes if paper => vec![batch(512, CLIP, 32, 1.0)],
-            _ => vec![batch(size, CLIP, 4, 1.0)],
-        };
-        if paper && stage != StageArg::Autoencoder {
-            config.run.learning_rate = if stage == StageArg::Base { 5e-5 } else { 1e-4 };
-            config.run.decay = Decay::Constant;
-            config.run.warmup_steps = 0;
+    /// The configuration of a preset with the files of the flags.
+    pub(super) fn preset(&self, name: &str, stage: StageName) -> Result<Config> {
+        let base = |stage: &str| self.base.clone().with_context(|| format!("--stage {stage}: name the renderer with --base"));
+        let mut config = Config::preset(name, stage).with_context(|| format!("{name}: no such preset"))?;
+        match &mut config.stage {
+            Stage::Keyframes { base: file, .. } => *file = base("keyframes")?,
+            Stage::Inverse { base: file, .. } => *file = base("inverse")?,
+            Stage::Autoencoder { .. } | Stage::Base { .. } => {}
         }
-        if let Stage::Base { latents, .. } | Stage::Keyframes { latents, .. } | Stage::Inverse { latents, .. } = &mut config.stage
+        if let Some(latents) = config.stage.latents_mut()
+            && !weights_folder().folder.join(Backbone::Squeeze.file_name()).is_file()
         {
-            latents.recompute = paper;
-            if !weights_folder().folder.join(Backbone::Squeeze.file_name()).is_file() {
-                latents.pixels.lpips = 0.0;
-                eprintln!("LPIPS is not part of the loss: its weights are missing (set {WEIGHTS_VARIABLE} to their folder)");
-            }
+            latents.pixels.lpips = 0.0;
+            eprintln!("LPIPS is not part of the loss: its weights are missing (set {WEIGHTS_VARIABLE} to their folder)");
         }
         Ok(config)
     }

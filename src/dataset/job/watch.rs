@@ -230,21 +230,14 @@ fn first_look(spp: u32, branches: u32) -> u32 {
 }
 
 /// Time of what was done now and then.
+#[derive(Default)]
 struct Total(Spent);
-
-impl Default for Total {
-    fn default() -> Self {
-        Self(Spent { seconds: 0.0, processor: cfg!(unix).then_some(0.0) })
-    }
-}
 
 impl Total {
     fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
         let clock = Stopwatch::start();
         let result = work();
-        let spent = clock.spent();
-        self.0.seconds += spent.seconds;
-        self.0.processor = self.0.processor.zip(spent.processor).map(|(a, b)| a + b);
+        self.0 = self.0 + clock.spent();
         result
     }
 }

@@ -160,6 +160,16 @@ pub enum Stage {
     },
 }
 
+impl Stage {
+    /// The options that all stages but the autoencoder's have.
+    pub fn latents_mut(&mut self) -> Option<&mut LatentConfig> {
+        match self {
+            Self::Autoencoder { .. } => None,
+            Self::Base { latents, .. } | Self::Keyframes { latents, .. } | Self::Inverse { latents, .. } => Some(latents),
+        }
+    }
+}
+
 fn network_or_preset<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Box<FlowConfig>, D::Error> {
     match given(deserializer)? {
         Given::Preset(network) => Ok(network),

@@ -15,10 +15,12 @@ pub mod flow;
 pub mod latent_batch;
 pub mod latents;
 pub mod losses;
+mod preset;
 pub mod recompute;
 mod round_trip;
 
 pub use config::{AutoencoderLoss, BatchConfig, Config, LatentConfig, PixelLoss, Stage};
+pub use preset::StageName;
 pub use round_trip::{RoundTrip, round_trip};
 
 use super::config::VaeConfig;

@@ -12,7 +12,7 @@ use glam::Vec3A;
 use rays::{Kind, Rays};
 use renderflow::metrics::median;
 use renderflow::util::cancel::Interrupted;
-use renderflow::util::clock::{Clock, Elapsed, Of};
+use renderflow::util::clock::{Of, Spent, Stopwatch};
 use renderflow::util::progress::Progress;
 use renderflow_frame::file;
 use renderflow_renderer::accel::Accel;
@@ -145,18 +145,18 @@ impl Options {
     ) -> Result<SceneResult> {
         let Subject { name, loaded: scene } = subject;
         let triangles = flatten(&scene);
-        let clock = Clock::start(Of::Thread);
+        let clock = Stopwatch::start_of(Of::Thread);
         let accel = Accel::build(&triangles);
-        let build_seconds = clock.elapsed().wall;
+        let build_seconds = clock.spent().seconds;
         let per_triangle = |bytes: usize| bytes as f64 / triangles.len().max(1) as f64;
         let ours = Structure { tracer: OURS.into(), build_seconds, bytes_per_triangle: per_triangle(accel.memory()) };
         let mut structures = vec![ours];
         let mut built = Vec::new();
         if let Some(embree) = embree {
             for robust in [false, true] {
-                let (before, clock) = (embree.memory(), Clock::start(Of::Thread));
+                let (before, clock) = (embree.memory(), Stopwatch::start_of(Of::Thread));
                 let scene = embree.scene(&triangles, robust)?;
-                let build_seconds = clock.elapsed().wall;
+                let build_seconds = clock.spent().seconds;
                 let bytes_per_triangle = per_triangle(embree.memory().saturating_sub(before));
                 structures.push(Structure { tracer: embree_name(embree, robust), build_seconds, bytes_per_triangle });
                 built.push((embree_name(embree, robust), scene));
@@ -188,35 +188,35 @@ fn embree_name(embree: &Embree, robust: bool) -> String {
 fn cast(set: &Rays, tracers: &mut [Tracer<'_>], repeats: u32, cancel: &AtomicBool) -> Result<Vec<Row>> {
     let count = set.rays.len();
     let mut found = vec![vec![false; count]; tracers.len()];
-    let mut times: Vec<Vec<Elapsed>> = vec![Vec::new(); tracers.len()];
+    let mut times: Vec<Vec<Spent>> = vec![Vec::new(); tracers.len()];
     for turn in 0..=repeats {
         for ((tracer, found), times) in tracers.iter_mut().zip(&mut found).zip(&mut times) {
             if cancel.load(Ordering::Relaxed) {
                 return Err(Interrupted.into());
             }
-            let clock = Clock::start(Of::Thread);
+            let clock = Stopwatch::start_of(Of::Thread);
             (tracer.cast)(&set.rays, found);
             if turn > 0 {
-                times.push(clock.elapsed());
+                times.push(clock.spent());
             }
         }
     }
     let yardstick = tracers.iter().position(|t| t.yardstick);
     let rate = |seconds: f64| 1e-6 * count as f64 / seconds.max(1e-9);
     let row = |(index, tracer): (usize, &Tracer<'_>)| {
-        let middle = |of: &dyn Fn(&Elapsed) -> f64| median(&times[index].iter().map(of).collect::<Vec<_>>());
-        let against = |y: usize| times[index].iter().zip(&times[y]).map(|(t, y)| y.cpu / t.cpu.max(1e-9)).collect::<Vec<_>>();
+        let middle = |of: &dyn Fn(&Spent) -> f64| median(&times[index].iter().map(of).collect::<Vec<_>>());
+        let against = |y: usize| times[index].iter().zip(&times[y]).map(|(t, y)| y.cpu() / t.cpu().max(1e-9)).collect::<Vec<_>>();
         Row {
             rays: set.kind,
             tracer: tracer.name.clone(),
             count,
             hits: found[index].iter().filter(|hit| **hit).count(),
             disagree: found[index].iter().zip(&found[0]).filter(|(a, b)| a != b).count(),
-            mrays_cpu: rate(middle(&|t| t.cpu)),
-            mrays_wall: rate(middle(&|t| t.wall)),
+            mrays_cpu: rate(middle(&|t| t.cpu())),
+            mrays_wall: rate(middle(&|t| t.seconds)),
             ratio: yardstick.map(|y| median(&against(y))),
             over_ours: median(&against(0)),
-            seconds_cpu: times[index].iter().map(|t| t.cpu).collect(),
+            seconds_cpu: times[index].iter().map(|t| t.cpu()).collect(),
         }
     };
     Ok(tracers.iter().enumerate().map(row).collect())

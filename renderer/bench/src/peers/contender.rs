@@ -3,7 +3,7 @@
 use super::child::Child;
 use anyhow::{Context, Result, ensure};
 use renderflow::util::cancel::Interrupted;
-use renderflow::util::clock::{Clock, Elapsed, Of};
+use renderflow::util::clock::{Spent, Stopwatch};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_renderer::{Budget, Channels, RenderScene, Settings, render};
 use renderflow_scenes::LoadedScene;
@@ -120,7 +120,7 @@ impl Contender {
     ///
     /// # Errors
     /// When it fails, or `cancel` was set.
-    pub fn render(&mut self, spp: u32, seed: u64, shot: &Shot, cancel: &AtomicBool) -> Result<(Rgb, Elapsed)> {
+    pub fn render(&mut self, spp: u32, seed: u64, shot: &Shot, cancel: &AtomicBool) -> Result<(Rgb, Spent)> {
         match &mut self.engine {
             Engine::Ours(ours) => {
                 if ours.compiled.as_ref().is_none_or(|(of, _)| *of != seed) {
@@ -133,21 +133,21 @@ impl Contender {
                 // What the others render, too: the beauty.
                 let channels = Channels::BEAUTY;
                 let settings = Settings { spp, max_bounces: shot.max_bounces, budget, channels, ..Settings::default() };
-                let clock = Clock::start(Of::Process);
+                let clock = Stopwatch::start();
                 let frame = render(scene, &settings, &|_, _| (), cancel);
-                let elapsed = clock.elapsed();
+                let spent = clock.spent();
                 if cancel.load(Ordering::Relaxed) {
                     return Err(Interrupted.into());
                 }
-                Ok((frame?.raw.context("a frame without beauty")?, elapsed))
+                Ok((frame?.raw.context("a frame without beauty")?, spent))
             }
             Engine::Other { child, file } => {
                 let answer = child.ask(&json!({"render": {"spp": spp, "seed": seed, "file": file}}), cancel)?;
                 let seconds = |name: &str| answer[name].as_f64().filter(|s| s.is_finite() && *s >= 0.0);
                 let seconds = |name| seconds(name).with_context(|| format!("said {answer}, without {name}"));
-                let elapsed = Elapsed { cpu: seconds("cpu")?, wall: seconds("wall")? };
+                let spent = Spent { seconds: seconds("wall")?, processor: Some(seconds("cpu")?) };
                 let bytes = renderflow_frame::file::read(file)?;
-                Ok((picture(&bytes, shot.size)?, elapsed))
+                Ok((picture(&bytes, shot.size)?, spent))
             }
         }
     }

@@ -406,7 +406,7 @@ impl Run<'_> {
                     let error = reference.error(&picture)?;
                     run.progress.add(u64::from(spp));
                     let (scene, renderer) = (name.to_owned(), contender.kind.id.to_owned());
-                    rows.push(Row { scene, renderer, repeat, spp, wall: time.wall, cpu: time.cpu, error });
+                    rows.push(Row { scene, renderer, repeat, spp, wall: time.seconds, cpu: time.cpu(), error });
                     Ok(())
                 })?;
                 self.measured.rows.extend(rows);

@@ -19,7 +19,7 @@ pub const GROUPS: [&str; 7] = ["outdoor_sun", "outdoor_soft", "sunset", "night",
 /// Name, index into [`GROUPS`], recipe.
 type Recipe = (&'static str, usize, fn(&mut Pcg64) -> Sky);
 
-const RECIPES: [Recipe; 84] = [
+const RECIPES: &[Recipe] = &[
     ("clear_high_sun", 0, outdoor::clear_high_sun),
     ("clear_low_sun", 0, outdoor::clear_low_sun),
     ("hazy_sun", 0, outdoor::hazy_sun),
