@@ -151,7 +151,7 @@ fn render_says_what_differs_and_overwrites_only_when_asked() {
 fn render_replaces_no_file_of_others() {
     let folder = Folder::new();
     let scene = folder.at("scene.json");
-    succeed(&["compose", "--seed", "7", "--resolution", "16", "16", "--frames", "1", "--out", &scene]);
+    succeed(&["compose", "--seed", "7", "--resolution", "16", "--frames", "1", "--out", &scene]);
     for (name, content) in [
         ("a/scene.json", "{\"name\": \"of another program\"}"),
         ("b/transforms.json", "{\"frames\": []}"),

@@ -90,7 +90,7 @@ fn the_papers_network_from_training_to_tables() {
 }
 
 fn files_say_what_they_are(folder: &Path, weights: &Weights) {
-    let header: Value = serde_json::from_str(&succeed(&["weights", text(&weights.inverse)])).unwrap();
+    let header: Value = serde_json::from_str(&succeed(&["weights", "--json", text(&weights.inverse)])).unwrap();
     assert_eq!(header["network"]["kind"], "wan-flow");
     assert!(header["network"]["config"]["inverse"].is_object() && header["provenance"]["steps"] == 44, "{header}");
 

@@ -25,7 +25,7 @@ pub struct Check {
     json: bool,
     /// Print only the files that are refused
     #[arg(long)]
-    quiet: bool,
+    refused: bool,
 }
 
 impl Check {
@@ -35,7 +35,7 @@ impl Check {
         self.inspect_all(allowed, |path, inspected| {
             let accepted = inspected.verdict.is_ok();
             refused += usize::from(!accepted);
-            if accepted && self.quiet {
+            if accepted && self.refused {
                 return;
             }
             if self.json {

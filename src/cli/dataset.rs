@@ -1,9 +1,10 @@
+use super::scene::any_resolution;
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::NO_TRUTH;
 use crate::dataset::plan::{Allowed, Keyframes, NO_CLASSIC, Plan, Render};
 use crate::dataset::{Shard, export, log, merge, pack, planning, preview, render, repair, stats, verify};
 use crate::util::cancel::Cancel;
-use crate::util::ranges::within;
+use crate::util::ranges::{Resolution, within};
 use crate::util::{files, output};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
@@ -12,7 +13,15 @@ use renderflow_frame::frame_file::Profile;
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_scenes::procedural::{Composition, Split};
+use serde_json::{Value, json};
 use std::path::PathBuf;
+
+/// Said below the help of `dataset`.
+pub(super) const HELP: &str = "\
+Examples:
+  renderflow dataset plan --seed 5 --sequences 10 --frames 8 --resolution 128 --spp 64 -o plan.toml
+  renderflow dataset render --plan plan.toml -o data
+  renderflow dataset verify data";
 
 /// Datasets: a small plan, and folders of sequences made from it.
 #[derive(Subcommand)]
@@ -41,7 +50,7 @@ pub enum DatasetCommand {
 
 /// Writes a plan file.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset plan --seed 5 --sequences 1300 --resolution 512 --out plan.toml\n\
+#[command(after_help = "Example: renderflow dataset plan --seed 5 --sequences 1300 --resolution 512 -o plan.toml\n\
 The file holds every knob (layouts, cameras, materials, motion, families of each split); edit it before rendering.")]
 pub struct PlanArgs {
     /// Root of the seed tree
@@ -62,9 +71,9 @@ pub struct PlanArgs {
     /// Degrees that an orbiting camera turns from one frame to the next
     #[arg(long, default_value_t = Composition::default().degrees_per_frame)]
     degrees_per_frame: f32,
-    /// Pixels along both sides
-    #[arg(long, default_value_t = 256, value_parser = within(Plan::RESOLUTION))]
-    resolution: u32,
+    /// Size of the frames in pixels: 640x480, or 512 for a square
+    #[arg(long, value_name = "WxH", default_value = "256", value_parser = any_resolution())]
+    resolution: Resolution,
     /// Samples for each pixel; 0 renders G-buffers only
     #[arg(long, default_value_t = Settings::default().spp, value_parser = within(Plan::SPP))]
     spp: u32,
@@ -105,7 +114,7 @@ pub struct PlanArgs {
     #[arg(long, hide = true)]
     classic: bool,
     /// File to write: TOML if its name ends in .toml, JSON otherwise
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
     /// Replace the file if another one is there, such as an edited plan
     #[arg(long)]
@@ -114,13 +123,13 @@ pub struct PlanArgs {
 
 /// Shows what a plan would make.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset preview --plan plan.json --out preview")]
+#[command(after_help = "Example: renderflow dataset preview --plan plan.json -o preview")]
 pub struct PreviewArgs {
     /// Plan file
     #[arg(long)]
     plan: PathBuf,
     /// Folder for meshes.png, environments.png and scenes.png
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
     /// Pixels along a side of each picture
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(16..=1024))]
@@ -134,11 +143,14 @@ pub struct PreviewArgs {
     /// Only count the catalogue: distinct meshes and maps, watertight meshes, triangles
     #[arg(long)]
     count_only: bool,
+    /// Print the counts as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Renders a plan.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset render --plan plan.json --out data --shard 1/4\n\
+#[command(after_help = "Example: renderflow dataset render --plan plan.json -o data --shard 1/4\n\
 A termination signal lets the frame at hand finish (exit code 75); the same command goes on. What is finished is hashed and\n\
 held to its record; what is damaged is made again. Frames that fail are recorded (failures.json beside them, logs/*.jsonl)\n\
 and do not stop the others; the same command tries them again.")]
@@ -147,7 +159,7 @@ pub struct RenderArgs {
     #[arg(long)]
     plan: PathBuf,
     /// Dataset folder
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
     /// Part i of n, counted from 1. Without it, the task of a Slurm array or the index of a Kubernetes job decides; without
     /// those, everything is rendered
@@ -160,14 +172,14 @@ pub struct RenderArgs {
 
 /// Writes the manifest.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset merge --plan plan.json --out data\n\
+#[command(after_help = "Example: renderflow dataset merge --plan plan.json -o data\n\
 Every file is hashed first; a dataset that is damaged or not complete is refused.")]
 pub struct MergeArgs {
     /// Plan file
     #[arg(long)]
     plan: PathBuf,
     /// Dataset folder
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
 }
 
@@ -178,6 +190,9 @@ Prints each fault with the command that mends it, and notes about what is odd an
 pub struct VerifyArgs {
     /// Dataset folder
     dataset: PathBuf,
+    /// Print the findings as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Repairs a dataset.
@@ -195,12 +210,12 @@ pub struct RepairArgs {
 
 /// Writes a page of histograms.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset stats data --out stats.html")]
+#[command(after_help = "Example: renderflow dataset stats data -o stats.html")]
 pub struct StatsArgs {
     /// Dataset folder
     dataset: PathBuf,
     /// Page to write; stats.html in the dataset folder by default
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: Option<PathBuf>,
     /// Print the numbers as JSON
     #[arg(long)]
@@ -253,7 +268,7 @@ impl PlanArgs {
             },
             frames: self.frames,
             frame_step: self.frame_step,
-            resolution: [self.resolution; 2],
+            resolution: self.resolution.0,
             render: Render {
                 spp: self.spp,
                 adaptive: self.adaptive,
@@ -293,6 +308,10 @@ impl PreviewArgs {
         for (name, bytes) in sheets {
             file::write_atomic(&self.out.join(name), &bytes)?;
         }
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&found)?);
+            return Ok(());
+        }
         println!(
             "{} meshes of {} families, {} distinct, {} watertight, {:.0} triangles on average",
             found.meshes,
@@ -316,6 +335,24 @@ impl VerifyArgs {
         let found = verify::verify(&self.dataset, cancel)?;
         let agreement = &found.agreement;
         let percent = |part: u64, whole: u64| 100.0 * part as f64 / whole.max(1) as f64;
+        if self.json {
+            let faults =
+                found.faults.iter().map(|fault| json!({ "fault": fault.to_string(), "remedy": fault.remedy.to_string() }));
+            let findings = json!({
+                "sequences": found.sequences,
+                "frames": found.frames,
+                "bytes": found.bytes,
+                "motion_that_differs": [agreement.motion_off, agreement.motion],
+                "points_found_percent": percent(agreement.seen, agreement.projected),
+                "normals_against_depth_degrees": agreement.median_angle(),
+                "normals_that_face_percent": percent(agreement.facing, agreement.covered),
+                "notes": found.notes.iter().map(ToString::to_string).collect::<Vec<String>>(),
+                "faults": faults.collect::<Vec<Value>>(),
+            });
+            println!("{}", serde_json::to_string_pretty(&findings)?);
+            ensure!(found.faults.is_empty(), "{}: {} faults", self.dataset.display(), found.faults.len());
+            return Ok(());
+        }
         println!("{} sequences, {} frames, {} bytes", found.sequences, found.frames, found.bytes);
         println!("motion vectors against depth and cameras: {} of {} differ", agreement.motion_off, agreement.motion);
         println!("points found at their depth a frame later: {:.1} %", percent(agreement.seen, agreement.projected));

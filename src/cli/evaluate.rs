@@ -15,11 +15,11 @@ use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
 Examples:
-  renderflow evaluate --data sets --methods all --every 5 --out results
-  renderflow evaluate --data sets --methods standard --budgets .05,.1,.2,.4,.8 --every 10 --out results-budgets
-  renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" --out results-mine
-  renderflow report results --out report
-  renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors --out results-wan";
+  renderflow evaluate --data sets --methods all --every 5 -o results
+  renderflow evaluate --data sets --methods standard --budgets .05,.1,.2,.4,.8 --every 10 -o results-budgets
+  renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" -o results-mine
+  renderflow report results -o report
+  renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors -o results-wan";
 
 const HELP_OF_FOLDERS: &str = "\
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
@@ -102,8 +102,11 @@ struct Pictures {
     #[arg(long, default_value_t = 6)]
     pictures_kept: usize,
     /// Results folder: scores as JSON lines, pictures
-    #[arg(long, required = true)]
+    #[arg(long, short = 'o', required = true)]
     out: Option<PathBuf>,
+    /// Print the table as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 impl Pictures {
@@ -116,7 +119,11 @@ impl Pictures {
             _ => bail!("either --data FOLDER, or two folders: pictures and truth"),
         }
         let results = Results::read(out)?;
-        print!("{}", table::markdown(&results, table::Filter::default()));
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&table::json(&results))?);
+        } else {
+            print!("{}", table::markdown(&results, table::Filter::default()));
+        }
         Ok(())
     }
 

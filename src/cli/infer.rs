@@ -30,9 +30,9 @@ const STATE: &str = "stopped.safetensors";
 /// (--weights) only reads G-buffers and keyframes, and works in clips of five frames that overlap by one, unless --stills is
 /// given. If it was stopped, the same command continues.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes --out neural\n  \
-renderflow infer --data data/test --rays 4 --neighbours around --out neural-rays\n  \
-renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors --out wan-out")]
+#[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes -o neural\n  \
+renderflow infer --data data/test --rays 4 --neighbours around -o neural-rays\n  \
+renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors -o wan-out")]
 pub struct Infer {
     /// A sequence folder, or a folder of them
     #[arg(long)]
@@ -62,7 +62,7 @@ pub struct Infer {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: u32,
     /// Folder to write to: an EXR with the picture as beauty and a PNG for every frame
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
 }
 

@@ -22,8 +22,8 @@ const ENDINGS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
 
 const HELP: &str = "\
 Examples:
-  renderflow invert photos/ --weights wan/inverse.safetensors --vae wan/vae.safetensors --out buffers
-  renderflow invert --data data/test --weights wan/inverse.safetensors --only albedo,normal --exr --out buffers
+  renderflow invert photos/ --weights wan/inverse.safetensors --vae wan/vae.safetensors -o buffers
+  renderflow invert --data data/test --weights wan/inverse.safetensors --only albedo,normal --exr -o buffers
 
 Writes NAME.albedo.png (sRGB), NAME.normal.png (0.5 + 0.5 n, camera space: x right, y up, z towards the camera), NAME.depth.png (16 bits;
 0 nearest to 1 farthest, in the logarithm of depth over a range that a picture does not tell) and NAME.material.png (roughness, metallic,
@@ -58,7 +58,7 @@ pub struct Invert {
     #[arg(long)]
     exr: bool,
     /// Folder to write to
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
 }
 

@@ -6,14 +6,14 @@ use std::path::PathBuf;
 /// Writes the scripts of a cluster.
 #[derive(Args)]
 #[command(
-    after_help = "Example: renderflow dataset slurm --plan plan.json --out data --script-dir jobs --time 04:00:00 && sh jobs/submit.sh"
+    after_help = "Example: renderflow dataset slurm --plan plan.json -o data --script-dir jobs --time 04:00:00 && sh jobs/submit.sh"
 )]
 pub struct SlurmArgs {
     /// Plan file
     #[arg(long)]
     plan: PathBuf,
     /// Dataset folder
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
     /// Folder for array.sh, merge.sh, submit.sh, kubernetes.yaml and the logs
     #[arg(long)]

@@ -1,13 +1,15 @@
 //! `train`: trains the fusion network, or the paper's network stage by stage.
 
+mod done;
 mod fusion;
 mod monitor;
 mod reference;
 mod wan;
 
+use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::progress::Progress;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use renderflow_frame::{file, words};
 use renderflow_model::train::RunConfig;
@@ -21,16 +23,16 @@ use std::sync::OnceLock;
 
 const HELP: &str = "\
 Examples for the fusion network, which reads samples, keyframes and deferred shading:
-  renderflow train --plan plan.toml --minutes 120 --out runs/fusion
-  renderflow train --data data/train --minutes 45 --from runs/fusion/weights.safetensors --out runs/mine
+  renderflow train --plan plan.toml --minutes 120 -o runs/fusion
+  renderflow train --data data/train --minutes 45 --from runs/fusion/weights.safetensors -o runs/mine
 
 Examples for the paper's network, in its order of stages (with wan-1.3b, add --from FILE to begin with published weights):
-  renderflow train --preset wan-small --stage autoencoder --data data/train --minutes 60 --out runs/vae
-  renderflow train --preset wan-small --stage base --vae runs/vae/weights.safetensors --data data/train --minutes 120 --out runs/wan
+  renderflow train --preset wan-small --stage autoencoder --data data/train --minutes 60 -o runs/vae
+  renderflow train --preset wan-small --stage base --vae runs/vae/weights.safetensors --data data/train --minutes 120 -o runs/wan
   renderflow train --preset wan-small --stage keyframes --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
-      --data data/train --minutes 60 --out runs/wan-keys
+      --data data/train --minutes 60 -o runs/wan-keys
   renderflow train --preset wan-small --stage inverse --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
-      --data data/train --minutes 60 --out runs/wan-inverse
+      --data data/train --minutes 60 -o runs/wan-inverse
 
 A configuration file names its network: \"network\": \"fusion\" or \"network\": \"wan\". --print-config shows every option.";
 
@@ -51,7 +53,7 @@ pub struct Train {
     plan: Option<PathBuf>,
     /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
     /// events and pictures
-    #[arg(long)]
+    #[arg(long, short)]
     out: PathBuf,
     /// JSON file with the options of either network, as --print-config prints them. Other flags override it
     #[arg(long)]
@@ -84,7 +86,7 @@ pub struct Train {
     #[arg(long)]
     cache_mib: Option<usize>,
     /// Print the configuration as JSON and exit
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     print_config: bool,
 }
 
@@ -162,6 +164,13 @@ impl Train {
             println!("{}", serde_json::to_string_pretty(&configuration)?);
             return Ok(());
         }
+        let done = match &configuration {
+            Configuration::Fusion(options) => self.is_done(&options.training)?,
+            Configuration::Wan(config) => self.is_done(&**config)?,
+        };
+        if done {
+            return Ok(());
+        }
         match configuration {
             Configuration::Fusion(options) => self.fusion(&options, allowed, cancel),
             Configuration::Wan(config) => self.wan(&config, cancel),
@@ -196,9 +205,32 @@ impl Train {
         run.seed = self.seed.unwrap_or(run.seed);
     }
 
+    /// Refuses frames of `size` pixels that are smaller than a crop of `crop`, and says how to get smaller crops. `option` is where
+    /// the configuration has them.
+    fn check_crop(&self, size: [usize; 2], crop: usize, option: &str) -> Result<()> {
+        let [width, height] = size;
+        let command = match (&self.preset, &self.stage) {
+            (Some(preset), Some(_)) => format!("renderflow train --preset {preset} --stage ... "),
+            _ => "renderflow train ".to_owned(),
+        };
+        ensure!(
+            width.min(height) >= crop,
+            "frames of {width} x {height} pixels are smaller than the crop of {crop}. Write the configuration with `{command}--print-config > \
+             run.json`, set each /{option}/N/size to at most {}, and train with --config run.json",
+            width.min(height)
+        );
+        Ok(())
+    }
+
     fn data(&self) -> Result<&Path> {
         self.data.as_deref().context("--data is missing")
     }
+}
+
+/// Width and height of the smallest frame of a sequence.
+fn smallest(sequence: &Sequence) -> [usize; 2] {
+    let camera = sequence.transforms.cameras.iter().min_by_key(|camera| camera.width.min(camera.height));
+    camera.map_or([0; 2], |camera| [camera.width, camera.height])
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Training of the paper's network: the configuration of each preset, and the run.
 
-use super::{Bars, Train};
+use super::{Bars, Train, smallest};
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
@@ -112,6 +112,11 @@ impl Train {
         let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
         let bars = Bars::new(dataset.sequences.len() as u64);
         notes.iter().for_each(|note| bars.note(note));
+        let picture = config.batches.iter().map(|batch| batch.size).max().unwrap_or(0);
+        for sequence in &dataset.sequences {
+            let fits = self.check_crop(smallest(sequence), picture, "batches");
+            fits.with_context(|| sequence.folder.display().to_string())?;
+        }
         let tell = |progress: &train::Progress| match progress {
             train::Progress::Loading { done, total } => bars.loading(*done, *total),
             train::Progress::Note(note) => bars.note(note),
