@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{copy, fail, succeed};
+use common::{copy, fail, renderflow, succeed};
 use renderflow_frame::{exr, transforms};
 use std::path::{Path, PathBuf};
 
@@ -57,7 +57,12 @@ fn a_run_goes_on_with_its_own_data_alone() {
     // Finished, and asked for with other data.
     data.refused(&b, "run", &["training data: is not what the run in", "checkpoint.safetensors", "another output folder"]);
     assert!(std::fs::read(data.path("run/checkpoint.safetensors")).unwrap() == checkpoint);
-    assert!(data.trained(&a, "run").contains("2 steps"));
+    let log = std::fs::read(data.path("run/log.jsonl")).unwrap();
+    let again = renderflow(&data.arguments(&data.path("options.json"), &a, &data.path("run")));
+    assert!(String::from_utf8_lossy(&again.stdout).starts_with("already done: 2 steps in "), "{again:?}");
+    // Nothing was loaded.
+    assert!(again.status.success() && !common::stderr(&again).contains("done in"), "{again:?}");
+    assert!(std::fs::read(data.path("run/log.jsonl")).unwrap() == log);
     // To be gone on with.
     common::write_training(&data.path("options.json"), 3);
     data.refused(&b, "run", &["is not what the run in"]);

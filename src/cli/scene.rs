@@ -64,6 +64,9 @@ impl SceneArgs {
         let Wanted { seed, composed, frames, .. } = *wanted;
         let size = wanted.resolution.map(|Resolution(size)| size);
         let mut reach = self.file().map_or_else(|| Reach::folder("."), Reach::of).allow(allowed);
+        if let Some(path) = self.file() {
+            tracing::info!(path = %path.display(), "reading");
+        }
         let mut scene = match self.file() {
             None => {
                 let size = size.unwrap_or([256; 2]);
@@ -107,7 +110,6 @@ impl SceneArgs {
 
 /// The scene in a file. It is checked at once, or after the settings have been applied.
 fn read(path: &Path, settings: &[Setting]) -> Result<Scene> {
-    tracing::info!(path = %path.display(), "reading");
     if settings.is_empty() {
         return Ok(Scene::read(path)?);
     }

@@ -164,13 +164,6 @@ impl Train {
             println!("{}", serde_json::to_string_pretty(&configuration)?);
             return Ok(());
         }
-        let done = match &configuration {
-            Configuration::Fusion(options) => self.is_done(&options.training)?,
-            Configuration::Wan(config) => self.is_done(&**config)?,
-        };
-        if done {
-            return Ok(());
-        }
         match configuration {
             Configuration::Fusion(options) => self.fusion(&options, allowed, cancel),
             Configuration::Wan(config) => self.wan(&config, cancel),

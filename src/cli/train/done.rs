@@ -1,4 +1,4 @@
-//! Tells a run that is already at its end, before any data is loaded.
+//! Tells a run that is already at its end, before any training data is made.
 
 use super::Train;
 use anyhow::Result;
@@ -12,8 +12,9 @@ const HEADER: &str = "renderflow";
 
 impl Train {
     /// Prints where the weights are if the run in the output folder is at the end that `config` asks for. Then there is nothing to
-    /// do. A run with other options, or one that cannot be read, is left to the training, which says what is wrong with it.
-    pub(super) fn is_done<C: TrainingConfig>(&self, config: &C) -> Result<bool> {
+    /// do. `data` is the identity of the training data. A run with other options or data, or one that cannot be read, is left to
+    /// the training, which says what is wrong with it.
+    pub(super) fn is_done<C: TrainingConfig>(&self, config: &C, data: Option<&str>) -> Result<bool> {
         let [checkpoint, weights] = ["checkpoint.safetensors", "weights.safetensors"].map(|name| self.out.join(name));
         if !weights.is_file() {
             return Ok(false);
@@ -24,9 +25,12 @@ impl Train {
         };
         let metadata = SafeTensors::read_metadata(&bytes).ok().and_then(|(_, metadata)| metadata.metadata().clone());
         let header = metadata.and_then(|entries| serde_json::from_str::<CheckpointHeader<C>>(entries.get(HEADER)?).ok());
-        let Some(CheckpointHeader { config: old, step, elapsed, .. }) = header else { return Ok(false) };
+        let Some(CheckpointHeader { config: old, step, elapsed, data: learned }) = header else { return Ok(false) };
         let (run, before) = (config.run(), old.run());
-        let same = run.seed == before.seed && run.optimizer == before.optimizer && config.difference(&old).is_none();
+        let same = run.seed == before.seed
+            && run.optimizer == before.optimizer
+            && config.difference(&old).is_none()
+            && learned.as_deref() == data;
         if !same || run.share(step, elapsed) < 1.0 {
             return Ok(false);
         }

@@ -86,13 +86,16 @@ impl Train {
         let counts = plan.sequences;
         ensure!(counts.train > 0, "the plan has no training sequences");
         self.check_crop(plan.resolution.map(|side| side as usize), options.crop(), CROPS).context("the plan")?;
+        let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
+        if self.is_done(&options.training, Some(&training.identity()))? {
+            return Ok(());
+        }
         let bars = Bars::new(options.training.first);
         let tested = Planned::new(&plan, [counts.train, counts.val], options.validation(), cancel);
         if !tested.denoises() {
             bars.note("this build has no denoiser: the network learns from noisy truth");
         }
         let validation = validation(&bars, counts.val, &|i| tested.records(i), cancel)?;
-        let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
         self.learn_beside(options, &training, &validation, &bars, cancel)
     }
 
@@ -102,6 +105,10 @@ impl Train {
         notes.iter().for_each(|note| bars.note(note));
         for sequence in &dataset.sequences {
             self.check_crop(smallest(sequence), options.crop(), CROPS).with_context(|| sequence.folder.display().to_string())?;
+        }
+        let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
+        if self.is_done(&options.training, Some(&training.identity()))? {
+            return Ok(());
         }
         let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));
         let held_out = match beside.filter(|folder| folder.is_dir() && !same(folder, data)) {
@@ -116,7 +123,6 @@ impl Train {
             let tested = Recorded::new(held_out, allowed, options.validation(), cancel)?;
             records = validation(&bars, held_out.sequences.len() as u32, &|i| tested.records(i), cancel)?;
         }
-        let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
         self.learn_beside(options, &training, &records, &bars, cancel)
     }
 

@@ -5,6 +5,7 @@ use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
+use renderflow_model::data::ClipSource;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_model::train::Decay;
 use renderflow_model::wan::FlowConfig;
@@ -110,6 +111,9 @@ impl Train {
 
     pub(super) fn wan(&self, config: &Config, cancel: &Cancel) -> Result<()> {
         let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
+        if self.is_done(config, dataset.identity()?.as_deref())? {
+            return Ok(());
+        }
         let bars = Bars::new(dataset.sequences.len() as u64);
         notes.iter().for_each(|note| bars.note(note));
         let picture = config.batches.iter().map(|batch| batch.size).max().unwrap_or(0);
