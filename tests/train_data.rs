@@ -96,7 +96,7 @@ fn what_does_not_belong_is_not_learned_from() {
     // Of a dataset with a plan: everything in its place, complete, as it was recorded.
     let stranger = copied("a", "stranger").join("train");
     copy(&data.path("b/train/seq-000001"), &stranger.join("seq-000005"));
-    data.refused(&stranger, "x", &["seq-000005: is no sequence of the dataset"]);
+    data.refused(&stranger, "x", &["seq-000005: is not a sequence of the dataset"]);
     let replaced = copied("a", "replaced");
     copy(&data.path("b/train/seq-000001"), &replaced.join("train/seq-000001"));
     data.refused(&replaced.join("train"), "x", &["train/seq-000001: sequence.json: /plan: is of another plan", "dataset repair"]);

@@ -14,7 +14,7 @@ use std::sync::mpsc;
 /// content.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted (or nobody reads the list to its end), 130 if interrupted."
+    after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted, 130 if interrupted."
 )]
 pub struct Check {
     /// Files and dataset folders

@@ -44,15 +44,15 @@ pub struct Demo {
     #[arg(long, value_name = "WxH", default_value = "256", help_heading = "Output", value_parser = resolution(16..=4096))]
     resolution: Resolution,
     /// Number of frames; an orbiting camera turns by 3.6 degrees from one to the next
-    #[arg(long, default_value_t = 17, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 17, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Input")]
     frames: u32,
     /// Distance between keyframes, in frames
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Input")]
     keyframe_gap: u32,
     #[command(flatten)]
     weights: AllWeightsArgs,
     /// Samples for each pixel of the path-traced rows
-    #[arg(long, value_delimiter = ',', default_value = "1,4")]
+    #[arg(long, value_delimiter = ',', default_value = "1,4", help_heading = "Sampling")]
     path_traced: Vec<u32>,
     /// Folder to write to
     #[arg(long, short, default_value = "demo-out", help_heading = "Output")]

@@ -126,7 +126,7 @@ fn limit(text: &str) -> std::result::Result<f32, String> {
 /// So `scene` gets another seed, unless `chosen` is the user's own.
 fn target(path: &Path, scene: &mut Scene, chosen: Option<u64>) -> Result<Target> {
     if scene.frames != 1 {
-        bail!("--reference is of one picture, the scene has {} frames; --frames 1 renders the first", scene.frames);
+        bail!("--reference compares one picture, but the scene has {} frames; --frames 1 renders the first", scene.frames);
     }
     let target = Target::read(path)?;
     let [width, height] = scene.resolution.map(|v| v as usize);
@@ -225,7 +225,7 @@ fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<()>
     }
     progress.print(&match frame.info.sampling.as_str() {
         "" => path.display().to_string(),
-        sampling => format!("{} ({sampling}: {} samples a pixel)", path.display(), frame.info.spp),
+        sampling => format!("{} ({sampling}: {} samples per pixel)", path.display(), frame.info.spp),
     });
     Ok(())
 }

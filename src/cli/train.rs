@@ -45,45 +45,45 @@ A configuration file names its network: \"network\": \"fusion\" or \"network\": 
 pub struct Train {
     /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from
     /// their scenes; it is validated on the split `val` beside it
-    #[arg(long, required_unless_present_any = ["plan", "print_config"])]
+    #[arg(long, required_unless_present_any = ["plan", "print_config"], help_heading = "Input")]
     data: Option<PathBuf>,
     /// Plan file (see `dataset plan`) for the fusion network. Its training sequences are composed and rendered during training,
     /// and are not stored
-    #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"])]
+    #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"], help_heading = "Input")]
     plan: Option<PathBuf>,
     /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
     /// events and pictures
-    #[arg(long, short)]
+    #[arg(long, short, help_heading = "Output")]
     out: PathBuf,
     /// JSON file with the options of either network, as --print-config prints them. Other flags override it
-    #[arg(long)]
+    #[arg(long, help_heading = "Input")]
     config: Option<PathBuf>,
     /// Train the paper's network at this size
-    #[arg(long, value_parser = FlowConfig::PRESETS, requires = "stage", conflicts_with = "config")]
+    #[arg(long, value_parser = FlowConfig::PRESETS, requires = "stage", conflicts_with = "config", help_heading = "Network")]
     preset: Option<String>,
     /// Stage of the paper's network to train
-    #[arg(long, value_enum, requires = "preset")]
+    #[arg(long, value_enum, requires = "preset", help_heading = "Network")]
     stage: Option<wan::StageArg>,
     /// Weights of the autoencoder of the paper's network
-    #[arg(long)]
+    #[arg(long, help_heading = "Network")]
     vae: Option<PathBuf>,
     /// Weights to begin with, written by this program. The paper's network can also begin with published weights of Wan or VACE
-    #[arg(long)]
+    #[arg(long, help_heading = "Network")]
     from: Option<PathBuf>,
     /// Weights of the renderer on which an adapter of the paper's network is trained
-    #[arg(long, requires = "preset")]
+    #[arg(long, requires = "preset", help_heading = "Network")]
     base: Option<PathBuf>,
     /// Number of optimiser steps
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     steps: Option<u64>,
     /// Minutes of training over all resumptions. The learning rate is annealed by the end
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     minutes: Option<f64>,
     /// Seed of the initial weights and of the batches
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     seed: Option<u64>,
     /// Memory for the training data of the paper's network, MiB
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     cache_mib: Option<usize>,
     /// Print the configuration as JSON and exit
     #[arg(long, help_heading = "Output")]

@@ -40,7 +40,7 @@ enum Command {
 /// Lists the content of weights files: safetensors, the index of a set of shards, PyTorch files, or a folder with one of these.
 #[derive(Args)]
 #[command(
-    after_help = "Example: renderflow weights inspect Wan2.1_VAE.pth transformer/\n\nWhat network it is, is told by what this \
+    after_help = "Example: renderflow weights inspect Wan2.1_VAE.pth transformer/\n\nThe network is recognised by what this \
 program wrote into its own files, else by a config.json beside the file, else by names and shapes."
 )]
 struct Inspect {
@@ -265,7 +265,7 @@ impl Convert {
         };
         if beside.is_some() {
             let same = files::hash(to_file)? == files::hash(&self.output)?;
-            ensure!(same, "{}: is there already, with other content; {OVERWRITE}", self.output.display());
+            ensure!(same, "{}: already exists with other content; {OVERWRITE}", self.output.display());
         }
         println!("{done}");
         Ok(())

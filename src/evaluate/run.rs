@@ -101,7 +101,7 @@ fn ready(test: &TestSequence, every: u32) -> Result<()> {
 /// The claim on the results folder, which is written before the first result.
 fn claim(options: &Options, out: &Path) -> Result<Claim> {
     let mut settings = vec![
-        ("camera rays a pixel of the G-buffer".to_owned(), options.rendering.guide_samples.to_string()),
+        ("camera rays per pixel of the G-buffer".to_owned(), options.rendering.guide_samples.to_string()),
         ("scattering events of a path".to_owned(), options.rendering.max_bounces.to_string()),
         (
             "frames".to_owned(),

@@ -59,10 +59,7 @@ impl Train {
     /// Refuses options outside their ranges, and flags of the other network.
     pub(super) fn check_fusion(&self, options: &Options) -> Result<()> {
         for (flag, given) in [("--vae", self.vae.is_some()), ("--cache-mib", self.cache_mib.is_some())] {
-            ensure!(
-                !given,
-                "{flag} is an option of the paper's network: add its --preset, or --config with a configuration of it"
-            );
+            ensure!(!given, "{flag} is an option of the paper's network: add --preset, or --config with its configuration");
         }
         options.training.validate()?;
         let recipe = &options.recipe;

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Said of a file that is in the way of a render and did not come from one.
-const FOREIGN: &str = "is there already, and nothing in the folder says that this program rendered it; choose another folder";
+const FOREIGN: &str = "already exists, and nothing in the folder says that this program rendered it; choose another folder";
 
 /// What is left to do in the folder of a sequence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -58,10 +58,10 @@ impl OpenSequence<'_> {
                 Existing::Other(what) if !overwrite => bail!("{what}; {way}"),
                 Existing::Other(what) if earlier.is_none() => bail!("{what}; {FOREIGN}"),
                 Existing::Other(_) => {}
-                // Somebody else put a picture there that can be read, but is no frame of this program.
+                // Somebody else put a picture there that can be read, but is not a frame of this program.
                 Existing::Broken(_) if earlier.is_none() || exr::read_rgb(&self.path(number)).is_ok() => {
                     bail!(
-                        "{}: is there already, and is no frame of this program; choose another folder",
+                        "{}: already exists and is not a frame of this program; choose another folder",
                         self.path(number).display()
                     );
                 }
