@@ -29,8 +29,8 @@ pub struct Common {
 }
 
 impl Common {
-    /// Starts the threads and the log, and listens for interrupts. Returns the folders that scenes may name files in, and the flag that the
-    /// first interrupt sets.
+    /// Starts the threads and the log, and listens for interrupts. Returns the folders that scenes may name files in, and the
+    /// flag that the first interrupt sets.
     ///
     /// # Errors
     /// When a folder is missing, the filter of the log is wrong, or the threads cannot be started.

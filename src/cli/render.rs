@@ -211,7 +211,8 @@ impl Render {
     }
 }
 
-/// Writes the picture of a stored frame, and says where the frame is. If `watch` is given, the frame is compared with its reference.
+/// Writes the picture of a stored frame, and says where the frame is. If `watch` is given, the frame is compared with its
+/// reference.
 fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<()> {
     let frame = exr::read(path)?;
     if let (Some(watch), Some(raw)) = (watch, &frame.raw) {

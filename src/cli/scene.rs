@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn a_wrong_path_is_answered_with_what_there_is() {
         for (setting, words) in [
-            ("sampels=4", &["--set sampels", "the scene has", "resolution"][..]),
+            ("sampels=4", &["--set sampels: unknown field `sampels`", "`resolution`"][..]),
             ("resolution/2=4", &["no \"2\"", "/resolution has 0 to 1"]),
             ("environment/turn=4", &["--set environment/turn", "unknown field `turn`", "rotation"]),
             ("objects/0/materials/roughness=4", &["no \"materials\"", "/objects/0 has"]),

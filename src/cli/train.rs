@@ -198,8 +198,8 @@ impl Train {
         run.seed = self.seed.unwrap_or(run.seed);
     }
 
-    /// Refuses frames of `size` pixels that are smaller than a crop of `crop`, and says how to get smaller crops. `option` is where
-    /// the configuration has them.
+    /// Refuses frames of `size` pixels that are smaller than a crop of `crop`, and says how to get smaller crops. `option` is
+    /// where the configuration has them.
     fn check_crop(&self, size: [usize; 2], crop: usize, option: &str) -> Result<()> {
         let [width, height] = size;
         let command = match (&self.preset, &self.stage) {

@@ -253,7 +253,8 @@ impl OpenSequence<'_> {
         Ok(())
     }
 
-    /// Does `work`: renders the frames that are missing and writes the descriptions. Every frame of the sequence takes 1000 units of `progress`.
+    /// Does `work`: renders the frames that are missing and writes the descriptions. Every frame of the sequence takes 1000
+    /// units of `progress`.
     ///
     /// # Errors
     /// When stopped ([`Interrupted`](crate::util::cancel::Interrupted)), when a frame cannot be rendered, or when a file cannot

@@ -11,9 +11,9 @@ use safetensors::SafeTensors;
 const HEADER: &str = "renderflow";
 
 impl Train {
-    /// Prints where the weights are if the run in the output folder is at the end that `config` asks for. Then there is nothing to
-    /// do. `data` is the identity of the training data. A run with other options or data, or one that cannot be read, is left to
-    /// the training, which says what is wrong with it.
+    /// Prints where the weights are if the run in the output folder is at the end that `config` asks for. Then there is
+    /// nothing to do. `data` is the identity of the training data. A run with other options or data, or one that cannot be
+    /// read, is left to the training, which says what is wrong with it.
     pub(super) fn is_done<C: TrainingConfig>(&self, config: &C, data: Option<&str>) -> Result<bool> {
         let [checkpoint, weights] = ["checkpoint.safetensors", "weights.safetensors"].map(|name| self.out.join(name));
         if !weights.is_file() {
