@@ -29,8 +29,8 @@ pub fn processor() -> String {
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }
 
-/// The file of a library that this process has loaded, whose name begins with `name`. `None` where it is not loaded, or the system
-/// does not tell.
+/// The file of a library that this process has loaded, whose name begins with `name`. `None` where it is not loaded, or the
+/// system does not tell.
 pub fn library(name: &str) -> Option<PathBuf> {
     let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
     let mut files = maps.lines().filter_map(|line| line.get(line.find('/')?..));

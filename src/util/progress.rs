@@ -134,8 +134,8 @@ impl Progress {
     }
 }
 
-/// Estimates the time left after `elapsed`, where `resumed` of the `done` units were done before. There is no estimate in the first
-/// second, nor before 3 % of the work or half a minute has gone by: it would be far off.
+/// Estimates the time left after `elapsed`, where `resumed` of the `done` units were done before. There is no estimate in the
+/// first second, nor before 3 % of the work or half a minute has gone by: it would be far off.
 fn left(elapsed: Duration, resumed: u64, done: u64, total: u64) -> Option<Duration> {
     let (fresh, missing) = (done.saturating_sub(resumed), total.saturating_sub(done));
     let enough = 100 * fresh >= 3 * (fresh + missing) || elapsed >= Duration::from_secs(30);
