@@ -363,7 +363,11 @@ fn networks_write_into_folders_of_their_own() {
     std::fs::write(&transforms, &text).unwrap();
     refused(folder.path(), &["invert", &mine, "--out", &out], &["no picture"]);
     // Frames are smaller than the crops: no folder, no empty log.
-    refused(folder.path(), &["train", "--data", train, "--steps", "1", "--out", &out], &["smaller than the crop", "--print-config", "--config run.json"]);
+    refused(
+        folder.path(),
+        &["train", "--data", train, "--steps", "1", "--out", &out],
+        &["smaller than the crop", "--print-config", "--config run.json"],
+    );
     // Somebody's log and weights; the folder of a run has a checkpoint.
     let options = folder.at("options.json");
     common::write_training(Path::new(&options), 1);
