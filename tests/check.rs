@@ -305,9 +305,9 @@ fn many_files_in_order_as_text_and_json() {
         assert!(found["kind"] == kind && known, "{found}");
     }
 
-    let (code, text) = check(&["--quiet"], &files);
+    let (code, text) = check(&["--refused"], &files);
     assert_eq!((code, text.lines().count()), (Some(1), 13), "{text}");
-    let (code, text) = check(&["--quiet"], &[good]);
+    let (code, text) = check(&["--refused"], &[good]);
     assert_eq!((code, text.as_str()), (Some(0), ""));
 }
 

@@ -122,7 +122,7 @@ fn a_training_sequence_in_the_test_split_is_found() {
     std::fs::remove_dir_all(copied.path("test/seq-000009")).unwrap();
     copy(&copied.path("train/seq-000000"), &copied.path("test/seq-000009"));
     let said = copied.faults();
-    contains(&said, &["test/seq-000009: sequence.json: is that of train/seq-000000", "mend: renderflow dataset repair"]);
+    contains(&said, &["test/seq-000009: sequence.json: is that of train/seq-000000", "to repair it: renderflow dataset repair"]);
     // By the folder it lies in, whatever it says itself.
     contains(&said, &["train/seq-000000 and test/seq-000009 share what splits must not: environment family "]);
     contains(&copied.merge_refuses(), &["test/seq-000009: sequence.json: is that of train/seq-000000"]);
@@ -131,7 +131,10 @@ fn a_training_sequence_in_the_test_split_is_found() {
     copied.merge_refuses();
     let output = copied.render();
     assert!(output.status.success(), "{}", stderr(&output));
-    contains(&stderr(&output), &["is that of train/seq-000000", "another sequence, moved to", "aside/test-seq-000009-1"]);
+    contains(
+        &stderr(&output),
+        &["is that of train/seq-000000", "is another sequence and was moved to", "aside/test-seq-000009-1"],
+    );
     copied.is_mended();
     // What was in the way is still there.
     assert_eq!(files(&copied.path("aside/test-seq-000009-1")).len(), files(&copied.path("train/seq-000000")).len());
@@ -166,16 +169,16 @@ fn folders_too_many_and_too_few_are_found() {
     let copied = Copy::new();
     copy(&copied.path("train/seq-000002"), &copied.path("train/seq-000099"));
     let said = copied.faults();
-    contains(&said, &["train/seq-000099: is no sequence of the plan", "mend: mv "]);
+    contains(&said, &["train/seq-000099: is not a sequence of the plan", "to repair it: mv "]);
     // Named, not removed.
     let output = renderflow(&["dataset", "repair", text(&copied.data())]);
     assert_eq!(output.status.code(), Some(1));
-    contains(&String::from_utf8_lossy(&output.stdout), &["FAULT ", "train/seq-000099: is no sequence of the plan"]);
+    contains(&String::from_utf8_lossy(&output.stdout), &["FAULT ", "train/seq-000099: is not a sequence of the plan"]);
     assert!(copied.path("train/seq-000099/frame.0000.exr").is_file());
-    contains(&copied.pack_refuses(), &["train/seq-000099: is no sequence of the dataset"]);
+    contains(&copied.pack_refuses(), &["train/seq-000099: is not a sequence of the dataset"]);
     std::fs::remove_dir_all(copied.path("train/seq-000099")).unwrap();
     std::fs::write(copied.path("train/seq-000002/readme.txt"), "mine").unwrap();
-    contains(&succeed(&["dataset", "verify", text(&copied.data())]), &["NOTE ", "readme.txt: is no part of the dataset"]);
+    contains(&succeed(&["dataset", "verify", text(&copied.data())]), &["NOTE ", "readme.txt: is not part of the dataset"]);
     std::fs::remove_file(copied.path("train/seq-000002/readme.txt")).unwrap();
 
     std::fs::remove_dir_all(copied.path("val/seq-000008")).unwrap();
@@ -230,7 +233,7 @@ fn flipped_frames_and_cut_descriptions_are_made_again() {
         ] {
             contains(&said, &[place]);
         }
-        assert_eq!(said.matches("FAULT").count(), said.matches("mend: renderflow dataset repair").count());
+        assert_eq!(said.matches("FAULT").count(), said.matches("to repair it: renderflow dataset repair").count());
         contains(&copied.merge_refuses(), &["6 sequences are damaged"]);
         mend(&copied);
         println!("{name}");

@@ -73,7 +73,7 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
             assert!(value("ssim").is_some() && value("flip").is_some(), "{score:?}");
             assert_eq!(value("temporal").is_some(), score.frame > 0, "{score:?}");
             assert_eq!(score.spp, (score.method == "pt4").then_some(4));
-            // The truth has 4 samples a pixel, too: they must be others.
+            // The truth has 4 samples per pixel, too: they must be others.
             assert!(score.method != "pt4" || value("psnr").is_some_and(|v| v < 50.0), "{score:?}");
             // Keyframes are what they are carried to.
             let carried = score.key && matches!(score.method.as_str(), "warp" | "neural+keys");

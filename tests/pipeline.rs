@@ -133,23 +133,3 @@ fn demo_prints_a_table_and_writes_a_self_contained_report() {
     run();
     assert_eq!(first, scores());
 }
-
-#[test]
-fn every_subcommand_shows_an_example() {
-    for command in ["demo", "render", "compose", "check", "train", "infer", "evaluate", "report", "hdri", "weights", "invert"] {
-        let help = succeed(&[command, "--help"]);
-        assert!(help.contains("Example"), "{command}: {help}");
-    }
-    for command in ["plan", "preview", "render", "merge", "verify", "repair", "stats", "slurm", "pack", "export"] {
-        let help = succeed(&["dataset", command, "--help"]);
-        assert!(help.contains("Example"), "dataset {command}: {help}");
-    }
-    for command in ["inspect", "convert"] {
-        let help = succeed(&["weights", command, "--help"]);
-        assert!(help.contains("Example"), "weights {command}: {help}");
-    }
-    for command in ["make", "verify"] {
-        let help = succeed(&["testset", command, "--help"]);
-        assert!(help.contains("Example"), "testset {command}: {help}");
-    }
-}

@@ -220,7 +220,7 @@ fn grey_dielectrics_differ_from_mitsubas_exact_fresnel_by_that_alone() {
     assert!((ours - exact).abs() < 0.0015, "{ours} where Mitsuba's own differ by {exact}");
 }
 
-/// The same with noise far below the limit: at 2048 samples a pixel the means were 0.042 % (plain), 0.042 % (fresnel), 0.070 %
+/// The same with noise far below the limit: at 2048 samples per pixel the means were 0.042 % (plain), 0.042 % (fresnel), 0.070 %
 /// (brushed) and 0.042 % (textured), which is the noise of the references.
 #[test]
 #[ignore = "heavy"]

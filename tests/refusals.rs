@@ -151,7 +151,7 @@ fn render_says_what_differs_and_overwrites_only_when_asked() {
 fn render_replaces_no_file_of_others() {
     let folder = Folder::new();
     let scene = folder.at("scene.json");
-    succeed(&["compose", "--seed", "7", "--resolution", "16", "16", "--frames", "1", "--out", &scene]);
+    succeed(&["compose", "--seed", "7", "--resolution", "16", "--frames", "1", "--out", &scene]);
     for (name, content) in [
         ("a/scene.json", "{\"name\": \"of another program\"}"),
         ("b/transforms.json", "{\"frames\": []}"),
@@ -175,7 +175,7 @@ fn render_replaces_no_file_of_others() {
     // A picture of another program in the place of a frame, in a folder of this program: it is no broken frame.
     common::write_map(&folder.path().join("own/frame.0000.exr"), |_, _| 0.5);
     let again = ["--scene", &scene, "--spp", "1", "--overwrite"];
-    refused(folder.path(), &render(&folder.at("own"), &again), &["frame.0000.exr", "no frame of this program"]);
+    refused(folder.path(), &render(&folder.at("own"), &again), &["frame.0000.exr", "not a frame of this program"]);
     // A sequence of a dataset is no render of a scene.
     let data = folder.path().join("data");
     copy(dataset().1, &data);
@@ -223,12 +223,12 @@ fn datasets_of_other_plans_stay() {
     refused(folder.path(), &["dataset", "render", "--plan", &other, "--out", &folder.at("data")], &["plan.json", "another plan"]);
     // An edited plan stays; the same plan is no other file; replaced when asked.
     let edited = folder.put("plan.json", &std::fs::read_to_string(plan).unwrap().replace("\"frames\": 2", "\"frames\": 3"));
-    refused(folder.path(), &plan_words(&edited, "8", &[]), &["plan.json: is there already", "--overwrite"]);
+    refused(folder.path(), &plan_words(&edited, "8", &[]), &["plan.json: already exists", "--overwrite"]);
     succeed(&plan_words(&edited, "8", &["--overwrite"]));
     assert_eq!(folder.bytes("plan.json"), std::fs::read(plan).unwrap());
     succeed(&plan_words(&edited, "8", &[]));
     let toml = folder.put("plan.toml", "# mine\n");
-    refused(folder.path(), &plan_words(&toml, "8", &[]), &["plan.toml: is there already"]);
+    refused(folder.path(), &plan_words(&toml, "8", &[]), &["plan.toml: already exists"]);
 }
 
 #[test]
@@ -236,13 +236,13 @@ fn composed_scenes_and_maps_and_scripts_are_not_replaced() {
     let folder = Folder::new();
     let scene = folder.put("scene.json", "{}");
     let compose = ["compose", "--seed", "7", "--out", &scene];
-    refused(folder.path(), &compose, &["scene.json: is there already", "--overwrite"]);
+    refused(folder.path(), &compose, &["scene.json: already exists", "--overwrite"]);
     succeed(&[&compose[..], &["--overwrite"]].concat());
     succeed(&compose);
     folder.put("hdri/overcast.hdr", "my map");
     folder.put("hdri/manifest.json", "mine");
     let hdri = folder.at("hdri");
-    refused(folder.path(), &["hdri", "--out", &hdri], &["is there already", "--overwrite"]);
+    refused(folder.path(), &["hdri", "--out", &hdri], &["already exists", "--overwrite"]);
 
     let plan = dataset().0.to_str().unwrap();
     let (jobs, data) = (folder.at("jobs"), folder.at("data"));
@@ -251,7 +251,7 @@ fn composed_scenes_and_maps_and_scripts_are_not_replaced() {
     succeed(&slurm);
     folder.put("jobs/submit.sh", "#!/bin/sh\necho mine\n");
     std::fs::remove_file(folder.path().join("jobs/array.sh")).unwrap();
-    refused(folder.path(), &slurm, &["submit.sh: is there already", "--overwrite"]);
+    refused(folder.path(), &slurm, &["submit.sh: already exists", "--overwrite"]);
     succeed(&[&slurm[..], &["--overwrite"]].concat());
     assert!(folder.path().join("jobs/array.sh").is_file());
 
@@ -260,7 +260,7 @@ fn composed_scenes_and_maps_and_scripts_are_not_replaced() {
     refused(
         folder.path(),
         &["dataset", "preview", "--plan", plan, "--out", &previews, "--count-only"],
-        &["meshes.png", "no preview"],
+        &["meshes.png", "not part of a preview"],
     );
     let own = folder.at("own");
     for _ in 0..2 {
@@ -268,7 +268,7 @@ fn composed_scenes_and_maps_and_scripts_are_not_replaced() {
     }
     let page = folder.put("page.html", "<html>mine</html>");
     let numbers = ["dataset", "stats", dataset().1.to_str().unwrap(), "--out", &page];
-    refused(folder.path(), &numbers, &["page.html", "no page of this program"]);
+    refused(folder.path(), &numbers, &["page.html", "not a page of this program"]);
     std::fs::remove_file(&page).unwrap();
     succeed(&numbers);
     succeed(&numbers);
@@ -283,12 +283,12 @@ fn converted_weights_replace_no_other_file() {
     let out = folder.put("w.safetensors", "mine");
     for (precision, others) in [("f16", "f32"), ("f32", "f16")] {
         let convert = ["weights", "convert", shipped, &out, "--precision", precision];
-        refused(folder.path(), &convert, &["w.safetensors: is there already", "--overwrite"]);
+        refused(folder.path(), &convert, &["w.safetensors: already exists", "--overwrite"]);
         succeed(&[&convert[..], &["--overwrite"]].concat());
         let before = std::fs::metadata(&out).unwrap().modified().unwrap();
         succeed(&convert);
         assert_eq!(std::fs::metadata(&out).unwrap().modified().unwrap(), before, "the same bytes were written again");
-        refused(folder.path(), &["weights", "convert", shipped, &out, "--precision", others], &["is there already"]);
+        refused(folder.path(), &["weights", "convert", shipped, &out, "--precision", others], &["already exists"]);
     }
 }
 
@@ -363,7 +363,11 @@ fn networks_write_into_folders_of_their_own() {
     std::fs::write(&transforms, &text).unwrap();
     refused(folder.path(), &["invert", &mine, "--out", &out], &["no picture"]);
     // Frames are smaller than the crops: no folder, no empty log.
-    refused(folder.path(), &["train", "--data", train, "--steps", "1", "--out", &out], &["smaller than the crop"]);
+    refused(
+        folder.path(),
+        &["train", "--data", train, "--steps", "1", "--out", &out],
+        &["smaller than the crop", "--print-config", "--config run.json"],
+    );
     // Somebody's log and weights; the folder of a run has a checkpoint.
     let options = folder.at("options.json");
     common::write_training(Path::new(&options), 1);
@@ -427,7 +431,7 @@ fn results_and_reports_are_not_mixed_with_other_files() {
     succeed(&["report", &results, "--out", &report]);
     succeed(&["report", &results, "--out", &report]);
     folder.put("site/index.html", "<html><title>My site</title>");
-    refused(folder.path(), &["report", &results, "--out", &folder.at("site")], &["index.html", "no page of this program"]);
+    refused(folder.path(), &["report", &results, "--out", &folder.at("site")], &["index.html", "not a page of this program"]);
     // A damaged picture: the pages that are there stay as they are.
     let picture = tree(&folder.path().join("results"))
         .into_iter()
@@ -450,7 +454,7 @@ fn the_demo_looks_at_all_its_folders_first() {
     let folder = Folder::new();
     for (name, content, words) in [
         ("a/results/notes.txt", "mine", "results.json"),
-        ("b/report/index.html", "mine", "no page of this program"),
+        ("b/report/index.html", "mine", "not a page of this program"),
         ("c/sequence/scene.json", "{}", "choose another folder"),
     ] {
         folder.put(name, content);

@@ -106,7 +106,7 @@ fn a_seed_samples_a_scene_from_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
     let scene = path("scene.json");
-    succeed(&["compose", "--seed", "7", "--resolution", "24", "24", "--frames", "1", "--out", &scene]);
+    succeed(&["compose", "--seed", "7", "--resolution", "24x24", "--frames", "1", "--out", &scene]);
     let words = |out: &str, more: &[&str]| -> Vec<String> {
         let common = ["render", "--scene", scene.as_str(), "--spp", "4", "--denoise", "none", "--out"];
         common.iter().copied().chain([path(out).as_str()]).chain(more.iter().copied()).map(str::to_owned).collect()

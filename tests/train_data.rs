@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{copy, fail, succeed};
+use common::{copy, fail, renderflow, succeed};
 use renderflow_frame::{exr, transforms};
 use std::path::{Path, PathBuf};
 
@@ -57,7 +57,12 @@ fn a_run_goes_on_with_its_own_data_alone() {
     // Finished, and asked for with other data.
     data.refused(&b, "run", &["training data: is not what the run in", "checkpoint.safetensors", "another output folder"]);
     assert!(std::fs::read(data.path("run/checkpoint.safetensors")).unwrap() == checkpoint);
-    assert!(data.trained(&a, "run").contains("2 steps"));
+    let log = std::fs::read(data.path("run/log.jsonl")).unwrap();
+    let again = renderflow(&data.arguments(&data.path("options.json"), &a, &data.path("run")));
+    assert!(String::from_utf8_lossy(&again.stdout).starts_with("already done: 2 steps in "), "{again:?}");
+    // Nothing was loaded.
+    assert!(again.status.success() && !common::stderr(&again).contains("done in"), "{again:?}");
+    assert!(std::fs::read(data.path("run/log.jsonl")).unwrap() == log);
     // To be gone on with.
     common::write_training(&data.path("options.json"), 3);
     data.refused(&b, "run", &["is not what the run in"]);
@@ -91,7 +96,7 @@ fn what_does_not_belong_is_not_learned_from() {
     // Of a dataset with a plan: everything in its place, complete, as it was recorded.
     let stranger = copied("a", "stranger").join("train");
     copy(&data.path("b/train/seq-000001"), &stranger.join("seq-000005"));
-    data.refused(&stranger, "x", &["seq-000005: is no sequence of the dataset"]);
+    data.refused(&stranger, "x", &["seq-000005: is not a sequence of the dataset"]);
     let replaced = copied("a", "replaced");
     copy(&data.path("b/train/seq-000001"), &replaced.join("train/seq-000001"));
     data.refused(&replaced.join("train"), "x", &["train/seq-000001: sequence.json: /plan: is of another plan", "dataset repair"]);

@@ -90,7 +90,7 @@ fn the_papers_network_from_training_to_tables() {
 }
 
 fn files_say_what_they_are(folder: &Path, weights: &Weights) {
-    let header: Value = serde_json::from_str(&succeed(&["weights", text(&weights.inverse)])).unwrap();
+    let header: Value = serde_json::from_str(&succeed(&["weights", "--json", text(&weights.inverse)])).unwrap();
     assert_eq!(header["network"]["kind"], "wan-flow");
     assert!(header["network"]["config"]["inverse"].is_object() && header["provenance"]["steps"] == 44, "{header}");
 
@@ -283,7 +283,7 @@ fn recovered_buffers_are_measured(folder: &Path, data: &Path, Weights { vae, key
     let evaluate = |from: &[&str], out: &Path| {
         succeed(&[&["evaluate", "inverse", "--data", text(data), "--every", "3", "--out", text(out)][..], from].concat());
         let results: Value = serde_json::from_slice(&std::fs::read(out.join("inverse.json")).unwrap()).unwrap();
-        assert_eq!(results["sets"][0]["frames"], FRAMES.div_ceil(3));
+        assert_eq!(results["sets"][0]["frames"], (0..FRAMES).filter(|frame| frame % 3 < 2).count());
         results["sets"][0]["rows"].clone()
     };
     let rows = evaluate(&from, &out);

@@ -137,12 +137,13 @@ def load(
     resolution: int | tuple[int, int] | None = None,
     frames: int | None = None,
     seed: int | None = None,
+    set: Mapping[str, Any] | None = None,
     allow_files: Iterable[PathLike] = (),
 ) -> Scene:
     """Reads a scene file (.json), or puts a model (.gltf, .glb, .obj) on a ground plane under a light.
 
     ``hdri`` is an environment map (.hdr, .exr) or the name of a built-in one; ``hdri_rotation`` turns it, in degrees about +Y.
-    The file may name files in its own folder and in the folders ``allow_files``. Raises :class:`Error` where a file cannot be
+    ``set`` changes values of the scene by their paths, as in ``{"materials/0/roughness": 0.2}``. The file may name files in its own folder and in the folders ``allow_files``. Raises :class:`Error` where a file cannot be
     read or holds something that cannot be rendered.
     """
     asked = {
@@ -152,6 +153,7 @@ def load(
         "seed": seed,
         "resolution": None if resolution is None else _size(resolution),
         "frames": frames,
+        "set": [f"{path}={json.dumps(value, allow_nan=False)}" for path, value in (set or {}).items()],
         "allowed": [os.fspath(folder) for folder in allow_files],
     }
     return Scene(_native.load(asked))

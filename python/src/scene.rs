@@ -1,7 +1,7 @@
 //! Scenes: from a seed, from a file, or from a description.
 
 use crate::work::{self, failed};
-use pyo3::exceptions::PyIndexError;
+use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use renderflow::dataset::source::{Described, SceneSource};
 use renderflow_frame::reach::Reach;
@@ -130,12 +130,14 @@ pub struct Asked {
     resolution: Option<[u32; 2]>,
     frames: Option<u32>,
     allowed: Vec<PathBuf>,
+    set: Vec<String>,
 }
 
 /// The scene in a file, or around a model.
 #[pyfunction]
 pub fn load(py: Python<'_>, asked: Asked) -> PyResult<Scene> {
-    let Asked { file, hdri, hdri_rotation, seed, resolution, frames, allowed } = asked;
-    let source = SceneSource { file: Some(file), hdri, hdri_rotation, seed, resolution, frames };
+    let Asked { file, hdri, hdri_rotation, seed, resolution, frames, allowed, set } = asked;
+    let set = set.iter().map(|text| text.parse()).collect::<Result<_, String>>().map_err(PyValueError::new_err)?;
+    let source = SceneSource { file: Some(file), hdri, hdri_rotation, seed, resolution, frames, set };
     work::run(py, move |_| Ok(Scene::new(source.describe(&allowed)?)))
 }

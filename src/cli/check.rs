@@ -14,7 +14,7 @@ use std::sync::mpsc;
 /// content.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted (or nobody reads the list to its end), 130 if interrupted."
+    after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted, 130 if interrupted."
 )]
 pub struct Check {
     /// Files and dataset folders
@@ -25,7 +25,7 @@ pub struct Check {
     json: bool,
     /// Print only the files that are refused
     #[arg(long)]
-    quiet: bool,
+    refused: bool,
 }
 
 impl Check {
@@ -35,7 +35,7 @@ impl Check {
         self.inspect_all(allowed, |path, inspected| {
             let accepted = inspected.verdict.is_ok();
             refused += usize::from(!accepted);
-            if accepted && self.quiet {
+            if accepted && self.refused {
                 return;
             }
             if self.json {

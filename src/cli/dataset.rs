@@ -1,10 +1,11 @@
+use super::scene::any_resolution;
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::NO_TRUTH;
 use crate::dataset::plan::{Allowed, Keyframes, NO_CLASSIC, Plan, Render};
 use crate::dataset::{Shard, log, merge, planning, preview, render, repair, stats, verify};
 use crate::report;
 use crate::util::cancel::Cancel;
-use crate::util::ranges::within;
+use crate::util::ranges::{Resolution, within};
 use crate::util::{files, output};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
@@ -13,7 +14,15 @@ use renderflow_frame::frame_file::Profile;
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_scenes::procedural::{Composition, Split};
+use serde_json::{Value, json};
 use std::path::PathBuf;
+
+/// Said below the help of `dataset`.
+pub(super) const HELP: &str = "\
+Examples:
+  renderflow dataset plan --seed 5 --sequences 10 --frames 8 --resolution 128 --spp 64 -o plan.toml
+  renderflow dataset render --plan plan.toml -o data
+  renderflow dataset verify data";
 
 /// Datasets: a small plan, and folders of sequences made from it.
 #[derive(Subcommand)]
@@ -42,86 +51,86 @@ pub enum DatasetCommand {
 
 /// Writes a plan file.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset plan --seed 5 --sequences 1300 --resolution 512 --out plan.toml\n\
-The file holds every knob (layouts, cameras, materials, motion, families of each split); edit it before rendering.")]
+#[command(after_help = "Example: renderflow dataset plan --seed 5 --sequences 1300 --resolution 512 -o plan.toml\n\
+The file holds every setting (layouts, cameras, materials, motion, families of each split); edit it before rendering.")]
 pub struct PlanArgs {
     /// Root of the seed tree
-    #[arg(long)]
+    #[arg(long, help_heading = "Sequences")]
     seed: u64,
     /// Put all sequences into this split; by default, val and test get a tenth each
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = "Sequences")]
     split: Option<Split>,
     /// Number of sequences; each has a scene of its own
-    #[arg(long, value_parser = within(Plan::SEQUENCES))]
+    #[arg(long, value_parser = within(Plan::SEQUENCES), help_heading = "Sequences")]
     sequences: u32,
     /// Frames in each sequence
-    #[arg(long, default_value_t = 100, value_parser = within(Plan::FRAMES))]
+    #[arg(long, default_value_t = 100, value_parser = within(Plan::FRAMES), help_heading = "Sequences")]
     frames: u32,
     /// Render only every n-th frame
-    #[arg(long, default_value_t = Plan::FRAME_STEP, value_parser = within(Plan::FRAMES))]
+    #[arg(long, default_value_t = Plan::FRAME_STEP, value_parser = within(Plan::FRAMES), help_heading = "Sequences")]
     frame_step: u32,
     /// Degrees that an orbiting camera turns from one frame to the next
-    #[arg(long, default_value_t = Composition::default().degrees_per_frame)]
+    #[arg(long, default_value_t = Composition::default().degrees_per_frame, help_heading = "Sequences")]
     degrees_per_frame: f32,
-    /// Pixels along both sides
-    #[arg(long, default_value_t = 256, value_parser = within(Plan::RESOLUTION))]
-    resolution: u32,
+    /// Size of the frames in pixels: 640x480, or 512 for a square
+    #[arg(long, value_name = "WxH", default_value = "256", value_parser = any_resolution(), help_heading = "Output")]
+    resolution: Resolution,
     /// Samples for each pixel; 0 renders G-buffers only
-    #[arg(long, default_value_t = Settings::default().spp, value_parser = within(Plan::SPP))]
+    #[arg(long, default_value_t = Settings::default().spp, value_parser = within(Plan::SPP), help_heading = "Sampling")]
     spp: u32,
     /// Spend more samples where the picture is noisier, --spp for each pixel on average
-    #[arg(long)]
+    #[arg(long, help_heading = "Sampling")]
     adaptive: bool,
     /// How often a path may scatter
-    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES), help_heading = "Sampling")]
     max_bounces: u32,
     /// How to denoise the picture. The plan stores whether OIDN is used, so that all machines make the same dataset
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = "Denoising")]
     denoise: Denoise,
     /// Frames 0, gap, 2 gap, ... are keyframes
-    #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES))]
+    #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES), help_heading = "Sequences")]
     keyframe_gap: u32,
     /// Samples for each pixel of the frames between keyframes; 0 renders G-buffers only
-    #[arg(long, value_parser = within(Plan::SPP))]
+    #[arg(long, value_parser = within(Plan::SPP), help_heading = "Sampling")]
     between_spp: Option<u32>,
     /// Store the Euclidean distance as well as the planar depth
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     distance: bool,
     /// Store frames in the compact form for training
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     compact: bool,
     /// Number of meshes in the catalogue
-    #[arg(long, default_value_t = Plan::MESHES, value_parser = within(Plan::CATALOGUE))]
+    #[arg(long, default_value_t = Plan::MESHES, value_parser = within(Plan::CATALOGUE), help_heading = "Scenes")]
     mesh_count: u32,
     /// Number of environment maps in the catalogue
-    #[arg(long, default_value_t = Plan::ENVIRONMENTS, value_parser = within(Plan::CATALOGUE))]
+    #[arg(long, default_value_t = Plan::ENVIRONMENTS, value_parser = within(Plan::CATALOGUE), help_heading = "Scenes")]
     environment_count: u32,
     /// Folder of glTF and OBJ models to mix in
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help_heading = "Scenes")]
     meshes: Option<PathBuf>,
     /// Folder of environment maps (.hdr, .exr) to mix in
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help_heading = "Scenes")]
     hdris: Option<PathBuf>,
     /// Refused: version 0.1 had another composer
     #[arg(long, hide = true)]
     classic: bool,
     /// File to write: TOML if its name ends in .toml, JSON otherwise
-    #[arg(long)]
+    #[arg(long, short = 'o', help_heading = "Output")]
     out: PathBuf,
     /// Replace the file if another one is there, such as an edited plan
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     overwrite: bool,
 }
 
 /// Shows what a plan would make.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset preview --plan plan.json --out preview")]
+#[command(after_help = "Example: renderflow dataset preview --plan plan.json -o preview")]
 pub struct PreviewArgs {
     /// Plan file
     #[arg(long)]
     plan: PathBuf,
     /// Folder for meshes.png, environments.png and scenes.png
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
     /// Pixels along a side of each picture
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(16..=1024))]
@@ -135,20 +144,23 @@ pub struct PreviewArgs {
     /// Only count the catalogue: distinct meshes and maps, watertight meshes, triangles
     #[arg(long)]
     count_only: bool,
+    /// Print the counts as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Renders a plan.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset render --plan plan.json --out data --shard 1/4\n\
-A termination signal lets the frame at hand finish (exit code 75); the same command goes on. What is finished is hashed and\n\
-held to its record; what is damaged is made again. Frames that fail are recorded (failures.json beside them, logs/*.jsonl)\n\
+#[command(after_help = "Example: renderflow dataset render --plan plan.json -o data --shard 1/4\n\
+After a termination signal, the current frame is finished (exit code 75); the same command goes on. Finished frames are hashed and\n\
+compared with their record; damaged ones are rendered again. Frames that fail are recorded (failures.json beside them, logs/*.jsonl)\n\
 and do not stop the others; the same command tries them again.")]
 pub struct RenderArgs {
     /// Plan file
     #[arg(long)]
     plan: PathBuf,
     /// Dataset folder
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
     /// Part i of n, counted from 1. Without it, the task of a Slurm array or the index of a Kubernetes job decides; without
     /// those, everything is rendered
@@ -161,31 +173,34 @@ pub struct RenderArgs {
 
 /// Writes the manifest.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset merge --plan plan.json --out data\n\
+#[command(after_help = "Example: renderflow dataset merge --plan plan.json -o data\n\
 Every file is hashed first; a dataset that is damaged or not complete is refused.")]
 pub struct MergeArgs {
     /// Plan file
     #[arg(long)]
     plan: PathBuf,
     /// Dataset folder
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
 }
 
 /// Verifies a dataset.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow dataset verify data\n\
-Prints each fault with the command that mends it, and notes about what is odd and does no harm. Exit code 1 where there are faults.")]
+Prints each fault with the command that repairs it, and notes about oddities that do no harm. Exit code 1 if there are faults.")]
 pub struct VerifyArgs {
     /// Dataset folder
     dataset: PathBuf,
+    /// Print the findings as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Repairs a dataset.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow dataset repair data\n\
-Reads everything as `verify` does, then makes again what is damaged or missing; a dataset that was not complete is completed. What is\n\
-no part of the dataset is not removed: where it is in the way, it is moved to the folder `aside` in the dataset.")]
+Reads everything as `verify` does, then renders what is damaged or missing. Files that are not part of the dataset are\n\
+not removed. Those that are in the way are moved to the folder `aside` in the dataset.")]
 pub struct RepairArgs {
     /// Dataset folder
     dataset: PathBuf,
@@ -196,12 +211,12 @@ pub struct RepairArgs {
 
 /// Writes a page of histograms.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset stats data --out stats.html")]
+#[command(after_help = "Example: renderflow dataset stats data -o stats.html")]
 pub struct StatsArgs {
     /// Dataset folder
     dataset: PathBuf,
     /// Page to write; stats.html in the dataset folder by default
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: Option<PathBuf>,
     /// Print the numbers as JSON
     #[arg(long)]
@@ -254,7 +269,7 @@ impl PlanArgs {
             },
             frames: self.frames,
             frame_step: self.frame_step,
-            resolution: [self.resolution; 2],
+            resolution: self.resolution.0,
             render: Render {
                 spp: self.spp,
                 adaptive: self.adaptive,
@@ -294,6 +309,10 @@ impl PreviewArgs {
         for (name, bytes) in sheets {
             file::write_atomic(&self.out.join(name), &bytes)?;
         }
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&found)?);
+            return Ok(());
+        }
         println!(
             "{} meshes of {} families, {} distinct, {} watertight, {:.0} triangles on average",
             found.meshes,
@@ -317,6 +336,24 @@ impl VerifyArgs {
         let found = verify::verify(&self.dataset, cancel)?;
         let agreement = &found.agreement;
         let percent = |part: u64, whole: u64| 100.0 * part as f64 / whole.max(1) as f64;
+        if self.json {
+            let faults =
+                found.faults.iter().map(|fault| json!({ "fault": fault.to_string(), "remedy": fault.remedy.to_string() }));
+            let findings = json!({
+                "sequences": found.sequences,
+                "frames": found.frames,
+                "bytes": found.bytes,
+                "motion_that_differs": [agreement.motion_off, agreement.motion],
+                "points_found_percent": percent(agreement.seen, agreement.projected),
+                "normals_against_depth_degrees": agreement.median_angle(),
+                "normals_that_face_percent": percent(agreement.facing, agreement.covered),
+                "notes": found.notes.iter().map(ToString::to_string).collect::<Vec<String>>(),
+                "faults": faults.collect::<Vec<Value>>(),
+            });
+            println!("{}", serde_json::to_string_pretty(&findings)?);
+            ensure!(found.faults.is_empty(), "{}: {} faults", self.dataset.display(), found.faults.len());
+            return Ok(());
+        }
         println!("{} sequences, {} frames, {} bytes", found.sequences, found.frames, found.bytes);
         println!("motion vectors against depth and cameras: {} of {} differ", agreement.motion_off, agreement.motion);
         println!("points found at their depth a frame later: {:.1} %", percent(agreement.seen, agreement.projected));
@@ -328,7 +365,7 @@ impl VerifyArgs {
             println!("NOTE {note}");
         }
         for fault in &found.faults {
-            println!("FAULT {fault}\n  mend: {}", fault.remedy);
+            println!("FAULT {fault}\n  to repair it: {}", fault.remedy);
         }
         if !found.faults.is_empty() {
             bail!("{}: {} faults", self.dataset.display(), found.faults.len());
@@ -348,11 +385,11 @@ impl RepairArgs {
             println!("{file} written");
         }
         for stranger in &repaired.strangers {
-            println!("FAULT {}: is no sequence of the plan; move it out of the dataset", stranger.display());
+            println!("FAULT {}: is not a sequence of the plan; move it out of the dataset", stranger.display());
         }
         match repaired.strangers.len() {
             0 => Ok(()),
-            more => bail!("{}: {more} folders are no part of the dataset and were left as they are", self.dataset.display()),
+            more => bail!("{}: {more} folders are not part of the dataset and were left as they are", self.dataset.display()),
         }
     }
 }
@@ -371,8 +408,8 @@ impl StatsArgs {
             if costs.frames > 0 {
                 let [compile, render, denoise, write] = costs.stages;
                 println!(
-                    "{} frames made in {:.1} s ({:.3} frames/s); a frame: compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, write \
-                     {write:.3} s; a sequence: load {:.3}, read back {:.3} s; memory by tenths {:.0?} MiB, most {:.0}; {} failures",
+                    "{} frames made in {:.1} s ({:.3} frames/s); one frame: compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, write \
+                     {write:.3} s; one sequence: load {:.3}, read back {:.3} s; memory by tenths {:.0?} MiB, most {:.0}; {} failures",
                     costs.frames,
                     costs.wall,
                     costs.frames as f64 / costs.wall.max(1e-9),

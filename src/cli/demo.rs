@@ -1,4 +1,5 @@
-use super::{AllWeightsArgs, SceneArgs, TraceArgs};
+use super::scene::{SceneArgs, Wanted};
+use super::{AllWeightsArgs, OpenArgs, TraceArgs};
 use crate::dataset::Sequence;
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::{NO_TRUTH, SequenceJob, TruthSettings};
@@ -10,6 +11,7 @@ use crate::report::{self, table};
 use crate::util::cancel::Cancel;
 use crate::util::picture;
 use crate::util::progress::Progress;
+use crate::util::ranges::{Resolution, resolution};
 use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
@@ -28,33 +30,38 @@ const SAMPLES: u32 = 128;
 /// the same frames by split-sum IBL, by deferred shading and by the networks with and without keyframes, prints the comparison
 /// and writes a report. If it was stopped, the same command continues.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  renderflow demo\n  renderflow demo --scene model.glb --hdri sky.hdr --out demo-model")]
+#[command(after_help = "Examples:\n  renderflow demo\n  renderflow demo model.glb --hdri sky.hdr -o demo-model")]
 pub struct Demo {
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
     trace: TraceArgs,
-    /// Seed. With --scene, it replaces the scene's seed for random sampling. Otherwise it composes the scene (53 by default),
+    /// Seed. With a file, it replaces the scene's seed for random sampling. Otherwise it composes the scene (53 by default),
     /// whose meshes and light training never uses
-    #[arg(long)]
+    #[arg(long, help_heading = "Input")]
     seed: Option<u64>,
-    /// Pixels along both sides
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=4096))]
-    resolution: u32,
+    /// Size of the pictures in pixels: 640x480, or 512 for a square
+    #[arg(long, value_name = "WxH", default_value = "256", help_heading = "Output", value_parser = resolution(16..=4096))]
+    resolution: Resolution,
     /// Number of frames; an orbiting camera turns by 3.6 degrees from one to the next
-    #[arg(long, default_value_t = 17, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 17, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Input")]
     frames: u32,
     /// Distance between keyframes, in frames
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Input")]
     keyframe_gap: u32,
     #[command(flatten)]
     weights: AllWeightsArgs,
     /// Samples for each pixel of the path-traced rows
-    #[arg(long, value_delimiter = ',', default_value = "1,4")]
+    #[arg(long, value_delimiter = ',', default_value = "1,4", help_heading = "Sampling")]
     path_traced: Vec<u32>,
     /// Folder to write to
-    #[arg(long, default_value = "demo-out")]
+    #[arg(long, short, default_value = "demo-out", help_heading = "Output")]
     out: PathBuf,
+    #[command(flatten)]
+    open: OpenArgs,
+    /// Print the table as JSON
+    #[arg(long, help_heading = "Output")]
+    json: bool,
 }
 
 impl Demo {
@@ -69,7 +76,8 @@ impl Demo {
         let there = |method: &Method| networks.wan.is_some() || !method.is_wan();
         let methods: Vec<Method> = all.into_iter().filter(there).collect();
         let lpips = super::evaluate::lpips()?;
-        let (scene, base) = self.scene.describe(allowed, self.seed, SCENE, Some(self.resolution), Some(self.frames))?;
+        let wanted = Wanted { seed: self.seed, composed: SCENE, resolution: Some(self.resolution), frames: Some(self.frames) };
+        let (scene, base) = self.scene.describe(allowed, &wanted)?;
         let settings = TruthSettings::new(self.trace.settings(SAMPLES), self.trace.denoise)?;
 
         let progress = Progress::new("path tracing", u64::from(scene.frames) * 1000);
@@ -86,7 +94,7 @@ impl Demo {
             storage: Profile::Full,
         };
         let mut sequence = job.open()?;
-        let missing = sequence.decide(&settings, None)?;
+        let work = sequence.decide(&settings, None)?;
 
         let options = run::Options {
             rendering: renderer::Options {
@@ -108,7 +116,7 @@ impl Demo {
         run::check(&options, &results_folder)?;
         crate::util::output::check_page(&report_folder.join("index.html"))?;
 
-        sequence.make(&missing, &settings, &progress, cancel)?;
+        sequence.make(&work, &settings, &progress, cancel)?;
         progress.finish();
         super::print_report(&sequence.loaded.report);
         let test = TestSequence { set: "demo".into(), class: "scene".into(), sequence: Sequence::open(&folder)? };
@@ -117,14 +125,22 @@ impl Demo {
         progress.finish();
 
         let results = Results::read(&results_folder)?;
-        print!("{}", table::markdown(&results, table::Filter::default()));
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&table::json(&results))?);
+        } else {
+            print!("{}", table::markdown(&results, table::Filter::default()));
+        }
         for scored in &results.sequences {
             self.montages(scored, &results)?;
         }
         let progress = Progress::new("report", results.sequences.len() as u64 + 1);
         report::build(&results, &report_folder, &progress, cancel)?;
         progress.finish();
-        println!("peak memory {}\nreport: {}", peak_memory(), report_folder.join("index.html").display());
+        let page = report_folder.join("index.html");
+        if !self.json {
+            println!("peak memory {}\nreport: {}", peak_memory(), page.display());
+        }
+        self.open.open(&page);
         Ok(())
     }
 
@@ -148,14 +164,12 @@ impl Demo {
         truth: &TruthSettings,
         networks: Vec<(String, String)>,
     ) -> Vec<(String, String)> {
+        let Resolution([width, height]) = self.resolution;
         let triangles: usize = loaded.instances.iter().map(|i| loaded.meshes[i.mesh].triangles.len()).sum();
         let setting = |name: &str, value: String| (name.to_owned(), value);
         let mut settings = vec![
             setting("scene", format!("{name}, BLAKE3 {}", loaded.hash)),
-            setting(
-                "size",
-                format!("{0} x {0}, {1} frames, keyframe gap {2}", self.resolution, loaded.cameras.len(), self.keyframe_gap),
-            ),
+            setting("size", format!("{width} x {height}, {} frames, keyframe gap {}", loaded.cameras.len(), self.keyframe_gap)),
             setting("geometry", format!("{} instances, {triangles} triangles", loaded.instances.len())),
             setting(
                 "truth",

@@ -15,11 +15,11 @@ use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
 Examples:
-  renderflow evaluate --data sets --methods all --every 5 --out results
-  renderflow evaluate --data sets --methods standard --budgets .05,.1,.2,.4,.8 --every 10 --out results-budgets
-  renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" --out results-mine
-  renderflow report results --out report
-  renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors --out results-wan";
+  renderflow evaluate --data sets --methods all --every 5 -o results
+  renderflow evaluate --data sets --methods standard --budgets .05,.1,.2,.4,.8 --every 10 -o results-budgets
+  renderflow evaluate mine/ sets/synthetic/open --label \"my renderer\" -o results-mine
+  renderflow report results -o report
+  renderflow evaluate --data sets --methods standard,wan,wan+keys --weights runs/wan/flow.safetensors --vae runs/vae.safetensors -o results-wan";
 
 const HELP_OF_FOLDERS: &str = "\
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
@@ -72,38 +72,41 @@ struct Pictures {
     #[arg(value_name = "TRUTH_DIR")]
     truth: Option<PathBuf>,
     /// Test sets, a dataset, one of its splits, or one sequence, on which to run the program's own methods
-    #[arg(long, required_unless_present = "pictures")]
+    #[arg(long, required_unless_present = "pictures", help_heading = "Input")]
     data: Option<PathBuf>,
     /// Methods to evaluate
-    #[arg(long, default_value = "standard", conflicts_with = "pictures")]
+    #[arg(long, default_value = "standard", conflicts_with = "pictures", help_heading = "Methods")]
     methods: String,
     /// Also evaluate path tracing with OIDN, in all its forms, with this many seconds for each frame of 256 x 256 pixels (other
     /// sizes get seconds in proportion to their pixels); for example .05,.1,.2,.4,.8
-    #[arg(long, value_name = "SECONDS", value_delimiter = ',', conflicts_with = "pictures")]
+    #[arg(long, value_name = "SECONDS", value_delimiter = ',', conflicts_with = "pictures", help_heading = "Sampling")]
     budgets: Vec<f64>,
     #[command(flatten)]
     weights: AllWeightsArgs,
     /// Evaluate the first two of every n frames; 1 evaluates all
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "pictures")]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "pictures", help_heading = "Input")]
     every: u32,
     /// How often a path may scatter in path-traced rows
-    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES), help_heading = "Sampling")]
     max_bounces: u32,
     /// Name of the pictures in tables
-    #[arg(long, default_value = "pictures", requires = "pictures")]
+    #[arg(long, default_value = "pictures", requires = "pictures", help_heading = "Input")]
     label: String,
     /// Factor from radiance to display-linear, for truth that is not a dataset
-    #[arg(long, default_value_t = 1.0, requires = "pictures")]
+    #[arg(long, default_value_t = 1.0, requires = "pictures", help_heading = "Input")]
     exposure: f32,
     /// Compare the pictures that are there, instead of failing when some are missing
-    #[arg(long, requires = "pictures")]
+    #[arg(long, requires = "pictures", help_heading = "Input")]
     partial: bool,
-    /// Frames a sequence whose pictures are kept for the report
-    #[arg(long, default_value_t = 6)]
+    /// Frames of each sequence whose pictures are kept for the report
+    #[arg(long, default_value_t = 6, help_heading = "Output")]
     pictures_kept: usize,
     /// Results folder: scores as JSON lines, pictures
-    #[arg(long, required = true)]
+    #[arg(long, short = 'o', required = true, help_heading = "Output")]
     out: Option<PathBuf>,
+    /// Print the table as JSON
+    #[arg(long, help_heading = "Output")]
+    json: bool,
 }
 
 impl Pictures {
@@ -116,7 +119,11 @@ impl Pictures {
             _ => bail!("either --data FOLDER, or two folders: pictures and truth"),
         }
         let results = Results::read(out)?;
-        print!("{}", table::markdown(&results, table::Filter::default()));
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&table::json(&results))?);
+        } else {
+            print!("{}", table::markdown(&results, table::Filter::default()));
+        }
         Ok(())
     }
 
@@ -174,7 +181,9 @@ impl Pictures {
 pub(super) fn lpips() -> Result<Networks> {
     let lpips = Networks::find()?;
     if lpips.alex.is_none() {
-        eprintln!("LPIPS: left out (no weights; set {WEIGHTS_VARIABLE} to a folder with them, layout in model/README.md)");
+        eprintln!(
+            "note: there is no LPIPS: its weights are missing (set {WEIGHTS_VARIABLE} to their folder; model/README.md says what is in it)"
+        );
     }
     Ok(lpips)
 }

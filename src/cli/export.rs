@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Writes a dataset in the names and conventions that another tool reads.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow dataset export data --to nerfstudio --out nerf\n\
+#[command(after_help = "Example: renderflow dataset export data --to nerfstudio -o nerf\n\
 nerfstudio: a folder a sequence: transforms.json (world +Z up), images, 16-bit depths in millimetres, masks of what stands still\n\
 cosmos:     <clip>.<frame>.{rgb,basecolor,metallic,roughness,normal,depth,env_ldr,env_log}.png of DiffusionRenderer\n\
 png:        every channel as a PNG that can be looked at, 16 bits where 8 would lose something, with data_ranges.json\n\
@@ -21,7 +21,7 @@ pub struct ExportArgs {
     #[arg(long, value_enum)]
     to: Form,
     /// Folder to write to
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
 }
 

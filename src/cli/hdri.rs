@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 /// Makes the skies and studios of hdri/ again, bit for bit, with their manifest.
 #[derive(Args)]
-#[command(after_help = "Example: renderflow hdri --out hdri")]
+#[command(after_help = "Example: renderflow hdri -o hdri")]
 pub struct Hdri {
     /// Folder to write to
-    #[arg(long, default_value = "hdri")]
+    #[arg(long, short = 'o', default_value = "hdri")]
     out: PathBuf,
     /// Replace files of these names that hold something else
     #[arg(long)]

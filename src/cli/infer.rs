@@ -30,39 +30,39 @@ const STATE: &str = "stopped.safetensors";
 /// (--weights) only reads G-buffers and keyframes, and works in clips of five frames that overlap by one, unless --stills is
 /// given. If it was stopped, the same command continues.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes --out neural\n  \
-renderflow infer --data data/test --rays 4 --neighbours around --out neural-rays\n  \
-renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors --out wan-out")]
+#[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes -o neural\n  \
+renderflow infer --data data/test --rays 4 --neighbours around -o neural-rays\n  \
+renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors -o wan-out")]
 pub struct Infer {
     /// A sequence folder, or a folder of them
-    #[arg(long)]
+    #[arg(long, help_heading = "Input")]
     data: PathBuf,
     #[command(flatten)]
     weights: WeightsArgs,
     /// Use the beauty of the sequence's keyframes
-    #[arg(long)]
+    #[arg(long, help_heading = "Input")]
     keyframes: bool,
     /// Trace this many samples for each pixel, instead of deferred shading
-    #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Sampling")]
     rays: Option<u32>,
     /// Also use the samples of the two frames before, or of those before and after
-    #[arg(long, value_enum, requires = "rays")]
+    #[arg(long, value_enum, requires = "rays", help_heading = "Sampling")]
     neighbours: Option<Neighbours>,
     /// The denoised picture that the network reads with the samples of --rays: OIDN's picture of least error (the default where
     /// OIDN is found), the one that takes least time, or none
-    #[arg(long, value_enum, requires = "rays")]
+    #[arg(long, value_enum, requires = "rays", help_heading = "Denoising")]
     denoised: Option<Clean>,
     /// How often a path of --rays may scatter
-    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
+    #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES), help_heading = "Sampling")]
     max_bounces: u32,
     /// Render each frame by itself with the paper's network too: sharper, but less stable over time
-    #[arg(long)]
+    #[arg(long, help_heading = "Network")]
     stills: bool,
     /// Euler steps of the paper's network; it is trained for 1
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Network")]
     steps: u32,
     /// Folder to write to: an EXR with the picture as beauty and a PNG for every frame
-    #[arg(long)]
+    #[arg(long, short = 'o', help_heading = "Output")]
     out: PathBuf,
 }
 
@@ -180,7 +180,7 @@ impl Infer {
     /// The claim on the folder: it is written before the first picture. Fails if the folder holds other pictures.
     fn claim(&self, renderer: &dyn Renderer) -> Result<Claim> {
         let about = renderer.about();
-        ensure!(!self.keyframes || about.keyframes, "--keyframes: these weights cannot make use of any");
+        ensure!(!self.keyframes || about.keyframes, "--keyframes: this network does not read keyframes");
         let record = Record {
             network: about.name.into(),
             weights: self.weights.digests()?,

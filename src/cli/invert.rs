@@ -22,8 +22,8 @@ const ENDINGS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
 
 const HELP: &str = "\
 Examples:
-  renderflow invert photos/ --weights wan/inverse.safetensors --vae wan/vae.safetensors --out buffers
-  renderflow invert --data data/test --weights wan/inverse.safetensors --only albedo,normal --exr --out buffers
+  renderflow invert photos/ --weights wan/inverse.safetensors --vae wan/vae.safetensors -o buffers
+  renderflow invert --data data/test --weights wan/inverse.safetensors --only albedo,normal --exr -o buffers
 
 Writes NAME.albedo.png (sRGB), NAME.normal.png (0.5 + 0.5 n, camera space: x right, y up, z towards the camera), NAME.depth.png (16 bits;
 0 nearest to 1 farthest, in the logarithm of depth over a range that a picture does not tell) and NAME.material.png (roughness, metallic,
@@ -38,27 +38,27 @@ pub struct Invert {
     #[arg(required_unless_present = "data", conflicts_with = "data")]
     pictures: Vec<PathBuf>,
     /// A sequence folder, or a folder of them; their beauty is the picture
-    #[arg(long)]
+    #[arg(long, help_heading = "Input")]
     data: Option<PathBuf>,
     #[command(flatten)]
     weights: WeightsArgs,
     /// What to find
-    #[arg(long, value_enum, value_delimiter = ',', default_values = ["albedo", "normal", "depth", "material"])]
+    #[arg(long, value_enum, value_delimiter = ',', default_values = ["albedo", "normal", "depth", "material"], help_heading = "Output")]
     only: Vec<Intrinsic>,
     /// Pictures to invert together: 1 takes each by itself; more suits the frames of a video, and keeps each clip consistent
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1025))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1025), help_heading = "Network")]
     clip: u32,
     /// Euler steps; the network is trained for 1
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Network")]
     steps: u32,
     /// Factor from radiance to display-linear of EXR and HDR pictures
-    #[arg(long, default_value_t = 1.0, conflicts_with = "data")]
+    #[arg(long, default_value_t = 1.0, conflicts_with = "data", help_heading = "Input")]
     exposure: f32,
     /// Also write the numbers as EXR
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     exr: bool,
     /// Folder to write to
-    #[arg(long)]
+    #[arg(long, short = 'o', help_heading = "Output")]
     out: PathBuf,
 }
 

@@ -4,15 +4,18 @@ mod check;
 mod compose;
 mod dataset;
 mod demo;
+mod doctor;
 mod evaluate;
 mod export;
 mod hdri;
 mod infer;
 mod invert;
+mod manual;
 mod pack;
 pub mod program;
 mod render;
 mod report;
+mod scene;
 mod slurm;
 mod stress;
 mod testset;
@@ -23,26 +26,30 @@ use crate::dataset::denoise::Denoise;
 use crate::evaluate::method::Method;
 use crate::util::ranges::within;
 use crate::util::{files, stop};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
-use renderflow_frame::reach::Reach;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
 use renderflow_model::wan::{self, Autoencoder};
 use renderflow_renderer::Settings;
 use renderflow_scenes::LoadReport;
-use renderflow_scenes::description::{EnvironmentSource, Scene};
-use renderflow_scenes::load::{self, ModelView};
-use renderflow_scenes::procedural::{Composition, Split, compose_one};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+const HELP: &str = "\
+Examples:
+  renderflow demo                                  the whole pipeline on one scene; open demo-out/report/index.html
+  renderflow render model.glb -o out               a path-traced picture of a model: out/frame.0000.png and .exr
+  renderflow doctor                                what the program found on this machine
+
+Exit codes: 0 done, 1 failed, 2 usage, 75 interrupted and resumable, 130 interrupted with nothing to resume (check).";
+
 /// From a seed to an evaluated neural image: path-traced ground truth, a single-step neural renderer, and their comparison.
 #[derive(Parser)]
-#[command(version, about, long_about = None, after_help = "Exit codes: 0 done, 1 failed, 2 usage, 75 interrupted and resumable, 130 interrupted with nothing to resume (check).")]
+#[command(version, about, long_about = None, after_help = HELP)]
 struct Cli {
     #[command(flatten)]
     common: program::Common,
@@ -52,7 +59,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// The whole pipeline on one sequence: truth, IBL, neural with and without keyframes, table and report.html
+    /// The whole pipeline on one sequence: truth, every method, a table, and report/index.html
     Demo(demo::Demo),
     /// Path-trace a scene or a model file: one EXR (and PNG) a frame
     Render(render::Render),
@@ -70,7 +77,7 @@ enum Command {
     /// Test the numerics of the path tracer
     Stress(stress::Stress),
     /// Plan and render datasets
-    #[command(subcommand)]
+    #[command(subcommand, after_help = dataset::HELP)]
     Dataset(dataset::DatasetCommand),
     /// Train a network: the one that reads samples, or the paper's network with Wan's autoencoder and transformer
     Train(train::Train),
@@ -79,7 +86,7 @@ enum Command {
     /// Find the albedo, normal, depth and material behind pictures
     Invert(invert::Invert),
     /// Make the test sets that numbers are reported on
-    #[command(subcommand)]
+    #[command(subcommand, after_help = "Example: renderflow testset make synthetic -o sets")]
     Testset(testset::TestsetCommand),
     /// Compare methods, or anybody's pictures, with path-traced truth
     Evaluate(evaluate::Evaluate),
@@ -88,9 +95,16 @@ enum Command {
     /// Make the skies and studios in hdri/ again
     Hdri(hdri::Hdri),
     /// Print the JSON Schema of scene files
+    #[command(after_help = "Example: renderflow schema > scene.schema.json")]
     Schema,
     /// Describe weights files, list their tensors, or convert them
     Weights(weights::Weights),
+    /// Show what the program found on this machine
+    Doctor(doctor::Doctor),
+    /// Print the completions of a shell
+    Completions(manual::Completions),
+    /// Write man pages
+    Man(manual::Man),
 }
 
 /// Said to whoever runs `renderflow bench`.
@@ -129,11 +143,18 @@ fn run(cli: Cli) -> Result<()> {
             Ok(())
         }
         Command::Weights(command) => command.run(),
+        Command::Doctor(command) => command.run(),
+        Command::Completions(command) => {
+            command.run();
+            Ok(())
+        }
+        Command::Man(command) => command.run(),
     }
 }
 
 /// Options of every command that traces paths.
 #[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Sampling")]
 struct TraceArgs {
     /// Samples for each pixel; 256 by default, 128 in the demo
     #[arg(long, value_parser = within(Settings::SPP))]
@@ -142,7 +163,7 @@ struct TraceArgs {
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES))]
     max_bounces: u32,
     /// How to denoise the picture
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = "Denoising")]
     denoise: Denoise,
 }
 
@@ -153,22 +174,28 @@ impl TraceArgs {
     }
 }
 
-/// A model file or a scene, instead of a composed scene.
-#[derive(Args, Clone, Debug)]
-struct SceneArgs {
-    /// Scene (.json) or model (.gltf, .glb, .obj); a model stands on a ground plane
-    #[arg(long)]
-    scene: Option<PathBuf>,
-    /// Environment map (.hdr, .exr), or the name of a built-in one
-    #[arg(long)]
-    hdri: Option<String>,
-    /// Degrees by which to turn the environment about +Y
-    #[arg(long)]
-    hdri_rotation: Option<f32>,
+/// Opens what a command has made.
+#[derive(Args, Clone, Copy, Debug)]
+struct OpenArgs {
+    /// Open the result with the program that the desktop uses for it
+    #[arg(long, help_heading = "Output")]
+    open: bool,
+}
+
+impl OpenArgs {
+    /// Opens the file at `path` if the user asked for it. A desktop that cannot do so is no failure of the work.
+    fn open(self, path: &Path) {
+        if self.open
+            && let Err(error) = open::that_detached(path)
+        {
+            eprintln!("note: {}: cannot be opened: {error}", path.display());
+        }
+    }
 }
 
 /// Weights of a network that renders.
 #[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Network")]
 struct WeightsArgs {
     /// Weights of a network; the file says which network. Without it, the weights inside the program are used
     #[arg(long)]
@@ -207,6 +234,7 @@ impl WeightsArgs {
 
 /// Weights of both networks, for a comparison.
 #[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Network")]
 struct AllWeightsArgs {
     /// Weights of the network that reads samples, or of the paper's network; the file says which. May be given once for each.
     /// Without weights for the network that reads samples, those inside the program are used
@@ -269,63 +297,6 @@ fn parent(path: &Path) -> PathBuf {
     match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
         _ => PathBuf::from("."),
-    }
-}
-
-impl SceneArgs {
-    /// The scene to work on, and the files that it may name. The scene comes from a file, or is composed with meshes and light
-    /// that training never sees. It may name files in its own folder, in the folders that are `allowed`, and those that the user
-    /// names here. `seed` composes the scene (`composed` where there is no seed); a scene or model from a file is sampled with
-    /// it.
-    fn describe(
-        &self,
-        allowed: &[PathBuf],
-        seed: Option<u64>,
-        composed: u64,
-        resolution: Option<u32>,
-        frames: Option<u32>,
-    ) -> Result<(Scene, Reach)> {
-        let mut reach = self.scene.as_deref().map_or_else(|| Reach::folder("."), Reach::of).allow(allowed);
-        let mut scene = match &self.scene {
-            None => {
-                let (seed, resolution) = (seed.unwrap_or(composed), [resolution.unwrap_or(256); 2]);
-                compose_one(seed, Split::Test, resolution, frames.unwrap_or(1), &Composition::default())?
-            }
-            Some(path) if files::has_ending(path, &["json"]) => Scene::read(path)?,
-            Some(path) => {
-                let options = ModelView::default();
-                let resolution = resolution.map_or(options.resolution, |r| [r; 2]);
-                let options = ModelView { resolution, frames: frames.unwrap_or(options.frames), ..options };
-                let scene = load::describe_model(path, None, &options, &reach)?;
-                if options.ground && scene.objects.len() == 1 {
-                    eprintln!("note: {}: the model has a floor of its own, so no ground plane is added", path.display());
-                }
-                scene
-            }
-        };
-        if let (Some(seed), true) = (seed, self.scene.is_some()) {
-            scene.seed = seed;
-        }
-        if let Some(resolution) = resolution {
-            scene.resolution = [resolution; 2];
-        }
-        if let Some(frames) = frames {
-            scene.frames = frames;
-        }
-        if let Some(hdri) = &self.hdri {
-            let builtin = renderflow_scenes::sky::library().iter().any(|(name, _)| *name == hdri.as_str());
-            scene.environment.source = if builtin {
-                EnvironmentSource::Builtin(hdri.clone())
-            } else {
-                let path = std::path::absolute(hdri).with_context(|| format!("{hdri}: no such path"))?;
-                reach = reach.allow([&path]);
-                EnvironmentSource::File(path.to_string_lossy().into_owned())
-            };
-        }
-        if let Some(rotation) = self.hdri_rotation {
-            scene.environment.rotation = rotation;
-        }
-        Ok((scene, reach))
     }
 }
 

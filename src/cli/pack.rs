@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// Packs a dataset into WebDataset tar shards; finished shards stay. With --verify, compares shards with their manifest.
 #[derive(Args)]
 #[command(
-    after_help = "Example: renderflow dataset pack data --out shards --profile compact\n         renderflow dataset pack --verify shards\n\
+    after_help = "Example: renderflow dataset pack data -o shards --profile compact\n         renderflow dataset pack --verify shards\n\
 Samples are `seq-000123_0007.exr|rff` and `.json` (camera, keyframe, spp, exposure, moving objects, split, hash); the environment and the\n\
 scene of each sequence are in `<split>-sequences.tar`. `manifest.json` is written last. The folder must be empty, or one of this command."
 )]
@@ -18,7 +18,7 @@ pub struct PackArgs {
     #[arg(required_unless_present = "verify")]
     dataset: Option<PathBuf>,
     /// Folder for the shards
-    #[arg(long, required_unless_present = "verify")]
+    #[arg(long, short = 'o', required_unless_present = "verify")]
     out: Option<PathBuf>,
     /// Samples in a shard; the last shard of a split may have fewer
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]

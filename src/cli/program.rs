@@ -2,29 +2,44 @@
 
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::console::{self, message};
-use crate::util::stop;
+use crate::util::progress::{self, Display};
+use crate::util::{log, stop};
 use anyhow::{Context, Result, bail};
-use clap::Args;
+use clap::{ArgAction, Args};
 use std::path::PathBuf;
 
 /// Options of every command.
 #[derive(Args)]
+#[command(next_help_heading = "General")]
 pub struct Common {
-    /// Number of threads, at most 4 for each core; 0 (the default) takes one for each core. Results do not depend on it.
-    #[arg(long, global = true)]
+    /// Number of threads, at most 4 for each core; 0 (the default) takes one for each core. Results do not depend on it
+    #[arg(long, short, global = true)]
     threads: Option<usize>,
-    /// Let scenes and models name files in this folder too, not only in their own; may be given several times
+    /// Let scenes and models name files in this folder too, not only in their own. May be given several times
     #[arg(long, global = true, value_name = "FOLDER")]
     allow_files: Vec<PathBuf>,
+    /// Show no progress
+    #[arg(long, short, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Log which files are read, how large scenes are, and how long stages take; -vv also logs each frame. The variable
+    /// RENDERFLOW_LOG overrides it with a filter, such as debug
+    #[arg(long, short, global = true, action = ArgAction::Count)]
+    verbose: u8,
 }
 
 impl Common {
-    /// Starts the threads and listens for interrupts. Returns the folders that scenes may name files in, and the flag that the
-    /// first interrupt sets.
+    /// Starts the threads and the log, and listens for interrupts. Returns the folders that scenes may name files in, and the
+    /// flag that the first interrupt sets.
     ///
     /// # Errors
-    /// When a folder is missing, or the threads cannot be started.
+    /// When a folder is missing, the filter of the log is wrong, or the threads cannot be started.
     pub fn start(self) -> Result<(Vec<PathBuf>, Cancel)> {
+        let logs = log::start(self.verbose).map_err(anyhow::Error::msg)?;
+        progress::display(match (self.quiet, logs) {
+            (true, _) => Display::Nothing,
+            (false, true) => Display::Lines,
+            (false, false) => Display::Usual,
+        });
         if let Some(asked) = self.threads {
             rayon::ThreadPoolBuilder::new().num_threads(threads(asked)).build_global().context("--threads")?;
         }

@@ -1,12 +1,12 @@
-use super::{SceneArgs, TraceArgs};
+use super::scene::{SceneArgs, Wanted, any_resolution};
+use super::{OpenArgs, TraceArgs};
 use crate::dataset::job::watch::{Errors, Target, Watch};
 use crate::dataset::job::{SequenceJob, TruthSettings};
-use crate::dataset::layout::frame_file;
 use crate::dataset::plan::{Keyframes, Plan};
 use crate::util::cancel::Cancel;
 use crate::util::picture;
 use crate::util::progress::Progress;
-use crate::util::ranges::within;
+use crate::util::ranges::{Resolution, within};
 use crate::util::stop;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -20,68 +20,74 @@ use std::sync::Arc;
 /// Path-traces a scene or a model. Every frame becomes an EXR with beauty and G-buffer, and a PNG. Finished frames stay.
 #[derive(Args)]
 #[command(
-    after_help = "Examples:\n  renderflow render --scene scene.json --out out\n  renderflow render --scene model.glb --hdri sky.hdr --frames 1 --out out"
+    after_help = "Examples:\n  renderflow render model.glb -o out\n  renderflow render model.glb --hdri sky.hdr --frames 17 -o out\n  \
+renderflow render scene.json --resolution 1280x720 --set materials/0/roughness=.2 -o out"
 )]
 pub struct Render {
     #[command(flatten)]
     scene: SceneArgs,
+    /// Seed. With a file, it replaces the scene's seed for random sampling. Otherwise it composes the scene (1 by default)
+    #[arg(long, help_heading = "Input")]
+    seed: Option<u64>,
+    /// Number of frames. By default, a scene file keeps its own number, and a model is rendered once. A sequence that is there
+    /// gets longer
+    #[arg(long, help_heading = "Input")]
+    frames: Option<u32>,
     #[command(flatten)]
     trace: TraceArgs,
     #[command(flatten)]
     adaptive: AdaptiveArgs,
     /// Form of the BRDF: energy-conserving, or with the formulae as Burley published them
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = "Sampling")]
     bsdf: Mode,
     /// The most samples for each pixel, on average, with --target-error or --time-budget
-    #[arg(long, default_value_t = 4096, value_parser = within(Settings::SPP))]
+    #[arg(long, default_value_t = 4096, value_parser = within(Settings::SPP), help_heading = "Sampling")]
     max_spp: u32,
     /// The most samples that share a camera ray, a power of two. Pixels keep at least four camera rays, so fewer may share one
-    #[arg(long, default_value_t = Settings::default().branches, value_parser = within(Settings::BRANCHES), conflicts_with = "sample_map")]
+    #[arg(long, default_value_t = Settings::default().branches, value_parser = within(Settings::BRANCHES), conflicts_with = "sample_map",
+        help_heading = "Sampling")]
     branches: u32,
     /// Limit the light that a sample gets after two or more scattering events. The limit makes pictures too dark and less noisy;
     /// use it only for pictures to look at. There is no limit by default
-    #[arg(long, value_name = "RADIANCE", value_parser = limit)]
+    #[arg(long, value_name = "RADIANCE", value_parser = limit, help_heading = "Sampling")]
     clamp_indirect: Option<f32>,
     /// Trace paths from the camera only, not from lights; caustics get noisier
-    #[arg(long, conflicts_with = "sample_map")]
+    #[arg(long, conflicts_with = "sample_map", help_heading = "Sampling")]
     no_light_paths: bool,
+    /// Folder to write to
+    #[arg(long, short, help_heading = "Output")]
+    out: PathBuf,
+    /// Replace frames and descriptions of an earlier render in the folder; other files stay
+    #[arg(long, help_heading = "Output")]
+    overwrite: bool,
+    /// Size of the pictures in pixels: 640x480, or 512 for a square. By default, a scene file keeps its own size
+    #[arg(long, value_name = "WxH", value_parser = any_resolution(), help_heading = "Output")]
+    resolution: Option<Resolution>,
     /// Split the light into this many groups by direction: channels light.0 to light.7
-    #[arg(long, default_value_t = 0, value_parser = within(Settings::LIGHT_GROUPS))]
+    #[arg(long, default_value_t = 0, value_parser = within(Settings::LIGHT_GROUPS), help_heading = "Output")]
     light_groups: u32,
     /// Also write the Euclidean distance
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     distance: bool,
     /// Also write the unoccluded irradiance
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     irradiance: bool,
-    /// Pixels along both sides; by default, a scene file keeps its own resolution
-    #[arg(long)]
-    resolution: Option<u32>,
-    /// Number of frames; by default, a scene file keeps its own
-    #[arg(long)]
-    frames: Option<u32>,
     /// Distance between keyframes, in frames
-    #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES))]
+    #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES), help_heading = "Output")]
     keyframe_gap: u32,
-    /// Seed. With --scene, it replaces the scene's seed for random sampling. Otherwise it composes the scene (1 by default)
-    #[arg(long)]
-    seed: Option<u64>,
+    #[command(flatten)]
+    open: OpenArgs,
     /// Reference picture. Seconds and error are printed each time the samples have doubled, six times up to --spp. It may be a
     /// frame of this program (its raw beauty is used), any RGB .exr or .hdr of radiance, or a .png or .jpg of display values, and
     /// the scene must have one frame. If the reference was sampled with the same seed, the render takes another seed, so that
     /// both have independent noise; --seed prevents that
-    #[arg(long, value_name = "IMAGE")]
+    #[arg(long, value_name = "IMAGE", help_heading = "Comparison")]
     reference: Option<PathBuf>,
-    /// Replace frames and descriptions of an earlier render in the folder; other files stay
-    #[arg(long)]
-    overwrite: bool,
-    /// Folder to write to
-    #[arg(long)]
-    out: PathBuf,
 }
 
 /// How samples are spread over the pixels. Without any of these options, every pixel gets the same number.
 #[derive(Args)]
+#[command(next_help_heading = "Sampling")]
 #[group(multiple = false)]
 struct AdaptiveArgs {
     /// Spend --spp samples for each pixel on average, and more where the picture is noisier
@@ -120,7 +126,7 @@ fn limit(text: &str) -> std::result::Result<f32, String> {
 /// So `scene` gets another seed, unless `chosen` is the user's own.
 fn target(path: &Path, scene: &mut Scene, chosen: Option<u64>) -> Result<Target> {
     if scene.frames != 1 {
-        bail!("--reference is of one picture, the scene has {} frames; --frames 1 renders the first", scene.frames);
+        bail!("--reference compares one picture, but the scene has {} frames; --frames 1 renders the first", scene.frames);
     }
     let target = Target::read(path)?;
     let [width, height] = scene.resolution.map(|v| v as usize);
@@ -149,7 +155,8 @@ impl Render {
     }
 
     fn render(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
-        let (mut scene, base) = self.scene.describe(allowed, self.seed, 1, self.resolution, self.frames)?;
+        let wanted = Wanted { seed: self.seed, composed: 1, resolution: self.resolution, frames: self.frames };
+        let (mut scene, base) = self.scene.describe(allowed, &wanted)?;
         let target = self.reference.as_deref().map(|path| target(path, &mut scene, self.seed)).transpose()?;
         let usual = self.trace.settings(Settings::default().spp);
         let (spp, budget) = match &self.adaptive {
@@ -185,29 +192,41 @@ impl Render {
             storage: Profile::Full,
         };
         let mut sequence = job.open()?;
-        let missing = sequence.decide(&settings, Some(self.overwrite))?;
-        let rendered_before = !missing.contains(&0);
-        sequence.make(&missing, &settings, &progress, cancel)?;
-        let loaded = sequence.loaded;
-        progress.finish();
-        super::print_report(&loaded.report);
-        for index in 0..loaded.cameras.len() {
-            let path = self.out.join(frame_file(index, Profile::Full));
-            let frame = exr::read(&path)?;
-            if let (Some(watch), true, Some(raw)) = (&settings.watch, rendered_before, &frame.raw) {
-                println!("{}", Errors::heading());
-                watch.after(&frame.info.spp.to_string(), raw, frame.info.exposure)?;
+        let work = sequence.decide(&settings, Some(self.overwrite))?;
+        sequence.lengthen(&work)?;
+        let frames = sequence.loaded.cameras.len();
+        progress.resume(1000 * (frames - work.missing.len()) as u64);
+        for index in 0..frames {
+            let made = work.missing.contains(&index);
+            if made {
+                sequence.render(index, &settings, &progress, cancel)?;
             }
-            if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {
-                let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
-                let bytes = picture::png(&picture)?;
-                stop::hold(|| file::write_atomic(&path.with_extension("png"), &bytes))?;
-            }
-            match frame.info.sampling.as_str() {
-                "" => println!("{}", path.display()),
-                sampling => println!("{} ({sampling}: {} samples a pixel)", path.display(), frame.info.spp),
-            }
+            finish(&sequence.path(index), (!made).then_some(settings.watch.as_ref()).flatten(), &progress)?;
         }
+        sequence.describe()?;
+        progress.finish();
+        super::print_report(&sequence.loaded.report);
+        self.open.open(&sequence.path(0).with_extension("png"));
         Ok(())
     }
+}
+
+/// Writes the picture of a stored frame, and says where the frame is. If `watch` is given, the frame is compared with its
+/// reference.
+fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<()> {
+    let frame = exr::read(path)?;
+    if let (Some(watch), Some(raw)) = (watch, &frame.raw) {
+        progress.print(&Errors::heading());
+        watch.after(&frame.info.spp.to_string(), raw, frame.info.exposure)?;
+    }
+    if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {
+        let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
+        let bytes = picture::png(&picture)?;
+        stop::hold(|| file::write_atomic(&path.with_extension("png"), &bytes))?;
+    }
+    progress.print(&match frame.info.sampling.as_str() {
+        "" => path.display().to_string(),
+        sampling => format!("{} ({sampling}: {} samples per pixel)", path.display(), frame.info.spp),
+    });
+    Ok(())
 }

@@ -12,7 +12,7 @@ use std::time::Instant;
 /// picture is known in closed form. Prints a table and writes JSON; fails if any claim fails. If it was stopped, the same command
 /// continues.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  renderflow stress --quick\n  renderflow stress --only film --again --out film.json")]
+#[command(after_help = "Examples:\n  renderflow stress --quick\n  renderflow stress --only film --again -o film.json")]
 pub struct Stress {
     /// Test fewer cases: less than a minute on four cores
     #[arg(long)]
@@ -24,11 +24,14 @@ pub struct Stress {
     #[arg(long)]
     list: bool,
     /// File for the results. Checks that are finished in it, for this version and effort, do not run again
-    #[arg(long, default_value = "stress.json")]
+    #[arg(long, short = 'o', default_value = "stress.json")]
     out: PathBuf,
     /// Run everything again
     #[arg(long)]
     again: bool,
+    /// Print the results as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// What the JSON file holds.
@@ -84,9 +87,15 @@ impl Stress {
         progress.finish();
 
         let ran: Vec<&CheckResult> = results.checks.iter().filter(|r| chosen.iter().any(|c| c.name == r.name)).collect();
-        print!("{}", table(&ran));
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&ran)?);
+        } else {
+            print!("{}", table(&ran));
+        }
         let failed: Vec<&str> = ran.iter().filter(|r| !r.passed()).map(|r| r.name.as_str()).collect();
-        println!("{}", self.out.display());
+        if !self.json {
+            println!("{}", self.out.display());
+        }
         if !failed.is_empty() {
             bail!("{} of {} checks failed: {}", failed.len(), ran.len(), failed.join(", "));
         }

@@ -16,9 +16,9 @@ pub enum TestsetCommand {
 
 /// Makes a set: plans, truth, and an estimate of the truth's own error; verifies all of it.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  renderflow testset make synthetic --out sets\n  \
-renderflow testset make assets --models models/ --hdris hdris/ --out sets\n\
-The synthetic set takes 4 GB and, on 4 cores, about an hour; with --every 10 some three tenths of both. A termination signal lets the frame at hand finish (exit code 75); the\n\
+#[command(after_help = "Examples:\n  renderflow testset make synthetic -o sets\n  \
+renderflow testset make assets --models models/ --hdris hdris/ -o sets\n\
+The synthetic set takes 4 GB and, on 4 cores, about an hour; with --every 10 about three tenths of both. After a termination signal, the current frame is finished (exit code 75); the\n\
 same command goes on.")]
 pub struct Make {
     /// The set
@@ -30,7 +30,7 @@ pub struct Make {
     #[arg(long, num_args = 1.., value_name = "PATH")]
     hdris: Vec<PathBuf>,
     /// Folder in which the set gets a folder of its own
-    #[arg(long)]
+    #[arg(long, short = 'o')]
     out: PathBuf,
     /// Part i of n of every class, counted from 1
     #[arg(long)]
@@ -78,7 +78,7 @@ impl Make {
         match made {
             Some(set) => println!("{}: complete, BLAKE3 {}", folder.display(), set.blake3),
             None if self.every > 1 => {
-                println!("{}: two frames of every {} and the keyframes are there", folder.display(), self.every)
+                println!("{}: two of every {} frames and the keyframes are done", folder.display(), self.every)
             }
             None => println!("{}: this shard's part is done", folder.display()),
         }

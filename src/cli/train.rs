@@ -1,13 +1,15 @@
 //! `train`: trains the fusion network, or the paper's network stage by stage.
 
+mod done;
 mod fusion;
 mod monitor;
 mod reference;
 mod wan;
 
+use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::progress::Progress;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use renderflow_frame::{file, words};
 use renderflow_model::train::RunConfig;
@@ -21,16 +23,16 @@ use std::sync::OnceLock;
 
 const HELP: &str = "\
 Examples for the fusion network, which reads samples, keyframes and deferred shading:
-  renderflow train --plan plan.toml --minutes 120 --out runs/fusion
-  renderflow train --data data/train --minutes 45 --from runs/fusion/weights.safetensors --out runs/mine
+  renderflow train --plan plan.toml --minutes 120 -o runs/fusion
+  renderflow train --data data/train --minutes 45 --from runs/fusion/weights.safetensors -o runs/mine
 
 Examples for the paper's network, in its order of stages (with wan-1.3b, add --from FILE to begin with published weights):
-  renderflow train --preset wan-small --stage autoencoder --data data/train --minutes 60 --out runs/vae
-  renderflow train --preset wan-small --stage base --vae runs/vae/weights.safetensors --data data/train --minutes 120 --out runs/wan
+  renderflow train --preset wan-small --stage autoencoder --data data/train --minutes 60 -o runs/vae
+  renderflow train --preset wan-small --stage base --vae runs/vae/weights.safetensors --data data/train --minutes 120 -o runs/wan
   renderflow train --preset wan-small --stage keyframes --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
-      --data data/train --minutes 60 --out runs/wan-keys
+      --data data/train --minutes 60 -o runs/wan-keys
   renderflow train --preset wan-small --stage inverse --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
-      --data data/train --minutes 60 --out runs/wan-inverse
+      --data data/train --minutes 60 -o runs/wan-inverse
 
 A configuration file names its network: \"network\": \"fusion\" or \"network\": \"wan\". --print-config shows every option.";
 
@@ -43,48 +45,48 @@ A configuration file names its network: \"network\": \"fusion\" or \"network\": 
 pub struct Train {
     /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from
     /// their scenes; it is validated on the split `val` beside it
-    #[arg(long, required_unless_present_any = ["plan", "print_config"])]
+    #[arg(long, required_unless_present_any = ["plan", "print_config"], help_heading = "Input")]
     data: Option<PathBuf>,
     /// Plan file (see `dataset plan`) for the fusion network. Its training sequences are composed and rendered during training,
     /// and are not stored
-    #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"])]
+    #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"], help_heading = "Input")]
     plan: Option<PathBuf>,
     /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
     /// events and pictures
-    #[arg(long)]
+    #[arg(long, short, help_heading = "Output")]
     out: PathBuf,
     /// JSON file with the options of either network, as --print-config prints them. Other flags override it
-    #[arg(long)]
+    #[arg(long, help_heading = "Input")]
     config: Option<PathBuf>,
     /// Train the paper's network at this size
-    #[arg(long, value_parser = FlowConfig::PRESETS, requires = "stage", conflicts_with = "config")]
+    #[arg(long, value_parser = FlowConfig::PRESETS, requires = "stage", conflicts_with = "config", help_heading = "Network")]
     preset: Option<String>,
     /// Stage of the paper's network to train
-    #[arg(long, value_enum, requires = "preset")]
+    #[arg(long, value_enum, requires = "preset", help_heading = "Network")]
     stage: Option<StageName>,
     /// Weights of the autoencoder of the paper's network
-    #[arg(long)]
+    #[arg(long, help_heading = "Network")]
     vae: Option<PathBuf>,
     /// Weights to begin with, written by this program. The paper's network can also begin with published weights of Wan or VACE
-    #[arg(long)]
+    #[arg(long, help_heading = "Network")]
     from: Option<PathBuf>,
     /// Weights of the renderer on which an adapter of the paper's network is trained
-    #[arg(long, requires = "preset")]
+    #[arg(long, requires = "preset", help_heading = "Network")]
     base: Option<PathBuf>,
     /// Number of optimiser steps
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     steps: Option<u64>,
     /// Minutes of training over all resumptions. The learning rate is annealed by the end
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     minutes: Option<f64>,
     /// Seed of the initial weights and of the batches
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     seed: Option<u64>,
     /// Memory for the training data of the paper's network, MiB
-    #[arg(long)]
+    #[arg(long, help_heading = "Training")]
     cache_mib: Option<usize>,
     /// Print the configuration as JSON and exit
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     print_config: bool,
 }
 
@@ -196,9 +198,32 @@ impl Train {
         run.seed = self.seed.unwrap_or(run.seed);
     }
 
+    /// Refuses frames of `size` pixels that are smaller than a crop of `crop`, and says how to get smaller crops. `option` is
+    /// where the configuration has them.
+    fn check_crop(&self, size: [usize; 2], crop: usize, option: &str) -> Result<()> {
+        let [width, height] = size;
+        let command = match (&self.preset, &self.stage) {
+            (Some(preset), Some(_)) => format!("renderflow train --preset {preset} --stage ... "),
+            _ => "renderflow train ".to_owned(),
+        };
+        ensure!(
+            width.min(height) >= crop,
+            "frames of {width} x {height} pixels are smaller than the crop of {crop}. Write the configuration with `{command}--print-config > \
+             run.json`, set each /{option}/N/size to at most {}, and train with --config run.json",
+            width.min(height)
+        );
+        Ok(())
+    }
+
     fn data(&self) -> Result<&Path> {
         self.data.as_deref().context("--data is missing")
     }
+}
+
+/// Width and height of the smallest frame of a sequence.
+fn smallest(sequence: &Sequence) -> [usize; 2] {
+    let camera = sequence.transforms.cameras.iter().min_by_key(|camera| camera.width.min(camera.height));
+    camera.map_or([0; 2], |camera| [camera.width, camera.height])
 }
 
 #[cfg(test)]

@@ -1,3 +1,4 @@
+use crate::util::files;
 use crate::util::output::{self, OVERWRITE};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
@@ -10,8 +11,8 @@ use renderflow_model::weights;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Prints the configuration and the training record of a weights file as JSON. Also lists the content of any weights file, and
-/// converts published ones.
+/// Prints the configuration and the training record of a weights file. Also lists the content of any weights file, and converts
+/// published ones.
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -21,6 +22,9 @@ renderflow weights convert Wan2.1_VAE.pth vae.safetensors --naming diffusers --p
 pub struct Weights {
     /// A safetensors file; by default the weights inside the program
     file: Option<PathBuf>,
+    /// Print the header as JSON
+    #[arg(long)]
+    json: bool,
     #[command(subcommand)]
     command: Option<Command>,
 }
@@ -36,11 +40,11 @@ enum Command {
 /// Lists the content of weights files: safetensors, the index of a set of shards, PyTorch files, or a folder with one of these.
 #[derive(Args)]
 #[command(
-    after_help = "Example: renderflow weights inspect Wan2.1_VAE.pth transformer/\n\nWhat network it is, is told by what this \
+    after_help = "Example: renderflow weights inspect Wan2.1_VAE.pth transformer/\n\nThe network is recognised by what this \
 program wrote into its own files, else by a config.json beside the file, else by names and shapes."
 )]
 struct Inspect {
-    /// Weights files, or folders with one each
+    /// Weights files, or folders of them
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Print one JSON array
@@ -79,22 +83,55 @@ impl Weights {
             Some(Command::Convert(command)) => command.run(),
             None => {
                 let header = match &self.file {
-                    None => serde_json::to_string_pretty(Fusion::shipped()?.header())?,
+                    None => serde_json::to_value(Fusion::shipped()?.header())?,
                     // Only its list of tensors is read: it may be large.
-                    Some(path) if WanRenderer::recognises(path) => serde_json::to_string_pretty(&Source::open(path)?.header()?)?,
-                    Some(path) => serde_json::to_string_pretty(Fusion::load(path)?.header())?,
+                    Some(path) if WanRenderer::recognises(path) => serde_json::to_value(Source::open(path)?.header()?)?,
+                    Some(path) => serde_json::to_value(Fusion::load(path)?.header())?,
                 };
-                println!("{header}");
+                if self.json {
+                    println!("{}", serde_json::to_string_pretty(&header)?);
+                    return Ok(());
+                }
+                let mut rows = Vec::new();
+                flatten(String::new(), &header, &mut rows);
+                let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+                rows.iter().for_each(|(name, value)| println!("{name:width$}  {value}"));
                 Ok(())
             }
         }
     }
 }
 
+/// Lists the values of a header, one a row, with the names that lead to each.
+fn flatten(name: String, value: &Value, rows: &mut Vec<(String, String)>) {
+    match value {
+        Value::Object(fields) => {
+            for (field, value) in fields {
+                let dot = if name.is_empty() { "" } else { "." };
+                flatten(format!("{name}{dot}{field}"), value, rows);
+            }
+        }
+        Value::String(text) => rows.push((name, text.clone())),
+        other => rows.push((name, other.to_string())),
+    }
+}
+
+/// The files that `path` stands for: itself, or the weights files of a folder that is not one set of shards.
+fn weights_files(path: &Path) -> Result<Vec<PathBuf>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let inside = files::list(path)?;
+    let index = inside.iter().any(|file| file.to_string_lossy().ends_with(".index.json"));
+    let weights: Vec<PathBuf> = inside.into_iter().filter(|file| files::has_ending(file, &["safetensors", "pth"])).collect();
+    Ok(if index || weights.len() < 2 { vec![path.to_owned()] } else { weights })
+}
+
 impl Inspect {
     fn run(self) -> Result<()> {
         let (mut array, mut refused) = (Vec::new(), 0);
-        for (i, path) in self.files.iter().enumerate() {
+        let files = self.files.iter().map(|path| weights_files(path)).collect::<Result<Vec<_>>>()?.concat();
+        for (i, path) in files.iter().enumerate() {
             match open(path) {
                 Ok((source, identity)) if self.json => array.push(object(&source, &identity)),
                 Ok((source, identity)) => {
@@ -114,7 +151,7 @@ impl Inspect {
         if self.json {
             println!("{}", serde_json::to_string_pretty(&array)?);
         }
-        ensure!(refused == 0, "{refused} of {} files cannot be read", self.files.len());
+        ensure!(refused == 0, "{refused} of {} files cannot be read", files.len());
         Ok(())
     }
 }
@@ -227,8 +264,8 @@ impl Convert {
             }
         };
         if beside.is_some() {
-            let same = crate::util::files::hash(to_file)? == crate::util::files::hash(&self.output)?;
-            ensure!(same, "{}: is there already, with other content; {OVERWRITE}", self.output.display());
+            let same = files::hash(to_file)? == files::hash(&self.output)?;
+            ensure!(same, "{}: already exists with other content; {OVERWRITE}", self.output.display());
         }
         println!("{done}");
         Ok(())

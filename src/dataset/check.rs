@@ -186,7 +186,7 @@ impl Reader<'_> {
         let planned = plan.samples(number);
         ensure!(
             frame.info.spp == planned || plan.render.adaptive && planned > 0 && frame.info.spp > 0,
-            "{} samples a pixel, the plan has {planned}",
+            "{} samples per pixel, the plan has {planned}",
             frame.info.spp
         );
         ensure!((planned == 0) == frame.beauty.is_none(), "has a beauty where the plan has none, or none where it has one");

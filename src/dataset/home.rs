@@ -45,16 +45,16 @@ impl Home {
             return Ok(None);
         }
         let plan = Plan::read(&path)
-            .with_context(|| format!("the plan of the dataset cannot be read; to mend it: {}", damage::remedy(&root)))?;
+            .with_context(|| format!("the plan of the dataset cannot be read; to repair it: {}", damage::remedy(&root)))?;
         let place = |index: u32| std::path::absolute(plan.folder(&root, index)).unwrap_or_default();
         let inside = |index: &u32| place(*index).starts_with(&full);
         let indices: Vec<u32> = (0..plan.total()).filter(inside).collect();
         if depth == 2 && indices.is_empty() {
-            bail!("{}: is no sequence of the dataset it lies in; {REMOVE}", folder.display());
+            bail!("{}: is not a sequence of the dataset that it lies in; {REMOVE}", folder.display());
         }
         for stranger in damage::strangers(&plan, &root)? {
             let inside = std::path::absolute(&stranger).is_ok_and(|stranger| stranger.starts_with(&full));
-            ensure!(!inside, "{}: is no sequence of the dataset it lies in; {REMOVE}", stranger.display());
+            ensure!(!inside, "{}: is not a sequence of the dataset that it lies in; {REMOVE}", stranger.display());
         }
         Ok(Some(Self { root, plan, indices }))
     }
@@ -84,7 +84,7 @@ impl Home {
 pub fn keeps_its_plan(root: &Path) -> Result<()> {
     ensure!(
         root.join(PLAN).exists() || !root.join(MANIFEST).exists(),
-        "{}: no {PLAN} beside {MANIFEST}, so nothing tells what belongs to the dataset; to mend it: {}",
+        "{}: no {PLAN} beside {MANIFEST}, so nothing says what belongs to the dataset; to repair it: {}",
         root.display(),
         damage::remedy(root)
     );

@@ -6,7 +6,7 @@ pub(crate) mod memory;
 pub mod watch;
 
 use crate::dataset::layout::{ENVIRONMENT, SCENE, TIMING, TRANSFORMS, frame_file};
-pub use decide::Existing;
+pub use decide::{Existing, Work};
 
 use super::denoise::Denoise;
 use super::plan::is_keyframe;
@@ -16,7 +16,7 @@ use crate::util::progress::Progress;
 use crate::util::stop;
 use anyhow::{Context, Result, bail};
 use clean::Cleaner;
-use renderflow_frame::frame_file::Profile;
+use renderflow_frame::frame_file::{self, Profile};
 use renderflow_frame::reach::Reach;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
@@ -221,7 +221,11 @@ impl SequenceJob {
 
     /// Loads the scene. Nothing is written yet.
     pub fn open(&self) -> Result<OpenSequence<'_>> {
+        let started = Instant::now();
         let loaded = load::load(&self.scene, &self.base)?;
+        let triangles: usize = loaded.instances.iter().map(|i| loaded.meshes[i.mesh].triangles.len()).sum();
+        let (instances, materials, textures) = (loaded.instances.len(), loaded.materials.len(), loaded.textures.len());
+        tracing::info!(seconds = started.elapsed().as_secs_f64(), instances, triangles, materials, textures, "loaded");
         // The seconds are not worth a failure: a broken file starts again.
         let mut timing: Timing = file::read_json(&self.out.join(TIMING)).unwrap_or_default();
         timing.seconds.resize(loaded.cameras.len(), None);
@@ -235,15 +239,32 @@ impl OpenSequence<'_> {
         self.job.out.join(frame_file(number, self.job.storage))
     }
 
-    /// Renders the frames `missing` and writes the descriptions. Every frame of the sequence takes 1000 units of `progress`.
+    /// Makes the frames of a shorter sequence part of this one: their headers name this scene. They are rendered no more.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written.
+    pub fn lengthen(&self, work: &Work) -> Result<()> {
+        for &number in &work.lengthened {
+            let path = self.path(number);
+            let mut frame = frame_file::read(&path)?;
+            frame.info.scene_hash.clone_from(&self.loaded.hash);
+            let (bytes, _) = self.job.storage.encode(&path, &frame)?;
+            stop::hold(|| file::write_atomic(&path, &bytes))?;
+        }
+        Ok(())
+    }
+
+    /// Does `work`: renders the frames that are missing and writes the descriptions. Every frame of the sequence takes 1000
+    /// units of `progress`.
     ///
     /// # Errors
     /// When stopped ([`Interrupted`](crate::util::cancel::Interrupted)), when a frame cannot be rendered, or when a file cannot
     /// be written.
-    pub fn make(&mut self, missing: &[usize], settings: &TruthSettings, progress: &Progress, cancel: &Cancel) -> Result<()> {
-        let kept = self.job.numbers(self.loaded.cameras.len()).count() - missing.len();
+    pub fn make(&mut self, work: &Work, settings: &TruthSettings, progress: &Progress, cancel: &Cancel) -> Result<()> {
+        self.lengthen(work)?;
+        let kept = self.job.numbers(self.loaded.cameras.len()).count() - work.missing.len();
         progress.resume(1000 * kept as u64);
-        for &number in missing {
+        for &number in &work.missing {
             self.render(number, settings, progress, cancel)?;
         }
         self.describe()
@@ -297,6 +318,8 @@ impl OpenSequence<'_> {
             Some(scene) => scene,
             None => {
                 let compiled = RenderScene::compile(&self.loaded)?;
+                let seconds = started.elapsed().as_secs_f64();
+                tracing::info!(seconds, features = ?compiled.features(), "compiled");
                 let limited = compiled.environment_repairs().limited;
                 if limited > 0 {
                     eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
@@ -323,6 +346,7 @@ impl OpenSequence<'_> {
         }
         stop::hold(|| file::write_atomic(&path, &bytes))?;
         let write = written.elapsed().as_secs_f64();
+        tracing::debug!(frame = number, compile, render, denoise, write, bytes = bytes.len(), "seconds of the frame's stages");
         self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
         stop::hold(|| file::write_json(&self.job.out.join(TIMING), &self.timing))?;
         Ok(Cost { compile, render, denoise, write, bytes: bytes.len() as u64 })

@@ -81,7 +81,7 @@ impl Dataset {
         let path = self.sequences[index].folder.join(name);
         let remedy = match &self.root {
             None => AS_IT_IS.to_owned(),
-            Some(root) => format!("to mend it: {}", damage::remedy(root)),
+            Some(root) => format!("to repair it: {}", damage::remedy(root)),
         };
         format!("{}: is not the file that sequence.json has recorded; {remedy}", path.display())
     }

@@ -134,7 +134,7 @@ pub fn clear_places(plan: &Plan, out: &Path, folder: &Path, note: impl Fn(String
     for path in places.chain(names.map(|name| folder.join(name)).filter(|path| !path.is_file())) {
         if std::fs::symlink_metadata(&path).is_ok() {
             let aside = set_aside(out, &path)?;
-            note(format!("{}: is in the way, moved to {}", path.display(), aside.display()));
+            note(format!("{}: is in the way and was moved to {}", path.display(), aside.display()));
         }
     }
     Ok(())

@@ -44,7 +44,7 @@ pub(super) fn accept(plan: &Plan, out: &Path, indices: &[u32], found: Vec<Findin
         let shown = damaged.iter().take(SHOWN).map(|line| format!("\n  {line}")).collect::<String>();
         let more = damaged.len().saturating_sub(SHOWN);
         let more = if more > 0 { format!("\n  and {more} more") } else { String::new() };
-        bail!("{} sequences are damaged:{shown}{more}\nto mend them: {}", damaged.len(), damage::remedy(out));
+        bail!("{} sequences are damaged:{shown}{more}\nto repair them: {}", damaged.len(), damage::remedy(out));
     }
     Ok(found.into_iter().filter_map(|found| found.record).collect())
 }
@@ -81,7 +81,7 @@ pub(super) fn merge_after(plan: &Plan, out: &Path, proven: &HashSet<u32>, depth:
     let records = accept(plan, out, &all, found)?;
     let manifest = Manifest::new(plan, out, &records)?;
     let leaks: Vec<String> = manifest::leaks(plan, (0..).zip(&records)).iter().map(Leak::to_string).collect();
-    ensure!(leaks.is_empty(), "splits share what they must not: {}", leaks.join("; "));
+    ensure!(leaks.is_empty(), "splits must not share anything, but they share: {}", leaks.join("; "));
     file::remove_leftovers(out);
     let path = out.join(MANIFEST);
     match file::write_json(&path, &manifest) {

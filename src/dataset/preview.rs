@@ -104,7 +104,7 @@ pub fn check_folder(out: &Path) -> Result<()> {
     }
     let places = SHEETS.into_iter().chain([CATALOG]).map(|name| out.join(name));
     match places.into_iter().find(|path| output::exists(path)) {
-        Some(path) => bail!("{}: is there already, and is of no preview; choose another folder", path.display()),
+        Some(path) => bail!("{}: already exists and is not part of a preview; choose another folder", path.display()),
         None => Ok(()),
     }
 }

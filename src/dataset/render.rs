@@ -241,7 +241,7 @@ impl Work<'_> {
         if mend::is_misplaced(folder, found.record.as_ref(), &composed.scene) {
             found = &nothing;
             let aside = mend::set_aside(self.out, folder)?;
-            self.note(&format!("{}: another sequence, moved to {}", folder.display(), aside.display()));
+            self.note(&format!("{}: is another sequence and was moved to {}", folder.display(), aside.display()));
         }
         let job = SequenceJob {
             scene: composed.scene.clone(),
@@ -332,7 +332,11 @@ impl Work<'_> {
         let settings = self.qualities.of(self.plan.quality(number));
         let path = sequence.path(number);
         if std::fs::metadata(&path).is_ok_and(|about| !about.is_file()) {
-            bail!("{}: is no file, so no frame can be put there; to move it aside: {}", path.display(), damage::remedy(self.out));
+            bail!(
+                "{}: is not a file, so no frame can be written there; to move it away: {}",
+                path.display(),
+                damage::remedy(self.out)
+            );
         }
         match sequence.found(number, settings)? {
             Existing::Same if double => self.note(&format!("{}: made again: another frame has the same bytes", path.display())),
@@ -345,7 +349,7 @@ impl Work<'_> {
             },
             Existing::Other(_) => {
                 let aside = mend::set_aside(self.out, &path)?;
-                let what = "made again: is of another scene or other settings, moved to";
+                let what = "made again, because it is of another scene or other settings. The old one was moved to";
                 self.note(&format!("{}: {what} {}", path.display(), aside.display()));
             }
             Existing::Broken(error) => self.note(&format!("made again: {}", crate::util::console::message(&error))),

@@ -55,13 +55,13 @@ pub fn repair(out: &Path, plan: Option<&Plan>, stop: &Cancel) -> Result<Repaired
     for folder in SPLITS.map(|split| out.join(split.name())).iter().chain(&[out.join("logs")]) {
         if folder.exists() && !folder.is_dir() {
             let aside = set_aside(out, folder)?;
-            eprintln!("note: {}: is no folder, moved to {}", folder.display(), aside.display());
+            eprintln!("note: {}: is not a folder and was moved to {}", folder.display(), aside.display());
         }
     }
     let path = out.join(MANIFEST);
     if path.exists() && !path.is_file() {
         let aside = set_aside(out, &path)?;
-        eprintln!("note: {}: is no file, moved to {}", path.display(), aside.display());
+        eprintln!("note: {}: is not a file and was moved to {}", path.display(), aside.display());
     }
     let before = file::read(&path).ok();
     repaired.summary = render::run_at(&own, out, Shard { index: 1, count: 1 }, (Depth::Pixels, &|_| true), stop)?;

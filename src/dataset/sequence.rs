@@ -92,7 +92,7 @@ impl Sequence {
     pub(super) fn open_without_record(folder: &Path) -> Result<Self> {
         let transforms = read_transforms(folder)?;
         let number = |file: &String| {
-            frame_number(file).with_context(|| format!("{}: {file} is no frame of this program", folder.display()))
+            frame_number(file).with_context(|| format!("{}: {file} is not a frame of this program", folder.display()))
         };
         let numbers: Vec<usize> = transforms.files.iter().map(number).collect::<Result<_>>()?;
         ensure!(numbers.is_sorted_by(|a, b| a < b), "{}: its frames are not in order", folder.display());
@@ -286,7 +286,7 @@ mod tests {
     fn frames_that_this_program_would_call_otherwise_are_refused() {
         let root = tempfile::tempdir().unwrap();
         for (files, reason) in
-            [(["frame.0001.exr", "x.exr"], "x.exr is no frame"), (["frame.0002.exr", "frame.0001.exr"], "order")]
+            [(["frame.0001.exr", "x.exr"], "x.exr is not a frame"), (["frame.0002.exr", "frame.0001.exr"], "order")]
         {
             std::fs::write(root.path().join(TRANSFORMS), cameras(&files)).unwrap();
             let refused = Sequence::open(root.path()).unwrap_err().to_string();

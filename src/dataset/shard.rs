@@ -71,13 +71,14 @@ impl Shard {
             (Some(_), Some(_)) => bail!("{SLURM_TASK} and {KUBERNETES_INDEX} are both set; say which with --shard"),
             (Some(task), None) => {
                 let Some(count) = shards else {
-                    ensure!(offset.is_none(), "{SHARD_OFFSET} is set, {SHARDS} is not");
+                    ensure!(offset.is_none(), "{SHARD_OFFSET} is set but {SHARDS} is not");
                     return whole_array(task, &number);
                 };
                 Self::at(task, offset, count, &format!("Slurm: {SLURM_TASK}={task}"))
             }
             (None, Some(index)) => {
-                let count = shards.with_context(|| format!("{KUBERNETES_INDEX} is set, {SHARDS} is not: how many are there?"))?;
+                let count = shards
+                    .with_context(|| format!("{KUBERNETES_INDEX} is set but {SHARDS} is not; set it to the number of shards"))?;
                 let source = format!("Kubernetes: {KUBERNETES_INDEX}={index}");
                 Self::at(index.checked_add(1).with_context(|| source.clone())?, offset, count, &source)
             }
@@ -106,7 +107,7 @@ impl Shard {
 
 /// The shard of a task whose array is the whole plan. Such an array may start anywhere and have a step, but no holes.
 fn whole_array(task: u32, number: &dyn Fn(&str) -> Result<Option<u32>>) -> Result<Assigned> {
-    let needed = |name: &str| number(name)?.with_context(|| format!("{SLURM_TASK} is set, neither {SHARDS} nor {name} is"));
+    let needed = |name: &str| number(name)?.with_context(|| format!("{SLURM_TASK} is set but {SHARDS} and {name} are not"));
     let (count, min) = (needed("SLURM_ARRAY_TASK_COUNT")?, needed("SLURM_ARRAY_TASK_MIN")?);
     let step = number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1);
     let max = number("SLURM_ARRAY_TASK_MAX")?;

@@ -68,7 +68,7 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
         Ok(plan) => plan,
         Err(reason) => {
             // Nothing can be compared with a plan that is not the dataset's own.
-            found.fault(format!("{reason}; the rest is not looked at"), damage::remedy(out));
+            found.fault(format!("{reason}; the rest was not examined"), damage::remedy(out));
             return Ok(found);
         }
     };
@@ -92,9 +92,9 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
                 Made::Same => {}
                 Made::Other(reason) => found.fault(format!("{name}: {reason}"), damage::remedy(out)),
                 Made::OtherVersion => found.notes.push(format!(
-                    "{name}: this version of the program makes another scene of the plan: it could not go on with the dataset or mend it"
+                    "{name}: this version of the program makes another scene from the plan, so it cannot continue or repair the dataset"
                 )),
-                Made::Unknown(reason) => found.notes.push(format!("{name}: cannot be held against the plan: {reason}")),
+                Made::Unknown(reason) => found.notes.push(format!("{name}: cannot be compared with the plan: {reason}")),
             }
             found.sequences += 1;
             found.frames += examined.checked.frames.len();
@@ -112,7 +112,7 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
             Err(error) => found.fault(crate::util::console::message(&error), damage::remedy(out)),
         }
         found.notes.extend(
-            damage::strays(&plan, out, index)?.iter().map(|path| format!("{}: is no part of the dataset", path.display())),
+            damage::strays(&plan, out, index)?.iter().map(|path| format!("{}: is not part of the dataset", path.display())),
         );
         let believed = !examined.damage.iter().any(|damage| damage.part == Part::Record);
         listable.push(examined.record.clone().filter(|_| believed));
@@ -121,7 +121,7 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
     }
     progress.finish();
     for folder in damage::strangers(&plan, out)? {
-        let what = "is no sequence of the plan, but would be taken for one of its split; move it out of the dataset";
+        let what = "is not a sequence of the plan, but would count as one of its split; move it out of the dataset";
         let shown = shell(&folder.to_string_lossy());
         found.fault(format!("{}: {what}", folder.display()), format!("mv {shown} ELSEWHERE"));
     }

@@ -57,7 +57,7 @@ pub fn open(dataset: &Path) -> Result<WholeDataset> {
             let expected = file::json(&path, &Manifest::new(&home.plan, dataset, &records)?)?;
             ensure!(
                 expected == *bytes,
-                "{}: is not that of its sequences; to mend it: {}",
+                "{}: is not that of its sequences; to repair it: {}",
                 path.display(),
                 damage::remedy(dataset)
             );

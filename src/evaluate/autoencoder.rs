@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// tables.
 #[derive(Args)]
 #[command(
-    after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets --out results-autoencoder"
+    after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets -o results-autoencoder"
 )]
 pub struct Options {
     /// Weights of the autoencoder, of this program or published ones
@@ -34,8 +34,11 @@ pub struct Options {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     clips: u32,
     /// Folder for the results
-    #[arg(long, default_value = "results-autoencoder")]
+    #[arg(long, short = 'o', default_value = "results-autoencoder")]
     out: PathBuf,
+    /// Print the tables as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// One test set in the JSON file.
@@ -75,6 +78,13 @@ impl Options {
         }
         progress.finish();
         ensure!(!found.is_empty(), "{}: no sequences", self.data.display());
+        std::fs::create_dir_all(&self.out)?;
+        let path = self.out.join("autoencoder.json");
+        file::write_json(&path, &found)?;
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&found)?);
+            return Ok(());
+        }
         for set in &found {
             println!(
                 "{}, sequences {}: PSNR in dB of pictures by themselves, and of the frames of clips",
@@ -85,9 +95,6 @@ impl Options {
                 println!("  {kind:12} {} | {}", row(still), row(clip));
             }
         }
-        std::fs::create_dir_all(&self.out)?;
-        let path = self.out.join("autoencoder.json");
-        file::write_json(&path, &found)?;
         println!("{}", path.display());
         Ok(())
     }

@@ -86,7 +86,7 @@ pub fn run(
     progress: &Progress,
     cancel: &Cancel,
 ) -> Result<usize> {
-    ensure!(options.exposure.is_finite() && options.exposure > 0.0, "the exposure {} is no positive number", options.exposure);
+    ensure!(options.exposure.is_finite() && options.exposure > 0.0, "the exposure {} is not a positive number", options.exposure);
     let folders = folders(truth, options.exposure)?;
     let pairs = matched(predictions, &folders, options.partial)?;
     let method = MethodInfo::new("pictures".into(), options.label.clone(), Group::Other);

@@ -2,6 +2,7 @@
 
 use crate::dataset::Sequence;
 use crate::evaluate::find::{self, TestSequence};
+use crate::evaluate::run;
 use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
 use crate::metrics::{Networks, median};
@@ -26,8 +27,8 @@ use std::time::Instant;
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  renderflow evaluate inverse --weights runs/inverse/weights.safetensors --vae runs/vae/weights.safetensors --data sets --out results-inverse
-  renderflow evaluate inverse --buffers theirs/ --data sets --out results-theirs
+  renderflow evaluate inverse --weights runs/inverse/weights.safetensors --vae runs/vae/weights.safetensors --data sets -o results-inverse
+  renderflow evaluate inverse --buffers theirs/ --data sets -o results-theirs
 
 A folder of --buffers is laid out as `invert --data` writes it: SEQUENCE/frame.NUMBER.albedo.png (sRGB), .normal.png (0.5 + 0.5 n, camera
 space: x right, y up, z towards the camera), .depth.png (its logarithm, up to scale and shift), .material.png (roughness, metallic, and a
@@ -45,12 +46,15 @@ pub struct Options {
     /// Test sets, a dataset, a split of it, or one sequence
     #[arg(long)]
     data: PathBuf,
-    /// Measure one frame in this many
+    /// Measure the first two of every n frames; 1 measures all
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
     /// Folder for the results
-    #[arg(long, default_value = "results-inverse")]
+    #[arg(long, short = 'o', default_value = "results-inverse")]
     out: PathBuf,
+    /// Print the tables as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// One test set in the JSON file.
@@ -125,7 +129,7 @@ impl Options {
             let twice = tests.iter().map(|test| test.sequence.name.clone()).find(|name| !names.insert(name.clone()));
             ensure!(twice.is_none(), "two sequences are called {}: name one class of scenes", twice.unwrap_or_default());
         }
-        let chosen = |test: &TestSequence| (0..test.sequence.len()).step_by(self.every as usize);
+        let chosen = |test: &TestSequence| run::chosen(test.sequence.len(), self.every);
         let progress = Progress::new("inverse", tests.iter().map(|test| chosen(test).len() as u64).sum());
         let mut sets: BTreeMap<&str, [Tally; 2]> = BTreeMap::new();
         for test in &tests {
@@ -154,11 +158,16 @@ impl Options {
             let any = sets.iter().any(|set| !set.rows[0].values.is_empty());
             ensure!(any, "{}: no buffers of any frame of {}", folder.display(), self.data.display());
         }
-        sets.iter().for_each(print);
         std::fs::create_dir_all(&self.out)?;
         let path = self.out.join("inverse.json");
-        file::write_json(&path, &Results { columns: &COLUMNS, sets })?;
-        println!("{}", path.display());
+        let results = Results { columns: &COLUMNS, sets };
+        file::write_json(&path, &results)?;
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&results)?);
+        } else {
+            results.sets.iter().for_each(print);
+            println!("{}", path.display());
+        }
         Ok(())
     }
 }

@@ -60,7 +60,7 @@ pub fn run(tests: &[TestSequence], options: &Options, out: &Path, progress: &Pro
     for test in tests {
         let class = out.join(&test.set).join(&test.class);
         let done = class.join(format!("{}.json", test.sequence.name));
-        let indices = chosen(&test.sequence.numbers, options.every);
+        let indices = chosen(test.sequence.len(), options.every);
         let stored: Option<SequenceSummary> = file::read_json(&done).ok();
         let numbers: Vec<usize> = indices.iter().map(|&i| test.sequence.numbers[i]).collect();
         if stored.is_some_and(|stored| stored.frames == numbers) {
@@ -76,7 +76,7 @@ pub fn run(tests: &[TestSequence], options: &Options, out: &Path, progress: &Pro
 
 /// The number of frames of a sequence that are evaluated.
 pub fn frames(test: &TestSequence, every: u32) -> usize {
-    chosen(&test.sequence.numbers, every).len()
+    chosen(test.sequence.len(), every).len()
 }
 
 /// Checks that results of these options may be written into the folder `out`.
@@ -89,7 +89,7 @@ pub fn check(options: &Options, out: &Path) -> Result<()> {
 
 /// Checks that the truth of a sequence can be compared, as far as its files and its record show.
 fn ready(test: &TestSequence, every: u32) -> Result<()> {
-    for index in chosen(&test.sequence.numbers, every) {
+    for index in chosen(test.sequence.len(), every) {
         let file = &test.sequence.transforms.files[index];
         ensure!(test.sequence.folder.join(file).is_file(), "{file}: is not there");
         let recorded = test.sequence.record.iter().flat_map(|record| &record.frames).find(|frame| frame.file == *file);
@@ -101,7 +101,7 @@ fn ready(test: &TestSequence, every: u32) -> Result<()> {
 /// The claim on the results folder, which is written before the first result.
 fn claim(options: &Options, out: &Path) -> Result<Claim> {
     let mut settings = vec![
-        ("camera rays a pixel of the G-buffer".to_owned(), options.rendering.guide_samples.to_string()),
+        ("camera rays per pixel of the G-buffer".to_owned(), options.rendering.guide_samples.to_string()),
         ("scattering events of a path".to_owned(), options.rendering.max_bounces.to_string()),
         (
             "frames".to_owned(),
@@ -129,8 +129,8 @@ fn claim(options: &Options, out: &Path) -> Result<Claim> {
 }
 
 /// Indices of the frames to evaluate: the first two of every `every` frames.
-fn chosen(numbers: &[usize], every: u32) -> Vec<usize> {
-    (0..numbers.len()).filter(|i| (i % every.max(1) as usize) < 2).collect()
+pub(super) fn chosen(frames: usize, every: u32) -> Vec<usize> {
+    (0..frames).filter(|i| (i % every.max(1) as usize) < 2).collect()
 }
 
 /// Chooses `count` frames, spread evenly over the frames that are not keyframes, or over all where every frame is one.
@@ -304,9 +304,9 @@ mod tests {
     #[test]
     fn frames_come_in_pairs() {
         let numbers: Vec<usize> = (0..12).collect();
-        assert_eq!(chosen(&numbers, 1), numbers);
-        assert_eq!(chosen(&numbers, 5), [0, 1, 5, 6, 10, 11]);
-        assert_eq!(chosen(&numbers, 0), numbers);
+        assert_eq!(chosen(numbers.len(), 1), numbers);
+        assert_eq!(chosen(numbers.len(), 5), [0, 1, 5, 6, 10, 11]);
+        assert_eq!(chosen(numbers.len(), 0), numbers);
     }
 
     #[test]

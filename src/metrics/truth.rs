@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use renderflow_frame::Image;
 use renderflow_frame::image::Rgb;
 use renderflow_model::lpips::{Backbone, Lpips, Reference, weights_folder};
+use std::path::Path;
 
 /// Largest share of pixels that the robust relative error leaves out.
 const ROBUST_SHARE: f64 = 0.001;
@@ -22,18 +23,21 @@ pub struct Networks {
 }
 
 impl Networks {
-    /// Loads both from [`weights_folder`]. Weights that are missing there are no failure, unless somebody named the folder.
+    /// Loads both from the folder that the user names in the environment; without a name, there are none.
     ///
     /// # Errors
-    /// When a file is there but broken, or missing from a folder that was named.
+    /// When a file is broken or missing.
     pub fn find() -> Result<Self> {
         let location = weights_folder();
-        let load = |backbone: Backbone| {
-            if !location.named && !location.folder.join(backbone.file_name()).exists() {
-                return Ok(None);
-            }
-            Lpips::load(&location.folder, backbone).map(Some)
-        };
+        if location.named { Self::read(&location.folder) } else { Ok(Self::default()) }
+    }
+
+    /// Loads both from a folder.
+    ///
+    /// # Errors
+    /// When a file is broken or missing.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let load = |backbone: Backbone| Lpips::load(folder, backbone).map(Some);
         Ok(Self { alex: load(Backbone::Alex)?, squeeze: load(Backbone::Squeeze)? })
     }
 

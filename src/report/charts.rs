@@ -153,8 +153,8 @@ fn convergence_plot(view: &View, rows: &[Row], metric: &Metric) -> Option<String
     lines.values_mut().for_each(|line| line.points.sort_by(|a, b| a.at.0.total_cmp(&b.at.0)));
     (!lines.is_empty()).then(|| {
         figure(&Plot {
-            title: &format!("{} against samples a pixel", metric.label),
-            x: ("samples a pixel", Scale::Doubling),
+            title: &format!("{} against samples per pixel", metric.label),
+            x: ("samples per pixel", Scale::Doubling),
             y: (&named(metric), scale(metric)),
             lines: lines.into_values().collect(),
             levels,

@@ -15,7 +15,7 @@ pub fn page(numbers: &Numbers, costs: &Costs) -> Result<String> {
         page,
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{GENERATOR}<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
          <title>Dataset</title><style>{STYLE}</style><h1>Dataset</h1><p>{complete} of {planned} sequences, {} frames, {:.1} MiB \
-         ({:.0} bytes a frame); {} distinct scenes, {} distinct meshes, {} distinct environments; {} things shared by splits.</p>",
+         ({:.0} bytes per frame); {} distinct scenes, {} distinct meshes, {} distinct environments; {} things shared by splits.</p>",
         numbers.frames,
         numbers.bytes as f64 / f64::from(1 << 20),
         numbers.bytes as f64 / numbers.frames.max(1) as f64,
@@ -31,7 +31,7 @@ pub fn page(numbers: &Numbers, costs: &Costs) -> Result<String> {
         let [compile, render, denoise, write] = costs.stages;
         write!(
             page,
-            "<p>{} frames made in {:.1} s, {:.3} a second; a frame takes compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, \
+            "<p>{} frames made in {:.1} s, {:.3} per second; one frame takes compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, \
              write {write:.3} s; memory at most {:.0} MiB; {} failures.</p>",
             costs.frames,
             costs.wall,

@@ -203,10 +203,11 @@ fn facts(scored: &Scored) -> String {
     let about = &scored.about;
     let mut rows = about.facts.clone();
     rows.push(("exposure".into(), format!("{}", about.exposure)));
-    rows.push(("truth".into(), format!("{} samples a pixel", about.truth.spp)));
+    rows.push(("truth".into(), format!("{} samples per pixel", about.truth.spp)));
     let known = |value: Option<f64>| value.filter(|value| value.is_finite());
     rows.extend(known(about.truth.seconds).map(|s| ("truth, seconds a frame".into(), super::table::seconds(s))));
-    let share = known(about.truth_share()).map(|s| ("truth of the keyframes, seconds a frame".into(), super::table::seconds(s)));
+    let share =
+        known(about.truth_share()).map(|s| ("truth of the keyframes, seconds per frame".into(), super::table::seconds(s)));
     rows.extend(share);
     rows.extend(known(about.truth.noise).map(|n| ("noise of the raw truth".into(), format!("{n:.2} dB"))));
     rows.extend(known(about.truth.error).map(|e| ("error of the truth".into(), format!("{e:.2} dB"))));

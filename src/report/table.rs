@@ -3,6 +3,7 @@
 use crate::evaluate::results::{BUDGET_PIXELS, Group, MethodInfo, Results, Scored, SequenceSummary};
 use crate::metrics::bootstrap::{self, Interval};
 use crate::metrics::{METRICS, Metric, median};
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
@@ -265,6 +266,28 @@ pub fn markdown(results: &Results, filter: Filter) -> String {
         text += &grid(&rows);
     }
     text
+}
+
+/// The main table of each set for other programs: the rows of [`markdown`], with every metric that has a value.
+pub fn json(results: &Results) -> Value {
+    let means = Means::new(results);
+    let row = |row: &Row| {
+        json!({
+            "id": row.method.id,
+            "label": row.label(),
+            "seconds": row.seconds,
+            "seconds_with_truth": row.seconds_with_truth,
+            "spp": row.spp,
+            "metrics": row.cells,
+        })
+    };
+    let set = |set: &&str| {
+        let filter = Filter { set: Some(set), ..Filter::default() };
+        let (sequences, frames) = extent(&means, filter);
+        let rows: Vec<Value> = means.rows(filter).iter().map(row).collect();
+        json!({ "set": set, "sequences": sequences, "frames": frames, "rows": rows })
+    };
+    sets(results).iter().map(set).collect()
 }
 
 /// Number of sequences, and of frames that they are averaged over.

@@ -1,7 +1,8 @@
-//! The memory of the machine and of this process, and the name of the processor, as far as the system reports them.
+//! The memory and disk of the machine, the memory and libraries of this process, and the name of the processor, as far as the
+//! system reports them.
 
 use anyhow::{Result, bail};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A field of `/proc/self/status` in bytes; 0 where there is none.
 fn field(name: &str) -> u64 {
@@ -28,6 +29,26 @@ pub fn processor() -> String {
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }
 
+/// The file of a library that this process has loaded, whose name begins with `name`. `None` where it is not loaded, or the
+/// system does not tell.
+pub fn library(name: &str) -> Option<PathBuf> {
+    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
+    let mut files = maps.lines().filter_map(|line| line.get(line.find('/')?..));
+    files.find(|file| file.rsplit('/').next().is_some_and(|file| file.starts_with(name))).map(PathBuf::from)
+}
+
+/// Bytes that are free for this user on the disk of a folder.
+#[cfg(unix)]
+pub fn free_disk(folder: &Path) -> Option<u64> {
+    rustix::fs::statvfs(folder).ok().map(|disk| disk.f_bavail * disk.f_frsize)
+}
+
+/// Bytes that are free for this user on the disk of a folder; here the system does not tell.
+#[cfg(not(unix))]
+pub fn free_disk(_: &Path) -> Option<u64> {
+    None
+}
+
 /// Bytes of memory that this process may still take. It is the smallest of three numbers: what the machine has left, what the
 /// control groups of the process allow (containers, batch systems), and what the limit of its address space leaves. `None` where
 /// the system reports nothing.
@@ -49,7 +70,7 @@ pub fn ensure_memory(what: &str, needed: u64, way_out: &str) -> Result<()> {
 }
 
 /// A size for people.
-fn gigabytes(bytes: u64) -> String {
+pub fn gigabytes(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / f64::from(1 << 30))
 }
 
@@ -102,7 +123,6 @@ fn kilobytes(text: &str, name: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::PathBuf;
 
     /// Folders that look like the system's.
     struct System(tempfile::TempDir);

@@ -6,6 +6,7 @@ pub mod console;
 pub mod cancel;
 pub mod clock;
 pub mod files;
+pub mod log;
 pub mod machine;
 pub mod output;
 pub mod panic;

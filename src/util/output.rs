@@ -9,7 +9,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// Said after the reason by commands with the option `--overwrite`.
-pub const OVERWRITE: &str = "name another place, or replace it with --overwrite";
+pub const OVERWRITE: &str = "choose another path, or use --overwrite to replace it";
 
 /// Whether there is anything at `path`; a broken link counts too.
 pub fn exists(path: &Path) -> bool {
@@ -44,9 +44,9 @@ pub fn write(files: &[(PathBuf, Vec<u8>)], overwrite: bool) -> Result<()> {
         if !exists(path) {
             changed.push((path, bytes));
         } else if !std::fs::metadata(path).is_ok_and(|about| about.is_file()) {
-            bail!("{}: is there already and is no regular file; name another place", path.display());
+            bail!("{}: already exists and is not a regular file; choose another path", path.display());
         } else if !file::holds(path, bytes)? {
-            anyhow::ensure!(overwrite, "{}: is there already, with other content; {OVERWRITE}", path.display());
+            anyhow::ensure!(overwrite, "{}: already exists with other content; {OVERWRITE}", path.display());
             changed.push((path, bytes));
         }
     }
@@ -160,7 +160,7 @@ pub fn check_page(path: &Path) -> Result<()> {
         .with_context(|| format!("{}: cannot read", path.display()))?;
     let beginning = String::from_utf8_lossy(&beginning);
     let own = beginning.contains(of_any_version) || EARLIER.iter().any(|mark| beginning.contains(mark));
-    anyhow::ensure!(own, "{}: is there already and is no page of this program; choose another place", path.display());
+    anyhow::ensure!(own, "{}: already exists and is not a page of this program; choose another path", path.display());
     Ok(())
 }
 
@@ -180,7 +180,7 @@ mod tests {
         std::fs::remove_file(path("a")).unwrap();
         std::fs::write(path("b"), b"edited").unwrap();
         let refused = write(&files, false).unwrap_err().to_string();
-        assert!(refused.contains("/b: is there already") && refused.contains("--overwrite"), "{refused}");
+        assert!(refused.contains("/b: already exists") && refused.contains("--overwrite"), "{refused}");
         assert!(!path("a").exists(), "written before all was decided");
         write(&files, true).unwrap();
         assert_eq!((std::fs::read(path("a")).unwrap(), std::fs::read(path("b")).unwrap()), (b"a".to_vec(), b"b".to_vec()));

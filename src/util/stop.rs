@@ -51,7 +51,7 @@ pub fn listen() -> Result<Cancel> {
             std::process::exit(RESUMABLE.into());
         }
         state().end_if_free();
-        eprintln!("stopping after the current step; once more to stop at once");
+        eprintln!("stopping after the current step; press Ctrl-C again to stop at once");
     })
     .context("cannot listen for interrupts")?;
     Ok(flag)

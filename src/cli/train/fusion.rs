@@ -2,7 +2,7 @@
 
 use super::monitor::Monitor;
 use super::reference::References;
-use super::{Bars, Train};
+use super::{Bars, Train, smallest};
 use crate::dataset::Dataset;
 use crate::dataset::learning::{Planned, Recipe, Recorded};
 use crate::dataset::plan::Plan;
@@ -27,14 +27,9 @@ pub(super) struct Options {
 }
 
 impl Options {
-    /// Refuses frames that are smaller than a crop, before anything is rendered.
-    fn check_size(&self, [width, height]: [usize; 2]) -> Result<()> {
-        let crop = self.training.crops.iter().map(|crop| crop.size).max().unwrap_or(0);
-        ensure!(
-            width.min(height) >= crop,
-            "frames of {width} x {height} pixels are smaller than the crop of {crop} (--config FILE sets crops)"
-        );
-        Ok(())
+    /// Side of the largest crop, pixels.
+    fn crop(&self) -> usize {
+        self.training.crops.iter().map(|crop| crop.size).max().unwrap_or(0)
     }
 
     /// The recipe of the frames that a run is validated on.
@@ -51,6 +46,8 @@ impl Options {
     }
 }
 
+/// Where the configuration has the crops.
+const CROPS: &str = "training/crops";
 /// Least samples per pixel of the truth in validation.
 const VALIDATION_SPP: u32 = 128;
 /// Samples per pixel of each part in validation. Each neighbour has as many as the first part.
@@ -62,10 +59,7 @@ impl Train {
     /// Refuses options outside their ranges, and flags of the other network.
     pub(super) fn check_fusion(&self, options: &Options) -> Result<()> {
         for (flag, given) in [("--vae", self.vae.is_some()), ("--cache-mib", self.cache_mib.is_some())] {
-            ensure!(
-                !given,
-                "{flag} is an option of the paper's network: add its --preset, or --config with a configuration of it"
-            );
+            ensure!(!given, "{flag} is an option of the paper's network: add --preset, or --config with its configuration");
         }
         options.training.validate()?;
         let recipe = &options.recipe;
@@ -88,14 +82,17 @@ impl Train {
         let plan = Plan::read(plan)?;
         let counts = plan.sequences;
         ensure!(counts.train > 0, "the plan has no training sequences");
-        options.check_size(plan.resolution.map(|side| side as usize)).context("the plan")?;
+        self.check_crop(plan.resolution.map(|side| side as usize), options.crop(), CROPS).context("the plan")?;
+        let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
+        if self.is_done(&options.training, Some(&training.identity()))? {
+            return Ok(());
+        }
         let bars = Bars::new(options.training.first);
         let tested = Planned::new(&plan, [counts.train, counts.val], options.validation(), cancel);
         if !tested.denoises() {
             bars.note("OIDN is not found: the network learns from noisy truth");
         }
         let validation = validation(&bars, counts.val, &|i| tested.records(i), cancel)?;
-        let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
         self.learn_beside(options, &training, &validation, &bars, cancel)
     }
 
@@ -104,9 +101,11 @@ impl Train {
         let bars = Bars::new(options.training.first);
         notes.iter().for_each(|note| bars.note(note));
         for sequence in &dataset.sequences {
-            let camera = sequence.transforms.cameras.iter().min_by_key(|camera| camera.width.min(camera.height));
-            let size = camera.map_or([0; 2], |camera| [camera.width, camera.height]);
-            options.check_size(size).with_context(|| sequence.folder.display().to_string())?;
+            self.check_crop(smallest(sequence), options.crop(), CROPS).with_context(|| sequence.folder.display().to_string())?;
+        }
+        let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
+        if self.is_done(&options.training, Some(&training.identity()))? {
+            return Ok(());
         }
         let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));
         let held_out = match beside.filter(|folder| folder.is_dir() && !same(folder, data)) {
@@ -121,7 +120,6 @@ impl Train {
             let tested = Recorded::new(held_out, allowed, options.validation(), cancel)?;
             records = validation(&bars, held_out.sequences.len() as u32, &|i| tested.records(i), cancel)?;
         }
-        let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
         self.learn_beside(options, &training, &records, &bars, cancel)
     }
 

@@ -1,9 +1,10 @@
 //! Training of the paper's network: its flags, and the run.
 
-use super::{Bars, Train};
+use super::{Bars, Train, smallest};
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
+use renderflow_model::data::ClipSource;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_model::wan::train::{self, Config, Stage, StageName};
 
@@ -65,8 +66,16 @@ impl Train {
 
     pub(super) fn wan(&self, config: &Config, cancel: &Cancel) -> Result<()> {
         let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
+        if self.is_done(config, dataset.identity()?.as_deref())? {
+            return Ok(());
+        }
         let bars = Bars::new(dataset.sequences.len() as u64);
         notes.iter().for_each(|note| bars.note(note));
+        let picture = config.batches.iter().map(|batch| batch.size).max().unwrap_or(0);
+        for sequence in &dataset.sequences {
+            let fits = self.check_crop(smallest(sequence), picture, "batches");
+            fits.with_context(|| sequence.folder.display().to_string())?;
+        }
         let tell = |progress: &train::Progress| match progress {
             train::Progress::Loading { done, total } => bars.loading(*done, *total),
             train::Progress::Note(note) => bars.note(note),

@@ -183,7 +183,7 @@ impl Categories {
     }
 
     fn id(&self, name: &str) -> Result<usize> {
-        self.0.get(name).copied().with_context(|| format!("{name}: is no category of the dataset"))
+        self.0.get(name).copied().with_context(|| format!("{name}: is not a category of the dataset"))
     }
 
     fn list(&self) -> Vec<Category> {

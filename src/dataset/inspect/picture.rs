@@ -24,7 +24,7 @@ pub(super) fn map(path: &Path) -> Result<Counts> {
     found.add("highest", high);
     found.add("repaired_texels", loaded.repaired);
     if loaded.map.width != 2 * loaded.map.height {
-        found.notes.push("not twice as wide as high: it is stretched over the sphere all the same".into());
+        found.notes.push("not twice as wide as high: it is stretched over the sphere anyway".into());
     }
     Ok(found)
 }

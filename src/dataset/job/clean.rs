@@ -54,7 +54,7 @@ impl Cleaner {
                 if settings.spp > NEURAL_MOST {
                     let spp = settings.spp;
                     eprintln!(
-                        "note: the network learnt from up to {NEURAL_MOST} samples a pixel; with {spp} OIDN has less error"
+                        "note: the network learned from up to {NEURAL_MOST} samples per pixel; with {spp} OIDN has less error"
                     );
                 }
                 // The network reads a G-buffer, whose guides are clean.

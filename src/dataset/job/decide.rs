@@ -14,23 +14,32 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Said of a file that is in the way of a render and did not come from one.
-const FOREIGN: &str = "is there already, and nothing in the folder says that this program rendered it; choose another folder";
+const FOREIGN: &str = "already exists, and nothing in the folder says that this program rendered it; choose another folder";
+
+/// What is left to do in the folder of a sequence.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Numbers of the frames to render.
+    pub missing: Vec<usize>,
+    /// Numbers of the frames that are there as part of a shorter sequence, and are the same in this one but for their headers.
+    pub lengthened: Vec<usize>,
+}
 
 impl OpenSequence<'_> {
-    /// Examines the folder, and returns the numbers of the frames that [`make`](Self::make) must render: frames that are missing
-    /// or cannot be read, and with `overwrite` also frames of another scene or of other settings. Nothing is written. `overwrite`
-    /// is `None` for a command without this option.
+    /// Examines the folder, and returns what [`make`](Self::make) must do. It renders frames that are missing or cannot be read,
+    /// and with `overwrite` also frames of another scene or of other settings. If the folder holds the beginning of this
+    /// sequence, its frames are kept. Nothing is written. `overwrite` is `None` for a command without this option.
     ///
     /// # Errors
     /// When the folder holds frames of another scene or of other settings, unless `overwrite` is set; when a file is in the way
     /// that is not part of an earlier render.
-    pub fn decide(&self, settings: &TruthSettings, overwrite: Option<bool>) -> Result<Vec<usize>> {
+    pub fn decide(&self, settings: &TruthSettings, overwrite: Option<bool>) -> Result<Work> {
         // Light paths may take more; the compiled scene will know.
         memory::ensure(settings, self.job.scene.resolution.map(|v| v as usize), false, self.job.storage)?;
         let (overwrite, way) = (overwrite == Some(true), overwrite.map_or("choose another folder", |_| OVERWRITE));
         let out = &self.job.out;
         let earlier = self.earlier();
-        let (mut missing, mut kept) = (Vec::new(), false);
+        let (mut missing, mut lengthened, mut kept) = (Vec::new(), Vec::new(), false);
         for number in self.job.numbers(self.loaded.cameras.len()) {
             match self.found(number, settings)? {
                 Existing::Same => {
@@ -38,13 +47,21 @@ impl OpenSequence<'_> {
                     continue;
                 }
                 Existing::Nothing => {}
+                Existing::Other(_) if self.is_beginning(number, settings)? => {
+                    kept = true;
+                    // The last frame had no movement to a next one.
+                    if !self.is_of(number, self.shorter(number as u32 + 1), settings)? {
+                        lengthened.push(number);
+                        continue;
+                    }
+                }
                 Existing::Other(what) if !overwrite => bail!("{what}; {way}"),
                 Existing::Other(what) if earlier.is_none() => bail!("{what}; {FOREIGN}"),
                 Existing::Other(_) => {}
-                // Somebody else put a picture there that can be read, but is no frame of this program.
+                // Somebody else put a picture there that can be read, but is not a frame of this program.
                 Existing::Broken(_) if earlier.is_none() || exr::read_rgb(&self.path(number)).is_ok() => {
                     bail!(
-                        "{}: is there already, and is no frame of this program; choose another folder",
+                        "{}: already exists and is not a frame of this program; choose another folder",
                         self.path(number).display()
                     );
                 }
@@ -67,7 +84,7 @@ impl OpenSequence<'_> {
             if let Some(path) = places.into_iter().find(|path| output::exists(path) && !described(path) && !kept) {
                 bail!("{}: {FOREIGN}", path.display());
             }
-            return Ok(missing);
+            return Ok(Work { missing, lengthened });
         };
         if overwrite {
             let dataset = out.join(RECORD);
@@ -84,18 +101,20 @@ impl OpenSequence<'_> {
                     out.display()
                 );
             }
-            return Ok(missing);
+            return Ok(Work { missing, lengthened });
         }
         let scene = if kept { Vec::new() } else { self.scene_differences() };
         ensure!(scene.is_empty(), "{}: is of another scene{}; {way}", out.join(SCENE).display(), listed(": ", &scene, ""));
         let keyframes = self.sequence()?.keyframes;
+        let begins = earlier.cameras.len() <= self.job.numbers(self.loaded.cameras.len()).count();
+        let until = if begins { earlier.cameras.len() } else { usize::MAX };
         ensure!(
-            earlier.keyframes == keyframes,
+            earlier.keyframes.iter().eq(keyframes.iter().filter(|&&key| key < until)),
             "{}: /keyframes: were {:?}, now {keyframes:?}; {way}",
             out.join(TRANSFORMS).display(),
             earlier.keyframes
         );
-        Ok(missing)
+        Ok(Work { missing, lengthened })
     }
 
     /// Cameras and files of an earlier render in the folder; `None` where there was none.
@@ -103,6 +122,34 @@ impl OpenSequence<'_> {
         let stored: Scene = file::read_json(&self.job.out.join(SCENE)).ok()?;
         let sequence = transforms::read(&self.job.out.join(TRANSFORMS)).ok()?;
         (stored.version == self.job.scene.version && sequence.environment == ENVIRONMENT).then_some(sequence)
+    }
+
+    /// The hash of this scene with `frames` frames, if it would be a beginning of this sequence. Materials that change do so over
+    /// the whole sequence, so that each length has other pictures.
+    fn shorter(&self, frames: u32) -> Option<String> {
+        let scene = &self.job.scene;
+        let still = self.loaded.materials.iter().all(|material| material.change.is_none());
+        (still && frames < scene.frames).then(|| Scene { frames, ..scene.clone() }.hash())
+    }
+
+    /// Whether frame `number` is there as part of a shorter sequence: of the length that the folder tells, or ending here.
+    fn is_beginning(&self, number: usize, settings: &TruthSettings) -> Result<bool> {
+        let told = file::read_json::<Scene>(&self.job.out.join(SCENE)).ok().map(|scene| scene.frames);
+        for frames in told.into_iter().chain([number as u32 + 1]) {
+            if self.is_of(number, self.shorter(frames), settings)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Whether frame `number` is there with these settings, of the scene with this hash.
+    fn is_of(&self, number: usize, hash: Option<String>, settings: &TruthSettings) -> Result<bool> {
+        let Some(hash) = hash else { return Ok(false) };
+        Ok(match frame_file::read(&self.path(number)) {
+            Ok(frame) => frame.info.scene_hash == hash && self.differences(&frame, number, settings)?.is_empty(),
+            Err(_) => false,
+        })
     }
 
     /// What is in the place of frame `number`.
@@ -202,6 +249,12 @@ impl OpenSequence<'_> {
         let mut found = Vec::new();
         if let (Some(stored), Some(own)) = (value(stored), value(own)) {
             compare("", &stored, &own, &mut found);
+        }
+        let changes = self.loaded.materials.iter().any(|material| material.change.is_some());
+        if let ([only], true) = (found.as_mut_slice(), changes)
+            && only.starts_with("/frames ")
+        {
+            only.push_str("; its materials change from the first frame to the last, so each length has other pictures");
         }
         found
     }

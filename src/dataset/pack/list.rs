@@ -155,6 +155,6 @@ pub fn remove(out: &Path, old: &Shard, sealed: bool) -> Result<()> {
     } else {
         return std::fs::remove_file(&path).with_context(|| format!("{}: cannot remove", path.display()));
     };
-    eprintln!("note: {}: is in the set no more, but was left there: {reason}", path.display());
+    eprintln!("note: {}: is no longer in the set, but was not removed: {reason}", path.display());
     Ok(())
 }

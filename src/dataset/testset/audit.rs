@@ -91,7 +91,7 @@ pub fn run(plan: &Plan, out: &Path, shard: Shard, spp: u32, cancel: &Cancel) -> 
 fn sequence(plan: &Plan, path: &Path, spp: u32, progress: &(dyn Fn(u64, u64) + Sync), cancel: &Cancel) -> Result<Audit> {
     let sequence = Sequence::open(path)?;
     let index =
-        sequence.numbers.iter().position(|&number| Some(number) == frame(plan)).context("the frame to audit is not there")?;
+        sequence.numbers.iter().position(|&number| Some(number) == frame(plan)).context("the frame to audit is missing")?;
     let stored = sequence.frame(index)?;
     let scene = Scene::read(&path.join("scene.json"))?;
     // The scene beside the frames names the files of the plan in full.

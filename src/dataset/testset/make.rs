@@ -163,11 +163,11 @@ fn line(class: &str, audits: &[Audit]) -> String {
     let count = audits.len();
     let mean = |value: &dyn Fn(&Audit) -> f64| audits.iter().map(value).sum::<f64>() / count as f64;
     let decibels = |value: fn(&Audit) -> f64| match decibel(mean(&|audit| 10f64.powf(-value(audit) / 10.0))) {
-        CAP.. => "beyond what can be told".to_owned(),
+        CAP.. => "too small to measure".to_owned(),
         decibels => format!("{decibels:.1} dB"),
     };
     format!(
-        "{class}: the truth's own error is {} (before the denoiser {}), judged by {:.0} samples a pixel ({}) of one frame of each of \
+        "{class}: the truth's own error is {} (before the denoiser {}), judged by {:.0} samples per pixel ({}) of one frame of each of \
          {count} sequences",
         decibels(|audit| audit.error),
         decibels(|audit| audit.raw),

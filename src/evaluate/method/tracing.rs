@@ -293,18 +293,18 @@ impl Neighbours {
 pub(super) const HELP: [(&str, &str); 6] = [
     (
         "pt4, pt4+oidn, pt4+fast",
-        "path tracing with 4 samples a pixel: raw, denoised by OIDN with least error, or in least time; the denoiser is guided by the camera \
+        "path tracing with 4 samples per pixel: raw, denoised by OIDN with least error, or in least time; the denoiser is guided by the camera \
          rays of the samples",
     ),
     (
         "pt-50ms+oidn",
-        "as many samples as fit into 50 ms with OIDN, at least 1; for 256 x 256 pixels, else in proportion to the pixels",
+        "the samples that fit into 50 ms with OIDN, at least 1; for 256 x 256 pixels, and in proportion at other sizes",
     ),
     (
         "equal-deferred",
         "path tracing + OIDN in the seconds of another method (here deferred); equal-deferred+fast with OIDN in least time",
     ),
-    ("...+gbuffer", "after one of these with OIDN: guided by a G-buffer of 16 camera rays a pixel, whose seconds it pays for"),
+    ("...+gbuffer", "after one of these with OIDN: guided by a G-buffer of 16 camera rays per pixel, whose seconds it pays for"),
     (
         "...+around, ...+before",
         "at the end of one of these with OIDN: with the samples of the two frames before and after, or before alone, each carried along by \

@@ -1,0 +1,138 @@
+use crate::util::machine;
+use anyhow::Result;
+use clap::Args;
+use renderflow_model::fusion::Fusion;
+use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
+use renderflow_renderer::accel::Level;
+use renderflow_renderer::denoise::Denoiser;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Shows what this program found on this machine: the denoiser, weights, processor, memory and disk.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  renderflow doctor\n  renderflow doctor --json | jq .denoiser")]
+pub struct Doctor {
+    /// Print the findings as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What was found.
+#[derive(Debug, Serialize)]
+struct Findings {
+    version: &'static str,
+    denoiser: Denoising,
+    /// LPIPS with each of its networks.
+    lpips: Vec<Weights>,
+    /// The network inside the program.
+    network: Network,
+    processor: String,
+    cores: usize,
+    /// Widest vector instructions that are used.
+    simd: &'static str,
+    /// Bytes that this process may still take; `null` where the system does not tell.
+    memory: Option<u64>,
+    /// Bytes that are free in the current folder; `null` where the system does not tell.
+    disk: Option<u64>,
+}
+
+/// Intel Open Image Denoise.
+#[derive(Debug, Serialize)]
+struct Denoising {
+    works: bool,
+    /// File of the library that is loaded, where the system tells.
+    library: Option<PathBuf>,
+    /// Why it does not work.
+    problem: Option<String>,
+}
+
+/// A file of weights outside of the program.
+#[derive(Debug, Serialize)]
+struct Weights {
+    file: PathBuf,
+    found: bool,
+}
+
+/// The network inside the program.
+#[derive(Debug, Serialize)]
+struct Network {
+    works: bool,
+    /// Steps of its training.
+    steps: Option<u64>,
+    problem: Option<String>,
+}
+
+impl Doctor {
+    pub fn run(self) -> Result<()> {
+        let found = Findings::new();
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&found)?);
+        } else {
+            found.rows().iter().for_each(|(name, value)| println!("{name:>10}  {value}"));
+        }
+        Ok(())
+    }
+}
+
+impl Findings {
+    fn new() -> Self {
+        let denoiser = Denoiser::new();
+        let network = Fusion::shipped();
+        let location = weights_folder();
+        let weights = |backbone: Backbone| {
+            let file = location.folder.join(backbone.file_name());
+            Weights {
+                found: location.named && file.is_file(),
+                file: if location.named { file } else { backbone.file_name().into() },
+            }
+        };
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            denoiser: Denoising {
+                works: denoiser.is_ok(),
+                library: machine::library("libOpenImageDenoise.so"),
+                problem: denoiser.err().map(|error| error.to_string()),
+            },
+            lpips: [Backbone::Alex, Backbone::Squeeze].map(weights).into(),
+            network: Network {
+                works: network.is_ok(),
+                steps: network.as_ref().ok().map(|network| network.header().steps),
+                problem: network.err().map(|error| error.to_string()),
+            },
+            processor: machine::processor(),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            simd: Level::best().name(),
+            memory: machine::available(),
+            disk: machine::free_disk(Path::new(".")),
+        }
+    }
+
+    /// One line for each finding.
+    fn rows(&self) -> Vec<(&'static str, String)> {
+        let size = |bytes: Option<u64>| bytes.map_or_else(|| "the system does not tell".into(), machine::gigabytes);
+        let denoiser = match (&self.denoiser.problem, &self.denoiser.library) {
+            (Some(problem), _) => format!("OIDN is missing: {problem}"),
+            (None, Some(library)) => format!("OIDN, {}", library.display()),
+            (None, None) => "OIDN".into(),
+        };
+        let network = match (self.network.steps, &self.network.problem) {
+            (Some(steps), _) => format!("inside the program, {steps} steps of training"),
+            (None, problem) => format!("missing: {}", problem.as_deref().unwrap_or("unknown")),
+        };
+        let missing: Vec<String> =
+            self.lpips.iter().filter(|weights| !weights.found).map(|weights| weights.file.display().to_string()).collect();
+        let lpips = match missing.as_slice() {
+            [] => self.lpips.iter().map(|weights| weights.file.display().to_string()).collect::<Vec<_>>().join(", "),
+            missing => format!("missing: {} ({WEIGHTS_VARIABLE} names their folder)", missing.join(", ")),
+        };
+        vec![
+            ("version", self.version.to_owned()),
+            ("denoiser", denoiser),
+            ("network", network),
+            ("LPIPS", lpips),
+            ("processor", format!("{}, {} cores, {}", self.processor, self.cores, self.simd)),
+            ("memory", format!("{} available", size(self.memory))),
+            ("disk", format!("{} free in the current folder", size(self.disk))),
+        ]
+    }
+}
