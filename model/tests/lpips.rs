@@ -10,17 +10,17 @@ const FIXTURES_VARIABLE: &str = "RENDERFLOW_LPIPS_FIXTURES";
 
 /// Somebody said where weights or fixtures are: then everything has to be there.
 fn named() -> bool {
-    weights_folder().named || std::env::var_os(FIXTURES_VARIABLE).is_some()
+    weights_folder().is_some() || std::env::var_os(FIXTURES_VARIABLE).is_some()
 }
 
 /// The weights folder, or `None` (with a line that says so) when nobody named one and the default is not there.
 fn weights() -> Option<PathBuf> {
-    let location = weights_folder();
-    if !named() && !location.folder.join(Backbone::Alex.file_name()).exists() {
-        println!("skipped: no LPIPS weights at {}", location.folder.display());
+    let folder = weights_folder().unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/lpips"));
+    if !named() && !folder.join(Backbone::Alex.file_name()).exists() {
+        println!("skipped: no LPIPS weights at {}", folder.display());
         return None;
     }
-    Some(location.folder)
+    Some(folder)
 }
 
 /// The fixtures folder; like the weights, it must exist if it was named.

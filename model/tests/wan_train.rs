@@ -38,6 +38,7 @@ fn config(output: &Path, stage: Stage, steps: u64) -> Config {
             log_steps: 1,
             ..RunConfig::default()
         },
+        lpips_weights: Some(lpips_folder()),
         batches: vec![BatchConfig { size: SIZE, frames: 5, items: 1, weight: 1.0 }],
         ..Config::default()
     }
@@ -109,9 +110,15 @@ fn inverse(base: &Path, latents: LatentConfig) -> Stage {
     Stage::Inverse { base: base.into(), network, lpips: 0.0, latent: 1.0, latents }
 }
 
+/// The folder with the weights of LPIPS: the one that the environment names, or the one of the test assets.
+fn lpips_folder() -> PathBuf {
+    weights_folder().unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/lpips"))
+}
+
 /// With decoded predictions at every second step, and LPIPS where its weights are.
 fn decoded(autoencoder: &Path) -> LatentConfig {
-    let there = weights_folder().folder.join(Backbone::Squeeze.file_name()).is_file();
+    let folder = lpips_folder();
+    let there = folder.join(Backbone::Squeeze.file_name()).is_file();
     let pixels = PixelLoss { weight: 1.0, lpips: if there { 1.0 } else { 0.0 }, gradient: 1.0, period: 2, window: 4 };
     LatentConfig { pixels, ..latents(autoencoder) }
 }

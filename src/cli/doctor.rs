@@ -4,7 +4,7 @@ use clap::Args;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_renderer::accel::Level;
-use renderflow_renderer::denoise::Denoiser;
+use renderflow_renderer::denoise::{self, Denoiser};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ struct Findings {
 #[derive(Debug, Serialize)]
 struct Denoising {
     works: bool,
-    /// File of the library that is loaded, where the system tells.
+    /// File of the library that is loaded.
     library: Option<PathBuf>,
     /// Why it does not work.
     problem: Option<String>,
@@ -78,19 +78,16 @@ impl Findings {
     fn new() -> Self {
         let denoiser = Denoiser::new();
         let network = Fusion::shipped();
-        let location = weights_folder();
+        let folder = weights_folder();
         let weights = |backbone: Backbone| {
-            let file = location.folder.join(backbone.file_name());
-            Weights {
-                found: location.named && file.is_file(),
-                file: if location.named { file } else { backbone.file_name().into() },
-            }
+            let file = folder.as_ref().map_or_else(|| backbone.file_name().into(), |folder| folder.join(backbone.file_name()));
+            Weights { found: folder.is_some() && file.is_file(), file }
         };
         Self {
             version: env!("CARGO_PKG_VERSION"),
             denoiser: Denoising {
                 works: denoiser.is_ok(),
-                library: machine::library("libOpenImageDenoise.so"),
+                library: denoise::library().ok().map(Path::to_owned),
                 problem: denoiser.err().map(|error| error.to_string()),
             },
             lpips: [Backbone::Alex, Backbone::Squeeze].map(weights).into(),

@@ -28,8 +28,7 @@ impl Networks {
     /// # Errors
     /// When a file is broken or missing.
     pub fn find() -> Result<Self> {
-        let location = weights_folder();
-        if location.named { Self::read(&location.folder) } else { Ok(Self::default()) }
+        weights_folder().map_or_else(|| Ok(Self::default()), |folder| Self::read(&folder))
     }
 
     /// Loads both from a folder.

@@ -2,7 +2,7 @@
 //! system reports them.
 
 use anyhow::{Result, bail};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A field of `/proc/self/status` in bytes; 0 where there is none.
 fn field(name: &str) -> u64 {
@@ -27,14 +27,6 @@ pub fn processor() -> String {
     let about = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = about.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
-}
-
-/// The file of a library that this process has loaded, whose name begins with `name`. `None` where it is not loaded, or the
-/// system does not tell.
-pub fn library(name: &str) -> Option<PathBuf> {
-    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
-    let mut files = maps.lines().filter_map(|line| line.get(line.find('/')?..));
-    files.find(|file| file.rsplit('/').next().is_some_and(|file| file.starts_with(name))).map(PathBuf::from)
 }
 
 /// Bytes that are free for this user on the disk of a folder.

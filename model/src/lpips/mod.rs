@@ -19,24 +19,10 @@ const LARGEST: u64 = 1 << 30;
 /// Environment variable that names the folder with the weights.
 pub const WEIGHTS_VARIABLE: &str = "RENDERFLOW_LPIPS_WEIGHTS";
 
-/// The folder of the weights; see [`weights_folder`].
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct WeightsLocation {
-    /// Folder with `lpips_alex.safetensors` and `lpips_squeeze.safetensors`.
-    pub folder: PathBuf,
-    /// Whether [`WEIGHTS_VARIABLE`] names this folder. Missing weights are an error then, and otherwise LPIPS is left out.
-    pub named: bool,
-}
-
-/// The folder in [`WEIGHTS_VARIABLE`] if that is set, else `shared/assets/lpips` beside the repository.
-pub fn weights_folder() -> WeightsLocation {
-    match std::env::var_os(WEIGHTS_VARIABLE) {
-        Some(folder) => WeightsLocation { folder: folder.into(), named: true },
-        None => {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/lpips");
-            WeightsLocation { folder, named: false }
-        }
-    }
+/// The folder that [`WEIGHTS_VARIABLE`] names, with `lpips_alex.safetensors` and `lpips_squeeze.safetensors`. `None` where nobody
+/// named one; LPIPS is left out then.
+pub fn weights_folder() -> Option<PathBuf> {
+    std::env::var_os(WEIGHTS_VARIABLE).filter(|folder| !folder.is_empty()).map(PathBuf::from)
 }
 
 /// The network whose features are compared.

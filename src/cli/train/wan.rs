@@ -56,7 +56,7 @@ impl Train {
             Stage::Autoencoder { .. } | Stage::Base { .. } => {}
         }
         if let Some(latents) = config.stage.latents_mut()
-            && !weights_folder().folder.join(Backbone::Squeeze.file_name()).is_file()
+            && !weights_folder().is_some_and(|folder| folder.join(Backbone::Squeeze.file_name()).is_file())
         {
             latents.pixels.lpips = 0.0;
             eprintln!("LPIPS is not part of the loss: its weights are missing (set {WEIGHTS_VARIABLE} to their folder)");

@@ -30,7 +30,7 @@ use super::pictures::Kind;
 use super::vae::Vae;
 use super::weights::{self, Header, Network, Provenance, Source};
 use crate::data::{Clip, ClipSource, step_rng};
-use crate::lpips::{Backbone, Lpips, weights_folder};
+use crate::lpips::{Backbone, Lpips, WEIGHTS_VARIABLE, weights_folder};
 use crate::parameters;
 use crate::train::optimizer::Optimizer;
 use crate::train::pool::{Make, Pool, PoolSettings, Stored};
@@ -264,7 +264,8 @@ impl Run<'_> {
         if weight <= 0.0 {
             return Ok(None);
         }
-        let folder = self.config.lpips_weights.clone().unwrap_or_else(|| weights_folder().folder);
+        let folder = self.config.lpips_weights.clone().or_else(weights_folder);
+        let folder = folder.ok_or_else(|| Error::config("lpips_weights", format!("name a folder, or set {WEIGHTS_VARIABLE}")))?;
         let path = folder.join(Backbone::Squeeze.file_name());
         Lpips::load_on(&path, Backbone::Squeeze, &self.device).map(Some)
     }
