@@ -131,7 +131,7 @@ mod tests {
         }
 
         fn available(&self) -> Option<u64> {
-            let [proc, groups]: [PathBuf; 2] = ["proc", "groups"].map(|name| self.0.path().join(name));
+            let [proc, groups]: [std::path::PathBuf; 2] = ["proc", "groups"].map(|name| self.0.path().join(name));
             available_by(&proc, &groups)
         }
     }
