@@ -21,11 +21,12 @@ test: oidn
 	$(CARGO) test --release --workspace
 
 # What takes longer, or needs packages from the Python registry.
-test-full: test build test-wheel
+test-full: test build test-wheel dist
 	$(CARGO) test --release --workspace -- --ignored
 	sh tests/python/run.sh
 	sh tests/slurm/run.sh
 	sh tests/browser/run.sh
+	sh tests/container/run.sh
 	$(RENDERFLOW) stress --again --out target/stress.json
 
 # Time against error on every benchmark scene, small: minutes. docs/benchmarks.md has the other measurements.

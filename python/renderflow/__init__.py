@@ -244,7 +244,7 @@ def denoise(
 
 
 def denoiser() -> Path | None:
-    """Where Intel Open Image Denoise was found; ``None`` where it was not. ``pip install renderflow[oidn]`` brings it."""
+    """Where Intel Open Image Denoise was found; ``None`` where it was not. ``pip install pyoidn`` brings it."""
     return _native.denoiser()
 
 
