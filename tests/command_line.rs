@@ -176,7 +176,7 @@ fn values_of_a_scene_are_set_on_the_command_line() {
     folder.rendered(&[&wrong, "--frames", "1", "--resolution", "16", "--set", "/materials/0/roughness=0.2"], "right");
     assert!(folder.bytes("right/frame.0000.exr") == folder.bytes("out/frame.0000.exr"));
     for (setting, words) in [
-        ("materials/0/roughness=7", &["--set", "/materials/0/roughness: 7 is outside 0..=1"][..]),
+        ("materials/0/roughness=7", &["set: ", "/materials/0/roughness: 7 is outside 0..=1"][..]),
         ("materials/0/roughnes=.2", &["unknown field `roughnes`", "`roughness`"]),
         ("materials/99/roughness=.2", &["there is no \"99\"", "/materials has 0 to "]),
         ("camra/azimuth=.2", &["there is no \"camra\"", "the scene has", "camera"]),

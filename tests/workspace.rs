@@ -28,6 +28,10 @@ fn dependencies_point_one_way() {
         ("renderflow-bench", &["renderflow", "renderflow-frame", "renderflow-model", "renderflow-renderer", "renderflow-scenes"]),
         ("renderflow-frame", &[]),
         ("renderflow-model", &["renderflow-frame"]),
+        (
+            "renderflow-python",
+            &["renderflow", "renderflow-frame", "renderflow-model", "renderflow-renderer", "renderflow-scenes"],
+        ),
         ("renderflow-renderer", &["renderflow-frame", "renderflow-scenes"]),
         ("renderflow-scenes", &["renderflow-frame"]),
     ];

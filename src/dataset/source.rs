@@ -78,7 +78,7 @@ impl SceneSource {
         scene.environment.rotation = self.hdri_rotation.unwrap_or(scene.environment.rotation);
         if !self.set.is_empty() {
             scene = apply(&scene, &self.set)?;
-            scene.validate()?;
+            scene.validate().context("set")?;
         }
         let [width, height] = scene.resolution;
         tracing::info!(scene = scene.name, objects = scene.objects.len(), width, height, frames = scene.frames, "described");
@@ -155,7 +155,7 @@ fn apply(scene: &Scene, settings: &[Setting]) -> Result<Scene> {
             let reason = renderflow_frame::words::plain(&error.to_string());
             // The reason may list the names itself.
             let known = if reason.contains("expected") { "" } else { &known };
-            bail!("{}: {reason}{known}", setting.path.join("/"));
+            bail!("set {}: {reason}{known}", setting.path.join("/"));
         }
     }
     Ok(serde_json::from_value(whole)?)
@@ -173,7 +173,7 @@ fn put(whole: &mut Value, setting: &Setting) -> Result<String> {
             Value::Array(items) => step.parse().ok().and_then(|index: usize| items.get_mut(index)),
             _ => None,
         };
-        place = next.with_context(|| format!("{}: there is no {step:?}{known}", setting.path.join("/")))?;
+        place = next.with_context(|| format!("set {}: there is no {step:?}{known}", setting.path.join("/")))?;
         above += &format!("/{step}");
     }
     let known = known(place, &above);
@@ -190,7 +190,7 @@ fn put(whole: &mut Value, setting: &Setting) -> Result<String> {
         }
         _ => {}
     }
-    bail!("{}: there is no {last:?}{known}", setting.path.join("/"))
+    bail!("set {}: there is no {last:?}{known}", setting.path.join("/"))
 }
 
 /// The names or positions inside of a value, as the end of an error.

@@ -1,0 +1,41 @@
+//! Sequences that are made while a network trains on them.
+
+mod common;
+
+use common::succeed;
+use renderflow::dataset::learning::{Planned, Recipe};
+use renderflow::dataset::plan::Plan;
+use renderflow::util::cancel::Cancel;
+use renderflow_model::fusion::Record;
+
+#[test]
+fn sequences_are_bare_or_full_and_may_be_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("plan.json");
+    let sizes = ["--seed", "4", "--sequences", "4", "--frames", "18", "--resolution", "16", "--spp", "1"];
+    succeed(&[&["dataset", "plan", "--denoise", "none", "-o", file.to_str().unwrap()][..], &sizes].concat());
+    let (plan, cancel) = (Plan::read(&file).unwrap(), Cancel::default());
+    let records = |i: u64, bare: f64, skip: u64| -> Vec<Record<f32>> {
+        let recipe = Recipe { truth_spp: 2, bare_spp: 1, frames: 1, samples: Some([1; 4]), bare, skip, ..Recipe::default() };
+        Planned::new(&plan, [0, 3], recipe, &cancel).records(i).unwrap()
+    };
+    let groups = |records: &[Record<f32>]| records.iter().map(Record::groups).collect::<Vec<_>>();
+
+    // Two keyframes, then a frame between them.
+    let (bare, full) = (groups(&records(1, 1.0, 0)), groups(&records(1, 0.0, 0)));
+    assert_eq!((bare.len(), full.len()), (3, 3));
+    assert!(bare.iter().chain(&full).all(|groups| groups.deferred), "every record is shaded");
+    assert!(bare.iter().all(|groups| !groups.samples && !groups.denoised), "{bare:?}");
+    assert!(bare[2].keys && full[2].keys && full[2].samples && full[2].neighbours, "{full:?}");
+
+    // Some of many sequences are bare, the same ones each time.
+    let kinds = || (0..8).map(|i| groups(&records(i, 0.5, 0))[2].samples).collect::<Vec<_>>();
+    let found = kinds();
+    assert!(found.contains(&true) && found.contains(&false), "{found:?}");
+    assert_eq!(found, kinds());
+
+    // The first sequence after two that are passed over is the third.
+    let (passed, third) = (records(0, 1.0, 2), records(2, 1.0, 0));
+    assert!(passed.iter().zip(&third).all(|(a, b)| a.pixels == b.pixels));
+    assert!(passed[2].pixels != records(0, 1.0, 0)[2].pixels);
+}
