@@ -27,22 +27,28 @@ pub fn tiles(frame: &Frame) -> Vec<Tile> {
     tiles.push(Tile::new("albedo", frame.albedo.map(|p| p.map(color::linear_to_srgb))));
     let axes = |n: &[f32; 3]| if *n == [0.0; 3] { *n } else { n.map(|v| 0.5 * v + 0.5) };
     tiles.push(Tile::new("normal", frame.normal.map(axes)));
-    tiles.push(numbers("depth", &frame.depth, "m", false));
+    tiles.push(depth(&frame.depth));
     tiles.push(Tile::new("material (rough/metal/spec)", frame.material.clone()));
     tiles.push(Tile::new("object ids", ids(&frame.object_id)));
     tiles.push(Tile::new("material ids", ids(&frame.material_id)));
     if let Some(motion) = &frame.motion {
-        tiles.push(numbers("motion to the next frame", &motion.map(|[x, y]| x.hypot(*y)), "px", true));
+        let length = motion.map(|[x, y]| x.hypot(*y));
+        let most = length.pixels.iter().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
+        tiles.push(numbers("motion to the next frame", &length, [0.0, most], |v| v, "px"));
     }
     tiles
 }
 
-/// Numbers on a colour scale that spans them, from 0 if `from_zero`; what is not finite is black.
-fn numbers(name: &str, values: &Image<f32>, unit: &str, from_zero: bool) -> Tile {
-    let finite = || values.pixels.iter().copied().filter(|v| v.is_finite());
-    let least = finite().reduce(f32::min).unwrap_or(0.0);
-    let (low, high) = (if from_zero { 0.0 } else { least }, finite().reduce(f32::max).unwrap_or(0.0));
-    let share = |value: f32| if high > low { (value - low) / (high - low) } else { 0.0 };
+/// Depth on a logarithmic scale: a horizon would leave no colours to what is near.
+fn depth(depth: &Image<f32>) -> Tile {
+    let finite = || depth.pixels.iter().copied().filter(|v| v.is_finite() && *v > 0.0);
+    let [low, high] = [finite().reduce(f32::min), finite().reduce(f32::max)].map(|end| end.unwrap_or(1.0));
+    numbers("depth (logarithmic)", depth, [low, high], f32::ln, "m")
+}
+
+/// Numbers on a colour scale from `low` to `high`, in equal steps of `place`; what is not finite is black.
+fn numbers(name: &str, values: &Image<f32>, [low, high]: [f32; 2], place: fn(f32) -> f32, unit: &str) -> Tile {
+    let share = |value: f32| if high > low { (place(value) - place(low)) / (place(high) - place(low)) } else { 0.0 };
     let picture = values.map(|&v| if v.is_finite() { viridis(share(v)) } else { [0.0; 3] });
     let text = |value: f32| format!("{} {unit}", short(f64::from(value)));
     Tile { name: name.into(), picture, bar: Some(Bar { scale: viridis, low: text(low), high: text(high) }) }
@@ -58,12 +64,14 @@ mod tests {
 
     #[test]
     fn depth_has_its_range_and_misses_are_black() {
-        let depth = Image { width: 3, height: 1, pixels: vec![2.0, 6.5, f32::INFINITY] };
-        let tile = numbers("depth", &depth, "m", false);
-        assert_eq!(tile.picture.pixels, [viridis(0.0), viridis(1.0), [0.0; 3]]);
+        let image = Image { width: 4, height: 1, pixels: vec![2.0, 4.0, 8.0, f32::INFINITY] };
+        let tile = depth(&image);
+        let middle = tile.picture.pixels[1].iter().zip(viridis(0.5)).all(|(a, b)| (a - b).abs() < 1e-4);
+        assert!(middle && tile.picture.pixels[0] == viridis(0.0) && tile.picture.pixels[2] == viridis(1.0));
+        assert_eq!(tile.picture.pixels[3], [0.0; 3]);
         let bar = tile.bar.unwrap();
-        assert_eq!([bar.low, bar.high], ["2 m", "6.5 m"]);
-        let nothing = numbers("depth", &depth.map(|_| f32::INFINITY), "m", false);
+        assert_eq!([bar.low, bar.high], ["2 m", "8 m"]);
+        let nothing = depth(&image.map(|_| f32::INFINITY));
         assert!(nothing.picture.pixels.iter().all(|p| *p == [0.0; 3]));
     }
 }
