@@ -71,10 +71,10 @@ fn lead(view: &View) -> Result<String> {
         let url = picture::data_url(&picture::thumbnail(&bytes, LEAD, &path)?);
         let psnr = psnr.map_or_else(String::new, |psnr| format!(", {psnr:.2} dB"));
         let label = escape(label);
-        write!(
+        writeln!(
             out,
             "<li><figure><a href=\"{}\"><img alt=\"{label}\" src=\"{url}\" width=\"{}\" height=\"{}\"></a>\
-             <figcaption>{label}{psnr}</figcaption></figure></li>\n",
+             <figcaption>{label}{psnr}</figcaption></figure></li>",
             view.pages[number], about.width, about.height
         )?;
     }
