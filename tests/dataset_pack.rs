@@ -433,9 +433,9 @@ fn cosmos_and_png_files_hold_the_channels() {
                 (own("values/albedo").into_rgb16(), own("normal").into_rgb16(), own("depth").into_luma16());
             let (beauty, seen, motion) =
                 (own("values/beauty").into_rgb16(), own("albedo").into_rgb8(), own("motion").into_rgb16());
-            let id = indices(&png.path().join(split).join(clip).join(format!("object_id_{index:04}.png")));
+            let ids = indices(&png.path().join(split).join(clip).join(format!("object_id_{index:04}.png")));
             let ([low, high], [slow, fast]) = (limits("depth"), limits("motion"));
-            for i in 0..24 * 24 {
+            for (i, &id) in ids.iter().enumerate() {
                 let (x, y) = (i as u32 % 24, i as u32 / 24);
                 let (n, d) = (frame.normal.pixels[i], frame.depth.pixels[i]);
                 for (c, n) in n.into_iter().enumerate() {
@@ -458,7 +458,7 @@ fn cosmos_and_png_files_hold_the_channels() {
                 }
                 let moved = slow + f32::from(motion.get_pixel(x, y)[1]) / 65535.0 * (fast - slow);
                 assert!((moved - frame.motion.as_ref().unwrap().pixels[i][1]).abs() <= (fast - slow) / 1e5);
-                assert_eq!(u32::from(id[i]), frame.object_id.pixels[i]);
+                assert_eq!(u32::from(id), frame.object_id.pixels[i]);
             }
         }
         assert!(cosmos.path().join(split).join(format!("{clip}.0000.env_nrm.png")).is_file());
