@@ -10,8 +10,8 @@
 //! | `alpha` | 16 | n / 65535 |
 //! | `depth` | 16 | min + (n - 1) / 65534 (max - min) metres, the sequence's range; 0 = miss |
 //! | `motion`, `motion_prev` | 3 x 16 | min + n / 65535 (max - min) pixels, the sequence's range; x, y, 0 |
-//! | `object_id`, `material_id` | 8, palette | the index is the number; as in `values/` where one is beyond 255 |
-//! | `values/beauty`, `raw`, `irradiance`, `light.N` | 3 x 16 | twice the bits of the half float: looks like a logarithm, loses nothing |
+//! | `object_id`, `material_id` | 8, palette | the index is the number; as `samples` where one is beyond 255 |
+//! | `values/beauty`, `raw`, `irradiance`, `light.N` | 3 x 16 | twice the bits of the half float, which loses nothing |
 //! | `values/variance` | 3 x 16 | the same of the value rounded to half |
 //! | `values/albedo`, `guide_albedo` | 3 x 16 | n / 65535, linear |
 //! | `values/samples` | 16, or 4 x 8 | the number; in four bytes, lowest first, where one is beyond 65535 |
