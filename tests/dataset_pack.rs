@@ -402,6 +402,17 @@ fn parts_of_a_dataset() {
     assert!(one > 24 && many >= one);
 }
 
+/// The numbers that the pixels of a PNG with a palette hold.
+fn indices(path: &Path) -> Vec<u8> {
+    let mut reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap())).read_info().unwrap();
+    assert_eq!(reader.info().color_type, png::ColorType::Indexed);
+    let palette = reader.info().palette.clone().unwrap();
+    assert!(palette[..3] == [0; 3] && palette[3..6].iter().any(|v| *v > 100), "ids can be told apart");
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    pixels
+}
+
 #[test]
 fn cosmos_and_png_files_hold_the_channels() {
     let (cosmos, png) = (export("cosmos"), export("png"));
@@ -418,10 +429,13 @@ fn cosmos_and_png_files_hold_the_channels() {
             let own = |name: &str| picture(png.path().join(split).join(clip).join(format!("{name}_{index:04}.png")));
             let labels = ["rgb", "basecolor", "metallic", "roughness", "normal", "depth", "env_ldr", "env_log"].map(their);
             assert!(labels.iter().all(|label| label.dimensions() == (24, 24)));
-            let (albedo, normal, depth) = (own("albedo").into_rgb16(), own("normal").into_rgb16(), own("depth").into_luma16());
-            let (beauty, id, motion) = (own("beauty").into_rgb16(), own("object_id").into_luma16(), own("motion").into_rgb16());
+            let (albedo, normal, depth) =
+                (own("values/albedo").into_rgb16(), own("normal").into_rgb16(), own("depth").into_luma16());
+            let (beauty, seen, motion) =
+                (own("values/beauty").into_rgb16(), own("albedo").into_rgb8(), own("motion").into_rgb16());
+            let ids = indices(&png.path().join(split).join(clip).join(format!("object_id_{index:04}.png")));
             let ([low, high], [slow, fast]) = (limits("depth"), limits("motion"));
-            for i in 0..24 * 24 {
+            for (i, &id) in ids.iter().enumerate() {
                 let (x, y) = (i as u32 % 24, i as u32 / 24);
                 let (n, d) = (frame.normal.pixels[i], frame.depth.pixels[i]);
                 for (c, n) in n.into_iter().enumerate() {
@@ -429,6 +443,8 @@ fn cosmos_and_png_files_hold_the_channels() {
                     assert!(off.abs() < 0.005, "{off}");
                     assert!((f32::from(normal.get_pixel(x, y)[c]) / 32767.5 - 1.0 - n).abs() < 2e-5);
                     assert!((f32::from(albedo.get_pixel(x, y)[c]) / 65535.0 - frame.albedo.pixels[i][c]).abs() < 1e-5);
+                    let shown = 255.0 * renderflow_frame::color::linear_to_srgb(frame.albedo.pixels[i][c]);
+                    assert!((f32::from(seen.get_pixel(x, y)[c]) - shown).abs() <= 0.51);
                     let bits = beauty.get_pixel(x, y)[c];
                     assert_eq!(half::f16::from_bits(bits / 2).to_f32(), frame.beauty.as_ref().unwrap().pixels[i][c]);
                 }
@@ -442,7 +458,7 @@ fn cosmos_and_png_files_hold_the_channels() {
                 }
                 let moved = slow + f32::from(motion.get_pixel(x, y)[1]) / 65535.0 * (fast - slow);
                 assert!((moved - frame.motion.as_ref().unwrap().pixels[i][1]).abs() <= (fast - slow) / 1e5);
-                assert_eq!(u32::from(id.get_pixel(x, y)[0]), frame.object_id.pixels[i]);
+                assert_eq!(u32::from(id), frame.object_id.pixels[i]);
             }
         }
         assert!(cosmos.path().join(split).join(format!("{clip}.0000.env_nrm.png")).is_file());

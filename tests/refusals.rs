@@ -266,6 +266,17 @@ fn composed_scenes_and_maps_and_scripts_are_not_replaced() {
     for _ in 0..2 {
         succeed(&["dataset", "preview", "--plan", plan, "--out", &own, "--count-only"]);
     }
+    let counted: serde_json::Value = serde_json::from_slice(&folder.bytes("own/catalog.json")).unwrap();
+    assert!(counted["distinct_meshes"].as_u64().is_some_and(|n| n > 0));
+    // Pictures without the count: each sequence is shown once, and every picture has a label.
+    let shown = folder.at("shown");
+    succeed(&["dataset", "preview", "--plan", plan, "--out", &shown, "--size", "16", "--spp", "1"]);
+    let known: serde_json::Value = serde_json::from_slice(&folder.bytes("shown/catalog.json")).unwrap();
+    assert!(known["distinct_meshes"].is_null() && known["meshes"] == counted["meshes"]);
+    let plan: serde_json::Value = serde_json::from_slice(&std::fs::read(plan).unwrap()).unwrap();
+    let sequences: u64 = ["train", "val", "test"].iter().map(|split| plan["sequences"][split].as_u64().unwrap()).sum();
+    let scenes = image::load_from_memory(&folder.bytes("shown/scenes.png")).unwrap();
+    assert_eq!((scenes.width(), scenes.height()), (8 + sequences as u32 * (224 + 8), 8 + 20 + 224 + 8));
     let page = folder.put("page.html", "<html>mine</html>");
     let numbers = ["dataset", "stats", dataset().1.to_str().unwrap(), "--out", &page];
     refused(folder.path(), &numbers, &["page.html", "not a page of this program"]);

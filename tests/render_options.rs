@@ -187,3 +187,55 @@ fn the_network_inside_the_program_cleans_pictures() {
     let refused = renderflow(&truth);
     assert!(!refused.status.success() && stderr(&refused).contains("must not be its own"), "{}", stderr(&refused));
 }
+
+#[test]
+fn the_first_frame_gets_a_sheet_and_several_frames_an_animation() {
+    use image::AnimationDecoder;
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let render = |out: &str, frames: &str, more: &[&str]| {
+        let out = path(out).to_string_lossy().into_owned();
+        let words =
+            ["render", "--seed", "3", "--resolution", "24x16", "--spp", "1", "--denoise", "none", "--frames", frames, "-o", &out];
+        renderflow(&[&words[..], more].concat())
+    };
+    let succeeds = |out: &str, frames: &str, more: &[&str]| {
+        let made = render(out, frames, more);
+        assert!(made.status.success(), "{}", stderr(&made));
+    };
+    let frames = |name: &str| {
+        let file = std::fs::File::open(path(name)).unwrap();
+        let decoder = image::codecs::gif::GifDecoder::new(std::io::BufReader::new(file)).unwrap();
+        decoder.into_frames().collect_frames().unwrap().len()
+    };
+    succeeds("one", "1", &[]);
+    assert!(!path("one/frames.gif").exists(), "one frame does not move");
+    let first = std::fs::read(path("one/sheet.png")).unwrap();
+    let sheet = image::load_from_memory(&first).unwrap();
+    // Four tiles in a row, two rows.
+    assert!(sheet.width() >= 4 * 224 && sheet.height() > 2 * 150, "{} x {}", sheet.width(), sheet.height());
+    // The frame now moves to a next one, so its sheet is another.
+    succeeds("one", "3", &[]);
+    assert_eq!(frames("one/frames.gif"), 3);
+    assert_ne!(std::fs::read(path("one/sheet.png")).unwrap(), first);
+    // The same bytes as at once, and with any number of threads.
+    succeeds("whole", "3", &["--threads", "1"]);
+    for name in ["sheet.png", "frames.gif"] {
+        assert!(std::fs::read(path("one").join(name)).unwrap() == std::fs::read(path("whole").join(name)).unwrap(), "{name}");
+    }
+    succeeds("bare", "2", &["--no-sheet"]);
+    assert!(!path("bare/sheet.png").exists() && !path("bare/frames.gif").exists());
+    // With --overwrite another scene has another sheet.
+    succeeds("one", "2", &["--set", "materials/0/roughness=.9", "--overwrite"]);
+    assert_eq!(frames("one/frames.gif"), 2);
+    // Files of others stay, and are found before the first sample.
+    for name in ["sheet.png", "frames.gif"] {
+        std::fs::create_dir(path(name)).unwrap();
+        std::fs::write(path(name).join(name), "mine").unwrap();
+        let refused = render(name, "2", &[]);
+        assert!(refused.status.code() == Some(1) && stderr(&refused).contains("choose another folder"), "{}", stderr(&refused));
+        assert_eq!(std::fs::read_dir(path(name)).unwrap().count(), 1);
+        succeeds(name, "2", &["--no-sheet"]);
+        assert_eq!(std::fs::read(path(name).join(name)).unwrap(), b"mine");
+    }
+}

@@ -141,7 +141,11 @@ pub struct PreviewArgs {
     /// Number in the catalogue of the first mesh and the first environment to show
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000))]
     first: u32,
-    /// Only count the catalogue: distinct meshes and maps, watertight meshes, triangles
+    /// Also make every mesh and every map of the catalogue, which takes minutes, and count distinct meshes and maps, watertight
+    /// meshes and triangles
+    #[arg(long)]
+    count: bool,
+    /// Count as with --count, and make no pictures
     #[arg(long)]
     count_only: bool,
     /// Print the counts as JSON
@@ -303,7 +307,8 @@ impl PreviewArgs {
     fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let plan = Plan { allowed: Allowed(allowed.to_vec()), ..Plan::read(&self.plan)? };
         preview::check_folder(&self.out)?;
-        let found = preview::inventory(&plan, cancel)?;
+        let all = self.count || self.count_only;
+        let found = if all { preview::counted(&plan, cancel)? } else { preview::inventory(&plan) };
         let sheets = if self.count_only { Vec::new() } else { preview::sheets(&plan, self.size, self.spp, self.first, cancel)? };
         file::write_json(&self.out.join(preview::CATALOG), &found)?;
         for (name, bytes) in sheets {
@@ -313,19 +318,21 @@ impl PreviewArgs {
             println!("{}", serde_json::to_string_pretty(&found)?);
             return Ok(());
         }
+        let count = |number: Option<usize>, what: &str| number.map_or_else(String::new, |number| format!(", {number} {what}"));
+        let mean = found.triangles.map(|all| (all as f64 / found.meshes.max(1) as f64).round() as usize);
         println!(
-            "{} meshes of {} families, {} distinct, {} watertight, {:.0} triangles on average",
+            "{} meshes of {} families{}{}{}",
             found.meshes,
             found.families.len(),
-            found.distinct_meshes,
-            found.watertight,
-            found.triangles as f64 / found.meshes.max(1) as f64
+            count(found.distinct_meshes, "distinct"),
+            count(found.watertight, "watertight"),
+            count(mean, "triangles on average")
         );
         println!(
-            "{} environments of {} families, {} distinct",
+            "{} environments of {} families{}",
             found.environments,
             found.environment_families.len(),
-            found.distinct_environments
+            count(found.distinct_environments, "distinct")
         );
         Ok(())
     }
@@ -403,7 +410,10 @@ impl StatsArgs {
         }
         let out = self.out.unwrap_or_else(|| self.dataset.join("stats.html"));
         output::check_page(&out)?;
-        file::write_atomic(&out, report::dataset::page(&numbers, &costs)?.as_bytes())?;
+        let full = output::resolved(&self.dataset)?;
+        let name = full.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let page = report::dataset::page(&name, &numbers, &costs, &stats::pictures(&self.dataset)?)?;
+        file::write_atomic(&out, page.as_bytes())?;
         if !self.json {
             if costs.frames > 0 {
                 let [compile, render, denoise, write] = costs.stages;

@@ -12,11 +12,11 @@ use crate::util::cancel::Cancel;
 use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, resolution};
+use crate::util::sheet;
 use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_frame::frame_file::Profile;
-use renderflow_frame::image::Rgb;
 use renderflow_renderer::denoise::Denoiser;
 use std::path::{Path, PathBuf};
 
@@ -144,15 +144,15 @@ impl Demo {
         Ok(())
     }
 
-    /// Writes the pictures of each frame side by side, with their errors below.
+    /// Writes the pictures of each frame side by side with their names; below them their errors, and where these are largest.
     fn montages(&self, scored: &Scored, results: &Results) -> Result<()> {
         for &frame in &scored.about.shown {
             let read = |method: &str| picture::display_values(&scored.pictures.join(picture_file(frame, method)));
             let truth = read(TRUTH)?;
             let there = results.about.methods.iter().filter(|m| scored.pictures.join(picture_file(frame, &m.id)).is_file());
-            let others = there.map(|method| read(&method.id)).collect::<Result<Vec<Rgb>>>()?;
-            let montage = picture::montage(&truth, &others);
-            file::write_atomic(&self.out.join(format!("comparison.{frame:04}.png")), &picture::png(&montage)?)?;
+            let others = there.map(|method| Ok((method.label.clone(), read(&method.id)?))).collect::<Result<Vec<_>>>()?;
+            let comparison = sheet::comparison(&truth, &others);
+            file::write_atomic(&self.out.join(format!("comparison.{frame:04}.png")), &picture::png(&comparison)?)?;
         }
         Ok(())
     }

@@ -30,7 +30,7 @@ const STATE: &str = "stopped.safetensors";
 /// (--weights) only reads G-buffers and keyframes, and works in clips of five frames that overlap by one, unless --stills is
 /// given. If it was stopped, the same command continues.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000000 --keyframes -o neural\n  \
+#[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000009 --keyframes -o neural\n  \
 renderflow infer --data data/test --rays 4 --neighbours around -o neural-rays\n  \
 renderflow infer --data data/test --weights wan/flow.safetensors --vae wan/vae.safetensors -o wan-out")]
 pub struct Infer {

@@ -1,9 +1,12 @@
 use super::scene::{SceneArgs, Wanted, any_resolution};
 use super::{OpenArgs, TraceArgs};
+use crate::dataset::contact;
 use crate::dataset::job::watch::{Errors, Target, Watch};
 use crate::dataset::job::{SequenceJob, TruthSettings};
+use crate::dataset::layout::{ANIMATION, SHEET};
 use crate::dataset::plan::{Keyframes, Plan};
 use crate::util::cancel::Cancel;
+use crate::util::output;
 use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, within};
@@ -11,13 +14,18 @@ use crate::util::stop;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::frame_file::Profile;
-use renderflow_frame::{color, exr, file};
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Frame, exr, file};
 use renderflow_renderer::{Budget, Mode, Settings};
 use renderflow_scenes::description::Scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Path-traces a scene or a model. Every frame becomes an EXR with beauty and G-buffer, and a PNG. Finished frames stay.
+/// Pictures of the animation have at most this many pixels along their longer side.
+const ANIMATED: usize = 640;
+
+/// Path-traces a scene or a model. Every frame becomes an EXR with beauty and G-buffer, and a PNG. Finished frames stay. A
+/// labelled sheet shows the channels of the first frame, and an animation shows all frames.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow render model.glb -o out\n  renderflow render model.glb --hdri sky.hdr --frames 17 -o out\n  \
@@ -72,6 +80,9 @@ pub struct Render {
     /// Also write the unoccluded irradiance
     #[arg(long, help_heading = "Output")]
     irradiance: bool,
+    /// Write neither the labelled sheet of the first frame's channels (sheet.png) nor the animation of all frames (frames.gif)
+    #[arg(long, help_heading = "Output")]
+    no_sheet: bool,
     /// Distance between keyframes, in frames
     #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES), help_heading = "Output")]
     keyframe_gap: u32,
@@ -193,17 +204,33 @@ impl Render {
         };
         let mut sequence = job.open()?;
         let work = sequence.decide(&settings, Some(self.overwrite))?;
-        sequence.lengthen(&work)?;
         let frames = sequence.loaded.cameras.len();
+        let [sheet, animation] = [SHEET, ANIMATION].map(|name| self.out.join(name));
+        let (with_sheet, with_animation) = (!self.no_sheet, !self.no_sheet && frames > 1);
+        let beside = [(with_sheet, &sheet), (with_animation, &animation)];
+        let (made, not_made): (Vec<_>, Vec<_>) = beside.into_iter().partition(|(made, _)| *made);
+        sequence.check_beside(&work, &made.into_iter().map(|(_, path)| path.clone()).collect::<Vec<_>>())?;
+        for (_, path) in not_made.into_iter().filter(|(_, path)| self.overwrite && !work.missing.is_empty() && path.exists()) {
+            eprintln!("note: {}: stays as it is, and does not show this render", path.display());
+        }
+        sequence.lengthen(&work)?;
         progress.resume(1000 * (frames - work.missing.len()) as u64);
         for index in 0..frames {
             let made = work.missing.contains(&index);
             if made {
                 sequence.render(index, &settings, &progress, cancel)?;
             }
-            finish(&sequence.path(index), (!made).then_some(settings.watch.as_ref()).flatten(), &progress)?;
+            let frame = finish(&sequence.path(index), (!made).then_some(settings.watch.as_ref()).flatten(), &progress)?;
+            if index == 0 && with_sheet {
+                replace(&sheet, contact::sheet(&frame)?)?;
+            }
         }
         sequence.describe()?;
+        if with_animation {
+            let picture = |index: usize| picture::display_values(&sequence.path(index).with_extension("png"));
+            let small = |picture: Rgb| picture::reduced(&picture, ANIMATED);
+            replace(&animation, picture::gif((0..frames).map(|index| picture(index).map(small)))?)?;
+        }
         progress.finish();
         super::print_report(&sequence.loaded.report);
         self.open.open(&sequence.path(0).with_extension("png"));
@@ -211,16 +238,20 @@ impl Render {
     }
 }
 
-/// Writes the picture of a stored frame, and says where the frame is. If `watch` is given, the frame is compared with its
-/// reference.
-fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<()> {
+/// Writes a file that follows from the frames, unless it is there with these bytes.
+fn replace(path: &Path, bytes: Vec<u8>) -> Result<()> {
+    stop::hold(|| output::write(&[(path.to_owned(), bytes)], true))
+}
+
+/// Writes the picture of a stored frame, says where the frame is, and returns it. If `watch` is given, the frame is compared with
+/// its reference.
+fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<Frame> {
     let frame = exr::read(path)?;
     if let (Some(watch), Some(raw)) = (watch, &frame.raw) {
         progress.print(&Errors::heading());
         watch.after(&frame.info.spp.to_string(), raw, frame.info.exposure)?;
     }
-    if let Some(beauty) = frame.beauty.as_ref().or(frame.raw.as_ref()) {
-        let picture = beauty.map(|p| color::display(*p, frame.info.exposure));
+    if let Some(picture) = contact::display(&frame) {
         let bytes = picture::png(&picture)?;
         stop::hold(|| file::write_atomic(&path.with_extension("png"), &bytes))?;
     }
@@ -228,5 +259,5 @@ fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<()>
         "" => path.display().to_string(),
         sampling => format!("{} ({sampling}: {} samples per pixel)", path.display(), frame.info.spp),
     });
-    Ok(())
+    Ok(frame)
 }

@@ -31,6 +31,10 @@ pub const RECORD: &str = "sequence.json";
 pub const FAILURES: &str = "failures.json";
 /// The seconds that each frame of truth took.
 pub const TIMING: &str = "timing.json";
+/// The labelled channels of the first frame of a render.
+pub const SHEET: &str = "sheet.png";
+/// The frames of a render, one after the other.
+pub const ANIMATION: &str = "frames.gif";
 /// How far the truth of a sequence is from a longer render.
 pub const AUDIT: &str = "audit.json";
 

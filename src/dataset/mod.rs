@@ -2,6 +2,7 @@
 
 pub mod agreement;
 pub mod check;
+pub mod contact;
 pub mod damage;
 pub mod denoise;
 pub mod export;

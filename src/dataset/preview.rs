@@ -1,16 +1,18 @@
 //! Shows a plan before it is rendered: contact sheets of its meshes, environments and scenes, and counts of its catalogue.
 
+use super::contact;
 use super::denoise::Denoise;
 use super::job::TruthSettings;
-use super::plan::Plan;
+use super::plan::{Plan, SPLITS, Sources};
 use crate::util::cancel::Cancel;
 use crate::util::output;
 use crate::util::picture;
 use crate::util::progress::Progress;
-use anyhow::{Context, Result, bail};
+use crate::util::sheet::{self, Tile};
+use anyhow::{Context, Result, bail, ensure};
 use glam::Vec3;
 use rayon::prelude::*;
-use renderflow_frame::image::{Image, Rgb};
+use renderflow_frame::image::Rgb;
 use renderflow_frame::{color, file, hdr, ibl};
 use renderflow_renderer::{RenderScene, Settings};
 use renderflow_scenes::description::{
@@ -30,29 +32,49 @@ pub const CATALOG: &str = "catalog.json";
 /// File names of the sheets.
 const SHEETS: [&str; 3] = ["meshes.png", "environments.png", "scenes.png"];
 
-/// What a catalogue holds.
+/// What a catalogue holds. What is only known once every mesh and map was made is absent unless it was counted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inventory {
     /// Meshes.
     pub meshes: usize,
     /// Distinct meshes, by a hash of positions and triangles.
-    pub distinct_meshes: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distinct_meshes: Option<usize>,
     /// Meshes that enclose a volume: every edge has two triangles.
-    pub watertight: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub watertight: Option<usize>,
     /// Triangles of all meshes.
-    pub triangles: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub triangles: Option<u64>,
     /// Environment maps.
     pub environments: usize,
     /// Distinct maps, by a hash of their texels.
-    pub distinct_environments: usize,
-    /// Members and mean triangles of each mesh family.
-    pub families: BTreeMap<String, (usize, u64)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distinct_environments: Option<usize>,
+    /// Members of each mesh family, and their mean triangles.
+    pub families: BTreeMap<String, (usize, Option<u64>)>,
     /// Members of each environment family.
     pub environment_families: BTreeMap<String, usize>,
 }
 
-/// Makes every mesh and map in the plan's catalogue, and counts them.
-pub fn inventory(plan: &Plan, stop: &Cancel) -> Result<Inventory> {
+/// The sizes of the plan's catalogue and of its families. Nothing is made.
+pub fn inventory(plan: &Plan) -> Inventory {
+    let catalog = plan.catalog();
+    let mut found = Inventory { meshes: plan.meshes as usize, environments: plan.environments as usize, ..Inventory::default() };
+    for k in 0..plan.meshes {
+        found.families.entry(catalog.mesh_family(k).to_owned()).or_default().0 += 1;
+    }
+    for k in 0..plan.environments {
+        *found.environment_families.entry(catalog.environment_family(k).to_owned()).or_default() += 1;
+    }
+    found
+}
+
+/// As [`inventory`]; it also makes every mesh and every map, and counts what is distinct, watertight and how many triangles.
+///
+/// # Errors
+/// When stopped.
+pub fn counted(plan: &Plan, stop: &Cancel) -> Result<Inventory> {
     let catalog = plan.catalog();
     let progress = Progress::new("catalogue", u64::from(plan.meshes) + u64::from(plan.environments));
     let meshes: Vec<_> = (0..plan.meshes)
@@ -64,32 +86,30 @@ pub fn inventory(plan: &Plan, stop: &Cancel) -> Result<Inventory> {
             (k, shapes::geometry_hash(&mesh), shapes::inspect(&mesh).watertight, mesh.triangles.len() as u64)
         })
         .collect();
-    let maps: Vec<_> = (0..plan.environments)
+    let maps: HashSet<_> = (0..plan.environments)
         .into_par_iter()
         .filter(|_| !stop.is_set())
         .map(|k| {
             let [width, height] = sky::LIBRARY_SIZE;
             let map = sky::render(&catalog.environment(k), width, height);
             progress.add(1);
-            (k, blake3::hash(&hdr::encode(&map)))
+            blake3::hash(&hdr::encode(&map))
         })
         .collect();
     stop.check()?;
     progress.finish();
-    let mut found = Inventory { meshes: meshes.len(), environments: maps.len(), ..Inventory::default() };
-    found.distinct_meshes = meshes.iter().map(|mesh| &mesh.1).collect::<HashSet<_>>().len();
-    found.distinct_environments = maps.iter().map(|map| map.1).collect::<HashSet<_>>().len();
-    for (k, _, watertight, triangles) in &meshes {
-        found.watertight += usize::from(*watertight);
-        found.triangles += triangles;
-        let family = found.families.entry(catalog.mesh_family(*k).to_owned()).or_default();
-        *family = (family.0 + 1, family.1 + triangles);
+    let mut found = inventory(plan);
+    found.distinct_meshes = Some(meshes.iter().map(|mesh| &mesh.1).collect::<HashSet<_>>().len());
+    found.watertight = Some(meshes.iter().filter(|mesh| mesh.2).count());
+    found.triangles = Some(meshes.iter().map(|mesh| mesh.3).sum());
+    found.distinct_environments = Some(maps.len());
+    for (k, _, _, triangles) in &meshes {
+        if let Some((_, mean)) = found.families.get_mut(catalog.mesh_family(*k)) {
+            *mean = Some(mean.unwrap_or(0) + triangles);
+        }
     }
-    for family in found.families.values_mut() {
-        family.1 /= family.0 as u64;
-    }
-    for (k, _) in &maps {
-        *found.environment_families.entry(catalog.environment_family(*k).to_owned()).or_default() += 1;
+    for (members, mean) in found.families.values_mut() {
+        *mean = mean.map(|triangles| triangles / *members as u64);
     }
     Ok(found)
 }
@@ -109,50 +129,67 @@ pub fn check_folder(out: &Path) -> Result<()> {
     }
 }
 
-/// The names and bytes of `meshes.png`, `environments.png` and `scenes.png`, with 64 pictures of `size` pixels each. Meshes and
-/// environments come from the catalogue, starting with number `first`; scenes are spread over the plan's sequences.
+/// The split that has this family among its own; empty where none has.
+fn owner(plan: &Plan, of: fn(&Sources) -> &Vec<String>, family: &str) -> &'static str {
+    SPLITS.iter().find(|split| of(plan.splits.of(**split)).iter().any(|name| name == family)).map_or("", |split| split.name())
+}
+
+/// The names and bytes of `meshes.png`, `environments.png` and `scenes.png`, with up to 64 pictures of `size` pixels each. Meshes
+/// and environments come from the catalogue, starting with number `first`, and are labelled with number, family and the split
+/// that the family belongs to. Scenes are spread over the plan's sequences, each at most once, and are labelled with number,
+/// split and layout.
+///
+/// # Errors
+/// When the catalogue ends before `first`, when a scene cannot be rendered, or when stopped.
 pub fn sheets(plan: &Plan, size: u32, spp: u32, first: u32, stop: &Cancel) -> Result<Vec<(&'static str, Vec<u8>)>> {
     let catalog = plan.catalog();
     let count = SIDE * SIDE;
-    let progress = Progress::new("preview", u64::from(3 * count));
+    ensure!(
+        first < plan.meshes.max(plan.environments),
+        "--first {first}: the catalogue has {} meshes and {} environments, counted from 0",
+        plan.meshes,
+        plan.environments
+    );
+    let scenes = count.min(plan.total());
+    let [meshes, maps] = [plan.meshes, plan.environments].map(|all| first.min(all)..(first + count).min(all));
+    let progress = Progress::new("preview", (meshes.len() + maps.len()) as u64 + u64::from(scenes));
     let settings =
         TruthSettings::quiet(Settings { spp, max_bounces: plan.render.max_bounces, ..Settings::default() }, Denoise::Auto)?;
-    let picture = |scene: &Scene, frame: usize| -> Result<Rgb> {
+    let picture = |scene: &Scene| -> Result<Rgb> {
         stop.check()?;
-        let mut compiled = RenderScene::compile(&load::load(scene, &plan.reach())?)?;
-        compiled.set_frame(frame);
+        let compiled = RenderScene::compile(&load::load(scene, &plan.reach())?)?;
         let (frame, _) = settings.frame(&compiled, &|_, _| (), stop)?;
         progress.add(1);
-        let beauty = frame.beauty.or(frame.raw).context("no picture")?;
-        Ok(beauty.map(|p| color::display(*p, frame.info.exposure)))
+        contact::display(&frame).context("no picture")
     };
-    let meshes: Vec<Rgb> = (first..first + count)
-        .map(|k| picture(&pedestal(&catalog.mesh(k), k, size), 0).with_context(|| format!("mesh {k}: {:?}", catalog.mesh(k))))
-        .collect::<Result<_>>()?;
-    let meshes = sheet(&meshes)?;
-    let maps: Vec<Rgb> = (first..first + count)
-        .map(|k| {
-            let map = sky::render(&catalog.environment(k), 2 * size as usize, size as usize);
-            let light = renderflow_frame::Environment { map, rotation: 0.0, intensity: 1.0 };
-            let exposure = ibl::exposure(&light);
-            progress.add(1);
-            light.map.map(|p| color::display(*p, exposure))
-        })
-        .collect();
-    let maps = sheet(&maps)?;
-    let scenes: Vec<Rgb> = (0..count)
-        .map(|i| {
-            let (index, turn) = (i * plan.total() / count, i % plan.total().max(1));
-            // Where a plan has fewer sequences than the sheet has places, several frames of each are shown.
-            let index = if plan.total() < count { turn } else { index };
-            let frame = (i / plan.total().max(1)) * plan.frames / count.div_ceil(plan.total().max(1)).max(1);
-            let mut scene = plan.compose(&catalog, index)?.scene;
-            scene.resolution = [size; 2];
-            picture(&scene, if plan.total() < count { frame as usize } else { 0 })
-        })
-        .collect::<Result<_>>()?;
+    let meshes = meshes.map(|k| {
+        let (shape, family) = (catalog.mesh(k), catalog.mesh_family(k));
+        let made = picture(&pedestal(&shape, k, size)).with_context(|| format!("mesh {k}: {shape:?}"))?;
+        Ok(Tile::new(format!("{k} {family} {}", owner(plan, |s| &s.mesh_families, family)), made))
+    });
+    let meshes = meshes.collect::<Result<Vec<_>>>()?;
+    let maps = maps.map(|k| {
+        let map = sky::render(&catalog.environment(k), 2 * size as usize, size as usize);
+        let light = renderflow_frame::Environment { map, rotation: 0.0, intensity: 1.0 };
+        let exposure = ibl::exposure(&light);
+        progress.add(1);
+        let family = catalog.environment_family(k);
+        let name = format!("{k} {family} {}", owner(plan, |s| &s.environment_families, family));
+        Tile::new(name, light.map.map(|p| color::display(*p, exposure)))
+    });
+    let maps = maps.collect();
+    let scenes = (0..scenes).map(|i| {
+        let index = i * plan.total() / scenes;
+        let mut composed = plan.compose(&catalog, index)?;
+        composed.scene.resolution = [size; 2];
+        let layout = format!("{:?}", composed.layout).to_lowercase();
+        let name = format!("{} {} {layout}", Plan::sequence_name(index), plan.split(index));
+        Ok(Tile::new(name, picture(&composed.scene)?))
+    });
+    let scenes = scenes.collect::<Result<Vec<_>>>()?;
     progress.finish();
-    Ok(SHEETS.into_iter().zip([meshes, maps, sheet(&scenes)?]).collect())
+    let sheets = SHEETS.into_iter().zip([meshes, maps, scenes]).filter(|(_, tiles)| !tiles.is_empty());
+    sheets.map(|(name, tiles)| Ok((name, picture::png(&sheet::sheet(&tiles, SIDE as usize))?))).collect()
 }
 
 /// A shape on a grey floor, seen from slightly above, in a studio's light.
@@ -196,14 +233,15 @@ fn pedestal(shape: &Shape, k: u32, size: u32) -> Scene {
     }
 }
 
-/// A PNG of pictures of equal size, eight in a row.
-fn sheet(pictures: &[Rgb]) -> Result<Vec<u8>> {
-    let (width, height) = pictures.first().map_or((1, 1), |p| (p.width, p.height));
-    let columns = SIDE as usize;
-    let rows = pictures.len().div_ceil(columns);
-    let sheet = Image::from_fn(columns * width, rows * height, |x, y| {
-        let picture = pictures.get((y / height) * columns + x / width);
-        picture.map_or([0.0; 3], |p| p.pixels[(y % height) * width + x % width])
-    });
-    picture::png(&sheet)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn earlier_counts_are_still_read() {
+        let stored = r#"{"meshes":2,"distinct_meshes":2,"watertight":1,"triangles":30,"environments":1,"distinct_environments":1,
+                         "families":{"gear":[2,15]},"environment_families":{"dusk":1}}"#;
+        let found: Inventory = serde_json::from_str(stored).unwrap();
+        assert_eq!((found.distinct_meshes, found.families["gear"]), (Some(2), (2, Some(15))));
+    }
 }

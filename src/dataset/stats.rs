@@ -1,10 +1,14 @@
 //! Counts a dataset by the records of its sequences: families of its parts, and histograms of its pixels.
 
-use super::manifest;
+use super::layout::{self, RECORD};
 use super::plan::{Plan, SPLITS};
 use super::record::Record;
 use super::statistics::{AXES, Axis, Statistics};
+use super::{contact, manifest};
+use crate::util::picture;
+use crate::util::text::short;
 use anyhow::{Context, Result, ensure};
+use renderflow_frame::frame_file;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -69,19 +73,23 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
     let sum = |values: &mut dyn Iterator<Item = u64>| values.fold(0, u64::saturating_add);
     let yes = |flag: bool| if flag { "yes" } else { "no" }.to_owned();
     let objects = || records.iter().flat_map(|record| &record.objects);
-    // A light's concentration spans five decades.
-    let decade = |value: f32| {
-        let low = value.max(1.0).log10().floor() as i32;
-        format!("{low}: {:e} to {:e}", 10f64.powi(low), 10f64.powi(low + 1))
+    // Numbers over several decades.
+    let decades = |title: &str, values: &mut dyn Iterator<Item = f32>| {
+        let mut counts: BTreeMap<u32, u64> = BTreeMap::new();
+        for value in values {
+            *counts.entry(value.max(1.0).log10().floor() as u32).or_default() += 1;
+        }
+        let label = |low: u32| format!("{} to {}", power(low), power(low + 1));
+        Bars { title: title.into(), bars: counts.into_iter().map(|(low, count)| (label(low), count)).collect() }
     };
     let counts = vec![
         count("layout", &mut records.iter().map(|r| r.layout.clone())),
         count("camera", &mut records.iter().map(|r| r.camera.clone())),
         count("objects move", &mut records.iter().map(|r| yes(r.moving))),
         count("materials change", &mut records.iter().map(|r| yes(r.changing))),
-        count("concentration of the light (log10)", &mut records.iter().map(|r| decade(r.environment.concentration))),
+        decades("concentration of the light", &mut records.iter().map(|r| r.environment.concentration)),
         count("objects in a scene", &mut records.iter().map(|r| format!("{:02}", r.objects.len()))),
-        count("triangles in a scene (log10)", &mut records.iter().map(|r| decade(r.triangles as f32))),
+        decades("triangles in a scene", &mut records.iter().map(|r| r.triangles as f32)),
         Bars {
             title: "materials on objects and structure".into(),
             bars: ["all", "textured", "metal"]
@@ -114,11 +122,56 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
     })
 }
 
+/// Ten to the power of `exponent`, as people write it: 1, 10, 100, 1k, ..., 100M, 1G, ...
+fn power(exponent: u32) -> String {
+    let unit = ["", "k", "M", "G", "T", "P", "E"].get(exponent as usize / 3);
+    unit.map_or_else(|| format!("10^{exponent}"), |unit| format!("1{}{unit}", "0".repeat(exponent as usize % 3)))
+}
+
 fn histogram(axis: &Axis, statistics: &Statistics) -> Bars {
-    let label = |i| {
-        let edge = axis.edge(i);
-        if edge >= 10.0 || edge == 0.0 { format!("{edge:.0}") } else { format!("{edge:.2e}").replace("e0", "") }
-    };
-    let bars = axis.counts(statistics).into_iter().enumerate().map(|(i, count)| (label(i), count));
+    let bars = axis.counts(statistics).into_iter().enumerate().map(|(i, count)| (short(axis.edge(i)), count));
     Bars { title: axis.title.into(), bars: bars.collect() }
+}
+
+/// Most pictures on the page of a dataset, and their longer side in pixels.
+const PICTURES: [u32; 2] = [12, 192];
+
+/// Names and PNG files of first frames, of complete sequences that are spread over the dataset in `out`. Frames without a picture
+/// and frames that cannot be read are left out.
+///
+/// # Errors
+/// When there is no plan.
+pub fn pictures(out: &Path) -> Result<Vec<(String, Vec<u8>)>> {
+    let plan = Plan::read(&out.join("plan.json")).context("not a dataset folder")?;
+    let [most, side] = PICTURES;
+    let complete: Vec<u32> = (0..plan.total()).filter(|&index| plan.folder(out, index).join(RECORD).is_file()).collect();
+    let count = complete.len().min(most as usize);
+    let mut found = Vec::new();
+    for index in (0..count).map(|i| complete[i * complete.len() / count]) {
+        let path = plan.folder(out, index).join(layout::frame_file(0, plan.storage));
+        match frame_file::read(&path) {
+            Ok(frame) => {
+                if let Some(picture) = contact::display(&frame) {
+                    found.push((plan.place(index), picture::png(&picture::reduced(&picture, side as usize))?));
+                }
+            }
+            Err(error) => eprintln!("note: not shown: {error}"),
+        }
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_written_as_people_write_numbers() {
+        assert_eq!([0, 2, 3, 5, 6, 9, 40].map(power), ["1", "100", "1k", "100k", "1M", "1G", "10^40"]);
+        for axis in super::super::statistics::AXES {
+            for (label, _) in histogram(axis, &Statistics::default()).bars {
+                assert!(label.parse::<f64>().is_ok() && !label.contains('e'), "{}: {label}", axis.title);
+            }
+        }
+    }
 }

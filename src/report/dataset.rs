@@ -4,17 +4,19 @@ use super::html::escape;
 use crate::dataset::log::Costs;
 use crate::dataset::stats::{Bars, Numbers};
 use crate::util::output::GENERATOR;
+use crate::util::picture;
 use anyhow::Result;
 use std::fmt::Write;
 
-/// The page; it needs no other files.
-pub fn page(numbers: &Numbers, costs: &Costs) -> Result<String> {
+/// The page about the dataset `name`, with the PNG files `pictures` and their names; it needs no other files.
+pub fn page(name: &str, numbers: &Numbers, costs: &Costs, pictures: &[(String, Vec<u8>)]) -> Result<String> {
+    let title = escape(&format!("Dataset {name}"));
     let mut page = String::new();
     let [complete, planned] = numbers.sequences;
     write!(
         page,
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{GENERATOR}<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>Dataset</title><style>{STYLE}</style><h1>Dataset</h1><p>{complete} of {planned} sequences, {} frames, {:.1} MiB \
+         <title>{title}</title><style>{STYLE}</style><h1>{title}</h1><p>{complete} of {planned} sequences, {} frames, {:.1} MiB \
          ({:.0} bytes per frame); {} distinct scenes, {} distinct meshes, {} distinct environments; {} things shared by splits.</p>",
         numbers.frames,
         numbers.bytes as f64 / f64::from(1 << 20),
@@ -40,6 +42,14 @@ pub fn page(numbers: &Numbers, costs: &Costs) -> Result<String> {
             costs.failures
         )?;
     }
+    if !pictures.is_empty() {
+        page += "<h2>First frames of some sequences</h2><div class=\"all pictures\">";
+        for (place, png) in pictures {
+            let (place, url) = (escape(place), picture::data_url(png));
+            write!(page, "<figure><img alt=\"first frame of {place}\" src=\"{url}\"><figcaption>{place}</figcaption></figure>")?;
+        }
+        page += "</div>";
+    }
     page += "<h2>Pixels</h2><div class=\"all\">";
     for bars in &numbers.histograms {
         upright(&mut page, bars)?;
@@ -54,7 +64,8 @@ pub fn page(numbers: &Numbers, costs: &Costs) -> Result<String> {
 
 const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:1.5rem auto;max-width:78rem;padding:0 1rem;color:#222}\
 .all{display:flex;flex-wrap:wrap;gap:1.2rem}figure{margin:0;flex:1 1 22rem;max-width:38rem}figcaption{font-weight:600}\
-svg{width:100%;height:auto}rect{fill:#4e79a7}text{font:10px system-ui,sans-serif;fill:#333}.leak{color:#b00020}";
+svg{width:100%;height:auto}rect{fill:#4e79a7}text{font:10px system-ui,sans-serif;fill:#333}.leak{color:#b00020}\
+.pictures figure{flex:none}.pictures img{display:block;max-width:100%}.pictures figcaption{font-weight:400}";
 
 /// Draws many bars side by side, and labels a few of them.
 fn upright(page: &mut String, bars: &Bars) -> Result<()> {
@@ -108,4 +119,30 @@ fn lying(page: &mut String, bars: &Bars) -> Result<()> {
     }
     page.push_str("</svg></figure>");
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::stats::Bars;
+
+    #[test]
+    fn the_page_has_a_title_and_pictures() {
+        let none = || Bars { title: String::new(), bars: Vec::new() };
+        let numbers = Numbers {
+            sequences: [1, 2],
+            frames: 3,
+            bytes: 4,
+            meshes: 5,
+            scenes: 1,
+            environments: 1,
+            leaks: Vec::new(),
+            splits: none(),
+            counts: Vec::new(),
+            histograms: Vec::new(),
+        };
+        let page = page("a<b", &numbers, &Costs::default(), &[("train/seq-000000".into(), b"png".to_vec())]).unwrap();
+        assert!(page.contains("<title>Dataset a&lt;b</title>") && page.contains("<h1>Dataset a&lt;b</h1>"));
+        assert!(page.contains("data:image/png;base64,cG5n") && page.contains("<figcaption>train/seq-000000</figcaption>"));
+    }
 }

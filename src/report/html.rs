@@ -56,12 +56,17 @@ pub fn facts(rows: &[(String, String)]) -> String {
     out + "</dl>\n"
 }
 
-/// A table whose columns can be sorted. Heads are (text, explanation); cells are (sort key, HTML).
+/// Ends the explanation of a column in which the largest value is the best one.
+pub const MORE: &str = "more is better";
+
+/// A table whose columns can be sorted; the first click on a head puts the best value first. Heads are (text, explanation); cells
+/// are (sort key, HTML).
 pub fn table(caption: &str, heads: &[(String, String)], rows: &[Vec<(Option<f64>, String)>]) -> String {
     let mut out = format!("<table><caption>{}</caption>\n<thead><tr>", escape(caption));
     for (text, meaning) in heads {
-        let _ =
-            write!(out, "<th scope=\"col\"><button type=\"button\" title=\"{}\">{}</button></th>", escape(meaning), escape(text));
+        let first = if meaning.ends_with(MORE) { " data-first=\"descending\"" } else { "" };
+        let (meaning, text) = (escape(meaning), escape(text));
+        let _ = write!(out, "<th scope=\"col\"{first}><button type=\"button\" title=\"{meaning}\">{text}</button></th>");
     }
     out += "</tr></thead>\n<tbody>\n";
     for row in rows {

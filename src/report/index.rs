@@ -4,7 +4,7 @@ use super::html::{self, escape};
 use super::style::{self, NONE};
 use super::table::{self, Filter};
 use super::{View, ablation, charts, summary};
-use crate::evaluate::results::{Group, Scored, TRUTH, picture_file};
+use crate::evaluate::results::{Group, MethodInfo, Scored, TRUTH, picture_file};
 use crate::metrics::{METRICS, Metric};
 use crate::util::picture;
 use anyhow::Result;
@@ -12,6 +12,9 @@ use std::fmt::Write;
 
 /// Longer side of thumbnails, in pixels.
 const THUMBNAIL: u32 = 160;
+
+/// Longer side of the pictures at the top, in pixels.
+const LEAD: u32 = 320;
 
 /// The whole page.
 pub(super) fn html(view: &View) -> Result<String> {
@@ -21,6 +24,7 @@ pub(super) fn html(view: &View) -> Result<String> {
     for set in &sets {
         body += &summary::paragraph(&view.means, set);
     }
+    body += &lead(view)?;
     body += "<nav aria-label=\"Sections\">";
     for (number, set) in sets.iter().enumerate() {
         write!(body, "<a href=\"#set{number}\">{}</a> ", escape(set))?;
@@ -36,6 +40,52 @@ pub(super) fn html(view: &View) -> Result<String> {
     write!(body, "<section id=\"settings\">\n<h2>Settings and machine</h2>\n{}</section>\n", settings(view))?;
     body += "</main>\n";
     Ok(html::page(&about.title, &body))
+}
+
+/// Pictures before all numbers: of the first sequence the truth, the best method with keyframes, the best without, and the best
+/// path tracing; empty where no pictures were kept. They lead to the page of the sequence.
+fn lead(view: &View) -> Result<String> {
+    let shown = |scored: &&Scored| !scored.about.shown.is_empty();
+    let Some((number, scored)) = view.results.sequences.iter().enumerate().find(|(_, scored)| shown(scored)) else {
+        return Ok(String::new());
+    };
+    let about = &scored.about;
+    let plain = about.shown.iter().find(|frame| !about.keyframes.contains(frame));
+    let Some(frame) = plain.or(about.shown.first()) else { return Ok(String::new()) };
+    let score = |id: &str| view.means.value(number, id, "psnr");
+    let best = |wanted: &dyn Fn(&MethodInfo) -> bool| {
+        let methods = view.results.about.methods.iter().filter(|method| method.group != Group::Ablation && wanted(method));
+        let scored = methods.filter_map(|method| Some((method, score(&method.id)?)));
+        scored.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(method, _)| method)
+    };
+    let chosen = [
+        best(&|method| method.reads_keyframes && !method.group.is_traced()),
+        best(&|method| !method.reads_keyframes && !method.group.is_traced()),
+        best(&|method| method.group.is_traced()),
+    ];
+    let pictures = chosen.into_iter().flatten().map(|method| (method.id.as_str(), method.label.as_str(), score(&method.id)));
+    let mut out = String::new();
+    for (id, label, psnr) in std::iter::once((TRUTH, "Truth", None)).chain(pictures) {
+        let path = scored.pictures.join(picture_file(*frame, id));
+        let Some(bytes) = picture::read(&path)? else { continue };
+        let url = picture::data_url(&picture::thumbnail(&bytes, LEAD, &path)?);
+        let psnr = psnr.map_or_else(String::new, |psnr| format!(", {psnr:.2} dB"));
+        let label = escape(label);
+        writeln!(
+            out,
+            "<li><figure><a href=\"{}\"><img alt=\"{label}\" src=\"{url}\" width=\"{}\" height=\"{}\"></a>\
+             <figcaption>{label}{psnr}</figcaption></figure></li>",
+            view.pages[number], about.width, about.height
+        )?;
+    }
+    if out.is_empty() {
+        return Ok(out);
+    }
+    let name = escape(&about.name);
+    Ok(format!(
+        "<ul class=\"lead\">\n{out}</ul>\n<p class=\"quiet\">Frame {frame} of {name}; numbers are means over the sequence. Its page compares all \
+         pictures.</p>\n"
+    ))
 }
 
 fn set_section(view: &View, set: &str) -> Result<String> {
@@ -104,8 +154,13 @@ fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
         })
         .collect();
     let all = view.means.rows(Filter { set: Some(set), ..Filter::default() });
-    let mut heads = vec![("method".to_owned(), "How the pictures were made".to_owned())];
-    heads.extend(columns.iter().map(|(class, count, _)| ((*class).to_owned(), table::plural(*count, "sequence"))));
+    let heads = |metric: &Metric| {
+        let of_class = |class: &str, count: usize| {
+            (class.to_owned(), format!("{}: {}", table::plural(count, "sequence"), style::direction(metric)))
+        };
+        let classes = columns.iter().map(|(class, count, _)| of_class(class, *count));
+        std::iter::once(("method".to_owned(), "How the pictures were made".to_owned())).chain(classes).collect::<Vec<_>>()
+    };
     let of = table::extent(&view.means, Filter { set: Some(set), ..Filter::default() }).0;
     let find = |rows: &[table::Row], id: &str, metric: &'static Metric| {
         style::cell(metric, rows.iter().find(|row| row.method.id == id).and_then(|row| row.cells.get(metric.id)))
@@ -119,7 +174,7 @@ fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
         let with = all.iter().filter(|row| row.cells.contains_key(metric.id));
         let lines: Vec<_> = with.map(line).collect();
         let caption = format!("{set}: {} by class of scene", metric.label);
-        (!lines.is_empty()).then(|| (metric.label.to_owned(), html::table(&caption, &heads, &lines)))
+        (!lines.is_empty()).then(|| (metric.label.to_owned(), html::table(&caption, &heads(metric), &lines)))
     };
     METRICS.iter().filter_map(table).collect()
 }
@@ -158,7 +213,8 @@ fn truth(view: &View, set: &str) -> String {
         ),
     ];
     let lines: Vec<_> = sequences.iter().map(|(_, scored)| line(scored)).collect();
-    let plot = charts::truth(view, set).unwrap_or_default();
+    // One or two dots make no plot.
+    let plot = if sequences.len() > 2 { charts::truth(view, set).unwrap_or_default() } else { String::new() };
     format!(
         "<h3>The truth's own error</h3>\n<p>PSNR that the truth would score against a perfect one: a method near it is limited by the \
          truth.</p>\n{plot}<details><summary>Table of the truth</summary>\n{}</details>\n",
@@ -169,7 +225,7 @@ fn truth(view: &View, set: &str) -> String {
 /// A card for each sequence.
 fn grid(view: &View, set: &str) -> Result<String> {
     let mut out = String::from("<h3>Sequences</h3>\n<ul class=\"grid\">\n");
-    let main = |group| matches!(group, Group::Baseline | Group::Neural | Group::Other);
+    let main = |group| matches!(group, Group::Baseline | Group::Neural | Group::PathTraced | Group::Other);
     for (number, scored) in view.means.sequences(Filter { set: Some(set), ..Filter::default() }) {
         let about = &scored.about;
         write!(out, "<li><a href=\"{}\">", view.pages[number])?;
@@ -207,12 +263,12 @@ fn methods(view: &View) -> String {
 
 fn group(group: Group) -> &'static str {
     match group {
-        Group::Baseline => "Baseline: no network, no rays beyond the camera's.",
+        Group::Baseline => "Baseline: shades what the camera sees; no network, and no rays beyond the camera's.",
         Group::Ablation => "A baseline with a part switched off or on.",
-        Group::Neural => "The network.",
-        Group::PathTraced => "Path tracing.",
-        Group::EqualTime => "Path tracing given the seconds of another method.",
-        Group::Budget => "Path tracing given seconds.",
+        Group::Neural => "A network draws the picture from the G-buffer and the environment; no rays beyond the camera's.",
+        Group::PathTraced => "Path tracing with this many samples per pixel (spp); with OIDN, a denoiser cleans the picture.",
+        Group::EqualTime => "Path tracing with as many samples as fit into the seconds of another method.",
+        Group::Budget => "Path tracing with as many samples as fit into these seconds.",
         Group::Other => "Pictures from elsewhere.",
     }
 }
@@ -227,6 +283,16 @@ fn settings(view: &View) -> String {
     let about = &view.results.about;
     let fixed = [("program", &about.program), ("machine", &about.machine), ("display curve", &about.curve)];
     let mut rows: Vec<(String, String)> = fixed.map(|(name, value)| (name.to_owned(), value.clone())).into();
-    rows.extend(about.settings.iter().cloned());
-    html::facts(&rows)
+    rows.extend(about.settings.iter().filter(|(_, value)| !is_object(value)).cloned());
+    let long: Vec<_> = about.settings.iter().filter(|(_, value)| is_object(value)).cloned().collect();
+    let mut out = html::facts(&rows);
+    if !long.is_empty() {
+        out += &format!("<details><summary>Headers of the networks</summary>\n{}</details>\n", html::facts(&long));
+    }
+    out
+}
+
+/// Whether a setting is a JSON object, which few want to read.
+fn is_object(value: &str) -> bool {
+    value.starts_with('{') && value.ends_with('}')
 }

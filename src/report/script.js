@@ -4,7 +4,7 @@
 const find = (selector, within = document) => within.querySelector(selector);
 const all = (selector, within = document) => [...within.querySelectorAll(selector)];
 
-// Tables: a click on a head sorts by its column, another one turns the order; rows without a value stay last.
+// Tables: a click on a head sorts by its column, the best first; another one turns the order. Rows without a value stay last.
 function sortable(table) {
   const body = table.tBodies[0];
   const heads = all("thead th", table);
@@ -18,13 +18,15 @@ function sortable(table) {
     return null;
   }
   heads.forEach((head, column) => find("button", head).addEventListener("click", () => {
-    const turn = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+    const now = head.getAttribute("aria-sort");
+    const order = now === null ? head.dataset.first ?? "ascending" : now === "ascending" ? "descending" : "ascending";
+    const turn = order === "ascending" ? 1 : -1;
     heads.forEach((other) => other.removeAttribute("aria-sort"));
-    head.setAttribute("aria-sort", turn === 1 ? "ascending" : "descending");
+    head.setAttribute("aria-sort", order);
     const rows = [...body.rows].map((row) => [key(row, column), row]);
     rows.sort(([a], [b]) => {
-      const order = compare(a, b);
-      return order === null ? (typeof a === "number" ? -1 : 1) : turn * order;
+      const difference = compare(a, b);
+      return difference === null ? (typeof a === "number" ? -1 : 1) : turn * difference;
     });
     body.append(...rows.map(([, row]) => row));
   }));
@@ -119,7 +121,8 @@ function comparison(data) {
       const picture = truth ? await pixels(frame(), side.select.value) : null;
       if (turn !== shown) return;
       const fits = picture && picture.width === truth.width && picture.height === truth.height;
-      side.canvas.hidden = !fits;
+      // The truth has no error to show: it stays a picture.
+      side.canvas.hidden = !fits || side.select.value === "truth";
       if (fits) drawError(side.canvas, picture, truth, Number(gain.value));
     }
   }
@@ -153,6 +156,7 @@ function comparison(data) {
     for (const side of sides) {
       const method = side.select.value;
       setPicture(side.picture, address(frame(), method), `${labels.get(method)}, frame ${frame()}`);
+      find(`#${side.name}-name`).textContent = labels.get(method);
     }
     const name = frame() + (data.keyframes.includes(frame()) ? " (key)" : "");
     find("#frame-number").textContent = name;
@@ -165,7 +169,7 @@ function comparison(data) {
   function resize() {
     const factor = Number(zoom.value);
     const room = viewport.parentElement.clientWidth;
-    const width = factor ? factor * data.width : Math.min(room, 640, Math.max(data.width, 0.8 * innerHeight * data.width / data.height));
+    const width = factor ? factor * data.width : Math.min(room, 1200, Math.max(data.width, 0.8 * innerHeight * data.width / data.height));
     stage.style.width = width + "px";
     stage.style.height = width * data.height / data.width + "px";
     stage.classList.toggle("zoomed", factor > 0 && width > room);

@@ -37,11 +37,11 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
     let (data, left_out) = collect(view, scored)?;
     let title = format!("{} - {}", about.name, view.results.about.title);
     let mut body = format!(
-        "<header>\n{}<h1>{}</h1>\n<p>Class {} of set {}: {} frames of {} x {} pixels, {} of them keyframes.</p></header>\n<main>\n",
+        "<header>\n{}<h1>{}</h1>\n<p>Test set: {}. Kind of scene: {}. {} frames of {} x {} pixels, {} of them keyframes.</p></header>\n<main>\n",
         links(view, number),
         escape(&about.name),
-        escape(&about.class),
         escape(&about.set),
+        escape(&about.class),
         about.frames.len(),
         about.width,
         about.height,
@@ -170,12 +170,12 @@ fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Res
         "<div class=\"viewport\" role=\"region\" tabindex=\"0\" aria-label=\"Pictures compared\"><div id=\"stage\" data-width=\"{0}\" data-height=\"{1}\">\n\
          <img id=\"right-picture\" alt=\"right picture\" draggable=\"false\"><canvas id=\"right-error\" hidden></canvas>\n\
          <div id=\"left-half\"><img id=\"left-picture\" alt=\"left picture\" draggable=\"false\"><canvas id=\"left-error\" hidden></canvas></div>\n\
-         <div id=\"grip\" aria-hidden=\"true\"></div></div></div>\n\
+         <div id=\"grip\" aria-hidden=\"true\"></div><span id=\"left-name\" class=\"side\"></span><span id=\"right-name\" class=\"side\"></span></div></div>\n\
          <div class=\"controls wide\"><label>Divide <input type=\"range\" id=\"divide\" min=\"0\" max=\"100\" step=\"1\" value=\"50\" \
          aria-label=\"Divide between left and right picture\"></label>\n\
          <label>Frame <input type=\"range\" id=\"frame\" min=\"0\" max=\"{last}\" step=\"1\" value=\"{first}\" aria-label=\"Frame\"></label> \
          <output id=\"frame-number\" for=\"frame\"></output> <button type=\"button\" id=\"play\" aria-pressed=\"false\">Play</button></div>\n\
-         <p id=\"readout\" class=\"quiet\">Move over the picture to read values (sRGB, 0 to 255).</p>\n",
+         <p id=\"readout\" class=\"quiet\">Point at the picture or touch it to read values (sRGB, 0 to 255).</p>\n",
         about.width, about.height
     )?;
     out += "<p class=\"quiet\">Choose what stands right by its small picture; with Shift, what stands left.</p>\n<ul class=\"strip\">\n";

@@ -111,5 +111,5 @@ pub fn main_table(palette: &Palette, caption: &str, rows: &[Row], of: usize) -> 
 
 /// The meaning of a metric, and which direction is better.
 pub fn direction(metric: &Metric) -> String {
-    format!("{}; {} is better", metric.meaning, if metric.rising { "more" } else { "less" })
+    format!("{}; {}", metric.meaning, if metric.rising { html::MORE } else { "less is better" })
 }

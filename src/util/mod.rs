@@ -13,5 +13,6 @@ pub mod panic;
 pub mod picture;
 pub mod progress;
 pub mod ranges;
+pub mod sheet;
 pub mod stop;
 pub mod text;

@@ -10,30 +10,80 @@ use std::path::Path;
 /// Error maps show |difference| times this.
 pub const ERROR_GAIN: f32 = 4.0;
 
-/// Mean absolute difference over the channels, times [`ERROR_GAIN`], on a black-red-yellow-white scale.
+/// Mean absolute difference over the channels, times [`ERROR_GAIN`], on the scale [`heat`].
 pub fn error_map(a: &Rgb, b: &Rgb) -> Rgb {
     let pixels = a.pixels.iter().zip(&b.pixels).map(|(a, b)| {
         let error = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f32>() / 3.0 * ERROR_GAIN;
-        [0.0, 1.0, 2.0].map(|start| (3.0 * error - start).clamp(0.0, 1.0))
+        heat(error)
     });
     Rgb { width: a.width, height: a.height, pixels: pixels.collect() }
 }
 
-/// Pictures of equal size side by side, the truth first, with their error maps below.
-pub fn montage<'a>(truth: &'a Rgb, others: impl IntoIterator<Item = &'a Rgb>) -> Rgb {
-    let columns: Vec<&Rgb> = std::iter::once(truth).chain(others).collect();
-    let errors: Vec<Rgb> = columns.iter().map(|picture| error_map(picture, truth)).collect();
-    let (width, height) = (truth.width, truth.height);
-    Rgb::from_fn(width * columns.len(), 2 * height, |x, y| {
-        if y < height { *columns[x / width].at(x % width, y) } else { *errors[x / width].at(x % width, y - height) }
+/// Black over red and yellow to white, for numbers from 0 to 1.
+pub fn heat(share: f32) -> [f32; 3] {
+    [0.0, 1.0, 2.0].map(|start| (3.0 * share - start).clamp(0.0, 1.0))
+}
+
+/// The colour of an object or a material in pictures of ids: neighbouring numbers differ much, and 0 (nothing) is black.
+pub fn id_color(id: u32) -> [u8; 3] {
+    if id == 0 {
+        return [0; 3];
+    }
+    // Hues turn by the golden angle; saturation and value change more slowly.
+    let hue = (f64::from(id) * 0.618_033_988_749_895).fract() * 6.0;
+    let value = [1.0, 0.75, 0.55][(id / 5 % 3) as usize];
+    let saturation = [0.75, 0.5][(id / 3 % 2) as usize];
+    [0.0, 4.0, 2.0].map(|turn| {
+        let wave: f64 = ((hue + turn) % 6.0 - 3.0).abs() - 1.0;
+        (255.0 * value * (1.0 - saturation + saturation * wave.clamp(0.0, 1.0))).round() as u8
     })
+}
+
+/// The picture with at most `most` pixels along its longer side; smaller ones stay as they are.
+pub fn reduced(picture: &Rgb, most: usize) -> Rgb {
+    let longer = picture.width.max(picture.height);
+    let values = picture.pixels.as_flattened().to_vec();
+    let buffer = image::Rgb32FImage::from_raw(picture.width as u32, picture.height as u32, values);
+    match buffer {
+        Some(buffer) if longer > most => {
+            let side = |pixels: usize| ((pixels * most) as f64 / longer as f64).round().max(1.0) as u32;
+            let small = image::imageops::thumbnail(&buffer, side(picture.width), side(picture.height));
+            let (width, height) = (small.width() as usize, small.height() as usize);
+            Rgb { width, height, pixels: small.pixels().map(|p| p.0).collect() }
+        }
+        _ => picture.clone(),
+    }
+}
+
+/// Milliseconds that an animation shows each picture.
+const SHOWN: u32 = 100;
+
+/// An endless GIF of pictures of equal size, each shown for a tenth of a second. The bytes depend on the pictures alone.
+///
+/// # Errors
+/// As an item of `pictures`, or when the pictures are too large for a GIF.
+pub fn gif(pictures: impl IntoIterator<Item = Result<Rgb>>) -> Result<Vec<u8>> {
+    let mut out = Vec::new();
+    let mut encoder = image::codecs::gif::GifEncoder::new_with_speed(&mut out, 10);
+    encoder.set_repeat(image::codecs::gif::Repeat::Infinite)?;
+    for picture in pictures {
+        let picture = image::DynamicImage::from(bytes_of(&picture?)?).into_rgba8();
+        let delay = image::Delay::from_numer_denom_ms(SHOWN, 1);
+        encoder.encode_frame(image::Frame::from_parts(picture, 0, 0, delay))?;
+    }
+    drop(encoder);
+    Ok(out)
 }
 
 /// 8-bit PNG of display values in 0..=1.
 pub fn png(image: &Rgb) -> Result<Vec<u8>> {
+    encode(&image::DynamicImage::from(bytes_of(image)?))
+}
+
+/// Display values in 8 bits.
+fn bytes_of(image: &Rgb) -> Result<image::RgbImage> {
     let bytes = image.pixels.iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect();
-    let buffer = image::RgbImage::from_raw(image.width as u32, image.height as u32, bytes).context("picture size")?;
-    encode(&image::DynamicImage::from(buffer))
+    image::RgbImage::from_raw(image.width as u32, image.height as u32, bytes).context("picture size")
 }
 
 fn encode(picture: &image::DynamicImage) -> Result<Vec<u8>> {
@@ -137,4 +187,37 @@ pub fn thumbnail(png: &[u8], side: u32, path: &Path) -> Result<Vec<u8>> {
         return Ok(png.to_vec());
     }
     encode(&picture.thumbnail(side, side))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use renderflow_frame::image::Image;
+
+    #[test]
+    fn neighbouring_ids_have_other_colours() {
+        assert_eq!(id_color(0), [0; 3]);
+        let colors: std::collections::HashSet<[u8; 3]> = (0..64).map(id_color).collect();
+        assert_eq!(colors.len(), 64);
+        let apart = |a: [u8; 3], b: [u8; 3]| a.iter().zip(b).map(|(a, b)| i32::from(a.abs_diff(b))).sum::<i32>();
+        for id in 0..64 {
+            assert!(apart(id_color(id), id_color(id + 1)) > 60, "{id}");
+        }
+    }
+
+    #[test]
+    fn an_animation_holds_each_picture() {
+        use image::AnimationDecoder;
+        let picture = |shift: usize| Image::from_fn(12, 8, |x, y| [((x + shift) % 12) as f32 / 12.0, y as f32 / 8.0, 0.5]);
+        let bytes = gif((0..3).map(|shift| Ok(picture(4 * shift)))).unwrap();
+        assert_eq!(bytes, gif((0..3).map(|shift| Ok(picture(4 * shift)))).unwrap());
+        let decoder = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(&bytes)).unwrap();
+        let frames = decoder.into_frames().collect_frames().unwrap();
+        assert_eq!(frames.len(), 3);
+        for (shift, frame) in frames.iter().enumerate() {
+            assert_eq!((frame.buffer().width(), frame.buffer().height()), (12, 8));
+            let red = frame.buffer().get_pixel(0, 0).0[0];
+            assert!(red.abs_diff((4 * shift * 255 / 12) as u8) < 12, "{shift}: {red}");
+        }
+    }
 }

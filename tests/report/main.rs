@@ -202,10 +202,19 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
     ] {
         assert!(index.contains(text) || index.contains(&text.replace("&#39;", "'")), "{text}");
     }
-    // 1 set of 1 sequence and 1 of 3: a card each with its thumbnail.
+    // 1 set of 1 sequence and 1 of 3: a card each with its thumbnail. Above them stand the truth and the best of three kinds.
     assert_eq!(index.matches("<li><a href=").count(), 4);
-    assert_eq!(index.matches("src=\"data:image/png;base64,").count(), 4);
+    let before = index.split("<nav").next().unwrap();
+    assert_eq!(before.matches("src=\"data:image/png;base64,").count(), 4);
+    assert_eq!(index.matches("src=\"data:image/png;base64,").count(), 4 + 4);
+    assert!(before.contains("<figcaption>Truth</figcaption>") && before.contains(" dB</figcaption>"), "{before}");
+    // One row with keyframes is no best of many.
+    assert!(before.contains("path tracing, <em>Neural</em> is best") && before.contains("<em>Warped</em> scores"), "{before}");
+    // The first click on PSNR puts the best on top; on seconds too.
+    assert!(index.contains("data-first=\"descending\"><button type=\"button\" title=\"") && index.contains("less is better\">"));
     let page = &pages["synthetic-open-first.html"];
+    // Both halves of the picture carry their names.
+    assert!(page.contains("id=\"left-name\"") && page.contains("id=\"right-name\""));
     let data = page.split("id=\"data\">").nth(1).unwrap().split("</script>").next().unwrap();
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
     assert_eq!(data["frames"], serde_json::json!([0, 1, 2, 3, 4]));

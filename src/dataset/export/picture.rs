@@ -42,6 +42,22 @@ pub fn png<S: Sample, const C: usize>(width: usize, height: usize, pixels: impl 
     Ok(file)
 }
 
+/// A PNG whose pixels are the numbers of colours in `palette`, which has three bytes for each colour.
+///
+/// # Errors
+/// When the sizes do not fit together.
+pub fn indexed(width: usize, height: usize, palette: &[u8], pixels: Vec<u8>) -> Result<Vec<u8>> {
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Indexed);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_palette(palette);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&pixels)?;
+    writer.finish()?;
+    Ok(file)
+}
+
 /// 0..=1 in 8 bits, rounded.
 pub fn byte(value: f32) -> u8 {
     (255.0 * value.clamp(0.0, 1.0)).round() as u8

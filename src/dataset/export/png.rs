@@ -1,25 +1,29 @@
-//! Every channel as PNG: `OUT/<split>/seq-000123/<channel>_0007.png` and `data_ranges.json`, which says for each what its numbers
-//! mean.
+//! Every channel as PNG: pictures to look at in `OUT/<split>/seq-000123/<channel>_0007.png`, exact values in `values/` there, and
+//! `data_ranges.json`, which says for each what its numbers mean.
 //!
 //! | file | bits | value |
 //! |---|---|---|
 //! | `rgb` | 3 x 8 | the picture: exposure, sRGB |
-//! | `beauty`, `raw`, `irradiance`, `light.N` | 3 x 16 | twice the bits of the half float: looks like a logarithm, loses nothing |
-//! | `variance` | 3 x 16 | the same of the value rounded to half |
-//! | `alpha` | 16 | n / 65535 |
-//! | `albedo`, `material`, `guide_albedo` | 3 x 16 | n / 65535, linear |
+//! | `albedo` | 3 x 8 | sRGB |
 //! | `normal`, `guide_normal` | 3 x 16 | n / 32767.5 - 1, camera space |
+//! | `material` | 3 x 16 | n / 65535, linear |
+//! | `alpha` | 16 | n / 65535 |
 //! | `depth` | 16 | min + (n - 1) / 65534 (max - min) metres, the sequence's range; 0 = miss |
 //! | `motion`, `motion_prev` | 3 x 16 | min + n / 65535 (max - min) pixels, the sequence's range; x, y, 0 |
-//! | `object_id`, `material_id`, `samples` | 16, or 4 x 8 | the number; in four bytes, lowest first, where one is beyond 65535 |
+//! | `object_id`, `material_id` | 8, palette | the index is the number; as `samples` where one is beyond 255 |
+//! | `values/beauty`, `raw`, `irradiance`, `light.N` | 3 x 16 | twice the bits of the half float, which loses nothing |
+//! | `values/variance` | 3 x 16 | the same of the value rounded to half |
+//! | `values/albedo`, `guide_albedo` | 3 x 16 | n / 65535, linear |
+//! | `values/samples` | 16, or 4 x 8 | the number; in four bytes, lowest first, where one is beyond 65535 |
 
-use super::picture::{byte, png, word};
+use super::picture::{byte, indexed, png, word};
 use super::{Job, displayed};
 use crate::dataset::Sequence;
+use crate::util::picture::id_color;
 use anyhow::Result;
 use half::f16;
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::{Frame, file};
+use renderflow_frame::{Frame, color, file};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -119,19 +123,23 @@ fn pictures(frame: &Frame, exposure: f32, spans: &Spans) -> Result<Vec<(String, 
     for (name, picture) in
         [("beauty", &frame.beauty), ("raw", &frame.raw), ("variance", &frame.variance), ("irradiance", &frame.irradiance)]
     {
-        rgb(name.into(), picture.as_ref(), bits, half_bits)?;
+        rgb(format!("values/{name}"), picture.as_ref(), bits, half_bits)?;
     }
     for (group, picture) in frame.light.iter().enumerate() {
-        rgb(format!("light.{group}"), picture.as_ref(), bits, half_bits)?;
+        rgb(format!("values/light.{group}"), picture.as_ref(), bits, half_bits)?;
     }
-    for (name, picture) in
-        [("albedo", Some(&frame.albedo)), ("material", Some(&frame.material)), ("guide_albedo", frame.guide_albedo.as_ref())]
-    {
+    for (name, picture) in [
+        ("values/albedo", Some(&frame.albedo)),
+        ("values/guide_albedo", frame.guide_albedo.as_ref()),
+        ("material", Some(&frame.material)),
+    ] {
         rgb(name.into(), picture, "n / 65535, linear", word)?;
     }
     for (name, picture) in [("normal", Some(&frame.normal)), ("guide_normal", frame.guide_normal.as_ref())] {
         rgb(name.into(), picture, "n / 32767.5 - 1, camera space", |v| word(0.5 * v + 0.5))?;
     }
+    let albedo = png(width, height, frame.albedo.pixels.iter().map(|p| p.map(|v| byte(color::linear_to_srgb(v)))))?;
+    found.push(("albedo".into(), albedo, plain("sRGB of the albedo, n / 255")));
     found.push(("alpha".into(), png(width, height, frame.alpha.pixels.iter().map(|&a| [word(a)]))?, plain("n / 65535")));
     let depth = |&d: &f32| if d.is_finite() { [1 + (65534.0 * spans.depth.share(d)).round() as u16] } else { [0] };
     let range = |value, span: Span| Range { value, min: Some(span.ends().0), max: Some(span.ends().1) };
@@ -142,14 +150,23 @@ fn pictures(frame: &Frame, exposure: f32, spans: &Spans) -> Result<Vec<(String, 
         let bytes = png(width, height, image.pixels.iter().map(|[x, y]| [word(span.share(*x)), word(span.share(*y)), 0]))?;
         found.push((name.into(), bytes, range("min + n / 65535 (max - min) pixels, +x right, +y down", span)));
     }
-    let ids =
-        [("object_id", Some(&frame.object_id)), ("material_id", Some(&frame.material_id)), ("samples", frame.samples.as_ref())];
+    let ids = [
+        ("object_id", Some(&frame.object_id)),
+        ("material_id", Some(&frame.material_id)),
+        ("values/samples", frame.samples.as_ref()),
+    ];
     for ((name, image), highest) in ids.into_iter().zip(spans.highest) {
         let Some(image) = image else { continue };
-        let (bytes, range) = if highest <= u32::from(u16::MAX) {
-            (png(width, height, image.pixels.iter().map(|&id| [id as u16]))?, plain("n"))
-        } else {
-            (png(width, height, image.pixels.iter().map(|id| id.to_le_bytes()))?, plain("R + 256 G + 65536 B + 16777216 A"))
+        let (bytes, range) = match (u8::try_from(highest), u16::try_from(highest)) {
+            (Ok(highest), _) if !name.starts_with("values/") => {
+                let palette: Vec<u8> = (0..=highest).flat_map(|id| id_color(id.into())).collect();
+                (
+                    indexed(width, height, &palette, image.pixels.iter().map(|&id| id as u8).collect())?,
+                    plain("index of the palette"),
+                )
+            }
+            (_, Ok(_)) => (png(width, height, image.pixels.iter().map(|&id| [id as u16]))?, plain("n")),
+            _ => (png(width, height, image.pixels.iter().map(|id| id.to_le_bytes()))?, plain("R + 256 G + 65536 B + 16777216 A")),
         };
         found.push((name.into(), bytes, range));
     }

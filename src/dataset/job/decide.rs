@@ -11,7 +11,7 @@ use renderflow_renderer::Budget;
 use renderflow_scenes::description::Scene;
 use serde_json::Value::{self, Array, Null, Object};
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Said of a file that is in the way of a render and did not come from one.
 const FOREIGN: &str = "already exists, and nothing in the folder says that this program rendered it; choose another folder";
@@ -115,6 +115,21 @@ impl OpenSequence<'_> {
             earlier.keyframes
         );
         Ok(Work { missing, lengthened })
+    }
+
+    /// Whether the files `paths`, which are made from the frames, may be written after `work`.
+    ///
+    /// # Errors
+    /// When one of them is there, and nothing says that it came from an earlier render.
+    pub fn check_beside(&self, work: &Work, paths: &[PathBuf]) -> Result<()> {
+        let kept = work.missing.len() < self.job.numbers(self.loaded.cameras.len()).count();
+        if kept || self.earlier().is_some() {
+            return Ok(());
+        }
+        match paths.iter().find(|path| output::exists(path)) {
+            Some(path) => bail!("{}: {FOREIGN}", path.display()),
+            None => Ok(()),
+        }
     }
 
     /// Cameras and files of an earlier render in the folder; `None` where there was none.
