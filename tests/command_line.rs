@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{renderflow, stderr, succeed};
+use common::{fail, renderflow, stderr, succeed};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -312,16 +312,26 @@ fn results_are_opened_when_asked() {
     assert_eq!(folder.bytes("opened"), folder.at("out/frame.0000.png").as_bytes());
 }
 
+fn shipped_weights() -> &'static str {
+    concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors")
+}
+
 #[test]
 fn weights_are_told_for_people_and_for_programs() {
     let folder = Folder::new();
     let text = succeed(&["weights"]);
     let header: Value = serde_json::from_str(&succeed(&["weights", "--json"])).unwrap();
     assert!(text.lines().any(|line| line.starts_with("steps ") && line.ends_with(&header["steps"].to_string())), "{text}");
+    // The mean of equal weights is the weights.
+    let mean = folder.at("mean.safetensors");
+    let average = ["weights", "average", shipped_weights(), shipped_weights(), "-o", &mean];
+    succeed(&average);
+    assert!(folder.bytes("mean.safetensors") == std::fs::read(shipped_weights()).unwrap());
+    assert!(fail(&average).contains("is there already"));
+    std::fs::remove_file(mean).unwrap();
     // A folder with two files is both.
-    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors");
     for name in ["a.safetensors", "b.safetensors"] {
-        std::fs::copy(shipped, folder.path(name)).unwrap();
+        std::fs::copy(shipped_weights(), folder.path(name)).unwrap();
     }
     let folder_path = folder.0.path().to_str().unwrap();
     let listed: Value = serde_json::from_str(&succeed(&["weights", "inspect", "--json", folder_path])).unwrap();

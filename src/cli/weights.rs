@@ -35,6 +35,8 @@ enum Command {
     Inspect(Inspect),
     /// Write a Wan or VACE network as one safetensors file, in either layout and any precision
     Convert(Convert),
+    /// Average the weights of several runs of the network that reads samples
+    Average(Average),
 }
 
 /// Lists the content of weights files: safetensors, the index of a set of shards, PyTorch files, or a folder with one of these.
@@ -76,11 +78,30 @@ struct Convert {
     overwrite: bool,
 }
 
+/// Writes the mean of the weights of runs that began with the same weights. Such a mean often keeps what each of the runs has
+/// learned (Wortsman et al. 2022, "Model soups").
+#[derive(Args)]
+#[command(
+    after_help = "Example: renderflow weights average runs/a/weights.safetensors runs/b/weights.safetensors -o mean.safetensors"
+)]
+struct Average {
+    /// Weights files of one network
+    #[arg(required = true, num_args = 2..)]
+    files: Vec<PathBuf>,
+    /// Safetensors file to write, in half precision
+    #[arg(long, short = 'o')]
+    out: PathBuf,
+    /// Replace the file if another one is there
+    #[arg(long)]
+    overwrite: bool,
+}
+
 impl Weights {
     pub fn run(self) -> Result<()> {
         match self.command {
             Some(Command::Inspect(command)) => command.run(),
             Some(Command::Convert(command)) => command.run(),
+            Some(Command::Average(command)) => command.run(),
             None => {
                 let header = match &self.file {
                     None => serde_json::to_value(Fusion::shipped()?.header())?,
@@ -236,6 +257,28 @@ fn object(source: &Source, identity: &Identity) -> Value {
         object.extend(about);
     }
     object
+}
+
+impl Average {
+    fn run(self) -> Result<()> {
+        let out = self.out.display();
+        ensure!(self.overwrite || !output::exists(&self.out), "{out}: is there already; {OVERWRITE}");
+        let networks = self.files.iter().map(|file| Ok(Fusion::load(file)?)).collect::<Result<Vec<Fusion>>>()?;
+        let (Some(first), share) = (networks.first(), 1.0 / networks.len() as f32) else { bail!("no weights are named") };
+        let mut mean = first.parameters();
+        mean.iter_mut().flat_map(|parameter| &mut parameter.values).for_each(|value| *value *= share);
+        for (network, file) in networks.iter().zip(&self.files).skip(1) {
+            let config = &network.header().fusion;
+            ensure!(*config == first.header().fusion, "{}: is a network of another size than the first", file.display());
+            for (mean, added) in mean.iter_mut().zip(network.parameters()) {
+                mean.values.iter_mut().zip(added.values).for_each(|(mean, added)| *mean += share * added);
+            }
+        }
+        let header = networks.iter().map(Fusion::header).max_by_key(|header| header.steps).unwrap_or(first.header());
+        Fusion::with_parameters(header.clone(), &mean)?.save(&self.out, weights::Precision::F16)?;
+        println!("{out}");
+        Ok(())
+    }
 }
 
 impl Convert {

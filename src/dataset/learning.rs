@@ -48,7 +48,7 @@ pub struct Recipe {
     pub samples: Option<[u32; PARTS]>,
     /// Share of the denoised pictures, 0..=1, that OIDN makes in least time. It makes the others with least error.
     pub fast: f64,
-    /// Share of the sequences, 0..=1, that have neither samples nor denoised pictures. They cost a small part of the time of the
+    /// Share of the sequences, 0..=1, that have neither samples nor denoised pictures. They take less time than the
     /// others, and train the tiers that read deferred shading and keyframes alone.
     pub bare: f64,
     /// Samples for each pixel of the truth of a bare sequence.
