@@ -59,7 +59,7 @@ pub struct Recipe {
 
 impl Default for Recipe {
     fn default() -> Self {
-        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4, bare: 0.75, bare_spp: 16, skip: 0 }
+        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4, bare: 0.0, bare_spp: 16, skip: 0 }
     }
 }
 

@@ -38,15 +38,15 @@ const fn with_neighbours(groups: Groups) -> Groups {
 
 /// The combinations that are trained and reported.
 pub const TIERS: [Tier; 10] = [
-    Tier { name: "deferred", groups: DEFERRED, weight: 0.2 },
+    Tier { name: "deferred", groups: DEFERRED, weight: 0.1 },
     Tier { name: "deferred+keys", groups: with_keys(DEFERRED), weight: 0.15 },
-    Tier { name: "rays", groups: RAYS, weight: 0.12 },
+    Tier { name: "rays", groups: RAYS, weight: 0.15 },
     Tier { name: "rays+keys", groups: with_keys(RAYS), weight: 0.05 },
-    Tier { name: "rays+around", groups: with_neighbours(RAYS), weight: 0.08 },
+    Tier { name: "rays+around", groups: with_neighbours(RAYS), weight: 0.1 },
     Tier { name: "rays+around+keys", groups: with_keys(with_neighbours(RAYS)), weight: 0.05 },
-    Tier { name: "denoised", groups: DENOISED, weight: 0.13 },
+    Tier { name: "denoised", groups: DENOISED, weight: 0.15 },
     Tier { name: "denoised+keys", groups: with_keys(DENOISED), weight: 0.05 },
-    Tier { name: "denoised+around", groups: with_neighbours(DENOISED), weight: 0.12 },
+    Tier { name: "denoised+around", groups: with_neighbours(DENOISED), weight: 0.15 },
     Tier { name: "denoised+around+keys", groups: with_keys(with_neighbours(DENOISED)), weight: 0.05 },
 ];
 
