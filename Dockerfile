@@ -8,8 +8,9 @@ RUN sh scripts/fetch_oidn.sh
 RUN cargo build --release --locked
 
 FROM debian:bookworm-slim
-COPY --from=build /source/target/release/renderflow /usr/local/bin/renderflow
-COPY --from=build /source/.oidn/pyoidn/oidn/lib /usr/local/lib/renderflow
+COPY --from=build /source/target/release/renderflow /opt/renderflow/renderflow
+COPY --from=build /source/.oidn/pyoidn/oidn/lib /opt/renderflow/lib
+RUN ln -s /opt/renderflow/renderflow /usr/local/bin/renderflow
 WORKDIR /work
 ENTRYPOINT ["renderflow"]
 CMD ["--help"]

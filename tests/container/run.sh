@@ -15,15 +15,20 @@ if [ ! -f $base/.ready ]; then
     debootstrap --variant=minbase --include=python3,python3-venv bookworm $base "${DEBIAN_MIRROR:-http://deb.debian.org/debian}" >/dev/null
     touch $base/.ready
 fi
+umount $root/proc 2>/dev/null || true
 rm -rf $root
 cp -a $base $root
+# Programs find their own folder there, as on any system that runs.
+mount -t proc proc $root/proc
+trap 'umount $root/proc' EXIT
+trap 'exit 1' INT TERM
 mkdir -p $root/packages
 cp target/dist/renderflow-*.tar.gz target/wheels/renderflow-*.whl $root/packages/
 python3 -m pip download -q --disable-pip-version-check --only-binary :all: --python-version 3.11 --platform manylinux_2_28_x86_64 \
     --platform manylinux2014_x86_64 -d $root/packages numpy "pyoidn==2.5.1.0"
 
 within() {
-    env -i PATH=/usr/local/bin:/usr/bin:/bin HOME=/root chroot $root sh -euc "$1"
+    env -i PATH=/usr/local/bin:/usr/bin:/bin:/usr/sbin HOME=/root chroot $root sh -euc "$1"
 }
 seconds() {
     start=$(date +%s.%N)
@@ -31,6 +36,7 @@ seconds() {
     echo "$1: $(echo "$(date +%s.%N) $start" | awk '{ printf "%.1f", $1 - $2 }') s"
 }
 
+within true
 if within "command -v rustc || command -v cc" >/dev/null; then
     echo "the chroot has a compiler" >&2
     exit 1
@@ -44,11 +50,13 @@ seconds "wheel, pip install to the first picture" \
      /venv/bin/renderflow $picture -o /out-wheel >/dev/null"
 
 # What the second stage of Dockerfile copies, with its commands.
-grep -q 'COPY --from=build /source/target/release/renderflow /usr/local/bin/renderflow' Dockerfile
-grep -q 'COPY --from=build /source/.oidn/pyoidn/oidn/lib /usr/local/lib/renderflow' Dockerfile
-cp target/release/renderflow $root/usr/local/bin/renderflow
-mkdir -p $root/usr/local/lib/renderflow $root/work
-cp -rL .oidn/pyoidn/oidn/lib/. $root/usr/local/lib/renderflow/
+grep -q 'COPY --from=build /source/target/release/renderflow /opt/renderflow/renderflow' Dockerfile
+grep -q 'COPY --from=build /source/.oidn/pyoidn/oidn/lib /opt/renderflow/lib' Dockerfile
+grep -q 'RUN ln -s /opt/renderflow/renderflow /usr/local/bin/renderflow' Dockerfile
+mkdir -p $root/opt/renderflow $root/work
+cp target/release/renderflow $root/opt/renderflow/renderflow
+cp -rL .oidn/pyoidn/oidn/lib $root/opt/renderflow/lib
+within "ln -s /opt/renderflow/renderflow /usr/local/bin/renderflow"
 seconds "container, to the first picture" "cd /work && renderflow $picture -o /out-container >/dev/null"
 
 # One picture, whichever way the program came.

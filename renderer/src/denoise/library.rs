@@ -127,11 +127,11 @@ fn reason(error: &libloading::Error) -> String {
 }
 
 /// Files beside the program where the library may be: in an archive of a release, in an installation, and where `make oidn` puts
-/// it, seen from `target/release` and from `target/release/deps`.
+/// it, seen from `target/release` and from `target/release/deps`. OIDN's libraries find each other in a folder called `lib` only.
 fn places(program: &Path) -> Vec<PathBuf> {
     let Some(folder) = program.parent() else { return Vec::new() };
     let fetched = Path::new(".oidn/pyoidn/oidn/lib");
-    let mut places = vec![folder.join("lib"), folder.join("../lib/renderflow")];
+    let mut places = vec![folder.join("lib"), folder.join("../lib/renderflow/lib")];
     places.extend(folder.ancestors().skip(2).take(2).map(|root| root.join(fetched)));
     places.into_iter().map(|place| place.join(file_name())).collect()
 }
@@ -154,7 +154,7 @@ mod tests {
         let places = places(Path::new("/opt/renderflow/target/release/renderflow"));
         let expected = [
             "/opt/renderflow/target/release/lib",
-            "/opt/renderflow/target/release/../lib/renderflow",
+            "/opt/renderflow/target/release/../lib/renderflow/lib",
             "/opt/renderflow/.oidn/pyoidn/oidn/lib",
             "/opt/.oidn/pyoidn/oidn/lib",
         ];
