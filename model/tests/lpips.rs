@@ -1,4 +1,6 @@
 //! LPIPS against the `lpips` package's own numbers (the fixtures' reference.json), and what happens with bad input.
+mod common;
+
 use renderflow_frame::image::Rgb;
 use renderflow_model::Error;
 use renderflow_model::lpips::{Backbone, Lpips, weights_folder};
@@ -15,7 +17,7 @@ fn named() -> bool {
 
 /// The weights folder, or `None` (with a line that says so) when nobody named one and the default is not there.
 fn weights() -> Option<PathBuf> {
-    let folder = weights_folder().unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/lpips"));
+    let folder = common::lpips_folder();
     if !named() && !folder.join(Backbone::Alex.file_name()).exists() {
         println!("skipped: no LPIPS weights at {}", folder.display());
         return None;

@@ -5,10 +5,10 @@ mod common;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::checkpoint::edit_configuration;
-use common::clip;
+use common::{clip, lpips_folder};
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
-use renderflow_model::lpips::{Backbone, weights_folder};
+use renderflow_model::lpips::Backbone;
 use renderflow_model::parameters::{self, to_vec};
 use renderflow_model::train::{Method, RunConfig};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
@@ -108,11 +108,6 @@ fn keyframes(base: &Path, latents: LatentConfig) -> Stage {
 fn inverse(base: &Path, latents: LatentConfig) -> Stage {
     let network = InverseConfig { lora_rank: 4, ..Default::default() };
     Stage::Inverse { base: base.into(), network, lpips: 0.0, latent: 1.0, latents }
-}
-
-/// The folder with the weights of LPIPS: the one that the environment names, or the one of the test assets.
-fn lpips_folder() -> PathBuf {
-    weights_folder().unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/lpips"))
 }
 
 /// With decoded predictions at every second step, and LPIPS where its weights are.

@@ -143,8 +143,9 @@ def load(
     """Reads a scene file (.json), or puts a model (.gltf, .glb, .obj) on a ground plane under a light.
 
     ``hdri`` is an environment map (.hdr, .exr) or the name of a built-in one; ``hdri_rotation`` turns it, in degrees about +Y.
-    ``set`` changes values of the scene by their paths, as in ``{"materials/0/roughness": 0.2}``. The file may name files in its own folder and in the folders ``allow_files``. Raises :class:`Error` where a file cannot be
-    read or holds something that cannot be rendered.
+    ``set`` changes values of the scene by their paths, as in ``{"materials/0/roughness": 0.2}``. The file may name files in its
+    own folder and in the folders ``allow_files``. Raises :class:`Error` where a file cannot be read or holds something that cannot
+    be rendered.
     """
     asked = {
         "file": os.fspath(path),
@@ -174,12 +175,12 @@ def render(
     ``spp`` is the number of samples per pixel, 1 to 2**24. ``denoise`` is "auto" (OIDN where it is found), "oidn", "neural" (the
     network inside the program, for up to 32 samples), or "none". ``distance`` adds the Euclidean distance to the planar depth.
     Other keyword arguments are settings of the renderer by their names in plans, such as ``light_groups``, ``irradiance`` and
-    ``branches``.
+    ``branches``. Raises :class:`Error` where the frame takes more memory than there is.
 
     Returns a :class:`Frame`: a dict of arrays. The same arguments give the same bytes on every machine with the same kind of
     processor, for any number of threads.
     """
-    options = json.dumps({"spp": spp, "max_bounces": max_bounces, **settings})
+    options = json.dumps({"spp": spp, "max_bounces": max_bounces, **settings}, allow_nan=False)
     return Frame._of(_native.render(scene._native, frame, options, denoise, distance))
 
 
@@ -281,7 +282,7 @@ class Lpips:
 
 
 def lpips(image: ArrayLike, reference: ArrayLike) -> float:
-    """LPIPS (AlexNet) of display values in 0..1. Make an :class:`Lpips` to compare many pictures: this reads the weights each time."""
+    """LPIPS (AlexNet) of display values in 0..1. This reads the weights each time: make an :class:`Lpips` for many pictures."""
     return Lpips()(image, reference)
 
 

@@ -6,8 +6,9 @@ use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use renderflow::metrics::flip::{Seen, Viewing};
+use renderflow::metrics::psnr as psnrs;
 use renderflow::metrics::relmse::same_size;
-use renderflow::metrics::{psnr as psnrs, ssim as ssims};
+use renderflow::metrics::ssim::ssim_map;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_model::lpips::{self, Backbone};
 use std::path::PathBuf;
@@ -46,10 +47,8 @@ pub fn psnr(py: Python<'_>, a: Picture<'_>, b: Picture<'_>, mask: Mask<'_>) -> P
 #[pyo3(signature = (a, b, mask))]
 pub fn ssim(py: Python<'_>, a: Picture<'_>, b: Picture<'_>, mask: Mask<'_>) -> PyResult<f64> {
     let (a, b, mask) = pair(&a, &b, mask.as_ref())?;
-    let value = py.detach(|| {
-        let map = ssims::ssim_map(&a, &b)?;
-        mask.as_ref().map_or(Some(map.mean), |mask| map.masked(mask))
-    });
+    let map = py.detach(|| ssim_map(&a, &b));
+    let value = map.and_then(|map| mask.map_or(Some(map.mean), |mask| map.masked(&mask)));
     defined(value, "a picture of at least 11 x 11 pixels, and a window inside the mask,")
 }
 
@@ -58,11 +57,9 @@ pub fn ssim(py: Python<'_>, a: Picture<'_>, b: Picture<'_>, mask: Mask<'_>) -> P
 #[pyo3(signature = (a, b, mask))]
 pub fn flip(py: Python<'_>, a: Picture<'_>, b: Picture<'_>, mask: Mask<'_>) -> PyResult<f64> {
     let (a, b, mask) = pair(&a, &b, mask.as_ref())?;
-    let value = py.detach(|| {
-        let seen = |picture| Seen::new(picture, Viewing::default());
-        let map = seen(&a)?.compare(&seen(&b)?)?;
-        mask.as_ref().map_or(Some(map.mean), |mask| map.masked(mask))
-    });
+    let seen = |picture| Seen::new(picture, Viewing::default());
+    let map = py.detach(|| seen(&a)?.compare(&seen(&b)?));
+    let value = map.and_then(|map| mask.map_or(Some(map.mean), |mask| map.masked(&mask)));
     defined(value, "a picture with pixels, and a mask with a value above 0,")
 }
 

@@ -8,6 +8,7 @@ use numpy::PyReadonlyArray3;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use renderflow::dataset::job::TruthSettings;
+use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::{Fusion, Record};
 use renderflow_renderer::Settings;
@@ -63,6 +64,7 @@ impl Neural {
                     denoiser.map(|quality| Denoiser::with_options(Options { quality, ..Options::default() })).transpose()?;
                 let settings = Settings { spp: rays, ..Settings::default() };
                 let truth = TruthSettings::with_network(settings, Arc::clone(&self.network), oidn);
+                truth.ensure_memory(&compiled.scene, Profile::Full)?;
                 let (frame, _) = truth.frame(&compiled.scene, &|_, _| (), cancel)?;
                 anyhow::Context::context(frame.beauty, "the renderer made no picture")
             })

@@ -1,17 +1,19 @@
 //! Pictures of scenes, and frames in files.
 
 use crate::arrays;
-use crate::scene::Scene;
+use crate::scene::{Compiled, Scene};
 use crate::work::{self, failed};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
 use renderflow::dataset::denoise::Denoise;
 use renderflow::dataset::job::TruthSettings;
+use renderflow::util::cancel::Cancel;
 use renderflow_frame::Frame;
+use renderflow_frame::frame_file::Profile;
 use renderflow_frame::{compact, frame_file};
 use renderflow_renderer::deferred::{Deferred, Options, shade, shadow_maps};
-use renderflow_renderer::{Settings, render_gbuffer_until};
+use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
 use serde_json::Value;
 use std::path::Path;
 
@@ -43,10 +45,16 @@ pub fn render<'py>(
     scene.check_frame(frame)?;
     let mode: Denoise = serde_json::from_value(Value::from(denoiser)).map_err(|_| unknown(denoiser))?;
     let options = settings(options)?;
+    if options.spp == 0 {
+        return Err(PyValueError::new_err("spp must be at least 1; gbuffer renders without samples"));
+    }
     let rendered = work::run(py, |cancel| {
         let mut truth = TruthSettings::quiet(options, mode)?;
         truth.distance = distance;
-        scene.at(frame, |compiled| Ok(truth.frame(&compiled.scene, &|_, _| (), cancel)?.0))
+        scene.at(frame, |compiled| {
+            truth.ensure_memory(&compiled.scene, Profile::Full)?;
+            Ok(truth.frame(&compiled.scene, &|_, _| (), cancel)?.0)
+        })
     })?;
     arrays::frame(py, rendered)
 }
@@ -60,28 +68,25 @@ fn unknown(denoiser: &str) -> PyErr {
 pub fn gbuffer<'py>(py: Python<'py>, scene: &Scene, frame: u32, options: &str) -> PyResult<Layers<'py>> {
     scene.check_frame(frame)?;
     let options = settings(options)?;
-    let made = work::run(py, |cancel| {
-        scene.at(frame, |compiled| {
-            let made = render_gbuffer_until(&compiled.scene, &options, cancel);
-            cancel.check()?;
-            Ok(made?)
-        })
-    })?;
+    let made = work::run(py, |cancel| scene.at(frame, |compiled| features(&compiled.scene, &options, cancel)))?;
     arrays::frame(py, made)
+}
+
+/// The G-buffer of the frame at which `scene` stands.
+fn features(scene: &RenderScene, options: &Settings, cancel: &Cancel) -> anyhow::Result<Frame> {
+    TruthSettings::new(Settings { spp: 0, ..*options }, Denoise::None)?.ensure_memory(scene, Profile::Full)?;
+    let made = render_gbuffer_until(scene, options, cancel);
+    cancel.check()?;
+    Ok(made?)
 }
 
 /// The G-buffer and the deferred picture of the frame at which `scene` stands.
 ///
 /// # Errors
 /// When stopped, or when the G-buffer cannot be made.
-pub fn shaded(
-    scene: &mut crate::scene::Compiled,
-    cancel: &renderflow::util::cancel::Cancel,
-) -> anyhow::Result<(Frame, Deferred)> {
+pub fn shaded(scene: &mut Compiled, cancel: &Cancel) -> anyhow::Result<(Frame, Deferred)> {
     let lighting = scene.lighting();
-    let made = render_gbuffer_until(&scene.scene, &Settings::default(), cancel);
-    cancel.check()?;
-    let gbuffer = made?;
+    let gbuffer = features(&scene.scene, &Settings::default(), cancel)?;
     let shadows = shadow_maps(&scene.scene, &lighting, &gbuffer);
     let shaded = shade(&gbuffer, &lighting, &shadows, &Options::default());
     Ok((gbuffer, shaded))
@@ -100,6 +105,10 @@ pub fn deferred<'py>(py: Python<'py>, scene: &Scene, frame: u32) -> PyResult<Bou
 #[pyo3(signature = (name, bytes, names))]
 pub fn decode_frame<'py>(py: Python<'py>, name: &str, bytes: &[u8], names: Option<Vec<String>>) -> PyResult<Layers<'py>> {
     let name = Path::new(name);
+    let known: Vec<String> = arrays::names().collect();
+    if let Some(unknown) = names.iter().flatten().find(|name| !known.contains(name)) {
+        return Err(PyKeyError::new_err(format!("{unknown}: no frame has such a layer; there are {}", known.join(", "))));
+    }
     let decoded = py.detach(|| match &names {
         Some(names) if bytes.starts_with(&compact::SIGNATURE) => {
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -115,9 +124,7 @@ pub fn decode_frame<'py>(py: Python<'py>, name: &str, bytes: &[u8], names: Optio
             }
         }
         if let Some(missing) = names.iter().find(|name| !layers.contains(name.as_str()).unwrap_or(false)) {
-            let known: Vec<String> = arrays::names().collect();
-            let reason = if known.contains(missing) { "the frame does not have it" } else { "no frame has such a layer" };
-            return Err(pyo3::exceptions::PyKeyError::new_err(format!("{missing}: {reason}")));
+            return Err(PyKeyError::new_err(format!("{missing}: the frame does not have this layer")));
         }
     }
     Ok((layers, info))

@@ -30,7 +30,7 @@ pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Cancel) -> anyhow::Result
             // The receiver waits until the scope ends.
             let _ = sender.send(work(&flag));
         });
-        spawned?;
+        let worker = spawned?;
         let mut raised = None;
         loop {
             let received;
@@ -48,6 +48,8 @@ pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Cancel) -> anyhow::Result
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => {
+                    // Joined here, a panic, which has printed its reason, becomes an ordinary exception.
+                    let _ = worker.join();
                     return Err(Error::new_err("the work ended without a result: this is a bug"));
                 }
                 Ok(result) => return raised.map_or_else(|| result.map_err(failed), Err),

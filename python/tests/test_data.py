@@ -44,6 +44,9 @@ def test_shards_hold_what_folders_hold(folders):
     for ours, packed_frame in zip(dataset, frames):
         assert np.array_equal(ours["object_id"], packed_frame["object_id"])
         np.testing.assert_allclose(ours["albedo"], packed_frame["albedo"], atol=0.01)
+    for absent, reason in (("colour", "no frame has such a layer"), ("distance", "does not have this layer")):
+        with pytest.raises(KeyError, match=reason):
+            next(data.read_shard(found[0].path, [absent]))
     with pytest.raises(ValueError, match="no split 'trian', but .*train"):
         data.shards(packed, "trian")
 

@@ -72,6 +72,10 @@ def test_wrong_arguments_are_named(scene, tmp_path):
         rf.render(scene, spp=1, sharpness=2)
     with pytest.raises(ValueError, match="denoise: .magic. is none of"):
         rf.render(scene, spp=1, denoise="magic")
+    with pytest.raises(ValueError, match="at least 1"):
+        rf.render(scene, spp=0)
+    with pytest.raises(ValueError):
+        rf.render(scene, spp=1, clamp_indirect=float("inf"))
     with pytest.raises(rf.Error, match="spp"):
         rf.render(scene, spp=0x7FFFFFFF, denoise="none")
     with pytest.raises(rf.Error, match="absent.glb"):
@@ -84,6 +88,20 @@ def test_wrong_arguments_are_named(scene, tmp_path):
         rf.psnr(np.zeros((8, 8, 4)), np.zeros((8, 8, 4)))
     with pytest.raises(ValueError):
         rf.ssim(np.zeros((16, 16, 3)), np.zeros((16, 17, 3)))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of an address space")
+def test_frames_beyond_memory_are_refused():
+    code = (
+        "import renderflow as rf, resource\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))\n"
+        "scene = rf.compose(seed=3, resolution=16384)\n"
+        "for make in (lambda: rf.render(scene, spp=1), lambda: rf.gbuffer(scene), lambda: rf.deferred(scene)):\n"
+        "    try: make()\n"
+        "    except rf.Error as error: print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.count("a frame of 16384 x 16384 pixels") == 3, done.stdout + done.stderr
 
 
 def test_layers_of_a_file(scene, tmp_path):

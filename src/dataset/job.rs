@@ -75,6 +75,15 @@ impl TruthSettings {
         Self { render, sample_map: None, distance: false, watch: None, denoiser }
     }
 
+    /// Refuses frames of `scene` that take more memory than is available. `storage` is how they are stored.
+    ///
+    /// # Errors
+    /// The message has both numbers, and ways to need less.
+    pub fn ensure_memory(&self, scene: &RenderScene, storage: Profile) -> Result<()> {
+        let camera = scene.camera();
+        memory::ensure(self, [camera.width, camera.height], scene.has_light_paths(&self.render), storage)
+    }
+
     /// Name of the denoiser in use.
     pub fn denoiser_name(&self) -> Option<String> {
         self.denoiser.as_ref().map(|denoiser| denoiser.name().to_owned())
@@ -328,9 +337,7 @@ impl OpenSequence<'_> {
             }
         };
         scene.set_frame(number);
-        let camera = scene.camera();
-        let light_paths = scene.has_light_paths(&settings.render);
-        memory::ensure(settings, [camera.width, camera.height], light_paths, self.job.storage)?;
+        settings.ensure_memory(&scene, self.job.storage)?;
         self.describe()?;
         let compile = started.elapsed().as_secs_f64();
         let before = progress.position();

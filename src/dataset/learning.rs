@@ -260,12 +260,12 @@ impl<'a> Maker<'a> {
                     exposure,
                 );
             }
-            let alone = ibl::shade(&rendered.gbuffer, &light);
-            record.add_environment(&alone, exposure);
             if self.bare(seed) {
                 records.push(record);
                 continue;
             }
+            let alone = ibl::shade(&rendered.gbuffer, &light);
+            record.add_environment(&alone, exposure);
             // Truth, samples and neighbours use different random numbers.
             let samples = self.samples(seed, number);
             for (part, spp) in samples.into_iter().enumerate() {

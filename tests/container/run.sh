@@ -12,7 +12,7 @@ base=target/container/debian
 root=target/container/root
 if [ ! -f $base/.ready ]; then
     rm -rf $base
-    debootstrap --variant=minbase --include=python3,python3-venv bookworm $base "${DEBIAN_MIRROR:-http://deb.debian.org/debian}" >/dev/null
+    debootstrap --variant=minbase --include=python3,python3-venv bookworm $base ${DEBIAN_MIRROR:-} >/dev/null
     touch $base/.ready
 fi
 umount $root/proc 2>/dev/null || true

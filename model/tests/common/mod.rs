@@ -9,6 +9,13 @@ use renderflow_frame::ibl;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Camera, Environment, Frame, FrameInfo, Light};
 use renderflow_model::Clip;
+use renderflow_model::lpips::weights_folder;
+use std::path::{Path, PathBuf};
+
+/// The folder with the weights of LPIPS: the one that the environment names, or the one of the test assets.
+pub fn lpips_folder() -> PathBuf {
+    weights_folder().unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/lpips"))
+}
 
 /// A blue-white gradient with a warm spot.
 pub fn sky() -> Environment {
