@@ -1,6 +1,10 @@
 //! Makes frames for training on the fly: composes them from a plan or reads them from a dataset, renders them with few samples
 //! and with many, shades them, and carries keyframes to them.
 
+mod kept;
+
+pub use kept::Kept;
+
 use crate::dataset::Dataset;
 use crate::dataset::plan::Plan;
 use crate::util::cancel::Cancel;
@@ -26,6 +30,7 @@ use renderflow_scenes::description::Scene;
 use renderflow_scenes::seed::Seed;
 use renderflow_scenes::{LoadedScene, load};
 use serde::{Deserialize, Serialize};
+use std::num::NonZeroU64;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -48,19 +53,41 @@ pub struct Recipe {
     pub samples: Option<[u32; PARTS]>,
     /// Share of the denoised pictures, 0..=1, that OIDN makes in least time. It makes the others with least error.
     pub fast: f64,
-    /// Share of the sequences, 0..=1, that have neither samples nor denoised pictures. They take less time than the
-    /// others, and train the tiers that read deferred shading and keyframes alone.
+    /// Share of the sequences, 0..=1, that have neither samples, denoised pictures nor keyframes. They take less time than the
+    /// others, and train the tier that reads deferred shading alone.
     pub bare: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,
+    /// Number of sequences that follow each other before the first one comes again; `None` never repeats one.
+    pub count: Option<NonZeroU64>,
 }
 
 impl Default for Recipe {
     fn default() -> Self {
-        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4, bare: 0.0, bare_spp: 16, skip: 0 }
+        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4, bare: 0.0, bare_spp: 16, skip: 0, count: None }
     }
+}
+
+impl Recipe {
+    /// Index, in the plan or the dataset, of the sequence that is used as sequence `i`.
+    fn index(&self, i: u64) -> u64 {
+        self.count.map_or(i, |count| i % count).saturating_add(self.skip)
+    }
+
+    /// What makes the sequences of a recipe what they are, whichever of them are used.
+    fn content(&self) -> Self {
+        Self { skip: 0, count: None, ..self.clone() }
+    }
+}
+
+/// A source that knows which sequences of the plan or the dataset it uses.
+pub trait Indexed: Source {
+    /// A text that is equal if the sequences of equal [`Self::index`] are.
+    fn content(&self) -> String;
+    /// Index of sequence `i` in the plan or the dataset.
+    fn index(&self, i: u64) -> u64;
 }
 
 /// The sequences of a plan, one after the other. After the last one it continues with other seeds.
@@ -117,7 +144,7 @@ impl<'a> Planned<'a> {
     /// # Errors
     /// When the sequence cannot be composed or rendered.
     pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
-        let i = i.saturating_add(self.maker.recipe.skip);
+        let i = self.maker.recipe.index(i);
         let [first, count] = self.range;
         let (round, index) = (i / u64::from(count), first + (i % u64::from(count)) as u32);
         let seed = Seed::root(self.plan.seed).child("learning", i);
@@ -148,7 +175,7 @@ impl<'a> Recorded<'a> {
     /// # Errors
     /// When the sequence cannot be read or rendered, or when a frame has no beauty, another size or another scene.
     pub fn records(&self, i: u64) -> Result<Vec<Record<f32>>> {
-        let i = i.saturating_add(self.maker.recipe.skip);
+        let i = self.maker.recipe.index(i);
         let count = self.dataset.sequences.len() as u64;
         let mut order: Vec<usize> = (0..count as usize).collect();
         order.shuffle(&mut step_rng(0x6c65_6172, i / count));
@@ -200,6 +227,11 @@ impl<'a> Maker<'a> {
         Self { recipe, denoisers, cancel }
     }
 
+    /// `digest` of the scenes and the recipe, with what else decides the numbers: the denoiser.
+    fn content(&self, digest: &str) -> String {
+        format!("{digest} {}", if self.denoisers.is_some() { "denoised" } else { "raw" })
+    }
+
     /// Draws the number of frames that the recipe asks for from `between`.
     fn some(&self, seed: Seed, mut between: Vec<usize>) -> Vec<usize> {
         while between.len() > self.recipe.frames {
@@ -214,7 +246,7 @@ impl<'a> Maker<'a> {
     }
 
     /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with everything,
-    /// or without samples too if the sequence is bare. `truth` gives the truth of a frame, at which the scene stands.
+    /// or without anything but deferred shading if the sequence is bare. `truth` gives the truth of a frame, at which the scene stands.
     fn records(
         &self,
         loaded: &LoadedScene,
@@ -249,6 +281,10 @@ impl<'a> Maker<'a> {
             let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
             record.add_deferred(&rendered.shaded.terms, exposure);
             record.add_truth(&truth, exposure);
+            if self.bare(seed) {
+                records.push(record);
+                continue;
+            }
             for (k, key) in carried.iter().enumerate() {
                 let distance = keys[k] as f32 - number as f32;
                 let movement = tracks.between(number, keys[k]);
@@ -259,10 +295,6 @@ impl<'a> Maker<'a> {
                     Some(&rendered.shaded.image),
                     exposure,
                 );
-            }
-            if self.bare(seed) {
-                records.push(record);
-                continue;
             }
             let alone = ibl::shade(&rendered.gbuffer, &light);
             record.add_environment(&alone, exposure);
@@ -356,14 +388,37 @@ impl<'a> Maker<'a> {
     }
 }
 
+impl Planned<'_> {
+    fn digest(&self, recipe: &Recipe) -> String {
+        let plan = serde_json::to_string(&(self.plan, recipe, self.range)).unwrap_or_default();
+        blake3::hash(plan.as_bytes()).to_hex().to_string()
+    }
+}
+
 impl Source for Planned<'_> {
     fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
         halved(i, self.records(i))
     }
 
     fn identity(&self) -> String {
-        let plan = serde_json::to_string(&(self.plan, &self.maker.recipe, self.range)).unwrap_or_default();
-        blake3::hash(plan.as_bytes()).to_hex().to_string()
+        self.digest(&self.maker.recipe)
+    }
+}
+
+impl Indexed for Planned<'_> {
+    fn content(&self) -> String {
+        self.maker.content(&self.digest(&self.maker.recipe.content()))
+    }
+
+    fn index(&self, i: u64) -> u64 {
+        self.maker.recipe.index(i)
+    }
+}
+
+impl Recorded<'_> {
+    fn digest(&self, recipe: &Recipe) -> String {
+        let recipe = serde_json::to_string(recipe).unwrap_or_default();
+        blake3::hash(format!("{} {recipe}", self.digest).as_bytes()).to_hex().to_string()
     }
 }
 
@@ -373,8 +428,17 @@ impl Source for Recorded<'_> {
     }
 
     fn identity(&self) -> String {
-        let recipe = serde_json::to_string(&self.maker.recipe).unwrap_or_default();
-        blake3::hash(format!("{} {recipe}", self.digest).as_bytes()).to_hex().to_string()
+        self.digest(&self.maker.recipe)
+    }
+}
+
+impl Indexed for Recorded<'_> {
+    fn content(&self) -> String {
+        self.maker.content(&self.digest(&self.maker.recipe.content()))
+    }
+
+    fn index(&self, i: u64) -> u64 {
+        self.maker.recipe.index(i)
     }
 }
 

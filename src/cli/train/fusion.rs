@@ -4,7 +4,7 @@ use super::monitor::Monitor;
 use super::reference::References;
 use super::{Bars, Train, smallest};
 use crate::dataset::Dataset;
-use crate::dataset::learning::{Planned, Recipe, Recorded};
+use crate::dataset::learning::{Indexed, Kept, Planned, Recipe, Recorded};
 use crate::dataset::plan::Plan;
 use crate::util::cancel::{Cancel, Interrupted};
 use anyhow::{Context, Result, ensure};
@@ -19,11 +19,19 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The options of a run.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Options {
     pub(super) training: Config,
     pub(super) recipe: Recipe,
+    /// Most sequences that the run is validated on, one frame each.
+    pub(super) validation: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { training: Config::default(), recipe: Recipe::default(), validation: 8 }
+    }
 }
 
 impl Options {
@@ -33,7 +41,7 @@ impl Options {
     }
 
     /// The recipe of the frames that a run is validated on.
-    fn validation(&self) -> Recipe {
+    fn validation_recipe(&self) -> Recipe {
         Recipe {
             truth_spp: self.recipe.truth_spp.max(VALIDATION_SPP),
             frames: 1,
@@ -41,6 +49,7 @@ impl Options {
             fast: 0.0,
             bare: 0.0,
             skip: 0,
+            count: None,
             ..self.recipe.clone()
         }
     }
@@ -52,8 +61,6 @@ const CROPS: &str = "training/crops";
 const VALIDATION_SPP: u32 = 128;
 /// Samples per pixel of each part in validation. Each neighbour has as many as the first part.
 const VALIDATION_SAMPLES: [u32; PARTS] = [4, 1, 2, 8];
-/// Most sequences that a run is validated on.
-const VALIDATION_SEQUENCES: u32 = 8;
 
 impl Train {
     /// Refuses options outside their ranges, and flags of the other network.
@@ -88,12 +95,13 @@ impl Train {
             return Ok(());
         }
         let bars = Bars::new(options.training.first);
-        let tested = Planned::new(&plan, [counts.train, counts.val], options.validation(), cancel);
+        let tested = Planned::new(&plan, [counts.train, counts.val], options.validation_recipe(), cancel);
         if !tested.denoises() {
             bars.note("OIDN is not found: the network learns from noisy truth");
         }
-        let validation = validation(&bars, counts.val, &|i| tested.records(i), cancel)?;
-        self.learn_beside(options, &training, &validation, &bars, cancel)
+        let count = counts.val.min(options.validation);
+        let validation = self.kept(&tested, &|tested| validation(&bars, count, tested, cancel))?;
+        self.kept(&training, &|training| self.learn_beside(options, training, &validation, &bars, cancel))
     }
 
     fn learn_from_dataset(&self, options: &Options, data: &Path, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
@@ -117,10 +125,19 @@ impl Train {
         };
         let mut records = Vec::new();
         if let Some(held_out) = &held_out {
-            let tested = Recorded::new(held_out, allowed, options.validation(), cancel)?;
-            records = validation(&bars, held_out.sequences.len() as u32, &|i| tested.records(i), cancel)?;
+            let tested = Recorded::new(held_out, allowed, options.validation_recipe(), cancel)?;
+            let count = options.validation.min(held_out.sequences.len() as u32);
+            records = self.kept(&tested, &|tested| validation(&bars, count, tested, cancel))?;
         }
-        self.learn_beside(options, &training, &records, &bars, cancel)
+        self.kept(&training, &|training| self.learn_beside(options, training, &records, &bars, cancel))
+    }
+
+    /// Calls `with` with a source, or with the folder that keeps its sequences if there is one.
+    fn kept<T>(&self, source: &dyn Indexed, with: &dyn Fn(&dyn Source) -> Result<T>) -> Result<T> {
+        match &self.keep {
+            Some(folder) => with(&Kept::new(source, folder)?),
+            None => with(source),
+        }
     }
 
     fn learn_beside(
@@ -162,19 +179,13 @@ fn listed(psnr: &BTreeMap<String, f32>) -> String {
     psnr.iter().map(|(name, psnr)| format!("{name} {psnr:.2}")).collect::<Vec<_>>().join(", ")
 }
 
-/// One frame of each of the first sequences, of which there are `count`.
-fn validation(
-    bars: &Bars,
-    count: u32,
-    records: &dyn Fn(u64) -> Result<Vec<Record<f32>>>,
-    cancel: &Cancel,
-) -> Result<Vec<Record<f16>>> {
-    let count = count.min(VALIDATION_SEQUENCES);
+/// One frame of each of the first `count` sequences.
+fn validation(bars: &Bars, count: u32, source: &dyn Source, cancel: &Cancel) -> Result<Vec<Record<f16>>> {
     let mut validation = Vec::new();
     for i in 0..count {
         bars.loading.message(format!("validation, sequence {} of {count}", i + 1));
         // The last record of a sequence has all inputs.
-        validation.extend(records(i.into())?.pop().map(|record| record.to_half()));
+        validation.extend(source.make(i.into())?.pop());
         ensure!(!cancel.is_set(), Interrupted);
     }
     Ok(validation)

@@ -1,0 +1,256 @@
+//! Sequences for training that were made once and are kept in a folder, so that later runs read them instead of rendering them.
+//!
+//! A sequence is one safetensors file: a tensor of bytes for each frame, and what else a [`Record`] holds as JSON in the metadata.
+//! The bytes are one zstd frame with a checksum. They are the planes of `[at::COUNT][height][width]` half floats, first the high
+//! byte of every number and then the low byte, which makes them a third smaller.
+
+use super::Indexed;
+use anyhow::{Context, Result, ensure};
+use half::f16;
+use rayon::prelude::*;
+use renderflow_frame::file;
+use renderflow_model::fusion::Record;
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, at};
+use renderflow_model::fusion::training::Source;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+/// Changes when sequences of the same plan and recipe get other numbers.
+const VERSION: u32 = 1;
+/// The entry of the metadata.
+const HEADER: &str = "renderflow_records";
+/// Strength of the compression; more is slower and hardly smaller.
+const LEVEL: i32 = 1;
+
+/// A record without its pixels.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    width: usize,
+    height: usize,
+    deferred: bool,
+    distances: [Option<f32>; KEYS],
+    parts: [u32; PARTS],
+    neighbours: [u32; NEIGHBOURS],
+    denoised: [bool; PICTURES],
+}
+
+/// A source whose sequences are kept in a folder.
+pub struct Kept<'a> {
+    source: &'a dyn Indexed,
+    folder: PathBuf,
+}
+
+impl<'a> Kept<'a> {
+    /// Keeps the sequences of `source` inside `folder`. Sources that differ have folders of their own there.
+    ///
+    /// # Errors
+    /// When the folder cannot be made.
+    pub fn new(source: &'a dyn Indexed, folder: &Path) -> Result<Self> {
+        let name = blake3::hash(format!("{VERSION} {} {}", at::COUNT, source.content()).as_bytes()).to_hex();
+        let folder = folder.join(&name[..16]);
+        std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
+        Ok(Self { source, folder })
+    }
+
+    /// The records of sequence `i`: from the folder, or made and then kept there.
+    ///
+    /// # Errors
+    /// When the sequence is not there and cannot be made. A file that cannot be read or written is reported as a warning.
+    pub fn records(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+        let path = self.folder.join(format!("{:06}.safetensors", self.source.index(i)));
+        if path.is_file() {
+            match file::read(&path).map_err(anyhow::Error::from).and_then(|bytes| decode(&bytes)) {
+                Ok(records) => return Ok(records),
+                Err(error) => tracing::warn!("{}: {error:#}; it is made once more", path.display()),
+            }
+        }
+        let records = self.source.make(i)?;
+        if let Err(error) = encode(&records).and_then(|bytes| Ok(file::write_atomic(&path, &bytes)?)) {
+            tracing::warn!("the sequence is used but not kept: {error:#}");
+        }
+        Ok(records)
+    }
+}
+
+impl Source for Kept<'_> {
+    fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+        self.records(i)
+    }
+
+    fn identity(&self) -> String {
+        self.source.identity()
+    }
+}
+
+/// The file of a sequence.
+fn encode(records: &[Record<f16>]) -> Result<Vec<u8>> {
+    let blocks = records.par_iter().map(pack).collect::<Result<Vec<_>>>()?;
+    let headers: Vec<Header> = records
+        .iter()
+        .map(|record| Header {
+            width: record.width,
+            height: record.height,
+            deferred: record.deferred,
+            distances: record.distances,
+            parts: record.parts,
+            neighbours: record.neighbours,
+            denoised: record.denoised,
+        })
+        .collect();
+    let mut tensors = Vec::new();
+    for (i, block) in blocks.iter().enumerate() {
+        tensors.push((format!("{i:03}"), TensorView::new(Dtype::U8, vec![block.len()], block)?));
+    }
+    let metadata = HashMap::from([(HEADER.to_owned(), serde_json::to_string(&headers)?)]);
+    Ok(safetensors::serialize(tensors, Some(metadata))?)
+}
+
+/// The sequence in a file.
+fn decode(bytes: &[u8]) -> Result<Vec<Record<f16>>> {
+    let tensors = SafeTensors::deserialize(bytes)?;
+    let (_, metadata) = SafeTensors::read_metadata(bytes)?;
+    let header = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER));
+    let headers: Vec<Header> = serde_json::from_str(header.context("does not hold sequences for training")?)?;
+    let frame = |(i, header): (usize, Header)| unpack(header, tensors.tensor(&format!("{i:03}"))?.data());
+    headers.into_iter().enumerate().collect::<Vec<_>>().into_par_iter().map(frame).collect()
+}
+
+/// The pixels of a record, by planes and compressed.
+fn pack(record: &Record<f16>) -> Result<Vec<u8>> {
+    let count = record.width * record.height;
+    let mut planes = vec![0; 2 * count * at::COUNT];
+    let (high, low) = planes.split_at_mut(count * at::COUNT);
+    for (p, pixel) in record.pixels.chunks_exact(at::COUNT).enumerate() {
+        for (channel, value) in pixel.iter().enumerate() {
+            [low[channel * count + p], high[channel * count + p]] = value.to_le_bytes();
+        }
+    }
+    let mut encoder = zstd::Encoder::new(Vec::new(), LEVEL)?;
+    encoder.include_checksum(true)?;
+    encoder.write_all(&planes)?;
+    Ok(encoder.finish()?)
+}
+
+/// The record that [`pack`] compressed.
+fn unpack(header: Header, block: &[u8]) -> Result<Record<f16>> {
+    let Header { width, height, deferred, distances, parts, neighbours, denoised } = header;
+    let size = width.checked_mul(height).and_then(|count| count.checked_mul(2 * at::COUNT));
+    let size = size.filter(|size| *size > 0 && *size <= 1 << 32).context("a frame of impossible size")?;
+    let mut planes = Vec::new();
+    zstd::Decoder::new(block)?.take(size as u64 + 1).read_to_end(&mut planes)?;
+    ensure!(planes.len() == size, "a frame of {} bytes where its header says {size}", planes.len());
+    let count = width * height;
+    let (high, low) = planes.split_at(count * at::COUNT);
+    let mut pixels = vec![f16::ZERO; count * at::COUNT];
+    for (p, pixel) in pixels.chunks_exact_mut(at::COUNT).enumerate() {
+        for (channel, value) in pixel.iter_mut().enumerate() {
+            *value = f16::from_le_bytes([low[channel * count + p], high[channel * count + p]]);
+        }
+    }
+    Ok(Record { width, height, pixels, deferred, distances, parts, neighbours, denoised })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// Three frames a sequence, and the number of sequences that were made.
+    struct Counted(AtomicU64);
+
+    impl Source for Counted {
+        fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            let frame = |f: usize| {
+                let mut record = Record::<f32>::new(16 + 16 * f, 8);
+                record.pixels.iter_mut().enumerate().for_each(|(k, v)| *v = (k as f32 * 0.37 + i as f32 + f as f32).sin());
+                record.pixels[3] = f32::NEG_INFINITY;
+                Record {
+                    deferred: f == 0,
+                    distances: [Some(-3.0), None],
+                    parts: [4, 1, 0, 0],
+                    neighbours: [1, 0, 0, 2],
+                    denoised: [true, false, false, false, true, false],
+                    ..record.to_half()
+                }
+            };
+            Ok((0..3).map(frame).collect())
+        }
+
+        fn identity(&self) -> String {
+            "counted".into()
+        }
+    }
+
+    impl Indexed for Counted {
+        fn content(&self) -> String {
+            "counted".into()
+        }
+
+        fn index(&self, i: u64) -> u64 {
+            i + 7
+        }
+    }
+
+    fn same(a: &[Record<f16>], b: &[Record<f16>]) -> bool {
+        let bits = |record: &Record<f16>| -> Vec<u16> { record.pixels.iter().map(|v| v.to_bits()).collect() };
+        a.len() == b.len()
+            && a.iter().zip(b).all(|(a, b)| {
+                (a.width, a.height, a.deferred, a.distances) == (b.width, b.height, b.deferred, b.distances)
+                    && (a.parts, a.neighbours, a.denoised) == (b.parts, b.neighbours, b.denoised)
+                    && bits(a) == bits(b)
+            })
+    }
+
+    #[test]
+    fn a_sequence_is_made_once_and_read_to_the_last_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let source = Counted(AtomicU64::new(0));
+        let kept = Kept::new(&source, folder.path()).unwrap();
+        let made = kept.records(2).unwrap();
+        assert!(same(&made, &source.make(2).unwrap()));
+        assert!(same(&kept.records(2).unwrap(), &made));
+        assert_eq!(source.0.load(Ordering::Relaxed), 2);
+        assert!(kept.folder.join("000009.safetensors").is_file());
+        // Another run finds it too.
+        assert!(same(&Kept::new(&source, folder.path()).unwrap().records(2).unwrap(), &made));
+        assert_eq!(source.0.load(Ordering::Relaxed), 2);
+    }
+
+    #[test]
+    fn a_damaged_sequence_is_made_once_more() {
+        let folder = tempfile::tempdir().unwrap();
+        let source = Counted(AtomicU64::new(0));
+        let kept = Kept::new(&source, folder.path()).unwrap();
+        let made = kept.records(0).unwrap();
+        let path = kept.folder.join("000007.safetensors");
+        let whole = std::fs::read(&path).unwrap();
+        let flipped = |at: usize| {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 0x10;
+            bytes
+        };
+        let half = whole.len() / 2;
+        let cases = [whole[..half].to_vec(), flipped(whole.len() - 9), flipped(half), b"{}".to_vec(), Vec::new()];
+        for (case, damaged) in cases.into_iter().enumerate() {
+            std::fs::write(&path, damaged).unwrap();
+            assert!(same(&kept.records(0).unwrap(), &made), "case {case}");
+            assert_eq!(source.0.load(Ordering::Relaxed), 2 + case as u64, "case {case}");
+            assert!(std::fs::read(&path).unwrap() == whole, "case {case}: the file is whole again");
+        }
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_written_does_not_stop_a_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let source = Counted(AtomicU64::new(0));
+        let kept = Kept::new(&source, folder.path()).unwrap();
+        std::fs::remove_dir(&kept.folder).unwrap();
+        std::fs::write(&kept.folder, b"a file").unwrap();
+        assert_eq!(kept.records(0).unwrap().len(), 3);
+    }
+}
