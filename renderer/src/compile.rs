@@ -217,6 +217,40 @@ impl RenderScene {
         &self.cameras[frame.min(self.cameras.len() - 1)]
     }
 
+    /// Looks at every frame with `camera`, whose origin is the one of the scene's own cameras ([`Self::camera`]).
+    pub fn look_with(&mut self, camera: Camera) {
+        self.cameras.fill(camera);
+    }
+
+    /// Gives material `number` other parameters, each limited to 0..=1, and keeps its textures. It no longer changes along the
+    /// sequence. Where no material of the scene was anisotropic when it was compiled, anisotropy has no direction and no effect.
+    ///
+    /// # Errors
+    /// When there is no such material.
+    pub fn set_surface(&mut self, number: usize, surface: &Principled) -> Result<()> {
+        let count = self.materials.len();
+        let Some(material) = self.materials.get_mut(number) else {
+            return Err(Error::inconsistent("materials", format!("{number} does not exist, there are {count}")));
+        };
+        self.changing.retain(|(changing, _)| *changing != number);
+        material.surface = surface.clamped();
+        if let Some(bsdf) = self.bsdfs.get_mut().and_then(|bsdfs| bsdfs[number].as_mut()) {
+            *bsdf = Prepared::new(&material.surface);
+        }
+        self.features = features(&self.materials, &self.geometry.instances, self.lights.environment());
+        Ok(())
+    }
+
+    /// Turns the environment to `rotation` (radians) about +Y. The exposure stays.
+    pub fn turn_environment(&mut self, rotation: f32) {
+        if rotation == self.light.environment.rotation {
+            return;
+        }
+        self.light = Arc::new(self.light.turned(rotation));
+        self.lights = LightSampler::new(self.lights.environment().turned(rotation), []);
+        self.place_emitters();
+    }
+
     /// Gives every frame's camera another resolution, the view kept.
     pub fn set_resolution(&mut self, width: usize, height: usize) {
         for camera in &mut self.cameras {

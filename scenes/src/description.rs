@@ -148,14 +148,24 @@ impl CameraPath {
     /// Camera of `frame`, counted from 0, for an image of `resolution` pixels (width, height); placed relative to
     /// [`Self::origin`].
     pub fn at(&self, frame: u32, resolution: [u32; 2]) -> Camera {
+        self.at_from(frame, resolution, self.origin())
+    }
+
+    /// As [`Self::at`], placed relative to `origin`, a point of the world in metres.
+    pub fn at_from(&self, frame: u32, resolution: [u32; 2], origin: DVec3) -> Camera {
         let View { eye, target, up, vertical_fov } = self.view(frame);
-        let origin = self.origin();
         // The direction from the difference in double precision, whatever the place and the distance.
         let ahead = (target - eye).normalize_or(DVec3::NEG_Z).as_vec3a();
         let [width, height] = resolution.map(|v| v as usize);
         let mut camera = Camera::look_at(Vec3A::ZERO, ahead, up, vertical_fov.to_radians(), width, height);
         camera.camera_to_world.translation = (eye - origin).as_vec3a();
         Camera { origin, ..camera }
+    }
+
+    /// The pose at `frame`, counted from 0, and the vertical field of view in degrees.
+    pub fn pose(&self, frame: u32) -> (Pose, f32) {
+        let View { eye, target, up, vertical_fov } = self.view(frame);
+        (Pose { eye: eye.to_array(), target: target.to_array(), up: up.to_array() }, vertical_fov)
     }
 
     /// The point of the world that cameras and objects of the sequence are counted from, metres: [`near_origin`] of the first

@@ -231,6 +231,25 @@ fn points_lines_and_flat_nodes_are_skipped_and_noted() {
 }
 
 #[test]
+fn cameras_and_animations_are_noted() {
+    let mut file = square();
+    let camera = json!({ "type": "perspective", "perspective": { "yfov": 0.7, "znear": 0.1 } });
+    file["cameras"] = json!([camera, camera]);
+    file["nodes"] = json!([{ "mesh": 0, "camera": 1 }]);
+    file["accessors"].as_array_mut().unwrap().push(json!({
+        "bufferView": 0, "componentType": FLOAT, "type": "SCALAR", "count": 4, "min": [0.0], "max": [1.0]
+    }));
+    file["animations"] = json!([{
+        "samplers": [{ "input": 1, "output": 0 }],
+        "channels": [{ "sampler": 0, "target": { "node": 0, "path": "translation" } }]
+    }]);
+    let notes = File::new(&file).load().unwrap().report.notes.join("\n");
+    for expected in ["2 cameras of the file are not used", "1 animation of the file is not played"] {
+        assert!(notes.contains(expected), "{expected:?} is not in\n{notes}");
+    }
+}
+
+#[test]
 fn parts_share_an_object_and_have_names_of_their_own() {
     let mut file = square();
     file["nodes"] = json!([{ "mesh": 0, "name": "leg" }, { "mesh": 0, "name": "leg", "translation": [2, 0, 0] }]);

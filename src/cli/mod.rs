@@ -20,6 +20,7 @@ mod slurm;
 mod stress;
 mod testset;
 mod train;
+mod view;
 mod weights;
 
 use crate::dataset::denoise::Denoise;
@@ -63,6 +64,8 @@ enum Command {
     Demo(demo::Demo),
     /// Path-trace a scene or a model file: one EXR (and PNG) a frame
     Render(render::Render),
+    /// Look at a scene in the browser: orbit, change materials and light, compare methods
+    View(view::View),
     /// Write a procedurally composed scene as JSON
     Compose(compose::Compose),
     /// Check whether scenes, models, maps, frames, weights and datasets can be used
@@ -126,6 +129,7 @@ fn run(cli: Cli) -> Result<()> {
     match cli.command {
         Command::Demo(command) => command.run(&allowed, &cancel),
         Command::Render(command) => command.run(&allowed, &cancel),
+        Command::View(command) => command.run(&allowed, &cancel),
         Command::Compose(command) => command.run(),
         Command::Check(command) => stop::at_once(stop::NOTHING_TO_RESUME, || command.run(&allowed)),
         Command::Bench { .. } => clap::Error::raw(ErrorKind::InvalidSubcommand, BENCH_MOVED).exit(),

@@ -11,6 +11,7 @@ use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, within};
 use crate::util::stop;
+use crate::util::tev::Tev;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::frame_file::Profile;
@@ -86,6 +87,9 @@ pub struct Render {
     /// Distance between keyframes, in frames
     #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES), help_heading = "Output")]
     keyframe_gap: u32,
+    /// Show the pictures in tev while they are rendered; by itself, tev listens at 127.0.0.1:14158
+    #[arg(long, value_name = "HOST:PORT", help_heading = "Output")]
+    tev: Option<String>,
     #[command(flatten)]
     open: OpenArgs,
     /// Reference picture. Seconds and error are printed each time the samples have doubled, six times up to --spp. It may be a
@@ -189,10 +193,18 @@ impl Render {
         };
         let mut settings = TruthSettings::new(render, self.trace.denoise)?;
         (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);
+        let viewer = self.tev.as_deref().map(Tev::connect).transpose()?;
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
-        if let Some(target) = target {
-            let printer = Arc::clone(&progress);
-            settings.watch = Some(Watch::new(target, move |line| printer.print(line)));
+        if target.is_some() || viewer.is_some() {
+            let mut watch = Watch::default();
+            if let Some(target) = target {
+                let printer = Arc::clone(&progress);
+                watch = watch.compare(target, move |line| printer.print(line));
+            }
+            if let Some(viewer) = viewer {
+                watch = watch.show(viewer);
+            }
+            settings.watch = Some(watch);
         }
         let job = SequenceJob {
             scene,
@@ -247,7 +259,7 @@ fn replace(path: &Path, bytes: Vec<u8>) -> Result<()> {
 /// its reference.
 fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<Frame> {
     let frame = exr::read(path)?;
-    if let (Some(watch), Some(raw)) = (watch, &frame.raw) {
+    if let (Some(watch), Some(raw)) = (watch.filter(|watch| watch.compares()), &frame.raw) {
         progress.print(&Errors::heading());
         watch.after(&frame.info.spp.to_string(), raw, frame.info.exposure)?;
     }

@@ -21,16 +21,46 @@ pub fn display(frame: &Frame) -> Option<Rgb> {
     Some(beauty.map(|p| color::display(*p, frame.info.exposure)))
 }
 
+/// A channel of the G-buffer that people look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// Base colour.
+    Albedo,
+    /// Normal in camera space, -1..=1 as 0..=1.
+    Normal,
+    /// Depth on a logarithmic scale.
+    Depth,
+    /// Roughness, metallic and specular as red, green and blue.
+    Material,
+    /// A colour for each object.
+    Objects,
+    /// A colour for each material.
+    Materials,
+}
+
+impl Channel {
+    const ALL: [Self; 6] = [Self::Albedo, Self::Normal, Self::Depth, Self::Material, Self::Objects, Self::Materials];
+
+    /// The channel of `frame` as a picture.
+    pub fn tile(self, frame: &Frame) -> Tile {
+        match self {
+            Self::Albedo => Tile::new("albedo", frame.albedo.map(|p| p.map(color::linear_to_srgb))),
+            Self::Normal => {
+                let axes = |n: &[f32; 3]| if *n == [0.0; 3] { *n } else { n.map(|v| 0.5 * v + 0.5) };
+                Tile::new("normal", frame.normal.map(axes))
+            }
+            Self::Depth => depth(&frame.depth),
+            Self::Material => Tile::new("material (rough/metal/spec)", frame.material.clone()),
+            Self::Objects => Tile::new("object ids", ids(&frame.object_id)),
+            Self::Materials => Tile::new("material ids", ids(&frame.material_id)),
+        }
+    }
+}
+
 /// The channels that the frame has, as pictures.
 pub fn tiles(frame: &Frame) -> Vec<Tile> {
     let mut tiles: Vec<Tile> = display(frame).map(|picture| Tile::new("beauty", picture)).into_iter().collect();
-    tiles.push(Tile::new("albedo", frame.albedo.map(|p| p.map(color::linear_to_srgb))));
-    let axes = |n: &[f32; 3]| if *n == [0.0; 3] { *n } else { n.map(|v| 0.5 * v + 0.5) };
-    tiles.push(Tile::new("normal", frame.normal.map(axes)));
-    tiles.push(depth(&frame.depth));
-    tiles.push(Tile::new("material (rough/metal/spec)", frame.material.clone()));
-    tiles.push(Tile::new("object ids", ids(&frame.object_id)));
-    tiles.push(Tile::new("material ids", ids(&frame.material_id)));
+    tiles.extend(Channel::ALL.map(|channel| channel.tile(frame)));
     if let Some(motion) = &frame.motion {
         let length = motion.map(|[x, y]| x.hypot(*y));
         let most = length.pixels.iter().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);

@@ -1,6 +1,6 @@
 //! Renders the ground truth of a sequence: path tracing, denoising, G-buffers, one file for each frame. The work can be resumed.
 
-mod clean;
+pub mod clean;
 mod decide;
 pub(crate) mod memory;
 pub mod watch;
@@ -43,7 +43,7 @@ pub struct TruthSettings {
     pub sample_map: Option<PathBuf>,
     /// Whether frames hold the Euclidean distance as well as the depth.
     pub distance: bool,
-    /// Compares the picture with a reference while it is rendered.
+    /// Looks at the picture while it is rendered.
     pub watch: Option<Watch>,
     denoiser: Option<Cleaner>,
 }
@@ -154,6 +154,9 @@ impl TruthSettings {
             if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
                 watch.after("denoised", beauty, scene.exposure())?;
             }
+        }
+        if let Some(watch) = &self.watch {
+            watch.finish(scene, &frame);
         }
         Ok((frame, [traced, started.elapsed().as_secs_f64() - traced]))
     }

@@ -15,4 +15,5 @@ pub mod progress;
 pub mod ranges;
 pub mod sheet;
 pub mod stop;
+pub mod tev;
 pub mod text;

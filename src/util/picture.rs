@@ -80,6 +80,17 @@ pub fn png(image: &Rgb) -> Result<Vec<u8>> {
     encode(&image::DynamicImage::from(bytes_of(image)?))
 }
 
+/// As [`png`], in a tenth of the time and a larger file.
+///
+/// # Errors
+/// As [`png`].
+pub fn quick_png(image: &Rgb) -> Result<Vec<u8>> {
+    use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+    let mut out = Vec::new();
+    bytes_of(image)?.write_with_encoder(PngEncoder::new_with_quality(&mut out, CompressionType::Fast, FilterType::Sub))?;
+    Ok(out)
+}
+
 /// Display values in 8 bits.
 fn bytes_of(image: &Rgb) -> Result<image::RgbImage> {
     let bytes = image.pixels.iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect();

@@ -57,6 +57,12 @@ impl IblTables {
         }
     }
 
+    /// Turns the tables to the rotation (radians) that their environment now has.
+    pub fn turn(&mut self, rotation: f32) {
+        self.irradiance_map.rotation = rotation;
+        self.prefiltered_maps.iter_mut().for_each(|map| map.rotation = rotation);
+    }
+
     /// Integral of L max(0, n.w) dw over the environment for a world-space unit normal, divided by pi.
     #[inline]
     pub fn irradiance(&self, n: Vec3A) -> [f32; 3] {

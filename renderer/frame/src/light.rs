@@ -26,6 +26,19 @@ impl Light {
         Self { exposure: OnceLock::from(exposure), ..Self::new(environment) }
     }
 
+    /// This light with its environment turned to `rotation` (radians). Tables that were made turn with it.
+    pub fn turned(&self, rotation: f32) -> Self {
+        let mut turned = self.clone();
+        turned.environment.rotation = rotation;
+        if let Some(tables) = turned.tables.get_mut() {
+            tables.turn(rotation);
+        }
+        if let Some(irradiance) = turned.irradiance.get_mut() {
+            irradiance.rotation = rotation;
+        }
+        turned
+    }
+
     /// Factor from scene radiance to display-linear.
     pub fn exposure(&self) -> f32 {
         *self.exposure.get_or_init(|| ibl::exposure(&self.environment))
@@ -73,6 +86,15 @@ mod tests {
         assert_eq!(light.irradiance_map(), &tables.irradiance_map);
         assert_eq!(light.tables().prefiltered_maps, tables.prefiltered_maps);
         assert_eq!(light.irradiance_map(), &tables.irradiance_map);
-        assert_eq!(Light::with_exposure(environment, 0.25).exposure(), 0.25);
+        assert_eq!(Light::with_exposure(environment.clone(), 0.25).exposure(), 0.25);
+
+        // A light that is turned is the one that was made so.
+        let again = Light::new(Environment { rotation: -1.3, ..environment });
+        for turned in [light.turned(-1.3), Light::new(light.environment.clone()).turned(-1.3)] {
+            assert_eq!(turned.environment, again.environment);
+            assert_eq!(turned.exposure(), again.exposure());
+            assert_eq!(turned.tables().irradiance_map, again.tables().irradiance_map);
+            assert_eq!(turned.tables().prefiltered_maps, again.tables().prefiltered_maps);
+        }
     }
 }

@@ -1,10 +1,11 @@
 //! The light of a sequence as deferred shading uses it: dominant lights and the rest of the environment.
 
 use super::shadow_map::ShadowMap;
-use super::sky::{SkyCell, sky_cells};
+use super::sky::{SkyCell, coarse, sky_cells};
+use glam::Quat;
 use renderflow_frame::environment::DominantLight;
 use renderflow_frame::ibl::{self, IblTables, Shading};
-use renderflow_frame::{Frame, Light};
+use renderflow_frame::{Environment, Frame, Light};
 use std::sync::Arc;
 
 /// Number of lights that are taken out of an environment by default, at most.
@@ -21,6 +22,8 @@ pub struct Lighting {
     rest: Option<IblTables>,
     /// The environment without the lights in cells, one for each map of [`Shadows::sky`].
     pub sky: Vec<SkyCell>,
+    /// What [`Self::sky`] is made of.
+    coarse: Environment,
 }
 
 /// What the lights and the sky see of the scene at one frame. A list may be empty: then nothing is known.
@@ -41,7 +44,22 @@ impl Lighting {
         let rest = (!lights.is_empty()).then(|| IblTables::new(&without));
         // Made here once, not by every thread that first shades a pixel.
         whole.tables();
-        Self { whole, lights, rest, sky: sky_cells(&without) }
+        let coarse = coarse(&without);
+        Self { whole, lights, rest, sky: sky_cells(&coarse), coarse }
+    }
+
+    /// This lighting with the environment turned, as [`Light::turned`]. It takes a few milliseconds.
+    pub fn turned(&self, whole: impl Into<Arc<Light>>) -> Self {
+        let whole = whole.into();
+        let rotation = whole.environment.rotation;
+        let turn = Quat::from_rotation_y(rotation - self.whole.environment.rotation);
+        let lights = self.lights.iter().map(|light| DominantLight { direction: (turn * light.direction).normalize(), ..*light });
+        let mut rest = self.rest.clone();
+        if let Some(rest) = &mut rest {
+            rest.turn(rotation);
+        }
+        let coarse = Environment { rotation, ..self.coarse.clone() };
+        Self { lights: lights.collect(), rest, sky: sky_cells(&coarse), coarse, whole }
     }
 
     /// Tables of the environment without the lights.

@@ -8,6 +8,8 @@ use std::f32::consts::PI;
 
 /// Number of cells that the sphere of directions is divided into.
 const SKY_CELLS: usize = 64;
+/// Columns and rows of a [`coarse`] environment.
+const GRID: [usize; 2] = [64, 32];
 /// A cell with less than this share of the mean cell's light is left out: it is not worth a map.
 const LEAST: f32 = 0.02;
 /// Exponent of the sharpest lobe about a reflection, which is as narrow as a cell.
@@ -22,9 +24,15 @@ pub struct SkyCell {
     pub irradiance: Vec3A,
 }
 
-/// Divides `environment` into cells about the directions of a spherical spiral. Dark cells are left out; a black environment has
-/// no cells.
-pub fn sky_cells(environment: &Environment) -> Vec<SkyCell> {
+/// The environment in so many texels that [`sky_cells`] needs no more. Their number does not depend on the map's size: a constant
+/// map of one texel fills all cells.
+pub fn coarse(environment: &Environment) -> Environment {
+    environment.downsampled(GRID[0], GRID[1])
+}
+
+/// Divides a [`coarse`] environment into cells about the directions of a spherical spiral. Dark cells are left out; a black
+/// environment has no cells.
+pub fn sky_cells(coarse: &Environment) -> Vec<SkyCell> {
     let golden = PI * (3.0 - 5.0_f32.sqrt());
     let directions: Vec<Vec3A> = (0..SKY_CELLS)
         .map(|k| {
@@ -35,9 +43,6 @@ pub fn sky_cells(environment: &Environment) -> Vec<SkyCell> {
         })
         .collect();
     let mut energy = vec![Vec3A::ZERO; SKY_CELLS];
-    // The number of directions does not depend on the map's size: a constant map of one texel fills all cells.
-    const GRID: [usize; 2] = [64, 32];
-    let coarse = environment.downsampled(GRID[0], GRID[1]);
     for row in 0..GRID[1] {
         let solid_angle = coarse.texel_solid_angle(row) * coarse.intensity;
         for column in 0..GRID[0] {

@@ -139,7 +139,21 @@ struct Within {
     v: f32,
 }
 
+/// Radians in turns, 0..=1.
+fn turns(rotation: f32) -> f32 {
+    (f64::from(rotation) / std::f64::consts::TAU).rem_euclid(1.0) as f32
+}
+
 impl EnvironmentLight {
+    /// This light turned to `rotation` (radians), which costs a copy of its tables.
+    pub fn turned(&self, rotation: f32) -> Self {
+        let mut turned = self.clone();
+        if let Kind::Map(map) = &mut turned.kind {
+            map.rotation = turns(rotation);
+        }
+        turned
+    }
+
     /// [`Self::with_sampling`] with [`Sampling::default`].
     ///
     /// # Errors
@@ -310,7 +324,7 @@ impl Map {
             width,
             height,
             inverse_width: (1.0 / width as f64) as f32,
-            rotation: (f64::from(environment.rotation) / std::f64::consts::TAU).rem_euclid(1.0) as f32,
+            rotation: turns(environment.rotation),
             texels,
             bands,
             grid,

@@ -117,7 +117,6 @@ impl Cleaner {
         match self {
             Self::Oidn(denoiser) => denoise(denoiser, raw, [frame.guide_albedo.as_ref(), frame.guide_normal.as_ref()], cancel),
             Self::Neural { network, oidn, .. } => {
-                let (camera, light, exposure) = (scene.camera(), scene.light(), scene.exposure());
                 // The network was trained with G-buffers of this many camera rays for each pixel, even where there are fewer
                 // samples.
                 let usual = Settings::default();
@@ -125,22 +124,36 @@ impl Cleaner {
                 let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
                 cancel.check()?;
                 let gbuffer = gbuffer?;
-                let guides = gbuffer.as_ref().unwrap_or(frame);
-                let shading = ibl::shade(guides, light);
-                let mut record = Record::of(guides, &shading.surfaces, exposure);
-                record.add_environment(&shading, exposure);
-                let behind = background(camera, &frame.alpha, &light.environment);
-                record.add_part(0, &Samples::of(frame, &behind).context("samples without guides")?, exposure);
-                if let Some(oidn) = oidn {
-                    let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
-                    let denoised = denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?;
-                    record.add_denoised(0, &denoised, exposure);
-                }
-                let pixels = network.render(&record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
-                Ok(Rgb { width: record.width, height: record.height, pixels })
+                fuse(network, oidn.as_ref(), scene, [frame, gbuffer.as_ref().unwrap_or(frame)], cancel)
             }
         }
     }
+}
+
+/// The picture that the network makes of `samples`, a path-traced frame, with the G-buffer of `guides`. `scene` stands at both.
+///
+/// # Errors
+/// When stopped ([`Interrupted`]), when a denoiser fails, or when the frame has no samples.
+pub fn fuse(
+    network: &Fusion,
+    oidn: Option<&Mutex<Denoiser>>,
+    scene: &RenderScene,
+    [samples, guides]: [&Frame; 2],
+    cancel: &Cancel,
+) -> Result<Rgb> {
+    let (camera, light, exposure) = (scene.camera(), scene.light(), scene.exposure());
+    let shading = ibl::shade(guides, light);
+    let mut record = Record::of(guides, &shading.surfaces, exposure);
+    record.add_environment(&shading, exposure);
+    let behind = background(camera, &samples.alpha, &light.environment);
+    record.add_part(0, &Samples::of(samples, &behind).context("samples without guides")?, exposure);
+    if let Some(oidn) = oidn {
+        let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
+        record.add_denoised(0, &denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?, exposure);
+    }
+    cancel.check()?;
+    let pixels = network.render(&record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
+    Ok(Rgb { width: record.width, height: record.height, pixels })
 }
 
 /// Bytes that OIDN takes for a picture of this many pixels: its own copies (colour, two guides, the result) and its network.
@@ -152,7 +165,7 @@ fn oidn_bytes(pixels: u64) -> u64 {
 ///
 /// # Errors
 /// When stopped ([`Interrupted`]), or when OIDN fails.
-fn denoise(denoiser: &Mutex<Denoiser>, color: &Rgb, [albedo, normal]: [Option<&Rgb>; 2], cancel: &Cancel) -> Result<Rgb> {
+pub fn denoise(denoiser: &Mutex<Denoiser>, color: &Rgb, [albedo, normal]: [Option<&Rgb>; 2], cancel: &Cancel) -> Result<Rgb> {
     let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
     // OIDN must not be running when the process ends; it stops when `cancel` is set.
     match stop::hold(|| denoiser.denoise_until(color, albedo, normal, cancel)) {

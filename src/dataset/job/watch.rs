@@ -1,10 +1,13 @@
-//! `renderflow render --reference`: the error of a picture while its samples double.
+//! `renderflow render --reference` and `--tev`: the error of a picture, or the picture itself, while its samples double.
 
+use crate::dataset::layout;
 use crate::metrics::displayed::displayed;
 use crate::metrics::relmse::{RelMse, relmse};
 use crate::util::clock::{Spent, Stopwatch};
 use crate::util::picture;
+use crate::util::tev::Tev;
 use anyhow::{Context, Result, bail};
+use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, exr, hdr};
 use renderflow_renderer::{Budget, Film, RenderScene, Settings, Stats, develop, expose, render_with_stats};
@@ -126,16 +129,52 @@ impl Errors {
     }
 }
 
-/// Renders with a look at the error whenever the samples have doubled.
+/// Looks at the picture whenever the samples have doubled: compares it with a reference, or shows it in a viewer.
+#[derive(Default)]
 pub struct Watch {
+    compared: Option<Compared>,
+    viewer: Option<Tev>,
+}
+
+/// A picture to compare with, and what gets each line of the table.
+struct Compared {
     target: Target,
     print: Box<dyn Fn(&str) + Send + Sync>,
 }
 
 impl Watch {
-    /// Compares with `target`; `print` gets each line of the table.
-    pub fn new(target: Target, print: impl Fn(&str) + Send + Sync + 'static) -> Self {
-        Self { target, print: Box::new(print) }
+    /// Also compares with `target`; `print` gets each line of the table.
+    pub fn compare(self, target: Target, print: impl Fn(&str) + Send + Sync + 'static) -> Self {
+        Self { compared: Some(Compared { target, print: Box::new(print) }), ..self }
+    }
+
+    /// Also shows the pictures in `viewer`.
+    pub fn show(self, viewer: Tev) -> Self {
+        Self { viewer: Some(viewer), ..self }
+    }
+
+    /// Begins a picture.
+    fn begin(&self, scene: &RenderScene) -> Result<()> {
+        let camera = scene.camera();
+        if let Some(Compared { target, print }) = &self.compared {
+            target.check_size(camera.width, camera.height)?;
+            print(&Errors::heading());
+        }
+        if let Some(viewer) = &self.viewer {
+            viewer.create(&name(scene), [camera.width, camera.height]);
+        }
+        Ok(())
+    }
+
+    /// Looks at a picture of `spp` samples per pixel, which took `spent` so far.
+    fn look(&self, scene: &RenderScene, picture: &Rgb, spp: u32, spent: Spent) -> Result<()> {
+        if let Some(Compared { target, print }) = &self.compared {
+            print(&target.errors(picture, scene.exposure())?.row(spp, Some(spent)));
+        }
+        if let Some(viewer) = &self.viewer {
+            viewer.update(&name(scene), picture);
+        }
+        Ok(())
     }
 
     /// What `render` gives, with its seconds and the error of its picture: for samples that are not spread evenly and have no
@@ -148,19 +187,17 @@ impl Watch {
         scene: &RenderScene,
         render: impl FnOnce() -> renderflow_renderer::Result<(Frame, Stats)>,
     ) -> Result<(Frame, Stats)> {
-        self.target.check_size(scene.camera().width, scene.camera().height)?;
+        self.begin(scene)?;
         let mut rendering = Total::default();
         let (frame, stats) = rendering.time(render)?;
         if let Some(raw) = &frame.raw {
-            let errors = self.target.errors(raw, scene.exposure())?;
-            (self.print)(&Errors::heading());
-            (self.print)(&errors.row(frame.info.spp, Some(rendering.0)));
+            self.look(scene, raw, frame.info.spp, rendering.0)?;
         }
         Ok((frame, stats))
     }
 
-    /// As `render_with_stats`, the same picture to the bit. Comparing is not in the seconds printed. Adaptive settings give one
-    /// line only: another number of samples would spread them otherwise.
+    /// As `render_with_stats`, the same picture to the bit. Looking is not in the seconds printed. Adaptive settings give one
+    /// look only: another number of samples would spread them otherwise.
     ///
     /// # Errors
     /// As `render_with_stats`, and when the sizes differ.
@@ -174,14 +211,11 @@ impl Watch {
         if settings.budget != Budget::Uniform {
             return self.whole(scene, || render_with_stats(scene, settings, progress, cancel));
         }
-        let (width, height) = (scene.camera().width, scene.camera().height);
-        self.target.check_size(width, height)?;
-        let pixels = (width * height) as u64;
+        self.begin(scene)?;
+        let pixels = (scene.camera().width * scene.camera().height) as u64;
         let total = pixels * u64::from(settings.spp);
-        let exposure = scene.exposure();
-        (self.print)(&Errors::heading());
         let mut rendering = Total::default();
-        let mut comparing = Total::default();
+        let mut looking = Total::default();
         let mut film: Option<Film> = None;
         let mut stats = Stats::default();
         let (mut done, mut next) = (0, first_look(settings.spp, settings.branches()));
@@ -199,16 +233,17 @@ impl Watch {
                     None => part,
                 })
             })?;
-            let line = comparing.time(|| self.target.errors(&part.mean(), exposure).map(|e| e.row(next, Some(rendering.0))))?;
-            (self.print)(&line);
+            looking.time(|| self.look(scene, &part.mean(), next, rendering.0))?;
             film = Some(part);
             (done, next) = (next, next.saturating_mul(2));
         }
         let film = film.context("a picture of no samples has no error")?;
         let (frame, more) = rendering.time(|| develop(scene, settings, &film))?;
         stats += more;
-        let (all, apart) = (rendering.0.seconds, comparing.0.seconds);
-        (self.print)(&format!("rendered in {all:.3} s with its G-buffer; comparing took {apart:.3} s more"));
+        if let Some(Compared { print, .. }) = &self.compared {
+            let (all, apart) = (rendering.0.seconds, looking.0.seconds);
+            print(&format!("rendered in {all:.3} s with its G-buffer; comparing took {apart:.3} s more"));
+        }
         Ok((frame, stats))
     }
 
@@ -217,12 +252,31 @@ impl Watch {
     /// # Errors
     /// When the sizes differ.
     pub fn after(&self, what: &str, picture: &Rgb, exposure: f32) -> Result<()> {
-        (self.print)(&self.target.errors(picture, exposure)?.row(what, None));
+        if let Some(Compared { target, print }) = &self.compared {
+            print(&target.errors(picture, exposure)?.row(what, None));
+        }
         Ok(())
+    }
+
+    /// Shows a finished frame with its channels.
+    pub fn finish(&self, scene: &RenderScene, frame: &Frame) {
+        if let Some(viewer) = &self.viewer {
+            viewer.finish(&name(scene), frame);
+        }
+    }
+
+    /// Whether pictures are compared with a reference.
+    pub fn compares(&self) -> bool {
+        self.compared.is_some()
     }
 }
 
-/// Samples after which the first error is printed: six doublings before the end. Sixteen samples are numbered at once, so a
+/// Name of a picture in a viewer.
+fn name(scene: &RenderScene) -> String {
+    format!("renderflow {}", layout::frame_file(scene.frame(), Profile::Full))
+}
+
+/// Samples after which the first look comes: six doublings before the end. Sixteen samples are numbered at once, so a
 /// smaller part costs more than its share. The first look is not before the first camera ray is done, which several samples
 /// share. It is a power of two, as the others are.
 fn first_look(spp: u32, branches: u32) -> u32 {

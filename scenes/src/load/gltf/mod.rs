@@ -63,6 +63,11 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
             model.report.notes.push(why.into());
         }
     }
+    let unused = [(document.cameras().len(), "camera", "used"), (document.animations().len(), "animation", "played")];
+    for (count, what, done) in unused.into_iter().filter(|(count, ..)| *count > 0) {
+        let (plural, verb) = if count == 1 { ("", "is") } else { ("s", "are") };
+        model.report.notes.push(format!("{count} {what}{plural} of the file {verb} not {done}"));
+    }
     Ok(model)
 }
 
