@@ -194,6 +194,14 @@ fn a_page_gets_pictures_that_follow_its_state() {
     let (_, after) = page.picture("left", 2);
     assert_ne!(before, after);
 
+    // So does a material.
+    state["id"] = 3.into();
+    let all = hello["materials"].as_array().unwrap().len();
+    let red = json!({"base_color": [1.0, 0.0, 0.0], "metallic": 1.0});
+    state["materials"] = (0..all).map(|number| (number.to_string(), red.clone())).collect::<serde_json::Map<_, _>>().into();
+    page.say(&state);
+    assert_ne!(page.picture("left", 3).1, after);
+
     // What was saved is the scene that is shown.
     let scene = viewer.get(&format!("/scene.json?token={}", viewer.token), &[&viewer.host()]);
     let saved: Value = serde_json::from_str(scene.split_once("\r\n\r\n").unwrap().1).unwrap();
@@ -220,13 +228,14 @@ fn nonsense_is_answered_and_survived() {
     page.socket.send(Message::binary(vec![0; 1000])).unwrap();
     let mut state = hello["state"].clone();
     state["type"] = "state".into();
-    let bad: [(&str, Value); 6] = [
+    let bad: [(&str, Value); 7] = [
         ("/resolution/0", json!(0)),
         ("/resolution/1", json!(100_000)),
         ("/camera/vertical_fov", json!(0.0)),
         ("/camera/eye", hello["state"]["camera"]["target"].clone()),
         ("/camera/eye/0", json!(1e300)),
         ("/rays", json!(3)),
+        ("/materials", json!({"first": {}})),
     ];
     for (id, (place, value)) in bad.into_iter().enumerate() {
         let mut wrong = state.clone();

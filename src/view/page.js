@@ -76,7 +76,7 @@ let picked = 0;         // the material in the panel
 //   pending (a state waits to be sent, or Home to be answered), id, state, exposure, material, sides, connected, ended; math: the functions above
 const viewer = {
   last: null, log: [], counts: { pictures: 0, late: 0, states: 0, bad: 0, connections: 0 },
-  get pending() { return dirty || homeId !== null; },
+  get pending() { return dirty || asked; },
   get id() { return lastId; },
   get state() { return structuredClone(state); },
   get exposure() { return exposure; },
@@ -187,13 +187,12 @@ function merged(ours, theirs) {
 function begin(message) {
   if (!Array.isArray(message.methods) || !Array.isArray(message.materials) || !message.state) throw new Error("hello without methods, materials or state");
   const same = hello && hello.name === message.name && hello.materials.length === message.materials.length;
-  const next = same ? state : merged(null, message.state);
+  const opened = merged(null, message.state);
   if (!same) for (const side of Object.values(sides)) side.picture = null;
   hello = message;
-  state = next;
+  if (!same) state = opened;
   lastId = Math.max(lastId, message.state.id ?? 0);
-  const { eye, target } = merged(null, message.state).camera;
-  const distance = Math.hypot(...minus(eye, target));
+  const distance = Math.hypot(...minus(opened.camera.eye, opened.camera.target));
   distances = [1e-3 * distance, 1e3 * distance];
   connected = true;
   wait = 0;
@@ -204,10 +203,11 @@ function begin(message) {
   // The program may have forgotten what this page asked for, or remember what another one did.
   send({ type: "exposure", stops: exposure });
   changed();
+  if (asked) home();
 }
 
 // At most one state leaves per animation frame.
-let framed = false, dirty = false, lastMoving = false, inputTime = null, homeId = null;
+let framed = false, dirty = false, lastMoving = false, inputTime = null, asked = false;
 const sent = new Map();  // id -> times, until a picture with that id or a newer one was drawn
 const movers = new Set();
 const timers = new Map();  // of movers without an end of their own
@@ -254,7 +254,8 @@ function setCamera(camera, event) {
 function home() {
   if (!connected) return;
   flush();
-  homeId = ++lastId;
+  asked = true;
+  lastId++;
   sent.set(lastId, { sent: performance.now(), input: performance.now(), first: true });
   send({ type: "home" });
 }
@@ -262,7 +263,7 @@ function home() {
 function takeState(message) {
   const theirs = message.state ?? {};
   const id = Number.isFinite(theirs.id) ? theirs.id : 0;
-  if (homeId === null) {
+  if (id >= lastId) {
     state = merged(state, theirs);
   } else {
     // Home is about the scene: methods, resolution and the like stay as they were chosen.
@@ -271,7 +272,7 @@ function takeState(message) {
   }
   const again = id < lastId;
   lastId = Math.max(lastId, id);
-  homeId = null;
+  asked = false;
   showControls();
   if (again) changed();
 }
@@ -574,21 +575,21 @@ for (const end of ["pointerup", "pointercancel"]) addEventListener(end, (event) 
 panel.addEventListener("change", (event) => { if (movers.has("slider")) rest("slider", event); });
 
 // Playing goes to the next frame when each side has shown this one.
-let playing = false, next = 0;
+let playing = false, step = 0;
 function setPlaying(on) {
   playing = on;
-  clearTimeout(next);
-  next = 0;
+  clearTimeout(step);
+  step = 0;
   controls.play.textContent = on ? "\u23f8\ufe0e" : "\u25b6\ufe0e";
   controls.play.setAttribute("aria-label", on ? "Pause" : "Play");
   if (on) advance();
 }
 function advance() {
-  if (!playing || next || !connected) return;
+  if (!playing || step || !connected) return;
   const visible = state.split ? [sides.left, sides.right] : [sides.right];
   if (!visible.every((side) => side.picture?.state >= lastId)) return;
-  next = setTimeout(() => {
-    next = 0;
+  step = setTimeout(() => {
+    step = 0;
     if (!playing) return;
     state.frame = (state.frame + 1) % hello.frames;
     showControls();

@@ -149,7 +149,14 @@ impl<'a> Session<'a> {
                 let material = self.stage.material_at([x, y], cancel)?;
                 self.outbox.text(&Message::Pick { material });
             }
-            Request::Home => self.outbox.text(&Message::State { state: Box::new(self.stage.home()) }),
+            Request::Home => {
+                // The scene goes back; what is compared, and how large, stays.
+                let mut home = self.stage.home();
+                if let Some(State { left, right, split, rays, resolution, .. }) = self.state {
+                    home = State { left, right, split, rays, resolution, ..home };
+                }
+                self.outbox.text(&Message::State { state: Box::new(home) });
+            }
             Request::State(_) | Request::Shown => {}
         }
         Ok(())

@@ -1,8 +1,9 @@
 //! What the page and the program say to each other. All text messages are JSON; their `type` tells which one it is.
 
 use super::method::{Method, Side};
-use anyhow::{Result, ensure};
-use serde::{Deserialize, Serialize};
+use anyhow::ensure;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 
 /// Sides of pictures, pixels.
@@ -30,7 +31,7 @@ pub enum Request {
         /// From the top edge.
         y: f32,
     },
-    /// Back to the scene as it was opened.
+    /// Back to the scene's own camera, light and materials.
     Home,
     /// The page has drawn the last picture.
     Shown,
@@ -61,8 +62,15 @@ pub struct State {
     /// Columns and rows.
     pub resolution: [u32; 2],
     /// Parameters of materials that were changed: by the material's number, then by the parameter's name.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "by_number")]
     pub materials: BTreeMap<usize, BTreeMap<String, Value>>,
+}
+
+/// The names of JSON's fields are text, and serde does not read numbers from them inside of a tagged enum.
+fn by_number<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<BTreeMap<usize, T>, D::Error> {
+    let named = BTreeMap::<String, T>::deserialize(deserializer)?;
+    let number = |name: &str| name.parse().map_err(|_| D::Error::custom(format!("{name:?} is not the number of a material")));
+    named.into_iter().map(|(name, value)| Ok((number(&name)?, value))).collect()
 }
 
 /// A camera in the world.
@@ -106,7 +114,7 @@ impl State {
     ///
     /// # Errors
     /// When a number is outside its range.
-    pub fn check(&self) -> Result<()> {
+    pub fn check(&self) -> anyhow::Result<()> {
         let View { eye, target, up, .. } = &self.camera;
         let finite = eye.iter().chain(target).all(|v| v.is_finite() && v.abs() < 1e9) && up.iter().all(|v| v.is_finite());
         ensure!(finite, "the camera is at no place of this world");
