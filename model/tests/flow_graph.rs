@@ -27,7 +27,7 @@ fn stages_are_the_whole() {
         for (keyframes, count) in [(vec![], 3), (vec![-1.0, 2.25], 4)] {
             let conditions = conditions(&config, CLIP, &keyframes, &device);
             let prepared = flow.prepare(latents(CLIP, &device), &TIMES, &conditions).expect("fits");
-            assert_eq!(prepared.1.grid(), [2, 2, 3]);
+            assert_eq!(prepared.0.dims()[1], 2 * 2 * 3);
             assert!(run(prepared) == (count, velocity(&flow, &conditions)));
         }
         let z_t = latents(CLIP, &device);

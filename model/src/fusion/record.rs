@@ -158,13 +158,6 @@ impl Record<f32> {
     }
 }
 
-impl Record<f16> {
-    /// Size of the pixels in bytes.
-    pub fn bytes(&self) -> usize {
-        2 * self.pixels.len()
-    }
-}
-
 /// The part of a record that one picture is rendered from.
 #[derive(Clone, Copy, Debug)]
 pub struct Selection {

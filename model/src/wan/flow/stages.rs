@@ -49,11 +49,6 @@ impl Shared {
         places.chain(optional).flatten().zip(&mut tensors).for_each(|(place, tensor)| *place = tensor);
         shared
     }
-
-    /// Numbers of frames, rows and columns of tokens.
-    pub fn grid(&self) -> [usize; 3] {
-        self.grid
-    }
 }
 
 impl Flow {
