@@ -59,7 +59,7 @@ def main():
                 goal = goal / "index.html"
             if not goal.is_file():
                 faults.append(f"{name}:{line}: {target}: there is no such page")
-            elif parts.fragment and goal.suffix == ".html" and unquote(parts.fragment) not in page(goal).anchors:
+            elif parts.fragment and goal.suffix == ".html" and not {parts.fragment, unquote(parts.fragment)} & page(goal).anchors:
                 # Rustdoc marks lines of sources in its script.
                 if not ("/src/" in goal.as_posix() and parts.fragment.replace("-", "").isdigit()):
                     faults.append(f"{name}:{line}: {target}: the page has no such place")
