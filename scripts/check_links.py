@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
-"""Follows every internal link of a built site: check_links.py FOLDER [--skip PATTERN]. It exits with 1 where one leads nowhere.
+"""Follows every internal link of a built site: check_links.py FOLDER [--skip PATTERN]. It exits with 1 where one leads
+nowhere.
 
-Links are those of `a`, `link`, `img`, `script`, `source` and `iframe`. A fragment must be the id or the name of an element of its page. Links to other sites are
-not followed. Pages that match PATTERN are not read, but links may lead to them."""
+Links are those of `a`, `link`, `img`, `script`, `source` and `iframe`. A fragment must be the id or the name of an element of
+its page. Links to other sites are not followed. Pages that match PATTERN are not read, but links may lead to them."""
+
 import argparse
 import fnmatch
 import sys

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""Writes the reference of the Python package as HTML: python_api.py OUT. It needs pdoc and numpy, but neither the compiled module nor PyTorch.
+"""Writes the reference of the Python package as HTML: python_api.py OUT. It needs pdoc and numpy, but neither the compiled
+module nor PyTorch.
 
 The stubs of the compiled module (`_renderflow.pyi`) stand in for it, and three empty classes stand in for PyTorch's."""
+
 import shutil
 import sys
 import tempfile
@@ -21,7 +23,9 @@ def stand_in_for_torch():
     modules["torch"].Tensor = type("Tensor", (), {"__module__": "torch"})
     for name in ("Dataset", "IterableDataset"):
         anything = classmethod(lambda cls, item: cls)
-        setattr(modules["torch.utils.data"], name, type(name, (), {"__class_getitem__": anything, "__module__": "torch.utils.data"}))
+        setattr(
+            modules["torch.utils.data"], name, type(name, (), {"__class_getitem__": anything, "__module__": "torch.utils.data"})
+        )
     modules["torch.utils.data"].get_worker_info = lambda: None
     sys.modules.update(modules)
 

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Puts what the book's pages name outside docs/ beside the book: site.py BOOK. It needs markdown2, which pdoc brings.
 
-Links of the built pages that leave docs/ are turned to copies in BOOK/repository: Markdown as pages, other text as it is, folders as lists. Links of these copies
-are treated alike."""
+Links of the built pages that leave docs/ are turned to copies in BOOK/repository: Markdown as pages, other text as it is,
+folders as lists. Links of these copies are treated alike."""
+
 import html
 import posixpath
 import re
@@ -47,7 +48,11 @@ class Site:
             (self.book / out).parent.mkdir(parents=True, exist_ok=True)
             (self.book / out).write_bytes(source.read_bytes())
             return out
-        out = "repository/" + ("" if path == "." else path + "/" if source.is_dir() else path + ".") + ("index.html" if source.is_dir() else "html")
+        out = (
+            "repository/"
+            + ("" if path == "." else path + "/" if source.is_dir() else path + ".")
+            + ("index.html" if source.is_dir() else "html")
+        )
         if out not in self.made:
             self.made.add(out)
             self.copy(source, path, out)
@@ -60,7 +65,11 @@ class Site:
             for entry in sorted(source.iterdir()):
                 if entry.name.startswith(".") or entry.name in ("target", "__pycache__"):
                     continue
-                if entry.is_file() and entry.suffix in (".md", ".rs", ".py", ".json", ".toml", ".sh", ".ipynb") and entry.stat().st_size < 200_000:
+                if (
+                    entry.is_file()
+                    and entry.suffix in (".md", ".rs", ".py", ".json", ".toml", ".sh", ".ipynb")
+                    and entry.stat().st_size < 200_000
+                ):
                     rows.append(f'<li><a href="{entry.name}">{entry.name}</a></li>')
                 else:
                     rows.append(f"<li>{entry.name}{'/' if entry.is_dir() else ''}</li>")

@@ -1,8 +1,10 @@
 """Measures how fast datasets come into PyTorch: loader_throughput.py [WORK] [--frames 128] [--resolution 128] [--rounds 5]
 
-It makes a dataset in WORK (or a temporary folder), packs it in both profiles, and reads all of it with: plain reads of the same files, FrameDataset,
-ShardDataset, and webdataset with the same decoding. All take turns in every round, so other work on the machine meets them alike. The table has medians of the
-rounds. Files lie in the page cache. Needs torch; webdataset is left out where it is not installed."""
+It makes a dataset in WORK (or a temporary folder), packs it in both profiles, and reads all of it with: plain reads of the
+same files, FrameDataset, ShardDataset, and webdataset with the same decoding. All take turns in every round, so other work on
+the machine meets them alike. The table has medians of the rounds. Files lie in the page cache. Needs torch; webdataset is left
+out where it is not installed."""
+
 import argparse
 import gc
 import resource
@@ -37,7 +39,17 @@ def make(work, frames, resolution):
         renderflow("dataset", "render", "--plan", work / "plan.toml", "-o", work / "data")
     for profile in ("stored", "compact"):
         if not (work / profile).exists():
-            renderflow("dataset", "pack", work / "data", "-o", work / profile, "--profile", profile, "--samples-per-shard", max(1, frames // 8))
+            renderflow(
+                "dataset",
+                "pack",
+                work / "data",
+                "-o",
+                work / profile,
+                "--profile",
+                profile,
+                "--samples-per-shard",
+                max(1, frames // 8),
+            )
 
 
 def decode(sample):
@@ -83,13 +95,21 @@ def contestants(work):
     frames = data.Dataset(work / "data", "train").paths
     yield "folder, plain reads", frames, lambda: plain(frames, len(frames))
     for workers in (0, 2):
-        yield f"folder, FrameDataset, {workers} workers", frames, lambda w=workers: load(FrameDataset(work / "data", "train"), w, shuffle=True)
+        yield (
+            f"folder, FrameDataset, {workers} workers",
+            frames,
+            lambda w=workers: load(FrameDataset(work / "data", "train"), w, shuffle=True),
+        )
     for profile in ("stored", "compact"):
         folder = work / profile
         shards = [shard.path for shard in data.shards(folder)]
         yield f"{profile} shards, plain reads", shards, lambda s=shards: plain(s, len(frames))
         for workers in (0, 2):
-            yield f"{profile} shards, ShardDataset, {workers} workers", shards, lambda f=folder, w=workers: load(ShardDataset(f), w)
+            yield (
+                f"{profile} shards, ShardDataset, {workers} workers",
+                shards,
+                lambda f=folder, w=workers: load(ShardDataset(f), w),
+            )
             if webdataset:
                 yield f"{profile} shards, webdataset, {workers} workers", shards, lambda f=folder, w=workers: load(theirs(f), w)
 
@@ -126,7 +146,9 @@ def main():
         ratios = [""] * 2
         if other != name and other in seconds:
             ratios = [f"{statistics.median(b / a for a, b in zip(of[name], of[other])):.2f}" for of in (seconds, busy)]
-        print(f"| {name} | {options.frames / passes:.0f} | {sizes[name] / passes:.0f} | {milliseconds:.2f} ms | {ratios[0]} | {ratios[1]} |")
+        print(
+            f"| {name} | {options.frames / passes:.0f} | {sizes[name] / passes:.0f} | {milliseconds:.2f} ms | {ratios[0]} | {ratios[1]} |"
+        )
 
 
 if __name__ == "__main__":

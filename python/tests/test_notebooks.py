@@ -1,4 +1,5 @@
-"""The notebooks run from top to bottom, and what they assert holds. They take minutes: pytest -q -m "not slow" leaves them out."""
+"""The notebooks run from top to bottom, and what they assert holds. They take minutes: pytest -q -m "not slow" leaves them
+out."""
 
 import json
 from pathlib import Path

@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
-"""Runs the commands of README.md, and of the tutorial, in the order in which a reader would: run.py [--only readme|tutorial] [--program FILE]
+"""Runs the commands of README.md, and of the tutorial, in the order in which a reader would: run.py [--only readme|tutorial]
+[--program FILE]
 
-The README's lines run exactly as they are printed, in an empty folder. Those of the tutorial run in another one, with smaller numbers where SMALLER says so.
-Commands that take long are stopped as by Ctrl-C after `--limit` seconds: they must exit with 75, and go on when they start again. Every other command must exit
-with 0, and leave the files that the page promises. Needs only the Python standard library; the Python blocks need a Python with the wheel (`--python`)."""
+The README's lines run exactly as they are printed, in an empty folder. Those of the tutorial run in another one, with smaller
+numbers where SMALLER says so. Commands that take long are stopped as by Ctrl-C after `--limit` seconds: they must exit with
+75, and go on when they start again. Every other command must exit with 0, and leave the files that the page promises. Needs
+only the Python standard library; the Python blocks need a Python with the wheel (`--python`)."""
+
 import argparse
 import json
 import os
@@ -28,7 +31,9 @@ PROMISED = {
     "render": ["frame.0000.exr", "frame.0000.png", "sheet.png", "scene.json"],
     "dataset plan": [""],
     "dataset preview": ["*.png"],
-    "dataset render": ["*/seq-000000/" + name for name in ("frame.0000.exr", "scene.json", "transforms.json", "env.hdr", "sequence.json")],
+    "dataset render": [
+        "*/seq-000000/" + name for name in ("frame.0000.exr", "scene.json", "transforms.json", "env.hdr", "sequence.json")
+    ],
     "dataset pack": ["manifest.json", "train-000000.tar"],
     "dataset stats": ["stats.html"],
     "train": ["checkpoint.safetensors", "log.jsonl"],
@@ -41,8 +46,16 @@ PROMISED = {
 
 # What the tutorial's commands are replaced by, so that the pages take minutes: (command, pattern, replacement).
 SMALLER = [
-    ("dataset plan", r"--sequences \d+ --frames \d+ --resolution 128 --spp 64", "--sequences 10 --frames 2 --resolution 64 --spp 4"),
-    ("dataset plan", r"--sequences 6 --frames 17 --frame-step 8 --resolution 256 --spp 128", "--sequences 2 --frames 2 --frame-step 8 --resolution 64 --spp 4"),
+    (
+        "dataset plan",
+        r"--sequences \d+ --frames \d+ --resolution 128 --spp 64",
+        "--sequences 10 --frames 2 --resolution 64 --spp 4",
+    ),
+    (
+        "dataset plan",
+        r"--sequences 6 --frames 17 --frame-step 8 --resolution 256 --spp 128",
+        "--sequences 2 --frames 2 --frame-step 8 --resolution 64 --spp 4",
+    ),
     ("render", r"--resolution 1280x720", "--resolution 160x90"),
     ("evaluate", r"mine/ sets/synthetic", "mine/ data/test"),
     ("evaluate", r"--every 16", "--every 1"),
@@ -70,7 +83,14 @@ def words(command):
 def model(path):
     """A textured box as a GLB."""
     corners = [(x, y, z) for x in (-0.5, 0.5) for y in (0.0, 1.0) for z in (-0.5, 0.5)]
-    sides = [((1, 0, 0), (4, 6, 7, 5)), ((-1, 0, 0), (0, 1, 3, 2)), ((0, 1, 0), (2, 3, 7, 6)), ((0, -1, 0), (0, 4, 5, 1)), ((0, 0, 1), (1, 5, 7, 3)), ((0, 0, -1), (0, 2, 6, 4))]
+    sides = [
+        ((1, 0, 0), (4, 6, 7, 5)),
+        ((-1, 0, 0), (0, 1, 3, 2)),
+        ((0, 1, 0), (2, 3, 7, 6)),
+        ((0, -1, 0), (0, 4, 5, 1)),
+        ((0, 0, 1), (1, 5, 7, 3)),
+        ((0, 0, -1), (0, 2, 6, 4)),
+    ]
     positions = b"".join(struct.pack("<3f", *corners[i]) for _, side in sides for i in side)
     normals = b"".join(struct.pack("<3f", *normal) * 4 for normal, _ in sides)
     places = struct.pack("<8f", 0, 0, 1, 0, 1, 1, 0, 1) * 6
@@ -80,7 +100,12 @@ def model(path):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     rows = b"".join(b"\0" + b"".join(b"\xd0\x60\x30" if (x + y) % 2 else b"\xf0\xe8\xd8" for x in range(8)) for y in range(8))
-    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", 8, 8, 8, 2, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    png = (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">2I5B", 8, 8, 8, 2, 0, 0, 0))
+        + chunk(b"IDAT", zlib.compress(rows))
+        + chunk(b"IEND", b"")
+    )
     parts, views, binary = [positions, normals, places, indices, png], [], b""
     for part in parts:
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(part)})
@@ -129,7 +154,9 @@ class Reader:
     def start(self, command, limit):
         """Exit status and output. After `limit` seconds it gets the signal of Ctrl-C."""
         with tempfile.TemporaryFile("w+", errors="replace") as log:
-            process = subprocess.Popen(["bash", "-c", command], cwd=self.folder, env=self.environment, stdout=log, stderr=log, start_new_session=True)
+            process = subprocess.Popen(
+                ["bash", "-c", command], cwd=self.folder, env=self.environment, stdout=log, stderr=log, start_new_session=True
+            )
             try:
                 process.wait(limit)
             except subprocess.TimeoutExpired:
@@ -171,16 +198,24 @@ class Reader:
         missing = [name for name in PROMISED.get(kind, []) if not (list(out.glob(name)) if name else out.is_file())]
         if missing:
             self.fault(f"{command}: {out.name} lacks {', '.join(name or 'the file itself' for name in missing)}")
-        print(f"    {time.monotonic() - began:.0f} s" + (f", stopped {stopped} times with exit code {STOPPED}" if stopped else ""), flush=True)
+        print(
+            f"    {time.monotonic() - began:.0f} s" + (f", stopped {stopped} times with exit code {STOPPED}" if stopped else ""),
+            flush=True,
+        )
 
     def python(self, code):
         print("python: " + code.strip().splitlines()[0] + " ...", flush=True)
         found = subprocess.run([self.options.python, "-c", "import renderflow"], capture_output=True, env=self.environment)
-        torch = "torch" not in code or subprocess.run([self.options.python, "-c", "import torch"], capture_output=True).returncode == 0
+        torch = (
+            "torch" not in code
+            or subprocess.run([self.options.python, "-c", "import torch"], capture_output=True).returncode == 0
+        )
         if found.returncode or not torch:
             print(f"    skipped: {self.options.python} has no {'renderflow' if found.returncode else 'torch'}")
             return
-        done = subprocess.run([self.options.python, "-c", code], cwd=self.folder, env=self.environment, capture_output=True, text=True)
+        done = subprocess.run(
+            [self.options.python, "-c", code], cwd=self.folder, env=self.environment, capture_output=True, text=True
+        )
         if done.returncode:
             self.fault(f"a block of Python: {done.stderr[-1500:]}")
 
@@ -230,7 +265,7 @@ def main():
         tools.mkdir()
         (tools / "renderflow").symlink_to(options.program.resolve())
         # What `--open` starts.
-        (tools / "xdg-open").write_text("#!/bin/sh\ntest -e \"$1\"\n")
+        (tools / "xdg-open").write_text('#!/bin/sh\ntest -e "$1"\n')
         (tools / "xdg-open").chmod(0o755)
         environment = {**os.environ, "PATH": f"{tools}:{os.environ['PATH']}"}
         for name in ("readme", "tutorial"):
