@@ -36,7 +36,7 @@ PROMISED = {
     ],
     "dataset pack": ["manifest.json", "train-000000.tar"],
     "dataset stats": ["stats.html"],
-    "train": [],  # On a slow machine it is stopped before the first step.
+    "train": ["checkpoint.safetensors", "log.jsonl"],
     "infer": ["**/*.png"],
     "evaluate": ["results.json"],
     "report": ["index.html"],
@@ -196,7 +196,7 @@ class Reader:
         out = re.search(r" (?:-o|--out|>) (\S+)", bare)
         out = self.folder / (out.group(1) if out else bare.split()[-1])
         missing = [name for name in PROMISED.get(kind, []) if not (list(out.glob(name)) if name else out.is_file())]
-        if missing:
+        if missing and not stopped:
             self.fault(f"{command}: {out.name} lacks {', '.join(name or 'the file itself' for name in missing)}")
         print(
             f"    {time.monotonic() - began:.0f} s" + (f", stopped {stopped} times with exit code {STOPPED}" if stopped else ""),
