@@ -25,8 +25,10 @@ test-full: test build test-wheel dist
 	$(CARGO) test --release --workspace -- --ignored
 	sh tests/python/run.sh
 	sh tests/slurm/run.sh
+	python3 tests/readme/run.py
 	sh tests/browser/run.sh
 	sh tests/container/run.sh
+	$(MAKE) docs
 	$(RENDERFLOW) stress --again --out target/stress.json
 
 # Time against error on every benchmark scene, small: minutes. docs/benchmarks.md has the other measurements.
@@ -34,13 +36,26 @@ bench: oidn
 	$(CARGO) build --release -p renderflow-bench
 	target/release/renderflow-bench convergence --resolution 128 --max-spp 64 --repeats 1 --reference-spp 1024 --out bench
 
-# The book, target/book/index.html. mdBook is built once, into target/tools.
+# The book with the references of Python and Rust, target/book/index.html; every link of the book and of the Python pages is followed
+# (crates that ours use have broken links in the text that rustdoc takes from them). mdBook is built once, into target/tools.
 MDBOOK = target/tools/bin/mdbook
 $(MDBOOK):
 	$(CARGO) install mdbook --version 0.5.4 --locked --no-default-features --features search --root target/tools
 
-docs: $(MDBOOK)
+DOCS_PYTHON = target/docs-python/bin/python
+$(DOCS_PYTHON):
+	python3 -m venv target/docs-python
+	$@ -m pip install -q "pdoc==16.0.0" "numpy>=1.26" || { rm -rf target/docs-python; exit 1; }
+
+CRATES = renderflow renderflow-frame renderflow-scenes renderflow-renderer renderflow-model
+docs: $(MDBOOK) $(DOCS_PYTHON)
 	$(MDBOOK) build docs
+	$(DOCS_PYTHON) scripts/python_api.py target/book/api/python
+	$(CARGO) doc --lib --no-deps --locked $(CRATES:%=-p %)
+	cp -r target/doc target/book/api/rust
+	echo '<meta http-equiv="refresh" content="0; url=renderflow/index.html">' >target/book/api/rust/index.html
+	$(DOCS_PYTHON) scripts/site.py target/book
+	$(DOCS_PYTHON) scripts/check_links.py target/book --skip "api/rust/*"
 
 # The Python wheel, target/wheels/renderflow-*.whl, and its tests in a fresh environment.
 WHEEL_TOOLS = target/python-wheel

@@ -78,7 +78,7 @@ def read_shard(path: str | os.PathLike[str], layers: Iterable[str] | None = None
 def _samples(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], bytes]]:
     """The description and the bytes of every frame: in the file, a frame comes before its description."""
     data = b""
-    with tarfile.open(path) as archive:
+    with tarfile.open(path, "r:") as archive:  # Without the colon, it would try to decompress first.
         for member in archive:
             file = archive.extractfile(member)
             if file is None:
