@@ -20,7 +20,11 @@ class Frame(dict[str, np.ndarray]):
     """
 
     info: dict[str, Any]
-    """The header: camera, samples per pixel, seed, hash of the scene, exposure, denoiser."""
+    """The header: camera, samples per pixel, seed, hash of the scene, exposure, denoiser.
+
+    ``info["camera"]["camera_to_world"]`` has 12 numbers, the four columns of a 3 x 4 matrix one after the other:
+    ``numpy.reshape(numbers, (4, 3)).T``. The matrices of ``transforms.json`` are lists of rows.
+    """
 
     def __init__(self, *args: Any, info: dict[str, Any] | None = None, **layers: np.ndarray) -> None:
         super().__init__(*args, **layers)

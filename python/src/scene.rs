@@ -101,7 +101,8 @@ impl Scene {
 
     fn __repr__(&self) -> String {
         let description::Scene { resolution: [width, height], frames, seed, objects, .. } = &self.description;
-        format!("<renderflow.Scene {width}x{height}, {frames} frames, {} objects, seed {seed}>", objects.len())
+        let plural = if *frames == 1 { "" } else { "s" };
+        format!("<renderflow.Scene {width}x{height}, {frames} frame{plural}, {} objects, seed {seed}>", objects.len())
     }
 }
 

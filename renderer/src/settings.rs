@@ -39,9 +39,10 @@ pub struct Settings {
     pub max_bounces: u32,
     /// Camera rays per pixel for coverage and guides where no beauty is rendered, 1..=2^16.
     pub guide_samples: u32,
-    /// Whether to fill [`Frame::irradiance`].
+    /// Whether to fill [`renderflow_frame::Frame::irradiance`].
     pub irradiance: bool,
-    /// Groups to split the light into ([`Frame::light`]), 0..=8; 0 = no split. See [`LightGroups`] for which is which.
+    /// Groups to split the light into ([`renderflow_frame::Frame::light`]), 0..=8; 0 = no split. See [`LightGroups`] for which is
+    /// which.
     pub light_groups: u32,
     /// Pixel filter of beauty, coverage and guides.
     pub filter: Filter,
@@ -67,7 +68,7 @@ pub struct Settings {
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only
     /// setting without bias. It is for pictures to look at, never for references or data sets: a limit darkens the picture by
     /// some per cent and takes most of its noise (docs/measurements/renderer-notes.md, clamp-indirect).
-    /// [`Stats::clamped_contributions`] counts.
+    /// [`crate::Stats::clamped_contributions`] counts.
     pub clamp_indirect: Option<f32>,
     /// Whether light is followed from the environment, over shiny bodies, to what the camera sees, besides paths from the camera:
     /// what casts caustics is found from both sides and weighed. Off by itself where it would bring nothing: no shiny bodies, no

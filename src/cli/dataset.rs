@@ -20,7 +20,7 @@ use std::path::PathBuf;
 /// Said below the help of `dataset`.
 pub(super) const HELP: &str = "\
 Examples:
-  renderflow dataset plan --seed 5 --sequences 10 --frames 8 --resolution 128 --spp 64 -o plan.toml
+  renderflow dataset plan --seed 5 --sequences 10 --frames 8 --resolution 192 --spp 64 -o plan.toml
   renderflow dataset render --plan plan.toml -o data
   renderflow dataset verify data";
 

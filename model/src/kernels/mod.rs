@@ -2,8 +2,8 @@
 //! Convolutions are implicit matrix products on channels-last pictures, without an im2col buffer. The other operations are single
 //! passes over rows.
 //!
-//! Every matrix product computes small tiles of outputs in registers ([`tile`]) from lists of input pixels and packed weights
-//! ([`gather`], [`gradient`]). Taps over time are further sources of the same sum, so that no frame is copied. There are three
+//! Every matrix product computes small tiles of outputs in registers (`tile`) from lists of input pixels and packed weights
+//! (`gather`, `gradient`). Taps over time are further sources of the same sum, so that no frame is copied. There are three
 //! implementations of a tile: AVX-512, AVX2, and portable Rust. All three return the same bits for any number of threads.
 //! [`crate::ops`] chooses between the kernels and [`portable`], which composes burn's own operations for every other device and
 //! element type.

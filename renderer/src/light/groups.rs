@@ -47,7 +47,7 @@ impl LightGroups {
         self.count - 1
     }
 
-    /// Group of light from the world-space direction `wi` (any length), below [`Self::count`].
+    /// Group of light from the world-space direction `wi` (any length), below their number.
     #[inline]
     pub fn group(&self, wi: Vec3A) -> usize {
         // A lone group of directions has no lower half.

@@ -282,7 +282,7 @@ impl Config {
     /// Checks every option that can be checked without reading files.
     ///
     /// # Errors
-    /// [`Error::Config`] naming the option.
+    /// [`crate::Error::Config`] naming the option.
     pub fn validate(&self) -> Result<()> {
         let weight = |w: f32| w >= 0.0 && w.is_finite();
         self.run.validate()?;
