@@ -194,7 +194,6 @@ async fn converse(mut socket: WebSocket, shared: Arc<Shared>) {
         number = *newest;
     });
     let mut newest = shared.newest.subscribe();
-    shared.outbox.clear();
     shared.inbox.join();
     let mut drawing = false;
     loop {

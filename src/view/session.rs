@@ -68,6 +68,8 @@ impl<'a> Session<'a> {
             if taken.joined {
                 self.state = None;
                 self.gain = 1.0;
+                // What was made for an earlier page meanwhile.
+                self.outbox.clear();
                 self.outbox.text(&Message::Hello(Box::new(self.stage.hello())));
             } else if taken.left {
                 self.state = None;
