@@ -338,3 +338,25 @@ fn weights_are_told_for_people_and_for_programs() {
     let paths: Vec<&str> = listed.as_array().unwrap().iter().map(|file| file["path"].as_str().unwrap()).collect();
     assert_eq!(paths, [folder.at("a.safetensors"), folder.at("b.safetensors")]);
 }
+
+#[test]
+fn tables_of_render_and_stress_are_json_when_asked() {
+    let folder = Folder::new();
+    let scene = ["--seed", "7", "--resolution", "24", "--frames", "1"];
+    folder.rendered(&scene, "reference");
+    let reference = folder.at("reference/frame.0000.exr");
+    let words = [&scene[..], &["--spp", "8", "--reference", &reference, "--json"]].concat();
+    for again in [false, true] {
+        let output = renderflow(&[&["render", "--denoise", "none", "-o", &folder.at("out")][..], &words].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(said["frames"].as_array().unwrap().len(), 1);
+        assert!(said["frames"][0]["file"].as_str().unwrap().ends_with("frame.0000.exr") && said["frames"][0]["spp"] == 8);
+        let rows: Vec<&Value> = said["errors"].as_array().unwrap().iter().filter(|row| row["spp"].is_number()).collect();
+        // A stored frame is compared once; a new one each time its samples have doubled.
+        assert!(if again { rows.len() == 1 } else { rows.len() >= 3 }, "{said}");
+        assert!(rows.iter().all(|row| row["psnr"].as_f64().unwrap() > 0.0 && row["relmse"].as_f64().unwrap() > 0.0));
+    }
+    let listed: Value = serde_json::from_str(&succeed(&["stress", "--list", "--json"])).unwrap();
+    assert!(listed.as_array().unwrap().iter().all(|check| check["name"].is_string() && check["about"].is_string()));
+}

@@ -1,7 +1,7 @@
 use super::scene::{SceneArgs, Wanted, any_resolution};
 use super::{OpenArgs, TraceArgs};
 use crate::dataset::contact;
-use crate::dataset::job::watch::{Errors, Target, Watch};
+use crate::dataset::job::watch::{Target, Watch};
 use crate::dataset::job::{SequenceJob, TruthSettings};
 use crate::dataset::layout::{ANIMATION, SHEET};
 use crate::dataset::plan::{Keyframes, Plan};
@@ -19,8 +19,9 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, exr, file};
 use renderflow_renderer::{Budget, Mode, Settings};
 use renderflow_scenes::description::Scene;
+use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Pictures of the animation have at most this many pixels along their longer side.
 const ANIMATED: usize = 640;
@@ -87,6 +88,9 @@ pub struct Render {
     /// Distance between keyframes, in frames
     #[arg(long, default_value_t = Keyframes::GAP, value_parser = within(Plan::FRAMES), help_heading = "Output")]
     keyframe_gap: u32,
+    /// Print the frames, and the errors against --reference, as JSON
+    #[arg(long, help_heading = "Output")]
+    json: bool,
     /// Show the pictures in tev while they are rendered; by itself, tev listens at 127.0.0.1:14158
     #[arg(long, value_name = "HOST:PORT", help_heading = "Output")]
     tev: Option<String>,
@@ -195,11 +199,15 @@ impl Render {
         (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);
         let viewer = self.tev.as_deref().map(Tev::connect).transpose()?;
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
+        let rows = Arc::new(Mutex::new(Vec::new()));
         if target.is_some() || viewer.is_some() {
             let mut watch = Watch::default();
             if let Some(target) = target {
-                let printer = Arc::clone(&progress);
-                watch = watch.compare(target, move |line| printer.print(line));
+                let (printer, rows, json) = (Arc::clone(&progress), Arc::clone(&rows), self.json);
+                watch = watch.compare(target, move |line| match json {
+                    true => rows.lock().unwrap_or_else(PoisonError::into_inner).extend(line.json()),
+                    false => printer.print(&line.to_string()),
+                });
             }
             if let Some(viewer) = viewer {
                 watch = watch.show(viewer);
@@ -227,12 +235,21 @@ impl Render {
         }
         sequence.lengthen(&work)?;
         progress.resume(1000 * (frames - work.missing.len()) as u64);
+        let mut written = Vec::new();
         for index in 0..frames {
             let made = work.missing.contains(&index);
             if made {
                 sequence.render(index, &settings, &progress, cancel)?;
             }
-            let frame = finish(&sequence.path(index), (!made).then_some(settings.watch.as_ref()).flatten(), &progress)?;
+            let path = sequence.path(index);
+            let frame = finish(&path, (!made).then_some(settings.watch.as_ref()).flatten())?;
+            if !self.json {
+                progress.print(&match frame.info.sampling.as_str() {
+                    "" => path.display().to_string(),
+                    sampling => format!("{} ({sampling}: {} samples per pixel)", path.display(), frame.info.spp),
+                });
+            }
+            written.push(json!({ "file": path, "spp": frame.info.spp, "sampling": frame.info.sampling }));
             if index == 0 && with_sheet {
                 replace(&sheet, contact::sheet(&frame)?)?;
             }
@@ -244,6 +261,10 @@ impl Render {
             replace(&animation, picture::gif((0..frames).map(|index| picture(index).map(small)))?)?;
         }
         progress.finish();
+        if self.json {
+            let errors = std::mem::take(&mut *rows.lock().unwrap_or_else(PoisonError::into_inner));
+            println!("{}", serde_json::to_string_pretty(&json!({ "frames": written, "errors": errors }))?);
+        }
         super::print_report(&sequence.loaded.report);
         self.open.open(&sequence.path(0).with_extension("png"));
         Ok(())
@@ -255,21 +276,15 @@ fn replace(path: &Path, bytes: Vec<u8>) -> Result<()> {
     stop::hold(|| output::write(&[(path.to_owned(), bytes)], true))
 }
 
-/// Writes the picture of a stored frame, says where the frame is, and returns it. If `watch` is given, the frame is compared with
-/// its reference.
-fn finish(path: &Path, watch: Option<&Watch>, progress: &Progress) -> Result<Frame> {
+/// Writes the picture of a stored frame, and returns the frame. If `watch` is given, the frame is compared with its reference.
+fn finish(path: &Path, watch: Option<&Watch>) -> Result<Frame> {
     let frame = exr::read(path)?;
-    if let (Some(watch), Some(raw)) = (watch.filter(|watch| watch.compares()), &frame.raw) {
-        progress.print(&Errors::heading());
-        watch.after(&frame.info.spp.to_string(), raw, frame.info.exposure)?;
+    if let (Some(watch), Some(raw)) = (watch, &frame.raw) {
+        watch.stored(frame.info.spp, raw, frame.info.exposure)?;
     }
     if let Some(picture) = contact::display(&frame) {
         let bytes = picture::png(&picture)?;
         stop::hold(|| file::write_atomic(&path.with_extension("png"), &bytes))?;
     }
-    progress.print(&match frame.info.sampling.as_str() {
-        "" => path.display().to_string(),
-        sampling => format!("{} ({sampling}: {} samples per pixel)", path.display(), frame.info.spp),
-    });
     Ok(frame)
 }

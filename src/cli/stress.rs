@@ -5,6 +5,7 @@ use clap::Args;
 use renderflow_frame::file;
 use renderflow_renderer::verify::{Check, Effort, Outcome, Ticker, checks};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -29,7 +30,7 @@ pub struct Stress {
     /// Run everything again
     #[arg(long)]
     again: bool,
-    /// Print the results as JSON
+    /// Print the results, or the list, as JSON
     #[arg(long)]
     json: bool,
 }
@@ -59,6 +60,11 @@ const UNITS: u64 = 1000;
 impl Stress {
     pub fn run(self, cancel: &Cancel) -> Result<()> {
         let chosen = self.chosen()?;
+        if self.list && self.json {
+            let listed: Vec<_> = chosen.iter().map(|check| json!({ "name": check.name, "about": check.about })).collect();
+            println!("{}", serde_json::to_string_pretty(&listed)?);
+            return Ok(());
+        }
         if self.list {
             let width = chosen.iter().map(|c| c.name.len()).max().unwrap_or(0);
             chosen.iter().for_each(|c| println!("{:width$}  {}", c.name, c.about));

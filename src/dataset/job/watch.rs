@@ -2,6 +2,7 @@
 
 use crate::dataset::layout;
 use crate::metrics::displayed::displayed;
+use crate::metrics::psnr::capped;
 use crate::metrics::relmse::{RelMse, relmse};
 use crate::util::clock::{Spent, Stopwatch};
 use crate::util::picture;
@@ -11,7 +12,8 @@ use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, exr, hdr};
 use renderflow_renderer::{Budget, Film, RenderScene, Settings, Stats, develop, expose, render_with_stats};
-use std::fmt::Write;
+use serde_json::{Value, json};
+use std::fmt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -96,7 +98,7 @@ fn radiance(path: &Path) -> Result<(Rgb, Option<u64>)> {
     Ok((exr::read_rgb(path)?, None))
 }
 
-/// What is printed of a picture.
+/// The error of a picture, against a reference.
 #[derive(Clone, Copy, Debug)]
 pub struct Errors {
     relmse: RelMse,
@@ -104,28 +106,65 @@ pub struct Errors {
     psnr: f64,
 }
 
-impl Errors {
-    /// Names of the columns of [`Self::row`].
-    pub fn heading() -> String {
-        format!(
-            "{:>7}  {:>9}  {:>9}  {:>10}  {:>10}  {:>10}  {:>6}",
-            "spp", "seconds", "cpu s", "relMSE", "99 % trim", "median", "PSNR"
-        )
-    }
+/// A line of the table of errors.
+#[derive(Clone, Debug)]
+pub enum Line {
+    /// Names of the columns.
+    Heading,
+    /// The error of a picture.
+    Row {
+        /// Samples per pixel, or what was done to the picture.
+        what: String,
+        /// The error.
+        errors: Errors,
+        /// Spent since the render began, where it was watched.
+        spent: Option<Spent>,
+    },
+    /// Seconds of the whole render, and of looking at its pictures.
+    Total([f64; 2]),
+}
 
-    /// A line of a table; `spent` since the render began, where it was watched.
-    pub fn row(&self, spp: impl std::fmt::Display, spent: Option<Spent>) -> String {
-        let time = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
-        let mut line = format!("{spp:>7}  {:>9}", time(spent.map(|s| s.seconds)));
-        let RelMse { mean, trimmed, median, .. } = self.relmse;
-        // Writing to a string cannot fail.
-        let _ = write!(
-            line,
-            "  {:>9}  {mean:>10.3e}  {trimmed:>10.3e}  {median:>10.3e}  {:>6.2}",
-            time(spent.and_then(|s| s.processor)),
-            self.psnr
-        );
-        line
+impl fmt::Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Heading => {
+                write!(
+                    f,
+                    "{:>7}  {:>9}  {:>9}  {:>10}  {:>10}  {:>10}  {:>6}",
+                    "spp", "seconds", "cpu s", "relMSE", "99 % trim", "median", "PSNR"
+                )
+            }
+            Self::Row { what, errors: Errors { relmse, psnr }, spent } => {
+                let time = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+                let [seconds, processor] = [spent.map(|s| s.seconds), spent.and_then(|s| s.processor)].map(time);
+                let RelMse { mean, trimmed, median, .. } = relmse;
+                write!(
+                    f,
+                    "{what:>7}  {seconds:>9}  {processor:>9}  {mean:>10.3e}  {trimmed:>10.3e}  {median:>10.3e}  {psnr:>6.2}"
+                )
+            }
+            Self::Total([all, apart]) => {
+                write!(f, "rendered in {all:.3} s with its G-buffer; comparing took {apart:.3} s more")
+            }
+        }
+    }
+}
+
+impl Line {
+    /// The line as an object; `None` for the heading.
+    pub fn json(&self) -> Option<Value> {
+        match self {
+            Self::Heading => None,
+            Self::Row { what, errors: Errors { relmse, psnr }, spent } => {
+                let spp = what.parse::<u32>().map_or_else(|_| Value::from(&what[..]), Value::from);
+                let RelMse { mean, trimmed, median, .. } = relmse;
+                Some(json!({
+                    "spp": spp, "seconds": spent.map(|s| s.seconds), "cpu_seconds": spent.and_then(|s| s.processor),
+                    "relmse": mean, "relmse_trimmed": trimmed, "relmse_median": median, "psnr": capped(*psnr),
+                }))
+            }
+            Self::Total([all, apart]) => Some(json!({ "spp": "total", "seconds": all, "comparing_seconds": apart })),
+        }
     }
 }
 
@@ -139,13 +178,13 @@ pub struct Watch {
 /// A picture to compare with, and what gets each line of the table.
 struct Compared {
     target: Target,
-    print: Box<dyn Fn(&str) + Send + Sync>,
+    tell: Box<dyn Fn(&Line) + Send + Sync>,
 }
 
 impl Watch {
-    /// Also compares with `target`; `print` gets each line of the table.
-    pub fn compare(self, target: Target, print: impl Fn(&str) + Send + Sync + 'static) -> Self {
-        Self { compared: Some(Compared { target, print: Box::new(print) }), ..self }
+    /// Also compares with `target`; `tell` gets each line of the table.
+    pub fn compare(self, target: Target, tell: impl Fn(&Line) + Send + Sync + 'static) -> Self {
+        Self { compared: Some(Compared { target, tell: Box::new(tell) }), ..self }
     }
 
     /// Also shows the pictures in `viewer`.
@@ -156,9 +195,9 @@ impl Watch {
     /// Begins a picture.
     fn begin(&self, scene: &RenderScene) -> Result<()> {
         let camera = scene.camera();
-        if let Some(Compared { target, print }) = &self.compared {
+        if let Some(Compared { target, tell }) = &self.compared {
             target.check_size(camera.width, camera.height)?;
-            print(&Errors::heading());
+            tell(&Line::Heading);
         }
         if let Some(viewer) = &self.viewer {
             viewer.create(&name(scene), [camera.width, camera.height]);
@@ -168,8 +207,9 @@ impl Watch {
 
     /// Looks at a picture of `spp` samples per pixel, which took `spent` so far.
     fn look(&self, scene: &RenderScene, picture: &Rgb, spp: u32, spent: Spent) -> Result<()> {
-        if let Some(Compared { target, print }) = &self.compared {
-            print(&target.errors(picture, scene.exposure())?.row(spp, Some(spent)));
+        if let Some(Compared { target, tell }) = &self.compared {
+            let errors = target.errors(picture, scene.exposure())?;
+            tell(&Line::Row { what: spp.to_string(), errors, spent: Some(spent) });
         }
         if let Some(viewer) = &self.viewer {
             viewer.update(&name(scene), picture);
@@ -240,20 +280,19 @@ impl Watch {
         let film = film.context("a picture of no samples has no error")?;
         let (frame, more) = rendering.time(|| develop(scene, settings, &film))?;
         stats += more;
-        if let Some(Compared { print, .. }) = &self.compared {
-            let (all, apart) = (rendering.0.seconds, looking.0.seconds);
-            print(&format!("rendered in {all:.3} s with its G-buffer; comparing took {apart:.3} s more"));
+        if let Some(Compared { tell, .. }) = &self.compared {
+            tell(&Line::Total([rendering.0.seconds, looking.0.seconds]));
         }
         Ok((frame, stats))
     }
 
-    /// Prints what became of the picture afterwards: the error of a denoised one.
+    /// Tells what became of the picture afterwards: the error of a denoised one.
     ///
     /// # Errors
     /// When the sizes differ.
     pub fn after(&self, what: &str, picture: &Rgb, exposure: f32) -> Result<()> {
-        if let Some(Compared { target, print }) = &self.compared {
-            print(&target.errors(picture, exposure)?.row(what, None));
+        if let Some(Compared { target, tell }) = &self.compared {
+            tell(&Line::Row { what: what.to_owned(), errors: target.errors(picture, exposure)?, spent: None });
         }
         Ok(())
     }
@@ -265,9 +304,15 @@ impl Watch {
         }
     }
 
-    /// Whether pictures are compared with a reference.
-    pub fn compares(&self) -> bool {
-        self.compared.is_some()
+    /// As [`Self::after`], for a picture that was stored before, with the names of the columns.
+    ///
+    /// # Errors
+    /// When the sizes differ.
+    pub fn stored(&self, spp: u32, picture: &Rgb, exposure: f32) -> Result<()> {
+        if let Some(Compared { tell, .. }) = &self.compared {
+            tell(&Line::Heading);
+        }
+        self.after(&spp.to_string(), picture, exposure)
     }
 }
 
