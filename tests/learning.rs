@@ -3,10 +3,11 @@
 mod common;
 
 use common::succeed;
-use renderflow::dataset::learning::{Planned, Recipe};
+use renderflow::dataset::learning::{Kept, Planned, Recipe};
 use renderflow::dataset::plan::Plan;
 use renderflow::util::cancel::Cancel;
 use renderflow_model::fusion::Record;
+use std::num::NonZeroU64;
 
 #[test]
 fn sequences_are_bare_or_full_and_may_be_passed_over() {
@@ -15,8 +16,9 @@ fn sequences_are_bare_or_full_and_may_be_passed_over() {
     let sizes = ["--seed", "4", "--sequences", "4", "--frames", "18", "--resolution", "16", "--spp", "1"];
     succeed(&[&["dataset", "plan", "--denoise", "none", "-o", file.to_str().unwrap()][..], &sizes].concat());
     let (plan, cancel) = (Plan::read(&file).unwrap(), Cancel::default());
+    let small = Recipe { truth_spp: 2, bare_spp: 1, frames: 1, samples: Some([1; 4]), ..Recipe::default() };
     let records = |i: u64, bare: f64, skip: u64| -> Vec<Record<f32>> {
-        let recipe = Recipe { truth_spp: 2, bare_spp: 1, frames: 1, samples: Some([1; 4]), bare, skip, ..Recipe::default() };
+        let recipe = Recipe { bare, skip, ..small.clone() };
         Planned::new(&plan, [0, 3], recipe, &cancel).records(i).unwrap()
     };
     let groups = |records: &[Record<f32>]| records.iter().map(Record::groups).collect::<Vec<_>>();
@@ -25,8 +27,8 @@ fn sequences_are_bare_or_full_and_may_be_passed_over() {
     let (bare, full) = (groups(&records(1, 1.0, 0)), groups(&records(1, 0.0, 0)));
     assert_eq!((bare.len(), full.len()), (3, 3));
     assert!(bare.iter().chain(&full).all(|groups| groups.deferred), "every record is shaded");
-    assert!(bare.iter().all(|groups| !groups.samples && !groups.denoised), "{bare:?}");
-    assert!(bare[2].keys && full[2].keys && full[2].samples && full[2].neighbours, "{full:?}");
+    assert!(bare.iter().all(|groups| !groups.samples && !groups.denoised && !groups.keys), "{bare:?}");
+    assert!(full[2].keys && full[2].samples && full[2].neighbours, "{full:?}");
 
     // Some of many sequences are bare, the same ones each time.
     let kinds = || (0..8).map(|i| groups(&records(i, 0.5, 0))[2].samples).collect::<Vec<_>>();
@@ -38,4 +40,15 @@ fn sequences_are_bare_or_full_and_may_be_passed_over() {
     let (passed, third) = (records(0, 1.0, 2), records(2, 1.0, 0));
     assert!(passed.iter().zip(&third).all(|(a, b)| a.pixels == b.pixels));
     assert!(passed[2].pixels != records(0, 1.0, 0)[2].pixels);
+
+    // After two sequences, the first one comes again; and what was kept serves a run that passes others over.
+    let kept = folder.path().join("kept");
+    let run = |skip: u64| Recipe { bare: 1.0, skip, count: NonZeroU64::new(2), ..small.clone() };
+    let of = |skip: u64, i: u64| {
+        let planned = Planned::new(&plan, [0, 3], run(skip), &cancel);
+        Kept::new(&planned, &kept).unwrap().records(i).unwrap()
+    };
+    assert!(of(0, 0)[2].pixels == of(0, 2)[2].pixels && of(0, 0)[2].pixels != of(0, 1)[2].pixels);
+    assert!(of(1, 0)[2].pixels == of(0, 1)[2].pixels);
+    assert_eq!(common::files(&kept).len(), 2);
 }

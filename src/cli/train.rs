@@ -51,8 +51,8 @@ pub struct Train {
     /// and are not stored
     #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"], help_heading = "Input")]
     plan: Option<PathBuf>,
-    /// Folder that keeps the sequences which the fusion network learns from. Later runs with the same plan or dataset and the same
-    /// recipe read them from there instead of rendering them. A sequence of five frames takes some 40 MB at 256x256
+    /// Folder that keeps the sequences which the fusion network learns from. Later runs with the same plan or dataset and the
+    /// same recipe read them from there instead of rendering them. A sequence of five frames takes some 40 MB at 256x256
     #[arg(long, value_name = "DIR", conflicts_with = "preset", help_heading = "Input")]
     keep: Option<PathBuf>,
     /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
@@ -259,7 +259,7 @@ mod tests {
             assert_eq!(read(&printed).expect("what was printed"), configuration);
         }
         for (text, expected) in [
-            (r#"{"network": "fusion", "steps": 7}"#, "unknown field `steps`, expected `training` or `recipe`"),
+            (r#"{"network": "fusion", "steps": 7}"#, "unknown field `steps`, expected one of `training`, `recipe`, `validation`"),
             (r#"{"network": "wan", "training": {}}"#, "unknown field `training`, expected one of `batches`"),
             (r#"{"network": "nerf"}"#, "unknown name `nerf`, expected `fusion` or `wan`"),
             (r#"{"network": "wan", "steps": "many"}"#, "found the string \"many\" where a whole number from 0 on is needed"),

@@ -246,7 +246,8 @@ impl<'a> Maker<'a> {
     }
 
     /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with everything,
-    /// or without anything but deferred shading if the sequence is bare. `truth` gives the truth of a frame, at which the scene stands.
+    /// or without anything but deferred shading if the sequence is bare. `truth` gives the truth of a frame, at which the scene
+    /// stands.
     fn records(
         &self,
         loaded: &LoadedScene,

@@ -19,8 +19,8 @@ use renderflow_model::fusion::Fusion;
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::load;
 
-/// Serves `scene`, which may name files that `reach` allows, until `cancel` is set, on `port` of this computer; 0 takes a free one. `opened` is called with the address
-/// of the page as soon as it can be opened.
+/// Serves `scene`, which may name files that `reach` allows, until `cancel` is set, on `port` of this computer; 0 takes a free
+/// one. `opened` is called with the address of the page as soon as it can be opened.
 ///
 /// # Errors
 /// When the scene cannot be loaded or the port cannot be used.

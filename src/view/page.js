@@ -344,7 +344,7 @@ function showLabel(side) {
   const name = methodLabel(picture.method);
   const cost = [];
   if (picture.samples > 0) cost.push(`${picture.samples} ${picture.samples === 1 ? "sample" : "samples"}`);
-  if (Number.isFinite(picture.seconds)) cost.push(milliseconds(1000 * picture.seconds));
+  if (Number.isFinite(picture.seconds)) cost.push(duration(1000 * picture.seconds));
   if (picture.scale > 1) cost.push(`1/${picture.scale} size`);
   const dB = Number.isFinite(picture.psnr);
   set(find("b", label), name);
@@ -356,7 +356,7 @@ function showLabel(side) {
 }
 
 const set = (element, text) => { if (element.textContent !== text) element.textContent = text; };
-const milliseconds = (ms) => (ms < 10 ? ms.toFixed(1) : ms.toFixed(0)) + " ms";
+const duration = (ms) => (ms < 10 ? ms.toFixed(1) + " ms" : ms < 10000 ? ms.toFixed(0) + " ms" : (ms / 1000).toFixed(1) + " s");
 
 let reference = null;
 function showTiming(header) {

@@ -1,7 +1,7 @@
 //! The scene of the viewer, and one picture of it at a time.
 
 use super::method::Method;
-use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, View};
+use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, View, fitting};
 use crate::dataset::job::clean::{denoise, fuse};
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result};
@@ -126,7 +126,7 @@ impl Stage {
         });
         Hello {
             name: self.description.name.clone(),
-            resolution: self.description.resolution,
+            resolution: fitting(self.description.resolution),
             frames: self.description.frames,
             methods: Method::ALL.map(choice).into(),
             parameters: parameters.collect(),
@@ -389,7 +389,7 @@ fn home(description: &Scene) -> State {
         frame: 0,
         rotation: description.environment.rotation,
         rays: 2,
-        resolution: description.resolution,
+        resolution: fitting(description.resolution),
         materials: BTreeMap::new(),
     }
 }
@@ -553,6 +553,15 @@ mod tests {
         }
         let background = stage.material_at([f32::NAN, 0.0], &cancel).unwrap();
         assert!(background.is_none_or(|number| number < stage.materials.len()));
+    }
+
+    #[test]
+    fn scenes_of_any_size_fit_the_page() {
+        for (size, expected) in
+            [([640, 360], [640, 360]), ([16384, 4096], [2048, 512]), ([1, 1], [16, 16]), ([16384, 1], [2048, 16])]
+        {
+            assert_eq!(fitting(size), expected);
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 
-/// Sides of pictures, pixels.
+/// Sides of pictures, pixels. A page has no room for more.
 const SIZE: std::ops::RangeInclusive<u32> = 16..=2048;
 /// Exposure of the page beside the scene's own, stops.
 const STOPS: f32 = 16.0;
@@ -131,6 +131,13 @@ impl State {
         ensure!(values.into_iter().all(whole), "a material with a number that is none");
         Ok(())
     }
+}
+
+/// The size of a scene's pictures, made to fit the page: smaller pictures with the same shape as far as whole pixels allow.
+pub fn fitting(resolution: [u32; 2]) -> [u32; 2] {
+    let longer = f64::from(resolution[0].max(resolution[1]).max(1));
+    let scale = (f64::from(*SIZE.end()) / longer).min(1.0);
+    resolution.map(|side| ((f64::from(side) * scale).round() as u32).clamp(*SIZE.start(), *SIZE.end()))
 }
 
 /// Exposure that is not beyond all use.

@@ -380,7 +380,7 @@ async function methods(page) {
     await page.locator("#right").selectOption(name);
     await page.waitForFunction((name) => viewer.sides.right?.method === name && viewer.sides.right.state >= viewer.id, name);
     assert.equal(await page.locator("#right-label b").textContent(), label);
-    assert.match(await page.locator("#right-label .cost").textContent(), /\d ms/);
+    assert.match(await page.locator("#right-label .cost").textContent(), /\d m?s/);
     looks.push(await look(page));
   }
   const alike = looks.filter((one, i) => i > 0 && difference(one, looks[i - 1]) < 0.05).length;
@@ -396,7 +396,7 @@ async function methods(page) {
   }
   await page.locator("#right").selectOption("path");
   await page.waitForFunction(() => viewer.sides.right?.method === "path" && viewer.sides.right.state >= viewer.id);
-  assert.match(await page.locator("#right-label .cost").textContent(), /^\d+ samples?, [\d.]+ ms/);
+  assert.match(await page.locator("#right-label .cost").textContent(), /^\d+ samples?, [\d.]+ m?s/);
   // The dB of a method comes when the reference is good enough.
   await page.locator("#right").selectOption("deferred");
   await page.waitForFunction(() => !viewer.pending && viewer.sides.right.state >= viewer.id &&
