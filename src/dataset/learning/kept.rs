@@ -1,8 +1,8 @@
 //! Sequences for training that were made once and are kept in a folder, so that later runs read them instead of rendering them.
 //!
 //! A sequence is one safetensors file: a tensor of bytes for each frame, and what else a [`Record`] holds as JSON in the
-//! metadata. The bytes are one zstd frame with a checksum. They are the planes of `[at::COUNT][height][width]` half floats, first the high
-//! byte of every number and then the low byte, which makes them a third smaller.
+//! metadata. The bytes are one zstd frame with a checksum. They are the planes of `[at::COUNT][height][width]` half floats, first
+//! the high byte of every number and then the low byte, which makes them a third smaller.
 
 use super::Indexed;
 use anyhow::{Context, Result, ensure};
