@@ -310,6 +310,22 @@ fn an_interrupt_ends_it_in_order() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn without_a_reader_of_its_address_it_ends() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_renderflow"))
+        .args(["view", "--seed", "5", "--resolution", "32"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("nobody reads the address"), "{said}");
+}
+
 #[test]
 fn a_port_that_is_taken_is_named() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

@@ -52,7 +52,7 @@ pub struct Train {
     #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"], help_heading = "Input")]
     plan: Option<PathBuf>,
     /// Folder that keeps the sequences which the fusion network learns from. Later runs with the same plan or dataset and the
-    /// same recipe read them from there instead of rendering them. A sequence of five frames takes some 40 MB at 256x256
+    /// same recipe read them from there instead of rendering them. A sequence of five frames takes up to 26 MB at 256x256
     #[arg(long, value_name = "DIR", conflicts_with = "preset", help_heading = "Input")]
     keep: Option<PathBuf>,
     /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard

@@ -3,9 +3,10 @@
 use super::OpenArgs;
 use super::scene::{SceneArgs, Wanted, any_resolution};
 use crate::util::cancel::Cancel;
+use crate::util::console;
 use crate::util::ranges::Resolution;
 use crate::view;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_model::fusion::Fusion;
 use std::path::{Path, PathBuf};
@@ -59,8 +60,10 @@ impl View {
         };
         let opened = |address: &str| {
             println!("{address}");
+            ensure!(!console::is_closed(), "nobody reads the address of the page: standard output is closed");
             eprintln!("note: Ctrl-C ends the program");
             self.open.open(Path::new(address));
+            Ok(())
         };
         view::serve(scene, &reach, network, self.port, &opened, cancel)
     }

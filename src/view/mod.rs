@@ -23,8 +23,15 @@ use renderflow_scenes::load;
 /// one. `opened` is called with the address of the page as soon as it can be opened.
 ///
 /// # Errors
-/// When the scene cannot be loaded or the port cannot be used.
-pub fn serve(scene: Scene, reach: &Reach, network: Fusion, port: u16, opened: &dyn Fn(&str), cancel: &Cancel) -> Result<()> {
+/// When the scene cannot be loaded, the port cannot be used, or `opened` fails.
+pub fn serve(
+    scene: Scene,
+    reach: &Reach,
+    network: Fusion,
+    port: u16,
+    opened: &dyn Fn(&str) -> Result<()>,
+    cancel: &Cancel,
+) -> Result<()> {
     let loaded = load::load(&scene, reach)?;
     let stage = stage::Stage::new(scene, loaded, network)?;
     server::serve(stage, port, opened, cancel)

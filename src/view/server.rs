@@ -7,7 +7,7 @@ use super::session::Session;
 use super::stage::Stage;
 use super::state::{Message as Said, Request};
 use crate::util::cancel::Cancel;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -21,7 +21,7 @@ use std::net::Ipv4Addr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::watch;
+use tokio::sync::{Notify, watch};
 
 /// The page, with places for its style and its script.
 const PAGE: &str = include_str!("page.html");
@@ -56,8 +56,8 @@ struct Asked {
 /// Serves the page until `cancel` is set; see [`super::serve`].
 ///
 /// # Errors
-/// When the port cannot be used.
-pub fn serve(stage: Stage, port: u16, opened: &dyn Fn(&str), cancel: &Cancel) -> Result<()> {
+/// When the port cannot be used, or `opened` fails.
+pub fn serve(stage: Stage, port: u16, opened: &dyn Fn(&str) -> Result<()>, cancel: &Cancel) -> Result<()> {
     let (inbox, outbox) = (Arc::new(Inbox::default()), Arc::new(Outbox::default()));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start the server")?;
     let listener = runtime
@@ -80,17 +80,34 @@ pub fn serve(stage: Stage, port: u16, opened: &dyn Fn(&str), cancel: &Cancel) ->
         .with_state(Arc::clone(&shared));
     std::thread::scope(|scope| {
         let session = Session::new(stage, &inbox, &outbox);
-        scope.spawn(|| session.run());
-        opened(&format!("http://127.0.0.1:{port}/?token={token}"));
-        let ended = runtime.block_on(async {
-            tokio::select! {
-                served = async { axum::serve(listener, pages).await } => served.context("the server ended"),
-                () = stopped(cancel) => Ok(()),
-            }
+        let ended = Arc::new(Notify::new());
+        let tells = Ended(Arc::clone(&ended));
+        scope.spawn(move || {
+            // However the session ends, the server learns of it.
+            let _tells = tells;
+            session.run();
+        });
+        let served = opened(&format!("http://127.0.0.1:{port}/?token={token}")).and_then(|()| {
+            runtime.block_on(async {
+                tokio::select! {
+                    served = async { axum::serve(listener, pages).await } => served.context("the server ended"),
+                    () = ended.notified() => Err(anyhow!("the renderer ended")),
+                    () = stopped(cancel) => Ok(()),
+                }
+            })
         });
         inbox.stop();
-        ended
+        served
     })
+}
+
+/// Tells the server when it is dropped.
+struct Ended(Arc<Notify>);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        self.0.notify_one();
+    }
 }
 
 async fn stopped(cancel: &Cancel) {

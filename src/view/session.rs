@@ -3,7 +3,7 @@
 use super::inbox::Inbox;
 use super::method::{Method, Side};
 use super::outbox::Outbox;
-use super::stage::{MOST_SAMPLES, Made, Shown, Stage};
+use super::stage::{Content, MOST_SAMPLES, Made, Stage};
 use super::state::{Message, Picture, Request, State, stops};
 use crate::metrics::psnr;
 use crate::util::cancel::Cancel;
@@ -98,8 +98,13 @@ impl<'a> Session<'a> {
 
     fn has_work(&self) -> bool {
         let Some(state) = &self.state else { return false };
-        state.sides().iter().any(|side| self.sides[side.index()].is_none())
-            || !state.moving && self.stage.samples() < MOST_SAMPLES
+        state.sides().iter().any(|side| self.sides[side.index()].is_none()) || self.traces(state)
+    }
+
+    /// Whether more samples are wanted: for a picture that refines, or as a reference for the others. Channels need neither.
+    fn traces(&self, state: &State) -> bool {
+        let picture = state.sides().iter().any(|side| state.method(*side).channel().is_none());
+        picture && !state.moving && self.stage.samples() < MOST_SAMPLES
     }
 
     fn adopt(&mut self, state: State) {
@@ -170,7 +175,7 @@ impl<'a> Session<'a> {
         if let Some(side) = state.sides().iter().find(|side| self.sides[side.index()].is_none()) {
             return self.first(&state, *side, cancel);
         }
-        if state.moving || self.stage.samples() >= MOST_SAMPLES {
+        if !self.traces(&state) {
             return Ok(());
         }
         let before = self.stage.samples();
@@ -201,7 +206,9 @@ impl<'a> Session<'a> {
             None => self.stage.picture(method, cancel)?,
         };
         let [width, height] = self.stage.size();
-        self.costs.insert(method, made.seconds / (width * height) as f64);
+        // While things move, a picture that refines has one sample.
+        let seconds = if method.refines() { made.seconds / f64::from(made.samples.max(1)) } else { made.seconds };
+        self.costs.insert(method, seconds / (width * height) as f64);
         self.sides[side.index()] = Some(made);
         self.sent = self.sent.max(self.stage.samples());
         self.send(side)
@@ -232,12 +239,12 @@ impl<'a> Session<'a> {
     }
 
     fn displayed(&self, made: &Made) -> Rgb {
-        match &made.shown {
-            Shown::Radiance(radiance) => {
+        match &made.content {
+            Content::Radiance(radiance) => {
                 let exposure = self.stage.exposure() * self.gain;
                 radiance.map(|p| color::display(*p, exposure))
             }
-            Shown::Display(picture) => picture.clone(),
+            Content::Display(picture) => picture.clone(),
         }
     }
 
@@ -252,7 +259,7 @@ impl<'a> Session<'a> {
         self.reference()?;
         let state = self.state.as_ref()?;
         let made = self.sides[side.index()].as_ref()?;
-        let (Shown::Radiance(radiance), false) = (&made.shown, state.method(side).refines()) else { return None };
+        let (Content::Radiance(radiance), false) = (&made.content, state.method(side).refines()) else { return None };
         let exposure = self.stage.exposure();
         let display = |rgb: &Rgb| rgb.map(|p| color::display(*p, exposure));
         Some(psnr::capped(psnr::psnr(&display(radiance), &display(&self.stage.traced()?))))

@@ -1,7 +1,7 @@
 //! The scene of the viewer, and one picture of it at a time.
 
 use super::method::Method;
-use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, View, fitting};
+use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, Viewpoint, fitting};
 use crate::dataset::job::clean::{denoise, fuse};
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result};
@@ -37,7 +37,7 @@ pub struct Stage {
     denoisers: Option<[Mutex<Denoiser>; 2]>,
     /// The state that stands.
     state: State,
-    /// How many times smaller than asked for pictures are.
+    /// How many times smaller than asked for pictures are; 0 before the first state.
     scale: u32,
     gbuffer: Option<Timed<Frame>>,
     shaded: Option<Timed<Deferred>>,
@@ -53,7 +53,7 @@ struct Timed<T> {
 
 /// Radiance, or display values of a channel.
 #[derive(Clone)]
-pub enum Shown {
+pub enum Content {
     /// Scene-linear radiance.
     Radiance(Rgb),
     /// Values for the screen, 0..=1.
@@ -64,7 +64,7 @@ pub enum Shown {
 #[derive(Clone)]
 pub struct Made {
     /// The picture.
-    pub shown: Shown,
+    pub content: Content,
     /// Samples per pixel; 0 for methods that trace none.
     pub samples: u32,
     /// Seconds, of everything that it needs.
@@ -96,7 +96,7 @@ impl Stage {
             network,
             denoisers,
             state,
-            scale: 1,
+            scale: 0,
             gbuffer: None,
             shaded: None,
             film: None,
@@ -140,7 +140,7 @@ impl Stage {
         home(&self.description)
     }
 
-    /// Changes the scene to `state`. What was made of it is forgotten.
+    /// Changes the scene to `state`. What was made of it is forgotten, unless only the methods change.
     ///
     /// # Errors
     /// When the state cannot be rendered.
@@ -163,9 +163,11 @@ impl Stage {
                 self.scene.set_surface(number, &changed(surface, changes))?;
             }
         }
-        self.state = state;
-        self.scale = 0;
-        self.set_scale(1);
+        let before = std::mem::replace(&mut self.state, state);
+        if self.scale == 0 || !before.shows_the_same(&self.state) {
+            self.scale = 0;
+            self.set_scale(1);
+        }
         Ok(())
     }
 
@@ -228,11 +230,10 @@ impl Stage {
     /// # Errors
     /// When stopped, or when a denoiser fails.
     pub fn picture(&mut self, method: Method, cancel: &Cancel) -> Result<Made> {
-        let started = Instant::now();
-        let untraced = |shown, before: f64| Made { shown, samples: 0, seconds: before + started.elapsed().as_secs_f64() };
         if let Some(channel) = method.channel() {
             let buffer = self.gbuffer(cancel)?;
-            return Ok(untraced(Shown::Display(channel.tile(&buffer.value).picture), 0.0));
+            let content = Content::Display(channel.tile(&buffer.value).picture);
+            return Ok(Made { content, samples: 0, seconds: buffer.seconds });
         }
         if method.refines() {
             if self.film.is_none() {
@@ -247,13 +248,17 @@ impl Stage {
                 let buffer = self.gbuffer(cancel)?;
                 let shading = Instant::now();
                 let image = ibl::shade(&buffer.value, &light).image;
-                Ok(Made { shown: Shown::Radiance(image), samples: 0, seconds: buffer.seconds + shading.elapsed().as_secs_f64() })
+                Ok(Made {
+                    content: Content::Radiance(image),
+                    samples: 0,
+                    seconds: buffer.seconds + shading.elapsed().as_secs_f64(),
+                })
             }
             Method::Deferred => {
                 self.shade(cancel)?;
                 let (buffer, shaded) = self.known()?;
                 Ok(Made {
-                    shown: Shown::Radiance(shaded.value.image.clone()),
+                    content: Content::Radiance(shaded.value.image.clone()),
                     samples: 0,
                     seconds: buffer.seconds + shaded.seconds,
                 })
@@ -268,7 +273,7 @@ impl Stage {
                 let pixels = self.network.render(&record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
                 let image = Rgb { width: record.width, height: record.height, pixels };
                 let seconds = buffer.seconds + shaded.seconds + drawing.elapsed().as_secs_f64();
-                Ok(Made { shown: Shown::Radiance(image), samples: 0, seconds })
+                Ok(Made { content: Content::Radiance(image), samples: 0, seconds })
             }
             _ => {
                 let before = self.gbuffer(cancel)?.seconds;
@@ -279,7 +284,7 @@ impl Stage {
                 let buffer = self.gbuffer.as_ref().context("no G-buffer")?;
                 let denoiser = self.denoiser();
                 let image = fuse(&self.network, denoiser, &self.scene, [&samples, &buffer.value], cancel)?;
-                Ok(Made { shown: Shown::Radiance(image), samples: spp, seconds: before + drawing.elapsed().as_secs_f64() })
+                Ok(Made { content: Content::Radiance(image), samples: spp, seconds: before + drawing.elapsed().as_secs_f64() })
             }
         }
     }
@@ -297,7 +302,7 @@ impl Stage {
             image = denoise(denoiser, &image, guides, cancel)?;
             seconds += started.elapsed().as_secs_f64();
         }
-        Ok(Made { shown: Shown::Radiance(image), samples, seconds })
+        Ok(Made { content: Content::Radiance(image), samples, seconds })
     }
 
     /// OIDN: in least time while things move.
@@ -345,7 +350,7 @@ impl Stage {
 
     /// The camera of the state as a path.
     fn path(&self) -> CameraPath {
-        let View { eye, target, up, vertical_fov } = self.state.camera;
+        let Viewpoint { eye, target, up, vertical_fov } = self.state.camera;
         CameraPath::Poses { poses: vec![Pose { eye, target, up }], vertical_fov }
     }
 
@@ -385,7 +390,7 @@ fn home(description: &Scene) -> State {
         left: Method::Neural,
         right: Method::Denoised,
         split: true,
-        camera: View { eye, target, up, vertical_fov },
+        camera: Viewpoint { eye, target, up, vertical_fov },
         frame: 0,
         rotation: description.environment.rotation,
         rays: 2,
@@ -455,8 +460,8 @@ mod tests {
     }
 
     fn radiance(made: &Made) -> &Rgb {
-        match &made.shown {
-            Shown::Radiance(rgb) | Shown::Display(rgb) => rgb,
+        match &made.content {
+            Content::Radiance(rgb) | Content::Display(rgb) => rgb,
         }
     }
 
@@ -534,6 +539,35 @@ mod tests {
         let [a, b] = [stage.traced().unwrap(), film.mean()];
         let worst = a.pixels.iter().zip(&b.pixels).flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs() / (1e-3 + b[c].abs())));
         assert!(worst.fold(0.0, f32::max) < 1e-5);
+    }
+
+    #[test]
+    fn another_method_keeps_the_samples_and_another_view_does_not() {
+        let mut stage = stage(1);
+        let cancel = Cancel::default();
+        let mut state = stage.home();
+        stage.apply(state.clone()).unwrap();
+        stage.trace(4, &cancel).unwrap();
+        (state.id, state.left, state.right, state.split, state.rays) = (7, Method::Path, Method::Albedo, false, 8);
+        stage.apply(state.clone()).unwrap();
+        assert_eq!((stage.samples(), stage.picture(Method::Path, &cancel).unwrap().samples), (4, 4));
+        stage.set_scale(2);
+        assert_eq!(stage.samples(), 0);
+        let others: [fn(&mut State); 5] = [
+            |s| s.camera.eye[0] += 0.1,
+            |s| s.rotation += 1.0,
+            |s| s.resolution = [64, 64],
+            |s| s.frame += 1,
+            |s| drop(s.materials.insert(0, BTreeMap::from([("metallic".to_owned(), Value::Number(0.3))]))),
+        ];
+        for (case, change) in others.into_iter().enumerate() {
+            stage.apply(state.clone()).unwrap();
+            stage.trace(1, &cancel).unwrap();
+            let mut other = state.clone();
+            change(&mut other);
+            stage.apply(other).unwrap();
+            assert_eq!(stage.samples(), 0, "case {case}");
+        }
     }
 
     #[test]

@@ -52,7 +52,7 @@ pub struct State {
     /// Whether the left side is shown at all.
     pub split: bool,
     /// Where the camera is.
-    pub camera: View,
+    pub camera: Viewpoint,
     /// The frame of the scene's sequence.
     pub frame: u32,
     /// Rotation of the environment, degrees.
@@ -75,7 +75,7 @@ fn by_number<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) ->
 
 /// A camera in the world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct View {
+pub struct Viewpoint {
     /// Its position, metres.
     pub eye: [f64; 3],
     /// The point that it looks at, metres.
@@ -110,12 +110,26 @@ impl State {
         if self.split { &[Side::Right, Side::Left] } else { &[Side::Right] }
     }
 
+    /// Whether the other state has the same scene, seen by the same camera, whatever methods draw it.
+    pub fn shows_the_same(&self, other: &Self) -> bool {
+        let scene = |state: &Self| Self {
+            id: 0,
+            moving: false,
+            left: Method::Ibl,
+            right: Method::Ibl,
+            split: false,
+            rays: 1,
+            ..state.clone()
+        };
+        scene(self) == scene(other)
+    }
+
     /// Refuses numbers with which nothing can be rendered.
     ///
     /// # Errors
     /// When a number is outside its range.
     pub fn check(&self) -> anyhow::Result<()> {
-        let View { eye, target, up, .. } = &self.camera;
+        let Viewpoint { eye, target, up, .. } = &self.camera;
         let finite = eye.iter().chain(target).all(|v| v.is_finite() && v.abs() < 1e9) && up.iter().all(|v| v.is_finite());
         ensure!(finite, "the camera is at no place of this world");
         ensure!(eye != target, "the camera is where it looks");
