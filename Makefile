@@ -1,5 +1,5 @@
 # RenderFlow. `make demo` and `make test` do all set-up on a fresh Debian or Ubuntu with Rust and Python's pip.
-.PHONY: demo test test-full test-wheel bench docs oidn build dist wheel lint hdri clean
+.PHONY: demo test test-full test-wheel bench docs oidn build dist wheel wheel-portable lint hdri clean
 
 CARGO = cargo
 RENDERFLOW = target/release/renderflow
@@ -67,6 +67,15 @@ wheel: $(WHEEL_TOOLS)/bin/maturin
 	rm -rf target/wheels
 	cd python && ../$(WHEEL_TOOLS)/bin/maturin build --release --out ../target/wheels
 	$(WHEEL_TOOLS)/bin/auditwheel show target/wheels/*.whl
+
+# A wheel for older systems, target/wheels-portable/*.whl: zig links it against glibc 2.28 (Debian 10, Ubuntu 18.10, RHEL 8), on
+# whatever system it is built. It is a build of its own.
+wheel-portable: $(WHEEL_TOOLS)/bin/maturin
+	$(WHEEL_TOOLS)/bin/pip install -q "ziglang==0.17.1"
+	rm -rf target/wheels-portable
+	cd python && PATH="$(CURDIR)/$(WHEEL_TOOLS)/bin:$$PATH" ../$(WHEEL_TOOLS)/bin/maturin build --release --zig \
+		--target x86_64-unknown-linux-gnu --compatibility manylinux_2_28 --out ../target/wheels-portable
+	$(WHEEL_TOOLS)/bin/auditwheel show target/wheels-portable/*.whl
 
 test-wheel: wheel
 	sh python/tests/run.sh

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
 use crate::light::{EmissiveTriangle, EnvironmentLight, LightSampler, Repairs, Sampling};
-use crate::material::{Prepared, Principled};
+use crate::material::{Prepared, Principled, Side};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
 use glam::Vec3A;
@@ -48,7 +48,45 @@ pub(crate) struct CompiledMaterial {
     pub emissive_texture: Option<TextureSlot>,
     /// `None` where the mask cuts nothing, even if the file has one.
     pub alpha_mask: Option<AlphaMask>,
+    /// See [`Material::opacity`]; `None` where the surface covers everything.
+    pub opacity: Option<f32>,
     pub double_sided: bool,
+    pub clear: Clear,
+    pub thin_walled: bool,
+    pub transmission_texture: Option<TextureSlot>,
+    /// What the inside absorbs per metre.
+    pub absorption: Vec3A,
+}
+
+/// How a material lets light through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Clear {
+    /// Not at all, or straight through holes.
+    No,
+    /// It bounds a body.
+    Body,
+    /// A rough sheet.
+    Sheet,
+    /// A smooth sheet.
+    Pane,
+}
+
+/// Sheets smoother than this let light straight through: they spread it over less than half a degree.
+const PANE_ROUGHNESS: f32 = 0.08;
+
+impl Clear {
+    /// Of a material with the factors `surface`; `textured` tells whether a texture changes metallic and roughness.
+    fn of(surface: &Principled, thin_walled: bool, textured: bool) -> Self {
+        if surface.transmission <= 0.0 || surface.metallic >= 1.0 && !textured {
+            Self::No
+        } else if !thin_walled {
+            Self::Body
+        } else if surface.roughness < PANE_ROUGHNESS {
+            Self::Pane
+        } else {
+            Self::Sheet
+        }
+    }
 }
 
 impl CompiledMaterial {
@@ -61,7 +99,24 @@ impl CompiledMaterial {
     /// Whether every ray that meets the surface stops there, from either side.
     #[inline(always)]
     pub fn is_solid(&self) -> bool {
-        self.double_sided && self.alpha_mask.is_none()
+        self.both_sides() && self.alpha_mask.is_none() && self.opacity.is_none()
+    }
+
+    /// Whether rays meet the surface from behind too. They must where it bounds a body, or they would never leave that.
+    #[inline(always)]
+    pub fn both_sides(&self) -> bool {
+        self.double_sided || self.clear == Clear::Body
+    }
+
+    /// What the surface is to a viewer in front of it or behind it.
+    #[inline(always)]
+    pub fn side(&self, front: bool) -> Side {
+        match self.clear {
+            Clear::Sheet => Side::Sheet,
+            Clear::Pane => Side::Pane,
+            Clear::No | Clear::Body if front => Side::Outside,
+            Clear::No | Clear::Body => Side::Inside,
+        }
     }
 }
 
@@ -234,6 +289,7 @@ impl RenderScene {
         };
         self.changing.retain(|(changing, _)| *changing != number);
         material.surface = surface.clamped();
+        material.clear = Clear::of(&material.surface, material.thin_walled, material.metallic_roughness_texture.is_some());
         if let Some(bsdf) = self.bsdfs.get_mut().and_then(|bsdfs| bsdfs[number].as_mut()) {
             *bsdf = Prepared::new(&material.surface);
         }
@@ -271,7 +327,9 @@ impl RenderScene {
     /// The BSDF of each material, `None` where a texture changes it from place to place. Made on first use, on this thread alone.
     pub(crate) fn bsdfs(&self) -> &[Option<Prepared>] {
         self.bsdfs.get_or_init(|| {
-            let same = |m: &CompiledMaterial| m.base_color_texture.is_none() && m.metallic_roughness_texture.is_none();
+            let same = |m: &CompiledMaterial| {
+                m.base_color_texture.is_none() && m.metallic_roughness_texture.is_none() && m.transmission_texture.is_none()
+            };
             self.materials.iter().map(|m| same(m).then(|| Prepared::new(&m.surface))).collect()
         })
     }
@@ -363,7 +421,7 @@ fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &Envi
     let used = |f: &dyn Fn(&CompiledMaterial) -> bool| instances.iter().any(|i| f(&materials[i.material]));
     FeatureSet {
         textures: used(&|m| {
-            let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture];
+            let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture, &m.transmission_texture];
             m.normal_texture.is_some() || slots.iter().any(|slot| slot.is_some())
         }),
         normal_maps: used(&|m| m.normal_texture.is_some()),
@@ -371,7 +429,10 @@ fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &Envi
         black_environment: light.is_black(),
         layers: used(&|m| !m.surface.is_plain()),
         emitters: used(&|m| m.emissive != Vec3A::ZERO),
-        cutouts: used(&|m| m.alpha_mask.is_some() || !m.double_sided),
+        cutouts: used(&|m| !m.is_solid()),
+        blended: used(&|m| m.opacity.is_some()),
+        clear: used(&|m| m.clear != Clear::No),
+        panes: used(&|m| m.clear == Clear::Pane),
     }
 }
 
@@ -390,7 +451,14 @@ fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMateri
         emissive,
         emissive_texture: material.emissive_texture.clone().filter(|_| emissive != Vec3A::ZERO),
         alpha_mask,
+        opacity: material.opacity.filter(|opacity| {
+            opacity * material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha()) < 1.0
+        }),
         double_sided: material.double_sided,
+        clear: Clear::of(&material.surface, material.thin_walled, material.metallic_roughness_texture.is_some()),
+        thin_walled: material.thin_walled,
+        transmission_texture: material.transmission_texture.clone(),
+        absorption: Vec3A::from_array(material.absorption).max(Vec3A::ZERO),
     }
 }
 
@@ -436,12 +504,14 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
         }
     }
     for (i, material) in scene.materials.iter().enumerate() {
-        let slots = [&material.base_color_texture, &material.metallic_roughness_texture, &material.emissive_texture];
-        let slots = slots.into_iter().flatten();
-        for slot in slots.chain(material.normal_texture.as_ref().map(|(slot, _)| slot)) {
+        for slot in material.texture_slots() {
             if slot.texture >= scene.textures.len() {
                 return missing(format!("materials/{i}"), slot.texture, scene.textures.len());
             }
+        }
+        if !material.absorption.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            let reason = format!("absorption {:?} is not finite", material.absorption);
+            return Err(Error::inconsistent(format!("materials/{i}"), reason));
         }
         if !material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(Error::inconsistent(format!("materials/{i}"), format!("emission {:?} is not finite", material.emissive)));

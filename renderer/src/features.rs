@@ -1,6 +1,6 @@
 //! What a scene needs, as compile-time sets: the integrator is compiled once a set, so that what a scene lacks costs nothing.
 
-use crate::material::{Bsdf, BsdfEval, BsdfSample, Mode, Prepared, Principled, View};
+use crate::material::{Bsdf, BsdfEval, BsdfSample, ClearBsdf, ClearView, Mode, Prepared, Principled, Side, View};
 use glam::Vec3A;
 
 /// Compile-time description of a scene. A branch on one of these constants disappears from the compiled integrator.
@@ -12,7 +12,9 @@ pub trait Features: Send + Sync + 'static {
     /// More than base colour, metallic, roughness and specular of opaque, double-sided surfaces that do not emit: the other lobes
     /// of the principled BRDF, its published mode, emitters, alpha masks, single-sided surfaces.
     const FULL: bool;
-    /// The BSDF that [`Self::FULL`] calls for.
+    /// Some surface lets light through by refraction or as a sheet. It implies [`Self::FULL`].
+    const CLEAR: bool;
+    /// The BSDF that [`Self::FULL`] and [`Self::CLEAR`] call for.
     type Bsdf: Brdf;
 }
 
@@ -31,8 +33,15 @@ pub struct FeatureSet {
     pub layers: bool,
     /// Some surface emits.
     pub emitters: bool,
-    /// Some surface has holes or exists from one side only: rays must ask before they stop there.
+    /// Some surface has holes, covers only a share of what lies behind, or exists from one side only: rays must ask before they
+    /// stop there.
     pub cutouts: bool,
+    /// Some surface covers only a share of what lies behind.
+    pub blended: bool,
+    /// Some surface has transmission.
+    pub clear: bool,
+    /// Some surface is a pane ([`Side::Pane`]).
+    pub panes: bool,
 }
 
 impl FeatureSet {
@@ -54,6 +63,7 @@ impl<const TEXTURES: bool, const FLAT: bool> Features for Compiled<TEXTURES, FLA
     const TEXTURES: bool = TEXTURES;
     const FLAT_ENVIRONMENT: bool = FLAT;
     const FULL: bool = false;
+    const CLEAR: bool = false;
     type Bsdf = Bsdf<false>;
 }
 
@@ -61,7 +71,19 @@ impl<const TEXTURES: bool, const FLAT: bool> Features for Compiled<TEXTURES, FLA
     const TEXTURES: bool = TEXTURES;
     const FLAT_ENVIRONMENT: bool = FLAT;
     const FULL: bool = true;
+    const CLEAR: bool = false;
     type Bsdf = Bsdf<true>;
+}
+
+/// The compiled sets for scenes with clear surfaces. A flat environment is sampled there like any other.
+pub struct Clear<const TEXTURES: bool>;
+
+impl<const TEXTURES: bool> Features for Clear<TEXTURES> {
+    const TEXTURES: bool = TEXTURES;
+    const FLAT_ENVIRONMENT: bool = false;
+    const FULL: bool = true;
+    const CLEAR: bool = true;
+    type Bsdf = ClearBsdf;
 }
 
 /// What the integrator asks of a BSDF; see [`Bsdf`] for the meaning of each.
@@ -75,8 +97,8 @@ pub trait Brdf: Copy {
     fn new(surface: &Principled, mode: Mode) -> Self;
     /// The one of this kind among those made before.
     fn prepared(prepared: &Prepared) -> &Self;
-    /// [`Bsdf::view`].
-    fn view(&self, wo: Vec3A) -> Self::View<'_>;
+    /// [`Bsdf::view`], or [`ClearBsdf::view`] of a surface that is `side` to the viewer.
+    fn view(&self, wo: Vec3A, side: Side) -> Self::View<'_>;
 }
 
 /// What the integrator asks of a BSDF seen from one direction; see [`View`].
@@ -105,7 +127,7 @@ impl Brdf for Bsdf<false> {
     }
 
     #[inline(always)]
-    fn view(&self, wo: Vec3A) -> View<'_, false> {
+    fn view(&self, wo: Vec3A, _: Side) -> View<'_, false> {
         self.view(wo)
     }
 }
@@ -124,8 +146,49 @@ impl Brdf for Bsdf<true> {
     }
 
     #[inline(always)]
-    fn view(&self, wo: Vec3A) -> View<'_, true> {
+    fn view(&self, wo: Vec3A, _: Side) -> View<'_, true> {
         self.view(wo)
+    }
+}
+
+impl Brdf for ClearBsdf {
+    type View<'a> = ClearView<'a>;
+
+    #[inline(always)]
+    fn new(surface: &Principled, mode: Mode) -> Self {
+        Self::new(surface, mode)
+    }
+
+    #[inline(always)]
+    fn prepared(prepared: &Prepared) -> &Self {
+        &prepared.clear
+    }
+
+    #[inline(always)]
+    fn view(&self, wo: Vec3A, side: Side) -> ClearView<'_> {
+        self.view(wo, side)
+    }
+}
+
+impl BrdfView for ClearView<'_> {
+    #[inline(always)]
+    fn is_black(&self) -> bool {
+        self.is_black()
+    }
+
+    #[inline(always)]
+    fn eval(&self, wi: Vec3A) -> BsdfEval {
+        self.eval(wi)
+    }
+
+    #[inline(always)]
+    fn pdf(&self, wi: Vec3A) -> f32 {
+        self.eval(wi).pdf
+    }
+
+    #[inline(always)]
+    fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        self.sample(u_lobe, u)
     }
 }
 
@@ -152,12 +215,15 @@ impl<const FULL: bool> BrdfView for View<'_, FULL> {
 }
 
 /// Calls `$function::<F>($arguments...)` with the smallest compiled set that covers `$set`; `$full` asks for [`Features::FULL`]
-/// besides. Eight sets exist: {plain, textured} x {mapped, flat environment} x {basic, full}.
+/// besides. Ten sets exist: {plain, textured} x {mapped, flat environment} x {basic, full}, and {plain, textured} with clear
+/// surfaces.
 macro_rules! with_features {
     ($set:expr, $full:expr, $function:ident($($argument:expr),* $(,)?)) => {{
-        use $crate::features::Compiled;
+        use $crate::features::{Clear, Compiled};
         let set: $crate::features::FeatureSet = $set;
         match (set.textures, set.flat_environment, set.full() || $full) {
+            (false, ..) if set.clear => $function::<Clear<false>>($($argument),*),
+            (true, ..) if set.clear => $function::<Clear<true>>($($argument),*),
             (false, false, false) => $function::<Compiled<false, false, false>>($($argument),*),
             (false, false, true) => $function::<Compiled<false, false, true>>($($argument),*),
             (false, true, false) => $function::<Compiled<false, true, false>>($($argument),*),

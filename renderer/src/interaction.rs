@@ -4,7 +4,7 @@ use crate::accel::Hit;
 use crate::compile::RenderScene;
 use crate::features::Features;
 use crate::film::FirstHit;
-use crate::material::Principled;
+use crate::material::{Principled, Side};
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::Vec3A;
@@ -38,8 +38,9 @@ impl Cone {
         Self { width: self.width, spread: self.spread + own.min(1.0) }
     }
 
+    /// The cone after `t` metres.
     #[inline(always)]
-    fn at(self, t: f32) -> Self {
+    pub fn at(self, t: f32) -> Self {
         Self { width: self.width + self.spread * t, ..self }
     }
 }
@@ -63,6 +64,8 @@ pub struct Interaction {
     pub emitted: Vec3A,
     /// The emitter it is, where light sampling can find it.
     pub emitter: Option<u32>,
+    /// What the surface is to the viewer if light passes it.
+    pub side: Side,
     /// Whether it is the front, from which corners run counter-clockwise, that is seen.
     pub front: bool,
     /// Index of the instance.
@@ -140,6 +143,13 @@ impl Interaction {
                 surface.metallic = (surface.metallic * value.z).clamp(0.0, 1.0);
             }
         }
+        if F::CLEAR
+            && F::TEXTURES
+            && WHOLE
+            && let Some(slot) = &material.transmission_texture
+        {
+            surface.transmission = (surface.transmission * texture(slot).x).clamp(0.0, 1.0);
+        }
         let (mut emitted, mut emitter) = (Vec3A::ZERO, None);
         if WHOLE && F::FULL && material.emissive != Vec3A::ZERO && (front || material.double_sided) {
             emitted = scene.emission(material, lookup.uv);
@@ -154,6 +164,7 @@ impl Interaction {
             material: point.material,
             emitted,
             emitter,
+            side: if F::CLEAR { material.side(front) } else { Side::Outside },
             front,
             instance: point.instance,
             cone,
@@ -165,6 +176,13 @@ impl Interaction {
     #[inline(always)]
     pub fn spawn(&self, direction: Vec3A) -> Ray {
         Ray::leaving(self.p, self.n, self.offset, direction)
+    }
+
+    /// A ray that leaves the surface on the side of `direction`.
+    #[inline(always)]
+    pub fn spawn_either(&self, direction: Vec3A) -> Ray {
+        let n = if self.n.dot(direction) < 0.0 { -self.n } else { self.n };
+        Ray::leaving(self.p, n, self.offset, direction)
     }
 
     /// A point at the origin with the given normals and material.
@@ -180,6 +198,7 @@ impl Interaction {
             material: 0,
             emitted,
             emitter: None,
+            side: Side::Outside,
             front: true,
             instance: 0,
             cone: Cone::default(),

@@ -9,6 +9,7 @@
 pub mod accel;
 mod angle;
 pub mod camera;
+mod clear;
 mod compile;
 pub mod deferred;
 pub mod denoise;

@@ -24,6 +24,10 @@ const BEFORE_LIGHT: f32 = 1.0 - 1e-5;
 /// not.
 const BEFORE_HIT: f32 = 1.0 - 1e-5;
 
+/// Kinds of rays to blended surfaces: those that are samples of what is seen, and those that decide once and for all.
+const SAMPLE: u8 = 0;
+const CENTRE: u8 = 1;
+
 /// What lies along a ray to the environment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sight {
@@ -36,18 +40,33 @@ pub(crate) enum Sight {
 }
 
 impl RenderScene {
-    /// Whether rays stop at a triangle: not behind single-sided surfaces, not where the alpha mask has a hole.
+    /// Whether `ray` stops at a triangle: not behind single-sided surfaces, not where the alpha mask has a hole, and on blended
+    /// surfaces by chance, or for rays of `KIND` [`CENTRE`] where they cover at least one half.
     #[inline(always)]
-    fn stops(&self, candidate: &Candidate) -> bool {
+    fn stops<const KIND: u8>(&self, ray: &Ray, candidate: &Candidate) -> bool {
         let material = &self.materials[self.geometry.material(&candidate.hit)];
-        (candidate.front || material.double_sided) && self.is_there(material, || self.geometry.uv(&candidate.hit))
+        (candidate.front || material.both_sides()) && self.meets::<KIND>(material, ray, &candidate.hit)
     }
 
-    /// Whether rays pass a triangle because they meet it from behind.
+    /// Whether `ray` passes a triangle because it meets it from behind.
     #[inline(always)]
-    fn is_behind(&self, candidate: &Candidate) -> bool {
+    fn is_behind(&self, ray: &Ray, candidate: &Candidate) -> bool {
         let material = &self.materials[self.geometry.material(&candidate.hit)];
-        !(candidate.front || material.double_sided) && self.is_there(material, || self.geometry.uv(&candidate.hit))
+        !(candidate.front || material.both_sides()) && self.meets::<SAMPLE>(material, ray, &candidate.hit)
+    }
+
+    /// Whether the surface at `hit` is there for `ray`.
+    #[inline(always)]
+    fn meets<const KIND: u8>(&self, material: &CompiledMaterial, ray: &Ray, hit: &Hit) -> bool {
+        let Some(opacity) = material.opacity else { return self.is_there(material, || self.geometry.uv(hit)) };
+        let covered = self.coverage(material, opacity, || self.geometry.uv(hit));
+        if KIND == CENTRE { covered >= 0.5 } else { self.covers(ray, hit, covered) }
+    }
+
+    /// Share of a blended surface of the given opacity that covers what lies behind it where the texture coordinates are `uv`.
+    #[inline(always)]
+    fn coverage(&self, material: &CompiledMaterial, opacity: f32, uv: impl Fn() -> Vec2) -> f32 {
+        opacity * material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].alpha(slot, uv()))
     }
 
     /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates are `uv`.
@@ -66,9 +85,32 @@ impl RenderScene {
         #[cfg(feature = "record")]
         crate::record::ray(ray, false);
         if F::FULL && self.features().cutouts {
-            return self.geometry.closest_where(ray, scratch, |candidate| self.stops(candidate));
+            return self.geometry.closest_where(ray, scratch, |candidate| self.stops::<SAMPLE>(ray, candidate));
         }
         self.geometry.closest(ray, scratch)
+    }
+
+    /// As [`Self::trace`], for a ray that decides what is seen at a point: blended surfaces are there where they cover at least
+    /// one half.
+    #[inline(always)]
+    fn trace_centre(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
+        self.geometry.closest_where(ray, scratch, |candidate| self.stops::<CENTRE>(ray, candidate))
+    }
+
+    /// The nearest surface along `ray` that covers anything, and the share that it covers.
+    pub(crate) fn trace_layer(&self, ray: &Ray, scratch: &mut Scratch) -> Option<(Hit, f32)> {
+        let covered = |hit: &Hit| {
+            let material = &self.materials[self.geometry.material(hit)];
+            match material.opacity {
+                Some(opacity) => self.coverage(material, opacity, || self.geometry.uv(hit)),
+                None => f32::from(u8::from(self.is_there(material, || self.geometry.uv(hit)))),
+            }
+        };
+        let hit = self.geometry.closest_where(ray, scratch, |candidate| {
+            let material = &self.materials[self.geometry.material(&candidate.hit)];
+            (candidate.front || material.both_sides()) && covered(&candidate.hit) > 0.0
+        })?;
+        Some((hit, covered(&hit)))
     }
 
     /// As [`Self::trace`], and whether the ray passes a single-sided surface from behind on its way there, or to the environment.
@@ -82,10 +124,10 @@ impl RenderScene {
         // The query shows everything before the hit, and some of what lies beyond.
         let nearest_passed = Cell::new(f32::INFINITY);
         let hit = self.geometry.closest_where(ray, scratch, |candidate| {
-            if self.is_behind(candidate) {
+            if self.is_behind(ray, candidate) {
                 nearest_passed.set(nearest_passed.get().min(candidate.hit.t));
             }
-            self.stops(candidate)
+            self.stops::<SAMPLE>(ray, candidate)
         });
         (hit, nearest_passed.get() < hit.map_or(f32::INFINITY, |hit| hit.t * BEFORE_HIT))
     }
@@ -93,6 +135,18 @@ impl RenderScene {
     /// The nearest surface along each of `rays`, which should be close to each other, in `hits`.
     #[inline(always)]
     pub(crate) fn trace_all<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        self.trace_packet::<F, SAMPLE>(rays, hits, scratch);
+    }
+
+    /// As [`Self::trace_all`], for rays that decide what is seen at a point: blended surfaces are there where they cover at least
+    /// one half.
+    #[inline(always)]
+    pub(crate) fn trace_centres<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        self.trace_packet::<F, CENTRE>(rays, hits, scratch);
+    }
+
+    #[inline(always)]
+    fn trace_packet<F: Features, const KIND: u8>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         #[cfg(feature = "record")]
         crate::record::packet(rays);
         self.geometry.closest_packet(rays, hits, scratch);
@@ -100,54 +154,61 @@ impl RenderScene {
             // What is nearest of all and stops every ray is what the ray meets; elsewhere holes and back faces decide.
             let open = |hit: &Hit| !self.materials[self.geometry.material(hit)].is_solid();
             for (ray, hit) in rays.iter().zip(hits).filter(|(_, hit)| hit.as_ref().is_some_and(open)) {
-                *hit = self.trace::<F>(ray, scratch);
+                *hit = if KIND == CENTRE { self.trace_centre(ray, scratch) } else { self.trace::<F>(ray, scratch) };
             }
         }
     }
 
-    /// Whether a surface stands in the way of `ray` to the environment.
+    /// What there is along `ray` to the environment, and the share of light that panes on the way let through.
     #[inline(always)]
-    pub(crate) fn shadowed<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> bool {
+    pub(crate) fn sight<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> (Sight, Vec3A) {
         #[cfg(feature = "record")]
         crate::record::ray(ray, true);
-        if F::FULL && self.features().cutouts {
-            return self.geometry.occluded_where(ray, scratch, |candidate| self.stops(candidate));
+        if !(F::FULL && self.features().cutouts || F::CLEAR && self.features().panes) {
+            let sight = if self.geometry.occluded(ray, scratch) { Sight::Hidden } else { Sight::Clear };
+            return (sight, Vec3A::ONE);
         }
-        self.geometry.occluded(ray, scratch)
-    }
-
-    /// As [`Self::shadowed`], and whether the ray passes a surface from behind.
-    #[inline(always)]
-    pub(crate) fn sight<F: Features>(&self, ray: &Ray, scratch: &mut Scratch) -> Sight {
-        if !(F::FULL && self.features().cutouts) {
-            return if self.shadowed::<F>(ray, scratch) { Sight::Hidden } else { Sight::Clear };
-        }
-        #[cfg(feature = "record")]
-        crate::record::ray(ray, true);
-        let passed = Cell::new(false);
+        let (passed, share) = (Cell::new(false), Cell::new(Vec3A::ONE));
         let hidden = self.geometry.occluded_where(ray, scratch, |candidate| {
-            if self.is_behind(candidate) {
+            if self.is_behind(ray, candidate) {
                 passed.set(true);
             }
-            self.stops(candidate)
+            self.stops::<SAMPLE>(ray, candidate) && !self.passes_pane::<F>(ray, &candidate.hit, &share)
         });
-        match (hidden, passed.get()) {
+        let sight = match (hidden, passed.get()) {
             (true, _) => Sight::Hidden,
             (false, true) => Sight::Through,
             (false, false) => Sight::Clear,
-        }
+        };
+        (sight, share.get())
     }
 
-    /// What there is along `ray` before a light sample. On the way to an emitter, which no light path comes from, nothing is
-    /// noted.
+    /// What there is along `ray` before a light sample, as [`Self::sight`] has it. On the way to an emitter, which no light path
+    /// comes from, nothing is noted.
     #[inline(always)]
-    pub(crate) fn sight_of<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> Sight {
+    pub(crate) fn sight_of<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> (Sight, Vec3A) {
         let Source::Emitter { id, .. } = light.source else { return self.sight::<F>(ray, scratch) };
         let end = light.distance * BEFORE_LIGHT;
+        let share = Cell::new(Vec3A::ONE);
         let hidden = self.geometry.occluded_where(ray, scratch, |candidate| {
-            candidate.hit.t < end && self.geometry.locate(&candidate.hit) != self.emitter(id) && self.stops(candidate)
+            candidate.hit.t < end
+                && self.geometry.locate(&candidate.hit) != self.emitter(id)
+                && self.stops::<SAMPLE>(ray, candidate)
+                && !self.passes_pane::<F>(ray, &candidate.hit, &share)
         });
-        if hidden { Sight::Hidden } else { Sight::Clear }
+        (if hidden { Sight::Hidden } else { Sight::Clear }, share.get())
+    }
+
+    /// Whether light goes straight through what is at `hit`; `share` is multiplied by how much of it.
+    #[inline(always)]
+    fn passes_pane<F: Features>(&self, ray: &Ray, hit: &Hit, share: &Cell<Vec3A>) -> bool {
+        if !F::CLEAR {
+            return false;
+        }
+        let Some(pane) = self.pane(hit) else { return false };
+        let left = share.get() * self.pane_share(pane, hit, ray.direction);
+        share.set(left);
+        left != Vec3A::ZERO
     }
 
     /// The environment as light samples are drawn from it.
@@ -207,6 +268,10 @@ impl RenderScene {
         let [a, b, c] = mesh.triangles[triangle as usize].map(corner);
         let uv = a * weights[0] + b * weights[1] + c * weights[2];
         // Where the mask has a hole there is nothing to emit.
-        if self.is_there(material, || uv) { self.emission(material, uv) } else { Vec3A::ZERO }
+        match material.opacity {
+            Some(opacity) => self.emission(material, uv) * self.coverage(material, opacity, || uv),
+            None if self.is_there(material, || uv) => self.emission(material, uv),
+            None => Vec3A::ZERO,
+        }
     }
 }

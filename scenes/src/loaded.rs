@@ -74,6 +74,15 @@ pub struct Material {
     pub emissive_texture: Option<TextureSlot>,
     /// Where the surface is cut out; `None` = nowhere.
     pub alpha_mask: Option<AlphaMask>,
+    /// Share of the surface that covers what lies behind, 0..=1, multiplied by the alpha of the base colour's texture; `None` =
+    /// all of it. There is no `alpha_mask` besides.
+    pub opacity: Option<f32>,
+    /// Its red multiplies `transmission`.
+    pub transmission_texture: Option<TextureSlot>,
+    /// Whether a surface with transmission is a sheet without an inside.
+    pub thin_walled: bool,
+    /// What the inside of a body with transmission absorbs, per metre, >= 0: light becomes `exp(-absorption distance)` of itself.
+    pub absorption: [f32; 3],
     /// Whether the surface exists seen from behind; a single-sided one lets rays pass from there, as glTF culls it.
     pub double_sided: bool,
     /// Its parameters at the last frame of the sequence, between which and `surface` it changes evenly; `None` where it does not
@@ -92,13 +101,19 @@ impl Material {
 
     /// Every texture lookup.
     pub fn texture_slots(&self) -> impl Iterator<Item = &TextureSlot> {
-        let slots = [&self.base_color_texture, &self.metallic_roughness_texture, &self.emissive_texture];
+        let slots =
+            [&self.base_color_texture, &self.metallic_roughness_texture, &self.emissive_texture, &self.transmission_texture];
         slots.into_iter().flatten().chain(self.normal_texture.as_ref().map(|(slot, _)| slot))
     }
 
     /// Every texture lookup, to be changed.
     pub fn texture_slots_mut(&mut self) -> impl Iterator<Item = &mut TextureSlot> {
-        let slots = [&mut self.base_color_texture, &mut self.metallic_roughness_texture, &mut self.emissive_texture];
+        let slots = [
+            &mut self.base_color_texture,
+            &mut self.metallic_roughness_texture,
+            &mut self.emissive_texture,
+            &mut self.transmission_texture,
+        ];
         slots.into_iter().flatten().chain(self.normal_texture.as_mut().map(|(slot, _)| slot))
     }
 }
@@ -121,6 +136,10 @@ impl Default for Material {
             emissive: [0.0; 3],
             emissive_texture: None,
             alpha_mask: None,
+            opacity: None,
+            transmission_texture: None,
+            thin_walled: false,
+            absorption: [0.0; 3],
             double_sided: true,
             change: None,
         }
@@ -175,8 +194,8 @@ impl std::ops::AddAssign for TriangleReport {
 /// What loading had to decide or repair; all counts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadReport {
-    /// Materials that their file wants blended (glTF's alphaMode BLEND; `d` or `Tr` of MTL), rendered as opaque.
-    pub blend_as_opaque: usize,
+    /// Materials that let light straight through a share of their surface (glTF's alphaMode BLEND; `d` or `Tr` of MTL).
+    pub blended: usize,
     /// Materials with holes where their alpha is low.
     pub alpha_masked: usize,
     /// Triangles left out or remarkable. Meshes are counted once, however often they are placed.

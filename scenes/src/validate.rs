@@ -178,6 +178,12 @@ impl Check {
             self.name(at("name"), &material.name);
             Principled::from(material).for_each(|field, value| self.range(at(field), value, 0.0..=1.0));
             self.range(at("alpha_cutoff"), material.alpha_cutoff.unwrap_or(0.0), 0.0..=1.0);
+            self.range(at("opacity"), material.opacity.unwrap_or(0.0), 0.0..=1.0);
+            if material.opacity.is_some() && material.alpha_cutoff.is_some() {
+                self.say(at("opacity"), "cannot be used together with alpha_cutoff");
+            }
+            self.vector(&at("attenuation_color"), material.attenuation_color, 1e-6..=1.0);
+            self.range(at("attenuation_distance"), material.attenuation_distance, MIN_SIZE..=MAX_SIZE);
             self.vector(&at("emissive"), material.emissive, 0.0..=MAX_EMISSION);
             if let Some(change) = &material.change {
                 if let Some(color) = change.base_color {

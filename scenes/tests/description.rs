@@ -57,7 +57,7 @@ fn materials_of_the_example_arrive() {
     }
     let scene = Scene::read(&path).unwrap();
     let loaded = load::load(&scene, &Reach::of(&path)).unwrap();
-    assert_eq!((loaded.report.alpha_masked, loaded.report.notes.len()), (1, 0), "{:?}", loaded.report);
+    assert_eq!((loaded.report.alpha_masked, loaded.report.blended, loaded.report.notes.len()), (1, 1, 0), "{:?}", loaded.report);
     let find = |name: &str| loaded.materials.iter().find(|m| m.name == name).unwrap();
     assert_eq!((find("lacquer").surface.clearcoat, find("lacquer").surface.clearcoat_gloss), (1.0, 0.95));
     assert_eq!((find("velvet").surface.sheen, find("velvet").surface.sheen_tint), (1.0, 0.6));
@@ -74,6 +74,11 @@ fn materials_of_the_example_arrive() {
             ..Default::default()
         }
     );
+    let glass = find("bottle glass");
+    assert_eq!((glass.surface.transmission, glass.thin_walled, glass.opacity), (1.0, false, None));
+    assert!(glass.absorption.iter().zip([0.3_f32, 0.75, 0.45]).all(|(a, color)| (a + 2.0 * color.ln()).abs() < 1e-5));
+    assert!(find("stained pane").thin_walled);
+    assert_eq!(find("gauze").opacity, Some(0.4));
     let sheet = find("punched sheet");
     assert_eq!(sheet.alpha_mask, Some(AlphaMask { cutoff: 0.5, factor: 1.0 }));
     // One decoding for colour and emission, one for data, one for normals; and three maps of the pattern.

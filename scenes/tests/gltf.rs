@@ -99,7 +99,7 @@ fn textured(image: Value) -> Value {
     file["materials"] = json!([{
         "name": "painted",
         "alphaMode": "BLEND",
-        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "texCoord": 1 }, "baseColorFactor": [0.5, 1, 1, 1], "metallicFactor": 0.25 },
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "texCoord": 1 }, "baseColorFactor": [0.5, 1, 1, 0.5], "metallicFactor": 0.25 },
         "normalTexture": { "index": 0, "texCoord": 1, "scale": 0.5, "extensions": { "KHR_texture_transform": { "offset": [0.5, 0] } } },
         "emissiveFactor": [1, 0, 0],
         "extensions": { "KHR_materials_ior": { "ior": 1.25 }, "KHR_materials_emissive_strength": { "emissiveStrength": 3 } },
@@ -126,7 +126,7 @@ fn materials_textures_and_their_options_arrive() {
     // F0 of an index of 1.25 is 1/81, in units of 0.08.
     assert!((material.surface.specular - 1.0 / 81.0 / 0.08).abs() < 1e-6);
     assert_eq!(material.emissive, [3.0, 0.0, 0.0]);
-    assert_eq!(scene.report.blend_as_opaque, 1);
+    assert_eq!((material.opacity, scene.report.blended), (Some(0.5), 1));
     let color = &scene.textures[material.base_color_texture.as_ref().unwrap().texture];
     assert_eq!(color.wrap, [Wrap::Clamp, Wrap::Mirror]);
     // sRGB 32768/65535 is 0.2140482 linear (IEC 61966-2-1).

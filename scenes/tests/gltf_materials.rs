@@ -101,7 +101,7 @@ fn alpha_modes() {
             material["alphaCutoff"] = json!(cutoff);
         }
         let (material, report, _) = read(material, &[image]);
-        (material.alpha_mask, report.alpha_masked, report.blend_as_opaque)
+        (material.alpha_mask, report.alpha_masked, report.blended)
     };
     assert_eq!(read("OPAQUE", None, 0.1, &HOLES), (None, 0, 0));
     assert_eq!(read("BLEND", None, 0.1, &HOLES), (None, 0, 1));
@@ -112,6 +112,19 @@ fn alpha_modes() {
     assert_eq!(read("MASK", None, 1.0, &OPAQUE), (None, 0, 0));
     // A factor below the cutoff hides everything.
     assert_eq!(read("MASK", None, 0.25, &OPAQUE), (Some(AlphaMask { cutoff: 0.5, factor: 0.25 }), 1, 0));
+    // BLEND covers the share that factor times texture says.
+    let blended = |factor: f32, image: &[[u8; 4]]| {
+        let material = json!({
+            "alphaMode": "BLEND",
+            "pbrMetallicRoughness": { "baseColorFactor": [1, 1, 1, factor], "baseColorTexture": { "index": 0 } }
+        });
+        let (material, report, _) = self::read(material, &[image]);
+        (material.opacity, report.blended)
+    };
+    assert_eq!(blended(0.25, &OPAQUE), (Some(0.25), 1));
+    assert_eq!(blended(1.0, &HOLES), (Some(1.0), 1));
+    // What covers everything is opaque.
+    assert_eq!(blended(1.0, &OPAQUE), (None, 0));
     // More than 1 hides everything, too (section 3.9.4), and needs no texture.
     let (material, ..) = self::read(json!({ "alphaMode": "MASK", "alphaCutoff": 1.5 }), &[]);
     assert_eq!(material.alpha_mask, Some(AlphaMask { cutoff: 1.5, factor: 1.0 }));
@@ -265,4 +278,37 @@ fn real_files_keep_what_they_say() {
             assert_eq!(read.alpha_mask.is_some(), material["alphaMode"] == "MASK", "{folder}/{name}");
         }
     }
+}
+
+/// KHR_materials_transmission without a volume is a sheet, with one a body that absorbs: color = exp(-absorption distance).
+#[test]
+fn glass_is_read() {
+    let read = |extensions: Value| read(json!({ "extensions": extensions }), &[&OPAQUE]);
+    let (pane, report, _) = read(json!({ "KHR_materials_transmission": { "transmissionFactor": 0.75 } }));
+    assert_eq!((pane.surface.transmission, pane.thin_walled, pane.absorption), (0.75, true, [0.0; 3]));
+    assert!(report.notes.is_empty(), "{:?}", report.notes);
+    let (glass, ..) = read(json!({
+        "KHR_materials_transmission": { "transmissionFactor": 1, "transmissionTexture": { "index": 0 } },
+        "KHR_materials_volume": { "thicknessFactor": 0.1, "attenuationDistance": 2, "attenuationColor": [1, 0.5, 0] },
+        "KHR_materials_ior": { "ior": 1.33 }
+    }));
+    assert_eq!((glass.surface.transmission, glass.thin_walled), (1.0, false));
+    assert!(glass.transmission_texture.is_some());
+    // 2 m leave a half; nothing at all would be an infinite absorption.
+    let expected = [0.0, 0.5 * std::f32::consts::LN_2, 0.5 * 1e6_f32.ln()];
+    assert!(glass.absorption.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{:?}", glass.absorption);
+    assert!((glass.surface.specular - (0.33_f32 / 2.33).powi(2) / 0.08).abs() < 1e-5);
+    // A thickness of zero is a sheet; values that make no sense are not used.
+    for (volume, thin) in [
+        (json!({ "thicknessFactor": 0, "attenuationDistance": 1, "attenuationColor": [0, 0, 0] }), true),
+        (json!({ "thicknessFactor": 1, "attenuationDistance": -1, "attenuationColor": [0, 0, 0] }), false),
+        (json!({ "thicknessFactor": 1, "attenuationDistance": 0, "attenuationColor": "red" }), false),
+        (json!({ "thicknessFactor": "thick" }), true),
+        (json!(7), true),
+    ] {
+        let (odd, ..) = read(json!({ "KHR_materials_transmission": { "transmissionFactor": 9 }, "KHR_materials_volume": volume }));
+        assert_eq!((odd.surface.transmission, odd.thin_walled, odd.absorption), (1.0, thin, [0.0; 3]), "{volume}");
+    }
+    let (odd, ..) = read(json!({ "KHR_materials_transmission": { "transmissionFactor": 1, "transmissionTexture": { "index": 99 } } }));
+    assert!(odd.transmission_texture.is_none());
 }

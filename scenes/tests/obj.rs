@@ -152,7 +152,7 @@ fn materials_become_principled() {
     let shiny = &scene.materials[scene.instances[1].material];
     assert_eq!((shiny.surface.base_color.to_array(), shiny.surface.roughness, shiny.surface.metallic), ([0.5; 3], 0.125, 1.0));
     assert!((shiny.surface.specular - 0.25).abs() < 1e-6);
-    assert_eq!(scene.report.blend_as_opaque, 1);
+    assert_eq!((red.opacity, shiny.opacity, scene.report.blended), (None, Some(0.5), 1));
 }
 
 /// An image of one row of grey or coloured pixels.
@@ -185,7 +185,7 @@ fn light_coats_cloth_and_stretch_of_the_pbr_extension() {
     // Roughness 0.2 is a width of 0.04 = mix(0.1, 0.001, gloss).
     assert!((0.1 + (0.001 - 0.1) * red.surface.clearcoat_gloss - 0.04).abs() < 1e-6);
     assert!(red.double_sided && red.alpha_mask.is_none());
-    assert_eq!(scene.report.blend_as_opaque, 1);
+    assert_eq!((red.opacity, scene.report.blended), (Some(0.5), 1));
     assert!(scene.report.notes.iter().any(|n| n.contains("rotation of the anisotropy")), "{:?}", scene.report.notes);
     let shiny = &scene.materials[scene.instances[1].material];
     assert_eq!(
@@ -209,7 +209,7 @@ fn opacity_maps_become_the_alpha_of_the_colour() {
     assert_eq!((red.surface.base_color.to_array(), shiny.surface.base_color.to_array()), ([1.0; 3], [0.5; 3]));
     let mask = Some(AlphaMask { cutoff: 0.5, factor: 1.0 });
     assert_eq!((red.alpha_mask, shiny.alpha_mask, scene.report.alpha_masked), (mask, mask, 2));
-    assert_eq!((scene.report.blend_as_opaque, scene.report.notes.len()), (0, 0));
+    assert_eq!((scene.report.blended, scene.report.notes.len()), (0, 0));
     // Of another size, or lying otherwise: noted, the colour stays.
     let files =
         painted("newmtl red\nmap_Kd paint.png\nmap_d -s 2 2 2 paint.png\nnewmtl shiny\nmap_Kd paint.png\nmap_d one.png\n");

@@ -108,7 +108,7 @@ impl Demo {
             },
             lpips: &lpips,
             every: 1,
-            pictures: 3,
+            pictures: 17,
             title: format!("RenderFlow: {name}"),
             settings: self.settings(&name, &sequence.loaded, &settings, networks.settings()),
         };
@@ -144,9 +144,13 @@ impl Demo {
         Ok(())
     }
 
-    /// Writes the pictures of each frame side by side with their names; below them their errors, and where these are largest.
+    /// Writes the pictures of the first, the middle and the last frame side by side with their names; below them their errors, and
+    /// where these are largest.
     fn montages(&self, scored: &Scored, results: &Results) -> Result<()> {
-        for &frame in &scored.about.shown {
+        let shown = &scored.about.shown;
+        let mut frames: Vec<usize> = [0, shown.len() / 2, shown.len().saturating_sub(1)].iter().filter_map(|&i| shown.get(i).copied()).collect();
+        frames.dedup();
+        for frame in frames {
             let read = |method: &str| picture::display_values(&scored.pictures.join(picture_file(frame, method)));
             let truth = read(TRUTH)?;
             let there = results.about.methods.iter().filter(|m| scored.pictures.join(picture_file(frame, &m.id)).is_file());

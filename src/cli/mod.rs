@@ -307,7 +307,6 @@ fn parent(path: &Path) -> PathBuf {
 /// Prints what loading had to decide. It prints nothing where there was nothing to decide.
 fn print_report(report: &LoadReport) {
     let counted = [
-        (report.blend_as_opaque, "materials with alpha blending, rendered as opaque"),
         (report.triangles.out_of_range, "triangles dropped: a vertex that does not exist"),
         (report.triangles.not_finite, "triangles dropped: a coordinate that is not finite"),
         (report.triangles.no_area, "triangles dropped: no area"),

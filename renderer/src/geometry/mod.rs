@@ -350,6 +350,13 @@ impl Geometry {
         }
     }
 
+    /// The ray that goes on along `direction` behind `hit`.
+    pub fn behind(&self, hit: &Hit, direction: Vec3A) -> Ray {
+        let point = self.surface(hit);
+        let n = if point.n.dot(direction) < 0.0 { -point.n } else { point.n };
+        Ray::leaving(point.p, n, point.offset, direction)
+    }
+
     /// Vertices of a hit in a shared mesh, the mesh and its placement.
     fn shared_vertices(&self, hit: &Hit) -> Option<([usize; 3], &Mesh, &Placement)> {
         let (placement, _) = self.shared(hit)?;

@@ -64,11 +64,19 @@ impl<F: Features> Tracer<'_, F> {
         let weighed = contribution(rest);
         if weighed != Vec3A::ZERO || !skips.zero_contributions {
             self.stats.shadow_rays += 1;
-            match scene.sight_of::<F>(&surface.spawn(light.wi), &light, &mut self.scratch) {
-                Sight::Hidden => {}
-                Sight::Through => self.add_scattered(path, contribution(0.0), origin),
-                Sight::Clear => self.add_scattered(path, weighed, origin),
-            }
+            let ray = if F::CLEAR { surface.spawn_either(light.wi) } else { surface.spawn(light.wi) };
+            let (sight, share) = scene.sight_of::<F>(&ray, &light, &mut self.scratch);
+            let arriving = match sight {
+                Sight::Hidden => return,
+                Sight::Through => contribution(0.0),
+                Sight::Clear => weighed,
+            };
+            let arriving = if F::CLEAR {
+                arriving * share * path.medium.along(scene, surface, light.wi).over(light.distance)
+            } else {
+                arriving
+            };
+            self.add_scattered(path, arriving, origin);
         }
     }
 

@@ -4,6 +4,7 @@ use super::path::{SHOTS, camera_ray_at};
 use super::visible::Visible;
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Filter, Projector};
+use crate::clear::first_hit;
 use crate::compile::RenderScene;
 use crate::error::Result;
 use crate::features::Features;
@@ -205,7 +206,7 @@ impl<F: Features> TilePass<'_, '_, F> {
             }
             let mut found = [None; SHOTS];
             let packet = rays.map(|(_, ray)| ray);
-            scene.trace_all::<F>(&packet[..count], &mut found[..count], &mut self.scratch);
+            scene.trace_centres::<F>(&packet[..count], &mut found[..count], &mut self.scratch);
             self.stats.camera_rays += count as u64;
             for ((at, _), hit) in rays.iter().zip(found).take(count) {
                 hits[*at] = hit;
@@ -283,7 +284,7 @@ impl<F: Features> TilePass<'_, '_, F> {
             }
             scene.trace_all::<F>(&packet[..count], &mut hits[..count], &mut self.scratch);
             for (ray, hit) in packet.iter().zip(&hits).take(count) {
-                guides.push(hit.map(|hit| Interaction::guide::<F>(scene, ray, &hit, cone)));
+                guides.push(hit.map(|hit| first_hit::<F>(scene, ray, &hit, cone, &mut self.scratch)));
             }
         }
         self.stats.camera_rays += u64::from(rays);
@@ -302,6 +303,9 @@ impl Pass<'_> {
     fn asks_for_plain(&self) -> bool {
         let rays = self.settings.guide_samples;
         let possible = self.guides && self.film.is_none() && self.settings.filter == Filter::Box;
+        // Rays to centres and corners do not tell what blended and clear surfaces show.
+        let features = self.scene.features();
+        let possible = possible && !features.clear && !features.blended;
         possible && rays > PLAIN_FROM && self.settings.skips.plain_pixels
     }
 

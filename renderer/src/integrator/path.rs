@@ -3,6 +3,7 @@
 use super::light_paths::{self, CausticCasters};
 use super::scatter::Scatterer;
 use crate::accel::{Hit, Scratch};
+use crate::clear::{Medium, Straight, first_hit};
 use crate::compile::RenderScene;
 use crate::features::{Brdf, Features};
 use crate::film::FirstHit;
@@ -225,24 +226,30 @@ impl<'a, F: Features> Tracer<'a, F> {
             return Sample { radiance: self.scene.environment_light().radiance(Vec3A::Y), first: None };
         }
         let (ray, hit) = (self.rays[place % SHOTS], self.hits[place % SHOTS]);
+        let straight = Straight::new(ray, hit, false);
+        let straight = if F::CLEAR { straight.go_on::<F>(self.scene, &mut self.scratch) } else { straight };
         self.radiance = Vec3A::ZERO;
         if self.directions.is_some() {
             self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
         }
-        let first = match hit {
+        let clear = if F::CLEAR || F::FULL && self.scene.features().blended { hit } else { None };
+        let behind = clear.map(|hit| first_hit::<F>(self.scene, &ray, &hit, self.camera_cone, &mut self.scratch));
+        let first = match straight.hit {
             None => {
-                self.add(self.scene.environment_light().radiance(ray.direction), Origin::Environment(ray.direction));
-                None
+                let radiance = self.scene.environment_light().radiance(ray.direction);
+                self.add(if F::CLEAR { straight.weight * radiance } else { radiance }, Origin::Environment(ray.direction));
+                behind
             }
             Some(hit) => {
-                let surface = Interaction::new::<F>(self.scene, &ray, &hit, self.camera_cone);
-                let first = FirstHit { albedo: surface.surface.base_color, ns: surface.ns };
+                let cone = if F::CLEAR { self.camera_cone.at(straight.before) } else { self.camera_cone };
+                let surface = Interaction::new::<F>(self.scene, &straight.ray, &hit, cone);
+                let first = behind.unwrap_or(FirstHit { albedo: surface.surface.base_color, ns: surface.ns });
                 if F::FULL && surface.emitted != Vec3A::ZERO {
-                    self.add(surface.emitted, Origin::Emitter);
+                    self.add(if F::CLEAR { straight.weight * surface.emitted } else { surface.emitted }, Origin::Emitter);
                 }
                 // Without light there is nothing to gather.
                 if !(self.settings.skips.dark_scenes && self.scene.features().dark()) {
-                    self.gather(&shot.sampler, shot.index, surface, -ray.direction);
+                    self.gather(&shot.sampler, shot.index, (surface, straight.weight), -ray.direction);
                 }
                 Some(first)
             }
@@ -267,9 +274,9 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
     }
 
-    /// Adds what `first` scatters towards `wo`.
+    /// Adds what `first` scatters towards `wo`, seen through panes that make the factor `through`.
     #[inline(always)]
-    fn gather(&mut self, sampler: &PixelSampler, index: u32, first: Interaction, wo: Vec3A) {
+    fn gather(&mut self, sampler: &PixelSampler, index: u32, (first, through): (Interaction, Vec3A), wo: Vec3A) {
         let mode = self.settings.bsdf;
         let (bsdfs, mut own) = (self.bsdfs, None);
         let bsdf = bsdf_of::<F>(bsdfs, &first, mode, &mut own);
@@ -277,13 +284,16 @@ impl<'a, F: Features> Tracer<'a, F> {
         if self.settings.skips.black_surfaces && split.is_black() {
             return;
         }
-        let path = Path::first(index, self.branches, self.lights);
+        let whole = Path::first(index, self.branches, self.lights);
+        let part = |part, count| {
+            let path = whole.part(part, count);
+            if F::CLEAR { Path { beta: path.beta * through, ..path } } else { path }
+        };
         for light in 0..self.lights {
-            self.sample_light(sampler, &path.part(light, self.lights), &first, (bsdf, &split), wo);
+            self.sample_light(sampler, &part(light, self.lights), &first, (bsdf, &split), wo);
         }
         for branch in 0..self.branches {
-            if let Some((path, surface, wo)) = self.scatter(sampler, path.part(branch, self.branches), &first, (bsdf, &split), wo)
-            {
+            if let Some((path, surface, wo)) = self.scatter(sampler, part(branch, self.branches), &first, (bsdf, &split), wo) {
                 self.follow(sampler, path, surface, wo);
             }
         }
@@ -364,11 +374,16 @@ impl<'a, F: Features> Tracer<'a, F> {
         let scattered = scatterer.sample(lobe, [u, v])?;
         let wi = scattered.wi;
         path.beta *= scattered.weight;
-        if path.beta == Vec3A::ZERO || !path.survives(survive) {
+        let gain = if F::CLEAR { path.medium.gain() } else { 1.0 };
+        if path.beta == Vec3A::ZERO || !path.survives(survive, gain) {
             return None;
         }
 
-        let ray = surface.spawn(wi);
+        let (ray, medium) = if F::CLEAR {
+            (surface.spawn_either(wi), path.medium.along(scene, surface, wi))
+        } else {
+            (surface.spawn(wi), Medium::AIR)
+        };
         // The number of draws that were made with this density.
         let pdf = path.draws() * scattered.pdf;
         let last = path.vertex == self.settings.max_bounces;
@@ -377,22 +392,24 @@ impl<'a, F: Features> Tracer<'a, F> {
             let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
             if contribution != Vec3A::ZERO || !skips.zero_contributions {
                 self.stats.shadow_rays += 1;
-                let sight = if skips.last_any_hit {
+                let (sight, share) = if skips.last_any_hit || F::CLEAR {
                     scene.sight::<F>(&ray, &mut self.scratch)
                 } else {
-                    match scene.trace_noting::<F>(&ray, &mut self.scratch) {
+                    let sight = match scene.trace_noting::<F>(&ray, &mut self.scratch) {
                         (Some(_), _) => Sight::Hidden,
                         (None, true) => Sight::Through,
                         (None, false) => Sight::Clear,
-                    }
+                    };
+                    (sight, Vec3A::ONE)
                 };
+                let left = |light: Vec3A| if F::CLEAR { light * share * medium.over(f32::INFINITY) } else { light };
                 match sight {
                     Sight::Hidden => {}
-                    Sight::Clear => self.add_scattered(&path, contribution, Origin::Environment(wi)),
+                    Sight::Clear => self.add_scattered(&path, left(contribution), Origin::Environment(wi)),
                     Sight::Through => {
                         let path = path.unreached();
                         let light = self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
-                        self.add_scattered(&path, path.beta * light, Origin::Environment(wi));
+                        self.add_scattered(&path, left(path.beta * light), Origin::Environment(wi));
                     }
                 }
             }
@@ -400,6 +417,17 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
         self.stats.bounce_rays += 1;
         let (hit, through) = scene.trace_noting::<F>(&ray, &mut self.scratch);
+        let mut straight = Straight::new(ray, hit, through);
+        if F::CLEAR {
+            straight = straight.go_on::<F>(scene, &mut self.scratch);
+            let distance = straight.before + straight.hit.map_or(f32::INFINITY, |hit| hit.t);
+            path.beta *= straight.weight * medium.over(distance);
+            path.medium = medium;
+            if path.beta == Vec3A::ZERO {
+                return None;
+            }
+        }
+        let Straight { ray, hit, through, before, .. } = straight;
         let Some(hit) = hit else {
             let path = if through { path.unreached() } else { path };
             let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
@@ -407,9 +435,10 @@ impl<'a, F: Features> Tracer<'a, F> {
             return None;
         };
         let cone = surface.cone.scattered(scattered.pdf, self.settings.spp);
+        let (cone, distance) = if F::CLEAR { (cone.at(before), before + hit.t) } else { (cone, hit.t) };
         let next = Interaction::new::<F>(scene, &ray, &hit, cone);
         if F::FULL && next.emitted != Vec3A::ZERO {
-            let weight = self.emitter_weight(&next, wi, hit.t, pdf);
+            let weight = self.emitter_weight(&next, wi, distance, pdf);
             self.add_scattered(&path, path.beta * next.emitted * weight, Origin::Emitter);
         }
         if path.vertex == 1
@@ -456,6 +485,8 @@ pub(super) struct Path {
     first_draws: f32,
     /// Factor of the density of light paths; 0 where no light path can come this way.
     pub reach: f32,
+    /// What the path is inside of.
+    pub medium: Medium,
 }
 
 impl Path {
@@ -463,7 +494,7 @@ impl Path {
     #[inline(always)]
     fn first(index: u32, branches: u32, lights: u32) -> Self {
         let (branches, lights) = (branches as f32, lights as f32);
-        Self { vertex: 1, index, beta: Vec3A::ONE, branches, first_draws: branches / lights, reach: 0.0 }
+        Self { vertex: 1, index, beta: Vec3A::ONE, branches, first_draws: branches / lights, reach: 0.0, medium: Medium::AIR }
     }
 
     /// Part `part` of `count` equal parts. Each part has its own random numbers, stratified together with those of all camera
@@ -485,14 +516,15 @@ impl Path {
         if self.vertex == 1 { self.first_draws } else { 1.0 }
     }
 
-    /// Plays roulette with the random number `u`; survivors are weighted up for the paths that end.
+    /// Plays roulette with the random number `u`; survivors are weighted up for the paths that end. The throughput counts `gain`
+    /// times.
     #[inline(always)]
-    fn survives(&mut self, u: f32) -> bool {
+    fn survives(&mut self, u: f32, gain: f32) -> bool {
         if self.vertex < ROULETTE_FROM {
             return true;
         }
         let limit = if self.vertex < ROULETTE_ALWAYS { 1.0 } else { ROULETTE_LIMIT };
-        let keep = (self.beta.max_element() * (self.branches / ROULETTE_BELOW)).min(limit);
+        let keep = (self.beta.max_element() * gain * (self.branches / ROULETTE_BELOW)).min(limit);
         // A NaN continues, so that it is counted.
         if u >= keep {
             return false;

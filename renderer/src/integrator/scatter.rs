@@ -16,12 +16,12 @@
 
 use crate::features::{Brdf, BrdfView, Features};
 use crate::interaction::Interaction;
-use crate::material::{BsdfEval, Mode};
+use crate::material::{BsdfEval, Mode, Side};
 use glam::Vec3A;
 
 /// A direction drawn by [`Scatterer::sample`].
 pub(super) struct Scattered {
-    /// Unit, world space, above the true surface.
+    /// Unit, world space; above the true surface, or below it where light is let through.
     pub wi: Vec3A,
     /// BSDF times cosine over density.
     pub weight: Vec3A,
@@ -37,6 +37,7 @@ pub(super) struct Scatterer<'a, F: Features + 'a> {
     /// `n . ns`.
     lean: f32,
     mode: Mode,
+    side: Side,
     view: <F::Bsdf as Brdf>::View<'a>,
 }
 
@@ -49,7 +50,7 @@ impl<'a, F: Features> Scatterer<'a, F> {
         } else {
             ShadingFrame::new(surface.ns)
         };
-        Self { n: surface.n, lean: surface.n.dot(surface.ns), mode, view: bsdf.view(frame.to_local(wo)), frame }
+        Self { n: surface.n, lean: surface.n.dot(surface.ns), mode, view: bsdf.view(frame.to_local(wo), surface.side), side: surface.side, frame }
     }
 
     /// Whether nothing is reflected towards the viewer from any direction.
@@ -58,7 +59,8 @@ impl<'a, F: Features> Scatterer<'a, F> {
         self.view.is_black()
     }
 
-    /// Value (times cosine) and density for the world-space direction `wi`; zero below the true surface.
+    /// Value (times cosine) and density for the world-space direction `wi`; zero below the true surface unless that lets light
+    /// through.
     #[inline(always)]
     pub fn eval(&self, wi: Vec3A) -> BsdfEval {
         self.eval_seen(&self.view, wi)
@@ -67,10 +69,12 @@ impl<'a, F: Features> Scatterer<'a, F> {
     #[inline(always)]
     fn eval_seen(&self, view: &<F::Bsdf as Brdf>::View<'_>, wi: Vec3A) -> BsdfEval {
         let cos = self.n.dot(wi);
-        if cos <= 0.0 {
+        if cos <= 0.0 && !(F::CLEAR && cos < 0.0) {
             return BsdfEval::default();
         }
-        let direct = view.eval(self.frame.to_local(wi));
+        let local = self.frame.to_local(wi);
+        // What is mirrored above the shading horizon stays above the surface, and what is let through stays below.
+        let direct = if F::CLEAR && local.z * cos <= 0.0 { BsdfEval::default() } else { view.eval(local) };
         match self.folded(wi, cos) {
             None => direct,
             Some(mirrored) => {
@@ -83,17 +87,19 @@ impl<'a, F: Features> Scatterer<'a, F> {
     /// Density of drawing `wo`, from where this is seen, if it were seen from `wi`, with its shading normal as it is.
     #[inline(always)]
     pub fn reversed_pdf(&self, bsdf: &F::Bsdf, wo: Vec3A, wi: Vec3A) -> f32 {
-        self.eval_seen(&bsdf.view(self.frame.to_local(wi)), wo).pdf
+        self.eval_seen(&bsdf.view(self.frame.to_local(wi), self.side), wo).pdf
     }
 
-    /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it.
+    /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it. The same with
+    /// both sides exchanged for light that is let through.
     #[inline(always)]
     fn folded(&self, wi: Vec3A, cos: f32) -> Option<Vec3A> {
         if F::FULL && self.mode == Mode::Published {
             return None;
         }
         let cos_shading = self.frame.n.dot(wi) - 2.0 * cos * self.lean;
-        (cos_shading > 0.0).then(|| self.frame.to_local(wi - self.n * (2.0 * cos)))
+        let shown = if F::CLEAR { cos_shading * cos > 0.0 } else { cos_shading > 0.0 };
+        shown.then(|| self.frame.to_local(wi - self.n * (2.0 * cos)))
     }
 
     /// Draws a direction. `None` where the sample has no energy.
@@ -102,17 +108,19 @@ impl<'a, F: Features> Scatterer<'a, F> {
         let drawn = self.view.sample(u_lobe, u)?;
         let wi = self.frame.to_world(drawn.wi);
         let cos = self.n.dot(wi);
+        let through = F::CLEAR && drawn.wi.z < 0.0;
+        let kept = |cos: f32| if through { cos < 0.0 } else { cos > 0.0 };
         // The estimate is over the directions of the BSDF; folding only moves where they lead.
-        let (wi, other) = if cos > 0.0 {
+        let (wi, other) = if kept(cos) {
             (wi, self.folded(wi, cos).map_or(0.0, |mirrored| self.view.pdf(mirrored)))
         } else if F::FULL && self.mode == Mode::Published {
             return None;
         } else {
             let above = (wi - self.n * (2.0 * cos)).normalize();
-            (above, if self.frame.n.dot(above) > 0.0 { self.view.pdf(self.frame.to_local(above)) } else { 0.0 })
+            (above, if kept(self.frame.n.dot(above)) { self.view.pdf(self.frame.to_local(above)) } else { 0.0 })
         };
         // Exactly along the surface nothing is reached.
-        (self.n.dot(wi) > 0.0).then_some(Scattered { wi, weight: drawn.weight, pdf: drawn.pdf + other })
+        kept(self.n.dot(wi)).then_some(Scattered { wi, weight: drawn.weight, pdf: drawn.pdf + other })
     }
 }
 

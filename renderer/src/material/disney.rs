@@ -2,14 +2,11 @@
 
 use super::conserving::{Conserving, Outgoing};
 use super::published::Published;
-use super::{BsdfEval, BsdfSample, Mode, Principled};
+use super::clear::ClearBsdf;
+use super::{BsdfEval, BsdfSample, MIN_PDF, Mode, Principled};
 use crate::angle::sin_cos_eighth;
 use glam::Vec3A;
 use std::f32::consts::FRAC_PI_4;
-
-/// Draws of a smaller density are discarded. The quotient of value and density would be rounded beyond use (both are subnormal or
-/// nearly so), and such a draw has a probability below 1e-28 of happening at all.
-const MIN_PDF: f32 = 1e-30;
 
 /// Probabilities of drawing each lobe; they sum to 1.
 #[derive(Clone, Copy, Debug)]
@@ -92,17 +89,19 @@ impl<const FULL: bool> Bsdf<FULL> {
     }
 }
 
-/// Both forms of the conserving BSDF of a material without textures. They are made once, so that a vertex prepares only its view.
+/// All forms of the conserving BSDF of a material without textures. They are made once, so that a vertex prepares only its view.
 #[derive(Clone, Copy)]
 pub struct Prepared {
     pub(crate) plain: Bsdf<false>,
     pub(crate) full: Bsdf<true>,
+    pub(crate) clear: ClearBsdf,
 }
 
 impl Prepared {
     /// For a surface that is the same everywhere.
     pub fn new(surface: &Principled) -> Self {
-        Self { plain: Bsdf::new(surface, Mode::Conserving), full: Bsdf::new(surface, Mode::Conserving) }
+        let mode = Mode::Conserving;
+        Self { plain: Bsdf::new(surface, mode), full: Bsdf::new(surface, mode), clear: ClearBsdf::new(surface, mode) }
     }
 }
 

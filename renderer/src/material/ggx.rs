@@ -115,6 +115,13 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
     /// the horizon, where a single reflection carries nothing. `None` on the measure-zero failure of the construction.
     #[inline(always)]
     pub fn sample(&self, wo: Vec3A, u: [f32; 2]) -> Option<Vec3A> {
+        let h = self.visible_normal(wo, u)?;
+        Some(2.0 * wo.dot(h) * h - wo)
+    }
+
+    /// The visible normal that [`Self::sample`] mirrors in, of density `4 (wo . h)` times the density of [`Self::sample`].
+    #[inline(always)]
+    pub fn visible_normal(&self, wo: Vec3A, u: [f32; 2]) -> Option<Vec3A> {
         let (ax, ay) = (self.width(0), self.width(1));
         let stretched = Vec3A::new(ax * wo.x, ay * wo.y, wo.z).normalize();
         // A point on the cap of directions that a half vector mirrors `stretched` into.
@@ -123,7 +130,6 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
         let (sin, cos) = sin_cos_turns(u[1]);
         let h = Vec3A::new(r * cos, r * sin, z) + stretched;
         let h = Vec3A::new(ax * h.x, ay * h.y, h.z.max(0.0));
-        let h = h.try_normalize()?;
-        Some(2.0 * wo.dot(h) * h - wo)
+        h.try_normalize()
     }
 }

@@ -8,16 +8,19 @@
 
 mod albedo;
 mod anisotropy;
+mod clear;
 mod clearcoat;
 mod conserving;
 mod diffuse;
 mod disney;
 mod fresnel;
 pub mod ggx;
+pub(crate) mod glass;
 mod published;
 mod sheen;
 mod subsurface;
 
+pub use clear::{ClearBsdf, ClearView};
 use disney::Lobes;
 pub use disney::{Bsdf, Prepared, View};
 pub use fresnel::schlick;
@@ -49,6 +52,24 @@ impl Mode {
     }
 }
 
+/// Draws of a smaller density are discarded. The quotient of value and density would be rounded beyond use (both are subnormal or
+/// nearly so), and such a draw has a probability below 1e-28 of happening at all.
+const MIN_PDF: f32 = 1e-30;
+
+/// What a surface that lets light through is to the one who sees it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Side {
+    /// The boundary of a body, seen from outside.
+    #[default]
+    Outside,
+    /// The boundary of a body, seen from inside.
+    Inside,
+    /// A rough sheet without an inside.
+    Sheet,
+    /// A smooth sheet; what it lets through goes straight on and is no part of the BSDF.
+    Pane,
+}
+
 /// Value of a BSDF for a pair of directions.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfEval {
@@ -61,7 +82,7 @@ pub struct BsdfEval {
 /// A direction drawn by [`View::sample`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
-    /// Unit, above the shading horizon.
+    /// Unit; above the shading horizon, or below it where light is let through.
     pub wi: Vec3A,
     /// `f_cos / pdf`.
     pub weight: Vec3A,

@@ -27,7 +27,11 @@ macro_rules! material {
                     $($name: $default,)*
                     emissive: [0.0; 3],
                     alpha_cutoff: None,
+                    opacity: None,
                     double_sided: true,
+                    thin_walled: false,
+                    attenuation_color: [1.0; 3],
+                    attenuation_distance: 1.0,
                     base_color_texture: None,
                     metallic_roughness_texture: None,
                     normal_texture: None,
@@ -50,9 +54,27 @@ with_parameters!(material! {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub alpha_cutoff: Option<f32>,
-    /// Whether the surface exists seen from behind, too; true by default.
+    /// Share of the surface that covers what lies behind it, 0..=1, multiplied by the alpha of `base_color_texture`. Light goes
+    /// straight through the rest. Without it the surface covers everything. Not together with `alpha_cutoff`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1))]
+    pub opacity: Option<f32>,
+    /// Whether the surface exists seen from behind, too; true by default. A surface that bounds a clear body exists from both
+    /// sides in any case.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
     pub double_sided: bool,
+    /// Whether a surface with `transmission` is a sheet without an inside, such as a window pane or a leaf, which does not bend
+    /// light. Otherwise it bounds a body of glass or water with air outside. False by default.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub thin_walled: bool,
+    /// Colour of white light after `attenuation_distance` inside the body, linear Rec.709, 1e-6..=1; white by default.
+    #[serde(default = "white", skip_serializing_if = "is_white")]
+    #[schemars(inner(range(min = 1e-6, max = 1)))]
+    pub attenuation_color: [f32; 3],
+    /// Metres inside the body after which light has the colour `attenuation_color`, 1e-9..=1e9; 1 by default.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    #[schemars(range(min = 1e-9, max = 1e9))]
+    pub attenuation_distance: f32,
     /// Image multiplied with `base_color`, decoded from sRGB; relative to the scene file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_color_texture: Option<String>,
@@ -143,6 +165,15 @@ fn is_zero(v: &f32) -> bool {
 }
 fn is_one(v: &f32) -> bool {
     *v == 1.0
+}
+fn white() -> [f32; 3] {
+    [1.0; 3]
+}
+fn is_white(v: &[f32; 3]) -> bool {
+    *v == [1.0; 3]
+}
+fn is_false(v: &bool) -> bool {
+    !*v
 }
 fn is_true(v: &bool) -> bool {
     *v

@@ -38,6 +38,9 @@ macro_rules! with_parameters {
             clearcoat_gloss: f32 = 1.0, (serde(default = "one", skip_serializing_if = "is_one"), schemars(range(min = 0, max = 1)));
             /// 0..=1, 0 by default; share of the diffuse shape that approximates subsurface scattering.
             subsurface: f32 = 0.0, (serde(default, skip_serializing_if = "is_zero"), schemars(range(min = 0, max = 1)));
+            /// 0..=1, 0 by default; share of the part that is no metal that lets light through, coloured by the base colour. The
+            /// index of refraction is that of `specular`: 0.26 is water (1.33), 0.5 is glass (1.5).
+            transmission: f32 = 0.0, (serde(default, skip_serializing_if = "is_zero"), schemars(range(min = 0, max = 1)));
         }
     };
 }
@@ -174,7 +177,7 @@ with_parameters!(principled! {});
 impl Principled {
     /// Whether only base colour, metallic, roughness and specular matter.
     pub fn is_plain(&self) -> bool {
-        [self.specular_tint, self.anisotropic, self.sheen, self.clearcoat, self.subsurface].iter().all(|v| *v <= 0.0)
+        [self.specular_tint, self.anisotropic, self.sheen, self.clearcoat, self.subsurface, self.transmission].iter().all(|v| *v <= 0.0)
     }
 
     /// The parameters that matter to plain materials in their range, the others as they are.
@@ -213,7 +216,7 @@ mod tests {
         assert_eq!(Principled::from(&Material::default()), Principled::default());
         let mut pointers = Vec::new();
         Principled::default().for_each(|pointer, _| pointers.push(pointer.to_owned()));
-        assert_eq!((pointers.len(), pointers[2].as_str(), pointers[12].as_str()), (13, "base_color/2", "subsurface"));
+        assert_eq!((pointers.len(), pointers[2].as_str(), pointers[13].as_str()), (14, "base_color/2", "transmission"));
     }
 
     #[test]

@@ -130,6 +130,8 @@ struct Build<'a> {
     material_names: Names,
     instance_names: Names,
     default_material: Option<usize>,
+    /// Materials of files for objects of another size, by the file's material and the bits of the size.
+    scaled: HashMap<(usize, u32), usize>,
 }
 
 impl<'a> Build<'a> {
@@ -154,6 +156,7 @@ impl<'a> Build<'a> {
             // A part of a model must not take the name of a later object.
             instance_names: Names::new(scene.objects.iter().map(|o| &o.name)),
             default_material: None,
+            scaled: HashMap::new(),
         }
     }
 
@@ -180,6 +183,10 @@ impl<'a> Build<'a> {
             emissive: described.emissive,
             emissive_texture: slot(&described.emissive_texture, Encoding::Srgb),
             alpha_mask: described.alpha_cutoff.map(|cutoff| AlphaMask { cutoff, factor: 1.0 }),
+            opacity: described.opacity,
+            transmission_texture: None,
+            thin_walled: described.thin_walled,
+            absorption: absorption(described.attenuation_color, described.attenuation_distance),
             double_sided: described.double_sided,
             change: described.change.as_ref().map(|change| change.applied(surface)),
         }
@@ -273,8 +280,28 @@ impl<'a> Build<'a> {
             }
             let name = if single { object.name.clone() } else { self.instance_names.unique(&format!("{}/{part}", object.name)) };
             let material = material.unwrap_or_else(|| self.default_material());
+            let material = if own.is_some() { material } else { self.scaled(material, object) };
             self.instances.push(Instance { name, mesh, material, object_id, transforms });
         }
+    }
+
+    /// A material of a file for an object that is placed larger or smaller: what its inside absorbs over a distance of the file,
+    /// it absorbs over the distance that this becomes.
+    fn scaled(&mut self, material: usize, object: &Object) -> usize {
+        let size = object.transform.scale.iter().product::<f32>().abs().cbrt();
+        let absorption = self.materials[material].absorption;
+        if absorption == [0.0; 3] || size == 1.0 {
+            return material;
+        }
+        *self.scaled.entry((material, size.to_bits())).or_insert_with(|| {
+            let name = self.material_names.unique(&self.materials[material].name);
+            self.materials.push(Material {
+                name,
+                absorption: absorption.map(|v| (v / size).min(f32::MAX)),
+                ..self.materials[material].clone()
+            });
+            self.materials.len() - 1
+        })
     }
 
     fn add_mesh(&mut self, mut made: Mesh) -> usize {
@@ -301,13 +328,13 @@ impl<'a> Build<'a> {
                 base_color_texture: moved(material.base_color_texture),
                 metallic_roughness_texture: moved(material.metallic_roughness_texture),
                 emissive_texture: moved(material.emissive_texture),
+                transmission_texture: moved(material.transmission_texture),
                 normal_texture: material.normal_texture.and_then(|(slot, scale)| moved(Some(slot)).map(|s| (s, scale))),
                 ..material
             });
         }
         self.textures.extend(loaded.textures);
         self.report.triangles += loaded.report.triangles;
-        self.report.blend_as_opaque += loaded.report.blend_as_opaque;
         self.report.notes.extend(loaded.report.notes.into_iter().map(|note| format!("{file}: {note}")));
         Ok(Placed { parts: loaded.parts, first_mesh, first_material: wanted.then_some(first_material) })
     }
@@ -365,15 +392,23 @@ impl<'a> Build<'a> {
         ));
     }
 
-    /// Takes masks away that cut nothing, and counts those that stay.
+    /// Takes masks away that cut nothing and opacities that cover everything, and counts those that stay.
     fn drop_idle_masks(&mut self) {
         for material in &mut self.materials {
-            let Some(AlphaMask { cutoff, factor }) = material.alpha_mask else { continue };
             let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].lowest_alpha());
-            if factor * lowest >= cutoff {
-                material.alpha_mask = None;
-            } else {
-                self.report.alpha_masked += 1;
+            if let Some(AlphaMask { cutoff, factor }) = material.alpha_mask {
+                if factor * lowest >= cutoff {
+                    material.alpha_mask = None;
+                } else {
+                    self.report.alpha_masked += 1;
+                }
+            }
+            if let Some(opacity) = material.opacity {
+                if opacity * lowest >= 1.0 {
+                    material.opacity = None;
+                } else {
+                    self.report.blended += 1;
+                }
             }
         }
     }
@@ -391,6 +426,11 @@ impl<'a> Build<'a> {
             }
         }
     }
+}
+
+/// What a body absorbs per metre that turns white light into `color` over `distance` metres (Beer and Lambert's law).
+pub(in crate::load) fn absorption(color: [f32; 3], distance: f32) -> [f32; 3] {
+    color.map(|share| if share < 1.0 { -share.max(1e-6).ln() / distance } else { 0.0 })
 }
 
 /// How the textures of a material go on.

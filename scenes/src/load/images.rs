@@ -36,14 +36,15 @@ pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance]
     for (i, material) in materials.iter_mut().enumerate() {
         if !used[i] {
             let had = material.texture_slots().count() > 0;
-            let (name, alpha_mask) = (material.name.clone(), material.alpha_mask);
+            let (name, alpha_mask, opacity) = (material.name.clone(), material.alpha_mask, material.opacity);
             if had {
                 unused.push(name);
             }
             // A mask by a colour's alpha means nothing without it.
             material.alpha_mask = alpha_mask.filter(|_| material.base_color_texture.is_none());
+            material.opacity = opacity.filter(|_| material.base_color_texture.is_none());
             (material.base_color_texture, material.metallic_roughness_texture) = (None, None);
-            (material.normal_texture, material.emissive_texture) = (None, None);
+            (material.normal_texture, material.emissive_texture, material.transmission_texture) = (None, None, None);
             continue;
         }
         if !bumpy[i] {
@@ -54,7 +55,8 @@ pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance]
         }
         // What a change brings from zero is looked at later.
         let (first, last) = (material.surface, material.change.unwrap_or(material.surface));
-        if first.base_color == Vec3A::ZERO && last.base_color == Vec3A::ZERO && material.alpha_mask.is_none() {
+        let covers = material.alpha_mask.is_none() && material.opacity.is_none();
+        if first.base_color == Vec3A::ZERO && last.base_color == Vec3A::ZERO && covers {
             material.base_color_texture = None;
         }
         if [first.roughness, first.metallic, last.roughness, last.metallic] == [0.0; 4] {

@@ -52,7 +52,7 @@ fn counts(loaded: &LoadedScene) -> Result<Counts> {
     found.add("needles", dropped.needles);
     found.add("materials", loaded.materials.len());
     found.add("alpha_masked", loaded.report.alpha_masked);
-    found.add("blend_as_opaque", loaded.report.blend_as_opaque);
+    found.add("blended", loaded.report.blended);
     found.add("textures", loaded.textures.len());
     found.add("texture_bytes", loaded.textures.iter().map(Texture::bytes).sum::<usize>());
     found.add("emissive_triangles", emitters.map(|i| loaded.meshes[i.mesh].triangles.len()).sum::<usize>());

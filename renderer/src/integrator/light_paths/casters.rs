@@ -47,6 +47,8 @@ impl CausticCasters {
             && settings.filter == Filter::Box
             && settings.clamp_indirect.is_none()
             && settings.max_bounces >= 2
+            // Weights know no way through clear surfaces.
+            && !scene.features().clear
             && !scene.features().flat_environment
             && scene.environment_light().concentration() >= CONCENTRATION;
         if !wanted {

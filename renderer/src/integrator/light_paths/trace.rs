@@ -207,7 +207,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             let Some(deposit) = self.connect(&hit, &light, density) else { continue };
             if !lit {
                 self.stats.shadow_rays += 1;
-                if scene.sight::<F>(&to_light, &mut self.scratch) != Sight::Clear {
+                if scene.sight::<F>(&to_light, &mut self.scratch).0 != Sight::Clear {
                     return;
                 }
                 lit = true;

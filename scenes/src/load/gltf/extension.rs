@@ -1,6 +1,7 @@
 //! Material extensions of glTF, brought into Burley's parameters. Exact where the two models agree, the nearest of his lobes and
 //! a note where they do not.
 
+use crate::load::build::absorption;
 use crate::{LoadReport, Material};
 use renderflow_frame::color::luminance;
 use serde_json::Value;
@@ -18,7 +19,40 @@ pub(super) fn apply(material: &gltf::Material, read: Material, name: &str, repor
     if let Some(extension) = material.extension_value("KHR_materials_anisotropy") {
         anisotropy(extension, &mut result, report);
     }
+    if let Some(extension) = material.extension_value("KHR_materials_transmission") {
+        let volume = material.extension_value("KHR_materials_volume");
+        transmission(extension, volume, &mut result, report);
+    }
     result
+}
+
+/// Without a thickness the surface is a sheet; with one it bounds a body, through which paths travel as far as its other side
+/// is, whatever number the thickness has.
+fn transmission(extension: &Value, volume: Option<&Value>, result: &mut Material, report: &mut LoadReport) {
+    result.surface.transmission = unit(extension, "transmissionFactor");
+    if result.surface.transmission == 0.0 {
+        result.transmission_texture = None;
+        return;
+    }
+    let number = |key: &str| volume.and_then(|v| v.get(key)).and_then(Value::as_f64);
+    result.thin_walled = number("thicknessFactor").is_none_or(|thickness| thickness <= 0.0);
+    if result.thin_walled {
+        return;
+    }
+    let color = numbers(volume.and_then(|v| v.get("attenuationColor")), 1.0);
+    let distance = number("attenuationDistance").map_or(f32::INFINITY, |v| v as f32);
+    if distance > 0.0 {
+        result.absorption = absorption(color, distance.max(1e-9));
+    } else if color != [1.0; 3] {
+        note(report, result, format!("the attenuation distance {distance} of KHR_materials_volume is not used"));
+    }
+}
+
+/// Three numbers of an extension, limited to 0..=1.
+fn numbers(value: Option<&Value>, otherwise: f32) -> [f32; 3] {
+    let list = value.and_then(Value::as_array);
+    let number = |i: usize| list.and_then(|n| n.get(i)).and_then(Value::as_f64).map_or(otherwise, |v| v.clamp(0.0, 1.0) as f32);
+    [number(0), number(1), number(2)]
 }
 
 fn note(report: &mut LoadReport, material: &Material, what: impl std::fmt::Display) {
@@ -94,9 +128,7 @@ fn clearcoat(extension: &Value, result: &mut Material, report: &mut LoadReport) 
 
 /// Strength is the largest channel of the sheen's colour; a coloured sheen takes the hue of the base colour.
 fn sheen(extension: &Value, result: &mut Material, report: &mut LoadReport) {
-    let numbers = extension.get("sheenColorFactor").and_then(Value::as_array);
-    let channel = |i: usize| numbers.and_then(|n| n.get(i)).and_then(Value::as_f64).map_or(0.0, |v| v.clamp(0.0, 1.0) as f32);
-    let color = [channel(0), channel(1), channel(2)];
+    let color = numbers(extension.get("sheenColorFactor"), 0.0);
     result.surface.sheen = color.into_iter().fold(0.0, f32::max);
     if result.surface.sheen == 0.0 {
         return;

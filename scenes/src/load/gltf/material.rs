@@ -53,8 +53,8 @@ impl<'a> Materials<'a> {
     }
 
     /// Set of texture coordinates (`TEXCOORD_n`) that the textures of `material` are looked up with.
-    pub(super) fn texture_set(material: &gltf::Material) -> u32 {
-        references(material).set()
+    pub(super) fn texture_set(&self, material: &gltf::Material) -> u32 {
+        references(self.document, material).set()
     }
 
     /// Index in [`Self::list`] of a material, read now if this is its first use.
@@ -77,17 +77,14 @@ impl<'a> Materials<'a> {
         let pbr = material.pbr_metallic_roughness();
         let [r, g, b, alpha] = pbr.base_color_factor();
         let alpha_mask = match material.alpha_mode() {
-            AlphaMode::Opaque => None,
-            AlphaMode::Blend => {
-                report.blend_as_opaque += 1;
-                None
-            }
+            AlphaMode::Opaque | AlphaMode::Blend => None,
             AlphaMode::Mask => {
                 let cutoff = material.alpha_cutoff().unwrap_or(0.5);
                 Some(AlphaMask { cutoff: if cutoff.is_finite() { cutoff } else { 0.5 }, factor: unit(alpha) })
             }
         };
-        let used = references(material);
+        let opacity = (material.alpha_mode() == AlphaMode::Blend).then(|| unit(alpha));
+        let used = references(self.document, material);
         let set = used.set();
         if used.all().any(|r| r.set != set) {
             report
@@ -107,8 +104,10 @@ impl<'a> Materials<'a> {
             metallic_roughness_texture: slot(used.data),
             normal_texture: slot(used.normal).map(|s| (s, if scale.is_finite() { scale } else { 1.0 })),
             emissive_texture: slot(used.emissive),
+            transmission_texture: slot(used.transmission),
             emissive: emissive(material, &name, report),
             alpha_mask,
+            opacity,
             double_sided: material.double_sided(),
             ..Material::default()
         };
@@ -197,11 +196,12 @@ struct References<'a> {
     normal: Option<Reference<'a>>,
     data: Option<Reference<'a>>,
     emissive: Option<Reference<'a>>,
+    transmission: Option<Reference<'a>>,
 }
 
 impl References<'_> {
     fn all(&self) -> impl Iterator<Item = &Reference<'_>> {
-        [&self.color, &self.normal, &self.data, &self.emissive].into_iter().flatten()
+        [&self.color, &self.normal, &self.data, &self.emissive, &self.transmission].into_iter().flatten()
     }
 
     /// Set of texture coordinates for all of them: the first one's.
@@ -210,7 +210,7 @@ impl References<'_> {
     }
 }
 
-fn references<'a>(material: &gltf::Material<'a>) -> References<'a> {
+fn references<'a>(document: &'a gltf::Document, material: &gltf::Material<'a>) -> References<'a> {
     let pbr = material.pbr_metallic_roughness();
     let simple = |info: gltf::texture::Info<'a>, encoding| {
         let transform = info.texture_transform();
@@ -222,27 +222,39 @@ fn references<'a>(material: &gltf::Material<'a>) -> References<'a> {
         }
     };
     let normal = material.normal_texture().map(|info| {
-        let transform = info.extension_value("KHR_texture_transform");
-        let pair = |key: &str, otherwise: [f32; 2]| -> [f32; 2] {
-            let numbers = transform.and_then(|t| t.get(key)).and_then(Value::as_array);
-            let number = |i: usize| numbers.and_then(|n| n.get(i)).and_then(Value::as_f64).map(|v| v as f32);
-            [number(0).unwrap_or(otherwise[0]), number(1).unwrap_or(otherwise[1])]
-        };
-        let rotation = transform.and_then(|t| t.get("rotation")).and_then(Value::as_f64).unwrap_or(0.0);
-        let set = transform.and_then(|t| t.get("texCoord")).and_then(Value::as_u64).and_then(|s| u32::try_from(s).ok());
-        Reference {
-            encoding: Encoding::Normal,
-            set: set.unwrap_or(info.tex_coord()),
-            uv_transform: uv_transform(pair("offset", [0.0; 2]), rotation as f32, pair("scale", [1.0; 2])),
-            texture: info.texture(),
-        }
+        let (set, uv_transform) = lie(info.extension_value("KHR_texture_transform"));
+        Reference { encoding: Encoding::Normal, set: set.unwrap_or(info.tex_coord()), uv_transform, texture: info.texture() }
     });
     References {
         color: pbr.base_color_texture().map(|info| simple(info, Encoding::Srgb)),
         normal,
         data: pbr.metallic_roughness_texture().map(|info| simple(info, Encoding::Linear)),
         emissive: material.emissive_texture().map(|info| simple(info, Encoding::Srgb)),
+        transmission: material
+            .extension_value("KHR_materials_transmission")
+            .and_then(|extension| plain(document, extension.get("transmissionTexture")?)),
     }
+}
+
+/// Set of texture coordinates and their transform as KHR_texture_transform has them.
+fn lie(transform: Option<&Value>) -> (Option<u32>, Affine2) {
+    let pair = |key: &str, otherwise: [f32; 2]| -> [f32; 2] {
+        let numbers = transform.and_then(|t| t.get(key)).and_then(Value::as_array);
+        let number = |i: usize| numbers.and_then(|n| n.get(i)).and_then(Value::as_f64).map(|v| v as f32);
+        [number(0).unwrap_or(otherwise[0]), number(1).unwrap_or(otherwise[1])]
+    };
+    let rotation = transform.and_then(|t| t.get("rotation")).and_then(Value::as_f64).unwrap_or(0.0);
+    let set = transform.and_then(|t| t.get("texCoord")).and_then(Value::as_u64).and_then(|s| u32::try_from(s).ok());
+    (set, uv_transform(pair("offset", [0.0; 2]), rotation as f32, pair("scale", [1.0; 2])))
+}
+
+/// The reference to a texture of numbers in an extension that the gltf crate does not know; `None` where it leads nowhere.
+fn plain<'a>(document: &'a gltf::Document, info: &Value) -> Option<Reference<'a>> {
+    let number = |key: &str| info.get(key).and_then(Value::as_u64);
+    let texture = document.textures().nth(usize::try_from(number("index")?).ok()?)?;
+    let (set, uv_transform) = lie(info.get("extensions").and_then(|extensions| extensions.get("KHR_texture_transform")));
+    let own = number("texCoord").and_then(|set| u32::try_from(set).ok()).unwrap_or(0);
+    Some(Reference { texture, encoding: Encoding::Linear, set: set.unwrap_or(own), uv_transform })
 }
 
 /// Limits a factor; what is not a number becomes 0.

@@ -21,12 +21,14 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Extensions that are read, beyond those that the gltf crate knows it can.
-const READ: [&str; 5] = [
+const READ: [&str; 7] = [
     "KHR_mesh_quantization",
     "KHR_materials_specular",
     "KHR_materials_clearcoat",
     "KHR_materials_sheen",
     "KHR_materials_anisotropy",
+    "KHR_materials_transmission",
+    "KHR_materials_volume",
 ];
 /// Extensions that the gltf crate reads here (its cargo features).
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
@@ -204,7 +206,7 @@ impl Reader<'_> {
             Some(accessor) => buffers.indices(&accessor, &format!("{place}/indices"))?,
             None => (0..positions.len() as u32).collect(),
         };
-        let set = if self.materials.is_some() { Materials::texture_set(&primitive.material()) } else { 0 };
+        let set = self.materials.as_ref().map_or(0, |materials| materials.texture_set(&primitive.material()));
         let vertices = positions.len();
         Ok(Some(Mesh {
             name: mesh.name().map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned),

@@ -141,18 +141,18 @@ fn convert(material: &tobj::Material, textures: &mut Textures, report: &mut Load
     let number = |key: &str| extra(key).and_then(|v| v.split_whitespace().next()?.parse::<f32>().ok());
     let statement = |words: Option<&String>| words.map(|w| Statement::parse(w));
 
-    // Opacity: a map is cut at one half, a constant below 1 is shown as opaque.
-    let (color, opacity) = (statement(material.diffuse_texture.as_ref()), statement(material.dissolve_texture.as_ref()));
-    let masked = match &opacity {
-        Some(opacity) => textures.masked(name, color.as_ref(), opacity)?,
+    // Opacity: a map is cut at one half, a constant lets light straight through.
+    let (color, map) = (statement(material.diffuse_texture.as_ref()), statement(material.dissolve_texture.as_ref()));
+    let masked = match &map {
+        Some(map) => textures.masked(name, color.as_ref(), map)?,
         None => None,
     };
-    if opacity.is_some() && masked.is_none() {
+    if map.is_some() && masked.is_none() {
         report.notes.push(format!("material {name:?}: its opacity map is not read: it does not lie like the colour map"));
     }
-    if material.dissolve.is_some_and(|d| d < 1.0) || number("Tr").is_some_and(|t| t > 0.0) {
-        report.blend_as_opaque += 1;
-    }
+    // `d`, or else one less `Tr`: tobj knows the former alone.
+    let constant = material.dissolve.or_else(|| number("Tr").map(|t| 1.0 - t)).map(unit);
+    let opacity = constant.filter(|d| *d < 1.0 && masked.is_none());
     let alpha_mask = masked.is_some().then_some(AlphaMask { cutoff: 0.5, factor: 1.0 });
     let base_color_texture = match (masked, &color) {
         (Some(slot), _) => Some(slot),
@@ -213,6 +213,7 @@ fn convert(material: &tobj::Material, textures: &mut Textures, report: &mut Load
         emissive: emissive.map(|v| if v.is_nan() { 0.0 } else { v.clamp(0.0, MAX_VALUE) }),
         emissive_texture,
         alpha_mask,
+        opacity,
         ..Material::default()
     })
 }
