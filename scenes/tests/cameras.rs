@@ -289,7 +289,7 @@ fn cameras_of_this_program_come_back() {
         scene.validate().unwrap();
         for (frame, camera) in cameras.iter().enumerate() {
             let again = scene.camera(frame as u32);
-            assert!(again.camera_to_world.abs_diff_eq(camera.camera_to_world, 1e-6), "{again:?} is not {camera:?}");
+            assert_eq!(again.camera_to_world, camera.camera_to_world);
             let numbers = |c: &Camera| [c.fl_x, c.fl_y, c.cx, c.cy];
             assert_eq!((numbers(&again), again.width, again.height), (numbers(camera), 320, 180));
         }

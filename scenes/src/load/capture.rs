@@ -20,6 +20,8 @@ const ANGLES: std::ops::RangeInclusive<f64> = 1e-4..=3.1;
 const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
 /// Largest cosine between two axes of a camera, whose matrix may be rounded in the file.
 const SLANT: f64 = 1e-3;
+/// Differences from a rotation that come from single precision.
+const ROUNDED: f64 = 1e-6;
 
 #[derive(Deserialize)]
 struct File {
@@ -245,6 +247,10 @@ fn rigid(rows: &[Vec<f64>]) -> std::result::Result<DAffine3, String> {
 
 /// The axes without their scale and rounding.
 fn orthonormal(axes: DMat3) -> std::result::Result<DMat3, String> {
+    // What single precision rounded stays as it stands, so that cameras of this program come back in every bit.
+    if (axes.transpose() * axes).abs_diff_eq(DMat3::IDENTITY, ROUNDED) && axes.determinant() > 0.0 {
+        return Ok(axes);
+    }
     let unit = |v: DVec3| {
         // In two steps: the square of a small number may have no digits.
         let largest = v.abs().max_element();
