@@ -139,6 +139,6 @@ pub struct Asked {
 pub fn load(py: Python<'_>, asked: Asked) -> PyResult<Scene> {
     let Asked { file, hdri, hdri_rotation, seed, resolution, frames, allowed, set } = asked;
     let set = set.iter().map(|text| text.parse()).collect::<Result<_, String>>().map_err(PyValueError::new_err)?;
-    let source = SceneSource { file: Some(file), hdri, hdri_rotation, seed, resolution, frames, set };
+    let source = SceneSource { file: Some(file), hdri, hdri_rotation, seed, resolution, frames, set, ..SceneSource::default() };
     work::run(py, move |_| Ok(Scene::new(source.describe(&allowed)?)))
 }

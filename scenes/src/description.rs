@@ -1,12 +1,16 @@
 //! The scene file: plain serde data with units and ranges in the docs. JSON in, JSON out; unknown fields are errors.
 
+mod animation;
 mod change;
 mod exact;
+mod frames;
 mod material;
 mod principled;
 
+pub use animation::{Animation, Choice};
 pub use change::MaterialChange;
 pub use exact::decimal;
+pub use frames::{CameraFrame, same_shape};
 pub use material::{Material, TextureTransform, TextureWrap};
 pub use principled::Principled;
 
@@ -133,7 +137,20 @@ pub enum CameraPath {
         #[schemars(range(min = 1, max = 170))]
         vertical_fov: f32,
     },
+    /// One camera a frame with its own intrinsics; the last is held when there are fewer than frames. The scene's resolution has
+    /// the shape of `size`.
+    Frames {
+        /// Width and height in pixels that the intrinsics are for, each 1..=16384.
+        #[schemars(inner(range(min = 1, max = 16384)))]
+        size: [u32; 2],
+        /// 1 to 100000 cameras.
+        #[schemars(length(min = 1, max = 100_000))]
+        frames: Vec<CameraFrame>,
+    },
 }
+
+/// Furthest that what cameras with their own intrinsics look at is assumed to be, metres.
+const FURTHEST_CAPTURE: f64 = 1000.0;
 
 /// Where a camera stands and looks, in the world.
 pub(crate) struct View {
@@ -153,6 +170,11 @@ impl CameraPath {
 
     /// As [`Self::at`], placed relative to `origin`, a point of the world in metres.
     pub fn at_from(&self, frame: u32, resolution: [u32; 2], origin: DVec3) -> Camera {
+        if let Self::Frames { size, frames } = self
+            && let Some(own) = frames.get(frame as usize).or(frames.last())
+        {
+            return own.camera(*size, resolution, origin);
+        }
         let View { eye, target, up, vertical_fov } = self.view(frame);
         // The direction from the difference in double precision, whatever the place and the distance.
         let ahead = (target - eye).normalize_or(DVec3::NEG_Z).as_vec3a();
@@ -162,7 +184,8 @@ impl CameraPath {
         Camera { origin, ..camera }
     }
 
-    /// The pose at `frame`, counted from 0, and the vertical field of view in degrees.
+    /// The pose at `frame`, counted from 0, and the vertical field of view in degrees. A principal point off the centre is not in
+    /// it.
     pub fn pose(&self, frame: u32) -> (Pose, f32) {
         let View { eye, target, up, vertical_fov } = self.view(frame);
         (Pose { eye: eye.to_array(), target: target.to_array(), up: up.to_array() }, vertical_fov)
@@ -193,6 +216,16 @@ impl CameraPath {
                 let pose = poses.get(last.min(frame as usize)).unwrap_or(&held);
                 let up = Vec3A::from(pose.up).normalize_or(Vec3A::Y);
                 View { eye: pose.eye.into(), target: pose.target.into(), up, vertical_fov: *vertical_fov }
+            }
+            Self::Frames { size, frames } => {
+                let Some(own) = frames.get(frame as usize).or(frames.last()) else {
+                    return View { eye: DVec3::Z, target: DVec3::ZERO, up: Vec3A::Y, vertical_fov: 40.0 };
+                };
+                let (eye, axes) = (own.position(), own.rotation());
+                // Nothing says how far away the things are. Captures lie about the world's origin.
+                let target = eye - axes.z_axis * eye.length().clamp(1.0, FURTHEST_CAPTURE);
+                let half = (0.5 * f64::from(size[1]) / own.fl_y).atan();
+                View { eye, target, up: axes.y_axis.as_vec3a(), vertical_fov: (2.0 * half).to_degrees() as f32 }
             }
         }
     }
@@ -267,6 +300,10 @@ pub struct Object {
     /// Change of placement from a frame to the next; static without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion: Option<Motion>,
+    /// An animation of the model file; without it the model rests. It moves the model's nodes, and `transform` and `motion` place
+    /// the whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub animation: Option<Animation>,
 }
 
 /// Geometry of an object.

@@ -1,8 +1,9 @@
 //! Validation of a [`Scene`]: ranges, names and references. Every violation is reported, not only the first.
 
 use crate::Principled;
-use crate::description::{CameraPath, EnvironmentSource, Geometry, Scene, Transform};
+use crate::description::{Animation, CameraFrame, CameraPath, EnvironmentSource, Geometry, Scene, Transform, same_shape};
 use crate::error::{Error, Problem, Result};
+use crate::model_format::Format;
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -27,6 +28,14 @@ pub const MAX_EMISSION: f32 = 1e6;
 pub const MAX_REPEAT: f32 = 1e6;
 /// Largest height of a bounce and radius of a circle, metres, and longest bounce, frames.
 pub const MAX_PATH: f32 = 1e6;
+/// Smallest focal length, pixels.
+pub const MIN_FOCAL: f64 = 1e-3;
+/// Largest distance of a principal point from the corner of the picture, pixels.
+pub const MAX_CENTRE: f64 = 1e6;
+/// Least frames in a second of an animation.
+pub const MIN_RATE: f64 = 1e-3;
+/// Most frames in a second of an animation, and its latest start, seconds.
+pub const MAX_RATE: f64 = 1e6;
 /// Largest radiance, gain or angle taken from a file (half floats end at 65504; this leaves room for the sun).
 pub const MAX_VALUE: f32 = 1e9;
 
@@ -117,13 +126,13 @@ impl Check {
         if !(1..=MAX_FRAMES).contains(&scene.frames) {
             self.say("/frames", format!("{} is outside 1..={MAX_FRAMES}", scene.frames));
         }
-        self.camera(&scene.camera);
+        self.camera(&scene.camera, scene.resolution);
         self.environment(scene);
         self.materials(scene);
         self.objects(scene);
     }
 
-    fn camera(&mut self, camera: &CameraPath) {
+    fn camera(&mut self, camera: &CameraPath, resolution: [u32; 2]) {
         let fov = match camera {
             CameraPath::Orbit { target, distance, elevation, azimuth, degrees_per_frame, vertical_fov } => {
                 self.position("/camera/target", *target);
@@ -150,8 +159,38 @@ impl Check {
                 }
                 vertical_fov
             }
+            CameraPath::Frames { size, frames } => return self.frames(*size, frames, resolution),
         };
         self.range("/camera/vertical_fov", *fov, 1.0..=170.0);
+    }
+
+    fn frames(&mut self, size: [u32; 2], frames: &[CameraFrame], resolution: [u32; 2]) {
+        let before = self.problems.len();
+        for (i, edge) in size.into_iter().enumerate() {
+            self.range(format!("/camera/size/{i}"), edge, 1..=MAX_RESOLUTION);
+        }
+        if self.problems.len() == before && !same_shape(resolution, size) {
+            let [[w, h], [sw, sh]] = [resolution, size];
+            self.say("/resolution", format!("{w} x {h} has not the shape of the {sw} x {sh} pixels of the cameras"));
+        }
+        if frames.is_empty() || frames.len() > MAX_FRAMES as usize {
+            self.say("/camera/frames", format!("has {} cameras; 1 to {MAX_FRAMES} are needed", frames.len()));
+            return;
+        }
+        for (i, frame) in frames.iter().enumerate() {
+            let at = |field: &str| format!("/camera/frames/{i}/{field}");
+            for (row, numbers) in frame.camera_to_world.iter().enumerate() {
+                self.range(at(&format!("camera_to_world/{row}/3")), numbers[3], -MAX_COORDINATE..=MAX_COORDINATE);
+            }
+            let axes = frame.rotation();
+            if !((axes.transpose() * axes).abs_diff_eq(glam::DMat3::IDENTITY, 1e-3) && axes.determinant() > 0.0) {
+                self.say(at("camera_to_world"), "is not a rotation and a translation");
+            }
+            self.range(at("fl_x"), frame.fl_x, MIN_FOCAL..=f64::from(MAX_VALUE));
+            self.range(at("fl_y"), frame.fl_y, MIN_FOCAL..=f64::from(MAX_VALUE));
+            self.range(at("cx"), frame.cx, -MAX_CENTRE..=MAX_CENTRE);
+            self.range(at("cy"), frame.cy, -MAX_CENTRE..=MAX_CENTRE);
+        }
     }
 
     fn environment(&mut self, scene: &Scene) {
@@ -227,7 +266,7 @@ impl Check {
                     self.path(at("geometry/file"), path);
                     // Without an ending the content decides, once it is read.
                     let named = std::path::Path::new(path).extension().is_some();
-                    if named && crate::model_format::Format::of(path).is_none() {
+                    if named && Format::of(path).is_none() {
                         self.say(at("geometry/file"), format!("{path:?} is not a .gltf, .glb or .obj file"));
                     }
                 }
@@ -252,7 +291,23 @@ impl Check {
                     self.angle(at("motion/circle/degrees"), circle.degrees);
                 }
             }
+            if let Some(animation) = &object.animation {
+                self.animation(&at("animation"), animation, &object.geometry);
+            }
         }
+    }
+
+    fn animation(&mut self, pointer: &str, animation: &Animation, geometry: &Geometry) {
+        // Without an ending the content decides, once it is read.
+        let rigid = match geometry {
+            Geometry::Shape(_) => true,
+            Geometry::File(path) => Format::of(path) == Some(Format::Obj),
+        };
+        if rigid {
+            self.say(pointer, "only a glTF file has animations");
+        }
+        self.range(format!("{pointer}/frames_per_second"), animation.frames_per_second, MIN_RATE..=MAX_RATE);
+        self.range(format!("{pointer}/start"), animation.start, 0.0..=MAX_RATE);
     }
 
     fn transform(&mut self, pointer: &str, transform: &Transform) {

@@ -220,6 +220,7 @@ fn canonical_json_reads_back_equal() {
             material: Some("m".into()),
             transform: Transform { translation: std::array::from_fn(|_| f64::from(random()) * 1e3), ..Default::default() },
             motion: None,
+            animation: None,
         });
         let text = scene.canonical_json();
         let back = Scene::from_json(Path::new("memory"), &text).unwrap();
@@ -267,6 +268,7 @@ fn placement_scales_then_turns_then_moves() {
         material: None,
         transform: Transform { translation: [10.0, 0.0, 0.0], rotation: [90.0, 0.0, 180.0], scale: [1.0, 2.0, 1.0] },
         motion: Some(Motion { translation: [0.0, 0.5, 0.0], spin: 90.0, ..Motion::default() }),
+        animation: None,
     };
     let close = |frame, p: [f64; 3], q: [f64; 3]| {
         let found = object.transform_at(frame).transform_point3(p.into());

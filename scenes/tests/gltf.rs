@@ -244,9 +244,14 @@ fn cameras_and_animations_are_noted() {
         "channels": [{ "sampler": 0, "target": { "node": 0, "path": "translation" } }]
     }]);
     let notes = File::new(&file).load().unwrap().report.notes.join("\n");
-    for expected in ["2 cameras of the file are not used", "1 animation of the file is not played"] {
+    let expected =
+        ["the file has 1 camera (0); --camera NAME uses one", "the file has 1 animation (0); --animation NAME plays one"];
+    for expected in expected {
         assert!(notes.contains(expected), "{expected:?} is not in\n{notes}");
     }
+    file["nodes"] = json!([{ "mesh": 0 }]);
+    let notes = File::new(&file).load().unwrap().report.notes.join("\n");
+    assert!(notes.contains("no node of the file's scene shows a camera of the file"), "{notes}");
 }
 
 #[test]

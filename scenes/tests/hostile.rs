@@ -18,8 +18,14 @@ fn texture_error(bytes: &[u8]) -> String {
     let mut material = grey("m");
     material.base_color_texture = Some("t.jpg".into());
     let shape = Geometry::Shape(Shape::Sphere { radius: 1.0 });
-    let object =
-        Object { name: "o".into(), geometry: shape, material: Some("m".into()), transform: Default::default(), motion: None };
+    let object = Object {
+        name: "o".into(),
+        geometry: shape,
+        material: Some("m".into()),
+        transform: Default::default(),
+        motion: None,
+        animation: None,
+    };
     let scene = Scene { materials: vec![material], objects: vec![object], ..empty_scene() };
     load::load(&scene, &Reach::folder(folder.path())).map(|_| ()).expect_err("the texture was accepted").to_string()
 }
@@ -147,7 +153,7 @@ fn textures_that_do_not_fit_together_are_refused_before_they_are_decoded() {
         scene.materials.push(material);
         let geometry = Geometry::Shape(Shape::Sphere { radius: 1.0 });
         let (name, material) = (format!("o{i}"), Some(format!("m{i}")));
-        scene.objects.push(Object { name, geometry, material, transform: Default::default(), motion: None });
+        scene.objects.push(Object { name, geometry, material, transform: Default::default(), motion: None, animation: None });
     }
     let error = load::load(&scene, &Reach::folder(folder.path())).map(drop).unwrap_err().to_string();
     assert!(error.contains("the 20 textures take 13.3 GiB of memory"), "{error}");

@@ -61,7 +61,14 @@ fn ball(texture: Option<&str>, map: Option<&str>) -> Scene {
     material.base_color_texture = texture.map(Into::into);
     scene.materials.push(material);
     let geometry = Geometry::Shape(Shape::Sphere { radius: 1.0 });
-    let object = Object { name: "o".into(), geometry, material: Some("m".into()), transform: Default::default(), motion: None };
+    let object = Object {
+        name: "o".into(),
+        geometry,
+        material: Some("m".into()),
+        transform: Default::default(),
+        motion: None,
+        animation: None,
+    };
     scene.objects.push(object);
     if let Some(map) = map {
         scene.environment.source = EnvironmentSource::File(map.into());

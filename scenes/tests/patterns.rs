@@ -175,6 +175,7 @@ fn planes(materials: Vec<Material>) -> Scene {
             material: Some(m.name.clone()),
             transform: Default::default(),
             motion: None,
+            animation: None,
         })
         .collect();
     scene.materials = materials;

@@ -50,6 +50,7 @@ fn yard(shift: DVec3, size: f64) -> Scene {
         material: None,
         transform: Transform { scale: [size as f32; 3], ..transform },
         motion,
+        animation: None,
     };
     Scene {
         frames: 3,

@@ -21,7 +21,14 @@ fn image() -> String {
 }
 
 fn object(name: &str, geometry: Geometry, material: &str) -> Object {
-    Object { name: name.into(), geometry, material: Some(material.into()), transform: Default::default(), motion: None }
+    Object {
+        name: name.into(),
+        geometry,
+        material: Some(material.into()),
+        transform: Default::default(),
+        motion: None,
+        animation: None,
+    }
 }
 
 fn ball(name: &str, material: &str) -> Object {

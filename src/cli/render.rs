@@ -31,6 +31,7 @@ const ANIMATED: usize = 640;
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow render model.glb -o out\n  renderflow render model.glb --hdri sky.hdr --frames 17 -o out\n  \
+renderflow render model.glb --animation Walk --camera Front -o out\n  \
 renderflow render scene.json --resolution 1280x720 --set materials/0/roughness=.2 -o out"
 )]
 pub struct Render {
@@ -39,8 +40,8 @@ pub struct Render {
     /// Seed. With a file, it replaces the scene's seed for random sampling. Otherwise it composes the scene (1 by default)
     #[arg(long, help_heading = "Input")]
     seed: Option<u64>,
-    /// Number of frames. By default, a scene file keeps its own number, and a model is rendered once. A sequence that is there
-    /// gets longer
+    /// Number of frames. By default, a scene file keeps its own number, and a model is rendered once; --cameras and --animation
+    /// bring theirs. A sequence that is there gets longer
     #[arg(long, help_heading = "Input")]
     frames: Option<u32>,
     #[command(flatten)]

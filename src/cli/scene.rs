@@ -6,7 +6,7 @@ use crate::util::ranges::{Resolution, resolution};
 use anyhow::Result;
 use clap::Args;
 use renderflow_frame::reach::Reach;
-use renderflow_scenes::description::Scene;
+use renderflow_scenes::description::{Animation, Choice, Scene};
 use renderflow_scenes::sky;
 use std::path::{Path, PathBuf};
 
@@ -29,6 +29,17 @@ pub(super) struct SceneArgs {
     /// Degrees by which to turn the environment about +Y
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true)]
     hdri_rotation: Option<f32>,
+    /// Look through a camera of the model file. A wrong name is answered with the names that there are; numbers start at 0
+    #[arg(long, value_name = "NAME|NUMBER", conflicts_with = "cameras")]
+    camera: Option<Choice>,
+    /// Look through the cameras of a transforms.json, one for each frame (nerfstudio, instant-ngp, or this program). They stand
+    /// in the coordinates of the model file, or in the world of the scene
+    #[arg(long, value_name = "FILE")]
+    cameras: Option<PathBuf>,
+    /// Play an animation of the model file, at 24 frames a second; the first one, if no name is given. Without --frames, there
+    /// are as many frames as it lasts
+    #[arg(long, value_name = "NAME|NUMBER", num_args = 0..=1, default_missing_value = "0")]
+    animation: Option<Choice>,
     /// Change a value of the scene, for example materials/0/roughness=.2. May be given several times
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<Setting>,
@@ -65,6 +76,9 @@ impl SceneArgs {
             hdri_rotation: self.hdri_rotation,
             resolution: wanted.resolution.map(|Resolution(size)| size),
             frames: wanted.frames,
+            camera: self.camera.clone(),
+            cameras: self.cameras.clone(),
+            animation: self.animation.clone().map(|clip| Animation { clip: Some(clip), ..Animation::default() }),
             set: self.set.clone(),
         };
         let Described { scene, reach, notes } = source.describe(allowed)?;

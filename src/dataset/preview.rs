@@ -205,6 +205,7 @@ fn pedestal(shape: &Shape, k: u32, size: u32) -> Scene {
         material: Some(name.into()),
         transform: Transform { translation: [0.0, f64::from(lift), 0.0], ..Transform::default() },
         motion: None,
+        animation: None,
     };
     Scene {
         version: 1,

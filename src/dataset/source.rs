@@ -2,11 +2,13 @@
 
 use crate::util::files;
 use anyhow::{Context, Result, bail, ensure};
+use glam::DAffine3;
 use renderflow_frame::reach::Reach;
-use renderflow_scenes::description::{EnvironmentSource, Scene};
-use renderflow_scenes::load::{self, ModelView};
+use renderflow_scenes::description::{Animation, Choice, EnvironmentSource, Scene, same_shape};
+use renderflow_scenes::load::{self, Capture, ModelView};
 use renderflow_scenes::procedural::{Composition, Split, compose_one};
 use renderflow_scenes::sky;
+use renderflow_scenes::validate::MAX_FRAMES;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -30,6 +32,12 @@ pub struct SceneSource {
     pub resolution: Option<[u32; 2]>,
     /// Number of frames; a model has one by default.
     pub frames: Option<u32>,
+    /// A camera of the model file, by name or number. A composed scene has none.
+    pub camera: Option<Choice>,
+    /// Cameras of a `transforms.json`, one for each frame.
+    pub cameras: Option<PathBuf>,
+    /// An animation of the model file. Without a number of frames, there are as many as it lasts.
+    pub animation: Option<Animation>,
     /// Values that are changed at the end.
     pub set: Vec<Setting>,
 }
@@ -57,11 +65,22 @@ impl SceneSource {
             None => {
                 let (seed, frames) = (self.seed.unwrap_or(1), self.frames.unwrap_or(1));
                 let resolution = self.resolution.unwrap_or(RESOLUTION);
+                let asked = [self.camera.is_some(), self.animation.is_some()];
+                ensure!(asked == [false; 2], "a composed scene has no cameras or animations of a file; name a model file");
                 compose_one(seed, Split::Test, resolution, frames, &Composition::default())?
             }
             Some(path) => {
                 tracing::info!(path = %path.display(), "reading");
-                if files::has_ending(path, &["json"]) { read(path, &self.set)? } else { self.model(path, &reach, &mut notes)? }
+                if files::has_ending(path, &["json"]) {
+                    let mut scene = read(path, &self.set)?;
+                    if let Some(animation) = &self.animation {
+                        let length = load::play(&mut scene, animation, &reach)?;
+                        scene.frames = frames(animation, length, &mut notes);
+                    }
+                    scene
+                } else {
+                    self.model(path, &reach, &mut notes)?
+                }
             }
         };
         if let (Some(seed), Some(_)) = (self.seed, &self.file) {
@@ -69,6 +88,7 @@ impl SceneSource {
         }
         scene.resolution = self.resolution.unwrap_or(scene.resolution);
         scene.frames = self.frames.unwrap_or(scene.frames);
+        self.look(&mut scene, &reach, &mut notes)?;
         if let Some(hdri) = &self.hdri {
             scene.environment.source = environment(hdri)?;
             if let EnvironmentSource::File(path) = &scene.environment.source {
@@ -88,13 +108,54 @@ impl SceneSource {
     fn model(&self, path: &Path, reach: &Reach, notes: &mut Vec<String>) -> Result<Scene> {
         let usual = ModelView::default();
         let resolution = self.resolution.unwrap_or(usual.resolution);
-        let view = ModelView { resolution, frames: self.frames.unwrap_or(1), ..usual };
+        let frames = match (self.frames, &self.animation) {
+            (Some(frames), _) => frames,
+            (None, Some(animation)) => frames(animation, load::animation_length(path, reach, animation)?, notes),
+            (None, None) => 1,
+        };
+        let view = ModelView { resolution, frames, animation: self.animation.clone(), ..usual };
         let scene = load::describe_model(path, None, &view, reach)?;
         if view.ground && scene.objects.len() == 1 {
             notes.push(format!("{}: the model has a floor of its own, so no ground plane is added", path.display()));
         }
         Ok(scene)
     }
+
+    /// Gives the scene the cameras that are asked for.
+    fn look(&self, scene: &mut Scene, reach: &Reach, notes: &mut Vec<String>) -> Result<()> {
+        if let Some(choice) = &self.camera {
+            notes.extend(load::look_through(scene, choice, reach)?);
+        }
+        let Some(path) = &self.cameras else { return Ok(()) };
+        let capture = Capture::read(path)?;
+        let of_model = self.file.as_ref().is_some_and(|file| !files::has_ending(file, &["json"]));
+        let placement = match scene.objects.first() {
+            Some(model) if of_model && !capture.in_world() => model.transform_at(0),
+            _ => DAffine3::IDENTITY,
+        };
+        scene.resolution = self.resolution.or(capture.size()).unwrap_or(scene.resolution);
+        if let Some(size) = capture.size() {
+            let ([w, h], [width, height]) = (scene.resolution, size);
+            let fitting = (u64::from(w) * u64::from(height) + u64::from(width) / 2) / u64::from(width);
+            ensure!(
+                same_shape(scene.resolution, size),
+                "{}: its pictures have {width} x {height} pixels, and {w} x {h} is another shape; --resolution {w}x{fitting} fits",
+                path.display()
+            );
+        }
+        scene.frames = self.frames.unwrap_or(capture.len() as u32);
+        scene.camera = capture.path(scene.resolution, placement)?;
+        Ok(())
+    }
+}
+
+/// As many frames as one turn of an animation of `length` seconds, up to the most that a scene may have.
+fn frames(animation: &Animation, length: f64, notes: &mut Vec<String>) -> u32 {
+    let (wanted, most) = (animation.frames(length), f64::from(MAX_FRAMES));
+    if wanted > most {
+        notes.push(format!("the animation lasts {length} seconds, and the scene ends after {MAX_FRAMES} frames"));
+    }
+    wanted.min(most) as u32
 }
 
 /// The scene in a file. It is checked at once, or after the settings have been applied.

@@ -192,7 +192,14 @@ impl Described {
     /// Adds an object with a material of its own, both called `material.name`.
     fn add(&mut self, geometry: Geometry, material: Material, transform: Transform) {
         let name = material.name.clone();
-        self.scene.objects.push(Object { name: name.clone(), geometry, material: Some(name), transform, motion: None });
+        self.scene.objects.push(Object {
+            name: name.clone(),
+            geometry,
+            material: Some(name),
+            transform,
+            motion: None,
+            animation: None,
+        });
         self.scene.materials.push(material);
     }
 
@@ -408,6 +415,7 @@ fn forest() -> Result<Described> {
                 material: Some("bark".into()),
                 transform: stretched,
                 motion: None,
+                animation: None,
             };
             d.scene.objects.push(object);
         }

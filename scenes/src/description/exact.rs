@@ -19,11 +19,14 @@ pub(super) fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok,
 
 /// Three numbers, as a list.
 pub(super) fn vector<S: Serializer>(value: &[f64; 3], serializer: S) -> Result<S::Ok, S::Error> {
-    struct Number(f64);
-    impl serde::Serialize for Number {
-        fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-            number(&self.0, serializer)
-        }
-    }
     serializer.collect_seq(value.map(Number))
+}
+
+/// One number in a list.
+pub(super) struct Number(pub f64);
+
+impl serde::Serialize for Number {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        number(&self.0, serializer)
+    }
 }

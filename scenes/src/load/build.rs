@@ -1,17 +1,22 @@
 //! From a [`Scene`] to a [`LoadedScene`].
 
+mod models;
+
+use super::gltf::rig::Rig;
 use super::patterns::Patterns;
-use super::{images, mesh, model};
-use crate::description::{EnvironmentSource, Geometry, Material as Described, Object, Scene, TextureWrap};
+use super::{images, mesh};
+use crate::description::{Choice, EnvironmentSource, Geometry, Material as Described, Object, Scene, TextureWrap};
 use crate::error::{Error, Problem, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
 use crate::texture::{Budget, uv_transform};
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Principled, Texture, TextureSlot, tangents};
-use glam::{Affine3A, DAffine3, DVec3};
+use glam::{DAffine3, DVec3};
+use models::Placed;
 use renderflow_frame::Environment;
 use renderflow_frame::reach::Reach;
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::rc::Rc;
 
 /// Validates `scene` and loads what it refers to; `reach` says where relative paths start, the folder of the scene file, and
 /// which files the scene, and the models in it, may name.
@@ -45,6 +50,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
     for (index, object) in scene.objects.iter().enumerate() {
         build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
     }
+    build.note_unused();
     build.prepare_tangents();
     build.read_images(everything)?;
     build.note_inside_out();
@@ -100,14 +106,6 @@ fn environment(scene: &Scene, reach: &Reach, report: &mut LoadReport) -> Result<
     Ok(environment)
 }
 
-/// A model file in the scene: where its meshes and materials begin in the lists of the scene.
-struct Placed {
-    parts: Vec<model::Part>,
-    first_mesh: usize,
-    /// `None` when nobody needed the file's own materials.
-    first_material: Option<usize>,
-}
-
 struct Build<'a> {
     scene: &'a Scene,
     reach: &'a Reach,
@@ -124,6 +122,8 @@ struct Build<'a> {
     report: LoadReport,
     shapes: HashMap<String, usize>,
     models: HashMap<PathBuf, Placed>,
+    /// Node trees of files with the animation that objects play.
+    rigs: HashMap<(PathBuf, Option<Choice>), Rc<Rig>>,
     images: HashMap<(PathBuf, Encoding, Wrap), usize>,
     wanted: Vec<images::Wanted>,
     patterns: Patterns,
@@ -149,6 +149,7 @@ impl<'a> Build<'a> {
             report: LoadReport::default(),
             shapes: HashMap::new(),
             models: HashMap::new(),
+            rigs: HashMap::new(),
             images: HashMap::new(),
             wanted: vec![],
             patterns: Patterns::default(),
@@ -254,54 +255,10 @@ impl<'a> Build<'a> {
                     let placed = self.add_model(&path, file)?;
                     self.models.insert(path.clone(), placed);
                 }
-                self.instantiate(&path, object, own, object_id, &placements);
+                self.instantiate(&path, object, own, object_id, &placements)?;
             }
         }
         Ok(())
-    }
-
-    fn instantiate(&mut self, path: &Path, object: &Object, own: Option<usize>, object_id: u32, placements: &[DAffine3]) {
-        let placed = &self.models[path];
-        let single = placed.parts.len() == 1;
-        let parts: Vec<_> = placed
-            .parts
-            .iter()
-            .map(|part| {
-                let theirs = part.material.and_then(|m| placed.first_material.map(|first| first + m));
-                (part.name.clone(), placed.first_mesh + part.mesh, own.or(theirs), part.transform)
-            })
-            .collect();
-        for (part, mesh, material, transform) in parts {
-            let local = transform * DAffine3::from_translation(self.centers[mesh]);
-            let transforms: Vec<Affine3A> = placements.iter().map(|&p| super::relative(p * local, self.origin)).collect();
-            if !transforms.iter().all(|&t| super::invertible(t)) {
-                self.report.notes.push(format!("{}/{part} skipped: its transform flattens everything", object.name));
-                continue;
-            }
-            let name = if single { object.name.clone() } else { self.instance_names.unique(&format!("{}/{part}", object.name)) };
-            let material = material.unwrap_or_else(|| self.default_material());
-            let material = if own.is_some() { material } else { self.scaled(material, object) };
-            self.instances.push(Instance { name, mesh, material, object_id, transforms });
-        }
-    }
-
-    /// A material of a file for an object that is placed larger or smaller: what its inside absorbs over a distance of the file,
-    /// it absorbs over the distance that this becomes.
-    fn scaled(&mut self, material: usize, object: &Object) -> usize {
-        let size = object.transform.scale.iter().product::<f32>().abs().cbrt();
-        let absorption = self.materials[material].absorption;
-        if absorption == [0.0; 3] || size == 1.0 {
-            return material;
-        }
-        *self.scaled.entry((material, size.to_bits())).or_insert_with(|| {
-            let name = self.material_names.unique(&self.materials[material].name);
-            self.materials.push(Material {
-                name,
-                absorption: absorption.map(|v| (v / size).min(f32::MAX)),
-                ..self.materials[material].clone()
-            });
-            self.materials.len() - 1
-        })
     }
 
     fn add_mesh(&mut self, mut made: Mesh) -> usize {
@@ -309,34 +266,6 @@ impl<'a> Build<'a> {
         self.centers.push(mesh::recentre(&mut made));
         self.meshes.push(made);
         self.meshes.len() - 1
-    }
-
-    fn add_model(&mut self, path: &Path, file: &str) -> Result<Placed> {
-        // Materials and textures are read only when an object wants them.
-        let wanted = self.scene.objects.iter().any(|o| o.material.is_none() && o.geometry == Geometry::File(file.into()));
-        let loaded = model::read(path, &self.reach.at(path), wanted.then_some(&self.budget))?;
-        let (first_mesh, first_material) = (self.meshes.len(), self.materials.len());
-        for mesh in loaded.meshes {
-            self.add_mesh(mesh);
-        }
-        let shift = self.textures.len();
-        let moved = |slot: Option<TextureSlot>| slot.map(|s| TextureSlot { texture: s.texture + shift, ..s });
-        for material in loaded.materials {
-            let name = self.material_names.unique(&material.name);
-            self.materials.push(Material {
-                name,
-                base_color_texture: moved(material.base_color_texture),
-                metallic_roughness_texture: moved(material.metallic_roughness_texture),
-                emissive_texture: moved(material.emissive_texture),
-                transmission_texture: moved(material.transmission_texture),
-                normal_texture: material.normal_texture.and_then(|(slot, scale)| moved(Some(slot)).map(|s| (s, scale))),
-                ..material
-            });
-        }
-        self.textures.extend(loaded.textures);
-        self.report.triangles += loaded.report.triangles;
-        self.report.notes.extend(loaded.report.notes.into_iter().map(|note| format!("{file}: {note}")));
-        Ok(Placed { parts: loaded.parts, first_mesh, first_material: wanted.then_some(first_material) })
     }
 
     fn default_material(&mut self) -> usize {

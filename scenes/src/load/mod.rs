@@ -1,6 +1,7 @@
 //! Loads everything a scene refers to, once each: environment, model files, textures, shapes, cameras of all frames.
 
 mod build;
+mod capture;
 mod floor;
 mod gltf;
 mod images;
@@ -8,6 +9,8 @@ mod mesh;
 mod model;
 mod obj;
 mod patterns;
+mod play;
+mod view;
 
 use crate::Texture;
 use crate::error::{Error, Result};
@@ -17,8 +20,10 @@ use std::path::Path;
 
 pub use crate::model_format::Format;
 pub use build::{load, load_everything};
+pub use capture::Capture;
 pub(crate) use model::{Extent, extent};
 pub use model::{ModelView, describe_model};
+pub use view::{Contents, animation_length, contents, look_through, play};
 
 /// Reads an image file (PNG or JPEG, by content) as a texture that repeats.
 ///
@@ -61,7 +66,7 @@ mod tests {
                 return;
             }
             let (mut corners, mut close, mut same_sign) = (0.0, 0.0, 0.0);
-            for mut stored in model::read(&path, &Reach::of(&path), None).unwrap().meshes {
+            for mut stored in model::read(&path, &Reach::of(&path), None, false).unwrap().meshes {
                 // Triangles without area in the texture have no tangent to compare.
                 let uvs = stored.uvs.clone();
                 let area = |[a, b, c]: [usize; 3]| (uvs[b] - uvs[a]).perp_dot(uvs[c] - uvs[a]).abs();

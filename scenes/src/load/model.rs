@@ -1,7 +1,9 @@
 //! Model files: what glTF and OBJ have in common, and a scene around a single model.
 
+use super::gltf::rig::Rig;
 use crate::description::{
-    CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform, decimal,
+    Animation, CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform,
+    decimal,
 };
 use crate::error::{Error, Result};
 use crate::model_format::Format;
@@ -21,8 +23,10 @@ pub(crate) struct Part {
     pub mesh: usize,
     /// Index into [`Model::materials`]; `None` = the default material.
     pub material: Option<usize>,
-    /// Mesh space to model space.
+    /// Mesh space to model space, as the model rests.
     pub transform: DAffine3,
+    /// Place of its node in a glTF file's tree.
+    pub node: usize,
 }
 
 /// A model file as read, before repairs.
@@ -36,16 +40,29 @@ pub(crate) struct Model {
     pub report: LoadReport,
     /// Where the first vertex that does not exist is asked for, where the reader left its triangles out.
     pub missing_vertex: Option<String>,
+    /// Names of the cameras in it.
+    pub cameras: Vec<String>,
+    /// Names of its animations.
+    pub animations: Vec<String>,
     /// Where the first coordinate that is not finite stands, where the reader can say.
     pub not_finite: Option<String>,
 }
 
-/// Reads a model file, whose names lead where `reach` says; materials and textures only within a budget for the latter.
-pub(crate) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
+/// Reads a model file, whose names lead where `reach` says; materials and textures only within a budget for the latter. Parts
+/// that are flattened as they rest come with it where `flat` parts are asked for: an animation may unfold them.
+pub(crate) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: bool) -> Result<Model> {
     match Format::of_file(path)? {
-        Some(Format::Gltf) => super::gltf::read(path, reach, textures),
+        Some(Format::Gltf) => super::gltf::read(path, reach, textures, flat),
         Some(Format::Obj) => super::obj::read(path, reach, textures),
         None => Err(Error::model(path, "", "neither glTF nor OBJ")),
+    }
+}
+
+/// The node tree of a model file, with the animation that is asked for.
+pub(super) fn rig(path: &Path, reach: &Reach, animation: Option<&Animation>) -> Result<Rig> {
+    match Format::of_file(path)? {
+        Some(Format::Gltf) => super::gltf::rig::read(path, reach, animation),
+        _ => Err(Error::model(path, "", "only a glTF file has animations")),
     }
 }
 
@@ -67,6 +84,8 @@ pub struct ModelView {
     /// Put a grey ground plane under the model? A model that has a floor of its own at that height gets none: where triangles at
     /// its lowest height that can be seen from above cover half of the rectangle it stands on.
     pub ground: bool,
+    /// An animation of the file that the model plays; without it, it rests.
+    pub animation: Option<Animation>,
 }
 
 impl Default for ModelView {
@@ -79,6 +98,7 @@ impl Default for ModelView {
             seed: 0,
             environment: EnvironmentSource::Builtin("clear_afternoon".into()),
             ground: true,
+            animation: None,
         }
     }
 }
@@ -100,7 +120,7 @@ const MARGIN: f32 = 1.1;
 /// # Errors
 /// When the model cannot be read or has no triangle that can be rendered; the message says why its triangles cannot.
 pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView, reach: &Reach) -> Result<Scene> {
-    let (geometry, (center, radius, lowest)) = bounds(model, reach)?;
+    let (geometry, (center, radius, lowest)) = bounds(model, reach, view.animation.as_ref())?;
     let factor = (1.0 / radius) as f32;
     // The centre of the sphere above the origin, the lowest vertex in the plane y = 0. With the factor as the scene has it: far
     // out, its rounding would show.
@@ -120,6 +140,7 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
         material: None,
         transform: Transform { translation: moved.to_array(), scale: [factor; 3], ..Transform::default() },
         motion: None,
+        animation: view.animation.clone(),
     }];
     let mut materials = vec![];
     if view.ground && !super::floor::is_in(&geometry, lowest, radius) {
@@ -130,6 +151,7 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
             material: Some("ground".into()),
             transform: Transform::default(),
             motion: None,
+            animation: None,
         });
     }
     let source = match environment {
@@ -168,8 +190,8 @@ pub(crate) struct Extent {
 
 /// The room that a model file takes up.
 pub(crate) fn extent(path: &Path, reach: &Reach) -> Result<Extent> {
-    bounds(path, reach)?;
-    let model = read(path, reach, None)?;
+    bounds(path, reach, None)?;
+    let model = read(path, reach, None, false)?;
     let corners = || {
         model.parts.iter().flat_map(|part| {
             let mesh = &model.meshes[part.mesh];
@@ -182,30 +204,41 @@ pub(crate) fn extent(path: &Path, reach: &Reach) -> Result<Extent> {
     Ok(Extent { low, high, radius })
 }
 
+/// Moments of an animation at which the room that it takes is measured.
+const MOMENTS: u32 = 32;
+
 /// A model file without materials, cleaned; centre and radius of a sphere around all its triangles, and the height of its lowest
-/// vertex.
-fn bounds(path: &Path, reach: &Reach) -> Result<(Model, (DVec3, f64, f64))> {
-    let mut model = read(path, reach, None)?;
+/// vertex. With an animation, these are of all its moments together.
+fn bounds(path: &Path, reach: &Reach, animation: Option<&Animation>) -> Result<(Model, (DVec3, f64, f64))> {
+    let rig = animation.map(|animation| rig(path, reach, Some(animation))).transpose()?;
+    let mut model = read(path, reach, None, rig.is_some())?;
     let mut dropped = model.report.triangles;
     // What `clean` takes away cannot be told afterwards.
     let first_missing = model.meshes.iter().find_map(missing_vertex);
     for mesh in &mut model.meshes {
         dropped += super::mesh::clean(mesh);
     }
-    let corners = || {
-        model.parts.iter().flat_map(|part| {
-            let mesh = &model.meshes[part.mesh];
-            let used = mesh.triangles.iter().flatten();
-            used.map(move |&i| part.transform.transform_point3(mesh.positions[i as usize].as_dvec3()))
-        })
+    let each_corner = |visit: &mut dyn FnMut(DVec3)| {
+        let moments = if rig.is_some() { MOMENTS } else { 0 };
+        for moment in 0..=moments {
+            let pose = rig.as_ref().map(|rig| rig.pose(rig.length * f64::from(moment) / f64::from(MOMENTS)));
+            for part in &model.parts {
+                let transform = pose.as_ref().map_or(part.transform, |pose| pose[part.node]);
+                let mesh = &model.meshes[part.mesh];
+                let used = mesh.triangles.iter().flatten();
+                used.for_each(|&i| visit(transform.transform_point3(mesh.positions[i as usize].as_dvec3())));
+            }
+        }
     };
-    let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    each_corner(&mut |p| (low, high) = (low.min(p), high.max(p)));
     if low.x > high.x {
         model.missing_vertex = model.missing_vertex.take().or(first_missing);
         return Err(Error::model(path, "", nothing_to_render(&model, dropped)));
     }
     let center = 0.5 * low + 0.5 * high;
-    let radius = corners().map(|p| p.distance(center)).fold(0.0, f64::max);
+    let mut radius = 0.0_f64;
+    each_corner(&mut |p| radius = radius.max(p.distance(center)));
     let sizes = f64::from(MIN_SIZE)..=f64::from(MAX_SIZE);
     if !(center.is_finite() && sizes.contains(&radius) && center.abs().max_element() <= MAX_COORDINATE * radius) {
         let corner = |v: DVec3| format!("({})", v.to_array().map(number).join(", "));

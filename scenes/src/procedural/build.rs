@@ -53,6 +53,7 @@ impl<'a> Build<'a> {
             material,
             transform: part.transform(foot),
             motion: None,
+            animation: None,
         });
     }
 

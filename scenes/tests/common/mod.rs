@@ -72,6 +72,7 @@ pub fn model_scene(path: &Path, material: Option<Material>) -> Scene {
         material: name,
         transform: Default::default(),
         motion: None,
+        animation: None,
     };
     Scene { materials: material.into_iter().collect(), objects: vec![object], ..empty_scene() }
 }

@@ -12,7 +12,10 @@ use renderflow_frame::transforms;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::lpips::{Backbone, Lpips};
 use renderflow_model::wan::weights as wan;
+use renderflow_scenes::load::Capture;
+use serde::de::IgnoredAny;
 use serde_json::{Map, Value, json};
+use std::collections::HashMap;
 use std::io::Read;
 use std::path::Path;
 
@@ -115,8 +118,15 @@ pub(super) fn plan(path: &Path) -> Result<Counts> {
     Ok(found)
 }
 
-/// Cameras of a sequence. Their frames need not be there; checking a dataset folder checks them.
+/// Cameras of a sequence, or those of other programs. Their frames need not be there; checking a dataset folder checks them.
 pub(super) fn transforms(path: &Path) -> Result<Counts> {
+    if !renderflow_frame::file::read_json::<HashMap<String, IgnoredAny>>(path)?.contains_key("convention") {
+        let capture = Capture::read(path)?;
+        let mut found = Counts::default();
+        found.add("cameras", capture.len());
+        found.add("size", capture.size().map(|size| json!(size)).unwrap_or_default());
+        return Ok(found);
+    }
     let sequence = transforms::read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut found = Counts::default();

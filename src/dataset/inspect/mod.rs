@@ -192,7 +192,7 @@ fn json_kind(path: &Path, ending: &str) -> Result<Kind> {
         Kind::Gltf
     } else if has("sequences") && has("render") {
         Kind::Plan
-    } else if has("camera_model") || (has("frames") && has("convention")) {
+    } else if has("camera_model") || (has("frames") && ["convention", "camera_angle_x", "fl_x"].into_iter().any(has)) {
         Kind::Transforms
     } else if ending == "gltf" {
         Kind::Gltf

@@ -30,7 +30,11 @@ pub(super) fn model(path: &Path, reach: &Reach) -> Result<Counts> {
     for object in &mut scene.objects {
         object.transform = Transform::default();
     }
-    counts(&load::load(&scene, reach)?)
+    let mut counts = counts(&load::load(&scene, reach)?)?;
+    let contents = load::contents(path, reach)?;
+    counts.add("cameras", contents.cameras.len());
+    counts.add("animations", contents.animations.len());
+    Ok(counts)
 }
 
 fn counts(loaded: &LoadedScene) -> Result<Counts> {

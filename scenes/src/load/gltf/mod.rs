@@ -2,9 +2,13 @@
 
 mod access;
 mod container;
+mod curve;
 mod document;
 mod extension;
+pub(super) mod label;
 mod material;
+pub(super) mod rig;
+mod tree;
 mod uri;
 
 use super::model::{Model, Part};
@@ -12,8 +16,8 @@ use crate::error::{Error, Result};
 use crate::texture::Budget;
 use crate::{LoadReport, Mesh};
 use access::Buffers;
-use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, DVec4, Vec2, Vec3, Vec4};
-use gltf::{Document, Semantic, mesh::Mode, scene::Transform};
+use glam::{DAffine3, Vec2, Vec3, Vec4};
+use gltf::{Document, Semantic, mesh::Mode};
 use material::Materials;
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
@@ -34,8 +38,8 @@ const READ: [&str; 7] = [
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
 
 /// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the
-/// latter.
-pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
+/// latter. Parts that are flattened as they rest come with it where `flat` parts are asked for.
+pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: bool) -> Result<Model> {
     let bytes = file::read(path)?;
     let (document, blob) = document::parse(path, &bytes)?;
     drop(bytes);
@@ -47,8 +51,10 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
         materials: textures.map(|_| Materials::new(path, reach, &document)),
         meshes: HashMap::new(),
         skipped: Skipped::default(),
+        flat,
     };
-    reader.scene(&document)?;
+    let nodes = tree::nodes(path, &document)?;
+    reader.scene(&document, &nodes)?;
     let Reader { mut model, materials, skipped, .. } = reader;
     skipped.tell(&mut model.report);
     for extension in document.extensions_used() {
@@ -65,10 +71,11 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
             model.report.notes.push(why.into());
         }
     }
-    let unused = [(document.cameras().len(), "camera", "used"), (document.animations().len(), "animation", "played")];
-    for (count, what, done) in unused.into_iter().filter(|(count, ..)| *count > 0) {
-        let (plural, verb) = if count == 1 { ("", "is") } else { ("s", "are") };
-        model.report.notes.push(format!("{count} {what}{plural} of the file {verb} not {done}"));
+    let cameras = rig::cameras(&document, &nodes);
+    model.cameras = cameras.iter().enumerate().map(|(number, camera)| label::of(number, camera.name.as_deref())).collect();
+    model.animations = document.animations().map(|a| label::of(a.index(), a.name())).collect();
+    if cameras.is_empty() && document.cameras().len() > 0 {
+        model.report.notes.push("no node of the file's scene shows a camera of the file".into());
     }
     Ok(model)
 }
@@ -116,43 +123,29 @@ struct Reader<'a> {
     /// Renderable primitives of each mesh read so far.
     meshes: HashMap<usize, Vec<Primitive>>,
     skipped: Skipped,
+    /// Whether parts without volume, which an animation may unfold, are read too.
+    flat: bool,
 }
 
 impl Reader<'_> {
-    /// Walks the default scene, else the first one, else every node that is no child.
-    fn scene(&mut self, document: &Document) -> Result<()> {
+    fn scene(&mut self, document: &Document, tree: &[tree::Node]) -> Result<()> {
         let nodes: Vec<gltf::Node> = document.nodes().collect();
-        let roots: Vec<usize> = match document.default_scene().or_else(|| document.scenes().next()) {
-            Some(scene) => scene.nodes().map(|n| n.index()).collect(),
-            None => {
-                let mut is_child = vec![false; nodes.len()];
-                nodes.iter().flat_map(|n| n.children()).for_each(|c| is_child[c.index()] = true);
-                (0..nodes.len()).filter(|&i| !is_child[i]).collect()
-            }
-        };
-        // A stack instead of recursion, and each node once: loops and shared children end here.
-        let mut visited = vec![false; nodes.len()];
-        let mut stack: Vec<(usize, DAffine3)> = roots.into_iter().rev().map(|i| (i, DAffine3::IDENTITY)).collect();
-        while let Some((index, parent)) = stack.pop() {
-            let place = format!("/nodes/{index}");
-            if std::mem::replace(&mut visited[index], true) {
-                return Err(Error::model(self.path, place, "the node has two parents, or is its own ancestor"));
-            }
-            let node = &nodes[index];
-            let transform = parent * local(node);
+        let mut world: Vec<DAffine3> = Vec::with_capacity(tree.len());
+        for (place, node) in tree.iter().enumerate() {
+            let transform = node.parent.map_or(DAffine3::IDENTITY, |parent| world[parent]) * node.local.affine();
             if !transform.is_finite() {
-                return Err(Error::model(self.path, place, "the transform is not finite"));
+                return Err(Error::model(self.path, format!("/nodes/{}", node.index), "the transform is not finite"));
             }
-            self.node(node, transform)?;
-            let children: Vec<usize> = node.children().map(|c| c.index()).collect();
-            stack.extend(children.into_iter().rev().map(|c| (c, transform)));
+            self.node(&nodes[node.index], place, transform)?;
+            world.push(transform);
         }
         Ok(())
     }
 
-    fn node(&mut self, node: &gltf::Node, transform: DAffine3) -> Result<()> {
+    /// The meshes of a node at `place` in the tree.
+    fn node(&mut self, node: &gltf::Node, place: usize, transform: DAffine3) -> Result<()> {
         let Some(mesh) = node.mesh() else { return Ok(()) };
-        if !super::invertible(super::relative(transform, transform.translation)) {
+        if !self.flat && !super::invertible(super::relative(transform, transform.translation)) {
             self.skipped.collapsed += 1;
             return Ok(());
         }
@@ -167,7 +160,7 @@ impl Reader<'_> {
         };
         let name = node.name().or(mesh.name()).map_or_else(|| format!("node {}", node.index()), str::to_owned);
         for Primitive { mesh, material } in primitives {
-            self.model.parts.push(Part { name: name.clone(), mesh, material, transform });
+            self.model.parts.push(Part { name: name.clone(), mesh, material, transform, node: place });
         }
         Ok(())
     }
@@ -233,22 +226,6 @@ impl Reader<'_> {
             return Err(Error::model(self.path, place, format!("{} values for {vertices} positions", values.len())));
         }
         Ok(values.into_iter().map(T::from).collect())
-    }
-}
-
-/// Node to parent, in double precision: trees of many nodes may go far out and come back. Quaternions are normalised; one of zero
-/// length turns nothing.
-fn local(node: &gltf::Node) -> DAffine3 {
-    match node.transform() {
-        Transform::Matrix { matrix } => {
-            DAffine3::from_mat4(DMat4::from_cols_array_2d(&matrix.map(|column| column.map(f64::from))))
-        }
-        Transform::Decomposed { translation, rotation, scale } => {
-            let q = DVec4::from(rotation.map(f64::from));
-            let turn = q.try_normalize().map_or(DQuat::IDENTITY, DQuat::from_vec4);
-            let matrix3 = DMat3::from_quat(turn) * DMat3::from_diagonal(DVec3::from(scale.map(f64::from)));
-            DAffine3 { matrix3, translation: DVec3::from(translation.map(f64::from)) }
-        }
     }
 }
 

@@ -55,7 +55,7 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
             continue;
         }
         let material = mesh.material_id.filter(|_| textures.is_some());
-        model.parts.push(Part { name: name.clone(), mesh: model.meshes.len(), material, transform: DAffine3::IDENTITY });
+        model.parts.push(Part { name: name.clone(), mesh: model.meshes.len(), material, transform: DAffine3::IDENTITY, node: 0 });
         model.meshes.push(convert(name, &mesh));
     }
     Ok(model)
