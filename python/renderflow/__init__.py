@@ -137,12 +137,18 @@ def load(
     resolution: int | tuple[int, int] | None = None,
     frames: int | None = None,
     seed: int | None = None,
+    camera: str | int | None = None,
+    cameras: PathLike | None = None,
+    animation: str | int | None = None,
     set: Mapping[str, Any] | None = None,
     allow_files: Iterable[PathLike] = (),
 ) -> Scene:
     """Reads a scene file (.json), or puts a model (.gltf, .glb, .obj) on a ground plane under a light.
 
     ``hdri`` is an environment map (.hdr, .exr) or the name of a built-in one; ``hdri_rotation`` turns it, in degrees about +Y.
+    ``camera`` looks through a camera of a glTF file, and ``animation`` plays one of its animations: a name, or a number counted from
+    0. ``cameras`` is a ``transforms.json`` with one camera for each frame.
+
     ``set`` changes values of the scene by their paths, as in ``{"materials/0/roughness": 0.2}``. The file may name files in its
     own folder and in the folders ``allow_files``. Raises :class:`Error` where a file cannot be read or holds something that cannot
     be rendered.
@@ -154,6 +160,9 @@ def load(
         "seed": seed,
         "resolution": None if resolution is None else _size(resolution),
         "frames": frames,
+        "camera": None if camera is None else str(camera),
+        "cameras": None if cameras is None else os.fspath(cameras),
+        "animation": None if animation is None else str(animation),
         "set": [f"{path}={json.dumps(value, allow_nan=False)}" for path, value in (set or {}).items()],
         "allowed": [os.fspath(folder) for folder in allow_files],
     }

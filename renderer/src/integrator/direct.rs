@@ -72,7 +72,7 @@ impl<F: Features> Tracer<'_, F> {
                 Sight::Clear => weighed,
             };
             let arriving = if F::CLEAR {
-                arriving * share * path.medium.along(scene, surface, light.wi).over(light.distance)
+                arriving * share * self.medium.along(scene, surface, light.wi).over(light.distance)
             } else {
                 arriving
             };

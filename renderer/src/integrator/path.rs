@@ -66,6 +66,8 @@ pub(super) struct Tracer<'a, F: Features> {
     directions: Option<LightGroups>,
     /// Largest contribution of indirect light, as it counts for one branch.
     limit: f32,
+    /// What the current path is inside of. Only scenes with clear surfaces look at it.
+    pub(super) medium: Medium,
     /// Radiance of the current sample, all and by group.
     radiance: Vec3A,
     groups: [Vec3A; LIGHT_GROUPS],
@@ -161,6 +163,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             lights,
             casters,
             limit: settings.clamp_indirect.unwrap_or(f32::INFINITY),
+            medium: Medium::AIR,
             radiance: Vec3A::ZERO,
             groups: [Vec3A::ZERO; LIGHT_GROUPS],
             camera_cone: Cone::camera(scene.camera(), settings.camera_samples()),
@@ -226,30 +229,33 @@ impl<'a, F: Features> Tracer<'a, F> {
             return Sample { radiance: self.scene.environment_light().radiance(Vec3A::Y), first: None };
         }
         let (ray, hit) = (self.rays[place % SHOTS], self.hits[place % SHOTS]);
-        let straight = Straight::new(ray, hit, false);
-        let straight = if F::CLEAR { straight.go_on::<F>(self.scene, &mut self.scratch) } else { straight };
+        let (mut on, mut met, mut before, mut share) = (ray, hit, 0.0, Vec3A::ONE);
+        if F::CLEAR {
+            let straight = Straight::new(ray, hit, false).go_on::<F>(self.scene, &mut self.scratch);
+            (on, met, before, share) = (straight.ray, straight.hit, straight.before, straight.weight);
+        }
         self.radiance = Vec3A::ZERO;
         if self.directions.is_some() {
             self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
         }
         let clear = if F::CLEAR || F::FULL && self.scene.features().blended { hit } else { None };
         let behind = clear.map(|hit| first_hit::<F>(self.scene, &ray, &hit, self.camera_cone, &mut self.scratch));
-        let first = match straight.hit {
+        let first = match met {
             None => {
                 let radiance = self.scene.environment_light().radiance(ray.direction);
-                self.add(if F::CLEAR { straight.weight * radiance } else { radiance }, Origin::Environment(ray.direction));
+                self.add(if F::CLEAR { share * radiance } else { radiance }, Origin::Environment(ray.direction));
                 behind
             }
             Some(hit) => {
-                let cone = if F::CLEAR { self.camera_cone.at(straight.before) } else { self.camera_cone };
-                let surface = Interaction::new::<F>(self.scene, &straight.ray, &hit, cone);
+                let cone = if F::CLEAR { self.camera_cone.at(before) } else { self.camera_cone };
+                let surface = Interaction::new::<F>(self.scene, &on, &hit, cone);
                 let first = behind.unwrap_or(FirstHit { albedo: surface.surface.base_color, ns: surface.ns });
                 if F::FULL && surface.emitted != Vec3A::ZERO {
-                    self.add(if F::CLEAR { straight.weight * surface.emitted } else { surface.emitted }, Origin::Emitter);
+                    self.add(if F::CLEAR { share * surface.emitted } else { surface.emitted }, Origin::Emitter);
                 }
                 // Without light there is nothing to gather.
                 if !(self.settings.skips.dark_scenes && self.scene.features().dark()) {
-                    self.gather(&shot.sampler, shot.index, (surface, straight.weight), -ray.direction);
+                    self.gather(&shot.sampler, shot.index, (surface, share), -ray.direction);
                 }
                 Some(first)
             }
@@ -289,10 +295,16 @@ impl<'a, F: Features> Tracer<'a, F> {
             let path = whole.part(part, count);
             if F::CLEAR { Path { beta: path.beta * through, ..path } } else { path }
         };
+        if F::CLEAR {
+            self.medium = Medium::AIR;
+        }
         for light in 0..self.lights {
             self.sample_light(sampler, &part(light, self.lights), &first, (bsdf, &split), wo);
         }
         for branch in 0..self.branches {
+            if F::CLEAR {
+                self.medium = Medium::AIR;
+            }
             if let Some((path, surface, wo)) = self.scatter(sampler, part(branch, self.branches), &first, (bsdf, &split), wo) {
                 self.follow(sampler, path, surface, wo);
             }
@@ -327,6 +339,9 @@ impl<'a, F: Features> Tracer<'a, F> {
                 probe.light[part as usize] = self.radiance * 2.0;
                 let between = self.stats.rays();
                 self.radiance = Vec3A::ZERO;
+                if F::CLEAR {
+                    self.medium = Medium::AIR;
+                }
                 if let Some((path, surface, wo)) = self.scatter(&shot.sampler, whole.part(part, 2), &first, (bsdf, &split), wo) {
                     self.follow(&shot.sampler, path, surface, wo);
                 }
@@ -374,13 +389,13 @@ impl<'a, F: Features> Tracer<'a, F> {
         let scattered = scatterer.sample(lobe, [u, v])?;
         let wi = scattered.wi;
         path.beta *= scattered.weight;
-        let gain = if F::CLEAR { path.medium.gain() } else { 1.0 };
+        let gain = if F::CLEAR { self.medium.gain() } else { 1.0 };
         if path.beta == Vec3A::ZERO || !path.survives(survive, gain) {
             return None;
         }
 
         let (ray, medium) = if F::CLEAR {
-            (surface.spawn_either(wi), path.medium.along(scene, surface, wi))
+            (surface.spawn_either(wi), self.medium.along(scene, surface, wi))
         } else {
             (surface.spawn(wi), Medium::AIR)
         };
@@ -417,17 +432,16 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
         self.stats.bounce_rays += 1;
         let (hit, through) = scene.trace_noting::<F>(&ray, &mut self.scratch);
-        let mut straight = Straight::new(ray, hit, through);
+        let (mut ray, mut hit, mut through, mut before) = (ray, hit, through, 0.0);
         if F::CLEAR {
-            straight = straight.go_on::<F>(scene, &mut self.scratch);
-            let distance = straight.before + straight.hit.map_or(f32::INFINITY, |hit| hit.t);
-            path.beta *= straight.weight * medium.over(distance);
-            path.medium = medium;
+            let straight = Straight::new(ray, hit, through).go_on::<F>(scene, &mut self.scratch);
+            (ray, hit, through, before) = (straight.ray, straight.hit, straight.through, straight.before);
+            path.beta *= straight.weight * medium.over(before + hit.map_or(f32::INFINITY, |hit| hit.t));
+            self.medium = medium;
             if path.beta == Vec3A::ZERO {
                 return None;
             }
         }
-        let Straight { ray, hit, through, before, .. } = straight;
         let Some(hit) = hit else {
             let path = if through { path.unreached() } else { path };
             let contribution = path.beta * self.environment_behind((wi, pdf), &path, surface, (bsdf, scatterer), wo);
@@ -485,8 +499,6 @@ pub(super) struct Path {
     first_draws: f32,
     /// Factor of the density of light paths; 0 where no light path can come this way.
     pub reach: f32,
-    /// What the path is inside of.
-    pub medium: Medium,
 }
 
 impl Path {
@@ -494,7 +506,7 @@ impl Path {
     #[inline(always)]
     fn first(index: u32, branches: u32, lights: u32) -> Self {
         let (branches, lights) = (branches as f32, lights as f32);
-        Self { vertex: 1, index, beta: Vec3A::ONE, branches, first_draws: branches / lights, reach: 0.0, medium: Medium::AIR }
+        Self { vertex: 1, index, beta: Vec3A::ONE, branches, first_draws: branches / lights, reach: 0.0 }
     }
 
     /// Part `part` of `count` equal parts. Each part has its own random numbers, stratified together with those of all camera
