@@ -14,8 +14,8 @@ use crate::features::Features;
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
 use crate::material::Side;
-use crate::material::glass::refraction_index;
 use crate::material::glass::pane_transmittance;
+use crate::material::glass::refraction_index;
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::Vec3A;
@@ -228,13 +228,7 @@ fn composite<F: Features>(scene: &RenderScene, ray: &Ray, met: &Hit, mut cone: C
 }
 
 #[inline(never)]
-fn look_through<F: Features>(
-    scene: &RenderScene,
-    mut ray: Ray,
-    mut hit: Hit,
-    mut cone: Cone,
-    scratch: &mut Scratch,
-) -> FirstHit {
+fn look_through<F: Features>(scene: &RenderScene, mut ray: Ray, mut hit: Hit, mut cone: Cone, scratch: &mut Scratch) -> FirstHit {
     let mut seen = FirstHit { albedo: Vec3A::ONE, ns: Vec3A::ZERO };
     for _ in 0..MOST_LOOKED_THROUGH {
         let surface = Interaction::new::<F>(scene, &ray, &hit, cone);

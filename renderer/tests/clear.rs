@@ -126,7 +126,8 @@ fn light_goes_straight_through_panes_in_every_way_it_is_found() {
     let sun = Vec3A::new(0.3, 0.9, 0.2).normalize();
     let sky = || {
         let blank = Environment { map: Image::filled(256, 128, [0.0; 3]), rotation: 0.0, intensity: 1.0 };
-        let map = Image::from_fn(256, 128, |x, y| if blank.texel_direction(x, y).dot(sun) > 0.999 { [500.0; 3] } else { [0.05; 3] });
+        let map =
+            Image::from_fn(256, 128, |x, y| if blank.texel_direction(x, y).dot(sun) > 0.999 { [500.0; 3] } else { [0.05; 3] });
         blank.with_map(map)
     };
     let shade = |panes: usize, direct: DirectLight| {
@@ -134,7 +135,11 @@ fn light_goes_straight_through_panes_in_every_way_it_is_found() {
         let mut parts = vec![(floor.0, diffuse([0.5; 3]), floor.1)];
         for i in 0..panes {
             let sheet = level(40.0, 1.0 + 0.5 * i as f32);
-            parts.push((sheet.0, Material { surface: Principled { base_color: Vec3A::new(1.0, 0.8, 0.5), ..pane(1.5).surface }, ..pane(1.5) }, sheet.1));
+            parts.push((
+                sheet.0,
+                Material { surface: Principled { base_color: Vec3A::new(1.0, 0.8, 0.5), ..pane(1.5).surface }, ..pane(1.5) },
+                sheet.1,
+            ));
         }
         let look = camera([0.0, 0.4, 0.9], [0.0, 0.0, 0.0], 20.0, 8, 8);
         let settings = Settings { spp: 4096, max_bounces: 1, direct, ..Settings::default() };

@@ -306,9 +306,11 @@ fn glass_is_read() {
         (json!({ "thicknessFactor": "thick" }), true),
         (json!(7), true),
     ] {
-        let (odd, ..) = read(json!({ "KHR_materials_transmission": { "transmissionFactor": 9 }, "KHR_materials_volume": volume }));
+        let (odd, ..) =
+            read(json!({ "KHR_materials_transmission": { "transmissionFactor": 9 }, "KHR_materials_volume": volume }));
         assert_eq!((odd.surface.transmission, odd.thin_walled, odd.absorption), (1.0, thin, [0.0; 3]), "{volume}");
     }
-    let (odd, ..) = read(json!({ "KHR_materials_transmission": { "transmissionFactor": 1, "transmissionTexture": { "index": 99 } } }));
+    let (odd, ..) =
+        read(json!({ "KHR_materials_transmission": { "transmissionFactor": 1, "transmissionTexture": { "index": 99 } } }));
     assert!(odd.transmission_texture.is_none());
 }

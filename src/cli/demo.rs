@@ -148,7 +148,8 @@ impl Demo {
     /// where these are largest.
     fn montages(&self, scored: &Scored, results: &Results) -> Result<()> {
         let shown = &scored.about.shown;
-        let mut frames: Vec<usize> = [0, shown.len() / 2, shown.len().saturating_sub(1)].iter().filter_map(|&i| shown.get(i).copied()).collect();
+        let mut frames: Vec<usize> =
+            [0, shown.len() / 2, shown.len().saturating_sub(1)].iter().filter_map(|&i| shown.get(i).copied()).collect();
         frames.dedup();
         for frame in frames {
             let read = |method: &str| picture::display_values(&scored.pictures.join(picture_file(frame, method)));

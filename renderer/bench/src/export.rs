@@ -233,6 +233,9 @@ impl Writer<'_> {
         if slots.iter().any(|other| slot.is_some_and(|slot| slot.uv_transform != other.uv_transform)) {
             bail!("material {}: textures with different transforms cannot be exported", m.name);
         }
+        if m.opacity.is_some() || m.surface.transmission > 0.0 {
+            bail!("material {}: clear and blended surfaces cannot be exported", m.name);
+        }
         let mut textures = BTreeMap::new();
         let base_color = m.surface.base_color.to_array();
         if let Some(slot) = &m.base_color_texture {

@@ -50,7 +50,14 @@ impl<'a, F: Features> Scatterer<'a, F> {
         } else {
             ShadingFrame::new(surface.ns)
         };
-        Self { n: surface.n, lean: surface.n.dot(surface.ns), mode, view: bsdf.view(frame.to_local(wo), surface.side), side: surface.side, frame }
+        Self {
+            n: surface.n,
+            lean: surface.n.dot(surface.ns),
+            mode,
+            view: bsdf.view(frame.to_local(wo), surface.side),
+            side: surface.side,
+            frame,
+        }
     }
 
     /// Whether nothing is reflected towards the viewer from any direction.

@@ -234,7 +234,15 @@ mod tests {
     #[test]
     fn conserving_surfaces_lose_nothing() {
         // What is tabulated changes fastest for the roughest surfaces.
-        let bound = |roughness: f32| if roughness <= 0.5 { 0.006 } else if roughness < 1.0 { 0.012 } else { 0.025 };
+        let bound = |roughness: f32| {
+            if roughness <= 0.5 {
+                0.006
+            } else if roughness < 1.0 {
+                0.012
+            } else {
+                0.025
+            }
+        };
         for side in [Side::Outside, Side::Inside, Side::Sheet] {
             for specular in [0.05, 0.3, 0.5, 0.8, 1.0] {
                 for roughness in [0.0, 0.1, 0.35, 0.5, 0.75, 1.0] {

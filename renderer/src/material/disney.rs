@@ -1,8 +1,8 @@
 //! Burley's principled material (2012): one interface over its two forms.
 
+use super::clear::ClearBsdf;
 use super::conserving::{Conserving, Outgoing};
 use super::published::Published;
-use super::clear::ClearBsdf;
 use super::{BsdfEval, BsdfSample, MIN_PDF, Mode, Principled};
 use crate::angle::sin_cos_eighth;
 use glam::Vec3A;

@@ -177,7 +177,9 @@ with_parameters!(principled! {});
 impl Principled {
     /// Whether only base colour, metallic, roughness and specular matter.
     pub fn is_plain(&self) -> bool {
-        [self.specular_tint, self.anisotropic, self.sheen, self.clearcoat, self.subsurface, self.transmission].iter().all(|v| *v <= 0.0)
+        [self.specular_tint, self.anisotropic, self.sheen, self.clearcoat, self.subsurface, self.transmission]
+            .iter()
+            .all(|v| *v <= 0.0)
     }
 
     /// The parameters that matter to plain materials in their range, the others as they are.
