@@ -1,12 +1,12 @@
 //! Light that goes straight through surfaces: through the share that a blended surface leaves open, and through panes.
 //!
-//! A blended surface stops a ray by chance, with the probability that its coverage at the place is. The chance is a hash of the ray
-//! and of the triangle, so that every query of one ray agrees. Rays to pixel centres, which carry the G-buffer, stop where the
-//! coverage is at least one half.
+//! A blended surface stops a ray by chance, with the probability that its coverage at the place is. The chance is a hash of the
+//! ray and of the triangle, so that every query of one ray agrees. Rays to pixel centres, which carry the G-buffer, stop where
+//! the coverage is at least one half.
 //!
-//! A pane lets a share of the light straight through that depends on its angle and its colour. Shadow rays multiply these shares. A
-//! path goes through with a probability, and is mirrored otherwise. It neither bends nor counts a surface, so that light samples
-//! behind it find the same light.
+//! A pane lets a share of the light straight through that depends on its angle and its colour. Shadow rays multiply these
+//! shares. A path goes through with a probability, and is mirrored otherwise. It neither bends nor counts a surface, so that
+//! light samples behind it find the same light.
 
 use crate::accel::{Hit, Scratch};
 use crate::compile::{Clear, CompiledMaterial, RenderScene};
@@ -184,8 +184,9 @@ impl Medium {
     }
 }
 
-/// What the denoiser and the networks are told of the ray that meets `hit`: the first surface that is not clear and smooth, coloured
-/// by those before it. Where there is none, it is the colour of what is looked through, with the normal of its first surface.
+/// What the denoiser and the networks are told of the ray that meets `hit`: the first surface that is not clear and smooth,
+/// coloured by those before it. Where there is none, it is the colour of what is looked through, with the normal of its first
+/// surface.
 #[inline(always)]
 pub(crate) fn first_hit<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone, scratch: &mut Scratch) -> FirstHit {
     if F::FULL && scene.features().blended {
@@ -202,8 +203,8 @@ fn layer<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone, scr
     look_through::<F>(scene, *ray, *hit, cone, scratch)
 }
 
-/// The mean over all chances of what a ray through blended surfaces meets, where it meets something; `met` is what it met by chance.
-/// Without this, guides would be as noisy as the picture.
+/// The mean over all chances of what a ray through blended surfaces meets, where it meets something; `met` is what it met by
+/// chance. Without this, guides would be as noisy as the picture.
 #[inline(never)]
 fn composite<F: Features>(scene: &RenderScene, ray: &Ray, met: &Hit, mut cone: Cone, scratch: &mut Scratch) -> FirstHit {
     let (start, first_cone) = (ray, cone);

@@ -87,8 +87,8 @@ fn white_glass_under_a_white_sky_vanishes() {
     }
 }
 
-/// Of two smooth interfaces with all reflections between them, (1 - R) / (1 + R) passes; with absorption a over the thickness it is
-/// (1 - R)^2 a / (1 - R^2 a^2).
+/// Of two smooth interfaces with all reflections between them, (1 - R) / (1 + R) passes; with absorption a over the thickness
+/// it is (1 - R)^2 a / (1 - R^2 a^2).
 #[test]
 fn a_slab_passes_what_fresnel_and_beer_say() {
     for ior in [1.33_f32, 1.5, 1.7] {
@@ -119,8 +119,8 @@ fn panes_and_rough_sheets_pass_what_a_slab_does() {
     }
 }
 
-/// A white diffuse floor below a pane, under a white sky. The pane stands so far away that the light reflected between both is lost:
-/// the floor sees the sky through it, and the camera the floor.
+/// A white diffuse floor below a pane, under a white sky. The pane stands so far away that the light reflected between both is
+/// lost: the floor sees the sky through it, and the camera the floor.
 #[test]
 fn light_goes_straight_through_panes_in_every_way_it_is_found() {
     let sun = Vec3A::new(0.3, 0.9, 0.2).normalize();

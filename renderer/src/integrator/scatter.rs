@@ -97,8 +97,8 @@ impl<'a, F: Features> Scatterer<'a, F> {
         self.eval_seen(&bsdf.view(self.frame.to_local(wi), self.side), wo).pdf
     }
 
-    /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it. The same with
-    /// both sides exchanged for light that is let through.
+    /// The mirror image, below the true surface, of a direction above it; `None` where the shading horizon hides it. The same
+    /// with both sides exchanged for light that is let through.
     #[inline(always)]
     fn folded(&self, wi: Vec3A, cos: f32) -> Option<Vec3A> {
         if F::FULL && self.mode == Mode::Published {

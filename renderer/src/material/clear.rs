@@ -208,8 +208,8 @@ mod tests {
         }
     }
 
-    /// The numbers come from `tests/references/rough_dielectric.py`. Masking and shadowing of refracted light are taken as independent
-    /// there, as in published mode.
+    /// The numbers come from `tests/references/rough_dielectric.py`. Masking and shadowing of refracted light are taken as
+    /// independent there, as in published mode.
     #[test]
     fn refraction_agrees_with_mitsuba() {
         let (mut compared, mut worst) = (0, 0.0_f32);

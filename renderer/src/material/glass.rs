@@ -2,9 +2,9 @@
 //! through Rough Surfaces"; the transmission of Burley 2015, "Extending the Disney BRDF to a BSDF with Integrated Subsurface
 //! Scattering"), and a sheet of it.
 //!
-//! - A **body** has air outside. Fresnel's equations divide the light of a facet into what is mirrored and what is refracted. What
-//!   crosses the surface is multiplied by the base colour, as glTF has it. Paths carry radiance, so crossing into index `n` divides
-//!   it by `n^2` (Veach 1997, section 5.2).
+//! - A **body** has air outside. Fresnel's equations divide the light of a facet into what is mirrored and what is refracted.
+//!   What crosses the surface is multiplied by the base colour, as glTF has it. Paths carry radiance, so crossing into index
+//!   `n` divides it by `n^2` (Veach 1997, section 5.2).
 //! - A **sheet** is a body so thin that its two sides are one. With all reflections between them it mirrors `2 F / (1 + F)` and
 //!   passes `(1 - F) / (1 + F)` of the light of a facet, without bending it; a rough sheet spreads both alike.
 //! - A **pane** is a smooth sheet. What it passes goes straight on, which the integrator does (`crate::clear`); here it only
@@ -268,7 +268,8 @@ impl GlassView<'_> {
 }
 
 /// Albedo of rough bodies for all light together, mirrored and passed, at the cosines of row `row` of [`Table`] and for number
-/// `index` of the indices of refraction. A row is made when it is first asked for, which takes some milliseconds: a scene needs few.
+/// `index` of the indices of refraction. A row is made when it is first asked for, which takes some milliseconds: a scene needs
+/// few.
 fn albedos(inside: bool, index: usize, row: usize) -> &'static [f32; COSINES] {
     static ROWS: [OnceLock<[f32; COSINES]>; 2 * INDICES * ROUGHNESSES] = [const { OnceLock::new() }; 2 * INDICES * ROUGHNESSES];
     ROWS[(usize::from(inside) * INDICES + index) * ROUGHNESSES + row].get_or_init(|| {
