@@ -38,6 +38,9 @@ impl Worst {
 /// Random numbers in 0..1: PCG-XSH-RR (O'Neill 2014), independent of the renderer's own samplers.
 struct Random(u64);
 
+/// Numbers of a material without transmission, which comes last.
+const OPAQUE: u32 = 13;
+
 impl Random {
     fn new(seed: u64) -> Self {
         let mut random = Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
@@ -63,7 +66,12 @@ impl Random {
     }
 
     fn surface(&mut self) -> Principled {
-        Principled::from_fn(|| self.parameter())
+        // The opaque form ignores the last one, transmission: the numbers drawn are those of before there was any.
+        let mut drawn = 0;
+        Principled::from_fn(|| {
+            drawn += 1;
+            if drawn <= OPAQUE { self.parameter() } else { 0.0 }
+        })
     }
 
     /// A direction above the horizon; a third graze it, down to cosines of 1e-7.
