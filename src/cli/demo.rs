@@ -144,8 +144,8 @@ impl Demo {
         Ok(())
     }
 
-    /// Writes the pictures of the first, the middle and the last frame side by side with their names; below them their errors, and
-    /// where these are largest.
+    /// Writes the pictures of the first, the middle and the last frame side by side with their names; below them their errors,
+    /// and where these are largest.
     fn montages(&self, scored: &Scored, results: &Results) -> Result<()> {
         let shown = &scored.about.shown;
         let mut frames: Vec<usize> =
