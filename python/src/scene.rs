@@ -7,7 +7,7 @@ use renderflow::dataset::source::{Described, SceneSource};
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::RenderScene;
 use renderflow_renderer::deferred::{LIGHTS, Lighting};
-use renderflow_scenes::description::{self, Animation, Choice};
+use renderflow_scenes::description::{self, Animation, NameOrNumber};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -142,8 +142,8 @@ pub struct Asked {
 pub fn load(py: Python<'_>, asked: Asked) -> PyResult<Scene> {
     let Asked { file, hdri, hdri_rotation, seed, resolution, frames, camera, cameras, animation, allowed, set } = asked;
     let set = set.iter().map(|text| text.parse()).collect::<Result<_, String>>().map_err(PyValueError::new_err)?;
-    let camera = camera.map(Choice::Name);
-    let animation = animation.map(|clip| Animation { clip: Some(Choice::Name(clip)), ..Animation::default() });
+    let camera = camera.map(NameOrNumber::Name);
+    let animation = animation.map(|clip| Animation { clip: Some(NameOrNumber::Name(clip)), ..Animation::default() });
     let file = Some(file);
     let source = SceneSource { file, hdri, hdri_rotation, seed, resolution, frames, camera, cameras, animation, set };
     work::run(py, move |_| Ok(Scene::new(source.describe(&allowed)?)))

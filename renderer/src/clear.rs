@@ -14,8 +14,7 @@ use crate::features::Features;
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
 use crate::material::Side;
-use crate::material::glass::pane_transmittance;
-use crate::material::glass::refraction_index;
+use crate::material::glass::{pane_transmittance, refraction_index};
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::Vec3A;
@@ -44,7 +43,7 @@ fn chance(ray: &Ray, instance: u32, triangle: u32) -> f32 {
 }
 
 impl RenderScene {
-    /// Whether a blended surface of coverage `covered` stops `ray`, for a triangle that [`crate::geometry`] calls `hit`.
+    /// Whether a blended surface that covers the share `covered` at `hit` stops `ray`.
     #[inline(always)]
     pub(crate) fn covers(&self, ray: &Ray, hit: &Hit, covered: f32) -> bool {
         let (instance, triangle) = self.geometry.locate(hit);
@@ -117,21 +116,15 @@ impl Straight {
                 return self;
             }
             self.weight *= share / passes;
-            self.step::<F>(scene, &hit, scratch);
+            self.before += hit.t;
+            self.ray = scene.geometry.behind(&hit, self.ray.direction);
+            let (next, through) = scene.trace_noting::<F>(&self.ray, scratch);
+            self.hit = next;
+            self.through |= through;
         }
         // Nobody sees more panes than that.
         self.weight = Vec3A::ZERO;
         self
-    }
-
-    /// Goes on behind `hit`.
-    #[inline(always)]
-    pub fn step<F: Features>(&mut self, scene: &RenderScene, hit: &Hit, scratch: &mut Scratch) {
-        self.before += hit.t;
-        self.ray = scene.geometry.behind(hit, self.ray.direction);
-        let (next, through) = scene.trace_noting::<F>(&self.ray, scratch);
-        self.hit = next;
-        self.through |= through;
     }
 }
 
@@ -228,6 +221,7 @@ fn composite<F: Features>(scene: &RenderScene, ray: &Ray, met: &Hit, mut cone: C
     FirstHit { albedo: sum.albedo / (1.0 - left), ns: sum.ns / (1.0 - left) }
 }
 
+/// The first surface that shows itself behind clear and smooth ones, along the way that most of the light takes.
 #[inline(never)]
 fn look_through<F: Features>(scene: &RenderScene, mut ray: Ray, mut hit: Hit, mut cone: Cone, scratch: &mut Scratch) -> FirstHit {
     let mut seen = FirstHit { albedo: Vec3A::ONE, ns: Vec3A::ZERO };

@@ -108,7 +108,10 @@ pub trait BrdfView {
     /// [`View::eval`].
     fn eval(&self, wi: Vec3A) -> BsdfEval;
     /// [`View::pdf`].
-    fn pdf(&self, wi: Vec3A) -> f32;
+    #[inline(always)]
+    fn pdf(&self, wi: Vec3A) -> f32 {
+        self.eval(wi).pdf
+    }
     /// [`View::sample`].
     fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample>;
 }
@@ -182,11 +185,6 @@ impl BrdfView for ClearView<'_> {
     }
 
     #[inline(always)]
-    fn pdf(&self, wi: Vec3A) -> f32 {
-        self.eval(wi).pdf
-    }
-
-    #[inline(always)]
     fn sample(&self, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         self.sample(u_lobe, u)
     }
@@ -201,11 +199,6 @@ impl<const FULL: bool> BrdfView for View<'_, FULL> {
     #[inline(always)]
     fn eval(&self, wi: Vec3A) -> BsdfEval {
         self.eval(wi)
-    }
-
-    #[inline(always)]
-    fn pdf(&self, wi: Vec3A) -> f32 {
-        self.pdf(wi)
     }
 
     #[inline(always)]

@@ -7,7 +7,7 @@ mod frames;
 mod material;
 mod principled;
 
-pub use animation::{Animation, Choice};
+pub use animation::{Animation, NameOrNumber};
 pub use change::MaterialChange;
 pub use exact::decimal;
 pub use frames::{CameraFrame, same_shape};

@@ -7,7 +7,7 @@ use common::{anywhere, asset, assets_below, empty_scene, model_scene};
 use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3, DVec4, Mat3A, Vec2, Vec3A};
 use renderflow_frame::Camera;
 use renderflow_frame::transforms::{self, Sequence};
-use renderflow_scenes::description::{Animation, CameraPath, Choice, Scene};
+use renderflow_scenes::description::{Animation, CameraPath, NameOrNumber, Scene};
 use renderflow_scenes::load::{self, Capture, ModelView};
 use serde_json::{Value, json};
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
@@ -33,12 +33,12 @@ fn filmed() -> Value {
     file
 }
 
-fn by_name(name: &str) -> Choice {
-    Choice::Name(name.into())
+fn by_name(name: &str) -> NameOrNumber {
+    NameOrNumber::Name(name.into())
 }
 
 /// The scene around a model, seen by its camera.
-fn seen(file: &File, view: &ModelView, camera: &Choice) -> Result<(Scene, Vec<String>), String> {
+fn seen(file: &File, view: &ModelView, camera: &NameOrNumber) -> Result<(Scene, Vec<String>), String> {
     let mut scene = load::describe_model(&file.path(), None, view, &anywhere()).map_err(|e| e.to_string())?;
     let notes = load::look_through(&mut scene, camera, &anywhere()).map_err(|e| e.to_string())?;
     Ok((scene, notes))
@@ -98,29 +98,29 @@ fn a_camera_shows_what_the_matrices_of_gltf_say() {
 #[test]
 fn a_camera_is_chosen_by_name_or_number_and_refused_in_plain_words() {
     let file = File::new(&filmed());
-    let look = |choice: Choice| seen(&file, &ModelView::default(), &choice);
+    let look = |choice: NameOrNumber| seen(&file, &ModelView::default(), &choice);
     let scene = |choice| look(choice).unwrap().0.camera;
-    assert_eq!(scene(by_name("Front")), scene(Choice::Number(0)));
+    assert_eq!(scene(by_name("Front")), scene(NameOrNumber::Number(0)));
     // A node without a name has that of its camera.
     assert_eq!(scene(by_name("lens")), scene(by_name("1")));
     assert_ne!(scene(by_name("lens")), scene(by_name("Front")));
     let says = |choice| look(choice).unwrap_err();
     assert!(says(by_name("Back")).ends_with("model.gltf: no camera is named \"Back\"; there are Front, lens, plan"));
-    assert!(says(Choice::Number(3)).ends_with("model.gltf: there is no camera 3; there are Front, lens, plan"));
+    assert!(says(NameOrNumber::Number(3)).ends_with("model.gltf: there is no camera 3; there are Front, lens, plan"));
     let plan = says(by_name("plan"));
     assert!(plan.ends_with("camera plan: it is orthographic; only perspective cameras can be used"), "{plan}");
     let none = File::new(&square());
-    let says = seen(&none, &ModelView::default(), &Choice::Number(0)).unwrap_err();
+    let says = seen(&none, &ModelView::default(), &NameOrNumber::Number(0)).unwrap_err();
     assert!(says.ends_with("model.gltf: no node of the file's scene shows a camera"), "{says}");
     for (yfov, says) in [(3.1, "its yfov of 177.6"), (0.0, "its yfov of 0 degrees is outside 1..=170")] {
         let mut wrong = filmed();
         wrong["cameras"][0]["perspective"]["yfov"] = json!(yfov);
-        let error = seen(&File::new(&wrong), &ModelView::default(), &Choice::Number(0)).unwrap_err();
+        let error = seen(&File::new(&wrong), &ModelView::default(), &NameOrNumber::Number(0)).unwrap_err();
         assert!(error.contains(says), "{error}");
     }
     let mut flat = filmed();
     flat["nodes"][1]["scale"] = json!([1, 1, 0]);
-    let error = seen(&File::new(&flat), &ModelView::default(), &Choice::Number(0)).unwrap_err();
+    let error = seen(&File::new(&flat), &ModelView::default(), &NameOrNumber::Number(0)).unwrap_err();
     assert!(error.ends_with("camera Front: its node is flattened at frame 0, so it looks nowhere"), "{error}");
     // Without the option, the orbit stays, and a note says what there is.
     let scene = load::describe_model(&file.path(), None, &ModelView::default(), &anywhere()).unwrap();
@@ -158,7 +158,7 @@ fn a_camera_goes_where_its_node_goes() {
         animation: Some(Animation { frames_per_second: 4.0, ..Animation::default() }),
         ..ModelView::default()
     };
-    let (scene, _) = seen(&file, &view, &Choice::Number(0)).unwrap();
+    let (scene, _) = seen(&file, &view, &NameOrNumber::Number(0)).unwrap();
     let placement = scene.objects[0].transform_at(0);
     for frame in 0..4 {
         let t = f64::from(frame) / 4.0;
@@ -171,7 +171,7 @@ fn a_camera_goes_where_its_node_goes() {
         assert!((camera.camera_to_world.matrix3.y_axis - Vec3A::Y).length() < 1e-6);
     }
     // At rest, it is one pose.
-    let (scene, _) = seen(&file, &ModelView { frames: 4, ..ModelView::default() }, &Choice::Number(0)).unwrap();
+    let (scene, _) = seen(&file, &ModelView { frames: 4, ..ModelView::default() }, &NameOrNumber::Number(0)).unwrap();
     assert!(matches!(&scene.camera, CameraPath::Poses { poses, .. } if poses.len() == 1));
 }
 
@@ -182,7 +182,7 @@ fn files_of_the_validator_are_used_or_refused() {
     for folder in ["camera", "node", "scene"] {
         for path in assets_below(&format!("gltf/malformed/khronos-validator/{folder}"), &["gltf", "glb"]) {
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
-            if let Err(error) = load::look_through(&mut model_scene(&path, None), &Choice::Number(0), &anywhere()) {
+            if let Err(error) = load::look_through(&mut model_scene(&path, None), &NameOrNumber::Number(0), &anywhere()) {
                 assert!(error.to_string().contains(&name), "{name}: {error}");
             }
         }

@@ -6,7 +6,7 @@ use common::gltf::{FLOAT, File, STRIP, bytes, document};
 use common::{anywhere, asset, assets_below, model_scene};
 use glam::{Vec3, Vec3A};
 use renderflow_frame::reach::Reach;
-use renderflow_scenes::description::{Animation, Choice, Motion, Scene, Transform};
+use renderflow_scenes::description::{Animation, Motion, NameOrNumber, Scene, Transform};
 use renderflow_scenes::load::{self, ModelView};
 use renderflow_scenes::{LoadedScene, Result};
 use serde_json::{Value, json};
@@ -227,26 +227,28 @@ fn clips_are_chosen_by_name_or_number() {
     (other["name"], other["channels"][0]["target"]["path"]) = (json!("grow"), json!("scale"));
     two["animations"].as_array_mut().unwrap().push(other);
     let file = File::new(&two);
-    let with = |clip: Option<Choice>| {
+    let with = |clip: Option<NameOrNumber>| {
         let mut scene = playing(&file, 2, 2.0);
         scene.objects[0].animation.as_mut().unwrap().clip = clip;
         load::load(&scene, &anywhere()).map(|scene| corner(&scene, 1, Vec3::ZERO).x).map_err(|e| e.to_string())
     };
-    for first in [None, Some(Choice::Number(0)), Some(Choice::Name("move".into())), Some(Choice::Name("0".into()))] {
+    for first in
+        [None, Some(NameOrNumber::Number(0)), Some(NameOrNumber::Name("move".into())), Some(NameOrNumber::Name("0".into()))]
+    {
         assert_eq!(with(first).unwrap(), 2.5);
     }
-    for second in [Choice::Number(1), Choice::Name("grow".into())] {
+    for second in [NameOrNumber::Number(1), NameOrNumber::Name("grow".into())] {
         assert_eq!(with(Some(second)).unwrap(), 0.0);
     }
-    let says = with(Some(Choice::Name("jump".into()))).unwrap_err();
+    let says = with(Some(NameOrNumber::Name("jump".into()))).unwrap_err();
     assert!(says.ends_with("model.gltf: no animation is named \"jump\"; there are move, grow"), "{says}");
-    assert!(with(Some(Choice::Number(2))).unwrap_err().ends_with("there is no animation 2; there are move, grow"));
+    assert!(with(Some(NameOrNumber::Number(2))).unwrap_err().ends_with("there is no animation 2; there are move, grow"));
     // The same, put into a scene by name.
     let mut scene = model_scene(&file.path(), None);
-    let asked = Animation { clip: Some(Choice::Name("grow".into())), ..Animation::default() };
+    let asked = Animation { clip: Some(NameOrNumber::Name("grow".into())), ..Animation::default() };
     assert_eq!(load::play(&mut scene, &asked, &anywhere()).unwrap(), 1.0);
     assert_eq!(scene.objects[0].animation, Some(asked));
-    let asked = Animation { clip: Some(Choice::Name("jump".into())), ..Animation::default() };
+    let asked = Animation { clip: Some(NameOrNumber::Name("jump".into())), ..Animation::default() };
     let says = load::play(&mut scene, &asked, &anywhere()).unwrap_err().to_string();
     assert!(says.contains("the animation \"jump\"; there are move, grow"), "{says}");
 }

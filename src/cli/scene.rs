@@ -6,7 +6,7 @@ use crate::util::ranges::{Resolution, resolution};
 use anyhow::Result;
 use clap::Args;
 use renderflow_frame::reach::Reach;
-use renderflow_scenes::description::{Animation, Choice, Scene};
+use renderflow_scenes::description::{Animation, NameOrNumber, Scene};
 use renderflow_scenes::sky;
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,7 @@ pub(super) struct SceneArgs {
     hdri_rotation: Option<f32>,
     /// Look through a camera of the model file. A wrong name is answered with the names that there are; numbers start at 0
     #[arg(long, value_name = "NAME|NUMBER", conflicts_with = "cameras")]
-    camera: Option<Choice>,
+    camera: Option<NameOrNumber>,
     /// Look through the cameras of a transforms.json, one for each frame (nerfstudio, instant-ngp, or this program). They stand
     /// in the coordinates of the model file, or in the world of the scene
     #[arg(long, value_name = "FILE")]
@@ -39,7 +39,7 @@ pub(super) struct SceneArgs {
     /// Play an animation of the model file, at 24 frames a second; the first one, if no name is given. Without --frames, there
     /// are as many frames as it lasts
     #[arg(long, value_name = "NAME|NUMBER", num_args = 0..=1, default_missing_value = "0")]
-    animation: Option<Choice>,
+    animation: Option<NameOrNumber>,
     /// Change a value of the scene, for example materials/0/roughness=.2. May be given several times
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<Setting>,

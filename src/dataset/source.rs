@@ -4,7 +4,7 @@ use crate::util::files;
 use anyhow::{Context, Result, bail, ensure};
 use glam::DAffine3;
 use renderflow_frame::reach::Reach;
-use renderflow_scenes::description::{Animation, Choice, EnvironmentSource, Scene, same_shape};
+use renderflow_scenes::description::{Animation, EnvironmentSource, NameOrNumber, Scene, same_shape};
 use renderflow_scenes::load::{self, Capture, ModelView};
 use renderflow_scenes::procedural::{Composition, Split, compose_one};
 use renderflow_scenes::sky;
@@ -33,7 +33,7 @@ pub struct SceneSource {
     /// Number of frames; a model has one by default.
     pub frames: Option<u32>,
     /// A camera of the model file, by name or number. A composed scene has none.
-    pub camera: Option<Choice>,
+    pub camera: Option<NameOrNumber>,
     /// Cameras of a `transforms.json`, one for each frame.
     pub cameras: Option<PathBuf>,
     /// An animation of the model file. Without a number of frames, there are as many as it lasts.

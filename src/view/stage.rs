@@ -1,5 +1,6 @@
 //! The scene of the viewer, and one picture of it at a time.
 
+use super::changes::{changed, values, written};
 use super::method::Method;
 use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, Viewpoint, fitting};
 use crate::dataset::job::clean::{denoise, fuse};
@@ -13,9 +14,8 @@ use renderflow_renderer::deferred::{self, Deferred, LIGHTS, Lighting, ShadowTile
 use renderflow_renderer::denoise::{self as oidn, Denoiser, Quality};
 use renderflow_renderer::film::Film;
 use renderflow_renderer::{Channels, RenderScene, Settings, expose, render, render_gbuffer_until};
-use renderflow_scenes::description::{CameraPath, Material, Pose, Scene};
+use renderflow_scenes::description::{CameraPath, Pose, Scene};
 use renderflow_scenes::{LoadedScene, Principled};
-use serde_json::Value as Json;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -397,52 +397,6 @@ fn home(description: &Scene) -> State {
         resolution: fitting(description.resolution),
         materials: BTreeMap::new(),
     }
-}
-
-/// The parameters of a material, in the order of their declaration.
-fn values(surface: &Principled) -> Vec<(String, Value)> {
-    let mut found: Vec<(String, Value)> = Vec::new();
-    surface.for_each(|pointer, number| match pointer.split_once('/') {
-        None => found.push((pointer.to_owned(), Value::Number(number))),
-        Some((name, place)) => match found.last_mut() {
-            Some((last, Value::Color(color))) if last == name => {
-                if let Some(value) = place.parse().ok().and_then(|place: usize| color.get_mut(place)) {
-                    *value = number;
-                }
-            }
-            _ => found.push((name.to_owned(), Value::Color([number, 0.0, 0.0]))),
-        },
-    });
-    found
-}
-
-/// `surface` with the values that `changes` has.
-fn changed(surface: &Principled, changes: Option<&BTreeMap<String, Value>>) -> Principled {
-    let mut numbers = Vec::new();
-    surface.for_each(|pointer, number| {
-        let (name, place) = pointer.split_once('/').unwrap_or((pointer, "0"));
-        numbers.push(match changes.and_then(|changes| changes.get(name)) {
-            None => number,
-            Some(Value::Number(number)) => *number,
-            Some(Value::Color(color)) => place.parse().ok().and_then(|place: usize| color.get(place)).copied().unwrap_or(number),
-        });
-    });
-    let mut numbers = numbers.into_iter();
-    Principled::from_fn(|| numbers.next().unwrap_or(0.0)).clamped()
-}
-
-/// The description of a material with the values that `changes` has.
-fn written(material: &Material, changes: &BTreeMap<String, Value>) -> Result<Material> {
-    let surface = changed(&Principled::from(material), Some(changes));
-    let mut whole = serde_json::to_value(material)?;
-    for (name, value) in values(&surface) {
-        if changes.contains_key(&name)
-            && let Json::Object(fields) = &mut whole
-        {
-            fields.insert(name, serde_json::to_value(value)?);
-        }
-    }
-    Ok(serde_json::from_value(whole)?)
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Traces camera samples and light paths, and adds them to a film.
 
 use super::light_paths::{CausticCasters, Deposit, LightPaths, trace as trace_light};
-use super::path::{SHOTS, Shot, Tracer};
 use super::splitting::light_samples;
+use super::tracer::{SHOTS, Shot, Tracer};
 use crate::compile::RenderScene;
 use crate::error::Result;
 use crate::features::{Features, with_features};

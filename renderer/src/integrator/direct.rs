@@ -1,8 +1,9 @@
 //! Direct light: light samples and light found by scattering, combined by multiple importance sampling.
 
 use super::light_paths::MOST_SURFACES;
-use super::path::{Origin, Path, Tracer};
+use super::path::Path;
 use super::scatter::Scatterer;
+use super::tracer::{Origin, Tracer};
 use crate::features::Features;
 use crate::interaction::Interaction;
 use crate::light::{LightSample, Source};

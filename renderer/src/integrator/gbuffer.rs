@@ -1,6 +1,6 @@
 //! First hits of camera rays: the G-buffer at pixel centres, and guides over the pixel.
 
-use super::path::{SHOTS, camera_ray_at};
+use super::tracer::{SHOTS, camera_ray_at};
 use super::visible::Visible;
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Filter, Projector};

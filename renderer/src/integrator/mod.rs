@@ -11,6 +11,7 @@ mod memory;
 mod path;
 mod scatter;
 mod splitting;
+mod tracer;
 mod visible;
 
 pub use memory::Memory;

@@ -11,7 +11,7 @@
 //! pixels tell the variances; their random numbers are their own, so that the picture has no bias.
 
 use super::light_paths::CausticCasters;
-use super::path::{Probe, Shot, Tracer};
+use super::tracer::{Probe, Shot, Tracer};
 use super::visible::Visible;
 use crate::compile::RenderScene;
 use crate::features::{Features, with_features};

@@ -147,19 +147,11 @@ impl GlassView<'_> {
     /// Shares of a facet's light that are mirrored and passed, at cosine `cos` to it.
     #[inline(always)]
     fn split(&self, cos: f32) -> (f32, f32) {
+        let f = fresnel(cos, self.eta);
         match self.side {
-            Side::Outside | Side::Inside => {
-                let f = fresnel(cos, self.eta);
-                (f, 1.0 - f)
-            }
-            Side::Sheet => {
-                let f = fresnel(cos, self.eta);
-                (2.0 * f / (1.0 + f), (1.0 - f) / (1.0 + f))
-            }
-            Side::Pane => {
-                let f = fresnel(cos, self.eta);
-                (2.0 * f / (1.0 + f), 0.0)
-            }
+            Side::Outside | Side::Inside => (f, 1.0 - f),
+            Side::Sheet => (2.0 * f / (1.0 + f), (1.0 - f) / (1.0 + f)),
+            Side::Pane => (2.0 * f / (1.0 + f), 0.0),
         }
     }
 

@@ -14,7 +14,7 @@ use std::str::FromStr;
 pub struct Animation {
     /// The file's animation; the first one without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub clip: Option<Choice>,
+    pub clip: Option<NameOrNumber>,
     /// Frames in a second of the animation, 0.001..=1e6.
     #[serde(default = "film", serialize_with = "exact::number")]
     #[schemars(range(min = 0.001, max = 1e6))]
@@ -59,14 +59,14 @@ impl Animation {
 /// One of several things in a file, by its name or by its number, counted from 0.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
-pub enum Choice {
+pub enum NameOrNumber {
     /// Number, counted from 0.
     Number(u32),
     /// Name. The text of a number is that number, unless something has this name.
     Name(String),
 }
 
-impl FromStr for Choice {
+impl FromStr for NameOrNumber {
     type Err = Infallible;
 
     fn from_str(text: &str) -> Result<Self, Infallible> {
@@ -74,7 +74,7 @@ impl FromStr for Choice {
     }
 }
 
-impl Choice {
+impl NameOrNumber {
     /// The position of what is chosen among things that have these names.
     pub(crate) fn find<'a>(&self, names: impl Iterator<Item = Option<&'a str>> + Clone) -> Option<usize> {
         let number = match self {
@@ -89,7 +89,7 @@ impl Choice {
     }
 }
 
-impl std::fmt::Display for Choice {
+impl std::fmt::Display for NameOrNumber {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Number(number) => write!(f, "{number}"),

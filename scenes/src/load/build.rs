@@ -5,7 +5,7 @@ mod models;
 use super::gltf::rig::Rig;
 use super::patterns::Patterns;
 use super::{images, mesh};
-use crate::description::{Choice, EnvironmentSource, Geometry, Material as Described, Object, Scene, TextureWrap};
+use crate::description::{EnvironmentSource, Geometry, Material as Described, NameOrNumber, Object, Scene, TextureWrap};
 use crate::error::{Error, Problem, Result};
 use crate::loaded::{AlphaMask, Encoding, Wrap};
 use crate::texture::{Budget, uv_transform};
@@ -123,7 +123,7 @@ struct Build<'a> {
     shapes: HashMap<String, usize>,
     models: HashMap<PathBuf, Placed>,
     /// Node trees of files with the animation that objects play.
-    rigs: HashMap<(PathBuf, Option<Choice>), Rc<Rig>>,
+    rigs: HashMap<(PathBuf, Option<NameOrNumber>), Rc<Rig>>,
     images: HashMap<(PathBuf, Encoding, Wrap), usize>,
     wanted: Vec<images::Wanted>,
     patterns: Patterns,

@@ -2,7 +2,7 @@
 
 use super::gltf::{label, rig::Rig};
 use super::{model, play::Play};
-use crate::description::{Animation, CameraPath, Choice, Geometry, Pose, Scene};
+use crate::description::{Animation, CameraPath, Geometry, NameOrNumber, Pose, Scene};
 use crate::error::{Error, Problem, Result};
 use crate::model_format::Format;
 use glam::DVec3;
@@ -86,7 +86,7 @@ fn refusal(rigs: &Rigs, reason: String) -> Error {
 /// When a file cannot be read, or none has the animation.
 pub fn play(scene: &mut Scene, animation: &Animation, reach: &Reach) -> Result<f64> {
     let rigs = rigs(scene, reach)?;
-    let choice = animation.clip.clone().unwrap_or(Choice::Number(0));
+    let choice = animation.clip.clone().unwrap_or(NameOrNumber::Number(0));
     let mut longest = None;
     for (index, path, rig) in &rigs {
         if choice.find(rig.clips.iter().map(Option::as_deref)).is_some() {
@@ -110,7 +110,7 @@ pub fn play(scene: &mut Scene, animation: &Animation, reach: &Reach) -> Result<f
 ///
 /// # Errors
 /// When the scene is not valid, a file cannot be read, there is no such camera, or it has no perspective.
-pub fn look_through(scene: &mut Scene, choice: &Choice, reach: &Reach) -> Result<Vec<String>> {
+pub fn look_through(scene: &mut Scene, choice: &NameOrNumber, reach: &Reach) -> Result<Vec<String>> {
     scene.validate()?;
     let rigs = rigs(scene, reach)?;
     let all: Vec<_> = rigs.iter().flat_map(|rig| rig.2.cameras.iter().map(move |camera| (rig, camera))).collect();
@@ -119,7 +119,7 @@ pub fn look_through(scene: &mut Scene, choice: &Choice, reach: &Reach) -> Result
         let reason = match label::list(names).as_str() {
             "" => "no node of the file's scene shows a camera".to_owned(),
             known => match choice {
-                Choice::Number(number) => format!("there is no camera {number}; there are {known}"),
+                NameOrNumber::Number(number) => format!("there is no camera {number}; there are {known}"),
                 name => format!("no camera is named {name}; there are {known}"),
             },
         };

@@ -4,7 +4,7 @@ use super::access::Buffers;
 use super::curve::{Accessors, Curve};
 use super::tree::{self, Local, Node};
 use super::{document, label};
-use crate::description::{Animation, Choice};
+use crate::description::{Animation, NameOrNumber};
 use crate::error::{Error, Result};
 use glam::{DAffine3, DVec3};
 use gltf::Document;
@@ -88,14 +88,14 @@ pub(crate) fn read(path: &Path, reach: &Reach, animation: Option<&Animation>) ->
 }
 
 /// The number of the animation that is asked for.
-fn clip(path: &Path, document: &Document, choice: Option<&Choice>) -> Result<usize> {
+fn clip(path: &Path, document: &Document, choice: Option<&NameOrNumber>) -> Result<usize> {
     let names = document.animations().map(|a| a.name());
-    let choice = choice.cloned().unwrap_or(Choice::Number(0));
+    let choice = choice.cloned().unwrap_or(NameOrNumber::Number(0));
     choice.find(names.clone()).ok_or_else(|| {
         let known = label::list(names);
         let reason = match (known.is_empty(), &choice) {
             (true, _) => "the file has no animation".to_owned(),
-            (false, Choice::Number(number)) => format!("there is no animation {number}; there are {known}"),
+            (false, NameOrNumber::Number(number)) => format!("there is no animation {number}; there are {known}"),
             (false, name) => format!("no animation is named {name}; there are {known}"),
         };
         Error::model(path, "", reason)
