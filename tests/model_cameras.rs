@@ -182,7 +182,13 @@ fn cameras_of_a_capture_go_with_the_model() {
     assert!(says.contains("its pictures have 48 x 32 pixels, and 24 x 24 is another shape; --resolution 24x16 fits"), "{says}");
     let found = succeed(&["check", &path]);
     assert!(found.contains("transforms") && found.contains("cameras 1") && found.contains("size 48 x 32"), "{found}");
+    // A lens that bends lines goes into the frames and their transforms.
     std::fs::write(&path, capture(0.1).to_string()).unwrap();
+    let (bent, _) = folder.render(&model, "bent", &["--cameras", &path, "--resolution", "24x16"]);
+    assert_eq!(bent.cameras[0].distortion.unwrap().k1, 0.1);
+    let frame = exr::read(Path::new(&folder.path("bent/frame.0000.exr"))).unwrap();
+    assert_eq!(frame.info.camera, bent.cameras[0]);
+    std::fs::write(&path, capture(-4.0).to_string()).unwrap();
     let says = folder.refused(&model, &["--cameras", &path]);
-    assert!(says.contains("/k1: 0.1 distorts the pictures; undistort the pictures first"), "{says}");
+    assert!(says.contains("/frames/0: the lens shows nothing at"), "{says}");
 }

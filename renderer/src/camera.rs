@@ -2,8 +2,9 @@
 
 use crate::ray::Ray;
 use glam::{DVec2, DVec3, Vec2, Vec3A};
-use renderflow_frame::Camera;
+use renderflow_frame::{Camera, Distortion};
 use serde::{Deserialize, Serialize};
+use std::f32::consts::FRAC_PI_4;
 
 /// Pixel filter, always importance sampled: a sample counts fully for its own pixel and for no other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -54,6 +55,48 @@ fn blackman_harris(u: f32) -> f32 {
     0.5 * (low + high)
 }
 
+/// A lens that is open as a disc and shows one distance sharply (Cook, Porter and Carpenter 1984; Kolb, Mitchell and Hanrahan
+/// 1995, the thin lens).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThinLens {
+    /// Radius of the opening, metres, > 0: focal length over twice the f-number.
+    pub aperture: f32,
+    /// Distance of the plane that is sharp, along the view, metres, > 0.
+    pub focus: f32,
+}
+
+impl std::fmt::Display for ThinLens {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "aperture {} focus {}", self.aperture, self.focus)
+    }
+}
+
+impl ThinLens {
+    /// The ray of `camera` through the image point `pixel` and the point `u` of the lens.
+    #[inline]
+    pub(crate) fn ray(&self, camera: &Camera, pixel: Vec2, u: [f32; 2]) -> Ray {
+        let on_lens = (self.aperture * disk(u)).extend(0.0);
+        // All rays through an image point meet in the plane that is sharp.
+        let towards = camera.direction_cam(pixel) * self.focus - Vec3A::from(on_lens);
+        let origin = camera.camera_to_world.transform_point3a(on_lens.into());
+        Ray::new(origin, (camera.camera_to_world.matrix3 * towards).normalize())
+    }
+}
+
+/// A uniform point of the unit disk (Shirley and Chiu 1997).
+#[inline(always)]
+pub(crate) fn disk(u: [f32; 2]) -> Vec2 {
+    let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
+    let (r, phi) = if a.abs() > b.abs() {
+        (a, FRAC_PI_4 * (b / a))
+    } else {
+        (b, 2.0 * FRAC_PI_4 - FRAC_PI_4 * (a / if b == 0.0 { 1.0 } else { b }))
+    };
+    let (sin, cos) = phi.sin_cos();
+    Vec2::new(r * cos, r * sin)
+}
+
 /// The ray of `camera` through the image point `pixel`.
 #[inline]
 pub fn ray(camera: &Camera, pixel: Vec2) -> Ray {
@@ -68,6 +111,7 @@ pub(crate) struct Projector {
     position: DVec3,
     focal: DVec2,
     principal: DVec2,
+    lens: Option<Distortion>,
 }
 
 impl Projector {
@@ -78,6 +122,7 @@ impl Projector {
             position: camera.position().as_dvec3(),
             focal: DVec2::new(camera.fl_x.into(), camera.fl_y.into()),
             principal: DVec2::new(camera.cx.into(), camera.cy.into()),
+            lens: camera.distortion,
         }
     }
 
@@ -85,10 +130,14 @@ impl Projector {
     pub fn project(&self, p_world: DVec3) -> Option<DVec2> {
         let d = p_world - self.position;
         let [x, y, z] = self.rotation.map(|axis| axis.dot(d));
+        if let Some(lens) = &self.lens {
+            return (z < 0.0).then(|| self.principal + self.focal * lens.distort(DVec2::new(x, -y) / -z));
+        }
         (z < 0.0).then(|| self.principal + DVec2::new(self.focal.x * x, -self.focal.y * y) / -z)
     }
 
-    /// Bounds (low, high; pixels, possibly infinite) of what can be seen of a triangle, `None` when it is behind the camera.
+    /// Bounds (low, high; pixels, possibly infinite) of what can be seen of a triangle, `None` when it is behind the camera. For
+    /// lenses without distortion.
     pub fn bounds(&self, corners: [Vec3A; 3]) -> Option<(DVec2, DVec2)> {
         let p = corners.map(|c| {
             let d = c.as_dvec3() - self.position;
@@ -117,7 +166,8 @@ impl Projector {
         (low.x <= high.x).then_some((low, high))
     }
 
-    /// Bounds (low, high; pixels) of an upright box, `None` unless it is before the camera as a whole.
+    /// Bounds (low, high; pixels) of an upright box, `None` unless it is before the camera as a whole. For lenses without
+    /// distortion.
     pub fn box_bounds(&self, [low, high]: [Vec3A; 2]) -> Option<(DVec2, DVec2)> {
         let (low, high) = (low.as_dvec3() - self.position, high.as_dvec3() - self.position);
         let (mut least, mut most) = (DVec2::INFINITY, DVec2::NEG_INFINITY);

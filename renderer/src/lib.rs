@@ -34,7 +34,7 @@ mod stats;
 mod texture;
 pub mod verify;
 
-pub use camera::Filter;
+pub use camera::{Filter, ThinLens};
 pub use compile::RenderScene;
 pub use error::{Error, Result};
 pub use film::Film;

@@ -1,6 +1,6 @@
 //! What to render, and at which quality: every option of the path tracer, with its default and its range.
 
-use crate::camera::Filter;
+use crate::camera::{Filter, ThinLens};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
@@ -46,6 +46,10 @@ pub struct Settings {
     pub light_groups: u32,
     /// Pixel filter of beauty, coverage and guides.
     pub filter: Filter,
+    /// Lens of beauty, coverage and guides; `None` = a pinhole. With a lens, no light paths are traced. The G-buffer at pixel
+    /// centres stays that of a pinhole in the middle of the lens: sharp everywhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens: Option<ThinLens>,
     /// Form of the principled BRDF.
     pub bsdf: Mode,
     /// How direct light is found.
@@ -89,6 +93,7 @@ impl Default for Settings {
             irradiance: false,
             light_groups: 0,
             filter: Filter::Box,
+            lens: None,
             bsdf: Mode::Conserving,
             direct: DirectLight::Mis,
             sampler: Sampler::Sobol,
@@ -136,6 +141,13 @@ impl Settings {
                 place: "clamp_indirect".into(),
                 reason: format!("{limit} is not a finite number > 0"),
             });
+        }
+        if let Some(lens) = &self.lens {
+            for (field, value) in [("aperture", lens.aperture), ("focus", lens.focus)] {
+                if !(value > 0.0 && value.is_finite()) {
+                    return Err(Error::inconsistent(format!("lens/{field}"), format!("{value} is not a finite number > 0")));
+                }
+            }
         }
         range("guide_samples", self.guide_samples, Self::GUIDE_SAMPLES)?;
         self.budget.check()?;

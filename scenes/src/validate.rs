@@ -3,7 +3,9 @@
 use crate::Principled;
 use crate::description::{Animation, CameraFrame, CameraPath, EnvironmentSource, Geometry, Scene, Transform, same_shape};
 use crate::error::{Error, Problem, Result};
+use crate::load::unseen;
 use crate::model_format::Format;
+use renderflow_frame::Distortion;
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -32,6 +34,8 @@ pub const MAX_PATH: f32 = 1e6;
 pub const MIN_FOCAL: f64 = 1e-3;
 /// Largest distance of a principal point from the corner of the picture, pixels.
 pub const MAX_CENTRE: f64 = 1e6;
+/// Largest coefficient of lens distortion.
+pub const MAX_COEFFICIENT: f64 = 1e3;
 /// Least frames in a second of an animation.
 pub const MIN_RATE: f64 = 1e-3;
 /// Most frames in a second of an animation, and its latest start, seconds.
@@ -190,6 +194,17 @@ impl Check {
             self.range(at("fl_y"), frame.fl_y, MIN_FOCAL..=f64::from(MAX_VALUE));
             self.range(at("cx"), frame.cx, -MAX_CENTRE..=MAX_CENTRE);
             self.range(at("cy"), frame.cy, -MAX_CENTRE..=MAX_CENTRE);
+            let before = self.problems.len();
+            if let Some(lens) = &frame.distortion {
+                for (name, value) in Distortion::NAMES.into_iter().zip(lens.coefficients()) {
+                    self.range(at(&format!("distortion/{name}")), value, -MAX_COEFFICIENT..=MAX_COEFFICIENT);
+                }
+            }
+            if self.problems.len() == before
+                && let Some(place) = frame.unseen(size)
+            {
+                self.say(at("distortion"), unseen(place));
+            }
         }
     }
 

@@ -326,6 +326,30 @@ fn scale_is_removed() {
     assert_eq!(frames[1].camera_to_world.map(|row| row[3]), [4.0, 1.0, 0.0]);
 }
 
+/// Lenses that bend lines show points where OpenCV does; a lens that folds inside of its picture is refused.
+#[test]
+fn distorted_lenses_are_seen_as_they_stand() {
+    let mut file = nerfstudio();
+    (file["k1"], file["k2"], file["p1"], file["p2"]) = (json!(-0.28), json!(0.09), json!(0.0004), json!(-0.0007));
+    let path = capture(&file).unwrap().path([9, 9], DAffine3::IDENTITY).unwrap();
+    let scene = Scene { camera: path, frames: 2, resolution: [640, 360], ..empty_scene() };
+    scene.validate().unwrap();
+    let text = scene.canonical_json();
+    assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);
+    // Of cv2.projectPoints for (-0.4, 0.3, 1), y down: (-0.374745, 0.2810275).
+    let camera = scene.camera(0);
+    let (pixel, _) = camera.project(camera.camera_to_world.transform_point3a(Vec3A::new(-0.4, -0.3, -1.0))).unwrap();
+    assert!((pixel - Vec2::new(300.0 - 500.0 * 0.374_745, 190.5 + 510.0 * 0.281_027_5)).length() < 1e-3, "{pixel}");
+    let back = camera.direction_cam(pixel);
+    assert!((back - Vec3A::new(-0.4, -0.3, -1.0)).length() < 1e-5, "{back}");
+    // At half the size, the lens is the same.
+    let half = Scene { resolution: [320, 180], ..scene };
+    assert!((half.camera(0).direction_cam(0.5 * pixel) - back).length() < 1e-5);
+    file["k1"] = json!(-1.0);
+    let error = capture(&file).unwrap().path([9, 9], DAffine3::IDENTITY).map(drop).unwrap_err().to_string();
+    assert!(error.contains("/frames/0: the lens shows nothing at"), "{error}");
+}
+
 #[test]
 fn wrong_cameras_are_refused_with_their_place() {
     let refused = |pointer: &str, value: Value, says: &str| {
@@ -339,13 +363,14 @@ fn wrong_cameras_are_refused_with_their_place() {
         assert!(error.contains(says), "{says:?} is not in {error:?}");
     };
     let undistort = "undistort the pictures first (COLMAP's image_undistorter and OpenCV's undistort do it)";
-    refused("/k1", json!(0.03), &format!("/k1: 0.03 distorts the pictures; {undistort}"));
-    refused("/frames/1/p2", json!(-0.001), &format!("/frames/1/p2: -0.001 distorts the pictures; {undistort}"));
-    refused("/frames/0/distortion_params", json!([0, 0.1]), "/frames/0/distortion_params: they distort");
+    refused("/k1", json!(3e4), "/k1: 30000 is outside -1000..=1000");
+    refused("/k1", json!("big"), "/k1: a number is needed");
+    refused("/k4", json!(0.1), "/frames/0: programs disagree about k4");
+    refused("/frames/0/distortion_params", json!([0, 0.1]), "/frames/0/distortion_params: they have no names");
     refused(
         "/camera_model",
         json!("OPENCV_FISHEYE"),
-        &format!("/camera_model: \"OPENCV_FISHEYE\" is not a pinhole camera; {undistort}"),
+        &format!("/camera_model: \"OPENCV_FISHEYE\" is not a camera that is read; {undistort}"),
     );
     refused("/is_fisheye", json!(true), "/is_fisheye: a fisheye");
     let matrix = "/frames/1/transform_matrix";

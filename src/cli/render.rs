@@ -16,8 +16,9 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Frame, exr, file};
-use renderflow_renderer::{Budget, Mode, Settings};
+use renderflow_frame::{Camera, Frame, exr, file};
+use renderflow_renderer::{Budget, Mode, RenderScene, Settings, ThinLens, render_gbuffer};
+use renderflow_scenes::LoadedScene;
 use renderflow_scenes::description::Scene;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -65,6 +66,8 @@ pub struct Render {
     /// Trace paths from the camera only, not from lights; caustics get noisier
     #[arg(long, conflicts_with = "sample_map", help_heading = "Sampling")]
     no_light_paths: bool,
+    #[command(flatten)]
+    lens: LensArgs,
     /// Folder to write to
     #[arg(long, short, help_heading = "Output")]
     out: PathBuf,
@@ -103,6 +106,42 @@ pub struct Render {
     /// both have independent noise; --seed prevents that
     #[arg(long, value_name = "IMAGE", help_heading = "Comparison")]
     reference: Option<PathBuf>,
+}
+
+/// A lens in place of the pinhole.
+#[derive(Args)]
+#[command(next_help_heading = "Sampling")]
+struct LensArgs {
+    /// Radius of the lens in metres, for pictures that are sharp at one distance only. Without it, the camera is a pinhole. The
+    /// G-buffer stays sharp everywhere; coverage and guides are as blurred as the picture
+    #[arg(long, value_name = "METRES", value_parser = limit, conflicts_with = "sample_map")]
+    aperture: Option<f32>,
+    /// Distance that is sharp, along the view, in metres; by default, that of the surface in the middle of the first frame
+    #[arg(long, value_name = "METRES", value_parser = limit, requires = "aperture")]
+    focus: Option<f32>,
+}
+
+impl LensArgs {
+    /// The lens; `middle` finds the distance of what is in the middle of the first frame.
+    fn lens(&self, middle: impl FnOnce() -> Result<Option<f32>>) -> Result<Option<ThinLens>> {
+        let Some(aperture) = self.aperture else { return Ok(None) };
+        let focus = match self.focus {
+            Some(focus) => focus,
+            None => middle()?.context("--focus is needed: there is no surface in the middle of the first frame")?,
+        };
+        Ok(Some(ThinLens { aperture, focus }))
+    }
+}
+
+/// Distance, along the view, of what is in the middle of the first frame.
+fn middle(loaded: &LoadedScene) -> Result<Option<f32>> {
+    let mut scene = RenderScene::compile(loaded)?;
+    let camera = *scene.camera();
+    // One pixel that sees what the middle of the picture shows.
+    let [x, y] = [0.5 * camera.width as f32, 0.5 * camera.height as f32];
+    scene.look_with(Camera { width: 1, height: 1, cx: camera.cx - x + 0.5, cy: camera.cy - y + 0.5, ..camera });
+    let depth = render_gbuffer(&scene, &Settings::default())?.depth.pixels[0];
+    Ok(depth.is_finite().then_some(depth))
 }
 
 /// How samples are spread over the pixels. Without any of these options, every pixel gets the same number.
@@ -224,6 +263,7 @@ impl Render {
             storage: Profile::Full,
         };
         let mut sequence = job.open()?;
+        settings.render.lens = self.lens.lens(|| middle(&sequence.loaded))?;
         let work = sequence.decide(&settings, Some(self.overwrite))?;
         let frames = sequence.loaded.cameras.len();
         let [sheet, animation] = [SHEET, ANIMATION].map(|name| self.out.join(name));

@@ -1,6 +1,7 @@
-//! A pinhole camera. Camera space is OpenGL's: +x right, +y up, the view along -z. Pixel centres lie at +0.5.
+//! A pinhole camera, whose lens may bend straight lines. Camera space is OpenGL's: +x right, +y up, the view along -z. Pixel centres lie at +0.5.
 
-use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3A};
+use crate::distortion::Distortion;
+use glam::{Affine3A, DVec2, DVec3, Mat3A, Vec2, Vec3A};
 use serde::{Deserialize, Serialize};
 
 /// Pinhole camera of one frame; `camera_to_world` is rigid (no scale).
@@ -24,6 +25,9 @@ pub struct Camera {
     pub width: usize,
     /// Image height in pixels.
     pub height: usize,
+    /// How the lens bends straight lines; `None` = not at all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<Distortion>,
 }
 
 impl Default for Camera {
@@ -38,6 +42,7 @@ impl Default for Camera {
             cy: 0.0,
             width: 0,
             height: 0,
+            distortion: None,
         }
     }
 }
@@ -69,6 +74,7 @@ impl Camera {
             cy: 0.5 * height as f32,
             width,
             height,
+            distortion: None,
         }
     }
 
@@ -77,6 +83,7 @@ impl Camera {
         self.camera_to_world.is_finite()
             && self.origin.is_finite()
             && [self.fl_x, self.fl_y, self.cx, self.cy].iter().all(|v| v.is_finite())
+            && self.distortion.iter().flat_map(Distortion::coefficients).all(f64::is_finite)
     }
 
     /// Camera position, relative to [`Self::origin`].
@@ -89,9 +96,15 @@ impl Camera {
         self.origin + self.position().as_dvec3()
     }
 
-    /// Direction (camera space, z = -1, not normalised) through the image point `pixel` (pixels from the top left).
+    /// Direction (camera space, z = -1, not normalised) through the image point `pixel` (pixels from the top left). Where the lens
+    /// shows nothing, it is the direction of a pinhole camera.
+    #[inline]
     pub fn direction_cam(&self, pixel: Vec2) -> Vec3A {
-        Vec3A::new((pixel.x - self.cx) / self.fl_x, (self.cy - pixel.y) / self.fl_y, -1.0)
+        let straight = Vec3A::new((pixel.x - self.cx) / self.fl_x, (self.cy - pixel.y) / self.fl_y, -1.0);
+        match &self.distortion {
+            None => straight,
+            Some(lens) => bent(lens, straight),
+        }
     }
 
     /// Unit direction in world space through the image point `pixel`.
@@ -104,6 +117,10 @@ impl Camera {
     pub fn project(&self, p_world: Vec3A) -> Option<(Vec2, f32)> {
         let p_cam = self.world_to_camera().transform_point3a(p_world);
         let depth = -p_cam.z;
+        if let Some(lens) = &self.distortion {
+            let shown = lens.distort(DVec2::new(p_cam.x.into(), (-p_cam.y).into()) / f64::from(depth)).as_vec2();
+            return (depth > 0.0).then(|| (Vec2::new(self.cx + self.fl_x * shown.x, self.cy + self.fl_y * shown.y), depth));
+        }
         (depth > 0.0).then(|| (Vec2::new(self.cx + self.fl_x * p_cam.x / depth, self.cy - self.fl_y * p_cam.y / depth), depth))
     }
 
@@ -122,4 +139,11 @@ impl Camera {
         let (sx, sy) = (width as f32 / self.width as f32, height as f32 / self.height as f32);
         Self { fl_x: self.fl_x * sx, fl_y: self.fl_y * sy, cx: self.cx * sx, cy: self.cy * sy, width, height, ..*self }
     }
+}
+
+/// The direction that appears where a pinhole camera would show `straight`.
+#[inline(never)]
+fn bent(lens: &Distortion, straight: Vec3A) -> Vec3A {
+    let shown = DVec2::new(straight.x.into(), (-straight.y).into());
+    lens.undistort(shown).map_or(straight, |p| Vec3A::new(p.x as f32, -p.y as f32, -1.0))
 }

@@ -10,6 +10,7 @@ pub mod channel;
 pub mod color;
 pub mod compact;
 pub mod depth;
+pub mod distortion;
 pub mod environment;
 pub mod error;
 pub mod exr;
@@ -32,6 +33,7 @@ pub mod words;
 
 pub use camera::Camera;
 pub use depth::{DepthBounds, is_depth};
+pub use distortion::Distortion;
 pub use environment::Environment;
 pub use error::{Error, Result};
 pub use frame::{Frame, FrameInfo};

@@ -6,7 +6,7 @@
 use crate::file::{json, parse_json, write_atomic};
 use crate::reach::plain_name;
 use crate::tracks::Tracks;
-use crate::{Camera, Error, Result};
+use crate::{Camera, Distortion, Error, Result};
 use glam::{Affine3A, DVec3, Mat3A, Vec3A};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -35,6 +35,8 @@ pub struct Sequence {
 
 /// Axes of the matrices in the file.
 const CONVENTION: &str = "opengl_c2w";
+/// Names of cameras without and with distortion.
+const MODELS: [&str; 2] = ["PINHOLE", "FULL_OPENCV"];
 
 /// The content of the file. Intrinsics stand at the top where all frames share them, and otherwise in each frame (nerfstudio
 /// reads both).
@@ -91,7 +93,33 @@ struct Intrinsics {
     w: Option<usize>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     h: Option<usize>,
+    /// Coefficients of [`Distortion`], in the order of its names; those that are 0 are left out.
+    #[serde(flatten)]
+    lens: Lens,
 }
+
+macro_rules! lens {
+    ($($name:ident)*) => {
+        #[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+        struct Lens {
+            $(#[serde(default, skip_serializing_if = "Option::is_none")]
+            $name: Option<f64>,)*
+        }
+
+        impl Lens {
+            fn of(lens: &Distortion) -> Self {
+                Self { $($name: Some(lens.$name).filter(|v| *v != 0.0),)* }
+            }
+
+            /// The coefficients, those that are missing from `common`.
+            fn or(&self, common: &Self) -> Option<Distortion> {
+                let lens = Distortion { $($name: self.$name.or(common.$name).unwrap_or_default(),)* };
+                (lens != Distortion::default()).then_some(lens)
+            }
+        }
+    };
+}
+lens!(k1 k2 k3 k4 k5 k6 p1 p2);
 
 impl Intrinsics {
     fn of(camera: &Camera) -> Self {
@@ -102,6 +130,7 @@ impl Intrinsics {
             cy: Some(camera.cy),
             w: Some(camera.width),
             h: Some(camera.height),
+            lens: camera.distortion.as_ref().map(Lens::of).unwrap_or_default(),
         }
     }
 }
@@ -134,7 +163,7 @@ pub fn encode(name: &Path, sequence: &Sequence) -> Result<Vec<u8>> {
         transform_matrix: rows(camera.camera_to_world, origin),
     });
     let file = File {
-        camera_model: "PINHOLE".into(),
+        camera_model: MODELS[usize::from(sequence.cameras.iter().any(|camera| camera.distortion.is_some()))].into(),
         convention: CONVENTION.into(),
         camera_angle_x: sequence
             .cameras
@@ -176,8 +205,9 @@ pub fn decode(name: &Path, json: &[u8]) -> Result<Sequence> {
     if file.convention != CONVENTION {
         return Err(malformed(format!("/convention is {:?}, only {CONVENTION:?} is read", file.convention)));
     }
-    if file.camera_model != "PINHOLE" {
-        return Err(malformed(format!("/camera_model is {:?}, only \"PINHOLE\" is read", file.camera_model)));
+    if !MODELS.contains(&file.camera_model.as_str()) {
+        let [pinhole, distorted] = MODELS;
+        return Err(malformed(format!("/camera_model is {:?}, only {pinhole:?} and {distorted:?} are read", file.camera_model)));
     }
     let origin = file.origin.unwrap_or_default();
     let cameras = file.frames.iter().enumerate().map(|(index, frame)| camera(&file, frame, index));
@@ -215,6 +245,7 @@ fn camera(file: &File, frame: &FrameEntry, index: usize) -> std::result::Result<
         cy: own.cy.or(common.cy).ok_or_else(|| missing("cy"))?,
         width: own.w.or(common.w).ok_or_else(|| missing("w"))?,
         height: own.h.or(common.h).ok_or_else(|| missing("h"))?,
+        distortion: own.lens.or(&common.lens),
     })
 }
 
@@ -253,6 +284,9 @@ fn check(sequence: &Sequence) -> std::result::Result<(), String> {
                 "frame {index} counts positions from {}, frame 0 from {}",
                 camera.origin, sequence.cameras[0].origin
             ));
+        }
+        if let Some(c) = camera.distortion.iter().flat_map(Distortion::coefficients).find(|c| !c.is_finite()) {
+            return Err(format!("a coefficient of the lens of frame {index} is {c}"));
         }
         if !camera.camera_to_world.is_finite() || !camera.origin.is_finite() {
             return Err(format!("/frames/{index}/transform_matrix holds NaN or infinity"));

@@ -136,11 +136,14 @@ pub(super) enum Origin {
     Emitter,
 }
 
-/// Camera ray of a sample of `pixel`, from the first numbers of its set 0.
+/// Camera ray of a sample of `pixel`, from the numbers of its set 0.
 #[inline(always)]
-pub(super) fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, ..]: [f32; 4], pixel: (usize, usize)) -> Ray {
+pub(super) fn camera_ray_at(scene: &RenderScene, settings: &Settings, [u, v, s, t]: [f32; 4], pixel: (usize, usize)) -> Ray {
     let point = Vec2::new(pixel.0 as u32 as f32 + 0.5, pixel.1 as u32 as f32 + 0.5) + settings.filter.sample([u, v]);
-    crate::camera::ray(scene.camera(), point)
+    match &settings.lens {
+        None => crate::camera::ray(scene.camera(), point),
+        Some(lens) => lens.ray(scene.camera(), point, [s, t]),
+    }
 }
 
 impl<'a, F: Features> Tracer<'a, F> {

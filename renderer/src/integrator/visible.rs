@@ -26,7 +26,8 @@ impl Visible {
     pub fn new(scene: &RenderScene, settings: &Settings) -> Self {
         let (width, height) = (scene.camera().width, scene.camera().height);
         let anywhere = || Self { width, seen: vec![true; width * height] };
-        if !settings.skips.environment_pixels {
+        // Bounds of what a lens distorts or blurs are not known.
+        if !settings.skips.environment_pixels || scene.camera().distortion.is_some() || settings.lens.is_some() {
             return anywhere();
         }
         let rays = (width * height) as f64 * f64::from(settings.camera_samples());

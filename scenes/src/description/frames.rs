@@ -1,8 +1,8 @@
 //! Cameras with intrinsics of their own, as photographs and other programs give them.
 
 use super::exact;
-use glam::{DMat3, DVec3};
-use renderflow_frame::Camera;
+use glam::{DMat3, DVec2, DVec3};
+use renderflow_frame::{Camera, Distortion};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +30,41 @@ pub struct CameraFrame {
     #[serde(serialize_with = "exact::number")]
     #[schemars(range(min = -1e6, max = 1e6))]
     pub cy: f64,
+    /// How the lens bends straight lines, in OpenCV's coefficients; not at all without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Coefficients>")]
+    pub distortion: Option<Distortion>,
+}
+
+/// The schema of [`Distortion`].
+#[derive(JsonSchema)]
+#[schemars(rename = "Distortion", deny_unknown_fields)]
+#[expect(dead_code, reason = "only its schema is used")]
+struct Coefficients {
+    /// Radial coefficients, numerator.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    k1: f64,
+    /// As k1, of the fourth power.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    k2: f64,
+    /// As k1, of the sixth power.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    k3: f64,
+    /// Radial coefficients, denominator.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    k4: f64,
+    /// As k4, of the fourth power.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    k5: f64,
+    /// As k4, of the sixth power.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    k6: f64,
+    /// Tangential coefficient, along x.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    p1: f64,
+    /// Tangential coefficient, along y.
+    #[schemars(default, range(min = -1e3, max = 1e3))]
+    p2: f64,
 }
 
 fn rows<S: serde::Serializer>(rows: &[[f64; 4]; 3], serializer: S) -> Result<S::Ok, S::Error> {
@@ -41,6 +76,9 @@ fn rows<S: serde::Serializer>(rows: &[[f64; 4]; 3], serializer: S) -> Result<S::
     }
     serializer.collect_seq(rows.map(Row))
 }
+
+/// Places along each edge of a picture at which a lens is tried.
+const BORDER: u32 = 64;
 
 /// Two pictures have the same shape where one edge follows from the other up to this many pixels.
 const ROUNDING: f64 = 0.501;
@@ -63,6 +101,20 @@ impl CameraFrame {
         DVec3::from(self.camera_to_world.map(|row| row[3]))
     }
 
+    /// A place of the picture, in pixels, where the lens shows nothing; `None` where it shows something all along the border.
+    pub(crate) fn unseen(&self, size: [u32; 2]) -> Option<[f64; 2]> {
+        let lens = self.distortion.as_ref()?;
+        let [width, height] = size.map(f64::from);
+        let along = |i: u32| f64::from(i) / f64::from(BORDER);
+        let border = (0..=BORDER).flat_map(|i| {
+            let (x, y) = (along(i) * width, along(i) * height);
+            [[x, 0.0], [x, height], [0.0, y], [width, y]]
+        });
+        let nothing =
+            |&[x, y]: &[f64; 2]| lens.undistort(DVec2::new((x - self.cx) / self.fl_x, (y - self.cy) / self.fl_y)).is_none();
+        border.into_iter().find(nothing)
+    }
+
     /// The camera for a picture of `resolution`, where the numbers of this one are for `size`; placed relative to `origin`.
     pub(crate) fn camera(&self, size: [u32; 2], resolution: [u32; 2], origin: DVec3) -> Camera {
         let [sx, sy] = [0, 1].map(|i| f64::from(resolution[i]) / f64::from(size[i].max(1)));
@@ -74,6 +126,7 @@ impl CameraFrame {
         camera.fl_y = (self.fl_y * sy) as f32;
         camera.cx = (self.cx * sx) as f32;
         camera.cy = (self.cy * sy) as f32;
+        camera.distortion = self.distortion;
         camera
     }
 }

@@ -2,22 +2,25 @@
 
 use crate::description::{CameraFrame, CameraPath};
 use crate::error::{Error, Result};
-use crate::validate::{MAX_CENTRE, MAX_COORDINATE, MAX_FRAMES, MAX_RESOLUTION, MAX_VALUE, MIN_FOCAL};
+use crate::validate::{MAX_CENTRE, MAX_COEFFICIENT, MAX_COORDINATE, MAX_FRAMES, MAX_RESOLUTION, MAX_VALUE, MIN_FOCAL};
 use glam::{DAffine3, DMat3, DVec3};
-use renderflow_frame::file;
 use renderflow_frame::words::{number, shortened};
+use renderflow_frame::{Distortion, file};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Axes of the matrices of this program's own files, which it names there.
 const CONVENTION: &str = "opengl_c2w";
-/// Camera models without distortion, or with distortion by coefficients that may be zero.
+/// Camera models that are read: pinholes, and lenses whose distortion is OpenCV's.
 const MODELS: [&str; 6] = ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL"];
 /// Angles that a picture may span, radians.
 const ANGLES: std::ops::RangeInclusive<f64> = 1e-4..=3.1;
-/// Coefficients of lens distortion.
-const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+/// The model with all of OpenCV's coefficients, and those that only it has.
+const FULL: &str = "FULL_OPENCV";
+const RATIONAL: [&str; 3] = ["k4", "k5", "k6"];
+/// Range of the coefficients of lens distortion.
+const COEFFICIENTS: std::ops::RangeInclusive<f64> = -MAX_COEFFICIENT..=MAX_COEFFICIENT;
 /// Largest cosine between two axes of a camera, whose matrix may be rounded in the file.
 const SLANT: f64 = 1e-3;
 /// Differences from a rotation that come from single precision.
@@ -60,24 +63,20 @@ impl Lens {
         }
     }
 
-    /// Refuses pictures that straight lines are not straight in.
+    /// Refuses cameras that are none of [`MODELS`].
     fn check(&self, path: &Path, place: &str) -> Result<()> {
         const ADVICE: &str = "undistort the pictures first (COLMAP's image_undistorter and OpenCV's undistort do it), and use the \
 cameras that belong to the result";
         let fail = |key: &str, reason: String| Err(Error::model(path, format!("{place}/{key}"), reason));
         if let Some(model) = self.camera_model.as_deref().filter(|model| !MODELS.contains(model)) {
-            return fail("camera_model", format!("{:?} is not a pinhole camera; {ADVICE}", shortened(model)));
+            return fail("camera_model", format!("{:?} is not a camera that is read; {ADVICE}", shortened(model)));
         }
         if self.is_fisheye == Some(true) {
-            return fail("is_fisheye", format!("a fisheye is not a pinhole camera; {ADVICE}"));
-        }
-        for key in DISTORTION {
-            if let Some(value) = self.number(path, place, key)?.filter(|value| *value != 0.0) {
-                return fail(key, format!("{} distorts the pictures; {ADVICE}", number(value)));
-            }
+            return fail("is_fisheye", format!("a fisheye is not read; {ADVICE}"));
         }
         if self.distortion_params.iter().flatten().any(|value| *value != 0.0) {
-            return fail("distortion_params", format!("they distort the pictures; {ADVICE}"));
+            let names = Distortion::NAMES.join(", ");
+            return fail("distortion_params", format!("they have no names; {names} are read"));
         }
         Ok(())
     }
@@ -90,6 +89,7 @@ struct Intrinsics {
     /// Whole angles along x and y, radians.
     angle: [Option<f64>; 2],
     center: [Option<f64>; 2],
+    distortion: Option<Distortion>,
 }
 
 /// The cameras of a `transforms.json`.
@@ -109,7 +109,7 @@ impl Capture {
     /// Reads the file.
     ///
     /// # Errors
-    /// When it cannot be read, has no or too many frames, or when a camera is no pinhole camera: its pictures are distorted, its
+    /// When it cannot be read, has no or too many frames, or when a camera cannot be used: it is a fisheye, its
     /// matrix is mirrored, slanted or flat, or a number is missing, not finite or out of range. The message names the place.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read_at_most(path, file::LARGEST_TEXT)?;
@@ -160,6 +160,20 @@ impl Capture {
                 focal: pair(["fl_x", "fl_y"], MIN_FOCAL..=f64::from(MAX_VALUE))?,
                 angle: pair(["camera_angle_x", "camera_angle_y"], ANGLES)?,
                 center: pair(["cx", "cy"], -MAX_CENTRE..=MAX_CENTRE)?,
+                distortion: {
+                    let mut coefficients = [0.0; 8];
+                    let model = frame.lens.camera_model.as_ref().or(file.lens.camera_model.as_ref());
+                    for (coefficient, name) in coefficients.iter_mut().zip(Distortion::NAMES) {
+                        *coefficient = read(name, COEFFICIENTS)?.unwrap_or(0.0);
+                        // nerfstudio's k4 is another number than OpenCV's.
+                        if *coefficient != 0.0 && RATIONAL.contains(&name) && model.is_none_or(|model| model != FULL) {
+                            let reason =
+                                format!("programs disagree about {name}; OpenCV's is read where camera_model is {FULL:?}");
+                            return fail(&place, reason);
+                        }
+                    }
+                    Distortion::new(coefficients)
+                },
             };
             if intrinsics.focal.iter().chain(&intrinsics.angle).all(Option::is_none) {
                 return fail(&place, "neither fl_x nor camera_angle_x is there, and not at the top either".into());
@@ -195,7 +209,7 @@ impl Capture {
     /// `placement` is where the scene shows the model that the cameras were captured around; identity for cameras in the world.
     ///
     /// # Errors
-    /// When the placement carries a camera out of every range.
+    /// When the placement carries a camera out of every range, or a lens shows nothing at the border of its picture.
     pub fn path(&self, resolution: [u32; 2], placement: DAffine3) -> Result<CameraPath> {
         let size = self.size.unwrap_or(resolution);
         let [width, height] = size.map(f64::from);
@@ -213,16 +227,26 @@ impl Capture {
             let fl_x = x.or(y).unwrap_or(width);
             let fl_y = y.unwrap_or(fl_x);
             let row = |i: usize| [axes.x_axis[i], axes.y_axis[i], axes.z_axis[i], carried.translation[i]];
-            Ok(CameraFrame {
+            let camera = CameraFrame {
                 camera_to_world: [0, 1, 2].map(row),
                 fl_x: fl_x.max(MIN_FOCAL),
                 fl_y: fl_y.max(MIN_FOCAL),
                 cx: own.center[0].unwrap_or(0.5 * width),
                 cy: own.center[1].unwrap_or(0.5 * height),
-            })
+                distortion: own.distortion,
+            };
+            match camera.unseen(size) {
+                None => Ok(camera),
+                Some(at) => Err(Error::model(&self.path, format!("/frames/{index}"), unseen(at))),
+            }
         });
         Ok(CameraPath::Frames { size, frames: frames.collect::<Result<_>>()? })
     }
+}
+
+/// Why a lens is refused that shows nothing at a place of its picture.
+pub(crate) fn unseen([x, y]: [f64; 2]) -> String {
+    format!("the lens shows nothing at ({}, {}) of the picture: its distortion folds there", number(x), number(y))
 }
 
 /// A camera-to-world matrix as a rotation and a translation.

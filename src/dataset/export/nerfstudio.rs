@@ -7,9 +7,9 @@
 use super::picture::{byte, png};
 use super::{Job, displayed};
 use crate::dataset::Sequence;
-use anyhow::Result;
-use renderflow_frame::file;
+use anyhow::{Result, ensure};
 use renderflow_frame::transforms::{Matrix, rows};
+use renderflow_frame::{Distortion, file};
 use serde::Serialize;
 use std::path::Path;
 
@@ -33,10 +33,8 @@ struct Intrinsics {
     cy: f32,
     w: usize,
     h: usize,
-    k1: f32,
-    k2: f32,
-    p1: f32,
-    p2: f32,
+    #[serde(flatten)]
+    lens: Distortion,
 }
 
 #[derive(Serialize)]
@@ -66,6 +64,9 @@ fn millimetres(depth: f32) -> u16 {
 pub fn sequence(sequence: &Sequence, out: &Path, job: &Job) -> Result<()> {
     let folder = out.join(sequence.split.name()).join(&sequence.name);
     let transforms = &sequence.transforms;
+    let rational = |lens: &Distortion| [lens.k4, lens.k5, lens.k6] != [0.0; 3];
+    let known = !transforms.cameras.iter().filter_map(|camera| camera.distortion.as_ref()).any(rational);
+    ensure!(known, "{}: nerfstudio has no lenses with the coefficients k4 to k6", sequence.name);
     let name = |kind: &str, index: usize| format!("{kind}/frame_{:04}.png", sequence.numbers[index]);
     job.frames(sequence, |index, frame| {
         let (width, height) = (frame.width, frame.height);
@@ -86,10 +87,7 @@ pub fn sequence(sequence: &Sequence, out: &Path, job: &Job) -> Result<()> {
             cy: camera.cy,
             w: camera.width,
             h: camera.height,
-            k1: 0.0,
-            k2: 0.0,
-            p1: 0.0,
-            p2: 0.0,
+            lens: camera.distortion.unwrap_or_default(),
         })
         .collect();
     let shared = intrinsics.iter().all(|own| *own == intrinsics[0]);
@@ -101,7 +99,7 @@ pub fn sequence(sequence: &Sequence, out: &Path, job: &Job) -> Result<()> {
         transform_matrix: upright(rows(camera.camera_to_world, camera.origin)),
     });
     let transforms = Transforms {
-        camera_model: "PINHOLE",
+        camera_model: if transforms.cameras.iter().any(|camera| camera.distortion.is_some()) { "OPENCV" } else { "PINHOLE" },
         intrinsics: intrinsics.first().filter(|_| shared).copied(),
         orientation_override: "none",
         applied_transform: UPRIGHT,

@@ -226,6 +226,11 @@ impl OpenSequence<'_> {
             if info.denoiser != settings.denoiser_name() {
                 put("the denoiser", none(&info.denoiser), none(&settings.denoiser_name()));
             }
+            let lens = |lens: &str| if lens.is_empty() { "a pinhole".to_owned() } else { lens.to_owned() };
+            let wanted = render.lens.map(|lens| lens.to_string()).unwrap_or_default();
+            if info.lens != wanted {
+                put("the lens", lens(&info.lens), lens(&wanted));
+            }
             if info.bsdf != render.bsdf.name() {
                 put("the BRDF", info.bsdf.clone(), render.bsdf.name().into());
             }

@@ -46,6 +46,9 @@ impl CausticCasters {
             && settings.direct == DirectLight::Mis
             && settings.filter == Filter::Box
             && settings.clamp_indirect.is_none()
+            // Light paths look for their pixel as a pinhole shows it.
+            && settings.lens.is_none()
+            && scene.camera().distortion.is_none()
             && settings.max_bounces >= 2
             // Weights know no way through clear surfaces.
             && !scene.features().clear

@@ -3,7 +3,7 @@
 use super::casters::{CausticCaster, CausticCasters};
 use super::{longest, seen_area, turned};
 use crate::accel::{Hit, Scratch};
-use crate::camera::Projector;
+use crate::camera::{Projector, disk};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::Features;
@@ -21,7 +21,6 @@ use crate::simd;
 use crate::stats::Stats;
 use glam::{DVec2, Vec3A};
 use rayon::prelude::*;
-use std::f32::consts::FRAC_PI_4;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -298,13 +297,7 @@ impl<'a, F: Features> Tracer<'a, F> {
 /// A point of the unit disk across the unit direction `n`, uniform (Shirley and Chiu's map).
 #[inline(always)]
 fn across(n: Vec3A, u: [f32; 2]) -> Vec3A {
-    let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    let (r, phi) = if a.abs() > b.abs() {
-        (a, FRAC_PI_4 * (b / a))
-    } else {
-        (b, 2.0 * FRAC_PI_4 - FRAC_PI_4 * (a / if b == 0.0 { 1.0 } else { b }))
-    };
-    let (sin, cos) = phi.sin_cos();
+    let at = disk(u);
     let (t, s) = n.any_orthonormal_pair();
-    t * (r * cos) + s * (r * sin)
+    t * at.x + s * at.y
 }
