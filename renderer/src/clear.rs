@@ -13,8 +13,8 @@ use crate::compile::{Clear, CompiledMaterial, RenderScene};
 use crate::features::Features;
 use crate::film::FirstHit;
 use crate::interaction::{Cone, Interaction};
-use crate::material::Side;
-use crate::material::glass::{pane_transmittance, refraction_index};
+use crate::material::glass::{fresnel, pane_transmittance, refraction_index};
+use crate::material::{Principled, Side};
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::Vec3A;
@@ -177,6 +177,29 @@ impl Medium {
     }
 }
 
+/// What is seen through the surface that a ray meets.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Beyond {
+    /// Share of its light that arrives; 0 where nothing is seen through.
+    pub transmittance: Vec3A,
+    /// World-space unit direction in which the environment is seen through clear surfaces; 0 where another surface is behind them.
+    pub direction: Vec3A,
+}
+
+/// What is seen through the surface at `hit`, which the ray to a pixel's centre meets.
+#[inline(never)]
+pub(crate) fn beyond<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone, scratch: &mut Scratch) -> Beyond {
+    let material = &scene.materials[scene.geometry.material(hit)];
+    let mut beyond = match material.clear {
+        Clear::No => Beyond::default(),
+        _ => look_through::<F>(scene, *ray, *hit, cone, (true, scratch)).1,
+    };
+    if let Some(open) = scene.left_open(material, hit) {
+        beyond.transmittance = Vec3A::splat(open) + beyond.transmittance * (1.0 - open);
+    }
+    beyond
+}
+
 /// What the denoiser and the networks are told of the ray that meets `hit`: the first surface that is not clear and smooth,
 /// coloured by those before it. Where there is none, it is the colour of what is looked through, with the normal of its first
 /// surface.
@@ -193,7 +216,7 @@ fn layer<F: Features>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone, scr
     if !F::CLEAR || scene.materials[scene.geometry.material(hit)].clear == Clear::No {
         return Interaction::guide::<F>(scene, ray, hit, cone);
     }
-    look_through::<F>(scene, *ray, *hit, cone, scratch)
+    look_through::<F>(scene, *ray, *hit, cone, (false, scratch)).0
 }
 
 /// The mean over all chances of what a ray through blended surfaces meets, where it meets something; `met` is what it met by
@@ -221,42 +244,64 @@ fn composite<F: Features>(scene: &RenderScene, ray: &Ray, met: &Hit, mut cone: C
     FirstHit { albedo: sum.albedo / (1.0 - left), ns: sum.ns / (1.0 - left) }
 }
 
-/// The first surface that shows itself behind clear and smooth ones, along the way that most of the light takes.
+/// The first surface that shows itself behind clear and smooth ones, along the way that most of the light takes, and what is seen
+/// through all of them. The flag says whether the ray is one to a pixel's centre.
 #[inline(never)]
-fn look_through<F: Features>(scene: &RenderScene, mut ray: Ray, mut hit: Hit, mut cone: Cone, scratch: &mut Scratch) -> FirstHit {
+fn look_through<F: Features>(
+    scene: &RenderScene,
+    mut ray: Ray,
+    mut hit: Hit,
+    mut cone: Cone,
+    (centre, scratch): (bool, &mut Scratch),
+) -> (FirstHit, Beyond) {
     let mut seen = FirstHit { albedo: Vec3A::ONE, ns: Vec3A::ZERO };
+    let mut shown = None;
+    let mut beyond = Beyond { transmittance: Vec3A::ONE, direction: Vec3A::ZERO };
+    let mut medium = Medium::AIR;
     for _ in 0..MOST_LOOKED_THROUGH {
         let surface = Interaction::new::<F>(scene, &ray, &hit, cone);
         let clear = scene.materials[surface.material].clear;
         if seen.ns == Vec3A::ZERO {
             seen.ns = surface.ns;
         }
-        let share = surface.surface.transmission * (1.0 - surface.surface.metallic);
-        if clear == Clear::No || surface.surface.roughness > SHOWN_ROUGHNESS || share < 0.5 {
-            return FirstHit { albedo: seen.albedo * surface.surface.base_color, ns: surface.ns };
+        let absorbed = medium.over(hit.t);
+        seen.albedo *= absorbed;
+        beyond.transmittance *= absorbed;
+        let Principled { base_color, specular, roughness, transmission, metallic, .. } = surface.surface;
+        let share = transmission * (1.0 - metallic);
+        if shown.is_none() && (clear == Clear::No || roughness > SHOWN_ROUGHNESS || share < 0.5) {
+            shown = Some(FirstHit { albedo: seen.albedo * base_color, ns: surface.ns });
         }
-        seen.albedo *= surface.surface.base_color;
-        let direction = match surface.side {
-            Side::Sheet | Side::Pane => ray.direction,
+        if clear == Clear::No || shown.is_some() && !centre {
+            break;
+        }
+        seen.albedo *= base_color;
+        let cos = -ray.direction.dot(surface.ns);
+        let (direction, passed) = match surface.side {
+            Side::Sheet | Side::Pane => (ray.direction, base_color * pane_transmittance(specular, cos)),
             side => {
-                let index = refraction_index(surface.surface.specular);
+                let index = refraction_index(specular);
                 let eta = if side == Side::Inside { index } else { 1.0 / index };
-                let cos = -ray.direction.dot(surface.ns);
                 let rest = 1.0 - eta * eta * (1.0 - cos * cos);
-                let bent = if rest < 0.0 {
-                    ray.direction + 2.0 * cos * surface.ns
+                if rest < 0.0 {
+                    (ray.direction + 2.0 * cos * surface.ns, Vec3A::ONE)
                 } else {
-                    eta * ray.direction + (eta * cos - rest.sqrt()) * surface.ns
-                };
-                bent.normalize_or(ray.direction)
+                    let bent = eta * ray.direction + (eta * cos - rest.sqrt()) * surface.ns;
+                    (bent, base_color * (1.0 - fresnel(cos.clamp(1e-4, 1.0), 1.0 / eta)))
+                }
             }
         };
+        let direction = direction.normalize_or(ray.direction);
+        beyond.transmittance *= share * passed;
+        medium = medium.along(scene, &surface, direction);
         cone = cone.at(hit.t);
         ray = surface.spawn_either(direction);
-        match scene.trace::<F>(&ray, scratch) {
-            Some(next) => hit = next,
-            None => break,
-        }
+        let next = if centre { scene.trace_centre(&ray, scratch) } else { scene.trace::<F>(&ray, scratch) };
+        let Some(next) = next else {
+            beyond.direction = direction;
+            break;
+        };
+        hit = next;
     }
-    seen
+    (shown.unwrap_or(seen), beyond)
 }

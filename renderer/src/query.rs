@@ -69,6 +69,12 @@ impl RenderScene {
         opacity * material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].alpha(slot, uv()))
     }
 
+    /// Share of what lies behind that a blended surface leaves open at `hit`; `None` for other surfaces.
+    pub(crate) fn left_open(&self, material: &CompiledMaterial, hit: &Hit) -> Option<f32> {
+        let opacity = material.opacity?;
+        Some((1.0 - self.coverage(material, opacity, || self.geometry.uv(hit))).clamp(0.0, 1.0))
+    }
+
     /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates are `uv`.
     #[inline(always)]
     fn is_there(&self, material: &CompiledMaterial, uv: impl Fn() -> Vec2) -> bool {
@@ -93,7 +99,7 @@ impl RenderScene {
     /// As [`Self::trace`], for a ray that decides what is seen at a point: blended surfaces are there where they cover at least
     /// one half.
     #[inline(always)]
-    fn trace_centre(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
+    pub(crate) fn trace_centre(&self, ray: &Ray, scratch: &mut Scratch) -> Option<Hit> {
         self.geometry.closest_where(ray, scratch, |candidate| self.stops::<CENTRE>(ray, candidate))
     }
 

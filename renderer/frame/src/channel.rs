@@ -159,6 +159,8 @@ pub const LAYERS: &[Layer] = &[
     layer!("depth", ["Z"], Float, Scalar depth, "planar depth along -z, metres; +inf at a miss"),
     layer!("distance", ["Z"], Float, optional Scalar distance, "Euclidean distance from the camera, metres; +inf at a miss"),
     layer!("material", RGB, Half, Rgb material, "roughness, metallic, specular, each 0..1; 0 at a miss"),
+    layer!("transmittance", RGB, Half, optional Rgb transmittance, "share of the light of what is seen through the surface that arrives, 0..1; 0 for opaque surfaces and at a miss"),
+    layer!("through", XYZ, Half, optional Rgb through, "direction in which the environment is seen through clear surfaces, bent by them, camera space, unit length; 0 where a surface is behind them"),
     layer!("irradiance", RGB, Half, optional Rgb irradiance, "unoccluded integral of L max(0, ns.w) dw / pi over the environment"),
     layer!("guide_albedo", RGB, Half, optional Rgb guide_albedo, "albedo filtered over the pixel, premultiplied by coverage"),
     layer!("guide_normal", XYZ, Half, optional Rgb guide_normal, "normal filtered over the pixel, premultiplied by coverage, not unit length"),

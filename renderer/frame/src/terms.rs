@@ -18,7 +18,7 @@ pub struct ShadingTerms {
     /// Light of the environment without the dominant lights, reflected by the diffuse base.
     pub ambient_diffuse: Rgb,
     /// The same light, and the dominant lights in the mirrors of smooth surfaces, reflected by the GGX lobe; without what
-    /// `reflections` replaces.
+    /// `reflections` replaces, and with the environment that is seen through clear surfaces.
     pub ambient_specular: Rgb,
     /// What the GGX lobe reflects of the picture itself; `None` where reflections are off.
     pub reflections: Option<Rgb>,

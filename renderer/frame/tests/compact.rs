@@ -191,10 +191,22 @@ fn all_layers_can_be_kept_and_any_loaded_alone() {
 
     let training = header(&encode(&frame).0);
     assert_eq!(training["left_out"].as_array().unwrap().len(), 14);
-    let wanted = ["beauty", "alpha", "albedo", "normal", "depth", "material", "irradiance", "motion", "motion_prev"];
+    let wanted = [
+        "beauty",
+        "alpha",
+        "albedo",
+        "normal",
+        "depth",
+        "material",
+        "transmittance",
+        "through",
+        "irradiance",
+        "motion",
+        "motion_prev",
+    ];
     let names: Vec<_> = training["layers"].as_array().unwrap().iter().map(|l| l["name"].as_str().unwrap().to_owned()).collect();
-    assert_eq!(names[..9], wanted);
-    assert_eq!(names[9..], ["object_id", "material_id"]);
+    assert_eq!(names[..11], wanted);
+    assert_eq!(names[11..], ["object_id", "material_id"]);
     for layer in training["layers"].as_array().unwrap() {
         assert!(!layer["precision"].as_str().unwrap().is_empty());
     }

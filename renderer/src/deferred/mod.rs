@@ -126,7 +126,7 @@ pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Op
         occlusion: inputs.occlusion.as_ref().map(|o| share(&|i| o[i].w.clamp(0.0, 1.0))),
         sky: inputs.sky.as_ref().map(|s| share(&|i| s[i].x.clamp(0.0, 1.0))),
         ambient_diffuse: rgb(&|i| light.pixels[i].ambient_diffuse),
-        ambient_specular: rgb(&|i| light.pixels[i].specular() * light.kept(i)),
+        ambient_specular: rgb(&|i| light.pixels[i].specular() * light.kept(i) + light.pixels[i].through),
         reflections: light.reflections.as_ref().map(|_| rgb(&|i| light.reflected(i))),
         indirect: light.indirect.as_ref().map(|_| rgb(&|i| light.bounced(i))),
         irradiance: shading.irradiance.clone(),
@@ -260,8 +260,8 @@ impl Gathered {
     fn image(&self, shading: &Shading) -> Rgb {
         picture_of(shading, |i| {
             let (pixel, alpha) = (&self.pixels[i], shading.surfaces.alpha.pixels[i]);
-            let surface =
-                pixel.direct + pixel.ambient_diffuse + pixel.specular() * self.kept(i) + self.reflected(i) + self.bounced(i);
+            let specular = pixel.specular() * self.kept(i) + self.reflected(i);
+            let surface = pixel.direct + pixel.ambient_diffuse + specular + self.bounced(i) + pixel.through;
             surface * alpha + Vec3A::from_array(shading.surfaces.background.pixels[i]) * (1.0 - alpha).max(0.0)
         })
     }

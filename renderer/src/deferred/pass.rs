@@ -39,6 +39,8 @@ pub struct Pixel {
     pub ambient_specular: Vec3A,
     /// Lights mirrored by a smooth surface.
     pub mirrored: Vec3A,
+    /// The environment behind clear surfaces.
+    pub through: Vec3A,
     /// Radiance of the base for an irradiance of pi, and radiance of the lobe under even light of 1.
     pub white: Vec3A,
     pub reflected: Vec3A,
@@ -54,7 +56,7 @@ impl Pixel {
 
     /// All light except reflections and bounces.
     pub fn sum(&self) -> Vec3A {
-        self.direct + self.ambient_diffuse + self.specular()
+        self.direct + self.ambient_diffuse + self.specular() + self.through
     }
 }
 
@@ -143,6 +145,7 @@ impl Pass<'_> {
             specular_open = least + (1.0 - least) * sky[i].y.clamp(0.0, 1.0);
         }
         pixel.ambient_diffuse = pixel.white * irradiance * open;
+        pixel.through = shading.surfaces.through.as_ref().map_or(Vec3A::ZERO, |through| Vec3A::from_array(through.pixels[i]));
         pixel.ambient_specular = material.reflected * prefiltered * specular_open;
         if weight > 0.0 {
             let discs = self.discs(i);

@@ -4,7 +4,7 @@ use super::tracer::{SHOTS, camera_ray_at};
 use super::visible::Visible;
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Filter, Projector};
-use crate::clear::first_hit;
+use crate::clear::{beyond, first_hit};
 use crate::compile::RenderScene;
 use crate::error::Result;
 use crate::features::Features;
@@ -37,6 +37,8 @@ struct Centre {
     normal: [f32; 3],
     depth: f32,
     material: [f32; 3],
+    transmittance: [f32; 3],
+    through: [f32; 3],
     irradiance: [f32; 3],
     motion: [f32; 2],
     motion_prev: [f32; 2],
@@ -51,6 +53,8 @@ impl Centre {
         normal: [0.0; 3],
         depth: f32::INFINITY,
         material: [0.0; 3],
+        transmittance: [0.0; 3],
+        through: [0.0; 3],
         irradiance: [0.0; 3],
         motion: [0.0; 2],
         motion_prev: [0.0; 2],
@@ -181,12 +185,27 @@ impl<F: Features> TilePass<'_, '_, F> {
                 guides
             });
             let centre = match &surface {
-                Some((hit, surface)) if pass.centres => pass.centre((x, y), hit, surface),
+                Some((hit, surface)) if pass.centres => self.centre((x, y), hit, surface),
                 _ => Centre::MISS,
             };
             pixels.push((centre, guides));
         }
         pixels
+    }
+
+    /// The G-buffer where the ray through the centre of pixel (x, y) meets `surface`.
+    #[inline(always)]
+    fn centre(&mut self, (x, y): (usize, usize), hit: &Hit, surface: &Interaction) -> Centre {
+        let pass = self.pass;
+        let mut centre = pass.centre((x, y), hit, surface);
+        if F::FULL && pass.sees_through() {
+            let camera = pass.scene.camera();
+            let ray = crate::camera::ray(camera, Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
+            let beyond = beyond::<F>(pass.scene, &ray, hit, Cone::camera(camera, 1), &mut self.scratch);
+            centre.transmittance = beyond.transmittance.to_array();
+            centre.through = pass.projector.direction_to_camera(beyond.direction).normalize_or_zero().to_array();
+        }
+        centre
     }
 
     /// Traces the rays through image points of the tile, sixteen at a time.
@@ -299,10 +318,17 @@ impl Pass<'_> {
         self.film.map_or(own, |film| (film.pixels[at].count() as u32, self.settings.camera_samples()))
     }
 
+    /// Whether anything can be seen through surfaces, and is requested.
+    fn sees_through(&self) -> bool {
+        let features = self.scene.features();
+        self.settings.channels.gbuffer && (features.clear || features.blended)
+    }
+
     /// Whether pixels are tested for being plain. With a filter wider than the pixel, its corners are not enough.
     fn asks_for_plain(&self) -> bool {
         let rays = self.settings.guide_samples;
-        let possible = self.guides && self.film.is_none() && self.settings.filter == Filter::Box;
+        let sharp = self.settings.filter == Filter::Box && self.settings.lens.is_none();
+        let possible = self.guides && self.film.is_none() && sharp;
         // Rays to centres and corners do not tell what blended and clear surfaces show.
         let features = self.scene.features();
         let possible = possible && !features.clear && !features.blended;
@@ -321,6 +347,8 @@ impl Pass<'_> {
             // The unnormalised camera direction has length 1 along the view, so its length converts distance to planar depth.
             depth: hit.t / camera.direction_cam(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)).length(),
             material: [surface.surface.roughness, surface.surface.metallic, surface.surface.specular],
+            transmittance: [0.0; 3],
+            through: [0.0; 3],
             irradiance: self.irradiance.map_or([0.0; 3], |map| map.radiance(surface.ns)),
             motion: motion[0],
             motion_prev: motion[1],
@@ -402,6 +430,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             exposure: scene.exposure(),
             bsdf: String::new(),
             sampling: String::new(),
+            lens: settings.lens.map(|lens| lens.to_string()).unwrap_or_default(),
             branches: None,
             indirect_limit: None,
             light_paths: false,
@@ -413,6 +442,9 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
         (frame.albedo, frame.normal, frame.material) = (rgb(), rgb(), rgb());
         frame.depth = Image::filled(width, height, f32::INFINITY);
         (frame.object_id, frame.material_id) = (Image::filled(width, height, 0), Image::filled(width, height, 0));
+        let features = scene.features();
+        let clear = features.clear || features.blended;
+        (frame.transmittance, frame.through) = (clear.then(rgb), clear.then(rgb));
     }
     frame
 }
@@ -444,8 +476,15 @@ fn store(frame: &mut Frame, at: usize, centre: &Centre) {
     set(&mut frame.material, at, centre.material);
     set(&mut frame.object_id, at, centre.object_id);
     set(&mut frame.material_id, at, centre.material_id);
-    if let Some(image) = &mut frame.irradiance {
-        image.pixels[at] = centre.irradiance;
+    let pictures = [
+        (&mut frame.irradiance, centre.irradiance),
+        (&mut frame.transmittance, centre.transmittance),
+        (&mut frame.through, centre.through),
+    ];
+    for (image, value) in pictures {
+        if let Some(image) = image {
+            image.pixels[at] = value;
+        }
     }
     for (image, value) in [(&mut frame.motion, centre.motion), (&mut frame.motion_prev, centre.motion_prev)] {
         if let Some(image) = image {

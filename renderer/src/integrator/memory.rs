@@ -44,7 +44,8 @@ impl Settings {
         let beauty = RGB * (1 + groups) + when(self.channels.variance, RGB) + adaptive;
         let wanted = self.channels;
         let centres = NUMBER
-            + when(wanted.gbuffer, 3 * RGB + 3 * NUMBER)
+            // With what is seen through clear surfaces, which only some scenes have.
+            + when(wanted.gbuffer, 5 * RGB + 3 * NUMBER)
             + when(wanted.guides, 2 * RGB)
             + when(wanted.motion, 2 * FLOW)
             + when(self.irradiance, RGB);

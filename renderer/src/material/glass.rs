@@ -37,7 +37,7 @@ fn index(f0: f32) -> f32 {
 /// Reflectance of a facet met at cosine `cos` > 0, where the index on the other side is `eta` times the index on this side: 1
 /// where nothing can pass.
 #[inline(always)]
-fn fresnel(cos: f32, eta: f32) -> f32 {
+pub(crate) fn fresnel(cos: f32, eta: f32) -> f32 {
     let g2 = eta * eta - 1.0 + cos * cos;
     if g2 <= 0.0 {
         return 1.0;

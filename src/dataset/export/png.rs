@@ -5,8 +5,8 @@
 //! |---|---|---|
 //! | `rgb` | 3 x 8 | the picture: exposure, sRGB |
 //! | `albedo` | 3 x 8 | sRGB |
-//! | `normal`, `guide_normal` | 3 x 16 | n / 32767.5 - 1, camera space |
-//! | `material` | 3 x 16 | n / 65535, linear |
+//! | `normal`, `guide_normal`, `through` | 3 x 16 | n / 32767.5 - 1, camera space |
+//! | `material`, `transmittance` | 3 x 16 | n / 65535, linear |
 //! | `alpha` | 16 | n / 65535 |
 //! | `depth` | 16 | min + (n - 1) / 65534 (max - min) metres, the sequence's range; 0 = miss |
 //! | `motion`, `motion_prev` | 3 x 16 | min + n / 65535 (max - min) pixels, the sequence's range; x, y, 0 |
@@ -132,10 +132,13 @@ fn pictures(frame: &Frame, exposure: f32, spans: &Spans) -> Result<Vec<(String, 
         ("values/albedo", Some(&frame.albedo)),
         ("values/guide_albedo", frame.guide_albedo.as_ref()),
         ("material", Some(&frame.material)),
+        ("transmittance", frame.transmittance.as_ref()),
     ] {
         rgb(name.into(), picture, "n / 65535, linear", word)?;
     }
-    for (name, picture) in [("normal", Some(&frame.normal)), ("guide_normal", frame.guide_normal.as_ref())] {
+    for (name, picture) in
+        [("normal", Some(&frame.normal)), ("guide_normal", frame.guide_normal.as_ref()), ("through", frame.through.as_ref())]
+    {
         rgb(name.into(), picture, "n / 32767.5 - 1, camera space", |v| word(0.5 * v + 0.5))?;
     }
     let albedo = png(width, height, frame.albedo.pixels.iter().map(|p| p.map(|v| byte(color::linear_to_srgb(v)))))?;

@@ -24,9 +24,9 @@ impl Encoding {
     /// The encoding of a layer, where it does not depend on the values.
     pub fn of(layer: &Layer) -> Self {
         match (layer_name(layer), layer.storage) {
-            ("alpha" | "material", _) => Self::Unit8,
+            ("alpha" | "material" | "transmittance", _) => Self::Unit8,
             ("albedo", _) => Self::Srgb8,
-            ("normal", _) => Self::Octahedral12,
+            ("normal" | "through", _) => Self::Octahedral12,
             ("depth", _) => Self::Depth16,
             (_, Storage::Half) => Self::Half,
             (_, Storage::Float) => Self::Float,

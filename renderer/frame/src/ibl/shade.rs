@@ -30,6 +30,9 @@ pub struct Surfaces {
     pub material: Rgb,
     /// Planar depth, borrowed like `material`; +inf where nothing is covered, and where no pixel nearby was hit.
     pub depth: Image<f32>,
+    /// Radiance of the environment that clear surfaces let through, 0 elsewhere; `None` where the frame has no such surfaces. There
+    /// the albedo is 0: what reflects is the surface alone.
+    pub through: Option<Rgb>,
     /// The environment seen through the pixel's centre; 0 where the pixel is fully covered and the background is invisible.
     pub background: Rgb,
     /// Coverage.
@@ -39,7 +42,7 @@ pub struct Surfaces {
 /// The factors of the split-sum image, per pixel; radiance is scene-linear. All but `image` are 0 where nothing is covered.
 #[derive(Clone, Debug)]
 pub struct Shading {
-    /// `alpha * (diffuse * irradiance + specular) + (1 - alpha) * background`: the IBL picture.
+    /// `alpha * (diffuse * irradiance + specular + through) + (1 - alpha) * background`: the IBL picture.
     pub image: Rgb,
     /// Diffuse albedo: `albedo * (1 - metallic)`, divided by coverage.
     pub diffuse: Rgb,
@@ -47,7 +50,7 @@ pub struct Shading {
     pub irradiance: Rgb,
     /// Prefiltered environment along the mirror direction.
     pub prefiltered: Rgb,
-    /// `prefiltered * (f0 * a + b)`.
+    /// `prefiltered * (f0 * a + b)`, and what clear surfaces let through.
     pub specular: Rgb,
     /// The surfaces that were shaded.
     pub surfaces: Surfaces,
@@ -67,6 +70,7 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
         normal: rgb(),
         material: rgb(),
         depth: Image::filled(width, height, f32::INFINITY),
+        through: frame.through.is_some().then(rgb),
         background: rgb(),
         alpha: frame.alpha.clone(),
     };
@@ -111,6 +115,17 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
             brdf[x] = environment_brdf(n_dot_v.max(MIN_N_DOT_V), roughness).mixture(&dielectric(specular), metallic);
         }
     });
+    if let (Some(through), Some(direction), Some(share)) = (&mut out.through, &frame.through, &frame.transmittance) {
+        let light = through.pixels.par_iter_mut().zip(&mut out.albedo.pixels).with_min_len(row).enumerate();
+        light.for_each(|(i, (light, albedo))| {
+            let direction = Vec3A::from_array(direction.pixels[i]);
+            if direction != Vec3A::ZERO {
+                let seen = environment.radiance((camera.camera_to_world.matrix3 * direction).normalize());
+                *light = (Vec3A::from_array(seen) * Vec3A::from_array(share.pixels[i])).to_array();
+                *albedo = [0.0; 3];
+            }
+        });
+    }
     out
 }
 
@@ -160,11 +175,12 @@ pub fn shade_surfaces(camera: &Camera, surfaces: Surfaces, tables: &IblTables) -
             let [scale, bias] = *surfaces.brdf.at(x, y);
             let shiny = reflected * (Vec3A::from_array(f0(albedo, metallic, specular_level)) * scale + bias);
             let behind = Vec3A::from_array(*surfaces.background.at(x, y));
-            image[x] = ((base * light + shiny) * alpha + behind * (1.0 - alpha).max(0.0)).to_array();
+            let through = surfaces.through.as_ref().map_or(Vec3A::ZERO, |through| Vec3A::from_array(*through.at(x, y)));
+            image[x] = ((base * light + shiny + through) * alpha + behind * (1.0 - alpha).max(0.0)).to_array();
             diffuse[x] = base.to_array();
             irradiance[x] = light.to_array();
             prefiltered[x] = reflected.to_array();
-            specular[x] = shiny.to_array();
+            specular[x] = (shiny + through).to_array();
         }
     });
     out
