@@ -4,7 +4,7 @@ use glam::{DVec3, Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 use renderflow_frame::reach::Reach;
 use renderflow_scenes::catalog::Catalog;
-use renderflow_scenes::description::{EnvironmentSource, Geometry, Object, Scene};
+use renderflow_scenes::description::{EnvironmentSource, Geometry, Material, Object, Scene};
 use renderflow_scenes::load::load;
 use renderflow_scenes::procedural::{
     Cameras, Composed, Composition, ENVIRONMENT_COUNT, LayoutKind, Layouts, MESH_COUNT, Pool, Request, Split, compose_one,
@@ -278,7 +278,12 @@ fn the_same_request_gives_the_same_bytes() {
         let kind = only(LAYOUTS[number as usize % 3], CAMERAS[number as usize % 4]);
         assert_eq!(compose(number, &kind).scene.canonical_json(), compose(number, &kind).scene.canonical_json());
     }
-    let hash = |number: u64| compose(number, &only(LAYOUTS[number as usize], CAMERAS[number as usize])).scene.hash();
+    // A plan of before there was glass still makes its scenes.
+    let opaque = |number: usize| {
+        let Composition { layouts, cameras, moving, .. } = only(LAYOUTS[number], CAMERAS[number]);
+        Composition { layouts, cameras, moving, ..Composition::opaque() }
+    };
+    let hash = |number: u64| compose(number, &opaque(number as usize)).scene.hash();
     let pinned = [0, 1, 2].map(hash);
     assert_eq!(pinned, HASHES, "composed scenes changed: data sets made before differ from now on");
     let hashes: BTreeSet<String> = SCENES.iter().map(|made| made.scene.hash()).collect();
@@ -367,12 +372,49 @@ fn knobs_at_their_ends_are_obeyed() {
 }
 
 #[test]
+fn clear_things_come_as_often_as_the_knobs_say() {
+    let count = |composition: &Composition, what: &(dyn Fn(&Composed) -> bool + Sync)| {
+        (0..16).into_par_iter().filter(|&number| what(&compose(number, composition))).count()
+    };
+    let clear = |m: &Material| m.transmission > 0.0 || m.opacity.is_some() || m.alpha_cutoff.is_some();
+    let any_clear = |made: &Composed| made.scene.materials.iter().any(clear);
+    let named = |made: &Composed, name: &str| made.scene.objects.iter().any(|o| o.name.contains(name));
+    for layout in LAYOUTS {
+        let none = |kind: Composition| Composition { layouts: kind.layouts, ..Composition::opaque() };
+        let opaque = none(only(layout, "orbit"));
+        assert_eq!(count(&opaque, &any_clear), 0);
+        let glass = |made: &Composed| {
+            // Light loses its way in a surface that is not closed, or that runs through itself.
+            let bodies = made.scene.objects.iter().filter(|o| {
+                let material = made.scene.materials.iter().find(|m| Some(&m.name) == o.material.as_ref());
+                material.is_some_and(|m| m.transmission == 1.0 && !m.thin_walled && m.name == o.name)
+            });
+            let closed = bodies.map(|o| shapes::inspect(&shapes::mesh(shape(o)))).collect::<Vec<_>>();
+            assert!(closed.iter().all(|m| m.watertight && m.components == 1), "{}", made.scene.name);
+            !closed.is_empty()
+        };
+        assert_eq!(count(&opaque, &glass), 0);
+        // Where at least one object is a single closed surface.
+        let many = count(&Composition { glass: 1.0, ..opaque.clone() }, &glass);
+        assert!(many >= 11, "{layout}: {many}");
+        let basin = |made: &Composed| named(made, "basin");
+        assert_eq!(count(&Composition { water: 1.0, ..opaque.clone() }, &basin), 16);
+        let panes = count(&Composition { panes: 1.0, ..opaque.clone() }, &|made| named(made, "_pane_"));
+        assert!(if layout == "room" { panes >= 14 } else { panes == 0 }, "{layout}: {panes}");
+        let leafy =
+            |made: &Composed| made.scene.materials.iter().any(|m| m.pattern.as_ref().is_some_and(|p| p.kind() == "leaves"));
+        assert_eq!(count(&Composition { leaves: 1.0, ..opaque.clone() }, &leafy), if layout == "outdoor" { 16 } else { 0 });
+    }
+}
+
+#[test]
 fn hostile_knobs_are_refused_with_their_place() {
     let read = |text: &str| serde_json::from_str::<Composition>(text);
     assert!(read("{\"wobble\": 1}").is_err() && read("{\"layouts\": {\"moon\": 1}}").is_err());
-    assert_eq!(read("{}").unwrap(), Composition::default());
+    assert_eq!(read("{}").unwrap(), Composition::opaque());
     for (text, says) in [
         (r#"{"moving": 2}"#, "/composition/moving: 2 is outside 0..=1"),
+        (r#"{"glass": 1.5}"#, "/composition/glass: 1.5 is outside 0..=1"),
         (r#"{"changing": -0.1}"#, "/composition/changing: -0.1 is outside 0..=1"),
         (r#"{"objects": [0, 4]}"#, "/composition/objects/0: 0 is outside 1..=64"),
         (r#"{"objects": [4, 4000000000]}"#, "/composition/objects/1"),

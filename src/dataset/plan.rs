@@ -70,7 +70,7 @@ pub struct Plan {
     #[serde(default, skip_serializing, deserialize_with = "not_classic")]
     pub classic: (),
     /// What scenes look like.
-    #[serde(default)]
+    #[serde(default = "Composition::opaque")]
     pub composition: Composition,
     /// What each split may draw from; no two splits share anything.
     #[serde(default)]

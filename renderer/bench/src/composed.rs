@@ -40,7 +40,7 @@ pub fn describe(name: &str, resolution: u32) -> Result<Option<Scene>> {
     let (meshes, environments) = (names(catalog.mesh_families()), names(catalog.environment_families()));
     let only = |layout: &str| f64::from(u8::from(LAYOUTS[number] == layout));
     let layouts = Layouts { ground: only("ground"), room: only("room"), outdoor: only("outdoor") };
-    let composition = Composition { layouts, lamps: LAMPS, ..Composition::default() };
+    let composition = Composition { layouts, lamps: LAMPS, ..Composition::opaque() };
     let pool = Pool {
         catalog: &catalog,
         mesh_families: &meshes,

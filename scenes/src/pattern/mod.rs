@@ -5,6 +5,7 @@
 
 mod fabric;
 mod field;
+mod foliage;
 mod geometric;
 mod masonry;
 mod metal;
@@ -14,6 +15,7 @@ mod stone;
 mod wood;
 
 pub use fabric::{CrackedPaint, Knitted, Leather, Woven};
+pub use foliage::Leaves;
 pub use geometric::{Camouflage, Checker, Corrugated, Dots, Graffiti, Stripes};
 pub use masonry::{Bricks, Cobbles, Concrete, Mosaic, Plaster, Tiles};
 pub use metal::{Brushed, CarbonFibre, ChippedPaint, Hammered, Rust, Scratched, TreadPlate};
@@ -152,4 +154,6 @@ patterns! {
     Leather = "leather",
     /// Old paint, cracked and flaking off: paint, second tone, what lies below, cracks.
     CrackedPaint = "cracked_paint",
+    /// Leaves that overlap, with holes between them: leaf, second tone, vein. The holes are in the alpha of the colour.
+    Leaves = "leaves",
 }

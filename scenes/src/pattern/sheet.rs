@@ -43,7 +43,7 @@ pub(super) struct Common {
 pub enum Map {
     /// The same everywhere; the decoded value (linear colour; 0, roughness, metallic; a direction).
     Constant([f32; 3]),
-    /// RGBA, row by row from the top, alpha opaque.
+    /// RGBA, row by row from the top. Alpha is opaque, but in the colours of a pattern with holes.
     Bytes(Vec<[u8; 4]>),
     /// RGBA of 16 bits, as above.
     Words(Vec<[u16; 4]>),
@@ -81,6 +81,11 @@ impl MapSet {
 impl Common {
     /// The maps of a surface.
     pub fn maps(&self, wanted: MapSet, spot: impl Fn(Place) -> Spot) -> Maps {
+        self.maps_with_alpha(wanted, |place| (spot(place), 1.0))
+    }
+
+    /// As [`Self::maps`] for a surface with holes, where the second number is less than 1.
+    pub fn maps_with_alpha(&self, wanted: MapSet, spot: impl Fn(Place) -> (Spot, f64)) -> Maps {
         let n = self.size;
         let room = |yes: bool| if yes { n * n } else { 0 };
         let mut colors = Vec::with_capacity(room(wanted.base_color));
@@ -90,10 +95,10 @@ impl Common {
         let texel = 1.0 / n as f64;
         for y in 0..n {
             for x in 0..n {
-                let spot = spot(Place { x, y, u: (x as f64 + 0.5) * texel, v: (y as f64 + 0.5) * texel, texel });
+                let (spot, alpha) = spot(Place { x, y, u: (x as f64 + 0.5) * texel, v: (y as f64 + 0.5) * texel, texel });
                 if wanted.base_color {
                     let [r, g, b] = spot.color.map(|v| srgb_byte(v as f32));
-                    colors.push([r, g, b, 255]);
+                    colors.push([r, g, b, byte(alpha)]);
                 }
                 if wanted.metallic_roughness {
                     let rough = field::mix(self.roughness[0], self.roughness[1], spot.rough.clamp(0.0, 1.0));

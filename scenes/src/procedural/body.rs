@@ -23,6 +23,9 @@ pub(super) enum Role {
     Foliage,
     Trunk,
     Lamp,
+    Glass,
+    Water,
+    Pane,
 }
 
 /// One object of the description.

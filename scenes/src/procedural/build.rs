@@ -2,6 +2,7 @@
 
 use super::Used;
 use super::body::{Body, Origin, Part, Role};
+use super::clear;
 use super::materials::{self, MaterialKnobs};
 use crate::description::{Geometry, Material, Object};
 use crate::draw::Draw;
@@ -16,6 +17,8 @@ pub(super) struct Build<'a> {
     knobs: &'a MaterialKnobs,
     /// Gain of the environment, which lamps have to stand up to.
     gain: f32,
+    /// Whether foliage has holes.
+    leafy: bool,
     pub materials: Vec<Material>,
     pub objects: Vec<Object>,
     pub meshes: Vec<Used>,
@@ -26,12 +29,13 @@ pub(super) struct Build<'a> {
 }
 
 impl<'a> Build<'a> {
-    pub fn new(root: Seed, knobs: &'a MaterialKnobs, gain: f32) -> Self {
+    pub fn new(root: Seed, knobs: &'a MaterialKnobs, gain: f32, leafy: bool) -> Self {
         let lists = (vec![], vec![], vec![], vec![]);
         Self {
             root,
             knobs,
             gain,
+            leafy,
             materials: lists.0,
             objects: lists.1,
             meshes: lists.2,
@@ -75,7 +79,7 @@ impl<'a> Build<'a> {
     /// Name of the material of a part.
     fn material(&mut self, name: &str, role: Role) -> String {
         let shared = match role {
-            Role::Object => name,
+            Role::Object | Role::Glass => name,
             Role::Ground => "ground",
             Role::Wall => "wall",
             Role::Ceiling => "ceiling",
@@ -83,6 +87,8 @@ impl<'a> Build<'a> {
             Role::Foliage => "foliage",
             Role::Trunk => "trunk",
             Role::Lamp => "lamp",
+            Role::Water => "water",
+            Role::Pane => "pane",
         };
         if let Some(&known) = self.shared.get(shared) {
             return self.materials[known].name.clone();
@@ -90,6 +96,9 @@ impl<'a> Build<'a> {
         let number = self.materials.len();
         let mut rng = match role {
             Role::Object => self.root.child("material", number as u64),
+            Role::Glass => self.root.child("glass", 2 + number as u64),
+            Role::Foliage if self.leafy => self.root.child("leaves", 1),
+            Role::Water => self.root.child("water", 2),
             _ => self.root.child(shared, 0),
         }
         .rng();
@@ -99,6 +108,10 @@ impl<'a> Build<'a> {
             Role::Ground => materials::floor(rng, shared, self.knobs),
             Role::Wall if rng.chance(0.5) => materials::wall(rng, shared, self.knobs),
             Role::Wall | Role::Ceiling => wall(rng, role == Role::Ceiling),
+            Role::Glass => clear::glass(rng),
+            Role::Water => clear::water(rng),
+            Role::Pane => clear::pane(rng),
+            Role::Foliage if self.leafy => clear::leaves(rng),
             Role::Foliage => {
                 let (hue, saturation, value) = (rng.between(65.0, 135.0), rng.between(0.4, 0.8), rng.log(0.08, 0.3));
                 plain(Pcg64::hsv(hue, saturation, value), rng.between(0.5, 0.9))
@@ -121,7 +134,7 @@ impl<'a> Build<'a> {
             }
             self.changeable.push(number);
         }
-        if role != Role::Object {
+        if !matches!(role, Role::Object | Role::Glass) {
             self.shared.insert(shared.into(), number);
         }
         shared.into()

@@ -1,6 +1,7 @@
 //! Objects on a plain ground.
 
 use super::body::{Body, GAP, Part, Role};
+use super::clear;
 use super::layout::{Context, Layout, Space};
 use crate::draw::Draw;
 use crate::error::Result;
@@ -22,6 +23,7 @@ pub(super) fn layout(context: &Context) -> Result<Layout> {
         let picked = context.picker.object(&mut rng, |_| true)?;
         bodies.push(Body::of(picked, &mut rng, size));
     }
+    bodies.extend(clear::basin(context));
     // The place grows with what it has to hold, and further if something does not fit.
     let area: f32 = bodies.iter().map(|b| (b.radius + GAP).powi(2)).sum();
     let mut reach = Pcg64::tidy(area.sqrt() * rng.between(1.1, 1.6));

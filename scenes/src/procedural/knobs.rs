@@ -22,6 +22,19 @@ pub struct Composition {
     pub occluders: f64,
     /// Share of rooms with lamps (surfaces that emit), 0..=1; 0: the published setting is light from the environment alone.
     pub lamps: f64,
+    /// Share of scenes in which some objects are of glass, 0..=1, where any has a single closed surface; 0.12. A plan file that leaves it out has none, as plans had
+    /// before there was glass; so it is with the next three.
+    #[serde(default = "none", skip_serializing_if = "is_none")]
+    pub glass: f64,
+    /// Share of scenes with a basin of water, 0..=1; 0.06.
+    #[serde(default = "none", skip_serializing_if = "is_none")]
+    pub water: f64,
+    /// Share of rooms with panes in their openings, 0..=1; 0.3.
+    #[serde(default = "none", skip_serializing_if = "is_none")]
+    pub panes: f64,
+    /// Share of scenes in open country whose trees have leaves with holes between them, 0..=1; 0.4.
+    #[serde(default = "none", skip_serializing_if = "is_none")]
+    pub leaves: f64,
     /// How often materials are what.
     pub materials: MaterialKnobs,
     /// Least and greatest gain of the environment, drawn evenly in its logarithm, each 0.001..=1000; 0.5 and 2.
@@ -46,6 +59,10 @@ impl Default for Composition {
             changing: 0.15,
             occluders: 0.3,
             lamps: 0.0,
+            glass: 0.12,
+            water: 0.06,
+            panes: 0.3,
+            leaves: 0.4,
             materials: MaterialKnobs::default(),
             intensity: [0.5, 2.0],
             degrees_per_frame: 3.6,
@@ -54,6 +71,14 @@ impl Default for Composition {
             builtin_maps: 0.25,
         }
     }
+}
+
+// What a plan file has where it leaves a knob out that came later.
+fn none() -> f64 {
+    0.0
+}
+fn is_none(share: &f64) -> bool {
+    *share == 0.0
 }
 
 /// Where the objects of a scene stand.
@@ -142,6 +167,11 @@ impl Default for Cameras {
 }
 
 impl Composition {
+    /// Without what lets light through: what a plan file asks for that says nothing of it.
+    pub fn opaque() -> Self {
+        Self { glass: none(), water: none(), panes: none(), leaves: none(), ..Self::default() }
+    }
+
     /// Checks every range.
     ///
     /// # Errors
@@ -170,6 +200,10 @@ impl Composition {
             ("changing", self.changing),
             ("occluders", self.occluders),
             ("lamps", self.lamps),
+            ("glass", self.glass),
+            ("water", self.water),
+            ("panes", self.panes),
+            ("leaves", self.leaves),
             ("user_models", self.user_models),
             ("user_hdris", self.user_hdris),
             ("builtin_maps", self.builtin_maps),

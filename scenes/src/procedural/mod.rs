@@ -7,6 +7,7 @@ mod body;
 mod build;
 mod camera;
 mod change;
+mod clear;
 mod daylight;
 mod ground;
 mod knobs;
@@ -138,6 +139,9 @@ pub fn compose(request: &Request) -> Result<Composed> {
         LayoutKind::Room => room::layout(&context, &light.source)?,
         LayoutKind::Outdoor => outdoor::layout(&context)?,
     };
+    if root.child("glass", 0).rng().chance(knobs.glass) {
+        clear::cast_in_glass(&mut layout, &root);
+    }
     if moves {
         motion::set_in_motion(&mut layout, &mut root.child("motion", 0).rng(), frames);
     }
@@ -151,7 +155,8 @@ pub fn compose(request: &Request) -> Result<Composed> {
     let environment =
         EnvironmentLight { source: light.source, rotation: layout.turn.unwrap_or(rotation), intensity: rng.log(least, most) };
 
-    let mut build = Build::new(root, &knobs.materials, environment.intensity);
+    let leafy = kind == LayoutKind::Outdoor && root.child("leaves", 0).rng().chance(knobs.leaves);
+    let mut build = Build::new(root, &knobs.materials, environment.intensity, leafy);
     for (name, part) in &layout.structure {
         build.part(name, part, Vec3::ZERO);
     }

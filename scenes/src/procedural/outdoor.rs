@@ -1,6 +1,7 @@
 //! Open country: a clear place with the subject, and trees, stones and buildings around it.
 
 use super::body::{Body, GAP, Part, Role};
+use super::clear;
 use super::layout::{Context, Layout, Space};
 use crate::draw::Draw;
 use crate::error::Result;
@@ -38,6 +39,7 @@ pub(super) fn layout(context: &Context) -> Result<Layout> {
         bodies.push(Body::of(picked, &mut rng, size));
     }
     let strays = bodies.split_off((subjects as usize).min(bodies.len()));
+    bodies.extend(clear::basin(context));
     let area: f32 = bodies.iter().map(|b| (b.radius + GAP).powi(2)).sum();
     let mut reach = Pcg64::tidy(area.sqrt() * rng.between(1.0, 1.5));
     for body in bodies {

@@ -2,6 +2,7 @@
 
 use super::CameraKind;
 use super::body::{Body, GAP, Part, Role};
+use super::clear;
 use super::daylight::{Daylight, Opening};
 use super::layout::{Context, Layout, Space};
 use crate::description::EnvironmentSource;
@@ -13,6 +14,8 @@ use rand_pcg::Pcg64;
 
 /// Thickness of walls, floors and ceilings, metres.
 const WALL: f32 = 0.15;
+/// Distance of the two sheets of a pane, metres; bars stand out of it.
+const PANE: f32 = 0.02;
 /// Openings as a share of the room's inner surface, to begin with.
 const OPEN: [f32; 2] = [0.14, 0.3];
 /// Mean light inside over that on level ground outside, below which a room gets more openings or another turn of the sky: the
@@ -48,6 +51,7 @@ pub(super) fn layout(context: &Context, source: &EnvironmentSource) -> Result<La
     }
     let middle = (count as usize).div_ceil(2);
     let wall_side = waiting.split_off(middle.min(waiting.len()));
+    waiting.extend(clear::basin(context));
     if centre_table {
         layout.bodies.push(table(&mut root.child("table", 0).rng()));
     }
@@ -98,7 +102,8 @@ pub(super) fn layout(context: &Context, source: &EnvironmentSource) -> Result<La
     let height = height.max(Pcg64::tidy(tallest + 0.5));
     layout.space = Space::Room { half, height };
     let daylight = Daylight::of(source);
-    layout.turn = Some(shell(&mut layout, &mut root.child("shell", 0).rng(), &daylight, half, height));
+    let glazed = root.child("pane", 1).rng().chance(context.knobs.panes);
+    layout.turn = Some(shell(&mut layout, &mut root.child("shell", 0).rng(), &daylight, (half, height), glazed));
     if root.child("lamps", 0).rng().chance(context.knobs.lamps) {
         lamps(&mut layout, &mut root.child("lamps", 1).rng(), half, height);
     }
@@ -222,7 +227,7 @@ fn surface(half: Vec2, height: f32) -> f32 {
 }
 
 /// Floor, walls and ceiling, open as far as the environment's light asks for; returns the degrees the environment is turned.
-fn shell(layout: &mut Layout, rng: &mut Pcg64, daylight: &Daylight, half: Vec2, height: f32) -> f32 {
+fn shell(layout: &mut Layout, rng: &mut Pcg64, daylight: &Daylight, (half, height): (Vec2, f32), glazed: bool) -> f32 {
     let mut share = rng.between(OPEN[0], OPEN[1]);
     let mut best: Option<(f32, Openings, f32)> = None;
     for _ in 0..12 {
@@ -261,6 +266,12 @@ fn shell(layout: &mut Layout, rng: &mut Pcg64, daylight: &Daylight, half: Vec2, 
         for (number, piece) in pieces(whole, openings).into_iter().enumerate() {
             let name = if number == 0 { name.to_owned() } else { format!("{name}_{number}") };
             layout.structure.push((name, block(piece, 0.0, WALL, if side == 4 { Role::Ceiling } else { Role::Wall })));
+        }
+        if glazed {
+            for (number, opening) in openings.iter().enumerate() {
+                let pane = block(*opening, 0.5 * (WALL - PANE), 0.5 * (WALL + PANE), Role::Pane);
+                layout.structure.push((format!("{name}_pane_{number}"), pane));
+            }
         }
         if rng.chance(0.6) {
             for (number, bar) in openings.iter().flat_map(bars).enumerate() {

@@ -373,6 +373,11 @@ impl Shape {
         !matches!(self, Self::Plane { .. } | Self::Disc { .. })
     }
 
+    /// Whether the mesh is one closed surface that bounds one body, as glass does.
+    pub fn is_single(&self) -> bool {
+        self.is_solid() && self.model().is_none() && !matches!(self, Self::Arch { .. } | Self::Stairs { .. })
+    }
+
     /// What kind of thing a shape is, for splits that share out all kinds: round, boxy, mechanical, organic, mineral,
     /// architecture, furniture, vessel, plant, terrain, abstract or ground.
     pub fn group(&self) -> &'static str {

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// A test set of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum TestSet {
-    /// Held-out mesh families, environments and seeds: 20 sequences of 50 frames at 256 x 256, 3 of 20 at 512 x 512
+    /// Held-out mesh families, environments and seeds: 24 sequences of 50 frames at 256 x 256, 3 of 20 at 512 x 512
     Synthetic,
     /// The user's models and environment maps: 10 sequences of 50 frames at 256 x 256
     Assets,
@@ -38,13 +38,14 @@ macro_rules! class {
     };
 }
 
-const SYNTHETIC: [Class; 6] = [
+const SYNTHETIC: [Class; 7] = [
     class!("synthetic", "open", Some("6a9a76bf0738793c6561ec531e5dbeaaeea5c037871bcff390eda2a387ac0fa8")),
     class!("synthetic", "interior", Some("d665f89851a95d90ddfdfc93581f8dab42b98d73a6ccae47fa9b09cce6bde21a")),
     class!("synthetic", "glossy", Some("9d6a72343a8c003da26a96cd3b96d54b272a1511b387b16eef528cc09f75c419")),
     class!("synthetic", "foliage", Some("c28bb189d28e3b1a2d02f1ea24b8299e65ee8c4a13652d63f732a3f53b49eae8")),
     class!("synthetic", "dense", Some("4db6666fa38c9c19738f2db7457513a7ce8b1c17e5ae402b0933eae1b1b68537")),
     class!("synthetic", "large", Some("518fbd8660ece414d26148b1538158eed444b095132aa7345e93eb8b7c1d8e92")),
+    class!("synthetic", "glass", Some("")),
 ];
 const ASSETS: [Class; 2] = [class!("assets", "open", None), class!("assets", "interior", None)];
 
@@ -146,7 +147,7 @@ mod tests {
         let plans = TestSet::Synthetic.plans(&Sources::default()).unwrap();
         check_scenes(TestSet::Synthetic, &plans).unwrap();
         let sequences = |size| plans.iter().filter(|(_, p)| p.resolution == [size; 2]).map(|(_, p)| p.total()).sum::<u32>();
-        assert_eq!((sequences(256), sequences(512)), (20, 3));
+        assert_eq!((sequences(256), sequences(512)), (24, 3));
         assert!(plans.iter().all(|(_, p)| p.frames == if p.resolution == [512; 2] { 20 } else { 50 }));
     }
 

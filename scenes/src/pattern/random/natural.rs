@@ -140,3 +140,25 @@ pub(crate) fn blotches(rng: &mut Pcg64) -> Pattern {
         ..Blotches::default()
     })
 }
+
+pub(crate) fn leaves(rng: &mut Pcg64) -> Pattern {
+    let (hue, saturation, value) = (rng.between(60.0, 130.0), rng.between(0.45, 0.85), rng.log(0.1, 0.35));
+    let leaf = Pcg64::hsv(hue, saturation, value);
+    // Now and then autumn.
+    let second = if rng.chance(0.15) {
+        Pcg64::hsv(rng.between(15.0, 55.0), rng.between(0.6, 0.9), rng.between(0.25, 0.6))
+    } else {
+        Pcg64::hsv(hue + rng.between(-15.0, 8.0), saturation, (value * rng.between(0.7, 1.5)).min(0.5))
+    };
+    Pattern::Leaves(Leaves {
+        colors: [leaf, second, near(rng, leaf, 1.5)],
+        roughness: rough(rng, [0.25, 0.6], 0.3),
+        depth: deep(rng, 0.008),
+        leaves: count(rng, 5, 14),
+        density: rng.between(0.35, 0.9),
+        slender: rng.between(1.3, 4.0),
+        uneven: rng.between(0.2, 1.0),
+        seed: seed(rng),
+        ..Leaves::default()
+    })
+}
