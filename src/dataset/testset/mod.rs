@@ -45,7 +45,7 @@ const SYNTHETIC: [Class; 7] = [
     class!("synthetic", "foliage", Some("c28bb189d28e3b1a2d02f1ea24b8299e65ee8c4a13652d63f732a3f53b49eae8")),
     class!("synthetic", "dense", Some("4db6666fa38c9c19738f2db7457513a7ce8b1c17e5ae402b0933eae1b1b68537")),
     class!("synthetic", "large", Some("518fbd8660ece414d26148b1538158eed444b095132aa7345e93eb8b7c1d8e92")),
-    class!("synthetic", "glass", Some("")),
+    class!("synthetic", "glass", Some("69e1ac5a4e30325ab03cda47c2d7614439c5460e45e9e4036a66e8936c59e3ef")),
 ];
 const ASSETS: [Class; 2] = [class!("assets", "open", None), class!("assets", "interior", None)];
 
