@@ -4,6 +4,7 @@ mod animation;
 mod change;
 mod exact;
 mod frames;
+mod light;
 mod material;
 mod principled;
 
@@ -11,6 +12,7 @@ pub use animation::{Animation, NameOrNumber};
 pub use change::MaterialChange;
 pub use exact::decimal;
 pub use frames::{CameraFrame, same_shape};
+pub use light::{Light, LightKind};
 pub use material::{Material, TextureTransform, TextureWrap};
 pub use principled::Principled;
 
@@ -51,6 +53,9 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Objects.
     pub objects: Vec<Object>,
+    /// Lights besides the environment and emissive materials; none by default, and written only where there are some.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lights: Vec<Light>,
 }
 
 fn one() -> u32 {

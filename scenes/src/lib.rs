@@ -9,6 +9,7 @@ pub mod description;
 mod draw;
 pub mod error;
 mod family;
+pub mod ies;
 pub mod load;
 pub mod loaded;
 pub mod mipmap;

@@ -1,6 +1,9 @@
 //! The validated, fully loaded form of a scene: everything a renderer needs, nothing to look up any more.
 
+mod light;
+
 pub use crate::mipmap::{Encoding, Texture, Wrap};
+pub use light::{PunctualKind, PunctualLight};
 
 use crate::Principled;
 use glam::{Affine3A, DVec3, Vec2, Vec3, Vec4};
@@ -228,6 +231,8 @@ pub struct LoadedScene {
     pub origin: DVec3,
     /// Light of the scene.
     pub environment: Environment,
+    /// Lights without an area. Those with one are instances.
+    pub lights: Vec<PunctualLight>,
     /// Camera of each frame; at least one.
     pub cameras: Vec<Camera>,
     /// What loading decided.

@@ -1,7 +1,9 @@
 //! Validation of a [`Scene`]: ranges, names and references. Every violation is reported, not only the first.
 
+mod light;
+
 use crate::Principled;
-use crate::description::{Animation, CameraFrame, CameraPath, EnvironmentSource, Geometry, Scene, Transform, same_shape};
+use crate::description::{Animation, CameraFrame, CameraPath, EnvironmentSource, Geometry, Motion, Scene, Transform, same_shape};
 use crate::error::{Error, Problem, Result};
 use crate::load::unseen;
 use crate::model_format::Format;
@@ -134,6 +136,7 @@ impl Check {
         self.environment(scene);
         self.materials(scene);
         self.objects(scene);
+        self.lights(scene);
     }
 
     fn camera(&mut self, camera: &CameraPath, resolution: [u32; 2]) {
@@ -294,21 +297,26 @@ impl Check {
             }
             self.transform(&at("transform"), &object.transform);
             if let Some(motion) = &object.motion {
-                let furthest = MAX_COORDINATE / f64::from(scene.frames.max(1));
-                self.vector(&at("motion/translation"), motion.translation, -furthest..=furthest);
-                self.angle(at("motion/spin"), motion.spin);
-                if let Some(bounce) = &motion.bounce {
-                    self.range(at("motion/bounce/height"), bounce.height, 0.0..=MAX_PATH);
-                    self.range(at("motion/bounce/frames"), bounce.frames, 1.0..=MAX_PATH);
-                }
-                if let Some(circle) = &motion.circle {
-                    self.vector(&at("motion/circle/center"), circle.center, -MAX_PATH..=MAX_PATH);
-                    self.angle(at("motion/circle/degrees"), circle.degrees);
-                }
+                self.motion(&at("motion"), motion, scene.frames);
             }
             if let Some(animation) = &object.animation {
                 self.animation(&at("animation"), animation, &object.geometry);
             }
+        }
+    }
+
+    fn motion(&mut self, pointer: &str, motion: &Motion, frames: u32) {
+        let at = |field: &str| format!("{pointer}/{field}");
+        let furthest = MAX_COORDINATE / f64::from(frames.max(1));
+        self.vector(&at("translation"), motion.translation, -furthest..=furthest);
+        self.angle(at("spin"), motion.spin);
+        if let Some(bounce) = &motion.bounce {
+            self.range(at("bounce/height"), bounce.height, 0.0..=MAX_PATH);
+            self.range(at("bounce/frames"), bounce.frames, 1.0..=MAX_PATH);
+        }
+        if let Some(circle) = &motion.circle {
+            self.vector(&at("circle/center"), circle.center, -MAX_PATH..=MAX_PATH);
+            self.angle(at("circle/degrees"), circle.degrees);
         }
     }
 

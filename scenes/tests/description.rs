@@ -38,7 +38,7 @@ fn examples_load() {
         let scene = Scene::read(&path).unwrap_or_else(|e| panic!("{e}"));
         let loaded = load::load(&scene, &Reach::of(&path)).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(loaded.cameras.len(), scene.frames as usize);
-        assert_eq!(loaded.instances.len(), scene.objects.len());
+        assert_eq!(loaded.instances.len() + loaded.lights.len(), scene.objects.len() + scene.lights.len());
         assert_eq!(loaded.report.triangles.dropped(), 0, "{}: {:?}", path.display(), loaded.report);
         assert_eq!(loaded.hash, scene.hash());
         count += 1;

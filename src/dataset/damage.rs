@@ -170,6 +170,7 @@ pub(super) fn names_files(scene: &Scene) -> bool {
     matches!(scene.environment.source, EnvironmentSource::File(_))
         || scene.materials.iter().any(textured)
         || scene.objects.iter().any(|object| matches!(object.geometry, Geometry::File(_)))
+        || scene.lights.iter().any(|light| light.kind.ies().is_some())
 }
 
 /// Compares the files with a record that fits the plan.

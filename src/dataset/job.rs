@@ -23,7 +23,7 @@ use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_model::fusion::Fusion;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
-use renderflow_scenes::description::{EnvironmentSource, Geometry, Scene};
+use renderflow_scenes::description::{EnvironmentSource, Geometry, LightKind, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -387,6 +387,11 @@ fn with_absolute_paths(scene: &Scene, base: &Path) -> Result<Scene> {
     for object in &mut scene.objects {
         if let Geometry::File(path) = &mut object.geometry {
             files.push(path);
+        }
+    }
+    for light in &mut scene.lights {
+        if let LightKind::Point { ies, .. } | LightKind::Spot { ies, .. } = &mut light.kind {
+            files.extend(ies);
         }
     }
     for file in files {

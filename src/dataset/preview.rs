@@ -231,6 +231,7 @@ fn pedestal(shape: &Shape, k: u32, size: u32) -> Scene {
             object("floor", Shape::Plane { size: 40.0 * radius.clamp(0.05, 200.0) }, low.y),
             object("mesh", shape.clone(), 0.0),
         ],
+        lights: vec![],
     }
 }
 

@@ -185,6 +185,7 @@ impl Described {
             environment,
             materials: Vec::new(),
             objects: Vec::new(),
+            lights: Vec::new(),
         };
         Self { scene, files: Vec::new() }
     }

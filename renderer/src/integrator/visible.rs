@@ -137,6 +137,7 @@ mod tests {
                 materials: vec![Material::default()],
                 textures: vec![],
                 origin: glam::DVec3::ZERO,
+                lights: vec![],
                 environment: Environment::constant([1.0; 3]),
                 cameras: vec![Camera::look_at(eye, Vec3A::ZERO, Vec3A::Y, 1.0, 24, 16)],
                 report: LoadReport::default(),

@@ -79,6 +79,7 @@ pub fn scene(parts: Vec<Part>, textures: Vec<Texture>, environment: Environment,
         textures,
         origin: glam::DVec3::ZERO,
         environment,
+        lights: Vec::new(),
         cameras: vec![camera],
         report: LoadReport::default(),
     };

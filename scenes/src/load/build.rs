@@ -1,5 +1,6 @@
 //! From a [`Scene`] to a [`LoadedScene`].
 
+mod lights;
 mod models;
 
 use super::gltf::rig::Rig;
@@ -7,7 +8,7 @@ use super::patterns::Patterns;
 use super::{images, mesh};
 use crate::description::{EnvironmentSource, Geometry, Material as Described, NameOrNumber, Object, Scene, TextureWrap};
 use crate::error::{Error, Problem, Result};
-use crate::loaded::{AlphaMask, Encoding, Wrap};
+use crate::loaded::{AlphaMask, Encoding, PunctualLight, Wrap};
 use crate::texture::{Budget, uv_transform};
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Principled, Texture, TextureSlot, tangents};
 use glam::{DAffine3, DVec3};
@@ -50,6 +51,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
     for (index, object) in scene.objects.iter().enumerate() {
         build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
     }
+    build.described_lights()?;
     build.note_unused();
     build.prepare_tangents();
     build.read_images(everything)?;
@@ -66,6 +68,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
         textures: build.textures,
         origin: build.origin,
         environment,
+        lights: build.lights,
         cameras: (0..scene.frames).map(|frame| scene.camera(frame)).collect(),
         report: build.report,
     })
@@ -119,6 +122,7 @@ struct Build<'a> {
     instances: Vec<Instance>,
     materials: Vec<Material>,
     textures: Vec<Texture>,
+    lights: Vec<PunctualLight>,
     report: LoadReport,
     shapes: HashMap<String, usize>,
     models: HashMap<PathBuf, Placed>,
@@ -129,6 +133,7 @@ struct Build<'a> {
     patterns: Patterns,
     material_names: Names,
     instance_names: Names,
+    light_names: Names,
     default_material: Option<usize>,
     /// Materials of files for objects of another size, by the file's material and the bits of the size.
     scaled: HashMap<(usize, u32), usize>,
@@ -146,6 +151,7 @@ impl<'a> Build<'a> {
             instances: vec![],
             materials: vec![],
             textures: vec![],
+            lights: vec![],
             report: LoadReport::default(),
             shapes: HashMap::new(),
             models: HashMap::new(),
@@ -156,6 +162,7 @@ impl<'a> Build<'a> {
             material_names: Names::new(scene.materials.iter().map(|m| &m.name)),
             // A part of a model must not take the name of a later object.
             instance_names: Names::new(scene.objects.iter().map(|o| &o.name)),
+            light_names: Names::new(scene.lights.iter().map(|light| &light.name)),
             default_material: None,
             scaled: HashMap::new(),
         }

@@ -1,5 +1,6 @@
 //! Model files: what glTF and OBJ have in common, and a scene around a single model.
 
+use super::gltf::lights::Light;
 use super::gltf::rig::Rig;
 use crate::description::{
     Animation, CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform,
@@ -40,6 +41,8 @@ pub(crate) struct Model {
     pub report: LoadReport,
     /// Where the first vertex that does not exist is asked for, where the reader left its triangles out.
     pub missing_vertex: Option<String>,
+    /// Lights on its nodes.
+    pub lights: Vec<Light>,
     /// Names of the cameras in it.
     pub cameras: Vec<String>,
     /// Names of its animations.
@@ -175,6 +178,7 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
         environment: EnvironmentLight { source, rotation: 0.0, intensity: 1.0 },
         materials,
         objects,
+        lights: vec![],
     };
     scene.validate()?;
     Ok(scene)

@@ -177,6 +177,7 @@ pub fn compose(request: &Request) -> Result<Composed> {
         environment,
         materials: build.materials,
         objects: build.objects,
+        lights: vec![],
     };
     scene.validate()?;
     Ok(Composed {

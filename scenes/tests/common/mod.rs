@@ -55,6 +55,7 @@ pub fn empty_scene() -> Scene {
         environment: EnvironmentLight { source: EnvironmentSource::Constant([1.0; 3]), rotation: 0.0, intensity: 1.0 },
         materials: vec![],
         objects: vec![],
+        lights: vec![],
     }
 }
 

@@ -60,6 +60,9 @@ fn counts(loaded: &LoadedScene) -> Result<Counts> {
     found.add("textures", loaded.textures.len());
     found.add("texture_bytes", loaded.textures.iter().map(Texture::bytes).sum::<usize>());
     found.add("emissive_triangles", emitters.map(|i| loaded.meshes[i.mesh].triangles.len()).sum::<usize>());
+    if !loaded.lights.is_empty() {
+        found.add("lights", loaded.lights.len());
+    }
     if let Some((low, high)) = extents(loaded) {
         found.add("low", json!(low.to_array()));
         found.add("high", json!(high.to_array()));

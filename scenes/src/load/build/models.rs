@@ -3,7 +3,7 @@
 use super::Build;
 use crate::description::{Animation, CameraPath, Geometry, Object};
 use crate::error::{Error, Result};
-use crate::load::gltf::{label, rig::Rig};
+use crate::load::gltf::{label, lights::Light, rig::Rig};
 use crate::load::play::{self, Play};
 use crate::load::{invertible, model, relative};
 use crate::{Instance, Material, TextureSlot};
@@ -16,6 +16,7 @@ pub(super) struct Placed {
     /// As the scene names the file.
     file: String,
     pub parts: Vec<model::Part>,
+    pub lights: Vec<Light>,
     /// Names of the file's cameras.
     cameras: Vec<String>,
     /// Names of the file's animations.
@@ -58,6 +59,7 @@ impl Build<'_> {
         Ok(Placed {
             file: file.to_owned(),
             parts: loaded.parts,
+            lights: loaded.lights,
             cameras: loaded.cameras,
             animations: loaded.animations,
             animated,
@@ -75,6 +77,7 @@ impl Build<'_> {
         placements: &[DAffine3],
     ) -> Result<()> {
         let rig = object.animation.as_ref().map(|animation| self.rig(path, animation)).transpose()?;
+        self.model_lights(path, object, rig.as_deref(), placements)?;
         let placed = &self.models[path];
         let single = placed.parts.len() == 1;
         let centered = |part: &model::Part| DAffine3::from_translation(self.centers[placed.first_mesh + part.mesh]);

@@ -6,6 +6,7 @@ mod curve;
 mod document;
 mod extension;
 pub(super) mod label;
+pub(super) mod lights;
 mod material;
 pub(super) mod rig;
 mod tree;
@@ -25,7 +26,8 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Extensions that are read, beyond those that the gltf crate knows it can.
-const READ: [&str; 7] = [
+const READ: [&str; 8] = [
+    "KHR_lights_punctual",
     "KHR_mesh_quantization",
     "KHR_materials_specular",
     "KHR_materials_clearcoat",
@@ -71,6 +73,7 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: 
             model.report.notes.push(why.into());
         }
     }
+    model.lights = lights::read(path, &document, &nodes, &mut model.report)?;
     let cameras = rig::cameras(&document, &nodes);
     model.cameras = cameras.iter().enumerate().map(|(number, camera)| label::of(number, camera.name.as_deref())).collect();
     model.animations = document.animations().map(|a| label::of(a.index(), a.name())).collect();
