@@ -401,6 +401,8 @@ fn clear_things_come_as_often_as_the_knobs_say() {
         assert_eq!(count(&Composition { water: 1.0, ..opaque.clone() }, &basin), 16);
         let panes = count(&Composition { panes: 1.0, ..opaque.clone() }, &|made| named(made, "_pane_"));
         assert!(if layout == "room" { panes >= 14 } else { panes == 0 }, "{layout}: {panes}");
+        let lit = |made: &Composed| (1..=3).contains(&made.scene.lights.len());
+        assert_eq!((count(&opaque, &lit), count(&Composition { lights: 1.0, ..opaque.clone() }, &lit)), (0, 16));
         let leafy =
             |made: &Composed| made.scene.materials.iter().any(|m| m.pattern.as_ref().is_some_and(|p| p.kind() == "leaves"));
         assert_eq!(count(&Composition { leaves: 1.0, ..opaque.clone() }, &leafy), if layout == "outdoor" { 16 } else { 0 });

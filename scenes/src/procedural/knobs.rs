@@ -23,7 +23,7 @@ pub struct Composition {
     /// Share of rooms with lamps (surfaces that emit), 0..=1; 0: the published setting is light from the environment alone.
     pub lamps: f64,
     /// Share of scenes in which some objects are of glass, 0..=1, where any has a single closed surface; 0.12. A plan file that leaves it out has none, as plans had
-    /// before there was glass; so it is with the next three.
+    /// before there was glass; so it is with the next four.
     #[serde(default = "none", skip_serializing_if = "is_none")]
     pub glass: f64,
     /// Share of scenes with a basin of water, 0..=1; 0.06.
@@ -35,6 +35,9 @@ pub struct Composition {
     /// Share of scenes in open country whose trees have leaves with holes between them, 0..=1; 0.4.
     #[serde(default = "none", skip_serializing_if = "is_none")]
     pub leaves: f64,
+    /// Share of scenes with one to three points or spots that light what the camera looks at, 0..=1; 0.06.
+    #[serde(default = "none", skip_serializing_if = "is_none")]
+    pub lights: f64,
     /// How often materials are what.
     pub materials: MaterialKnobs,
     /// Least and greatest gain of the environment, drawn evenly in its logarithm, each 0.001..=1000; 0.5 and 2.
@@ -63,6 +66,7 @@ impl Default for Composition {
             water: 0.06,
             panes: 0.3,
             leaves: 0.4,
+            lights: 0.06,
             materials: MaterialKnobs::default(),
             intensity: [0.5, 2.0],
             degrees_per_frame: 3.6,
@@ -167,9 +171,9 @@ impl Default for Cameras {
 }
 
 impl Composition {
-    /// Without what lets light through: what a plan file asks for that says nothing of it.
+    /// Without what lets light through and without lights: what a plan file asks for that says nothing of them.
     pub fn opaque() -> Self {
-        Self { glass: none(), water: none(), panes: none(), leaves: none(), ..Self::default() }
+        Self { glass: none(), water: none(), panes: none(), leaves: none(), lights: none(), ..Self::default() }
     }
 
     /// Checks every range.
@@ -204,6 +208,7 @@ impl Composition {
             ("water", self.water),
             ("panes", self.panes),
             ("leaves", self.leaves),
+            ("lights", self.lights),
             ("user_models", self.user_models),
             ("user_hdris", self.user_hdris),
             ("builtin_maps", self.builtin_maps),

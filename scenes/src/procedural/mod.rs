@@ -12,6 +12,7 @@ mod daylight;
 mod ground;
 mod knobs;
 mod layout;
+mod lights;
 pub mod materials;
 mod motion;
 mod occluders;
@@ -166,6 +167,7 @@ pub fn compose(request: &Request) -> Result<Composed> {
     if changes {
         change::change(&mut root.child("change", 0).rng(), &mut build.materials, &build.changeable);
     }
+    let gain = environment.intensity;
     let scene = Scene {
         version: crate::validate::VERSION,
         name: request.name.clone(),
@@ -177,7 +179,11 @@ pub fn compose(request: &Request) -> Result<Composed> {
         environment,
         materials: build.materials,
         objects: build.objects,
-        lights: vec![],
+        lights: if root.child("lights", 0).rng().chance(knobs.lights) {
+            lights::lights(&layout, &mut root.child("lights", 1).rng(), gain)
+        } else {
+            vec![]
+        },
     };
     scene.validate()?;
     Ok(Composed {
