@@ -2,6 +2,7 @@
 
 mod build;
 mod capture;
+mod deform;
 mod floor;
 mod gltf;
 mod images;
