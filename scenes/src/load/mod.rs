@@ -11,6 +11,7 @@ mod model;
 mod obj;
 mod patterns;
 mod play;
+mod ply;
 mod view;
 
 use crate::Texture;

@@ -1,4 +1,4 @@
-//! Model files: what glTF and OBJ have in common, and a scene around a single model.
+//! Model files: what glTF, OBJ and PLY have in common, and a scene around a single model.
 
 use super::deform::Deformer;
 use super::gltf::rig::Rig;
@@ -72,7 +72,8 @@ pub(crate) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, animat
     match Format::of_file(path)? {
         Some(Format::Gltf) => super::gltf::read(path, reach, textures, animated),
         Some(Format::Obj) => super::obj::read(path, reach, textures),
-        None => Err(Error::model(path, "", "neither glTF nor OBJ")),
+        Some(Format::Ply) => super::ply::read(path, textures.is_some()),
+        None => Err(Error::model(path, "", "neither glTF, nor OBJ, nor PLY")),
     }
 }
 
