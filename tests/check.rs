@@ -140,6 +140,9 @@ fn models() {
     accepted(&file(folder, "a.gltf", gltf(3)), &[&counts[..], &["gltf", "low (0 0 0)", "high (1 1 0)"]].concat());
     accepted(&file(folder, "a.glb", glb(&gltf(3))), &counts);
     accepted(&file(folder, "a.obj", TRIANGLE), &[&counts[..], &["obj", "low (0 0 -3)", "high (2 0 0)"]].concat());
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+               property list uchar int vertex_indices\nend_header\n0 0 -3\n2 0 0\n0 0 0\n";
+    accepted(&file(folder, "a.ply", format!("{ply}3 0 1 2\n")), &[&counts[..], &["ply", "low (0 0 -3)", "high (2 0 0)"]].concat());
     // One face without area is dropped and counted.
     accepted(&file(folder, "flat.obj", format!("{TRIANGLE}f 1 1 2\n")), &["triangles 1", "dropped without area 1"]);
 
@@ -148,6 +151,7 @@ fn models() {
     refused(&file(folder, "broken.gltf", &gltf(3)[..200]), &["gltf: ", "line 3 column 49"]);
     refused(&file(folder, "bad.obj", "v 0 0 0\nv 1 zwei 0\nv 0 0 1\nf 1 2 3\n"), &["obj: ", "line 2"]);
     refused(&file(folder, "points.obj", "v 0 0 0\np 1\n"), &["obj: ", "no triangle"]);
+    refused(&file(folder, "cut.ply", format!("{ply}3 0 1")), &["ply: ", "face 0: the file ends"]);
 }
 
 #[test]

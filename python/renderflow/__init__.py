@@ -143,7 +143,7 @@ def load(
     set: Mapping[str, Any] | None = None,
     allow_files: Iterable[PathLike] = (),
 ) -> Scene:
-    """Reads a scene file (.json), or puts a model (.gltf, .glb, .obj) on a ground plane under a light.
+    """Reads a scene file (.json), or puts a model (.gltf, .glb, .obj, .ply) on a ground plane under a light.
 
     ``hdri`` is an environment map (.hdr, .exr) or the name of a built-in one; ``hdri_rotation`` turns it, in degrees about +Y.
     ``camera`` looks through a camera of a glTF file, and ``animation`` plays one of its animations: a name, or a number counted from

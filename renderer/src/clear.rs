@@ -18,6 +18,7 @@ use crate::material::{Principled, Side};
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::Vec3A;
+use renderflow_scenes::TextureSlot;
 
 /// Surfaces rougher than this are what guides show; smoother ones show what lies behind them.
 const SHOWN_ROUGHNESS: f32 = 0.25;
@@ -60,8 +61,9 @@ impl RenderScene {
             || material.metallic_roughness_texture.is_some()
         {
             // Unfiltered: paths and shadow rays must see the same pane.
-            let lookup = Lookup::sharp(self.geometry.uv(hit));
-            let value = |slot: &Option<_>| slot.as_ref().map(|slot| self.slot_value(slot, lookup));
+            let lookup = Lookup::sharp(self.geometry.uv(hit, 0));
+            let lookup = |set| if set == 0 { lookup } else { Lookup::sharp(self.geometry.uv(hit, set)) };
+            let value = |slot: &Option<TextureSlot>| slot.as_ref().map(|slot| self.slot_value(slot, lookup(slot.set)));
             color *= value(&material.base_color_texture).map_or(Vec3A::ONE, Vec3A::from_vec4);
             transmission *= value(&material.transmission_texture).map_or(1.0, |v| v.x);
             metallic *= value(&material.metallic_roughness_texture).map_or(1.0, |v| v.z);

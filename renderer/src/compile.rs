@@ -53,6 +53,8 @@ pub(crate) struct CompiledMaterial {
     pub double_sided: bool,
     pub clear: Clear,
     pub thin_walled: bool,
+    /// See [`Material::anisotropy_rotation`].
+    pub anisotropy_rotation: f32,
     pub transmission_texture: Option<TextureSlot>,
     /// What the inside absorbs per metre.
     pub absorption: Vec3A,
@@ -71,6 +73,8 @@ pub(crate) enum Clear {
     Pane,
 }
 
+/// Most sets of texture coordinates beyond the first: one for every kind of texture of a material.
+const MAX_UV_SETS: usize = 8;
 /// Sheets smoother than this let light straight through: they spread it over less than half a degree.
 const PANE_ROUGHNESS: f32 = 0.08;
 
@@ -143,7 +147,7 @@ impl RenderScene {
         let light = EnvironmentLight::new(&scene.environment)?;
         let features = features(&materials, &scene.instances, &light);
         let wanted = Wanted {
-            uvs: features.textures,
+            uv_sets: if features.textures { 1 + further_sets(&scene.materials, &scene.instances) } else { 0 },
             tangents: materials.iter().map(|m| m.normal_texture.is_some() || m.surface.anisotropic > 0.0).collect(),
         };
         let mut compiled = Self {
@@ -199,11 +203,12 @@ impl RenderScene {
             }
             self.first_emitter[index] = Some(self.emitters.len() as u32);
             let (mesh, transform) = (self.geometry.mesh(instance.mesh), instance.transform(self.frame));
+            let posed = mesh.posed(self.frame);
             for (number, triangle) in mesh.triangles.iter().enumerate() {
-                let corners = triangle.map(|v| transform.transform_point3a(mesh.positions[v as usize].into()));
+                let corners = triangle.map(|v| transform.transform_point3a(posed.positions[v as usize].into()));
                 let mut radiance = material.emissive;
                 if let Some(slot) = &material.emissive_texture {
-                    let uvs = triangle.map(|v| mesh.uvs.get(v as usize).copied().unwrap_or_default());
+                    let uvs = triangle.map(|v| mesh.uv_set(slot.set).get(v as usize).copied().unwrap_or_default());
                     let area = (uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs();
                     // The mean over the triangle, from a mip level.
                     let lookup = Lookup { uv: (uvs[0] + uvs[1] + uvs[2]) / 3.0, footprint_log2: 0.5 * area.log2() };
@@ -223,7 +228,7 @@ impl RenderScene {
     /// moved. Materials that changed are prepared again. Where something moved, trees are refitted, and rebuilt only now and
     /// then. The picture is a function of the frame and does not depend on the frames before it.
     pub fn set_frame(&mut self, frame: usize) {
-        let moved = |i: &Instance| i.transform(frame) != i.transform(self.frame);
+        let moved = |i: &Instance| !self.geometry.rests(i, frame, self.frame);
         let emitters_moved = self.features.emitters
             && self.geometry.instances.iter().any(|i| self.materials[i.material].emissive != Vec3A::ZERO && moved(i));
         self.frame = frame;
@@ -436,6 +441,12 @@ fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &Envi
     }
 }
 
+/// The highest set of texture coordinates that a material of an instance looks something up with.
+fn further_sets(materials: &[Material], instances: &[Instance]) -> usize {
+    let slots = instances.iter().flat_map(|instance| materials[instance.material].texture_slots());
+    slots.map(|slot| slot.set).max().unwrap_or(0)
+}
+
 fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
     // A mask that cuts nothing must not cost every ray a look-up.
@@ -457,6 +468,7 @@ fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMateri
         double_sided: material.double_sided,
         clear: Clear::of(&material.surface, material.thin_walled, material.metallic_roughness_texture.is_some()),
         thin_walled: material.thin_walled,
+        anisotropy_rotation: material.anisotropy_rotation,
         transmission_texture: material.transmission_texture.clone(),
         absorption: Vec3A::from_array(material.absorption).max(Vec3A::ZERO),
     }
@@ -496,7 +508,9 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
                 format!("a vertex is beyond the {count} there are"),
             ));
         }
-        for (what, length) in [("normals", mesh.normals.len()), ("uvs", mesh.uvs.len()), ("tangents", mesh.tangents.len())] {
+        let further = mesh.more_uvs.iter().map(|uvs| ("more_uvs", uvs.len()));
+        let own = [("normals", mesh.normals.len()), ("uvs", mesh.uvs.len()), ("tangents", mesh.tangents.len())];
+        for (what, length) in own.into_iter().chain(further) {
             if length != 0 && length != count {
                 let reason = format!("{length} for {count} vertices");
                 return Err(Error::inconsistent(format!("meshes/{i}/{what}"), reason));
@@ -507,6 +521,9 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
         for slot in material.texture_slots() {
             if slot.texture >= scene.textures.len() {
                 return missing(format!("materials/{i}"), slot.texture, scene.textures.len());
+            }
+            if slot.set > MAX_UV_SETS {
+                return missing(format!("materials/{i}"), slot.set, MAX_UV_SETS);
             }
         }
         if !material.absorption.iter().all(|v| v.is_finite() && *v >= 0.0) {

@@ -4,10 +4,11 @@ use crate::accel::Hit;
 use crate::compile::RenderScene;
 use crate::features::Features;
 use crate::film::FirstHit;
+use crate::geometry::Geometry;
 use crate::material::{Principled, Side};
 use crate::ray::Ray;
 use crate::texture::Lookup;
-use glam::Vec3A;
+use glam::{Vec2, Vec3A};
 use renderflow_frame::Camera;
 use renderflow_scenes::TextureSlot;
 
@@ -107,17 +108,16 @@ impl Interaction {
         let side = if ns.dot(n) < 0.0 { -1.0 } else { 1.0 };
 
         let cone = if F::TEXTURES { cone.at(hit.t) } else { cone };
-        let lookup = if F::TEXTURES {
-            let [a, b, c] = geometry.corner_uvs(hit);
-            // Area of the footprint: the cone's, seen at a slant; in texture coordinates by the ratio of the triangle's areas.
+        // Area of the footprint: the cone's, seen at a slant; in texture coordinates by the ratio of the triangle's areas.
+        let across = || {
             let across = (point.corners[1] - point.corners[0]).cross(point.corners[2] - point.corners[0]).length();
-            let density = (b - a).perp_dot(c - a).abs() / (across * n.dot(wo).max(MIN_COS_VIEW));
-            let uv = a * hit.weights[0] + b * hit.weights[1] + c * hit.weights[2];
-            Lookup { uv, footprint_log2: cone.width.log2() + 0.5 * density.log2() }
-        } else {
-            Lookup::NOWHERE
+            across * n.dot(wo).max(MIN_COS_VIEW)
         };
-        let texture = |slot: &TextureSlot| scene.textures[slot.texture].value(slot, lookup);
+        let lookup = if F::TEXTURES { lookup(geometry.corner_uvs(hit), hit.weights, across(), cone) } else { Lookup::NOWHERE };
+        let texture = |slot: &TextureSlot| {
+            let lookup = if slot.set == 0 { lookup } else { further_lookup(geometry, hit, slot.set, across(), cone) };
+            scene.textures[slot.texture].value(slot, lookup)
+        };
         if F::TEXTURES
             && let Some((slot, strength)) = &material.normal_texture
             && let Some((tangent, handedness)) = geometry.tangent(hit)
@@ -125,7 +125,8 @@ impl Interaction {
             ns = map_normal(ns, tangent, handedness, Vec3A::from_vec4(texture(slot)), *strength);
         }
         let tangent = if WHOLE && F::FULL && material.surface.anisotropic > 0.0 {
-            geometry.tangent(hit).map_or(Vec3A::ZERO, |(tangent, _)| tangent)
+            let direction = |(tangent, handedness)| turned(tangent, ns, handedness, material.anisotropy_rotation);
+            geometry.tangent(hit).map_or(Vec3A::ZERO, direction)
         } else {
             Vec3A::ZERO
         };
@@ -152,7 +153,7 @@ impl Interaction {
         }
         let (mut emitted, mut emitter) = (Vec3A::ZERO, None);
         if WHOLE && F::FULL && material.emissive != Vec3A::ZERO && (front || material.double_sided) {
-            emitted = scene.emission(material, lookup.uv);
+            emitted = scene.emission(material, |set| if set == 0 { lookup.uv } else { geometry.uv(hit, set) });
             emitter = scene.emitter_id(point.instance, point.triangle);
         }
         Self {
@@ -205,6 +206,31 @@ impl Interaction {
             offset: 0.0,
         }
     }
+}
+
+/// The look-up of a point with `weights` of the corners, whose texture coordinates are `a`, `b` and `c`; `across` is twice the
+/// triangle's area as it is seen, square metres.
+#[inline(always)]
+fn lookup([a, b, c]: [Vec2; 3], weights: [f32; 3], across: f32, cone: Cone) -> Lookup {
+    let density = (b - a).perp_dot(c - a).abs() / across;
+    let uv = a * weights[0] + b * weights[1] + c * weights[2];
+    Lookup { uv, footprint_log2: cone.width.log2() + 0.5 * density.log2() }
+}
+
+/// [`lookup`] in another set than the first. Out of line, so that look-ups in the first keep the smaller loop.
+#[cold]
+#[inline(never)]
+fn further_lookup(geometry: &Geometry, hit: &Hit, set: usize, across: f32, cone: Cone) -> Lookup {
+    lookup(geometry.further_uvs(hit, set), hit.weights, across, cone)
+}
+
+/// A tangent turned about `ns` by `angle`, radians, counter-clockwise towards the bitangent, which is glTF's.
+#[inline(always)]
+fn turned(tangent: Vec3A, ns: Vec3A, handedness: f32, angle: f32) -> Vec3A {
+    if angle == 0.0 {
+        return tangent;
+    }
+    tangent * angle.cos() + ns.cross(tangent) * (handedness * angle.sin())
 }
 
 /// Applies a tangent-space normal `value` (-1..=1) with `strength` on its x and y, as glTF defines it. Falls back to `ns` where

@@ -16,6 +16,7 @@ use crate::light::{EnvironmentLight, LightSample, Source};
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::{Vec2, Vec3A};
+use renderflow_scenes::TextureSlot;
 use std::cell::Cell;
 
 /// A shadow ray stops this share of its length before its light: the light itself must not stand in its way, nor what touches it.
@@ -58,30 +59,31 @@ impl RenderScene {
     /// Whether the surface at `hit` is there for `ray`.
     #[inline(always)]
     fn meets<const KIND: u8>(&self, material: &CompiledMaterial, ray: &Ray, hit: &Hit) -> bool {
-        let Some(opacity) = material.opacity else { return self.is_there(material, || self.geometry.uv(hit)) };
-        let covered = self.coverage(material, opacity, || self.geometry.uv(hit));
+        let Some(opacity) = material.opacity else { return self.is_there(material, |set| self.geometry.uv(hit, set)) };
+        let covered = self.coverage(material, opacity, |set| self.geometry.uv(hit, set));
         if KIND == CENTRE { covered >= 0.5 } else { self.covers(ray, hit, covered) }
     }
 
-    /// Share of a blended surface of the given opacity that covers what lies behind it where the texture coordinates are `uv`.
+    /// Share of a blended surface of the given opacity that covers what lies behind it where the texture coordinates of each set
+    /// are `uv`.
     #[inline(always)]
-    fn coverage(&self, material: &CompiledMaterial, opacity: f32, uv: impl Fn() -> Vec2) -> f32 {
-        opacity * material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].alpha(slot, uv()))
+    fn coverage(&self, material: &CompiledMaterial, opacity: f32, uv: impl Fn(usize) -> Vec2) -> f32 {
+        opacity * material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].alpha(slot, uv(slot.set)))
     }
 
     /// Share of what lies behind that a blended surface leaves open at `hit`; `None` for other surfaces.
     pub(crate) fn left_open(&self, material: &CompiledMaterial, hit: &Hit) -> Option<f32> {
         let opacity = material.opacity?;
-        Some((1.0 - self.coverage(material, opacity, || self.geometry.uv(hit))).clamp(0.0, 1.0))
+        Some((1.0 - self.coverage(material, opacity, |set| self.geometry.uv(hit, set))).clamp(0.0, 1.0))
     }
 
-    /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates are `uv`.
+    /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates of each set are `uv`.
     #[inline(always)]
-    fn is_there(&self, material: &CompiledMaterial, uv: impl Fn() -> Vec2) -> bool {
+    fn is_there(&self, material: &CompiledMaterial, uv: impl Fn(usize) -> Vec2) -> bool {
         match (&material.alpha_mask, &material.base_color_texture) {
             (None, _) => true,
             (Some(mask), None) => mask.factor >= mask.cutoff,
-            (Some(mask), Some(slot)) => mask.factor * self.textures[slot.texture].alpha(slot, uv()) >= mask.cutoff,
+            (Some(mask), Some(slot)) => mask.factor * self.textures[slot.texture].alpha(slot, uv(slot.set)) >= mask.cutoff,
         }
     }
 
@@ -108,8 +110,8 @@ impl RenderScene {
         let covered = |hit: &Hit| {
             let material = &self.materials[self.geometry.material(hit)];
             match material.opacity {
-                Some(opacity) => self.coverage(material, opacity, || self.geometry.uv(hit)),
-                None => f32::from(u8::from(self.is_there(material, || self.geometry.uv(hit)))),
+                Some(opacity) => self.coverage(material, opacity, |set| self.geometry.uv(hit, set)),
+                None => f32::from(u8::from(self.is_there(material, |set| self.geometry.uv(hit, set)))),
             }
         };
         let hit = self.geometry.closest_where(ray, scratch, |candidate| {
@@ -256,11 +258,11 @@ impl RenderScene {
         at.emitter.map_or(0.0, |id| self.lights.pdf_emitter(id, distance, cos))
     }
 
-    /// Radiance that `material` emits where the texture coordinates are `uv`.
+    /// Radiance that `material` emits where the texture coordinates of each set are `uv`.
     #[inline(always)]
-    pub(crate) fn emission(&self, material: &CompiledMaterial, uv: Vec2) -> Vec3A {
+    pub(crate) fn emission(&self, material: &CompiledMaterial, uv: impl Fn(usize) -> Vec2) -> Vec3A {
         // Unfiltered: scattering and light sampling must see the same light.
-        let texture = |slot| Vec3A::from_vec4(self.slot_value(slot, Lookup::sharp(uv)));
+        let texture = |slot: &TextureSlot| Vec3A::from_vec4(self.slot_value(slot, Lookup::sharp(uv(slot.set))));
         material.emissive * material.emissive_texture.as_ref().map_or(Vec3A::ONE, texture)
     }
 
@@ -270,13 +272,16 @@ impl RenderScene {
         let instance = &self.geometry.instances[instance as usize];
         let material = &self.materials[instance.material];
         let mesh = self.geometry.mesh(instance.mesh);
-        let corner = |v: u32| mesh.uvs.get(v as usize).copied().unwrap_or_default();
-        let [a, b, c] = mesh.triangles[triangle as usize].map(corner);
-        let uv = a * weights[0] + b * weights[1] + c * weights[2];
+        let uv = |set: usize| {
+            let uvs = mesh.uv_set(set);
+            let corner = |v: u32| uvs.get(v as usize).copied().unwrap_or_default();
+            let [a, b, c] = mesh.triangles[triangle as usize].map(corner);
+            a * weights[0] + b * weights[1] + c * weights[2]
+        };
         // Where the mask has a hole there is nothing to emit.
         match material.opacity {
-            Some(opacity) => self.emission(material, uv) * self.coverage(material, opacity, || uv),
-            None if self.is_there(material, || uv) => self.emission(material, uv),
+            Some(opacity) => self.emission(material, uv) * self.coverage(material, opacity, uv),
+            None if self.is_there(material, uv) => self.emission(material, uv),
             None => Vec3A::ZERO,
         }
     }

@@ -181,7 +181,7 @@ mod tests {
         let texels = (0..8).map(|i| [i % 4, i / 4, 255, 255]).collect();
         Sampled::new(&Texture::from_rgba8("ramp", [4, 2], texels, Encoding::Linear, [wrap; 2]))
     }
-    const IDENTITY: TextureSlot = TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY };
+    const IDENTITY: TextureSlot = TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY, set: 0 };
 
     fn at(wrap: Wrap, u: f32, v: f32) -> [f32; 2] {
         let c = 255.0 * ramp(wrap).value(&IDENTITY, Lookup { uv: Vec2::new(u, v), footprint_log2: f32::NEG_INFINITY });
@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn transform_is_applied() {
         let uv_transform = Affine2::from_scale_angle_translation(Vec2::new(2.0, 1.0), 0.0, Vec2::new(0.125, 0.25));
-        let slot = TextureSlot { texture: 0, uv_transform };
+        let slot = TextureSlot { texture: 0, uv_transform, set: 0 };
         let lookup = Lookup { uv: Vec2::new(0.125, 0.0), footprint_log2: f32::NEG_INFINITY };
         assert_eq!(255.0 * ramp(Wrap::Repeat).value(&slot, lookup).x, 1.0);
     }

@@ -187,7 +187,7 @@ fn references_that_lead_nowhere_are_errors() {
     assert_eq!(place(&|s| s.meshes[0].triangles[3][1] = 9999), "meshes/0/triangles/3");
     assert_eq!(place(&|s| s.meshes[0].normals.truncate(5)), "meshes/0/normals");
     assert_eq!(place(&|s| s.materials[0].surface.roughness = f32::NAN), "materials/0");
-    let slot = TextureSlot { texture: 0, uv_transform: glam::Affine2::IDENTITY };
+    let slot = TextureSlot::default();
     assert_eq!(place(&|s| s.materials[0].base_color_texture = Some(slot.clone())), "materials/0");
 }
 

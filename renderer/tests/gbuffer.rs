@@ -175,7 +175,7 @@ fn textures_and_normal_maps_reach_the_gbuffer() {
     let mut mesh = plane(2.0);
     // u runs along +x, v along +z: the tangent is +x; bitangent n x t = -z, which is -v: handedness -1 for v growing along +z.
     mesh.tangents = vec![glam::Vec4::new(1.0, 0.0, 0.0, 1.0); 4];
-    let slot = |texture| Some(TextureSlot { texture, uv_transform: glam::Affine2::IDENTITY });
+    let slot = |texture| Some(TextureSlot { texture, ..TextureSlot::default() });
     let lean = Vec3::new(0.6, 0.0, 0.8);
     let material = Material {
         base_color_texture: slot(0),

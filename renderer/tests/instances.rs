@@ -197,7 +197,7 @@ fn attributes_of_shared_meshes_reach_the_picture() {
 }
 
 fn slot(texture: usize) -> TextureSlot {
-    TextureSlot { texture, uv_transform: glam::Affine2::IDENTITY }
+    TextureSlot { texture, ..TextureSlot::default() }
 }
 
 /// The side that a filter is told: against the geometry, under turns and mirrors.

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
-use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec3A};
+use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{DirectLight, Filter, Mode, Sampler, Settings};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
@@ -175,7 +175,7 @@ fn single_sided_surfaces_are_the_same_from_both_ends() {
     let texels = (0..64).flat_map(|i| [255, 255, 255, if i % 2 == 0 { 0 } else { 255 }]).collect::<Vec<u8>>();
     let texels = texels.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect();
     let texture = Texture::from_rgba8("columns", [8, 8], texels, Encoding::Linear, [Wrap::Clamp; 2]);
-    let slot = Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY });
+    let slot = Some(TextureSlot::default());
     let masked = Material { base_color_texture: slot, alpha_mask: Some(AlphaMask { cutoff: 0.5, factor: 1.0 }), ..dull() };
     for (name, turned) in [("a lid with holes that faces down", true), ("a lid with holes that faces up", false)] {
         let mut lid = over((plane(2.0), masked.clone(), at(0.7, turned)));

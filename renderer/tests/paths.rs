@@ -3,7 +3,7 @@
 mod common;
 
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
-use glam::{Affine2, Affine3A, Vec3};
+use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame};
 use renderflow_renderer::{DirectLight, RenderScene, Sampler, Settings, Sharing};
 use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
@@ -73,7 +73,7 @@ fn plain_scenes_use_the_smallest_set_and_larger_ones_agree() {
             }
             compile(&larger)
         };
-        let slot = || Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY });
+        let slot = || Some(TextureSlot::default());
         let textured = Material { base_color_texture: slot(), ..Material::default() };
         let layered = Material::from(Principled { clearcoat: 1.0, ..Principled::default() });
         let single = Material { double_sided: false, ..Material::default() };

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{camera, check_frame, compile, diffuse, plane, render_with, scene, sphere, sunny};
-use glam::{Affine2, Affine3A, Vec3, Vec3A};
+use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{Channels, Filter, RenderScene, Settings, Skips, Stats, render_gbuffer};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
@@ -22,7 +22,7 @@ fn balls(ball: Material, environment: Environment) -> LoadedScene {
 }
 
 fn textured(environment: Environment) -> LoadedScene {
-    let slot = TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY };
+    let slot = TextureSlot::default();
     let mut loaded = balls(Material { base_color_texture: Some(slot), ..Material::default() }, environment);
     let texels = (0..64).map(|i| [(i * 4) as u8, 200, (255 - i * 3) as u8, 255]).collect();
     loaded.textures.push(Texture::from_rgba8("ramp", [8, 8], texels, Encoding::Srgb, [Wrap::Repeat; 2]));

@@ -9,7 +9,7 @@ use renderflow_renderer::{DirectLight, RenderScene, Settings, Sharing, render_gb
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
 use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
 
-const SLOT: Option<TextureSlot> = Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY });
+const SLOT: Option<TextureSlot> = Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY, set: 0 });
 
 fn flat(value: f32) -> Environment {
     Environment::constant([value; 3])

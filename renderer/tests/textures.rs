@@ -13,7 +13,7 @@ use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
 const EDGE: usize = 48;
 
 fn slot(uv_transform: Affine2) -> Option<TextureSlot> {
-    Some(TextureSlot { texture: 0, uv_transform })
+    Some(TextureSlot { uv_transform, ..TextureSlot::default() })
 }
 
 /// Looks down on the square of edge 2 about the origin: pixel (x, y) shows u = (x + 0.5) / EDGE, v = (y + 0.5) / EDGE.

@@ -317,7 +317,7 @@ pub struct Object {
 pub enum Geometry {
     /// A parametric shape.
     Shape(crate::shapes::Shape),
-    /// glTF (`.gltf`, `.glb`) or Wavefront (`.obj`); relative to the scene file.
+    /// glTF (`.gltf`, `.glb`), Wavefront (`.obj`) or Stanford (`.ply`); relative to the scene file.
     File(String),
 }
 

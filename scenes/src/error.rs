@@ -47,7 +47,7 @@ pub enum Error {
     Model {
         /// The model file.
         path: PathBuf,
-        /// Place in it: a JSON pointer (glTF), a line (OBJ), or empty.
+        /// Place in it: a JSON pointer (glTF), a line (OBJ), an element (PLY), or empty.
         place: String,
         /// What is wrong there.
         reason: String,

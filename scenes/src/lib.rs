@@ -1,4 +1,4 @@
-//! Scenes: a serde description with its JSON Schema, validation, loading of glTF and OBJ, and a seeded procedural composer.
+//! Scenes: a serde description with its JSON Schema, validation, loading of glTF, OBJ and PLY, and a seeded procedural composer.
 //!
 //! It is *not* a renderer: the result, [`LoadedScene`], is plain data (meshes, materials, textures, cameras) that a renderer
 //! compiles.

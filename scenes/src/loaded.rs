@@ -1,29 +1,47 @@
 //! The validated, fully loaded form of a scene: everything a renderer needs, nothing to look up any more.
 
+mod deform;
 mod light;
 
 pub use crate::mipmap::{Encoding, Texture, Wrap};
+pub use deform::{Deformation, Displacement, Influence, Posed, Poses, Rows, Shape};
 pub use light::{PunctualKind, PunctualLight};
 
 use crate::Principled;
 use glam::{Affine3A, DVec3, Vec2, Vec3, Vec4};
 use renderflow_frame::{Camera, Environment};
+use std::sync::Arc;
 
 /// Triangles of one shape, in object space, metres.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// Name for messages and manifests.
     pub name: String,
-    /// Vertex positions.
+    /// Vertex positions; those of the first frame where the mesh deforms.
     pub positions: Vec<Vec3>,
     /// Unit shading normals, one a vertex; empty = flat shading.
     pub normals: Vec<Vec3>,
     /// Texture coordinates, one a vertex, (0, 0) = first texel of the first row; empty = none.
     pub uvs: Vec<Vec2>,
-    /// Tangents (xyz unit, w = +-1 handedness) as in glTF, one a vertex; empty = none (no normal map is applied then).
+    /// Further sets of texture coordinates, for texture slots that ask for set 1, 2, ...; each one a vertex, or empty.
+    pub more_uvs: Vec<Vec<Vec2>>,
+    /// Tangents (xyz unit, w = +-1 handedness) as in glTF, one a vertex; empty = none (no normal map is applied then). They belong
+    /// to the first set of texture coordinates.
     pub tangents: Vec<Vec4>,
     /// Vertex indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// How its vertices move against each other along the sequence; `None` = they do not.
+    pub deformation: Option<Arc<Deformation>>,
+}
+
+impl Mesh {
+    /// Texture coordinates of a set, one a vertex; empty = none.
+    pub fn uv_set(&self, set: usize) -> &[Vec2] {
+        match set.checked_sub(1) {
+            None => &self.uvs,
+            Some(further) => self.more_uvs.get(further).map_or(&[], Vec::as_slice),
+        }
+    }
 }
 
 /// A mesh placed in the world with a material.
@@ -50,12 +68,15 @@ impl Instance {
 }
 
 /// A texture lookup of a material.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct TextureSlot {
     /// Index into [`LoadedScene::textures`].
     pub texture: usize,
     /// `uv' = matrix * uv + offset` (KHR_texture_transform); identity when absent.
     pub uv_transform: glam::Affine2,
+    /// Set of texture coordinates of the mesh: 0 for [`Mesh::uvs`], n for number n - 1 of [`Mesh::more_uvs`]. A normal map is in
+    /// set 0.
+    pub set: usize,
 }
 
 /// Disney principled material; factors are multiplied with textures where present.
@@ -75,6 +96,9 @@ pub struct Material {
     pub emissive: [f32; 3],
     /// Linear RGB (sRGB already decoded), multiplies `emissive`.
     pub emissive_texture: Option<TextureSlot>,
+    /// Angle from the tangent to the direction in which `anisotropic` stretches highlights, radians, counter-clockwise towards
+    /// the bitangent.
+    pub anisotropy_rotation: f32,
     /// Where the surface is cut out; `None` = nowhere.
     pub alpha_mask: Option<AlphaMask>,
     /// Share of the surface that covers what lies behind, 0..=1, multiplied by the alpha of the base colour's texture; `None` =
@@ -138,6 +162,7 @@ impl Default for Material {
             normal_texture: None,
             emissive: [0.0; 3],
             emissive_texture: None,
+            anisotropy_rotation: 0.0,
             alpha_mask: None,
             opacity: None,
             transmission_texture: None,

@@ -10,6 +10,8 @@ pub enum Format {
     Gltf,
     /// Wavefront `.obj`.
     Obj,
+    /// Stanford `.ply`.
+    Ply,
 }
 
 impl Format {
@@ -19,6 +21,7 @@ impl Format {
         match ending.as_str() {
             "gltf" | "glb" => Some(Self::Gltf),
             "obj" => Some(Self::Obj),
+            "ply" => Some(Self::Ply),
             _ => None,
         }
     }
@@ -28,6 +31,9 @@ impl Format {
         let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
         if text.starts_with(b"glTF") || text.starts_with(b"{") {
             return Some(Self::Gltf);
+        }
+        if text.strip_prefix(b"ply").is_some_and(|rest| rest.first().is_none_or(u8::is_ascii_whitespace)) {
+            return Some(Self::Ply);
         }
         let known = [&b"v "[..], b"vn ", b"vt ", b"f ", b"o ", b"g ", b"mtllib "];
         let mut lines = text.split(|&b| b == b'\n' || b == b'\r').map(<[u8]>::trim_ascii);

@@ -7,6 +7,7 @@
 
 use crate::Mesh;
 use glam::{DVec3, Vec3, Vec4};
+use std::sync::Arc;
 
 /// Gives `mesh` a tangent for every vertex; does nothing when it has tangents already.
 /// Flat-shaded meshes get a normal for every corner first. Vertices between mirrored and unmirrored coordinates are split.
@@ -74,7 +75,12 @@ fn u_direction(mesh: &Mesh, triangle: [u32; 3]) -> (Vec3, f32) {
 fn unweld(mesh: &mut Mesh) {
     let order: Vec<usize> = mesh.triangles.iter().flatten().map(|&i| i as usize).collect();
     mesh.positions = order.iter().map(|&i| mesh.positions[i]).collect();
-    mesh.uvs = order.iter().map(|&i| mesh.uvs[i]).collect();
+    for uvs in std::iter::once(&mut mesh.uvs).chain(&mut mesh.more_uvs).filter(|uvs| !uvs.is_empty()) {
+        *uvs = order.iter().map(|&i| uvs[i]).collect();
+    }
+    if let Some(deformation) = &mut mesh.deformation {
+        Arc::make_mut(deformation).reorder(&order);
+    }
     mesh.normals = mesh
         .positions
         .chunks_exact(3)
@@ -105,7 +111,12 @@ fn split_mirrored(mesh: &mut Mesh) {
                     let i = vertex as usize;
                     mesh.positions.push(mesh.positions[i]);
                     mesh.normals.push(mesh.normals[i]);
-                    mesh.uvs.push(mesh.uvs[i]);
+                    for uvs in std::iter::once(&mut mesh.uvs).chain(&mut mesh.more_uvs).filter(|uvs| !uvs.is_empty()) {
+                        uvs.push(uvs[i]);
+                    }
+                    if let Some(deformation) = &mut mesh.deformation {
+                        Arc::make_mut(deformation).repeat(i);
+                    }
                     (mesh.positions.len() - 1) as u32
                 });
             }

@@ -285,7 +285,7 @@ impl Check {
                     // Without an ending the content decides, once it is read.
                     let named = std::path::Path::new(path).extension().is_some();
                     if named && Format::of(path).is_none() {
-                        self.say(at("geometry/file"), format!("{path:?} is not a .gltf, .glb or .obj file"));
+                        self.say(at("geometry/file"), format!("{path:?} is not a .gltf, .glb, .obj or .ply file"));
                     }
                 }
                 Geometry::Shape(shape) => self.parameters(&at("geometry/shape"), shape.validate()),
@@ -324,7 +324,7 @@ impl Check {
         // Without an ending the content decides, once it is read.
         let rigid = match geometry {
             Geometry::Shape(_) => true,
-            Geometry::File(path) => Format::of(path) == Some(Format::Obj),
+            Geometry::File(path) => matches!(Format::of(path), Some(Format::Obj | Format::Ply)),
         };
         if rigid {
             self.say(pointer, "only a glTF file has animations");

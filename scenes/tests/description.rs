@@ -167,7 +167,7 @@ fn every_violation_is_reported_with_its_pointer() {
         "/materials/1/base_color/1: 2 is outside 0..=1",
         "/materials/1/normal_texture: is an empty path",
         "/objects/1/name: \"x\" is the name of /objects/0 too",
-        "/objects/0/geometry/file: \"chair.fbx\" is not a .gltf, .glb or .obj file",
+        "/objects/0/geometry/file: \"chair.fbx\" is not a .gltf, .glb, .obj or .ply file",
         "/objects/0/material: no material is named \"b\"",
         "/objects/1/geometry/shape/radius: -1 is outside 0.01..=1000",
         "/objects/1/transform/scale/1: 0 is outside 0.000000001..=1000000000 in size",

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
 /// Checks whether files can be used, and prints what is in each file, or what is wrong and where. It knows scenes, plans,
-/// transforms.json, glTF, OBJ, environment maps, frames, textures, weights and dataset folders, and finds the kind by the
+/// transforms.json, glTF, OBJ, PLY, environment maps, frames, textures, weights and dataset folders, and finds the kind by the
 /// content.
 #[derive(Args)]
 #[command(

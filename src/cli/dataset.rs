@@ -105,7 +105,7 @@ pub struct PlanArgs {
     /// Number of environment maps in the catalogue
     #[arg(long, default_value_t = Plan::ENVIRONMENTS, value_parser = within(Plan::CATALOGUE), help_heading = "Scenes")]
     environment_count: u32,
-    /// Folder of glTF and OBJ models to mix in
+    /// Folder of glTF, OBJ and PLY models to mix in
     #[arg(long, value_name = "DIR", help_heading = "Scenes")]
     meshes: Option<PathBuf>,
     /// Folder of environment maps (.hdr, .exr) to mix in

@@ -23,7 +23,7 @@ same command goes on.")]
 pub struct Make {
     /// The set
     set: TestSet,
-    /// Models (.gltf, .glb, .obj) of the assets set: files, or folders of them
+    /// Models (.gltf, .glb, .obj, .ply) of the assets set: files, or folders of them
     #[arg(long, num_args = 1.., value_name = "PATH")]
     models: Vec<PathBuf>,
     /// Environment maps (.hdr, .exr) of the assets set: files, or folders of them

@@ -218,7 +218,7 @@ pub struct Sources {
     /// Named maps of the project's `hdri/` folder.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub builtin_environments: Vec<String>,
-    /// Model files (glTF, OBJ) of the user.
+    /// Model files (glTF, OBJ, PLY) of the user.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub models: Vec<UserFile>,
     /// Environment maps (.hdr, .exr) of the user.

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Endings of model files.
-pub const MODELS: [&str; 3] = ["gltf", "glb", "obj"];
+pub const MODELS: [&str; 4] = ["gltf", "glb", "obj", "ply"];
 /// Endings of environment maps.
 pub const MAPS: [&str; 2] = ["hdr", "exr"];
 

@@ -309,7 +309,7 @@ impl Writer<'_> {
 fn ply(mesh: &Mesh, instance: &Instance, slot: Option<&TextureSlot>) -> Vec<u8> {
     let transform = instance.transform(0);
     let normal_matrix = transform.matrix3.inverse().transpose();
-    let uvs = slot.filter(|_| mesh.uvs.len() == mesh.positions.len());
+    let uvs = slot.filter(|slot| mesh.uv_set(slot.set).len() == mesh.positions.len());
     let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", mesh.positions.len());
     let mut names = vec!["x", "y", "z"];
     if !mesh.normals.is_empty() {
@@ -328,7 +328,7 @@ fn ply(mesh: &Mesh, instance: &Instance, slot: Option<&TextureSlot>) -> Vec<u8> 
             put(&(normal_matrix * Vec3A::from(*n)).normalize_or_zero().to_array());
         }
         if let Some(slot) = uvs {
-            put(&slot.uv_transform.transform_point2(mesh.uvs[index]).to_array());
+            put(&slot.uv_transform.transform_point2(mesh.uv_set(slot.set)[index]).to_array());
         }
     }
     for triangle in &mesh.triangles {

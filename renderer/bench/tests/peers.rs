@@ -128,7 +128,7 @@ fn what_models_have_is_exported() {
     let first = loaded.textures.len();
     loaded.textures.push(texture(vec![[255, 255, 255, 255], [255, 255, 255, 0]], Encoding::Srgb));
     loaded.textures.push(texture(vec![[255, 128, 255, 255], [128, 128, 255, 255]], Encoding::Normal));
-    let slot = |texture| Some(TextureSlot { texture, uv_transform: glam::Affine2::IDENTITY });
+    let slot = |texture| Some(TextureSlot { texture, ..TextureSlot::default() });
     loaded.materials[of_ground] = Material {
         name: "leaf".into(),
         base_color_texture: slot(first),

@@ -41,7 +41,7 @@ impl Geometry {
     pub(super) fn move_flattened(&mut self, frame: usize) {
         let same = |geometry: &Self, a: usize, b: usize| {
             let mut flattened = geometry.instances.iter().zip(&geometry.object_of).filter(|(_, object)| object.is_none());
-            flattened.all(|(instance, _)| instance.transform(a) == instance.transform(b))
+            flattened.all(|(instance, _)| geometry.rests(instance, a, b))
         };
         if same(self, frame, self.flattened.placed) && same(self, frame - frame % EPOCH, self.flattened.sorted) {
             return;
@@ -87,8 +87,9 @@ impl Geometry {
         self.flat = Accel::build(&self.flattened.corners);
         self.builds.flattened += 1;
         self.flattened.sorted = frame;
-        let moves =
-            |(instance, object): (&renderflow_scenes::Instance, &Option<u32>)| object.is_none() && instance.transforms.len() > 1;
+        let moves = |(instance, object): (&renderflow_scenes::Instance, &Option<u32>)| {
+            object.is_none() && (instance.transforms.len() > 1 || self.meshes[instance.mesh].deforms())
+        };
         if !self.instances.iter().zip(&self.object_of).any(moves) {
             self.flattened.corners = Vec::new();
         }
@@ -101,6 +102,7 @@ impl Geometry {
         self.triangles.clear();
         self.normals.clear();
         self.uvs.clear();
+        self.more_uvs.iter_mut().for_each(Vec::clear);
         self.tangents.clear();
         let flattened = &mut self.flattened;
         flattened.corners.clear();
@@ -116,18 +118,22 @@ impl Geometry {
             let mesh = &self.meshes[instance.mesh];
             let transform = instance.transform(frame);
             let count = mesh.positions.len();
+            let posed = mesh.posed(frame);
             positions.clear();
-            positions.extend(mesh.positions.iter().map(|&p| place(&transform, p)));
+            positions.extend(posed.positions.iter().map(|&p| place(&transform, p)));
             if any_normals {
                 let cofactors = cofactors(&transform);
-                let normals = mesh.normals.iter().map(|&n| place_normal(&cofactors, n).to_array());
+                let normals = posed.normals.iter().map(|&n| place_normal(&cofactors, n).to_array());
                 append(&mut self.normals, normals, count, [0.0; 3]);
             }
-            if self.wanted.uvs {
+            if self.wanted.uv_sets > 0 {
                 append(&mut self.uvs, mesh.uvs.iter().map(|uv| uv.to_array()), count, [0.0; 2]);
             }
+            for (further, uvs) in self.more_uvs.iter_mut().enumerate() {
+                append(uvs, mesh.uv_set(further + 1).iter().map(|uv| uv.to_array()), count, [0.0; 2]);
+            }
             if any_tangents {
-                append(&mut self.tangents, mesh.tangents.iter().map(|&t| place_tangent(&transform, t)), count, [0.0; 4]);
+                append(&mut self.tangents, posed.tangents.iter().map(|&t| place_tangent(&transform, t)), count, [0.0; 4]);
             }
             for (in_mesh, triangle) in mesh.triangles.iter().enumerate() {
                 let p = triangle.map(|v| positions[v as usize]);
@@ -155,14 +161,16 @@ impl Geometry {
         let mut positions: Vec<Vec3A> = Vec::new();
         for (index, instance) in self.instances.iter().enumerate() {
             let transform = instance.transform(frame);
-            if self.object_of[index].is_some() || transform == instance.transform(before) {
+            let mesh = &self.meshes[instance.mesh];
+            let rests = transform == instance.transform(before) && mesh.same_pose(frame, before);
+            if self.object_of[index].is_some() || rests {
                 continue;
             }
-            let mesh = &self.meshes[instance.mesh];
+            let posed = mesh.posed(frame);
             let [first, mut at] = flattened.starts[index];
             let [_, end] = flattened.starts[index + 1];
             positions.clear();
-            positions.extend(mesh.positions.iter().map(|&p| place(&transform, p)));
+            positions.extend(posed.positions.iter().map(|&p| place(&transform, p)));
             let corners = mesh.triangles.iter().map(|triangle| triangle.map(|v| positions[v as usize]));
             for (in_mesh, p) in corners.enumerate().filter(|(_, p)| usable(p)) {
                 if at == end || self.triangles[at].in_mesh as usize != in_mesh {
@@ -176,10 +184,10 @@ impl Geometry {
             }
             if let Some(normals) = self.normals.get_mut(first..) {
                 let cofactors = cofactors(&transform);
-                normals.iter_mut().zip(&mesh.normals).for_each(|(to, &n)| *to = place_normal(&cofactors, n).to_array());
+                normals.iter_mut().zip(posed.normals.iter()).for_each(|(to, &n)| *to = place_normal(&cofactors, n).to_array());
             }
             if let Some(tangents) = self.tangents.get_mut(first..) {
-                tangents.iter_mut().zip(&mesh.tangents).for_each(|(to, &t)| *to = place_tangent(&transform, t));
+                tangents.iter_mut().zip(posed.tangents.iter()).for_each(|(to, &t)| *to = place_tangent(&transform, t));
             }
         }
         true

@@ -51,8 +51,8 @@ struct PlacedInstance {
 /// Which attributes the materials of a scene look at.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Wanted {
-    /// Some material looks something up.
-    pub uvs: bool,
+    /// Sets of texture coordinates that some material looks something up with.
+    pub uv_sets: usize,
     /// Whether each material needs tangents.
     pub tangents: Vec<bool>,
 }
@@ -93,6 +93,8 @@ pub(crate) struct Geometry {
     normals: Vec<[f32; 3]>,
     /// Of flattened vertices; empty when no material looks anything up.
     uvs: Vec<[f32; 2]>,
+    /// The same of each further set.
+    more_uvs: Vec<Vec<[f32; 2]>>,
     /// World-space tangents of flattened vertices with handedness; empty when no material needs them.
     tangents: Vec<[f32; 4]>,
     placed: Vec<PlacedInstance>,
@@ -152,6 +154,7 @@ impl Geometry {
             triangles: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),
+            more_uvs: vec![Vec::new(); wanted.uv_sets.saturating_sub(1)],
             tangents: Vec::new(),
             placed,
             instances,
@@ -216,6 +219,7 @@ impl Geometry {
             + size_of_val(self.triangles.as_slice())
             + size_of_val(self.normals.as_slice())
             + size_of_val(self.uvs.as_slice())
+            + self.more_uvs.iter().map(|uvs| size_of_val(uvs.as_slice())).sum::<usize>()
             + size_of_val(self.tangents.as_slice())
             + self.flattened.memory()
     }
@@ -277,9 +281,14 @@ impl Geometry {
         self.flat.occluded(ray, scratch) || self.shared.as_ref().is_some_and(|shared| blocked(shared, ray, scratch))
     }
 
-    /// Whether an instance is ever placed elsewhere than at frame 0.
+    /// Whether an instance is ever placed elsewhere than at frame 0, or its mesh deforms.
     pub fn moves(&self) -> bool {
-        self.instances.iter().any(|instance| instance.transforms.len() > 1)
+        self.instances.iter().any(|instance| instance.transforms.len() > 1 || self.meshes[instance.mesh].deforms())
+    }
+
+    /// Whether all vertices of an instance are at the same places at two frames.
+    pub fn rests(&self, instance: &Instance, a: usize, b: usize) -> bool {
+        instance.transform(a) == instance.transform(b) && self.meshes[instance.mesh].same_pose(a, b)
     }
 
     /// The nearest triangle along `ray` that `accept` accepts. The filter sees some triangles beyond the nearest, in no order; it
@@ -392,26 +401,38 @@ impl Geometry {
         interpolate(self.corner_normals(hit)?, hit.weights).try_normalize()
     }
 
-    /// Texture coordinates of the corners; 0 where the mesh has none. Must not be asked for when no material looks anything up.
+    /// Texture coordinates of the corners in the first set; 0 where the mesh has none. Must not be asked for when no material looks anything up.
     #[inline(always)]
     pub fn corner_uvs(&self, hit: &Hit) -> [Vec2; 3] {
         if hit.instance != FLATTENED {
-            return self.shared_uvs(hit);
+            return self.shared_uvs(hit, 0);
         }
         let triangle = &self.triangles[hit.primitive as usize];
         triangle.vertices.map(|v| self.uvs.get(v as usize).map_or(Vec2::ZERO, |&uv| Vec2::from_array(uv)))
     }
 
     #[inline(never)]
-    fn shared_uvs(&self, hit: &Hit) -> [Vec2; 3] {
+    fn shared_uvs(&self, hit: &Hit, set: usize) -> [Vec2; 3] {
         let Some((vertices, mesh, _)) = self.shared_vertices(hit) else { return [Vec2::ZERO; 3] };
-        vertices.map(|v| mesh.uvs.get(v).copied().unwrap_or(Vec2::ZERO))
+        let uvs = mesh.uv_set(set);
+        vertices.map(|v| uvs.get(v).copied().unwrap_or(Vec2::ZERO))
     }
 
-    /// Texture coordinates of a hit.
+    /// [`Self::corner_uvs`] in another set than the first.
+    #[inline(never)]
+    pub fn further_uvs(&self, hit: &Hit, set: usize) -> [Vec2; 3] {
+        if hit.instance != FLATTENED {
+            return self.shared_uvs(hit, set);
+        }
+        let Some(uvs) = set.checked_sub(1).and_then(|further| self.more_uvs.get(further)) else { return [Vec2::ZERO; 3] };
+        let triangle = &self.triangles[hit.primitive as usize];
+        triangle.vertices.map(|v| uvs.get(v as usize).map_or(Vec2::ZERO, |&uv| Vec2::from_array(uv)))
+    }
+
+    /// Texture coordinates of a hit in a set.
     #[inline(always)]
-    pub fn uv(&self, hit: &Hit) -> Vec2 {
-        let [a, b, c] = self.corner_uvs(hit);
+    pub fn uv(&self, hit: &Hit, set: usize) -> Vec2 {
+        let [a, b, c] = if set == 0 { self.corner_uvs(hit) } else { self.further_uvs(hit, set) };
         a * hit.weights[0] + b * hit.weights[1] + c * hit.weights[2]
     }
 
@@ -439,7 +460,8 @@ impl Geometry {
         let instance = &self.instances[instance as usize];
         let mesh = &self.meshes[instance.mesh];
         let transform = instance.transform(frame);
-        let corners = mesh.triangles[triangle as usize].map(|v| place(&transform, mesh.positions[v as usize]).as_dvec3());
+        let vertex = |v: u32| place(&transform, mesh.position_at(v as usize, frame)).as_dvec3();
+        let corners = mesh.triangles[triangle as usize].map(vertex);
         corners.iter().zip(hit.weights).map(|(&c, w)| c * f64::from(w)).sum()
     }
 

@@ -20,7 +20,7 @@ pub enum Sharing {
     Always,
 }
 
-/// Which meshes get a tree of their own.
+/// Which meshes get a tree of their own. Those that deform do not: their triangles are at other places in each frame.
 pub(super) fn shared_meshes(meshes: &[Mesh], instances: &[Instance], sharing: Sharing) -> Vec<bool> {
     let mut uses = vec![0usize; meshes.len()];
     for instance in instances {
@@ -29,13 +29,14 @@ pub(super) fn shared_meshes(meshes: &[Mesh], instances: &[Instance], sharing: Sh
     let mut shared = vec![false; meshes.len()];
     match sharing {
         Sharing::Never => {}
-        Sharing::Always => shared = uses.iter().map(|&u| u > 0).collect(),
+        Sharing::Always => shared = uses.iter().zip(meshes).map(|(&u, mesh)| u > 0 && !mesh.deforms()).collect(),
         Sharing::Automatic => {
             let size = |m: usize| meshes[m].triangles.len();
             let unique: usize = (0..meshes.len()).filter(|&m| uses[m] > 0).map(size).sum();
             let limit = FLATTENED_TRIANGLES.max(FLATTENED_COPIES.saturating_mul(unique));
             let mut flattened: usize = (0..meshes.len()).map(|m| uses[m].saturating_mul(size(m))).sum();
-            let mut order: Vec<usize> = (0..meshes.len()).filter(|&m| uses[m] > 1 && size(m) > 0).collect();
+            let mut order: Vec<usize> =
+                (0..meshes.len()).filter(|&m| uses[m] > 1 && size(m) > 0 && !meshes[m].deforms()).collect();
             order.sort_by_key(|&m| (std::cmp::Reverse((uses[m] - 1).saturating_mul(size(m))), m));
             for m in order {
                 if flattened <= limit {

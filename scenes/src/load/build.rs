@@ -58,6 +58,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
     build.note_inside_out();
     build.mirror();
     build.drop_idle_masks();
+    build.meshes.iter_mut().for_each(Mesh::settle);
     Ok(LoadedScene {
         name: scene.name.clone(),
         seed: scene.seed,
@@ -190,6 +191,7 @@ impl<'a> Build<'a> {
             normal_texture: slot(&described.normal_texture, Encoding::Normal).map(|s| (s, 1.0)),
             emissive: described.emissive,
             emissive_texture: slot(&described.emissive_texture, Encoding::Srgb),
+            anisotropy_rotation: 0.0,
             alpha_mask: described.alpha_cutoff.map(|cutoff| AlphaMask { cutoff, factor: 1.0 }),
             opacity: described.opacity,
             transmission_texture: None,
@@ -270,9 +272,18 @@ impl<'a> Build<'a> {
 
     fn add_mesh(&mut self, mut made: Mesh) -> usize {
         self.report.triangles += mesh::clean(&mut made);
-        self.centers.push(mesh::recentre(&mut made));
+        // Joints and targets know the vertices where they stand.
+        self.centers.push(if made.deforms() { DVec3::ZERO } else { mesh::recentre(&mut made) });
         self.meshes.push(made);
         self.meshes.len() - 1
+    }
+
+    /// A mesh of a file that was added as it rests: its triangles were counted then.
+    fn add_deforming(&mut self, made: Mesh) -> usize {
+        let counted = self.report.triangles;
+        let mesh = self.add_mesh(made);
+        self.report.triangles = counted;
+        mesh
     }
 
     fn default_material(&mut self) -> usize {
@@ -381,7 +392,7 @@ pub(super) fn wrap(material: &Described) -> Wrap {
 /// Texture `texture` as it lies on a material.
 pub(super) fn slot(material: &Described, texture: usize) -> TextureSlot {
     let lie = &material.texture_transform;
-    TextureSlot { texture, uv_transform: uv_transform(lie.offset, lie.rotation.to_radians(), lie.scale) }
+    TextureSlot { texture, uv_transform: uv_transform(lie.offset, lie.rotation.to_radians(), lie.scale), set: 0 }
 }
 
 /// Names given so far, each with how often it was asked for.

@@ -5,10 +5,12 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
-/// Drops triangles that cannot be rendered and those that are there twice, and mends normals, coordinates and tangents.
+/// Drops triangles that cannot be rendered and those that are there twice, and mends normals, coordinates and tangents. Of a mesh
+/// that deforms, triangles without area or at the same places stay: another pose may part their corners.
 pub(crate) fn clean(mesh: &mut Mesh) -> TriangleReport {
     let mut report = TriangleReport::default();
     let positions = &mesh.positions;
+    let deforms = mesh.deforms();
     mesh.triangles.retain(|t| {
         let counter = match shape(positions, *t) {
             Shape::Good => return true,
@@ -18,12 +20,15 @@ pub(crate) fn clean(mesh: &mut Mesh) -> TriangleReport {
             }
             Shape::OutOfRange => &mut report.out_of_range,
             Shape::NotFinite => &mut report.not_finite,
+            Shape::NoArea if deforms => return true,
             Shape::NoArea => &mut report.no_area,
         };
         *counter += 1;
         false
     });
-    drop_duplicates(mesh, &mut report);
+    if !deforms {
+        drop_duplicates(mesh, &mut report);
+    }
     // Vertices nobody uses any more must not poison bounds computed over all vertices.
     for p in &mut mesh.positions {
         if !p.is_finite() {
@@ -41,7 +46,8 @@ pub(crate) fn clean(mesh: &mut Mesh) -> TriangleReport {
     if mesh.tangents.len() != vertices {
         mesh.tangents.clear();
     }
-    for uv in &mut mesh.uvs {
+    mesh.more_uvs.iter_mut().filter(|uvs| uvs.len() != vertices).for_each(Vec::clear);
+    for uv in mesh.uvs.iter_mut().chain(mesh.more_uvs.iter_mut().flatten()) {
         if !uv.is_finite() {
             *uv = Vec2::ZERO;
         }

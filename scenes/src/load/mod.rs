@@ -2,6 +2,7 @@
 
 mod build;
 mod capture;
+mod deform;
 mod floor;
 mod gltf;
 mod images;
@@ -10,6 +11,7 @@ mod model;
 mod obj;
 mod patterns;
 mod play;
+mod ply;
 mod view;
 
 use crate::Texture;

@@ -1,6 +1,7 @@
-//! Model files: what glTF and OBJ have in common, and a scene around a single model.
+//! Model files: what glTF, OBJ and PLY have in common, and a scene around a single model.
 
 use super::gltf::lights::Light;
+use super::deform::Deformer;
 use super::gltf::rig::Rig;
 use crate::description::{
     Animation, CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform,
@@ -16,6 +17,7 @@ use glam::{DAffine3, DVec3};
 use renderflow_frame::reach::Reach;
 use renderflow_frame::words::{number, shortened};
 use std::path::Path;
+use std::rc::Rc;
 
 /// A mesh of a model, placed in the model's own space.
 pub(crate) struct Part {
@@ -24,10 +26,25 @@ pub(crate) struct Part {
     pub mesh: usize,
     /// Index into [`Model::materials`]; `None` = the default material.
     pub material: Option<usize>,
-    /// Mesh space to model space, as the model rests.
+    /// Mesh space to model space, as the model rests. Where a skin moves its vertices, it is the same in every frame.
     pub transform: DAffine3,
     /// Place of its node in a glTF file's tree.
     pub node: usize,
+    /// What moves its vertices against each other; only where the model was read to be animated.
+    pub deformer: Option<Rc<Deformer>>,
+}
+
+impl Part {
+    /// Place of the node that moves it as a whole; `None` where a skin does.
+    pub(super) fn moving_node(&self) -> Option<usize> {
+        let skinned = self.deformer.as_ref().is_some_and(|deformer| deformer.skin.is_some());
+        (!skinned).then_some(self.node)
+    }
+
+    /// What is done to the vertices of a part that deforms before a node moves it.
+    pub(super) fn deformed_from(&self) -> DAffine3 {
+        if self.moving_node().is_some() { DAffine3::IDENTITY } else { self.transform }
+    }
 }
 
 /// A model file as read, before repairs.
@@ -51,13 +68,15 @@ pub(crate) struct Model {
     pub not_finite: Option<String>,
 }
 
-/// Reads a model file, whose names lead where `reach` says; materials and textures only within a budget for the latter. Parts
-/// that are flattened as they rest come with it where `flat` parts are asked for: an animation may unfold them.
-pub(crate) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: bool) -> Result<Model> {
+/// Reads a model file, whose names lead where `reach` says; materials and textures only within a budget for the latter. What only
+/// an animation needs comes with it where the model is to be `animated`: parts that are flattened as they rest, and what moves
+/// vertices.
+pub(crate) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, animated: bool) -> Result<Model> {
     match Format::of_file(path)? {
-        Some(Format::Gltf) => super::gltf::read(path, reach, textures, flat),
+        Some(Format::Gltf) => super::gltf::read(path, reach, textures, animated),
         Some(Format::Obj) => super::obj::read(path, reach, textures),
-        None => Err(Error::model(path, "", "neither glTF nor OBJ")),
+        Some(Format::Ply) => super::ply::read(path, textures.is_some()),
+        None => Err(Error::model(path, "", "neither glTF, nor OBJ, nor PLY")),
     }
 }
 
@@ -225,12 +244,19 @@ fn bounds(path: &Path, reach: &Reach, animation: Option<&Animation>) -> Result<(
     let each_corner = |visit: &mut dyn FnMut(DVec3)| {
         let moments = if rig.is_some() { MOMENTS } else { 0 };
         for moment in 0..=moments {
-            let pose = rig.as_ref().map(|rig| rig.pose(rig.length * f64::from(moment) / f64::from(MOMENTS)));
+            let pose = rig.as_ref().map(|rig| {
+                let second = rig.length * f64::from(moment) / f64::from(MOMENTS);
+                (rig, second, rig.pose(second))
+            });
             for part in &model.parts {
-                let transform = pose.as_ref().map_or(part.transform, |pose| pose[part.node]);
+                let (pose, node) = (pose.as_ref(), part.moving_node());
+                let transform = pose.zip(node).map_or(part.transform, |((.., pose), node)| pose[node]);
                 let mesh = &model.meshes[part.mesh];
+                let posed = pose.zip(part.deformer.as_ref());
+                let posed = posed.map(|((rig, second, pose), deformer)| deformer.positions(rig, part.node, pose, *second));
+                let positions = posed.as_ref().unwrap_or(&mesh.positions);
                 let used = mesh.triangles.iter().flatten();
-                used.for_each(|&i| visit(transform.transform_point3(mesh.positions[i as usize].as_dvec3())));
+                used.for_each(|&i| visit(transform.transform_point3(positions[i as usize].as_dvec3())));
             }
         }
     };

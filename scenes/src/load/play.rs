@@ -28,19 +28,30 @@ impl Play<'_> {
         Err(format!("{} nodes and {parts} parts in {frames} frames are too many; at most {most} frames", self.rig.nodes()))
     }
 
-    /// Model space of each node in each frame.
-    pub(super) fn poses(&self) -> impl Iterator<Item = Vec<DAffine3>> {
-        (0..self.frames).map(|frame| self.rig.pose(self.animation.second(frame, self.rig.length)))
+    /// Seconds of the animation at which each frame is.
+    pub(super) fn seconds(&self) -> impl Iterator<Item = f64> {
+        (0..self.frames).map(|frame| self.animation.second(frame, self.rig.length))
     }
 
-    /// The transforms of each of `parts`: its node, and what is done before the node's transform. `placements` is one for each
-    /// frame, or one for all.
-    pub(super) fn transforms(&self, parts: &[(usize, DAffine3)], placements: &[DAffine3], origin: DVec3) -> Vec<Vec<Affine3A>> {
+    /// Model space of each node in each frame.
+    pub(super) fn poses(&self) -> impl Iterator<Item = Vec<DAffine3>> {
+        self.seconds().map(|second| self.rig.pose(second))
+    }
+
+    /// The transforms of each of `parts`: its node, if one moves it, and what is done before the node's transform. `placements`
+    /// is one for each frame, or one for all.
+    pub(super) fn transforms(
+        &self,
+        parts: &[(Option<usize>, DAffine3)],
+        placements: &[DAffine3],
+        origin: DVec3,
+    ) -> Vec<Vec<Affine3A>> {
         let mut all = vec![Vec::with_capacity(self.frames as usize); parts.len()];
         for (frame, pose) in self.poses().enumerate() {
             let placement = placements[frame.min(placements.len() - 1)];
             for ((node, first), transforms) in parts.iter().zip(&mut all) {
-                transforms.push(relative(placement * (pose[*node] * *first), origin));
+                let moved = node.map_or(*first, |node| pose[node] * *first);
+                transforms.push(relative(placement * moved, origin));
             }
         }
         all

@@ -26,7 +26,7 @@ pub struct Contents {
     pub animations: Vec<String>,
 }
 
-/// What a model file has beside its triangles. An OBJ file has nothing.
+/// What a model file has beside its triangles. OBJ and PLY files have nothing.
 ///
 /// # Errors
 /// When the file cannot be read.

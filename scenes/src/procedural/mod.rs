@@ -50,7 +50,7 @@ pub struct Pool<'a> {
     pub mesh_families: &'a [String],
     /// Families of environments; may be empty where there are maps.
     pub environment_families: &'a [String],
-    /// Paths of glTF and OBJ files, as the scene shall name them; read from the working directory, so better absolute.
+    /// Paths of glTF, OBJ and PLY files, as the scene shall name them; read from the working directory, so better absolute.
     pub models: &'a [String],
     /// Paths of `.hdr` and `.exr` maps, as the scene shall name them.
     pub hdris: &'a [String],

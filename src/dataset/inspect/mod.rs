@@ -33,6 +33,8 @@ pub enum Kind {
     Gltf,
     /// Wavefront OBJ.
     Obj,
+    /// Stanford PLY.
+    Ply,
     /// An environment map, Radiance or OpenEXR.
     Map,
     /// A frame with its channels, OpenEXR or compact.
@@ -56,6 +58,7 @@ impl Kind {
             Self::Transforms => "transforms",
             Self::Gltf => "gltf",
             Self::Obj => "obj",
+            Self::Ply => "ply",
             Self::Map => "map",
             Self::Frame => "frame",
             Self::Texture => "texture",
@@ -98,7 +101,7 @@ pub fn inspect(path: &Path, allowed: &[PathBuf]) -> Inspected {
     };
     let verdict = match kind {
         Kind::Scene => scene::scene(path, &Reach::of(path).allow(allowed)),
-        Kind::Gltf | Kind::Obj => scene::model(path, &Reach::of(path).allow(allowed)),
+        Kind::Gltf | Kind::Obj | Kind::Ply => scene::model(path, &Reach::of(path).allow(allowed)),
         Kind::Plan => data::plan(path),
         Kind::Transforms => data::transforms(path),
         Kind::Map => picture::map(path),
@@ -129,14 +132,17 @@ fn kind(path: &Path) -> Result<Kind> {
     if text.starts_with(b"{") {
         return json_kind(path, &ending);
     }
-    if Format::sniff(text) == Some(Format::Obj) {
-        return Ok(Kind::Obj);
+    match Format::sniff(text) {
+        Some(Format::Obj) => return Ok(Kind::Obj),
+        Some(Format::Ply) => return Ok(Kind::Ply),
+        _ => {}
     }
     let by_ending = match ending.as_str() {
         "json" => Some(Kind::Scene),
         "toml" => Some(Kind::Plan),
         "gltf" | "glb" => Some(Kind::Gltf),
         "obj" => Some(Kind::Obj),
+        "ply" => Some(Kind::Ply),
         "hdr" | "exr" => Some(Kind::Map),
         compact::EXTENSION => Some(Kind::Frame),
         "png" | "jpg" | "jpeg" => Some(Kind::Texture),
@@ -150,7 +156,7 @@ fn kind(path: &Path) -> Result<Kind> {
         bail!("{}: the file is empty", path.display());
     }
     bail!(
-        "{}: unknown kind of file; known: scene, plan and transforms JSON, glTF, GLB, OBJ, HDR, EXR, RFF, PNG, JPEG, safetensors, dataset folder",
+        "{}: unknown kind of file; known: scene, plan and transforms JSON, glTF, GLB, OBJ, PLY, HDR, EXR, RFF, PNG, JPEG, safetensors, dataset folder",
         path.display()
     )
 }

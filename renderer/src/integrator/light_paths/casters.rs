@@ -67,7 +67,7 @@ impl CausticCasters {
         let mut meshes: Vec<usize> = shiny.iter().map(|&(number, _)| scene.geometry.instances[number as usize].mesh).collect();
         meshes.sort_unstable();
         meshes.dedup();
-        let spheres: Vec<_> = meshes.par_iter().map(|&mesh| sphere_around(scene.geometry.mesh(mesh))).collect();
+        let spheres: Vec<_> = meshes.par_iter().map(|&mesh| sphere_around(scene.geometry.mesh(mesh), scene.frame())).collect();
         let caster = |&(instance, shine): &(u32, f32)| {
             let placed = &scene.geometry.instances[instance as usize];
             let sphere = spheres[meshes.binary_search(&placed.mesh).ok()?];
@@ -122,8 +122,9 @@ fn shine(material: &CompiledMaterial) -> f32 {
 }
 
 /// A sphere around a mesh, as it is.
-fn sphere_around(mesh: &Mesh) -> (Vec3A, f32) {
-    let corners = || mesh.triangles.iter().flatten().map(|&v| Vec3A::from(mesh.positions[v as usize]));
+fn sphere_around(mesh: &Mesh, frame: usize) -> (Vec3A, f32) {
+    let posed = mesh.posed(frame);
+    let corners = || mesh.triangles.iter().flatten().map(|&v| Vec3A::from(posed.positions[v as usize]));
     let (low, high) = corners().fold((Vec3A::INFINITY, Vec3A::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
     let center = 0.5 * (low + high);
     (center, corners().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt())
@@ -166,12 +167,12 @@ mod tests {
             let mut transform = Affine3A::from_scale_rotation_translation(scale, turn, Vec3::new(5.0, -2.0, 1.0));
             // Sheared, too.
             transform *= Affine3A::from_quat(turn);
-            let (center, radius) = transformed(sphere_around(&mesh), &transform).expect("a sphere");
+            let (center, radius) = transformed(sphere_around(&mesh, 0), &transform).expect("a sphere");
             let farthest =
                 mesh.positions.iter().map(|&p| transform.transform_point3a(p.into()).distance(center)).fold(0.0, f32::max);
             assert!(farthest <= radius && radius < 2.0 * farthest, "{scale}: {farthest} of {radius}");
         }
         assert_eq!(transformed((Vec3A::ZERO, 0.0), &Affine3A::IDENTITY), None);
-        assert_eq!(transformed(sphere_around(&Mesh::default()), &Affine3A::IDENTITY), None);
+        assert_eq!(transformed(sphere_around(&Mesh::default(), 0), &Affine3A::IDENTITY), None);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{ALBEDO, Case, EDGE, LIGHT, Paper, everywhere, flat, ground_of, nearly_flat, plain, rgb, sphere};
 use crate::verify::scenes::{self, Part};
-use glam::{Affine2, Affine3A, DVec2, DVec3, Quat, Vec2, Vec3};
+use glam::{Affine3A, DVec2, DVec3, Quat, Vec2, Vec3};
 use renderflow_frame::Environment;
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
 use renderflow_scenes::shapes::Shape;
@@ -39,7 +39,7 @@ fn rectangle_share(p: DVec3, low: DVec2, high: DVec2, height: f64) -> f64 {
 
 /// Slot 0 with the coordinates of the mesh.
 fn slot() -> Option<TextureSlot> {
-    Some(TextureSlot { texture: 0, uv_transform: Affine2::IDENTITY })
+    Some(TextureSlot::default())
 }
 
 /// Every scene with its answer.

@@ -105,7 +105,7 @@ impl Build<'_> {
             (Some(rig), Some(animation)) => {
                 let play = Play { rig, animation, frames: self.scene.frames };
                 play.check(lights.len()).map_err(|reason| Error::model(path, "", reason))?;
-                let nodes: Vec<_> = lights.iter().map(|light| (light.node, DAffine3::IDENTITY)).collect();
+                let nodes: Vec<_> = lights.iter().map(|light| (Some(light.node), DAffine3::IDENTITY)).collect();
                 play.transforms(&nodes, placements, self.origin)
             }
             _ => {

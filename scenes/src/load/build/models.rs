@@ -5,8 +5,8 @@ use crate::description::{Animation, CameraPath, Geometry, Object};
 use crate::error::{Error, Result};
 use crate::load::gltf::{label, lights::Light, rig::Rig};
 use crate::load::play::{self, Play};
-use crate::load::{invertible, model, relative};
-use crate::{Instance, Material, TextureSlot};
+use crate::load::{deform, invertible, model, relative};
+use crate::{Instance, Material, Mesh, TextureSlot};
 use glam::{Affine3A, DAffine3};
 use std::path::Path;
 use std::rc::Rc;
@@ -81,11 +81,21 @@ impl Build<'_> {
         let placed = &self.models[path];
         let single = placed.parts.len() == 1;
         let centered = |part: &model::Part| DAffine3::from_translation(self.centers[placed.first_mesh + part.mesh]);
+        let mut deforming: Vec<Option<Mesh>> = placed.parts.iter().map(|_| None).collect();
         let transforms: Vec<Vec<Affine3A>> = match (&rig, &object.animation) {
             (Some(rig), Some(animation)) => {
                 let play = Play { rig, animation, frames: self.scene.frames };
-                play.check(placed.parts.len()).map_err(|reason| Error::model(path, "", reason))?;
-                let parts: Vec<_> = placed.parts.iter().map(|part| (part.node, centered(part))).collect();
+                let soft: usize = placed.parts.iter().filter_map(|part| part.deformer.as_ref()).map(|d| d.size()).sum();
+                play.check(placed.parts.len() + soft).map_err(|reason| Error::model(path, "", reason))?;
+                let seconds: Vec<f64> = play.seconds().collect();
+                let poses = deform::play(rig, &seconds, &placed.parts);
+                for ((part, poses), mesh) in placed.parts.iter().zip(poses).zip(&mut deforming) {
+                    let moved = poses.zip(part.deformer.as_ref());
+                    *mesh = moved.map(|(poses, deformer)| Mesh::clone(&deformer.base).moved_by(&deformer.shape, poses));
+                }
+                // A mesh that deforms stays where it is in its file.
+                let first = |part: &model::Part| if part.deformer.is_some() { part.deformed_from() } else { centered(part) };
+                let parts: Vec<_> = placed.parts.iter().map(|part| (part.moving_node(), first(part))).collect();
                 play.transforms(&parts, placements, self.origin)
             }
             _ => {
@@ -102,7 +112,8 @@ impl Build<'_> {
             })
             .collect();
         let mut hidden = 0;
-        for ((part, mesh, material), transforms) in parts.into_iter().zip(transforms) {
+        for (((part, mesh, material), transforms), deforming) in parts.into_iter().zip(transforms).zip(deforming) {
+            let mesh = deforming.map_or(mesh, |made| self.add_deforming(made));
             let lists = if rig.is_some() {
                 if let Some(frame) = transforms.iter().position(|t| !t.is_finite()) {
                     let reason = format!("the animation moves {part:?} out of every range at frame {frame}");

@@ -101,8 +101,8 @@ impl<'a> Buffers<'a> {
         Ok(packed)
     }
 
-    /// Takes the bytes of an accessor from what may still be read.
-    fn spend(&self, size: usize, count: usize, place: &str, why: &str) -> Result<()> {
+    /// Takes the bytes of an accessor, or of a copy of what was read, from what may still be read.
+    pub(super) fn spend(&self, size: usize, count: usize, place: &str, why: &str) -> Result<()> {
         let spend = |left: usize| left.checked_sub(size.checked_mul(count)?);
         match self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend) {
             Ok(_) => Ok(()),

@@ -5,14 +5,28 @@ use crate::error::{Error, Result};
 use glam::DVec4;
 use gltf::animation::Interpolation;
 use renderflow_frame::words::number;
+use std::ops::{Add, Mul};
+
+/// The times of a curve, and what happens between them.
+struct Keys {
+    /// Seconds, at least one, never decreasing.
+    times: Vec<f64>,
+    interpolation: Interpolation,
+}
 
 /// What a node's property is at each time.
 pub(super) struct Curve {
-    /// Seconds, at least one, never decreasing.
-    times: Vec<f64>,
+    keys: Keys,
     /// One for each time, or three where the curve is a cubic spline: its tangents around the value.
     values: Vec<DVec4>,
-    interpolation: Interpolation,
+}
+
+/// What the weights of a node's morph targets are at each time.
+pub(super) struct Weights {
+    keys: Keys,
+    /// As those of a [`Curve`], each the weights of all targets one after the other.
+    values: Vec<f32>,
+    targets: usize,
 }
 
 /// An accessor of a document, by its number; `place` names it where the number is wrong.
@@ -34,8 +48,7 @@ impl Accessors<'_> {
         }
     }
 
-    /// Reads a curve of three numbers a key, or of quaternions.
-    pub(super) fn curve(&self, sampler: &gltf::json::animation::Sampler, place: &str, quaternions: bool) -> Result<Curve> {
+    fn keys(&self, sampler: &gltf::json::animation::Sampler, place: &str) -> Result<Keys> {
         let fail = |below: &str, reason: String| Err(Error::model(self.path, format!("{place}/{below}"), reason));
         let gltf::json::validation::Checked::Valid(interpolation) = sampler.interpolation else {
             return fail("interpolation", "not one of the values allowed here".into());
@@ -50,6 +63,23 @@ impl Accessors<'_> {
             let [a, b] = [at, at + 1].map(|i| number(times[i]));
             return fail("input", format!("key {} at {b} seconds comes after key {at} at {a}", at + 1));
         }
+        Ok(Keys { times, interpolation })
+    }
+
+    /// Refuses another number of values than the keys need, with `each` for every one of a property.
+    fn count(&self, keys: &Keys, each: usize, values: usize, place: &str) -> Result<()> {
+        let needed = keys.stride() * keys.times.len() * each;
+        if values == needed {
+            return Ok(());
+        }
+        let of_targets = if each == 1 { String::new() } else { format!(" of {each} morph targets") };
+        let reason = format!("{values} values where {} keys{of_targets} need {needed}", keys.times.len());
+        Err(Error::model(self.path, place, reason))
+    }
+
+    /// Reads a curve of three numbers a key, or of quaternions.
+    pub(super) fn curve(&self, sampler: &gltf::json::animation::Sampler, place: &str, quaternions: bool) -> Result<Curve> {
+        let keys = self.keys(sampler, place)?;
         let output = format!("{place}/output");
         let index = sampler.output.value();
         let values: Vec<DVec4> = if quaternions {
@@ -57,33 +87,40 @@ impl Accessors<'_> {
         } else {
             self.floats::<3>(index, &output)?.into_iter().map(|v| glam::DVec3::from(v.map(f64::from)).extend(0.0)).collect()
         };
-        let needed = if interpolation == Interpolation::CubicSpline { 3 * times.len() } else { times.len() };
-        if values.len() != needed {
-            return fail("output", format!("{} values where {} keys need {needed}", values.len(), times.len()));
-        }
-        Ok(Curve { times, values, interpolation })
+        self.count(&keys, 1, values.len(), &output)?;
+        Ok(Curve { keys, values })
+    }
+
+    /// Reads the weights of `targets` morph targets.
+    pub(super) fn weights(&self, sampler: &gltf::json::animation::Sampler, place: &str, targets: usize) -> Result<Weights> {
+        let keys = self.keys(sampler, place)?;
+        let output = format!("{place}/output");
+        let values: Vec<f32> = self.floats::<1>(sampler.output.value(), &output)?.into_iter().flatten().collect();
+        self.count(&keys, targets, values.len(), &output)?;
+        Ok(Weights { keys, values, targets })
     }
 }
 
-impl Curve {
+impl Keys {
+    /// Values that belong to a key.
+    fn stride(&self) -> usize {
+        if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 }
+    }
+
     /// Seconds of the last key.
-    pub(super) fn end(&self) -> f64 {
+    fn end(&self) -> f64 {
         self.times.last().copied().unwrap_or(0.0)
     }
 
-    /// Three numbers at a time, held before the first key and after the last one.
-    pub(super) fn vector(&self, seconds: f64) -> DVec4 {
-        self.at(seconds, |a, b, share| a + (b - a) * share)
-    }
-
-    /// A quaternion of any length at a time, held before the first key and after the last one. It goes the shorter way.
-    pub(super) fn rotation(&self, seconds: f64) -> DVec4 {
-        self.at(seconds, slerp)
-    }
-
-    fn at(&self, seconds: f64, mix: impl Fn(DVec4, DVec4, f64) -> DVec4) -> DVec4 {
-        let stride = if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 };
-        let value = |key: usize| self.values[key * stride + stride / 2];
+    /// What `values` are at a time, held before the first key and after the last one; `mix` is for lines.
+    fn at<V: Copy + Add<Output = V> + Mul<f64, Output = V>>(
+        &self,
+        seconds: f64,
+        values: impl Fn(usize) -> V,
+        mix: impl Fn(V, V, f64) -> V,
+    ) -> V {
+        let stride = self.stride();
+        let value = |key: usize| values(key * stride + stride / 2);
         let after = self.times.partition_point(|&time| time <= seconds);
         if after == 0 || after == self.times.len() {
             return value(after.saturating_sub(1));
@@ -96,7 +133,7 @@ impl Curve {
             Interpolation::Step => value(key),
             Interpolation::Linear => mix(value(key), value(after), share),
             Interpolation::CubicSpline => {
-                let (leaving, arriving) = (self.values[3 * key + 2] * length, self.values[3 * after] * length);
+                let (leaving, arriving) = (values(3 * key + 2) * length, values(3 * after) * length);
                 let (s, s2, s3) = (share, share.powi(2), share.powi(3));
                 value(key) * (2.0 * s3 - 3.0 * s2 + 1.0)
                     + leaving * (s3 - 2.0 * s2 + s)
@@ -104,6 +141,39 @@ impl Curve {
                     + arriving * (s3 - s2)
             }
         }
+    }
+}
+
+impl Curve {
+    /// Seconds of the last key.
+    pub(super) fn end(&self) -> f64 {
+        self.keys.end()
+    }
+
+    /// Three numbers at a time, held before the first key and after the last one.
+    pub(super) fn vector(&self, seconds: f64) -> DVec4 {
+        self.keys.at(seconds, |i| self.values[i], |a, b, share| a + (b - a) * share)
+    }
+
+    /// A quaternion of any length at a time, held before the first key and after the last one. It goes the shorter way.
+    pub(super) fn rotation(&self, seconds: f64) -> DVec4 {
+        self.keys.at(seconds, |i| self.values[i], slerp)
+    }
+}
+
+impl Weights {
+    /// Seconds of the last key.
+    pub(super) fn end(&self) -> f64 {
+        self.keys.end()
+    }
+
+    /// The weight of each target at a time, held before the first key and after the last one.
+    pub(super) fn at(&self, seconds: f64) -> Vec<f32> {
+        let weight = |target: usize| {
+            let value = |i: usize| f64::from(self.values[i * self.targets + target]);
+            self.keys.at(seconds, value, |a, b, share| a + (b - a) * share) as f32
+        };
+        (0..self.targets).map(weight).collect()
     }
 }
 

@@ -5,15 +5,21 @@ mod container;
 mod curve;
 mod document;
 mod extension;
+mod glossiness;
 pub(super) mod label;
 pub(super) mod lights;
 mod material;
+mod morph;
 pub(super) mod rig;
+pub(super) mod skin;
 mod tree;
 mod uri;
 
+use super::deform::Deformer;
+use super::mesh;
 use super::model::{Model, Part};
 use crate::error::{Error, Result};
+use crate::loaded::{Rows, Shape};
 use crate::texture::Budget;
 use crate::{LoadReport, Mesh};
 use access::Buffers;
@@ -22,12 +28,18 @@ use gltf::{Document, Semantic, mesh::Mode};
 use material::Materials;
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
+use skin::{Followed, Skin};
 use std::collections::HashMap;
 use std::path::Path;
+use std::rc::Rc;
+use std::sync::Arc;
 
 /// Extensions that are read, beyond those that the gltf crate knows it can.
-const READ: [&str; 8] = [
+const READ: [&str; 11] = [
     "KHR_lights_punctual",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_unlit",
+    "KHR_materials_variants",
     "KHR_mesh_quantization",
     "KHR_materials_specular",
     "KHR_materials_clearcoat",
@@ -40,8 +52,9 @@ const READ: [&str; 8] = [
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
 
 /// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the
-/// latter. Parts that are flattened as they rest come with it where `flat` parts are asked for.
-pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: bool) -> Result<Model> {
+/// latter. What only an animation needs, parts that are flattened as they rest and meshes before anything moves them, comes with it where
+/// the model is to be `animated`.
+pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, animated: bool) -> Result<Model> {
     let bytes = file::read(path)?;
     let (document, blob) = document::parse(path, &bytes)?;
     drop(bytes);
@@ -52,8 +65,12 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: 
         model: Model::default(),
         materials: textures.map(|_| Materials::new(path, reach, &document)),
         meshes: HashMap::new(),
+        skins: HashMap::new(),
+        places: HashMap::new(),
+        rest: vec![],
+        weighted: document.nodes().any(|node| node.weights().is_some_and(morph::some)),
         skipped: Skipped::default(),
-        flat,
+        animated,
     };
     let nodes = tree::nodes(path, &document)?;
     reader.scene(&document, &nodes)?;
@@ -65,8 +82,9 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: 
         }
     }
     if let (Some(materials), Some(budget)) = (materials, textures) {
-        (model.materials, model.textures) = materials.finish(&buffers, budget)?;
+        (model.materials, model.textures) = materials.finish(&buffers, budget, &mut model.report)?;
     }
+    model.report.notes.extend(variants(&document));
     if model.meshes.is_empty() {
         let why = if document.meshes().len() == 0 { "the file has no mesh" } else { "no node of its scene shows a mesh" };
         if model.report.notes.is_empty() {
@@ -83,13 +101,21 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, flat: 
     Ok(model)
 }
 
+/// What is said of the variants of a file's materials (KHR_materials_variants), of which the default is shown.
+fn variants(document: &Document) -> Option<String> {
+    let names = document.extension_value("KHR_materials_variants")?.get("variants")?.as_array()?;
+    let names: Vec<Option<&str>> = names.iter().map(|variant| variant.get("name").and_then(serde_json::Value::as_str)).collect();
+    let (count, known) = (names.len(), label::list(names.into_iter()));
+    (count > 0).then(|| format!("the materials have {count} variants ({known}), which are not read; the default ones are shown"))
+}
+
 /// What was met and not rendered.
 #[derive(Default)]
 struct Skipped {
     points_and_lines: usize,
     colors: usize,
-    skins: usize,
-    morphs: usize,
+    without_joints: usize,
+    without_uvs: usize,
     collapsed: usize,
     without_positions: usize,
 }
@@ -100,8 +126,8 @@ impl Skipped {
             (self.points_and_lines, "primitives of points or lines skipped"),
             (self.without_positions, "primitives without positions skipped"),
             (self.colors, "primitives with vertex colours, which are ignored"),
-            (self.skins, "skinned nodes shown as their meshes stand in the file"),
-            (self.morphs, "primitives with morph targets, which are ignored"),
+            (self.without_uvs, "sets of texture coordinates that materials ask for are not there"),
+            (self.without_joints, "primitives on nodes with a skin that have no joints, and follow their nodes"),
             (self.collapsed, "nodes skipped because their transform flattens everything"),
         ] {
             if count > 0 {
@@ -112,10 +138,20 @@ impl Skipped {
 }
 
 /// A mesh of the model with its material.
-#[derive(Clone)]
 struct Primitive {
-    mesh: usize,
+    mesh: Option<usize>,
     material: Option<usize>,
+    /// What can move its vertices.
+    soft: Option<Soft>,
+}
+
+/// A mesh whose vertices can move against each other.
+struct Soft {
+    mesh: Rc<Mesh>,
+    shape: Arc<Shape>,
+    targets: usize,
+    /// The highest number of a joint, and the attribute it is in; `None` where it has no joints.
+    highest: Option<(usize, String)>,
 }
 
 struct Reader<'a> {
@@ -125,59 +161,134 @@ struct Reader<'a> {
     materials: Option<Materials<'a>>,
     /// Renderable primitives of each mesh read so far.
     meshes: HashMap<usize, Vec<Primitive>>,
+    /// Skins read so far; `None` for those that cannot be used.
+    skins: HashMap<usize, Option<Rc<Skin>>>,
+    /// Place of each node of the scene in the tree, by its number in the file.
+    places: HashMap<usize, usize>,
+    /// Node to model space of each node in the tree, as the model rests.
+    rest: Vec<DAffine3>,
+    /// Whether some node gives its morph targets weights.
+    weighted: bool,
     skipped: Skipped,
-    /// Whether parts without volume, which an animation may unfold, are read too.
-    flat: bool,
+    /// Whether what only an animation needs is read too.
+    animated: bool,
 }
 
 impl Reader<'_> {
     fn scene(&mut self, document: &Document, tree: &[tree::Node]) -> Result<()> {
         let nodes: Vec<gltf::Node> = document.nodes().collect();
-        let mut world: Vec<DAffine3> = Vec::with_capacity(tree.len());
-        for (place, node) in tree.iter().enumerate() {
-            let transform = node.parent.map_or(DAffine3::IDENTITY, |parent| world[parent]) * node.local.affine();
+        for node in tree {
+            let transform = node.parent.map_or(DAffine3::IDENTITY, |parent| self.rest[parent]) * node.local.affine();
             if !transform.is_finite() {
                 return Err(Error::model(self.path, format!("/nodes/{}", node.index), "the transform is not finite"));
             }
-            self.node(&nodes[node.index], place, transform)?;
-            world.push(transform);
+            self.places.insert(node.index, self.rest.len());
+            self.rest.push(transform);
         }
-        Ok(())
+        tree.iter().enumerate().try_for_each(|(place, node)| self.node(&nodes[node.index], place))
     }
 
     /// The meshes of a node at `place` in the tree.
-    fn node(&mut self, node: &gltf::Node, place: usize, transform: DAffine3) -> Result<()> {
+    fn node(&mut self, node: &gltf::Node, place: usize) -> Result<()> {
         let Some(mesh) = node.mesh() else { return Ok(()) };
-        if !self.flat && !super::invertible(super::relative(transform, transform.translation)) {
+        let transform = self.rest[place];
+        let skin = match node.skin() {
+            None => None,
+            Some(skin) => match self.skins.get(&skin.index()) {
+                Some(known) => known.clone(),
+                None => {
+                    let read = self.skin(&skin)?.map(Rc::new);
+                    self.skins.insert(skin.index(), read.clone());
+                    read
+                }
+            },
+        };
+        let flat = !self.animated && !super::invertible(super::relative(transform, transform.translation));
+        if flat && skin.is_none() {
             self.skipped.collapsed += 1;
             return Ok(());
         }
-        self.skipped.skins += usize::from(node.skin().is_some());
-        let primitives = match self.meshes.get(&mesh.index()) {
-            Some(known) => known.clone(),
-            None => {
-                let read = self.mesh(&mesh)?;
-                self.meshes.insert(mesh.index(), read.clone());
-                read
-            }
+        // Taken out while its primitives are placed.
+        let mut primitives = match self.meshes.remove(&mesh.index()) {
+            Some(known) => known,
+            None => self.mesh(&mesh)?,
         };
         let name = node.name().or(mesh.name()).map_or_else(|| format!("node {}", node.index()), str::to_owned);
-        for Primitive { mesh, material } in primitives {
-            self.model.parts.push(Part { name: name.clone(), mesh, material, transform, node: place });
+        for primitive in &mut primitives {
+            let part = Part { name: name.clone(), mesh: 0, material: primitive.material, transform, node: place, deformer: None };
+            let deformed = match &primitive.soft {
+                Some(soft) => self.deformed(node, &mesh, soft, skin.as_ref(), &part)?,
+                None => None,
+            };
+            let jointed = primitive.soft.as_ref().is_some_and(|soft| soft.highest.is_some());
+            self.skipped.without_joints += usize::from(skin.is_some() && !jointed);
+            let part = deformed.unwrap_or_else(|| {
+                let mesh = *primitive.mesh.get_or_insert_with(|| {
+                    self.model.meshes.extend(primitive.soft.as_ref().map(|soft| Mesh::clone(&soft.mesh)));
+                    self.model.meshes.len() - 1
+                });
+                Part { mesh, ..part }
+            });
+            self.model.parts.push(part);
         }
+        self.meshes.insert(mesh.index(), primitives);
         Ok(())
+    }
+
+    /// The part of a node whose vertices a skin or morph targets move; `None` where nothing moves them.
+    fn deformed(
+        &mut self,
+        node: &gltf::Node,
+        mesh: &gltf::Mesh,
+        soft: &Soft,
+        skin: Option<&Rc<Skin>>,
+        part: &Part,
+    ) -> Result<Option<Part>> {
+        let skin = skin.filter(|_| soft.highest.is_some()).cloned();
+        let weights = morph::at_rest(self, node, mesh, soft.targets)?;
+        if skin.is_none() && !(soft.targets > 0 && self.animated) && weights.iter().all(|&weight| weight == 0.0) {
+            return Ok(None);
+        }
+        if let (Some(skin), Some((highest, place))) = (&skin, &soft.highest)
+            && *highest >= skin.joints()
+        {
+            let reason = format!("joint {highest} does not exist, there are {}", skin.joints());
+            return Err(Error::model(self.path, place, reason));
+        }
+        let place = format!("/nodes/{}", node.index());
+        let base = if skin.as_ref().is_some_and(|skin| skin.mirrors) {
+            Rc::new(mesh::mirrored(&soft.mesh))
+        } else {
+            Rc::clone(&soft.mesh)
+        };
+        let vertex = size_of::<Vec3>() * 2 + size_of::<Vec4>() + size_of::<Vec2>();
+        self.buffers.spend(vertex, base.positions.len(), &place, "posed again and again")?;
+        self.buffers.spend(size_of::<[u32; 3]>(), base.triangles.len(), &place, "posed again and again")?;
+        let transform = skin.as_ref().map_or(part.transform, |skin| DAffine3::from_translation(skin.origin));
+        // Without its skin a shape moves by its targets alone.
+        let deformer = Deformer { base, shape: Arc::clone(&soft.shape), skin, weights: weights.clone() };
+        self.model.meshes.push(deformer.still(deformer.posed(&self.rest, weights)));
+        let deformer = self.animated.then(|| Rc::new(deformer));
+        let (name, mesh) = (part.name.clone(), self.model.meshes.len() - 1);
+        Ok(Some(Part { name, mesh, transform, deformer, ..*part }))
     }
 
     fn mesh(&mut self, mesh: &gltf::Mesh) -> Result<Vec<Primitive>> {
         let mut result = vec![];
         for primitive in mesh.primitives() {
             if let Some(read) = self.primitive(mesh, &primitive)? {
-                self.model.meshes.push(read);
+                let soft = self.soft(mesh, &primitive, read)?;
                 let material = match &mut self.materials {
                     Some(materials) => Some(materials.index(&primitive.material(), &mut self.model.report)),
                     None => None,
                 };
-                result.push(Primitive { mesh: self.model.meshes.len() - 1, material });
+                result.push(match soft {
+                    Err(rigid) => {
+                        self.model.meshes.push(rigid);
+                        Primitive { mesh: Some(self.model.meshes.len() - 1), material, soft: None }
+                    }
+                    Ok(soft) => Primitive { mesh: None, material, soft: Some(soft) },
+                });
             }
         }
         Ok(result)
@@ -195,23 +306,46 @@ impl Reader<'_> {
             return Ok(None);
         };
         self.skipped.colors += usize::from(primitive.get(&Semantic::Colors(0)).is_some());
-        self.skipped.morphs += usize::from(primitive.morph_targets().next().is_some());
         let buffers = self.buffers;
         let positions = buffers.floats::<3>(&accessor, &format!("{place}/attributes/POSITION"))?;
         let order = match primitive.indices() {
             Some(accessor) => buffers.indices(&accessor, &format!("{place}/indices"))?,
             None => (0..positions.len() as u32).collect(),
         };
-        let set = self.materials.as_ref().map_or(0, |materials| materials.texture_set(&primitive.material()));
+        let sets = self.materials.as_ref().map_or_else(|| vec![0], |m| m.texture_sets(&primitive.material()));
         let vertices = positions.len();
+        let uvs = |&set: &u32| self.attribute::<2, Vec2>(primitive, Semantic::TexCoords(set), vertices, &place);
+        let more_uvs = sets[1..].iter().map(uvs).collect::<Result<Vec<Vec<Vec2>>>>()?;
+        let missing = more_uvs.iter().filter(|uvs| uvs.is_empty()).count();
+        let mesh_uvs = uvs(&sets[0])?;
+        self.skipped.without_uvs += missing;
         Ok(Some(Mesh {
             name: mesh.name().map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned),
             normals: self.attribute::<3, Vec3>(primitive, Semantic::Normals, vertices, &place)?,
             tangents: self.attribute::<4, Vec4>(primitive, Semantic::Tangents, vertices, &place)?,
-            uvs: self.attribute::<2, Vec2>(primitive, Semantic::TexCoords(set), vertices, &place)?,
+            uvs: mesh_uvs,
+            more_uvs,
             positions: positions.into_iter().map(Vec3::from).collect(),
             triangles: triangles(primitive.mode(), &order),
+            ..Mesh::default()
         }))
+    }
+
+    /// What can move the vertices of a primitive that was read; `None` where nothing can.
+    fn soft(&mut self, mesh: &gltf::Mesh, primitive: &gltf::Primitive, read: Mesh) -> Result<std::result::Result<Soft, Mesh>> {
+        let place = format!("/meshes/{}/primitives/{}", mesh.index(), primitive.index());
+        let vertices = read.positions.len();
+        let followed = self.followed(primitive, vertices, &place)?;
+        // Targets that no weight ever asks for are not read.
+        let asked = self.animated || self.weighted || mesh.weights().is_some_and(morph::some);
+        let targets = if asked { primitive.morph_targets().count() } else { 0 };
+        if followed.is_none() && targets == 0 {
+            return Ok(Err(read));
+        }
+        let displacements = if targets > 0 { self.displacements(primitive, vertices, &place)? } else { Rows::default() };
+        let (influences, highest) = followed.map_or_else(Default::default, |Followed { rows, highest }| (rows, Some(highest)));
+        let shape = Arc::new(Shape { displacements, influences });
+        Ok(Ok(Soft { mesh: Rc::new(read), shape, targets, highest }))
     }
 
     /// An optional attribute with one value for each of `vertices`.

@@ -1,7 +1,7 @@
 //! What moves in a glTF file, and its cameras.
 
 use super::access::Buffers;
-use super::curve::{Accessors, Curve};
+use super::curve::{Accessors, Curve, Weights};
 use super::tree::{self, Local, Node};
 use super::{document, label};
 use crate::description::{Animation, NameOrNumber};
@@ -42,6 +42,8 @@ pub(crate) struct Rig {
     /// Names of the file's animations.
     pub clips: Vec<Option<String>>,
     tracks: Vec<Track>,
+    /// What moves the weights of morph targets, by the place of the node.
+    weights: HashMap<usize, Rc<Weights>>,
     /// Seconds of the animation.
     pub length: f64,
     /// What of the animation is not played, one sentence each.
@@ -70,6 +72,12 @@ pub(super) fn cameras(document: &Document, nodes: &[Node]) -> Vec<Camera> {
     found.collect()
 }
 
+/// Number of morph targets of the mesh of a node; its primitives all have as many (glTF 2.0, section 3.7.2.2).
+fn targets(document: &Document, node: usize) -> usize {
+    let mesh = document.nodes().nth(node).and_then(|node| node.mesh());
+    mesh.and_then(|mesh| Some(mesh.primitives().next()?.morph_targets().count())).unwrap_or(0)
+}
+
 /// Reads the tree and the cameras of a file, and the animation that is asked for.
 pub(crate) fn read(path: &Path, reach: &Reach, animation: Option<&Animation>) -> Result<Rig> {
     let bytes = file::read(path)?;
@@ -78,7 +86,7 @@ pub(crate) fn read(path: &Path, reach: &Reach, animation: Option<&Animation>) ->
     let nodes = tree::nodes(path, &document)?;
     let cameras = cameras(&document, &nodes);
     let clips = document.animations().map(|a| a.name().map(str::to_owned)).collect();
-    let mut rig = Rig { nodes, cameras, clips, tracks: vec![], length: 0.0, notes: vec![] };
+    let mut rig = Rig { nodes, cameras, clips, tracks: vec![], weights: HashMap::new(), length: 0.0, notes: vec![] };
     if let Some(animation) = animation {
         let index = clip(path, &document, animation.clip.as_ref())?;
         let buffers = Buffers::read(path, reach, &document, blob)?;
@@ -108,7 +116,6 @@ impl Rig {
         let places: HashMap<usize, usize> = self.nodes.iter().enumerate().map(|(place, node)| (node.index, place)).collect();
         let accessors = Accessors { path, buffers, all: document.accessors().collect() };
         let (mut curves, mut moved) = (HashMap::new(), HashSet::new());
-        let mut weights = 0;
         for (number, channel) in animation.channels.iter().enumerate() {
             let place = format!("/animations/{index}/channels/{number}/target");
             let node = channel.target.node.value();
@@ -121,26 +128,31 @@ impl Rig {
             if !moved.insert((node, property as u8)) {
                 return Err(Error::model(path, place, "another channel moves the same property of the node"));
             }
-            if property == Property::MorphTargetWeights {
-                weights += 1;
-                continue;
-            }
             // A node of another scene is not shown.
             let Some(&node) = places.get(&node) else { continue };
+            let sampler = channel.sampler.value();
+            let read_from = format!("/animations/{index}/samplers/{sampler}");
+            let Some(json) = animation.samplers.get(sampler) else {
+                return Err(Error::model(path, read_from, "is missing"));
+            };
+            if property == Property::MorphTargetWeights {
+                let targets = targets(document, self.nodes[node].index);
+                if targets > 0 {
+                    let weights = accessors.weights(json, &read_from, targets)?;
+                    self.length = self.length.max(weights.end());
+                    self.weights.insert(node, Rc::new(weights));
+                }
+                continue;
+            }
             if matches!(self.nodes[node].local, Local::Matrix(_)) {
                 let reason = format!("node {} has a matrix, which no animation moves", self.nodes[node].index);
                 return Err(Error::model(path, place, reason));
             }
             let quaternions = property == Property::Rotation;
-            let sampler = channel.sampler.value();
             let curve = match curves.get(&(sampler, quaternions)) {
                 Some(known) => Rc::clone(known),
                 None => {
-                    let place = format!("/animations/{index}/samplers/{sampler}");
-                    let Some(json) = animation.samplers.get(sampler) else {
-                        return Err(Error::model(path, place, "is missing"));
-                    };
-                    let read = Rc::new(accessors.curve(json, &place, quaternions)?);
+                    let read = Rc::new(accessors.curve(json, &read_from, quaternions)?);
                     curves.insert((sampler, quaternions), Rc::clone(&read));
                     read
                 }
@@ -148,10 +160,7 @@ impl Rig {
             self.length = self.length.max(curve.end());
             self.tracks.push(Track { node, property, curve });
         }
-        if weights > 0 {
-            self.notes.push(format!("{weights} channels of morph targets are not played"));
-        }
-        if self.tracks.is_empty() {
+        if self.tracks.is_empty() && self.weights.is_empty() {
             let name = label::of(index, animation.name.as_deref());
             self.notes.push(format!("the animation {name} moves no node of the file's scene"));
         }
@@ -181,6 +190,11 @@ impl Rig {
             world.push(parent * local.affine());
         }
         world
+    }
+
+    /// Weights of the morph targets of the node at `place` at a second of the animation, where it moves them.
+    pub(crate) fn weights(&self, place: usize, seconds: f64) -> Option<Vec<f32>> {
+        self.weights.get(&place).map(|weights| weights.at(seconds))
     }
 
     /// Where a camera of the file is in [`Self::pose`]: its position, the direction of its view, and what is up in its picture;

@@ -55,7 +55,8 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
             continue;
         }
         let material = mesh.material_id.filter(|_| textures.is_some());
-        model.parts.push(Part { name: name.clone(), mesh: model.meshes.len(), material, transform: DAffine3::IDENTITY, node: 0 });
+        let (mesh_number, transform) = (model.meshes.len(), DAffine3::IDENTITY);
+        model.parts.push(Part { name: name.clone(), mesh: mesh_number, material, transform, node: 0, deformer: None });
         model.meshes.push(convert(name, &mesh));
     }
     Ok(model)
@@ -69,7 +70,7 @@ fn convert(name: String, mesh: &tobj::Mesh) -> Mesh {
         positions: vectors(&mesh.positions),
         normals: vectors(&mesh.normals),
         uvs: mesh.texcoords.chunks_exact(2).map(|uv| Vec2::new(uv[0], 1.0 - uv[1])).collect(),
-        tangents: vec![],
         triangles: mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+        ..Mesh::default()
     }
 }

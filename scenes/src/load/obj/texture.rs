@@ -52,7 +52,7 @@ impl<'a> Textures<'a> {
             Ok(Some(texture::decode_one(&bytes, wanted, budget).map_err(fail)?))
         })?;
         let texture = made.ok_or_else(|| failure(material, &path, "no image".into()))?;
-        Ok(TextureSlot { texture, uv_transform: statement.uv_transform() })
+        Ok(TextureSlot { texture, uv_transform: statement.uv_transform(), set: 0 })
     }
 
     /// The colour map with the opacity map as its alpha; white without one. `None` where the two differ in size or in how they
@@ -84,7 +84,7 @@ impl<'a> Textures<'a> {
             image.pixels_mut().zip(mask.pixels()).for_each(|(texel, mask)| texel.0[3] = mask.0[if has_alpha { 3 } else { 0 }]);
             Ok(Some(whole(opacity, image, Encoding::Srgb)))
         })?;
-        Ok(texture.map(|texture| TextureSlot { texture, uv_transform: opacity.uv_transform() }))
+        Ok(texture.map(|texture| TextureSlot { texture, uv_transform: opacity.uv_transform(), set: 0 }))
     }
 
     /// glTF's layout (G = roughness, B = metallic) from one or two grey maps; `None` without any, or where the two differ in size
@@ -117,7 +117,7 @@ impl<'a> Textures<'a> {
             }
             Ok(image.map(|image| whole(first, image, Encoding::Linear)))
         })?;
-        Ok(texture.map(|texture| TextureSlot { texture, uv_transform: first.uv_transform() }))
+        Ok(texture.map(|texture| TextureSlot { texture, uv_transform: first.uv_transform(), set: 0 }))
     }
 
     fn path(&self, material: &str, statement: &Statement) -> Result<PathBuf> {
