@@ -7,6 +7,7 @@ use crate::error::Error;
 use glam::Vec3A;
 use renderflow_frame::file;
 use renderflow_frame::words::shortened;
+use std::cmp::Ordering;
 use std::path::Path;
 
 /// Largest file that is read, bytes.
@@ -187,7 +188,7 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<I> {
         let mut angles: Vec<f32> = Vec::new();
         for _ in 0..count {
             let angle = self.next(&format!("the {what} angles"))? as f32;
-            if angles.last().is_some_and(|&last| !(angle > last)) {
+            if angles.last().is_some_and(|&last| angle.partial_cmp(&last) != Some(Ordering::Greater)) {
                 return Err(format!("the {what} angles do not rise at {angle}"));
             }
             angles.push(angle);

@@ -64,8 +64,9 @@ impl Distortion {
         for _ in 0..STEPS {
             let (shown, slope) = self.with_slope(p);
             let error = shown - q;
-            // Beyond a fold the determinant has the other sign.
-            if !(slope.determinant() > 1e-9) {
+            // Beyond a fold the determinant has the other sign; NaN fails as well.
+            let before_fold = slope.determinant() > 1e-9;
+            if !before_fold {
                 return None;
             }
             let step = slope.inverse() * error;

@@ -1,7 +1,7 @@
 //! Model files: what glTF, OBJ and PLY have in common, and a scene around a single model.
 
-use super::gltf::lights::Light;
 use super::deform::Deformer;
+use super::gltf::lights::Light;
 use super::gltf::rig::Rig;
 use crate::description::{
     Animation, CameraPath, EnvironmentLight, EnvironmentSource, Geometry, Material as Described, Object, Scene, Transform,
