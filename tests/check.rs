@@ -142,7 +142,10 @@ fn models() {
     accepted(&file(folder, "a.obj", TRIANGLE), &[&counts[..], &["obj", "low (0 0 -3)", "high (2 0 0)"]].concat());
     let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
                property list uchar int vertex_indices\nend_header\n0 0 -3\n2 0 0\n0 0 0\n";
-    accepted(&file(folder, "a.ply", format!("{ply}3 0 1 2\n")), &[&counts[..], &["ply", "low (0 0 -3)", "high (2 0 0)"]].concat());
+    accepted(
+        &file(folder, "a.ply", format!("{ply}3 0 1 2\n")),
+        &[&counts[..], &["ply", "low (0 0 -3)", "high (2 0 0)"]].concat(),
+    );
     // One face without area is dropped and counted.
     accepted(&file(folder, "flat.obj", format!("{TRIANGLE}f 1 1 2\n")), &["triangles 1", "dropped without area 1"]);
 
