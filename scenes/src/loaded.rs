@@ -25,8 +25,8 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Further sets of texture coordinates, for texture slots that ask for set 1, 2, ...; each one a vertex, or empty.
     pub more_uvs: Vec<Vec<Vec2>>,
-    /// Tangents (xyz unit, w = +-1 handedness) as in glTF, one a vertex; empty = none (no normal map is applied then). They belong
-    /// to the first set of texture coordinates.
+    /// Tangents (xyz unit, w = +-1 handedness) as in glTF, one a vertex; empty = none (no normal map is applied then). They
+    /// belong to the first set of texture coordinates.
     pub tangents: Vec<Vec4>,
     /// Vertex indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,

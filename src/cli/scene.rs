@@ -14,8 +14,8 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Input")]
 pub(super) struct SceneArgs {
-    /// Scene (.json) or model (.gltf, .glb, .obj, .ply). A model stands on a ground plane. Without a file, a scene is composed from
-    /// --seed
+    /// Scene (.json) or model (.gltf, .glb, .obj, .ply). A model stands on a ground plane. Without a file, a scene is composed
+    /// from --seed
     #[arg(value_name = "SCENE", id = "SCENE", help_heading = None::<&str>)]
     file: Option<PathBuf>,
     /// The earlier form of SCENE

@@ -19,8 +19,8 @@ const RESOLUTION: [u32; 2] = [256; 2];
 /// A scene that somebody asks for. What is `None` keeps the value of the file, or a default.
 #[derive(Clone, Debug, Default)]
 pub struct SceneSource {
-    /// Scene file (.json) or model (.gltf, .glb, .obj, .ply). Without it, the scene is composed with meshes and light that training
-    /// never sees.
+    /// Scene file (.json) or model (.gltf, .glb, .obj, .ply). Without it, the scene is composed with meshes and light that
+    /// training never sees.
     pub file: Option<PathBuf>,
     /// Environment map (.hdr, .exr), or the name of a built-in one.
     pub hdri: Option<String>,

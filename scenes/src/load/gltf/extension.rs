@@ -1,6 +1,6 @@
 //! Material extensions of glTF, brought into Burley's parameters. Exact where the two models agree, the nearest of his lobes and
-//! a note where they do not. Where an extension has a texture for a parameter that has none here, the mean of the texture is used,
-//! with a note where it is not the same everywhere.
+//! a note where they do not. Where an extension has a texture for a parameter that has none here, the mean of the texture is
+//! used, with a note where it is not the same everywhere.
 
 use super::material::{Mean, array, finite};
 use crate::Material;

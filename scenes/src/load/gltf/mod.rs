@@ -52,8 +52,8 @@ const READ: [&str; 11] = [
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
 
 /// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the
-/// latter. What only an animation needs, parts that are flattened as they rest and meshes before anything moves them, comes with it where
-/// the model is to be `animated`.
+/// latter. What only an animation needs, parts that are flattened as they rest and meshes before anything moves them, comes with
+/// it where the model is to be `animated`.
 pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, animated: bool) -> Result<Model> {
     let bytes = file::read(path)?;
     let (document, blob) = document::parse(path, &bytes)?;
