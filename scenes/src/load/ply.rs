@@ -192,8 +192,11 @@ pub(super) fn read(path: &Path, materials: bool) -> Result<Model> {
     Ok(model)
 }
 
-/// The form, the elements, and what follows the header. An error comes with its line.
-fn header(bytes: &[u8]) -> std::result::Result<(Form, Vec<Element>, &[u8]), (usize, String)> {
+/// The form, the elements, and what follows the header.
+type Header<'a> = (Form, Vec<Element>, &'a [u8]);
+
+/// Reads the header. An error comes with its line.
+fn header(bytes: &[u8]) -> std::result::Result<Header<'_>, (usize, String)> {
     let (mut form, mut elements): (Option<Form>, Vec<Element>) = (None, vec![]);
     let mut rest = bytes;
     for number in 1..=MOST_LINES {
