@@ -36,7 +36,7 @@ pub struct CameraFrame {
     pub distortion: Option<Distortion>,
 }
 
-/// The schema of [`Distortion`].
+/// How a lens bends straight lines: OpenCV's coefficients, each 0 by default.
 #[derive(JsonSchema)]
 #[schemars(rename = "Distortion", deny_unknown_fields)]
 #[expect(dead_code, reason = "only its schema is used")]

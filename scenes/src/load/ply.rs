@@ -192,10 +192,10 @@ pub(super) fn read(path: &Path, materials: bool) -> Result<Model> {
     Ok(model)
 }
 
-/// Form of the body, what is in it, and the body.
+/// The form, the elements, and what follows the header.
 type Header<'a> = (Form, Vec<Element>, &'a [u8]);
 
-/// The form, the elements, and what follows the header. An error comes with its line.
+/// Reads the header. An error comes with its line.
 fn header(bytes: &[u8]) -> std::result::Result<Header<'_>, (usize, String)> {
     let (mut form, mut elements): (Option<Form>, Vec<Element>) = (None, vec![]);
     let mut rest = bytes;
