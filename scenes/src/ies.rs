@@ -187,7 +187,7 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<I> {
         let mut angles: Vec<f32> = Vec::new();
         for _ in 0..count {
             let angle = self.next(&format!("the {what} angles"))? as f32;
-            if angles.last().is_some_and(|&last| !(angle > last)) {
+            if angles.last().is_some_and(|&last| angle <= last) {
                 return Err(format!("the {what} angles do not rise at {angle}"));
             }
             angles.push(angle);
