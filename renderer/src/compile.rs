@@ -4,13 +4,13 @@ use crate::accel::{Hit, MAX_TRIANGLES, Scratch};
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
-use crate::light::{EmissiveTriangle, EnvironmentLight, LightSampler, Repairs, Sampling};
+use crate::light::{DistantLight, EmissiveTriangle, EnvironmentLight, Lamp, LightSampler, Lights, Repairs, Sampling, Selection};
 use crate::material::{Prepared, Principled, Side};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
 use glam::Vec3A;
 use renderflow_frame::{Camera, Environment, Light};
-use renderflow_scenes::loaded::AlphaMask;
+use renderflow_scenes::loaded::{AlphaMask, PunctualKind, PunctualLight};
 use renderflow_scenes::mipmap::{Level, Texels};
 use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
 use std::sync::{Arc, OnceLock};
@@ -27,6 +27,10 @@ pub struct RenderScene {
     first_emitter: Vec<Option<u32>>,
     /// Instance and triangle of every emissive triangle.
     emitters: Vec<(u32, u32)>,
+    /// Lights without an area.
+    punctual: Vec<PunctualLight>,
+    /// How light samples choose among the lights.
+    selection: Selection,
     light: Arc<Light>,
     pub(crate) seed: u64,
     pub(crate) hash: String,
@@ -145,7 +149,7 @@ impl RenderScene {
         let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(&m.at(0, frames), &textures)).collect();
         let changing = scene.materials.iter().cloned().enumerate().filter(|(_, m)| m.change.is_some()).collect();
         let light = EnvironmentLight::new(&scene.environment)?;
-        let features = features(&materials, &scene.instances, &light);
+        let features = features(&materials, &scene.instances, &light, &scene.lights);
         let wanted = Wanted {
             uv_sets: if features.textures { 1 + further_sets(&scene.materials, &scene.instances) } else { 0 },
             tangents: materials.iter().map(|m| m.normal_texture.is_some() || m.surface.anisotropic > 0.0).collect(),
@@ -155,9 +159,11 @@ impl RenderScene {
             materials,
             changing,
             textures,
-            lights: LightSampler::new(light, []),
+            lights: LightSampler::new(light, Lights::default()),
             first_emitter: vec![None; scene.instances.len()],
             emitters: Vec::new(),
+            punctual: scene.lights.clone(),
+            selection: Selection::default(),
             light: Arc::new(Light::new(scene.environment.clone())),
             seed: scene.seed,
             hash: scene.hash.clone(),
@@ -185,13 +191,13 @@ impl RenderScene {
             }
         }
         if changed {
-            self.features = features(&self.materials, &self.geometry.instances, self.lights.environment());
+            self.features = features(&self.materials, &self.geometry.instances, self.lights.environment(), &self.punctual);
         }
     }
 
-    /// Finds the emissive triangles at the current frame.
+    /// Finds the emissive triangles and the lights without an area at the current frame.
     fn place_emitters(&mut self) {
-        if !self.features.emitters {
+        if !self.features.lights() {
             return;
         }
         let mut triangles = Vec::new();
@@ -221,7 +227,21 @@ impl RenderScene {
         }
         // A flat environment is found by scattering, so the sampler sends the fewest possible samples there.
         let share = if self.features.flat_environment { 0.0 } else { 0.5 };
-        self.lights = LightSampler::with_share(self.lights.environment().clone(), triangles, share);
+        let lights = Lights {
+            triangles,
+            lamps: self.punctual.iter().filter_map(|light| Lamp::new(light, self.frame)).collect(),
+            distant: self.punctual.iter().filter_map(|light| DistantLight::new(light, self.frame)).collect(),
+            selection: self.selection,
+        };
+        self.lights = LightSampler::with_share(self.lights.environment().clone(), lights, share);
+    }
+
+    /// Chooses how light samples choose among the lights; [`Self::compile`] takes the default. For measurements: the picture
+    /// converges to the same one.
+    #[doc(hidden)]
+    pub fn set_light_selection(&mut self, selection: Selection) {
+        self.selection = selection;
+        self.place_emitters();
     }
 
     /// Moves to `frame`; 0 is the first, and beyond the last frame the last pose is held. Nothing is done where only the camera
@@ -229,8 +249,9 @@ impl RenderScene {
     /// then. The picture is a function of the frame and does not depend on the frames before it.
     pub fn set_frame(&mut self, frame: usize) {
         let moved = |i: &Instance| !self.geometry.rests(i, frame, self.frame);
-        let emitters_moved = self.features.emitters
-            && self.geometry.instances.iter().any(|i| self.materials[i.material].emissive != Vec3A::ZERO && moved(i));
+        let shone = |i: &&Instance| self.materials[i.material].emissive != Vec3A::ZERO;
+        let emitters_moved = self.features.emitters && self.geometry.instances.iter().filter(shone).any(moved)
+            || self.punctual.iter().any(|light| light.transform(frame) != light.transform(self.frame));
         self.frame = frame;
         self.geometry.set_frame(frame);
         self.place_materials();
@@ -298,7 +319,7 @@ impl RenderScene {
         if let Some(bsdf) = self.bsdfs.get_mut().and_then(|bsdfs| bsdfs[number].as_mut()) {
             *bsdf = Prepared::new(&material.surface);
         }
-        self.features = features(&self.materials, &self.geometry.instances, self.lights.environment());
+        self.features = features(&self.materials, &self.geometry.instances, self.lights.environment(), &self.punctual);
         Ok(())
     }
 
@@ -308,7 +329,7 @@ impl RenderScene {
             return;
         }
         self.light = Arc::new(self.light.turned(rotation));
-        self.lights = LightSampler::new(self.lights.environment().turned(rotation), []);
+        self.lights = LightSampler::new(self.lights.environment().turned(rotation), Lights::default());
         self.place_emitters();
     }
 
@@ -349,7 +370,8 @@ impl RenderScene {
     /// # Errors
     /// Never after [`Self::compile`] accepted the environment.
     pub fn set_environment_sampling(&mut self, sampling: Sampling) -> Result<()> {
-        self.lights = LightSampler::new(EnvironmentLight::with_sampling(self.environment(), sampling)?, []);
+        let environment = EnvironmentLight::with_sampling(self.environment(), sampling)?;
+        self.lights = LightSampler::new(environment, Lights::default());
         self.place_emitters();
         Ok(())
     }
@@ -422,7 +444,12 @@ impl RenderScene {
 }
 
 /// The features that the instances need with these materials. A material that no instance uses must not slow the others down.
-fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &EnvironmentLight) -> FeatureSet {
+fn features(
+    materials: &[CompiledMaterial],
+    instances: &[Instance],
+    light: &EnvironmentLight,
+    punctual: &[PunctualLight],
+) -> FeatureSet {
     let used = |f: &dyn Fn(&CompiledMaterial) -> bool| instances.iter().any(|i| f(&materials[i.material]));
     FeatureSet {
         textures: used(&|m| {
@@ -434,6 +461,7 @@ fn features(materials: &[CompiledMaterial], instances: &[Instance], light: &Envi
         black_environment: light.is_black(),
         layers: used(&|m| !m.surface.is_plain()),
         emitters: used(&|m| m.emissive != Vec3A::ZERO),
+        punctual: !punctual.is_empty(),
         cutouts: used(&|m| !m.is_solid()),
         blended: used(&|m| m.opacity.is_some()),
         clear: used(&|m| m.clear != Clear::No),
@@ -491,6 +519,16 @@ fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
         }
         if instance.transforms.is_empty() {
             return Err(Error::inconsistent(format!("instances/{i}/transforms"), "there is none"));
+        }
+    }
+    for (i, light) in scene.lights.iter().enumerate() {
+        let strength = match light.kind {
+            PunctualKind::Point { intensity: v } | PunctualKind::Spot { intensity: v, .. } => v,
+            PunctualKind::Directional { irradiance } => irradiance,
+        };
+        let placed = !light.transforms.is_empty() && light.transforms.iter().all(|t| t.is_finite());
+        if !placed || !strength.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            return Err(Error::inconsistent(format!("lights/{i}"), "a strength or a transform is missing or not finite"));
         }
     }
     let (triangles, vertices) = Geometry::flattened_size(&scene.meshes, &scene.instances, sharing);

@@ -10,7 +10,7 @@ pub trait Features: Send + Sync + 'static {
     /// The environment is the same from everywhere: sampling it explicitly could only add noise and shadow rays.
     const FLAT_ENVIRONMENT: bool;
     /// More than base colour, metallic, roughness and specular of opaque, double-sided surfaces that do not emit: the other lobes
-    /// of the principled BRDF, its published mode, emitters, alpha masks, single-sided surfaces.
+    /// of the principled BRDF, its published mode, emitters, lights without an area, alpha masks, single-sided surfaces.
     const FULL: bool;
     /// Some surface lets light through by refraction or as a sheet. It implies [`Self::FULL`].
     const CLEAR: bool;
@@ -33,6 +33,8 @@ pub struct FeatureSet {
     pub layers: bool,
     /// Some surface emits.
     pub emitters: bool,
+    /// There is a light without an area.
+    pub punctual: bool,
     /// Some surface has holes, covers only a share of what lies behind, or exists from one side only: rays must ask before they
     /// stop there.
     pub cutouts: bool,
@@ -47,12 +49,17 @@ pub struct FeatureSet {
 impl FeatureSet {
     /// See [`Features::FULL`], for formulae in conserving mode.
     pub fn full(&self) -> bool {
-        self.layers || self.emitters || self.cutouts
+        self.layers || self.lights() || self.cutouts
     }
 
-    /// Neither environment nor surfaces send light: the beauty is black and no path is traced.
+    /// There are lights besides the environment.
+    pub fn lights(&self) -> bool {
+        self.emitters || self.punctual
+    }
+
+    /// Neither the environment nor anything else sends light: the beauty is black and no path is traced.
     pub fn dark(&self) -> bool {
-        self.black_environment && !self.emitters
+        self.black_environment && !self.lights()
     }
 }
 

@@ -5,6 +5,7 @@ use crate::compile::RenderScene;
 use crate::features::Features;
 use crate::film::FirstHit;
 use crate::geometry::Geometry;
+use crate::light::Receiver;
 use crate::material::{Principled, Side};
 use crate::ray::Ray;
 use crate::texture::Lookup;
@@ -171,6 +172,13 @@ impl Interaction {
             cone,
             offset: point.offset,
         }
+    }
+
+    /// The point as light samples are drawn for it.
+    #[inline(always)]
+    pub fn receiver<F: Features>(&self) -> Receiver {
+        let clear = F::CLEAR && self.surface.transmission > 0.0;
+        Receiver { p: self.p, n: if clear { Vec3A::ZERO } else { self.n } }
     }
 
     /// A ray that leaves the surface on the viewer's side.

@@ -12,7 +12,7 @@ use crate::accel::{Candidate, Hit, Scratch};
 use crate::compile::{CompiledMaterial, RenderScene};
 use crate::features::Features;
 use crate::interaction::Interaction;
-use crate::light::{EnvironmentLight, LightSample, Source};
+use crate::light::{EnvironmentLight, LightSample, Receiver, Source};
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::{Vec2, Vec3A};
@@ -191,16 +191,20 @@ impl RenderScene {
         (sight, share.get())
     }
 
-    /// What there is along `ray` before a light sample, as [`Self::sight`] has it. On the way to an emitter, which no light path
-    /// comes from, nothing is noted.
+    /// What there is along `ray` before a light sample, as [`Self::sight`] has it. On the way to a light at some place, which no
+    /// light path comes from, nothing is noted.
     #[inline(always)]
     pub(crate) fn sight_of<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> (Sight, Vec3A) {
-        let Source::Emitter { id, .. } = light.source else { return self.sight::<F>(ray, scratch) };
+        let own = match light.source {
+            Source::Emitter { id, .. } => Some(self.emitter(id)),
+            Source::Punctual { .. } if light.distance < f32::INFINITY => None,
+            _ => return self.sight::<F>(ray, scratch),
+        };
         let end = light.distance * BEFORE_LIGHT;
         let share = Cell::new(Vec3A::ONE);
         let hidden = self.geometry.occluded_where(ray, scratch, |candidate| {
             candidate.hit.t < end
-                && self.geometry.locate(&candidate.hit) != self.emitter(id)
+                && own.is_none_or(|own| self.geometry.locate(&candidate.hit) != own)
                 && self.stops::<SAMPLE>(ray, candidate)
                 && !self.passes_pane::<F>(ray, &candidate.hit, &share)
         });
@@ -228,16 +232,16 @@ impl RenderScene {
     /// Whether there are lights to sample.
     #[inline(always)]
     pub(crate) fn samples_lights<F: Features>(&self) -> bool {
-        !F::FLAT_ENVIRONMENT || F::FULL && self.features().emitters
+        !F::FLAT_ENVIRONMENT || F::FULL && self.features().lights()
     }
 
-    /// A direction from `p` to light.
+    /// A direction from `at` to light.
     #[inline(always)]
-    pub(crate) fn sample_light<F: Features>(&self, p: Vec3A, choice: f32, u: [f32; 2]) -> Option<LightSample> {
-        if F::FULL && self.features().emitters {
-            let sample = self.lights.sample(p, choice, u)?;
+    pub(crate) fn sample_light<F: Features>(&self, at: &Receiver, choice: [f32; 2], u: [f32; 2]) -> Option<LightSample> {
+        if F::FULL && self.features().lights() {
+            let sample = self.lights.sample(at, choice, u)?;
             // A flat environment is left to scattering, which finds it without noise.
-            return (!F::FLAT_ENVIRONMENT || matches!(sample.source, Source::Emitter { .. })).then_some(sample);
+            return (!F::FLAT_ENVIRONMENT || !matches!(sample.source, Source::Environment { .. })).then_some(sample);
         }
         self.environment_light().sample(u).map(LightSample::from)
     }
@@ -251,11 +255,12 @@ impl RenderScene {
         if F::FULL { self.lights.radiance_and_pdf(wi) } else { self.environment_light().radiance_and_pdf(wi) }
     }
 
-    /// Density with which [`Self::sample_light`] finds the emissive point `at`, which a ray of length `distance` along `wi` met.
+    /// Density with which [`Self::sample_light`] for `from` finds the emissive point `at`, which a ray of length `distance` along
+    /// `wi` met.
     #[inline(always)]
-    pub(crate) fn emitter_pdf(&self, at: &Interaction, wi: Vec3A, distance: f32) -> f32 {
+    pub(crate) fn emitter_pdf(&self, from: &Receiver, at: &Interaction, wi: Vec3A, distance: f32) -> f32 {
         let cos = if at.front { -at.n.dot(wi) } else { at.n.dot(wi) };
-        at.emitter.map_or(0.0, |id| self.lights.pdf_emitter(id, distance, cos))
+        at.emitter.map_or(0.0, |id| self.lights.pdf_emitter(from, id, distance, cos))
     }
 
     /// Radiance that `material` emits where the texture coordinates of each set are `uv`.

@@ -18,7 +18,7 @@ pub enum DirectLight {
     /// By light samples and scattering, weighed by multiple importance sampling.
     #[default]
     Mis,
-    /// By scattering alone: small lights are noise.
+    /// By scattering alone: small lights are noise, and lights without an area are not found at all.
     Scattering,
     /// By light samples alone: sharp reflections are noise. Needs an environment that is sampled everywhere it shines
     /// ([`crate::light::Sampling::Plain`]).
@@ -228,7 +228,7 @@ impl Settings {
     /// The light groups; `None` where the light is not split.
     pub(crate) fn groups(&self, scene: &RenderScene) -> Option<LightGroups> {
         let groups = LightGroups::new(self.light_groups as usize, scene.environment().rotation).ok()?;
-        Some(if scene.features().emitters { groups.with_emitters() } else { groups })
+        Some(if scene.features().lights() { groups.with_emitters() } else { groups })
     }
 
     /// BSDFs made before, by material.

@@ -28,9 +28,9 @@ impl<F: Features> Tracer<'_, F> {
             return;
         }
         let set = 2 * path.vertex;
-        let light = if F::FULL && scene.features().emitters {
-            let [u, v, choice, _] = self.points.point(sampler, path.index, set);
-            scene.sample_light::<F>(surface.p, choice, [u, v])
+        let light = if F::FULL && scene.features().lights() {
+            let [u, v, choice, more] = self.points.point(sampler, path.index, set);
+            scene.sample_light::<F>(&surface.receiver::<F>(), [choice, more], [u, v])
         } else {
             self.light_samples
                 .sample(scene.environment_light(), (sampler, &mut self.points), path.index, set)
@@ -46,7 +46,10 @@ impl<F: Features> Tracer<'_, F> {
         let (radiance, origin) = match light.source {
             Source::Environment { radiance } => (radiance, Origin::Environment(light.wi)),
             Source::Emitter { id, barycentrics, .. } => (scene.emitted(id, barycentrics), Origin::Emitter),
+            Source::Punctual { irradiance } => (irradiance, Origin::Emitter),
         };
+        // No scattered ray meets a light without an area.
+        let alone = matches!(light.source, Source::Punctual { .. });
         let rest = match (self.settings.direct, origin) {
             (DirectLight::Mis, Origin::Environment(_)) => self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi)),
             _ => 0.0,
@@ -54,7 +57,7 @@ impl<F: Features> Tracer<'_, F> {
         // Weighted against light paths of density `rest`.
         let contribution = |rest: f32| {
             let weight = match self.settings.direct {
-                DirectLight::Mis => {
+                DirectLight::Mis if !alone => {
                     let scattering = path.draws() * scattering.pdf / light.pdf;
                     1.0 / (1.0 + scattering * scattering + rest * rest)
                 }
@@ -125,14 +128,15 @@ impl<F: Features> Tracer<'_, F> {
         }
     }
 
-    /// Weight of the emission of `at`, met at `distance` along `wi`; `pdf` as for [`Self::environment_behind`].
+    /// Weight of the emission of `at`, met from `from` at `distance` along `wi`; `pdf` as for [`Self::environment_behind`].
     #[inline(always)]
-    pub(super) fn emitter_weight(&self, at: &Interaction, wi: Vec3A, distance: f32, pdf: f32) -> f32 {
+    pub(super) fn emitter_weight(&self, from: &Interaction, at: &Interaction, (wi, pdf): (Vec3A, f32), distance: f32) -> f32 {
+        let light_pdf = || self.scene.emitter_pdf(&from.receiver::<F>(), at, wi, distance);
         match self.settings.direct {
             DirectLight::Scattering => 1.0,
-            DirectLight::Mis => mis_weight(pdf, self.scene.emitter_pdf(at, wi, distance)),
+            DirectLight::Mis => mis_weight(pdf, light_pdf()),
             // An emitter that is too faint or too small to be drawn as a light is found by scattering alone.
-            DirectLight::Lights if self.scene.emitter_pdf(at, wi, distance) > 0.0 => 0.0,
+            DirectLight::Lights if light_pdf() > 0.0 => 0.0,
             DirectLight::Lights => 1.0,
         }
     }

@@ -446,7 +446,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         let (cone, distance) = if F::CLEAR { (cone.at(before), before + hit.t) } else { (cone, hit.t) };
         let next = Interaction::new::<F>(scene, &ray, &hit, cone);
         if F::FULL && next.emitted != Vec3A::ZERO {
-            let weight = self.emitter_weight(&next, wi, distance, pdf);
+            let weight = self.emitter_weight(surface, &next, (wi, pdf), distance);
             self.add_scattered(&path, path.beta * next.emitted * weight, Origin::Emitter);
         }
         if path.vertex == 1

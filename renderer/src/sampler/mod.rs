@@ -6,7 +6,7 @@
 //! |---|---|
 //! | 0 | image point x, y; the other two are unused |
 //! | 2k - 1 | scattering at the k-th surface of the path: lobe, direction (2), Russian roulette |
-//! | 2k | light at the k-th surface: direction (2), choice between environment and emitters; the last is unused |
+//! | 2k | light at the k-th surface: direction (2), choice of the light (2) |
 //!
 //! Where a path splits (`Settings::branches` b > 1), set 0 belongs to camera sample `index`; branch j of it takes its scattering
 //! and all later light from sample `index * b + j` of the other sets, so that these are stratified over all branches. The first

@@ -5,6 +5,7 @@
 //! is only an approximation of the one on paper (a faceted sphere, a sky of texels, a mirror of finite sharpness).
 
 mod emission;
+mod punctual;
 
 use super::scenes::{self, Part};
 use super::{Check, Effort, Outcome, Ticker, Worst};
@@ -15,8 +16,9 @@ use crate::sampler::Sampler;
 use crate::settings::{Budget, DirectLight, Settings};
 use glam::{Affine3A, DVec3, Quat, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Camera, Environment, Frame};
+use renderflow_scenes::loaded::PunctualLight;
 use renderflow_scenes::shapes::Shape;
-use renderflow_scenes::{Mesh, Texture};
+use renderflow_scenes::{LoadedScene, Mesh, Texture};
 
 /// Checks of this file.
 pub const CHECKS: &[Check] = &[
@@ -47,6 +49,7 @@ struct Case {
     name: String,
     parts: Vec<Part>,
     textures: Vec<Texture>,
+    lights: Vec<PunctualLight>,
     environment: Environment,
     camera: Camera,
     max_bounces: u32,
@@ -173,6 +176,7 @@ fn plain(name: &str, parts: Vec<Part>, environment: Environment, camera: Camera,
         lights_alone: parts.iter().all(|p| p.material.surface.metallic == 0.0 || p.material.surface.roughness >= 0.3),
         parts,
         textures: Vec::new(),
+        lights: Vec::new(),
         environment,
         camera,
         max_bounces: 4,
@@ -342,6 +346,7 @@ fn cases() -> Vec<Case> {
         }
     }
     all.extend(emission::cases());
+    all.extend(punctual::cases());
     all
 }
 
@@ -408,8 +413,9 @@ impl Case {
     }
 
     fn compile(&self, sampling: Sampling) -> Result<RenderScene, String> {
-        let mut scene =
-            scenes::compile_textured(self.parts.clone(), self.textures.clone(), self.environment.clone(), self.camera)?;
+        let scene = scenes::scene(self.parts.clone(), self.textures.clone(), self.environment.clone(), self.camera);
+        let scene = LoadedScene { lights: self.lights.clone(), ..scene };
+        let mut scene = RenderScene::compile(&scene).map_err(|e| e.to_string())?;
         scene.set_environment_sampling(sampling).map_err(|e| e.to_string())?;
         Ok(scene)
     }
