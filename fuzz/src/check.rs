@@ -30,8 +30,9 @@ pub fn check_scene(scene: &LoadedScene) {
         assert!(m.surface.out_of_range().is_none(), "a material is out of range: {m:?}");
         assert!(m.alpha_mask.is_none_or(|mask| mask.cutoff.is_finite() && (0.0..=1.0).contains(&mask.factor)), "{m:?}");
         assert!(material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0), "emission is out of range");
-        let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture].into_iter().flatten();
-        for slot in slots.chain(material.normal_texture.as_ref().map(|(slot, _)| slot)) {
+        assert!(m.opacity.is_none_or(|share| (0.0..=1.0).contains(&share) && m.alpha_mask.is_none()), "{m:?}");
+        assert!(m.absorption.iter().all(|v| v.is_finite() && *v >= 0.0), "absorption is out of range: {m:?}");
+        for slot in m.texture_slots() {
             assert!(slot.texture < scene.textures.len(), "a texture does not exist");
             assert!(slot.uv_transform.is_finite(), "a coordinate transform is not finite");
         }

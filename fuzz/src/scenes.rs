@@ -1,12 +1,62 @@
 //! Scenes around inputs, as JSON, so that they hold for any version of the structs.
 
+use glam::{DAffine3, DVec3};
 use renderflow_frame::reach::Reach;
-use renderflow_scenes::load::ModelView;
+use renderflow_scenes::description::{Animation, EnvironmentSource, NameOrNumber};
+use renderflow_scenes::load::{Capture, ModelView};
 use renderflow_scenes::{LoadedScene, Result, Scene, load};
 use std::path::Path;
 
 fn parse(text: &str) -> Scene {
     Scene::from_json(Path::new("around.json"), text).expect("the scene around an input is valid")
+}
+
+/// A plane seen by the cameras of the file `name` in `folder`, after those cameras were placed around a model.
+pub fn capture(folder: &Path, name: &str) -> Result<LoadedScene> {
+    let capture = Capture::read(&folder.join(name))?;
+    // Far away and much smaller, turned and mirrored: refusing is an answer.
+    for placement in [DAffine3::from_scale(DVec3::splat(1e-6)), DAffine3::from_translation(DVec3::splat(-1e6))] {
+        if let Ok(path) = capture.path([4, 4], placement) {
+            let mut scene = parse(PLANE);
+            scene.camera = path;
+            scene.validate().expect("cameras that were placed are valid");
+        }
+    }
+    let mut scene = parse(PLANE);
+    // Long sequences only repeat the work.
+    scene.frames = capture.len().min(9) as u32;
+    scene.camera = capture.path(scene.resolution, DAffine3::IDENTITY)?;
+    scene.resolution = capture.size().unwrap_or(scene.resolution);
+    load::load(&scene, &Reach::folder(folder))
+}
+
+const PLANE: &str = r#"{"version": 1, "name": "fuzz", "resolution": [4, 4],
+    "camera": {"type": "orbit", "target": [0, 0, 0], "distance": 3, "elevation": 20, "azimuth": 0, "degrees_per_frame": 1, "vertical_fov": 40},
+    "environment": {"source": {"constant": [1, 1, 1]}},
+    "objects": [{"name": "o", "geometry": {"shape": {"family": "plane", "size": 1}}}]}"#;
+
+/// The model file `name` in `folder` as its animation plays, and as its cameras see it. Both may be refused.
+pub fn in_motion(folder: &Path, name: &str) {
+    let reach = Reach::folder(folder);
+    let path = folder.join(name);
+    let Ok(contents) = load::contents(&path, &reach) else { return };
+    let views = [None, Some(Animation { clip: None, frames_per_second: 3.0, start: 0.1 })];
+    for animation in views.into_iter().filter(|view| view.is_none() || !contents.animations.is_empty()) {
+        let view = ModelView { animation, frames: 3, ..ModelView::default() };
+        let Ok(scene) = load::describe_model(&path, None, &view, &reach) else { continue };
+        let mut seen = scene.clone();
+        for number in 0..contents.cameras.len().min(3) {
+            if load::look_through(&mut seen, &NameOrNumber::Number(number), &reach).is_ok() {
+                seen.validate().expect("a scene seen by a camera of its file is valid");
+            }
+        }
+        if view.animation.is_some() || !contents.cameras.is_empty() {
+            seen.environment.source = EnvironmentSource::Constant([1.0; 3]);
+            if let Ok(loaded) = load::load(&seen, &reach) {
+                crate::check_scene(&loaded);
+            }
+        }
+    }
 }
 
 /// Loads the model file `name` in `folder`, with its materials, after describing a scene around it.

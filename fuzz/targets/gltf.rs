@@ -44,7 +44,10 @@ fuzz_target!(
         };
         put(&FOLDER.join("input.gltf"), &file);
         match scenes::model(&FOLDER, "input.gltf") {
-            Ok(scene) => check_scene(&scene),
+            Ok(scene) => {
+                check_scene(&scene);
+                scenes::in_motion(&FOLDER, "input.gltf");
+            }
             Err(error) => names_file(error, &["input.gltf", "cannot use texture"]),
         }
     })

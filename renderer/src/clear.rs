@@ -143,6 +143,12 @@ impl Medium {
     /// Outside of all bodies.
     pub const AIR: Self = Self { absorption: Vec3A::ZERO, gain: 1.0 };
 
+    /// A medium that absorbs `absorption` per metre, of index of refraction `index`.
+    #[inline(always)]
+    pub fn of(absorption: Vec3A, index: f32) -> Self {
+        Self { absorption, gain: index * index }
+    }
+
     /// Square of the index of refraction.
     #[inline(always)]
     pub fn gain(&self) -> f32 {
@@ -160,8 +166,7 @@ impl Medium {
                 if material.clear == Clear::No {
                     return self;
                 }
-                let index = refraction_index(material.surface.specular);
-                Self { absorption: material.absorption, gain: index * index }
+                Self::of(material.absorption, refraction_index(material.surface.specular))
             }
             (Side::Inside, true) => Self::AIR,
             _ => self,

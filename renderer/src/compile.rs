@@ -66,7 +66,7 @@ pub(crate) struct CompiledMaterial {
 
 /// How a material lets light through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Clear {
+pub enum Clear {
     /// Not at all, or straight through holes.
     No,
     /// It bounds a body.
@@ -84,7 +84,7 @@ const PANE_ROUGHNESS: f32 = 0.08;
 
 impl Clear {
     /// Of a material with the factors `surface`; `textured` tells whether a texture changes metallic and roughness.
-    fn of(surface: &Principled, thin_walled: bool, textured: bool) -> Self {
+    pub fn of(surface: &Principled, thin_walled: bool, textured: bool) -> Self {
         if surface.transmission <= 0.0 || surface.metallic >= 1.0 && !textured {
             Self::No
         } else if !thin_walled {

@@ -35,7 +35,7 @@ mod texture;
 pub mod verify;
 
 pub use camera::{Filter, ThinLens};
-pub use compile::RenderScene;
+pub use compile::{Clear, RenderScene};
 pub use error::{Error, Result};
 pub use film::Film;
 pub use geometry::{Builds, Sharing};

@@ -314,3 +314,50 @@ fn glass_is_read() {
         read(json!({ "KHR_materials_transmission": { "transmissionFactor": 1, "transmissionTexture": { "index": 99 } } }));
     assert!(odd.transmission_texture.is_none());
 }
+
+/// A pyramid of glass without a thickness is thin-walled by the rules of glTF and looks hollow: one note says so.
+#[test]
+fn closed_glass_without_a_thickness_is_told() {
+    let load = |indices: &[u8], volume: bool| {
+        let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let mut file =
+            document(&[(FLOAT, "VEC3", 4, false, bytes(&corners)), (5121, "SCALAR", indices.len(), false, indices.to_vec())]);
+        file["meshes"][0]["primitives"][0] = json!({ "mode": 4, "material": 0, "indices": 1, "attributes": { "POSITION": 0 } });
+        let mut extensions = json!({ "KHR_materials_transmission": { "transmissionFactor": 1 } });
+        if volume {
+            extensions["KHR_materials_volume"] = json!({ "thicknessFactor": 0.1 });
+        }
+        file["materials"] = json!([{ "name": "Ball", "extensions": extensions }]);
+        file["extensionsUsed"] = json!(["KHR_materials_transmission", "KHR_materials_volume"]);
+        File::new(&file).load().unwrap().report.notes
+    };
+    const CLOSED: [u8; 12] = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3];
+    let notes = load(&CLOSED, false);
+    assert_eq!(notes.len(), 1, "{notes:?}");
+    let parts = ["looks hollow", "\"Ball\"", "KHR_materials_volume", "--set objects/0/material=solid", "materials/-={"];
+    assert!(parts.iter().all(|part| notes[0].contains(part)), "{notes:?}");
+    assert_eq!(load(&CLOSED, true), [""; 0]);
+    // An open one is a sheet.
+    assert_eq!(load(&CLOSED[..9], false), [""; 0]);
+}
+
+/// The same of a scene's own material; a plate as flat as a pane is one.
+#[test]
+fn closed_shapes_with_thin_walls_are_told() {
+    let notes = |shape: Value, thin_walled: bool| {
+        let scene = json!({
+            "version": 1, "name": "bubble", "resolution": [4, 4],
+            "camera": { "type": "poses", "poses": [{ "eye": [0, 0, 4], "target": [0, 0, 0] }], "vertical_fov": 40 },
+            "environment": { "source": { "constant": [1, 1, 1] } },
+            "materials": [{ "name": "grey" }, { "name": "soap", "transmission": 1, "thin_walled": thin_walled }],
+            "objects": [{ "name": "bubble", "geometry": { "shape": shape }, "material": "soap" }]
+        });
+        let scene = renderflow_scenes::Scene::from_json(std::path::Path::new("scene.json"), &scene.to_string()).unwrap();
+        load::load(&scene, &anywhere()).unwrap().report.notes
+    };
+    let ball = notes(json!({ "family": "sphere", "radius": 1 }), true);
+    assert!(ball.len() == 1 && ball[0].contains("bubble") && ball[0].contains("--set materials/1/thin_walled=false"), "{ball:?}");
+    assert_eq!(notes(json!({ "family": "sphere", "radius": 1 }), false), [""; 0]);
+    assert_eq!(notes(json!({ "family": "box", "size": [1, 1, 0.03] }), true), [""; 0]);
+    assert_eq!(notes(json!({ "family": "plane", "size": 1 }), true), [""; 0]);
+}

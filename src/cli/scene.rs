@@ -40,7 +40,7 @@ pub(super) struct SceneArgs {
     /// are as many frames as it lasts
     #[arg(long, value_name = "NAME|NUMBER", num_args = 0..=1, default_missing_value = "0")]
     animation: Option<NameOrNumber>,
-    /// Change a value of the scene, for example materials/0/roughness=.2. May be given several times
+    /// Change a value of the scene, for example materials/0/roughness=.2; materials/-={...} adds one. May be given several times
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<Setting>,
 }

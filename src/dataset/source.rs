@@ -248,6 +248,11 @@ fn put(whole: &mut Value, setting: &Setting) -> Result<String> {
                 *item = setting.value.clone();
                 return Ok(String::new());
             }
+            // The place behind the last one, as JSON Patch (RFC 6902) writes it.
+            if last == "-" {
+                items.push(setting.value.clone());
+                return Ok(String::new());
+            }
         }
         _ => {}
     }
@@ -285,6 +290,17 @@ mod tests {
         expected.environment.rotation = 0.25;
         assert_eq!(set(&["/resolution/1=48", "name=mine", "environment/rotation=.25"]).expect("a scene"), expected);
         assert_eq!(set(&[]).expect("a scene"), scene());
+    }
+
+    /// What the note about hollow glass advises.
+    #[test]
+    fn a_list_grows_at_its_end() {
+        let solid = "materials/-={\"name\": \"solid\", \"transmission\": 1, \"roughness\": 0, \"base_color\": [1, 1, 1]}";
+        let grown = set(&[solid, "objects/0/material=solid"]).expect("a scene");
+        assert_eq!(grown.materials.len(), scene().materials.len() + 1);
+        assert_eq!(grown.materials.last().map(|m| (m.name.as_str(), m.transmission, m.thin_walled)), Some(("solid", 1.0, false)));
+        assert_eq!(grown.objects[0].material.as_deref(), Some("solid"));
+        assert!(set(&["frames/-=3"]).is_err());
     }
 
     #[test]

@@ -88,6 +88,69 @@ def image(path, color):
     return result
 
 
+def math_node(nodes, links, operation, first, second):
+    """A node of two numbers, each a socket or a constant."""
+    node = nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for socket, value in zip(node.inputs, (first, second)):
+        if isinstance(value, (int, float)):
+            socket.default_value = value
+        else:
+            links.new(value, socket)
+    return node.outputs[0]
+
+
+def mixed(nodes, links, share, first, second):
+    """`second` where `share`, a socket or a constant, is 1; `first` where it is 0."""
+    mix = nodes.new("ShaderNodeMixShader")
+    if isinstance(share, (int, float)):
+        mix.inputs[0].default_value = share
+    else:
+        links.new(share, mix.inputs[0])
+    links.new(first, mix.inputs[1])
+    links.new(second, mix.inputs[2])
+    return mix.outputs[0]
+
+
+def through(nodes, links, description, color, normal):
+    """The clear part; `color` is a socket where the base colour is a texture."""
+    clear = description["clear"]
+    if clear["form"] == "sheet":
+        raise ValueError("rough sheets without an inside have no counterpart")
+    if clear["form"] == "body" and description.get("opacity") is not None:
+        raise ValueError("blended bodies have no counterpart: radiance is not scaled by the index where light enters or leaves one")
+    if clear["form"] == "body":
+        shader = nodes.new("ShaderNodeBsdfPrincipled")
+        # It takes the root of the base colour where light crosses the surface, because light crosses it twice.
+        if color is None:
+            shader.inputs["Base Color"].default_value = (*(v * v for v in description["base_color"]), 1)
+        else:
+            square = nodes.new("ShaderNodeGamma")
+            square.inputs[1].default_value = 2
+            links.new(color, square.inputs[0])
+            links.new(square.outputs[0], shader.inputs["Base Color"])
+        shader.inputs["IOR"].default_value = clear["ior"]
+        # A width of 0.001 stands for smooth.
+        shader.inputs["Roughness"].default_value = math.sqrt(clear["alpha"]) if clear["alpha"] > 1.01e-3 else 0
+        shader.inputs["Transmission Weight"].default_value = 1
+        if normal:
+            links.new(normal, shader.inputs["Normal"])
+        return shader.outputs[0]
+    # Of a sheet with all reflections between its sides, 2 F / (1 + F) is mirrored. The node turns the index for backs; here it must not.
+    fresnel, geometry = nodes.new("ShaderNodeFresnel"), nodes.new("ShaderNodeNewGeometry")
+    turned = math_node(nodes, links, "MULTIPLY", geometry.outputs["Backfacing"], 1 / clear["ior"] - clear["ior"])
+    links.new(math_node(nodes, links, "ADD", turned, clear["ior"]), fresnel.inputs["IOR"])
+    twice = math_node(nodes, links, "MULTIPLY", fresnel.outputs[0], 2.0)
+    share = math_node(nodes, links, "DIVIDE", twice, math_node(nodes, links, "ADD", fresnel.outputs[0], 1.0))
+    passing, mirror = nodes.new("ShaderNodeBsdfTransparent"), nodes.new("ShaderNodeBsdfAnisotropic")
+    passing.inputs["Color"].default_value = (*description["base_color"], 1)
+    if color is not None:
+        links.new(color, passing.inputs["Color"])
+    mirror.inputs["Color"].default_value = (1, 1, 1, 1)
+    mirror.inputs["Roughness"].default_value = 0
+    return mixed(nodes, links, share, passing.outputs[0], mirror.outputs[0])
+
+
 def material(folder, thing, notes):
     description = thing["material"]
     result = bpy.data.materials.new(thing["name"])
@@ -106,36 +169,42 @@ def material(folder, thing, notes):
     if any(description["emissive"]):
         shader.inputs["Emission Color"].default_value = (*description["emissive"], 1)
         shader.inputs["Emission Strength"].default_value = 1
-    hidden = []
+    hidden, sockets, normal = [], {}, None
     for name, file in description["textures"].items():
         texture = nodes.new("ShaderNodeTexImage")
         texture.image = image(folder / file["file"], name == "base_color")
         texture.extension = EXTENSIONS[file["wrap"]]
+        sockets[name] = texture.outputs["Color"]
         if name == "normal":
             bump = nodes.new("ShaderNodeNormalMap")
             bump.uv_map = "uv"
             links.new(texture.outputs["Color"], bump.inputs["Color"])
-            links.new(bump.outputs["Normal"], shader.inputs["Normal"])
+            normal = bump.outputs["Normal"]
+            links.new(normal, shader.inputs["Normal"])
         elif name == "opacity":
-            # Alpha clip: what is 0 is not there.
-            texture.interpolation = "Closest"
-            invert = nodes.new("ShaderNodeMath")
-            invert.operation = "SUBTRACT"
-            invert.inputs[0].default_value = 1
-            links.new(texture.outputs["Color"], invert.inputs[1])
-            hidden.append(invert.outputs[0])
-        else:
+            if description.get("opacity") is None:
+                # Alpha clip: what is 0 is not there.
+                texture.interpolation = "Closest"
+            hidden.append(math_node(nodes, links, "SUBTRACT", 1.0, texture.outputs["Color"]))
+        elif name != "transmission":
             links.new(texture.outputs["Color"], shader.inputs[SOCKETS.get(name) or INPUTS[name]])
     if not thing["double_sided"]:
         hidden.append(nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"])
-    surface = shader.outputs[0]
+    surface, clear = shader.outputs[0], description.get("clear")
+    if clear:
+        share = sockets.get("transmission", clear["share"])
+        surface = mixed(nodes, links, share, surface, through(nodes, links, description, sockets.get("base_color"), normal))
+    if description.get("opacity") is not None and "opacity" not in sockets:
+        hidden.append(1.0 - description["opacity"])
     for factor in hidden:
-        mix = nodes.new("ShaderNodeMixShader")
-        links.new(factor, mix.inputs[0])
-        links.new(surface, mix.inputs[1])
-        links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[2])
-        surface = mix.outputs[0]
+        surface = mixed(nodes, links, factor, surface, nodes.new("ShaderNodeBsdfTransparent").outputs[0])
     links.new(surface, output.inputs["Surface"])
+    if clear and any(clear["absorption"]):
+        most = max(clear["absorption"])
+        absorption = nodes.new("ShaderNodeVolumeAbsorption")
+        absorption.inputs["Density"].default_value = most
+        absorption.inputs["Color"].default_value = (*(1 - v / most for v in clear["absorption"]), 1)
+        links.new(absorption.outputs[0], output.inputs["Volume"])
     return result
 
 
@@ -167,7 +236,10 @@ def load(path):
     target = bpy.context.scene
     for thing in description["objects"]:
         shape = mesh(folder / thing["mesh"], thing["smooth"])
-        shape.materials.append(material(folder, thing, notes))
+        try:
+            shape.materials.append(material(folder, thing, notes))
+        except ValueError as error:
+            raise ValueError(f"{thing['name']}: {error}") from None
         placed = bpy.data.objects.new(thing["name"], shape)
         placed.cycles.shadow_terminator_offset = 0
         placed.cycles.shadow_terminator_geometry_offset = 0
@@ -190,8 +262,9 @@ def load(path):
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
     # Cycles counts the bounces between surfaces.
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = description["max_bounces"] - 1
+    cycles.transmission_bounces = description["max_bounces"] - 1
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0
-    cycles.caustics_reflective = True
+    cycles.caustics_reflective = cycles.caustics_refractive = True
     # Surfaces that let a ray pass are no bounces.
     cycles.transparent_max_bounces = 1024
     render = target.render

@@ -64,9 +64,20 @@ def bitmap(folder, texture, raw, interpolated=True):
             "filter_type": "bilinear" if interpolated else "nearest"}
 
 
+def through(material, textures, color):
+    """The clear part. Ours divides rough lobes by what single scattering loses; Mitsuba's does not."""
+    clear = material["clear"]
+    if clear["form"] == "sheet":
+        raise ValueError("rough sheets without an inside have no counterpart")
+    form = "thindielectric" if clear["form"] == "pane" else "dielectric" if clear["alpha"] < 1.01e-3 else "roughdielectric"
+    result = {"type": form, "int_ior": clear["ior"], "ext_ior": 1.0, "specular_transmittance": color}
+    return result | ({"distribution": "ggx", "alpha": clear["alpha"]} if form == "roughdielectric" else {})
+
+
 def bsdf(folder, thing):
     material = thing["material"]
     textures = material["textures"]
+    clear, opacity = material.get("clear"), material.get("opacity")
     color = bitmap(folder, textures["base_color"], False) if "base_color" in textures else rgb(material["base_color"])
     if material["lambertian"]:
         # A principled material is not, whatever its roughness.
@@ -75,13 +86,31 @@ def bsdf(folder, thing):
         result = {"type": "principled", "base_color": color}
         result |= {PARAMETERS.get(name, name): float(value) for name, value in material["parameters"].items()}
         result |= {name: bitmap(folder, textures[name], True) for name in ("roughness", "metallic") if name in textures}
+    whole = clear is not None and clear["share"] >= 1 and "transmission" not in textures
+    if whole:
+        result = through(material, textures, color)
     if "normal" in textures:
         result = {"type": "normalmap", "normalmap": bitmap(folder, textures["normal"], True), "bsdf": result}
-    if thing["double_sided"] and thing["seen_from_behind"]:
+    if thing["double_sided"] and (thing["seen_from_behind"] or clear) and not whole:
         result = {"type": "twosided", "bsdf": result}
+    if clear and not whole:
+        if "normal" in textures:
+            raise ValueError("normal maps on partly clear surfaces have no counterpart")
+        share = bitmap(folder, textures["transmission"], True) if "transmission" in textures else float(clear["share"])
+        result = {"type": "blendbsdf", "weight": share, "opaque": result, "through": through(material, textures, color)}
     if "opacity" in textures:
-        result = {"type": "mask", "opacity": bitmap(folder, textures["opacity"], True, interpolated=False), "bsdf": result}
+        share = bitmap(folder, textures["opacity"], True, interpolated=opacity is not None)
+        result = {"type": "mask", "opacity": share, "bsdf": result}
+    elif opacity is not None:
+        result = {"type": "mask", "opacity": float(opacity), "bsdf": result}
     return result
+
+
+def inside(material):
+    """What the inside of a body absorbs."""
+    absorption = (material.get("clear") or {}).get("absorption", [0, 0, 0])
+    most = max(absorption)
+    return most and {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb([v / most for v in absorption]), "scale": float(most)}
 
 
 def load(path):
@@ -92,8 +121,11 @@ def load(path):
     transform = mitsuba.ScalarTransform4f()
     things = description["objects"]
     # The light samples of `path` end at surfaces with holes; those of `volpath` pass the holes.
-    holes = any("opacity" in thing["material"]["textures"] for thing in things)
-    notes = ["surfaces have holes: the integrator is volpath"] if holes else []
+    open_to_light = lambda m: "opacity" in m["textures"] or m.get("opacity") is not None or (m.get("clear") or {}).get("form") == "pane"
+    holes = any(open_to_light(thing["material"]) or inside(thing["material"]) for thing in things)
+    notes = ["surfaces have holes or an inside: the integrator is volpath"] if holes else []
+    rough = [thing["name"] for thing in things if (thing["material"].get("clear") or {}).get("alpha", 0) > 1.01e-3]
+    notes += [f"{name}: rough glass, which loses what is scattered more than once between its facets" for name in rough]
     notes += [f"{thing['name']}: single-sided and seen from behind, where it is black in place of letting rays pass"
               for thing in things if thing["seen_from_behind"] and not thing["double_sided"]]
     parts = {
@@ -111,8 +143,14 @@ def load(path):
                         "to_world": transform.rotate([0, 1, 0], description["environment_rotation"])},
     }
     for index, thing in enumerate(things):
-        shape = {"type": "ply", "filename": str(folder / thing["mesh"]), "face_normals": not thing["smooth"], "bsdf": bsdf(folder, thing)}
+        try:
+            looks = bsdf(folder, thing)
+        except ValueError as error:
+            raise ValueError(f"{thing['name']}: {error}") from None
+        shape = {"type": "ply", "filename": str(folder / thing["mesh"]), "face_normals": not thing["smooth"], "bsdf": looks}
         material = thing["material"]
+        if inside(material):
+            shape["interior"] = inside(material)
         if any(material["emissive"]):
             light = material["textures"].get("emissive")
             shape["emitter"] = {"type": "area", "radiance": bitmap(folder, light, True) if light else rgb(material["emissive"])}

@@ -1,6 +1,6 @@
 //! The command line of `renderflow-bench`: one command a measurement.
 
-use crate::{composed, convergence, files, frame, kernels, orbit, peers, scaling, scenes, skip};
+use crate::{composed, convergence, files, frame, gallery, kernels, orbit, peers, scaling, scenes, skip};
 use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 use renderflow::cli::program::{self, Common};
@@ -35,6 +35,10 @@ enum Command {
     Kernels(kernels::Options),
     /// Time against error beside Mitsuba 3 and Cycles
     Peers(peers::Options),
+    /// Glass, panes and blended surfaces beside Mitsuba 3 and Cycles: how far the pictures differ
+    Agree(peers::agree::Options),
+    /// Models as the program shows them, on one labelled sheet
+    Gallery(gallery::Options),
     /// Bytes and seconds of frames as OpenEXR and in the compact form
     Files(files::Options),
 }
@@ -55,6 +59,8 @@ fn run(cli: Cli) -> Result<()> {
         Command::Scenes(scenes) => scenes.run(),
         Command::Kernels(options) => options.run(&allowed, &cancel),
         Command::Peers(options) => options.run(&allowed, &cancel),
+        Command::Agree(options) => options.run(&allowed, &cancel),
+        Command::Gallery(options) => options.run(&allowed, &cancel),
         Command::Files(options) => options.run(&cancel),
     }
 }
@@ -78,8 +84,8 @@ struct Scenes {
 impl Scenes {
     fn run(self) -> Result<()> {
         let Some(name) = self.name else {
-            scenes::ALL.iter().for_each(|scene| println!("{:9}  {}", scene.name, scene.about));
-            println!("{:9}  {}", composed::ALL, composed::ABOUT);
+            scenes::ALL.iter().chain(&scenes::CLEAR).for_each(|scene| println!("{:12}  {}", scene.name, scene.about));
+            println!("{:12}  {}", composed::ALL, composed::ABOUT);
             return Ok(());
         };
         let Some(scene) = scenes::describe(&name, self.resolution)? else {

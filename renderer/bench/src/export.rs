@@ -12,7 +12,9 @@ use anyhow::{Context, Result, bail, ensure};
 use exr::prelude::write_rgb_file;
 use glam::{Mat3A, Vec3A};
 use renderflow_frame::{Camera, file};
+use renderflow_renderer::Clear;
 use renderflow_renderer::accel::{Accel, Scratch};
+use renderflow_renderer::material::{ggx, refraction_index};
 use renderflow_renderer::ray::Ray;
 use renderflow_scenes::loaded::{AlphaMask, Wrap};
 use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, Principled, Texture, TextureSlot};
@@ -84,9 +86,31 @@ pub struct ExportedMaterial {
     pub emissive: [f32; 3],
     /// Whether it is Lambertian in our renderer, which the forms of other renderers are not for any parameters.
     pub lambertian: bool,
+    /// Its clear part, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clear: Option<ExportedClear>,
+    /// Share of the surface that covers what lies behind it, if that is not everything; a texture `opacity` holds the share itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub opacity: Option<f32>,
     /// By parameter: `base_color` (PNG, sRGB), `roughness`, `metallic` (PNG, grey, linear), `normal` (PNG, tangent space),
-    /// `opacity` (PNG, grey: 255 where the surface is, 0 in its holes; to be read without interpolation), `emissive` (OpenEXR).
+    /// `opacity` (PNG, grey: 255 where the surface is, 0 in its holes; to be read without interpolation if there is no field
+    /// `opacity`), `transmission` (PNG, grey, the share of the clear part), `emissive` (OpenEXR).
     pub textures: BTreeMap<String, ExportedTexture>,
+}
+
+/// What lets light through: a smooth or rough dielectric, coloured by the base colour each time that light crosses it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExportedClear {
+    /// `body` (with air outside), `sheet` (rough, without an inside) or `pane` (a smooth sheet, which bends nothing).
+    pub form: String,
+    /// Share of the light that meets it, 0..=1; the rest meets the opaque material.
+    pub share: f32,
+    /// Index of refraction.
+    pub ior: f32,
+    /// GGX width, at least 0.001, which stands for smooth.
+    pub alpha: f32,
+    /// What the inside absorbs per metre.
+    pub absorption: [f32; 3],
 }
 
 /// An image and what lies outside it.
@@ -105,7 +129,9 @@ pub struct ExportedTexture {
 /// that wrap differently along their axes, an off-centre image), or a file cannot be written.
 pub fn write(scene: &LoadedScene, max_bounces: u32, folder: &Path) -> Result<PathBuf> {
     let mut writer = Writer { scene, folder, textures: BTreeMap::new() };
-    let backs = seen_from_behind(scene);
+    // Rays of that test stop at the first surface; what lets light through shows the backs of others.
+    let through = scene.materials.iter().any(|m| m.opacity.is_some() || clear_form(m) != Clear::No);
+    let backs = if through { vec![true; scene.instances.len()] } else { seen_from_behind(scene) };
     let mut objects = Vec::new();
     for (index, (instance, behind)) in scene.instances.iter().zip(backs).enumerate() {
         if !is_nowhere(&scene.materials[instance.material]) {
@@ -147,6 +173,33 @@ pub fn is_lambertian(material: &Material) -> bool {
     let Principled { metallic, roughness, specular, sheen, clearcoat, subsurface, .. } = material.surface;
     material.metallic_roughness_texture.is_none()
         && [metallic, roughness, specular, sheen, clearcoat, subsurface].iter().all(|v| *v == 0.0)
+}
+
+fn clear_form(material: &Material) -> Clear {
+    Clear::of(&material.surface, material.thin_walled, material.metallic_roughness_texture.is_some())
+}
+
+/// The clear part of `m`.
+fn clear(m: &Material) -> Result<Option<ExportedClear>> {
+    let form = match clear_form(m) {
+        Clear::No => return Ok(None),
+        Clear::Body => "body",
+        Clear::Sheet => "sheet",
+        Clear::Pane => "pane",
+    };
+    if m.metallic_roughness_texture.is_some() {
+        bail!("material {}: a clear surface with textures of metallic and roughness cannot be exported", m.name);
+    }
+    if m.normal_texture.is_some() && form == "pane" {
+        bail!("material {}: a pane with a normal map cannot be exported", m.name);
+    }
+    Ok(Some(ExportedClear {
+        form: form.to_owned(),
+        share: m.surface.transmission * (1.0 - m.surface.metallic),
+        ior: refraction_index(m.surface.specular),
+        alpha: if form == "pane" { ggx::MIN_ALPHA } else { ggx::alpha(m.surface.roughness) },
+        absorption: if form == "body" { m.absorption } else { [0.0; 3] },
+    }))
 }
 
 /// Whether the alpha mask of `material` leaves nothing of it.
@@ -219,7 +272,7 @@ impl Writer<'_> {
             mesh: name,
             smooth: !mesh.normals.is_empty(),
             triangles: mesh.triangles.len(),
-            double_sided: material.double_sided,
+            double_sided: material.double_sided || clear_form(material) == Clear::Body,
             seen_from_behind,
             material: exported,
         })
@@ -233,9 +286,7 @@ impl Writer<'_> {
         if slots.iter().any(|other| slot.is_some_and(|slot| slot.uv_transform != other.uv_transform)) {
             bail!("material {}: textures with different transforms cannot be exported", m.name);
         }
-        if m.opacity.is_some() || m.surface.transmission > 0.0 {
-            bail!("material {}: clear and blended surfaces cannot be exported", m.name);
-        }
+        let clear = clear(m)?;
         let mut textures = BTreeMap::new();
         let base_color = m.surface.base_color.to_array();
         if let Some(slot) = &m.base_color_texture {
@@ -245,6 +296,14 @@ impl Writer<'_> {
                 let holes = |texture: &_| maps::opacity(texture, cutoff, factor);
                 textures.insert("opacity".into(), self.texture(slot, &format!("mask {cutoff} {factor}"), "png", holes)?);
             }
+        }
+        if let (Some(slot), Some(factor)) = (&m.base_color_texture, m.opacity) {
+            let covers = |texture: &_| maps::png(texture, [3], [factor]);
+            textures.insert("opacity".into(), self.texture(slot, &format!("covers {factor}"), "png", covers)?);
+        }
+        if let (Some(slot), Some(clear)) = (&m.transmission_texture, &clear) {
+            let share = |texture: &_| maps::png(texture, [0], [clear.share]);
+            textures.insert("transmission".into(), self.texture(slot, &format!("share {}", clear.share), "png", share)?);
         }
         if let Some(slot) = &m.metallic_roughness_texture {
             for (name, channel, factor) in [("roughness", 1, m.surface.roughness), ("metallic", 2, m.surface.metallic)] {
@@ -275,7 +334,7 @@ impl Writer<'_> {
         let parameters = always.into_iter().chain(seldom.into_iter().filter(|(_, value)| *value != 0.0));
         let parameters = parameters.map(|(name, value)| (name.to_owned(), value)).collect();
         let lambertian = is_lambertian(m);
-        Ok((ExportedMaterial { base_color, parameters, emissive, lambertian, textures }, slot))
+        Ok((ExportedMaterial { base_color, parameters, emissive, lambertian, clear, opacity: m.opacity, textures }, slot))
     }
 
     /// Writes what `encode` makes of the texture of `slot`, once for each `key`, with the ending `ending`.

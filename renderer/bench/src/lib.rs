@@ -16,6 +16,7 @@ pub mod embree;
 pub mod export;
 pub mod files;
 pub mod frame;
+pub mod gallery;
 pub mod kernels;
 pub mod models;
 pub mod orbit;

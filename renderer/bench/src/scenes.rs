@@ -1,5 +1,9 @@
 //! The scenes that everything is measured on: made in code, 512 x 512 unless told otherwise, the same on every machine.
 
+mod clear;
+
+pub use clear::CLEAR;
+
 use super::composed;
 use super::models::{self, Maps, Model};
 use anyhow::{Context, Result, bail};
@@ -54,7 +58,7 @@ pub const ALL: [BenchScene; 8] = [
 
 /// The scene called `name`.
 pub fn by_name(name: &str) -> Option<&'static BenchScene> {
-    ALL.iter().find(|scene| scene.name == name)
+    ALL.iter().chain(&CLEAR).find(|scene| scene.name == name)
 }
 
 /// The scene of the set called `name`, composed or not, `resolution` pixels along both sides; `None` where there is no such
@@ -88,7 +92,7 @@ pub fn exists(name: &str) -> Result<()> {
     }
     let described = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     if by_name(name).is_none() && !described && Format::of(path).is_none() {
-        let known: Vec<&str> = ALL.iter().map(|scene| scene.name).chain([composed::ALL]).collect();
+        let known: Vec<&str> = ALL.iter().chain(&CLEAR).map(|scene| scene.name).chain([composed::ALL]).collect();
         bail!("{name}: neither a scene file (.json), a model, nor a scene of the set; there are {}", known.join(", "));
     }
     if by_name(name).is_none() && !path.is_file() {
@@ -433,7 +437,7 @@ mod tests {
     fn every_scene_loads_with_the_triangles_it_is_there_for() {
         let least = [("soft_sun", 280_000), ("million", 1_050_000), ("forest", 327_680), ("textured", 5_000)];
         let mut hashes = Vec::new();
-        for scene in &ALL {
+        for scene in ALL.iter().chain(&CLEAR) {
             let described = scene.describe(64).unwrap();
             described.scene.validate().unwrap();
             let loaded = described.load().unwrap();

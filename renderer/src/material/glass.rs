@@ -50,7 +50,7 @@ pub(crate) fn fresnel(cos: f32, eta: f32) -> f32 {
 
 /// Index of refraction of a dielectric whose `specular` is 0..=1.
 #[inline(always)]
-pub(crate) fn refraction_index(specular: f32) -> f32 {
+pub fn refraction_index(specular: f32) -> f32 {
     index(MAX_F0 * specular)
 }
 

@@ -24,6 +24,7 @@ pub use clear::{ClearBsdf, ClearView};
 use disney::Lobes;
 pub use disney::{Bsdf, Prepared, View};
 pub use fresnel::schlick;
+pub use glass::refraction_index;
 pub use renderflow_scenes::Principled;
 
 use glam::Vec3A;

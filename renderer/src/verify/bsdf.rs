@@ -21,7 +21,7 @@ pub struct Worst {
 }
 
 impl Worst {
-    fn see(&mut self, error: f64, failed: bool, parameters: impl FnOnce() -> String) {
+    pub(super) fn see(&mut self, error: f64, failed: bool, parameters: impl FnOnce() -> String) {
         self.cases += 1;
         // Not a number is worse than any number.
         let error = if error.is_nan() { f64::INFINITY } else { error };
@@ -36,19 +36,19 @@ impl Worst {
 }
 
 /// Random numbers in 0..1: PCG-XSH-RR (O'Neill 2014), independent of the renderer's own samplers.
-struct Random(u64);
+pub(super) struct Random(u64);
 
 /// Numbers of a material without transmission, which comes last.
 const OPAQUE: u32 = 13;
 
 impl Random {
-    fn new(seed: u64) -> Self {
+    pub(super) fn new(seed: u64) -> Self {
         let mut random = Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
         random.next();
         random
     }
 
-    fn next(&mut self) -> f32 {
+    pub(super) fn next(&mut self) -> f32 {
         let old = self.0;
         self.0 = old.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let bits = ((((old >> 18) ^ old) >> 27) as u32).rotate_right((old >> 59) as u32);
@@ -56,7 +56,7 @@ impl Random {
     }
 
     /// A parameter 0..=1, often at a limit.
-    fn parameter(&mut self) -> f32 {
+    pub(super) fn parameter(&mut self) -> f32 {
         match (self.next() * 8.0) as u32 {
             0 | 1 => 0.0,
             2 => 1.0,
@@ -65,7 +65,7 @@ impl Random {
         }
     }
 
-    fn surface(&mut self) -> Principled {
+    pub(super) fn surface(&mut self) -> Principled {
         // The opaque form ignores the last one, transmission: the numbers drawn are those of before there was any.
         let mut drawn = 0;
         Principled::from_fn(|| {
@@ -75,7 +75,7 @@ impl Random {
     }
 
     /// A direction above the horizon; a third graze it, down to cosines of 1e-7.
-    fn direction(&mut self) -> Vec3A {
+    pub(super) fn direction(&mut self) -> Vec3A {
         let cos = if self.next() < 0.33 { 10.0_f32.powf(-7.0 * self.next()) } else { self.next().max(1e-7) };
         view(cos, std::f32::consts::TAU * self.next())
     }

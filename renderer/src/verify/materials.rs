@@ -50,10 +50,11 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-const MODES: [Mode; 2] = [Mode::Conserving, Mode::Published];
+/// Both forms.
+pub(super) const MODES: [Mode; 2] = [Mode::Conserving, Mode::Published];
 
 /// Runs `case` for both modes and `parts` seeds in parallel; failures, and the largest error against `limit`.
-fn collect(
+pub(super) fn collect(
     ticker: &Ticker<'_>,
     modes: &[Mode],
     parts: u64,

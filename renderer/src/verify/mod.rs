@@ -9,6 +9,7 @@
 pub mod analytic;
 pub mod bsdf;
 pub mod chi_square;
+pub mod clear;
 pub mod determinism;
 pub mod emitters;
 pub mod film;
@@ -179,6 +180,7 @@ pub fn checks() -> Vec<Check> {
         sampler::CHECKS,
         film::CHECKS,
         materials::CHECKS,
+        clear::CHECKS,
         lights::CHECKS,
         emitters::CHECKS,
         leaks::CHECKS,

@@ -1,5 +1,6 @@
 //! From a [`Scene`] to a [`LoadedScene`].
 
+mod hollow;
 mod lights;
 mod models;
 
@@ -56,6 +57,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
     build.prepare_tangents();
     build.read_images(everything)?;
     build.note_inside_out();
+    build.note_hollow();
     build.mirror();
     build.drop_idle_masks();
     build.meshes.iter_mut().for_each(Mesh::settle);

@@ -109,10 +109,10 @@ pub(crate) fn is_closed(mesh: &Mesh) -> bool {
     edges.values().all(|&balance| balance == 0)
 }
 
-/// Whether a mesh is the surface of a body with its front faces on the inside.
-pub(crate) fn is_inside_out(mesh: &Mesh) -> bool {
+/// Volume, area, and the sum of the triangles' normals times their areas.
+fn measures(mesh: &Mesh) -> (f64, f64, DVec3) {
     let corners = |t: &[u32; 3]| t.map(|v| mesh.positions[v as usize].as_dvec3());
-    let Some(origin) = mesh.triangles.first().map(|t| corners(t)[0]) else { return false };
+    let origin = mesh.triangles.first().map_or(DVec3::ZERO, |t| corners(t)[0]);
     let (mut volume, mut area, mut sum) = (0.0, 0.0, DVec3::ZERO);
     for triangle in &mesh.triangles {
         let [a, b, c] = corners(triangle).map(|p| p - origin);
@@ -121,6 +121,18 @@ pub(crate) fn is_inside_out(mesh: &Mesh) -> bool {
         area += normal.length();
         sum += normal;
     }
+    (volume, area, sum)
+}
+
+/// Volume of a closed mesh over its area^1.5; 0 where it has no area.
+pub(crate) fn fullness(mesh: &Mesh) -> f64 {
+    let (volume, area, _) = measures(mesh);
+    if area > 0.0 { volume.abs() / area.powf(1.5) } else { 0.0 }
+}
+
+/// Whether a mesh is the surface of a body with its front faces on the inside.
+pub(crate) fn is_inside_out(mesh: &Mesh) -> bool {
+    let (volume, area, sum) = measures(mesh);
     // Quick tests first: normals of a closed surface cancel. A ball of this area has a volume of 0.09 `area`^1.5.
     volume < -1e-4 * area.powf(1.5) && sum.length() <= 1e-3 * area && is_closed(mesh)
 }

@@ -36,17 +36,18 @@ pub(super) fn png<const N: usize>(texture: &Texture, channels: [usize; N], facto
     let size = [level.width as u32, level.height as u32];
     let plain = factors.iter().all(|f| *f == 1.0);
     // Stored value, 0..=1, to the stored value of the product.
-    let multiply = |value: f32, factor: f32| match texture.encoding {
+    let multiply = |value: f32, channel: usize, factor: f32| match texture.encoding {
         _ if plain => value,
-        Encoding::Srgb => renderflow_frame::color::linear_to_srgb(mipmap::decode(Encoding::Srgb, value) * factor),
-        Encoding::Linear | Encoding::Normal => value * factor,
+        // Alpha is linear in any encoding.
+        Encoding::Srgb if channel < 3 => renderflow_frame::color::linear_to_srgb(mipmap::decode(Encoding::Srgb, value) * factor),
+        Encoding::Srgb | Encoding::Linear | Encoding::Normal => value * factor,
     };
     if let (Texels::Bytes(texels), true) = (&level.texels, plain) {
         return encode(size, texels.iter().flat_map(|t| channels.map(|c| t[c])).collect());
     }
     let product = |at: usize| -> [u16; N] {
         let stored = texel(level, at);
-        std::array::from_fn(|i| word(multiply(stored[channels[i]], factors[i])))
+        std::array::from_fn(|i| word(multiply(stored[channels[i]], channels[i], factors[i])))
     };
     encode16(size, (0..level.width * level.height).flat_map(product).collect(), N)
 }

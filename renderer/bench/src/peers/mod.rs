@@ -3,6 +3,7 @@
 //! Materials are not quite the same in the three (ours is the conserving mode, Mitsuba's the published one, Cycles has a model of
 //! its own), so each is measured against a picture of many samples of its own; how far those differ is printed.
 
+pub mod agree;
 mod child;
 mod contender;
 mod reference;
@@ -23,7 +24,7 @@ use renderflow_scenes::LoadedScene;
 use report::{Curve, Named, Row};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The scripts, written beside the results when they are run.
@@ -73,15 +74,22 @@ pub struct Options {
     /// 256 x 256 pixels, 4 and 16 samples, once, references of 256, scene soft_sun, unless told otherwise
     #[arg(long)]
     quick: bool,
+    #[command(flatten)]
+    pythons: Pythons,
+    /// Folder for results (peers.json), references, exported scenes and messages of the scripts
+    #[arg(long, default_value = "bench-peers")]
+    out: PathBuf,
+}
+
+/// Where other renderers are.
+#[derive(Args)]
+struct Pythons {
     /// Python with the package mitsuba [default: RENDERFLOW_MITSUBA_PYTHON, or python3]
     #[arg(long, value_name = "PATH")]
     mitsuba_python: Option<String>,
     /// Python with the package bpy [default: RENDERFLOW_CYCLES_PYTHON, or python3]
     #[arg(long, value_name = "PATH")]
     cycles_python: Option<String>,
-    /// Folder for results (peers.json), references, exported scenes and messages of the scripts
-    #[arg(long, default_value = "bench-peers")]
-    out: PathBuf,
 }
 
 /// What rows must share to stand in one table.
@@ -132,6 +140,48 @@ struct Run<'a> {
     cancel: &'a AtomicBool,
 }
 
+impl Pythons {
+    /// Starts everything that is chosen; says what is missing. Messages of the scripts go to `out`.
+    fn contenders(
+        &self,
+        chosen: impl Fn(&Kind) -> bool,
+        threads: usize,
+        out: &Path,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Contender>> {
+        let mut contenders = Vec::new();
+        for kind in KINDS.into_iter().filter(|kind| chosen(kind)) {
+            if kind.family == OURS {
+                contenders.push(Contender::ours(kind));
+                continue;
+            }
+            let (given, variable) = match kind.family {
+                "mitsuba" => (&self.mitsuba_python, "RENDERFLOW_MITSUBA_PYTHON"),
+                _ => (&self.cycles_python, "RENDERFLOW_CYCLES_PYTHON"),
+            };
+            let python = given.clone().or_else(|| std::env::var(variable).ok()).unwrap_or_else(|| "python3".into());
+            let text = SCRIPTS.iter().find(|(family, _)| *family == kind.family).map_or("", |(_, text)| text);
+            let script = out.join("messages").join(format!("{}.py", kind.family));
+            file::write_atomic(&script, text.as_bytes())?;
+            let log = out.join("messages").join(format!("{}.txt", kind.id));
+            let arguments: Vec<String> = kind.arguments.iter().map(|a| (*a).to_owned()).chain([threads.to_string()]).collect();
+            match Child::start(&python, &script, &arguments, &log, cancel)? {
+                Started::Ready(child) => {
+                    println!("{}: {} {}", kind.id, kind.label, child.version);
+                    contenders.push(Contender::other(kind, child, &std::path::absolute(out.join("messages"))?));
+                }
+                Started::Unavailable(reason) => {
+                    println!("skipped {}: {reason} (docs/benchmarks.md says how to install it)", kind.id)
+                }
+            }
+        }
+        if contenders.is_empty() {
+            bail!("nothing to measure");
+        }
+        Ok(contenders)
+    }
+}
+
 impl Options {
     /// Measures and prints.
     pub fn run(self, allowed: &[PathBuf], cancel: &AtomicBool) -> Result<()> {
@@ -171,7 +221,8 @@ impl Options {
             println!("note: the machine is not idle (load {load:.1}): wall times say little");
         }
         names.iter().try_for_each(|name| scenes::exists(name))?;
-        let contenders = self.contenders(settings.threads, cancel)?;
+        let chosen = |kind: &Kind| self.only.is_empty() || self.only.iter().any(|id| id == kind.id);
+        let contenders = self.pythons.contenders(chosen, settings.threads, &self.out, cancel)?;
         let measured = self.earlier(&settings);
         // Weighed by samples: references once, every picture of `repeats` twice as a guess of what warming up takes.
         let pictures: u32 = settings.spps.iter().sum();
@@ -191,41 +242,6 @@ impl Options {
         print!("{}", report::summary(&curves, &run.measured.renderers));
         println!("\nresults: {}", self.out.join(RESULTS).display());
         Ok(())
-    }
-
-    /// Starts everything that takes part; says what is missing.
-    fn contenders(&self, threads: usize, cancel: &AtomicBool) -> Result<Vec<Contender>> {
-        let chosen = |kind: &Kind| self.only.is_empty() || self.only.iter().any(|id| id == kind.id);
-        let mut contenders = Vec::new();
-        for kind in KINDS.into_iter().filter(chosen) {
-            if kind.family == OURS {
-                contenders.push(Contender::ours(kind));
-                continue;
-            }
-            let (given, variable) = match kind.family {
-                "mitsuba" => (&self.mitsuba_python, "RENDERFLOW_MITSUBA_PYTHON"),
-                _ => (&self.cycles_python, "RENDERFLOW_CYCLES_PYTHON"),
-            };
-            let python = given.clone().or_else(|| std::env::var(variable).ok()).unwrap_or_else(|| "python3".into());
-            let text = SCRIPTS.iter().find(|(family, _)| *family == kind.family).map_or("", |(_, text)| text);
-            let script = self.out.join("messages").join(format!("{}.py", kind.family));
-            file::write_atomic(&script, text.as_bytes())?;
-            let log = self.out.join("messages").join(format!("{}.txt", kind.id));
-            let arguments: Vec<String> = kind.arguments.iter().map(|a| (*a).to_owned()).chain([threads.to_string()]).collect();
-            match Child::start(&python, &script, &arguments, &log, cancel)? {
-                Started::Ready(child) => {
-                    println!("{}: {} {}", kind.id, kind.label, child.version);
-                    contenders.push(Contender::other(kind, child, &std::path::absolute(self.out.join("messages"))?));
-                }
-                Started::Unavailable(reason) => {
-                    println!("skipped {}: {reason} (docs/benchmarks.md says how to install it)", kind.id)
-                }
-            }
-        }
-        if contenders.is_empty() {
-            bail!("nothing to measure");
-        }
-        Ok(contenders)
     }
 
     /// Results of an earlier run at these settings, or none.
