@@ -85,7 +85,7 @@ impl Options {
         if self.limit.is_nan() || self.limit <= 0.0 {
             bail!("--limit {}: a difference is a positive number", self.limit);
         }
-        if self.resolution as usize % BLOCK != 0 {
+        if !(self.resolution as usize).is_multiple_of(BLOCK) {
             bail!("--resolution {}: squares of {BLOCK} x {BLOCK} pixels do not fill the picture", self.resolution);
         }
         let names = match self.scene.is_empty() {

@@ -162,7 +162,7 @@ fn cases() -> Vec<Case> {
         ));
     }
     for (thin_walled, roughness) in [(false, 0.0), (false, 1.0), (true, 0.0), (true, 1.0)] {
-        let slot = |texture| Some(TextureSlot { texture, uv_transform: Affine2::from_scale(glam::Vec2::splat(3.0)) });
+        let slot = |texture| Some(TextureSlot { texture, set: 0, uv_transform: Affine2::from_scale(glam::Vec2::splat(3.0)) });
         let textured = Material {
             thin_walled,
             base_color_texture: slot(0),
