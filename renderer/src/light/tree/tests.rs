@@ -149,8 +149,8 @@ fn odd_lists_make_trees() {
         two_sided: item.is_multiple_of(2),
         strength,
     };
-    type List = (&'static str, Box<dyn Fn(u32) -> TreeLight>);
-    let lists: [List; 6] = [
+    type List<'a> = (&'static str, Box<dyn Fn(u32) -> TreeLight + 'a>);
+    let lists: [List<'_>; 6] = [
         ("one place", Box::new(|i| light(i, Vec3A::ONE, 0.0, 1.0))),
         ("a line", Box::new(|i| light(i, Vec3A::X * i as f32, 0.1, 1.0))),
         ("no strength", Box::new(|i| light(i, Vec3A::X * i as f32, 0.1, 0.0))),
