@@ -109,7 +109,8 @@ fn what_deforms_is_never_shared() {
     let mut compiled = RenderScene::compile_with(&moving(), Sharing::Always).expect("consistent");
     assert_eq!(compiled.builds(), Builds { flattened: 1, objects: 2, instances: 1, ..Builds::default() });
     compiled.set_frame(9);
-    let still = RenderScene::compile_with(&frozen(&moving(), 9), Sharing::Never).expect("consistent");
+    let mut still = RenderScene::compile_with(&frozen(&moving(), 9), Sharing::Never).expect("consistent");
+    still.set_frame(9);
     let (shared, flat) = (render(&compiled, 1).0, render(&still, 1).0);
     let same = shared.object_id.pixels.iter().zip(&flat.object_id.pixels).filter(|(a, b)| a == b).count();
     assert!(same as f64 >= 0.99 * shared.object_id.pixels.len() as f64, "{same}");
@@ -159,7 +160,7 @@ fn motion_is_that_of_the_points_of_the_mesh() {
         }
     }
     println!("motion of {count} points within {worst:.1e} pixels; at most {largest} pixels");
-    assert!(count > 100 && largest > 0.3 && worst < 2e-3, "{worst}");
+    assert!(count > 100 && largest > 0.1 && worst < 2e-3, "{worst}");
 }
 
 /// Weights of the corners for the point of a triangle nearest to `p` in its plane, and how far `p` is from the triangle.

@@ -107,9 +107,9 @@ pub fn expand(names: &[String]) -> Vec<String> {
     names.iter().flat_map(each).collect()
 }
 
-/// Loads a scene of the set by name, or else a scene file (`.json`) or a model (glTF or OBJ, on a ground plane under a built-in
-/// sky), at `resolution` (pixels along both sides; its own without). A file may name files of its folder, and of those that are
-/// `allowed`.
+/// Loads a scene of the set by name, or else a scene file (`.json`) or a model (glTF, OBJ or PLY, on a ground plane under a
+/// built-in sky), at `resolution` (pixels along both sides; its own without). A file may name files of its folder, and of those
+/// that are `allowed`.
 ///
 /// # Errors
 /// When it is neither, or the file or something it refers to cannot be read.
