@@ -77,9 +77,9 @@ pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Found {
             let again = view.eval(drawn.wi);
             failed |= !fine(drawn.pdf) || drawn.pdf == 0.0 || !drawn.weight.to_array().into_iter().all(fine) || !sound(&again);
             failed |= (drawn.wi.length() - 1.0).abs() > 1e-5 || (side == Side::Pane && drawn.wi.z <= 0.0);
-            let density = f64::from((again.pdf - drawn.pdf).abs() / drawn.pdf);
-            let value = (drawn.weight.as_dvec3() * f64::from(drawn.pdf) - again.f_cos.as_dvec3()).abs().max_element();
-            let value = value / f64::from(again.f_cos.max_element().max(1e-30));
+            let density = f64::from((again.pdf - drawn.pdf).abs() / drawn.pdf.max(again.pdf));
+            let (value, again) = (drawn.weight.as_dvec3() * f64::from(drawn.pdf), again.f_cos.as_dvec3());
+            let value = (value - again).abs().max_element() / value.max(again).max_element().max(1e-30);
             error = density.max(value) / rounding(&surface, side, wo, drawn.wi);
             failed |= error.is_nan() || error > 1.0;
         }
@@ -89,8 +89,9 @@ pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Found {
 }
 
 /// Relative difference that rounding of `wi` may cause. The half vector is the sum of two long vectors, or their difference where
-/// light is refracted: it turns by as much more as it is shorter, and a lobe of width alpha changes by as much more as it is
-/// sharper. Reflectance at grazing angles and directions near the horizon lose digits of their cosines as well.
+/// light is refracted: it turns by as much more as it is shorter. A lobe of width alpha changes by as much more as it is sharper,
+/// and so do a cosine to the horizon and, by its square, a cosine to the facet: where light begins to pass at the critical angle,
+/// the share that passes rises at once.
 fn rounding(surface: &Principled, side: Side, wo: Vec3A, wi: Vec3A) -> f64 {
     const UNIT: f64 = 6e-8;
     let ior = f64::from(refraction_index(surface.specular));
@@ -99,9 +100,12 @@ fn rounding(surface: &Principled, side: Side, wo: Vec3A, wi: Vec3A) -> f64 {
         Side::Outside if wi.z < 0.0 => (ior, wi),
         _ => (1.0, Vec3A::new(wi.x, wi.y, wi.z.abs())),
     };
-    let length = (wo.as_dvec3() + eta * wi.as_dvec3()).length();
+    let (wo, wi) = (wo.as_dvec3(), wi.as_dvec3());
+    let half = wo + eta * wi;
+    let length = half.length();
     let alpha = f64::from(ggx::alpha(surface.roughness));
-    1e-4 + UNIT * 8.0 * (1.0 + eta) / length * (1.0 / alpha + 1.0 / f64::from(wi.z.abs()) + 1.0 / length)
+    let critical: f64 = [wo, wi].map(|w| (length / w.dot(half)).powi(2)).iter().sum();
+    1e-4 + 8.0 * UNIT * (1.0 + eta) / length * (1.0 / alpha + 1.0 / length + 1.0 / wi.z.abs() + critical)
 }
 
 /// Shares of light that are left after random distances in random media, those beyond all limits among them, and behind random
