@@ -66,7 +66,7 @@ fn textures_of_shares_hold_the_factors() {
     for encoding in [Encoding::Srgb, Encoding::Linear] {
         loaded.textures.push(Texture::from_rgba8("two", [2, 1], texels.clone(), encoding, [Wrap::Clamp; 2]));
     }
-    let slot = |back: usize| Some(TextureSlot { texture: loaded.textures.len() - back, uv_transform: glam::Affine2::IDENTITY });
+    let slot = |back: usize| Some(TextureSlot { texture: loaded.textures.len() - back, ..TextureSlot::default() });
     let (base_color_texture, transmission_texture) = (slot(2), slot(1));
     let material = &mut loaded.materials[glass];
     (material.base_color_texture, material.transmission_texture) = (base_color_texture, transmission_texture);
