@@ -189,7 +189,8 @@ impl Medium {
 pub(crate) struct Beyond {
     /// Share of its light that arrives; 0 where nothing is seen through.
     pub transmittance: Vec3A,
-    /// World-space unit direction in which the environment is seen through clear surfaces; 0 where another surface is behind them.
+    /// World-space unit direction in which the environment is seen through clear surfaces; 0 where another surface is behind
+    /// them.
     pub direction: Vec3A,
 }
 

@@ -1,4 +1,5 @@
-//! A pinhole camera, whose lens may bend straight lines. Camera space is OpenGL's: +x right, +y up, the view along -z. Pixel centres lie at +0.5.
+//! A pinhole camera, whose lens may bend straight lines. Camera space is OpenGL's: +x right, +y up, the view along -z. Pixel
+//! centres lie at +0.5.
 
 use crate::distortion::Distortion;
 use glam::{Affine3A, DVec2, DVec3, Mat3A, Vec2, Vec3A};
@@ -96,8 +97,8 @@ impl Camera {
         self.origin + self.position().as_dvec3()
     }
 
-    /// Direction (camera space, z = -1, not normalised) through the image point `pixel` (pixels from the top left). Where the lens
-    /// shows nothing, it is the direction of a pinhole camera.
+    /// Direction (camera space, z = -1, not normalised) through the image point `pixel` (pixels from the top left). Where the
+    /// lens shows nothing, it is the direction of a pinhole camera.
     #[inline]
     pub fn direction_cam(&self, pixel: Vec2) -> Vec3A {
         let straight = Vec3A::new((pixel.x - self.cx) / self.fl_x, (self.cy - pixel.y) / self.fl_y, -1.0);

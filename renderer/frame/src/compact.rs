@@ -68,7 +68,8 @@ pub const DEPTH_ERROR: f32 = 1.0 / 8192.0;
 /// Which layers a file keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Keep {
-    /// What training reads: beauty, alpha, albedo, normal, depth, material, what is seen through, irradiance, motion both ways, ids.
+    /// What training reads: beauty, alpha, albedo, normal, depth, material, what is seen through, irradiance, motion both ways,
+    /// ids.
     #[default]
     Training,
     /// Every layer the frame has: raw, variance, samples, light groups, guides and distance as well.

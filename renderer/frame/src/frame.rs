@@ -28,8 +28,8 @@ pub struct FrameInfo {
     /// How samples were distributed over the pixels (such as `average 256`); empty where every pixel has the same number.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub sampling: String,
-    /// Lens of the beauty (such as `aperture 0.02 focus 3`, metres); empty for a pinhole. The G-buffer is always that of a pinhole
-    /// in the middle of the lens.
+    /// Lens of the beauty (such as `aperture 0.02 focus 3`, metres); empty for a pinhole. The G-buffer is always that of a
+    /// pinhole in the middle of the lens.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub lens: String,
     /// Number of samples that share a camera ray; `None` where each sample has its own.
@@ -97,8 +97,8 @@ pub struct Frame {
     pub distance: Option<Image<f32>>,
     /// (roughness, metallic, specular), each 0..=1, 0 at a miss.
     pub material: Rgb,
-    /// Share of the light of what is seen through the surface that arrives, 0..=1, 0 for opaque surfaces and at a miss: what clear
-    /// surfaces on the way let through, or what a blended surface leaves open. `None` where the scene has neither.
+    /// Share of the light of what is seen through the surface that arrives, 0..=1, 0 for opaque surfaces and at a miss: what
+    /// clear surfaces on the way let through, or what a blended surface leaves open. `None` where the scene has neither.
     pub transmittance: Option<Rgb>,
     /// Direction in which the environment is seen through clear surfaces, in camera space (OpenGL axes), unit length. 0 where a
     /// surface is behind them, and where there are none. A blended surface has none either: [`Self::alpha`] says how much of the

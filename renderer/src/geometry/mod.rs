@@ -401,8 +401,8 @@ impl Geometry {
         interpolate(self.corner_normals(hit)?, hit.weights).try_normalize()
     }
 
-    /// Texture coordinates of the corners in the first set; 0 where the mesh has none. Must not be asked for when no material looks
-    /// anything up.
+    /// Texture coordinates of the corners in the first set; 0 where the mesh has none. Must not be asked for when no material
+    /// looks anything up.
     #[inline(always)]
     pub fn corner_uvs(&self, hit: &Hit) -> [Vec2; 3] {
         if hit.instance != FLATTENED {

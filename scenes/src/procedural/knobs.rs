@@ -22,8 +22,8 @@ pub struct Composition {
     pub occluders: f64,
     /// Share of rooms with lamps (surfaces that emit), 0..=1; 0: the published setting is light from the environment alone.
     pub lamps: f64,
-    /// Share of scenes in which some objects are of glass, 0..=1, where any has a single closed surface; 0.12. A plan file that leaves it out has none, as plans had
-    /// before there was glass; so it is with the next four.
+    /// Share of scenes in which some objects are of glass, 0..=1, where any has a single closed surface; 0.12. A plan file that
+    /// leaves it out has none, as plans had before there was glass; so it is with the next four.
     #[serde(default = "none", skip_serializing_if = "is_none")]
     pub glass: f64,
     /// Share of scenes with a basin of water, 0..=1; 0.06.

@@ -30,8 +30,8 @@ pub struct Surfaces {
     pub material: Rgb,
     /// Planar depth, borrowed like `material`; +inf where nothing is covered, and where no pixel nearby was hit.
     pub depth: Image<f32>,
-    /// Radiance of the environment that clear surfaces let through, 0 elsewhere; `None` where the frame has no such surfaces. There
-    /// the albedo is 0: what reflects is the surface alone.
+    /// Radiance of the environment that clear surfaces let through, 0 elsewhere; `None` where the frame has no such surfaces.
+    /// There the albedo is 0: what reflects is the surface alone.
     pub through: Option<Rgb>,
     /// The environment seen through the pixel's centre; 0 where the pixel is fully covered and the background is invisible.
     pub background: Rgb,
