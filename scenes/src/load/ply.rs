@@ -1,7 +1,6 @@
 //! Stanford PLY: ASCII and binary of either byte order; vertices with normals and texture coordinates, polygons and strips.
 //!
-//! The parser is here because the crates for PLY make a map of names for every vertex, and because a header may claim any number
-//! of elements: memory is taken only for what the file has bytes for.
+//! The parser is here because a header may claim any number of elements: memory is taken only for what the file has bytes for.
 
 use super::model::{Model, Part};
 use crate::error::{Error, Result};
