@@ -89,7 +89,8 @@ pub struct ExportedMaterial {
     /// Its clear part, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clear: Option<ExportedClear>,
-    /// Share of the surface that covers what lies behind it, if that is not everything; a texture `opacity` holds the share itself.
+    /// Share of the surface that covers what lies behind it, if that is not everything; a texture `opacity` holds the share
+    /// itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub opacity: Option<f32>,
     /// By parameter: `base_color` (PNG, sRGB), `roughness`, `metallic` (PNG, grey, linear), `normal` (PNG, tangent space),

@@ -1,4 +1,5 @@
-//! Clear and blended materials as other renderers are given them, and `renderflow-bench agree` with scripts that stand in for them.
+//! Clear and blended materials as other renderers are given them, and `renderflow-bench agree` with scripts that stand in for
+//! them.
 
 mod common;
 

@@ -40,9 +40,10 @@ fn evaluations(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     collect(ticker, &MODES, parts, claim, |mode, part| random_evaluations(mode, count, 1 + part))
 }
 
-/// `eval` and `sample` for `count` random clear materials, sides and pairs of directions above and below the surface. A failure is
-/// a value, weight or density that is not finite or negative, a direction that is not unit, light through a pane, or a sample that
-/// differs from `eval` of its direction by more than rounding may cause; the error is that difference over what rounding may cause.
+/// `eval` and `sample` for `count` random clear materials, sides and pairs of directions above and below the surface. A failure
+/// is a value, weight or density that is not finite or negative, a direction that is not unit, light through a pane, or a sample
+/// that differs from `eval` of its direction by more than rounding may cause; the error is that difference over what rounding may
+/// cause.
 pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Found {
     let (mut random, mut worst) = (Random::new(seed), Found::default());
     let fine = |v: f32| v.is_finite() && v >= 0.0;

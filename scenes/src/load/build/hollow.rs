@@ -4,8 +4,8 @@ use super::Build;
 use crate::load::mesh;
 use std::collections::{BTreeMap, HashMap};
 
-/// Least volume of a body that can look hollow, in area^1.5: that of a ball is 0.094, of a plate a twentieth as thick as wide 0.015.
-/// Flatter ones are panes.
+/// Least volume of a body that can look hollow, in area^1.5: that of a ball is 0.094, of a plate a twentieth as thick as wide
+/// 0.015. Flatter ones are panes.
 const LEAST_VOLUME: f64 = 0.02;
 
 impl Build<'_> {
