@@ -45,7 +45,7 @@ pub fn in_motion(folder: &Path, name: &str) {
         let view = ModelView { animation, frames: 3, ..ModelView::default() };
         let Ok(scene) = load::describe_model(&path, None, &view, &reach) else { continue };
         let mut seen = scene.clone();
-        for number in 0..contents.cameras.len().min(3) {
+        for number in 0..contents.cameras.len().min(3) as u32 {
             if load::look_through(&mut seen, &NameOrNumber::Number(number), &reach).is_ok() {
                 seen.validate().expect("a scene seen by a camera of its file is valid");
             }

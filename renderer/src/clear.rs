@@ -27,8 +27,9 @@ const MOST_LOOKED_THROUGH: u32 = 8;
 /// Most blended surfaces whose mean guides show, and the share of light behind them that may be left out.
 const MOST_LAYERS: u32 = 16;
 const LEAST_SHARE: f32 = 0.01;
-/// Most panes that a path goes through between two other surfaces.
-const MOST_PANES: u32 = 32;
+/// Most panes that a path goes through between two other surfaces: so many that no light is left behind them, unless they mirror
+/// and absorb next to nothing. Shadow rays know no limit.
+const MOST_PANES: u32 = 1 << 16;
 
 /// A number in 0..1 that depends on a ray and a triangle alone.
 #[inline(always)]
@@ -124,7 +125,7 @@ impl Straight {
             self.hit = next;
             self.through |= through;
         }
-        // Nobody sees more panes than that.
+        // A way without an end.
         self.weight = Vec3A::ZERO;
         self
     }

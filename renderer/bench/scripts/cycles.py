@@ -136,7 +136,8 @@ def through(nodes, links, description, color, normal):
         if normal:
             links.new(normal, shader.inputs["Normal"])
         return shader.outputs[0]
-    # Of a sheet with all reflections between its sides, 2 F / (1 + F) is mirrored. The node turns the index for backs; here it must not.
+    # Of a sheet with all reflections between its sides, 2 F / (1 + F) is mirrored. The node turns the index for backs; here it
+    # must not.
     fresnel, geometry = nodes.new("ShaderNodeFresnel"), nodes.new("ShaderNodeNewGeometry")
     turned = math_node(nodes, links, "MULTIPLY", geometry.outputs["Backfacing"], 1 / clear["ior"] - clear["ior"])
     links.new(math_node(nodes, links, "ADD", turned, clear["ior"]), fresnel.inputs["IOR"])

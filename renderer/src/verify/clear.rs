@@ -91,7 +91,7 @@ pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Found {
 
 /// Relative difference that rounding of `wi` may cause. The half vector is the sum of two long vectors, or their difference where
 /// light is refracted: it turns by as much more as it is shorter. A lobe of width alpha changes by as much more as it is sharper,
-/// and so do a cosine to the horizon and, by its square, a cosine to the facet: where light begins to pass at the critical angle,
+/// and so do cosines to the surface and, by its square, a cosine to the facet: where light begins to pass at the critical angle,
 /// the share that passes rises at once.
 fn rounding(surface: &Principled, side: Side, wo: Vec3A, wi: Vec3A) -> f64 {
     const UNIT: f64 = 6e-8;
@@ -106,7 +106,7 @@ fn rounding(surface: &Principled, side: Side, wo: Vec3A, wi: Vec3A) -> f64 {
     let length = half.length();
     let alpha = f64::from(ggx::alpha(surface.roughness));
     let critical: f64 = [wo, wi].map(|w| (length / w.dot(half)).powi(2)).iter().sum();
-    1e-4 + 8.0 * UNIT * (1.0 + eta) / length * (1.0 / alpha + 1.0 / length + 1.0 / wi.z.abs() + critical)
+    1e-4 + 16.0 * UNIT * (1.0 + eta) / length * (1.0 / alpha + 1.0 / length + 1.0 / wi.z.abs() + length / half.z.abs() + critical)
 }
 
 /// Shares of light that are left after random distances in random media, those beyond all limits among them, and behind random
