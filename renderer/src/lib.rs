@@ -22,6 +22,7 @@ mod interaction;
 pub mod light;
 pub mod material;
 mod query;
+mod random;
 pub mod ray;
 #[cfg(feature = "record")]
 pub mod record;

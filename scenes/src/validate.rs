@@ -5,7 +5,6 @@ mod light;
 use crate::Principled;
 use crate::description::{Animation, CameraFrame, CameraPath, EnvironmentSource, Geometry, Motion, Scene, Transform, same_shape};
 use crate::error::{Error, Problem, Result};
-use crate::load::unseen;
 use crate::model_format::Format;
 use renderflow_frame::Distortion;
 use std::collections::HashMap;
@@ -204,9 +203,9 @@ impl Check {
                 }
             }
             if self.problems.len() == before
-                && let Some(place) = frame.unseen(size)
+                && let Some(reason) = frame.folds(size)
             {
-                self.say(at("distortion"), unseen(place));
+                self.say(at("distortion"), reason);
             }
         }
     }

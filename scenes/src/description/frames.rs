@@ -2,6 +2,7 @@
 
 use super::exact;
 use glam::{DMat3, DVec2, DVec3};
+use renderflow_frame::words::number;
 use renderflow_frame::{Camera, Distortion};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -101,8 +102,8 @@ impl CameraFrame {
         DVec3::from(self.camera_to_world.map(|row| row[3]))
     }
 
-    /// A place of the picture, in pixels, where the lens shows nothing; `None` where it shows something all along the border.
-    pub(crate) fn unseen(&self, size: [u32; 2]) -> Option<[f64; 2]> {
+    /// Why the lens cannot be used for pictures of `size`: it shows nothing at some place of their border.
+    pub(crate) fn folds(&self, size: [u32; 2]) -> Option<String> {
         let lens = self.distortion.as_ref()?;
         let [width, height] = size.map(f64::from);
         let along = |i: u32| f64::from(i) / f64::from(BORDER);
@@ -112,7 +113,8 @@ impl CameraFrame {
         });
         let nothing =
             |&[x, y]: &[f64; 2]| lens.undistort(DVec2::new((x - self.cx) / self.fl_x, (y - self.cy) / self.fl_y)).is_none();
-        border.into_iter().find(nothing)
+        let [x, y] = border.into_iter().find(nothing)?.map(number);
+        Some(format!("the lens shows nothing at ({x}, {y}) of the picture: its distortion folds there"))
     }
 
     /// The camera for a picture of `resolution`, where the numbers of this one are for `size`; placed relative to `origin`.

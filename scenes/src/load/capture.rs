@@ -235,18 +235,13 @@ impl Capture {
                 cy: own.center[1].unwrap_or(0.5 * height),
                 distortion: own.distortion,
             };
-            match camera.unseen(size) {
+            match camera.folds(size) {
                 None => Ok(camera),
-                Some(at) => Err(Error::model(&self.path, format!("/frames/{index}"), unseen(at))),
+                Some(reason) => Err(Error::model(&self.path, format!("/frames/{index}"), reason)),
             }
         });
         Ok(CameraPath::Frames { size, frames: frames.collect::<Result<_>>()? })
     }
-}
-
-/// Why a lens is refused that shows nothing at a place of its picture.
-pub(crate) fn unseen([x, y]: [f64; 2]) -> String {
-    format!("the lens shows nothing at ({}, {}) of the picture: its distortion folds there", number(x), number(y))
 }
 
 /// A camera-to-world matrix as a rotation and a translation.

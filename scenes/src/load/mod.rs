@@ -23,7 +23,6 @@ use std::path::Path;
 pub use crate::model_format::Format;
 pub use build::{load, load_everything};
 pub use capture::Capture;
-pub(crate) use capture::unseen;
 pub(crate) use model::{Extent, extent};
 pub use model::{ModelView, describe_model};
 pub use view::{Contents, animation_length, contents, look_through, play};

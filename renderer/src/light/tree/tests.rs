@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::light::punctual::Lamp;
-use crate::verify::chi_square::Random;
+use crate::random::Random;
 use glam::{Affine3A, Mat3A};
 use renderflow_scenes::loaded::{PunctualKind, PunctualLight};
 
