@@ -104,7 +104,11 @@ fn rounding(surface: &Principled, side: Side, wo: Vec3A, wi: Vec3A) -> f64 {
     let (wo, wi) = (wo.as_dvec3(), wi.as_dvec3());
     let half = wo + eta * wi;
     let length = half.length();
-    let alpha = f64::from(ggx::alpha(surface.roughness));
+    // The clear coat's lobe may be far sharper, up to a width of 0.001 (Burley 2012, section 5.6), and a stretched one is so
+    // across.
+    let coat = if surface.clearcoat > 0.0 { 0.1 - 0.099 * f64::from(surface.clearcoat_gloss) } else { 1.0 };
+    let stretched = (1.0 - 0.9 * f64::from(surface.anisotropic)).sqrt();
+    let alpha = (stretched * f64::from(ggx::alpha(surface.roughness))).min(coat);
     let critical: f64 = [wo, wi].map(|w| (length / w.dot(half)).powi(2)).iter().sum();
     1e-4 + 16.0 * UNIT * (1.0 + eta) / length * (1.0 / alpha + 1.0 / length + 1.0 / wi.z.abs() + length / half.z.abs() + critical)
 }
