@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{camera, compile, plane, scene, sphere, sunny};
+use common::{camera, compile, compile_at, plane, scene, sphere, sunny};
 use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_renderer::{Mode, RenderScene, Settings, render_with_stats};
 use renderflow_scenes::{LoadedScene, Material, Principled};
@@ -43,12 +43,6 @@ fn frozen(loaded: &LoadedScene, frame: usize) -> LoadedScene {
     LoadedScene { materials, ..loaded.clone() }
 }
 
-fn at(loaded: &LoadedScene, frame: usize) -> RenderScene {
-    let mut compiled = compile(loaded);
-    compiled.set_frame(frame);
-    compiled
-}
-
 #[test]
 fn frames_equal_those_of_still_scenes() {
     let loaded = changing();
@@ -56,7 +50,7 @@ fn frames_equal_those_of_still_scenes() {
     let mut light_paths = vec![];
     for frame in [0, 1, 8, 4, 4, 0, 100] {
         walked.set_frame(frame);
-        let still = at(&frozen(&loaded, frame), frame);
+        let still = compile_at(&frozen(&loaded, frame), frame);
         assert_eq!(walked.features(), still.features(), "frame {frame}");
         for bsdf in [Mode::Conserving, Mode::Published] {
             let settings = Settings { spp: 16, bsdf, ..Settings::default() };

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{camera, check_frame, compile, diffuse, plane, render, scene, sphere, sunny};
+use common::{camera, check_frame, compile, compile_at, diffuse, plane, render, scene, sphere, sunny};
 use glam::{Affine3A, DVec3, Quat, Vec2, Vec3, Vec3A};
 use renderflow_renderer::{Builds, RenderScene, Settings, Sharing, render_gbuffer};
 use renderflow_scenes::loaded::{Displacement, Influence, Poses, Rows, Shape};
@@ -70,12 +70,6 @@ fn frozen(loaded: &LoadedScene, frame: usize) -> LoadedScene {
     still
 }
 
-fn at(loaded: &LoadedScene, frame: usize) -> RenderScene {
-    let mut compiled = compile(loaded);
-    compiled.set_frame(frame);
-    compiled
-}
-
 #[test]
 fn frames_are_those_of_a_still_scene_from_wherever_one_comes() {
     let loaded = moving();
@@ -84,10 +78,10 @@ fn frames_are_those_of_a_still_scene_from_wherever_one_comes() {
         walked.set_frame(frame);
         let (picture, stats) = render(&walked, 4);
         check_frame(&picture);
-        let (fresh, fresh_stats) = render(&at(&loaded, frame), 4);
+        let (fresh, fresh_stats) = render(&compile_at(&loaded, frame), 4);
         assert!(picture == fresh && stats == fresh_stats, "frame {frame} depends on the frames before");
         // Motion apart, which a still scene does not have.
-        let (mut still, _) = render(&at(&frozen(&loaded, frame), frame), 4);
+        let (mut still, _) = render(&compile_at(&frozen(&loaded, frame), frame), 4);
         (still.motion, still.motion_prev) = (picture.motion.clone(), picture.motion_prev.clone());
         assert!(picture == still, "frame {frame} differs from that of a still scene");
     }
@@ -96,10 +90,10 @@ fn frames_are_those_of_a_still_scene_from_wherever_one_comes() {
 
 #[test]
 fn one_thread_and_many_make_the_same_picture() {
-    let compiled = at(&moving(), 9);
+    let compiled = compile_at(&moving(), 9);
     let many = render(&compiled, 4);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    let one = pool.install(|| render(&at(&moving(), 9), 4));
+    let one = pool.install(|| render(&compile_at(&moving(), 9), 4));
     assert!(one == many);
 }
 

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{camera, compile, diffuse, plane, render, scene, sphere, sunny};
+use common::{camera, compile, compile_at, diffuse, plane, render, scene, sphere, sunny};
 use glam::{Affine3A, Quat, Vec3};
 use renderflow_renderer::{Builds, RenderScene};
 use renderflow_scenes::{LoadedScene, Material, Principled};
@@ -45,12 +45,6 @@ fn frozen(loaded: &LoadedScene, frame: usize) -> LoadedScene {
     still
 }
 
-fn at(loaded: &LoadedScene, frame: usize) -> RenderScene {
-    let mut compiled = compile(loaded);
-    compiled.set_frame(frame);
-    compiled
-}
-
 #[test]
 fn frames_do_not_depend_on_where_a_sequence_was_entered() {
     let loaded = moving();
@@ -59,10 +53,10 @@ fn frames_do_not_depend_on_where_a_sequence_was_entered() {
     for frame in [0, 1, 2, 15, 16, 17, 3, 0, 31, 39, 100, 16] {
         walked.set_frame(frame);
         let (picture, stats) = render(&walked, 4);
-        let (fresh, fresh_stats) = render(&at(&loaded, frame), 4);
+        let (fresh, fresh_stats) = render(&compile_at(&loaded, frame), 4);
         assert!(picture == fresh && stats == fresh_stats, "frame {frame} depends on the frames before");
         // Motion apart, which a still scene does not have.
-        let (mut still, _) = render(&at(&frozen(&loaded, frame), frame), 4);
+        let (mut still, _) = render(&compile_at(&frozen(&loaded, frame), frame), 4);
         (still.motion, still.motion_prev) = (picture.motion.clone(), picture.motion_prev.clone());
         assert!(picture == still, "frame {frame} differs from that of a still scene");
     }
@@ -97,7 +91,7 @@ fn outgrown_trees_are_built_again() {
         let before = walked.builds().flattened;
         walked.set_frame(frame);
         assert_eq!(walked.builds().flattened - before, usize::from(frame > 2), "frame {frame}");
-        assert!(render(&walked, 2) == render(&at(&loaded, frame), 2), "frame {frame}");
+        assert!(render(&walked, 2) == render(&compile_at(&loaded, frame), 2), "frame {frame}");
     }
 }
 
@@ -112,6 +106,6 @@ fn triangles_may_vanish_and_come_back() {
         walked.set_frame(frame);
         assert_eq!(walked.triangle_count() < all, frame == 4, "frame {frame}");
         assert_eq!(walked.triangle_count() + walked.dropped_triangles(), all);
-        assert!(render(&walked, 2) == render(&at(&loaded, frame), 2), "frame {frame}");
+        assert!(render(&walked, 2) == render(&compile_at(&loaded, frame), 2), "frame {frame}");
     }
 }

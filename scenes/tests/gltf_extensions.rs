@@ -2,19 +2,11 @@
 
 mod common;
 
-use common::gltf::{FLOAT, File, STRIP, bytes, data_uri, document};
+use common::gltf::{FLOAT, File, STRIP, bytes, document, png};
 use glam::{Vec2, Vec3A};
 use renderflow_scenes::mipmap::Texels;
 use renderflow_scenes::{LoadedScene, Material};
 use serde_json::{Value, json};
-
-/// PNG of one row of RGBA pixels.
-fn png(pixels: &[[u8; 4]]) -> String {
-    let picture = image::RgbaImage::from_raw(pixels.len() as u32, 1, pixels.as_flattened().to_vec()).unwrap();
-    let mut out = std::io::Cursor::new(vec![]);
-    picture.write_to(&mut out, image::ImageFormat::Png).unwrap();
-    data_uri("image/png", &out.into_inner())
-}
 
 /// A square with two sets of texture coordinates, the given material, and textures of images with these pixels.
 fn with_material(material: Value, images: &[&[[u8; 4]]]) -> Value {

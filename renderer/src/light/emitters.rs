@@ -1,7 +1,7 @@
 //! Light from places in the scene: emissive triangles, points and spots.
 
 use super::MAX_RADIANCE;
-use super::punctual::Lamp;
+use super::punctual::{Lamp, direction_and_distance};
 use super::sampler::{LightSample, Source, UNITS};
 use super::tree::{LightTree, TreeLight};
 use glam::{DVec3, Vec3A};
@@ -166,15 +166,7 @@ impl EmitterLight {
         };
         let barycentrics = to_triangle(u);
         let point = (0..3).map(|k| emitter.corners[k] * barycentrics[k]).sum::<Vec3A>();
-        let towards = point - at.p;
-        // Scaled before squaring: distances from 1e-30 to 1e30 keep their digits.
-        let scale = towards.abs().max_element();
-        if !(scale > 0.0 && scale.is_finite()) {
-            return None;
-        }
-        let scaled = towards / scale;
-        let length = scaled.length();
-        let (wi, distance) = (scaled / length, scale * length);
+        let (wi, distance) = direction_and_distance(point - at.p)?;
         let cos = -emitter.n.dot(wi);
         let pdf = emitter.pdf(probability, distance, cos);
         let n = if cos < 0.0 { -emitter.n } else { emitter.n };

@@ -10,6 +10,19 @@ use renderflow_scenes::loaded::{PunctualKind, PunctualLight};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
+/// Unit direction and length of the way `towards` a light; `None` where it has no length, or none that is finite.
+#[inline(always)]
+pub(super) fn direction_and_distance(towards: Vec3A) -> Option<(Vec3A, f32)> {
+    // Scaled before squaring: distances from 1e-30 to 1e30 keep their digits.
+    let scale = towards.abs().max_element();
+    if !(scale > 0.0 && scale.is_finite()) {
+        return None;
+    }
+    let scaled = towards / scale;
+    let length = scaled.length();
+    Some((scaled / length, scale * length))
+}
+
 /// A point or a spot.
 #[derive(Clone, Debug)]
 pub struct Lamp {
@@ -98,15 +111,7 @@ impl Lamp {
     /// What arrives at `p`; `None` where nothing does, and where `p` is the lamp.
     #[inline]
     pub(super) fn arriving(&self, p: Vec3A) -> Option<Arriving> {
-        let towards = self.position - p;
-        // Scaled before squaring: distances from 1e-30 to 1e30 keep their digits.
-        let scale = towards.abs().max_element();
-        if !(scale > 0.0 && scale.is_finite()) {
-            return None;
-        }
-        let scaled = towards / scale;
-        let length = scaled.length();
-        let (wi, distance) = (scaled / length, scale * length);
+        let (wi, distance) = direction_and_distance(self.position - p)?;
         let mut irradiance = self.intensity / distance / distance;
         if let Some(cone) = &self.cone {
             irradiance *= cone.brightness(self.axes.z_axis.dot(wi));

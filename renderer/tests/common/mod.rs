@@ -66,6 +66,13 @@ pub fn compile(scene: &LoadedScene) -> RenderScene {
     RenderScene::compile(scene).expect("the scene is consistent")
 }
 
+/// The scene at a frame, compiled for it alone.
+pub fn compile_at(scene: &LoadedScene, frame: usize) -> RenderScene {
+    let mut compiled = compile(scene);
+    compiled.set_frame(frame);
+    compiled
+}
+
 pub fn render(scene: &RenderScene, spp: u32) -> (Frame, Stats) {
     render_with(scene, &Settings { spp, ..Settings::default() })
 }

@@ -75,3 +75,11 @@ pub fn square() -> Value {
     file["meshes"][0]["primitives"][0]["mode"] = json!(5);
     file
 }
+
+/// PNG of one row of RGBA pixels, as a data URI.
+pub fn png(pixels: &[[u8; 4]]) -> String {
+    let picture = image::RgbaImage::from_raw(pixels.len() as u32, 1, pixels.as_flattened().to_vec()).unwrap();
+    let mut out = std::io::Cursor::new(vec![]);
+    picture.write_to(&mut out, image::ImageFormat::Png).unwrap();
+    data_uri("image/png", &out.into_inner())
+}
