@@ -5,7 +5,7 @@ mod common;
 
 use common::{camera, compile, compile_at, diffuse, plane, render, scene, sphere, sunny};
 use glam::{Affine3A, Quat, Vec3};
-use renderflow_renderer::{Builds, RenderScene};
+use renderflow_renderer::Builds;
 use renderflow_scenes::{LoadedScene, Material, Principled};
 
 const FRAMES: usize = 40;
