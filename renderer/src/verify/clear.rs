@@ -92,7 +92,7 @@ pub fn random_evaluations(mode: Mode, count: u64, seed: u64) -> Found {
 /// Relative difference that rounding of `wi` may cause. The half vector is the sum of two long vectors, or their difference where
 /// light is refracted: it turns by as much more as it is shorter. A lobe of width alpha changes by as much more as it is sharper,
 /// and so do cosines to the surface and, by its square, a cosine to the facet: where light begins to pass at the critical angle,
-/// the share that passes rises at once.
+/// the share that passes rises at once, and the share that is mirrored falls as fast.
 fn rounding(surface: &Principled, side: Side, wo: Vec3A, wi: Vec3A) -> f64 {
     const UNIT: f64 = 6e-8;
     let ior = f64::from(refraction_index(surface.specular));
@@ -110,7 +110,18 @@ fn rounding(surface: &Principled, side: Side, wo: Vec3A, wi: Vec3A) -> f64 {
     let stretched = (1.0 - 0.9 * f64::from(surface.anisotropic)).sqrt();
     let alpha = (stretched * f64::from(ggx::alpha(surface.roughness))).min(coat);
     let critical: f64 = [wo, wi].map(|w| (length / w.dot(half)).powi(2)).iter().sum();
-    1e-4 + 16.0 * UNIT * (1.0 + eta) / length * (1.0 / alpha + 1.0 / length + 1.0 / wi.z.abs() + length / half.z.abs() + critical)
+    let falling =
+        if side == Side::Inside && wi.z > 0.0 { mirrored_near_critical(0.5 * length, 1.0 / ior, 16.0 * UNIT) } else { 0.0 };
+    1e-4 + falling
+        + 16.0 * UNIT * (1.0 + eta) / length * (1.0 / alpha + 1.0 / length + 1.0 / wi.z.abs() + length / half.z.abs() + critical)
+}
+
+/// How far a share of mirrored light near 1 may be off at cosine `cos` to the facet, where the other side's index is `eta` < 1
+/// times this one's and squares of cosines are off by `error`. The share falls as `1 - 2 g / (cos eta^2)` with the root `g` of
+/// Fresnel's equations, and a root changes most at 0: from there it becomes the root of the error.
+fn mirrored_near_critical(cos: f64, eta: f64, error: f64) -> f64 {
+    let square = (eta * eta - 1.0 + cos * cos).abs();
+    2.0 / (cos * eta * eta) * error / (square.sqrt() + error.sqrt())
 }
 
 /// Shares of light that are left after random distances in random media, those beyond all limits among them, and behind random
