@@ -39,7 +39,11 @@ for shard in shards:
                 errors[name] = (np.abs(now[hit] / then[hit] - 1), 2.0**-13)
             elif name == "albedo":
                 errors[name] = (np.abs(srgb(now) - srgb(then)), UNIT + 0.0015)
-            elif name in ("alpha", "material"):
+            elif name == "through":
+                seen = np.linalg.norm(then, axis=-1) > 0.5
+                assert (now[~seen] == 0).all() and (np.abs(np.linalg.norm(now[seen], axis=-1) - 1) < 1e-6).all()
+                errors[name] = (degrees(now[seen], then[seen]), 0.08)
+            elif name in ("alpha", "material", "transmittance"):
                 errors[name] = (np.abs(now - then), UNIT + 2.0**-11)
             else:
                 errors[name] = (np.abs(now - then), 0)
