@@ -1,10 +1,15 @@
 //! Camera rays and motion: what the pinhole camera of the contract needs inside a renderer.
 
+use crate::error::{Error, Result};
 use crate::ray::Ray;
 use glam::{DVec2, DVec3, Vec2, Vec3A};
 use renderflow_frame::{Camera, Distortion};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::FRAC_PI_4;
+use std::ops::RangeInclusive;
+
+/// Most moments of a picture.
+const USUAL_MOMENTS: u32 = 32;
 
 /// Pixel filter, always importance sampled: a sample counts fully for its own pixel and for no other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -81,6 +86,55 @@ impl ThinLens {
         let towards = camera.direction_cam(pixel) * self.focus - Vec3A::from(on_lens);
         let origin = camera.camera_to_world.transform_point3a(on_lens.into());
         Ray::new(origin, (camera.camera_to_world.matrix3 * towards).normalize())
+    }
+}
+
+/// A shutter that is open around each frame, for as long before it as after it. What moves while it is open is blurred.
+///
+/// A picture is the mean of pictures of single moments, evenly spaced over the time that the shutter is open (Haeberli and Akeley
+/// 1990, the accumulation buffer): things move from moment to moment by jumps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shutter {
+    /// Share of the time between two frames for which it is open, in (0, 1]; 0.5 is the 180 degrees of a film camera.
+    pub open: f32,
+    /// Number of moments, 1..=256.
+    pub moments: u32,
+}
+
+impl std::fmt::Display for Shutter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "open {} moments {}", self.open, self.moments)
+    }
+}
+
+impl Shutter {
+    /// Range of [`Self::moments`].
+    pub const MOMENTS: RangeInclusive<u32> = 1..=256;
+
+    /// A shutter with as many moments as pay for pictures of `rays` camera rays a pixel ([`crate::Settings::camera_samples`]).
+    pub fn new(open: f32, rays: u32) -> Self {
+        Self { open, moments: (1 << rays.max(1).ilog2()).min(USUAL_MOMENTS) }
+    }
+
+    pub(crate) fn check(self) -> Result<()> {
+        if !(self.open > 0.0 && self.open <= 1.0) {
+            return Err(Error::inconsistent("shutter/open", format!("{} is outside (0, 1]", self.open)));
+        }
+        if !Self::MOMENTS.contains(&self.moments) {
+            return Err(Error::Setting {
+                name: "shutter.moments",
+                value: self.moments.into(),
+                range: format!("{:?}", Self::MOMENTS),
+            });
+        }
+        Ok(())
+    }
+
+    /// The moments, in frames from the frame.
+    pub fn offsets(self) -> Vec<f64> {
+        let middle = |k: u32| (f64::from(k) + 0.5) / f64::from(self.moments) - 0.5;
+        (0..self.moments).map(|k| f64::from(self.open) * middle(k)).collect()
     }
 }
 

@@ -1,6 +1,9 @@
 //! Compiles a loaded scene: its geometry, material and light tables, and the features the scene needs.
 
-use crate::accel::{Hit, MAX_TRIANGLES, Scratch};
+mod check;
+
+use crate::accel::{Hit, Scratch};
+use crate::camera::Shutter;
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
@@ -8,10 +11,10 @@ use crate::light::{DistantLight, EmissiveTriangle, EnvironmentLight, Lamp, Light
 use crate::material::{Prepared, Principled, Side};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
+use check::check;
 use glam::Vec3A;
 use renderflow_frame::{Camera, Environment, Light};
-use renderflow_scenes::loaded::{AlphaMask, PunctualKind, PunctualLight};
-use renderflow_scenes::mipmap::{Level, Texels};
+use renderflow_scenes::loaded::{AlphaMask, PunctualLight};
 use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
 use std::sync::{Arc, OnceLock};
 
@@ -34,8 +37,14 @@ pub struct RenderScene {
     light: Arc<Light>,
     pub(crate) seed: u64,
     pub(crate) hash: String,
+    /// One a pose: those of a frame, one after the other.
     cameras: Vec<Camera>,
+    shutter: Option<Shutter>,
+    /// Offsets of the moments that follow each frame, in frames; empty without a shutter.
+    moments: Vec<f64>,
     frame: usize,
+    /// Entry of lists with one a frame, or one a frame and moment, that holds now.
+    pose: usize,
     features: FeatureSet,
     bsdfs: OnceLock<Vec<Option<Prepared>>>,
 }
@@ -143,10 +152,25 @@ impl RenderScene {
     /// # Errors
     /// As [`Self::compile`].
     pub fn compile_with(scene: &LoadedScene, sharing: Sharing) -> Result<Self> {
+        Self::of(scene, sharing, None)
+    }
+
+    /// As [`Self::compile`], for [`crate::render_open`]: [`Self::set_moment`] moves to where things are while `shutter` is open.
+    ///
+    /// # Errors
+    /// As [`Self::compile`], and when the shutter is out of range.
+    pub fn compile_open(scene: &LoadedScene, shutter: Shutter) -> Result<Self> {
+        shutter.check()?;
+        Self::of(&scene.with_moments(&shutter.offsets()), Sharing::Automatic, Some(shutter))
+    }
+
+    /// `scene` has the moments of `shutter` behind each frame.
+    fn of(scene: &LoadedScene, sharing: Sharing, shutter: Option<Shutter>) -> Result<Self> {
+        let moments = shutter.map(|shutter| shutter.offsets()).unwrap_or_default();
         check(scene, sharing)?;
         let textures: Vec<Sampled> = scene.textures.iter().map(Sampled::new).collect();
-        let frames = scene.cameras.len();
-        let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(&m.at(0, frames), &textures)).collect();
+        let frames = scene.cameras.len() / (1 + moments.len());
+        let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(&m.at(0.0, frames), &textures)).collect();
         let changing = scene.materials.iter().cloned().enumerate().filter(|(_, m)| m.change.is_some()).collect();
         let light = EnvironmentLight::new(&scene.environment)?;
         let features = features(&materials, &scene.instances, &light, &scene.lights);
@@ -168,7 +192,10 @@ impl RenderScene {
             seed: scene.seed,
             hash: scene.hash.clone(),
             cameras: scene.cameras.clone(),
+            shutter,
+            moments,
             frame: 0,
+            pose: 0,
             features,
             bsdfs: OnceLock::new(),
         };
@@ -176,11 +203,14 @@ impl RenderScene {
         Ok(compiled)
     }
 
-    /// Updates the materials that change along the sequence, and everything that depends on them, to the current frame.
+    /// Updates the materials that change along the sequence, and everything that depends on them, to the current pose.
     fn place_materials(&mut self) {
         let mut changed = false;
+        let (frames, each) = (self.frames(), 1 + self.moments.len());
+        let offset = (self.pose % each).checked_sub(1).map_or(0.0, |moment| self.moments[moment]);
+        let time = self.frame as f64 + offset;
         for (number, material) in &self.changing {
-            let made = compile_material(&material.at(self.frame, self.cameras.len()), &self.textures);
+            let made = compile_material(&material.at(time, frames), &self.textures);
             let old = &mut self.materials[*number];
             if made.surface != old.surface {
                 changed = true;
@@ -195,7 +225,7 @@ impl RenderScene {
         }
     }
 
-    /// Finds the emissive triangles and the lights without an area at the current frame.
+    /// Finds the emissive triangles and the lights without an area at the current pose.
     fn place_emitters(&mut self) {
         if !self.features.lights() {
             return;
@@ -208,8 +238,8 @@ impl RenderScene {
                 continue;
             }
             self.first_emitter[index] = Some(self.emitters.len() as u32);
-            let (mesh, transform) = (self.geometry.mesh(instance.mesh), instance.transform(self.frame));
-            let posed = mesh.posed(self.frame);
+            let (mesh, transform) = (self.geometry.mesh(instance.mesh), instance.transform(self.pose));
+            let posed = mesh.posed(self.pose);
             for (number, triangle) in mesh.triangles.iter().enumerate() {
                 let corners = triangle.map(|v| transform.transform_point3a(posed.positions[v as usize].into()));
                 let mut radiance = material.emissive;
@@ -229,8 +259,8 @@ impl RenderScene {
         let share = if self.features.flat_environment { 0.0 } else { 0.5 };
         let lights = Lights {
             triangles,
-            lamps: self.punctual.iter().filter_map(|light| Lamp::new(light, self.frame)).collect(),
-            distant: self.punctual.iter().filter_map(|light| DistantLight::new(light, self.frame)).collect(),
+            lamps: self.punctual.iter().filter_map(|light| Lamp::new(light, self.pose)).collect(),
+            distant: self.punctual.iter().filter_map(|light| DistantLight::new(light, self.pose)).collect(),
             selection: self.selection,
         };
         self.lights = LightSampler::with_share(self.lights.environment().clone(), lights, share);
@@ -248,12 +278,32 @@ impl RenderScene {
     /// moved. Materials that changed are prepared again. Where something moved, trees are refitted, and rebuilt only now and
     /// then. The picture is a function of the frame and does not depend on the frames before it.
     pub fn set_frame(&mut self, frame: usize) {
-        let moved = |i: &Instance| !self.geometry.rests(i, frame, self.frame);
+        self.frame = frame;
+        self.set_pose(self.pose_at(frame));
+    }
+
+    /// Moves to moment `moment` of the shutter at the current frame. The frame's number stays, and with it the random numbers.
+    /// [`Self::set_frame`] leads back.
+    ///
+    /// # Panics
+    /// When the scene has no such moment.
+    pub fn set_moment(&mut self, moment: usize) {
+        assert!(moment < self.moments.len(), "moment {moment} of {}", self.moments.len());
+        self.set_pose(self.pose_at(self.frame) + 1 + moment);
+    }
+
+    /// The shutter of [`Self::compile_open`].
+    pub fn shutter(&self) -> Option<Shutter> {
+        self.shutter
+    }
+
+    fn set_pose(&mut self, pose: usize) {
+        let moved = |i: &Instance| !self.geometry.rests(i, pose, self.pose);
         let shone = |i: &&Instance| self.materials[i.material].emissive != Vec3A::ZERO;
         let emitters_moved = self.features.emitters && self.geometry.instances.iter().filter(shone).any(moved)
-            || self.punctual.iter().any(|light| light.transform(frame) != light.transform(self.frame));
-        self.frame = frame;
-        self.geometry.set_frame(frame);
+            || self.punctual.iter().any(|light| light.transform(pose) != light.transform(self.pose));
+        self.pose = pose;
+        self.geometry.set_frame(pose);
         self.place_materials();
         if emitters_moved {
             self.place_emitters();
@@ -285,17 +335,28 @@ impl RenderScene {
 
     /// Number of frames that have a camera of their own.
     pub fn frames(&self) -> usize {
-        self.cameras.len()
+        self.cameras.len() / (1 + self.moments.len())
     }
 
-    /// Camera of the current frame.
+    /// Camera of the current frame, at its moment.
     pub fn camera(&self) -> &Camera {
-        self.camera_at(self.frame)
+        &self.cameras[self.pose.min(self.cameras.len() - 1)]
     }
 
     /// Camera of `frame`, the last one beyond the end.
     pub(crate) fn camera_at(&self, frame: usize) -> &Camera {
-        &self.cameras[frame.min(self.cameras.len() - 1)]
+        &self.cameras[self.pose_at(frame).min(self.cameras.len() - 1)]
+    }
+
+    /// Entry of `frame` in lists with one a frame, or one a frame and moment.
+    pub(crate) fn pose_at(&self, frame: usize) -> usize {
+        // Beyond the last frame that one is held, not its last moment.
+        if self.moments.is_empty() { frame } else { frame.min(self.frames() - 1) * (1 + self.moments.len()) }
+    }
+
+    /// Entry that holds now.
+    pub(crate) fn pose(&self) -> usize {
+        self.pose
     }
 
     /// Looks at every frame with `camera`, whose origin is the one of the scene's own cameras ([`Self::camera`]).
@@ -500,91 +561,4 @@ fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMateri
         transmission_texture: material.transmission_texture.clone(),
         absorption: Vec3A::from_array(material.absorption).max(Vec3A::ZERO),
     }
-}
-
-/// Refuses references that lead out of the scene's arrays, and values outside their range.
-fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
-    if scene.cameras.is_empty() {
-        return Err(Error::inconsistent("cameras", "there is none"));
-    }
-    let missing = |place: String, index: usize, count: usize| {
-        Err(Error::inconsistent(place, format!("{index} does not exist, there are {count}")))
-    };
-    for (i, instance) in scene.instances.iter().enumerate() {
-        if instance.mesh >= scene.meshes.len() {
-            return missing(format!("instances/{i}/mesh"), instance.mesh, scene.meshes.len());
-        }
-        if instance.material >= scene.materials.len() {
-            return missing(format!("instances/{i}/material"), instance.material, scene.materials.len());
-        }
-        if instance.transforms.is_empty() {
-            return Err(Error::inconsistent(format!("instances/{i}/transforms"), "there is none"));
-        }
-    }
-    for (i, light) in scene.lights.iter().enumerate() {
-        let strength = match light.kind {
-            PunctualKind::Point { intensity: v } | PunctualKind::Spot { intensity: v, .. } => v,
-            PunctualKind::Directional { irradiance } => irradiance,
-        };
-        let placed = !light.transforms.is_empty() && light.transforms.iter().all(|t| t.is_finite());
-        if !placed || !strength.iter().all(|v| v.is_finite() && *v >= 0.0) {
-            return Err(Error::inconsistent(format!("lights/{i}"), "a strength or a transform is missing or not finite"));
-        }
-    }
-    let (triangles, vertices) = Geometry::flattened_size(&scene.meshes, &scene.instances, sharing);
-    if triangles > MAX_TRIANGLES {
-        return Err(Error::TooLarge { what: "triangles", count: triangles, limit: MAX_TRIANGLES });
-    }
-    if vertices > u32::MAX as usize {
-        return Err(Error::TooLarge { what: "vertices", count: vertices, limit: u32::MAX as usize });
-    }
-    for (i, mesh) in scene.meshes.iter().enumerate() {
-        let count = mesh.positions.len();
-        if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= count)) {
-            return Err(Error::inconsistent(
-                format!("meshes/{i}/triangles/{t}"),
-                format!("a vertex is beyond the {count} there are"),
-            ));
-        }
-        let further = mesh.more_uvs.iter().map(|uvs| ("more_uvs", uvs.len()));
-        let own = [("normals", mesh.normals.len()), ("uvs", mesh.uvs.len()), ("tangents", mesh.tangents.len())];
-        for (what, length) in own.into_iter().chain(further) {
-            if length != 0 && length != count {
-                let reason = format!("{length} for {count} vertices");
-                return Err(Error::inconsistent(format!("meshes/{i}/{what}"), reason));
-            }
-        }
-    }
-    for (i, material) in scene.materials.iter().enumerate() {
-        for slot in material.texture_slots() {
-            if slot.texture >= scene.textures.len() {
-                return missing(format!("materials/{i}"), slot.texture, scene.textures.len());
-            }
-            if slot.set > MAX_UV_SETS {
-                return missing(format!("materials/{i}"), slot.set, MAX_UV_SETS);
-            }
-        }
-        if !material.absorption.iter().all(|v| v.is_finite() && *v >= 0.0) {
-            let reason = format!("absorption {:?} is not finite", material.absorption);
-            return Err(Error::inconsistent(format!("materials/{i}"), reason));
-        }
-        if !material.emissive.iter().all(|v| v.is_finite() && *v >= 0.0) {
-            return Err(Error::inconsistent(format!("materials/{i}"), format!("emission {:?} is not finite", material.emissive)));
-        }
-        for surface in std::iter::once(&material.surface).chain(&material.change) {
-            if let Some((field, value)) = surface.out_of_range() {
-                return Err(Error::inconsistent(format!("materials/{i}"), format!("{field}: {value} is outside 0..=1")));
-            }
-        }
-    }
-    for (i, texture) in scene.textures.iter().enumerate() {
-        let complete = |level: &Level| match &level.texels {
-            Texels::Bytes(texels) => texels.len() == level.width * level.height,
-            Texels::Words(texels) => texels.len() == level.width * level.height,
-        };
-        if !texture.levels.iter().all(complete) {
-            return Err(Error::inconsistent(format!("textures/{i}"), "size and texel count differ"));
-        }
-    }
-    Ok(())
 }

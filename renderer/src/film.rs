@@ -181,7 +181,7 @@ impl Film {
     }
 
     /// Whether light paths were traced.
-    fn has_light_paths(&self) -> bool {
+    pub(crate) fn has_light_paths(&self) -> bool {
         self.light.samples > 0
     }
 

@@ -35,13 +35,14 @@ mod stats;
 mod texture;
 pub mod verify;
 
-pub use camera::{Filter, ThinLens};
+pub use camera::{Filter, Shutter, ThinLens};
 pub use compile::{Clear, RenderScene};
 pub use error::{Error, Result};
 pub use film::Film;
 pub use geometry::{Builds, Sharing};
 pub use integrator::{
-    Memory, develop, expose, expose_whole, ibl, render, render_gbuffer, render_gbuffer_until, render_mapped, render_with_stats,
+    Memory, develop, expose, expose_whole, ibl, render, render_gbuffer, render_gbuffer_until, render_mapped, render_open,
+    render_with_stats,
 };
 pub use material::Mode;
 pub use sampler::Sampler;

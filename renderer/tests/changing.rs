@@ -39,7 +39,7 @@ fn changing() -> LoadedScene {
 
 /// The scene with the materials of `frame`, for ever.
 fn frozen(loaded: &LoadedScene, frame: usize) -> LoadedScene {
-    let materials = (0..loaded.materials.len()).map(|m| loaded.materials[m].at(frame, loaded.cameras.len())).collect();
+    let materials = (0..loaded.materials.len()).map(|m| loaded.materials[m].at(frame as f64, loaded.cameras.len())).collect();
     LoadedScene { materials, ..loaded.clone() }
 }
 
@@ -70,7 +70,7 @@ fn frames_equal_those_of_still_scenes() {
 #[test]
 fn the_ends_are_what_was_asked_for() {
     let loaded = changing();
-    let at = |frame| loaded.materials[1].at(frame, loaded.cameras.len());
+    let at = |frame| loaded.materials[1].at(frame as f64, loaded.cameras.len());
     let (first, last) = (&loaded.materials[1], at(FRAMES - 1));
     assert_eq!(at(0), Material { change: None, ..first.clone() });
     let Principled { metallic, roughness, specular, base_color, .. } = last.surface;

@@ -2,6 +2,7 @@
 
 mod deform;
 mod light;
+mod moments;
 
 pub use crate::mipmap::{Encoding, Texture, Wrap};
 pub use deform::{Deformation, Displacement, Influence, Posed, Poses, Rows, Shape};
@@ -118,11 +119,11 @@ pub struct Material {
 }
 
 impl Material {
-    /// The material as it is at `frame`, counted from 0, of a sequence of `frames`: between the first and the last one, evenly;
-    /// held beyond. The result changes no more.
-    pub fn at(&self, frame: usize, frames: usize) -> Self {
+    /// The material as it is at `time`, in frames from the first one, of a sequence of `frames`: between the first and the last
+    /// one, evenly; held beyond. The result changes no more.
+    pub fn at(&self, time: f64, frames: usize) -> Self {
         let Some(last) = self.change else { return self.clone() };
-        let t = if frames < 2 { 0.0 } else { (frame as f64 / (frames - 1) as f64).min(1.0) };
+        let t = if frames < 2 { 0.0 } else { (time / (frames - 1) as f64).clamp(0.0, 1.0) };
         Self { surface: self.surface.mixed(&last, t), change: None, ..self.clone() }
     }
 

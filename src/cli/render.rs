@@ -17,13 +17,15 @@ use clap::Args;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Frame, exr, file};
-use renderflow_renderer::{Budget, Mode, RenderScene, Settings, ThinLens, render_gbuffer};
+use renderflow_renderer::{Budget, Mode, RenderScene, Settings, Shutter, ThinLens, render_gbuffer};
 use renderflow_scenes::LoadedScene;
 use renderflow_scenes::description::Scene;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// Fewer moments of an open shutter can be told apart.
+const FEWEST_MOMENTS: u32 = 8;
 /// Pictures of the animation have at most this many pixels along their longer side.
 const ANIMATED: usize = 640;
 
@@ -108,7 +110,7 @@ pub struct Render {
     reference: Option<PathBuf>,
 }
 
-/// A lens in place of the pinhole.
+/// A lens in place of the pinhole, and a shutter that stays open.
 #[derive(Args)]
 #[command(next_help_heading = "Sampling")]
 struct LensArgs {
@@ -119,6 +121,12 @@ struct LensArgs {
     /// Distance that is sharp, along the view, in metres; by default, that of the surface in the middle of the first frame
     #[arg(long, value_name = "METRES", value_parser = limit, requires = "aperture")]
     focus: Option<f32>,
+    /// Blur what moves, the camera's own movement included: the shutter is open for this share of the time from one frame to the
+    /// next, half of it before and half of it after the frame. 0.5 is the usual one of a film camera. The G-buffer and the motion
+    /// vectors stay those of the frame itself; coverage and guides are as blurred as the picture
+    #[arg(long, value_name = "SHARE", value_parser = share,
+        conflicts_with_all = ["sample_map", "adaptive", "target_error", "time_budget", "reference", "tev"])]
+    shutter: Option<f32>,
 }
 
 impl LensArgs {
@@ -130,6 +138,26 @@ impl LensArgs {
             None => middle()?.context("--focus is needed: there is no surface in the middle of the first frame")?,
         };
         Ok(Some(ThinLens { aperture, focus }))
+    }
+
+    /// The shutter for `frames` frames of `rays` camera rays a pixel.
+    fn shutter(&self, frames: usize, rays: u32) -> Result<Option<Shutter>> {
+        let Some(open) = self.shutter else { return Ok(None) };
+        if frames < 2 {
+            eprintln!("note: --shutter: the scene has one frame, so nothing moves");
+            return Ok(None);
+        }
+        if rays == 0 {
+            bail!("--shutter blurs pictures, and --spp 0 makes none");
+        }
+        let shutter = Shutter::new(open, rays);
+        if shutter.moments < FEWEST_MOMENTS {
+            eprintln!(
+                "note: with so few samples the shutter shows {} moments of the movement; it shows more with a larger --spp",
+                shutter.moments
+            );
+        }
+        Ok(Some(shutter))
     }
 }
 
@@ -173,6 +201,12 @@ fn whole_units<const PER_ONE: u32>(text: &str) -> std::result::Result<u32, Strin
         return Ok(units as u32);
     }
     Err(format!("must be from {} to {}", 1.0 / f64::from(PER_ONE), f64::from(u32::MAX) / f64::from(PER_ONE)))
+}
+
+/// A number above 0, 1 at most.
+fn share(text: &str) -> std::result::Result<f32, String> {
+    let share: f32 = text.parse().map_err(|e| format!("{e}"))?;
+    if share > 0.0 && share <= 1.0 { Ok(share) } else { Err("must be above 0, and 1 at most".into()) }
 }
 
 /// A finite number above 0.
@@ -264,6 +298,8 @@ impl Render {
         };
         let mut sequence = job.open()?;
         settings.render.lens = self.lens.lens(|| middle(&sequence.loaded))?;
+        let rays = if settings.render.spp == 0 { 0 } else { settings.render.camera_samples() };
+        settings.shutter = self.lens.shutter(sequence.loaded.cameras.len(), rays)?;
         let work = sequence.decide(&settings, Some(self.overwrite))?;
         let frames = sequence.loaded.cameras.len();
         let [sheet, animation] = [SHEET, ANIMATION].map(|name| self.out.join(name));

@@ -22,7 +22,9 @@ use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_model::fusion::Fusion;
 use renderflow_renderer::denoise::Denoiser;
-use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until, render_mapped, render_with_stats};
+use renderflow_renderer::{
+    RenderScene, Settings, Shutter, Stats, render_gbuffer_until, render_mapped, render_open, render_with_stats,
+};
 use renderflow_scenes::description::{EnvironmentSource, Geometry, LightKind, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
@@ -41,6 +43,8 @@ pub struct TruthSettings {
     /// A frame, or a folder of a sequence's frames, from which to take the number of samples of every pixel. It replaces
     /// `render.spp` and `render.budget`.
     pub sample_map: Option<PathBuf>,
+    /// Shutter that is open while things move; `None` for pictures of one moment.
+    pub shutter: Option<Shutter>,
     /// Whether frames hold the Euclidean distance as well as the depth.
     pub distance: bool,
     /// Looks at the picture while it is rendered.
@@ -55,7 +59,7 @@ impl TruthSettings {
     /// When the mode asks for a denoiser that is not found.
     pub fn new(render: Settings, mode: Denoise) -> Result<Self> {
         let denoiser = if render.spp == 0 { None } else { Cleaner::open(mode, &render)? };
-        Ok(Self { render, sample_map: None, distance: false, watch: None, denoiser })
+        Ok(Self { render, sample_map: None, shutter: None, distance: false, watch: None, denoiser })
     }
 
     /// As [`Self::new`], but without a warning: for rows beside a truth that has already warned.
@@ -72,7 +76,7 @@ impl TruthSettings {
     /// Denoises with `network`, which also reads what `oidn` makes of the samples. `render` has at least one sample per pixel.
     pub fn with_network(render: Settings, network: Arc<Fusion>, oidn: Option<Denoiser>) -> Self {
         let denoiser = Some(Cleaner::neural(network, oidn));
-        Self { render, sample_map: None, distance: false, watch: None, denoiser }
+        Self { render, sample_map: None, shutter: None, distance: false, watch: None, denoiser }
     }
 
     /// Refuses frames of `scene` that take more memory than is available. `storage` is how they are stored.
@@ -112,23 +116,35 @@ impl TruthSettings {
     /// Path-traces and denoises the current frame of `scene`, or makes only its G-buffer where there are no samples. Also returns
     /// the wall seconds of both steps.
     pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &Cancel) -> Result<(Frame, [f64; 2])> {
-        let (mut frame, seconds) = self.picture(scene, progress, cancel)?;
-        if self.distance {
-            frame.fill_distance();
-        }
-        Ok((frame, seconds))
+        let started = Instant::now();
+        let traced = self.trace(scene, progress, cancel);
+        cancel.check()?;
+        self.finish(scene, traced?, started, cancel)
     }
 
-    fn picture(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &Cancel) -> Result<(Frame, [f64; 2])> {
+    /// As [`Self::frame`], while the scene's shutter is open where it has one. The scene stands at its frame afterwards.
+    pub fn frame_open(
+        &self,
+        scene: &mut RenderScene,
+        progress: &(dyn Fn(u64, u64) + Sync),
+        cancel: &Cancel,
+    ) -> Result<(Frame, [f64; 2])> {
+        if scene.shutter().is_none() {
+            return self.frame(scene, progress, cancel);
+        }
         let started = Instant::now();
+        let traced = render_open(scene, &self.render, progress, cancel);
+        cancel.check()?;
+        self.finish(scene, traced?, started, cancel)
+    }
+
+    fn trace(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &Cancel) -> Result<(Frame, Stats)> {
         if self.render.spp == 0 {
             // Coverage and guides need camera rays of their own; their number is the default.
-            let frame = render_gbuffer_until(scene, &Settings { spp: 1, ..self.render }, cancel);
-            cancel.check()?;
-            let frame = frame?;
-            return Ok((frame, [started.elapsed().as_secs_f64(), 0.0]));
+            let frame = render_gbuffer_until(scene, &Settings { spp: 1, ..self.render }, cancel)?;
+            return Ok((frame, Stats::default()));
         }
-        let rendered = match (&self.sample_map, &self.watch) {
+        match (&self.sample_map, &self.watch) {
             (None, None) => render_with_stats(scene, &self.render, progress, cancel).map_err(anyhow::Error::from),
             (None, Some(watch)) => watch.render(scene, &self.render, progress, cancel),
             (Some(path), watch) => {
@@ -140,9 +156,17 @@ impl TruthSettings {
                     Some(watch) => watch.whole(scene, render),
                 }
             }
-        };
-        cancel.check()?;
-        let (mut frame, stats) = rendered?;
+        }
+    }
+
+    /// Denoises a frame whose tracing began at `started`, and adds what else was asked for.
+    fn finish(
+        &self,
+        scene: &RenderScene,
+        (mut frame, stats): (Frame, Stats),
+        started: Instant,
+        cancel: &Cancel,
+    ) -> Result<(Frame, [f64; 2])> {
         if stats.non_finite_samples > 0 {
             eprintln!("warning: {} samples were not finite and count as black", stats.non_finite_samples);
         }
@@ -155,8 +179,11 @@ impl TruthSettings {
                 watch.after("denoised", beauty, scene.exposure())?;
             }
         }
-        if let Some(watch) = &self.watch {
+        if let Some(watch) = self.watch.as_ref().filter(|_| self.render.spp > 0) {
             watch.finish(scene, &frame);
+        }
+        if self.distance {
+            frame.fill_distance();
         }
         Ok((frame, [traced, started.elapsed().as_secs_f64() - traced]))
     }
@@ -329,7 +356,10 @@ impl OpenSequence<'_> {
         let mut scene = match self.compiled.take() {
             Some(scene) => scene,
             None => {
-                let compiled = RenderScene::compile(&self.loaded)?;
+                let compiled = match settings.shutter {
+                    None => RenderScene::compile(&self.loaded)?,
+                    Some(shutter) => RenderScene::compile_open(&self.loaded, shutter)?,
+                };
                 let seconds = started.elapsed().as_secs_f64();
                 tracing::info!(seconds, features = ?compiled.features(), "compiled");
                 let limited = compiled.environment_repairs().limited;
@@ -344,7 +374,7 @@ impl OpenSequence<'_> {
         self.describe()?;
         let compile = started.elapsed().as_secs_f64();
         let before = progress.position();
-        let rendered = settings.frame(&scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel);
+        let rendered = settings.frame_open(&mut scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel);
         self.compiled = Some(scene);
         let (frame, [render, denoise]) = rendered?;
         progress.set(before + 1000);

@@ -32,6 +32,10 @@ pub struct FrameInfo {
     /// pinhole in the middle of the lens.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub lens: String,
+    /// Shutter of the beauty (such as `open 0.5 moments 32`, the share of the time between two frames and the number of moments);
+    /// empty for a picture of one moment. The G-buffer is always that of the frame itself, in the middle of the time.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub shutter: String,
     /// Number of samples that share a camera ray; `None` where each sample has its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub branches: Option<u32>,

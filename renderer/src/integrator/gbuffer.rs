@@ -84,10 +84,10 @@ impl Views {
     /// Motion of the point of `hit` in the image to the next frame, and to the previous frame.
     fn motion(&self, scene: &RenderScene, hit: &Hit) -> [[f32; 2]; 2] {
         // Both ends are projected from the same corners, so that a still point has exactly no motion.
-        let here = self.current.project(scene.geometry.point_at(hit, scene.frame()));
+        let here = self.current.project(scene.geometry.point_at(hit, scene.pose()));
         [&self.next, &self.previous].map(|view| {
             let motion = view.as_ref().and_then(|(frame, projector)| {
-                let there = projector.project(scene.geometry.point_at(hit, *frame))?;
+                let there = projector.project(scene.geometry.point_at(hit, scene.pose_at(*frame)))?;
                 Some(there - here?)
             });
             motion.filter(|m: &DVec2| m.is_finite()).unwrap_or(DVec2::ZERO).as_vec2().to_array()
@@ -431,6 +431,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             bsdf: String::new(),
             sampling: String::new(),
             lens: settings.lens.map(|lens| lens.to_string()).unwrap_or_default(),
+            shutter: String::new(),
             branches: None,
             indirect_limit: None,
             light_paths: false,

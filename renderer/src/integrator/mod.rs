@@ -8,6 +8,7 @@ mod gbuffer;
 pub mod ibl;
 mod light_paths;
 mod memory;
+mod moments;
 mod path;
 mod scatter;
 mod splitting;
@@ -15,6 +16,7 @@ mod tracer;
 mod visible;
 
 pub use memory::Memory;
+pub use moments::render_open;
 
 use crate::compile::RenderScene;
 use crate::error::Result;

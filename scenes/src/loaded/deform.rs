@@ -1,6 +1,7 @@
 //! Meshes whose vertices move against each other along a sequence: morph targets, and a skin after them.
 
 use super::Mesh;
+use super::moments::{Times, between};
 use glam::{Affine3A, Mat3A, Vec3, Vec3A, Vec4};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -129,6 +130,23 @@ impl Poses {
         self.weights(a) == self.weights(b) && self.joints(a) == self.joints(b)
     }
 
+    /// A pose for every frame and moment of `times`.
+    pub(super) fn with_moments(&self, times: &Times<'_>) -> Self {
+        if self.count < 2 {
+            return self.clone();
+        }
+        let (mut weights, mut joints) = (Vec::new(), Vec::new());
+        let mut count = 0;
+        for (a, b, share) in times.spans(self.count) {
+            let mixed = |(a, b): (&f32, &f32)| if share == 1.0 { *b } else { a + (b - a) * share };
+            weights.extend(self.weights(a).iter().zip(self.weights(b)).map(mixed));
+            let turned = |(a, b): (&Affine3A, &Affine3A)| if share == 1.0 { *b } else { between(a, b, share) };
+            joints.extend(self.joints(a).iter().zip(self.joints(b)).map(turned));
+            count += 1;
+        }
+        Self { count, weights, joints: Arc::new(joints) }
+    }
+
     /// Whether there is more than one pose.
     fn change(&self) -> bool {
         (1..self.count).any(|frame| !self.same(0, frame))
@@ -172,6 +190,11 @@ impl Deformation {
         assert!(joints == 0 || shape.influences.items.iter().all(|i| (i.joint as usize) < joints));
         let rows = (0..vertices as u32).collect();
         Self { shape, rows, poses, positions: vec![], normals: vec![], tangents: vec![] }
+    }
+
+    /// The same with a pose for every frame and moment of `times`.
+    pub(super) fn with_moments(&self, times: &Times<'_>) -> Self {
+        Self { poses: self.poses.with_moments(times), ..self.clone() }
     }
 
     /// New vertices, of which number `i` is a copy of the old number `order[i]`.

@@ -231,6 +231,11 @@ impl OpenSequence<'_> {
             if info.lens != wanted {
                 put("the lens", lens(&info.lens), lens(&wanted));
             }
+            let shutter = |shutter: &str| if shutter.is_empty() { "open for one moment".to_owned() } else { shutter.to_owned() };
+            let wanted = settings.shutter.map(|shutter| shutter.to_string()).unwrap_or_default();
+            if info.shutter != wanted {
+                put("the shutter", shutter(&info.shutter), shutter(&wanted));
+            }
             if info.bsdf != render.bsdf.name() {
                 put("the BRDF", info.bsdf.clone(), render.bsdf.name().into());
             }

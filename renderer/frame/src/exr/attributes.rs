@@ -14,6 +14,7 @@ const EXPOSURE: &str = "renderflow/exposure";
 const BSDF: &str = "renderflow/bsdf";
 const SAMPLING: &str = "renderflow/sampling";
 const LENS: &str = "renderflow/lens";
+const SHUTTER: &str = "renderflow/shutter";
 const BRANCHES: &str = "renderflow/branches";
 const INDIRECT_LIMIT: &str = "renderflow/indirect_limit";
 const LIGHT_PATHS: &str = "renderflow/light_paths";
@@ -61,6 +62,9 @@ pub(super) fn write(
     }
     if !info.lens.is_empty() {
         set(LENS, string(&info.lens));
+    }
+    if !info.shutter.is_empty() {
+        set(SHUTTER, string(&info.shutter));
     }
     if let Some(branches) = info.branches {
         let value = i32::try_from(branches).map_err(|_| format!("{branches} samples a camera ray do not fit the header"))?;
@@ -118,6 +122,7 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
         bsdf: string(BSDF)?.unwrap_or_default(),
         sampling: string(SAMPLING)?.unwrap_or_default(),
         lens: string(LENS)?.unwrap_or_default(),
+        shutter: string(SHUTTER)?.unwrap_or_default(),
         branches: match other.get(BRANCHES.as_bytes()) {
             None => None,
             Some(AttributeValue::I32(branches)) if *branches > 0 => Some(*branches as u32),

@@ -52,6 +52,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
             bsdf: "conserving".into(),
             sampling: "average 256".into(),
             lens: "aperture 0.02 focus 3".into(),
+            shutter: "open 0.5 moments 32".into(),
             branches: None,
             indirect_limit: None,
             light_paths: false,

@@ -67,11 +67,11 @@ impl CausticCasters {
         let mut meshes: Vec<usize> = shiny.iter().map(|&(number, _)| scene.geometry.instances[number as usize].mesh).collect();
         meshes.sort_unstable();
         meshes.dedup();
-        let spheres: Vec<_> = meshes.par_iter().map(|&mesh| sphere_around(scene.geometry.mesh(mesh), scene.frame())).collect();
+        let spheres: Vec<_> = meshes.par_iter().map(|&mesh| sphere_around(scene.geometry.mesh(mesh), scene.pose())).collect();
         let caster = |&(instance, shine): &(u32, f32)| {
             let placed = &scene.geometry.instances[instance as usize];
             let sphere = spheres[meshes.binary_search(&placed.mesh).ok()?];
-            let (center, radius) = transformed(sphere, &placed.transform(scene.frame()))?;
+            let (center, radius) = transformed(sphere, &placed.transform(scene.pose()))?;
             let distance = center.distance(eye);
             // Where the camera is within, nobody knows what it sees of it.
             let share = (radius / distance).powi(2) * PI * focal * focal;
