@@ -4,7 +4,7 @@ mod common;
 
 use base64::Engine;
 use common::{fail, renderflow, stderr, succeed};
-use renderflow_frame::{exr, transforms};
+use renderflow_frame::{Frame, exr, transforms};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -191,4 +191,62 @@ fn cameras_of_a_capture_go_with_the_model() {
     std::fs::write(&path, capture(-4.0).to_string()).unwrap();
     let says = folder.refused(&model, &["--cameras", &path]);
     assert!(says.contains("/frames/0: the lens shows nothing at"), "{says}");
+}
+
+/// A shutter blurs what moves, and a render goes on only with the one it began with.
+#[test]
+fn a_shutter_blurs_what_moves() {
+    let folder = Folder::new();
+    let model = model(folder.0.path());
+    let words = |out: &str, more: &[&str]| -> Vec<String> {
+        let out = folder.path(out);
+        let moving = ["--animation", "Rise", "--camera", "Front", "--frames", "3", "--resolution", "24x16", "-o", &out];
+        let all = [&["render", &model, "--denoise", "none", "--no-sheet"], &moving[..], more].concat();
+        all.into_iter().map(str::to_owned).collect()
+    };
+    let run = |out: &str, more: &[&str]| {
+        let words = words(out, more);
+        let output = renderflow(&words.iter().map(String::as_str).collect::<Vec<_>>());
+        (output.status.success(), stderr(&output))
+    };
+    let rendered = |out: &str, more: &[&str]| {
+        let (good, said) = run(out, more);
+        assert!(good, "{more:?}: {said}");
+        said
+    };
+    let refused = |out: &str, more: &[&str]| {
+        let (good, said) = run(out, more);
+        assert!(!good, "{more:?} is accepted");
+        said
+    };
+    let read = |path: &str| exr::read(Path::new(&folder.path(path))).unwrap();
+    let said = rendered("blurred", &["--spp", "64", "--shutter", "1"]);
+    assert!(!said.contains("moments"), "{said}");
+    rendered("sharp", &["--spp", "64"]);
+    for frame in ["frame.0000.exr", "frame.0002.exr"] {
+        let [blurred, sharp] = ["blurred", "sharp"].map(|out| read(&format!("{out}/{frame}")));
+        assert_eq!((blurred.info.shutter.as_str(), sharp.info.shutter.as_str()), ("open 1 moments 32", ""));
+        assert_eq!((&blurred.depth, &blurred.motion), (&sharp.depth, &sharp.motion));
+        let partly = |frame: &Frame| frame.alpha.pixels.iter().filter(|a| **a > 0.01 && **a < 0.99).count();
+        assert!(partly(&blurred) > partly(&sharp), "{} {}", partly(&blurred), partly(&sharp));
+    }
+    // The same command goes on; another shutter, or none, is another render.
+    rendered("blurred", &["--spp", "64", "--shutter", "1"]);
+    for (more, was) in [(&["--shutter", ".5"][..], "now open 0.5 moments 32"), (&[], "now open for one moment")] {
+        let says = refused("blurred", &[&["--spp", "64"], more].concat());
+        assert!(says.contains("the shutter was open 1 moments 32") && says.contains(was), "{says}");
+    }
+    let said = rendered("few", &["--spp", "1", "--shutter", "1"]);
+    assert!(said.contains("with so few samples the shutter shows 1 moment of the movement"), "{said}");
+    for (more, reason) in [
+        (&["--shutter", "0"][..], "must be above 0, and 1 at most"),
+        (&["--shutter", "1.5"], "must be above 0, and 1 at most"),
+        (&["--shutter", "nan"], "must be above 0, and 1 at most"),
+        (&["--shutter", "1", "--adaptive"], "cannot be used with"),
+    ] {
+        let says = refused("refused", more);
+        assert!(says.contains(reason), "{more:?}: {says}");
+    }
+    let (_, said) = folder.render(&model, "one", &["--resolution", "8", "--shutter", "1"]);
+    assert!(said.contains("the scene has one frame, so nothing moves"), "{said}");
 }

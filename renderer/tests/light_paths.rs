@@ -9,6 +9,7 @@ use renderflow_renderer::{DirectLight, Filter, Mode, Sampler, Settings};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
 use renderflow_scenes::shapes::Shape;
 use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
+use std::f32::consts::FRAC_PI_2;
 
 const SIZE: [usize; 2] = [24, 16];
 /// Pixels of a block along each axis.
@@ -113,6 +114,41 @@ fn so_they_do_with_emitters_holes_and_instances() {
     });
     assert!((both[0] / both[1] - 1.0).abs() < 1e-3, "{both:?}");
     assert_same("a mirrored instance", shared, settings);
+}
+
+fn glass(roughness: f32) -> Material {
+    Material::from(Principled { transmission: 1.0, roughness, base_color: Vec3A::ONE, ..Principled::default() })
+}
+
+/// Light goes through bodies, one in the light of the other, and through what they absorb; panes and sheets stand before the
+/// light, between the bodies and before the camera.
+#[test]
+fn so_they_do_through_glass() {
+    let settings = Settings { spp: 128, ..Settings::default() };
+    let ball = |material: Material, x: f32| (sphere(16, true), material, place(x, 0.45, 0.9, Vec3::splat(0.4)));
+    assert_same("a ball", caustics(vec![ball(glass(0.3), 0.0)]), settings);
+    let tinted = Material { absorption: [0.5, 2.0, 4.0], ..glass(0.2) };
+    let half = Material { surface: Principled { transmission: 0.5, ..glass(0.25).surface }, ..Material::default() };
+    assert_same("tinted balls", caustics(vec![ball(tinted.clone(), -0.3), ball(half, 0.6)]), settings);
+    assert_same("published", caustics(vec![ball(tinted.clone(), 0.0)]), Settings { bsdf: Mode::Published, ..settings });
+    // Facets whose normals lean, and a body that does not close.
+    let coarse = (sphere(4, true), glass(0.25), place(0.1, 0.45, 0.9, Vec3::new(0.5, 0.4, 0.3)));
+    let open = Affine3A::from_rotation_translation(Quat::from_rotation_x(0.5), Vec3::new(0.2, 0.5, 1.0));
+    assert_same("coarse and open bodies", caustics(vec![coarse, (plane(0.7), tinted, open)]), settings);
+    let pane = |surface: Principled| Material { thin_walled: true, ..Material::from(surface) };
+    let clear = pane(Principled { base_color: Vec3A::new(0.9, 0.6, 0.5), roughness: 0.0, ..glass(0.0).surface });
+    let matt = pane(glass(0.4).surface);
+    let panes = |before: Vec3, turn: f32| {
+        let wall = |at: Vec3, turn: f32| Affine3A::from_rotation_translation(Quat::from_rotation_x(turn), at);
+        vec![
+            ball(glass(0.25), 0.0),
+            (plane(8.0), clear.clone(), wall(before, turn)),
+            (plane(0.6), clear.clone(), wall(Vec3::new(0.0, 0.2, 0.9), 0.1)),
+            (plane(0.5), matt.clone(), wall(Vec3::new(0.7, 0.3, 0.9), 0.8)),
+        ]
+    };
+    assert_same("a pane before the light", caustics(panes(Vec3::new(0.0, 3.0, 0.0), 0.0)), settings);
+    assert_same("a pane before the camera", caustics(panes(Vec3::new(0.0, 1.0, 2.6), FRAC_PI_2)), settings);
 }
 
 /// A cube about the origin with faces outwards, or inwards.
@@ -283,6 +319,13 @@ fn they_lower_the_error_and_tell_what_is_left() {
     println!("relMSE {with:.5} in place of {without:.5}, {predicted:.5} by the variance");
     assert!(with < 0.7 * without, "{with} of {without}");
     assert!((predicted / with - 1.0).abs() < 0.25, "{predicted} for {with}");
+    // Of glass.
+    loaded.materials[1] = glass(0.15);
+    let truth = render_with(&compile(&loaded), &Settings { spp: 16384, sampler: Sampler::Sobol, ..settings }).0;
+    let (with, _) = error(&mut loaded, &settings, &truth);
+    let (without, _) = error(&mut loaded, &Settings { light_paths: false, ..settings }, &truth);
+    println!("glass: relMSE {with:.5} in place of {without:.5}");
+    assert!(with < 0.7 * without, "glass: {with} of {without}");
 }
 
 #[test]
@@ -302,6 +345,13 @@ fn none_are_traced_where_they_bring_nothing() {
     for settings in off {
         assert_eq!(count(&shiny, settings), 0, "{settings:?}");
     }
+    // Panes and sheets spread light, but do not gather it.
+    let thin = [0.0, 0.3].map(|roughness| Material { thin_walled: true, ..glass(roughness) });
+    let mut sheets = caustics(vec![]);
+    for instance in 1..3 {
+        sheets.materials[instance] = thin[instance - 1].clone();
+    }
+    assert_eq!(count(&sheets, settings), 0);
     let dull = scene(
         vec![
             (plane(6.0), diffuse([0.7; 3]), Affine3A::IDENTITY),

@@ -141,23 +141,20 @@ impl LensArgs {
     }
 
     /// The shutter for `frames` frames of `rays` camera rays a pixel.
-    fn shutter(&self, frames: usize, rays: u32) -> Result<Option<Shutter>> {
-        let Some(open) = self.shutter else { return Ok(None) };
+    fn shutter(&self, frames: usize, rays: u32) -> Option<Shutter> {
+        let open = self.shutter?;
         if frames < 2 {
             eprintln!("note: --shutter: the scene has one frame, so nothing moves");
-            return Ok(None);
-        }
-        if rays == 0 {
-            bail!("--shutter blurs pictures, and --spp 0 makes none");
+            return None;
         }
         let shutter = Shutter::new(open, rays);
         if shutter.moments < FEWEST_MOMENTS {
+            let (moments, plural) = (shutter.moments, if shutter.moments == 1 { "" } else { "s" });
             eprintln!(
-                "note: with so few samples the shutter shows {} moments of the movement; it shows more with a larger --spp",
-                shutter.moments
+                "note: with so few samples the shutter shows {moments} moment{plural} of the movement; a larger --spp shows more"
             );
         }
-        Ok(Some(shutter))
+        Some(shutter)
     }
 }
 
@@ -298,8 +295,7 @@ impl Render {
         };
         let mut sequence = job.open()?;
         settings.render.lens = self.lens.lens(|| middle(&sequence.loaded))?;
-        let rays = if settings.render.spp == 0 { 0 } else { settings.render.camera_samples() };
-        settings.shutter = self.lens.shutter(sequence.loaded.cameras.len(), rays)?;
+        settings.shutter = self.lens.shutter(sequence.loaded.cameras.len(), settings.render.camera_samples());
         let work = sequence.decide(&settings, Some(self.overwrite))?;
         let frames = sequence.loaded.cameras.len();
         let [sheet, animation] = [SHEET, ANIMATION].map(|name| self.out.join(name));

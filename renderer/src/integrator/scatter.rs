@@ -94,6 +94,10 @@ impl<'a, F: Features> Scatterer<'a, F> {
     /// Density of drawing `wo`, from where this is seen, if it were seen from `wi`, with its shading normal as it is.
     #[inline(always)]
     pub fn reversed_pdf(&self, bsdf: &F::Bsdf, wo: Vec3A, wi: Vec3A) -> f32 {
+        if F::CLEAR && self.n.dot(wi) < 0.0 {
+            // From the other side everything is turned over. What is folded is left out: only weights ask.
+            return bsdf.view(-self.frame.to_local(wi), self.side.across()).pdf(-self.frame.to_local(wo));
+        }
         self.eval_seen(&bsdf.view(self.frame.to_local(wi), self.side), wo).pdf
     }
 

@@ -452,7 +452,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         if path.vertex == 1
             && let Some(casters) = self.casters
         {
-            path.reach = casters.reach(scene, surface, wo, wi, scattered.pdf);
+            path.reach = casters.reach::<F>(scene, surface, (wo, wi), scattered.pdf);
         } else if self.casters.is_some() {
             path.reach *= light_paths::turned::<F>(surface, (bsdf, scatterer), (wo, wi)) / scattered.pdf;
         }

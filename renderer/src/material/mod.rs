@@ -71,6 +71,18 @@ pub enum Side {
     Pane,
 }
 
+impl Side {
+    /// What the surface is to a viewer on its other side.
+    #[inline(always)]
+    pub fn across(self) -> Self {
+        match self {
+            Self::Outside => Self::Inside,
+            Self::Inside => Self::Outside,
+            sheet => sheet,
+        }
+    }
+}
+
 /// Value of a BSDF for a pair of directions.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfEval {

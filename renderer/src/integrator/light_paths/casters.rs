@@ -1,7 +1,7 @@
 //! The bodies that light paths are aimed at.
 
 use crate::camera::Filter;
-use crate::compile::{CompiledMaterial, RenderScene};
+use crate::compile::{Clear, CompiledMaterial, RenderScene};
 use crate::settings::{DirectLight, Settings};
 use glam::{Affine3A, DMat3, Vec3A};
 use rayon::prelude::*;
@@ -50,8 +50,6 @@ impl CausticCasters {
             && settings.lens.is_none()
             && scene.camera().distortion.is_none()
             && settings.max_bounces >= 2
-            // Weights know no way through clear surfaces.
-            && !scene.features().clear
             && !scene.features().flat_environment
             && scene.environment_light().concentration() >= CONCENTRATION;
         if !wanted {
@@ -112,6 +110,12 @@ fn coarse(count: f32) -> u32 {
 /// How many light paths the caustics of a material are worth, 0..=1.
 fn shine(material: &CompiledMaterial) -> f32 {
     let surface = &material.surface;
+    match material.clear {
+        // Light goes through sheets nearly straight, as shadow rays do through panes.
+        Clear::Sheet | Clear::Pane => return 0.0,
+        Clear::Body if surface.roughness <= ROUGHNESS => return surface.transmission.max(DIELECTRIC),
+        Clear::Body | Clear::No => {}
+    }
     // What a texture makes of its roughness is nobody's guess.
     let smooth = surface.roughness <= ROUGHNESS || material.metallic_roughness_texture.is_some();
     if smooth && surface.metallic > 0.0 {

@@ -22,7 +22,9 @@
 //! interaction as the camera's side sees it, in both directions alike, so that they sum to 1 whatever a light path's own density
 //! is.
 //!
-//! Light paths pass no surface from behind, and `reach` is 0 once a path from the camera has (see `crate::query`).
+//! Light paths pass no surface from behind, and `reach` is 0 once a path from the camera has (see `crate::query`). Where a path
+//! crosses a surface, cosines are those of the two sides; what panes let through is the same in both directions and no part of
+//! the weights.
 
 mod casters;
 mod trace;
@@ -64,14 +66,21 @@ pub(super) fn turned<F: Features>(
     (bsdf, scatterer): (&F::Bsdf, &Scatterer<'_, F>),
     (wo, wi): (Vec3A, Vec3A),
 ) -> f32 {
-    scatterer.reversed_pdf(bsdf, wo, wi) * at.n.dot(wi) / at.n.dot(wo)
+    scatterer.reversed_pdf(bsdf, wo, wi) * slant::<F>(at, wi) / at.n.dot(wo)
+}
+
+/// Cosine between the surface `at` and a direction, on whichever side.
+#[inline(always)]
+fn slant<F: Features>(at: &Interaction, wi: Vec3A) -> f32 {
+    let cos = at.n.dot(wi);
+    if F::CLEAR { cos.abs() } else { cos }
 }
 
 impl CausticCasters {
     /// `reach(1)`: of the first surface `at`, seen from `wo`, left along `wi` with density `pdf`.
     #[inline(always)]
-    pub fn reach(&self, scene: &RenderScene, at: &Interaction, wo: Vec3A, wi: Vec3A, pdf: f32) -> f32 {
-        seen_area(scene, at, wo) * at.n.dot(wi) / pdf
+    pub fn reach<F: Features>(&self, scene: &RenderScene, at: &Interaction, (wo, wi): (Vec3A, Vec3A), pdf: f32) -> f32 {
+        seen_area(scene, at, wo) * slant::<F>(at, wi) / pdf
     }
 
     /// Density of light paths over that of light samples, of the path that leaves `at` for the light along `wi` and came from

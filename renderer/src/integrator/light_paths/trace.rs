@@ -1,9 +1,10 @@
 //! Tracing light paths.
 
 use super::casters::{CausticCaster, CausticCasters};
-use super::{longest, seen_area, turned};
+use super::{longest, seen_area, slant, turned};
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Projector, disk};
+use crate::clear::{Medium, Straight};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::Features;
@@ -11,7 +12,7 @@ use crate::integrator::scatter::Scatterer;
 use crate::integrator::tracer::bsdf_of;
 use crate::interaction::{Cone, Interaction};
 use crate::light::EnvironmentSample;
-use crate::material::Prepared;
+use crate::material::{Prepared, Side};
 use crate::query::Sight;
 use crate::ray::Ray;
 use crate::sampler::sobol::SEQUENCE;
@@ -126,6 +127,8 @@ struct Tracer<'a, F: Features> {
     longest: usize,
     /// Surfaces of the path under way, from the light on, but for the last.
     vertices: Vec<(Hit, Vec3A)>,
+    /// What panes between them made of its weight.
+    passed: Vec3A,
     bsdfs: &'a [Option<Prepared>],
     scratch: Scratch,
     points: Points,
@@ -145,6 +148,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             camera_cone: Cone::camera(scene.camera(), settings.camera_samples()),
             longest: longest(settings),
             vertices: Vec::new(),
+            passed: Vec3A::ONE,
             bsdfs: settings.bsdfs(scene),
             scratch: Scratch::default(),
             points: Points::default(),
@@ -169,13 +173,16 @@ impl<'a, F: Features> Tracer<'a, F> {
         let start = center + across(light.wi, [s, t]) * radius + light.wi * radius;
         let mut ray = Ray::new(start, -light.wi);
         self.stats.bounce_rays += 1;
-        let Some(mut hit) = self.meet(&ray) else { return };
+        self.passed = Vec3A::ONE;
+        let Some(mut hit) = self.meet(&mut ray) else { return };
         if scene.geometry.locate(&hit).0 != instance {
             return;
         }
         self.vertices.clear();
-        let mut lit = false;
-        let mut to_light = ray;
+        let mut lit = None;
+        let mut medium = Medium::AIR;
+        // The way from there to the body is known.
+        let to_light = Ray::new(start, light.wi);
         let mut density = self.casters.density[instance as usize] * light.pdf;
         let mut beta = Vec3A::ONE;
         while self.vertices.len() < self.longest - 1 {
@@ -186,30 +193,39 @@ impl<'a, F: Features> Tracer<'a, F> {
             let scatterer = Scatterer::<F>::new(&at, bsdf, -ray.direction, mode);
             let Some(scattered) = scatterer.sample(lobe, [u, v]) else { return };
             beta *= scattered.weight;
-            density *= scattered.pdf * at.n.dot(-ray.direction) / at.n.dot(scattered.wi);
+            density *= scattered.pdf * at.n.dot(-ray.direction) / slant::<F>(&at, scattered.wi);
+            let inside = F::CLEAR && at.side == Side::Inside;
             if !self.vertices.is_empty() {
-                let keep = (SURVIVAL * beta.max_element()).min(1.0);
+                // What is inside of a body mostly leaves it, and from there it is seen.
+                let survival = if inside { medium.gain() } else { SURVIVAL };
+                let keep = (survival * beta.max_element()).min(1.0);
                 if survive >= keep {
                     return;
                 }
                 density *= keep;
                 beta /= keep;
             }
-            if self.vertices.is_empty() {
-                to_light = at.spawn(light.wi);
-            }
             self.vertices.push((hit, at.p));
-            ray = at.spawn(scattered.wi);
+            if F::CLEAR {
+                ray = at.spawn_either(scattered.wi);
+                medium = medium.along(scene, &at, scattered.wi);
+            } else {
+                ray = at.spawn(scattered.wi);
+            }
             self.stats.bounce_rays += 1;
-            let Some(next) = self.meet(&ray) else { return };
+            let Some(next) = self.meet(&mut ray) else { return };
             hit = next;
-            let Some(deposit) = self.connect(&hit, &light, density) else { continue };
-            if !lit {
+            let Some(mut deposit) = self.connect(&hit, &light, density) else { continue };
+            if lit.is_none() {
                 self.stats.shadow_rays += 1;
-                if scene.sight::<F>(&to_light, &mut self.scratch).0 != Sight::Clear {
+                let (sight, share) = scene.sight::<F>(&to_light, &mut self.scratch);
+                if sight != Sight::Clear {
                     return;
                 }
-                lit = true;
+                lit = Some(share);
+            }
+            if F::CLEAR {
+                deposit.radiance *= lit.unwrap_or(Vec3A::ONE);
             }
             if deposit.radiance.is_finite() {
                 deposits.push(deposit);
@@ -219,11 +235,18 @@ impl<'a, F: Features> Tracer<'a, F> {
         }
     }
 
-    /// The surface that `ray` meets, unless it passes another from behind: a path from the camera would end there.
+    /// The surface that `ray` meets, unless it passes another from behind: a path from the camera would end there. Behind panes
+    /// the ray begins at the last one.
     #[inline(always)]
-    fn meet(&mut self, ray: &Ray) -> Option<Hit> {
+    fn meet(&mut self, ray: &mut Ray) -> Option<Hit> {
         let (hit, through) = self.scene.trace_noting::<F>(ray, &mut self.scratch);
-        hit.filter(|_| !through)
+        if !F::CLEAR {
+            return hit.filter(|_| !through);
+        }
+        let straight = Straight::new(*ray, hit, through).go_on::<F>(self.scene, &mut self.scratch);
+        self.passed *= straight.weight;
+        *ray = straight.ray;
+        straight.hit.filter(|_| !straight.through && self.passed != Vec3A::ZERO)
     }
 
     /// What the path brings to the camera from the surface `landed`, if nothing hides its beginning.
@@ -237,12 +260,21 @@ impl<'a, F: Features> Tracer<'a, F> {
         let mut ray = Ray::new(eye, (p - eye).normalize());
         self.stats.shadow_rays += 1;
         let mut hit = scene.trace::<F>(&ray, &mut self.scratch)?;
+        let mut value = light.radiance;
+        if F::CLEAR {
+            // Surfaces seen from behind are passed here as they are by camera rays.
+            let straight = Straight::new(ray, Some(hit), false).go_on::<F>(scene, &mut self.scratch);
+            hit = straight.hit?;
+            hit.t += straight.before;
+            value *= straight.weight * self.passed;
+        }
         if scene.geometry.locate(&hit) != scene.geometry.locate(landed) {
             return None;
         }
         // The path as the camera would have found it.
         let mut cone = self.camera_cone;
-        let (mut reach, mut value, mut area) = (0.0, light.radiance, 0.0);
+        let (mut reach, mut area) = (0.0, 0.0);
+        let mut medium = Medium::AIR;
         for (vertex, next) in (1..).zip(self.vertices.iter().rev().map(Some).chain([None])) {
             let at = Interaction::new::<F>(scene, &ray, &hit, cone);
             let wo = -ray.direction;
@@ -262,11 +294,15 @@ impl<'a, F: Features> Tracer<'a, F> {
             let scatterer = Scatterer::<F>::new(&at, bsdf, wo, mode);
             let scattering = scatterer.eval(wi);
             value *= scattering.f_cos;
+            if F::CLEAR {
+                medium = medium.along(scene, &at, wi);
+                value *= medium.over(if next.is_some() { distance } else { f32::INFINITY });
+            }
             if value == Vec3A::ZERO || at.n.dot(wo) <= 0.0 {
                 return None;
             }
             if vertex == 1 {
-                area = seen_area(scene, &at, wo) * at.n.dot(wi);
+                area = seen_area(scene, &at, wo) * slant::<F>(&at, wi);
                 reach = area / scattering.pdf;
             } else if next.is_some() {
                 reach *= turned::<F>(&at, (bsdf, &scatterer), (wo, wi)) / scattering.pdf;
