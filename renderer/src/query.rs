@@ -40,6 +40,16 @@ pub(crate) enum Sight {
     Clear,
 }
 
+impl Sight {
+    fn of(hidden: bool, passed: bool) -> Self {
+        match (hidden, passed) {
+            (true, _) => Self::Hidden,
+            (false, true) => Self::Through,
+            (false, false) => Self::Clear,
+        }
+    }
+}
+
 impl RenderScene {
     /// Whether `ray` stops at a triangle: not behind single-sided surfaces, not where the alpha mask has a hole, and on blended
     /// surfaces by chance, or for rays of `KIND` [`CENTRE`] where they cover at least one half.
@@ -183,16 +193,10 @@ impl RenderScene {
             }
             self.stops::<SAMPLE>(ray, candidate) && !self.passes_pane::<F>(ray, &candidate.hit, &share)
         });
-        let sight = match (hidden, passed.get()) {
-            (true, _) => Sight::Hidden,
-            (false, true) => Sight::Through,
-            (false, false) => Sight::Clear,
-        };
-        (sight, share.get())
+        (Sight::of(hidden, passed.get()), share.get())
     }
 
-    /// What there is along `ray` before a light sample, as [`Self::sight`] has it. On the way to a light at some place, which no
-    /// light path comes from, nothing is noted.
+    /// What there is along `ray` before a light sample, as [`Self::sight`] has it.
     #[inline(always)]
     pub(crate) fn sight_of<F: Features>(&self, ray: &Ray, light: &LightSample, scratch: &mut Scratch) -> (Sight, Vec3A) {
         let own = match light.source {
@@ -201,14 +205,18 @@ impl RenderScene {
             _ => return self.sight::<F>(ray, scratch),
         };
         let end = light.distance * BEFORE_LIGHT;
-        let share = Cell::new(Vec3A::ONE);
+        let (passed, share) = (Cell::new(false), Cell::new(Vec3A::ONE));
+        let cutouts = self.features().cutouts;
         let hidden = self.geometry.occluded_where(ray, scratch, |candidate| {
-            candidate.hit.t < end
-                && own.is_none_or(|own| self.geometry.locate(&candidate.hit) != own)
-                && self.stops::<SAMPLE>(ray, candidate)
-                && !self.passes_pane::<F>(ray, &candidate.hit, &share)
+            if candidate.hit.t >= end || own.is_some_and(|own| self.geometry.locate(&candidate.hit) == own) {
+                return false;
+            }
+            if cutouts && self.is_behind(ray, candidate) {
+                passed.set(true);
+            }
+            self.stops::<SAMPLE>(ray, candidate) && !self.passes_pane::<F>(ray, &candidate.hit, &share)
         });
-        (if hidden { Sight::Hidden } else { Sight::Clear }, share.get())
+        (Sight::of(hidden, passed.get()), share.get())
     }
 
     /// Whether light goes straight through what is at `hit`; `share` is multiplied by how much of it.

@@ -6,7 +6,7 @@ use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny}
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{DirectLight, Filter, Mode, Sampler, Settings};
-use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
+use renderflow_scenes::loaded::{AlphaMask, Encoding, PunctualKind, PunctualLight, Texture, Wrap};
 use renderflow_scenes::shapes::Shape;
 use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
 use std::f32::consts::FRAC_PI_2;
@@ -134,7 +134,8 @@ fn so_they_do_through_glass() {
     // Facets whose normals lean, and a body that does not close.
     let coarse = (sphere(4, true), glass(0.25), place(0.1, 0.45, 0.9, Vec3::new(0.5, 0.4, 0.3)));
     let open = Affine3A::from_rotation_translation(Quat::from_rotation_x(0.5), Vec3::new(0.2, 0.5, 1.0));
-    assert_same("coarse and open bodies", caustics(vec![coarse, (plane(0.7), tinted, open)]), settings);
+    let more = Settings { spp: 512, ..settings };
+    assert_same("coarse and open bodies", caustics(vec![coarse, (plane(0.7), tinted, open)]), more);
     let pane = |surface: Principled| Material { thin_walled: true, ..Material::from(surface) };
     let clear = pane(Principled { base_color: Vec3A::new(0.9, 0.6, 0.5), roughness: 0.0, ..glass(0.0).surface });
     let matt = pane(glass(0.4).surface);
@@ -149,6 +150,61 @@ fn so_they_do_through_glass() {
     };
     assert_same("a pane before the light", caustics(panes(Vec3::new(0.0, 3.0, 0.0), 0.0)), settings);
     assert_same("a pane before the camera", caustics(panes(Vec3::new(0.0, 1.0, 2.6), FRAC_PI_2)), settings);
+}
+
+/// Lamps with and without an area, near bodies and within one, alone and beside the sky.
+#[test]
+fn so_they_do_under_lamps() {
+    let settings = Settings { spp: 256, ..Settings::default() };
+    // Rough enough that paths from the camera find what a small lamp sends.
+    let ball = || (sphere(16, true), glass(0.45), place(0.1, 0.45, 0.9, Vec3::splat(0.4)));
+    let glow = |double_sided: bool| Material { emissive: [30.0, 20.0, 10.0], double_sided, ..diffuse([0.0; 3]) };
+    let rough = |mut loaded: LoadedScene| {
+        loaded.materials[1].surface.roughness = 0.45;
+        loaded.materials[2].surface = Principled { roughness: 0.45, clearcoat: 0.0, ..loaded.materials[2].surface };
+        loaded
+    };
+    let night = |loaded| LoadedScene { environment: Environment::constant([0.05; 3]), ..rough(loaded) };
+    let lamp = |at: Vec3, size: f32| (sphere(6, false), glow(true), place(at.x, at.y, at.z, Vec3::splat(size)));
+    let above = Vec3::new(0.3, 1.9, 0.4);
+    assert_same("a ball that glows", night(caustics(vec![ball(), lamp(above, 0.1)])), settings);
+    assert_same("it beside a sky", caustics(vec![ball(), lamp(above, 0.1)]), settings);
+    let more = Settings { spp: 512, ..settings };
+    assert_same("within glass", night(caustics(vec![ball(), lamp(Vec3::new(0.1, 0.45, 0.9), 0.1)])), more);
+    // A small square that shines down, or both ways, and hides a part of the other lamp.
+    let turn = Quat::from_rotation_x(std::f32::consts::PI);
+    let square = |both: bool| (plane(0.3), glow(both), Affine3A::from_rotation_translation(turn, Vec3::new(0.0, 1.5, 0.5)));
+    for both in [false, true] {
+        assert_same("a square", night(caustics(vec![ball(), square(both), lamp(above, 0.05)])), settings);
+    }
+    let punctual = |kind, transform| PunctualLight { name: String::new(), kind, profile: None, transforms: vec![transform] };
+    let down = |at: Vec3| Affine3A::from_rotation_translation(Quat::from_rotation_x(-FRAC_PI_2), at);
+    let lights = [
+        ("a point", PunctualKind::Point { intensity: [3.0, 2.0, 1.0] }, above),
+        ("a point within glass", PunctualKind::Point { intensity: [1.0, 2.0, 3.0] }, Vec3::new(0.15, 0.4, 0.95)),
+        ("a spot", PunctualKind::Spot { intensity: [9.0, 6.0, 3.0], inner: 0.2, outer: 0.7 }, above),
+        ("one direction", PunctualKind::Directional { irradiance: [3.0, 2.0, 2.0] }, above),
+    ];
+    for (name, kind, at) in lights {
+        let mut loaded = night(caustics(vec![ball()]));
+        loaded.lights = vec![punctual(kind, down(at))];
+        assert_same(name, loaded, if name.ends_with("glass") { more } else { settings });
+    }
+    // All of them, in groups: the groups add up, and each is the same with and without light paths.
+    let mut loaded = rough(caustics(vec![ball(), lamp(above, 0.1), square(true)]));
+    loaded.lights = lights.map(|(_, kind, at)| punctual(kind, down(at))).to_vec();
+    let grouped = Settings { light_groups: 3, spp: 1024, ..settings };
+    let group = |frame: &Frame, k: usize| {
+        let pixels = &frame.light[k].as_ref().expect("a group").pixels;
+        pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / pixels.len() as f64
+    };
+    let with = render_with(&compile(&loaded), &grouped).0;
+    let without = render_with(&compile(&loaded), &Settings { light_paths: false, ..grouped }).0;
+    for k in 0..3 {
+        let (a, b) = (group(&with, k), group(&without, k));
+        assert!((a / b - 1.0).abs() < 0.02, "group {k}: {a} {b}");
+    }
+    assert_same("all of them", loaded, more);
 }
 
 /// A cube about the origin with faces outwards, or inwards.
@@ -326,6 +382,16 @@ fn they_lower_the_error_and_tell_what_is_left() {
     let (without, _) = error(&mut loaded, &Settings { light_paths: false, ..settings }, &truth);
     println!("glass: relMSE {with:.5} in place of {without:.5}");
     assert!(with < 0.7 * without, "glass: {with} of {without}");
+    // Under a lamp alone.
+    loaded.environment = Environment::constant([0.05; 3]);
+    let kind = PunctualKind::Point { intensity: [3.0; 3] };
+    let transforms = vec![Affine3A::from_translation(Vec3::new(0.3, 1.9, 0.4))];
+    loaded.lights = vec![PunctualLight { name: String::new(), kind, profile: None, transforms }];
+    let truth = render_with(&compile(&loaded), &Settings { spp: 16384, sampler: Sampler::Sobol, ..settings }).0;
+    let (with, _) = error(&mut loaded, &settings, &truth);
+    let (without, _) = error(&mut loaded, &Settings { light_paths: false, ..settings }, &truth);
+    println!("a lamp: relMSE {with:.5} in place of {without:.5}");
+    assert!(with < 0.7 * without, "a lamp: {with} of {without}");
 }
 
 #[test]

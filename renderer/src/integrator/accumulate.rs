@@ -81,7 +81,7 @@ impl<'a> Work<'a> {
         let groups = self.settings.groups(self.scene);
         let sums = film.light_paths(samples.len() as u32);
         let mut store = |deposit: Deposit| {
-            let group = groups.as_ref().map(|groups| groups.group(deposit.wi));
+            let group = groups.as_ref().map(|groups| deposit.from.group(groups));
             sums.push(deposit.pixel as usize, deposit.radiance, group);
         };
         let done = |paths: u64| meter.0.add(paths, meter.1);

@@ -1,12 +1,12 @@
 //! Direct light: light samples and light found by scattering, combined by multiple importance sampling.
 
-use super::light_paths::MOST_SURFACES;
+use super::light_paths::{MOST_SURFACES, Start};
 use super::path::Path;
 use super::scatter::Scatterer;
 use super::tracer::{Origin, Tracer};
 use crate::features::Features;
 use crate::interaction::Interaction;
-use crate::light::{LightSample, Source};
+use crate::light::{LightSample, Place, Source};
 use crate::query::Sight;
 use crate::sampler::PixelSampler;
 use crate::settings::DirectLight;
@@ -46,12 +46,14 @@ impl<F: Features> Tracer<'_, F> {
         let (radiance, origin) = match light.source {
             Source::Environment { radiance } => (radiance, Origin::Environment(light.wi)),
             Source::Emitter { id, barycentrics, .. } => (scene.emitted(id, barycentrics), Origin::Emitter),
-            Source::Punctual { irradiance } => (irradiance, Origin::Emitter),
+            Source::Punctual { irradiance, .. } => (irradiance, Origin::Emitter),
         };
         // No scattered ray meets a light without an area.
         let alone = matches!(light.source, Source::Punctual { .. });
-        let rest = match (self.settings.direct, origin) {
-            (DirectLight::Mis, Origin::Environment(_)) => self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi)),
+        let rest = match self.settings.direct {
+            DirectLight::Mis => {
+                self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi), || Start::of(&light, surface.p))
+            }
             _ => 0.0,
         };
         // Weighted against light paths of density `rest`.
@@ -61,6 +63,7 @@ impl<F: Features> Tracer<'_, F> {
                     let scattering = path.draws() * scattering.pdf / light.pdf;
                     1.0 / (1.0 + scattering * scattering + rest * rest)
                 }
+                DirectLight::Mis => 1.0 / (1.0 + rest * rest),
                 _ => 1.0,
             };
             path.beta * scattering.f_cos * radiance * (weight / light.pdf)
@@ -106,12 +109,13 @@ impl<F: Features> Tracer<'_, F> {
         if light_pdf == 0.0 {
             return radiance;
         }
-        let rest = self.light_paths(path, surface, scatterer, (wo, wi));
+        let rest = self.light_paths(path, surface, scatterer, (wo, wi), || Start::Environment);
         let light = light_pdf / pdf;
         radiance / (1.0 + light * light * (1.0 + rest * rest))
     }
 
-    /// Density of light paths relative to light samples, for the path that came from `wo` and leaves `surface` along `wi`.
+    /// Density of light paths relative to light samples, for the path that came from `wo` and leaves `surface` along `wi` for the
+    /// light that begins at `start`.
     #[inline(always)]
     fn light_paths(
         &self,
@@ -119,22 +123,40 @@ impl<F: Features> Tracer<'_, F> {
         surface: &Interaction,
         scatterer: (&F::Bsdf, &Scatterer<'_, F>),
         (wo, wi): (Vec3A, Vec3A),
+        start: impl FnOnce() -> Start,
     ) -> f32 {
         match self.casters {
-            Some(casters) if (2..=MOST_SURFACES).contains(&path.vertex) => {
-                casters.ratio::<F>(self.scene, path.reach, surface, scatterer, (wo, wi))
+            Some(casters) if (2..=MOST_SURFACES).contains(&path.vertex) && path.reach > 0.0 => {
+                casters.ratio::<F>(self.scene, path.reach, surface, scatterer, (wo, wi), &start())
             }
             _ => 0.0,
         }
     }
 
-    /// Weight of the emission of `at`, met from `from` at `distance` along `wi`; `pdf` as for [`Self::environment_behind`].
+    /// Weight of the emission of `at`, which a path that came from `wo` met from `from` at `distance` along `wi`; `pdf` as for
+    /// [`Self::environment_behind`].
     #[inline(always)]
-    pub(super) fn emitter_weight(&self, from: &Interaction, at: &Interaction, (wi, pdf): (Vec3A, f32), distance: f32) -> f32 {
+    pub(super) fn emitter_weight(
+        &self,
+        (wi, pdf): (Vec3A, f32),
+        path: &Path,
+        (from, at): (&Interaction, &Interaction),
+        scatterer: (&F::Bsdf, &Scatterer<'_, F>),
+        wo: Vec3A,
+        distance: f32,
+    ) -> f32 {
         let light_pdf = || self.scene.emitter_pdf(&from.receiver::<F>(), at, wi, distance);
         match self.settings.direct {
             DirectLight::Scattering => 1.0,
-            DirectLight::Mis => mis_weight(pdf, light_pdf()),
+            DirectLight::Mis => {
+                let light = light_pdf();
+                // Where no light samples are drawn, no light paths start either.
+                let rest = at.emitter.filter(|_| light > 0.0).map_or(0.0, |id| {
+                    let start = || Start::Near { light: Place::Triangle(id), point: at.p, n: at.n };
+                    self.light_paths(path, from, scatterer, (wo, wi), start)
+                });
+                mis_weight(pdf, light, rest)
+            }
             // An emitter that is too faint or too small to be drawn as a light is found by scattering alone.
             DirectLight::Lights if light_pdf() > 0.0 => 0.0,
             DirectLight::Lights => 1.0,
@@ -142,12 +164,13 @@ impl<F: Features> Tracer<'_, F> {
     }
 }
 
-/// Power heuristic (Veach 1997, beta = 2) for a strategy with density `a` > 0 (times its number of draws) against `b` >= 0;
-/// finite for every such pair. The balance heuristic is no better (docs/measurements/renderer-notes.md, heuristic).
+/// Power heuristic (Veach 1997, beta = 2) for a strategy with density `a` > 0 (times its number of draws) against one of `b` >= 0
+/// and one that is `rest` times as dense as that; finite for all such densities. The balance heuristic is no better
+/// (docs/measurements/renderer-notes.md, heuristic).
 #[inline(always)]
-fn mis_weight(a: f32, b: f32) -> f32 {
+fn mis_weight(a: f32, b: f32, rest: f32) -> f32 {
     let r = b / a;
-    1.0 / (1.0 + r * r)
+    1.0 / (1.0 + r * r * (1.0 + rest * rest))
 }
 
 #[cfg(test)]
@@ -157,10 +180,10 @@ mod tests {
     #[test]
     fn weights_are_finite_and_sum_to_one() {
         for (a, b) in [(1.0, 0.0), (1e-30, 1e30), (1e30, 1e-30), (f32::MAX, f32::MAX), (1e-38, 1e-38), (2.0, 3.0)] {
-            let w = mis_weight(a, b);
+            let w = mis_weight(a, b, 0.0);
             assert!((0.0..=1.0).contains(&w), "{a} {b} {w}");
             if b > 0.0 {
-                assert!((w + mis_weight(b, a) - 1.0).abs() < 1e-6);
+                assert!((w + mis_weight(b, a, 0.0) - 1.0).abs() < 1e-6);
             }
         }
     }

@@ -130,10 +130,21 @@ pub(super) struct Probe {
 }
 
 /// Where light came from.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) enum Origin {
     Environment(Vec3A),
     Emitter,
+}
+
+impl Origin {
+    /// The light group that it is in.
+    #[inline(always)]
+    pub fn group(self, groups: &LightGroups) -> usize {
+        match self {
+            Self::Environment(wi) => groups.group(wi),
+            Self::Emitter => groups.emitters(),
+        }
+    }
 }
 
 /// Camera ray of a sample of `pixel`, from the numbers of its set 0.
@@ -266,11 +277,7 @@ impl<'a, F: Features> Tracer<'a, F> {
     pub(super) fn add(&mut self, contribution: Vec3A, from: Origin) {
         self.radiance += contribution;
         if let Some(directions) = &self.directions {
-            let group = match from {
-                Origin::Environment(wi) => directions.group(wi),
-                Origin::Emitter => directions.emitters(),
-            };
-            self.groups[group] += contribution;
+            self.groups[from.group(directions)] += contribution;
         }
     }
 
@@ -446,7 +453,8 @@ impl<'a, F: Features> Tracer<'a, F> {
         let (cone, distance) = if F::CLEAR { (cone.at(before), before + hit.t) } else { (cone, hit.t) };
         let next = Interaction::new::<F>(scene, &ray, &hit, cone);
         if F::FULL && next.emitted != Vec3A::ZERO {
-            let weight = self.emitter_weight(surface, &next, (wi, pdf), distance);
+            let met = if through { path.unreached() } else { path };
+            let weight = self.emitter_weight((wi, pdf), &met, (surface, &next), (bsdf, scatterer), wo, distance);
             self.add_scattered(&path, path.beta * next.emitted * weight, Origin::Emitter);
         }
         if path.vertex == 1

@@ -30,6 +30,15 @@ pub struct Receiver {
     pub n: Vec3A,
 }
 
+/// A light at some place of the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Place {
+    /// The emissive triangle of this number.
+    Triangle(u32),
+    /// The point or spot of this number.
+    Lamp(u32),
+}
+
 /// How one of many lights is chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Selection {
@@ -157,12 +166,13 @@ impl EmitterLight {
             }
         };
         let Some(emitter) = self.emitters.get(item) else {
-            let arriving = self.lamps.get(item - self.emitters.len())?.arriving(at.p)?;
+            let lamp = item - self.emitters.len();
+            let arriving = self.lamps.get(lamp)?.arriving(at.p)?;
             let pdf = match &self.choice {
                 Choice::Power(table) => table.units(item) as f32 / UNITS as f32,
                 Choice::Tree(_) => probability,
             };
-            return Some(LightSample::punctual(arriving, pdf));
+            return Some(LightSample::punctual(arriving, Some(lamp as u32), pdf));
         };
         let barycentrics = to_triangle(u);
         let point = (0..3).map(|k| emitter.corners[k] * barycentrics[k]).sum::<Vec3A>();
@@ -174,21 +184,42 @@ impl EmitterLight {
         (pdf > 0.0).then_some(LightSample { wi, distance, source, pdf })
     }
 
+    /// The item that is triangle `id`.
+    #[inline(always)]
+    fn item(&self, id: u32) -> Option<usize> {
+        // Lists of one mesh have consecutive numbers, where the first guess is right.
+        let offset = id.wrapping_sub(self.emitters.first()?.id) as usize;
+        match self.emitters.get(offset) {
+            Some(emitter) if emitter.id == id => Some(offset),
+            _ => self.emitters.binary_search_by_key(&id, |emitter| emitter.id).ok(),
+        }
+    }
+
+    /// Probability with which [`Self::sample`] for `at` draws a triangle, wherever on it, or a lamp.
+    pub(super) fn probability(&self, at: &Receiver, place: Place) -> f32 {
+        let item = match place {
+            Place::Triangle(id) => self.item(id),
+            Place::Lamp(number) => Some(self.emitters.len() + number as usize),
+        };
+        item.map_or(0.0, |item| match &self.choice {
+            Choice::Power(table) => table.units(item) as f32 / UNITS as f32,
+            Choice::Tree(tree) => tree.units(item, at) as f32 * TREE_UNIT,
+        })
+    }
+
+    /// W/m^2 that lamp `number` sends to a surface at `p` that faces it.
+    pub(super) fn irradiance(&self, number: u32, p: Vec3A) -> Vec3A {
+        let arriving = self.lamps.get(number as usize).and_then(|lamp| lamp.arriving(p));
+        arriving.map_or(Vec3A::ZERO, |arriving| arriving.irradiance)
+    }
+
     /// Density with which [`Self::sample`] for `at` draws, per steradian, a direction that meets triangle `id` at `distance`;
     /// `cos` is that between the triangle's front normal and the direction back to `at`, negative seen from behind. 0 for
     /// triangles that are no emitters.
     #[inline]
     pub fn pdf(&self, at: &Receiver, id: u32, distance: f32, cos: f32) -> f32 {
-        let Some(first) = self.emitters.first() else { return 0.0 };
-        // Lists of one mesh have consecutive numbers, where the first guess is right.
-        let offset = id.wrapping_sub(first.id) as usize;
-        let (item, emitter) = match self.emitters.get(offset) {
-            Some(emitter) if emitter.id == id => (offset, emitter),
-            _ => match self.emitters.binary_search_by_key(&id, |emitter| emitter.id) {
-                Ok(i) => (i, &self.emitters[i]),
-                Err(_) => return 0.0,
-            },
-        };
+        let Some(item) = self.item(id) else { return 0.0 };
+        let emitter = &self.emitters[item];
         let probability = match &self.choice {
             Choice::Power(_) => 1.0,
             Choice::Tree(_) if cos <= 0.0 && !emitter.two_sided => return 0.0,

@@ -14,8 +14,10 @@ mod sampler;
 mod tree;
 
 pub(crate) use cache::LightSampleCache;
+pub(crate) use emitters::Place;
 pub use emitters::{EmissiveTriangle, EmitterLight, Receiver, Selection};
 pub use envmap::{EnvironmentLight, EnvironmentSample, MAX_RADIANCE, Repairs, Sampling};
 pub use groups::LightGroups;
+pub(crate) use punctual::direction_and_distance;
 pub use punctual::{DistantLight, Lamp};
 pub use sampler::{LightSample, LightSampler, Lights, Source};

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// Unit direction and length of the way `towards` a light; `None` where it has no length, or none that is finite.
 #[inline(always)]
-pub(super) fn direction_and_distance(towards: Vec3A) -> Option<(Vec3A, f32)> {
+pub(crate) fn direction_and_distance(towards: Vec3A) -> Option<(Vec3A, f32)> {
     // Scaled before squaring: distances from 1e-30 to 1e30 keep their digits.
     let scale = towards.abs().max_element();
     if !(scale > 0.0 && scale.is_finite()) {

@@ -1,6 +1,6 @@
 //! All lights of a scene as one.
 
-use super::emitters::{EmissiveTriangle, EmitterLight, Receiver, Selection};
+use super::emitters::{EmissiveTriangle, EmitterLight, Place, Receiver, Selection};
 use super::envmap::{EnvironmentLight, EnvironmentSample};
 use super::punctual::{Arriving, DistantLight, DistantLights, Lamp};
 use glam::Vec3A;
@@ -28,6 +28,8 @@ pub enum Source {
     },
     /// A light without an area, which nothing else finds.
     Punctual {
+        /// Number of a point or spot; `None` for light from one direction.
+        lamp: Option<u32>,
         /// W/m^2 on a surface that faces it, when nothing is in between.
         irradiance: Vec3A,
     },
@@ -49,8 +51,8 @@ pub struct LightSample {
 
 impl LightSample {
     /// A light without an area that is drawn with a probability.
-    pub(super) fn punctual(Arriving { wi, distance, irradiance }: Arriving, probability: f32) -> Self {
-        Self { wi, distance, source: Source::Punctual { irradiance }, pdf: probability }
+    pub(super) fn punctual(Arriving { wi, distance, irradiance }: Arriving, lamp: Option<u32>, probability: f32) -> Self {
+        Self { wi, distance, source: Source::Punctual { lamp, irradiance }, pdf: probability }
     }
 }
 
@@ -121,12 +123,6 @@ impl LightSampler {
         Self { environment, distant, emitters, environment_units, far_units, environment_share }
     }
 
-    /// Share of light samples that go to the environment.
-    #[inline(always)]
-    pub(crate) fn environment_share(&self) -> f32 {
-        self.environment_share
-    }
-
     /// The environment.
     pub fn environment(&self) -> &EnvironmentLight {
         &self.environment
@@ -146,9 +142,19 @@ impl LightSampler {
             Some(emitters) if unit >= self.far_units => emitters.pick([unit - self.far_units, more], at, u),
             _ => {
                 let (arriving, probability) = self.distant.as_ref()?.pick(unit - self.environment_units)?;
-                Some(LightSample::punctual(arriving, probability))
+                Some(LightSample::punctual(arriving, None, probability))
             }
         }
+    }
+
+    /// Probability with which [`Self::sample`] for `at` draws a triangle or a lamp.
+    pub(crate) fn probability(&self, at: &Receiver, place: Place) -> f32 {
+        self.emitters.as_ref().map_or(0.0, |emitters| emitters.probability(at, place))
+    }
+
+    /// W/m^2 that lamp `number` sends to a surface at `p` that faces it, when nothing is in between.
+    pub(crate) fn irradiance(&self, number: u32, p: Vec3A) -> Vec3A {
+        self.emitters.as_ref().map_or(Vec3A::ZERO, |emitters| emitters.irradiance(number, p))
     }
 
     /// [`EnvironmentLight::radiance`] along the world-space unit direction `wi`, and the density, per steradian, with which

@@ -108,7 +108,9 @@ fn camera_between(a: &Camera, b: &Camera, share: f32) -> Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
+    use crate::loaded::{Displacement, Influence, LoadReport, Poses, Rows, Shape};
+    use glam::{DVec3, Vec3};
+    use renderflow_frame::Environment;
 
     fn near(a: &Affine3A, b: &Affine3A, bound: f32) -> bool {
         a.abs_diff_eq(*b, bound)
@@ -139,6 +141,41 @@ mod tests {
         let gone = Affine3A::from_scale(Vec3::ZERO);
         for (a, b) in [(flat, gone), (gone, Affine3A::IDENTITY), (flat, Affine3A::from_rotation_x(3.0))] {
             assert!(between(&a, &b, 0.4).is_finite());
+        }
+    }
+
+    /// A skin and a morph target go on between the frames, and a mesh that rests stays as it is.
+    #[test]
+    fn what_deforms_goes_on_between_frames() {
+        let shape = Shape {
+            displacements: Rows::new(
+                1,
+                &[(0, Displacement { target: 0, position: Vec3::X, normal: Vec3::ZERO, tangent: Vec3::ZERO })],
+            ),
+            influences: Rows::new(1, &[(0, Influence { joint: 0, weight: 1.0 })]),
+        };
+        let joints = [0.0, 90.0_f32].map(|degrees| Affine3A::from_rotation_z(degrees.to_radians()));
+        let still = Mesh { positions: vec![Vec3::X], ..Mesh::default() };
+        let moving = still.clone().deformed(&Arc::new(shape), Poses::new(2, vec![0.0, 1.0], Arc::new(joints.to_vec())));
+        let scene = LoadedScene {
+            name: String::new(),
+            seed: 0,
+            hash: String::new(),
+            meshes: vec![still, moving],
+            instances: vec![],
+            materials: vec![],
+            textures: vec![],
+            origin: DVec3::ZERO,
+            environment: Environment::constant([0.0; 3]),
+            lights: vec![],
+            cameras: vec![Camera::default(); 2],
+            report: LoadReport::default(),
+        };
+        let [still, moving] = <[Mesh; 2]>::try_from(scene.with_moments(&[-0.5, 0.5]).meshes).expect("two meshes");
+        let place = |time: f32| Affine3A::from_rotation_z((90.0 * time).to_radians()).transform_point3(Vec3::X * (1.0 + time));
+        for (pose, time) in [0.0, -0.5, 0.5, 1.0, 0.5, 1.5].into_iter().enumerate() {
+            assert!(moving.position_at(0, pose).distance(place(time)) < 1e-5, "pose {pose}");
+            assert_eq!(still.position_at(0, pose), Vec3::X);
         }
     }
 

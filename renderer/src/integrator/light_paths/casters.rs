@@ -2,11 +2,12 @@
 
 use crate::camera::Filter;
 use crate::compile::{Clear, CompiledMaterial, RenderScene};
+use crate::light::{LightSample, Place, Receiver, Source};
 use crate::settings::{DirectLight, Settings};
 use glam::{Affine3A, DMat3, Vec3A};
 use rayon::prelude::*;
 use renderflow_scenes::Mesh;
-use std::f32::consts::PI;
+use std::f32::consts::{PI, TAU};
 
 /// Light less concentrated than this ([`crate::light::EnvironmentLight::concentration`]) makes no caustics that camera paths do
 /// not find (docs/measurements/renderer-notes.md, light-paths).
@@ -35,8 +36,78 @@ pub(super) struct CausticCaster {
 /// All of them, and how dense light paths are at each.
 pub(crate) struct CausticCasters {
     pub(super) list: Vec<CausticCaster>,
-    /// By instance: light paths for one sample a pixel, per square metre across their direction; 0 where none are aimed.
-    pub(super) density: Vec<f32>,
+    /// By instance: its place in the list.
+    of_instance: Vec<Option<u32>>,
+    /// Whether light of the environment is followed.
+    environment: bool,
+}
+
+/// Where a light path begins.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::integrator) enum Start {
+    /// In the environment.
+    Environment,
+    /// With light from one direction.
+    Distant,
+    /// At a light that stands somewhere.
+    Near {
+        light: Place,
+        /// The point on it.
+        point: Vec3A,
+        /// Normal of a triangle, on either side; 0 for a lamp.
+        n: Vec3A,
+    },
+}
+
+impl Start {
+    /// Where the light of a light sample for a point at `p` begins.
+    #[inline(always)]
+    pub fn of(sample: &LightSample, p: Vec3A) -> Self {
+        let near = |light, n| Self::Near { light, point: p + sample.wi * sample.distance, n };
+        match sample.source {
+            Source::Environment { .. } => Self::Environment,
+            Source::Punctual { lamp: None, .. } => Self::Distant,
+            Source::Punctual { lamp: Some(number), .. } => near(Place::Lamp(number), Vec3A::ZERO),
+            Source::Emitter { id, n, .. } => near(Place::Triangle(id), n),
+        }
+    }
+}
+
+impl CausticCaster {
+    /// As what light samples that begin its light paths are drawn.
+    pub fn receiver(&self) -> Receiver {
+        Receiver { p: self.center, n: Vec3A::ZERO }
+    }
+
+    /// Light paths for one sample a pixel, per square metre across a direction that all of them have.
+    pub fn density(&self) -> f32 {
+        self.paths as f32 / (PI * self.radius * self.radius)
+    }
+
+    /// A direction from `point` to the sphere and its density per steradian, uniform in the cone around the sphere, or in all
+    /// directions from within. `u` are two random numbers.
+    pub fn direction(&self, point: Vec3A, u: [f32; 2]) -> (Vec3A, f32) {
+        let away = self.center - point;
+        let (span, density) = self.cone(away.length_squared());
+        let cos = 1.0 - u[0] * span;
+        let sin = (u[0] * span * (1.0 + cos)).max(0.0).sqrt();
+        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
+        let axis = away.normalize_or(Vec3A::Y);
+        let (t, s) = axis.any_orthonormal_pair();
+        ((axis * cos + (t * cos_phi + s * sin_phi) * sin).normalize(), density)
+    }
+
+    /// One less the cosine of the angle of the cone, and the density of a direction in it, from a point whose distance to the
+    /// centre has the square `square`.
+    fn cone(&self, square: f32) -> (f32, f32) {
+        let sin2 = self.radius * self.radius / square;
+        if !(sin2 < 1.0) {
+            return (2.0, 0.25 / PI);
+        }
+        // Without the difference of two numbers near 1.
+        let span = sin2 / (1.0 + (1.0 - sin2).sqrt());
+        (span, 1.0 / (TAU * span))
+    }
 }
 
 impl CausticCasters {
@@ -49,10 +120,10 @@ impl CausticCasters {
             // Light paths look for their pixel as a pinhole shows it.
             && settings.lens.is_none()
             && scene.camera().distortion.is_none()
-            && settings.max_bounces >= 2
-            && !scene.features().flat_environment
-            && scene.environment_light().concentration() >= CONCENTRATION;
-        if !wanted {
+            && settings.max_bounces >= 2;
+        let features = scene.features();
+        let environment = !features.flat_environment && scene.environment_light().concentration() >= CONCENTRATION;
+        if !wanted || !(environment || features.lights()) {
             return None;
         }
         let camera = scene.camera();
@@ -86,11 +157,38 @@ impl CausticCasters {
             list.iter_mut().for_each(|caster| caster.paths = coarse(caster.paths as f32 * (MOST * pixels / total)));
             list.retain(|caster| caster.paths > 0);
         }
-        let mut by_instance = vec![0.0; scene.geometry.instances.len()];
-        for caster in &list {
-            by_instance[caster.instance as usize] = caster.paths as f32 / (PI * caster.radius * caster.radius);
+        let mut of_instance = vec![None; scene.geometry.instances.len()];
+        for (caster, place) in list.iter().zip(0..) {
+            of_instance[caster.instance as usize] = Some(place);
         }
-        (!list.is_empty()).then_some(Self { list, density: by_instance })
+        (!list.is_empty()).then_some(Self { list, of_instance, environment })
+    }
+
+    /// Whether light paths may begin at `start`.
+    pub fn follow(&self, start: &Start) -> bool {
+        self.environment || !matches!(start, Start::Environment)
+    }
+
+    /// Number of light paths for one sample a pixel, per square metre across their direction, at the point of an instance that is
+    /// `at` to light samples, relative to the density of light samples there; 0 where none are aimed.
+    #[inline(always)]
+    pub fn aimed(&self, scene: &RenderScene, instance: u32, at: &Receiver, start: &Start) -> f32 {
+        let Some(place) = self.of_instance[instance as usize] else { return 0.0 };
+        let caster = &self.list[place as usize];
+        match *start {
+            Start::Environment if !self.environment => 0.0,
+            Start::Environment | Start::Distant => caster.density(),
+            Start::Near { light, point, n } => {
+                let (to_center, to_point) = (caster.center - point, at.p - point);
+                // What a triangle sends from its other side begins no light path.
+                if n != Vec3A::ZERO && n.dot(to_center) * n.dot(to_point) <= 0.0 {
+                    return 0.0;
+                }
+                let (_, density) = caster.cone(to_center.length_squared());
+                let share = scene.lights.probability(&caster.receiver(), light) / scene.lights.probability(at, light);
+                caster.paths as f32 * density * share / to_point.length_squared()
+            }
+        }
     }
 
     /// Light paths for one sample a pixel.

@@ -1,4 +1,4 @@
-//! Light paths: from the environment over a shiny body to a surface that the camera sees.
+//! Light paths: from the environment or a lamp over a shiny or clear body to a surface that the camera sees.
 //!
 //! A path from the camera finds a caustic only when a direction drawn blindly at the first surface meets the body just where it
 //! mirrors the sun. Followed the other way, light that meets the body *is* the caustic. Both ways find the paths `environment -
@@ -22,6 +22,11 @@
 //! interaction as the camera's side sees it, in both directions alike, so that they sum to 1 whatever a light path's own density
 //! is.
 //!
+//! A lamp stands somewhere: the paths from a point of it are aimed into the cone around the body, and at a distance `d` from
+//! it `q pl(w)` becomes `M pc pd / d^2` times the density of light samples over `pl(lamp)`, with `M` paths for one sample a pixel,
+//! `pc` and `pl` the probabilities to draw the lamp for the middle of the body and for xk, and `pd` the density of directions in
+//! the cone.
+//!
 //! Light paths pass no surface from behind, and `reach` is 0 once a path from the camera has (see `crate::query`). Where a path
 //! crosses a surface, cosines are those of the two sides; what panes let through is the same in both directions and no part of
 //! the weights.
@@ -30,6 +35,7 @@ mod casters;
 mod trace;
 
 pub(crate) use casters::CausticCasters;
+pub(super) use casters::Start;
 pub(super) use trace::{Deposit, LightPaths, trace};
 
 use crate::compile::RenderScene;
@@ -83,8 +89,8 @@ impl CausticCasters {
         seen_area(scene, at, wo) * slant::<F>(at, wi) / pdf
     }
 
-    /// Density of light paths over that of light samples, of the path that leaves `at` for the light along `wi` and came from
-    /// `wo` with `reach`; 0 where no light paths are aimed.
+    /// Density of light paths over that of light samples, of the path that leaves `at` along `wi` for the light that begins at
+    /// `start`, and came from `wo` with `reach`; 0 where no light paths are aimed.
     #[inline(always)]
     pub fn ratio<F: Features>(
         &self,
@@ -93,12 +99,13 @@ impl CausticCasters {
         at: &Interaction,
         (bsdf, scatterer): (&F::Bsdf, &Scatterer<'_, F>),
         (wo, wi): (Vec3A, Vec3A),
+        start: &Start,
     ) -> f32 {
-        let density = self.density[at.instance as usize];
-        if density == 0.0 {
+        let aimed = self.aimed(scene, at.instance, &at.receiver::<F>(), start);
+        if aimed == 0.0 {
             return 0.0;
         }
-        let ratio = density / scene.lights.environment_share() * reach * turned::<F>(at, (bsdf, scatterer), (wo, wi));
+        let ratio = aimed * reach * turned::<F>(at, (bsdf, scatterer), (wo, wi));
         // Its square must stay finite. What overflowed on the way is left to the other strategies, from both sides.
         if ratio.is_finite() { ratio.min(LARGEST_RATIO) } else { 0.0 }
     }

@@ -1,7 +1,7 @@
 //! Tracing light paths.
 
-use super::casters::{CausticCaster, CausticCasters};
-use super::{longest, seen_area, slant, turned};
+use super::casters::{CausticCaster, CausticCasters, Start};
+use super::{MOST_SURFACES, longest, seen_area, slant, turned};
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Projector, disk};
 use crate::clear::{Medium, Straight};
@@ -9,9 +9,9 @@ use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::Features;
 use crate::integrator::scatter::Scatterer;
-use crate::integrator::tracer::bsdf_of;
+use crate::integrator::tracer::{Origin, bsdf_of};
 use crate::interaction::{Cone, Interaction};
-use crate::light::EnvironmentSample;
+use crate::light::{LightSample, Place, Receiver, Source, direction_and_distance};
 use crate::material::{Prepared, Side};
 use crate::query::Sight;
 use crate::ray::Ray;
@@ -32,6 +32,8 @@ const BATCH: usize = 128;
 /// Tells the random numbers of light paths from those of pixels.
 const STREAM: u64 = 0x4c49_4748;
 
+/// Share of the sphere's radius by which a path from within begins beside its light.
+const BESIDE: f32 = 1e-4;
 /// Light paths go on after their second surface with this times their throughput.
 const SURVIVAL: f32 = 0.5;
 
@@ -42,7 +44,54 @@ pub(in crate::integrator) struct Deposit {
     /// Radiance for one sample a pixel.
     pub radiance: Vec3A,
     /// Where the light came from.
-    pub wi: Vec3A,
+    pub from: Origin,
+}
+
+/// The light at the beginning of a path.
+struct Light {
+    /// As it was drawn for the middle of the body.
+    sample: LightSample,
+    begins: Start,
+    /// Radiance, or irradiance from one direction; 1 of a lamp, whose irradiance depends on the place.
+    radiance: Vec3A,
+    /// The point that it comes from, unless it comes from far away.
+    point: Option<Vec3A>,
+    /// Density of the direction from there, per steradian.
+    aimed: f32,
+    /// What it was drawn for.
+    receiver: Receiver,
+}
+
+impl Light {
+    /// Paths for one sample a pixel per square metre across their direction, at `p` on the body; of an environment or a triangle
+    /// also per steradian of directions to it.
+    #[inline(always)]
+    fn density(&self, caster: &CausticCaster, p: impl FnOnce() -> Vec3A) -> f32 {
+        let LightSample { pdf, wi, distance, source } = self.sample;
+        let Some(point) = self.point else { return caster.density() * pdf };
+        let (to_p, paths) = (p() - point, caster.paths as f32 * self.aimed);
+        match source {
+            // Per square metre of the triangle, then per steradian in which it is seen from `p`.
+            Source::Emitter { n, .. } => {
+                let of_area = pdf * -n.dot(wi) / (distance * distance);
+                paths * of_area * to_p.length() / n.dot(to_p)
+            }
+            _ => paths * pdf / to_p.length_squared(),
+        }
+    }
+
+    /// Density with which a light sample for `at` has the direction `wi` and `distance`; `None` where scattering never finds the
+    /// light.
+    #[inline(always)]
+    fn drawn(&self, scene: &RenderScene, at: &Receiver, (wi, distance): (Vec3A, f32)) -> Option<f32> {
+        let Start::Near { light: light @ Place::Triangle(_), n, .. } = self.begins else {
+            return matches!(self.begins, Start::Environment).then_some(self.sample.pdf);
+        };
+        let LightSample { pdf, wi: to_light, distance: before, .. } = self.sample;
+        let of_area = pdf * -n.dot(to_light) / (before * before);
+        let share = scene.lights.probability(at, light) / scene.lights.probability(&self.receiver, light);
+        Some(share * of_area * distance * distance / -n.dot(wi))
+    }
 }
 
 /// The light paths that [`trace`] follows.
@@ -166,24 +215,21 @@ impl<'a, F: Features> Tracer<'a, F> {
         let index = (number % u64::from(SEQUENCE)) as u32;
         self.stats.light_paths += 1;
 
-        // From the sphere around the body to the body; whether the environment is seen from there is asked last.
-        let [u, v, s, t] = self.points.point(&sampler, index, 0);
-        let Some(light) = scene.environment_light().sample([u, v]) else { return };
-        let CausticCaster { instance, center, radius, .. } = *self.caster;
-        let start = center + across(light.wi, [s, t]) * radius + light.wi * radius;
-        let mut ray = Ray::new(start, -light.wi);
+        // From the sphere around the body to the body; whether the light is seen from there is asked last.
+        let Some((light, mut ray)) = self.begin(&sampler, index) else { return };
+        let start = ray.origin;
         self.stats.bounce_rays += 1;
         self.passed = Vec3A::ONE;
         let Some(mut hit) = self.meet(&mut ray) else { return };
-        if scene.geometry.locate(&hit).0 != instance {
+        if scene.geometry.locate(&hit).0 != self.caster.instance {
             return;
         }
         self.vertices.clear();
         let mut lit = None;
         let mut medium = Medium::AIR;
         // The way from there to the body is known.
-        let to_light = Ray::new(start, light.wi);
-        let mut density = self.casters.density[instance as usize] * light.pdf;
+        let to_light = Ray::new(start, -ray.direction);
+        let mut density = light.density(self.caster, || scene.geometry.surface(&hit).p);
         let mut beta = Vec3A::ONE;
         while self.vertices.len() < self.longest - 1 {
             let at = Interaction::new::<F>(scene, &ray, &hit, Cone::default());
@@ -218,7 +264,9 @@ impl<'a, F: Features> Tracer<'a, F> {
             let Some(mut deposit) = self.connect(&hit, &light, density) else { continue };
             if lit.is_none() {
                 self.stats.shadow_rays += 1;
-                let (sight, share) = scene.sight::<F>(&to_light, &mut self.scratch);
+                let distance = light.point.map_or(f32::INFINITY, |point| point.distance(start));
+                let before = LightSample { distance, ..light.sample };
+                let (sight, share) = scene.sight_of::<F>(&to_light, &before, &mut self.scratch);
                 if sight != Sight::Clear {
                     return;
                 }
@@ -233,6 +281,47 @@ impl<'a, F: Features> Tracer<'a, F> {
                 self.stats.non_finite_samples += 1;
             }
         }
+    }
+
+    /// Draws light for the body, and a ray to it that begins on or in the sphere around it.
+    #[inline(always)]
+    fn begin(&mut self, sampler: &PixelSampler, index: u32) -> Option<(Light, Ray)> {
+        let (scene, caster) = (self.scene, self.caster);
+        let [u, v, s, t] = self.points.point(sampler, index, 0);
+        let sample = if F::FULL && scene.features().lights() {
+            let [choice, more, ..] = self.points.point(sampler, index, 1 + MOST_SURFACES);
+            scene.lights.sample(&caster.receiver(), [choice, more], [u, v])?
+        } else {
+            LightSample::from(scene.environment_light().sample([u, v])?)
+        };
+        let (begins, receiver) = (Start::of(&sample, caster.center), caster.receiver());
+        if !self.casters.follow(&begins) {
+            return None;
+        }
+        let Start::Near { light, point, n } = begins else {
+            let radiance = match sample.source {
+                Source::Environment { radiance } => radiance,
+                Source::Punctual { irradiance, .. } => irradiance,
+                Source::Emitter { .. } => return None,
+            };
+            let start = caster.center + across(sample.wi, [s, t]) * caster.radius + sample.wi * caster.radius;
+            let light = Light { sample, begins, radiance, point: None, aimed: 1.0, receiver };
+            return Some((light, Ray::new(start, -sample.wi)));
+        };
+        let (direction, aimed) = caster.direction(point, [s, t]);
+        let radiance = match (sample.source, light) {
+            // Only the side that the middle of the body sees.
+            (Source::Emitter { .. }, _) if n.dot(direction) <= 0.0 => return None,
+            (Source::Emitter { id, barycentrics, .. }, _) => scene.emitted(id, barycentrics),
+            // What it sends depends on where it arrives.
+            _ => Vec3A::ONE,
+        };
+        // On the sphere, or from within beside the light.
+        let along = (caster.center - point).dot(direction);
+        let beside = (caster.center - point - direction * along).length_squared();
+        let inside = (caster.radius * caster.radius - beside).max(0.0).sqrt();
+        let start = point + direction * (along - inside).max(BESIDE * caster.radius);
+        Some((Light { sample, begins, radiance, point: Some(point), aimed, receiver }, Ray::new(start, direction)))
     }
 
     /// The surface that `ray` meets, unless it passes another from behind: a path from the camera would end there. Behind panes
@@ -251,7 +340,7 @@ impl<'a, F: Features> Tracer<'a, F> {
 
     /// What the path brings to the camera from the surface `landed`, if nothing hides its beginning.
     #[inline(always)]
-    fn connect(&mut self, landed: &Hit, light: &EnvironmentSample, density: f32) -> Option<Deposit> {
+    fn connect(&mut self, landed: &Hit, light: &Light, density: f32) -> Option<Deposit> {
         let (scene, mode) = (self.scene, self.settings.bsdf);
         // From the camera to that surface.
         let p = scene.geometry.surface(landed).p;
@@ -287,7 +376,10 @@ impl<'a, F: Features> Tracer<'a, F> {
                     }
                     (away / distance, distance)
                 }
-                None => (light.wi, 0.0),
+                None => match light.point {
+                    None => (light.sample.wi, f32::INFINITY),
+                    Some(point) => direction_and_distance(point - at.p)?,
+                },
             };
             let mut own = None;
             let bsdf = bsdf_of::<F>(self.bsdfs, &at, mode, &mut own);
@@ -296,7 +388,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             value *= scattering.f_cos;
             if F::CLEAR {
                 medium = medium.along(scene, &at, wi);
-                value *= medium.over(if next.is_some() { distance } else { f32::INFINITY });
+                value *= medium.over(distance);
             }
             if value == Vec3A::ZERO || at.n.dot(wo) <= 0.0 {
                 return None;
@@ -307,11 +399,18 @@ impl<'a, F: Features> Tracer<'a, F> {
             } else if next.is_some() {
                 reach *= turned::<F>(&at, (bsdf, &scatterer), (wo, wi)) / scattering.pdf;
             } else {
-                let ratio = self.casters.ratio::<F>(scene, reach, &at, (bsdf, &scatterer), (wo, wi));
-                let drawn = scattering.pdf / (light.pdf * scene.lights.environment_share());
+                let ratio = self.casters.ratio::<F>(scene, reach, &at, (bsdf, &scatterer), (wo, wi), &light.begins);
+                let drawn = light.drawn(scene, &at.receiver::<F>(), (wi, distance)).map_or(0.0, |pdf| scattering.pdf / pdf);
                 let weight = ratio * ratio / (1.0 + drawn * drawn + ratio * ratio);
+                if let Start::Near { light: Place::Lamp(number), .. } = light.begins {
+                    value *= scene.lights.irradiance(number, at.p);
+                }
                 let radiance = value * (weight / (density * area));
-                return (radiance != Vec3A::ZERO).then_some(Deposit { pixel, radiance, wi: light.wi });
+                let from = match light.begins {
+                    Start::Environment => Origin::Environment(wi),
+                    _ => Origin::Emitter,
+                };
+                return (radiance != Vec3A::ZERO).then_some(Deposit { pixel, radiance, from });
             }
             cone = at.cone.scattered(scattering.pdf, self.settings.spp);
             ray = Ray::new(at.p, wi);
