@@ -303,7 +303,7 @@ fn changes_and_motions_are_read_checked_and_loaded() {
     let scene = read(lively()).unwrap();
     assert_eq!(read(serde_json::from_str(&scene.canonical_json()).unwrap()).unwrap(), scene);
     let loaded = load::load(&scene, &anywhere()).unwrap();
-    let middle = loaded.materials[0].at(2, loaded.cameras.len()).surface;
+    let middle = loaded.materials[0].at(2.0, loaded.cameras.len()).surface;
     assert_eq!((middle.base_color.to_array(), middle.metallic, middle.roughness), ([0.2, 0.4, 0.6], 0.5, 0.75));
     // Half way up its arc of four frames, and a quarter, half and whole turn about (1, 0) from (0, 0): +z runs before -x does.
     let expected = [[0.0, 0.0, 0.0], [1.0, 1.5, 1.0], [2.0, 2.0, 0.0], [1.0, 1.5, -1.0], [0.0, 0.0, 0.0]];

@@ -81,7 +81,7 @@ def words(command):
 
 
 def model(path):
-    """A textured box as a GLB."""
+    """A textured box as a GLB, with the camera Front and the animation Walk."""
     corners = [(x, y, z) for x in (-0.5, 0.5) for y in (0.0, 1.0) for z in (-0.5, 0.5)]
     sides = [
         ((1, 0, 0), (4, 6, 7, 5)),
@@ -106,15 +106,25 @@ def model(path):
         + chunk(b"IDAT", zlib.compress(rows))
         + chunk(b"IEND", b"")
     )
-    parts, views, binary = [positions, normals, places, indices, png], [], b""
+    # The box rises by a tenth in a quarter of a second.
+    times, heights = struct.pack("<2f", 0, 0.25), struct.pack("<6f", 0, 0, 0, 0, 0.1, 0)
+    parts, views, binary = [positions, normals, places, indices, png, times, heights], [], b""
     for part in parts:
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(part)})
         binary += part + b"\0" * (-len(part) % 4)
     description = {
         "asset": {"version": "2.0"},
         "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": "box"}],
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0, "name": "box"}, {"name": "Front", "camera": 0, "translation": [0, 0.5, 3]}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "aspectRatio": 16 / 9, "znear": 0.1}}],
+        "animations": [
+            {
+                "name": "Walk",
+                "samplers": [{"input": 4, "output": 5}],
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
+            }
+        ],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}, "indices": 3, "material": 0}]}],
         "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": 0.4}}],
         "textures": [{"source": 0}],
@@ -124,6 +134,8 @@ def model(path):
             {"bufferView": 1, "componentType": 5126, "count": 24, "type": "VEC3"},
             {"bufferView": 2, "componentType": 5126, "count": 24, "type": "VEC2"},
             {"bufferView": 3, "componentType": 5123, "count": 36, "type": "SCALAR"},
+            {"bufferView": 5, "componentType": 5126, "count": 2, "type": "SCALAR", "min": [0], "max": [0.25]},
+            {"bufferView": 6, "componentType": 5126, "count": 2, "type": "VEC3"},
         ],
         "bufferViews": views,
         "buffers": [{"byteLength": len(binary)}],
@@ -132,6 +144,16 @@ def model(path):
     text += b" " * (-len(text) % 4)
     body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
     path.write_bytes(struct.pack("<4s2I", b"glTF", 2, 12 + len(body)) + body)
+
+
+def capture(path):
+    """Two cameras around the box, as nerfstudio writes them."""
+    frames = []
+    for x in (0.0, 0.3):
+        matrix = [[1, 0, 0, x], [0, 1, 0, 0.5], [0, 0, 1, 3], [0, 0, 0, 1]]
+        frames.append({"file_path": f"images/{len(frames)}.png", "transform_matrix": matrix})
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps({"fl_x": 200, "fl_y": 200, "cx": 80, "cy": 45, "w": 160, "h": 90, "frames": frames}))
 
 
 class Reader:
@@ -274,6 +296,7 @@ def main():
             folder = temporary / name
             folder.mkdir()
             model(folder / "model.glb")
+            capture(folder / "capture/transforms.json")
             shutil.copy(ROOT / "hdri/clear_afternoon.hdr", folder / "sky.hdr")
             reader = Reader(options, folder, environment)
             if name == "readme":
