@@ -414,9 +414,7 @@ fn none_are_traced_where_they_bring_nothing() {
     // Panes and sheets spread light, but do not gather it.
     let thin = [0.0, 0.3].map(|roughness| Material { thin_walled: true, ..glass(roughness) });
     let mut sheets = caustics(vec![]);
-    for instance in 1..3 {
-        sheets.materials[instance] = thin[instance - 1].clone();
-    }
+    sheets.materials[1..3].clone_from_slice(&thin);
     assert_eq!(count(&sheets, settings), 0);
     let dull = scene(
         vec![

@@ -101,12 +101,12 @@ impl CausticCaster {
     /// centre has the square `square`.
     fn cone(&self, square: f32) -> (f32, f32) {
         let sin2 = self.radius * self.radius / square;
-        if !(sin2 < 1.0) {
-            return (2.0, 0.25 / PI);
+        if sin2 < 1.0 {
+            // Without the difference of two numbers near 1.
+            let span = sin2 / (1.0 + (1.0 - sin2).sqrt());
+            return (span, 1.0 / (TAU * span));
         }
-        // Without the difference of two numbers near 1.
-        let span = sin2 / (1.0 + (1.0 - sin2).sqrt());
-        (span, 1.0 / (TAU * span))
+        (2.0, 0.25 / PI)
     }
 }
 
