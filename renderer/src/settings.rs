@@ -74,11 +74,11 @@ pub struct Settings {
     /// some per cent and takes most of its noise (docs/measurements/renderer-notes.md, clamp-indirect).
     /// [`crate::Stats::clamped_contributions`] counts.
     pub clamp_indirect: Option<f32>,
-    /// Whether light is followed from the environment and from lamps, over shiny and clear bodies, to what the camera sees, besides
-    /// paths from the camera: what casts caustics is found from both sides and weighed. Off by itself where it would bring
-    /// nothing: no shiny or clear bodies, no concentrated light, another filter than [`Filter::Box`], a lens, `direct` other than
-    /// [`DirectLight::Mis`], a limit on indirect light. Both ways converge to the same picture. Under suns and lamps the error
-    /// falls severalfold for little time (docs/measurements/renderer-notes.md, light-paths).
+    /// Whether light is followed from the environment and from lamps, over shiny and clear bodies, to what the camera sees,
+    /// besides paths from the camera: what casts caustics is found from both sides and weighed. Off by itself where it would
+    /// bring nothing: no shiny or clear bodies, no concentrated light, another filter than [`Filter::Box`], a lens, `direct`
+    /// other than [`DirectLight::Mis`], a limit on indirect light. Both ways converge to the same picture. Under suns and lamps
+    /// the error falls severalfold for little time (docs/measurements/renderer-notes.md, light-paths).
     pub light_paths: bool,
     /// How the samples are spread over the pixels.
     pub budget: Budget,

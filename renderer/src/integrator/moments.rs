@@ -20,8 +20,8 @@ use std::sync::atomic::AtomicBool;
 /// of the frame itself, in the middle of the time. The scene stands at its frame afterwards.
 ///
 /// # Errors
-/// As [`crate::render_with_stats`]; when the scene has no shutter, when `settings.budget` is another than [`Budget::Uniform`], and
-/// when a pixel has fewer camera rays than there are moments.
+/// As [`crate::render_with_stats`]; when the scene has no shutter, when `settings.budget` is another than [`Budget::Uniform`],
+/// and when a pixel has fewer camera rays than there are moments.
 pub fn render_open(
     scene: &mut RenderScene,
     settings: &Settings,

@@ -23,9 +23,9 @@
 //! is.
 //!
 //! A lamp stands somewhere: the paths from a point of it are aimed into the cone around the body, and at a distance `d` from
-//! it `q pl(w)` becomes `M pc pd / d^2` times the density of light samples over `pl(lamp)`, with `M` paths for one sample a pixel,
-//! `pc` and `pl` the probabilities to draw the lamp for the middle of the body and for xk, and `pd` the density of directions in
-//! the cone.
+//! it `q pl(w)` becomes `M pc pd / d^2` times the density of light samples over `pl(lamp)`, with `M` paths for one sample a
+//! pixel, `pc` and `pl` the probabilities to draw the lamp for the middle of the body and for xk, and `pd` the density of
+//! directions in the cone.
 //!
 //! Light paths pass no surface from behind, and `reach` is 0 once a path from the camera has (see `crate::query`). Where a path
 //! crosses a surface, cosines are those of the two sides; what panes let through is the same in both directions and no part of
