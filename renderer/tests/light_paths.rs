@@ -169,7 +169,7 @@ fn so_they_do_under_lamps() {
     let above = Vec3::new(0.3, 1.9, 0.4);
     assert_same("a ball that glows", night(caustics(vec![ball(), lamp(above, 0.1)])), settings);
     assert_same("it beside a sky", caustics(vec![ball(), lamp(above, 0.1)]), settings);
-    let more = Settings { spp: 512, ..settings };
+    let more = Settings { spp: 1024, ..settings };
     assert_same("within glass", night(caustics(vec![ball(), lamp(Vec3::new(0.1, 0.45, 0.9), 0.1)])), more);
     // A small square that shines down, or both ways, and hides a part of the other lamp.
     let turn = Quat::from_rotation_x(std::f32::consts::PI);
