@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::f32::consts::FRAC_PI_4;
 use std::ops::RangeInclusive;
 
-/// Most moments of a picture.
+/// Moments of a picture that has a camera ray for each of them.
 const USUAL_MOMENTS: u32 = 32;
 
 /// Pixel filter, always importance sampled: a sample counts fully for its own pixel and for no other.
@@ -93,8 +93,7 @@ impl ThinLens {
 ///
 /// A picture is the mean of pictures of single moments, evenly spaced over the time that the shutter is open (Haeberli and Akeley
 /// 1990, the accumulation buffer): things move from moment to moment by jumps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shutter {
     /// Share of the time between two frames for which it is open, in (0, 1]; 0.5 is the 180 degrees of a film camera.
     pub open: f32,
@@ -112,7 +111,8 @@ impl Shutter {
     /// Range of [`Self::moments`].
     pub const MOMENTS: RangeInclusive<u32> = 1..=256;
 
-    /// A shutter with as many moments as pay for pictures of `rays` camera rays a pixel ([`crate::Settings::camera_samples`]).
+    /// A shutter for pictures of `rays` camera rays a pixel ([`crate::Settings::camera_samples`]): a power of two of moments, at
+    /// most 32, each with a camera ray of every pixel at least.
     pub fn new(open: f32, rays: u32) -> Self {
         Self { open, moments: (1 << rays.max(1).ilog2()).min(USUAL_MOMENTS) }
     }
@@ -131,7 +131,7 @@ impl Shutter {
         Ok(())
     }
 
-    /// The moments, in frames from the frame.
+    /// When the moments are: frames from the frame in the middle of the time, from -0.5 to 0.5.
     pub fn offsets(self) -> Vec<f64> {
         let middle = |k: u32| (f64::from(k) + 0.5) / f64::from(self.moments) - 0.5;
         (0..self.moments).map(|k| f64::from(self.open) * middle(k)).collect()

@@ -155,11 +155,11 @@ impl RenderScene {
         Self::of(scene, sharing, None)
     }
 
-    /// As [`Self::compile`], for [`crate::render_open`]: [`Self::set_moment`] moves to where things are while `shutter` is open.
+    /// As [`Self::compile`], for [`crate::render_with_shutter`]: [`Self::set_moment`] moves to where things are while `shutter` is open.
     ///
     /// # Errors
     /// As [`Self::compile`], and when the shutter is out of range.
-    pub fn compile_open(scene: &LoadedScene, shutter: Shutter) -> Result<Self> {
+    pub fn compile_with_shutter(scene: &LoadedScene, shutter: Shutter) -> Result<Self> {
         shutter.check()?;
         Self::of(&scene.with_moments(&shutter.offsets()), Sharing::Automatic, Some(shutter))
     }
@@ -292,7 +292,7 @@ impl RenderScene {
         self.set_pose(self.pose_at(self.frame) + 1 + moment);
     }
 
-    /// The shutter of [`Self::compile_open`].
+    /// The shutter of [`Self::compile_with_shutter`].
     pub fn shutter(&self) -> Option<Shutter> {
         self.shutter
     }

@@ -5,7 +5,7 @@ mod common;
 use common::{camera, compile, compile_at, diffuse, plane, render_with, scene, sphere, sunny};
 use glam::{Affine3A, Quat, Vec3};
 use renderflow_frame::{Camera, Environment, Frame};
-use renderflow_renderer::{Budget, RenderScene, Settings, Shutter, Stats, render_open};
+use renderflow_renderer::{Budget, RenderScene, Settings, Shutter, Stats, render_with_shutter};
 use renderflow_scenes::description::Principled;
 use renderflow_scenes::{LoadedScene, Material};
 use std::f32::consts::FRAC_PI_2;
@@ -14,9 +14,9 @@ use std::sync::atomic::AtomicBool;
 const WIDTH: usize = 96;
 
 fn open(loaded: &LoadedScene, frame: usize, shutter: Shutter, settings: &Settings) -> (Frame, Stats) {
-    let mut scene = RenderScene::compile_open(loaded, shutter).expect("the scene is consistent");
+    let mut scene = RenderScene::compile_with_shutter(loaded, shutter).expect("the scene is consistent");
     scene.set_frame(frame);
-    render_open(&mut scene, settings, &|_, _| (), &AtomicBool::new(false)).expect("renders")
+    render_with_shutter(&mut scene, settings, &|_, _| (), &AtomicBool::new(false)).expect("renders")
 }
 
 /// A camera that looks along -z, `x` metres beside the middle.
@@ -138,10 +138,11 @@ fn the_gbuffer_stays_sharp() {
         assert!(of(blurred.clone()) == of(sharp.clone()), "frame {number}");
         assert_eq!((blurred.object_id, blurred.info.camera), (sharp.object_id, sharp.info.camera));
     }
-    let mut scene = RenderScene::compile_open(&loaded, Shutter { open: 0.5, moments: 8 }).unwrap();
+    let mut scene = RenderScene::compile_with_shutter(&loaded, Shutter { open: 0.5, moments: 8 }).unwrap();
     for number in [3, 0, 100] {
         scene.set_frame(number);
-        let render = |scene: &mut RenderScene| render_open(scene, &settings, &|_, _| (), &AtomicBool::new(false)).unwrap().0;
+        let render =
+            |scene: &mut RenderScene| render_with_shutter(scene, &settings, &|_, _| (), &AtomicBool::new(false)).unwrap().0;
         let first = render(&mut scene);
         assert_eq!(scene.frame(), number);
         // One picture after the other, and the frame itself.
@@ -196,12 +197,13 @@ fn wrong_shutters_are_refused() {
         (0.5, 0, "shutter.moments"),
         (0.5, 257, "shutter.moments"),
     ] {
-        let error = RenderScene::compile_open(&loaded, Shutter { open: share, moments }).err().expect("refused").to_string();
+        let error =
+            RenderScene::compile_with_shutter(&loaded, Shutter { open: share, moments }).err().expect("refused").to_string();
         assert!(error.contains(place), "{error}");
     }
-    let mut scene = RenderScene::compile_open(&loaded, Shutter { open: 0.5, moments: 16 }).unwrap();
+    let mut scene = RenderScene::compile_with_shutter(&loaded, Shutter { open: 0.5, moments: 16 }).unwrap();
     let refused = |scene: &mut RenderScene, settings: &Settings| {
-        render_open(scene, settings, &|_, _| (), &AtomicBool::new(false)).unwrap_err().to_string()
+        render_with_shutter(scene, settings, &|_, _| (), &AtomicBool::new(false)).unwrap_err().to_string()
     };
     let few = refused(&mut scene, &Settings { spp: 8, ..Settings::default() });
     assert!(few.contains("moments"), "{few}");

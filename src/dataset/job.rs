@@ -11,6 +11,7 @@ pub use decide::{Existing, Work};
 use super::denoise::Denoise;
 use super::plan::is_keyframe;
 use crate::util::cancel::Cancel;
+use crate::util::machine;
 use crate::util::output;
 use crate::util::progress::Progress;
 use crate::util::stop;
@@ -23,7 +24,7 @@ use renderflow_frame::{Frame, exr, file, hdr, transforms};
 use renderflow_model::fusion::Fusion;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{
-    RenderScene, Settings, Shutter, Stats, render_gbuffer_until, render_mapped, render_open, render_with_stats,
+    RenderScene, Settings, Shutter, Stats, render_gbuffer_until, render_mapped, render_with_shutter, render_with_stats,
 };
 use renderflow_scenes::description::{EnvironmentSource, Geometry, LightKind, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
@@ -123,7 +124,7 @@ impl TruthSettings {
     }
 
     /// As [`Self::frame`], while the scene's shutter is open where it has one. The scene stands at its frame afterwards.
-    pub fn frame_open(
+    pub fn frame_with_shutter(
         &self,
         scene: &mut RenderScene,
         progress: &(dyn Fn(u64, u64) + Sync),
@@ -133,7 +134,7 @@ impl TruthSettings {
             return self.frame(scene, progress, cancel);
         }
         let started = Instant::now();
-        let traced = render_open(scene, &self.render, progress, cancel);
+        let traced = render_with_shutter(scene, &self.render, progress, cancel);
         cancel.check()?;
         self.finish(scene, traced?, started, cancel)
     }
@@ -358,7 +359,12 @@ impl OpenSequence<'_> {
             None => {
                 let compiled = match settings.shutter {
                     None => RenderScene::compile(&self.loaded)?,
-                    Some(shutter) => RenderScene::compile_open(&self.loaded, shutter)?,
+                    Some(shutter) => {
+                        // Of the scene with its moments, and of what is compiled from it.
+                        let needed = self.loaded.moments_memory(shutter.moments as usize).saturating_mul(2);
+                        machine::ensure_memory("the movement of all frames", needed, "fewer frames take less")?;
+                        RenderScene::compile_with_shutter(&self.loaded, shutter)?
+                    }
                 };
                 let seconds = started.elapsed().as_secs_f64();
                 tracing::info!(seconds, features = ?compiled.features(), "compiled");
@@ -374,7 +380,8 @@ impl OpenSequence<'_> {
         self.describe()?;
         let compile = started.elapsed().as_secs_f64();
         let before = progress.position();
-        let rendered = settings.frame_open(&mut scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel);
+        let rendered =
+            settings.frame_with_shutter(&mut scene, &|done, total| progress.set(before + 1000 * done / total.max(1)), cancel);
         self.compiled = Some(scene);
         let (frame, [render, denoise]) = rendered?;
         progress.set(before + 1000);

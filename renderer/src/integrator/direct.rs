@@ -1,12 +1,12 @@
 //! Direct light: light samples and light found by scattering, combined by multiple importance sampling.
 
-use super::light_paths::{MOST_SURFACES, Start};
+use super::light_paths::{MOST_SURFACES, PathStart};
 use super::path::Path;
 use super::scatter::Scatterer;
 use super::tracer::{Origin, Tracer};
 use crate::features::Features;
 use crate::interaction::Interaction;
-use crate::light::{LightSample, Place, Source};
+use crate::light::{LightId, LightSample, Source};
 use crate::query::Sight;
 use crate::sampler::PixelSampler;
 use crate::settings::DirectLight;
@@ -52,7 +52,7 @@ impl<F: Features> Tracer<'_, F> {
         let alone = matches!(light.source, Source::Punctual { .. });
         let rest = match self.settings.direct {
             DirectLight::Mis => {
-                self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi), || Start::of(&light, surface.p))
+                self.light_paths(path, surface, (bsdf, scatterer), (wo, light.wi), || PathStart::of(&light, surface.p))
             }
             _ => 0.0,
         };
@@ -109,7 +109,7 @@ impl<F: Features> Tracer<'_, F> {
         if light_pdf == 0.0 {
             return radiance;
         }
-        let rest = self.light_paths(path, surface, scatterer, (wo, wi), || Start::Environment);
+        let rest = self.light_paths(path, surface, scatterer, (wo, wi), || PathStart::Environment);
         let light = light_pdf / pdf;
         radiance / (1.0 + light * light * (1.0 + rest * rest))
     }
@@ -123,7 +123,7 @@ impl<F: Features> Tracer<'_, F> {
         surface: &Interaction,
         scatterer: (&F::Bsdf, &Scatterer<'_, F>),
         (wo, wi): (Vec3A, Vec3A),
-        start: impl FnOnce() -> Start,
+        start: impl FnOnce() -> PathStart,
     ) -> f32 {
         match self.casters {
             Some(casters) if (2..=MOST_SURFACES).contains(&path.vertex) && path.reach > 0.0 => {
@@ -152,7 +152,7 @@ impl<F: Features> Tracer<'_, F> {
                 let light = light_pdf();
                 // Where no light samples are drawn, no light paths start either.
                 let rest = at.emitter.filter(|_| light > 0.0).map_or(0.0, |id| {
-                    let start = || Start::Near { light: Place::Triangle(id), point: at.p, n: at.n };
+                    let start = || PathStart::Near { light: LightId::Triangle(id), point: at.p, n: at.n };
                     self.light_paths(path, from, scatterer, (wo, wi), start)
                 });
                 mis_weight(pdf, light, rest)

@@ -16,7 +16,7 @@ mod tracer;
 mod visible;
 
 pub use memory::Memory;
-pub use moments::render_open;
+pub use moments::render_with_shutter;
 
 use crate::compile::RenderScene;
 use crate::error::Result;

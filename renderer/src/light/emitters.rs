@@ -30,9 +30,9 @@ pub struct Receiver {
     pub n: Vec3A,
 }
 
-/// A light at some place of the scene.
+/// Which of the lights that stand somewhere in the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Place {
+pub(crate) enum LightId {
     /// The emissive triangle of this number.
     Triangle(u32),
     /// The point or spot of this number.
@@ -196,10 +196,10 @@ impl EmitterLight {
     }
 
     /// Probability with which [`Self::sample`] for `at` draws a triangle, wherever on it, or a lamp.
-    pub(super) fn probability(&self, at: &Receiver, place: Place) -> f32 {
-        let item = match place {
-            Place::Triangle(id) => self.item(id),
-            Place::Lamp(number) => Some(self.emitters.len() + number as usize),
+    pub(super) fn probability(&self, at: &Receiver, light: LightId) -> f32 {
+        let item = match light {
+            LightId::Triangle(id) => self.item(id),
+            LightId::Lamp(number) => Some(self.emitters.len() + number as usize),
         };
         item.map_or(0.0, |item| match &self.choice {
             Choice::Power(table) => table.units(item) as f32 / UNITS as f32,

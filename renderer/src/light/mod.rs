@@ -14,7 +14,7 @@ mod sampler;
 mod tree;
 
 pub(crate) use cache::LightSampleCache;
-pub(crate) use emitters::Place;
+pub(crate) use emitters::LightId;
 pub use emitters::{EmissiveTriangle, EmitterLight, Receiver, Selection};
 pub use envmap::{EnvironmentLight, EnvironmentSample, MAX_RADIANCE, Repairs, Sampling};
 pub use groups::LightGroups;

@@ -1,6 +1,6 @@
 //! All lights of a scene as one.
 
-use super::emitters::{EmissiveTriangle, EmitterLight, Place, Receiver, Selection};
+use super::emitters::{EmissiveTriangle, EmitterLight, LightId, Receiver, Selection};
 use super::envmap::{EnvironmentLight, EnvironmentSample};
 use super::punctual::{Arriving, DistantLight, DistantLights, Lamp};
 use glam::Vec3A;
@@ -148,8 +148,8 @@ impl LightSampler {
     }
 
     /// Probability with which [`Self::sample`] for `at` draws a triangle or a lamp.
-    pub(crate) fn probability(&self, at: &Receiver, place: Place) -> f32 {
-        self.emitters.as_ref().map_or(0.0, |emitters| emitters.probability(at, place))
+    pub(crate) fn probability(&self, at: &Receiver, light: LightId) -> f32 {
+        self.emitters.as_ref().map_or(0.0, |emitters| emitters.probability(at, light))
     }
 
     /// W/m^2 that lamp `number` sends to a surface at `p` that faces it, when nothing is in between.

@@ -197,6 +197,14 @@ impl Deformation {
         Self { poses: self.poses.with_moments(times), ..self.clone() }
     }
 
+    /// Bytes of one of its poses; 0 where all are the same one.
+    pub(super) fn pose_memory(&self) -> usize {
+        if self.poses.count < 2 {
+            return 0;
+        }
+        size_of_val(self.poses.weights(0)) + size_of_val(self.poses.joints(0))
+    }
+
     /// New vertices, of which number `i` is a copy of the old number `order[i]`.
     pub(crate) fn reorder(&mut self, order: &[usize]) {
         self.rows = order.iter().map(|&old| self.rows[old]).collect();

@@ -29,6 +29,15 @@ impl LoadedScene {
         }
         scene
     }
+
+    /// Bytes of the lists that [`Self::with_moments`] makes with so many moments a frame.
+    pub fn moments_memory(&self, moments: usize) -> u64 {
+        let lists = self.instances.iter().map(|instance| &instance.transforms).chain(self.lights.iter().map(|l| &l.transforms));
+        let moving = lists.filter(|transforms| transforms.len() > 1).count() * size_of::<Affine3A>();
+        let posed: usize = self.meshes.iter().flat_map(|mesh| &mesh.deformation).map(|d| d.pose_memory()).sum();
+        let entries = (self.cameras.len() as u64).saturating_mul(1 + moments as u64);
+        entries.saturating_mul((moving + posed + size_of::<Camera>()) as u64)
+    }
 }
 
 /// The frames of a sequence, each followed by its moments.
@@ -173,6 +182,7 @@ mod tests {
         };
         let [still, moving] = <[Mesh; 2]>::try_from(scene.with_moments(&[-0.5, 0.5]).meshes).expect("two meshes");
         let place = |time: f32| Affine3A::from_rotation_z((90.0 * time).to_radians()).transform_point3(Vec3::X * (1.0 + time));
+        assert_eq!(scene.moments_memory(2), 2 * 3 * (size_of::<Camera>() + size_of::<Affine3A>() + size_of::<f32>()) as u64);
         for (pose, time) in [0.0, -0.5, 0.5, 1.0, 0.5, 1.5].into_iter().enumerate() {
             assert!(moving.position_at(0, pose).distance(place(time)) < 1e-5, "pose {pose}");
             assert_eq!(still.position_at(0, pose), Vec3::X);

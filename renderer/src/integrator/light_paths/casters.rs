@@ -2,7 +2,7 @@
 
 use crate::camera::Filter;
 use crate::compile::{Clear, CompiledMaterial, RenderScene};
-use crate::light::{LightSample, Place, Receiver, Source};
+use crate::light::{LightId, LightSample, Receiver, Source};
 use crate::settings::{DirectLight, Settings};
 use glam::{Affine3A, DMat3, Vec3A};
 use rayon::prelude::*;
@@ -44,14 +44,14 @@ pub(crate) struct CausticCasters {
 
 /// Where a light path begins.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::integrator) enum Start {
+pub(in crate::integrator) enum PathStart {
     /// In the environment.
     Environment,
     /// With light from one direction.
     Distant,
     /// At a light that stands somewhere.
     Near {
-        light: Place,
+        light: LightId,
         /// The point on it.
         point: Vec3A,
         /// Normal of a triangle, on either side; 0 for a lamp.
@@ -59,7 +59,7 @@ pub(in crate::integrator) enum Start {
     },
 }
 
-impl Start {
+impl PathStart {
     /// Where the light of a light sample for a point at `p` begins.
     #[inline(always)]
     pub fn of(sample: &LightSample, p: Vec3A) -> Self {
@@ -67,8 +67,8 @@ impl Start {
         match sample.source {
             Source::Environment { .. } => Self::Environment,
             Source::Punctual { lamp: None, .. } => Self::Distant,
-            Source::Punctual { lamp: Some(number), .. } => near(Place::Lamp(number), Vec3A::ZERO),
-            Source::Emitter { id, n, .. } => near(Place::Triangle(id), n),
+            Source::Punctual { lamp: Some(number), .. } => near(LightId::Lamp(number), Vec3A::ZERO),
+            Source::Emitter { id, n, .. } => near(LightId::Triangle(id), n),
         }
     }
 }
@@ -165,20 +165,20 @@ impl CausticCasters {
     }
 
     /// Whether light paths may begin at `start`.
-    pub fn follow(&self, start: &Start) -> bool {
-        self.environment || !matches!(start, Start::Environment)
+    pub fn follow(&self, start: &PathStart) -> bool {
+        self.environment || !matches!(start, PathStart::Environment)
     }
 
     /// Number of light paths for one sample a pixel, per square metre across their direction, at the point of an instance that is
     /// `at` to light samples, relative to the density of light samples there; 0 where none are aimed.
     #[inline(always)]
-    pub fn aimed(&self, scene: &RenderScene, instance: u32, at: &Receiver, start: &Start) -> f32 {
+    pub fn aimed(&self, scene: &RenderScene, instance: u32, at: &Receiver, start: &PathStart) -> f32 {
         let Some(place) = self.of_instance[instance as usize] else { return 0.0 };
         let caster = &self.list[place as usize];
         match *start {
-            Start::Environment if !self.environment => 0.0,
-            Start::Environment | Start::Distant => caster.density(),
-            Start::Near { light, point, n } => {
+            PathStart::Environment if !self.environment => 0.0,
+            PathStart::Environment | PathStart::Distant => caster.density(),
+            PathStart::Near { light, point, n } => {
                 let (to_center, to_point) = (caster.center - point, at.p - point);
                 // What a triangle sends from its other side begins no light path.
                 if n != Vec3A::ZERO && n.dot(to_center) * n.dot(to_point) <= 0.0 {

@@ -35,7 +35,7 @@ mod casters;
 mod trace;
 
 pub(crate) use casters::CausticCasters;
-pub(super) use casters::Start;
+pub(super) use casters::PathStart;
 pub(super) use trace::{Deposit, LightPaths, trace};
 
 use crate::compile::RenderScene;
@@ -99,7 +99,7 @@ impl CausticCasters {
         at: &Interaction,
         (bsdf, scatterer): (&F::Bsdf, &Scatterer<'_, F>),
         (wo, wi): (Vec3A, Vec3A),
-        start: &Start,
+        start: &PathStart,
     ) -> f32 {
         let aimed = self.aimed(scene, at.instance, &at.receiver::<F>(), start);
         if aimed == 0.0 {

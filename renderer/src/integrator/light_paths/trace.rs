@@ -1,6 +1,6 @@
 //! Tracing light paths.
 
-use super::casters::{CausticCaster, CausticCasters, Start};
+use super::casters::{CausticCaster, CausticCasters, PathStart};
 use super::{MOST_SURFACES, longest, seen_area, slant, turned};
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Projector, disk};
@@ -11,7 +11,7 @@ use crate::features::Features;
 use crate::integrator::scatter::Scatterer;
 use crate::integrator::tracer::{Origin, bsdf_of};
 use crate::interaction::{Cone, Interaction};
-use crate::light::{LightSample, Place, Receiver, Source, direction_and_distance};
+use crate::light::{LightId, LightSample, Receiver, Source, direction_and_distance};
 use crate::material::{Prepared, Side};
 use crate::query::Sight;
 use crate::ray::Ray;
@@ -48,28 +48,35 @@ pub(in crate::integrator) struct Deposit {
 }
 
 /// The light at the beginning of a path.
-struct Light {
+struct Light<'a> {
+    /// The body that the path is aimed at.
+    caster: &'a CausticCaster,
     /// As it was drawn for the middle of the body.
     sample: LightSample,
-    begins: Start,
+    begins: PathStart,
     /// Radiance, or irradiance from one direction; 1 of a lamp, whose irradiance depends on the place.
     radiance: Vec3A,
-    /// The point that it comes from, unless it comes from far away.
-    point: Option<Vec3A>,
-    /// Density of the direction from there, per steradian.
+    /// Density of the direction in which the path leaves a light that stands somewhere, per steradian; 1 of others.
     aimed: f32,
-    /// What it was drawn for.
-    receiver: Receiver,
 }
 
-impl Light {
+impl Light<'_> {
+    /// The point that it comes from; `None` where it comes from far away.
+    #[inline(always)]
+    fn point(&self) -> Option<Vec3A> {
+        match self.begins {
+            PathStart::Near { point, .. } => Some(point),
+            PathStart::Environment | PathStart::Distant => None,
+        }
+    }
+
     /// Paths for one sample a pixel per square metre across their direction, at `p` on the body; of an environment or a triangle
     /// also per steradian of directions to it.
     #[inline(always)]
-    fn density(&self, caster: &CausticCaster, p: impl FnOnce() -> Vec3A) -> f32 {
+    fn density(&self, p: impl FnOnce() -> Vec3A) -> f32 {
         let LightSample { pdf, wi, distance, source } = self.sample;
-        let Some(point) = self.point else { return caster.density() * pdf };
-        let (to_p, paths) = (p() - point, caster.paths as f32 * self.aimed);
+        let Some(point) = self.point() else { return self.caster.density() * pdf };
+        let (to_p, paths) = (p() - point, self.caster.paths as f32 * self.aimed);
         match source {
             // Per square metre of the triangle, then per steradian in which it is seen from `p`.
             Source::Emitter { n, .. } => {
@@ -84,12 +91,12 @@ impl Light {
     /// light.
     #[inline(always)]
     fn drawn(&self, scene: &RenderScene, at: &Receiver, (wi, distance): (Vec3A, f32)) -> Option<f32> {
-        let Start::Near { light: light @ Place::Triangle(_), n, .. } = self.begins else {
-            return matches!(self.begins, Start::Environment).then_some(self.sample.pdf);
+        let PathStart::Near { light: light @ LightId::Triangle(_), n, .. } = self.begins else {
+            return matches!(self.begins, PathStart::Environment).then_some(self.sample.pdf);
         };
         let LightSample { pdf, wi: to_light, distance: before, .. } = self.sample;
         let of_area = pdf * -n.dot(to_light) / (before * before);
-        let share = scene.lights.probability(at, light) / scene.lights.probability(&self.receiver, light);
+        let share = scene.lights.probability(at, light) / scene.lights.probability(&self.caster.receiver(), light);
         Some(share * of_area * distance * distance / -n.dot(wi))
     }
 }
@@ -229,7 +236,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         let mut medium = Medium::AIR;
         // The way from there to the body is known.
         let to_light = Ray::new(start, -ray.direction);
-        let mut density = light.density(self.caster, || scene.geometry.surface(&hit).p);
+        let mut density = light.density(|| scene.geometry.surface(&hit).p);
         let mut beta = Vec3A::ONE;
         while self.vertices.len() < self.longest - 1 {
             let at = Interaction::new::<F>(scene, &ray, &hit, Cone::default());
@@ -264,7 +271,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             let Some(mut deposit) = self.connect(&hit, &light, density) else { continue };
             if lit.is_none() {
                 self.stats.shadow_rays += 1;
-                let distance = light.point.map_or(f32::INFINITY, |point| point.distance(start));
+                let distance = light.point().map_or(f32::INFINITY, |point| point.distance(start));
                 let before = LightSample { distance, ..light.sample };
                 let (sight, share) = scene.sight_of::<F>(&to_light, &before, &mut self.scratch);
                 if sight != Sight::Clear {
@@ -285,7 +292,7 @@ impl<'a, F: Features> Tracer<'a, F> {
 
     /// Draws light for the body, and a ray to it that begins on or in the sphere around it.
     #[inline(always)]
-    fn begin(&mut self, sampler: &PixelSampler, index: u32) -> Option<(Light, Ray)> {
+    fn begin(&mut self, sampler: &PixelSampler, index: u32) -> Option<(Light<'a>, Ray)> {
         let (scene, caster) = (self.scene, self.caster);
         let [u, v, s, t] = self.points.point(sampler, index, 0);
         let sample = if F::FULL && scene.features().lights() {
@@ -294,25 +301,24 @@ impl<'a, F: Features> Tracer<'a, F> {
         } else {
             LightSample::from(scene.environment_light().sample([u, v])?)
         };
-        let (begins, receiver) = (Start::of(&sample, caster.center), caster.receiver());
+        let begins = PathStart::of(&sample, caster.center);
         if !self.casters.follow(&begins) {
             return None;
         }
-        let Start::Near { light, point, n } = begins else {
+        let PathStart::Near { point, n, .. } = begins else {
             let radiance = match sample.source {
                 Source::Environment { radiance } => radiance,
                 Source::Punctual { irradiance, .. } => irradiance,
                 Source::Emitter { .. } => return None,
             };
             let start = caster.center + across(sample.wi, [s, t]) * caster.radius + sample.wi * caster.radius;
-            let light = Light { sample, begins, radiance, point: None, aimed: 1.0, receiver };
-            return Some((light, Ray::new(start, -sample.wi)));
+            return Some((Light { caster, sample, begins, radiance, aimed: 1.0 }, Ray::new(start, -sample.wi)));
         };
         let (direction, aimed) = caster.direction(point, [s, t]);
-        let radiance = match (sample.source, light) {
+        let radiance = match sample.source {
             // Only the side that the middle of the body sees.
-            (Source::Emitter { .. }, _) if n.dot(direction) <= 0.0 => return None,
-            (Source::Emitter { id, barycentrics, .. }, _) => scene.emitted(id, barycentrics),
+            Source::Emitter { .. } if n.dot(direction) <= 0.0 => return None,
+            Source::Emitter { id, barycentrics, .. } => scene.emitted(id, barycentrics),
             // What it sends depends on where it arrives.
             _ => Vec3A::ONE,
         };
@@ -321,7 +327,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         let beside = (caster.center - point - direction * along).length_squared();
         let inside = (caster.radius * caster.radius - beside).max(0.0).sqrt();
         let start = point + direction * (along - inside).max(BESIDE * caster.radius);
-        Some((Light { sample, begins, radiance, point: Some(point), aimed, receiver }, Ray::new(start, direction)))
+        Some((Light { caster, sample, begins, radiance, aimed }, Ray::new(start, direction)))
     }
 
     /// The surface that `ray` meets, unless it passes another from behind: a path from the camera would end there. Behind panes
@@ -340,7 +346,7 @@ impl<'a, F: Features> Tracer<'a, F> {
 
     /// What the path brings to the camera from the surface `landed`, if nothing hides its beginning.
     #[inline(always)]
-    fn connect(&mut self, landed: &Hit, light: &Light, density: f32) -> Option<Deposit> {
+    fn connect(&mut self, landed: &Hit, light: &Light<'_>, density: f32) -> Option<Deposit> {
         let (scene, mode) = (self.scene, self.settings.bsdf);
         // From the camera to that surface.
         let p = scene.geometry.surface(landed).p;
@@ -376,7 +382,7 @@ impl<'a, F: Features> Tracer<'a, F> {
                     }
                     (away / distance, distance)
                 }
-                None => match light.point {
+                None => match light.point() {
                     None => (light.sample.wi, f32::INFINITY),
                     Some(point) => direction_and_distance(point - at.p)?,
                 },
@@ -402,12 +408,12 @@ impl<'a, F: Features> Tracer<'a, F> {
                 let ratio = self.casters.ratio::<F>(scene, reach, &at, (bsdf, &scatterer), (wo, wi), &light.begins);
                 let drawn = light.drawn(scene, &at.receiver::<F>(), (wi, distance)).map_or(0.0, |pdf| scattering.pdf / pdf);
                 let weight = ratio * ratio / (1.0 + drawn * drawn + ratio * ratio);
-                if let Start::Near { light: Place::Lamp(number), .. } = light.begins {
+                if let PathStart::Near { light: LightId::Lamp(number), .. } = light.begins {
                     value *= scene.lights.irradiance(number, at.p);
                 }
                 let radiance = value * (weight / (density * area));
                 let from = match light.begins {
-                    Start::Environment => Origin::Environment(wi),
+                    PathStart::Environment => Origin::Environment(wi),
                     _ => Origin::Emitter,
                 };
                 return (radiance != Vec3A::ZERO).then_some(Deposit { pixel, radiance, from });
