@@ -155,7 +155,8 @@ impl RenderScene {
         Self::of(scene, sharing, None)
     }
 
-    /// As [`Self::compile`], for [`crate::render_with_shutter`]: [`Self::set_moment`] moves to where things are while `shutter` is open.
+    /// As [`Self::compile`], for [`crate::render_with_shutter`]: [`Self::set_moment`] moves to where things are while
+    /// `shutter` is open.
     ///
     /// # Errors
     /// As [`Self::compile`], and when the shutter is out of range.

@@ -15,9 +15,9 @@ use renderflow_frame::Frame;
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
-/// As [`crate::render_with_stats`], while the shutter of [`RenderScene::compile_with_shutter`] is open: each moment gets an equal part of
-/// the samples. Beauty, variance, coverage and guides are blurred; the G-buffer at pixel centres and the motion vectors are those
-/// of the frame itself, in the middle of the time. The scene stands at its frame afterwards.
+/// As [`crate::render_with_stats`], while the shutter of [`RenderScene::compile_with_shutter`] is open: each moment gets an
+/// equal part of the samples. Beauty, variance, coverage and guides are blurred; the G-buffer at pixel centres and the motion
+/// vectors are those of the frame itself, in the middle of the time. The scene stands at its frame afterwards.
 ///
 /// # Errors
 /// As [`crate::render_with_stats`]; when the scene has no shutter, when `settings.budget` is another than [`Budget::Uniform`],
