@@ -1,4 +1,4 @@
-//! PNG and JPEG as colour, data and normal maps.
+//! PNG, JPEG and WebP as colour, data and normal maps.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

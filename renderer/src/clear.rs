@@ -57,6 +57,9 @@ impl RenderScene {
     pub(crate) fn pane_share(&self, material: &CompiledMaterial, hit: &Hit, direction: Vec3A) -> Vec3A {
         let surface = &material.surface;
         let (mut color, mut transmission, mut metallic) = (surface.base_color, surface.transmission, surface.metallic);
+        if material.has_colors() {
+            color *= Vec3A::from_vec4(self.geometry.color(hit));
+        }
         if material.base_color_texture.is_some()
             || material.transmission_texture.is_some()
             || material.metallic_roughness_texture.is_some()

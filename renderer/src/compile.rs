@@ -54,6 +54,8 @@ pub struct RenderScene {
 pub(crate) struct CompiledMaterial {
     pub surface: Principled,
     pub base_color_texture: Option<TextureSlot>,
+    /// The lowest opacity in the colours of the vertices on it; `None` where they have no colours.
+    pub least_alpha: Option<f32>,
     pub metallic_roughness_texture: Option<TextureSlot>,
     pub normal_texture: Option<(TextureSlot, f32)>,
     /// Radiance; zero where the surface does not emit.
@@ -107,10 +109,16 @@ impl Clear {
 }
 
 impl CompiledMaterial {
-    /// Whether base colour or normal differ from point to point by a texture.
+    /// Whether the base colour is multiplied by colours of vertices.
+    #[inline(always)]
+    pub fn has_colors(&self) -> bool {
+        self.least_alpha.is_some()
+    }
+
+    /// Whether base colour or normal differ from point to point.
     #[inline(always)]
     pub fn varies(&self) -> bool {
-        self.base_color_texture.is_some() || self.normal_texture.is_some()
+        self.base_color_texture.is_some() || self.has_colors() || self.normal_texture.is_some()
     }
 
     /// Whether every ray that meets the surface stops there, from either side.
@@ -171,13 +179,16 @@ impl RenderScene {
         check(scene, sharing)?;
         let textures: Vec<Sampled> = scene.textures.iter().map(Sampled::new).collect();
         let frames = scene.cameras.len() / (1 + moments.len());
-        let materials: Vec<_> = scene.materials.iter().map(|m| compile_material(&m.at(0.0, frames), &textures)).collect();
+        let materials = scene.materials.iter().enumerate();
+        let materials: Vec<_> =
+            materials.map(|(i, m)| compile_material(&m.at(0.0, frames), &textures, least_alpha(scene, i))).collect();
         let changing = scene.materials.iter().cloned().enumerate().filter(|(_, m)| m.change.is_some()).collect();
         let light = EnvironmentLight::new(&scene.environment)?;
         let features = features(&materials, &scene.instances, &light, &scene.lights);
         let wanted = Wanted {
             uv_sets: if features.textures { 1 + further_sets(&scene.materials, &scene.instances) } else { 0 },
             tangents: materials.iter().map(|m| m.normal_texture.is_some() || m.surface.anisotropic > 0.0).collect(),
+            colors: materials.iter().any(CompiledMaterial::has_colors),
         };
         let mut compiled = Self {
             geometry: Geometry::new(scene.meshes.clone(), scene.instances.clone(), wanted, sharing),
@@ -211,7 +222,7 @@ impl RenderScene {
         let offset = (self.pose % each).checked_sub(1).map_or(0.0, |moment| self.moments[moment]);
         let time = self.frame as f64 + offset;
         for (number, material) in &self.changing {
-            let made = compile_material(&material.at(time, frames), &self.textures);
+            let made = compile_material(&material.at(time, frames), &self.textures, self.materials[*number].least_alpha);
             let old = &mut self.materials[*number];
             if made.surface != old.surface {
                 changed = true;
@@ -412,11 +423,13 @@ impl RenderScene {
         &self.light
     }
 
-    /// The BSDF of each material, `None` where a texture changes it from place to place. Made on first use, on this thread alone.
+    /// The BSDF of each material, `None` where a texture or colours of vertices change it from place to place. Made on first use,
+    /// on this thread alone.
     pub(crate) fn bsdfs(&self) -> &[Option<Prepared>] {
         self.bsdfs.get_or_init(|| {
             let same = |m: &CompiledMaterial| {
-                m.base_color_texture.is_none() && m.metallic_roughness_texture.is_none() && m.transmission_texture.is_none()
+                let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.transmission_texture];
+                !m.has_colors() && slots.iter().all(|slot| slot.is_none())
             };
             self.materials.iter().map(|m| same(m).then(|| Prepared::new(&m.surface))).collect()
         })
@@ -516,7 +529,7 @@ fn features(
     FeatureSet {
         textures: used(&|m| {
             let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.emissive_texture, &m.transmission_texture];
-            m.normal_texture.is_some() || slots.iter().any(|slot| slot.is_some())
+            m.has_colors() || m.normal_texture.is_some() || slots.iter().any(|slot| slot.is_some())
         }),
         normal_maps: used(&|m| m.normal_texture.is_some()),
         flat_environment: light.constant().is_some(),
@@ -537,24 +550,30 @@ fn further_sets(materials: &[Material], instances: &[Instance]) -> usize {
     slots.map(|slot| slot.set).max().unwrap_or(0)
 }
 
-fn compile_material(material: &Material, textures: &[Sampled]) -> CompiledMaterial {
+/// The lowest opacity that the colours of vertices give a material; `None` where no mesh on it has any.
+fn least_alpha(scene: &LoadedScene, material: usize) -> Option<f32> {
+    let meshes = scene.instances.iter().filter(|instance| instance.material == material).map(|i| &scene.meshes[i.mesh]);
+    let alphas = meshes.flat_map(|mesh| &mesh.colors).map(|color| color.w);
+    alphas.reduce(f32::min)
+}
+
+/// `least_alpha` is what [`least_alpha`] says.
+fn compile_material(material: &Material, textures: &[Sampled], least_alpha: Option<f32>) -> CompiledMaterial {
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
     // A mask that cuts nothing must not cost every ray a look-up.
-    let alpha_mask = material.alpha_mask.filter(|mask| {
-        let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha());
-        mask.factor * lowest < mask.cutoff
-    });
+    let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha());
+    let lowest = lowest * least_alpha.unwrap_or(1.0);
+    let alpha_mask = material.alpha_mask.filter(|mask| mask.factor * lowest < mask.cutoff);
     CompiledMaterial {
         surface: material.surface.clamped(),
         base_color_texture: material.base_color_texture.clone(),
+        least_alpha,
         metallic_roughness_texture: material.metallic_roughness_texture.clone(),
         normal_texture: material.normal_texture.clone(),
         emissive,
         emissive_texture: material.emissive_texture.clone().filter(|_| emissive != Vec3A::ZERO),
         alpha_mask,
-        opacity: material.opacity.filter(|opacity| {
-            opacity * material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha()) < 1.0
-        }),
+        opacity: material.opacity.filter(|opacity| opacity * lowest < 1.0),
         double_sided: material.double_sided,
         clear: Clear::of(&material.surface, material.thin_walled, material.metallic_roughness_texture.is_some()),
         thin_walled: material.thin_walled,

@@ -139,6 +139,9 @@ impl Interaction {
                 surface.base_color *= Vec3A::from_vec4(texture(slot));
                 surface.base_color = surface.base_color.clamp(Vec3A::ZERO, Vec3A::ONE);
             }
+            if material.has_colors() {
+                surface.base_color *= Vec3A::from_vec4(geometry.color(hit)).clamp(Vec3A::ZERO, Vec3A::ONE);
+            }
             if WHOLE && let Some(slot) = &material.metallic_roughness_texture {
                 let value = texture(slot);
                 surface.roughness = (surface.roughness * value.y).clamp(0.0, 1.0);

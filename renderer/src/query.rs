@@ -11,12 +11,13 @@
 use crate::accel::{Candidate, Hit, Scratch};
 use crate::compile::{CompiledMaterial, RenderScene};
 use crate::features::Features;
+use crate::geometry::Geometry;
 use crate::interaction::Interaction;
 use crate::light::{EnvironmentLight, LightSample, Receiver, Source};
 use crate::ray::Ray;
 use crate::texture::Lookup;
-use glam::{Vec2, Vec3A};
-use renderflow_scenes::TextureSlot;
+use glam::{Vec2, Vec3A, Vec4};
+use renderflow_scenes::{Mesh, TextureSlot};
 use std::cell::Cell;
 
 /// A shadow ray stops this share of its length before its light: the light itself must not stand in its way, nor what touches it.
@@ -50,6 +51,57 @@ impl Sight {
     }
 }
 
+/// A point of a surface, at which something is looked up.
+trait Spot: Copy {
+    /// Texture coordinates of a set.
+    fn uv(&self, set: usize) -> Vec2;
+    /// Colour and opacity of the vertices.
+    fn color(&self) -> Vec4;
+}
+
+#[derive(Clone, Copy)]
+struct OfHit<'a> {
+    geometry: &'a Geometry,
+    hit: &'a Hit,
+}
+
+impl Spot for OfHit<'_> {
+    #[inline(always)]
+    fn uv(&self, set: usize) -> Vec2 {
+        self.geometry.uv(self.hit, set)
+    }
+
+    #[inline(always)]
+    fn color(&self) -> Vec4 {
+        self.geometry.color(self.hit)
+    }
+}
+
+/// A point of a triangle, by the weights of its corners.
+#[derive(Clone, Copy)]
+struct OfMesh<'a> {
+    mesh: &'a Mesh,
+    corners: [u32; 3],
+    weights: [f32; 3],
+}
+
+impl OfMesh<'_> {
+    fn mixed<T: Copy + Default + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>>(&self, values: &[T]) -> T {
+        let [a, b, c] = self.corners.map(|v| values.get(v as usize).copied().unwrap_or_default());
+        a * self.weights[0] + b * self.weights[1] + c * self.weights[2]
+    }
+}
+
+impl Spot for OfMesh<'_> {
+    fn uv(&self, set: usize) -> Vec2 {
+        self.mixed(self.mesh.uv_set(set))
+    }
+
+    fn color(&self) -> Vec4 {
+        if self.mesh.colors.is_empty() { Vec4::ONE } else { self.mixed(&self.mesh.colors) }
+    }
+}
+
 impl RenderScene {
     /// Whether `ray` stops at a triangle: not behind single-sided surfaces, not where the alpha mask has a hole, and on blended
     /// surfaces by chance, or for rays of `KIND` [`CENTRE`] where they cover at least one half.
@@ -69,32 +121,36 @@ impl RenderScene {
     /// Whether the surface at `hit` is there for `ray`.
     #[inline(always)]
     fn meets<const KIND: u8>(&self, material: &CompiledMaterial, ray: &Ray, hit: &Hit) -> bool {
-        let Some(opacity) = material.opacity else { return self.is_there(material, |set| self.geometry.uv(hit, set)) };
-        let covered = self.coverage(material, opacity, |set| self.geometry.uv(hit, set));
+        let spot = OfHit { geometry: &self.geometry, hit };
+        let Some(opacity) = material.opacity else { return self.is_there(material, spot) };
+        let covered = self.coverage(material, opacity, spot);
         if KIND == CENTRE { covered >= 0.5 } else { self.covers(ray, hit, covered) }
     }
 
-    /// Share of a blended surface of the given opacity that covers what lies behind it where the texture coordinates of each set
-    /// are `uv`.
+    /// Share of a blended surface of the given opacity that covers what lies behind it at `spot`.
     #[inline(always)]
-    fn coverage(&self, material: &CompiledMaterial, opacity: f32, uv: impl Fn(usize) -> Vec2) -> f32 {
-        opacity * material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].alpha(slot, uv(slot.set)))
+    fn coverage(&self, material: &CompiledMaterial, opacity: f32, spot: impl Spot) -> f32 {
+        opacity * self.alpha(material, spot)
+    }
+
+    /// Opacity at `spot` by the texture and the colours of vertices.
+    #[inline(always)]
+    fn alpha(&self, material: &CompiledMaterial, spot: impl Spot) -> f32 {
+        let texture = |slot: &TextureSlot| self.textures[slot.texture].alpha(slot, spot.uv(slot.set));
+        let alpha = material.base_color_texture.as_ref().map_or(1.0, texture);
+        if material.has_colors() { alpha * spot.color().w } else { alpha }
     }
 
     /// Share of what lies behind that a blended surface leaves open at `hit`; `None` for other surfaces.
     pub(crate) fn left_open(&self, material: &CompiledMaterial, hit: &Hit) -> Option<f32> {
         let opacity = material.opacity?;
-        Some((1.0 - self.coverage(material, opacity, |set| self.geometry.uv(hit, set))).clamp(0.0, 1.0))
+        Some((1.0 - self.coverage(material, opacity, OfHit { geometry: &self.geometry, hit })).clamp(0.0, 1.0))
     }
 
-    /// Whether the alpha mask of `material` leaves the surface there where the texture coordinates of each set are `uv`.
+    /// Whether the alpha mask of `material` leaves the surface there at `spot`.
     #[inline(always)]
-    fn is_there(&self, material: &CompiledMaterial, uv: impl Fn(usize) -> Vec2) -> bool {
-        match (&material.alpha_mask, &material.base_color_texture) {
-            (None, _) => true,
-            (Some(mask), None) => mask.factor >= mask.cutoff,
-            (Some(mask), Some(slot)) => mask.factor * self.textures[slot.texture].alpha(slot, uv(slot.set)) >= mask.cutoff,
-        }
+    fn is_there(&self, material: &CompiledMaterial, spot: impl Spot) -> bool {
+        material.alpha_mask.is_none_or(|mask| mask.factor * self.alpha(material, spot) >= mask.cutoff)
     }
 
     /// The nearest surface along `ray`.
@@ -118,10 +174,10 @@ impl RenderScene {
     /// The nearest surface along `ray` that covers anything, and the share that it covers.
     pub(crate) fn trace_layer(&self, ray: &Ray, scratch: &mut Scratch) -> Option<(Hit, f32)> {
         let covered = |hit: &Hit| {
-            let material = &self.materials[self.geometry.material(hit)];
+            let (material, spot) = (&self.materials[self.geometry.material(hit)], OfHit { geometry: &self.geometry, hit });
             match material.opacity {
-                Some(opacity) => self.coverage(material, opacity, |set| self.geometry.uv(hit, set)),
-                None => f32::from(u8::from(self.is_there(material, |set| self.geometry.uv(hit, set)))),
+                Some(opacity) => self.coverage(material, opacity, spot),
+                None => f32::from(u8::from(self.is_there(material, spot))),
             }
         };
         let hit = self.geometry.closest_where(ray, scratch, |candidate| {
@@ -285,16 +341,12 @@ impl RenderScene {
         let instance = &self.geometry.instances[instance as usize];
         let material = &self.materials[instance.material];
         let mesh = self.geometry.mesh(instance.mesh);
-        let uv = |set: usize| {
-            let uvs = mesh.uv_set(set);
-            let corner = |v: u32| uvs.get(v as usize).copied().unwrap_or_default();
-            let [a, b, c] = mesh.triangles[triangle as usize].map(corner);
-            a * weights[0] + b * weights[1] + c * weights[2]
-        };
+        let spot = OfMesh { mesh, corners: mesh.triangles[triangle as usize], weights };
+        let emission = || self.emission(material, |set| spot.uv(set));
         // Where the mask has a hole there is nothing to emit.
         match material.opacity {
-            Some(opacity) => self.emission(material, uv) * self.coverage(material, opacity, uv),
-            None if self.is_there(material, uv) => self.emission(material, uv),
+            Some(opacity) => emission() * self.coverage(material, opacity, spot),
+            None if self.is_there(material, spot) => emission(),
             None => Vec3A::ZERO,
         }
     }

@@ -165,6 +165,29 @@ fn what_rests_is_the_same_to_the_bit() {
     assert_eq!(stats.samples, same.samples);
 }
 
+/// A material that changes is taken as it is at each moment: under an even sky a floor that brightens evenly is as bright as in
+/// the middle of the time, and one that stops changing while the shutter is open is as bright as on average.
+#[test]
+fn materials_change_while_the_shutter_is_open() {
+    let mut floor = diffuse([0.2; 3]);
+    floor.change = Some(Principled { base_color: [0.8; 3].into(), ..floor.surface });
+    let from_above = camera([0.0, 2.0, 0.01], [0.0; 3], 40.0, 16, 16);
+    let mut loaded = scene(vec![(plane(50.0), floor, Affine3A::IDENTITY)], Environment::constant([1.0; 3]), from_above);
+    loaded.cameras = vec![loaded.cameras[0]; 3];
+    let settings = Settings { spp: 256, ..Settings::default() };
+    let brightness = |loaded: &LoadedScene, frame: usize| {
+        let raw = open(loaded, frame, Shutter { open: 1.0, moments: 32 }, &settings).0.raw.expect("a picture");
+        raw.pixels.iter().map(|p| p[0]).sum::<f32>() / raw.pixels.len() as f32
+    };
+    // Frames are at .2, .5 and .8; the last is held for the second half of its time.
+    for (frame, color) in [(1, 0.5), (2, 0.7625)] {
+        let mut even = loaded.clone();
+        even.materials = vec![diffuse([color; 3])];
+        let (got, expected) = (brightness(&loaded, frame), brightness(&even, frame));
+        assert!((got / expected - 1.0).abs() < 0.01, "frame {frame}: {got} for {expected}");
+    }
+}
+
 /// Light paths and changing materials go with the moments: with and without light paths the picture has the same mean.
 #[test]
 fn caustics_move_with_what_casts_them() {

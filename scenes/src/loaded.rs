@@ -26,6 +26,9 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Further sets of texture coordinates, for texture slots that ask for set 1, 2, ...; each one a vertex, or empty.
     pub more_uvs: Vec<Vec<Vec2>>,
+    /// Colours, one a vertex, linear, with an opacity, each 0..=1; empty = none. The base colour of the material is multiplied by
+    /// the colour, interpolated, and what it covers (by a mask or by opacity) by the opacity.
+    pub colors: Vec<Vec4>,
     /// Tangents (xyz unit, w = +-1 handedness) as in glTF, one a vertex; empty = none (no normal map is applied then). They
     /// belong to the first set of texture coordinates.
     pub tangents: Vec<Vec4>,

@@ -1,4 +1,4 @@
-//! Decodes PNG and JPEG images, as many as fit into memory.
+//! Decodes PNG, JPEG and WebP images, as many as fit into memory.
 
 use crate::loaded::{Encoding, Texture, Wrap};
 use glam::{Affine2, Mat2, Vec2};
@@ -22,6 +22,8 @@ const MAX_FILE: u64 = MAX_BYTES + (64 << 20);
 const PNG_TEXELS_PER_BYTE: u64 = 8 * 1032;
 /// Texels that a byte of JPEG gives at most: the first scan of a progressive file spends one bit on 8 x 8 of them.
 const JPEG_TEXELS_PER_BYTE: u64 = 8 * 64;
+/// The same of WebP: a picture of one colour takes no bytes at all beside its header.
+const WEBP_TEXELS_PER_BYTE: u64 = u64::MAX;
 
 /// Most bytes of all textures of a scene, whatever the machine has.
 const MOST: u64 = 8 << 30;
@@ -77,7 +79,8 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, String> {
     file::read_at_most(path, MAX_FILE).map_err(|e| e.reason())
 }
 
-/// Decodes a PNG or JPEG (by content) and builds its mip levels. 8 and 16 bits a channel; grey becomes three equal channels.
+/// Decodes a PNG, JPEG or WebP (by content) and builds its mip levels. 8 and 16 bits a channel; grey becomes three equal
+/// channels.
 ///
 /// # Errors
 /// What is wrong with the bytes, in words.
@@ -137,7 +140,7 @@ pub(crate) fn decode_one(bytes: &[u8], wanted: Wanted, budget: &Budget) -> Resul
     decode(bytes, wanted.name, wanted.encoding, wanted.wrap)
 }
 
-/// Decodes a PNG or JPEG into 8 bits a channel; also whether it has an alpha channel.
+/// Decodes a PNG, JPEG or WebP into 8 bits a channel; also whether it has an alpha channel.
 pub(crate) fn decode_rgba8(bytes: &[u8], name: &str, budget: &Budget) -> Result<(image::RgbaImage, bool), String> {
     budget.count(name, size(bytes)?);
     budget.check()?;
@@ -160,13 +163,14 @@ fn size(bytes: &[u8]) -> Result<u64, String> {
     Ok(texel * texels)
 }
 
-/// The decoder of a PNG or JPEG that no limit forbids.
+/// The decoder of a PNG, JPEG or WebP that no limit forbids.
 fn decoder(bytes: &[u8]) -> Result<impl ImageDecoder, String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     let texels_per_byte = match reader.format() {
         Some(image::ImageFormat::Png) => PNG_TEXELS_PER_BYTE,
         Some(image::ImageFormat::Jpeg) => JPEG_TEXELS_PER_BYTE,
-        _ => return Err("neither PNG nor JPEG".into()),
+        Some(image::ImageFormat::WebP) => WEBP_TEXELS_PER_BYTE,
+        _ => return Err("neither PNG, JPEG nor WebP".into()),
     };
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MAX_EDGE);

@@ -4,7 +4,7 @@ mod common;
 
 use common::anywhere;
 use common::{asset, empty_scene, load_model, model_scene};
-use glam::{Vec2, Vec3, Vec3A};
+use glam::{Vec2, Vec3, Vec3A, Vec4};
 use renderflow_frame::reach::Reach;
 use renderflow_scenes::description::EnvironmentSource;
 use renderflow_scenes::load::{self, ModelView};
@@ -393,9 +393,29 @@ fn a_model_with_a_floor_of_its_own_gets_no_ground() {
             let scene = load::describe_model(&files.path("model.obj"), None, &view, &anywhere()).unwrap();
             let found = scene.objects.iter().any(|object| object.name == "ground");
             assert_eq!(found, wanted && view.ground, "{name}: {text}");
+            // It lies a little below a sheet that would fight with it.
+            let ground = scene.objects.iter().find(|object| object.name == "ground");
+            let height = if name.contains("small sheet") { -1e-3 } else { 0.0 };
+            assert!(ground.is_none_or(|ground| ground.transform.translation == [0.0, height, 0.0]), "{name}");
             scene.validate().unwrap();
         }
     }
     let Some(path) = asset("obj/edge/tobj/cornell_box.obj") else { return };
     assert_eq!(load::describe_model(&path, None, &ModelView::default(), &anywhere()).unwrap().objects.len(), 1);
+}
+
+/// Colours behind the positions, as MeshLab and others write them, encoded as sRGB: 188 of 255 is .503 linear (IEC 61966-2-1).
+#[test]
+fn colors_of_vertices_are_read_where_the_first_has_one() {
+    let text = "v 0 0 0 1 0 0.737\nv 1 0 0 0 0.737 0\nv 1 1 0\nf 1 2 3\n";
+    let scene = Files::new(&[("model.obj", text)]).load().unwrap();
+    let expected = [[1.0, 0.0, 0.5029, 1.0], [0.0, 0.5029, 0.0, 1.0], [1.0; 4]].map(Vec4::from);
+    let colors = &scene.meshes[0].colors;
+    assert!(colors.len() == 3 && colors.iter().zip(expected).all(|(a, b)| a.distance(b) < 1e-3), "{colors:?}");
+    assert_eq!(scene.materials[scene.instances[0].material].surface.base_color, Vec3A::ONE);
+    assert_eq!(scene.report.notes, [""; 0]);
+    let later = "v 0 0 0\nv 1 0 0 0 0.737 0\nv 1 1 0 1 1 1 1\nf 1 2 3\n";
+    let scene = Files::new(&[("model.obj", later)]).load().unwrap();
+    assert!(scene.meshes[0].colors.is_empty());
+    assert_eq!(scene.report.notes, ["2 vertices with colours that are not read"]);
 }

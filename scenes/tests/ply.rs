@@ -3,7 +3,7 @@
 mod common;
 
 use common::{anywhere, load_model, model_scene};
-use glam::{Vec2, Vec3, Vec3A};
+use glam::{Vec2, Vec3, Vec3A, Vec4};
 use renderflow_scenes::{LoadedScene, load};
 use std::path::PathBuf;
 
@@ -110,7 +110,7 @@ const TRIANGLE: &str = "element vertex 3\nproperty float x\nproperty float y\npr
 const FACE: &str = "element face 1\nproperty list uchar int vertex_index\nend_header\n";
 
 #[test]
-fn one_colour_is_the_base_colour_and_several_are_noted() {
+fn one_colour_is_the_base_colour_and_several_are_those_of_the_vertices() {
     let colored = |kind: &str, colors: [&str; 3]| {
         let channels = ["red", "green", "blue"].map(|name| format!("property {kind} {name}\n")).concat();
         let text = format!(
@@ -119,15 +119,18 @@ fn one_colour_is_the_base_colour_and_several_are_noted() {
         );
         let scene = loaded(text.as_bytes()).unwrap();
         let color = scene.materials[scene.instances[0].material].surface.base_color;
-        (color, scene.report.notes.join("\n"))
+        assert_eq!(scene.report.notes, [""; 0]);
+        (color, scene.meshes[0].colors.clone())
     };
-    let (color, notes) = colored("uchar", ["188 0 255"; 3]);
+    let (color, colors) = colored("uchar", ["188 0 255"; 3]);
     // sRGB 188 is 0.503 linear (IEC 61966-2-1).
-    assert!(color.distance(Vec3A::new(0.5029, 0.0, 1.0)) < 1e-3 && notes.is_empty(), "{color} {notes}");
+    assert!(color.distance(Vec3A::new(0.5029, 0.0, 1.0)) < 1e-3 && colors.is_empty(), "{color}");
     let (color, _) = colored("float", ["0.25 0.5 1"; 3]);
     assert_eq!(color, Vec3A::new(0.25, 0.5, 1.0));
-    let (color, notes) = colored("uchar", ["1 2 3", "1 2 3", "1 2 4"]);
-    assert!(color == Vec3A::splat(0.8) && notes.contains("the vertices have colours, which are ignored"), "{notes}");
+    let (color, colors) = colored("uchar", ["188 0 255", "188 0 255", "0 188 0"]);
+    assert_eq!(color, Vec3A::ONE);
+    assert!(colors[1].distance(Vec4::new(0.5029, 0.0, 1.0, 1.0)) < 1e-3, "{colors:?}");
+    assert!(colors[2].distance(Vec4::new(0.0, 0.5029, 0.0, 1.0)) < 1e-3, "{colors:?}");
 }
 
 #[test]

@@ -76,6 +76,9 @@ def mesh(path, smooth):
         layer = result.uv_layers.new(name="uv")
         corners = numpy.stack([v["u"], 1 - v["v"]], 1)[faces.ravel()]
         layer.uv.foreach_set("vector", corners.astype(numpy.float32).ravel())
+    if "r" in v:
+        colors = numpy.stack([v["r"], v["g"], v["b"], numpy.ones_like(v["r"])], 1)
+        result.color_attributes.new("color", "FLOAT_COLOR", "POINT").data.foreach_set("color", colors.astype(numpy.float32).ravel())
     if smooth:
         result.normals_split_custom_set_from_vertices(numpy.stack([v["nx"], -v["nz"], v["ny"]], 1))
     return result
@@ -171,6 +174,11 @@ def material(folder, thing, notes):
         shader.inputs["Emission Color"].default_value = (*description["emissive"], 1)
         shader.inputs["Emission Strength"].default_value = 1
     hidden, sockets, normal = [], {}, None
+    if description.get("vertex_colors"):
+        attribute = nodes.new("ShaderNodeAttribute")
+        attribute.attribute_name = "color"
+        sockets["base_color"] = attribute.outputs["Color"]
+        links.new(attribute.outputs["Color"], shader.inputs["Base Color"])
     for name, file in description["textures"].items():
         texture = nodes.new("ShaderNodeTexImage")
         texture.image = image(folder / file["file"], name == "base_color")

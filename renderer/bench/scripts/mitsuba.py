@@ -79,6 +79,8 @@ def bsdf(folder, thing):
     textures = material["textures"]
     clear, opacity = material.get("clear"), material.get("opacity")
     color = bitmap(folder, textures["base_color"], False) if "base_color" in textures else rgb(material["base_color"])
+    if material.get("vertex_colors"):
+        color = {"type": "mesh_attribute", "name": "vertex_color"}
     if material["lambertian"]:
         # A principled material is not, whatever its roughness.
         result = {"type": "diffuse", "reflectance": color}

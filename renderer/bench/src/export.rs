@@ -80,6 +80,9 @@ pub struct ExportedObject {
 pub struct ExportedMaterial {
     /// Linear Rec.709.
     pub base_color: [f32; 3],
+    /// The base colour is that of the vertices (`r`, `g`, `b` of the mesh, linear) instead.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub vertex_colors: bool,
     /// The other parameters by the names of scene files, those not at 0 and the common ones.
     pub parameters: BTreeMap<String, f32>,
     /// Radiance; one at which there is a texture `emissive`, which holds the radiance itself.
@@ -265,9 +268,15 @@ impl Writer<'_> {
     fn object(&mut self, index: usize, instance: &Instance, seen_from_behind: bool) -> Result<ExportedObject> {
         let mesh = &self.scene.meshes[instance.mesh];
         let material = &self.scene.materials[instance.material];
-        let (exported, uvs) = self.material(material)?;
+        let (mut exported, uvs) = self.material(material)?;
+        exported.vertex_colors = !mesh.colors.is_empty();
+        let covers = material.opacity.is_some() || material.alpha_mask.is_some();
+        if exported.vertex_colors && (material.base_color_texture.is_some() || covers) {
+            bail!("material {}: colours of vertices cannot be exported with a texture or an opacity", material.name);
+        }
+        let base = material.surface.base_color;
         let name = format!("meshes/{index:03}.ply");
-        file::write_atomic(&self.folder.join(&name), &ply(mesh, instance, uvs))?;
+        file::write_atomic(&self.folder.join(&name), &ply(mesh, instance, uvs, base))?;
         Ok(ExportedObject {
             name: instance.name.clone(),
             mesh: name,
@@ -335,7 +344,9 @@ impl Writer<'_> {
         let parameters = always.into_iter().chain(seldom.into_iter().filter(|(_, value)| *value != 0.0));
         let parameters = parameters.map(|(name, value)| (name.to_owned(), value)).collect();
         let lambertian = is_lambertian(m);
-        Ok((ExportedMaterial { base_color, parameters, emissive, lambertian, clear, opacity: m.opacity, textures }, slot))
+        let (vertex_colors, opacity) = (false, m.opacity);
+        let exported = ExportedMaterial { base_color, vertex_colors, parameters, emissive, lambertian, clear, opacity, textures };
+        Ok((exported, slot))
     }
 
     /// Writes what `encode` makes of the texture of `slot`, once for each `key`, with the ending `ending`.
@@ -365,8 +376,8 @@ impl Writer<'_> {
     }
 }
 
-/// The placed mesh; texture coordinates transformed as `slot` says, if there is one.
-fn ply(mesh: &Mesh, instance: &Instance, slot: Option<&TextureSlot>) -> Vec<u8> {
+/// The placed mesh; texture coordinates transformed as `slot` says, if there is one, and colours times `base`.
+fn ply(mesh: &Mesh, instance: &Instance, slot: Option<&TextureSlot>, base: Vec3A) -> Vec<u8> {
     let transform = instance.transform(0);
     let normal_matrix = transform.matrix3.inverse().transpose();
     let uvs = slot.filter(|slot| mesh.uv_set(slot.set).len() == mesh.positions.len());
@@ -377,6 +388,9 @@ fn ply(mesh: &Mesh, instance: &Instance, slot: Option<&TextureSlot>) -> Vec<u8> 
     }
     if uvs.is_some() {
         names.extend(["u", "v"]);
+    }
+    if !mesh.colors.is_empty() {
+        names.extend(["r", "g", "b"]);
     }
     names.iter().for_each(|name| header += &format!("property float {name}\n"));
     header += &format!("element face {}\nproperty list uchar int vertex_indices\nend_header\n", mesh.triangles.len());
@@ -389,6 +403,9 @@ fn ply(mesh: &Mesh, instance: &Instance, slot: Option<&TextureSlot>) -> Vec<u8> 
         }
         if let Some(slot) = uvs {
             put(&slot.uv_transform.transform_point2(mesh.uv_set(slot.set)[index]).to_array());
+        }
+        if let Some(color) = mesh.colors.get(index) {
+            put(&(Vec3A::from_vec4(*color) * base).to_array());
         }
     }
     for triangle in &mesh.triangles {

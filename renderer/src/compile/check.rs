@@ -53,7 +53,12 @@ pub(super) fn check(scene: &LoadedScene, sharing: Sharing) -> Result<()> {
             ));
         }
         let further = mesh.more_uvs.iter().map(|uvs| ("more_uvs", uvs.len()));
-        let own = [("normals", mesh.normals.len()), ("uvs", mesh.uvs.len()), ("tangents", mesh.tangents.len())];
+        let own = [
+            ("normals", mesh.normals.len()),
+            ("uvs", mesh.uvs.len()),
+            ("tangents", mesh.tangents.len()),
+            ("colors", mesh.colors.len()),
+        ];
         for (what, length) in own.into_iter().chain(further) {
             if length != 0 && length != count {
                 let reason = format!("{length} for {count} vertices");

@@ -104,6 +104,7 @@ impl Geometry {
         self.uvs.clear();
         self.more_uvs.iter_mut().for_each(Vec::clear);
         self.tangents.clear();
+        self.colors.clear();
         let flattened = &mut self.flattened;
         flattened.corners.clear();
         flattened.starts.clear();
@@ -131,6 +132,9 @@ impl Geometry {
             }
             for (further, uvs) in self.more_uvs.iter_mut().enumerate() {
                 append(uvs, mesh.uv_set(further + 1).iter().map(|uv| uv.to_array()), count, [0.0; 2]);
+            }
+            if self.wanted.colors {
+                append(&mut self.colors, mesh.colors.iter().map(|c| c.to_array()), count, [1.0; 4]);
             }
             if any_tangents {
                 append(&mut self.tangents, posed.tangents.iter().map(|&t| place_tangent(&transform, t)), count, [0.0; 4]);

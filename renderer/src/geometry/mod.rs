@@ -55,6 +55,8 @@ pub(crate) struct Wanted {
     pub uv_sets: usize,
     /// Whether each material needs tangents.
     pub tangents: Vec<bool>,
+    /// Whether some mesh has colours.
+    pub colors: bool,
 }
 
 /// The geometry of a hit; what only some materials need is asked of [`Geometry`] by the same hit.
@@ -97,6 +99,8 @@ pub(crate) struct Geometry {
     more_uvs: Vec<Vec<[f32; 2]>>,
     /// World-space tangents of flattened vertices with handedness; empty when no material needs them.
     tangents: Vec<[f32; 4]>,
+    /// Colours of flattened vertices, white where a mesh has none; empty when no mesh has any.
+    colors: Vec<[f32; 4]>,
     placed: Vec<PlacedInstance>,
     pub instances: Vec<Instance>,
     meshes: Vec<Mesh>,
@@ -156,6 +160,7 @@ impl Geometry {
             uvs: Vec::new(),
             more_uvs: vec![Vec::new(); wanted.uv_sets.saturating_sub(1)],
             tangents: Vec::new(),
+            colors: Vec::new(),
             placed,
             instances,
             meshes,
@@ -221,6 +226,7 @@ impl Geometry {
             + size_of_val(self.uvs.as_slice())
             + self.more_uvs.iter().map(|uvs| size_of_val(uvs.as_slice())).sum::<usize>()
             + size_of_val(self.tangents.as_slice())
+            + size_of_val(self.colors.as_slice())
             + self.flattened.memory()
     }
 
@@ -434,6 +440,20 @@ impl Geometry {
     #[inline(always)]
     pub fn uv(&self, hit: &Hit, set: usize) -> Vec2 {
         let [a, b, c] = if set == 0 { self.corner_uvs(hit) } else { self.further_uvs(hit, set) };
+        a * hit.weights[0] + b * hit.weights[1] + c * hit.weights[2]
+    }
+
+    /// Colour and opacity of the vertices around a hit, interpolated; white where the mesh has none.
+    #[inline(never)]
+    pub fn color(&self, hit: &Hit) -> Vec4 {
+        let corners = if hit.instance == FLATTENED {
+            let triangle = &self.triangles[hit.primitive as usize];
+            triangle.vertices.map(|v| self.colors.get(v as usize).map_or(Vec4::ONE, |&color| Vec4::from_array(color)))
+        } else {
+            let Some((vertices, mesh, _)) = self.shared_vertices(hit) else { return Vec4::ONE };
+            vertices.map(|v| mesh.colors.get(v).copied().unwrap_or(Vec4::ONE))
+        };
+        let [a, b, c] = corners;
         a * hit.weights[0] + b * hit.weights[1] + c * hit.weights[2]
     }
 

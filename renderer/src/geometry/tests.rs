@@ -8,7 +8,7 @@ fn make(transforms: &[Affine3A], sharing: Sharing) -> Geometry {
     let mesh = Mesh { positions, triangles, ..Mesh::default() };
     let instances =
         transforms.iter().map(|&t| Instance { name: String::new(), mesh: 0, material: 0, object_id: 1, transforms: vec![t] });
-    Geometry::new(vec![mesh], instances.collect(), Wanted { uv_sets: 0, tangents: vec![false] }, sharing)
+    Geometry::new(vec![mesh], instances.collect(), Wanted { uv_sets: 0, tangents: vec![false], colors: false }, sharing)
 }
 
 /// Filters hear of the side that the placed corners have, whether trees are shared or not, mirrored or not.

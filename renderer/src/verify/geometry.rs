@@ -303,7 +303,7 @@ fn blocks(count: u64, seed: u64, work: impl Fn(&mut Random, u64) -> Losses + Syn
 }
 
 fn geometry(meshes: Vec<Mesh>, instances: Vec<Instance>, sharing: Sharing) -> Geometry {
-    Geometry::new(meshes, instances, Wanted { uv_sets: 0, tangents: vec![false] }, sharing)
+    Geometry::new(meshes, instances, Wanted { uv_sets: 0, tangents: vec![false], colors: false }, sharing)
 }
 
 fn instance(mesh: usize, transform: Affine3A) -> Instance {

@@ -5,27 +5,27 @@ use super::model::Model;
 use glam::{DVec2, DVec3};
 
 /// A floor lies within this share of the model's radius above its lowest vertex.
-const THICKNESS: f64 = 1e-3;
+pub(super) const THICKNESS: f64 = 1e-3;
 /// A floor covers this share of the rectangle, along x and z, that the model stands on.
-const SHARE: f64 = 0.5;
+pub(super) const SHARE: f64 = 0.5;
 /// Cells along each side of that rectangle in which the share is counted.
 const CELLS: usize = 64;
 
-/// Whether triangles at the lowest height `lowest` of the model (of radius `radius`) cover half of the rectangle it stands on or
-/// more. Counted is what can be seen from above: what has no other triangle of the model above it, and what faces up in a mesh
-/// that is not closed, such as the floor of a room. So the underside of a box is no floor.
-pub(super) fn is_in(model: &Model, lowest: f64, radius: f64) -> bool {
+/// The share of the rectangle on which the model (of radius `radius`) stands that its own triangles cover at the lowest height,
+/// `lowest`; from [`SHARE`] on they are a floor. Counted is what can be seen from above: what has no other triangle of the model
+/// above it, and what faces up in a mesh that is not closed, such as the floor of a room. So the underside of a box is no floor.
+pub(super) fn share(model: &Model, lowest: f64, radius: f64) -> f64 {
     let top = lowest + THICKNESS * radius;
     let at_bottom = |corners: &[DVec3; 3]| corners.iter().all(|p| p.y <= top);
     if !triangles(model).any(|(_, corners)| at_bottom(&corners)) {
-        return false;
+        return 0.0;
     }
     let flat = |p: DVec3| DVec2::new(p.x, p.z);
     let points = || triangles(model).flat_map(|(_, corners)| corners).map(flat);
     let (low, high) = points().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
     let cell = (high - low) / CELLS as f64;
     if cell.min_element().partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
-        return false;
+        return 0.0;
     }
     let mut closed = vec![None; model.meshes.len()];
     let mut is_closed = |index: usize| *closed[index].get_or_insert_with(|| mesh::is_closed(&model.meshes[index]));
@@ -40,7 +40,7 @@ pub(super) fn is_in(model: &Model, lowest: f64, radius: f64) -> bool {
         });
     }
     let seen = cells.iter().filter(|[floor, up, below]| *up || *floor && !below).count();
-    seen as f64 >= SHARE * (CELLS * CELLS) as f64
+    seen as f64 / (CELLS * CELLS) as f64
 }
 
 /// Part and corners, in the model's space, of every triangle.

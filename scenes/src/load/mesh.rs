@@ -1,12 +1,12 @@
 //! Repairs that every loaded mesh goes through: a renderer may rely on finite, in-range, non-degenerate triangles.
 
 use crate::{Mesh, TriangleReport};
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
-/// Drops triangles that cannot be rendered and those that are there twice, and mends normals, coordinates and tangents. Of a mesh
-/// that deforms, triangles without area or at the same places stay: another pose may part their corners.
+/// Drops triangles that cannot be rendered and those that are there twice, and mends normals, coordinates, colours and tangents.
+/// Of a mesh that deforms, triangles without area or at the same places stay: another pose may part their corners.
 pub(crate) fn clean(mesh: &mut Mesh) -> TriangleReport {
     let mut report = TriangleReport::default();
     let positions = &mesh.positions;
@@ -47,6 +47,12 @@ pub(crate) fn clean(mesh: &mut Mesh) -> TriangleReport {
         mesh.tangents.clear();
     }
     mesh.more_uvs.iter_mut().filter(|uvs| uvs.len() != vertices).for_each(Vec::clear);
+    // Where all are white there is nothing to look up.
+    let color = |v: f32| if v.is_nan() { 1.0 } else { v.clamp(0.0, 1.0) };
+    mesh.colors.iter_mut().for_each(|c| *c = Vec4::from(c.to_array().map(color)));
+    if mesh.colors.len() != vertices || mesh.colors.iter().all(|&c| c == Vec4::ONE) {
+        mesh.colors.clear();
+    }
     for uv in mesh.uvs.iter_mut().chain(mesh.more_uvs.iter_mut().flatten()) {
         if !uv.is_finite() {
             *uv = Vec2::ZERO;

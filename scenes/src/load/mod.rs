@@ -27,7 +27,7 @@ pub(crate) use model::{Extent, extent};
 pub use model::{ModelView, describe_model};
 pub use view::{Contents, animation_length, contents, look_through, play};
 
-/// Reads an image file (PNG or JPEG, by content) as a texture that repeats.
+/// Reads an image file (PNG, JPEG or WebP, by content) as a texture that repeats.
 ///
 /// # Errors
 /// [`Error::Model`] when it cannot be read, with what is wrong with its bytes.

@@ -165,13 +165,16 @@ pub fn describe_model(model: &Path, environment: Option<&Path>, view: &ModelView
         animation: view.animation.clone(),
     }];
     let mut materials = vec![];
-    if view.ground && !super::floor::is_in(&geometry, lowest, radius) {
+    let own_floor = if view.ground { super::floor::share(&geometry, lowest, radius) } else { 1.0 };
+    if own_floor < super::floor::SHARE {
+        // Out of the way of what lies flat at the lowest height.
+        let below = if own_floor > 0.0 { -super::floor::THICKNESS } else { 0.0 };
         materials.push(Described { name: "ground".into(), base_color: [0.5; 3], roughness: 0.6, ..Described::default() });
         objects.push(Object {
             name: if name == "ground" { "ground plane".into() } else { "ground".into() },
             geometry: Geometry::Shape(Shape::Plane { size: GROUND_EDGE }),
             material: Some("ground".into()),
-            transform: Transform::default(),
+            transform: Transform { translation: [0.0, below, 0.0], ..Transform::default() },
             motion: None,
             animation: None,
         });

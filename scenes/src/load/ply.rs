@@ -1,11 +1,12 @@
-//! Stanford PLY: ASCII and binary of either byte order; vertices with normals and texture coordinates, polygons and strips.
+//! Stanford PLY: ASCII and binary of either byte order; vertices with normals, texture coordinates and colours; polygons and
+//! strips.
 //!
 //! The parser is here because a header may claim any number of elements: memory is taken only for what the file has bytes for.
 
 use super::model::{Model, Part};
 use crate::error::{Error, Result};
 use crate::{Material, Mesh};
-use glam::{DAffine3, Vec2, Vec3, Vec3A};
+use glam::{DAffine3, Vec2, Vec3, Vec3A, Vec4};
 use renderflow_frame::color::srgb_to_linear;
 use renderflow_frame::file;
 use renderflow_frame::words::shortened;
@@ -143,7 +144,7 @@ impl Body<'_> {
     }
 }
 
-/// Reads a `.ply` file; its colour as a material where all vertices have the same, and materials are asked for.
+/// Reads a `.ply` file; if materials are asked for, the colours of its vertices with a material.
 pub(super) fn read(path: &Path, materials: bool) -> Result<Model> {
     let bytes = file::read(path)?;
     let (form, elements, body) = header(&bytes).map_err(|(line, reason)| Error::model(path, format!("line {line}"), reason))?;
@@ -279,8 +280,6 @@ const NAMES: [&[&str]; 12] = [
 #[derive(Default)]
 struct Read {
     mesh: Mesh,
-    /// Colour of the first vertex that has one, linear, and whether others have another.
-    colors: Option<(Vec3A, bool)>,
     notes: Vec<String>,
 }
 
@@ -303,6 +302,7 @@ impl Read {
         mesh.positions.reserve(room);
         mesh.normals.reserve(if normals { room } else { 0 });
         mesh.uvs.reserve(if uvs { room } else { 0 });
+        mesh.colors.reserve(if colors { room } else { 0 });
         let (mut values, mut list) = (vec![0.0; element.properties.len()], vec![]);
         for at in 0..element.count {
             for (property, value) in element.properties.iter().zip(&mut values) {
@@ -322,8 +322,7 @@ impl Read {
                     let whole = columns[column].is_some_and(|place| element.properties[place].kind.whole());
                     if whole { srgb_to_linear((value(column) / 255.0).clamp(0.0, 1.0)) } else { value(column).clamp(0.0, 1.0) }
                 };
-                let color = Vec3A::new(channel(8), channel(9), channel(10));
-                self.colors = Some(self.colors.map_or((color, false), |(first, others)| (first, others || color != first)));
+                mesh.colors.push(Vec4::new(channel(8), channel(9), channel(10), 1.0));
             }
         }
         let known = columns.iter().flatten().copied().collect::<Vec<usize>>();
@@ -374,12 +373,15 @@ impl Read {
         Ok(())
     }
 
-    /// The colour of all vertices; `None`, with a note, where they differ.
+    /// The base colour of a material for the mesh, if its vertices have colours: theirs where all have the same, else white.
+    /// Where no material is wanted, the colours are dropped.
     fn color(&mut self, wanted: bool) -> Option<Vec3A> {
-        let (color, others) = self.colors.filter(|_| wanted)?;
-        if others {
-            self.notes.push("the vertices have colours, which are ignored".into());
+        let colors = &mut self.mesh.colors;
+        let first = *colors.first()?;
+        let same = colors.iter().all(|color| *color == first);
+        if same || !wanted {
+            colors.clear();
         }
-        (!others).then_some(color)
+        wanted.then_some(if same { Vec3A::from_vec4(first) } else { Vec3A::ONE })
     }
 }

@@ -39,7 +39,7 @@ pub enum Kind {
     Map,
     /// A frame with its channels, OpenEXR or compact.
     Frame,
-    /// An image for textures, PNG or JPEG.
+    /// An image for textures: PNG, JPEG or WebP.
     Texture,
     /// Weights of a network.
     Weights,
@@ -145,7 +145,7 @@ fn kind(path: &Path) -> Result<Kind> {
         "ply" => Some(Kind::Ply),
         "hdr" | "exr" => Some(Kind::Map),
         compact::EXTENSION => Some(Kind::Frame),
-        "png" | "jpg" | "jpeg" => Some(Kind::Texture),
+        "png" | "jpg" | "jpeg" | "webp" => Some(Kind::Texture),
         "safetensors" => Some(Kind::Weights),
         _ => None,
     };

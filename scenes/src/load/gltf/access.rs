@@ -2,6 +2,7 @@
 //!
 //! The reader of the gltf crate is not used here: on malformed files (1.4) its offsets wrap around and its sparse values panic.
 
+use super::draco::{self, Decompressed};
 use super::uri;
 use crate::error::{Error, Result};
 use gltf::accessor::{Accessor, DataType};
@@ -32,6 +33,7 @@ struct Elements {
 pub(super) struct Buffers<'a> {
     path: &'a Path,
     bytes: Vec<Vec<u8>>,
+    decompressed: Decompressed,
     /// Bytes of accessors that may still be read.
     left: AtomicUsize,
 }
@@ -56,8 +58,20 @@ impl<'a> Buffers<'a> {
                 Ok(bytes)
             })
             .collect::<Result<Vec<Vec<u8>>>>()?;
-        let left = AtomicUsize::new(ALLOWANCE + SHARE * bytes.iter().map(Vec::len).sum::<usize>());
-        Ok(Self { path, bytes, left })
+        let mut read = Self { path, bytes, decompressed: Decompressed::default(), left: AtomicUsize::new(0) };
+        read.decompressed = draco::decompress(path, document, &read)?;
+        read.left = AtomicUsize::new(ALLOWANCE + SHARE * (read.bytes() + read.decompressed.bytes()));
+        Ok(read)
+    }
+
+    /// Bytes of all buffers.
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes.iter().map(Vec::len).sum()
+    }
+
+    /// The triangles of a compressed primitive, by the numbers of its mesh and of the primitive.
+    pub(super) fn decompressed(&self, mesh: usize, primitive: usize) -> Option<&[[u32; 3]]> {
+        self.decompressed.triangles.get(&(mesh, primitive)).map(Vec::as_slice)
     }
 
     /// Bytes of a buffer view.
@@ -114,6 +128,10 @@ impl<'a> Buffers<'a> {
     fn packed(&self, accessor: &Accessor) -> Result<Vec<u8>> {
         let place = format!("/accessors/{}", accessor.index());
         let (size, count) = (accessor.size(), accessor.count());
+        if let Some(values) = self.decompressed.values.get(&accessor.index()) {
+            self.spend(1, values.len(), &place, "read again and again")?;
+            return Ok(values.clone());
+        }
         let mut packed = match accessor.view() {
             Some(view) => {
                 let elements = Elements { offset: accessor.offset(), stride: view.stride().unwrap_or(size), size, count };

@@ -57,13 +57,17 @@ fn kind(value: &Value) -> &'static str {
     }
 }
 
-/// Takes away what is never looked at, and writes whole numbers without a fraction.
+/// Takes away what is never looked at, adds lists that may be left out, and writes whole numbers without a fraction.
 fn normalise(value: &mut Value) {
     if let Some(animations) = value.get_mut("animations").and_then(Value::as_array_mut) {
         for channels in animations.iter_mut().filter_map(|a| a.get_mut("channels")?.as_array_mut()) {
             // A channel without a node moves what an extension says (glTF 2.0, section 5.6.2).
             channels.retain(|channel| channel.get("target").is_none_or(|t| !t.is_object() || t.get("node").is_some()));
         }
+    }
+    // A scene may be empty (glTF 2.0, section 5.25).
+    for scene in value.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten().filter_map(Value::as_object_mut) {
+        scene.entry("nodes").or_insert_with(|| Value::Array(vec![]));
     }
     tidy(value);
 }
@@ -273,6 +277,7 @@ mod tests {
                 [{ "componentType": 5126.0, "count": 3.0, "type": "VEC3" }] }),
             json!({ "asset": { "version": "2.0" }, "animations":
                 [{ "samplers": [], "channels": [{ "sampler": 0, "target": { "path": "pointer", "extensions": {} } }] }] }),
+            json!({ "asset": { "version": "2.0" }, "nodes": [{}], "scene": 0, "scenes": [{ "nodes": [0] }, { "name": "empty" }] }),
         ] {
             assert_eq!(refusal(value.clone()), "accepted", "{value}");
         }

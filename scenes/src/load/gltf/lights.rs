@@ -29,7 +29,7 @@ pub(super) fn read(path: &Path, document: &Document, tree: &[Node], report: &mut
     let nodes: Vec<gltf::Node> = document.nodes().collect();
     let (mut found, mut ranges) = (Vec::new(), 0);
     let mut world: Vec<DAffine3> = Vec::with_capacity(tree.len());
-    for (place, Node { index, parent, local }) in tree.iter().enumerate() {
+    for (place, Node { index, parent, local, .. }) in tree.iter().enumerate() {
         let transform = parent.map_or(DAffine3::IDENTITY, |parent| world[parent]) * local.affine();
         world.push(transform);
         let Some(extension) = nodes[*index].extension_value(NAME) else { continue };

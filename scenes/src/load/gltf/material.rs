@@ -128,17 +128,16 @@ impl<'a> Materials<'a> {
     /// `None` for a texture without an image: one that only an extension tells.
     fn slot(&mut self, reference: &Reference, sets: &[u32], user: &str, report: &mut LoadReport) -> Option<TextureSlot> {
         let index = reference.texture.index();
-        let texture = &self.document.as_json().textures[index];
-        let image = texture.source.value();
-        if image >= self.document.as_json().images.len() {
+        let Some(image) = self.image(index) else {
             if self.empty.insert(index) {
+                let texture = &self.document.as_json().textures[index];
                 let others = texture.extensions.iter().flat_map(|e| e.others.keys()).cloned().collect::<Vec<_>>().join(", ");
                 let why =
                     if others.is_empty() { "it has no image".into() } else { format!("its image is given by {others} only") };
                 report.notes.push(format!("/textures/{index} is not used: {why}"));
             }
             return None;
-        }
+        };
         let sampler = reference.texture.sampler();
         let wrap = [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
             WrappingMode::ClampToEdge => Wrap::Clamp,
@@ -152,6 +151,14 @@ impl<'a> Materials<'a> {
         });
         let set = sets.iter().position(|&set| set == reference.set).unwrap_or(0);
         Some(TextureSlot { texture, uv_transform: reference.uv_transform, set })
+    }
+
+    /// The image of a texture of the file, else the one that EXT_texture_webp names; `None` where there is neither.
+    fn image(&self, texture: usize) -> Option<usize> {
+        let (json, texture) = (self.document.as_json(), self.document.as_json().textures.get(texture)?);
+        let webp = texture.extensions.as_ref().and_then(|e| e.others.get("EXT_texture_webp")?.get("source")?.as_u64());
+        let webp = webp.and_then(|image| usize::try_from(image).ok());
+        [Some(texture.source.value()), webp].into_iter().flatten().find(|image| *image < json.images.len())
     }
 
     /// Reads and decodes all textures, where they fit into `budget`, and brings what extensions say into the materials.
@@ -202,11 +209,11 @@ impl<'a> Materials<'a> {
         budget: &Budget,
         report: &mut LoadReport,
     ) -> Option<Mean> {
-        let image = self.document.as_json().textures.get(texture).map(|texture| texture.source.value());
+        let image = self.image(texture);
         let wanted = Wanted { image: image.unwrap_or_default(), encoding, wrap: Default::default(), user: user.into() };
         let decoded = match image {
-            None => Err("it does not exist".into()),
-            Some(image) if image >= self.document.as_json().images.len() => Err("it has no image".into()),
+            None if texture >= self.document.as_json().textures.len() => Err("it does not exist".into()),
+            None => Err("it has no image".into()),
             Some(_) => self.bytes(&wanted, buffers).map_err(|e| e.to_string()).and_then(|bytes| {
                 let about = texture::Wanted { name: user.into(), encoding, wrap: wanted.wrap };
                 texture::decode_one(&bytes, about, budget)

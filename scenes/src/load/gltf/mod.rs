@@ -4,6 +4,7 @@ mod access;
 mod container;
 mod curve;
 mod document;
+mod draco;
 mod extension;
 mod glossiness;
 pub(super) mod label;
@@ -29,13 +30,16 @@ use material::Materials;
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
 use skin::{Followed, Skin};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
 
 /// Extensions that are read, beyond those that the gltf crate knows it can.
-const READ: [&str; 11] = [
+const READ: [&str; 14] = [
+    draco::NAME,
+    tree::INSTANCING,
+    "EXT_texture_webp",
     "KHR_lights_punctual",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_unlit",
@@ -72,8 +76,11 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, animat
         skipped: Skipped::default(),
         animated,
     };
-    let nodes = tree::nodes(path, &document)?;
+    let mut nodes = tree::nodes(path, &document)?;
+    let own = nodes.len();
+    tree::add_instances(path, &document, &buffers, &mut nodes)?;
     reader.scene(&document, &nodes)?;
+    nodes.truncate(own);
     let Reader { mut model, materials, skipped, .. } = reader;
     skipped.tell(&mut model.report);
     for extension in document.extensions_used() {
@@ -125,7 +132,7 @@ impl Skipped {
         for (count, what) in [
             (self.points_and_lines, "primitives of points or lines skipped"),
             (self.without_positions, "primitives without positions skipped"),
-            (self.colors, "primitives with vertex colours, which are ignored"),
+            (self.colors, "primitives with vertex colours are unlit and shown without them"),
             (self.without_uvs, "sets of texture coordinates that materials ask for are not there"),
             (self.without_joints, "primitives on nodes with a skin that have no joints, and follow their nodes"),
             (self.collapsed, "nodes skipped because their transform flattens everything"),
@@ -182,10 +189,14 @@ impl Reader<'_> {
             if !transform.is_finite() {
                 return Err(Error::model(self.path, format!("/nodes/{}", node.index), "the transform is not finite"));
             }
-            self.places.insert(node.index, self.rest.len());
+            if !node.instance {
+                self.places.insert(node.index, self.rest.len());
+            }
             self.rest.push(transform);
         }
-        tree.iter().enumerate().try_for_each(|(place, node)| self.node(&nodes[node.index], place))
+        let spread: HashSet<usize> = tree.iter().filter(|node| node.instance).map(|node| node.index).collect();
+        let shown = tree.iter().enumerate().filter(|(_, node)| node.instance || !spread.contains(&node.index));
+        shown.into_iter().try_for_each(|(place, node)| self.node(&nodes[node.index], place))
     }
 
     /// The meshes of a node at `place` in the tree.
@@ -305,12 +316,12 @@ impl Reader<'_> {
             self.skipped.without_positions += 1;
             return Ok(None);
         };
-        self.skipped.colors += usize::from(primitive.get(&Semantic::Colors(0)).is_some());
         let buffers = self.buffers;
         let positions = buffers.floats::<3>(&accessor, &format!("{place}/attributes/POSITION"))?;
-        let order = match primitive.indices() {
-            Some(accessor) => buffers.indices(&accessor, &format!("{place}/indices"))?,
-            None => (0..positions.len() as u32).collect(),
+        let triangles = match (buffers.decompressed(mesh.index(), primitive.index()), primitive.indices()) {
+            (Some(decompressed), _) => decompressed.to_vec(),
+            (None, Some(accessor)) => triangles(primitive.mode(), &buffers.indices(&accessor, &format!("{place}/indices"))?),
+            (None, None) => triangles(primitive.mode(), &(0..positions.len() as u32).collect::<Vec<u32>>()),
         };
         let sets = self.materials.as_ref().map_or_else(|| vec![0], |m| m.texture_sets(&primitive.material()));
         let vertices = positions.len();
@@ -319,14 +330,16 @@ impl Reader<'_> {
         let missing = more_uvs.iter().filter(|uvs| uvs.is_empty()).count();
         let mesh_uvs = uvs(&sets[0])?;
         self.skipped.without_uvs += missing;
+        let colors = if self.materials.is_some() { self.colors(primitive, vertices, &place)? } else { vec![] };
         Ok(Some(Mesh {
             name: mesh.name().map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned),
             normals: self.attribute::<3, Vec3>(primitive, Semantic::Normals, vertices, &place)?,
             tangents: self.attribute::<4, Vec4>(primitive, Semantic::Tangents, vertices, &place)?,
             uvs: mesh_uvs,
             more_uvs,
+            colors,
             positions: positions.into_iter().map(Vec3::from).collect(),
-            triangles: triangles(primitive.mode(), &order),
+            triangles,
             ..Mesh::default()
         }))
     }
@@ -346,6 +359,21 @@ impl Reader<'_> {
         let (influences, highest) = followed.map_or_else(Default::default, |Followed { rows, highest }| (rows, Some(highest)));
         let shape = Arc::new(Shape { displacements, influences });
         Ok(Ok(Soft { mesh: Rc::new(read), shape, targets, highest }))
+    }
+
+    /// Colours of the vertices, with an opacity of 1 where they have none; empty where there are none. What emits its base colour
+    /// ([unlit](https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Khronos/KHR_materials_unlit)) does so without them.
+    fn colors(&mut self, primitive: &gltf::Primitive, vertices: usize, place: &str) -> Result<Vec<Vec4>> {
+        let Some(accessor) = primitive.get(&Semantic::Colors(0)) else { return Ok(vec![]) };
+        if primitive.material().extension_value("KHR_materials_unlit").is_some() {
+            self.skipped.colors += 1;
+            return Ok(vec![]);
+        }
+        if accessor.dimensions() == gltf::accessor::Dimensions::Vec3 {
+            let colors = self.attribute::<3, Vec3>(primitive, Semantic::Colors(0), vertices, place)?;
+            return Ok(colors.into_iter().map(|color| color.extend(1.0)).collect());
+        }
+        self.attribute(primitive, Semantic::Colors(0), vertices, place)
     }
 
     /// An optional attribute with one value for each of `vertices`.

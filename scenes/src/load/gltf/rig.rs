@@ -90,6 +90,7 @@ pub(crate) fn read(path: &Path, reach: &Reach, animation: Option<&Animation>) ->
     if let Some(animation) = animation {
         let index = clip(path, &document, animation.clip.as_ref())?;
         let buffers = Buffers::read(path, reach, &document, blob)?;
+        tree::add_instances(path, &document, &buffers, &mut rig.nodes)?;
         rig.play(path, &document, &buffers, index)?;
     }
     Ok(rig)
@@ -113,7 +114,8 @@ fn clip(path: &Path, document: &Document, choice: Option<&NameOrNumber>) -> Resu
 impl Rig {
     fn play(&mut self, path: &Path, document: &Document, buffers: &Buffers, index: usize) -> Result<()> {
         let animation = &document.as_json().animations[index];
-        let places: HashMap<usize, usize> = self.nodes.iter().enumerate().map(|(place, node)| (node.index, place)).collect();
+        let own = self.nodes.iter().enumerate().filter(|(_, node)| !node.instance);
+        let places: HashMap<usize, usize> = own.map(|(place, node)| (node.index, place)).collect();
         let accessors = Accessors { path, buffers, all: document.accessors().collect() };
         let (mut curves, mut moved) = (HashMap::new(), HashSet::new());
         for (number, channel) in animation.channels.iter().enumerate() {
@@ -192,9 +194,11 @@ impl Rig {
         world
     }
 
-    /// Weights of the morph targets of the node at `place` at a second of the animation, where it moves them.
+    /// Weights of the morph targets of the node at `place` (of an instance, those of its node) at a second of the animation,
+    /// where it moves them.
     pub(crate) fn weights(&self, place: usize, seconds: f64) -> Option<Vec<f32>> {
-        self.weights.get(&place).map(|weights| weights.at(seconds))
+        let node = self.nodes.get(place).filter(|node| node.instance).and_then(|node| node.parent);
+        self.weights.get(&node.unwrap_or(place)).map(|weights| weights.at(seconds))
     }
 
     /// Where a camera of the file is in [`Self::pose`]: its position, the direction of its view, and what is up in its picture;

@@ -1,10 +1,16 @@
 //! The nodes of the file's scene.
 
+use super::access::Buffers;
 use crate::error::{Error, Result};
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, DVec4};
 use gltf::Document;
 use gltf::scene::Transform;
 use std::path::Path;
+
+pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+
+/// Most places at which the nodes of a file may show their meshes.
+const MOST_INSTANCES: usize = 1 << 20;
 
 /// A node of the tree.
 pub(super) struct Node {
@@ -13,6 +19,8 @@ pub(super) struct Node {
     /// Place of its parent in the list of nodes, always an earlier one.
     pub parent: Option<usize>,
     pub local: Local,
+    /// Whether it stands for one of several places at which its parent shows its mesh (EXT_mesh_gpu_instancing).
+    pub instance: bool,
 }
 
 /// Node to parent, in double precision: trees of many nodes may go far out and come back.
@@ -83,9 +91,56 @@ pub(super) fn nodes(path: &Path, document: &Document) -> Result<Vec<Node>> {
         }
         let node = &nodes[index];
         let place = found.len();
-        found.push(Node { index, parent, local: local(node) });
+        found.push(Node { index, parent, local: local(node), instance: false });
         let children: Vec<usize> = node.children().map(|c| c.index()).collect();
         stack.extend(children.into_iter().rev().map(|c| (c, Some(place))));
     }
     Ok(found)
+}
+
+/// Adds, behind `nodes`, one for each place at which a node shows its mesh by [`INSTANCING`]. Skins go before it: they say where
+/// all vertices are.
+pub(super) fn add_instances(path: &Path, document: &Document, buffers: &Buffers, nodes: &mut Vec<Node>) -> Result<()> {
+    let all: Vec<gltf::Node> = document.nodes().collect();
+    for parent in 0..nodes.len() {
+        let index = nodes[parent].index;
+        let Some(extension) = all[index].extension_value(INSTANCING) else { continue };
+        if all[index].mesh().is_none() || all[index].skin().is_some() {
+            continue;
+        }
+        let here = format!("/nodes/{index}/extensions/{INSTANCING}/attributes");
+        let accessor = |name: &str| -> Result<Option<gltf::Accessor>> {
+            let Some(number) = extension.get("attributes").and_then(|attributes| attributes.get(name)) else { return Ok(None) };
+            let found = number.as_u64().and_then(|number| document.accessors().nth(usize::try_from(number).ok()?));
+            found.map(Some).ok_or_else(|| Error::model(path, format!("{here}/{name}"), format!("there is no accessor {number}")))
+        };
+        let names = ["TRANSLATION", "ROTATION", "SCALE"];
+        let [translation, rotation, scale] = [accessor(names[0])?, accessor(names[1])?, accessor(names[2])?];
+        let counts: Vec<usize> = [&translation, &rotation, &scale].into_iter().flatten().map(gltf::Accessor::count).collect();
+        let Some(&count) = counts.first() else { continue };
+        if counts.iter().any(|other| *other != count) {
+            return Err(Error::model(path, here, "translations, rotations and scales differ in number"));
+        }
+        if nodes.len().saturating_add(count) > MOST_INSTANCES {
+            return Err(Error::model(path, here, format!("more than {MOST_INSTANCES} nodes and instances")));
+        }
+        let three = |accessor: Option<gltf::Accessor>, name: &str, otherwise: f32| match accessor {
+            Some(accessor) => buffers.floats::<3>(&accessor, &format!("{here}/{name}")),
+            None => Ok(vec![[otherwise; 3]; count]),
+        };
+        let (translations, scales) = (three(translation, names[0], 0.0)?, three(scale, names[2], 1.0)?);
+        let rotations = match rotation {
+            Some(accessor) => buffers.floats::<4>(&accessor, &format!("{here}/{}", names[1]))?,
+            None => vec![[0.0, 0.0, 0.0, 1.0]; count],
+        };
+        for ((translation, rotation), scale) in translations.into_iter().zip(rotations).zip(scales) {
+            let local = Local::Parts(Parts {
+                translation: DVec3::from(translation.map(f64::from)),
+                rotation: DVec4::from(rotation.map(f64::from)),
+                scale: DVec3::from(scale.map(f64::from)),
+            });
+            nodes.push(Node { index, parent: Some(parent), local, instance: true });
+        }
+    }
+    Ok(())
 }

@@ -17,7 +17,7 @@ pub(super) struct LeftOut {
     pub triangles: usize,
     /// Faces whose texture coordinate or normal does not exist.
     pub attributes: usize,
-    /// Vertices with a colour.
+    /// Colours of vertices, where the first vertex has none, and others than three numbers.
     pub colors: usize,
 }
 
@@ -34,6 +34,8 @@ pub(super) struct Lines<'a> {
     /// Name of the object, and which attributes its last face had.
     name: String,
     attributes: Option<[bool; 2]>,
+    /// Whether the first vertex has a colour, and so all have.
+    colored: Option<bool>,
     /// Names of materials asked for.
     pub(super) materials: Vec<String>,
     pub(super) left_out: LeftOut,
@@ -75,6 +77,7 @@ impl<'a> Lines<'a> {
             so_far: [0; 3],
             name: "unnamed".into(),
             attributes: None,
+            colored: None,
             materials: vec![],
             left_out: LeftOut::default(),
             fault: None,
@@ -105,9 +108,15 @@ impl<'a> Lines<'a> {
             Some("v") => {
                 self.so_far[0] += 1;
                 let given = text.split_whitespace().count() - 1;
-                // x y z, or x y z w; what follows is a colour.
-                self.left_out.colors += usize::from(given > 4);
-                self.numbers("v", words.take(if given == 4 { 4 } else { 3 }));
+                // x y z, or x y z w, or x y z r g b. All vertices have colours or none has.
+                let colored = *self.colored.get_or_insert(given == 6);
+                match (given, colored) {
+                    (6, true) => self.numbers("v", words.take(6)),
+                    (_, true) => self.numbers("v", words.take(3).chain(["1"; 3])),
+                    (4, false) => self.numbers("v", words.take(4)),
+                    (_, false) => self.numbers("v", words.take(3)),
+                }
+                self.left_out.colors += usize::from(given > 4 && !(colored && given == 6));
                 self.check_numbers(&text, 3);
             }
             Some("vt") => {

@@ -5,11 +5,12 @@ mod material;
 mod texture;
 
 use super::model::{Model, Part};
-use crate::Mesh;
 use crate::error::{Error, Result};
 use crate::texture::Budget;
-use glam::{DAffine3, Vec2, Vec3};
+use crate::{Material, Mesh};
+use glam::{DAffine3, Vec2, Vec3, Vec3A, Vec4};
 use lines::Lines;
+use renderflow_frame::color::srgb_to_linear;
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
 use std::cell::RefCell;
@@ -40,7 +41,7 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
     for (count, what) in [
         (lines.left_out.points_and_lines, "points and lines skipped"),
         (lines.left_out.attributes, "faces whose texture coordinates or normals do not exist are shown without"),
-        (lines.left_out.colors, "vertices with colours, which are ignored"),
+        (lines.left_out.colors, "vertices with colours that are not read"),
     ] {
         if count > 0 {
             model.report.notes.push(format!("{count} {what}"));
@@ -50,19 +51,31 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
         let materials = materials.unwrap_or_default();
         libraries.finish(&materials, &lines.materials, budget, &mut model)?;
     }
+    let mut colored = None;
     for tobj::Model { mesh, name } in models {
         if mesh.indices.is_empty() {
             continue;
         }
-        let material = mesh.material_id.filter(|_| textures.is_some());
+        let mut material = mesh.material_id.filter(|_| textures.is_some());
+        let mut mesh = convert(name.clone(), &mesh);
+        if textures.is_none() {
+            mesh.colors.clear();
+        } else if material.is_none() && !mesh.colors.is_empty() {
+            material = Some(*colored.get_or_insert_with(|| {
+                model.materials.push(Material { name: "colours of vertices".into(), ..Material::default() });
+                model.materials.last_mut().into_iter().for_each(|material| material.surface.base_color = Vec3A::ONE);
+                model.materials.len() - 1
+            }));
+        }
         let (mesh_number, transform) = (model.meshes.len(), DAffine3::IDENTITY);
         model.parts.push(Part { name: name.clone(), mesh: mesh_number, material, transform, node: 0, deformer: None });
-        model.meshes.push(convert(name, &mesh));
+        model.meshes.push(mesh);
     }
     Ok(model)
 }
 
-/// The same mesh with v running down, as everywhere else here (in OBJ it runs up).
+/// The same mesh with v running down, as everywhere else here (in OBJ it runs up), and linear colours: those in such files are
+/// encoded as sRGB.
 fn convert(name: String, mesh: &tobj::Mesh) -> Mesh {
     let vectors = |flat: &[f32]| flat.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
     Mesh {
@@ -70,6 +83,10 @@ fn convert(name: String, mesh: &tobj::Mesh) -> Mesh {
         positions: vectors(&mesh.positions),
         normals: vectors(&mesh.normals),
         uvs: mesh.texcoords.chunks_exact(2).map(|uv| Vec2::new(uv[0], 1.0 - uv[1])).collect(),
+        colors: vectors(&mesh.vertex_color)
+            .into_iter()
+            .map(|color| Vec4::from((color.map(|v| srgb_to_linear(v.clamp(0.0, 1.0))), 1.0)))
+            .collect(),
         triangles: mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
         ..Mesh::default()
     }
