@@ -14,6 +14,9 @@ pub fn check_scene(scene: &LoadedScene) {
         assert!(mesh.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-3), "a normal is not unit");
         assert!(mesh.uvs.is_empty() || mesh.uvs.len() == count, "coordinates are missing");
         assert!(mesh.uvs.iter().all(|uv| uv.is_finite()), "a coordinate is not finite");
+        assert!(mesh.colors.is_empty() || mesh.colors.len() == count, "colours are missing");
+        let unit = |v: f32| (0.0..=1.0).contains(&v);
+        assert!(mesh.colors.iter().all(|c| c.to_array().into_iter().all(unit)), "a colour is out of range");
         assert!(mesh.tangents.is_empty() || mesh.tangents.len() == count, "tangents are missing");
         let unit = |t: &glam::Vec4| (t.truncate().length() - 1.0).abs() < 1e-3 && t.w.abs() == 1.0;
         assert!(mesh.tangents.iter().all(unit), "a tangent is not unit");

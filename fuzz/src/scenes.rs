@@ -85,3 +85,21 @@ pub fn textures(folder: &Path, name: &str) -> Result<LoadedScene> {
     );
     load::load(&parse(&scene), &Reach::folder(folder))
 }
+
+/// A binary glTF file of its JSON and its binary chunk (glTF 2.0, section 4.4).
+pub fn binary(json: &[u8], chunk: &[u8]) -> Vec<u8> {
+    let padded = |data: &[u8], filler| {
+        let mut data = data.to_vec();
+        data.resize(data.len().next_multiple_of(4), filler);
+        data
+    };
+    let (json, chunk) = (padded(json, b' '), padded(chunk, 0));
+    let mut bytes = b"glTF\x02\0\0\0".to_vec();
+    bytes.extend((28 + json.len() as u32 + chunk.len() as u32).to_le_bytes());
+    for (kind, data) in [(b"JSON", json), (b"BIN\0", chunk)] {
+        bytes.extend((data.len() as u32).to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend(data);
+    }
+    bytes
+}

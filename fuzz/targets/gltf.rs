@@ -17,29 +17,11 @@ static FOLDER: LazyLock<PathBuf> = LazyLock::new(|| {
     folder
 });
 
-/// glTF 2.0, section 4.4.
-fn binary(json: &[u8], chunk: &[u8]) -> Vec<u8> {
-    let padded = |data: &[u8], filler| {
-        let mut data = data.to_vec();
-        data.resize(data.len().next_multiple_of(4), filler);
-        data
-    };
-    let (json, chunk) = (padded(json, b' '), padded(chunk, 0));
-    let mut bytes = b"glTF\x02\0\0\0".to_vec();
-    bytes.extend((28 + json.len() as u32 + chunk.len() as u32).to_le_bytes());
-    for (kind, data) in [(b"JSON", json), (b"BIN\0", chunk)] {
-        bytes.extend((data.len() as u32).to_le_bytes());
-        bytes.extend(kind);
-        bytes.extend(data);
-    }
-    bytes
-}
-
 fuzz_target!(
     init: catch_in_readers(),
     |bytes: &[u8]| watch(|| {
         let file = match bytes.iter().position(|&b| b == 0) {
-            Some(end) if !bytes.starts_with(b"glTF") => Cow::Owned(binary(&bytes[..end], &bytes[end + 1..])),
+            Some(end) if !bytes.starts_with(b"glTF") => Cow::Owned(scenes::binary(&bytes[..end], &bytes[end + 1..])),
             _ => Cow::Borrowed(bytes),
         };
         put(&FOLDER.join("input.gltf"), &file);
