@@ -134,7 +134,9 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     }
 
     #[cfg(feature = "all")]
-    for (name, precision) in [("half", renderflow_model::weights::Precision::F16), ("single", renderflow_model::weights::Precision::F32)] {
+    for (name, precision) in
+        [("half", renderflow_model::weights::Precision::F16), ("single", renderflow_model::weights::Precision::F32)]
+    {
         use renderflow_model::fusion::{Fusion, FusionConfig, render};
         let fusion = Fusion::untrained(&FusionConfig { widths: [16; 4] }, 1)?;
         put("weights", &format!("{name}.safetensors"), &render::encode(fusion.header(), &fusion.parameters(), precision)?)?;

@@ -4,10 +4,10 @@
 
 use libfuzzer_sys::fuzz_target;
 use renderflow_fuzz::{catch_in_readers, folder, names_file, put, same_again, watch};
-use renderflow_model::parameters::Parameter;
 use renderflow_model::fusion::training::Config;
-use renderflow_model::train::checkpoint::{self, CheckpointHeader};
+use renderflow_model::parameters::Parameter;
 use renderflow_model::train::RunConfig;
+use renderflow_model::train::checkpoint::{self, CheckpointHeader};
 use renderflow_model::train::optimizer::Optimizer;
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -52,7 +52,8 @@ fn check(bytes: &[u8]) {
     let copy = FOLDER.join("copy.safetensors");
     checkpoint::save(&copy, &header, &optimizer).expect("a checkpoint can be written");
     let mut again = fresh();
-    let read = checkpoint::load::<Config>(&copy, &|_| None, None, &mut again).expect("a checkpoint can be read").expect("it is there");
+    let read =
+        checkpoint::load::<Config>(&copy, &|_| None, None, &mut again).expect("a checkpoint can be read").expect("it is there");
     assert!(again == optimizer && read == header);
     same_again::<CheckpointHeader<Config>>(&header);
     // And goes on at all.

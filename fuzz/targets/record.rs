@@ -4,9 +4,9 @@
 use libfuzzer_sys::fuzz_target;
 use renderflow::dataset::check::Part;
 use renderflow::dataset::damage::{self, Depth};
-use renderflow::dataset::manifest::{self, Manifest};
 use renderflow::dataset::home::Home;
 use renderflow::dataset::layout::{FAILURES, RECORD};
+use renderflow::dataset::manifest::{self, Manifest};
 use renderflow::dataset::record::{self, Record};
 use renderflow::dataset::{Plan, stats};
 use renderflow_fuzz::{catch_in_readers, folder, names_file, parts, plain, put, same_again, watch};

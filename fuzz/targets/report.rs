@@ -4,9 +4,9 @@
 
 use libfuzzer_sys::fuzz_target;
 use renderflow::evaluate::results::{ABOUT, Results, TRUTH, picture_file};
+use renderflow::report::{self, table};
 use renderflow::util::cancel::Cancel;
 use renderflow::util::progress::Progress;
-use renderflow::report::{self, table};
 use renderflow_fuzz::{catch_in_readers, folder, parts, plain, put, watch};
 use std::path::PathBuf;
 use std::sync::LazyLock;
