@@ -2,9 +2,8 @@
 
 mod common;
 
-use common::anywhere;
 use common::gltf::{FLOAT, File, STRIP, bytes, data_uri, document, png, square};
-use common::model_scene;
+use common::{anywhere, asset, load_model, model_scene};
 use glam::{Affine3A, Vec3, Vec3A, Vec4};
 use renderflow_scenes::description::Animation;
 use renderflow_scenes::mipmap::Texels;
@@ -43,6 +42,20 @@ fn draco_gives_what_google_compressed() {
             let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
             assert!((b - a).cross(c - a).dot(mesh.normals[triangle[0] as usize]) > 0.0);
         }
+    }
+}
+
+/// A sphere that glTF-Transform compressed, in a container.
+#[test]
+fn draco_of_gltf_transform_is_read() {
+    let Some(path) = asset("gltf/edge/gltf-transform/DenseSphere.glb") else { return };
+    let scene = load_model(&path).unwrap();
+    let mesh = &scene.meshes[0];
+    assert!(mesh.triangles.len() > 1000 && mesh.normals.len() == mesh.positions.len());
+    let radius = mesh.positions[0].length();
+    for (p, n) in mesh.positions.iter().zip(&mesh.normals) {
+        assert!((p.length() / radius - 1.0).abs() < 1e-3, "{p} {radius}");
+        assert!(p.normalize().distance(*n) < 0.05, "{p} {n}");
     }
 }
 
