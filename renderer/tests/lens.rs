@@ -35,7 +35,7 @@ fn profile(frame: &Frame) -> Vec<f64> {
 fn an_edge_is_blurred_as_wide_as_the_circle_of_confusion() {
     let (width, height) = (129, 16);
     let look = camera([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 10.0, width, height);
-    let (aperture, focus) = (0.02, 2.0);
+    let (aperture, focus) = (0.2, 2.0);
     for distance in [1.0_f32, 2.0, 6.0] {
         let scene = edge(distance, look);
         let frame = picture(&scene, Some(ThinLens { aperture, focus }), 1024);
@@ -52,7 +52,7 @@ fn an_edge_is_blurred_as_wide_as_the_circle_of_confusion() {
         }
         // The G-buffer is that of a pinhole.
         assert_eq!(frame.depth, picture(&scene, None, 4).depth);
-        assert_eq!(frame.info.lens, "aperture 0.02 focus 2");
+        assert_eq!(frame.info.lens, "aperture 0.2 focus 2");
     }
 }
 

@@ -78,7 +78,7 @@ def mesh(path, smooth):
         layer.uv.foreach_set("vector", corners.astype(numpy.float32).ravel())
     if "r" in v:
         colors = numpy.stack([v["r"], v["g"], v["b"], numpy.ones_like(v["r"])], 1)
-        result.color_attributes.new("color", "FLOAT_COLOR", "POINT").data.foreach_set("color", colors.astype(numpy.float32).ravel())
+        result.color_attributes.new("tint", "FLOAT_COLOR", "POINT").data.foreach_set("color", colors.astype(numpy.float32).ravel())
     if smooth:
         result.normals_split_custom_set_from_vertices(numpy.stack([v["nx"], -v["nz"], v["ny"]], 1))
     return result
@@ -176,7 +176,7 @@ def material(folder, thing, notes):
     hidden, sockets, normal = [], {}, None
     if description.get("vertex_colors"):
         attribute = nodes.new("ShaderNodeAttribute")
-        attribute.attribute_name = "color"
+        attribute.attribute_name = "tint"
         sockets["base_color"] = attribute.outputs["Color"]
         links.new(attribute.outputs["Color"], shader.inputs["Base Color"])
     for name, file in description["textures"].items():
