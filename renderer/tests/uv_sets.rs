@@ -3,9 +3,8 @@
 
 mod common;
 
-use common::{camera, diffuse, plane, render, scene, sphere, sunny};
+use common::{camera, diffuse, furthest, plane, render, scene, sphere, sunny};
 use glam::{Affine3A, Vec2, Vec3};
-use renderflow_frame::Frame;
 use renderflow_renderer::{RenderScene, Sharing};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
 use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
@@ -40,12 +39,6 @@ fn pictured(material: &Material, further: bool) -> LoadedScene {
         }
     }
     loaded
-}
-
-/// Largest difference between two pictures.
-fn furthest(a: &Frame, b: &Frame) -> f32 {
-    let [a, b] = [a, b].map(|frame| &frame.beauty.as_ref().expect("asked for").pixels);
-    a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{camera, compile, diffuse, plane, render, scene, sphere, sunny};
+use common::{camera, compile, diffuse, furthest, plane, render, scene, sphere, sunny};
 use glam::{Affine3A, Vec2, Vec3, Vec3A, Vec4};
 use renderflow_frame::Frame;
 use renderflow_renderer::{RenderScene, Sharing};
@@ -27,11 +27,6 @@ fn colored(material: &Material, color: Vec4) -> LoadedScene {
         mesh.colors = vec![color; mesh.positions.len()];
     }
     loaded
-}
-
-fn furthest(a: &Frame, b: &Frame) -> f32 {
-    let [a, b] = [a, b].map(|frame| &frame.beauty.as_ref().expect("asked for").pixels);
-    a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
 /// One colour everywhere gives the picture of a material with that colour and that opacity.

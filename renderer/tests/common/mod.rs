@@ -92,6 +92,12 @@ pub fn sunny() -> Environment {
     environment
 }
 
+/// Largest difference between two pictures.
+pub fn furthest(a: &Frame, b: &Frame) -> f32 {
+    let [a, b] = [a, b].map(|frame| &frame.beauty.as_ref().expect("asked for").pixels);
+    a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
 /// Every channel is finite (depth may be +inf) and within its range.
 pub fn check_frame(frame: &Frame) {
     let n = frame.width * frame.height;
