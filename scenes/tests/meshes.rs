@@ -109,3 +109,22 @@ fn areas_are_judged_exactly() {
     }
     assert_eq!(kept, 4);
 }
+
+/// Normals whose squares are too small or too large for single precision keep their direction; those without one get that of the
+/// triangles.
+#[test]
+fn normals_of_any_length_become_unit() {
+    let normals = [[1e-21, 1e-21, 0.0], [3e38, 0.0, 3e38], [0.0, 1e-45, 0.0], [0.0; 3]];
+    let mut file = document(&[
+        (FLOAT, "VEC3", 4, false, bytes(CORNERS.as_flattened())),
+        (FLOAT, "VEC3", 4, false, bytes(normals.as_flattened())),
+    ]);
+    file["meshes"][0]["primitives"][0] = json!({ "mode": 5, "attributes": { "POSITION": 0, "NORMAL": 1 } });
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    let scene = File::new(&file).load().unwrap();
+    for (got, expected) in
+        scene.meshes[0].normals.iter().zip([[half, half, 0.0], [half, 0.0, half], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    {
+        assert!(got.distance(expected.into()) < 1e-6, "{got} for {expected:?}");
+    }
+}

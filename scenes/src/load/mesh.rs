@@ -223,9 +223,15 @@ fn direction([a, b, c]: [Vec3; 3]) -> Vec3 {
 
 /// Makes normals unit; those without a direction become the mean of their triangles' geometric normals.
 fn mend_normals(mesh: &mut Mesh) {
-    let unit = |n: Vec3| n.try_normalize();
-    if mesh.normals.iter().all(|&n| unit(n).is_some()) {
-        mesh.normals.iter_mut().for_each(|n| *n = n.normalize());
+    // Squares of very short and very long ones leave single precision.
+    let unit = |n: Vec3| {
+        let plain = (1e-30..1e30).contains(&n.length_squared());
+        let scaled = if plain { n } else { n / n.abs().max_element() };
+        scaled.try_normalize()
+    };
+    let units: Option<Vec<Vec3>> = mesh.normals.iter().map(|&n| unit(n)).collect();
+    if let Some(units) = units {
+        mesh.normals = units;
         return;
     }
     let mut sums = vec![Vec3::ZERO; mesh.positions.len()];
