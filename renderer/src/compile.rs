@@ -15,7 +15,7 @@ use check::check;
 use glam::Vec3A;
 use renderflow_frame::{Camera, Environment, Light};
 use renderflow_scenes::loaded::{AlphaMask, PunctualLight};
-use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
+use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, TextureSlot};
 use std::sync::{Arc, OnceLock};
 
 /// A scene at one frame, ready to be rendered.
@@ -179,9 +179,9 @@ impl RenderScene {
         check(scene, sharing)?;
         let textures: Vec<Sampled> = scene.textures.iter().map(Sampled::new).collect();
         let frames = scene.cameras.len() / (1 + moments.len());
-        let materials = scene.materials.iter().enumerate();
+        let materials = scene.materials.iter().zip(least_alphas(scene));
         let materials: Vec<_> =
-            materials.map(|(i, m)| compile_material(&m.at(0.0, frames), &textures, least_alpha(scene, i))).collect();
+            materials.map(|(m, least_alpha)| compile_material(&m.at(0.0, frames), &textures, least_alpha)).collect();
         let changing = scene.materials.iter().cloned().enumerate().filter(|(_, m)| m.change.is_some()).collect();
         let light = EnvironmentLight::new(&scene.environment)?;
         let features = features(&materials, &scene.instances, &light, &scene.lights);
@@ -550,14 +550,21 @@ fn further_sets(materials: &[Material], instances: &[Instance]) -> usize {
     slots.map(|slot| slot.set).max().unwrap_or(0)
 }
 
-/// The lowest opacity that the colours of vertices give a material; `None` where no mesh on it has any.
-fn least_alpha(scene: &LoadedScene, material: usize) -> Option<f32> {
-    let meshes = scene.instances.iter().filter(|instance| instance.material == material).map(|i| &scene.meshes[i.mesh]);
-    let alphas = meshes.flat_map(|mesh| &mesh.colors).map(|color| color.w);
-    alphas.reduce(f32::min)
+/// The lowest opacity that the colours of vertices give each material; `None` where no mesh on it has any.
+fn least_alphas(scene: &LoadedScene) -> Vec<Option<f32>> {
+    let least = |mesh: &Mesh| mesh.colors.iter().map(|color| color.w).reduce(f32::min);
+    let meshes: Vec<Option<f32>> = scene.meshes.iter().map(least).collect();
+    let mut materials = vec![None; scene.materials.len()];
+    for instance in &scene.instances {
+        if let Some(alpha) = meshes[instance.mesh] {
+            let lowest: &mut Option<f32> = &mut materials[instance.material];
+            *lowest = Some(lowest.map_or(alpha, |lowest| lowest.min(alpha)));
+        }
+    }
+    materials
 }
 
-/// `least_alpha` is what [`least_alpha`] says.
+/// `least_alpha` is what [`least_alphas`] says of it.
 fn compile_material(material: &Material, textures: &[Sampled], least_alpha: Option<f32>) -> CompiledMaterial {
     let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
     // A mask that cuts nothing must not cost every ray a look-up.

@@ -192,6 +192,11 @@ fn a_node_shows_its_mesh_at_every_instance() {
     uneven["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = json!({ "TRANSLATION": 1 });
     let error = File::new(&uneven).error();
     assert!(error.contains("more than 1048576 nodes and instances"), "{error}");
+    // As many as there may be, of a mesh of many primitives.
+    uneven["accessors"][1]["count"] = json!(1_000_000);
+    uneven["meshes"][0]["primitives"] = vec![uneven["meshes"][0]["primitives"][0].clone(); 500].into();
+    let error = File::new(&uneven).error();
+    assert!(error.contains("/nodes/0: more than 2097152 parts"), "{error}");
 }
 
 #[test]

@@ -10,6 +10,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::path::Path;
 
+/// Name of the extension.
 pub(super) const NAME: &str = "KHR_draco_mesh_compression";
 
 /// Bytes that all meshes of a file may decompress to, beside [`RATIO`] times those of its buffers: a constant attribute takes no

@@ -55,6 +55,9 @@ const READ: [&str; 14] = [
 /// Extensions that the gltf crate reads here (its cargo features).
 const READ_BY_CRATE: [&str; 3] = ["KHR_texture_transform", "KHR_materials_ior", "KHR_materials_emissive_strength"];
 
+/// Most parts of a model: nodes and instances times the primitives of their meshes. A kilobyte could ask for any number.
+const MOST_PARTS: usize = 1 << 21;
+
 /// Reads a `.gltf` or `.glb` file, whose URIs lead where `reach` says; materials and textures only within a budget for the
 /// latter. What only an animation needs, parts that are flattened as they rest and meshes before anything moves them, comes with
 /// it where the model is to be `animated`.
@@ -196,7 +199,10 @@ impl Reader<'_> {
         }
         let spread: HashSet<usize> = tree.iter().filter(|node| node.instance).map(|node| node.index).collect();
         let shown = tree.iter().enumerate().filter(|(_, node)| node.instance || !spread.contains(&node.index));
-        shown.into_iter().try_for_each(|(place, node)| self.node(&nodes[node.index], place))
+        for (place, node) in shown {
+            self.node(&nodes[node.index], place)?;
+        }
+        Ok(())
     }
 
     /// The meshes of a node at `place` in the tree.
@@ -224,6 +230,9 @@ impl Reader<'_> {
             Some(known) => known,
             None => self.mesh(&mesh)?,
         };
+        if self.model.parts.len() + primitives.len() > MOST_PARTS {
+            return Err(Error::model(self.path, format!("/nodes/{}", node.index()), format!("more than {MOST_PARTS} parts")));
+        }
         let name = node.name().or(mesh.name()).map_or_else(|| format!("node {}", node.index()), str::to_owned);
         for primitive in &mut primitives {
             let part = Part { name: name.clone(), mesh: 0, material: primitive.material, transform, node: place, deformer: None };

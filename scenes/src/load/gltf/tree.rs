@@ -7,6 +7,7 @@ use gltf::Document;
 use gltf::scene::Transform;
 use std::path::Path;
 
+/// The extension by which a node shows its mesh at many places.
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 /// Most places at which the nodes of a file may show their meshes.
