@@ -169,6 +169,11 @@ fn so_they_do_under_lamps() {
     let above = Vec3::new(0.3, 1.9, 0.4);
     assert_same("a ball that glows", night(caustics(vec![ball(), lamp(above, 0.1)])), settings);
     assert_same("it beside a sky", caustics(vec![ball(), lamp(above, 0.1)]), settings);
+    // What the pane takes away on the way to the camera.
+    let tint = Principled { base_color: Vec3A::new(0.5, 0.3, 0.2), roughness: 0.0, ..glass(0.0).surface };
+    let wall = Affine3A::from_rotation_translation(Quat::from_rotation_x(FRAC_PI_2), Vec3::new(0.0, 1.0, 2.6));
+    let pane = (plane(8.0), Material { thin_walled: true, ..Material::from(tint) }, wall);
+    assert_same("it behind a pane", night(caustics(vec![ball(), lamp(above, 0.1), pane])), settings);
     let more = Settings { spp: 1024, ..settings };
     assert_same("within glass", night(caustics(vec![ball(), lamp(Vec3::new(0.1, 0.45, 0.9), 0.1)])), more);
     // A small square that shines down, or both ways, and hides a part of the other lamp.
