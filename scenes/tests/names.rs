@@ -104,6 +104,9 @@ fn models_name_files_of_their_own_folder() {
     for library in ["mtllib ../theirs/paint.mtl".to_owned(), format!("mtllib {}", folders.path("theirs/paint.mtl").display())] {
         folders.write("mine/model.obj", &format!("{library}\nusemtl red\n{TRIANGLE}"));
         folders.needs_permission(&library, |reach| model("model.obj", reach));
+        // The message says which file holds the name.
+        let said = model("model.obj", &folders.reach(false)).expect_err(&library).to_string();
+        assert!(said.contains("model.obj: mtllib"), "{said}");
     }
     folders.write("mine/model.obj", &format!("mtllib paint.mtl\nusemtl red\n{TRIANGLE}"));
     for line in

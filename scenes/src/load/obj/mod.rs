@@ -49,7 +49,11 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
     }
     if let Some(budget) = textures {
         let materials = materials.unwrap_or_default();
-        libraries.finish(&materials, &lines.materials, budget, &mut model)?;
+        libraries.finish(&materials, &lines.materials, budget, &mut model).map_err(|error| match error {
+            // Only here it is known which file holds the name.
+            Error::Name { reason } => Error::Name { reason: format!("{}: {reason}", path.display()) },
+            other => other,
+        })?;
     }
     let mut colored = None;
     for tobj::Model { mesh, name } in models {
