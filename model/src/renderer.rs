@@ -40,6 +40,8 @@ pub struct Options {
     pub keyframes: bool,
     /// Number of Euler steps from t = 0, at least 1. The network is trained for 1.
     pub steps: usize,
+    /// Seed of the noise that a network begins with. It changes nothing for a network that begins with the albedo.
+    pub seed: u64,
     /// Render each frame alone, also with a network that renders clips. Frames can then come in any order. Pictures are sharper,
     /// because a latent frame stands for one picture, but they are less stable over time.
     pub stills: bool,
@@ -47,7 +49,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { keyframes: false, steps: 1, stills: false }
+        Self { keyframes: false, steps: 1, seed: 0, stills: false }
     }
 }
 

@@ -12,7 +12,7 @@ use renderflow_model::lpips::Backbone;
 use renderflow_model::parameters::{self, to_vec};
 use renderflow_model::train::{Method, RunConfig};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
-use renderflow_model::wan::pictures::Kind;
+use renderflow_model::wan::pictures::{BridgeStart, Kind};
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
 use renderflow_model::wan::train::latents::{ClipLatents, Encoder};
 use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, LogRecord, PixelLoss, Progress, Stage, Summary, run};
@@ -125,8 +125,17 @@ fn open(path: &Path) -> Flow {
 
 /// Latents of clips, made by an untrained autoencoder.
 fn encoded(vae: &Vae, clips: &[Clip], stills: bool) -> Vec<Arc<Vec<ClipLatents>>> {
-    let encoder =
-        Encoder { vae, sizes: vec![32], multiple: 16, stills, clips: true, references: true, pictures: &Kind::ALL, store: None };
+    let encoder = Encoder {
+        vae,
+        sizes: vec![32],
+        start: BridgeStart::Albedo,
+        multiple: 16,
+        stills,
+        clips: true,
+        references: true,
+        pictures: &Kind::ALL,
+        store: None,
+    };
     clips.iter().map(|clip| Arc::new(encoder.encode(clip).expect("latents"))).collect()
 }
 
@@ -543,6 +552,7 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
         let encoder = Encoder {
             vae: &vae,
             sizes: vec![SIZE],
+            start: BridgeStart::Albedo,
             multiple: 16,
             stills: false,
             clips: true,

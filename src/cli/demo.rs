@@ -5,8 +5,9 @@ use crate::dataset::denoise::Denoise;
 use crate::dataset::job::{NO_TRUTH, SequenceJob, TruthSettings};
 use crate::evaluate::find::TestSequence;
 use crate::evaluate::method::Method;
+use crate::evaluate::renderer::{self, Drawing};
 use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
-use crate::evaluate::{renderer, run};
+use crate::evaluate::run;
 use crate::report::{self, table};
 use crate::util::cancel::Cancel;
 use crate::util::picture;
@@ -101,6 +102,7 @@ impl Demo {
                 methods: &methods,
                 fusion: networks.fusion.as_ref(),
                 wan: networks.wan.as_deref(),
+                drawing: Drawing::default(),
                 guide_samples: 16,
                 max_bounces: self.trace.max_bounces,
                 allowed: &named,

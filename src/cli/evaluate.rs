@@ -1,7 +1,8 @@
 use super::AllWeightsArgs;
 use crate::evaluate::find::find;
 use crate::evaluate::method::{Method, help};
-use crate::evaluate::{autoencoder, external, inverse, renderer, results::Results, run};
+use crate::evaluate::renderer::{self, Drawing};
+use crate::evaluate::{autoencoder, external, inverse, results::Results, run};
 use crate::metrics::Networks;
 use crate::report::table;
 use crate::util::cancel::Cancel;
@@ -89,6 +90,12 @@ struct Pictures {
     /// How often a path may scatter in path-traced rows
     #[arg(long, default_value_t = Settings::default().max_bounces, value_parser = within(Settings::MAX_BOUNCES), help_heading = "Sampling")]
     max_bounces: u32,
+    /// Euler steps of the paper's network; it is trained for 1
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000), conflicts_with = "pictures", help_heading = "Network")]
+    steps: u32,
+    /// Seed of the noise that the paper's network begins with, for weights that were trained to begin with noise
+    #[arg(long, default_value_t = 0, conflicts_with = "pictures", help_heading = "Network")]
+    seed: u64,
     /// Name of the pictures in tables
     #[arg(long, default_value = "pictures", requires = "pictures", help_heading = "Input")]
     label: String,
@@ -143,6 +150,7 @@ impl Pictures {
                 methods: &methods,
                 fusion: networks.fusion.as_ref(),
                 wan: networks.wan.as_deref(),
+                drawing: Drawing { steps: self.steps, seed: self.seed },
                 guide_samples: 16,
                 max_bounces: self.max_bounces,
                 allowed,

@@ -2,7 +2,7 @@ use super::WeightsArgs;
 use crate::dataset::{Dataset, Sequence};
 use crate::evaluate::method::Method;
 use crate::evaluate::method::tracing::{Clean, Neighbours};
-use crate::evaluate::renderer::{self, MethodRenderer};
+use crate::evaluate::renderer::{self, Drawing, MethodRenderer};
 use crate::util::cancel::Cancel;
 use crate::util::output::Claim;
 use crate::util::picture;
@@ -61,6 +61,9 @@ pub struct Infer {
     /// Euler steps of the paper's network; it is trained for 1
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Network")]
     steps: u32,
+    /// Seed of the noise that the paper's network begins with, for weights that were trained to begin with noise
+    #[arg(long, default_value_t = 0, help_heading = "Network")]
+    seed: u64,
     /// Folder to write to: an EXR with the picture as beauty and a PNG for every frame
     #[arg(long, short = 'o', help_heading = "Output")]
     out: PathBuf,
@@ -75,6 +78,8 @@ struct Record {
     header: String,
     keyframes: bool,
     steps: u32,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    seed: u64,
     #[serde(default)]
     stills: bool,
     tile: Option<usize>,
@@ -83,6 +88,11 @@ struct Record {
     method: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     max_bounces: Option<u32>,
+}
+
+/// For serde.
+fn is_zero(seed: &u64) -> bool {
+    *seed == 0
 }
 
 impl Infer {
@@ -115,7 +125,12 @@ impl Infer {
 
     /// Renders with the network that reads samples, and with samples or terms of deferred shading that are made from the scene.
     fn with_scene(&self, dataset: &Dataset, fusion: &Fusion, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
-        let others = [("--stills", self.stills), ("--steps", self.steps != 1), ("--tile", self.weights.tile.is_some())];
+        let others = [
+            ("--stills", self.stills),
+            ("--steps", self.steps != 1),
+            ("--seed", self.seed != 0),
+            ("--tile", self.weights.tile.is_some()),
+        ];
         if let Some((option, _)) = others.into_iter().find(|(_, given)| *given) {
             bail!("{option}: is for the paper's network (--weights)");
         }
@@ -134,6 +149,7 @@ impl Infer {
             header: serde_json::to_string(fusion.header())?,
             keyframes: self.keyframes,
             steps: 1,
+            seed: 0,
             stills: false,
             tile: None,
             method: id,
@@ -157,6 +173,7 @@ impl Infer {
             methods: &methods,
             fusion: Some(fusion),
             wan: None,
+            drawing: Drawing::default(),
             guide_samples: 16,
             max_bounces: self.max_bounces,
             allowed,
@@ -174,7 +191,7 @@ impl Infer {
     }
 
     fn options(&self) -> Options {
-        Options { keyframes: self.keyframes, steps: self.steps as usize, stills: self.stills }
+        Options { keyframes: self.keyframes, steps: self.steps as usize, seed: self.seed, stills: self.stills }
     }
 
     /// The claim on the folder: it is written before the first picture. Fails if the folder holds other pictures.
@@ -187,6 +204,7 @@ impl Infer {
             header: about.header,
             keyframes: self.keyframes,
             steps: self.steps,
+            seed: self.seed,
             stills: self.stills,
             tile: self.weights.tile,
             method: String::new(),

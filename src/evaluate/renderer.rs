@@ -43,6 +43,8 @@ pub struct Options<'a> {
     pub fusion: Option<&'a Fusion>,
     /// The paper's network, if a method needs it.
     pub wan: Option<&'a dyn Renderer>,
+    /// How the paper's network draws.
+    pub drawing: Drawing,
     /// Camera rays for each pixel of the anti-aliased G-buffer.
     pub guide_samples: u32,
     /// How often a path may scatter in path-traced rows.
@@ -51,6 +53,21 @@ pub struct Options<'a> {
     pub allowed: &'a [PathBuf],
     /// Whether seconds count. Then the first frame is made twice, so that its seconds hold nothing but its own work.
     pub timed: bool,
+}
+
+/// How the paper's network draws a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Drawing {
+    /// Euler steps, at least 1. The paper's network is trained for 1.
+    pub steps: u32,
+    /// Seed of the noise, for weights whose bridge begins with noise.
+    pub seed: u64,
+}
+
+impl Default for Drawing {
+    fn default() -> Self {
+        Self { steps: 1, seed: 0 }
+    }
 }
 
 /// A picture by one method.

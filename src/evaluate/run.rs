@@ -3,7 +3,7 @@
 
 use super::find::TestSequence;
 use super::method::Method;
-use super::renderer::{self, MethodRenderer, Picture};
+use super::renderer::{self, Drawing, MethodRenderer, Picture};
 use super::results::{ABOUT, About, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file};
 use crate::dataset::job;
 use crate::dataset::layout::AUDIT;
@@ -111,6 +111,10 @@ fn claim(options: &Options, out: &Path) -> Result<Claim> {
             },
         ),
     ];
+    let Drawing { steps, seed } = options.rendering.drawing;
+    let drawing = [("Euler steps of the paper's network", steps != 1, steps.into()), ("seed of its noise", seed != 0, seed)];
+    settings
+        .extend(drawing.into_iter().filter(|(_, other, _)| *other).map(|(name, _, value)| (name.to_owned(), value.to_string())));
     settings.extend(options.settings.iter().cloned());
     let about = About {
         version: VERSION,

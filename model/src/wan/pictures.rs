@@ -54,6 +54,28 @@ impl EnvironmentView {
     }
 }
 
+/// What the bridge to the path-traced picture begins with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BridgeStart {
+    /// The albedo, as in the paper.
+    #[default]
+    Albedo,
+    /// The albedo times the irradiance of the environment without shadows, as a display value. The paper's experiment on the
+    /// input buffer.
+    Lit,
+    /// Standard normal noise, as in diffusion models; the albedo is one more condition. This is the paradigm of the paper's
+    /// stochastic baselines.
+    Noise,
+}
+
+impl BridgeStart {
+    /// Whether it is the paper's.
+    pub(in crate::wan) fn is_albedo(&self) -> bool {
+        *self == Self::Albedo
+    }
+}
+
 /// A kind of picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -164,6 +186,27 @@ impl Pictures {
 }
 
 impl Pictures {
+    /// The same pictures of `frame` under `light` for a bridge that begins with `start`: with [`BridgeStart::Lit`], the albedo is
+    /// multiplied by the irradiance where a surface is seen.
+    pub fn starting(self, start: BridgeStart, frame: &Frame, light: &Light) -> Self {
+        if start != BridgeStart::Lit {
+            return self;
+        }
+        let (tables, exposure, camera) = (light.tables(), light.exposure(), &frame.info.camera);
+        let pixels = self.width * self.height;
+        let albedo = planes(self.width, self.height, |x, y| {
+            let i = y * self.width + x;
+            if !is_depth(*frame.depth.at(x, y)) {
+                return [0, 1, 2].map(|c| self.albedo[c * pixels + i]);
+            }
+            let n = camera.camera_to_world.matrix3 * Vec3A::from(frame.normal.at(x, y).map(finite));
+            let irradiance = tables.irradiance(n.normalize_or(Vec3A::Y));
+            let albedo = frame.albedo.at(x, y).map(|v| finite(v).clamp(0.0, 1.0));
+            shown([0, 1, 2].map(|c| albedo[c] * irradiance[c]), exposure)
+        });
+        Self { albedo, ..self }
+    }
+
     /// The picture of a kind. It is empty for [`Kind::Target`] if the frame has no path-traced picture.
     pub fn of(&self, kind: Kind) -> &[f32] {
         match kind {

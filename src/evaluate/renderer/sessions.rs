@@ -1,6 +1,6 @@
 //! The paper's network on one sequence: with and without keyframes, in clips or frame by frame.
 
-use super::Options;
+use super::{Drawing, Options};
 use crate::dataset::Sequence;
 use crate::evaluate::method::Method;
 use crate::util::clock::timed;
@@ -44,7 +44,8 @@ impl<'a> NetworkSessions<'a> {
             if keyframes && (sequence.transforms.keyframes.is_empty() || !renderer.about().keyframes) {
                 continue;
             }
-            let options = renderer::Options { keyframes, stills, steps: 1 };
+            let Drawing { steps, seed } = options.drawing;
+            let options = renderer::Options { keyframes, stills, steps: steps as usize, seed };
             let session = renderer.begin(sequence, options)?;
             let clips = renderer.about().in_clips(options);
             networks.push(NetworkSession { method, renderer, options, clips, session, ready: BTreeMap::new(), spent: 0.0 });

@@ -1,6 +1,7 @@
 //! Sizes and variants of the renderer: presets and their limits.
 
 use crate::wan::config::{DitConfig, VaeConfig};
+use crate::wan::pictures::BridgeStart;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -104,7 +105,7 @@ impl Intrinsic {
 }
 
 /// Number of buffers besides the albedo: normal, depth, material. Each is encoded as a picture.
-pub(in crate::wan) const BUFFERS: usize = 3;
+const BUFFERS: usize = 3;
 
 /// The renderer: its autoencoder, its transformer and its adapters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,6 +118,9 @@ pub struct FlowConfig {
     /// How the environment modulates the tokens.
     #[serde(default)]
     pub environment: Environment,
+    /// What the bridge begins with.
+    #[serde(default, skip_serializing_if = "BridgeStart::is_albedo")]
+    pub bridge_start: BridgeStart,
     /// The keyframe adapter, if there is one.
     #[serde(default)]
     pub keyframes: Option<KeyframeConfig>,
@@ -152,7 +156,7 @@ impl FlowConfig {
     }
 
     fn plain(vae: VaeConfig, dit: DitConfig) -> Self {
-        Self { vae, dit, environment: Environment::Pooled, keyframes: None, inverse: None }
+        Self { vae, dit, environment: Environment::Pooled, bridge_start: BridgeStart::Albedo, keyframes: None, inverse: None }
     }
 
     /// Names of the presets.
@@ -188,9 +192,15 @@ impl FlowConfig {
         self.vae.spatial_factor().pow(2)
     }
 
+    /// Latent channels of the buffers in [`super::Conditions::attributes`]; the albedo is one of them if the bridge begins with
+    /// noise.
+    pub fn buffer_channels(&self) -> usize {
+        (BUFFERS + usize::from(self.bridge_start == BridgeStart::Noise)) * self.vae.z_dim
+    }
+
     /// Channels of [`super::Conditions::attributes`].
     pub fn attribute_channels(&self) -> usize {
-        self.reference_channels() + BUFFERS * self.vae.z_dim
+        self.reference_channels() + self.buffer_channels()
     }
 
     /// Pixels a token spans in height and in width: what sizes of pictures are multiples of.
@@ -224,6 +234,8 @@ impl FlowConfig {
             check("keyframes.lora_alpha", alpha(keyframes.lora_alpha), "must be a positive number")?;
         }
         if let Some(inverse) = &self.inverse {
+            let reason = "must be the albedo: the inverse adapter turns that bridge around";
+            check("bridge_start", self.bridge_start.is_albedo(), reason)?;
             check("inverse.lora_rank", rank.contains(&inverse.lora_rank), "must be 0 to the width of a token")?;
             check("inverse.lora_alpha", alpha(inverse.lora_alpha), "must be a positive number")?;
             let prompts = Intrinsic::ALL.len()..=1024;

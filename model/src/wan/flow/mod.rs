@@ -36,7 +36,6 @@ mod mask;
 mod names;
 mod stages;
 
-pub(super) use config::BUFFERS;
 pub use config::{Environment, FlowConfig, Intrinsic, InverseConfig, KeyframeConfig, Query};
 pub use environment::EnvironmentAdapter;
 pub use group::Group;
@@ -76,7 +75,7 @@ pub struct Conditions {
     /// `[b, 2 z + s^2 + 3 z, f, h, w]`, where s is the autoencoder's spatial factor. The channels are, in this order: latents of
     /// the reference clip with the unknown frames grey (inactive), latents of it with the known frames grey (reactive), the s x s
     /// cells of the mask (channel s row + column; 1 for a frame to render, 0 for a given frame), and latents of normals, depth
-    /// and material.
+    /// and material; last those of the albedo, z more channels, if the bridge begins with noise.
     pub attributes: Tensor<5>,
     /// Latents of the tone-mapped environment around the camera of each frame, `[b, z, f, he, we]`. With [`Environment::Tokens`],
     /// he and we are h and w.

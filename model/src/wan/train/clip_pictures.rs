@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::data::Clip;
 use crate::train::pool::Stored;
-use crate::wan::pictures::{EnvironmentView, Kind, Pictures};
+use crate::wan::pictures::{BridgeStart, EnvironmentView, Kind, Pictures};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
@@ -63,6 +63,14 @@ impl ClipPictures {
     /// # Errors
     /// [`crate::Error::Data`] when the clip cannot be used, when its frames are too small, or when they differ in size.
     pub fn new(clip: &Clip, size: Option<usize>, least: usize, multiple: usize) -> Result<Self> {
+        Self::starting(BridgeStart::Albedo, clip, size, least, multiple)
+    }
+
+    /// As [`Self::new`], for a bridge that begins with `start`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn starting(start: BridgeStart, clip: &Clip, size: Option<usize>, least: usize, multiple: usize) -> Result<Self> {
         clip.check()?;
         let (width, height) = (clip.frames[0].width, clip.frames[0].height);
         if let Some(frame) = clip.frames.iter().find(|f| (f.width, f.height) != (width, height)) {
@@ -85,7 +93,7 @@ impl ClipPictures {
                     reduced = reduce(frame, factor);
                     frame = &reduced;
                 }
-                let pictures = Pictures::new(frame, &clip.light, &view, bounds)?;
+                let pictures = Pictures::new(frame, &clip.light, &view, bounds)?.starting(start, frame, &clip.light);
                 let cut = |planes: &[f32], width: usize, height: usize| {
                     let window = Window { top: 0, left: 0, height: cut_h, width: cut_w };
                     let mut out = Vec::with_capacity(planes.len());

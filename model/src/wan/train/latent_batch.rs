@@ -7,7 +7,7 @@ use crate::bridge::velocity;
 use crate::network::init::normal;
 use crate::train::draw_weighted;
 use crate::wan::flow::{FlowConfig, Intrinsic, mask_cells};
-use crate::wan::pictures::Kind;
+use crate::wan::pictures::{BridgeStart, Kind};
 use crate::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -224,10 +224,15 @@ impl BatchSampler<'_> {
             clip.read(frame, frames, kind, window, &mut out);
             out
         };
-        let (start, end) = match batch.intrinsic {
+        let (mut start, end) = match batch.intrinsic {
             Some(intrinsic) => (latents(Kind::Target), latents(kind_of(intrinsic))),
             None => (latents(Kind::Albedo), latents(Kind::Target)),
         };
+        let noisy = self.network.bridge_start == BridgeStart::Noise;
+        let albedo = if noisy { start.clone() } else { Vec::new() };
+        if noisy {
+            start.iter_mut().for_each(|value| *value = normal(&mut noise));
+        }
         for (z0, z1) in start.into_iter().zip(end) {
             let z_t = self.latents.bridge.interpolate(z0, z1, time, normal(&mut noise));
             batch.z_t.push(z_t);
@@ -244,6 +249,7 @@ impl BatchSampler<'_> {
         for kind in [Kind::Normal, Kind::Depth, Kind::Material] {
             clip.read(frame, frames, kind, window, &mut batch.attributes);
         }
+        batch.attributes.extend(albedo);
         clip.read(frame, frames, Kind::Environment, window, &mut batch.environment);
     }
 }

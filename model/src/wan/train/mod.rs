@@ -183,6 +183,7 @@ impl Run<'_> {
         let encoder = Encoder {
             vae: &plain,
             sizes: sampler.sizes(),
+            start: network.bridge_start,
             multiple: network.pixel_multiple(),
             stills: config.batches.iter().any(|b| b.frames == 1),
             clips: config.batches.iter().any(|b| b.frames > 1),

@@ -2,12 +2,14 @@
 
 use super::WanRenderer;
 use super::pixels::Size;
+use crate::data::step_rng;
+use crate::network::init::normal;
 use crate::parameters::to_vec;
 use crate::renderer::{KeyframePlace, Options, Rendered, Sequence, Session, State, View, check, nearest};
 use crate::wan::flow::{Conditions, KeyframeLatent};
-use crate::wan::pictures::{EnvironmentView, Kind, Pictures, check_bounds, radiance};
+use crate::wan::pictures::{BridgeStart, EnvironmentView, Kind, Pictures, check_bounds, radiance};
 use crate::{Error, Result};
-use burn::tensor::Tensor;
+use burn::tensor::{Tensor, TensorData};
 use glam::Vec2;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, DepthBounds};
@@ -101,6 +103,7 @@ impl<'a> ClipSession<'a> {
             return Err(broken(reason));
         }
         let mut pictures = Pictures::new(frame, light, environment, self.bounds)?;
+        pictures = pictures.starting(self.renderer.config().bridge_start, frame, light);
         pictures.target = None;
         Ok(FrameInputs { number: view.number, index: view.index, camera: frame.info.camera, pictures })
     }
@@ -207,7 +210,11 @@ impl<'a> ClipSession<'a> {
     fn render(&mut self, size: Size, keyframes: Vec<KeyframeLatent>) -> Result<Vec<f32>> {
         let (renderer, device) = (self.renderer, &self.renderer.device);
         let count = self.padded(usize::from(self.last.is_some()) + self.waiting.len());
-        let mut z = self.encode(Kind::Albedo, size, count)?;
+        let albedo = self.encode(Kind::Albedo, size, count)?;
+        let (mut z, condition) = match renderer.config().bridge_start {
+            BridgeStart::Noise => (self.noise(&albedo), Some(albedo)),
+            BridgeStart::Albedo | BridgeStart::Lit => (albedo, None),
+        };
         let grey = match &self.grey {
             Some((frames, grey)) if *frames == count => grey.clone(),
             _ => {
@@ -229,8 +236,10 @@ impl<'a> ClipSession<'a> {
         let known: Vec<bool> = (0..count).map(|i| i == 0 && reference.is_some()).collect();
         let mask = renderer.mask(&known, &z);
         let [normal, depth, material] = [Kind::Normal, Kind::Depth, Kind::Material].map(|kind| self.encode(kind, size, count));
+        let mut attributes = vec![inactive, grey, mask, normal?, depth?, material?];
+        attributes.extend(condition);
         let conditions = Conditions {
-            attributes: Tensor::cat(vec![inactive, grey, mask, normal?, depth?, material?], 1),
+            attributes: Tensor::cat(attributes, 1),
             environment: self.encode(Kind::Environment, size, count)?,
             keyframes,
         };
@@ -243,6 +252,15 @@ impl<'a> ClipSession<'a> {
         let values = to_vec(renderer.decode(z)?);
         all_finite(&values)?;
         Ok(values)
+    }
+
+    /// Noise of the shape of `latents`. It depends on the seed and on the first frame of the clip.
+    fn noise(&self, latents: &Tensor<5>) -> Tensor<5> {
+        let first = self.waiting.first().map_or(0, |frame| frame.number as u64);
+        let mut rng = step_rng(self.options.seed, first);
+        let shape = latents.dims();
+        let values: Vec<f32> = (0..shape.iter().product::<usize>()).map(|_| normal(&mut rng)).collect();
+        Tensor::from_data(TensorData::new(values, shape), &self.renderer.device)
     }
 
     /// Picture and radiance of a frame from the output of the network. Pixels that see no surface show the environment.

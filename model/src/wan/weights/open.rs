@@ -4,7 +4,7 @@ use super::load::{LoadOptions, LoadReport, is_context_path, is_text_path, load};
 use super::save::{Header, Network, Provenance};
 use super::source::Source;
 use crate::wan::config::VaeConfig;
-use crate::wan::flow::{BUFFERS, Flow, FlowConfig, Group};
+use crate::wan::flow::{Flow, FlowConfig, Group};
 use crate::wan::names::{Entry, Named};
 use crate::wan::vae::Vae;
 use crate::{Error, Result};
@@ -130,7 +130,7 @@ impl Flow {
             bias = read(source, CONTEXT_BIAS, &[width])?;
             let place = format!("{CONTEXT_WEIGHT} of {}", source.path().display());
             adoption.copied.push((format!("attribute_embedding, first {} channels", config.reference_channels()), place));
-            adoption.zeroed.push(format!("attribute_embedding, last {} channels", BUFFERS * config.vae.z_dim));
+            adoption.zeroed.push(format!("attribute_embedding, last {} channels", config.buffer_channels()));
         } else if let Some(source) = context {
             return Err(Error::Tensor { path: source.path().into(), tensor: CONTEXT_WEIGHT.into(), reason: "missing".into() });
         } else {

@@ -15,7 +15,7 @@ use crate::Result;
 use crate::data::Clip;
 use crate::parameters::to_vec;
 use crate::train::pool::Stored;
-use crate::wan::pictures::Kind;
+use crate::wan::pictures::{BridgeStart, Kind};
 use crate::wan::vae::Vae;
 use burn::tensor::{Device, Tensor, TensorData};
 use half::f16;
@@ -81,6 +81,8 @@ pub struct Encoder<'a> {
     pub vae: &'a Vae,
     /// Sizes of the pictures in batches; see [`ClipPictures::new`].
     pub sizes: Vec<usize>,
+    /// What the bridge begins with.
+    pub start: BridgeStart,
     /// Sides of pictures are multiples of this.
     pub multiple: usize,
     /// Whether every frame is encoded alone, not only the first frame of each clip.
@@ -105,9 +107,13 @@ impl Encoder<'_> {
     }
 
     fn at_size(&self, clip: &Clip, size: usize) -> Result<ClipLatents> {
-        let pictures = ClipPictures::new(clip, Some(size), size, self.multiple)?;
+        let pictures = ClipPictures::starting(self.start, clip, Some(size), size, self.multiple)?;
         let file = self.store.as_ref().map(|store| {
-            let settings = [pictures.width, pictures.height, self.stills.into(), self.clips.into(), self.references.into()];
+            let whether = [self.stills, self.clips, self.references, self.start == BridgeStart::Lit].map(usize::from);
+            // Files of other starts keep the names that they had before there was a choice.
+            let counted = 3 + whether[3];
+            let settings: Vec<usize> =
+                [pictures.width, pictures.height].into_iter().chain(whether[..counted].iter().copied()).collect();
             store.file(clip, &settings)
         });
         let mut latents = match file.as_deref().map(store::read).transpose()?.flatten() {
