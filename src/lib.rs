@@ -13,5 +13,6 @@ pub mod cli;
 pub mod dataset;
 pub mod evaluate;
 pub mod metrics;
+pub mod paper;
 pub mod report;
 pub mod view;

@@ -5,6 +5,7 @@ mod compose;
 mod dataset;
 mod demo;
 mod doctor;
+mod edit;
 mod evaluate;
 mod export;
 mod hdri;
@@ -12,6 +13,7 @@ mod infer;
 mod invert;
 mod manual;
 mod pack;
+mod paper;
 pub mod program;
 mod render;
 mod report;
@@ -91,8 +93,12 @@ enum Command {
     /// Make the test sets that numbers are reported on
     #[command(subcommand, after_help = "Example: renderflow testset make synthetic -o sets")]
     Testset(testset::TestsetCommand),
+    /// Change materials, lights or the environment in steps, by networks and by path tracing: a sheet, a GIF and a table
+    Edit(edit::Edit),
     /// Compare methods, or anybody's pictures, with path-traced truth
     Evaluate(evaluate::Evaluate),
+    /// Run the paper's experiments on data of this program, table by table
+    Paper(paper::Paper),
     /// Make a report from the results of an evaluation
     Report(report::Report),
     /// Make the skies and studios in hdri/ again
@@ -139,7 +145,9 @@ fn run(cli: Cli) -> Result<()> {
         Command::Infer(command) => command.run(&allowed, &cancel),
         Command::Invert(command) => command.run(&cancel),
         Command::Testset(command) => command.run(&allowed, &cancel),
+        Command::Edit(command) => command.run(&allowed, &cancel),
         Command::Evaluate(command) => command.run(&allowed, &cancel),
+        Command::Paper(command) => command.run(&cancel),
         Command::Report(command) => command.run(&cancel),
         Command::Hdri(command) => command.run(),
         Command::Schema => {
@@ -160,7 +168,7 @@ fn run(cli: Cli) -> Result<()> {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Sampling")]
 struct TraceArgs {
-    /// Samples for each pixel; 256 by default, 128 in the demo
+    /// Samples for each pixel; 256 by default, 128 in the demo and for edits
     #[arg(long, value_parser = within(Settings::SPP))]
     spp: Option<u32>,
     /// How often a path may scatter

@@ -28,6 +28,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 const FEWEST_MOMENTS: u32 = 8;
 /// Pictures of the animation have at most this many pixels along their longer side.
 const ANIMATED: usize = 640;
+/// Milliseconds that it shows each frame.
+const SHOWN: u32 = 100;
 
 /// Path-traces a scene or a model. Every frame becomes an EXR with beauty and G-buffer, and a PNG. Finished frames stay. A
 /// labelled sheet shows the channels of the first frame, and an animation shows all frames.
@@ -331,7 +333,7 @@ impl Render {
         if with_animation {
             let picture = |index: usize| picture::display_values(&sequence.path(index).with_extension("png"));
             let small = |picture: Rgb| picture::reduced(&picture, ANIMATED);
-            replace(&animation, picture::gif((0..frames).map(|index| picture(index).map(small)))?)?;
+            replace(&animation, picture::gif((0..frames).map(|index| picture(index).map(small)), SHOWN)?)?;
         }
         progress.finish();
         if self.json {

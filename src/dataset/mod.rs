@@ -29,6 +29,7 @@ pub mod slurm;
 pub mod source;
 pub mod statistics;
 pub mod stats;
+pub mod sweep;
 pub mod testset;
 pub mod verify;
 pub mod whole;

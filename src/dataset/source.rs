@@ -189,16 +189,28 @@ pub struct Setting {
     value: Value,
 }
 
-impl FromStr for Setting {
-    type Err = String;
+impl Setting {
+    pub(super) fn new(path: Vec<String>, value: Value) -> Self {
+        Self { path, value }
+    }
 
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let (path, value) = text.split_once('=').ok_or("give PATH=VALUE, as in materials/0/roughness=.2")?;
+    /// The names and positions in `path`, which are separated as in a JSON pointer.
+    pub(super) fn steps(path: &str) -> std::result::Result<Vec<String>, String> {
         let path: Vec<String> =
             path.trim_matches('/').split('/').map(|step| step.replace("~1", "/").replace("~0", "~")).collect();
         if path.iter().any(String::is_empty) {
             return Err("the path has an empty part".into());
         }
+        Ok(path)
+    }
+}
+
+impl FromStr for Setting {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (path, value) = text.split_once('=').ok_or("give PATH=VALUE, as in materials/0/roughness=.2")?;
+        let path = Self::steps(path)?;
         // A number may begin with its point. What is no JSON is a string.
         let number = || value.parse::<f64>().ok().filter(|number| number.is_finite()).map(Value::from);
         let value = serde_json::from_str(value).ok().or_else(number).unwrap_or_else(|| value.into());
@@ -207,7 +219,7 @@ impl FromStr for Setting {
 }
 
 /// `scene` with changed values. The result is not validated.
-fn apply(scene: &Scene, settings: &[Setting]) -> Result<Scene> {
+pub(super) fn apply(scene: &Scene, settings: &[Setting]) -> Result<Scene> {
     // Through text: a single-precision 3.6 would otherwise become 3.5999999046325684.
     let mut whole: Value = serde_json::from_str(&scene.canonical_json())?;
     for setting in settings {

@@ -11,6 +11,7 @@ mod index;
 mod place;
 pub mod plot;
 mod sequence;
+pub mod steps;
 mod style;
 mod summary;
 pub mod table;

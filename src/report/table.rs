@@ -331,8 +331,14 @@ fn grid(rows: &[Row]) -> String {
         line.extend([row.seconds, row.seconds_with_truth].map(|value| value.map_or_else(|| "-".into(), seconds)));
         lines.push(line);
     }
+    aligned(&lines)
+}
+
+/// Lines of cells as Markdown. The first line is the head; numbers stand at the right, the first column at the left.
+pub fn aligned(lines: &[Vec<String>]) -> String {
+    let Some(head) = lines.first() else { return String::new() };
     let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..lines[0].len()).map(width).collect();
+    let widths: Vec<usize> = (0..head.len()).map(width).collect();
     let rule: Vec<String> =
         widths.iter().enumerate().map(|(i, w)| if i == 0 { "-".repeat(w + 2) } else { "-".repeat(w + 1) + ":" }).collect();
     let mut text = String::new();

@@ -55,20 +55,17 @@ pub fn reduced(picture: &Rgb, most: usize) -> Rgb {
     }
 }
 
-/// Milliseconds that an animation shows each picture.
-const SHOWN: u32 = 100;
-
-/// An endless GIF of pictures of equal size, each shown for a tenth of a second. The bytes depend on the pictures alone.
+/// An endless GIF of pictures of equal size, each shown for this many milliseconds. The bytes depend on the pictures alone.
 ///
 /// # Errors
 /// As an item of `pictures`, or when the pictures are too large for a GIF.
-pub fn gif(pictures: impl IntoIterator<Item = Result<Rgb>>) -> Result<Vec<u8>> {
+pub fn gif(pictures: impl IntoIterator<Item = Result<Rgb>>, milliseconds: u32) -> Result<Vec<u8>> {
     let mut out = Vec::new();
     let mut encoder = image::codecs::gif::GifEncoder::new_with_speed(&mut out, 10);
     encoder.set_repeat(image::codecs::gif::Repeat::Infinite)?;
     for picture in pictures {
         let picture = image::DynamicImage::from(bytes_of(&picture?)?).into_rgba8();
-        let delay = image::Delay::from_numer_denom_ms(SHOWN, 1);
+        let delay = image::Delay::from_numer_denom_ms(milliseconds, 1);
         encoder.encode_frame(image::Frame::from_parts(picture, 0, 0, delay))?;
     }
     drop(encoder);
@@ -220,8 +217,8 @@ mod tests {
     fn an_animation_holds_each_picture() {
         use image::AnimationDecoder;
         let picture = |shift: usize| Image::from_fn(12, 8, |x, y| [((x + shift) % 12) as f32 / 12.0, y as f32 / 8.0, 0.5]);
-        let bytes = gif((0..3).map(|shift| Ok(picture(4 * shift)))).unwrap();
-        assert_eq!(bytes, gif((0..3).map(|shift| Ok(picture(4 * shift)))).unwrap());
+        let bytes = gif((0..3).map(|shift| Ok(picture(4 * shift))), 100).unwrap();
+        assert_eq!(bytes, gif((0..3).map(|shift| Ok(picture(4 * shift))), 100).unwrap());
         let decoder = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(&bytes)).unwrap();
         let frames = decoder.into_frames().collect_frames().unwrap();
         assert_eq!(frames.len(), 3);

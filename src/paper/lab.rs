@@ -1,0 +1,244 @@
+//! Makes data, trains networks and evaluates them for the tables. Everything is kept in the output folder under a name that
+//! follows from its recipe, so that nothing is made twice, and a changed recipe is made again.
+
+use super::scale::{Data, Run, Scale};
+use crate::dataset::sequence::Sequence;
+use crate::dataset::shard::Shard;
+use crate::dataset::{Dataset, render};
+use crate::evaluate::find::{TestSequence, find};
+use crate::evaluate::method::Method;
+use crate::evaluate::renderer::{self, Drawing};
+use crate::evaluate::results::Results;
+use crate::evaluate::run;
+use crate::metrics::Networks;
+use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::progress::Progress;
+use anyhow::{Context, Result};
+use renderflow_frame::file;
+use renderflow_model::data::ClipSource;
+use renderflow_model::fusion::Fusion;
+use renderflow_model::renderer::Renderer;
+use renderflow_model::wan::train::{self, Config};
+use renderflow_model::wan::{self, Autoencoder};
+use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
+use std::collections::{BTreeSet, HashMap};
+use std::path::{Path, PathBuf};
+
+/// The file that says that a training run is finished.
+const DONE: &str = "done.json";
+
+/// Where experiments are made, and with what.
+pub struct Lab<'a> {
+    /// Their sizes.
+    pub scale: &'a Scale,
+    /// Folder of everything.
+    pub out: &'a Path,
+    /// The network that reads samples.
+    pub fusion: &'a Fusion,
+    /// LPIPS, if its weights are there.
+    pub lpips: &'a Networks,
+    /// Stops the work.
+    pub cancel: &'a Cancel,
+    /// Data that is known to be there.
+    there: RefCell<BTreeSet<Data>>,
+    /// Weights that are known to be there.
+    trained: RefCell<HashMap<Run, Trained>>,
+}
+
+/// A finished training run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trained {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Optimiser steps.
+    pub steps: u64,
+    /// Seconds of training.
+    pub seconds: f64,
+}
+
+/// What is kept of a finished run.
+#[derive(Serialize, Deserialize)]
+struct Done {
+    steps: u64,
+    seconds: f64,
+}
+
+/// What is evaluated.
+#[derive(Clone, Debug, Serialize)]
+pub struct Ask<'a> {
+    /// Names of methods, as in `evaluate`.
+    pub methods: &'a [&'a str],
+    /// The run whose weights the paper's network has; `None` where no method needs it.
+    pub run: Option<Run>,
+    /// Euler steps.
+    pub steps: u32,
+    /// The sequences.
+    pub data: Data,
+    /// Distance of the keyframes instead of that of the data.
+    pub gap: Option<u32>,
+    /// Two of so many frames; 1 for all.
+    pub every: u32,
+}
+
+impl<'a> Lab<'a> {
+    /// A lab in the folder `out`.
+    pub fn new(scale: &'a Scale, out: &'a Path, fusion: &'a Fusion, lpips: &'a Networks, cancel: &'a Cancel) -> Self {
+        Self { scale, out, fusion, lpips, cancel, there: RefCell::default(), trained: RefCell::default() }
+    }
+
+    /// The usual question: methods on the test sequences.
+    pub fn ask<'m>(&self, methods: &'m [&'m str]) -> Ask<'m> {
+        Ask { methods, run: None, steps: 1, data: Data::Test, gap: None, every: self.scale.every }
+    }
+
+    /// Renders `data` if it is not there, and returns its folder.
+    pub fn data(&self, data: Data) -> Result<PathBuf> {
+        let folder = self.out.join("data").join(data.name());
+        if !self.there.borrow().contains(&data) {
+            self.cancel.check()?;
+            render::run(&self.scale.plan(data), &folder, Shard::WHOLE, self.cancel)?;
+            self.there.borrow_mut().insert(data);
+        }
+        Ok(folder)
+    }
+
+    /// Trains what `run` stands on, and then `run`, if they are not finished.
+    pub fn train(&self, run: Run) -> Result<Trained> {
+        if let Some(trained) = self.trained.borrow().get(&run) {
+            return Ok(trained.clone());
+        }
+        self.cancel.check()?;
+        let autoencoder = if run == Run::Autoencoder { None } else { Some(self.train(Run::Autoencoder)?) };
+        let renderer = if matches!(run, Run::Keys(_) | Run::Inverse) { Some(self.train(Run::Base)?) } else { None };
+        let mut config = self.scale.config(run)?;
+        let (data, count) = self.scale.lesson(run);
+        // The names of the folders say what the run stands on; where the folders are does not matter.
+        let name =
+            |of: &Option<Trained>| of.as_ref().and_then(|run| run.folder.file_name()).map(PathBuf::from).unwrap_or_default();
+        Run::stand_on(&mut config, name(&autoencoder), name(&renderer));
+        let recipe = digest(&(&config, self.scale.plan(data), count))?;
+        let folder = self.out.join("runs").join(format!("{}-{recipe}", run.name()));
+        let file = |of: &Option<Trained>| of.as_ref().map(|run| run.weights()).unwrap_or_default();
+        Run::stand_on(&mut config, file(&autoencoder), file(&renderer));
+        config.run.output.clone_from(&folder);
+        config.latents_folder = autoencoder.as_ref().map(|run| run.folder.join("latents"));
+        let done = match file::read_json::<Done>(&folder.join(DONE)) {
+            Ok(done) => done,
+            Err(error) if error.is_missing() => self.learn(run, &config, data, count)?,
+            Err(error) => return Err(error.into()),
+        };
+        let trained = Trained { folder, steps: done.steps, seconds: done.seconds };
+        self.trained.borrow_mut().insert(run, trained.clone());
+        Ok(trained)
+    }
+
+    fn learn(&self, run: Run, config: &Config, data: Data, count: u32) -> Result<Done> {
+        let (mut dataset, notes) = Dataset::open_to_learn(&self.data(data)?.join("train"))?;
+        dataset.sequences.truncate(count as usize);
+        let progress = Progress::new(&format!("training {}", run.name()), 1000);
+        notes.iter().for_each(|note| progress.print(note));
+        let tell = |said: &train::Progress| match said {
+            train::Progress::Loading { done, total } => progress.message(format!("reading clip {done} of {total}")),
+            train::Progress::Note(note) => progress.print(&format!("note: {note}")),
+            train::Progress::Step(record) => {
+                progress.set((1000.0 * record.share) as u64);
+                progress.message(format!("step {} loss {:.4}", record.step, record.loss));
+            }
+            train::Progress::Validated(_) => {}
+        };
+        let source: &dyn ClipSource = &dataset;
+        let summary = train::run(config, source, &tell, self.cancel).with_context(|| format!("training {}", run.name()))?;
+        if !summary.finished {
+            return Err(Interrupted.into());
+        }
+        progress.finish();
+        let done = Done { steps: summary.steps, seconds: summary.elapsed };
+        file::write_json(&config.run.output.join(DONE), &done)?;
+        Ok(done)
+    }
+
+    /// The renderer of a run.
+    pub fn renderer(&self, run: Run) -> Result<Box<dyn Renderer>> {
+        let (autoencoder, trained) = (self.train(Run::Autoencoder)?.weights(), self.train(run)?.weights());
+        Ok(wan::open(&trained, Autoencoder { file: Some(&autoencoder), tile: None })?)
+    }
+
+    /// The sequences of `data`, with keyframes `gap` frames apart if that is given.
+    pub fn sequences(&self, data: Data, gap: Option<u32>) -> Result<Vec<TestSequence>> {
+        let mut tests = find(&self.data(data)?)?;
+        if let Some(gap) = gap.filter(|gap| *gap > 0) {
+            for Sequence { transforms, numbers, .. } in tests.iter_mut().map(|test| &mut test.sequence) {
+                transforms.keyframes = (0..numbers.len()).filter(|&i| numbers[i].is_multiple_of(gap as usize)).collect();
+            }
+        }
+        Ok(tests)
+    }
+
+    /// Evaluates what is asked for, unless it is there.
+    pub fn measure(&self, ask: &Ask) -> Result<Results> {
+        let trained = ask.run.map(|run| self.train(run)).transpose()?;
+        let folder = trained.as_ref().and_then(|run| run.folder.file_name()).map(|name| name.to_string_lossy().into_owned());
+        let fusion = serde_json::to_string(self.fusion.header())?;
+        let recipe = digest(&(ask, &folder, self.scale.plan(ask.data), fusion, self.lpips.alex.is_some()))?;
+        let name = folder.map_or_else(|| ask.data.name(), |folder| folder.split('-').take(3).collect::<Vec<_>>().join("-"));
+        let out = self.out.join("rows").join(format!("{name}-{recipe}"));
+        let methods: Vec<Method> = ask.methods.iter().map(|id| Method::parse(id)).collect::<Result<_>>()?;
+        let tests = self.sequences(ask.data, ask.gap)?;
+        let wan = ask.run.map(|run| self.renderer(run)).transpose()?;
+        let options = run::Options {
+            rendering: renderer::Options {
+                methods: &methods,
+                fusion: Some(self.fusion),
+                wan: wan.as_deref(),
+                drawing: Drawing { steps: ask.steps, seed: 0 },
+                guide_samples: 16,
+                max_bounces: self.scale.plan(ask.data).render.max_bounces,
+                allowed: &[],
+                timed: true,
+            },
+            lpips: self.lpips,
+            every: ask.every,
+            pictures: 1,
+            title: format!("RenderFlow: {name}"),
+            settings: vec![("recipe".into(), recipe)],
+        };
+        let frames = tests.iter().map(|test| run::frames(test, ask.every) as u64).sum();
+        let progress = Progress::new(&format!("evaluating {name}"), frames);
+        run::run(&tests, &options, &out, &progress, self.cancel)?;
+        progress.finish();
+        Results::read(&out)
+    }
+
+    /// A small result that `make` computes, unless it is in the file that belongs to `recipe`.
+    pub fn kept<T: Serialize + for<'de> Deserialize<'de>>(
+        &self,
+        name: &str,
+        recipe: &impl Serialize,
+        make: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        let path = self.out.join("rows").join(format!("{name}-{}.json", digest(recipe)?));
+        match file::read_json(&path) {
+            Ok(kept) => Ok(kept),
+            Err(error) if error.is_missing() => {
+                let made = make()?;
+                file::write_json(&path, &made)?;
+                Ok(made)
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+impl Trained {
+    /// The file of the weights.
+    pub fn weights(&self) -> PathBuf {
+        self.folder.join("weights.safetensors")
+    }
+}
+
+/// The beginning of the BLAKE3 of a recipe as JSON.
+fn digest(recipe: &impl Serialize) -> Result<String> {
+    let hash = blake3::hash(&serde_json::to_vec(recipe)?).to_hex();
+    Ok(hash[..10].to_owned())
+}

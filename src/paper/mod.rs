@@ -1,0 +1,83 @@
+//! The paper's experiments on data of this program, by one command: each table and figure, and the tables that the paper left out.
+//! Data, training runs and evaluations are kept in the output folder. A run that was stopped goes on, and nothing is made twice.
+
+mod lab;
+mod scale;
+mod series;
+mod sheet;
+mod tables;
+
+pub use scale::{Data, Scale};
+pub use tables::Part;
+
+use crate::metrics::Networks;
+use crate::util::cancel::Cancel;
+use crate::util::machine;
+use crate::util::output::Claim;
+use anyhow::Result;
+use lab::Lab;
+use renderflow_frame::file;
+use renderflow_model::fusion::Fusion;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// The file that says that a folder holds experiments. Its content does not decide anything: results carry their recipes.
+const MARK: &str = "experiments.json";
+/// The file of the tables.
+pub const TABLES: &str = "paper.md";
+
+/// What to make, and with what.
+pub struct Options<'a> {
+    /// The tables.
+    pub parts: &'a [Part],
+    /// Sizes of the experiments.
+    pub scale: &'a Scale,
+    /// The network that reads samples.
+    pub fusion: &'a Fusion,
+    /// LPIPS, if its weights are there.
+    pub lpips: &'a Networks,
+}
+
+/// Makes the tables in the folder `out`: [`TABLES`], `paper.json` and pictures. Both files are written again after each table.
+/// Returns the tables as Markdown and as JSON.
+///
+/// # Errors
+/// When stopped; when the folder holds something else; when an experiment fails.
+pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Value)> {
+    let about = json!({ "about": "experiments of renderflow paper" });
+    Claim::new(out, MARK, &about, "something else")?.write()?;
+    let lab = Lab::new(options.scale, out, options.fusion, options.lpips, cancel);
+    let mut text = preface(options.scale);
+    let mut tables = Vec::new();
+    for part in options.parts {
+        let table = part.make(&lab)?;
+        text += &format!("\n{}", table.markdown());
+        tables.push(table.json());
+        file::write_atomic(&out.join(TABLES), text.as_bytes())?;
+        let whole = json!({ "scale": options.scale, "machine": machine::processor(), "tables": tables });
+        file::write_json(&out.join("paper.json"), &whole)?;
+    }
+    Ok((text, Value::Array(tables)))
+}
+
+/// What the reader of the tables must know.
+fn preface(scale: &Scale) -> String {
+    let time = match scale.minutes {
+        Some(minutes) => format!("{minutes} minutes a training run (the autoencoder twice as long)"),
+        None => format!("{} steps a training run: these numbers mean nothing", scale.steps),
+    };
+    format!(
+        "# The paper's experiments on open data\n\n\
+         The paper's numbers (right column) come from Unreal renders that were never published, with 1.4 to 1.7 billion parameters and \
+         days of training on GPUs. The others come from scenes of this program, from `{}` and {time}. So rows compare with rows of the \
+         same table, and not with the right column. Test scenes share no mesh family, light or seed with training. Numbers are means \
+         over {} test sequences; brackets hold 95 % of the means of sequences that are drawn again and again. PSNR full, SSIM and LPIPS \
+         are of the full frame of {} x {} pixels, environment included. Seconds were measured on {} with {} threads.\n",
+        scale.preset,
+        scale.test[0],
+        scale.side,
+        scale.side,
+        machine::processor(),
+        rayon::current_num_threads(),
+    )
+}

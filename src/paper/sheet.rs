@@ -1,0 +1,173 @@
+//! Tables as text.
+
+use crate::evaluate::results::Results;
+use crate::metrics::bootstrap::{Interval, bootstrap};
+use crate::report::table::{Filter, Means, aligned, metric, number, seconds};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// A table with its text.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// Heading.
+    pub title: String,
+    /// What is measured, in a few sentences.
+    pub text: String,
+    /// Ids of the columns, where they are metrics.
+    columns: Vec<&'static str>,
+    /// Heads of the columns.
+    pub heads: Vec<String>,
+    /// Label, cells, note, and the paper's numbers.
+    pub rows: Vec<(String, Vec<String>, String, String)>,
+    /// The rows with their numbers, for other programs.
+    values: Vec<Value>,
+    /// Files of pictures in the output folder.
+    pub pictures: Vec<String>,
+}
+
+/// Head of a column that is no metric.
+fn head(id: &str) -> String {
+    match id {
+        "seconds" => "s / frame".into(),
+        "with_truth" => "s / frame with truth".into(),
+        "psnr_all" => "PSNR full, all frames".into(),
+        id => metric(id).map_or_else(|| id.to_owned(), |metric| metric.label.to_owned()),
+    }
+}
+
+impl Table {
+    /// A table with columns of these metrics.
+    pub fn new(title: &str, text: &str, columns: &[&'static str]) -> Self {
+        Self {
+            title: title.into(),
+            text: text.into(),
+            columns: columns.to_vec(),
+            heads: columns.iter().map(|id| head(id)).collect(),
+            rows: Vec::new(),
+            values: Vec::new(),
+            pictures: Vec::new(),
+        }
+    }
+
+    /// Adds a row, beside the numbers that the paper has for it.
+    pub fn add(&mut self, row: Row, paper: &str) {
+        let cells = self.columns.iter().map(|id| row.cell(id)).collect();
+        self.values.push(json!({ "label": row.label, "values": row.values, "note": row.note, "paper": paper }));
+        self.rows.push((row.label, cells, row.note, paper.to_owned()));
+    }
+
+    /// The table as Markdown, with its heading.
+    pub fn markdown(&self) -> String {
+        let (noted, published) = (self.rows.iter().any(|row| !row.2.is_empty()), self.rows.iter().any(|row| !row.3.is_empty()));
+        let mut head = vec![String::new()];
+        head.extend(self.heads.iter().cloned());
+        head.extend(noted.then(String::new));
+        head.extend(published.then(|| "the paper, its own data".to_owned()));
+        let line = |(label, cells, note, paper): &(String, Vec<String>, String, String)| {
+            let mut line = vec![label.clone()];
+            line.extend(cells.iter().cloned());
+            line.extend(noted.then(|| note.clone()));
+            line.extend(published.then(|| paper.clone()));
+            line
+        };
+        let lines: Vec<Vec<String>> = std::iter::once(head).chain(self.rows.iter().map(line)).collect();
+        let mut text = format!("## {}\n\n{}\n\n", self.title, self.text);
+        text += &aligned(&lines);
+        for picture in &self.pictures {
+            // Writing to a string cannot fail.
+            let _ = write!(text, "\n![{0}]({picture})\n", self.title);
+        }
+        text
+    }
+
+    /// The table for other programs.
+    pub fn json(&self) -> Value {
+        let plain = || self.rows.iter().map(|row| json!({ "label": row.0, "cells": row.1, "note": row.2 })).collect();
+        let rows: Vec<Value> = if self.values.is_empty() { plain() } else { self.values.clone() };
+        json!({ "title": self.title, "text": self.text, "heads": self.heads, "rows": rows })
+    }
+}
+
+/// A row of a table.
+#[derive(Clone, Debug, Default)]
+pub struct Row {
+    /// Its first cell.
+    pub label: String,
+    /// Means with their intervals, by id.
+    values: BTreeMap<String, Interval>,
+    /// What else there is to say.
+    pub note: String,
+}
+
+impl Row {
+    /// A row without numbers.
+    pub fn named(label: &str) -> Self {
+        Self { label: label.into(), ..Self::default() }
+    }
+
+    /// A number without an interval.
+    pub fn set(&mut self, id: &str, mean: f64) {
+        self.values.insert(id.to_owned(), Interval { mean, range: None, sequences: 0 });
+    }
+
+    /// The row of a method in results.
+    pub fn of(results: &Results, id: &str, label: &str) -> Self {
+        let mut made = Self::named(label);
+        let means = Means::new(results);
+        let rows = means.rows(Filter::default());
+        let Some(row) = rows.iter().find(|row| row.method.id == id) else { return made };
+        made.values = row.cells.iter().map(|(id, cell)| ((*id).to_owned(), *cell)).collect();
+        for (id, value) in [("seconds", row.seconds), ("with_truth", row.seconds_with_truth.or(row.seconds))] {
+            if let Some(value) = value {
+                made.set(id, value);
+            }
+        }
+        // Keyframes count here, too.
+        let whole = results.sequences.iter().map(|sequence| {
+            let scores = sequence.scores.iter().filter(|score| score.method == id);
+            let values: Vec<f64> = scores.filter_map(|score| score.values.get("psnr_full").copied()).collect();
+            values.iter().sum::<f64>() / values.len() as f64
+        });
+        made.values.extend(bootstrap(&whole.collect::<Vec<_>>()).map(|all| ("psnr_all".to_owned(), all)));
+        made
+    }
+
+    /// The text of a cell: the mean, and its interval for PSNR.
+    pub fn cell(&self, id: &str) -> String {
+        let Some(value) = self.values.get(id) else { return "-".into() };
+        if ["seconds", "with_truth"].contains(&id) {
+            return seconds(value.mean);
+        }
+        let Some(metric) = metric(if id == "psnr_all" { "psnr_full" } else { id }) else { return format!("{:.3}", value.mean) };
+        let mean = number(metric, value.mean);
+        match value.range.filter(|_| id.starts_with("psnr")) {
+            Some([low, high]) => format!("{mean} ({low:.1} to {high:.1})"),
+            None => mean,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_show_what_there_is() {
+        let mut table = Table::new("Steps", "Euler steps.", &["psnr_full", "seconds"]);
+        let mut row = Row::named("1 step");
+        row.set("psnr_full", 24.1234);
+        table.add(row, "best");
+        table.add(Row { note: "slow".into(), ..Row::named("2 steps") }, "");
+        table.pictures.push("steps.png".into());
+        let text = table.markdown();
+        for words in
+            ["## Steps", "Euler steps.", "the paper, its own data", "| 1 step  | 24.12 |", "best", "slow", "![Steps](steps.png)"]
+        {
+            assert!(text.contains(words), "{words} is not in\n{text}");
+        }
+        let all = table.json();
+        assert_eq!(all["rows"][0]["values"]["psnr_full"]["mean"], 24.1234);
+        assert_eq!(all["rows"][1]["note"], "slow");
+    }
+}

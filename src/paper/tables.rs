@@ -1,0 +1,425 @@
+//! The paper's tables and figures, and those that it left out. Each is a function that asks the lab.
+
+use super::lab::{Ask, Lab};
+use super::scale::{Data, Keys, Run, Variant};
+use super::series;
+use super::sheet::{Row, Table};
+use crate::dataset::denoise::Denoise;
+use crate::dataset::job::TruthSettings;
+use crate::dataset::sweep;
+use crate::evaluate::find::TestSequence;
+use crate::evaluate::method::Method;
+use crate::evaluate::renderer::{self, Drawing};
+use crate::evaluate::results::{BUDGET_PIXELS, Results};
+use crate::evaluate::run;
+use crate::report::steps::Steps;
+use crate::util::picture;
+use crate::util::progress::Progress;
+use crate::util::text::short;
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use renderflow_frame::file;
+use renderflow_frame::reach::Reach;
+use renderflow_renderer::Settings;
+
+/// A table or a figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Part {
+    /// Methods with their seconds and parameters: the paper's table 1
+    Methods,
+    /// How the bridge is trained: uniform or four times, with or without noise, one step or four
+    Strategies,
+    /// Losses on pictures
+    Losses,
+    /// Keyframe adapters
+    Keyframes,
+    /// What the bridge begins with: the albedo, or the albedo under the unshadowed light
+    Input,
+    /// Distances between keyframes
+    Gaps,
+    /// 1, 2 and 4 Euler steps
+    Steps,
+    /// Whether several runs give the same picture
+    Determinism,
+    /// Quality along a long sequence
+    Progressive,
+    /// Edits of a material in steps
+    Editing,
+    /// Path tracing in the same seconds
+    Seconds,
+    /// Error in high dynamic range, and flicker
+    Range,
+    /// Scenes that were learnt from, and scenes that were not
+    Generalisation,
+    /// Seconds by size of the picture
+    Cost,
+    /// Quality by amount of data, and by time of training
+    Amount,
+}
+
+impl Part {
+    /// Makes the table.
+    pub(super) fn make(self, lab: &Lab) -> Result<Table> {
+        match self {
+            Self::Methods => methods(lab),
+            Self::Strategies => strategies(lab),
+            Self::Losses => losses(lab),
+            Self::Keyframes => keyframes(lab),
+            Self::Input => input(lab),
+            Self::Gaps => gaps(lab),
+            Self::Steps => steps(lab),
+            Self::Determinism => series::determinism(lab),
+            Self::Progressive => series::progressive(lab),
+            Self::Editing => editing(lab),
+            Self::Seconds => seconds(lab),
+            Self::Range => range(lab),
+            Self::Generalisation => generalisation(lab),
+            Self::Cost => cost(lab),
+            Self::Amount => amount(lab),
+        }
+    }
+}
+
+/// Columns of most of the paper's tables.
+const QUALITY: [&str; 3] = ["psnr_full", "ssim", "lpips_alex"];
+/// Columns where seconds count too.
+const WITH_SECONDS: [&str; 4] = ["psnr_full", "ssim", "lpips_alex", "seconds"];
+
+/// One row of the paper's network: its label, its run, its method, its steps, and the paper's numbers.
+type Wan = (&'static str, Run, &'static str, u32, &'static str);
+
+fn wan_rows(lab: &Lab, table: &mut Table, rows: &[Wan]) -> Result<()> {
+    for (label, run, method, steps, paper) in rows {
+        let results = lab.measure(&Ask { run: Some(*run), steps: *steps, ..lab.ask(&[method]) })?;
+        table.add(Row::of(&results, method, label), paper);
+    }
+    Ok(())
+}
+
+/// Parameters in millions.
+fn millions(lab: &Lab, run: Run) -> Result<String> {
+    let file = |run: Run| -> Result<u64> {
+        let bytes = file::read(&lab.train(run)?.weights())?;
+        let tensors = safetensors::SafeTensors::deserialize(&bytes).context("weights")?;
+        Ok(tensors.tensors().iter().map(|(_, tensor)| tensor.shape().iter().product::<usize>() as u64).sum())
+    };
+    let values = file(Run::Autoencoder)? + file(run)?;
+    Ok(short(values as f64 / 1e6))
+}
+
+fn methods(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new(
+        "Methods",
+        "The paper's table 1. Seconds of the rows with keyframes leave out the truth of the keyframes. The two baselines from noise \
+         are implementations of the paradigm (single frames and clips from noise, in many steps) on the same backbone and data: RGB-X \
+         and DiffusionRenderer themselves are larger and start from image and video models.",
+        &WITH_SECONDS,
+    );
+    let own = ["ibl", "deferred", "warp", "neural", "neural+keys", "pt1+oidn", "pt4+oidn"];
+    let results = lab.measure(&lab.ask(&own))?;
+    let published = ["16.903 / .882 / .105", "24.649 / .927 / .097, by Unreal", "", "", "", "", ""];
+    for (id, paper) in own.iter().zip(published) {
+        let label = results.about.methods.iter().find(|method| method.id == *id).map_or(*id, |method| &method.label);
+        let mut row = Row::of(&results, id, label);
+        if id.starts_with("neural") {
+            row.note = format!("{} M parameters", short(lab.fusion.header().fusion.values() as f64 / 1e6));
+        }
+        table.add(row, paper);
+    }
+    let truth = results.sequences.iter().filter_map(|sequence| sequence.about.truth.seconds);
+    let truth: Vec<f64> = truth.collect();
+    let mut row = Row::named("path tracing, the truth itself");
+    if !truth.is_empty() {
+        row.set("seconds", truth.iter().sum::<f64>() / truth.len() as f64);
+    }
+    row.note = format!("{} samples", lab.scale.spp[1]);
+    table.add(row, "more than 10 s");
+    let [stills, clips] = lab.scale.noisy_steps;
+    let rows: [Wan; 6] = [
+        (
+            "single frames from noise (as RGB-X)",
+            Run::Noise { clips: false },
+            "wan-stills",
+            stills,
+            "20.984 / .793 / .165, 2.19 s",
+        ),
+        ("clips from noise (as DiffusionRenderer)", Run::Noise { clips: true }, "wan", clips, "23.758 / .863 / .128, 1.40 s"),
+        ("RenderFlow", Run::Base, "wan", 1, "24.214 / .874 / .113, .19 s"),
+        ("RenderFlow, frame by frame", Run::Base, "wan-stills", 1, ""),
+        ("RenderFlow with keyframes", Run::Keys(Keys::Whole), "wan+keys", 1, "26.663 / .883 / .101, .24 s"),
+        ("RenderFlow with keyframes, frame by frame", Run::Keys(Keys::Whole), "wan-stills+keys", 1, ""),
+    ];
+    for (label, run, method, steps, paper) in rows {
+        let results = lab.measure(&Ask { run: Some(run), steps, ..lab.ask(&[method]) })?;
+        let mut row = Row::of(&results, method, label);
+        row.note = format!("{} M parameters, {steps} {}", millions(lab, run)?, if steps == 1 { "step" } else { "steps" });
+        table.add(row, paper);
+    }
+    Ok(table)
+}
+
+fn strategies(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new("Training strategies", "The bridge with (SDE) and without noise (ODE).", &QUALITY);
+    let rows: [Wan; 5] = [
+        ("uniform times, SDE, 4 steps", Run::Variant(Variant::UniformSde), "wan", 4, "22.192 / .858 / .120"),
+        ("four times, ODE, 4 steps", Run::Variant(Variant::FourOde), "wan", 4, "23.089 / .865 / .110"),
+        ("four times, ODE, 1 step", Run::Variant(Variant::FourOde), "wan", 1, "23.304 / .867 / .108"),
+        ("four times, SDE, 4 steps", Run::Base, "wan", 4, "23.384 / .865 / .111"),
+        ("four times, SDE, 1 step", Run::Base, "wan", 1, "23.590 / .868 / .107"),
+    ];
+    wan_rows(lab, &mut table, &rows)?;
+    Ok(table)
+}
+
+fn losses(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new("Losses on pictures", "Besides the loss in latents.", &QUALITY);
+    let rows: [Wan; 3] = [
+        ("none", Run::Variant(Variant::LatentAlone), "wan", 1, "21.588 / .840 / .148"),
+        ("LPIPS", Run::Variant(Variant::LatentAndLpips), "wan", 1, "23.538 / .867 / .105"),
+        ("LPIPS and gradients", Run::Base, "wan", 1, "23.590 / .868 / .107"),
+    ];
+    wan_rows(lab, &mut table, &rows)?;
+    if lab.lpips.alex.is_none() {
+        table.text += " LPIPS was not part of any loss here: its weights were not found.";
+    }
+    Ok(table)
+}
+
+fn keyframes(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new(
+        "Keyframe adapters",
+        "Keyframes are 16 frames apart. Progressive: a clip begins with the picture of the last frame of the clip before it; without, \
+         each frame is rendered by itself.",
+        &QUALITY,
+    );
+    let rows: [Wan; 6] = [
+        ("none", Run::Base, "wan-stills", 1, "23.590 / .868 / .107"),
+        ("progressive only", Run::Base, "wan", 1, "25.042 / .877 / .102"),
+        ("reused query, no correction", Run::Keys(Keys::Reused), "wan-stills+keys", 1, "24.520 / .862 / .098"),
+        ("dedicated query, no correction", Run::Keys(Keys::Dedicated), "wan-stills+keys", 1, "25.217 / .878 / .097"),
+        ("dedicated query, corrected perceptron", Run::Keys(Keys::Whole), "wan-stills+keys", 1, "25.720 / .881 / .094"),
+        ("the same, progressive", Run::Keys(Keys::Whole), "wan+keys", 1, "26.220 / .885 / .090"),
+    ];
+    wan_rows(lab, &mut table, &rows)?;
+    let own = lab.measure(&lab.ask(&["warp", "neural", "neural+keys"]))?;
+    for (id, label) in [("warp", "warped keyframes, no network"), ("neural", "our network, none"), ("neural+keys", "our network")]
+    {
+        table.add(Row::of(&own, id, label), "");
+    }
+    Ok(table)
+}
+
+fn input(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new("What the bridge begins with", "The paper's experiment at low resolution.", &QUALITY);
+    let rows: [Wan; 2] = [
+        ("albedo", Run::Base, "wan", 1, "23.7 / .75 / .13"),
+        ("albedo x irradiance", Run::Variant(Variant::Lit), "wan", 1, "25.6 / .76 / .13"),
+    ];
+    wan_rows(lab, &mut table, &rows)?;
+    let ibl = lab.measure(&lab.ask(&["ibl"]))?;
+    table.add(Row::of(&ibl, "ibl", "IBL, no network"), "");
+    Ok(table)
+}
+
+fn gaps(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new(
+        "Distances between keyframes",
+        "PSNR over all frames, and over those that are no keyframes. The last column adds the truth of the keyframes to the seconds of \
+         a frame.",
+        &["psnr_all", "psnr_full", "ssim", "lpips_alex", "with_truth"],
+    );
+    let published = |gap: u32| match gap {
+        13 => "29.716 (29.427) / .920 / .089",
+        17 => "29.071 (28.812) / .917 / .092",
+        25 => "26.574 (26.507) / .913 / .098",
+        49 => "25.917 (25.737) / .909 / .102",
+        _ => "",
+    };
+    let none = lab.measure(&Ask { run: Some(Run::Base), ..lab.ask(&["wan", "neural"]) })?;
+    table.add(Row::of(&none, "wan", "RenderFlow, none"), "24.022 / .899 / .112");
+    table.add(Row::of(&none, "neural", "our network, none"), "");
+    for &gap in &lab.scale.gaps {
+        let own = ["wan+keys", "neural+keys", "warp"];
+        let ask = Ask { run: Some(Run::Keys(Keys::Whole)), gap: Some(gap), ..lab.ask(&own) };
+        let results = lab.measure(&ask)?;
+        for (id, label) in own.iter().zip(["RenderFlow", "our network", "warped keyframes, no network"]) {
+            let paper = if *id == "wan+keys" { published(gap) } else { "" };
+            table.add(Row::of(&results, id, &format!("{label}, {gap}")), paper);
+        }
+    }
+    Ok(table)
+}
+
+fn steps(lab: &Lab) -> Result<Table> {
+    let text = "Euler steps at inference. In the paper, 1 beats 2 and 4 by every metric, because errors add up.";
+    let mut table = Table::new("Steps", text, &WITH_SECONDS);
+    let rows: [Wan; 3] =
+        [("1 step", Run::Base, "wan", 1, "best"), ("2 steps", Run::Base, "wan", 2, ""), ("4 steps", Run::Base, "wan", 4, "")];
+    wan_rows(lab, &mut table, &rows)?;
+    Ok(table)
+}
+
+fn seconds(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new(
+        "The same seconds",
+        "What path tracing with OIDN reaches in given seconds for a frame of 256 x 256 pixels, and with our network besides.",
+        &["psnr_full", "ssim", "lpips_alex", "flip", "seconds"],
+    );
+    let base = ["ibl", "deferred", "neural", "pt1+fast", "pt2+fast", "pt1+oidn", "pt2+oidn", "pt4+oidn", "pt8+oidn"];
+    let with = ["pt1+oidn+neural", "pt2+oidn+neural", "pt4+oidn+neural", "pt8+oidn+neural", "pt4+oidn+neural+keys"];
+    let all: Vec<&str> = base.into_iter().chain(with).collect();
+    let results = lab.measure(&lab.ask(&all))?;
+    let wan = lab.measure(&Ask { run: Some(Run::Base), ..lab.ask(&["wan"]) })?;
+    table.add(Row::of(&wan, "wan", "RenderFlow"), "");
+    for method in &results.about.methods {
+        table.add(Row::of(&results, &method.id, &method.label), "");
+    }
+    let pixels = f64::from(lab.scale.side).powi(2);
+    if (pixels - BUDGET_PIXELS).abs() > 1.0 {
+        table.text += &format!(" Here the frames have {0} x {0} pixels.", lab.scale.side);
+    }
+    Ok(table)
+}
+
+fn range(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new(
+        "High dynamic range and flicker",
+        "The relative squared error of radiance, the same without the worst of the pixels, and the change between frames that the \
+         truth does not have. The paper measures display values only.",
+        &["rel_mse", "rel_mse_robust", "flip", "temporal"],
+    );
+    let own = ["ibl", "deferred", "warp", "neural", "neural+keys", "pt4+oidn", "pt4+oidn+neural"];
+    let results = lab.measure(&lab.ask(&own))?;
+    for method in &results.about.methods {
+        table.add(Row::of(&results, &method.id, &method.label), "");
+    }
+    for (label, run, method) in
+        [("RenderFlow", Run::Base, "wan"), ("RenderFlow with keyframes", Run::Keys(Keys::Whole), "wan+keys")]
+    {
+        let results = lab.measure(&Ask { run: Some(run), ..lab.ask(&[method]) })?;
+        table.add(Row::of(&results, method, label), "");
+    }
+    Ok(table)
+}
+
+fn generalisation(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new(
+        "Scenes that were learnt from",
+        "The same networks on scenes of their training and on the test scenes, whose mesh families and lights they never saw. Our \
+         network learnt from other scenes, so both kinds are new to it.",
+        &QUALITY,
+    );
+    let own = ["ibl", "deferred", "neural"];
+    for (data, label) in [(Data::Seen, "learnt"), (Data::Test, "new")] {
+        let ask = |methods| Ask { data, every: if data == Data::Seen { 4 } else { lab.scale.every }, ..lab.ask(methods) };
+        let wan = lab.measure(&Ask { run: Some(Run::Base), ..ask(&["wan"]) })?;
+        table.add(Row::of(&wan, "wan", &format!("RenderFlow, {label}")), "");
+        let results = lab.measure(&ask(&own))?;
+        for method in &results.about.methods {
+            table.add(Row::of(&results, &method.id, &format!("{}, {label}", method.label)), "");
+        }
+    }
+    Ok(table)
+}
+
+fn cost(lab: &Lab) -> Result<Table> {
+    let text = "Seconds of a frame by the side of its picture in pixels.";
+    let own = ["ibl", "deferred", "neural"];
+    let mut table = Table::new("Seconds by size", text, &[]);
+    let mut rows: Vec<(String, Vec<String>)> = Vec::new();
+    for &side in &lab.scale.sides {
+        let ask = |methods| Ask { data: Data::Side(side), every: 1, ..lab.ask(methods) };
+        let results = lab.measure(&ask(&own))?;
+        let wan = lab.measure(&Ask { run: Some(Run::Base), ..ask(&["wan-stills"]) })?;
+        let of = |results: &Results, id: &str, label: &str| Row::of(results, id, label);
+        let made = own.iter().map(|id| of(&results, id, label(&results, id)));
+        for row in made.chain([of(&wan, "wan-stills", "RenderFlow, frame by frame")]) {
+            let cell = row.cell("seconds");
+            match rows.iter_mut().find(|(name, _)| *name == row.label) {
+                Some((_, cells)) => cells.push(cell),
+                None => rows.push((row.label.clone(), vec![cell])),
+            }
+        }
+    }
+    table.heads = lab.scale.sides.iter().map(|side| format!("{side}")).collect();
+    table.rows = rows.into_iter().map(|(label, cells)| (label, cells, String::new(), String::new())).collect();
+    Ok(table)
+}
+
+fn label<'r>(results: &'r Results, id: &'r str) -> &'r str {
+    results.about.methods.iter().find(|method| method.id == id).map_or(id, |method| &method.label)
+}
+
+fn amount(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new("Data and time", "The paper's recipe with less data, and in less time.", &QUALITY);
+    for (label, run) in [
+        ("a quarter of the data", Run::Data(4)),
+        ("half of the data", Run::Data(2)),
+        ("a quarter of the time", Run::Time(4)),
+        ("half of the time", Run::Time(2)),
+        ("all of it", Run::Base),
+    ] {
+        let trained = lab.train(run)?;
+        let results = lab.measure(&Ask { run: Some(run), ..lab.ask(&["wan"]) })?;
+        let mut row = Row::of(&results, "wan", label);
+        row.note = format!("{} sequences, {} steps in {:.0} s", lab.scale.lesson(run).1, trained.steps, trained.seconds);
+        table.add(row, "");
+    }
+    Ok(table)
+}
+
+fn editing(lab: &Lab) -> Result<Table> {
+    let mut table =
+        Table::new("Edits of materials", "PSNR, dB, at each step. The paper shows pictures of these edits and no numbers.", &[]);
+    let steps = lab.scale.edit;
+    let edits = sweep::published([lab.scale.side; 2]);
+    let denoise = if renderflow_renderer::denoise::Denoiser::new().is_ok() { Denoise::Oidn } else { Denoise::None };
+    let settings = TruthSettings::new(Settings { spp: lab.scale.spp[1], ..Settings::default() }, denoise)?;
+    let base = lab.out.join("data/edits");
+    let (sequences, _) = sweep::render(&edits, steps, &Reach::folder("."), &base, &settings, lab.cancel)?;
+    let named = edits.iter().zip(sequences).flat_map(|(edit, steps)| steps.into_iter().map(move |step| (edit, step)));
+    let test = |(edit, sequence): (&sweep::Edit, _)| TestSequence { set: "edit".into(), class: edit.name.clone(), sequence };
+    let tests: Vec<TestSequence> = named.map(test).collect();
+    let methods = ["ibl", "deferred", "neural", "wan-stills"].map(Method::parse).into_iter().collect::<Result<Vec<_>>>()?;
+    let run = lab.train(Run::Base)?;
+    let wan = lab.renderer(Run::Base)?;
+    let weights = run.folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let options = run::Options {
+        rendering: renderer::Options {
+            methods: &methods,
+            fusion: Some(lab.fusion),
+            wan: Some(&*wan),
+            drawing: Drawing::default(),
+            guide_samples: 16,
+            max_bounces: settings.render.max_bounces,
+            allowed: &[],
+            timed: false,
+        },
+        lpips: lab.lpips,
+        every: 1,
+        pictures: 1,
+        title: "RenderFlow: edits".into(),
+        settings: vec![("weights".into(), weights.clone())],
+    };
+    let out = lab.out.join("rows").join(format!("edits-{weights}-{steps}"));
+    let progress = Progress::new("evaluating edits", tests.len() as u64);
+    run::run(&tests, &options, &out, &progress, lab.cancel)?;
+    progress.finish();
+    let results = Results::read(&out)?;
+    table.heads = results.about.methods.iter().map(|method| method.label.clone()).collect();
+    for edit in &edits {
+        let labels = (0..steps).map(|step| edit.label(step, steps)).collect();
+        let made = Steps::new(&results, &edit.name, labels);
+        for (label, cells) in made.psnr() {
+            table.rows.push((format!("{}: {label}", edit.name), cells, String::new(), String::new()));
+        }
+        for (ending, bytes) in [("png", picture::png(&made.sheet()?)?), ("gif", made.animation()?)] {
+            let name = format!("{}.{ending}", edit.name);
+            file::write_atomic(&lab.out.join(&name), &bytes)?;
+            if ending == "png" {
+                table.pictures.push(name);
+            }
+        }
+    }
+    Ok(table)
+}
