@@ -24,6 +24,9 @@ pub struct Paper {
     /// Minutes of each training run; the autoencoder trains twice as long
     #[arg(long, default_value_t = 30.0, help_heading = "Experiments")]
     minutes: f64,
+    /// Side of the pictures in pixels: a multiple of 32
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(64..=1024), conflicts_with = "smoke", help_heading = "Experiments")]
+    resolution: u32,
     /// Make these tables only
     #[arg(long, value_enum, value_delimiter = ',', help_heading = "Experiments")]
     only: Vec<Part>,
@@ -43,12 +46,13 @@ pub struct Paper {
 impl Paper {
     pub fn run(self, cancel: &Cancel) -> Result<()> {
         ensure!(self.minutes.is_finite() && self.minutes > 0.0, "--minutes: {} is not a positive number", self.minutes);
+        ensure!(self.resolution.is_multiple_of(32), "--resolution: {} is no multiple of 32", self.resolution);
         let lpips = super::evaluate::lpips()?;
         let fusion = match &self.weights {
             Some(path) => Fusion::load(path)?,
             None => Fusion::shipped()?,
         };
-        let scale = if self.smoke { Scale::smoke() } else { Scale::whole(self.minutes) };
+        let scale = if self.smoke { Scale::smoke() } else { Scale::whole(self.minutes, self.resolution) };
         let parts = if self.only.is_empty() { Part::value_variants() } else { &self.only };
         let options = paper::Options { parts, scale: &scale, fusion: &fusion, lpips: &lpips };
         let (text, tables) = paper::run(&options, &self.out, cancel)?;

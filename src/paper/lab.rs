@@ -97,7 +97,7 @@ impl<'a> Lab<'a> {
         let folder = self.out.join("data").join(data.name());
         if !self.there.borrow().contains(&data) {
             self.cancel.check()?;
-            render::run(&self.scale.plan(data), &folder, Shard::WHOLE, self.cancel)?;
+            render::run(&self.scale.plan(data)?, &folder, Shard::WHOLE, self.cancel)?;
             self.there.borrow_mut().insert(data);
         }
         Ok(folder)
@@ -117,7 +117,7 @@ impl<'a> Lab<'a> {
         let name =
             |of: &Option<Trained>| of.as_ref().and_then(|run| run.folder.file_name()).map(PathBuf::from).unwrap_or_default();
         Run::stand_on(&mut config, name(&autoencoder), name(&renderer));
-        let recipe = digest(&(&config, self.scale.plan(data), count))?;
+        let recipe = digest(&(&config, self.scale.plan(data)?, count))?;
         let folder = self.out.join("runs").join(format!("{}-{recipe}", run.name()));
         let file = |of: &Option<Trained>| of.as_ref().map(|run| run.weights()).unwrap_or_default();
         Run::stand_on(&mut config, file(&autoencoder), file(&renderer));
@@ -180,7 +180,7 @@ impl<'a> Lab<'a> {
         let trained = ask.run.map(|run| self.train(run)).transpose()?;
         let folder = trained.as_ref().and_then(|run| run.folder.file_name()).map(|name| name.to_string_lossy().into_owned());
         let fusion = serde_json::to_string(self.fusion.header())?;
-        let recipe = digest(&(ask, &folder, self.scale.plan(ask.data), fusion, self.lpips.alex.is_some()))?;
+        let recipe = digest(&(ask, &folder, self.scale.plan(ask.data)?, fusion, self.lpips.alex.is_some()))?;
         let name = folder.map_or_else(|| ask.data.name(), |folder| folder.split('-').take(3).collect::<Vec<_>>().join("-"));
         let out = self.out.join("rows").join(format!("{name}-{recipe}"));
         let methods: Vec<Method> = ask.methods.iter().map(|id| Method::parse(id)).collect::<Result<_>>()?;
@@ -193,7 +193,7 @@ impl<'a> Lab<'a> {
                 wan: wan.as_deref(),
                 drawing: Drawing { steps: ask.steps, seed: 0 },
                 guide_samples: 16,
-                max_bounces: self.scale.plan(ask.data).render.max_bounces,
+                max_bounces: self.scale.plan(ask.data)?.render.max_bounces,
                 allowed: &[],
                 timed: true,
             },

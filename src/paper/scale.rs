@@ -57,11 +57,11 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The sizes of a whole run, with this many minutes for each of its training runs.
-    pub fn whole(minutes: f64) -> Self {
+    /// The sizes of a whole run, with this many minutes for each of its training runs and pictures of this side.
+    pub fn whole(minutes: f64, side: u32) -> Self {
         Self {
             preset: "wan-small",
-            side: 256,
+            side,
             spp: [16, 64],
             train: [300, 24],
             long: 21,
@@ -72,7 +72,7 @@ impl Scale {
             runs: [10, 5],
             noisy_steps: [50, 30],
             edit: 6,
-            sides: vec![128, 256, 512],
+            sides: vec![side / 2, side, 2 * side],
             minutes: Some(minutes),
             steps: u64::MAX,
         }
@@ -100,7 +100,10 @@ impl Scale {
     }
 
     /// The plan of some data.
-    pub fn plan(&self, data: Data) -> Plan {
+    ///
+    /// # Errors
+    /// When no meshes or lights are left for a split.
+    pub fn plan(&self, data: Data) -> Result<Plan> {
         let [learnt, shown] = self.spp;
         let (split, sequences, frames, side, spp) = match data {
             Data::Clips => (Split::Train, self.train[0], CLIP, self.side, learnt),
@@ -111,7 +114,7 @@ impl Scale {
             Data::Side(side) => (Split::Test, 1, 2, side, 1),
         };
         let denoise = if Denoiser::new().is_ok() { Denoise::Oidn } else { Denoise::None };
-        Plan {
+        let mut plan = Plan {
             version: 2,
             // Clips that were learnt from come again as what is seen; the others share nothing.
             seed: SEED
@@ -143,7 +146,9 @@ impl Scale {
             composition: Composition { lamps: 0.0, ..Composition::opaque() },
             splits: Default::default(),
             allowed: Default::default(),
-        }
+        };
+        plan.splits = planning::splits(&plan, None, None)?;
+        Ok(plan)
     }
 
     /// The configuration of a training run, without names of files.
@@ -175,7 +180,10 @@ impl Scale {
             Stage::Autoencoder { .. } | Stage::Inverse { .. } => {}
         }
         config.batches = self.batches(run);
-        config.run.steps = self.steps;
+        config.run.steps = match run {
+            Run::Time(part) if self.minutes.is_none() => (self.steps / u64::from(part)).max(1),
+            _ => self.steps,
+        };
         config.run.minutes = self.minutes.map(|minutes| match run {
             // Everything else stands on it.
             Run::Autoencoder => 2.0 * minutes,
@@ -383,11 +391,11 @@ mod tests {
 
     #[test]
     fn plans_and_recipes_are_valid_at_every_scale() {
-        for scale in [Scale::smoke(), Scale::whole(30.0)] {
+        for scale in [Scale::smoke(), Scale::whole(30.0, 256), Scale::whole(30.0, 128)] {
             let mut all = vec![Data::Clips, Data::Long, Data::Seen, Data::Test, Data::Way];
             all.extend(scale.sides.iter().map(|&side| Data::Side(side)));
             for data in all {
-                let plan = scale.plan(data);
+                let plan = scale.plan(data).expect("a plan");
                 plan.check().unwrap_or_else(|error| panic!("{data:?}: {error:#}"));
                 // A gap needs frames on both sides.
                 assert!(data != Data::Test || plan.frames > *scale.gaps.iter().max().expect("gaps"));
@@ -408,8 +416,8 @@ mod tests {
             assert_eq!(names.len(), RUNS.len());
         }
         // What is seen was learnt from; what is tested was not.
-        let scale = Scale::whole(1.0);
-        let [clips, seen, test] = [Data::Clips, Data::Seen, Data::Test].map(|data| scale.plan(data));
+        let scale = Scale::whole(1.0, 256);
+        let [clips, seen, test] = [Data::Clips, Data::Seen, Data::Test].map(|data| scale.plan(data).expect("a plan"));
         assert_eq!((clips.seed, clips.frames), (seen.seed, seen.frames));
         assert_eq!(test.sequences, Counts { train: 0, val: 0, test: 6 });
         let scene = |plan: &Plan| plan.compose(&plan.catalog(), 0).expect("a scene").scene.objects;
@@ -420,7 +428,7 @@ mod tests {
     /// The recipes differ in what their names say, and in nothing else.
     #[test]
     fn variants_change_one_thing() {
-        let scale = Scale::whole(1.0);
+        let scale = Scale::whole(1.0, 256);
         let base = scale.config(Run::Base).expect("a configuration");
         let changed = |run: Run| {
             let config = scale.config(run).expect("a configuration");

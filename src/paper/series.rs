@@ -42,7 +42,7 @@ pub fn determinism(lab: &Lab) -> Result<Table> {
     for (number, (label, run, method, steps)) in rows.into_iter().enumerate() {
         let trained = run.map(|run| lab.train(run)).transpose()?;
         let weights = trained.and_then(|run| Some(run.folder.file_name()?.to_string_lossy().into_owned()));
-        let recipe = (method, &weights, steps, lab.scale.runs, lab.scale.plan(Data::Way), lab.fusion.header().steps);
+        let recipe = (method, &weights, steps, lab.scale.runs, lab.scale.plan(Data::Way)?, lab.fusion.header().steps);
         let made = lab.kept("determinism", &recipe, || repeat(lab, run, method, steps))?;
         let mean = made.psnr.iter().sum::<f64>() / made.psnr.len().max(1) as f64;
         let variance = made.psnr.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (made.psnr.len().max(2) - 1) as f64;

@@ -123,11 +123,12 @@ impl Row {
                 made.set(id, value);
             }
         }
-        // Keyframes count here, too.
+        // Keyframes count here, too. Where they are the truth itself, only their squared error has a mean that says something.
         let whole = results.sequences.iter().map(|sequence| {
             let scores = sequence.scores.iter().filter(|score| score.method == id);
-            let values: Vec<f64> = scores.filter_map(|score| score.values.get("psnr_full").copied()).collect();
-            values.iter().sum::<f64>() / values.len() as f64
+            let psnr = scores.filter_map(|score| score.values.get("psnr_full"));
+            let errors: Vec<f64> = psnr.map(|psnr| 10f64.powf(-0.1 * psnr)).collect();
+            -10.0 * (errors.iter().sum::<f64>() / errors.len() as f64).log10()
         });
         made.values.extend(bootstrap(&whole.collect::<Vec<_>>()).map(|all| ("psnr_all".to_owned(), all)));
         made
@@ -139,7 +140,9 @@ impl Row {
         if ["seconds", "with_truth"].contains(&id) {
             return seconds(value.mean);
         }
-        let Some(metric) = metric(if id == "psnr_all" { "psnr_full" } else { id }) else { return format!("{:.3}", value.mean) };
+        let Some(metric) = metric(if id == "psnr_all" { "psnr_full" } else { id }) else {
+            return if id == "spread" { format!("{:.3}", value.mean) } else { format!("{:.2}", value.mean) };
+        };
         let mean = number(metric, value.mean);
         match value.range.filter(|_| id.starts_with("psnr")) {
             Some([low, high]) => format!("{mean} ({low:.1} to {high:.1})"),

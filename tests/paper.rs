@@ -1,0 +1,106 @@
+//! `renderflow paper --smoke`: every table is made, nothing is made twice, and a stop loses nothing.
+
+mod common;
+
+use clap::ValueEnum;
+use common::{renderflow, stderr};
+use renderflow::paper::Part;
+use serde_json::Value;
+use std::path::Path;
+
+fn smoke(out: &Path, words: &[&str]) -> Value {
+    let output = renderflow(&[&["paper", "--smoke", "--json", "-q", "-o", out.to_str().unwrap()][..], words].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Label, and the first number of a row.
+fn first(row: &Value) -> (&str, Option<f64>) {
+    (row["label"].as_str().unwrap(), row["values"]["psnr_full"]["mean"].as_f64())
+}
+
+#[test]
+fn every_table_is_made_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("paper");
+    // Two tables first, as if the rest had been stopped.
+    let some = smoke(&out, &["--only", "steps,strategies"]);
+    assert_eq!(some.as_array().unwrap().len(), 2);
+    let weights = out.join("runs");
+    let kept = common::files(&weights);
+    let all = smoke(&out, &[]);
+    let tables = all.as_array().unwrap();
+    assert_eq!(tables.len(), Part::value_variants().len());
+    // What was there has stayed to the byte.
+    let now = common::files(&weights);
+    for (name, bytes) in &kept {
+        assert!(now.iter().any(|(other, same)| other == name && same == bytes), "{name} was made again");
+    }
+    let table = |title: &str| tables.iter().find(|table| table["title"] == title).unwrap_or_else(|| panic!("{title}"));
+    let rows = |title: &str| table(title)["rows"].as_array().unwrap().clone();
+    for (title, count) in [
+        ("Methods", 14),
+        ("Training strategies", 5),
+        ("Losses on pictures", 3),
+        ("Keyframe adapters", 9),
+        ("What the bridge begins with", 3),
+        ("Distances between keyframes", 8),
+        ("Steps", 3),
+        ("Determinism", 4),
+        ("A long sequence", 6),
+        ("The same seconds", 15),
+        ("High dynamic range and flicker", 9),
+        ("Scenes that were learnt from", 8),
+        ("Seconds by size", 4),
+        ("Data and time", 5),
+    ] {
+        assert_eq!(rows(title).len(), count, "{title}");
+    }
+    // The same weights and the same question give the same number wherever they stand.
+    let [base, one] = [rows("Training strategies")[4].clone(), rows("Steps")[0].clone()];
+    assert_eq!(first(&base).1, first(&one).1);
+    assert_eq!(first(&rows("Losses on pictures")[2]).1, first(&one).1);
+    for row in rows("Methods").iter().filter(|row| !row["label"].as_str().unwrap().starts_with("path tracing")) {
+        let (label, psnr) = first(row);
+        assert!(psnr.is_some_and(|psnr| psnr > 3.0), "{label}: {row}");
+    }
+    // Bridges from the albedo do not depend on the seed; those from noise do.
+    let notes: Vec<String> = rows("Determinism").iter().map(|row| row["note"].as_str().unwrap().to_owned()).collect();
+    assert!(notes[..2].iter().all(|note| note.contains("the same bits")), "{notes:?}");
+    assert!(notes[2..].iter().all(|note| note.contains("another picture")), "{notes:?}");
+    let text = std::fs::read_to_string(out.join("paper.md")).unwrap();
+    for words in
+        ["24.214 / .874 / .113", "20.984 / .793 / .165", "these numbers mean nothing", "determinism.svg", "cube-color.png"]
+    {
+        assert!(text.contains(words), "{words} is not in\n{text}");
+    }
+    for name in ["determinism.svg", "progressive.svg", "cone-roughness.png", "cone-roughness.gif", "paper.json"] {
+        assert!(out.join(name).is_file(), "{name}");
+    }
+    // Again: the same tables, from what is kept.
+    let before = common::files(&out.join("rows"));
+    assert_eq!(smoke(&out, &[]), all);
+    assert!(before == common::files(&out.join("rows")));
+}
+
+#[test]
+fn folders_of_other_things_and_impossible_times_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("mine.txt"), "mine").unwrap();
+    let out = folder.path().to_str().unwrap();
+    let missing = folder.path().join("no-weights");
+    let missing = missing.to_str().unwrap();
+    for (words, said) in [
+        (&["--smoke"][..], "not empty"),
+        (&["--minutes", "0"], "not a positive number"),
+        (&["--minutes", "nan"], "not a positive number"),
+        (&["--smoke", "--minutes", "3"], "cannot be used with"),
+        (&["--resolution", "100"], "no multiple of 32"),
+        (&["--only", "nothing"], "invalid value"),
+        (&["--smoke", "--weights", missing], "no-weights"),
+    ] {
+        let output = renderflow(&[&["paper", "-o", out][..], words].concat());
+        assert!(!output.status.success() && stderr(&output).contains(said), "{words:?}: {}", stderr(&output));
+    }
+    assert_eq!(common::files(folder.path()).len(), 1);
+}
