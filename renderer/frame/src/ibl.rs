@@ -1,10 +1,12 @@
 //! Split-sum image-based lighting (Karis 2013).
 
 mod brdf;
+mod edges;
 mod prefilter;
 mod shade;
 
 pub use brdf::{EnvironmentBrdf, environment_brdf};
+pub use edges::{Edge, blend, blend_picture};
 pub use shade::{Shading, Surfaces, shade, shade_surfaces, surfaces};
 
 use crate::color::luminance;

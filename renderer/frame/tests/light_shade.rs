@@ -114,6 +114,90 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
     assert!(shading.surfaces.depth.pixels[0].is_infinite() && shading.surfaces.normal.pixels[0] == [0.0; 3]);
 }
 
+/// A wall whose left half is metal that leans left, and whose right half is grey and leans right. In the first column of the right
+/// half, guides have a share of the left half.
+fn halves(share: f32) -> Frame {
+    let mut frame = sphere();
+    let left = |i: usize| i % SIZE < SIZE / 2;
+    let [leans_left, leans_right] = [-0.6f32, 0.6].map(|x| Vec3A::new(x, 0.0, 0.8));
+    for i in 0..SIZE * SIZE {
+        (frame.alpha.pixels[i], frame.depth.pixels[i]) = (1.0, 2.0);
+        let (normal, albedo, material) =
+            if left(i) { (leans_left, [0.9, 0.7, 0.1], [0.1, 1.0, 0.5]) } else { (leans_right, [0.4; 3], [0.8, 0.0, 0.5]) };
+        frame.normal.pixels[i] = normal.to_array();
+        (frame.albedo.pixels[i], frame.material.pixels[i]) = (albedo, material);
+    }
+    let (mut albedo, mut normal) = (frame.albedo.clone(), frame.normal.clone());
+    for i in (0..SIZE * SIZE).filter(|i| i % SIZE == SIZE / 2) {
+        for picture in [&mut albedo, &mut normal] {
+            let [a, b] = [picture.pixels[i - 1], picture.pixels[i]];
+            picture.pixels[i] = [0, 1, 2].map(|c| share * a[c] + (1.0 - share) * b[c]);
+        }
+    }
+    (frame.guide_albedo, frame.guide_normal) = (Some(albedo), Some(normal));
+    frame
+}
+
+/// A pixel that two surfaces share looks as the mean of both, and not as their mean would.
+#[test]
+fn surfaces_that_meet_in_a_pixel_are_shaded_apart() {
+    let light = Light::new(sky());
+    let (pure, mixed) = (shade(&halves(0.0), &light), shade(&halves(0.3), &light));
+    assert!(pure.surfaces.edges.is_empty());
+    assert_eq!(mixed.surfaces.edges.len(), SIZE);
+    for edge in &mixed.surfaces.edges {
+        assert_eq!((edge.at % SIZE, edge.other % SIZE), (SIZE / 2, SIZE / 2 - 1));
+        assert!((edge.share - 0.3).abs() < 1e-4, "{}", edge.share);
+        let pictures = [(&mixed.image, &pure.image), (&mixed.specular, &pure.specular), (&mixed.irradiance, &pure.irradiance)];
+        for (found, alone) in pictures {
+            let expected = [0, 1, 2].map(|c| 0.3 * alone.pixels[edge.other][c] + 0.7 * alone.pixels[edge.at][c]);
+            let found = found.pixels[edge.at];
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?} and {expected:?}");
+        }
+        // Whoever reads the surfaces finds the means of the pixel.
+        let guide = halves(0.3).guide_albedo.expect("a guide").pixels[edge.at];
+        assert_eq!(mixed.surfaces.albedo.pixels[edge.at], guide);
+    }
+    let others = (0..SIZE * SIZE).filter(|i| i % SIZE != SIZE / 2);
+    assert!(others.into_iter().all(|i| mixed.image.pixels[i] == pure.image.pixels[i]));
+}
+
+#[test]
+fn only_what_two_surfaces_explain_is_an_edge() {
+    let light = Light::new(sky());
+    let edges = |change: &dyn Fn(&mut Frame)| {
+        let mut frame = halves(0.3);
+        change(&mut frame);
+        shade(&frame, &light).surfaces.edges.len()
+    };
+    let here = |i: &usize| i % SIZE == SIZE / 2;
+    assert_eq!(edges(&|_| ()), SIZE);
+    assert_eq!(edges(&|frame| frame.guide_normal = None), 0);
+    assert_eq!(edges(&|frame| frame.alpha.pixels.fill(0.9)), 0);
+    // A third surface that no neighbour shows.
+    let third = |frame: &mut Frame| {
+        let albedo = frame.guide_albedo.as_mut().expect("a guide");
+        (0..SIZE * SIZE).filter(here).for_each(|i| albedo.pixels[i] = [0.0, 0.0, 1.0]);
+    };
+    assert_eq!(edges(&third), 0);
+    // A pattern on one surface: its mean is what the pixel shows.
+    let flat = |frame: &mut Frame| {
+        frame.normal.pixels.fill([0.0, 0.0, 1.0]);
+        frame.guide_normal = Some(frame.normal.clone());
+        frame.material.pixels.fill([0.5, 0.0, 0.5]);
+    };
+    assert_eq!(edges(&flat), 0);
+    // A clear surface is no part of one, and nonsense is none.
+    assert_eq!(edges(&|frame| frame.through = Some(Rgb::filled(SIZE, SIZE, [0.0, 0.0, -1.0]))), 0);
+    for nonsense in [f32::NAN, f32::INFINITY, -f32::MAX] {
+        let broken = |frame: &mut Frame| {
+            let albedo = frame.guide_albedo.as_mut().expect("a guide");
+            (0..SIZE * SIZE).filter(here).for_each(|i| albedo.pixels[i] = [nonsense; 3]);
+        };
+        assert_eq!(edges(&broken), 0, "{nonsense}");
+    }
+}
+
 #[test]
 fn normals_facing_away_and_lone_coverage_stay_finite() {
     let light = Light::new(sky());

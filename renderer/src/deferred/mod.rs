@@ -22,7 +22,7 @@ use glam::{Vec3A, Vec4};
 use pass::{Pass, Pixel};
 use rayon::prelude::*;
 use renderflow_frame::Frame;
-use renderflow_frame::ibl::{Shading, Surfaces};
+use renderflow_frame::ibl::{Shading, Surfaces, blend, blend_picture};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::terms::ShadingTerms;
 use screen_space::{Surface, filter, gather, horizon, march, reflect};
@@ -94,14 +94,14 @@ const SKY_JITTER: f32 = 2.0;
 /// Largest share of the light that may go on bouncing between surfaces.
 const MOST_BOUNCED: f32 = 0.8;
 
-/// Shades `frame`. The result has the same bits for any number of threads, and pixels without coverage cost one look-up. The
+/// Shades `frame`. Where two surfaces meet in a pixel, both are shaded and blended. The result has the same bits for any number of threads, and pixels without coverage cost one look-up. The
 /// lists of `shadows` may be shorter than the lights and cells: lights without a map are marched through the depth buffer, and
 /// cells of the sky without a map are open.
 ///
 /// # Panics
 /// When a channel of `frame` does not have `frame.width * frame.height` pixels.
 pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Options) -> Deferred {
-    let shading = lighting.shade(frame);
+    let mut shading = lighting.shade(frame);
     let inputs = Inputs::new(frame, &shading, lighting, shadows, options);
     let pass = inputs.pass(frame, &shading, lighting, options);
     let lights = lighting.lights.len();
@@ -120,7 +120,7 @@ pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Op
         Image { width, height, pixels }
     };
     let seen = |light: usize| share(&|i| pass.seen(i, light));
-    let terms = ShadingTerms {
+    let mut terms = ShadingTerms {
         direct: (0..lights).map(|light| rgb(&|i| direct[i * lights + light])).collect(),
         visibility: if options.shadows == ShadowMode::None { Vec::new() } else { (0..lights).map(seen).collect() },
         occlusion: inputs.occlusion.as_ref().map(|o| share(&|i| o[i].w.clamp(0.0, 1.0))),
@@ -131,8 +131,16 @@ pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Op
         indirect: light.indirect.as_ref().map(|_| rgb(&|i| light.bounced(i))),
         irradiance: shading.irradiance.clone(),
     };
-    let bent_normal = inputs.occlusion.as_ref().map(|_| rgb(&|i| pass.bent(i)));
-    let image = light.image(&shading);
+    let mut bent_normal = inputs.occlusion.as_ref().map(|_| rgb(&|i| pass.bent(i)));
+    let mut image = light.image(&shading);
+    let edges = &shading.surfaces.edges;
+    let pictures = [&mut image, &mut terms.ambient_diffuse, &mut terms.ambient_specular, &mut terms.irradiance];
+    let optional = [&mut bent_normal, &mut terms.reflections, &mut terms.indirect];
+    let pictures = pictures.into_iter().chain(optional.into_iter().flatten()).chain(&mut terms.direct);
+    pictures.for_each(|picture| blend_picture(edges, picture));
+    let shares = terms.visibility.iter_mut().chain(&mut terms.occlusion).chain(&mut terms.sky);
+    shares.for_each(|share| blend(edges, &mut share.pixels, |a, b, share| (1.0 - share) * a + share * b));
+    shading.surfaces.join();
     Deferred { image, bent_normal, terms, surfaces: shading.surfaces }
 }
 
@@ -144,7 +152,9 @@ pub fn picture(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &
     let shading = lighting.shade(frame);
     let inputs = Inputs::new(frame, &shading, lighting, shadows, options);
     let pass = inputs.pass(frame, &shading, lighting, options);
-    Gathered::new(&inputs, &pass, shade_pixels(&pass)).image(&shading)
+    let mut image = Gathered::new(&inputs, &pass, shade_pixels(&pass)).image(&shading);
+    blend_picture(&shading.surfaces.edges, &mut image);
+    image
 }
 
 /// Light of every pixel before reflections and bounces.

@@ -1,5 +1,6 @@
 //! Shading a G-buffer with the split sum.
 
+use super::edges::{self, Edge, blend_picture};
 use super::{IblTables, dielectric, environment_brdf, f0};
 use crate::environment::Environment;
 use crate::image::{Image, Rgb};
@@ -37,6 +38,17 @@ pub struct Surfaces {
     pub background: Rgb,
     /// Coverage.
     pub alpha: Image<f32>,
+    /// Pixels in which two surfaces meet. Until [`Self::join`], they hold the surface in their middle.
+    pub edges: Vec<Edge>,
+}
+
+impl Surfaces {
+    /// Gives edges the mean albedo and normal of the surfaces that meet in them.
+    pub fn join(&mut self) {
+        for edge in &self.edges {
+            edge.restore([&mut self.albedo, &mut self.normal], &mut self.brdf);
+        }
+    }
 }
 
 /// The factors of the split-sum image, per pixel; radiance is scene-linear. All but `image` are 0 where nothing is covered.
@@ -73,6 +85,7 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
         through: frame.through.is_some().then(rgb),
         background: rgb(),
         alpha: frame.alpha.clone(),
+        edges: Vec::new(),
     };
     let row = width.max(1);
     let rows = (
@@ -110,11 +123,11 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
                 .or_else(|| hit.and_then(|i| Vec3A::from_array(frame.normal.pixels[i]).try_normalize()))
                 .unwrap_or_else(|| -camera.direction_cam(through).normalize());
             normal[x] = n_cam.to_array();
-            let n_dot_v = (camera.camera_to_world.matrix3 * n_cam).dot(-ray);
-            let [roughness, metallic, specular] = material[x];
-            brdf[x] = environment_brdf(n_dot_v.max(MIN_N_DOT_V), roughness).mixture(&dielectric(specular), metallic);
+            brdf[x] = brdf_at(camera, (x, y), n_cam, material[x]);
         }
     });
+    let parts = [&mut out.albedo, &mut out.normal];
+    out.edges = edges::part(frame, edges::find(frame), parts, &mut out.brdf);
     if let (Some(through), Some(direction), Some(share)) = (&mut out.through, &frame.through, &frame.transmittance) {
         let light = through.pixels.par_iter_mut().zip(&mut out.albedo.pixels).with_min_len(row).enumerate();
         light.for_each(|(i, (light, albedo))| {
@@ -129,15 +142,29 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
     out
 }
 
-/// Shades the G-buffer of `frame` with the split sum. The result has the same bits for any number of threads.
+/// Scale and bias of the split sum for a surface with the camera-space normal `n_cam` in pixel (x, y).
+pub(super) fn brdf_at(camera: &Camera, (x, y): (usize, usize), n_cam: Vec3A, material: [f32; 3]) -> [f32; 2] {
+    let ray = camera.ray_direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
+    let n_dot_v = (camera.camera_to_world.matrix3 * n_cam).dot(-ray);
+    let [roughness, metallic, specular] = material;
+    environment_brdf(n_dot_v.max(MIN_N_DOT_V), roughness).mixture(&dielectric(specular), metallic)
+}
+
+/// Shades the G-buffer of `frame` with the split sum. Where two surfaces meet in a pixel, both are shaded and blended. The result
+/// has the same bits for any number of threads.
 ///
 /// # Panics
 /// When a channel of `frame` does not have `frame.width * frame.height` pixels.
 pub fn shade(frame: &Frame, light: &Light) -> Shading {
-    shade_surfaces(&frame.info.camera, surfaces(frame, &light.environment), light.tables())
+    let mut shading = shade_surfaces(&frame.info.camera, surfaces(frame, &light.environment), light.tables());
+    let Shading { image, diffuse, irradiance, prefiltered, specular, surfaces } = &mut shading;
+    [image, diffuse, irradiance, prefiltered, specular].into_iter().for_each(|picture| blend_picture(&surfaces.edges, picture));
+    surfaces.join();
+    shading
 }
 
 /// Shades `surfaces`, which `camera` sees, with the tables of an environment that may differ from the one in their background.
+/// Edges show the surface in their middle.
 pub fn shade_surfaces(camera: &Camera, surfaces: Surfaces, tables: &IblTables) -> Shading {
     let (width, height) = (surfaces.depth.width, surfaces.depth.height);
     let rgb = || Rgb::filled(width, height, [0.0; 3]);
