@@ -164,9 +164,16 @@ mod tests {
         table.add(Row { note: "slow".into(), ..Row::named("2 steps") }, "");
         table.pictures.push("steps.png".into());
         let text = table.markdown();
-        for words in
-            ["## Steps", "Euler steps.", "the paper, its own data", "| 1 step  | 24.12 |", "best", "slow", "![Steps](steps.png)"]
-        {
+        for words in [
+            "## Steps",
+            "Euler steps.",
+            "the paper, its own data",
+            "| 1 step  |",
+            "24.12 |",
+            "best",
+            "slow",
+            "![Steps](steps.png)",
+        ] {
             assert!(text.contains(words), "{words} is not in\n{text}");
         }
         let all = table.json();

@@ -114,8 +114,8 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
     assert!(shading.surfaces.depth.pixels[0].is_infinite() && shading.surfaces.normal.pixels[0] == [0.0; 3]);
 }
 
-/// A wall whose left half is metal that leans left, and whose right half is grey and leans right. In the first column of the right
-/// half, guides have a share of the left half.
+/// A wall whose left half is metal that leans left, and whose right half is grey and leans right. In the first column of the
+/// right half, guides have a share of the left half.
 fn halves(share: f32) -> Frame {
     let mut frame = sphere();
     let left = |i: usize| i % SIZE < SIZE / 2;

@@ -19,7 +19,7 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Changes when sequences of the same plan and recipe get other numbers.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// The entry of the metadata.
 const HEADER: &str = "renderflow_records";
 /// Strength of the compression; more is slower and hardly smaller.

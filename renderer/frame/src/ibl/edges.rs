@@ -1,5 +1,5 @@
-//! Pixels in which two surfaces meet. Their filtered albedo and normal are a mean of both, and shading the mean is not the mean of
-//! the shadings: a rim of metal would mirror what lies behind neither surface. So each surface is shaded by itself, and then they
+//! Pixels in which two surfaces meet. Their filtered albedo and normal are a mean of both, and shading the mean is not the mean
+//! of the shadings: a rim of metal would mirror what neither surface mirrors. So each surface is shaded by itself, and then they
 //! are blended.
 
 use super::shade::brdf_at;
