@@ -13,6 +13,8 @@ use std::fmt::Write;
 
 /// Metrics of the table.
 const COLUMNS: [&str; 3] = ["psnr", "lpips_alex", "flip"];
+/// Most steps on a sheet.
+const WIDEST: usize = 12;
 /// Milliseconds that the animation shows each step.
 const SHOWN: u32 = 250;
 
@@ -110,19 +112,26 @@ impl<'a> Steps<'a> {
         Ok(tiles)
     }
 
-    /// All steps side by side, a row for the truth and for each method.
+    /// Indices of the steps on a sheet: all of them, or the ends and others evenly between them.
+    fn shown(&self) -> Vec<usize> {
+        let count = self.steps.len().min(WIDEST);
+        (0..count).map(|k| k * (self.steps.len() - 1) / (count.max(2) - 1)).collect()
+    }
+
+    /// Steps side by side, a row for the truth and for each method. Of more than [`WIDEST`] steps, some are left out.
     ///
     /// # Errors
     /// When a picture of the results cannot be read.
     pub fn sheet(&self) -> Result<Rgb> {
-        let columns = self.steps.iter().map(|step| self.tiles(step)).collect::<Result<Vec<_>>>()?;
+        let shown = self.shown();
+        let columns = shown.iter().map(|&step| self.tiles(self.steps[step])).collect::<Result<Vec<_>>>()?;
         let rows = columns.first().map_or(0, Vec::len);
         let mut tiles = Vec::new();
         for row in 0..rows {
-            for (column, label) in columns.iter().zip(&self.labels) {
+            for (column, &step) in columns.iter().zip(&shown) {
                 let mut tile = column[row].clone();
                 if row == 0 {
-                    tile.name = format!("{}, {label}", tile.name);
+                    tile.name = format!("{}, {}", tile.name, self.labels[step]);
                 }
                 tiles.push(tile);
             }
@@ -143,5 +152,36 @@ impl<'a> Steps<'a> {
             Ok(sheet::sheet(&tiles, tiles.len()))
         };
         picture::gif(order.map(picture), SHOWN)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::results::{About, SequenceSummary};
+    use std::path::PathBuf;
+
+    #[test]
+    fn a_sheet_shows_the_ends_and_no_more_than_fits() {
+        let about = About {
+            version: 2,
+            program: String::new(),
+            title: String::new(),
+            machine: String::new(),
+            curve: String::new(),
+            methods: Vec::new(),
+            settings: Vec::new(),
+        };
+        let step = |name: usize| Scored {
+            about: SequenceSummary { class: "cone".into(), name: name.to_string(), ..SequenceSummary::default() },
+            pictures: PathBuf::new(),
+            scores: Vec::new(),
+        };
+        for (count, last) in [(0, None), (1, Some(0)), (2, Some(1)), (12, Some(11)), (13, Some(12)), (1000, Some(999))] {
+            let results = Results { about: about.clone(), sequences: (0..count).map(step).collect() };
+            let shown = Steps::new(&results, "cone", vec![String::new(); count]).shown();
+            assert_eq!((shown.len(), shown.last().copied()), (count.min(WIDEST), last), "{count}");
+            assert!(shown.windows(2).all(|pair| pair[0] < pair[1]) && shown.first().is_none_or(|first| *first == 0));
+        }
     }
 }
