@@ -78,13 +78,7 @@ const SMOOTH: usize = 7;
 
 /// The loss of a picture of `width` columns that shows `display`, and its derivative with respect to `outputs`. `outputs` has
 /// [`OUTPUTS`] numbers for each pixel, by rows.
-pub fn loss(
-    width: usize,
-    display: &[[f32; 3]],
-    outputs: &[f32],
-    targets: &[Target],
-    weights: &LossWeights,
-) -> (Loss, Vec<f32>) {
+pub fn loss(width: usize, display: &[[f32; 3]], outputs: &[f32], targets: &[Target], weights: &LossWeights) -> (Loss, Vec<f32>) {
     let found: Vec<Pixel> =
         display.iter().zip(outputs.chunks_exact(OUTPUTS)).map(|(display, outputs)| Pixel::new(*display, outputs)).collect();
     let sum: f64 = targets.iter().map(|target| f64::from(target.weight)).sum();
@@ -146,12 +140,12 @@ pub fn loss(
             if part <= 0.0 {
                 continue;
             }
-            for k in 0..SMOOTH {
-                let known = |i: usize| !(3..6).contains(&k) || targets[i].pixel.normal != [0.0; 3];
-                if !known(i) || !known(other) {
+            let both = targets[i].pixel.normal != [0.0; 3] && targets[other].pixel.normal != [0.0; 3];
+            for (k, (a, b)) in errors[i].into_iter().zip(errors[other]).enumerate() {
+                if (3..6).contains(&k) && !both {
                     continue;
                 }
-                let e = errors[i][k] - errors[other][k];
+                let e = a - b;
                 let weight = part * of_smooth(k);
                 total += f64::from(weight * e.abs());
                 let slope = weight * sign(e);

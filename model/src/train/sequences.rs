@@ -32,7 +32,10 @@ impl Crop {
             crop.size > 0 && crop.size.is_multiple_of(multiple) && crop.size <= 4096 && (1..=4096).contains(&crop.batch)
         };
         if crops.is_empty() || !crops.iter().all(fits) {
-            return Err(Error::config("crops", format!("sizes must be multiples of {multiple} up to 4096, and batches 1..=4096")));
+            return Err(Error::config(
+                "crops",
+                format!("sizes must be multiples of {multiple} up to 4096, and batches 1..=4096"),
+            ));
         }
         config::all([("crops.from", crops.iter().any(|crop| crop.from <= 0.0), "one kind of crop must begin at 0")])
     }

@@ -54,14 +54,7 @@ impl Learns for Config {
         Ok(self.validate()?)
     }
 
-    fn learn(
-        &self,
-        train: &Train,
-        source: &dyn Source,
-        validation: &[Record<f16>],
-        bars: &Bars,
-        cancel: &Cancel,
-    ) -> Result<()> {
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()> {
         let start = train.from.as_deref().map(Fusion::load).transpose()?;
         let references = References::measure(&self.network, validation)?;
         let sheets = |weights: &Path| sheets(weights, validation);

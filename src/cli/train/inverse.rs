@@ -40,14 +40,7 @@ impl Learns for Config {
         Ok(self.validate()?)
     }
 
-    fn learn(
-        &self,
-        train: &Train,
-        source: &dyn Source,
-        validation: &[Record<f16>],
-        bars: &Bars,
-        cancel: &Cancel,
-    ) -> Result<()> {
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()> {
         let start = train.from.as_deref().map(Inverse::load).transpose()?;
         let examples: Vec<Example> = validation.iter().map(Example::of).collect();
         let shown = &examples[..examples.len().min(FRAMES)];

@@ -109,7 +109,8 @@ impl<'a> Monitor<'a> {
             Some(Level { name: format!("OIDN, {name}"), named: true, color, y })
         };
         let levels: Vec<Level> = by_tier.keys().enumerate().filter_map(level).collect();
-        let others = others.into_iter().map(|(name, points)| figure(&name.clone(), &name.clone(), vec![(name, points)], Vec::new()));
+        let others =
+            others.into_iter().map(|(name, points)| figure(&name.clone(), &name.clone(), vec![(name, points)], Vec::new()));
         let body = format!(
             "<h1>Training of {}</h1>\n<h2>Validation</h2>\n{}{}<h2>Loss of the batches</h2>\n{}",
             html::escape(&self.out.display().to_string()),

@@ -29,14 +29,7 @@ pub(super) trait Learns: TrainingConfig + Default {
     /// Checks every option.
     fn check(&self) -> Result<()>;
     /// Trains the network on `source`, and validates it on `validation`.
-    fn learn(
-        &self,
-        train: &Train,
-        source: &dyn Source,
-        validation: &[Record<f16>],
-        bars: &Bars,
-        cancel: &Cancel,
-    ) -> Result<()>;
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()>;
 }
 
 /// The options of a run.
