@@ -1,9 +1,11 @@
-//! Tells the crate whether trained weights lie beside it.
+//! Tells the crate which trained weights lie beside it.
 
 fn main() {
-    println!("cargo::rustc-check-cfg=cfg(shipped_weights)");
     println!("cargo::rerun-if-changed=weights");
-    if std::path::Path::new("weights/fusion.safetensors").is_file() {
-        println!("cargo::rustc-cfg=shipped_weights");
+    for (network, option) in [("fusion", "shipped_weights"), ("inverse", "shipped_inverse")] {
+        println!("cargo::rustc-check-cfg=cfg({option})");
+        if std::path::Path::new("weights").join(network).with_extension("safetensors").is_file() {
+            println!("cargo::rustc-cfg={option}");
+        }
     }
 }

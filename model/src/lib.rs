@@ -4,6 +4,7 @@ pub mod bridge;
 pub mod data;
 pub mod error;
 pub mod fusion;
+pub mod inverse;
 pub mod kernels;
 pub mod lpips;
 pub mod network;

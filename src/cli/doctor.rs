@@ -2,6 +2,7 @@ use crate::util::machine;
 use anyhow::Result;
 use clap::Args;
 use renderflow_model::fusion::Fusion;
+use renderflow_model::inverse::Inverse;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_renderer::accel::Level;
 use renderflow_renderer::denoise::{self, Denoiser};
@@ -24,8 +25,10 @@ struct Findings {
     denoiser: Denoising,
     /// LPIPS with each of its networks.
     lpips: Vec<Weights>,
-    /// The network inside the program.
+    /// The network inside the program that reads samples.
     network: Network,
+    /// The network inside the program that inverts pictures.
+    inverse: Network,
     processor: String,
     cores: usize,
     /// Widest vector instructions that are used.
@@ -53,7 +56,7 @@ struct Weights {
     found: bool,
 }
 
-/// The network inside the program.
+/// A network inside the program.
 #[derive(Debug, Serialize)]
 struct Network {
     works: bool,
@@ -74,10 +77,26 @@ impl Doctor {
     }
 }
 
+impl Network {
+    /// A network of so many steps, or why there is none.
+    fn of(steps: renderflow_model::Result<u64>) -> Self {
+        match steps {
+            Ok(steps) => Self { works: true, steps: Some(steps), problem: None },
+            Err(error) => Self { works: false, steps: None, problem: Some(error.to_string()) },
+        }
+    }
+
+    fn shown(&self) -> String {
+        match (self.steps, &self.problem) {
+            (Some(steps), _) => format!("inside the program, {steps} steps of training"),
+            (None, problem) => format!("missing: {}", problem.as_deref().unwrap_or("unknown")),
+        }
+    }
+}
+
 impl Findings {
     fn new() -> Self {
         let denoiser = Denoiser::new();
-        let network = Fusion::shipped();
         let folder = weights_folder();
         let weights = |backbone: Backbone| {
             let file = folder.as_ref().map_or_else(|| backbone.file_name().into(), |folder| folder.join(backbone.file_name()));
@@ -91,11 +110,8 @@ impl Findings {
                 problem: denoiser.err().map(|error| error.to_string()),
             },
             lpips: [Backbone::Alex, Backbone::Squeeze].map(weights).into(),
-            network: Network {
-                works: network.is_ok(),
-                steps: network.as_ref().ok().map(|network| network.header().steps),
-                problem: network.err().map(|error| error.to_string()),
-            },
+            network: Network::of(Fusion::shipped().map(|network| network.header().steps)),
+            inverse: Network::of(Inverse::shipped().map(|network| network.header().steps)),
             processor: machine::processor(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             simd: Level::best().name(),
@@ -112,10 +128,6 @@ impl Findings {
             (None, Some(library)) => format!("OIDN, {}", library.display()),
             (None, None) => "OIDN".into(),
         };
-        let network = match (self.network.steps, &self.network.problem) {
-            (Some(steps), _) => format!("inside the program, {steps} steps of training"),
-            (None, problem) => format!("missing: {}", problem.as_deref().unwrap_or("unknown")),
-        };
         let missing: Vec<String> =
             self.lpips.iter().filter(|weights| !weights.found).map(|weights| weights.file.display().to_string()).collect();
         let lpips = match missing.as_slice() {
@@ -125,7 +137,8 @@ impl Findings {
         vec![
             ("version", self.version.to_owned()),
             ("denoiser", denoiser),
-            ("network", network),
+            ("network", self.network.shown()),
+            ("inverse", self.inverse.shown()),
             ("LPIPS", lpips),
             ("processor", format!("{}, {} cores, {}", self.processor, self.cores, self.simd)),
             ("memory", format!("{} available", size(self.memory))),

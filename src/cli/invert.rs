@@ -1,6 +1,8 @@
 use super::{WeightsArgs, infer};
 use crate::dataset::export::picture::{byte, png, word};
 use crate::dataset::{Dataset, Sequence};
+use crate::evaluate::inverter::{Inverter, WanOptions};
+use crate::metrics::intrinsics::Buffers;
 use crate::util::cancel::Cancel;
 use crate::util::output::Claim;
 use crate::util::progress::Progress;
@@ -10,7 +12,6 @@ use clap::Args;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{color, file, hdr};
 use renderflow_model::wan::flow::Intrinsic;
-use renderflow_model::wan::video::WanRenderer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,15 +23,19 @@ const ENDINGS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "hdr"];
 
 const HELP: &str = "\
 Examples:
-  renderflow invert photos/ --weights wan/inverse.safetensors --vae wan/vae.safetensors -o buffers
-  renderflow invert --data data/test --weights wan/inverse.safetensors --only albedo,normal --exr -o buffers
+  renderflow invert photo.jpg -o buffers
+  renderflow invert --data data/test --only albedo,normal --exr -o buffers
+  renderflow invert photos/ --weights wan/inverse.safetensors --vae wan/vae.safetensors -o buffers-wan
 
 Writes NAME.albedo.png (sRGB), NAME.normal.png (0.5 + 0.5 n, camera space: x right, y up, z towards the camera), NAME.depth.png (16 bits;
 0 nearest to 1 farthest, in the logarithm of depth over a range that a picture does not tell) and NAME.material.png (roughness, metallic,
-specular). With --exr the same as numbers: albedo linear, normals of length 1.";
+specular). With --exr the same as numbers: albedo linear, normals of length 1.
 
-/// Finds albedo, normals, depth and material behind pictures, with the inverse adapter of the paper's network. If it was stopped,
-/// the same command continues.
+Photos are turned as their EXIF data say. A picture of more than 512 pixels along its longer side is read at a reduced size; its albedo
+keeps all of its detail, and the other buffers are interpolated.";
+
+/// Finds albedo, normals, depth and material behind pictures. The network for it is inside the program; --weights names another
+/// one, or the paper's network with an inverse adapter. If the command was stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Invert {
@@ -45,12 +50,13 @@ pub struct Invert {
     /// What to find
     #[arg(long, value_enum, value_delimiter = ',', default_values = ["albedo", "normal", "depth", "material"], help_heading = "Output")]
     only: Vec<Intrinsic>,
-    /// Pictures to invert together: 1 takes each by itself; more suits the frames of a video, and keeps each clip consistent
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1025), help_heading = "Network")]
-    clip: u32,
-    /// Euler steps; the network is trained for 1
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Network")]
-    steps: u32,
+    /// Pictures that the paper's network inverts together, 1 by default: 1 takes each by itself; more suits the frames of a
+    /// video, and keeps each clip consistent
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1025), help_heading = "Network")]
+    clip: Option<u32>,
+    /// Euler steps of the paper's network, 1 by default; it is trained for 1
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Network")]
+    steps: Option<u32>,
     /// Factor from radiance to display-linear of EXR and HDR pictures
     #[arg(long, default_value_t = 1.0, conflicts_with = "data", help_heading = "Input")]
     exposure: f32,
@@ -94,13 +100,13 @@ impl Invert {
             Some(dataset) => dataset.sequences.iter().map(frames).collect(),
             None => self.files()?,
         };
-        let weights = self.weights.weights.as_deref();
-        let weights = weights.context("--weights: name those of the paper's network with an inverse adapter")?;
-        let mut renderer = WanRenderer::load(weights, self.weights.vae.as_deref())?;
-        if let Some(pixels) = self.weights.tile {
-            renderer = renderer.tiled(pixels)?;
+        let options = WanOptions { vae: self.weights.vae.as_deref(), tile: self.weights.tile };
+        let network = Inverter::open(self.weights.weights.as_deref(), options)?;
+        if let Inverter::Compact(_) = network {
+            for (flag, given) in [("--clip", self.clip.is_some()), ("--steps", self.steps.is_some())] {
+                ensure!(!given, "{flag} is an option of the paper's network, whose weights --weights names");
+            }
         }
-        ensure!(renderer.inverts(), "{}: has no inverse adapter", weights.display());
         let mut only: Vec<Intrinsic> = Vec::new();
         for intrinsic in self.only.iter().copied() {
             if !only.contains(&intrinsic) {
@@ -112,14 +118,14 @@ impl Invert {
         }
         let claim = self.claim(&only)?;
         let progress = Progress::new("invert", groups.iter().map(|group| group.len() as u64).sum());
-        for clip in groups.iter().flat_map(|group| group.chunks(self.clip as usize)) {
+        for clip in groups.iter().flat_map(|group| group.chunks(self.clip.unwrap_or(1) as usize)) {
             cancel.check()?;
             let outputs = |item: &Item| only.iter().flat_map(|i| self.outputs(&item.name, *i)).collect::<Vec<PathBuf>>();
             if clip.iter().flat_map(outputs).all(|path| path.is_file()) {
                 progress.resume(clip.len() as u64);
                 continue;
             }
-            self.clip(&renderer, clip, &only, &claim)?;
+            self.clip(&network, clip, &only, &claim)?;
             progress.add(clip.len() as u64);
         }
         progress.finish();
@@ -131,8 +137,8 @@ impl Invert {
             weights: self.weights.digests()?,
             tile: self.weights.tile,
             only: only.to_vec(),
-            clip: self.clip,
-            steps: self.steps,
+            clip: self.clip.unwrap_or(1),
+            steps: self.steps.unwrap_or(1),
             exposure: self.exposure,
             exr: self.exr,
         };
@@ -150,7 +156,7 @@ impl Invert {
     }
 
     /// Inverts the pictures of one clip.
-    fn clip(&self, renderer: &WanRenderer, clip: &[Item], only: &[Intrinsic], claim: &Claim) -> Result<()> {
+    fn clip(&self, network: &Inverter, clip: &[Item], only: &[Intrinsic], claim: &Claim) -> Result<()> {
         let pictures = clip.iter().map(|item| self.read(item)).collect::<Result<Vec<Rgb>>>()?;
         let Some(Rgb { width, height, .. }) = pictures.first() else { return Ok(()) };
         let (width, height) = (*width, *height);
@@ -159,30 +165,28 @@ impl Invert {
             let (name, w, h) = (item.name.display(), other.width, other.height);
             bail!("{name}: {w}x{h} pixels in a clip that begins with the {width}x{height} of {first}");
         }
-        let planes: Vec<Vec<f32>> = pictures.iter().map(planes).collect();
-        let slices: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
-        let found = renderer.invert(&slices, [width, height], only, self.steps as usize)?;
+        let found = network.find(&pictures, only, self.steps.unwrap_or(1) as usize)?;
         claim.write()?;
-        for (intrinsic, found) in only.iter().zip(found) {
-            for (item, values) in clip.iter().zip(found) {
-                self.write(&item.name, *intrinsic, &values, [width, height])?;
+        for (item, buffers) in clip.iter().zip(&found) {
+            for intrinsic in only {
+                self.write(&item.name, *intrinsic, network, buffers)?;
             }
         }
         Ok(())
     }
 
-    fn write(&self, name: &Path, intrinsic: Intrinsic, values: &[f32], [width, height]: [usize; 2]) -> Result<()> {
-        let pixels = width * height;
-        let pixel = |i: usize| [values[i], values[pixels + i], values[2 * pixels + i]];
+    fn write(&self, name: &Path, intrinsic: Intrinsic, network: &Inverter, buffers: &Buffers) -> Result<()> {
         let unit = |p: [f32; 3]| p.map(|v| 0.5 + 0.5 * v);
-        let numbers = (0..pixels).map(|i| match intrinsic {
-            Intrinsic::Albedo => unit(pixel(i)).map(color::srgb_to_linear),
-            Intrinsic::Normal => glam::Vec3::from(pixel(i)).normalize_or_zero().to_array(),
-            Intrinsic::Depth => [unit(pixel(i)).iter().sum::<f32>() / 3.0; 3],
-            Intrinsic::Material => unit(pixel(i)),
-        });
-        let numbers = Rgb { width, height, pixels: numbers.collect() };
-        let values = numbers.pixels.iter();
+        let numbers = match intrinsic {
+            Intrinsic::Albedo => buffers.albedo.as_ref().map(|albedo| albedo.map(|p| p.map(color::srgb_to_linear))),
+            Intrinsic::Normal => {
+                buffers.normal.as_ref().map(|normal| normal.map(|p| glam::Vec3::from(*p).normalize_or_zero().to_array()))
+            }
+            Intrinsic::Depth => buffers.depth.as_ref().map(|depth| network.shown_depth(depth).map(|d| [*d; 3])),
+            Intrinsic::Material => buffers.material.clone(),
+        };
+        let numbers = numbers.context("the network found no such buffer")?;
+        let (width, height, values) = (numbers.width, numbers.height, numbers.pixels.iter());
         let bytes = match intrinsic {
             Intrinsic::Albedo => png(width, height, values.map(|p| p.map(|v| byte(color::linear_to_srgb(v)))))?,
             Intrinsic::Normal => png(width, height, values.map(|p| unit(*p).map(byte)))?,
@@ -263,9 +267,4 @@ fn floats(path: &Path, picture: &Rgb) -> Result<Vec<u8>> {
     let image = Image::from_channels((picture.width, picture.height), channels);
     image.write().to_buffered(&mut bytes).with_context(|| format!("{}: cannot write", path.display()))?;
     Ok(bytes.into_inner())
-}
-
-/// Display values as planes of -1..=1.
-fn planes(picture: &Rgb) -> Vec<f32> {
-    (0..3).flat_map(|c| picture.pixels.iter().map(move |p| 2.0 * p[c].clamp(0.0, 1.0) - 1.0)).collect()
 }

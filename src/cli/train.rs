@@ -1,9 +1,11 @@
-//! `train`: trains the fusion network, or the paper's network stage by stage.
+//! `train`: trains the fusion network, the inverse network, or the paper's network stage by stage.
 
 mod done;
 mod fusion;
+mod inverse;
 mod monitor;
 mod reference;
+mod sequences;
 mod wan;
 
 use crate::dataset::Sequence;
@@ -12,10 +14,13 @@ use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use renderflow_frame::{file, words};
+use renderflow_model::fusion::training::Config as FusionConfig;
+use renderflow_model::inverse::training::Config as InverseConfig;
 use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::Summary;
 use renderflow_model::wan::FlowConfig;
 use renderflow_model::wan::train::{Config as WanConfig, StageName};
+use sequences::Options;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -99,7 +104,9 @@ pub struct Train {
 #[serde(tag = "network", rename_all = "lowercase")]
 enum Configuration {
     /// The fusion network.
-    Fusion(Box<fusion::Options>),
+    Fusion(Box<Options<FusionConfig>>),
+    /// The inverse network.
+    Inverse(Box<Options<InverseConfig>>),
     /// The paper's network.
     Wan(Box<WanConfig>),
 }
@@ -169,7 +176,8 @@ impl Train {
             return Ok(());
         }
         match configuration {
-            Configuration::Fusion(options) => self.fusion(&options, allowed, cancel),
+            Configuration::Fusion(options) => self.sequences(&options, allowed, cancel),
+            Configuration::Inverse(options) => self.sequences(&options, allowed, cancel),
             Configuration::Wan(config) => self.wan(&config, cancel),
         }
     }
@@ -184,7 +192,11 @@ impl Train {
         match &mut configuration {
             Configuration::Fusion(options) => {
                 self.apply_flags(&mut options.training.run);
-                self.check_fusion(options)?;
+                self.check_sequences(options)?;
+            }
+            Configuration::Inverse(options) => {
+                self.apply_flags(&mut options.training.run);
+                self.check_sequences(options)?;
             }
             Configuration::Wan(config) => {
                 self.apply_flags(&mut config.run);
@@ -194,7 +206,7 @@ impl Train {
         Ok(configuration)
     }
 
-    /// Applies the flags that both networks have.
+    /// Applies the flags that all networks have.
     fn apply_flags(&self, run: &mut RunConfig) {
         run.output.clone_from(&self.out);
         run.steps = self.steps.unwrap_or(run.steps);
@@ -261,7 +273,7 @@ mod tests {
         for (text, expected) in [
             (r#"{"network": "fusion", "steps": 7}"#, "unknown field `steps`, expected one of `training`, `recipe`, `validation`"),
             (r#"{"network": "wan", "training": {}}"#, "unknown field `training`, expected one of `batches`"),
-            (r#"{"network": "nerf"}"#, "unknown name `nerf`, expected `fusion` or `wan`"),
+            (r#"{"network": "nerf"}"#, "unknown name `nerf`, expected one of `fusion`, `inverse`, `wan`"),
             (r#"{"network": "wan", "steps": "many"}"#, "found the string \"many\" where a whole number from 0 on is needed"),
             (r#"{"training": {"rate": 1}}"#, "unknown field `rate`, expected one of `checkpoint_steps`"),
         ] {

@@ -4,6 +4,7 @@ use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_frame::file::Draft;
 use renderflow_model::fusion::Fusion;
+use renderflow_model::inverse::Inverse;
 use renderflow_model::wan::names::Naming;
 use renderflow_model::wan::video::WanRenderer;
 use renderflow_model::wan::weights::{self as wan, Evidence, Found, Identity, Source};
@@ -104,9 +105,14 @@ impl Weights {
             Some(Command::Average(command)) => command.run(),
             None => {
                 let header = match &self.file {
-                    None => serde_json::to_value(Fusion::shipped()?.header())?,
+                    None => {
+                        let mut header = serde_json::to_value(Fusion::shipped()?.header())?;
+                        header["inverse"] = serde_json::to_value(Inverse::shipped()?.header())?;
+                        header
+                    }
                     // Only its list of tensors is read: it may be large.
                     Some(path) if WanRenderer::recognises(path) => serde_json::to_value(Source::open(path)?.header()?)?,
+                    Some(path) if Inverse::recognises(path) => serde_json::to_value(Inverse::load(path)?.header())?,
                     Some(path) => serde_json::to_value(Fusion::load(path)?.header())?,
                 };
                 if self.json {
@@ -210,6 +216,7 @@ fn print(source: &Source, identity: &Identity) {
     }
     match identity {
         Identity::Fusion(header) => println!("\n{path}: network that reads samples, {} steps of training", header.steps),
+        Identity::Inverse(header) => println!("\n{path}: network that inverts pictures, {} steps of training", header.steps),
         Identity::Unknown(reason) => println!("\n{path}: unknown network: {reason}"),
         Identity::Wan(found) => {
             let name = found.header.network.name();
@@ -237,6 +244,7 @@ fn object(source: &Source, identity: &Identity) -> Value {
     });
     let about = match identity {
         Identity::Fusion(header) => json!({ "kind": "fusion", "header": header }),
+        Identity::Inverse(header) => json!({ "kind": "inverse", "header": header }),
         Identity::Unknown(reason) => json!({ "kind": null, "reason": reason }),
         Identity::Wan(found) => {
             let problem = wan::check(source, &found.header.network).err().map(|error| error.to_string());
@@ -290,14 +298,20 @@ impl Convert {
         let to_file = beside.as_ref().map_or(self.output.as_path(), Draft::temporary);
         let done = match identity {
             Identity::Unknown(reason) => bail!("{from}: {reason}"),
-            Identity::Fusion(_) => {
+            Identity::Fusion(_) | Identity::Inverse(_) => {
                 let precision = match self.precision.unwrap_or_else(|| stored(&source)) {
                     wan::Precision::F32 => weights::Precision::F32,
                     wan::Precision::F16 => weights::Precision::F16,
                     wan::Precision::Bf16 => bail!("{from}: this network is stored in f16 or f32"),
                 };
-                Fusion::load(source.path())?.save(to_file, precision)?;
-                format!("{}: network that reads samples", self.output.display())
+                let what = if let Identity::Fusion(_) = identity {
+                    Fusion::load(source.path())?.save(to_file, precision)?;
+                    "network that reads samples"
+                } else {
+                    Inverse::load(source.path())?.save(to_file, precision)?;
+                    "network that inverts pictures"
+                };
+                format!("{}: {what}", self.output.display())
             }
             Identity::Wan(found) => {
                 let (to, precision) = (self.naming, self.precision.unwrap_or_else(|| stored(&source)));

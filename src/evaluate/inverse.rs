@@ -2,6 +2,7 @@
 
 use crate::dataset::Sequence;
 use crate::evaluate::find::{self, TestSequence};
+use crate::evaluate::inverter::{Inverter, WanOptions, image, set, unit};
 use crate::evaluate::run;
 use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
@@ -15,7 +16,6 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::{DepthBounds, Image, file};
 use renderflow_model::wan::flow::Intrinsic;
 use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
-use renderflow_model::wan::video::WanRenderer;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -27,6 +27,7 @@ use std::time::Instant;
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
+  renderflow evaluate inverse --data sets
   renderflow evaluate inverse --weights runs/inverse/weights.safetensors --vae runs/vae/weights.safetensors --data sets -o results-inverse
   renderflow evaluate inverse --buffers theirs/ --data sets -o results-theirs
 
@@ -34,10 +35,11 @@ A folder of --buffers is laid out as `invert --data` writes it: SEQUENCE/frame.N
 space: x right, y up, z towards the camera), .depth.png (its logarithm, up to scale and shift), .material.png (roughness, metallic, and a
 third channel that is not read). What is missing is left out.")]
 pub struct Options {
-    /// Weights of the paper's network with an inverse adapter
-    #[arg(long, required_unless_present = "buffers", conflicts_with = "buffers")]
+    /// Weights of the inverse network, or of the paper's network with an inverse adapter; the file says which. Without it, the
+    /// weights inside the program are used
+    #[arg(long, conflicts_with = "buffers")]
     weights: Option<PathBuf>,
-    /// Weights of its autoencoder; vae.safetensors beside --weights without it
+    /// Weights of the autoencoder of the paper's network; vae.safetensors beside --weights without it
     #[arg(long, requires = "weights")]
     vae: Option<PathBuf>,
     /// Buffers that another method recovered
@@ -107,20 +109,19 @@ impl Tally {
 
 /// Where recovered buffers come from.
 enum Method<'a> {
-    Network(Box<WanRenderer>),
+    Network(Inverter),
     Folder(&'a Path),
 }
 
 impl Options {
     /// Measures and prints.
     pub fn run(self, cancel: &Cancel) -> Result<()> {
-        let method = match (&self.weights, &self.buffers) {
-            (Some(weights), _) => {
-                let renderer = WanRenderer::load(weights, self.vae.as_deref())?;
-                ensure!(renderer.inverts(), "{}: has no inverse adapter", weights.display());
-                Method::Network(Box::new(renderer))
+        let method = match &self.buffers {
+            None => {
+                let options = WanOptions { vae: self.vae.as_deref(), tile: None };
+                Method::Network(Inverter::open(self.weights.as_deref(), options)?)
             }
-            (None, folder) => Method::Folder(folder.as_deref().context("--weights or --buffers")?),
+            Some(folder) => Method::Folder(folder),
         };
         let networks = Networks::find()?;
         let tests = find::find(&self.data)?;
@@ -148,7 +149,7 @@ impl Options {
             tallies[1].sequences.push(start);
         }
         progress.finish();
-        let name = if self.weights.is_some() { "network" } else { "buffers" };
+        let name = if self.buffers.is_none() { "network" } else { "buffers" };
         let sets = sets.into_iter().map(|(set, [found, start])| {
             let frames = found.sequences.iter().map(Vec::len).sum();
             Set { name: set.to_owned(), frames, rows: vec![found.row(name), start.row("no network")] }
@@ -188,23 +189,23 @@ fn frame(
     let pictures = Pictures::new(&frame, light, &view, bounds)?;
     let picture = pictures.target.as_deref().context("has no beauty")?;
     let (width, height) = (pictures.width, pictures.height);
+    let shown = image(width, height, picture).map(|p| p.map(unit));
     let depth = frame.depth.map(|z| if is_depth(*z) { z.ln() } else { 0.0 });
     let truth = Buffers { depth: Some(depth), ..buffers(width, height, &pictures) };
     let covered = pictures.mask.iter().zip(&frame.depth.pixels);
     let mask = covered.map(|(m, z)| if is_depth(*z) { *m } else { 0.0 }).collect();
     let mask = Image { width, height, pixels: mask };
     let found = match method {
-        Method::Network(renderer) => {
+        Method::Network(network) => {
             let started = Instant::now();
-            let made = renderer.invert(&[picture], [width, height], &Intrinsic::ALL, 1)?;
+            let mut found = network.find(std::slice::from_ref(&shown), &Intrinsic::ALL, 1)?;
             seconds.push(started.elapsed().as_secs_f64());
-            let [albedo, normal, depth, material] = [0, 1, 2, 3].map(|i| made[i][0].clone());
-            buffers(width, height, &Pictures { albedo, normal, depth, material, ..Pictures::default() })
+            found.swap_remove(0)
         }
         Method::Folder(root) => read(&root.join(&sequence.name).join(&sequence.transforms.files[index]).with_extension(""))?,
     };
     let start = Buffers {
-        albedo: Some(image(width, height, picture).map(|p| p.map(unit))),
+        albedo: Some(shown),
         normal: Some(Rgb::from_fn(width, height, |_, _| [0.0, 0.0, 1.0])),
         depth: Some(Image { width, height, pixels: vec![0.0; width * height] }),
         material: Some(Rgb::from_fn(width, height, |_, _| [0.5, 0.0, 0.5])),
@@ -214,23 +215,12 @@ fn frame(
 
 /// Pictures of -1..=1 in planes as buffers.
 fn buffers(width: usize, height: usize, pictures: &Pictures) -> Buffers {
-    let image = |planes: &[f32]| image(width, height, planes);
-    Buffers {
-        albedo: Some(image(&pictures.albedo).map(|p| p.map(unit))),
-        normal: Some(image(&pictures.normal)),
-        depth: Some(image(&pictures.depth).map(|p| p.iter().sum::<f32>() / 3.0)),
-        material: Some(image(&pictures.material).map(|p| p.map(unit))),
+    let mut buffers = Buffers::default();
+    let planes = [&pictures.albedo, &pictures.normal, &pictures.depth, &pictures.material];
+    for (intrinsic, planes) in Intrinsic::ALL.into_iter().zip(planes) {
+        set(&mut buffers, intrinsic, &image(width, height, planes));
     }
-}
-
-fn image(width: usize, height: usize, planes: &[f32]) -> Rgb {
-    let count = width * height;
-    Rgb::from_fn(width, height, |x, y| [0, 1, 2].map(|c| planes[c * count + y * width + x]))
-}
-
-/// -1..=1 to 0..=1.
-fn unit(value: f32) -> f32 {
-    (0.5 + 0.5 * value).clamp(0.0, 1.0)
+    buffers
 }
 
 fn is_depth(z: f32) -> bool {

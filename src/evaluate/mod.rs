@@ -5,6 +5,7 @@ pub mod autoencoder;
 pub mod external;
 pub mod find;
 pub mod inverse;
+pub mod inverter;
 pub mod method;
 pub mod renderer;
 pub mod results;

@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use base64::Engine;
 use image::ImageDecoder;
+use image::metadata::Orientation;
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
 use std::path::Path;
@@ -113,8 +114,8 @@ pub fn bytes(path: &Path) -> Result<Vec<u8>> {
     Ok(file::read_at_most(path, LARGEST)?)
 }
 
-/// Decodes a PNG or JPEG file; `path` is only for errors. If its size must be `expected`, the size is compared before any pixel
-/// is decoded.
+/// Decodes a PNG or JPEG file, turned as its EXIF data say; `path` is only for errors. If its size must be `expected`, the size is
+/// compared before any pixel is decoded.
 ///
 /// # Errors
 /// When it is neither, has another size or too many pixels, or is damaged.
@@ -128,8 +129,13 @@ pub fn decode(path: &Path, bytes: &[u8], expected: Option<[usize; 2]>) -> Result
     );
     // The size is compared below, before memory is taken for pixels.
     reader.no_limits();
-    let decoder = reader.into_decoder().with_context(context)?;
-    let (width, height) = decoder.dimensions();
+    let mut decoder = reader.into_decoder().with_context(context)?;
+    // Damaged EXIF data say nothing.
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let (width, height) = match (decoder.dimensions(), turns(orientation)) {
+        ((width, height), true) => (height, width),
+        (size, false) => size,
+    };
     match expected {
         Some(expected) => same_size(path, [width as usize, height as usize], expected)?,
         None => ensure!(
@@ -138,7 +144,15 @@ pub fn decode(path: &Path, bytes: &[u8], expected: Option<[usize; 2]>) -> Result
             path.display()
         ),
     }
-    image::DynamicImage::from_decoder(decoder).with_context(context)
+    let mut picture = image::DynamicImage::from_decoder(decoder).with_context(context)?;
+    picture.apply_orientation(orientation);
+    Ok(picture)
+}
+
+/// Whether columns become rows.
+fn turns(orientation: Orientation) -> bool {
+    use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+    matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
 }
 
 /// # Errors
@@ -211,6 +225,37 @@ mod tests {
         for id in 0..64 {
             assert!(apart(id_color(id), id_color(id + 1)) > 60, "{id}");
         }
+    }
+
+    /// A JPEG of a camera that was held upright says that its rows are columns.
+    #[test]
+    fn photos_are_turned_as_they_say() {
+        let mut jpeg = std::io::Cursor::new(Vec::new());
+        let picture = image::RgbImage::from_fn(24, 16, |x, _| image::Rgb([if x < 12 { 250 } else { 5 }; 3]));
+        picture.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
+        let jpeg = jpeg.into_inner();
+        let said = |orientation: u8| {
+            // A TIFF header, and a directory with one entry: tag 0x112, a short.
+            let tiff =
+                [b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".as_slice(), &[orientation, 0, 0, 0, 0, 0, 0]].concat();
+            let exif = [b"Exif\0\0".as_slice(), &tiff].concat();
+            let length = (exif.len() as u16 + 2).to_be_bytes();
+            [&jpeg[..2], &[0xff, 0xe1], &length, &exif, &jpeg[2..]].concat()
+        };
+        let path = Path::new("photo.jpg");
+        let bright = |orientation: u8| {
+            let turned = decode(path, &said(orientation), None).unwrap().into_luma8();
+            let corners = [(0, 0), (turned.width() - 1, 0), (0, turned.height() - 1)];
+            (turned.dimensions(), corners.map(|(x, y)| turned.get_pixel(x, y).0[0] > 128))
+        };
+        assert_eq!(bright(1), ((24, 16), [true, false, true]));
+        assert_eq!(bright(3), ((24, 16), [false, true, false]));
+        assert_eq!(bright(6), ((16, 24), [true, true, false]));
+        assert_eq!(bright(8), ((16, 24), [false, false, true]));
+        // The size that is compared is the one that is seen.
+        assert!(decode(path, &said(6), Some([16, 24])).is_ok() && decode(path, &said(6), Some([24, 16])).is_err());
+        // Damaged EXIF data are passed over.
+        assert_eq!(bright(77).0, (24, 16));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::head::{self, KERNEL};
 use super::record::{CHANNELS, Groups};
 use crate::network::init::Init;
 use crate::network::layers::Conv;
+use crate::network::unet::{self, Layers, Refine, conv_values};
 use crate::ops::{self, Products, Stride};
 use crate::{Error, Result};
 use burn::module::{Module, Param};
@@ -42,30 +43,8 @@ impl FusionConfig {
     /// Number of values in all parameters.
     pub fn values(&self) -> usize {
         let w = self.widths;
-        let conv = |k: usize, from: usize, to: usize| k * k * from * to + to;
-        let refines: usize = w.iter().map(|&width| conv(3, width, width)).sum::<usize>()
-            + w[..LEVELS - 1].iter().map(|&width| conv(3, width, width)).sum::<usize>();
-        let between: usize =
-            (1..LEVELS).map(|level| conv(3, w[level - 1], w[level]) + conv(3, w[level] + w[level - 1], w[level - 1])).sum();
-        let stem = conv(3, 4 * CHANNELS.iter().sum::<usize>(), w[0]);
-        stem + refines + between + conv(1, w[0], head::FINE) + conv(1, w[1], KERNEL)
-    }
-}
-
-/// `x + silu(conv(x))`, the convolution 0 at first.
-#[derive(Module, Debug)]
-pub struct Refine {
-    /// 3 x 3.
-    pub conv: Conv,
-}
-
-impl Refine {
-    fn new(init: &mut Init, width: usize) -> Self {
-        Self { conv: Conv::new(init, 3, width, width, 0.1) }
-    }
-
-    fn forward(&self, products: Products, x: Tensor<4>) -> Tensor<4> {
-        x.clone() + self.conv.forward(products, x, Stride::One, true)
+        let stem = conv_values(3, 4 * CHANNELS.iter().sum::<usize>(), w[0]);
+        stem + unet::values(&w) + conv_values(1, w[0], head::FINE) + conv_values(1, w[1], KERNEL)
     }
 }
 
@@ -109,12 +88,13 @@ impl FusionNet {
         let inputs: usize = 4 * CHANNELS.iter().sum::<usize>();
         // About half of the groups are given at a time.
         let stem = Conv::new(init, 3, inputs, w[0], 1.4);
+        let Layers { reduce, down, enter, up } = Layers::new(init, &w);
         Ok(Self {
             stem,
-            reduce: (1..LEVELS).map(|level| Conv::new(init, 3, w[level - 1], w[level], 1.0)).collect(),
-            down: (0..LEVELS).map(|level| Refine::new(init, w[level])).collect(),
-            enter: (0..LEVELS - 1).rev().map(|level| Conv::new(init, 3, w[level + 1] + w[level], w[level], 1.0)).collect(),
-            up: (0..LEVELS - 1).rev().map(|level| Refine::new(init, w[level])).collect(),
+            reduce,
+            down,
+            enter,
+            up,
             fine: Conv::new(init, 1, w[0], head::FINE, 0.0),
             coarse: Conv::new(init, 1, w[1], KERNEL, 0.0),
         })
@@ -122,25 +102,14 @@ impl FusionNet {
 
     /// Runs the network on pixel-unshuffled inputs `[b, h/2, w/2, 4 groups.channels()]`. h and w are multiples of [`MULTIPLE`].
     pub fn forward(&self, products: Products, x: Tensor<4>, groups: Groups) -> Outputs {
-        let mut x = ops::conv_by(products, x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
-        let mut skips = Vec::with_capacity(LEVELS - 1);
-        for level in 0..LEVELS {
-            if level > 0 {
-                skips.push(x.clone());
-                x = self.reduce[level - 1].forward(products, x, Stride::Two, true);
-            }
-            x = self.down[level].forward(products, x);
-        }
-        let mut quarter = None;
-        for (enter, up) in self.enter.iter().zip(&self.up) {
-            let skip = skips.pop().expect("a skip connection for each level");
-            quarter = Some(x.clone());
-            x = up.forward(products, enter.decode(products, x, skip));
-        }
+        let x = ops::conv_by(products, x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
+        let layers = unet::View { reduce: &self.reduce, down: &self.down, enter: &self.enter, up: &self.up };
+        let mut levels = layers.forward(products, x).into_iter();
+        let (half, quarter) = (levels.next().expect("the finest level"), levels.next());
         let outputs = head::fine(groups);
         let (weight, bias) = (self.fine.weight.val().narrow(3, 0, outputs), self.fine.bias.val().narrow(0, 0, outputs));
         Outputs {
-            fine: ops::conv_by(products, x, weight, bias, Stride::One, false),
+            fine: ops::conv_by(products, half, weight, bias, Stride::One, false),
             coarse: quarter.filter(|_| groups.samples).map(|x| self.coarse.forward(products, x, Stride::One, false)),
         }
     }

@@ -3,6 +3,7 @@
 use super::batch::{Augmentation, Batch, Window};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
 use super::record::{Record, Selection, Stored};
+use crate::network;
 use crate::ops::Products;
 use crate::parameters::{self, Parameter, to_vec};
 use crate::weights::{self, Precision};
@@ -109,22 +110,10 @@ impl Fusion {
         let (tensors, header) = weights::open(path, bytes)?;
         let header: Header = serde_json::from_str(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
         header.fusion.validate().map_err(|e| Error::malformed(path, format!("header: {e}")))?;
-        // The network is made before its tensors are compared, so a wrong header could ask for too much memory.
-        let (values, most) = (header.fusion.values(), bytes.len() / 2);
-        if values > most {
-            let reason = format!("the network its header describes has {values} values; {most} at most are in the file");
-            return Err(Error::malformed(path, reason));
-        }
-        let fresh = parameters::export(&FusionNet::new(&header.fusion, header.seed, &Device::flex())?);
-        if let Some(extra) = tensors.names().into_iter().find(|name| fresh.iter().all(|parameter| parameter.name != **name)) {
-            let reason = "not part of the network its header describes".into();
-            return Err(Error::Tensor { path: path.into(), tensor: extra.to_owned(), reason });
-        }
-        let read = |parameter: Parameter| -> Result<Parameter> {
-            let values = weights::read_tensor(path, &tensors, &parameter.name, &parameter.shape)?;
-            Ok(Parameter { values, ..parameter })
-        };
-        Self::with_parameters(header, &fresh.into_iter().map(read).collect::<Result<Vec<_>>>()?)
+        let (config, seed) = (&header.fusion, header.seed);
+        let fresh = || FusionNet::new(config, seed, &Device::flex());
+        let parameters = network::file::read(path, &tensors, bytes.len(), config.values(), fresh)?;
+        Self::with_parameters(header, &parameters)
     }
 
     /// Writes a weights file.

@@ -12,16 +12,17 @@ use crate::parameters;
 use crate::train::config::{self, Method, RunConfig, TrainingConfig, first_difference};
 use crate::train::optimizer::Optimizer;
 use crate::train::runner::{self, Objective, Progress, Runner, StepResult, Summary, Validation};
+use crate::train::sequences::Rotation;
 use crate::weights::Precision;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 use half::f16;
 use rayon::prelude::*;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
+use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
+
+pub use crate::train::sequences::Crop;
 
 /// An endless list of sequences to learn from. Sequence `i` is the same whenever it is asked for.
 pub trait Source: Sync {
@@ -32,18 +33,6 @@ pub trait Source: Sync {
     fn make(&self, i: u64) -> Result<Vec<Record<f16>>>;
     /// A text that is equal for equal lists of sequences only.
     fn identity(&self) -> String;
-}
-
-/// A kind of crop.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Crop {
-    /// Rows and columns: a multiple of 16, at most 4096.
-    pub size: usize,
-    /// Crops in a batch, 1..=4096.
-    pub batch: usize,
-    /// The share of the run, 0..1, after which these crops are drawn.
-    pub from: f64,
 }
 
 /// Options of a training run.
@@ -131,20 +120,8 @@ impl Config {
         self.network.validate()?;
         self.selected_tiers()?;
         self.run.validate()?;
-        let crop = |crop: &Crop| {
-            crop.size > 0 && crop.size.is_multiple_of(MULTIPLE) && crop.size <= 4096 && (1..=4096).contains(&crop.batch)
-        };
-        config::all([
-            (
-                "crops",
-                !self.crops.is_empty() && self.crops.iter().all(crop),
-                "sizes must be multiples of 16 up to 4096, and batches 1..=4096",
-            ),
-            ("crops.from", self.crops.iter().any(|crop| crop.from <= 0.0), "one kind of crop must begin at 0"),
-            ("first", self.first > 0, "must be at least 1"),
-            ("rotate_steps", self.rotate_steps > 0, "must be at least 1"),
-            ("window", self.window >= self.first, "must be at least `first`"),
-        ])
+        Crop::check(&self.crops, MULTIPLE)?;
+        self.rotation().validate()
     }
 
     fn selected_tiers(&self) -> Result<Vec<Tier>> {
@@ -158,17 +135,9 @@ impl Config {
         self.tiers.iter().map(find).collect()
     }
 
-    /// The sequences `[from, to)` that are in memory at a step.
-    fn sequences_at(&self, step: u64) -> (u64, u64) {
-        let to = self.first + step / self.rotate_steps;
-        (to.saturating_sub(self.window), to)
-    }
-
-    /// The kind of crop that is drawn at a step.
-    fn crop_at(&self, step: u64) -> Crop {
-        let share = step as f64 / self.run.steps as f64;
-        let begun = self.crops.iter().filter(|crop| crop.from <= share);
-        *begun.max_by(|a, b| a.from.total_cmp(&b.from)).unwrap_or(&self.crops[0])
+    /// The sequences in memory.
+    fn rotation(&self) -> Rotation {
+        Rotation { first: self.first, rotate_steps: self.rotate_steps, window: self.window }
     }
 }
 
@@ -231,40 +200,6 @@ impl Objective for FusionObjective {
 /// Derivatives of the fine and the coarse outputs of a picture.
 type Slopes = (Vec<f32>, Vec<f32>);
 
-/// Sequences in memory. Which ones they are depends on the step alone.
-struct Pool {
-    receiver: mpsc::Receiver<(u64, Result<Vec<Record<f16>>>)>,
-    window: VecDeque<Arc<Vec<Record<f16>>>>,
-    /// Index of the sequence that arrives next.
-    next: u64,
-}
-
-impl Pool {
-    /// Waits for the next sequence.
-    fn receive(&mut self) -> Result<()> {
-        let (i, made) = self
-            .receiver
-            .recv()
-            .map_err(|_| Error::Data { place: "sequences".into(), reason: "their producer stopped".into() })?;
-        debug_assert_eq!(i, self.next);
-        self.window.push_back(Arc::new(made?));
-        self.next += 1;
-        Ok(())
-    }
-
-    /// The sequences of a step.
-    fn at(&mut self, config: &Config, step: u64) -> Result<Vec<Arc<Vec<Record<f16>>>>> {
-        let (from, to) = config.sequences_at(step);
-        while self.next < to {
-            self.receive()?;
-        }
-        while self.window.len() as u64 > to - from {
-            self.window.pop_front();
-        }
-        Ok(self.window.iter().cloned().collect())
-    }
-}
-
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the records that are validated at each checkpoint.
 ///
@@ -294,27 +229,13 @@ pub fn run(
     }
     let tiers = config.selected_tiers()?;
     let runner = Runner { config, data: Some(source.identity()), device, progress, cancel };
-    let (sender, receiver) = mpsc::sync_channel(1);
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
-            let (from, to) = config.sequences_at(first_step);
-            scope.spawn(move || {
-                for i in from.. {
-                    // The receiver is gone when training has ended.
-                    if cancel.load(Ordering::Relaxed) || sender.send((i, source.make(i))).is_err() {
-                        return;
-                    }
-                }
-            });
-            let mut pool = Pool { receiver, window: VecDeque::new(), next: from };
-            while pool.next < to && !cancel.load(Ordering::Relaxed) {
-                progress(&Progress::Loading { done: pool.next - from, total: to - from });
-                pool.receive()?;
-            }
+            let mut pool = config.rotation().load(scope, |i| source.make(i), first_step, cancel, progress)?;
             Ok(move |step: u64| {
-                let sequences = pool.at(config, step)?;
+                let sequences = pool.at(step)?;
                 let records: Vec<&Record<f16>> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
-                let (mut rng, crop) = (step_rng(config.run.seed, step), config.crop_at(step));
+                let (mut rng, crop) = (step_rng(config.run.seed, step), Crop::at(&config.crops, config.run.share(step, 0.0)));
                 for _ in 0..64 {
                     if let Some(batch) = Batch::draw(&records, &tiers, crop.size, crop.batch, &mut rng) {
                         return Ok(batch);
@@ -337,8 +258,9 @@ fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], prog
     renderflow_frame::file::write_atomic(&runner::weights_path(&config.run.output), &bytes)?;
     if !validation.is_empty() {
         let fusion = Fusion::with_parameters(header, &averaged)?;
-        let validated = Validation { step: optimizer.steps, psnr: validate(&fusion, validation)? };
-        append(&config.run.output.join("validation.jsonl"), &validated)?;
+        let psnr = validate(&fusion, validation)?;
+        let validated = Validation { step: optimizer.steps, psnr, others: BTreeMap::new() };
+        validated.append(&config.run.output)?;
         progress(&Progress::Validated(validated));
     }
     Ok(())
@@ -401,11 +323,4 @@ pub fn psnr(record: &Record<f16>, drawn: &[[f32; 3]]) -> f64 {
         }
     }
     -10.0 * (sum / f64::from(count.max(1))).max(1e-10).log10()
-}
-
-fn append(path: &std::path::Path, validated: &Validation) -> Result<()> {
-    use std::io::Write;
-    let line = serde_json::to_string(validated).map_err(|e| Error::malformed(path, e.to_string()))?;
-    let mut file = std::fs::OpenOptions::new().create(true).append(true).open(path).map_err(Error::io(path, "open"))?;
-    writeln!(file, "{line}").map_err(Error::io(path, "write"))
 }

@@ -7,6 +7,7 @@ pub mod optimizer;
 pub mod pool;
 pub mod runner;
 pub mod schedule;
+pub mod sequences;
 
 pub use config::{Decay, Method, RunConfig, TrainingConfig};
 

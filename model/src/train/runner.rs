@@ -12,6 +12,7 @@ use burn::module::Module;
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -80,8 +81,25 @@ pub struct LogRecord {
 pub struct Validation {
     /// Number of steps done.
     pub step: u64,
-    /// Mean PSNR in dB, by the kind of input that was validated.
+    /// Mean PSNR in dB, by the kind of input or result that was validated.
     pub psnr: BTreeMap<String, f32>,
+    /// Means of other errors, by their name with its unit.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub others: BTreeMap<String, f32>,
+}
+
+impl Validation {
+    /// Appends the result to `validation.jsonl` in the folder of a run.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn append(&self, output: &Path) -> Result<()> {
+        let path = output.join("validation.jsonl");
+        let mut line = serde_json::to_vec(self).map_err(|e| Error::malformed(&path, e.to_string()))?;
+        line.push(b'\n');
+        let file = std::fs::OpenOptions::new().create(true).append(true).open(&path);
+        file.map_err(Error::io(&path, "open"))?.write_all(&line).map_err(Error::io(&path, "write"))
+    }
 }
 
 /// What a run reports while it is under way.

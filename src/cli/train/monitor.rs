@@ -1,18 +1,13 @@
 //! The files that show how a run is doing: a page of curves, TensorBoard events, and pictures of some validation frames.
 
-use super::reference::References;
+use super::Bars;
 use crate::report::html;
 use crate::report::plot::{self, Level, Line, Plot, Point, Scale};
 use crate::util::picture;
 use anyhow::{Context, Result};
-use half::f16;
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
-use renderflow_model::fusion::loss::display;
-use renderflow_model::fusion::record::at;
-use renderflow_model::fusion::training::variants;
-use renderflow_model::fusion::{Fusion, Record};
-use renderflow_model::train::runner::{LogRecord, Validation, weights_path};
+use renderflow_model::train::runner::{LogRecord, Progress, Validation, weights_path};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -21,27 +16,48 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The kinds of input that the sheets of pictures show.
-const SHEETS: [&str; 4] = ["deferred+keys", "rays 1", "denoised 4", "denoised+around+keys 4"];
 /// Most frames on one sheet.
-const FRAMES: usize = 4;
+pub(super) const FRAMES: usize = 4;
 
-/// Writes the files of one run.
+/// Draws sheets of pictures with the weights in a file, by name.
+pub(super) type Sheets<'a> = &'a (dyn Fn(&Path) -> Result<Vec<(String, Rgb)>> + Sync);
+
+/// Shows the progress of one run, and writes its files.
 pub(super) struct Monitor<'a> {
     out: &'a Path,
     /// Created with the first scalar, so that a run that is refused leaves no file behind.
     events: Mutex<Option<Events>>,
-    validation: &'a [Record<f16>],
-    references: &'a References,
+    /// PSNR of OIDN, by kind of input.
+    oidn: &'a BTreeMap<String, f32>,
+    sheets: Sheets<'a>,
 }
 
 impl<'a> Monitor<'a> {
-    pub(super) fn new(out: &'a Path, validation: &'a [Record<f16>], references: &'a References) -> Self {
-        Self { out, events: Mutex::new(None), validation, references }
+    pub(super) fn new(out: &'a Path, oidn: &'a BTreeMap<String, f32>, sheets: Sheets<'a>) -> Self {
+        Self { out, events: Mutex::new(None), oidn, sheets }
+    }
+
+    /// Shows what a run reports, and writes it. A file that cannot be written does not stop the run.
+    pub(super) fn tell(&self, bars: &Bars, progress: &Progress) {
+        let shown = |done: Result<()>| done.unwrap_or_else(|error| bars.note(&format!("{error:#}")));
+        match progress {
+            Progress::Loading { done, total } => bars.loading(*done, *total),
+            Progress::Note(note) => bars.note(note),
+            Progress::Validated(validated) => {
+                let others = validated.others.iter().map(|(name, value)| format!("; {name} {value:.4}")).collect::<String>();
+                bars.note(&format!("validation at step {}: {} dB{others}", validated.step, listed(&validated.psnr)));
+                shown(self.validated(validated));
+            }
+            Progress::Step(record) => {
+                let rate = record.items_per_second;
+                bars.step(record.share, format!("step {} loss {:.5}, {rate:.1} crops/s", record.step, record.loss));
+                shown(self.line(record));
+            }
+        }
     }
 
     /// Writes the scalars of a log line.
-    pub(super) fn line(&self, record: &LogRecord) -> Result<()> {
+    fn line(&self, record: &LogRecord) -> Result<()> {
         let numbers =
             [("train/loss", record.loss), ("train/gradient_norm", record.gradient_norm), ("train/rate", record.lr as f32)];
         let mut scalars: Vec<(String, f32)> = numbers.map(|(name, value)| (name.to_owned(), value)).into();
@@ -51,18 +67,14 @@ impl<'a> Monitor<'a> {
     }
 
     /// Writes the scalars of a validation, the curves so far, and the sheets.
-    pub(super) fn validated(&self, validated: &Validation) -> Result<()> {
-        let scalars: Vec<(String, f32)> =
-            validated.psnr.iter().map(|(name, value)| (format!("validation_psnr/{name}"), *value)).collect();
+    fn validated(&self, validated: &Validation) -> Result<()> {
+        let psnr = validated.psnr.iter().map(|(name, value)| (format!("validation_psnr/{name}"), *value));
+        let others = validated.others.iter().map(|(name, value)| (format!("validation/{name}"), *value));
+        let scalars: Vec<(String, f32)> = psnr.chain(others).collect();
         self.scalars(validated.step, &scalars)?;
         file::write_atomic(&self.out.join("curves.html"), self.curves()?.as_bytes())?;
-        let network = Fusion::load(&weights_path(self.out))?;
-        let untrained = Fusion::untrained(&network.header().fusion, 0)?;
-        for name in SHEETS {
-            if let Some(sheet) = sheet(&network, &untrained, self.validation, name)? {
-                let path = self.out.join(format!("validation-{}.png", name.replace([' ', '+'], "-")));
-                file::write_atomic(&path, &picture::png(&sheet)?)?;
-            }
+        for (name, sheet) in (self.sheets)(&weights_path(self.out))? {
+            file::write_atomic(&self.out.join(format!("validation-{name}.png")), &picture::png(&sheet)?)?;
         }
         Ok(())
     }
@@ -82,22 +94,28 @@ impl<'a> Monitor<'a> {
         let point = |step: u64, value: f32| Point { at: (step as f64, f64::from(value)), ..Point::default() };
         let loss: Vec<(String, Vec<Point>)> =
             vec![("loss".to_owned(), lines.iter().map(|line| point(line.step, line.loss)).collect())];
-        let mut by_tier: BTreeMap<String, Vec<Point>> = BTreeMap::new();
+        let [mut by_tier, mut others]: [BTreeMap<String, Vec<Point>>; 2] = Default::default();
         for validation in &validations {
             for (name, psnr) in &validation.psnr {
                 by_tier.entry(name.clone()).or_default().push(point(validation.step, *psnr));
             }
+            for (name, value) in &validation.others {
+                others.entry(name.clone()).or_default().push(point(validation.step, *value));
+            }
         }
         // Each level has the colour of its curve.
         let level = |(color, name): (usize, &String)| {
-            let y = f64::from(*self.references.oidn.get(name)?);
+            let y = f64::from(*self.oidn.get(name)?);
             Some(Level { name: format!("OIDN, {name}"), named: true, color, y })
         };
         let levels: Vec<Level> = by_tier.keys().enumerate().filter_map(level).collect();
+        let others =
+            others.into_iter().map(|(name, points)| figure(&name.clone(), &name.clone(), vec![(name, points)], Vec::new()));
         let body = format!(
-            "<h1>Training of {}</h1>\n<h2>Validation</h2>\n{}<h2>Loss of the batches</h2>\n{}",
+            "<h1>Training of {}</h1>\n<h2>Validation</h2>\n{}{}<h2>Loss of the batches</h2>\n{}",
             html::escape(&self.out.display().to_string()),
             figure("validation", "PSNR, dB (up is better)", by_tier.into_iter().collect(), levels),
+            others.collect::<String>(),
             figure("loss", "loss", loss, Vec::new())
         );
         Ok(html::page("RenderFlow: a training run", &body))
@@ -124,6 +142,11 @@ fn figure(title: &str, y: &str, lines: Vec<(String, Vec<Point>)>, levels: Vec<Le
     })
 }
 
+/// Numbers by name, in one line.
+pub(super) fn listed(numbers: &BTreeMap<String, f32>) -> String {
+    numbers.iter().map(|(name, number)| format!("{name} {number:.2}")).collect::<Vec<_>>().join(", ")
+}
+
 /// The lines of a log. A missing log is empty, and an incomplete last line is left out.
 fn records<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
     let text = match file::read(path) {
@@ -133,32 +156,6 @@ fn records<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
     };
     let whole = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
     whole.map(|line| serde_json::from_str(line).with_context(|| path.display().to_string())).collect()
-}
-
-/// A sheet with one row for each frame that has the inputs `name`: the best input, the picture of the network, the truth, and the
-/// errors of the first two.
-fn sheet(network: &Fusion, untrained: &Fusion, frames: &[Record<f16>], name: &str) -> Result<Option<Rgb>> {
-    let mut rows = Vec::new();
-    for record in frames {
-        let Some((_, selection)) = variants(record).into_iter().find(|(variant, _)| variant == name) else { continue };
-        let picture = |pixels: Vec<[f32; 3]>| Rgb {
-            width: record.width,
-            height: record.height,
-            pixels: pixels.into_iter().map(|rgb| rgb.map(display)).collect(),
-        };
-        let [input, drawn] = [untrained, network].map(|network| network.draw(record, &selection).map(picture));
-        let truth = record.pixels.chunks_exact(at::COUNT).map(|stored| [0, 1, 2].map(|c| stored[at::TRUTH + c].to_f32()));
-        let (input, drawn, truth) = (input?, drawn?, picture(truth.collect()));
-        let errors = [&input, &drawn].map(|made| picture::error_map(made, &truth));
-        let [before, after] = errors;
-        rows.push([input, drawn, truth, before, after]);
-        if rows.len() == FRAMES {
-            break;
-        }
-    }
-    let Some([first, ..]) = rows.first() else { return Ok(None) };
-    let (width, height) = (first.width, first.height);
-    Ok(Some(Rgb::from_fn(5 * width, rows.len() * height, |x, y| *rows[y / height][x / width].at(x % width, y % height))))
 }
 
 /// Scalars in the format that TensorBoard reads: TFRecord frames around `tensorflow.Event` messages.

@@ -10,6 +10,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
 use renderflow_frame::transforms;
 use renderflow_model::fusion::Fusion;
+use renderflow_model::inverse::Inverse;
 use renderflow_model::lpips::{Backbone, Lpips};
 use renderflow_model::wan::weights as wan;
 use renderflow_scenes::load::Capture;
@@ -79,11 +80,15 @@ pub(super) fn weights(path: &Path) -> Result<Counts> {
         found.notes = assumed;
         return Ok(found);
     }
-    let fusion = Fusion::load(path)?;
+    let (network, steps) = if Inverse::recognises(path) {
+        ("inverse", Inverse::load(path)?.header().steps)
+    } else {
+        ("fusion", Fusion::load(path)?.header().steps)
+    };
     let mut found = Counts::default();
-    found.add("network", "fusion");
+    found.add("network", network);
     tensors(&mut found, &header(path)?.unwrap_or_default());
-    found.add("steps", fusion.header().steps);
+    found.add("steps", steps);
     Ok(found)
 }
 

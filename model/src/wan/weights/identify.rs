@@ -3,10 +3,9 @@
 
 use super::save::{Header, Network, Provenance};
 use super::source::{Source, Table};
-use crate::fusion;
 use crate::wan::config::{DitConfig, VaceConfig, VaeConfig};
 use crate::wan::names::{Naming, dit_original, vae_original};
-use crate::{Error, Result};
+use crate::{Error, Result, fusion, inverse};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -20,6 +19,8 @@ const CONFIG: &str = "config.json";
 pub enum Identity {
     /// The fusion network of this program.
     Fusion(Box<fusion::render::Header>),
+    /// The inverse network of this program.
+    Inverse(Box<inverse::find::Header>),
     /// A network of [`crate::wan`], of this program or published.
     Wan(Box<Found>),
     /// Something else, with the reason in a sentence.
@@ -58,6 +59,9 @@ pub fn identify(source: &Source) -> Result<Identity> {
     if let Some(text) = source.header_text() {
         let broken = |e: serde_json::Error| Error::malformed(source.path(), format!("header: {e}"));
         let value: serde_json::Value = serde_json::from_str(text).map_err(broken)?;
+        if value.get("inverse").is_some() {
+            return Ok(Identity::Inverse(Box::new(serde_json::from_value(value).map_err(broken)?)));
+        }
         if value.pointer("/network/kind").is_none() {
             return Ok(Identity::Fusion(Box::new(serde_json::from_value(value).map_err(broken)?)));
         }

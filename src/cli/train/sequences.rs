@@ -1,0 +1,161 @@
+//! Training on sequences that are rendered during training: what the networks that learn from them share.
+
+use super::{Bars, Train, smallest};
+use crate::dataset::Dataset;
+use crate::dataset::learning::{Indexed, Kept, Planned, Recipe, Recorded};
+use crate::dataset::plan::Plan;
+use crate::util::cancel::{Cancel, Interrupted};
+use anyhow::{Context, Result, ensure};
+use half::f16;
+use renderflow_model::fusion::Record;
+use renderflow_model::fusion::training::Source;
+use renderflow_model::train::TrainingConfig;
+use renderflow_model::train::sequences::Crop;
+use renderflow_scenes::procedural::Split;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// The configuration of a network that learns from rendered sequences.
+pub(super) trait Learns: TrainingConfig + Default {
+    /// The recipe of its sequences.
+    fn recipe() -> Recipe;
+    /// The recipe of the frames that a run with `recipe` is validated on.
+    fn validation_recipe(recipe: &Recipe) -> Recipe;
+    /// Kinds of crop.
+    fn crops(&self) -> &[Crop];
+    /// Number of sequences that are made before the first step.
+    fn first(&self) -> u64;
+    /// Checks every option.
+    fn check(&self) -> Result<()>;
+    /// Trains the network on `source`, and validates it on `validation`.
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()>;
+}
+
+/// The options of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, bound = "C: Learns + Serialize + DeserializeOwned")]
+pub(super) struct Options<C> {
+    pub(super) training: C,
+    pub(super) recipe: Recipe,
+    /// Most sequences that the run is validated on, one frame each.
+    pub(super) validation: u32,
+}
+
+impl<C: Learns> Default for Options<C> {
+    fn default() -> Self {
+        Self { training: C::default(), recipe: C::recipe(), validation: 8 }
+    }
+}
+
+impl<C: Learns> Options<C> {
+    /// Side of the largest crop, pixels.
+    fn crop(&self) -> usize {
+        self.training.crops().iter().map(|crop| crop.size).max().unwrap_or(0)
+    }
+}
+
+/// Where the configuration has the crops.
+const CROPS: &str = "training/crops";
+
+impl Train {
+    /// Refuses options outside their ranges, and flags of the paper's network.
+    pub(super) fn check_sequences<C: Learns>(&self, options: &Options<C>) -> Result<()> {
+        for (flag, given) in [("--vae", self.vae.is_some()), ("--cache-mib", self.cache_mib.is_some())] {
+            ensure!(!given, "{flag} is an option of the paper's network: add --preset, or --config with its configuration");
+        }
+        options.training.check()?;
+        let recipe = &options.recipe;
+        for (name, share) in [("fast", recipe.fast), ("bare", recipe.bare)] {
+            ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
+        }
+        Ok(())
+    }
+
+    pub(super) fn sequences<C: Learns>(&self, options: &Options<C>, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        let done = match &self.plan {
+            Some(plan) => self.learn_from_plan(options, plan, cancel),
+            None => self.learn_from_dataset(options, self.data()?, allowed, cancel),
+        };
+        // A render that was cancelled may report any error.
+        done.map_err(|error| if cancel.is_set() { Interrupted.into() } else { error })
+    }
+
+    fn learn_from_plan<C: Learns>(&self, options: &Options<C>, plan: &Path, cancel: &Cancel) -> Result<()> {
+        let plan = Plan::read(plan)?;
+        let counts = plan.sequences;
+        ensure!(counts.train > 0, "the plan has no training sequences");
+        self.check_crop(plan.resolution.map(|side| side as usize), options.crop(), CROPS).context("the plan")?;
+        let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
+        if self.is_done(&options.training, Some(&training.identity()))? {
+            return Ok(());
+        }
+        let bars = Bars::new(options.training.first());
+        let tested = Planned::new(&plan, [counts.train, counts.val], C::validation_recipe(&options.recipe), cancel);
+        if !tested.denoises() {
+            bars.note("OIDN is not found: the network learns from noisy truth");
+        }
+        let count = counts.val.min(options.validation);
+        let validation = self.kept(&tested, &|tested| validation(&bars, count, tested, cancel))?;
+        self.kept(&training, &|training| options.training.learn(self, training, &validation, &bars, cancel))
+    }
+
+    fn learn_from_dataset<C: Learns>(
+        &self,
+        options: &Options<C>,
+        data: &Path,
+        allowed: &[PathBuf],
+        cancel: &Cancel,
+    ) -> Result<()> {
+        let (dataset, notes) = Dataset::open_to_learn(data)?;
+        let bars = Bars::new(options.training.first());
+        notes.iter().for_each(|note| bars.note(note));
+        for sequence in &dataset.sequences {
+            self.check_crop(smallest(sequence), options.crop(), CROPS).with_context(|| sequence.folder.display().to_string())?;
+        }
+        let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
+        if self.is_done(&options.training, Some(&training.identity()))? {
+            return Ok(());
+        }
+        let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));
+        let held_out = match beside.filter(|folder| folder.is_dir() && !same(folder, data)) {
+            Some(folder) => Some(Dataset::open_to_learn(&folder)?.0),
+            None => {
+                bars.note("there is no split val beside the data: the run is not validated");
+                None
+            }
+        };
+        let mut records = Vec::new();
+        if let Some(held_out) = &held_out {
+            let tested = Recorded::new(held_out, allowed, C::validation_recipe(&options.recipe), cancel)?;
+            let count = options.validation.min(held_out.sequences.len() as u32);
+            records = self.kept(&tested, &|tested| validation(&bars, count, tested, cancel))?;
+        }
+        self.kept(&training, &|training| options.training.learn(self, training, &records, &bars, cancel))
+    }
+
+    /// Calls `with` with a source, or with the folder that keeps its sequences if there is one.
+    fn kept<T>(&self, source: &dyn Indexed, with: &dyn Fn(&dyn Source) -> Result<T>) -> Result<T> {
+        match &self.keep {
+            Some(folder) => with(&Kept::new(source, folder)?),
+            None => with(source),
+        }
+    }
+}
+
+/// One frame of each of the first `count` sequences.
+fn validation(bars: &Bars, count: u32, source: &dyn Source, cancel: &Cancel) -> Result<Vec<Record<f16>>> {
+    let mut validation = Vec::new();
+    for i in 0..count {
+        bars.loading.message(format!("validation, sequence {} of {count}", i + 1));
+        // The last record of a sequence has all inputs.
+        validation.extend(source.make(i.into())?.pop());
+        ensure!(!cancel.is_set(), Interrupted);
+    }
+    Ok(validation)
+}
+
+/// Whether two paths lead to one folder.
+fn same(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}

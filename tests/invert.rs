@@ -1,0 +1,158 @@
+//! The inverse network, as a user has it: inside the program, and trained by the program itself.
+
+mod common;
+
+use common::{fail, files, renderflow, stderr, succeed};
+use serde_json::{Value, json};
+use std::path::Path;
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A bright wall over a dark floor.
+fn picture(width: u32, height: u32) -> image::RgbImage {
+    let pixel = |x: u32, y: u32| if 2 * y < height { image::Rgb([200, 180, (x % 50) as u8]) } else { image::Rgb([60, 50, 40]) };
+    image::RgbImage::from_fn(width, height, pixel)
+}
+
+#[test]
+fn pictures_are_inverted_without_any_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let photos = folder.path().join("photos");
+    std::fs::create_dir_all(photos.join("more")).unwrap();
+    for (name, width, height) in [("a.png", 40, 20), ("b.jpg", 600, 130), ("more/a.png", 1, 1)] {
+        picture(width, height).save(photos.join(name)).unwrap();
+    }
+    let out = folder.path().join("out");
+    let invert = ["invert", text(&photos), "--exr", "--out", text(&out)];
+    succeed(&invert);
+    let there = files(&out);
+    assert_eq!(there.len(), 1 + 3 * 4 * 2, "{:?}", there.iter().map(|(name, _)| name).collect::<Vec<_>>());
+    for (name, size) in [("a", (40, 20)), ("b", (600, 130)), ("more/a", (1, 1))] {
+        for buffer in ["albedo", "normal", "depth", "material"] {
+            let found = image::open(out.join(format!("{name}.{buffer}.png"))).unwrap();
+            assert_eq!((found.width(), found.height()), size, "{name} {buffer}");
+            assert_eq!(found.color() == image::ColorType::L16, buffer == "depth");
+        }
+    }
+    let normals = renderflow_frame::exr::read_rgb(&out.join("b.normal.exr")).unwrap();
+    assert!(normals.pixels.iter().all(|n| (n.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-3));
+    let depth = renderflow_frame::exr::read_rgb(&out.join("b.depth.exr")).unwrap();
+    let ends = depth.pixels.iter().fold((f32::MAX, f32::MIN), |(low, high), d| (low.min(d[0]), high.max(d[0])));
+    assert_eq!(ends, (0.0, 1.0));
+
+    // The same command goes on, and makes what is missing.
+    std::fs::remove_file(out.join("a.normal.png")).unwrap();
+    succeed(&invert);
+    assert!(files(&out) == there);
+    let only = folder.path().join("only");
+    succeed(&["invert", text(&photos.join("b.jpg")), "--only", "albedo,depth", "--out", text(&only)]);
+    let names: Vec<String> = files(&only).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["b.albedo.png", "b.depth.png", "invert.json"]);
+
+    // Options of the paper's network are refused, and nothing is written.
+    let nothing = folder.path().join("nothing");
+    for option in [["--clip", "2"], ["--steps", "1"]] {
+        let said = fail(&[&["invert", text(&photos), "--out", text(&nothing)][..], &option].concat());
+        assert!(said.contains(option[0]) && said.contains("the paper's network"), "{said}");
+    }
+    let inside = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/inverse.safetensors");
+    for option in [["--tile", "64"], ["--vae", inside]] {
+        let said = fail(&[&["invert", text(&photos), "--weights", inside, "--out", text(&nothing)][..], &option].concat());
+        assert!(said.contains(option[0]) && said.contains("the paper's network"), "{said}");
+    }
+    let reads_samples = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors");
+    let said = fail(&["invert", text(&photos), "--weights", reads_samples, "--out", text(&nothing)]);
+    assert!(said.contains("fusion.safetensors") && !nothing.exists(), "{said}");
+
+    // The weights inside the program are those of the file.
+    let same = folder.path().join("same");
+    succeed(&["invert", text(&photos), "--exr", "--weights", inside, "--out", text(&same)]);
+    let without_record = |folder: &Path| -> Vec<(String, Vec<u8>)> {
+        files(folder).into_iter().filter(|(name, _)| name != "invert.json").collect()
+    };
+    assert!(without_record(&same) == without_record(&out));
+}
+
+/// A plan is rendered, a network learns from it, and its weights are used, measured and described.
+#[test]
+fn a_network_is_trained_and_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (plan, options, run) = (path("plan.json"), path("run.json"), path("run"));
+    let sizes = ["--sequences", "3", "--frames", "2", "--resolution", "64", "--spp", "1", "--seed", "5"];
+    succeed(&[&["dataset", "plan", "--denoise", "none", "--out", text(&plan)][..], &sizes].concat());
+    std::fs::write(&options, r#"{"network": "inverse"}"#).unwrap();
+    let printed = succeed(&["train", "--config", text(&options), "--plan", text(&plan), "--out", text(&run), "--print-config"]);
+    let mut config: Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!((&config["network"], &config["recipe"]["bare"]), (&json!("inverse"), &json!(1.0)));
+    config["training"]["crops"] = json!([{ "size": 64, "batch": 1, "from": 0.0 }]);
+    config["training"]["network"]["widths"] = json!([16, 16, 16, 16, 16, 16]);
+    config["training"]["first"] = 1.into();
+    config["training"]["checkpoint_steps"] = 2.into();
+    config["training"]["log_steps"] = 1.into();
+    config["recipe"]["bare_spp"] = 1.into();
+    config["validation"] = 1.into();
+    std::fs::write(&options, config.to_string()).unwrap();
+    let train = |steps: &str, out: &Path| {
+        let kept = path("kept");
+        let from = ["train", "--config", text(&options), "--plan", text(&plan), "--keep", text(&kept)];
+        succeed(&[&from[..], &["--steps", steps, "--out", text(out)]].concat())
+    };
+    assert!(train("3", &run).contains("3 steps"));
+    assert!(train("3", &run).contains("already done"));
+    for name in ["checkpoint.safetensors", "log.jsonl", "validation.jsonl", "curves.html", "validation-inverse.png"] {
+        assert!(run.join(name).is_file(), "{name}");
+    }
+    let curves = std::fs::read_to_string(run.join("curves.html")).unwrap();
+    assert!(curves.contains("normals, degrees"));
+
+    let weights = run.join("weights.safetensors");
+    let said = succeed(&["weights", "inspect", text(&weights)]);
+    assert!(said.contains("network that inverts pictures, 3 steps"), "{said}");
+    let said = succeed(&["weights", text(&weights), "--json"]);
+    let header: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(header, json!({ "inverse": { "widths": [16, 16, 16, 16, 16, 16] }, "steps": 3, "seed": 1 }));
+    assert!(succeed(&["check", text(&weights)]).contains("network inverse"));
+    let wide = path("wide.safetensors");
+    succeed(&["weights", "convert", text(&weights), text(&wide), "--precision", "f32"]);
+    assert!(std::fs::metadata(&wide).unwrap().len() > 3 * std::fs::metadata(&weights).unwrap().len() / 2);
+
+    // A dataset is inverted and measured.
+    let data = path("data");
+    succeed(&["dataset", "render", "--plan", text(&plan), "--out", text(&data)]);
+    let (data, out) = (data.join("train"), path("buffers"));
+    succeed(&["invert", "--data", text(&data), "--weights", text(&weights), "--out", text(&out)]);
+    let results = |from: &[&str], out: &Path| -> Value {
+        succeed(&[&["evaluate", "inverse", "--data", text(&data), "--every", "1", "--out", text(out)][..], from].concat());
+        serde_json::from_slice(&std::fs::read(out.join("inverse.json")).unwrap()).unwrap()
+    };
+    let by_network = results(&["--weights", text(&weights)], &path("by-network"));
+    let by_files = results(&["--buffers", text(&out)], &path("by-files"));
+    let mean = |of: &Value, id: &str| of["sets"][0]["rows"][0]["values"][id]["mean"].as_f64().unwrap();
+    for (id, within) in [("albedo_psnr", 0.1), ("normal_mean", 1.0), ("depth_relative", 0.01), ("roughness_rms", 0.003)] {
+        let [a, b] = [&by_network, &by_files].map(|of| mean(of, id));
+        assert!((a - b).abs() < within, "{id}: {a} and {b}");
+    }
+    let shipped = results(&[], &path("by-program"));
+    assert!(mean(&shipped, "albedo_psnr") > mean(&by_network, "albedo_psnr"));
+
+    // Weights of another network are no beginning.
+    let inside = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors");
+    let other = path("other");
+    let output = renderflow(&[
+        "train",
+        "--config",
+        text(&options),
+        "--plan",
+        text(&plan),
+        "--from",
+        inside,
+        "--steps",
+        "1",
+        "--out",
+        text(&other),
+    ]);
+    assert!(!output.status.success() && stderr(&output).contains("fusion.safetensors"), "{}", stderr(&output));
+}
