@@ -59,21 +59,26 @@ pub struct Options {
     json: bool,
 }
 
-/// One test set in the JSON file.
+/// Errors in a test set.
 #[derive(Serialize)]
-struct Set {
-    name: String,
-    frames: usize,
-    rows: Vec<Row>,
+pub struct Set {
+    /// Its name.
+    pub name: String,
+    /// Number of frames that were measured.
+    pub frames: usize,
+    /// The method, and what needs no network.
+    pub rows: Vec<Row>,
 }
 
+/// Errors of a method.
 #[derive(Serialize)]
-struct Row {
-    method: &'static str,
-    /// Median of a picture, all buffers.
-    seconds: Option<f64>,
-    /// By [`Column::id`].
-    values: BTreeMap<&'static str, Interval>,
+pub struct Row {
+    /// Its name.
+    pub method: &'static str,
+    /// Median seconds of a picture, all buffers.
+    pub seconds: Option<f64>,
+    /// Means by [`Column::id`].
+    pub values: BTreeMap<&'static str, Interval>,
 }
 
 #[derive(Serialize)]
@@ -108,9 +113,43 @@ impl Tally {
 }
 
 /// Where recovered buffers come from.
-enum Method<'a> {
+pub enum Method<'a> {
+    /// A network.
     Network(Inverter),
+    /// Files of another method.
     Folder(&'a Path),
+}
+
+/// The errors of `method` in each set of `tests`, on the first two of every `every` frames, beside those of what needs no network.
+///
+/// # Errors
+/// When stopped; when a frame cannot be read or has no beauty.
+pub fn measure(method: &Method, tests: &[TestSequence], every: u32, networks: &Networks, cancel: &Cancel) -> Result<Vec<Set>> {
+    let chosen = |test: &TestSequence| run::chosen(test.sequence.len(), every);
+    let progress = Progress::new("inverse", tests.iter().map(|test| chosen(test).len() as u64).sum());
+    let mut sets: BTreeMap<&str, [Tally; 2]> = BTreeMap::new();
+    for test in tests {
+        let tallies = sets.entry(&test.set).or_default();
+        let [mut found, mut start] = [Frames::new(), Frames::new()];
+        for index in chosen(test) {
+            cancel.check()?;
+            let name = || test.sequence.folder.join(&test.sequence.transforms.files[index]).display().to_string();
+            let errors = frame(method, &test.sequence, index, networks, &mut tallies[0].seconds);
+            let [ours, others] = errors.with_context(name)?;
+            found.push(ours);
+            start.push(others);
+            progress.add(1);
+        }
+        tallies[0].sequences.push(found);
+        tallies[1].sequences.push(start);
+    }
+    progress.finish();
+    let name = if matches!(method, Method::Network(_)) { "network" } else { "buffers" };
+    let sets = sets.into_iter().map(|(set, [found, start])| {
+        let frames = found.sequences.iter().map(Vec::len).sum();
+        Set { name: set.to_owned(), frames, rows: vec![found.row(name), start.row("no network")] }
+    });
+    Ok(sets.collect())
 }
 
 impl Options {
@@ -123,38 +162,13 @@ impl Options {
             }
             Some(folder) => Method::Folder(folder),
         };
-        let networks = Networks::find()?;
         let tests = find::find(&self.data)?;
         if let Method::Folder(_) = method {
             let mut names = BTreeSet::new();
             let twice = tests.iter().map(|test| test.sequence.name.clone()).find(|name| !names.insert(name.clone()));
             ensure!(twice.is_none(), "two sequences are called {}: name one class of scenes", twice.unwrap_or_default());
         }
-        let chosen = |test: &TestSequence| run::chosen(test.sequence.len(), self.every);
-        let progress = Progress::new("inverse", tests.iter().map(|test| chosen(test).len() as u64).sum());
-        let mut sets: BTreeMap<&str, [Tally; 2]> = BTreeMap::new();
-        for test in &tests {
-            let tallies = sets.entry(&test.set).or_default();
-            let [mut found, mut start] = [Frames::new(), Frames::new()];
-            for index in chosen(test) {
-                cancel.check()?;
-                let name = || test.sequence.folder.join(&test.sequence.transforms.files[index]).display().to_string();
-                let errors = frame(&method, &test.sequence, index, &networks, &mut tallies[0].seconds);
-                let [ours, others] = errors.with_context(name)?;
-                found.push(ours);
-                start.push(others);
-                progress.add(1);
-            }
-            tallies[0].sequences.push(found);
-            tallies[1].sequences.push(start);
-        }
-        progress.finish();
-        let name = if self.buffers.is_none() { "network" } else { "buffers" };
-        let sets = sets.into_iter().map(|(set, [found, start])| {
-            let frames = found.sequences.iter().map(Vec::len).sum();
-            Set { name: set.to_owned(), frames, rows: vec![found.row(name), start.row("no network")] }
-        });
-        let sets: Vec<Set> = sets.collect();
+        let sets = measure(&method, &tests, self.every, &Networks::find()?, cancel)?;
         if let Method::Folder(folder) = method {
             let any = sets.iter().any(|set| !set.rows[0].values.is_empty());
             ensure!(any, "{}: no buffers of any frame of {}", folder.display(), self.data.display());

@@ -8,6 +8,8 @@ use crate::dataset::denoise::Denoise;
 use crate::dataset::job::TruthSettings;
 use crate::dataset::sweep;
 use crate::evaluate::find::TestSequence;
+use crate::evaluate::inverse;
+use crate::evaluate::inverter::{Inverter, WanOptions};
 use crate::evaluate::method::Method;
 use crate::evaluate::renderer::{self, Drawing};
 use crate::evaluate::results::{BUDGET_PIXELS, Results};
@@ -27,6 +29,8 @@ use renderflow_renderer::Settings;
 pub enum Part {
     /// Methods with their seconds and parameters: the paper's table 1
     Methods,
+    /// Recovered albedo, normals, depth and material
+    Inverse,
     /// How the bridge is trained: uniform or four times, with or without noise, one step or four
     Strategies,
     /// Losses on pictures
@@ -62,6 +66,7 @@ impl Part {
     pub(super) fn make(self, lab: &Lab) -> Result<Table> {
         match self {
             Self::Methods => methods(lab),
+            Self::Inverse => inverse(lab),
             Self::Strategies => strategies(lab),
             Self::Losses => losses(lab),
             Self::Keyframes => keyframes(lab),
@@ -154,6 +159,47 @@ fn methods(lab: &Lab) -> Result<Table> {
         let mut row = Row::of(&results, method, label);
         row.note = format!("{} M parameters, {steps} {}", millions(lab, run)?, if steps == 1 { "step" } else { "steps" });
         table.add(row, paper);
+    }
+    Ok(table)
+}
+
+/// Columns of the table on recovered buffers, by their ids in [`crate::metrics::intrinsics`].
+const BUFFERS: [(&str, &str); 6] = [
+    ("albedo_psnr", "albedo, PSNR"),
+    ("albedo_lpips", "albedo, LPIPS"),
+    ("normal_mean", "normals, degrees"),
+    ("depth_relative", "depth"),
+    ("roughness_rms", "roughness"),
+    ("metallic_rms", "metallic"),
+];
+
+fn inverse(lab: &Lab) -> Result<Table> {
+    let mut table = Table::new(
+        "Inverse rendering",
+        "Of the paper's numbers, the material is one for roughness and metallic together. What needs no network: the picture itself as \
+         albedo, normals that face the camera, one depth, roughness .5 and metallic 0.",
+        &[],
+    );
+    table.heads = BUFFERS.iter().map(|(_, head)| (*head).to_owned()).collect();
+    let autoencoder = lab.train(Run::Autoencoder)?.weights();
+    let trained = lab.train(Run::Inverse)?.weights();
+    let options = WanOptions { vae: Some(&autoencoder), tile: None };
+    let wan = Inverter::open(Some(&trained), options)?;
+    let own = Inverter::open(None, WanOptions::default())?;
+    let tests = lab.sequences(Data::Test, None)?;
+    for (label, network, paper) in [("RenderFlow", wan, "26.93 / .153 / 16.2 degrees / material .084"), ("our network", own, "")]
+    {
+        let sets = inverse::measure(&inverse::Method::Network(network), &tests, lab.scale.every, lab.lpips, lab.cancel)?;
+        for row in sets.first().iter().flat_map(|set| &set.rows) {
+            let name = if row.method == "network" { label } else { row.method };
+            if table.rows.iter().any(|(there, ..)| there == name) {
+                continue;
+            }
+            let cell =
+                |(id, _): &(&str, &str)| row.values.get(*id).map_or_else(|| "-".into(), |value| format!("{:.3}", value.mean));
+            let paper = if row.method == "network" { paper } else { "" };
+            table.rows.push((name.to_owned(), BUFFERS.iter().map(cell).collect(), String::new(), paper.to_owned()));
+        }
     }
     Ok(table)
 }
