@@ -39,11 +39,14 @@ Examples for the paper's network, in its order of stages (with wan-1.3b, add --f
   renderflow train --preset wan-small --stage inverse --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
       --data data/train --minutes 60 -o runs/wan-inverse
 
-A configuration file names its network: \"network\": \"fusion\" or \"network\": \"wan\". --print-config shows every option.";
+The inverse network, which invert uses, is trained by a file run.json that holds {\"network\": \"inverse\"}:
+  renderflow train --config run.json --plan plan.toml --minutes 120 -o runs/inverse
+
+A configuration file names its network: \"network\": \"fusion\", \"inverse\" or \"wan\". --print-config shows every option.";
 
 /// Train a network.
 ///
-/// Without --preset, this trains the fusion network on a plan or a dataset. With --preset, it trains a stage of the paper's
+/// Without --preset, this trains the fusion network, or the network that --config names, on a plan or a dataset. With --preset, it trains a stage of the paper's
 /// network on a dataset. The run writes checkpoints; the same command resumes a run that was stopped.
 #[derive(Args)]
 #[command(after_help = HELP)]
