@@ -46,8 +46,9 @@ A configuration file names its network: \"network\": \"fusion\", \"inverse\" or 
 
 /// Train a network.
 ///
-/// Without --preset, this trains the fusion network, or the network that --config names, on a plan or a dataset. With --preset, it trains a stage of the paper's
-/// network on a dataset. The run writes checkpoints; the same command resumes a run that was stopped.
+/// Without --preset, this trains the fusion network, or the network that --config names, on a plan or a dataset. With --preset,
+/// it trains a stage of the paper's network on a dataset. The run writes checkpoints; the same command resumes a run that was
+/// stopped.
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Train {
