@@ -249,6 +249,7 @@ fn the_doctor_says_what_is_there() {
     assert_eq!(found["denoiser"]["works"], renderflow_renderer::denoise::Denoiser::new().is_ok());
     assert!(found["cores"].as_u64().unwrap() >= 1 && found["simd"].is_string(), "{found}");
     assert!(found["network"]["works"].as_bool().unwrap() && found["network"]["steps"].as_u64().unwrap() > 0, "{found}");
+    assert!(found["inverse"]["works"].as_bool().unwrap(), "{found}");
     let lpips = |found: &Value| found["lpips"].as_array().unwrap().iter().map(|w| w["found"] == true).collect::<Vec<_>>();
     assert_eq!(lpips(&found), [false, false]);
     std::fs::write(folder.path("lpips_alex.safetensors"), "").unwrap();

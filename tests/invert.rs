@@ -81,7 +81,7 @@ fn a_network_is_trained_and_used() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let (plan, options, run) = (path("plan.json"), path("run.json"), path("run"));
-    let sizes = ["--sequences", "3", "--frames", "2", "--resolution", "64", "--spp", "1", "--seed", "5"];
+    let sizes = ["--sequences", "10", "--frames", "2", "--resolution", "64", "--spp", "1", "--seed", "5"];
     succeed(&[&["dataset", "plan", "--denoise", "none", "--out", text(&plan)][..], &sizes].concat());
     std::fs::write(&options, r#"{"network": "inverse"}"#).unwrap();
     let printed = succeed(&["train", "--config", text(&options), "--plan", text(&plan), "--out", text(&run), "--print-config"]);

@@ -88,10 +88,10 @@ fn config(output: &Path, steps: u64) -> Config {
 fn every_buffer_is_learned() {
     let folder = tempfile::tempdir().unwrap();
     let held_out = [toy(1000), toy(1001)].map(|record| Example::of(&record.to_half()));
-    let config = config(folder.path(), 120);
+    let config = config(folder.path(), 300);
     let before = validate(&Inverse::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
     let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false)).unwrap();
-    assert!(summary.finished && summary.steps == 120);
+    assert!(summary.finished && summary.steps == 300);
     let after = validate(&Inverse::load(&summary.weights).unwrap(), &held_out).unwrap();
     assert!(after.psnr["albedo"] > before.psnr["albedo"] + 3.0, "{before:?} {after:?}");
     assert_eq!(after.others.len(), 4);
@@ -101,7 +101,7 @@ fn every_buffer_is_learned() {
     // Each validation is a line.
     let lines = std::fs::read_to_string(folder.path().join("validation.jsonl")).unwrap();
     let last: Validation = serde_json::from_str(lines.lines().last().unwrap()).unwrap();
-    assert_eq!((last.step, last.others.len()), (120, 4));
+    assert_eq!((last.step, last.others.len()), (300, 4));
 }
 
 /// A run that was stopped resumes to the same bytes, although the sequences in its window are made again.
@@ -178,9 +178,9 @@ fn gradients_agree_with_differences() {
                 values.iter().zip(&along).map(|(v, a)| v.iter().zip(a).map(|(v, a)| v + step * a).collect()).collect();
             f64::from(objective.step(&model(&moved), batch(), &device).unwrap().total)
         };
-        let step = 1e-3;
+        let step = 2e-4;
         let expected = (at(step) - at(-step)) / f64::from(2.0 * step);
-        assert!((slope - expected).abs() < 0.02 * slope.abs().max(0.05), "{slope} and {expected}");
+        assert!((slope - expected).abs() < 0.02 * slope.abs().max(0.1), "{slope} and {expected}");
     }
 }
 
@@ -212,13 +212,15 @@ fn large_pictures_are_read_reduced() {
     let small = network.find(&picture(LONGEST, LONGEST / 2)).unwrap();
     let large = network.find(&picture(2 * LONGEST, LONGEST)).unwrap();
     assert_eq!((large.albedo.width, large.depth.height), (2 * LONGEST, LONGEST));
-    let mean = |x: usize, y: usize, c: usize| {
-        let at = |dx: usize, dy: usize| large.albedo.at(2 * x + dx, 2 * y + dy)[c];
-        0.25 * (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1))
+    // Means over squares, since neighbouring pixels of random weights have little in common.
+    let mean = |picture: &Rgb, [x, y]: [usize; 2], side: usize, c: usize| {
+        let places = (0..side * side).map(|i| picture.at(side * x + i % side, side * y + i / side)[c]);
+        places.sum::<f32>() / (side * side) as f32
     };
-    for (x, y) in [(40, 30), (200, 100), (400, 222)] {
+    for square in [[2, 1], [7, 3], [12, 6]] {
         for c in 0..3 {
-            assert!((mean(x, y, c) - small.albedo.at(x, y)[c]).abs() < 0.05, "{x} {y}");
+            let [a, b] = [mean(&large.albedo, square, 64, c), mean(&small.albedo, square, 32, c)];
+            assert!((a - b).abs() < 0.02, "{square:?}: {a} and {b}");
         }
     }
 }
@@ -253,8 +255,8 @@ fn weights_files_come_back_and_hostile_ones_do_not() {
 
     // A header that asks for more than the file has is refused before anything is made.
     let bytes = std::fs::read(&path).unwrap();
-    let text = String::from_utf8_lossy(&bytes[..400]).into_owned();
-    let at = text.find("[16,16,16,16,16,16]").expect("the widths stand in the header");
+    let widths = b"[16,16,16,16,16,16]";
+    let at = bytes.windows(widths.len()).position(|part| part == widths).expect("the widths stand in the header");
     let mut larger = bytes.clone();
     larger[at..at + 19].copy_from_slice(b"[96,96,96,96,96,96]");
     std::fs::write(&path, &larger).unwrap();

@@ -265,6 +265,7 @@ fn floats(path: &Path, picture: &Rgb) -> Result<Vec<u8>> {
     });
     let mut bytes = std::io::Cursor::new(Vec::new());
     let image = Image::from_channels((picture.width, picture.height), channels);
-    image.write().to_buffered(&mut bytes).with_context(|| format!("{}: cannot write", path.display()))?;
+    // Several threads would write their blocks in any order.
+    image.write().non_parallel().to_buffered(&mut bytes).with_context(|| format!("{}: cannot write", path.display()))?;
     Ok(bytes.into_inner())
 }
