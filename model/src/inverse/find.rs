@@ -35,8 +35,8 @@ static SHIPPED: Option<&[u8]> = Some(include_bytes!("../../weights/inverse.safet
 #[cfg(not(shipped_inverse))]
 static SHIPPED: Option<&[u8]> = None;
 
-/// Longer side in pixels of the largest picture that the network reads as it is. It reads a larger one reduced to this. It learned
-/// from pictures of 256 x 256, and would see too little of what is around a pixel.
+/// Longer side in pixels of the largest picture that the network reads as it is. It reads a larger one reduced to this. It
+/// learned from pictures of 256 x 256, and would see too little of what is around a pixel.
 pub const LONGEST: usize = 512;
 
 /// The network, ready to use. Results depend on the picture alone, and not on threads, runs or earlier calls.
