@@ -127,8 +127,8 @@ impl Edit {
     }
 }
 
-/// Path-traces one frame of each of `steps` steps of all `edits`, in the folders `NAME/STEP` of `out`. Frames that are there stay.
-/// Returns the sequences of each edit, by step, and what loading the first scene had to decide.
+/// Path-traces one frame of each of `steps` steps of all `edits`, in the folders `NAME/STEP` of `out`. Frames that are there
+/// stay. Returns the sequences of each edit, by step, and what loading the first scene had to decide.
 ///
 /// # Errors
 /// As [`Edit::at`], before anything is rendered; when stopped; when a folder holds something else or cannot be written.

@@ -120,7 +120,8 @@ pub enum Method<'a> {
     Folder(&'a Path),
 }
 
-/// The errors of `method` in each set of `tests`, on the first two of every `every` frames, beside those of what needs no network.
+/// The errors of `method` in each set of `tests`, on the first two of every `every` frames, beside those of what needs no
+/// network.
 ///
 /// # Errors
 /// When stopped; when a frame cannot be read or has no beauty.

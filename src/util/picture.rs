@@ -114,8 +114,8 @@ pub fn bytes(path: &Path) -> Result<Vec<u8>> {
     Ok(file::read_at_most(path, LARGEST)?)
 }
 
-/// Decodes a PNG or JPEG file, turned as its EXIF data say; `path` is only for errors. If its size must be `expected`, the size is
-/// compared before any pixel is decoded.
+/// Decodes a PNG or JPEG file, turned as its EXIF data say; `path` is only for errors. If its size must be `expected`, the size
+/// is compared before any pixel is decoded.
 ///
 /// # Errors
 /// When it is neither, has another size or too many pixels, or is damaged.

@@ -94,9 +94,9 @@ const SKY_JITTER: f32 = 2.0;
 /// Largest share of the light that may go on bouncing between surfaces.
 const MOST_BOUNCED: f32 = 0.8;
 
-/// Shades `frame`. Where two surfaces meet in a pixel, both are shaded and blended. The result has the same bits for any number of
-/// threads, and pixels without coverage cost one look-up. The lists of `shadows` may be shorter than the lights and cells: lights
-/// without a map are marched through the depth buffer, and cells of the sky without a map are open.
+/// Shades `frame`. Where two surfaces meet in a pixel, both are shaded and blended. The result has the same bits for any number
+/// of threads, and pixels without coverage cost one look-up. The lists of `shadows` may be shorter than the lights and cells:
+/// lights without a map are marched through the depth buffer, and cells of the sky without a map are open.
 ///
 /// # Panics
 /// When a channel of `frame` does not have `frame.width * frame.height` pixels.
