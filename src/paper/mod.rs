@@ -1,5 +1,6 @@
 //! The paper's experiments on data of this program, by one command: each table and figure, and the tables that the paper left
-//! out. Data, training runs and evaluations are kept in the output folder. A run that was stopped goes on, and nothing is made twice.
+//! out. Data, training runs and evaluations are kept in the output folder. A run that was stopped goes on, and nothing is made
+//! twice.
 
 mod lab;
 mod scale;
