@@ -315,9 +315,14 @@ fn recovered_buffers_are_measured(folder: &Path, data: &Path, Weights { vae, key
 fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {
     let out = folder.join("results");
     let (keys, vae) = (text(&weights.keys), text(&weights.vae));
-    let evaluate = |out: &Path, every: &str| {
+    let evaluate_with = |out: &Path, every: &str, more: &[&str]| {
         let what = ["evaluate", "--data", text(data), "--methods", METHODS, "--every", every, "--out", text(out)];
-        succeed(&[&what[..], &["--weights", keys, "--vae", vae]].concat())
+        renderflow(&[&what[..], &["--weights", keys, "--vae", vae], more].concat())
+    };
+    let evaluate = |out: &Path, every: &str| {
+        let output = evaluate_with(out, every, &[]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        String::from_utf8(output.stdout).unwrap()
     };
     let table = evaluate(&out, "1");
     for row in ["IBL (split sum)", "neural", "wan", "wan + keyframes", "wan, frame by frame", "wan, frame by frame + keyframes"] {
@@ -344,6 +349,14 @@ fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {
         let same = all.iter().find(|other| other.method == score.method && other.frame == score.frame).unwrap();
         assert_eq!(score.values.get("psnr"), same.values.get("psnr"), "frame {}", score.frame);
     }
+    // More steps make other pictures by the paper's network, and by no other; they do not mix with those of one step.
+    let steps = folder.join("steps");
+    assert!(evaluate_with(&steps, "3", &["--steps", "3"]).status.success());
+    for (three, one) in scores(&steps).iter().zip(scores(&some)) {
+        let known = three.values.get("psnr") == Some(&100.0);
+        assert_eq!(three.values.get("psnr") != one.values.get("psnr"), one.method.starts_with("wan") && !known, "{one:?}");
+    }
+    assert!(stderr(&evaluate_with(&some, "3", &["--steps", "3"])).contains("other methods or settings"));
     let said = fail(&["evaluate", "--data", text(data), "--methods", "wan", "--out", text(&folder.join("none"))]);
     assert!(said.contains("--weights"), "{said}");
     let twice = ["--weights", keys, "--weights", text(&weights.inverse), "--vae", vae];

@@ -137,9 +137,9 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     for (name, precision) in
         [("half", renderflow_model::weights::Precision::F16), ("single", renderflow_model::weights::Precision::F32)]
     {
-        use renderflow_model::fusion::{Fusion, FusionConfig, render};
+        use renderflow_model::fusion::{Fusion, FusionConfig};
         let fusion = Fusion::untrained(&FusionConfig { widths: [16; 4] }, 1)?;
-        put("weights", &format!("{name}.safetensors"), &render::encode(fusion.header(), &fusion.parameters(), precision)?)?;
+        put("weights", &format!("{name}.safetensors"), &fusion.encode(precision)?)?;
     }
     Ok(())
 }

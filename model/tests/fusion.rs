@@ -15,7 +15,7 @@ use renderflow_frame::{Camera, Environment, Frame, Light};
 use renderflow_model::fusion::fill::Samples;
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
-use renderflow_model::fusion::{Fusion, FusionConfig, Record, render};
+use renderflow_model::fusion::{Fusion, FusionConfig, Record};
 use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::{Progress, Validation};
 use renderflow_model::weights::Precision;
@@ -293,8 +293,7 @@ fn weights_files_come_back_and_hostile_ones_do_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     let network = random();
-    let write =
-        |precision| std::fs::write(&path, render::encode(network.header(), &network.parameters(), precision).unwrap()).unwrap();
+    let write = |precision| network.save(&path, precision).unwrap();
     write(Precision::F32);
     assert!(Fusion::recognises(&path));
     let record = toy(2);

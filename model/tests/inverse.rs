@@ -11,7 +11,7 @@ use renderflow_model::fusion::record::at;
 use renderflow_model::fusion::training::Source;
 use renderflow_model::inverse::batch::{Augmentation, Batch};
 use renderflow_model::inverse::example::Example;
-use renderflow_model::inverse::find::{self, LONGEST};
+use renderflow_model::inverse::find::LONGEST;
 use renderflow_model::inverse::training::{self, Config, InverseObjective, validate};
 use renderflow_model::inverse::{Inverse, InverseConfig, InverseNet};
 use renderflow_model::ops::Products;
@@ -69,7 +69,7 @@ fn config(output: &Path, steps: u64) -> Config {
         run: RunConfig {
             output: output.into(),
             steps,
-            learning_rate: 3e-3,
+            learning_rate: 1e-3,
             warmup_steps: 5,
             ema_decay: 0.9,
             checkpoint_steps: 1000,
@@ -96,8 +96,7 @@ fn every_buffer_is_learned() {
     assert!(after.psnr["albedo"] > before.psnr["albedo"] + 3.0, "{before:?} {after:?}");
     assert_eq!(after.others.len(), 4);
     for (name, error) in &after.others {
-        // What moves most depends on the order of sums, so on the processor.
-        assert!(*error < before.others[name], "{name}: {} before, {error} after", before.others[name]);
+        assert!(*error < 0.6 * before.others[name], "{name}: {} before, {error} after", before.others[name]);
     }
     // Each validation is a line.
     let lines = std::fs::read_to_string(folder.path().join("validation.jsonl")).unwrap();
@@ -202,35 +201,32 @@ fn any_picture_gives_finite_buffers() {
     assert!(network.find(&Rgb { width: 0, height: 5, pixels: Vec::new() }).is_err());
 }
 
-/// Pictures that are read at a reduced size have buffers of their own size, near those of the smaller picture.
+/// A picture that is read at half its size: what the network says about it is interpolated, and applied to all of its pixels.
 #[test]
 fn large_pictures_are_read_reduced() {
     let network = random();
-    let wave = |x: f32, y: f32| [0.5 + 0.3 * (6.0 * x).sin(), 0.5 + 0.3 * (5.0 * y).cos(), 0.4];
-    let picture = |width: usize, height: usize| {
-        Rgb::from_fn(width, height, |x, y| wave((x as f32 + 0.5) / width as f32, (y as f32 + 0.5) / height as f32))
-    };
-    let small = network.find(&picture(LONGEST, LONGEST / 2)).unwrap();
-    let large = network.find(&picture(2 * LONGEST, LONGEST)).unwrap();
-    assert_eq!((large.albedo.width, large.depth.height), (2 * LONGEST, LONGEST));
-    // Means over squares, since neighbouring pixels of random weights have little in common.
-    let mean = |picture: &Rgb, [x, y]: [usize; 2], side: usize, c: usize| {
-        let places = (0..side * side).map(|i| picture.at(side * x + i % side, side * y + i / side)[c]);
-        places.sum::<f32>() / (side * side) as f32
-    };
-    for square in [[2, 1], [7, 3], [12, 6]] {
-        for c in 0..3 {
-            let [a, b] = [mean(&large.albedo, square, 64, c), mean(&small.albedo, square, 32, c)];
-            // Averaging two pixels is not quite the wave of the smaller picture, and random weights make much of little.
-            assert!((a - b).abs() < 0.15, "{square:?}: {a} and {b}");
+    let [width, height] = [LONGEST, LONGEST / 4];
+    let mut rng = Pcg64Mcg::seed_from_u64(8);
+    let small = Rgb::from_fn(width, height, |_, _| [(); 3].map(|()| rng.random_range(0.0..1.0)));
+    // Every pixel four times, so that the mean of four is what the smaller picture has.
+    let large = Rgb::from_fn(2 * width, 2 * height, |x, y| *small.at(x / 2, y / 2));
+    let (found, alone) = (network.find(&large).unwrap(), network.find(&small).unwrap());
+    assert_eq!((found.albedo.width, found.depth.height), (2 * width, 2 * height));
+    for y in 1..height {
+        for x in 1..width {
+            let near = |dx: usize, dy: usize| *alone.depth.at(x - dx, y - dy);
+            let expected = (9.0 * near(0, 0) + 3.0 * (near(1, 0) + near(0, 1)) + near(1, 1)) / 16.0;
+            let found = *found.depth.at(2 * x, 2 * y);
+            assert!((found - expected).abs() < 1e-4 * (1.0 + expected.abs()), "{x} {y}: {found} and {expected}");
         }
     }
-    // The albedo keeps what the network did not read: without training it is the picture itself.
+    // The albedo keeps what the network did not read. Without training it is `sigmoid(logit(v))`, whose margins are .02.
     let untrained = Inverse::untrained(&InverseConfig { widths: SMALL }, 7).unwrap();
-    let fine = Rgb::from_fn(2 * LONGEST, 40, |x, y| if (x + y) % 2 == 0 { [0.2, 0.5, 0.7] } else { [0.6, 0.3, 0.4] });
+    let fine = Rgb::from_fn(2 * LONGEST, 40, |x, y| if (x + y) % 2 == 0 { [0.2, 0.5, 0.7] } else { [0.6, 0.3, 0.0] });
     let found = untrained.find(&fine).unwrap().albedo;
-    let far = found.pixels.iter().flatten().zip(fine.pixels.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(far < 0.02, "{far}");
+    for (found, shown) in found.pixels.iter().flatten().zip(fine.pixels.iter().flatten()) {
+        assert!((found - (shown + 0.02) / 1.04).abs() < 1e-5, "{found} where the picture has {shown}");
+    }
 }
 
 #[test]
@@ -250,8 +246,7 @@ fn weights_files_come_back_and_hostile_ones_do_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     let network = random();
-    let write =
-        |precision| std::fs::write(&path, find::encode(network.header(), &network.parameters(), precision).unwrap()).unwrap();
+    let write = |precision| network.save(&path, precision).unwrap();
     write(Precision::F32);
     assert!(Inverse::recognises(&path) && !renderflow_model::fusion::Fusion::recognises(&path));
     let picture = Rgb::from_fn(64, 64, |x, y| [x as f32 / 64.0, y as f32 / 64.0, 0.3]);

@@ -4,7 +4,7 @@ mod common;
 
 use burn::tensor::Device;
 use common::sequence::Memory;
-use common::{clip, lpips_folder};
+use common::{clip, encoder, lpips_folder};
 use renderflow_frame::{DepthBounds, color, ibl};
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
@@ -32,17 +32,7 @@ fn autoencoder() -> Vae {
 }
 
 fn latents(vae: &Vae, start: BridgeStart) -> Vec<Arc<Vec<ClipLatents>>> {
-    let encoder = Encoder {
-        vae,
-        sizes: vec![SIZE],
-        start,
-        multiple: 16,
-        stills: true,
-        clips: true,
-        references: true,
-        pictures: &[],
-        store: None,
-    };
+    let encoder = Encoder { start, ..encoder(vae, SIZE) };
     vec![Arc::new(encoder.encode(&clip(6, SIZE)).expect("latents"))]
 }
 

@@ -5,14 +5,14 @@ mod common;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::checkpoint::edit_configuration;
-use common::{clip, lpips_folder};
+use common::{clip, encoder, lpips_folder};
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
 use renderflow_model::lpips::Backbone;
 use renderflow_model::parameters::{self, to_vec};
 use renderflow_model::train::{Method, RunConfig};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
-use renderflow_model::wan::pictures::{BridgeStart, Kind};
+use renderflow_model::wan::pictures::Kind;
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
 use renderflow_model::wan::train::latents::{ClipLatents, Encoder};
 use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, LogRecord, PixelLoss, Progress, Stage, Summary, run};
@@ -125,17 +125,7 @@ fn open(path: &Path) -> Flow {
 
 /// Latents of clips, made by an untrained autoencoder.
 fn encoded(vae: &Vae, clips: &[Clip], stills: bool) -> Vec<Arc<Vec<ClipLatents>>> {
-    let encoder = Encoder {
-        vae,
-        sizes: vec![32],
-        start: BridgeStart::Albedo,
-        multiple: 16,
-        stills,
-        clips: true,
-        references: true,
-        pictures: &Kind::ALL,
-        store: None,
-    };
+    let encoder = Encoder { stills, pictures: &Kind::ALL, ..encoder(vae, 32) };
     clips.iter().map(|clip| Arc::new(encoder.encode(clip).expect("latents"))).collect()
 }
 
@@ -549,17 +539,7 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
     };
     let score = |path: &Path| {
         let (vae, _) = Vae::open(vae, &VaeConfig::tiny(), &Device::flex()).expect("autoencoder");
-        let encoder = Encoder {
-            vae: &vae,
-            sizes: vec![SIZE],
-            start: BridgeStart::Albedo,
-            multiple: 16,
-            stills: false,
-            clips: true,
-            references: false,
-            pictures: &[],
-            store: None,
-        };
+        let encoder = Encoder { stills: false, references: false, ..encoder(&vae, SIZE) };
         let latents = vec![Arc::new(encoder.encode(&clips[0]).expect("latents"))];
         let start = LatentConfig {
             bridge: Bridge { sigma: 0.0, times: Times::Four([1.0, 0.0, 0.0, 0.0]) },

@@ -5,7 +5,7 @@ use crate::dataset::denoise::Denoise;
 use crate::dataset::job::{NO_TRUTH, SequenceJob, TruthSettings};
 use crate::evaluate::find::TestSequence;
 use crate::evaluate::method::Method;
-use crate::evaluate::renderer::{self, Drawing};
+use crate::evaluate::renderer;
 use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
 use crate::evaluate::run;
 use crate::report::{self, table};
@@ -98,16 +98,7 @@ impl Demo {
         let work = sequence.decide(&settings, None)?;
 
         let options = run::Options {
-            rendering: renderer::Options {
-                methods: &methods,
-                fusion: networks.fusion.as_ref(),
-                wan: networks.wan.as_deref(),
-                drawing: Drawing::default(),
-                guide_samples: 16,
-                max_bounces: self.trace.max_bounces,
-                allowed: &named,
-                timed: true,
-            },
+            rendering: renderer::Options { max_bounces: self.trace.max_bounces, allowed: &named, ..networks.rendering(&methods) },
             lpips: &lpips,
             every: 1,
             pictures: 17,

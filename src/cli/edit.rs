@@ -5,7 +5,7 @@ use crate::dataset::job::{NO_TRUTH, TruthSettings};
 use crate::dataset::sweep::{self, Sweep};
 use crate::evaluate::find::TestSequence;
 use crate::evaluate::method::Method;
-use crate::evaluate::renderer::{self, Drawing};
+use crate::evaluate::renderer;
 use crate::evaluate::results::Results;
 use crate::evaluate::run;
 use crate::report::steps::Steps;
@@ -87,16 +87,7 @@ impl Edit {
         let settings = TruthSettings::new(self.trace.settings(SAMPLES), self.trace.denoise)?;
         let named: Vec<PathBuf> = base.folders().map(Path::to_owned).collect();
         let options = run::Options {
-            rendering: renderer::Options {
-                methods: &methods,
-                fusion: networks.fusion.as_ref(),
-                wan: networks.wan.as_deref(),
-                drawing: Drawing::default(),
-                guide_samples: 16,
-                max_bounces: self.trace.max_bounces,
-                allowed: &named,
-                timed: true,
-            },
+            rendering: renderer::Options { max_bounces: self.trace.max_bounces, allowed: &named, ..networks.rendering(&methods) },
             lpips: &lpips,
             every: 1,
             pictures: 1,
@@ -105,11 +96,10 @@ impl Edit {
         };
         let folder = self.out.join("results");
         run::check(&options, &folder)?;
-        let (sequences, report) = sweep::render(&edits, self.steps, &base, &self.out.join("steps"), &settings, cancel)?;
-        report.iter().for_each(super::print_report);
-        let named = edits.iter().zip(sequences).flat_map(|(edit, steps)| steps.into_iter().map(move |step| (edit, step)));
-        let test = |(edit, sequence): (&sweep::Edit, _)| TestSequence { set: SET.into(), class: edit.name.clone(), sequence };
-        let tests: Vec<TestSequence> = named.map(test).collect();
+        let swept = sweep::render(&edits, self.steps, &base, &self.out.join("steps"), &settings, cancel)?;
+        swept.load.iter().for_each(super::print_report);
+        let test = |(class, sequence)| TestSequence { set: SET.into(), class, sequence };
+        let tests: Vec<TestSequence> = swept.steps.into_iter().map(test).collect();
         let progress = Progress::new("comparing", tests.len() as u64);
         run::run(&tests, &options, &folder, &progress, cancel)?;
         progress.finish();

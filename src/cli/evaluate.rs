@@ -147,14 +147,10 @@ impl Pictures {
         let settings = networks.settings();
         let options = run::Options {
             rendering: renderer::Options {
-                methods: &methods,
-                fusion: networks.fusion.as_ref(),
-                wan: networks.wan.as_deref(),
                 drawing: Drawing { steps: self.steps, seed: self.seed },
-                guide_samples: 16,
                 max_bounces: self.max_bounces,
                 allowed,
-                timed: true,
+                ..networks.rendering(&methods)
             },
             lpips,
             every: self.every,

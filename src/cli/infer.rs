@@ -2,7 +2,7 @@ use super::WeightsArgs;
 use crate::dataset::{Dataset, Sequence};
 use crate::evaluate::method::Method;
 use crate::evaluate::method::tracing::{Clean, Neighbours};
-use crate::evaluate::renderer::{self, Drawing, MethodRenderer};
+use crate::evaluate::renderer::{self, MethodRenderer};
 use crate::util::cancel::Cancel;
 use crate::util::output::Claim;
 use crate::util::picture;
@@ -170,14 +170,11 @@ impl Infer {
             ready().with_context(|| sequence.folder.display().to_string())?;
         }
         let options = renderer::Options {
-            methods: &methods,
             fusion: Some(fusion),
-            wan: None,
-            drawing: Drawing::default(),
-            guide_samples: 16,
             max_bounces: self.max_bounces,
             allowed,
             timed: false,
+            ..renderer::Options::new(&methods)
         };
         let progress = Progress::new("infer", dataset.sequences.iter().map(|s| s.len() as u64).sum());
         for sequence in &dataset.sequences {

@@ -27,6 +27,7 @@ mod weights;
 
 use crate::dataset::denoise::Denoise;
 use crate::evaluate::method::Method;
+use crate::evaluate::renderer;
 use crate::util::ranges::within;
 use crate::util::{files, stop};
 use anyhow::{Result, bail, ensure};
@@ -295,6 +296,11 @@ impl AllWeightsArgs {
 }
 
 impl Networks {
+    /// Options of rendering by `methods` with these networks.
+    fn rendering<'a>(&'a self, methods: &'a [Method]) -> renderer::Options<'a> {
+        renderer::Options { fusion: self.fusion.as_ref(), wan: self.wan.as_deref(), ..renderer::Options::new(methods) }
+    }
+
     /// What the weights say about themselves, as settings for a report.
     fn settings(&self) -> Vec<(String, String)> {
         let fusion = self.fusion.as_ref().and_then(|fusion| serde_json::to_string(fusion.header()).ok());

@@ -102,9 +102,8 @@ pub struct Edit {
 impl Edit {
     /// Sweeps of a user's scene.
     pub fn new(scene: Scene, sweeps: Vec<Sweep>) -> Self {
-        let plain = |character: char| if character.is_ascii_alphanumeric() { character } else { '-' };
-        let mut name =
-            sweeps.iter().map(Sweep::name).collect::<Vec<_>>().join("-").replace(|c: char| c != '_' && plain(c) == '-', "-");
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' };
+        let mut name: String = sweeps.iter().map(Sweep::name).collect::<Vec<_>>().join("-").chars().map(plain).collect();
         name.truncate(LONGEST_NAME);
         Self { name, scene, sweeps }
     }
@@ -127,39 +126,41 @@ impl Edit {
     }
 }
 
+/// The steps of edits, rendered.
+#[derive(Debug)]
+pub struct Swept {
+    /// The sequence of each step, with the name of its edit.
+    pub steps: Vec<(String, Sequence)>,
+    /// What loading the first scene had to decide; `None` without edits.
+    pub load: Option<LoadReport>,
+}
+
 /// Path-traces one frame of each of `steps` steps of all `edits`, in the folders `NAME/STEP` of `out`. Frames that are there
-/// stay. Returns the sequences of each edit, by step, and what loading the first scene had to decide.
+/// stay.
 ///
 /// # Errors
 /// As [`Edit::at`], before anything is rendered; when stopped; when a folder holds something else or cannot be written.
-pub fn render(
-    edits: &[Edit],
-    steps: u32,
-    base: &Reach,
-    out: &Path,
-    settings: &TruthSettings,
-    cancel: &Cancel,
-) -> Result<(Vec<Vec<Sequence>>, Option<LoadReport>)> {
+pub fn render(edits: &[Edit], steps: u32, base: &Reach, out: &Path, settings: &TruthSettings, cancel: &Cancel) -> Result<Swept> {
     let mut jobs = Vec::new();
     for edit in edits {
         for step in 0..steps {
             let out = out.join(&edit.name).join(format!("{step:04}"));
             let scene = edit.at(step, steps)?;
-            jobs.push(SequenceJob { scene, base: base.clone(), out, keyframe_gap: 0, frame_step: 1, storage: Profile::Full });
+            let job = SequenceJob { scene, base: base.clone(), out, keyframe_gap: 0, frame_step: 1, storage: Profile::Full };
+            jobs.push((&edit.name, job));
         }
     }
     let progress = Progress::new("path tracing", 1000 * jobs.len() as u64);
-    let (mut sequences, mut report) = (Vec::new(), None);
-    for job in &jobs {
+    let mut swept = Swept { steps: Vec::new(), load: None };
+    for (name, job) in &jobs {
         let mut sequence = job.open().with_context(|| job.out.display().to_string())?;
         let work = sequence.decide(settings, None)?;
         sequence.make(&work, settings, &progress, cancel)?;
-        report.get_or_insert(sequence.loaded.report);
-        sequences.push(Sequence::open(&job.out)?);
+        swept.load.get_or_insert(sequence.loaded.report);
+        swept.steps.push(((*name).clone(), Sequence::open(&job.out)?));
     }
     progress.finish();
-    let mut sequences = sequences.into_iter();
-    Ok((edits.iter().map(|_| sequences.by_ref().take(steps as usize).collect()).collect(), report))
+    Ok(swept)
 }
 
 /// Longest name of a folder that is made from the names of sweeps.

@@ -32,6 +32,9 @@ use traced::{Current, Tracer};
 /// Added to the seed of a sequence, so that path-traced rows do not contain the truth's own samples.
 const OTHER_SEED: u64 = 1;
 
+/// Camera rays for each pixel of the G-buffers that methods start from.
+const GUIDE_SAMPLES: u32 = 16;
+
 /// Name of the work that is done once for each keyframe.
 const PREPARING: &str = "preparing keyframes";
 
@@ -53,6 +56,14 @@ pub struct Options<'a> {
     pub allowed: &'a [PathBuf],
     /// Whether seconds count. Then the first frame is made twice, so that its seconds hold nothing but its own work.
     pub timed: bool,
+}
+
+impl<'a> Options<'a> {
+    /// These methods as the product compares them: without networks, which the caller adds, and with seconds that count.
+    pub fn new(methods: &'a [Method]) -> Self {
+        let (drawing, max_bounces) = (Drawing::default(), Settings::default().max_bounces);
+        Self { methods, fusion: None, wan: None, drawing, guide_samples: GUIDE_SAMPLES, max_bounces, allowed: &[], timed: true }
+    }
 }
 
 /// How the paper's network draws a picture.

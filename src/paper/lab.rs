@@ -114,8 +114,7 @@ impl<'a> Lab<'a> {
         let mut config = self.scale.config(run)?;
         let (data, count) = self.scale.lesson(run);
         // The names of the folders say what the run stands on; where the folders are does not matter.
-        let name =
-            |of: &Option<Trained>| of.as_ref().and_then(|run| run.folder.file_name()).map(PathBuf::from).unwrap_or_default();
+        let name = |of: &Option<Trained>| of.as_ref().map(Trained::name).unwrap_or_default().into();
         Run::stand_on(&mut config, name(&autoencoder), name(&renderer));
         let recipe = digest(&(&config, self.scale.plan(data)?, count))?;
         let folder = self.out.join("runs").join(format!("{}-{recipe}", run.name()));
@@ -178,24 +177,20 @@ impl<'a> Lab<'a> {
     /// Evaluates what is asked for, unless it is there.
     pub fn measure(&self, ask: &Ask) -> Result<Results> {
         let trained = ask.run.map(|run| self.train(run)).transpose()?;
-        let folder = trained.as_ref().and_then(|run| run.folder.file_name()).map(|name| name.to_string_lossy().into_owned());
+        let folder = trained.as_ref().map(Trained::name);
         let fusion = serde_json::to_string(self.fusion.header())?;
         let recipe = digest(&(ask, &folder, self.scale.plan(ask.data)?, fusion, self.lpips.alex.is_some()))?;
-        let name = folder.map_or_else(|| ask.data.name(), |folder| folder.split('-').take(3).collect::<Vec<_>>().join("-"));
+        let name = ask.run.map_or_else(|| ask.data.name(), Run::name);
         let out = self.out.join("rows").join(format!("{name}-{recipe}"));
         let methods: Vec<Method> = ask.methods.iter().map(|id| Method::parse(id)).collect::<Result<_>>()?;
         let tests = self.sequences(ask.data, ask.gap)?;
         let wan = ask.run.map(|run| self.renderer(run)).transpose()?;
         let options = run::Options {
             rendering: renderer::Options {
-                methods: &methods,
                 fusion: Some(self.fusion),
                 wan: wan.as_deref(),
-                drawing: Drawing { steps: ask.steps, seed: 0 },
-                guide_samples: 16,
-                max_bounces: self.scale.plan(ask.data)?.render.max_bounces,
-                allowed: &[],
-                timed: true,
+                drawing: Drawing { steps: ask.steps, ..Drawing::default() },
+                ..renderer::Options::new(&methods)
             },
             lpips: self.lpips,
             every: ask.every,
@@ -231,6 +226,11 @@ impl<'a> Lab<'a> {
 }
 
 impl Trained {
+    /// The name of its folder, which follows from its recipe.
+    pub fn name(&self) -> String {
+        self.folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+    }
+
     /// The file of the weights.
     pub fn weights(&self) -> PathBuf {
         self.folder.join("weights.safetensors")

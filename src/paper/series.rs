@@ -40,8 +40,7 @@ pub fn determinism(lab: &Lab) -> Result<Table> {
         ("clips from noise (as DiffusionRenderer)", Some(Run::Noise { clips: true }), "wan", clips),
     ];
     for (number, (label, run, method, steps)) in rows.into_iter().enumerate() {
-        let trained = run.map(|run| lab.train(run)).transpose()?;
-        let weights = trained.and_then(|run| Some(run.folder.file_name()?.to_string_lossy().into_owned()));
+        let weights = run.map(|run| lab.train(run)).transpose()?.map(|run| run.name());
         let recipe = (method, &weights, steps, lab.scale.runs, lab.scale.plan(Data::Way)?, lab.fusion.header().steps);
         let made = lab.kept("determinism", &recipe, || repeat(lab, run, method, steps))?;
         let mean = made.psnr.iter().sum::<f64>() / made.psnr.len().max(1) as f64;
@@ -70,14 +69,11 @@ fn repeat(lab: &Lab, run: Option<Run>, method: &str, steps: u32) -> Result<Runs>
     let (mut values, mut digests) = (Vec::new(), Vec::new());
     for seed in 1..=u64::from(runs) {
         let options = renderer::Options {
-            methods: &methods,
             fusion: Some(lab.fusion),
             wan: wan.as_deref(),
             drawing: Drawing { steps, seed },
-            guide_samples: 16,
-            max_bounces: 6,
-            allowed: &[],
             timed: false,
+            ..renderer::Options::new(&methods)
         };
         let mut renderer = MethodRenderer::new(sequence, &options)?;
         let (mut sum, mut digest) = (0.0, blake3::Hasher::new());

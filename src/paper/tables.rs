@@ -11,7 +11,7 @@ use crate::evaluate::find::TestSequence;
 use crate::evaluate::inverse;
 use crate::evaluate::inverter::{Inverter, WanOptions};
 use crate::evaluate::method::Method;
-use crate::evaluate::renderer::{self, Drawing};
+use crate::evaluate::renderer;
 use crate::evaluate::results::{BUDGET_PIXELS, Results};
 use crate::evaluate::run;
 use crate::report::steps::Steps;
@@ -422,24 +422,17 @@ fn editing(lab: &Lab) -> Result<Table> {
     let denoise = if renderflow_renderer::denoise::Denoiser::new().is_ok() { Denoise::Oidn } else { Denoise::None };
     let settings = TruthSettings::new(Settings { spp: lab.scale.spp[1], ..Settings::default() }, denoise)?;
     let base = lab.out.join("data/edits");
-    let (sequences, _) = sweep::render(&edits, steps, &Reach::folder("."), &base, &settings, lab.cancel)?;
-    let named = edits.iter().zip(sequences).flat_map(|(edit, steps)| steps.into_iter().map(move |step| (edit, step)));
-    let test = |(edit, sequence): (&sweep::Edit, _)| TestSequence { set: "edit".into(), class: edit.name.clone(), sequence };
-    let tests: Vec<TestSequence> = named.map(test).collect();
+    let swept = sweep::render(&edits, steps, &Reach::folder("."), &base, &settings, lab.cancel)?;
+    let test = |(class, sequence)| TestSequence { set: "edit".into(), class, sequence };
+    let tests: Vec<TestSequence> = swept.steps.into_iter().map(test).collect();
     let methods = ["ibl", "deferred", "neural", "wan-stills"].map(Method::parse).into_iter().collect::<Result<Vec<_>>>()?;
-    let run = lab.train(Run::Base)?;
-    let wan = lab.renderer(Run::Base)?;
-    let weights = run.folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let (weights, wan) = (lab.train(Run::Base)?.name(), lab.renderer(Run::Base)?);
     let options = run::Options {
         rendering: renderer::Options {
-            methods: &methods,
             fusion: Some(lab.fusion),
             wan: Some(&*wan),
-            drawing: Drawing::default(),
-            guide_samples: 16,
-            max_bounces: settings.render.max_bounces,
-            allowed: &[],
             timed: false,
+            ..renderer::Options::new(&methods)
         },
         lpips: lab.lpips,
         every: 1,

@@ -2,11 +2,11 @@
 
 use super::head::{self, KERNEL};
 use super::record::{CHANNELS, Groups};
+use crate::Result;
 use crate::network::init::Init;
 use crate::network::layers::Conv;
 use crate::network::unet::{self, Layers, Refine, conv_values};
 use crate::ops::{self, Products, Stride};
-use crate::{Error, Result};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
@@ -36,8 +36,7 @@ impl FusionConfig {
     /// # Errors
     /// [`Error::Config`] naming the option.
     pub fn validate(&self) -> Result<()> {
-        let fits = |&width: &usize| (16..=1024).contains(&width) && width.is_multiple_of(16);
-        if self.widths.iter().all(fits) { Ok(()) } else { Err(Error::config("widths", "must be multiples of 16 up to 1024")) }
+        unet::check_widths(&self.widths)
     }
 
     /// Number of values in all parameters.

@@ -3,15 +3,12 @@
 use super::batch::{Augmentation, Batch, Window};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
 use super::record::{Record, Selection, Stored};
-use crate::network;
+use crate::network::trained::{Described, Trained};
 use crate::ops::Products;
-use crate::parameters::{self, Parameter, to_vec};
-use crate::weights::{self, Precision};
+use crate::parameters::to_vec;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
-use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 /// The header of a weights file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,9 +21,6 @@ pub struct Header {
     /// Seed of the training run.
     pub seed: u64,
 }
-
-/// Most bytes of a weights file: about 400 times the default network in half precision.
-const LARGEST: u64 = 1 << 30;
 
 #[cfg(shipped_weights)]
 static SHIPPED: Option<&[u8]> = Some(include_bytes!("../../weights/fusion.safetensors"));
@@ -41,97 +35,36 @@ pub const TILE_PIXELS: usize = (TILE + 2 * MARGIN) * (TILE + 2 * MARGIN);
 /// way up, and 11 for the kernels.
 const MARGIN: usize = 96;
 
-/// The network, ready to render. Results depend on the inputs alone, and not on threads, runs or earlier calls.
-#[derive(Clone, Debug)]
-pub struct Fusion {
-    network: FusionNet,
-    header: Header,
-    products: Products,
-    device: Device,
+impl Described for FusionNet {
+    type Header = Header;
+
+    fn check(header: &Header) -> Result<()> {
+        header.fusion.validate()
+    }
+
+    fn values(header: &Header) -> usize {
+        header.fusion.values()
+    }
+
+    fn fresh(header: &Header, device: &Device) -> Result<Self> {
+        Self::new(&header.fusion, header.seed, device)
+    }
+
+    fn shipped() -> Option<&'static [u8]> {
+        SHIPPED
+    }
 }
 
-impl Fusion {
+/// The fusion network with its weights.
+pub type Fusion = Trained<FusionNet>;
+
+impl Trained<FusionNet> {
     /// An untrained network. It returns the best of its input pictures.
     ///
     /// # Errors
     /// When the configuration is invalid.
     pub fn untrained(config: &FusionConfig, seed: u64) -> Result<Self> {
-        let device = Device::flex();
-        let header = Header { fusion: config.clone(), steps: 0, seed };
-        Ok(Self { network: FusionNet::new(config, seed, &device)?, header, products: Products::F32, device })
-    }
-
-    /// The network with the weights that are built in.
-    ///
-    /// # Errors
-    /// [`Error::NoShippedWeights`] when this build has no weights.
-    pub fn shipped() -> Result<Self> {
-        Self::decode(Path::new("shipped weights"), SHIPPED.ok_or(Error::NoShippedWeights)?)
-    }
-
-    /// A network with these parameters, in the order of [`parameters::export`].
-    ///
-    /// # Errors
-    /// When the configuration is invalid.
-    pub fn with_parameters(header: Header, parameters: &[Parameter]) -> Result<Self> {
-        let device = Device::flex();
-        let network = FusionNet::new(&header.fusion, header.seed, &device)?;
-        let values: Vec<&[f32]> = parameters.iter().map(|parameter| parameter.values.as_slice()).collect();
-        Ok(Self { network: parameters::import(network, &values, &device), header, products: Products::F32, device })
-    }
-
-    /// The same network with another kind of products in its convolutions.
-    pub fn with_products(self, products: Products) -> Self {
-        Self { products, ..self }
-    }
-
-    /// Whether the header of the file at `path` is one of this network's weights.
-    pub fn recognises(path: &Path) -> bool {
-        let bytes = file::read_at_most(path, LARGEST);
-        bytes.is_ok_and(|bytes| {
-            weights::open(path, &bytes).is_ok_and(|(_, header)| serde_json::from_str::<Header>(&header).is_ok())
-        })
-    }
-
-    /// Reads a weights file.
-    ///
-    /// # Errors
-    /// When the file cannot be read, or does not hold weights of this network.
-    pub fn load(path: &Path) -> Result<Self> {
-        let bytes = file::read_at_most(path, LARGEST)?;
-        Self::decode(path, &bytes)
-    }
-
-    /// Decodes the bytes of a weights file. `path` names it in messages.
-    ///
-    /// # Errors
-    /// When the bytes are not weights of this network.
-    pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let (tensors, header) = weights::open(path, bytes)?;
-        let header: Header = serde_json::from_str(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
-        header.fusion.validate().map_err(|e| Error::malformed(path, format!("header: {e}")))?;
-        let (config, seed) = (&header.fusion, header.seed);
-        let fresh = || FusionNet::new(config, seed, &Device::flex());
-        let parameters = network::file::read(path, &tensors, bytes.len(), config.values(), fresh)?;
-        Self::with_parameters(header, &parameters)
-    }
-
-    /// Writes a weights file.
-    ///
-    /// # Errors
-    /// When it cannot be written, or a value is not finite.
-    pub fn save(&self, path: &Path, precision: Precision) -> Result<()> {
-        Ok(file::write_atomic(path, &encode(&self.header, &self.parameters(), precision)?)?)
-    }
-
-    /// The parameters, in the host's memory.
-    pub fn parameters(&self) -> Vec<Parameter> {
-        parameters::export(&self.network)
-    }
-
-    /// The header of the weights.
-    pub fn header(&self) -> &Header {
-        &self.header
+        Self::fresh(Header { fusion: config.clone(), steps: 0, seed })
     }
 
     /// Renders the frame of a record from all of its inputs. The result is exposed linear radiance.
@@ -189,15 +122,6 @@ pub(super) fn forward(network: &FusionNet, products: Products, batch: &mut Batch
     let shape = [batch.items, batch.height / 2, batch.width / 2, 4 * batch.groups.channels()];
     let input = Tensor::from_data(TensorData::new(std::mem::take(&mut batch.input), shape), device);
     network.forward(products, input, batch.groups)
-}
-
-/// Encodes a weights file.
-///
-/// # Errors
-/// When a value is not finite.
-pub fn encode(header: &Header, parameters: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
-    let header = serde_json::to_string(header).map_err(|e| Error::malformed("weights to be written", e.to_string()))?;
-    weights::encode(&header, parameters, precision)
 }
 
 #[cfg(test)]

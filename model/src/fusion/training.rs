@@ -219,14 +219,11 @@ pub fn run(
 ) -> Result<Summary> {
     config.validate()?;
     let device = Device::flex().autodiff();
-    let mut model = FusionNet::new(&config.network, config.run.seed, &device)?;
-    if let Some(start) = start {
-        if start.header().fusion != config.network {
-            return Err(Error::config("network", "the weights to begin with are of another size"));
-        }
-        let values = start.parameters();
-        model = parameters::import(model, &values.iter().map(|p| p.values.as_slice()).collect::<Vec<_>>(), &device);
-    }
+    let model = match start {
+        None => FusionNet::new(&config.network, config.run.seed, &device)?,
+        Some(start) if start.header().fusion == config.network => start.on(&device)?,
+        Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
+    };
     let tiers = config.selected_tiers()?;
     let runner = Runner { config, data: Some(source.identity()), device, progress, cancel };
     std::thread::scope(|scope| {
@@ -253,12 +250,10 @@ pub fn run(
 /// Writes the averaged weights and validates them.
 fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], progress: &(dyn Fn(&Progress) + Sync)) -> Result<()> {
     let header = Header { fusion: config.network.clone(), steps: optimizer.steps, seed: config.run.seed };
-    let averaged = optimizer.averaged();
-    let bytes = render::encode(&header, &averaged, Precision::F16)?;
-    renderflow_frame::file::write_atomic(&runner::weights_path(&config.run.output), &bytes)?;
+    let averaged = Fusion::with_parameters(header, &optimizer.averaged())?;
+    averaged.save(&runner::weights_path(&config.run.output), Precision::F16)?;
     if !validation.is_empty() {
-        let fusion = Fusion::with_parameters(header, &averaged)?;
-        let psnr = validate(&fusion, validation)?;
+        let psnr = validate(&averaged, validation)?;
         let validated = Validation { step: optimizer.steps, psnr, others: BTreeMap::new() };
         validated.append(&config.run.output)?;
         progress(&Progress::Validated(validated));

@@ -3,17 +3,13 @@
 use super::batch::write_input;
 use super::graph::{CHANNELS, InverseConfig, InverseNet, MULTIPLE, place};
 use super::head::{OUTPUTS, Pixel};
-use crate::network;
-use crate::ops::Products;
-use crate::parameters::{self, Parameter, to_vec};
-use crate::weights::{self, Precision};
+use crate::network::trained::{Described, Trained};
+use crate::parameters::to_vec;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
-use renderflow_frame::file;
 use renderflow_frame::image::{Image, Rgb};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 /// The header of a weights file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,9 +23,6 @@ pub struct Header {
     pub seed: u64,
 }
 
-/// Most bytes of a weights file: about 150 times the default network in half precision.
-const LARGEST: u64 = 1 << 30;
-
 #[cfg(shipped_inverse)]
 static SHIPPED: Option<&[u8]> = Some(include_bytes!("../../weights/inverse.safetensors"));
 #[cfg(not(shipped_inverse))]
@@ -38,15 +31,6 @@ static SHIPPED: Option<&[u8]> = None;
 /// Longer side in pixels of the largest picture that the network reads as it is. It reads a larger one reduced to this. It
 /// learned from pictures of 256 x 256, and would see too little of what is around a pixel.
 pub const LONGEST: usize = 512;
-
-/// The network, ready to use. Results depend on the picture alone, and not on threads, runs or earlier calls.
-#[derive(Clone, Debug)]
-pub struct Inverse {
-    network: InverseNet,
-    header: Header,
-    products: Products,
-    device: Device,
-}
 
 /// What the network finds behind a picture, of the picture's size. Nothing is said about pixels that see no surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,88 +45,36 @@ pub struct Found {
     pub material: Rgb,
 }
 
-impl Inverse {
-    /// An untrained network. It returns the picture itself as albedo.
+impl Described for InverseNet {
+    type Header = Header;
+
+    fn check(header: &Header) -> Result<()> {
+        header.inverse.validate()
+    }
+
+    fn values(header: &Header) -> usize {
+        header.inverse.values()
+    }
+
+    fn fresh(header: &Header, device: &Device) -> Result<Self> {
+        Self::new(&header.inverse, header.seed, device)
+    }
+
+    fn shipped() -> Option<&'static [u8]> {
+        SHIPPED
+    }
+}
+
+/// The inverse network with its weights.
+pub type Inverse = Trained<InverseNet>;
+
+impl Trained<InverseNet> {
+    /// An untrained network. It returns the picture as albedo, with a little less contrast ([`Pixel`]).
     ///
     /// # Errors
     /// When the configuration is invalid.
     pub fn untrained(config: &InverseConfig, seed: u64) -> Result<Self> {
-        let device = Device::flex();
-        let header = Header { inverse: config.clone(), steps: 0, seed };
-        Ok(Self { network: InverseNet::new(config, seed, &device)?, header, products: Products::F32, device })
-    }
-
-    /// The network with the weights that are built in.
-    ///
-    /// # Errors
-    /// [`Error::NoShippedWeights`] when this build has no weights.
-    pub fn shipped() -> Result<Self> {
-        Self::decode(Path::new("shipped weights"), SHIPPED.ok_or(Error::NoShippedWeights)?)
-    }
-
-    /// A network with these parameters, in the order of [`parameters::export`].
-    ///
-    /// # Errors
-    /// When the configuration is invalid.
-    pub fn with_parameters(header: Header, parameters: &[Parameter]) -> Result<Self> {
-        let device = Device::flex();
-        let network = InverseNet::new(&header.inverse, header.seed, &device)?;
-        let values: Vec<&[f32]> = parameters.iter().map(|parameter| parameter.values.as_slice()).collect();
-        Ok(Self { network: parameters::import(network, &values, &device), header, products: Products::F32, device })
-    }
-
-    /// The same network with another kind of products in its convolutions.
-    pub fn with_products(self, products: Products) -> Self {
-        Self { products, ..self }
-    }
-
-    /// Whether the header of the file at `path` is one of this network's weights.
-    pub fn recognises(path: &Path) -> bool {
-        let bytes = file::read_at_most(path, LARGEST);
-        bytes.is_ok_and(|bytes| {
-            weights::open(path, &bytes).is_ok_and(|(_, header)| serde_json::from_str::<Header>(&header).is_ok())
-        })
-    }
-
-    /// Reads a weights file.
-    ///
-    /// # Errors
-    /// When the file cannot be read, or does not hold weights of this network.
-    pub fn load(path: &Path) -> Result<Self> {
-        let bytes = file::read_at_most(path, LARGEST)?;
-        Self::decode(path, &bytes)
-    }
-
-    /// Decodes the bytes of a weights file. `path` names it in messages.
-    ///
-    /// # Errors
-    /// When the bytes are not weights of this network.
-    pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let (tensors, header) = weights::open(path, bytes)?;
-        let header: Header = serde_json::from_str(&header).map_err(|e| Error::malformed(path, e.to_string()))?;
-        header.inverse.validate().map_err(|e| Error::malformed(path, format!("header: {e}")))?;
-        let (config, seed) = (&header.inverse, header.seed);
-        let fresh = || InverseNet::new(config, seed, &Device::flex());
-        let parameters = network::file::read(path, &tensors, bytes.len(), config.values(), fresh)?;
-        Self::with_parameters(header, &parameters)
-    }
-
-    /// Writes a weights file.
-    ///
-    /// # Errors
-    /// When it cannot be written, or a value is not finite.
-    pub fn save(&self, path: &Path, precision: Precision) -> Result<()> {
-        Ok(file::write_atomic(path, &encode(&self.header, &self.parameters(), precision)?)?)
-    }
-
-    /// The parameters, in the host's memory.
-    pub fn parameters(&self) -> Vec<Parameter> {
-        parameters::export(&self.network)
-    }
-
-    /// The header of the weights.
-    pub fn header(&self) -> &Header {
-        &self.header
+        Self::fresh(Header { inverse: config.clone(), steps: 0, seed })
     }
 
     /// Finds the buffers behind a picture of display values. Values outside 0..=1 are clamped, and NaN counts as 0.
@@ -194,15 +126,6 @@ impl Inverse {
         };
         (0..size[0] * size[1]).map(pixel).collect()
     }
-}
-
-/// Encodes a weights file.
-///
-/// # Errors
-/// When a value is not finite.
-pub fn encode(header: &Header, parameters: &[Parameter], precision: Precision) -> Result<Vec<u8>> {
-    let header = serde_json::to_string(header).map_err(|e| Error::malformed("weights to be written", e.to_string()))?;
-    weights::encode(&header, parameters, precision)
 }
 
 /// The size at which a picture of `size` is read.

@@ -1,11 +1,11 @@
 //! The U-Net: dense 3 x 3 convolutions from 1/2 to 1/64 of the picture, without normalisation.
 
 use super::head::OUTPUTS;
+use crate::Result;
 use crate::network::init::Init;
 use crate::network::layers::Conv;
 use crate::network::unet::{self, Layers, Refine, conv_values};
 use crate::ops::{Products, Stride};
-use crate::{Error, Result};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
@@ -37,8 +37,7 @@ impl InverseConfig {
     /// # Errors
     /// [`Error::Config`] naming the option.
     pub fn validate(&self) -> Result<()> {
-        let fits = |&width: &usize| (16..=1024).contains(&width) && width.is_multiple_of(16);
-        if self.widths.iter().all(fits) { Ok(()) } else { Err(Error::config("widths", "must be multiples of 16 up to 1024")) }
+        unet::check_widths(&self.widths)
     }
 
     /// Number of values in all parameters.

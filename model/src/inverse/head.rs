@@ -1,7 +1,8 @@
 //! The buffers of a pixel from the outputs of the network, and the derivative.
 //!
 //! The albedo is `sigmoid((1 + gain) logit(picture) + offset)` in sRGB values. In the logit, light of another strength or colour
-//! is about an offset, and the gain can take the picture away where it shows a reflection.
+//! is about an offset, and the gain can take the picture away where it shows a reflection. Black and white have finite logits,
+//! `ln((v + .02) / (1 - v + .02))`, so without offset and gain the albedo is `(v + .02) / 1.04`.
 
 /// Numbers that the network predicts for a pixel: three offsets and a gain of the albedo, a vector along the normal, the
 /// logarithm of depth, and three logits of the material.

@@ -2,7 +2,8 @@
 //! material of every pixel.
 //!
 //! The network does not paint the albedo itself. It predicts, in each pixel, how the picture must be changed to become the albedo
-//! ([`head`]), so that the albedo keeps the detail of the picture. An untrained network returns the picture itself as albedo.
+//! ([`head`]), so that the albedo keeps the detail of the picture. An untrained network returns the picture as albedo, with a
+//! little less contrast.
 //!
 //! - [`example`] defines what is learned from a frame;
 //! - [`graph`] is the U-Net;

@@ -3,7 +3,7 @@
 
 use super::batch::{Batch, target};
 use super::example::Example;
-use super::find::{self, Header, Inverse};
+use super::find::{Header, Inverse};
 use super::graph::{CHANNELS, InverseConfig, InverseNet, MULTIPLE, place};
 use super::head::OUTPUTS;
 use super::loss::{Loss, LossWeights, loss};
@@ -54,7 +54,9 @@ impl Default for Config {
             run: RunConfig {
                 steps: 20_000,
                 optimizer: Method::Muon,
-                learning_rate: 3e-3,
+                // At .003, gradients grew a thousandfold now and then, and the network learned little of the material.
+                learning_rate: 1e-3,
+                clip_norm: 0.5,
                 weight_decay: 0.01,
                 checkpoint_steps: 250,
                 log_steps: 25,
@@ -193,14 +195,11 @@ pub fn run(
 ) -> Result<Summary> {
     config.validate()?;
     let device = Device::flex().autodiff();
-    let mut model = InverseNet::new(&config.network, config.run.seed, &device)?;
-    if let Some(start) = start {
-        if start.header().inverse != config.network {
-            return Err(Error::config("network", "the weights to begin with are of another size"));
-        }
-        let values = start.parameters();
-        model = parameters::import(model, &values.iter().map(|p| p.values.as_slice()).collect::<Vec<_>>(), &device);
-    }
+    let model = match start {
+        None => InverseNet::new(&config.network, config.run.seed, &device)?,
+        Some(start) if start.header().inverse == config.network => start.on(&device)?,
+        Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
+    };
     let runner = Runner { config, data: Some(source.identity()), device, progress, cancel };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
@@ -225,11 +224,10 @@ pub fn run(
 /// Writes the averaged weights and validates them.
 fn save(config: &Config, optimizer: &Optimizer, validation: &[Example], progress: &(dyn Fn(&Progress) + Sync)) -> Result<()> {
     let header = Header { inverse: config.network.clone(), steps: optimizer.steps, seed: config.run.seed };
-    let averaged = optimizer.averaged();
-    let bytes = find::encode(&header, &averaged, Precision::F16)?;
-    renderflow_frame::file::write_atomic(&runner::weights_path(&config.run.output), &bytes)?;
+    let averaged = Inverse::with_parameters(header, &optimizer.averaged())?;
+    averaged.save(&runner::weights_path(&config.run.output), Precision::F16)?;
     if !validation.is_empty() {
-        let validated = validate(&Inverse::with_parameters(header, &averaged)?, validation)?;
+        let validated = validate(&averaged, validation)?;
         let validated = Validation { step: optimizer.steps, ..validated };
         validated.append(&config.run.output)?;
         progress(&Progress::Validated(validated));

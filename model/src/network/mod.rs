@@ -1,6 +1,6 @@
-//! Building blocks of networks: initial weights, layers, U-Nets, and files of weights.
+//! Building blocks of networks: initial weights, layers, U-Nets, and networks with their weights files.
 
-pub(crate) mod file;
 pub mod init;
 pub mod layers;
+pub mod trained;
 pub mod unet;

@@ -3,6 +3,7 @@
 use super::init::Init;
 use super::layers::Conv;
 use crate::ops::{Products, Stride};
+use crate::{Error, Result};
 use burn::module::Module;
 use burn::tensor::Tensor;
 
@@ -21,6 +22,15 @@ impl Refine {
     fn forward(&self, products: Products, x: Tensor<4>) -> Tensor<4> {
         x.clone() + self.conv.forward(products, x, Stride::One, true)
     }
+}
+
+/// Checks the option `widths`: the channels of each level.
+///
+/// # Errors
+/// [`Error::Config`] naming the option.
+pub fn check_widths(widths: &[usize]) -> Result<()> {
+    let fits = |&width: &usize| (16..=1024).contains(&width) && width.is_multiple_of(16);
+    if widths.iter().all(fits) { Ok(()) } else { Err(Error::config("widths", "must be multiples of 16 up to 1024")) }
 }
 
 /// New layers of a U-Net. A network keeps them as fields of its own, by whose names its weights are stored.

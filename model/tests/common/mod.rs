@@ -10,7 +10,25 @@ use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Camera, Environment, Frame, FrameInfo, Light};
 use renderflow_model::Clip;
 use renderflow_model::lpips::weights_folder;
+use renderflow_model::wan::Vae;
+use renderflow_model::wan::pictures::BridgeStart;
+use renderflow_model::wan::train::latents::Encoder;
 use std::path::{Path, PathBuf};
+
+/// An encoder of clips at one size: stills, clips and references, without pictures beside the latents.
+pub fn encoder(vae: &Vae, size: usize) -> Encoder<'_> {
+    Encoder {
+        vae,
+        sizes: vec![size],
+        start: BridgeStart::Albedo,
+        multiple: 16,
+        stills: true,
+        clips: true,
+        references: true,
+        pictures: &[],
+        store: None,
+    }
+}
 
 /// The folder with the weights of LPIPS: the one that the environment names, or the one of the test assets.
 pub fn lpips_folder() -> PathBuf {
