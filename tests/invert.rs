@@ -156,3 +156,42 @@ fn a_network_is_trained_and_used() {
     ]);
     assert!(!output.status.success() && stderr(&output).contains("fusion.safetensors"), "{}", stderr(&output));
 }
+
+/// A picture is inverted and shown under another light.
+#[test]
+fn buffers_are_shown_under_another_light() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (plan, data) = (path("plan.json"), path("data"));
+    let sizes = ["--sequences", "2", "--frames", "2", "--resolution", "64", "--spp", "16", "--seed", "8", "--split", "test"];
+    succeed(&[&["dataset", "plan", "--denoise", "none", "--out", text(&plan)][..], &sizes].concat());
+    succeed(&["dataset", "render", "--plan", text(&plan), "--out", text(&data)]);
+    let relight = |turn: &str, out: &Path| -> Value {
+        let sizes = ["--turn", turn, "--spp", "16"];
+        succeed(&[&["evaluate", "relight", "--data", text(&data), "--out", text(out)][..], &sizes].concat());
+        serde_json::from_slice(&std::fs::read(out.join("relight.json")).unwrap()).unwrap()
+    };
+    let psnr = |results: &Value, row: usize| results["rows"][row]["values"]["psnr"]["mean"].as_f64().unwrap();
+    let (still, turned) = (relight("0", &path("still")), relight("-120", &path("turned")));
+    assert_eq!((&turned["sequences"], &turned["turn"]), (&json!(2), &json!(-120.0)));
+    let names: Vec<&str> = turned["rows"].as_array().unwrap().iter().map(|row| row["buffers"].as_str().unwrap()).collect();
+    assert_eq!(names, ["network", "true buffers", "no network", "the old picture"]);
+    // Where nothing turned, the old picture is the truth but for noise.
+    assert!(psnr(&still, 3) > psnr(&turned, 3) + 3.0 && psnr(&still, 3) > psnr(&still, 1) + 3.0, "{still} {turned}");
+    assert!(psnr(&turned, 1) > psnr(&turned, 2), "{turned}");
+    let truth = |set: &str| files(&path(set).join("truth"));
+    assert!(truth("still") != truth("turned"));
+
+    // The truth is read where it is there, and a folder of another angle is not mixed in.
+    let before = truth("turned");
+    assert_eq!(relight("-120", &path("turned")), turned);
+    assert!(truth("turned") == before);
+    let said =
+        fail(&["evaluate", "relight", "--data", text(&data), "--turn", "60", "--spp", "16", "--out", text(&path("turned"))]);
+    assert!(said.contains("pictures of another light"), "{said}");
+    for name in files(&data).into_iter().map(|(name, _)| name).filter(|name| name.ends_with("scene.json")) {
+        std::fs::remove_file(data.join(name)).unwrap();
+    }
+    let said = fail(&["evaluate", "relight", "--data", text(&data), "--out", text(&path("none"))]);
+    assert!(said.contains("scene.json") && !path("none").exists(), "{said}");
+}

@@ -6,6 +6,7 @@ use common::{copy, fail, files, renderflow, stderr, succeed};
 use renderflow::dataset::Sequence;
 use renderflow::evaluate::results::Results;
 use renderflow_frame::{color, frame_file};
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::renderer::{Options, View};
 use renderflow_model::wan::{self, Autoencoder};
 use serde_json::{Value, json};
@@ -182,7 +183,7 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
     for i in 0..5 {
         std::fs::write(stopped.join(format!("seq-000000/frame.{i:04}.exr")), [i as u8]).unwrap();
     }
-    let renderer = wan::open(&weights.keys, Autoencoder { file: Some(&weights.vae), tile: None }).unwrap();
+    let renderer = wan::open(&weights.keys, Autoencoder { file: Some(&weights.vae), tile: None }, &NetworkDevice::cpu()).unwrap();
     let mut session = renderer.begin(&sequence, Options::default()).unwrap();
     for index in 0..5 {
         let frame = sequence.frame(index).unwrap();

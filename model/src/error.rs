@@ -40,6 +40,14 @@ pub enum Error {
         /// The loss, or the gradient of a named parameter.
         what: String,
     },
+    /// A device cannot be used, or failed while it computed.
+    #[error("device {device}: {reason}")]
+    Device {
+        /// The device, as it is chosen.
+        device: String,
+        /// What is wrong.
+        reason: String,
+    },
     /// This build has no trained weights.
     #[error("this build has no trained weights: train some (`renderflow train`) and pass the file")]
     NoShippedWeights,

@@ -2,6 +2,7 @@
 
 pub mod bridge;
 pub mod data;
+pub mod device;
 pub mod error;
 pub mod fusion;
 pub mod inverse;

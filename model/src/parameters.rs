@@ -1,7 +1,11 @@
 //! Parameters of a module by name, to the host's memory and back, and their gradients.
 
+use crate::{Error, Result};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
+
+/// Characters of the longest message of a driver that is passed on.
+const LONGEST_REASON: usize = 400;
 
 /// One parameter in the host's memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,22 +59,43 @@ fn import_some<M: Module>(module: M, values: &[&[f32]], device: &Device, all: bo
 }
 
 /// Gradients in the order of [`export`]. A gradient is `None` if the loss does not depend on the parameter.
-pub fn gradients<M: Module>(module: &M, gradients: &mut Gradients) -> Vec<Option<Vec<f32>>> {
+///
+/// # Errors
+/// As [`read`].
+pub fn gradients<M: Module>(module: &M, gradients: &mut Gradients) -> Result<Vec<Option<Vec<f32>>>> {
     gradients_some(module, gradients, true)
 }
 
 /// Gradients in the order of [`export_learning`].
-pub fn gradients_learning<M: Module>(module: &M, gradients: &mut Gradients) -> Vec<Option<Vec<f32>>> {
+///
+/// # Errors
+/// As [`read`].
+pub fn gradients_learning<M: Module>(module: &M, gradients: &mut Gradients) -> Result<Vec<Option<Vec<f32>>>> {
     gradients_some(module, gradients, false)
 }
 
-fn gradients_some<M: Module>(module: &M, gradients: &mut Gradients, all: bool) -> Vec<Option<Vec<f32>>> {
+fn gradients_some<M: Module>(module: &M, gradients: &mut Gradients, all: bool) -> Result<Vec<Option<Vec<f32>>>> {
     let mut visitor = Collect { gradients, all, found: Vec::new() };
     module.visit(&mut visitor);
-    visitor.found
+    visitor.found.into_iter().map(Option::transpose).collect()
 }
 
 /// The values of a float tensor, row-major.
+///
+/// # Errors
+/// [`Error::Device`] when its device has run out of memory, or is lost. What failed may be an earlier operation, because GPUs
+/// compute later than they are told to.
+pub fn read<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>> {
+    let device = format!("{:?}", tensor.device());
+    tensor.try_into_vec_as::<f32>().map_err(|error| Error::Device { device, reason: words(&error.to_string()) })
+}
+
+/// The message of a driver in one line, without what it says about its own code.
+fn words(message: &str) -> String {
+    message.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(LONGEST_REASON).collect()
+}
+
+/// The values of a float tensor of the processor, row-major.
 pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     // This fails only if the device has lost its memory, which cannot happen on the CPU.
     tensor.try_into_vec_as::<f32>().expect("tensor readable as f32")
@@ -123,13 +148,13 @@ impl ModuleMapper for Import<'_> {
 struct Collect<'a> {
     gradients: &'a mut Gradients,
     all: bool,
-    found: Vec<Option<Vec<f32>>>,
+    found: Vec<Option<Result<Vec<f32>>>>,
 }
 
 impl ModuleVisitor for Collect<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         if self.all || param.is_require_grad() {
-            self.found.push(param.val().grad_remove(self.gradients).map(to_vec));
+            self.found.push(param.val().grad_remove(self.gradients).map(read));
         }
     }
 }

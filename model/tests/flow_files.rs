@@ -196,7 +196,9 @@ fn adopted_weights_learn() {
     let conditions = wan::flow::conditions(&config, clip, &[], &device);
     let velocity = flow.velocity(wan::flow::latents(clip, &device), &[0.0], &conditions);
     let mut found = wan::gradients::weighed(velocity.expect("renders")).backward();
-    for (parameter, gradient) in parameters::export(&flow).iter().zip(parameters::gradients(&flow, &mut found)) {
+    for (parameter, gradient) in
+        parameters::export(&flow).iter().zip(parameters::gradients(&flow, &mut found).expect("gradients"))
+    {
         let gradient = gradient.unwrap_or_else(|| panic!("{} has no gradient", parameter.name));
         // The environment's embedder learns once its projections are no longer 0.
         let waits = parameter.name.starts_with("environment.embed");

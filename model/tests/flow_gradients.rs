@@ -41,7 +41,7 @@ fn a_group_learns_alone() {
     let device = Device::flex().autodiff();
     let flow = warm(&config(Query::Dedicated, Environment::Pooled, 3), &device);
     let names: Vec<String> = parameters::export(&flow).into_iter().map(|p| p.name).collect();
-    let gradients = |flow: &Flow| parameters::gradients(flow, &mut loss(flow, &device).backward());
+    let gradients = |flow: &Flow| parameters::gradients(flow, &mut loss(flow, &device).backward()).expect("gradients");
     let all = gradients(&flow);
     for group in Group::ALL {
         let found = gradients(&flow.clone().learn_only(group));
@@ -74,7 +74,9 @@ fn extreme_inputs_stay_finite() {
                 assert!(values.iter().all(|v| v.is_finite()), "inputs of {factor}");
             }
             let mut found = (weighed(rendered) + weighed(back)).backward();
-            for (parameter, gradient) in parameters::export(&flow).iter().zip(parameters::gradients(&flow, &mut found)) {
+            for (parameter, gradient) in
+                parameters::export(&flow).iter().zip(parameters::gradients(&flow, &mut found).expect("gradients"))
+            {
                 let finite = gradient.is_none_or(|g| g.iter().all(|v| v.is_finite()));
                 assert!(finite, "{} with inputs of {factor}", parameter.name);
             }

@@ -106,7 +106,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         let rendered = flow.velocity(z_t.clone(), &[0.25], &conditions).expect("renders");
         let back = flow.invert(z_t, &[0.5], Intrinsic::Material).expect("inverts");
         let found = [rendered.clone(), back.clone()].map(|x| values(x.without_autodiff()).values);
-        (found, parameters::gradients(&flow, &mut (weighed(rendered) + weighed(back)).backward()))
+        (found, parameters::gradients(&flow, &mut (weighed(rendered) + weighed(back)).backward()).expect("gradients"))
     };
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let (values, gradients) = pool(1).install(run);

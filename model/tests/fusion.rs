@@ -12,12 +12,15 @@ use renderflow_frame::terms::ShadingTerms;
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::warp::{Keyframe, Neighbour};
 use renderflow_frame::{Camera, Environment, Frame, Light};
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::fill::Samples;
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
+#[cfg(feature = "vulkan")]
+use renderflow_model::ops::Products;
 use renderflow_model::train::RunConfig;
-use renderflow_model::train::runner::{Progress, Validation};
+use renderflow_model::train::runner::{Progress, RunContext, Summary, Validation};
 use renderflow_model::weights::Precision;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -100,13 +103,26 @@ fn config(output: &Path, steps: u64) -> Config {
     }
 }
 
+/// Trains on a device, and stops after the step `stop`.
+fn learn(config: &Config, validation: &[Record<f16>], device: &NetworkDevice, stop: u64) -> Summary {
+    let cancel = AtomicBool::new(false);
+    let progress = |progress: &Progress| {
+        if let Progress::Step(record) = progress
+            && record.step >= stop
+        {
+            cancel.store(true, Ordering::Relaxed);
+        }
+    };
+    training::run(config, &Toy, None, validation, RunContext { device, progress: &progress, cancel: &cancel }).unwrap()
+}
+
 #[test]
 fn every_tier_learns() {
     let folder = tempfile::tempdir().unwrap();
     let held_out = [toy(1000).to_half(), toy(1001).to_half()];
     let config = config(folder.path(), 150);
     let before = validate(&Fusion::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
-    let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false)).unwrap();
+    let summary = learn(&config, &held_out, &NetworkDevice::cpu(), u64::MAX);
     assert!(summary.finished && summary.steps == 150);
     let after = validate(&Fusion::load(&summary.weights).unwrap(), &held_out).unwrap();
     assert_eq!(before.len(), after.len());
@@ -127,15 +143,7 @@ fn stopped_runs_resume_exactly() {
         let folder = tempfile::tempdir().unwrap();
         let config = config(folder.path(), 24);
         for stop in stops.iter().copied().chain([u64::MAX]) {
-            let cancel = AtomicBool::new(false);
-            let watch = |progress: &Progress| {
-                if let Progress::Step(record) = progress
-                    && record.step >= stop
-                {
-                    cancel.store(true, Ordering::Relaxed);
-                }
-            };
-            let summary = training::run(&config, &Toy, None, &[], &watch, &cancel).unwrap();
+            let summary = learn(&config, &[], &NetworkDevice::cpu(), stop);
             assert_eq!(summary.finished, stop == u64::MAX);
             if older && !summary.finished {
                 edit_configuration(folder.path(), |config| assert_eq!(config.remove("decay"), Some("cosine".into())));
@@ -148,6 +156,62 @@ fn stopped_runs_resume_exactly() {
     assert!(whole == weights(&[3, 17], false));
     // The checkpoint of a program that had one decay and did not name it.
     assert!(whole == weights(&[9], true));
+}
+
+/// A device other than the processor: OpenGL, which is software where there is no GPU.
+#[cfg(feature = "vulkan")]
+fn other_device() -> Option<NetworkDevice> {
+    let opened = NetworkDevice::open("opengl".parse().expect("a choice"));
+    opened.inspect_err(|error| println!("skipped: {error}")).ok()
+}
+
+/// Largest difference of two lists.
+#[cfg(feature = "vulkan")]
+fn apart(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[cfg(feature = "vulkan")]
+#[test]
+fn other_devices_render_the_same_picture() {
+    let Some(device) = other_device() else { return };
+    let record = toy(5);
+    let fusion = Fusion::shipped().unwrap();
+    let expected = fusion.render(&record).unwrap();
+    let found = fusion.to(&device).unwrap().render(&record).unwrap();
+    let difference = apart(found.as_flattened(), expected.as_flattened());
+    println!("{device}: pictures differ by {difference}");
+    assert!(difference < 1e-4, "{difference}");
+}
+
+/// A run that is stopped on one device goes on with another.
+#[cfg(feature = "vulkan")]
+#[test]
+fn checkpoints_move_between_devices() {
+    let Some(device) = other_device() else { return };
+    let cpu = NetworkDevice::cpu();
+    let weights = |stretches: &[(&NetworkDevice, u64)]| {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config { products: Products::F32, ..config(folder.path(), 6) };
+        let mut last = None;
+        for (device, stop) in stretches {
+            let summary = learn(&config, &[], device, *stop);
+            assert_eq!(summary.finished, *stop == u64::MAX);
+            last = summary.last;
+        }
+        let weights = Fusion::load(&folder.path().join("weights.safetensors")).unwrap();
+        let values: Vec<f32> = weights.parameters().into_iter().flat_map(|parameter| parameter.values).collect();
+        (values, last.unwrap().loss)
+    };
+    let (expected, loss) = weights(&[(&cpu, u64::MAX)]);
+    let (moved, other) = weights(&[(&cpu, 2), (&device, 4), (&cpu, u64::MAX)]);
+    let (whole, third) = weights(&[(&device, u64::MAX)]);
+    let differences = [apart(&moved, &expected), apart(&whole, &expected)];
+    println!("{device}: weights differ by {differences:?}, losses are {loss}, {other} and {third}");
+    // Weights are stored in half precision: they are at most 1, where its steps are 2^-11.
+    assert!(differences.iter().all(|difference| *difference < 2e-3), "{differences:?}");
+    assert!((loss - other).abs() < 1e-3 * loss && (loss - third).abs() < 1e-3 * loss, "{loss}, {other}, {third}");
 }
 
 /// A frame of a plane that fills its lower half.

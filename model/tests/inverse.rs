@@ -6,6 +6,7 @@ use half::f16;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use renderflow_frame::image::Rgb;
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::Record;
 use renderflow_model::fusion::record::at;
 use renderflow_model::fusion::training::Source;
@@ -17,7 +18,7 @@ use renderflow_model::inverse::{Inverse, InverseConfig, InverseNet};
 use renderflow_model::ops::Products;
 use renderflow_model::parameters;
 use renderflow_model::train::RunConfig;
-use renderflow_model::train::runner::{Objective, Progress, Validation};
+use renderflow_model::train::runner::{Objective, Progress, RunContext, Summary, Validation};
 use renderflow_model::train::sequences::Crop;
 use renderflow_model::weights::Precision;
 use std::path::Path;
@@ -84,13 +85,27 @@ fn config(output: &Path, steps: u64) -> Config {
     }
 }
 
+/// Trains, and stops after the step `stop`.
+fn learn(config: &Config, validation: &[Example], stop: u64) -> Summary {
+    let cancel = AtomicBool::new(false);
+    let progress = |progress: &Progress| {
+        if let Progress::Step(record) = progress
+            && record.step >= stop
+        {
+            cancel.store(true, Ordering::Relaxed);
+        }
+    };
+    let context = RunContext { device: &NetworkDevice::cpu(), progress: &progress, cancel: &cancel };
+    training::run(config, &Toy, None, validation, context).unwrap()
+}
+
 #[test]
 fn every_buffer_is_learned() {
     let folder = tempfile::tempdir().unwrap();
     let held_out = [toy(1000), toy(1001)].map(|record| Example::of(&record.to_half()));
     let config = config(folder.path(), 300);
     let before = validate(&Inverse::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
-    let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false)).unwrap();
+    let summary = learn(&config, &held_out, u64::MAX);
     assert!(summary.finished && summary.steps == 300);
     let after = validate(&Inverse::load(&summary.weights).unwrap(), &held_out).unwrap();
     assert!(after.psnr["albedo"] > before.psnr["albedo"] + 3.0, "{before:?} {after:?}");
@@ -111,15 +126,7 @@ fn stopped_runs_resume_exactly() {
         let folder = tempfile::tempdir().unwrap();
         let config = config(folder.path(), 20);
         for stop in stops.iter().copied().chain([u64::MAX]) {
-            let cancel = AtomicBool::new(false);
-            let watch = |progress: &Progress| {
-                if let Progress::Step(record) = progress
-                    && record.step >= stop
-                {
-                    cancel.store(true, Ordering::Relaxed);
-                }
-            };
-            let summary = training::run(&config, &Toy, None, &[], &watch, &cancel).unwrap();
+            let summary = learn(&config, &[], stop);
             assert_eq!(summary.finished, stop == u64::MAX);
         }
         std::fs::read(folder.path().join("weights.safetensors")).unwrap()

@@ -66,7 +66,11 @@ fn run(case: Case) -> Results {
 }
 
 fn run_by(products: Products, case: Case) -> Results {
-    let device = Device::flex().autodiff();
+    run_on(&Device::flex(), products, case)
+}
+
+fn run_on(device: &Device, products: Products, case: Case) -> Results {
+    let device = device.clone().autodiff();
     let rng = &mut Pcg64Mcg::seed_from_u64(7);
     macro_rules! collect {
         ($y:expr, $($input:ident),+) => {{
@@ -240,6 +244,25 @@ fn kernels_equal_the_composition_of_burn_operations() {
         }
     }
     println!("largest relative difference {worst:e}");
+}
+
+/// What a build for GPUs computes, on software where there is none.
+#[cfg(feature = "vulkan")]
+#[test]
+fn gpus_compute_the_same() {
+    use renderflow_model::device::NetworkDevice;
+    let _turn = alone();
+    let device = match NetworkDevice::open("opengl".parse().expect("a choice")) {
+        Ok(device) => device,
+        Err(error) => return println!("skipped: {error}"),
+    };
+    for case in cases() {
+        let (found, expected) = (run_on(device.device(), Products::F32, case), run(case));
+        for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            let difference = difference(found, expected);
+            assert!(difference < 1e-4, "{case:?}, result {i}: {difference} on {device}");
+        }
+    }
 }
 
 #[test]

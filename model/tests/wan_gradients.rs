@@ -55,7 +55,7 @@ fn weights_that_were_read_have_gradients() {
     let (vae, _) = load(empty, &Source::open(&path).expect("opens"), LoadOptions::default()).expect("fits");
     let moments = vae.moments(Tensor::zeros([1, 3, 5, 8, 8], &device)).expect("encodes");
     let mut found = weighed(moments).backward();
-    let gradients = parameters::gradients(&vae.encoder, &mut found);
+    let gradients = parameters::gradients(&vae.encoder, &mut found).expect("gradients");
     for (parameter, gradient) in parameters::export(&vae.encoder).iter().zip(gradients) {
         let gradient = gradient.unwrap_or_else(|| panic!("{} has no gradient", parameter.name));
         assert!(gradient.iter().all(|g| g.is_finite()), "{}", parameter.name);

@@ -8,8 +8,10 @@ use common::{clip, encoder, lpips_folder};
 use renderflow_frame::{DepthBounds, color, ibl};
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::renderer::{Options, Renderer};
 use renderflow_model::train::RunConfig;
+use renderflow_model::train::runner::RunContext;
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig};
 use renderflow_model::wan::pictures::{BridgeStart, EnvironmentView, Pictures};
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
@@ -170,8 +172,13 @@ fn weights_keep_the_start_of_their_bridge() {
             batches: vec![BatchConfig { size: SIZE, frames: 1, items: 1, weight: 1.0 }],
             ..Config::default()
         };
-        let summary = run(&config, &vec![clip(2, SIZE)], &|_| (), &AtomicBool::new(false)).expect("trains");
-        let renderer = WanRenderer::load(&summary.weights, Some(&file)).expect("renderer");
+        let summary = run(
+            &config,
+            &vec![clip(2, SIZE)],
+            RunContext { device: &NetworkDevice::cpu(), progress: &|_| (), cancel: &AtomicBool::new(false) },
+        )
+        .expect("trains");
+        let renderer = WanRenderer::load(&summary.weights, Some(&file), &NetworkDevice::cpu()).expect("renderer");
         assert_eq!(renderer.config().bridge_start, start);
         let text = serde_json::to_string(renderer.config()).expect("JSON");
         // Files of the paper's network stay as they were.

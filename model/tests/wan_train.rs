@@ -8,8 +8,10 @@ use common::checkpoint::edit_configuration;
 use common::{clip, encoder, lpips_folder};
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::lpips::Backbone;
 use renderflow_model::parameters::{self, to_vec};
+use renderflow_model::train::runner::RunContext;
 use renderflow_model::train::{Method, RunConfig};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
 use renderflow_model::wan::pictures::Kind;
@@ -48,8 +50,13 @@ fn autoencoder() -> Stage {
     Stage::Autoencoder { network: VaeConfig::tiny(), start: None, loss: Default::default() }
 }
 
+fn learn(config: &Config, clips: &[Clip]) -> renderflow_model::Result<Summary> {
+    let context = RunContext { device: &NetworkDevice::cpu(), progress: &|_| (), cancel: &AtomicBool::new(false) };
+    run(config, &clips.to_vec(), context)
+}
+
 fn train(config: &Config, clips: &[Clip]) -> Summary {
-    run(config, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).unwrap_or_else(|e| panic!("{e}"))
+    learn(config, clips).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Runs until `step` and stops.
@@ -60,7 +67,8 @@ fn interrupted(config: &Config, clips: &[Clip], step: u64) -> Summary {
             cancel.store(true, Ordering::Relaxed);
         }
     };
-    run(config, &clips.to_vec(), &stop, &cancel).unwrap_or_else(|e| panic!("{e}"))
+    run(config, &clips.to_vec(), RunContext { device: &NetworkDevice::cpu(), progress: &stop, cancel: &cancel })
+        .unwrap_or_else(|e| panic!("{e}"))
 }
 
 fn losses(folder: &Path) -> Vec<(u64, f32)> {
@@ -228,7 +236,7 @@ fn checkpoints_of_older_programs_are_resumed() {
     assert!(std::fs::read(whole.weights).expect("weights") == std::fs::read(parts.weights).expect("weights"));
     // Another method would read other moments.
     let muon = |settings: Config| Config { run: RunConfig { optimizer: Method::Muon, ..settings.run }, ..settings };
-    let error = run(&muon(settings("parts")), &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("another method");
+    let error = learn(&muon(settings("parts")), &clips).expect_err("another method");
     assert!(matches!(error, Error::Config { option: "optimizer", .. }), "{error}");
 }
 
@@ -264,7 +272,7 @@ fn every_stage_resumes() {
     assert_eq!(kept.len(), 2, "{kept:?}");
     kept.iter().for_each(|path| std::fs::write(path, b"not latents").expect("written"));
     let broken = small("latents")(config(&folder.path().join("broken"), with(decoded(&vae)), 4));
-    let error = run(&broken, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("broken latents");
+    let error = learn(&broken, &clips).expect_err("broken latents");
     assert!(kept.iter().any(|path| error.to_string().contains(&path.display().to_string())), "{error}");
 }
 
@@ -456,7 +464,13 @@ fn unusable_settings_and_data_are_named() {
     let clips = [clip(2, SIZE)];
     let vae = some_autoencoder(folder.path(), 1, &clips);
     let fails = |config: &Config, clips: &[Clip]| {
-        run(config, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("not usable").to_string()
+        run(
+            config,
+            &clips.to_vec(),
+            RunContext { device: &NetworkDevice::cpu(), progress: &|_| (), cancel: &AtomicBool::new(false) },
+        )
+        .expect_err("not usable")
+        .to_string()
     };
     let good = config(&folder.path().join("runs"), base(&vae), 1);
     let kinds = |size, frames| vec![BatchConfig { size, frames, items: 1, weight: 1.0 }];
@@ -502,13 +516,8 @@ fn unusable_settings_and_data_are_named() {
     assert!(error.contains("holds another network than the renderer"), "{error}");
     let still = Config { batches: kinds(32, 1), ..good };
     train(&still, &clips);
-    let error = run(
-        &Config { run: RunConfig { seed: 9, ..still.run.clone() }, ..still },
-        &clips.to_vec(),
-        &|_| (),
-        &AtomicBool::new(false),
-    )
-    .expect_err("another seed");
+    let other = Config { run: RunConfig { seed: 9, ..still.run.clone() }, ..still };
+    let error = learn(&other, &clips).expect_err("another seed");
     assert!(matches!(error, Error::Config { option: "seed", .. }), "{error}");
 }
 

@@ -7,6 +7,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use common::clip;
 use common::sequence::{Bounded, Memory, SIDE};
 use renderflow_frame::{DepthBounds, Light};
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::parameters::{self, to_vec};
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
 use renderflow_model::wan::flow::{Conditions, Intrinsic, InverseConfig, KeyframeConfig, KeyframeLatent};
@@ -437,7 +438,9 @@ fn a_file_tells_which_network_renders() {
     let (flow, vae, header) = networks(&config);
     let file = path("flow.safetensors");
     save(&file, &flow, &header, Precision::F32, Naming::Diffusers).expect("saves");
-    let open = |path: &std::path::Path, file: Option<&std::path::Path>| open_renderer(path, Autoencoder { file, tile: None });
+    let open = |path: &std::path::Path, file: Option<&std::path::Path>| {
+        open_renderer(path, Autoencoder { file, tile: None }, &NetworkDevice::cpu())
+    };
     let refusal = |path: &std::path::Path, vae: Option<&std::path::Path>| match open(path, vae) {
         Ok(_) => panic!("must be refused"),
         Err(error) => error.to_string(),
@@ -457,7 +460,7 @@ fn a_file_tells_which_network_renders() {
     assert!(all(&*opened, &sequence, Options::default()) == expected);
     assert!(all(&*open(&file, Some(&path(AUTOENCODER_FILE))).expect("opens"), &sequence, Options::default()) == expected);
     // A tile as large as the picture changes nothing; there are no smaller ones than four latent pixels.
-    let tiled = |tile| open_renderer(&file, Autoencoder { file: None, tile: Some(tile) });
+    let tiled = |tile| open_renderer(&file, Autoencoder { file: None, tile: Some(tile) }, &NetworkDevice::cpu());
     assert!(all(&*tiled(32).expect("opens"), &sequence, Options::default()) == expected);
     assert!(tiled(31).is_err_and(|error| error.to_string().contains("four")));
     // Another autoencoder, and an autoencoder where the renderer should be.

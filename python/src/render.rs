@@ -12,6 +12,7 @@ use renderflow::util::cancel::Cancel;
 use renderflow_frame::Frame;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::{compact, frame_file};
+use renderflow_model::device::NetworkDevice;
 use renderflow_renderer::deferred::{Deferred, Options, shade, shadow_maps};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
 use serde_json::Value;
@@ -74,7 +75,8 @@ pub fn gbuffer<'py>(py: Python<'py>, scene: &Scene, frame: u32, options: &str) -
 
 /// The G-buffer of the frame at which `scene` stands.
 fn features(scene: &RenderScene, options: &Settings, cancel: &Cancel) -> anyhow::Result<Frame> {
-    TruthSettings::new(Settings { spp: 0, ..*options }, Denoise::None)?.ensure_memory(scene, Profile::Full)?;
+    TruthSettings::new(Settings { spp: 0, ..*options }, Denoise::None, &NetworkDevice::cpu())?
+        .ensure_memory(scene, Profile::Full)?;
     let made = render_gbuffer_until(scene, options, cancel);
     cancel.check()?;
     Ok(made?)

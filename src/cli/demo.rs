@@ -79,7 +79,7 @@ impl Demo {
         let lpips = super::evaluate::lpips()?;
         let wanted = Wanted { seed: self.seed, composed: SCENE, resolution: Some(self.resolution), frames: Some(self.frames) };
         let (scene, base) = self.scene.describe(allowed, &wanted)?;
-        let settings = TruthSettings::new(self.trace.settings(SAMPLES), self.trace.denoise)?;
+        let settings = TruthSettings::new(self.trace.settings(SAMPLES), self.trace.denoise, &networks.device)?;
 
         let progress = Progress::new("path tracing", u64::from(scene.frames) * 1000);
         let folder = self.out.join("sequence");

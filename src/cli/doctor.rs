@@ -1,6 +1,7 @@
 use crate::util::machine;
 use anyhow::Result;
 use clap::Args;
+use renderflow_model::device::{self, FoundDevice};
 use renderflow_model::fusion::Fusion;
 use renderflow_model::inverse::Inverse;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
@@ -29,6 +30,8 @@ struct Findings {
     network: Network,
     /// The network inside the program that inverts pictures.
     inverse: Network,
+    /// GPUs that networks can run on; empty in a build for the processor alone.
+    gpus: Vec<FoundDevice>,
     processor: String,
     cores: usize,
     /// Widest vector instructions that are used.
@@ -37,6 +40,13 @@ struct Findings {
     memory: Option<u64>,
     /// Bytes that are free in the current folder; `null` where the system does not tell.
     disk: Option<u64>,
+}
+
+/// A GPU for a user: how it is chosen, what it is, and why it cannot be used.
+fn shown(gpu: &FoundDevice) -> String {
+    let driver = if gpu.driver.is_empty() { String::new() } else { format!(", {}", gpu.driver) };
+    let problem = gpu.problem.as_ref().map_or(String::new(), |problem| format!(" (cannot be used: {problem})"));
+    format!("{}: {}{driver}{problem}", gpu.choice, gpu.name)
 }
 
 /// Intel Open Image Denoise.
@@ -112,6 +122,7 @@ impl Findings {
             lpips: [Backbone::Alex, Backbone::Squeeze].map(weights).into(),
             network: Network::of(Fusion::shipped().map(|network| network.header().steps)),
             inverse: Network::of(Inverse::shipped().map(|network| network.header().steps)),
+            gpus: device::found(),
             processor: machine::processor(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             simd: Level::best().name(),
@@ -134,12 +145,18 @@ impl Findings {
             [] => self.lpips.iter().map(|weights| weights.file.display().to_string()).collect::<Vec<_>>().join(", "),
             missing => format!("missing: {} ({WEIGHTS_VARIABLE} names their folder)", missing.join(", ")),
         };
+        let gpus = match self.gpus.as_slice() {
+            [] if cfg!(any(feature = "vulkan", feature = "cuda")) => "none are found".to_owned(),
+            [] => "this build runs networks on the processor (--features vulkan builds one for GPUs)".to_owned(),
+            gpus => gpus.iter().map(shown).collect::<Vec<String>>().join("; "),
+        };
         vec![
             ("version", self.version.to_owned()),
             ("denoiser", denoiser),
             ("network", self.network.shown()),
             ("inverse", self.inverse.shown()),
             ("LPIPS", lpips),
+            ("GPUs", gpus),
             ("processor", format!("{}, {} cores, {}", self.processor, self.cores, self.simd)),
             ("memory", format!("{} available", size(self.memory))),
             ("disk", format!("{} free in the current folder", size(self.disk))),

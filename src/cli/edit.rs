@@ -84,7 +84,7 @@ impl Edit {
         }
         let lpips = super::evaluate::lpips()?;
         let (edits, base) = self.edits(allowed)?;
-        let settings = TruthSettings::new(self.trace.settings(SAMPLES), self.trace.denoise)?;
+        let settings = TruthSettings::new(self.trace.settings(SAMPLES), self.trace.denoise, &networks.device)?;
         let named: Vec<PathBuf> = base.folders().map(Path::to_owned).collect();
         let options = run::Options {
             rendering: renderer::Options { max_bounces: self.trace.max_bounces, allowed: &named, ..networks.rendering(&methods) },

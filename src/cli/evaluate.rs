@@ -2,7 +2,7 @@ use super::AllWeightsArgs;
 use crate::evaluate::find::find;
 use crate::evaluate::method::{Method, help};
 use crate::evaluate::renderer::{self, Drawing};
-use crate::evaluate::{autoencoder, external, inverse, results::Results, run};
+use crate::evaluate::{autoencoder, external, inverse, relight, results::Results, run};
 use crate::metrics::Networks;
 use crate::report::table;
 use crate::util::cancel::Cancel;
@@ -49,6 +49,8 @@ pub struct Evaluate {
 enum Part {
     /// Measure recovered albedo, normals, depth and material
     Inverse(inverse::Options),
+    /// Invert pictures, turn their light, and compare with path tracing under the turned light
+    Relight(relight::Options),
     /// Measure what an autoencoder of the paper's network loses, by kind of picture and by frame of a clip
     Autoencoder(autoencoder::Options),
 }
@@ -57,6 +59,7 @@ impl Evaluate {
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         match self.part {
             Some(Part::Inverse(options)) => options.run(cancel),
+            Some(Part::Relight(options)) => options.run(allowed, cancel),
             Some(Part::Autoencoder(options)) => options.run(cancel),
             None => self.pictures.run(allowed, cancel),
         }

@@ -4,6 +4,7 @@ use crate::evaluate::method::Method;
 use crate::evaluate::method::tracing::{Clean, Neighbours};
 use crate::evaluate::renderer::{self, MethodRenderer};
 use crate::util::cancel::Cancel;
+use crate::util::device;
 use crate::util::output::Claim;
 use crate::util::picture;
 use crate::util::progress::Progress;
@@ -88,6 +89,8 @@ struct Record {
     method: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     max_bounces: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
 }
 
 /// For serde.
@@ -98,12 +101,13 @@ fn is_zero(seed: &u64) -> bool {
 impl Infer {
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let dataset = Dataset::open(&self.data)?;
-        let weights = match (self.weights.fusion()?, &self.weights.weights) {
+        let device = self.weights.device.open()?;
+        let weights = match (self.weights.fusion(&device)?, &self.weights.weights) {
             (None, Some(weights)) => weights,
             (fusion, _) => return self.with_scene(&dataset, &fusion.context("no weights")?, allowed, cancel),
         };
         ensure!(self.rays.is_none(), "--rays: these weights are of a network that reads no samples");
-        let renderer = self.weights.wan(weights)?;
+        let renderer = self.weights.wan(weights, &device)?;
         let claim = self.claim(&*renderer)?;
         for sequence in &dataset.sequences {
             ready(sequence).with_context(|| sequence.folder.display().to_string())?;
@@ -154,6 +158,7 @@ impl Infer {
             tile: None,
             method: id,
             max_bounces: self.rays.map(|_| self.max_bounces),
+            device: device::recorded(&self.weights.device.get()?),
         };
         let claim = Claim::new(&self.out, RECORD, &record, OTHERS)?;
         for sequence in &dataset.sequences {
@@ -206,6 +211,7 @@ impl Infer {
             tile: self.weights.tile,
             method: String::new(),
             max_bounces: None,
+            device: device::recorded(&self.weights.device.get()?),
         };
         Claim::new(&self.out, RECORD, &record, OTHERS)
     }

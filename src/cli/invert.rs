@@ -4,6 +4,7 @@ use crate::dataset::{Dataset, Sequence};
 use crate::evaluate::inverter::{Inverter, WanOptions};
 use crate::metrics::intrinsics::Buffers;
 use crate::util::cancel::Cancel;
+use crate::util::device;
 use crate::util::output::Claim;
 use crate::util::progress::Progress;
 use crate::util::{files, picture};
@@ -78,6 +79,8 @@ struct Record {
     exposure: f32,
     exr: bool,
     tile: Option<usize>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
 }
 
 /// A picture to invert.
@@ -101,7 +104,7 @@ impl Invert {
             None => self.files()?,
         };
         let options = WanOptions { vae: self.weights.vae.as_deref(), tile: self.weights.tile };
-        let network = Inverter::open(self.weights.weights.as_deref(), options)?;
+        let network = Inverter::open(self.weights.weights.as_deref(), options, &self.weights.device.open()?)?;
         if let Inverter::Compact(_) = network {
             for (flag, given) in [("--clip", self.clip.is_some()), ("--steps", self.steps.is_some())] {
                 ensure!(!given, "{flag} is an option of the paper's network, whose weights --weights names");
@@ -136,6 +139,7 @@ impl Invert {
         let record = Record {
             weights: self.weights.digests()?,
             tile: self.weights.tile,
+            device: device::recorded(&self.weights.device.get()?),
             only: only.to_vec(),
             clip: self.clip.unwrap_or(1),
             steps: self.steps.unwrap_or(1),

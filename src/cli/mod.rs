@@ -28,11 +28,13 @@ mod weights;
 use crate::dataset::denoise::Denoise;
 use crate::evaluate::method::Method;
 use crate::evaluate::renderer;
+use crate::util::device::{self, DeviceArgs};
 use crate::util::ranges::within;
 use crate::util::{files, stop};
 use anyhow::{Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
@@ -220,21 +222,22 @@ struct WeightsArgs {
     /// and pixels near their edges change slightly
     #[arg(long, requires = "weights")]
     tile: Option<usize>,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 impl WeightsArgs {
     /// The network that reads samples, if the options choose it.
-    fn fusion(&self) -> Result<Option<Fusion>> {
-        Ok(match &self.weights {
-            None => Some(Fusion::shipped()?),
-            Some(path) if Fusion::recognises(path) => Some(Fusion::load(path)?),
-            Some(_) => None,
-        })
+    fn fusion(&self, device: &NetworkDevice) -> Result<Option<Fusion>> {
+        match &self.weights {
+            Some(path) if !Fusion::recognises(path) => Ok(None),
+            weights => Ok(Some(fusion(weights.as_deref(), device)?)),
+        }
     }
 
     /// The paper's network in the file at `weights`.
-    fn wan(&self, weights: &Path) -> Result<Box<dyn Renderer>> {
-        Ok(wan::open(weights, Autoencoder { file: self.vae.as_deref(), tile: self.tile })?)
+    fn wan(&self, weights: &Path, device: &NetworkDevice) -> Result<Box<dyn Renderer>> {
+        Ok(wan::open(weights, Autoencoder { file: self.vae.as_deref(), tile: self.tile }, device)?)
     }
 
     /// BLAKE3 of every weights file; empty for the weights inside the program.
@@ -243,6 +246,11 @@ impl WeightsArgs {
         let wan = WanRenderer::recognises(path).then(|| self.vae.clone().unwrap_or_else(|| parent(path).join(AUTOENCODER_FILE)));
         std::iter::once(path).chain(&wan).map(|path| files::hash(path)).collect()
     }
+}
+
+/// The network that reads samples, in the file `weights` or inside the program, on a device.
+fn fusion(weights: Option<&Path>, device: &NetworkDevice) -> Result<Fusion> {
+    Ok(weights.map_or_else(Fusion::shipped, Fusion::load)?.to(device)?)
 }
 
 /// Weights of both networks, for a comparison.
@@ -256,6 +264,8 @@ struct AllWeightsArgs {
     /// Weights of the autoencoder of the paper's network. Without it, vae.safetensors beside the network's own weights is used
     #[arg(long, requires = "weights")]
     vae: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 /// The networks that make the rows of a comparison.
@@ -264,20 +274,23 @@ struct Networks {
     fusion: Option<Fusion>,
     /// The paper's.
     wan: Option<Box<dyn Renderer>>,
+    /// Where they run.
+    device: NetworkDevice,
 }
 
 impl AllWeightsArgs {
     /// Opens the networks that `methods` need. The one inside the program stands in where no file holds the network that reads
     /// samples.
     fn open(&self, methods: &[Method]) -> Result<Networks> {
-        let mut networks = Networks { fusion: None, wan: None };
+        let device = self.device.open()?;
+        let mut networks = Networks { fusion: None, wan: None, device };
         for path in &self.weights {
             let twice = || format!("{}: --weights names two networks of this kind", path.display());
             if Fusion::recognises(path) {
-                ensure!(networks.fusion.replace(Fusion::load(path)?).is_none(), twice());
+                ensure!(networks.fusion.replace(fusion(Some(path), &networks.device)?).is_none(), twice());
             } else {
                 let autoencoder = Autoencoder { file: self.vae.as_deref(), tile: None };
-                ensure!(networks.wan.replace(wan::open(path, autoencoder)?).is_none(), twice());
+                ensure!(networks.wan.replace(wan::open(path, autoencoder, &networks.device)?).is_none(), twice());
             }
         }
         if let Some(vae) = self.vae.as_ref().filter(|_| networks.wan.is_none()) {
@@ -286,7 +299,7 @@ impl AllWeightsArgs {
         if !methods.iter().any(Method::is_neural) {
             networks.fusion = None;
         } else if networks.fusion.is_none() {
-            networks.fusion = Some(Fusion::shipped()?);
+            networks.fusion = Some(fusion(None, &networks.device)?);
         }
         if !methods.iter().any(Method::is_wan) {
             networks.wan = None;
@@ -305,7 +318,7 @@ impl Networks {
     fn settings(&self) -> Vec<(String, String)> {
         let fusion = self.fusion.as_ref().and_then(|fusion| serde_json::to_string(fusion.header()).ok());
         let wan = self.wan.as_ref().map(|wan| wan.about().header);
-        let named = [("network", fusion), ("network (wan)", wan)];
+        let named = [("network", fusion), ("network (wan)", wan), ("device", device::recorded(&self.device))];
         named.into_iter().filter_map(|(name, header)| Some((name.to_owned(), header?))).collect()
     }
 }

@@ -1,9 +1,9 @@
 use super::OpenArgs;
 use crate::paper::{self, Part, Scale};
 use crate::util::cancel::Cancel;
+use crate::util::device::DeviceArgs;
 use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
-use renderflow_model::fusion::Fusion;
 use std::path::PathBuf;
 
 /// Runs the paper's experiments on data of this program: it renders the data, trains the paper's network in all the forms that
@@ -33,6 +33,8 @@ pub struct Paper {
     /// Weights of the network that reads samples. Without it, the weights inside the program are used
     #[arg(long, help_heading = "Network")]
     weights: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Folder to write to
     #[arg(long, short, help_heading = "Output")]
     out: PathBuf,
@@ -48,10 +50,7 @@ impl Paper {
         ensure!(self.minutes.is_finite() && self.minutes > 0.0, "--minutes: {} is not a positive number", self.minutes);
         ensure!(self.resolution.is_multiple_of(32), "--resolution: {} is no multiple of 32", self.resolution);
         let lpips = super::evaluate::lpips()?;
-        let fusion = match &self.weights {
-            Some(path) => Fusion::load(path)?,
-            None => Fusion::shipped()?,
-        };
+        let fusion = super::fusion(self.weights.as_deref(), &self.device.open()?)?;
         let scale = if self.smoke { Scale::smoke() } else { Scale::whole(self.minutes, self.resolution) };
         let parts = if self.only.is_empty() { Part::value_variants() } else { &self.only };
         let options = paper::Options { parts, scale: &scale, fusion: &fusion, lpips: &lpips };

@@ -6,6 +6,7 @@ use crate::dataset::job::{SequenceJob, TruthSettings};
 use crate::dataset::layout::{ANIMATION, SHEET};
 use crate::dataset::plan::{Keyframes, Plan};
 use crate::util::cancel::Cancel;
+use crate::util::device::DeviceArgs;
 use crate::util::output;
 use crate::util::picture;
 use crate::util::progress::Progress;
@@ -51,6 +52,8 @@ pub struct Render {
     frames: Option<u32>,
     #[command(flatten)]
     trace: TraceArgs,
+    #[command(flatten)]
+    device: DeviceArgs,
     #[command(flatten)]
     adaptive: AdaptiveArgs,
     /// Form of the BRDF: energy-conserving, or with the formulae as Burley published them
@@ -268,7 +271,7 @@ impl Render {
             irradiance: self.irradiance,
             ..usual
         };
-        let mut settings = TruthSettings::new(render, self.trace.denoise)?;
+        let mut settings = TruthSettings::new(render, self.trace.denoise, &self.device.open()?)?;
         (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);
         let viewer = self.tev.as_deref().map(Tev::connect).transpose()?;
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));

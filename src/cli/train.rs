@@ -10,6 +10,7 @@ mod wan;
 
 use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::device::DeviceArgs;
 use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -98,6 +99,8 @@ pub struct Train {
     /// Memory for the training data of the paper's network, MiB
     #[arg(long, help_heading = "Training")]
     cache_mib: Option<usize>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Print the configuration as JSON and exit
     #[arg(long, help_heading = "Output")]
     print_config: bool,
@@ -179,6 +182,7 @@ impl Train {
             println!("{}", serde_json::to_string_pretty(&configuration)?);
             return Ok(());
         }
+        self.device.open()?;
         match configuration {
             Configuration::Fusion(options) => self.sequences(&options, allowed, cancel),
             Configuration::Inverse(options) => self.sequences(&options, allowed, cancel),

@@ -4,11 +4,11 @@ use super::OpenArgs;
 use super::scene::{SceneArgs, Wanted, any_resolution};
 use crate::util::cancel::Cancel;
 use crate::util::console;
+use crate::util::device::DeviceArgs;
 use crate::util::ranges::Resolution;
 use crate::view;
 use anyhow::{Result, ensure};
 use clap::Args;
-use renderflow_model::fusion::Fusion;
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
@@ -40,6 +40,8 @@ pub struct View {
     /// Weights of the network; those inside the program without it
     #[arg(long, value_name = "FILE", help_heading = "Network")]
     weights: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Port of the page; 0 takes a free one
     #[arg(long, default_value_t = 0, help_heading = "Output")]
     port: u16,
@@ -54,10 +56,7 @@ impl View {
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let wanted = Wanted { seed: self.seed, composed: COMPOSED, resolution: self.resolution, frames: self.frames };
         let (scene, reach) = self.scene.describe(allowed, &wanted)?;
-        let network = match &self.weights {
-            Some(path) => Fusion::load(path)?,
-            None => Fusion::shipped()?,
-        };
+        let network = super::fusion(self.weights.as_deref(), &self.device.open()?)?;
         let opened = |address: &str| {
             println!("{address}");
             ensure!(!console::is_closed(), "nobody reads the address of the page: standard output is closed");

@@ -21,6 +21,7 @@ use renderflow_frame::frame_file::{self, Profile};
 use renderflow_frame::reach::Reach;
 use renderflow_frame::tracks::Tracks;
 use renderflow_frame::{Frame, exr, file, hdr, transforms};
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::Fusion;
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{
@@ -54,12 +55,12 @@ pub struct TruthSettings {
 }
 
 impl TruthSettings {
-    /// Opens the denoiser that `mode` asks for. Without samples there is nothing to denoise.
+    /// Opens the denoiser that `mode` asks for; `device` is that of the network. Without samples there is nothing to denoise.
     ///
     /// # Errors
     /// When the mode asks for a denoiser that is not found.
-    pub fn new(render: Settings, mode: Denoise) -> Result<Self> {
-        let denoiser = if render.spp == 0 { None } else { Cleaner::open(mode, &render)? };
+    pub fn new(render: Settings, mode: Denoise, device: &NetworkDevice) -> Result<Self> {
+        let denoiser = if render.spp == 0 { None } else { Cleaner::open(mode, &render, device)? };
         Ok(Self { render, sample_map: None, shutter: None, distance: false, watch: None, denoiser })
     }
 
@@ -69,8 +70,8 @@ impl TruthSettings {
     /// As [`Self::new`].
     pub fn quiet(render: Settings, mode: Denoise) -> Result<Self> {
         match mode {
-            Denoise::Auto if Denoiser::new().is_err() => Self::new(render, Denoise::None),
-            mode => Self::new(render, mode),
+            Denoise::Auto if Denoiser::new().is_err() => Self::new(render, Denoise::None, &NetworkDevice::cpu()),
+            mode => Self::new(render, mode, &NetworkDevice::cpu()),
         }
     }
 

@@ -21,6 +21,7 @@ use crate::util::progress::Progress;
 use anyhow::{Context, Result, bail};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::{self, Profile};
+use renderflow_model::device::NetworkDevice;
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::procedural::Composed;
 use std::collections::HashSet;
@@ -53,7 +54,7 @@ struct Qualities {
 impl Qualities {
     fn new(plan: &Plan) -> Result<Self> {
         let settings = |spp: u32| -> Result<TruthSettings> {
-            let mut settings = TruthSettings::new(plan.render.settings(spp), plan.render.denoise)?;
+            let mut settings = TruthSettings::new(plan.render.settings(spp), plan.render.denoise, &NetworkDevice::cpu())?;
             settings.distance = plan.render.distance;
             Ok(settings)
         };

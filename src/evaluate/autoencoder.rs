@@ -3,6 +3,7 @@
 use super::find;
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
+use crate::util::device::DeviceArgs;
 use crate::util::progress::Progress;
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -24,6 +25,8 @@ pub struct Options {
     /// Weights of the autoencoder, of this program or published ones
     #[arg(long)]
     vae: PathBuf,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Test sets, a dataset, a split of it, or one sequence
     #[arg(long)]
     data: PathBuf,
@@ -53,7 +56,7 @@ struct Set {
 impl Options {
     /// Measures and prints.
     pub fn run(self, cancel: &Cancel) -> Result<()> {
-        let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), &Default::default())?;
+        let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), self.device.open()?.device())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
         for test in find::find(&self.data)? {
             sets.entry(test.set).or_default().sequences.push(test.sequence);

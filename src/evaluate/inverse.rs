@@ -8,6 +8,7 @@ use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
 use crate::metrics::{Networks, median};
 use crate::util::cancel::Cancel;
+use crate::util::device::DeviceArgs;
 use crate::util::picture;
 use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
@@ -45,6 +46,8 @@ pub struct Options {
     /// Buffers that another method recovered
     #[arg(long)]
     buffers: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Test sets, a dataset, a split of it, or one sequence
     #[arg(long)]
     data: PathBuf,
@@ -159,7 +162,7 @@ impl Options {
         let method = match &self.buffers {
             None => {
                 let options = WanOptions { vae: self.vae.as_deref(), tile: None };
-                Method::Network(Inverter::open(self.weights.as_deref(), options)?)
+                Method::Network(Inverter::open(self.weights.as_deref(), options, &self.device.open()?)?)
             }
             Some(folder) => Method::Folder(folder),
         };

@@ -4,6 +4,7 @@ use crate::metrics::intrinsics::Buffers;
 use anyhow::{Result, ensure};
 use renderflow_frame::Image;
 use renderflow_frame::image::Rgb;
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::inverse::{Found, Inverse};
 use renderflow_model::wan::flow::Intrinsic;
 use renderflow_model::wan::video::WanRenderer;
@@ -27,11 +28,11 @@ pub struct WanOptions<'a> {
 }
 
 impl Inverter {
-    /// Opens the network in a file, which says which network it is, or the one inside the program.
+    /// Opens the network in a file, which says which network it is, or the one inside the program, on a device.
     ///
     /// # Errors
     /// When the file holds no network that inverts, or when an option is not one of its network.
-    pub fn open(weights: Option<&Path>, options: WanOptions) -> Result<Self> {
+    pub fn open(weights: Option<&Path>, options: WanOptions, device: &NetworkDevice) -> Result<Self> {
         let path = match weights {
             Some(path) if !Inverse::recognises(path) => path,
             found => {
@@ -39,10 +40,10 @@ impl Inverter {
                     ensure!(!given, "{flag} is an option of the paper's network, whose weights --weights names");
                 }
                 let network = found.map_or_else(Inverse::shipped, Inverse::load)?;
-                return Ok(Self::Compact(Box::new(network)));
+                return Ok(Self::Compact(Box::new(network.to(device)?)));
             }
         };
-        let renderer = WanRenderer::load(path, options.vae)?;
+        let renderer = WanRenderer::load(path, options.vae, device)?;
         ensure!(renderer.inverts(), "{}: has no inverse adapter", path.display());
         Ok(Self::Wan(Box::new(match options.tile {
             Some(pixels) => renderer.tiled(pixels)?,

@@ -1,5 +1,6 @@
 //! Compares pictures with path-traced truth, by metrics and seconds: every method on every frame of test sequences, or anybody's
-//! pictures. [`inverse`] measures recovered buffers, and [`autoencoder`] what an autoencoder loses.
+//! pictures. [`inverse`] measures recovered buffers, [`relight`] what they show under another light, and [`autoencoder`] what an
+//! autoencoder loses.
 
 pub mod autoencoder;
 pub mod external;
@@ -7,6 +8,7 @@ pub mod find;
 pub mod inverse;
 pub mod inverter;
 pub mod method;
+pub mod relight;
 pub mod renderer;
 pub mod results;
 pub mod run;

@@ -18,6 +18,7 @@ use renderflow_frame::file;
 use renderflow_model::data::ClipSource;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
+use renderflow_model::train::runner::RunContext;
 use renderflow_model::wan::train::{self, Config};
 use renderflow_model::wan::{self, Autoencoder};
 use serde::{Deserialize, Serialize};
@@ -147,7 +148,9 @@ impl<'a> Lab<'a> {
             train::Progress::Validated(_) => {}
         };
         let source: &dyn ClipSource = &dataset;
-        let summary = train::run(config, source, &tell, self.cancel).with_context(|| format!("training {}", run.name()))?;
+        let summary =
+            train::run(config, source, RunContext { device: self.fusion.device(), progress: &tell, cancel: self.cancel })
+                .with_context(|| format!("training {}", run.name()))?;
         if !summary.finished {
             return Err(Interrupted.into());
         }
@@ -160,7 +163,7 @@ impl<'a> Lab<'a> {
     /// The renderer of a run.
     pub fn renderer(&self, run: Run) -> Result<Box<dyn Renderer>> {
         let (autoencoder, trained) = (self.train(Run::Autoencoder)?.weights(), self.train(run)?.weights());
-        Ok(wan::open(&trained, Autoencoder { file: Some(&autoencoder), tile: None })?)
+        Ok(wan::open(&trained, Autoencoder { file: Some(&autoencoder), tile: None }, self.fusion.device())?)
     }
 
     /// The sequences of `data`, with keyframes `gap` frames apart if that is given.

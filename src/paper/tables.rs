@@ -184,8 +184,8 @@ fn inverse(lab: &Lab) -> Result<Table> {
     let autoencoder = lab.train(Run::Autoencoder)?.weights();
     let trained = lab.train(Run::Inverse)?.weights();
     let options = WanOptions { vae: Some(&autoencoder), tile: None };
-    let wan = Inverter::open(Some(&trained), options)?;
-    let own = Inverter::open(None, WanOptions::default())?;
+    let wan = Inverter::open(Some(&trained), options, lab.fusion.device())?;
+    let own = Inverter::open(None, WanOptions::default(), lab.fusion.device())?;
     let tests = lab.sequences(Data::Test, None)?;
     for (label, network, paper) in [("RenderFlow", wan, "26.93 / .153 / 16.2 degrees / material .084"), ("our network", own, "")]
     {
@@ -420,7 +420,7 @@ fn editing(lab: &Lab) -> Result<Table> {
     let steps = lab.scale.edit;
     let edits = sweep::published([lab.scale.side; 2]);
     let denoise = if renderflow_renderer::denoise::Denoiser::new().is_ok() { Denoise::Oidn } else { Denoise::None };
-    let settings = TruthSettings::new(Settings { spp: lab.scale.spp[1], ..Settings::default() }, denoise)?;
+    let settings = TruthSettings::new(Settings { spp: lab.scale.spp[1], ..Settings::default() }, denoise, lab.fusion.device())?;
     let base = lab.out.join("data/edits");
     let swept = sweep::render(&edits, steps, &Reach::folder("."), &base, &settings, lab.cancel)?;
     let test = |(class, sequence)| TestSequence { set: "edit".into(), class, sequence };

@@ -5,6 +5,7 @@ pub mod console;
 
 pub mod cancel;
 pub mod clock;
+pub mod device;
 pub mod files;
 pub mod log;
 pub mod machine;

@@ -5,7 +5,7 @@ use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
 use super::record::{Record, Selection, Stored};
 use crate::network::trained::{Described, Trained};
 use crate::ops::Products;
-use crate::parameters::to_vec;
+use crate::parameters::read;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
@@ -31,6 +31,11 @@ static SHIPPED: Option<&[u8]> = None;
 const TILE: usize = 768;
 /// Number of pixels in the largest window that the network works on at a time.
 pub const TILE_PIXELS: usize = (TILE + 2 * MARGIN) * (TILE + 2 * MARGIN);
+/// Columns and rows of the smallest tile that is tried on a device with little memory.
+const SMALLEST_TILE: usize = 96;
+/// How many times the memory of the input a device needs for one tensor, at least: the inner products of a convolution are the
+/// largest.
+const TENSOR_PER_INPUT: usize = 4;
 /// Largest distance in pixels of an input that a pixel depends on, rounded up to a [`MULTIPLE`]: 44 on the way down, 30 on the
 /// way up, and 11 for the kernels.
 const MARGIN: usize = 96;
@@ -76,12 +81,29 @@ impl Trained<FusionNet> {
     }
 
     /// Renders the frame of a record from the selected inputs. Large pictures are rendered in tiles; their margins cover
-    /// everything that the network reads, so the result does not depend on the tiles.
+    /// everything that the network reads, so the result does not depend on the tiles. Where a device runs out of memory, smaller
+    /// tiles are tried.
     ///
     /// # Errors
-    /// When the record is empty.
+    /// When the record is empty, and when the device fails.
     pub fn draw<T: Stored>(&self, record: &Record<T>, selection: &Selection) -> Result<Vec<[f32; 3]>> {
-        self.draw_in_tiles(record, selection, TILE)
+        let mut side = self.largest_tile(selection.groups.channels());
+        loop {
+            match self.draw_in_tiles(record, selection, side) {
+                Err(Error::Device { .. }) if side > SMALLEST_TILE => side = (side / 2).next_multiple_of(MULTIPLE),
+                drawn => return drawn,
+            }
+        }
+    }
+
+    /// Side of the largest tile whose tensors the device takes.
+    fn largest_tile(&self, channels: usize) -> usize {
+        let bytes = |side: usize| (TENSOR_PER_INPUT * size_of::<f32>() * channels * (side + 2 * MARGIN).pow(2)) as u64;
+        let mut side = TILE;
+        while side > SMALLEST_TILE && bytes(side) > self.device.largest_tensor() {
+            side = (side / 2).next_multiple_of(MULTIPLE);
+        }
+        side
     }
 
     /// [`Self::draw`] in tiles of `side` columns and rows, a multiple of [`MULTIPLE`].
@@ -98,7 +120,7 @@ impl Trained<FusionNet> {
                 let end =
                     |end: usize, whole: usize| (end + MARGIN).min(whole.next_multiple_of(MULTIPLE)).next_multiple_of(MULTIPLE);
                 let window = Window { x, y, width: end(right, width) - x, height: end(bottom, height) - y };
-                let drawn = self.draw_window(record, selection, window);
+                let drawn = self.draw_window(record, selection, window)?;
                 for row in top..bottom {
                     let from = (row - y) * window.width + left - x;
                     picture[row * width + left..row * width + right].copy_from_slice(&drawn[from..from + right - left]);
@@ -108,12 +130,12 @@ impl Trained<FusionNet> {
         Ok(picture)
     }
 
-    fn draw_window<T: Stored>(&self, record: &Record<T>, selection: &Selection, window: Window) -> Vec<[f32; 3]> {
+    fn draw_window<T: Stored>(&self, record: &Record<T>, selection: &Selection, window: Window) -> Result<Vec<[f32; 3]>> {
         let mut batch = Batch::of(record, window, selection, &Augmentation::NONE);
-        let outputs = forward(&self.network, self.products, &mut batch, &self.device);
-        let fine = to_vec(outputs.fine);
-        let coarse = outputs.coarse.map(to_vec).unwrap_or_default();
-        batch.picture(0, &fine, &coarse).draw().0
+        let outputs = forward(&self.network, self.products, &mut batch, self.device.device());
+        let fine = read(outputs.fine)?;
+        let coarse = outputs.coarse.map(read).transpose()?.unwrap_or_default();
+        Ok(batch.picture(0, &fine, &coarse).draw().0)
     }
 }
 
@@ -152,7 +174,7 @@ mod tests {
         let whole = fusion.draw_in_tiles(&record, &selection, 256).expect("a picture");
         assert!(whole == fusion.draw_in_tiles(&record, &selection, 64).expect("a picture"));
         let narrow = |x: usize| Window { x, y: 0, width: 256 - x, height: 240 };
-        let without_margin = fusion.draw_window(&record, &selection, narrow(128));
+        let without_margin = fusion.draw_window(&record, &selection, narrow(128)).expect("a picture");
         assert!(without_margin[5 * 128] != whole[5 * 250 + 128], "the test would not see a seam");
     }
 }

@@ -11,7 +11,7 @@ use crate::ops::Products;
 use crate::parameters;
 use crate::train::config::{self, Method, RunConfig, TrainingConfig, first_difference};
 use crate::train::optimizer::Optimizer;
-use crate::train::runner::{self, Objective, Progress, Runner, StepResult, Summary, Validation};
+use crate::train::runner::{self, Objective, Progress, RunContext, Runner, StepResult, Summary, Validation};
 use crate::train::sequences::Rotation;
 use crate::weights::Precision;
 use crate::{Error, Result};
@@ -20,7 +20,6 @@ use half::f16;
 use rayon::prelude::*;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
-use std::sync::atomic::AtomicBool;
 
 pub use crate::train::sequences::Crop;
 
@@ -157,9 +156,9 @@ impl Objective for FusionObjective {
 
     fn step(&self, model: &FusionNet, mut batch: Batch, device: &Device) -> Result<StepResult> {
         let outputs = render::forward(model, self.products, &mut batch, device);
-        let values = |tensor: &Tensor<4>| parameters::to_vec(tensor.clone().without_autodiff());
-        let fine = values(&outputs.fine);
-        let coarse = outputs.coarse.as_ref().map(values).unwrap_or_default();
+        let values = |tensor: &Tensor<4>| parameters::read(tensor.clone().without_autodiff());
+        let fine = values(&outputs.fine)?;
+        let coarse = outputs.coarse.as_ref().map(values).transpose()?.unwrap_or_default();
         let pixels = batch.width * batch.height;
         let parts: Vec<_> = (0..batch.items)
             .into_par_iter()
@@ -192,7 +191,7 @@ impl Objective for FusionObjective {
             terms: Vec::new(),
             squares: vec![(name, mean(|loss| loss.display))],
             items: batch.items,
-            gradients: parameters::gradients_learning(model, &mut gradients),
+            gradients: parameters::gradients_learning(model, &mut gradients)?,
         })
     }
 }
@@ -203,32 +202,30 @@ type Slopes = (Vec<f32>, Vec<f32>);
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the records that are validated at each checkpoint.
 ///
-/// Batches depend on the seed, the step and the source alone. Setting `cancel` stops the run after the current step, with a
-/// checkpoint.
+/// Batches depend on the seed, the step and the source alone.
 ///
 /// # Errors
-/// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, or a loss that stays not
-/// finite.
+/// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, a loss that stays not
+/// finite, or a device that fails.
 pub fn run(
     config: &Config,
     source: &dyn Source,
     start: Option<&Fusion>,
     validation: &[Record<f16>],
-    progress: &(dyn Fn(&Progress) + Sync),
-    cancel: &AtomicBool,
+    context: RunContext,
 ) -> Result<Summary> {
     config.validate()?;
-    let device = Device::flex().autodiff();
+    let device = context.autodiff();
     let model = match start {
         None => FusionNet::new(&config.network, config.run.seed, &device)?,
         Some(start) if start.header().fusion == config.network => start.on(&device)?,
         Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
     };
     let tiers = config.selected_tiers()?;
-    let runner = Runner { config, data: Some(source.identity()), device, progress, cancel };
+    let runner = Runner { config, data: Some(source.identity()), context };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
-            let mut pool = config.rotation().load(scope, |i| source.make(i), first_step, cancel, progress)?;
+            let mut pool = config.rotation().load(scope, |i| source.make(i), first_step, context.cancel, context.progress)?;
             Ok(move |step: u64| {
                 let sequences = pool.at(step)?;
                 let records: Vec<&Record<f16>> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
@@ -242,21 +239,21 @@ pub fn run(
                 Err(Error::Data { place: "sequences".into(), reason })
             })
         };
-        let save = |optimizer: &Optimizer, _: &FusionNet| save(config, optimizer, validation, progress);
+        let save = |optimizer: &Optimizer, _: &FusionNet| save(config, optimizer, validation, context);
         runner.run(&FusionObjective { loss: config.loss, products: config.products }, model, batches, &save)
     })
 }
 
 /// Writes the averaged weights and validates them.
-fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], progress: &(dyn Fn(&Progress) + Sync)) -> Result<()> {
+fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], context: RunContext) -> Result<()> {
     let header = Header { fusion: config.network.clone(), steps: optimizer.steps, seed: config.run.seed };
-    let averaged = Fusion::with_parameters(header, &optimizer.averaged())?;
+    let averaged = Fusion::with_parameters(header, &optimizer.averaged())?.to(context.device)?;
     averaged.save(&runner::weights_path(&config.run.output), Precision::F16)?;
     if !validation.is_empty() {
         let psnr = validate(&averaged, validation)?;
         let validated = Validation { step: optimizer.steps, psnr, others: BTreeMap::new() };
         validated.append(&config.run.output)?;
-        progress(&Progress::Validated(validated));
+        (context.progress)(&Progress::Validated(validated));
     }
     Ok(())
 }

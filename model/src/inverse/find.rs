@@ -4,7 +4,7 @@ use super::batch::write_input;
 use super::graph::{CHANNELS, InverseConfig, InverseNet, MULTIPLE, place};
 use super::head::{OUTPUTS, Pixel};
 use crate::network::trained::{Described, Trained};
-use crate::parameters::to_vec;
+use crate::parameters::read;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
@@ -83,7 +83,7 @@ impl Trained<InverseNet> {
     /// pixels is then interpolated, and applied to the pixels of the picture itself, so that the albedo has all of its detail.
     ///
     /// # Errors
-    /// When the picture is empty.
+    /// When the picture is empty, and when the device fails.
     pub fn find(&self, picture: &Rgb) -> Result<Found> {
         let (width, height) = (picture.width, picture.height);
         if width == 0 || height == 0 || picture.pixels.len() != width * height {
@@ -91,7 +91,7 @@ impl Trained<InverseNet> {
         }
         let shown = picture.map(|p| p.map(|v| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) }));
         let size = working_size([width, height]);
-        let outputs = if size == [width, height] { self.outputs(&shown) } else { self.outputs(&reduced(&shown, size)) };
+        let outputs = if size == [width, height] { self.outputs(&shown)? } else { self.outputs(&reduced(&shown, size))? };
         let pixel = |i: usize| {
             let (x, y) = (i % width, i / width);
             let outputs = if size == [width, height] { outputs[i] } else { between(&outputs, size, [x, y], [width, height]) };
@@ -108,7 +108,7 @@ impl Trained<InverseNet> {
     }
 
     /// What the network predicts for each pixel. The picture is padded by its last row and column.
-    fn outputs(&self, picture: &Rgb) -> Vec<[f32; OUTPUTS]> {
+    fn outputs(&self, picture: &Rgb) -> Result<Vec<[f32; OUTPUTS]>> {
         let size = [picture.width, picture.height];
         let [width, height] = size.map(|side| side.next_multiple_of(MULTIPLE));
         let mut input = vec![0.0; width * height * CHANNELS];
@@ -119,12 +119,12 @@ impl Trained<InverseNet> {
             }
         }
         let input = TensorData::new(input, [1, height / 2, width / 2, 4 * CHANNELS]);
-        let found = to_vec(self.network.forward(self.products, Tensor::from_data(input, &self.device)));
+        let found = read(self.network.forward(self.products, Tensor::from_data(input, self.device.device())))?;
         let pixel = |i: usize| {
             let from = place(width, OUTPUTS, i % size[0], i / size[0]);
             std::array::from_fn(|k| found[from + k])
         };
-        (0..size[0] * size[1]).map(pixel).collect()
+        Ok((0..size[0] * size[1]).map(pixel).collect())
     }
 }
 

@@ -13,7 +13,7 @@ use crate::ops::Products;
 use crate::parameters;
 use crate::train::config::{self, Method, RunConfig, TrainingConfig, first_difference};
 use crate::train::optimizer::Optimizer;
-use crate::train::runner::{self, Objective, Progress, Runner, StepResult, Summary, Validation};
+use crate::train::runner::{self, Objective, Progress, RunContext, Runner, StepResult, Summary, Validation};
 use crate::train::sequences::{Crop, Rotation};
 use crate::weights::Precision;
 use crate::{Error, Result};
@@ -22,7 +22,6 @@ use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
-use std::sync::atomic::AtomicBool;
 
 /// Options of a training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -135,7 +134,7 @@ impl Objective for InverseObjective {
         let shape = [batch.items, batch.height / 2, batch.width / 2, 4 * CHANNELS];
         let input = Tensor::from_data(TensorData::new(std::mem::take(&mut batch.input), shape), device);
         let outputs = model.forward(self.products, input);
-        let values = parameters::to_vec(outputs.clone().without_autodiff());
+        let values = parameters::read(outputs.clone().without_autodiff())?;
         let pixels = batch.width * batch.height;
         let of_item = |item: usize| {
             let (from, to) = (item * pixels, (item + 1) * pixels);
@@ -171,7 +170,7 @@ impl Objective for InverseObjective {
             ],
             squares: vec![("albedo", mean(|loss| loss.albedo))],
             items: batch.items,
-            gradients: parameters::gradients_learning(model, &mut gradients),
+            gradients: parameters::gradients_learning(model, &mut gradients)?,
         })
     }
 }
@@ -179,32 +178,30 @@ impl Objective for InverseObjective {
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the frames that are validated at each checkpoint.
 ///
-/// Batches depend on the seed, the step and the source alone. Setting `cancel` stops the run after the current step, with a
-/// checkpoint.
+/// Batches depend on the seed, the step and the source alone.
 ///
 /// # Errors
-/// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, or a loss that stays not
-/// finite.
+/// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, a loss that stays not
+/// finite, or a device that fails.
 pub fn run(
     config: &Config,
     source: &dyn Source,
     start: Option<&Inverse>,
     validation: &[Example],
-    progress: &(dyn Fn(&Progress) + Sync),
-    cancel: &AtomicBool,
+    context: RunContext,
 ) -> Result<Summary> {
     config.validate()?;
-    let device = Device::flex().autodiff();
+    let device = context.autodiff();
     let model = match start {
         None => InverseNet::new(&config.network, config.run.seed, &device)?,
         Some(start) if start.header().inverse == config.network => start.on(&device)?,
         Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
     };
-    let runner = Runner { config, data: Some(source.identity()), device, progress, cancel };
+    let runner = Runner { config, data: Some(source.identity()), context };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
             let make = |i: u64| Ok(source.make(i)?.iter().map(Example::of).collect::<Vec<Example>>());
-            let mut pool = config.rotation().load(scope, make, first_step, cancel, progress)?;
+            let mut pool = config.rotation().load(scope, make, first_step, context.cancel, context.progress)?;
             Ok(move |step: u64| {
                 let sequences = pool.at(step)?;
                 let examples: Vec<&Example> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
@@ -216,21 +213,21 @@ pub fn run(
                 })
             })
         };
-        let save = |optimizer: &Optimizer, _: &InverseNet| save(config, optimizer, validation, progress);
+        let save = |optimizer: &Optimizer, _: &InverseNet| save(config, optimizer, validation, context);
         runner.run(&InverseObjective { loss: config.loss, products: config.products }, model, batches, &save)
     })
 }
 
 /// Writes the averaged weights and validates them.
-fn save(config: &Config, optimizer: &Optimizer, validation: &[Example], progress: &(dyn Fn(&Progress) + Sync)) -> Result<()> {
+fn save(config: &Config, optimizer: &Optimizer, validation: &[Example], context: RunContext) -> Result<()> {
     let header = Header { inverse: config.network.clone(), steps: optimizer.steps, seed: config.run.seed };
-    let averaged = Inverse::with_parameters(header, &optimizer.averaged())?;
+    let averaged = Inverse::with_parameters(header, &optimizer.averaged())?.to(context.device)?;
     averaged.save(&runner::weights_path(&config.run.output), Precision::F16)?;
     if !validation.is_empty() {
         let validated = validate(&averaged, validation)?;
         let validated = Validation { step: optimizer.steps, ..validated };
         validated.append(&config.run.output)?;
-        progress(&Progress::Validated(validated));
+        (context.progress)(&Progress::Validated(validated));
     }
     Ok(())
 }

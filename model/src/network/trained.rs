@@ -1,5 +1,6 @@
 //! A network with its weights, and the file that holds them. The header of the file says what network it is.
 
+use crate::device::NetworkDevice;
 use crate::ops::Products;
 use crate::parameters::{self, Parameter};
 use crate::weights::{self, Precision};
@@ -42,7 +43,7 @@ pub struct Trained<N: Described> {
     pub(crate) network: N,
     header: N::Header,
     pub(crate) products: Products,
-    pub(crate) device: Device,
+    pub(crate) device: NetworkDevice,
 }
 
 impl<N: Described> Trained<N> {
@@ -51,8 +52,8 @@ impl<N: Described> Trained<N> {
     /// # Errors
     /// When the configuration is invalid.
     pub fn fresh(header: N::Header) -> Result<Self> {
-        let device = Device::flex();
-        Ok(Self { network: N::fresh(&header, &device)?, header, products: Products::F32, device })
+        let device = NetworkDevice::cpu();
+        Ok(Self { network: N::fresh(&header, device.device())?, header, products: Products::F32, device })
     }
 
     /// The network with the weights that are built in.
@@ -70,12 +71,28 @@ impl<N: Described> Trained<N> {
     pub fn with_parameters(header: N::Header, parameters: &[Parameter]) -> Result<Self> {
         let made = Self::fresh(header)?;
         let values: Vec<&[f32]> = parameters.iter().map(|parameter| parameter.values.as_slice()).collect();
-        Ok(Self { network: parameters::import(made.network, &values, &made.device), ..made })
+        Ok(Self { network: parameters::import(made.network, &values, made.device.device()), ..made })
     }
 
     /// The same network with another kind of products in its convolutions.
     pub fn with_products(self, products: Products) -> Self {
         Self { products, ..self }
+    }
+
+    /// The device of the network.
+    pub fn device(&self) -> &NetworkDevice {
+        &self.device
+    }
+
+    /// The same network on another device.
+    ///
+    /// # Errors
+    /// When the configuration is invalid.
+    pub fn to(self, device: &NetworkDevice) -> Result<Self> {
+        if self.device.is_cpu() && device.is_cpu() {
+            return Ok(self);
+        }
+        Ok(Self { network: self.on(device.device())?, device: device.clone(), ..self })
     }
 
     /// Whether the header of the file at `path` is one of this network's weights.
@@ -110,7 +127,7 @@ impl<N: Described> Trained<N> {
             let reason = format!("the network its header describes has {values} values; {most} at most are in the file");
             return Err(Error::malformed(path, reason));
         }
-        let fresh = parameters::export(&N::fresh(&header, &Device::flex())?);
+        let fresh = parameters::export(&N::fresh(&header, NetworkDevice::cpu().device())?);
         if let Some(extra) = tensors.names().into_iter().find(|name| fresh.iter().all(|parameter| parameter.name != **name)) {
             let reason = "not part of the network its header describes".into();
             return Err(Error::Tensor { path: path.into(), tensor: extra.to_owned(), reason });

@@ -6,6 +6,7 @@ use super::config::{RunConfig, TrainingConfig};
 use super::log::Log;
 use super::optimizer::Optimizer;
 use super::schedule;
+use crate::device::NetworkDevice;
 use crate::parameters;
 use crate::{Error, Result};
 use burn::module::Module;
@@ -140,6 +141,24 @@ pub fn weights_path(output: &Path) -> PathBuf {
     output.join("weights.safetensors")
 }
 
+/// What a run needs besides its configuration and its data. None of it is stored in checkpoints.
+#[derive(Clone, Copy)]
+pub struct RunContext<'a> {
+    /// Device that computes losses and gradients. The parameters and the optimiser stay in the memory of the host.
+    pub device: &'a NetworkDevice,
+    /// Receives progress.
+    pub progress: &'a (dyn Fn(&Progress) + Sync),
+    /// Stops the run after the current step, with a checkpoint.
+    pub cancel: &'a AtomicBool,
+}
+
+impl RunContext<'_> {
+    /// The device, which records operations.
+    pub fn autodiff(&self) -> Device {
+        self.device.device().clone().autodiff()
+    }
+}
+
 /// One run in the folder that its configuration names.
 pub struct Runner<'a, C> {
     /// Options. They are stored in checkpoints.
@@ -147,12 +166,8 @@ pub struct Runner<'a, C> {
     /// Identity of the training data ([`ClipSource::identity`](crate::data::ClipSource::identity)). A checkpoint of other data is
     /// refused.
     pub data: Option<String>,
-    /// Device that records gradients.
-    pub device: Device,
-    /// Receives progress.
-    pub progress: &'a (dyn Fn(&Progress) + Sync),
-    /// Stops the run after the current step, with a checkpoint.
-    pub cancel: &'a AtomicBool,
+    /// Where it runs, and who is told.
+    pub context: RunContext<'a>,
 }
 
 /// Writes weights from the state of the optimiser and the model; see [`Runner::run`].
@@ -166,7 +181,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
     ///
     /// # Errors
     /// When the objective, a batch or `save` fails, or when the folder cannot be written. [`Error::Diverged`] after eleven steps
-    /// in a row that were not finite.
+    /// in a row that were not finite. [`Error::Device`] when the device fails, after a checkpoint.
     pub fn run<O: Objective, B: FnMut(u64) -> Result<O::Batch> + Send>(
         &self,
         objective: &O,
@@ -201,14 +216,18 @@ impl<C: TrainingConfig> Runner<'_, C> {
         let start = Instant::now();
         let elapsed = || before + start.elapsed().as_secs_f64();
         let (mut meter, mut last) = (Meter::default(), None);
-        let keep = |optimizer: &Optimizer, model: &O::Model, elapsed: f64| -> Result<()> {
+        let checkpoint = |optimizer: &Optimizer, elapsed: f64| -> Result<()> {
             let data = self.data.clone();
             let header = CheckpointHeader { config: self.config.clone(), step: optimizer.steps, elapsed, data };
-            checkpoint::save(&path, &header, optimizer)?;
+            checkpoint::save(&path, &header, optimizer)
+        };
+        let keep = |optimizer: &Optimizer, model: &O::Model, elapsed: f64| -> Result<()> {
+            checkpoint(optimizer, elapsed)?;
             save(optimizer, model)
         };
         // This reference may go to another thread; `self` may not.
-        let cancel = self.cancel;
+        let cancel = self.context.cancel;
+        let device = self.context.autodiff();
         let finished = std::thread::scope(|scope| -> Result<bool> {
             // Batches are made one step ahead, on a thread of their own.
             let (sender, receiver) = mpsc::sync_channel::<Result<O::Batch>>(1);
@@ -225,7 +244,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     }
                 }
             });
-            let mut model = parameters::import_learning(model, &optimizer.values(), &self.device);
+            let mut model = parameters::import_learning(model, &optimizer.values(), &device);
             let mut left_out = 0;
             loop {
                 let share = run.share(optimizer.steps, elapsed());
@@ -241,11 +260,19 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     Err(_) => return Err(Error::Data { place: "batches".into(), reason: "producer stopped".into() }),
                 };
                 let lr = schedule::rate(run, optimizer.steps, share);
-                let result = objective.step(&model, batch, &self.device)?;
+                let result = match objective.step(&model, batch, &device) {
+                    // What was learned is in the memory of the host.
+                    Err(Error::Device { device, reason }) => {
+                        checkpoint(&optimizer, elapsed())?;
+                        let advice = "what was learned is kept; smaller or fewer crops in a batch need less memory";
+                        return Err(Error::Device { device, reason: format!("{reason}; {advice}") });
+                    }
+                    result => result?,
+                };
                 match self.update(&mut optimizer, &result, lr) {
                     Ok(norm) => {
                         left_out = 0;
-                        model = parameters::import_learning(model, &optimizer.values(), &self.device);
+                        model = parameters::import_learning(model, &optimizer.values(), &device);
                         meter.add(&result, norm);
                     }
                     Err(what) if left_out == MOST_LEFT_OUT => {
@@ -260,7 +287,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
                 if optimizer.steps.is_multiple_of(run.log_steps) {
                     let record = self.record(&meter, optimizer.steps, lr, [before, elapsed()], first_step);
                     log.append(&record)?;
-                    (self.progress)(&Progress::Step(record.clone()));
+                    (self.context.progress)(&Progress::Step(record.clone()));
                     last = Some(record);
                     meter = Meter::default();
                 }
@@ -273,7 +300,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
     }
 
     fn note(&self, note: String) {
-        (self.progress)(&Progress::Note(note));
+        (self.context.progress)(&Progress::Note(note));
     }
 
     /// Takes a step. The error names what is not finite; the parameters are unchanged then.
@@ -364,7 +391,7 @@ mod tests {
         }
     }
 
-    /// Every gradient is the batch.
+    /// Every gradient is the batch. The device fails where it is infinite.
     struct Toy;
 
     impl Objective for Toy {
@@ -372,6 +399,9 @@ mod tests {
         type Model = Conv;
 
         fn step(&self, model: &Conv, batch: f32, _: &Device) -> Result<StepResult> {
+            if batch.is_infinite() {
+                return Err(Error::Device { device: "gpu".into(), reason: "lost".into() });
+            }
             let like = |parameter: &parameters::Parameter| Some(vec![batch; parameter.values.len()]);
             let gradients = parameters::export_learning(model).iter().map(like).collect();
             Ok(StepResult { total: 1.0, terms: vec![("one", 1.0)], squares: vec![("picture", 0.01)], items: 1, gradients })
@@ -381,10 +411,14 @@ mod tests {
     /// The outcome of a run of 40 steps, and its notes. Batches are NaN at the steps that are `broken`.
     fn run(broken: impl Fn(u64) -> bool + Send) -> (Result<Summary>, Vec<String>) {
         let folder = tempfile::tempdir().expect("a folder");
+        run_in(folder.path(), move |step: u64| if broken(step) { f32::NAN } else { 1.0 })
+    }
+
+    /// The same in a folder, with any batches.
+    fn run_in(folder: &Path, batch: impl Fn(u64) -> f32 + Send) -> (Result<Summary>, Vec<String>) {
         let notes = Mutex::new(Vec::new());
-        let device = Device::flex().autodiff();
         let config = RunConfig {
-            output: folder.path().into(),
+            output: folder.into(),
             steps: 40,
             learning_rate: 0.1,
             warmup_steps: 1,
@@ -394,10 +428,8 @@ mod tests {
             checkpoint_steps: 10,
             ..RunConfig::default()
         };
-        let runner = Runner {
-            config: &config,
-            data: None,
-            device: device.clone(),
+        let context = RunContext {
+            device: &NetworkDevice::cpu(),
             progress: &|progress| {
                 if let Progress::Note(note) = progress {
                     notes.lock().expect("notes").push(note.clone());
@@ -405,13 +437,13 @@ mod tests {
             },
             cancel: &AtomicBool::new(false),
         };
-        let model = Conv::new(&mut Init::new(1, &device), 1, 1, 1, 1.0);
-        let batch = move |step: u64| Ok(if broken(step) { f32::NAN } else { 1.0 });
+        let model = Conv::new(&mut Init::new(1, &context.autodiff()), 1, 1, 1, 1.0);
+        let runner = Runner { config: &config, data: None, context };
         let finite = |optimizer: &Optimizer, _: &Conv| {
             assert!(optimizer.values().iter().flat_map(|values| values.iter()).all(|v| v.is_finite()));
             Ok(())
         };
-        let summary = runner.run(&Toy, model, |_| Ok(batch), &finite);
+        let summary = runner.run(&Toy, model, |_| Ok(move |step| Ok(batch(step))), &finite);
         (summary, notes.into_inner().expect("notes"))
     }
 
@@ -428,5 +460,20 @@ mod tests {
         let said = ended.expect_err("nothing can be learnt").to_string();
         assert!(said.starts_with("step 15: the gradient of weight is not finite"), "{said}");
         assert_eq!(notes.len(), 10);
+    }
+
+    #[test]
+    fn what_was_learned_outlives_the_device() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (ended, _) = run_in(folder.path(), |step| if step == 17 { f32::INFINITY } else { 1.0 });
+        let said = ended.expect_err("the device is lost").to_string();
+        assert!(said.starts_with("device gpu: lost; what was learned is kept"), "{said}");
+        let first = Mutex::new(None);
+        let (summary, _) = run_in(folder.path(), |step| {
+            first.lock().expect("the first step").get_or_insert(step);
+            1.0
+        });
+        assert_eq!(summary.expect("a run").steps, 40);
+        assert_eq!(*first.lock().expect("the first step"), Some(17));
     }
 }

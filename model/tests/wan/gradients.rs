@@ -22,7 +22,7 @@ pub fn weighed<const D: usize>(x: Tensor<D>) -> Tensor<1> {
 /// Compares the slope along one direction in each tensor.
 pub fn compare<M: Module>(network: M, device: &Device, loss: impl Fn(&M) -> Tensor<1>) {
     let mut found = loss(&network).backward();
-    let gradients = parameters::gradients(&network, &mut found);
+    let gradients = parameters::gradients(&network, &mut found).expect("gradients");
     let start = parameters::export(&network);
     let at = |which: usize, values: &[f32]| {
         let all: Vec<&[f32]> =

@@ -14,6 +14,7 @@ use renderflow_model::fusion::loss::display;
 use renderflow_model::fusion::record::{PARTS, at};
 use renderflow_model::fusion::training::{self, Config, Source, variants};
 use renderflow_model::fusion::{Fusion, Record};
+use renderflow_model::train::runner::RunContext;
 use renderflow_model::train::sequences::Crop;
 use std::path::Path;
 
@@ -65,7 +66,8 @@ impl Learns for Config {
             }
         }
         let tell = |progress: &_| monitor.tell(bars, progress);
-        bars.finish(&training::run(self, source, start.as_ref(), validation, &tell, cancel)?)
+        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel };
+        bars.finish(&training::run(self, source, start.as_ref(), validation, context)?)
     }
 }
 

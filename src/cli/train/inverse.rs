@@ -14,6 +14,7 @@ use renderflow_model::fusion::training::Source;
 use renderflow_model::inverse::Inverse;
 use renderflow_model::inverse::example::Example;
 use renderflow_model::inverse::training::{self, Config};
+use renderflow_model::train::runner::RunContext;
 use renderflow_model::train::sequences::Crop;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -51,7 +52,8 @@ impl Learns for Config {
         let none = BTreeMap::new();
         let monitor = Monitor::new(&self.run.output, &none, &sheets);
         let tell = |progress: &_| monitor.tell(bars, progress);
-        bars.finish(&training::run(self, source, start.as_ref(), &examples, &tell, cancel)?)
+        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel };
+        bars.finish(&training::run(self, source, start.as_ref(), &examples, context)?)
     }
 }
 

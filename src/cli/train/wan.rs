@@ -6,6 +6,7 @@ use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
 use renderflow_model::data::ClipSource;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
+use renderflow_model::train::runner::RunContext;
 use renderflow_model::wan::train::{self, Config, Stage, StageName};
 
 impl Train {
@@ -87,6 +88,7 @@ impl Train {
             // This training has no validation.
             train::Progress::Validated(_) => {}
         };
-        bars.finish(&train::run(config, &dataset, &tell, cancel)?)
+        let context = RunContext { device: &self.device.get()?, progress: &tell, cancel };
+        bars.finish(&train::run(config, &dataset, context)?)
     }
 }

@@ -2,11 +2,13 @@
 
 use crate::dataset::denoise::Denoise;
 use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::device;
 use crate::util::stop;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::Selection;
 use renderflow_model::fusion::{Fusion, Record, render};
@@ -40,11 +42,11 @@ pub(super) enum Cleaner {
 }
 
 impl Cleaner {
-    /// Opens the denoiser that `mode` asks for; `settings` are the settings of the pictures.
+    /// Opens the denoiser that `mode` asks for; `settings` are the settings of the pictures, `device` is that of the network.
     ///
     /// # Errors
     /// When the mode asks for a denoiser that is not found.
-    pub(super) fn open(mode: Denoise, settings: &Settings) -> Result<Option<Self>> {
+    pub(super) fn open(mode: Denoise, settings: &Settings, device: &NetworkDevice) -> Result<Option<Self>> {
         let clean_guides = settings.clean_guides();
         let oidn = || Denoiser::with_options(Options { clean_guides, ..Options::default() });
         Ok(match mode {
@@ -58,7 +60,7 @@ impl Cleaner {
                     );
                 }
                 // The network reads a G-buffer, whose guides are clean.
-                Some(Self::neural(Arc::new(Fusion::shipped()?), Denoiser::new().ok()))
+                Some(Self::neural(Arc::new(Fusion::shipped()?.to(device)?), Denoiser::new().ok()))
             }
             Denoise::Auto => match oidn() {
                 Ok(denoiser) => Some(Self::Oidn(Mutex::new(denoiser))),
@@ -80,7 +82,8 @@ impl Cleaner {
         }
         let digest = hasher.finalize().to_hex();
         let after = if oidn.is_some() { "oidn + " } else { "" };
-        Self::Neural { network, oidn: oidn.map(Mutex::new), name: format!("{after}neural {}", &digest[..16]) }
+        let on = device::recorded(network.device()).map_or(String::new(), |device| format!(" on {device}"));
+        Self::Neural { network, oidn: oidn.map(Mutex::new), name: format!("{after}neural {}{on}", &digest[..16]) }
     }
 
     /// Name in the headers of frames.

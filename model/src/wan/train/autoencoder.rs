@@ -6,7 +6,7 @@ use super::losses::{self, LossSum, frames};
 use crate::data::{ClipSource, step_rng};
 use crate::lpips::Lpips;
 use crate::network::init::normal;
-use crate::parameters::{self, to_vec};
+use crate::parameters::{self, read};
 use crate::train::draw_weighted;
 use crate::train::runner::{Objective, StepResult};
 use crate::wan::config::VaeConfig;
@@ -118,7 +118,7 @@ impl Objective for AutoencoderObjective {
         }
         sum.compare(shown, truth);
         let (report, loss) = sum.finish()?;
-        let gradients = parameters::gradients_learning(model, &mut loss.backward());
+        let gradients = parameters::gradients_learning(model, &mut loss.backward())?;
         Ok(report.result(batch.shape[0], gradients))
     }
 }
@@ -163,9 +163,9 @@ impl StatisticsSample {
         let (plain, z) = (model.valid(), network.z_dim);
         let mut sums = vec![[0.0f64; 3]; z];
         for batch in &self.0 {
-            let latents = plain.encode(batch.tensor(&Device::flex()))?;
+            let latents = plain.encode(batch.tensor(&plain.device()))?;
             let [_, _, f, h, w] = latents.dims();
-            for (i, plane) in to_vec(latents).chunks_exact(f * h * w).enumerate() {
+            for (i, plane) in read(latents)?.chunks_exact(f * h * w).enumerate() {
                 let [count, sum, squares] = &mut sums[i % z];
                 for value in plane {
                     *count += 1.0;

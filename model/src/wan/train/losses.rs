@@ -1,7 +1,7 @@
 //! Differentiable losses on pictures `[b, c, f, h, w]` with values -1..=1, and their weighted sum. Each loss is one number,
 //! `[1]`.
 
-use crate::parameters::to_vec;
+use crate::parameters::read;
 use crate::train::runner::StepResult;
 use crate::{Error, Result};
 use burn::tensor::Tensor;
@@ -60,8 +60,9 @@ impl LossSum {
     }
 }
 
+/// The value of a scalar. It is NaN where the device has failed, which the reading of the gradients then reports.
 fn value(of: Tensor<1>) -> f32 {
-    to_vec(of.without_autodiff()).first().copied().unwrap_or(f32::NAN)
+    read(of.without_autodiff()).ok().and_then(|values| values.first().copied()).unwrap_or(f32::NAN)
 }
 
 /// Frames of clips as pictures: `[b, c, f, h, w]` to `[b f, c, h, w]`.

@@ -34,7 +34,7 @@ use crate::lpips::{Backbone, Lpips, WEIGHTS_VARIABLE, weights_folder};
 use crate::parameters;
 use crate::train::optimizer::Optimizer;
 use crate::train::pool::{Make, Pool, PoolSettings, Stored};
-use crate::train::runner::{self, Objective, Runner};
+use crate::train::runner::{self, Objective, RunContext, Runner};
 pub use crate::train::runner::{LogRecord, Progress, Summary};
 use crate::{Error, Result};
 use autoencoder::{AutoencoderObjective, PictureBatch, StatisticsSample, new_autoencoder};
@@ -48,24 +48,17 @@ use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one.
 ///
-/// Batches depend on the seed and the step alone. `progress` is called from this thread, and during loading from others. Setting
-/// `cancel` stops the run after the current step, with a checkpoint.
+/// Batches depend on the seed and the step alone. Progress is told from this thread, and during loading from others.
 ///
 /// # Errors
-/// For invalid options or data, files that cannot be read or written, a checkpoint of another run, or a loss that stays not
-/// finite.
-pub fn run(
-    config: &Config,
-    source: &dyn ClipSource,
-    progress: &(dyn Fn(&Progress) + Sync),
-    cancel: &AtomicBool,
-) -> Result<Summary> {
+/// For invalid options or data, files that cannot be read or written, a checkpoint of another run, a loss that stays not finite,
+/// or a device that fails.
+pub fn run(config: &Config, source: &dyn ClipSource, context: RunContext) -> Result<Summary> {
     config.validate()?;
-    let run = Run { config, source, progress, cancel, device: Device::flex().autodiff() };
+    let run = Run { config, source, context, device: context.autodiff() };
     match &config.stage {
         Stage::Autoencoder { network, start, loss } => run.autoencoder(network, start.as_deref(), *loss),
         Stage::Base { network, start, latents } => run.base(network, start.as_deref(), latents),
@@ -102,8 +95,8 @@ type Draw<'a, T, B> = &'a (dyn Fn(&[Arc<T>], u64) -> Result<B> + Sync);
 struct Run<'a> {
     config: &'a Config,
     source: &'a dyn ClipSource,
-    progress: &'a (dyn Fn(&Progress) + Sync),
-    cancel: &'a AtomicBool,
+    context: RunContext<'a>,
+    /// The device, which records operations.
     device: Device,
 }
 
@@ -233,11 +226,10 @@ impl Run<'_> {
     ) -> Result<Summary> {
         let config = self.config;
         let settings = PoolSettings { limit: config.cache_mib << 20, rotate_steps: config.rotate_steps, seed: config.run.seed };
-        let loading = |done, total| (self.progress)(&Progress::Loading { done: done as u64, total: total as u64 });
-        let (data, device) = (self.source.identity()?, self.device.clone());
-        let runner = Runner { config, data, device, progress: self.progress, cancel: self.cancel };
+        let loading = |done, total| (self.context.progress)(&Progress::Loading { done: done as u64, total: total as u64 });
+        let runner = Runner { config, data: self.source.identity()?, context: self.context };
         let batches = |first_step| {
-            let mut pool = Pool::load(self.source, make, settings, first_step, self.cancel, &loading)?;
+            let mut pool = Pool::load(self.source, make, settings, first_step, self.context.cancel, &loading)?;
             Ok(move |step| draw(&pool.at(step)?, step))
         };
         runner.run(objective, model, batches, save)

@@ -3,11 +3,11 @@
 use super::clip_pictures::ClipPictures;
 use crate::Result;
 use crate::data::ClipSource;
-use crate::parameters::to_vec;
+use crate::parameters::read;
 use crate::wan::pictures::Kind;
 use crate::wan::vae::Vae;
 use burn::module::Module;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 
 /// PSNR of pictures of one kind after encoding and decoding.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,8 +48,8 @@ pub fn round_trip(
             count += (3 * h * w) as f64;
             for kind in Kind::ALL {
                 let pictures = clip.clip(start, frames, kind, clip.whole());
-                let tensor = Tensor::from_data(TensorData::new(pictures.clone(), [1, 3, frames, h, w]), &Device::flex());
-                let back = to_vec(vae.decode_normalised(vae.encode_normalised(tensor)?)?);
+                let tensor = Tensor::from_data(TensorData::new(pictures.clone(), [1, 3, frames, h, w]), &vae.device());
+                let back = read(vae.decode_normalised(vae.encode_normalised(tensor)?)?)?;
                 for (i, (a, b)) in pictures.chunks_exact(h * w).zip(back.chunks_exact(h * w)).enumerate() {
                     let squares = a.iter().zip(b).map(|(a, b)| f64::from(0.5 * (a - b)).powi(2));
                     sums[i % frames][kind as usize] += squares.sum::<f64>();

@@ -68,6 +68,11 @@ impl Vae {
         })
     }
 
+    /// The device of its parameters.
+    pub(crate) fn device(&self) -> Device {
+        self.post_quant.weight.device()
+    }
+
     /// The configuration of the network.
     pub fn config(&self) -> &VaeConfig {
         &self.config

@@ -4,7 +4,7 @@ use super::WanRenderer;
 use super::pixels::Size;
 use crate::data::step_rng;
 use crate::network::init::normal;
-use crate::parameters::to_vec;
+use crate::parameters::read;
 use crate::renderer::{KeyframePlace, Options, Rendered, Sequence, Session, State, View, check, nearest};
 use crate::wan::flow::{Conditions, KeyframeLatent};
 use crate::wan::pictures::{BridgeStart, EnvironmentView, Kind, Pictures, check_bounds, radiance};
@@ -249,7 +249,7 @@ impl<'a> ClipSession<'a> {
             let velocity = renderer.flow.velocity(z.clone(), &[t], &conditions)?;
             z = z + velocity * (1.0 / steps as f64);
         }
-        let values = to_vec(renderer.decode(z)?);
+        let values = read(renderer.decode(z)?)?;
         all_finite(&values)?;
         Ok(values)
     }

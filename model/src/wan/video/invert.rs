@@ -2,7 +2,7 @@
 
 use super::WanRenderer;
 use super::pixels::Size;
-use crate::parameters::to_vec;
+use crate::parameters::read;
 use crate::wan::flow::Intrinsic;
 use crate::{Error, Result};
 
@@ -48,7 +48,7 @@ impl WanRenderer {
                 let end = self.flow.invert(z.clone(), &[t], intrinsic)?;
                 z = z.clone() + (end - z) * (1.0 / (steps - step) as f64);
             }
-            let pictures = to_vec(self.decode(z)?);
+            let pictures = read(self.decode(z)?)?;
             super::clips::all_finite(&pictures)?;
             found.push((0..frames.len()).map(|i| size.frame(&pictures, count, i)).collect());
         }

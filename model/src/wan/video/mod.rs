@@ -15,6 +15,7 @@ pub use clips::ClipSession;
 use super::flow::{Flow, FlowConfig, mask_cells};
 use super::vae::{Tiling, Vae};
 use super::weights::{Header, Source};
+use crate::device::NetworkDevice;
 use crate::renderer::{About, Options, Renderer, Sequence, Session};
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -39,13 +40,13 @@ impl WanRenderer {
         Source::open(path).and_then(|source| source.header()).is_ok_and(|header| header.is_some())
     }
 
-    /// Opens the renderer in the file `path`. Its autoencoder is in the file `autoencoder` (of this program, or published in
-    /// either layout), or in [`AUTOENCODER_FILE`] beside the renderer.
+    /// Opens the renderer in the file `path` on a device. Its autoencoder is in the file `autoencoder` (of this program, or
+    /// published in either layout), or in [`AUTOENCODER_FILE`] beside the renderer.
     ///
     /// # Errors
     /// When a file cannot be read, when it holds another network, or when the two do not belong together.
-    pub fn load(path: &Path, autoencoder: Option<&Path>) -> Result<Self> {
-        let device = Device::flex();
+    pub fn load(path: &Path, autoencoder: Option<&Path>, device: &NetworkDevice) -> Result<Self> {
+        let device = device.device().clone();
         let (flow, header, _) = Flow::read(&Source::open(path)?, |config| config, 0, &device)?;
         let beside = path.parent().unwrap_or(Path::new("")).join(AUTOENCODER_FILE);
         if autoencoder.is_none() && !beside.is_file() {
@@ -129,12 +130,12 @@ pub struct Autoencoder<'a> {
     pub tile: Option<usize>,
 }
 
-/// Opens weights of the paper's renderer.
+/// Opens weights of the paper's renderer on a device.
 ///
 /// # Errors
 /// When a file cannot be read or holds another network. The message names the file and the tensor.
-pub fn open(path: &Path, autoencoder: Autoencoder) -> Result<Box<dyn Renderer>> {
-    let renderer = WanRenderer::load(path, autoencoder.file)?;
+pub fn open(path: &Path, autoencoder: Autoencoder, device: &NetworkDevice) -> Result<Box<dyn Renderer>> {
+    let renderer = WanRenderer::load(path, autoencoder.file, device)?;
     Ok(match autoencoder.tile {
         Some(pixels) => Box::new(renderer.tiled(pixels)?),
         None => Box::new(renderer),

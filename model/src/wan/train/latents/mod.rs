@@ -13,11 +13,11 @@ pub use store::Store;
 use super::clip_pictures::{ClipPictures, Window, read_window};
 use crate::Result;
 use crate::data::Clip;
-use crate::parameters::to_vec;
+use crate::parameters::read;
 use crate::train::pool::Stored;
 use crate::wan::pictures::{BridgeStart, Kind};
 use crate::wan::vae::Vae;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use half::f16;
 
 /// The latents of one frame's pictures, each encoded alone.
@@ -149,14 +149,14 @@ impl Encoder<'_> {
             frames.push(self.frame(pictures, index, if whole { 1 + step } else { 1 })?);
         }
         let count = if self.clips { 1 + step } else { 1 };
-        let grey = Tensor::zeros([1, 3, count, pictures.height, pictures.width], &Device::flex());
+        let grey = Tensor::zeros([1, 3, count, pictures.height, pictures.width], &self.vae.device());
         Ok(ClipLatents {
             height: pictures.height / factor,
             width: pictures.width / factor,
             stride: pictures.stride(),
             frames,
             pictures: ClipPictures::default(),
-            grey: halves(to_vec(self.vae.encode_normalised(grey)?)),
+            grey: halves(read(self.vae.encode_normalised(grey)?)?),
         })
     }
 
@@ -184,10 +184,10 @@ impl Encoder<'_> {
 
     /// The first and the second latent frame of a clip `[3, count, height, width]`; the second is empty for a single picture.
     fn latents(&self, clip: Vec<f32>, count: usize, [height, width]: [usize; 2]) -> Result<[Vec<f16>; 2]> {
-        let clip = Tensor::from_data(TensorData::new(clip, [1, 3, count, height, width]), &Device::flex());
+        let clip = Tensor::from_data(TensorData::new(clip, [1, 3, count, height, width]), &self.vae.device());
         let latents = self.vae.encode_normalised(clip)?;
-        let frame = |i: usize| halves(to_vec(latents.clone().narrow(2, i, 1)));
-        Ok([frame(0), if count > 1 { frame(1) } else { Vec::new() }])
+        let frame = |i: usize| read(latents.clone().narrow(2, i, 1)).map(halves);
+        Ok([frame(0)?, if count > 1 { frame(1)? } else { Vec::new() }])
     }
 }
 

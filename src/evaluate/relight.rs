@@ -1,0 +1,281 @@
+//! `renderflow evaluate relight`: a picture is inverted, the light turns, and what the buffers show under it is compared with
+//! path tracing.
+
+use super::find;
+use super::inverter::{Inverter, WanOptions, image, unit};
+use crate::dataset::Sequence;
+use crate::dataset::denoise::Denoise;
+use crate::dataset::job::{SequenceJob, TruthSettings};
+use crate::dataset::layout::SCENE;
+use crate::metrics::bootstrap::{Interval, bootstrap};
+use crate::metrics::intrinsics::Buffers;
+use crate::metrics::{METRICS, Networks, Truth, values};
+use crate::util::cancel::Cancel;
+use crate::util::device::DeviceArgs;
+use crate::util::output::Claim;
+use crate::util::picture;
+use crate::util::progress::Progress;
+use crate::util::ranges::within;
+use crate::util::sheet::{Tile, sheet};
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use renderflow_frame::color::{display, srgb_to_linear};
+use renderflow_frame::frame_file::Profile;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::reach::Reach;
+use renderflow_frame::{DepthBounds, Frame, Light, file, ibl};
+use renderflow_model::wan::flow::Intrinsic;
+use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
+use renderflow_renderer::Settings;
+use renderflow_scenes::description::Scene;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// The file that says what the pictures in a folder show.
+const RECORD: &str = "relight.json";
+/// The metrics of the table.
+const SHOWN: [&str; 4] = ["psnr", "ssim_object", "lpips_alex", "flip_object"];
+/// Rows of the table, in the order of [`pictures`].
+const ROWS: [&str; 4] = ["network", "true buffers", "no network", "the old picture"];
+
+/// The round trip of relighting. The first frame of each sequence is inverted. Then the environment turns about the vertical, and
+/// the buffers are shaded under it with the split sum. The truth is path-traced with the turned environment. Beside the network's
+/// buffers stand the true ones, which show what shading costs, the picture itself as albedo of surfaces that face the camera,
+/// and the picture as it was. Writes relight.json and pictures, and prints a table.
+#[derive(Args)]
+#[command(after_help = "Example:\n  renderflow evaluate relight --data data -o results-relight")]
+pub struct Options {
+    /// Weights of the inverse network, or of the paper's network with an inverse adapter; the file says which. Without it, the
+    /// weights inside the program are used
+    #[arg(long)]
+    weights: Option<PathBuf>,
+    /// Weights of the autoencoder of the paper's network; vae.safetensors beside --weights without it
+    #[arg(long, requires = "weights")]
+    vae: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Test sets, a dataset, a split of it, or one sequence. Each sequence needs its scene.json
+    #[arg(long)]
+    data: PathBuf,
+    /// Degrees that the environment turns
+    #[arg(long, default_value_t = 120.0, allow_hyphen_values = true)]
+    turn: f32,
+    /// Samples for each pixel of the truth
+    #[arg(long, default_value_t = 64, value_parser = within(Settings::SPP))]
+    spp: u32,
+    /// Folder for the truth, the pictures and the results
+    #[arg(long, short = 'o', default_value = "results-relight")]
+    out: PathBuf,
+    /// Print the table as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What decides the pictures in the folder.
+#[derive(PartialEq, Serialize, serde::Deserialize)]
+struct About {
+    about: String,
+    turn: f32,
+    spp: u32,
+}
+
+/// Errors of one kind of buffers.
+#[derive(Serialize)]
+struct Row {
+    buffers: &'static str,
+    /// Means by metric.
+    values: BTreeMap<String, Interval>,
+}
+
+#[derive(Serialize)]
+struct Results {
+    #[serde(flatten)]
+    about: About,
+    sequences: usize,
+    rows: Vec<Row>,
+}
+
+impl Options {
+    /// Renders, measures and prints.
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        ensure!(self.turn.is_finite(), "--turn: {} is not a number of degrees", self.turn);
+        let options = WanOptions { vae: self.vae.as_deref(), tile: None };
+        let network = Inverter::open(self.weights.as_deref(), options, &self.device.open()?)?;
+        let tests = find::find(&self.data)?;
+        for test in &tests {
+            let file = test.sequence.folder.join(SCENE);
+            ensure!(file.is_file(), "{}: is missing; the scene is rendered under another light", file.display());
+        }
+        let denoise = if renderflow_renderer::denoise::Denoiser::new().is_ok() { Denoise::Oidn } else { Denoise::None };
+        let settings = TruthSettings::quiet(Settings { spp: self.spp, ..Settings::default() }, denoise)?;
+        let about = || About { about: "truth under another light".into(), turn: self.turn, spp: self.spp };
+        Claim::new(&self.out.join("truth"), RECORD, &about(), "pictures of another light")?.write()?;
+        let lpips = Networks::find()?;
+
+        let progress = Progress::new("relight", 1000 * tests.len() as u64);
+        let mut found: Vec<[BTreeMap<String, f64>; 4]> = Vec::new();
+        for test in &tests {
+            let sequence = &test.sequence;
+            progress.message(sequence.name.clone());
+            let turned = self.truth(&test.set, sequence, allowed, &settings, &progress, cancel);
+            let measured = turned.and_then(|turned| {
+                let pictures = pictures(sequence, &turned, &network)?;
+                let (truth, frame) = (&pictures[ROWS.len()], turned.frame(0)?);
+                let measured = Truth::new(truth, Some(&frame.alpha), None, &lpips)?;
+                let path = self.out.join(format!("{}-{}.png", test.set, sequence.name));
+                let names = ROWS.iter().chain(std::iter::once(&"truth"));
+                let tiles: Vec<Tile> = names.zip(&pictures).map(|(name, shown)| Tile::new(*name, shown.clone())).collect();
+                file::write_atomic(&path, &picture::png(&sheet(&tiles, tiles.len()))?)?;
+                let errors = pictures[..ROWS.len()].iter().map(|shown| values(&measured.measure(shown, None)?));
+                Ok(errors.collect::<Result<Vec<_>>>()?.try_into().unwrap_or_default())
+            });
+            found.push(measured.with_context(|| sequence.folder.display().to_string())?);
+        }
+        progress.finish();
+        let results = Results { about: about(), sequences: found.len(), rows: rows(&found) };
+        let path = self.out.join(RECORD);
+        file::write_json(&path, &results)?;
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&results)?);
+        } else {
+            print(&results);
+            println!("{}", path.display());
+        }
+        Ok(())
+    }
+
+    /// The first frame of a sequence, path-traced under the turned environment. It is read where it is there already.
+    fn truth(
+        &self,
+        set: &str,
+        sequence: &Sequence,
+        allowed: &[PathBuf],
+        settings: &TruthSettings,
+        progress: &Progress,
+        cancel: &Cancel,
+    ) -> Result<Sequence> {
+        let path = sequence.folder.join(SCENE);
+        let mut scene: Scene = file::read_json(&path)?;
+        scene.environment.rotation += self.turn;
+        let job = SequenceJob {
+            scene,
+            base: Reach::of(&path).allow(allowed),
+            out: self.out.join("truth").join(set).join(&sequence.name),
+            keyframe_gap: 0,
+            // Only the first frame.
+            frame_step: u32::MAX,
+            storage: Profile::Full,
+        };
+        let mut open = job.open()?;
+        let work = open.decide(settings, None)?;
+        open.make(&work, settings, progress, cancel)?;
+        Sequence::open(&job.out)
+    }
+}
+
+/// Display values of the pictures of [`ROWS`], and of the truth.
+fn pictures(old: &Sequence, turned: &Sequence, network: &Inverter) -> Result<Vec<Rgb>> {
+    let (frame, truth) = (old.frame(0)?, turned.frame(0)?);
+    let shown = shown(&frame, old.light()?)?;
+    let found = network.find(std::slice::from_ref(&shown), &Intrinsic::ALL, 1)?.swap_remove(0);
+    let (width, height) = (shown.width, shown.height);
+    let plain = Buffers {
+        albedo: Some(shown.clone()),
+        normal: Some(Rgb::filled(width, height, [0.0, 0.0, 1.0])),
+        depth: None,
+        material: Some(Rgb::filled(width, height, [0.5, 0.0, 0.5])),
+    };
+    let (light, exposure) = (turned.light()?, turned.exposure());
+    let shade = |frame: &Frame| ibl::shade(frame, light).image.map(|rgb| display(*rgb, exposure));
+    let beauty = truth.beauty.as_ref().context("the truth has no beauty")?;
+    Ok(vec![
+        shade(&with(&frame, &found)),
+        shade(&frame),
+        shade(&with(&frame, &plain)),
+        shown,
+        beauty.map(|rgb| display(*rgb, exposure)),
+    ])
+}
+
+/// The picture of a frame, as a network sees it.
+fn shown(frame: &Frame, light: &Light) -> Result<Rgb> {
+    // The environment is not looked at: the smallest view of it is enough.
+    let view = EnvironmentView::new(&light.environment, 2, 1);
+    let pictures = Pictures::new(frame, light, &view, DepthBounds::of([frame]))?;
+    let picture = pictures.target.as_deref().context("has no beauty")?;
+    Ok(image(pictures.width, pictures.height, picture).map(|p| p.map(unit)))
+}
+
+/// The frame with recovered buffers in the place of its own. Coverage stays, and so does what is seen through clear surfaces.
+fn with(frame: &Frame, buffers: &Buffers) -> Frame {
+    let or = |found: &Option<Rgb>, own: &Rgb| found.clone().unwrap_or_else(|| own.clone());
+    Frame {
+        albedo: buffers.albedo.as_ref().map_or_else(|| frame.albedo.clone(), |albedo| albedo.map(|p| p.map(srgb_to_linear))),
+        normal: or(&buffers.normal, &frame.normal),
+        material: or(&buffers.material, &frame.material),
+        guide_albedo: None,
+        guide_normal: None,
+        ..frame.clone()
+    }
+}
+
+fn rows(found: &[[BTreeMap<String, f64>; 4]]) -> Vec<Row> {
+    let row = |(i, buffers): (usize, &'static str)| {
+        let value = |id: &str| {
+            let all: Vec<f64> = found.iter().filter_map(|rows| rows[i].get(id).copied()).collect();
+            Some((id.to_owned(), bootstrap(&all)?))
+        };
+        Row { buffers, values: SHOWN.iter().filter_map(|id| value(id)).collect() }
+    };
+    ROWS.into_iter().enumerate().map(row).collect()
+}
+
+fn print(results: &Results) {
+    println!("{} sequences, light turned by {} degrees", results.sequences, results.about.turn);
+    for metric in METRICS.iter().filter(|metric| SHOWN.contains(&metric.id)) {
+        let cell = |row: &Row| {
+            let digits = metric.digits;
+            row.values.get(metric.id).map_or_else(
+                || "-".to_owned(),
+                |value| match value.range {
+                    Some([low, high]) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", value.mean),
+                    None => format!("{:.digits$}", value.mean),
+                },
+            )
+        };
+        println!("  {}: {}", metric.label, metric.meaning);
+        results.rows.iter().filter(|row| row.values.contains_key(metric.id)).for_each(|row| {
+            println!("    {:16} {}", row.buffers, cell(row));
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use renderflow_frame::Environment;
+    use renderflow_frame::image::Image;
+
+    /// A wall under white light shows its albedo; recovered buffers replace the frame's own.
+    #[test]
+    fn recovered_buffers_are_shaded() {
+        let wall = |albedo: f32| Frame {
+            width: 8,
+            height: 8,
+            alpha: Image::filled(8, 8, 1.0),
+            albedo: Rgb::filled(8, 8, [albedo; 3]),
+            normal: Rgb::filled(8, 8, [0.0, 0.0, 1.0]),
+            depth: Image::filled(8, 8, 2.0),
+            material: Rgb::filled(8, 8, [1.0, 0.0, 0.0]),
+            guide_albedo: Some(Rgb::filled(8, 8, [albedo; 3])),
+            ..Frame::default()
+        };
+        let light = Light::new(Environment::constant([1.0; 3]));
+        let mean = |frame: &Frame| ibl::shade(frame, &light).image.pixels[27][0];
+        let found =
+            Buffers { albedo: Some(Rgb::filled(8, 8, [renderflow_frame::color::linear_to_srgb(0.6); 3])), ..Buffers::default() };
+        assert!((mean(&with(&wall(0.2), &found)) - mean(&wall(0.6))).abs() < 1e-4);
+        assert!((mean(&wall(0.2)) - mean(&wall(0.6))).abs() > 0.2);
+    }
+}

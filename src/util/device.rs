@@ -1,0 +1,42 @@
+//! The option that chooses the device of the networks.
+
+use anyhow::Result;
+use clap::Args;
+use renderflow_model::device::{DeviceChoice, NetworkDevice};
+
+/// Where networks run.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub struct DeviceArgs {
+    /// Device that networks run on: cpu, vulkan or cuda; auto is the first GPU that is found, or the processor; vulkan:1 is the
+    /// second GPU. GPUs need a build with the feature vulkan or cuda, and `renderflow doctor` lists them
+    #[arg(long, default_value_t, help_heading = "Network")]
+    device: DeviceChoice,
+}
+
+impl DeviceArgs {
+    /// Opens the device, and tells the user which one it is unless it is the processor.
+    ///
+    /// # Errors
+    /// When it cannot be used.
+    pub fn open(self) -> Result<NetworkDevice> {
+        let device = self.get()?;
+        if !device.is_cpu() {
+            eprintln!("note: networks run on {device}");
+        }
+        Ok(device)
+    }
+
+    /// The device that [`Self::open`] opened.
+    ///
+    /// # Errors
+    /// When it cannot be used.
+    pub fn get(self) -> Result<NetworkDevice> {
+        Ok(NetworkDevice::open(self.device)?)
+    }
+}
+
+/// What a record of results says about the device: results of different devices differ in their last digits. Nothing is said of
+/// the processor.
+pub fn recorded(device: &NetworkDevice) -> Option<String> {
+    (!device.is_cpu()).then(|| device.to_string())
+}
