@@ -1,5 +1,5 @@
 # RenderFlow. `make demo` and `make test` do all set-up on a fresh Debian or Ubuntu with Rust and Python's pip.
-.PHONY: demo test test-full test-wheel bench docs oidn build dist wheel wheel-portable lint hdri clean
+.PHONY: demo test test-full test-gpu test-wheel bench docs oidn build dist wheel wheel-portable lint hdri clean
 
 CARGO = cargo
 RENDERFLOW = target/release/renderflow
@@ -30,6 +30,14 @@ test-full: test build test-wheel dist
 	sh tests/container/run.sh
 	$(MAKE) docs
 	$(RENDERFLOW) stress --again --out target/stress.json
+	$(MAKE) test-gpu
+
+# Networks on another device than the processor, which is OpenGL in software where there is no GPU. The build for CUDA is checked
+# without its tools. Afterwards $(RENDERFLOW) is a build for GPUs.
+test-gpu:
+	$(CARGO) test --release -p renderflow-model --features vulkan --test kernels --test fusion
+	$(CARGO) test --release --features vulkan --test devices
+	DOCS_RS=1 $(CARGO) check --release -p renderflow-model --features cuda
 
 # Time against error on every benchmark scene, small: minutes. docs/benchmarks.md has the other measurements.
 bench: oidn

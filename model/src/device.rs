@@ -9,7 +9,7 @@ use burn::tensor::Device;
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// An interface to devices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -142,8 +142,9 @@ impl NetworkDevice {
     /// when its driver refuses.
     pub fn open(choice: DeviceChoice) -> Result<Self> {
         static OPEN: Mutex<Vec<NetworkDevice>> = Mutex::new(Vec::new());
+        static FIRST: OnceLock<DeviceChoice> = OnceLock::new();
         let choice = match choice {
-            DeviceChoice::Auto => first(&found()).unwrap_or_default(),
+            DeviceChoice::Auto => *FIRST.get_or_init(|| first(&found()).unwrap_or_default()),
             this => this,
         };
         let DeviceChoice::This(interface, index) = choice else { return Ok(Self::cpu()) };

@@ -70,7 +70,7 @@ fn config(output: &Path, steps: u64) -> Config {
         run: RunConfig {
             output: output.into(),
             steps,
-            learning_rate: 1e-3,
+            learning_rate: 3e-3,
             warmup_steps: 5,
             ema_decay: 0.9,
             checkpoint_steps: 1000,
@@ -103,20 +103,20 @@ fn learn(config: &Config, validation: &[Example], stop: u64) -> Summary {
 fn every_buffer_is_learned() {
     let folder = tempfile::tempdir().unwrap();
     let held_out = [toy(1000), toy(1001)].map(|record| Example::of(&record.to_half()));
-    let config = config(folder.path(), 300);
+    let config = config(folder.path(), 500);
     let before = validate(&Inverse::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
     let summary = learn(&config, &held_out, u64::MAX);
-    assert!(summary.finished && summary.steps == 300);
+    assert!(summary.finished && summary.steps == 500);
     let after = validate(&Inverse::load(&summary.weights).unwrap(), &held_out).unwrap();
     assert!(after.psnr["albedo"] > before.psnr["albedo"] + 3.0, "{before:?} {after:?}");
     assert_eq!(after.others.len(), 4);
     for (name, error) in &after.others {
-        assert!(*error < 0.6 * before.others[name], "{name}: {} before, {error} after", before.others[name]);
+        assert!(*error < 0.7 * before.others[name], "{name}: {} before, {error} after", before.others[name]);
     }
     // Each validation is a line.
     let lines = std::fs::read_to_string(folder.path().join("validation.jsonl")).unwrap();
     let last: Validation = serde_json::from_str(lines.lines().last().unwrap()).unwrap();
-    assert_eq!((last.step, last.others.len()), (300, 4));
+    assert_eq!((last.step, last.others.len()), (500, 4));
 }
 
 /// A run that was stopped resumes to the same bytes, although the sequences in its window are made again.

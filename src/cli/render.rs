@@ -1,6 +1,7 @@
 use super::scene::{SceneArgs, Wanted, any_resolution};
 use super::{OpenArgs, TraceArgs};
 use crate::dataset::contact;
+use crate::dataset::denoise::Denoise;
 use crate::dataset::job::watch::{Target, Watch};
 use crate::dataset::job::{SequenceJob, TruthSettings};
 use crate::dataset::layout::{ANIMATION, SHEET};
@@ -18,6 +19,7 @@ use clap::Args;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Frame, exr, file};
+use renderflow_model::device::NetworkDevice;
 use renderflow_renderer::{Budget, Mode, RenderScene, Settings, Shutter, ThinLens, render_gbuffer};
 use renderflow_scenes::LoadedScene;
 use renderflow_scenes::description::Scene;
@@ -271,7 +273,9 @@ impl Render {
             irradiance: self.irradiance,
             ..usual
         };
-        let mut settings = TruthSettings::new(render, self.trace.denoise, &self.device.open()?)?;
+        // No other denoiser is a network of this program.
+        let device = if self.trace.denoise == Denoise::Neural { self.device.open()? } else { NetworkDevice::cpu() };
+        let mut settings = TruthSettings::new(render, self.trace.denoise, &device)?;
         (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);
         let viewer = self.tev.as_deref().map(Tev::connect).transpose()?;
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
