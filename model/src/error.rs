@@ -40,6 +40,12 @@ pub enum Error {
         /// The loss, or the gradient of a named parameter.
         what: String,
     },
+    /// The processes that train together cannot be joined, or do not fit together.
+    #[error("{reason}")]
+    Team {
+        /// What is wrong.
+        reason: String,
+    },
     /// This build has no trained weights.
     #[error("this build has no trained weights: train some (`renderflow train`) and pass the file")]
     NoShippedWeights,

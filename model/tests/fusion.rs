@@ -16,8 +16,8 @@ use renderflow_model::fusion::fill::Samples;
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
-use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::{Progress, Validation};
+use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::weights::Precision;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -106,7 +106,7 @@ fn every_tier_learns() {
     let held_out = [toy(1000).to_half(), toy(1001).to_half()];
     let config = config(folder.path(), 150);
     let before = validate(&Fusion::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
-    let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false)).unwrap();
+    let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false), &Team::alone()).unwrap();
     assert!(summary.finished && summary.steps == 150);
     let after = validate(&Fusion::load(&summary.weights).unwrap(), &held_out).unwrap();
     assert_eq!(before.len(), after.len());
@@ -135,7 +135,7 @@ fn stopped_runs_resume_exactly() {
                     cancel.store(true, Ordering::Relaxed);
                 }
             };
-            let summary = training::run(&config, &Toy, None, &[], &watch, &cancel).unwrap();
+            let summary = training::run(&config, &Toy, None, &[], &watch, &cancel, &Team::alone()).unwrap();
             assert_eq!(summary.finished, stop == u64::MAX);
             if older && !summary.finished {
                 edit_configuration(folder.path(), |config| assert_eq!(config.remove("decay"), Some("cosine".into())));

@@ -16,9 +16,9 @@ use renderflow_model::inverse::training::{self, Config, InverseObjective, valida
 use renderflow_model::inverse::{Inverse, InverseConfig, InverseNet};
 use renderflow_model::ops::Products;
 use renderflow_model::parameters;
-use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::{Objective, Progress, Validation};
 use renderflow_model::train::sequences::Crop;
+use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::weights::Precision;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -90,7 +90,7 @@ fn every_buffer_is_learned() {
     let held_out = [toy(1000), toy(1001)].map(|record| Example::of(&record.to_half()));
     let config = config(folder.path(), 300);
     let before = validate(&Inverse::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
-    let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false)).unwrap();
+    let summary = training::run(&config, &Toy, None, &held_out, &|_| (), &AtomicBool::new(false), &Team::alone()).unwrap();
     assert!(summary.finished && summary.steps == 300);
     let after = validate(&Inverse::load(&summary.weights).unwrap(), &held_out).unwrap();
     assert!(after.psnr["albedo"] > before.psnr["albedo"] + 3.0, "{before:?} {after:?}");
@@ -119,7 +119,7 @@ fn stopped_runs_resume_exactly() {
                     cancel.store(true, Ordering::Relaxed);
                 }
             };
-            let summary = training::run(&config, &Toy, None, &[], &watch, &cancel).unwrap();
+            let summary = training::run(&config, &Toy, None, &[], &watch, &cancel, &Team::alone()).unwrap();
             assert_eq!(summary.finished, stop == u64::MAX);
         }
         std::fs::read(folder.path().join("weights.safetensors")).unwrap()

@@ -10,7 +10,7 @@ use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
 use renderflow_model::lpips::Backbone;
 use renderflow_model::parameters::{self, to_vec};
-use renderflow_model::train::{Method, RunConfig};
+use renderflow_model::train::{Method, RunConfig, Share, Team};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
 use renderflow_model::wan::pictures::Kind;
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
@@ -49,7 +49,7 @@ fn autoencoder() -> Stage {
 }
 
 fn train(config: &Config, clips: &[Clip]) -> Summary {
-    run(config, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).unwrap_or_else(|e| panic!("{e}"))
+    run(config, &clips.to_vec(), &|_| (), &AtomicBool::new(false), &Team::alone()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Runs until `step` and stops.
@@ -60,7 +60,7 @@ fn interrupted(config: &Config, clips: &[Clip], step: u64) -> Summary {
             cancel.store(true, Ordering::Relaxed);
         }
     };
-    run(config, &clips.to_vec(), &stop, &cancel).unwrap_or_else(|e| panic!("{e}"))
+    run(config, &clips.to_vec(), &stop, &cancel, &Team::alone()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 fn losses(folder: &Path) -> Vec<(u64, f32)> {
@@ -228,7 +228,8 @@ fn checkpoints_of_older_programs_are_resumed() {
     assert!(std::fs::read(whole.weights).expect("weights") == std::fs::read(parts.weights).expect("weights"));
     // Another method would read other moments.
     let muon = |settings: Config| Config { run: RunConfig { optimizer: Method::Muon, ..settings.run }, ..settings };
-    let error = run(&muon(settings("parts")), &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("another method");
+    let error = run(&muon(settings("parts")), &clips.to_vec(), &|_| (), &AtomicBool::new(false), &Team::alone())
+        .expect_err("another method");
     assert!(matches!(error, Error::Config { option: "optimizer", .. }), "{error}");
 }
 
@@ -264,7 +265,7 @@ fn every_stage_resumes() {
     assert_eq!(kept.len(), 2, "{kept:?}");
     kept.iter().for_each(|path| std::fs::write(path, b"not latents").expect("written"));
     let broken = small("latents")(config(&folder.path().join("broken"), with(decoded(&vae)), 4));
-    let error = run(&broken, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("broken latents");
+    let error = run(&broken, &clips.to_vec(), &|_| (), &AtomicBool::new(false), &Team::alone()).expect_err("broken latents");
     assert!(kept.iter().any(|path| error.to_string().contains(&path.display().to_string())), "{error}");
 }
 
@@ -380,7 +381,7 @@ fn recomputed_gradients_are_the_plain_ones() {
             Some(group) => flow.clone().learn_only(group),
             None => flow.clone(),
         };
-        let sampler = BatchSampler { network: &network, latents: &settings, batches: &batches(2), task };
+        let sampler = BatchSampler { network: &network, latents: &settings, batches: &batches(2), task, share: Share::WHOLE };
         for step in 0..3 {
             let batch = sampler.draw(&clips, step, &mut step_rng(7, step)).expect("batch");
             let plain = objective(false).step(&flow, batch.clone(), &device).expect("gradients");
@@ -413,7 +414,13 @@ fn batches_depend_on_seed_and_step_only() {
     let settings =
         LatentConfig { bridge: Bridge { times: Times::Four(table), ..Bridge::default() }, ..decoded(Path::new("unused")) };
     let kinds = batches(3);
-    let sampler = BatchSampler { network: &network, latents: &settings, batches: &kinds, task: Task::Render { gap: Some(4) } };
+    let sampler = BatchSampler {
+        network: &network,
+        latents: &settings,
+        batches: &kinds,
+        task: Task::Render { gap: Some(4) },
+        share: Share::WHOLE,
+    };
     let draw = |seed, step| sampler.draw(&clips, step, &mut step_rng(seed, step)).expect("batch");
     let all: Vec<LatentBatch> = (0..60).map(|step| draw(1, step)).collect();
     // In another order, and by other threads.
@@ -456,7 +463,7 @@ fn unusable_settings_and_data_are_named() {
     let clips = [clip(2, SIZE)];
     let vae = some_autoencoder(folder.path(), 1, &clips);
     let fails = |config: &Config, clips: &[Clip]| {
-        run(config, &clips.to_vec(), &|_| (), &AtomicBool::new(false)).expect_err("not usable").to_string()
+        run(config, &clips.to_vec(), &|_| (), &AtomicBool::new(false), &Team::alone()).expect_err("not usable").to_string()
     };
     let good = config(&folder.path().join("runs"), base(&vae), 1);
     let kinds = |size, frames| vec![BatchConfig { size, frames, items: 1, weight: 1.0 }];
@@ -507,6 +514,7 @@ fn unusable_settings_and_data_are_named() {
         &clips.to_vec(),
         &|_| (),
         &AtomicBool::new(false),
+        &Team::alone(),
     )
     .expect_err("another seed");
     assert!(matches!(error, Error::Config { option: "seed", .. }), "{error}");
@@ -549,7 +557,13 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
         };
         let flow = open(path);
         let kinds = [BatchConfig { size: SIZE, frames: 5, items: 1, weight: 1.0 }];
-        let sampler = BatchSampler { network: flow.config(), latents: &start, batches: &kinds, task: Task::Render { gap: None } };
+        let sampler = BatchSampler {
+            network: flow.config(),
+            latents: &start,
+            batches: &kinds,
+            task: Task::Render { gap: None },
+            share: Share::WHOLE,
+        };
         let batch = sampler.draw(&latents, 0, &mut step_rng(0, 0)).expect("batch");
         let tensor = |values: &[f32], channels: usize| {
             let [b, _, f, h, w] = batch.shape;

@@ -8,16 +8,17 @@ mod reference;
 mod sequences;
 mod wan;
 
+use super::program;
 use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
-use crate::util::progress::Progress;
+use crate::util::progress::{self, Display, Progress};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use renderflow_frame::{file, words};
 use renderflow_model::fusion::training::Config as FusionConfig;
 use renderflow_model::inverse::training::Config as InverseConfig;
-use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::Summary;
+use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::wan::FlowConfig;
 use renderflow_model::wan::train::{Config as WanConfig, StageName};
 use sequences::Options;
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::time::Duration;
 
 const HELP: &str = "\
 Examples for the fusion network, which reads samples, keyframes and deferred shading:
@@ -126,16 +128,28 @@ impl Configuration {
     }
 }
 
-/// The progress bars of a run.
+/// What every training takes part in.
+struct Session<'a> {
+    team: &'a Team,
+    bars: &'a Bars,
+    cancel: &'a Cancel,
+}
+
+/// The progress bars of a run. Of several processes, one shows them.
 struct Bars {
+    /// Whether this process shows them.
+    shown: bool,
     loading: Progress,
     /// Begins with the first step, so that its time leaves out the loading.
     training: OnceLock<Progress>,
 }
 
 impl Bars {
-    fn new(sequences: u64) -> Self {
-        Self { loading: Progress::new("loading", sequences), training: OnceLock::new() }
+    fn new(team: &Team, sequences: u64) -> Self {
+        if !team.leads() {
+            progress::display(Display::Nothing);
+        }
+        Self { shown: team.leads(), loading: Progress::new("loading", sequences), training: OnceLock::new() }
     }
 
     fn loading(&self, done: u64, total: u64) {
@@ -144,7 +158,9 @@ impl Bars {
     }
 
     fn note(&self, note: &str) {
-        self.loading.hide(|| eprintln!("note: {note}"));
+        if self.shown {
+            self.loading.hide(|| eprintln!("note: {note}"));
+        }
     }
 
     /// Shows the share of the run that is done.
@@ -167,22 +183,29 @@ impl Bars {
         if let Some(training) = self.training.get() {
             training.finish();
         }
-        println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+        if self.shown {
+            println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+        }
         Ok(())
     }
 }
 
 impl Train {
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
-        let configuration = self.configuration()?;
         if self.print_config {
-            println!("{}", serde_json::to_string_pretty(&configuration)?);
+            println!("{}", serde_json::to_string_pretty(&self.configuration()?)?);
             return Ok(());
         }
-        match configuration {
-            Configuration::Fusion(options) => self.sequences(&options, allowed, cancel),
-            Configuration::Inverse(options) => self.sequences(&options, allowed, cancel),
-            Configuration::Wan(config) => self.wan(&config, cancel),
+        let team = Team::from_environment()?;
+        end(&team, self.train(&team, allowed, cancel))
+    }
+
+    /// Trains as a process of `team`.
+    fn train(&self, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        match self.configuration()? {
+            Configuration::Fusion(options) => self.sequences(&options, team, allowed, cancel),
+            Configuration::Inverse(options) => self.sequences(&options, team, allowed, cancel),
+            Configuration::Wan(config) => self.wan(&config, team, cancel),
         }
     }
 
@@ -238,6 +261,22 @@ impl Train {
     fn data(&self) -> Result<&Path> {
         self.data.as_deref().context("--data is missing")
     }
+}
+
+/// Seconds for which the other processes let the first one say what is wrong: often it is the same with all.
+const FIRST_SPEAKS: Duration = Duration::from_secs(2);
+
+/// Returns the outcome of this process. If it has failed, this ends the other processes, which would wait for it for ever.
+fn end(team: &Team, done: Result<()>) -> Result<()> {
+    if done.is_ok() || team.size() == 1 || team.has_parted() {
+        return done;
+    }
+    if !team.leads() {
+        std::thread::sleep(FIRST_SPEAKS);
+        eprint!("process {} of 0..{}: ", team.share().rank, team.size());
+    }
+    team.abort(program::exit_code(done));
+    Err(Interrupted.into())
 }
 
 /// Width and height of the smallest frame of a sequence.

@@ -13,6 +13,7 @@ use crate::train::config::{self, Method, RunConfig, TrainingConfig, first_differ
 use crate::train::optimizer::Optimizer;
 use crate::train::runner::{self, Objective, Progress, Runner, StepResult, Summary, Validation};
 use crate::train::sequences::Rotation;
+use crate::train::team::Team;
 use crate::weights::Precision;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -203,7 +204,7 @@ type Slopes = (Vec<f32>, Vec<f32>);
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the records that are validated at each checkpoint.
 ///
-/// Batches depend on the seed, the step and the source alone. Setting `cancel` stops the run after the current step, with a
+/// Batches depend on the seed, the step and the source alone; each process of `team` makes its share of them. Setting `cancel` stops the run after the current step, with a
 /// checkpoint.
 ///
 /// # Errors
@@ -216,8 +217,11 @@ pub fn run(
     validation: &[Record<f16>],
     progress: &(dyn Fn(&Progress) + Sync),
     cancel: &AtomicBool,
+    team: &Team,
 ) -> Result<Summary> {
     config.validate()?;
+    config.crops.iter().try_for_each(|crop| team.check_batch("crops.batch", crop.batch))?;
+    let progress = team.report(progress);
     let device = Device::flex().autodiff();
     let model = match start {
         None => FusionNet::new(&config.network, config.run.seed, &device)?,
@@ -225,16 +229,17 @@ pub fn run(
         Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
     };
     let tiers = config.selected_tiers()?;
-    let runner = Runner { config, data: Some(source.identity()), device, progress, cancel };
+    let runner = Runner { config, data: Some(source.identity()), device, progress, cancel, team };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
             let mut pool = config.rotation().load(scope, |i| source.make(i), first_step, cancel, progress)?;
+            let share = team.share();
             Ok(move |step: u64| {
                 let sequences = pool.at(step)?;
                 let records: Vec<&Record<f16>> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
                 let (mut rng, crop) = (step_rng(config.run.seed, step), Crop::at(&config.crops, config.run.share(step, 0.0)));
                 for _ in 0..64 {
-                    if let Some(batch) = Batch::draw(&records, &tiers, crop.size, crop.batch, &mut rng) {
+                    if let Some(batch) = Batch::draw(&records, &tiers, crop, share, &mut rng) {
                         return Ok(batch);
                     }
                 }

@@ -15,6 +15,7 @@ use crate::train::config::{self, Method, RunConfig, TrainingConfig, first_differ
 use crate::train::optimizer::Optimizer;
 use crate::train::runner::{self, Objective, Progress, Runner, StepResult, Summary, Validation};
 use crate::train::sequences::{Crop, Rotation};
+use crate::train::team::Team;
 use crate::weights::Precision;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -179,7 +180,7 @@ impl Objective for InverseObjective {
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the frames that are validated at each checkpoint.
 ///
-/// Batches depend on the seed, the step and the source alone. Setting `cancel` stops the run after the current step, with a
+/// Batches depend on the seed, the step and the source alone; each process of `team` makes its share of them. Setting `cancel` stops the run after the current step, with a
 /// checkpoint.
 ///
 /// # Errors
@@ -192,24 +193,28 @@ pub fn run(
     validation: &[Example],
     progress: &(dyn Fn(&Progress) + Sync),
     cancel: &AtomicBool,
+    team: &Team,
 ) -> Result<Summary> {
     config.validate()?;
+    config.crops.iter().try_for_each(|crop| team.check_batch("crops.batch", crop.batch))?;
+    let progress = team.report(progress);
     let device = Device::flex().autodiff();
     let model = match start {
         None => InverseNet::new(&config.network, config.run.seed, &device)?,
         Some(start) if start.header().inverse == config.network => start.on(&device)?,
         Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
     };
-    let runner = Runner { config, data: Some(source.identity()), device, progress, cancel };
+    let runner = Runner { config, data: Some(source.identity()), device, progress, cancel, team };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
             let make = |i: u64| Ok(source.make(i)?.iter().map(Example::of).collect::<Vec<Example>>());
             let mut pool = config.rotation().load(scope, make, first_step, cancel, progress)?;
+            let share = team.share();
             Ok(move |step: u64| {
                 let sequences = pool.at(step)?;
                 let examples: Vec<&Example> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
                 let crop = Crop::at(&config.crops, config.run.share(step, 0.0));
-                let batch = Batch::draw(&examples, crop.size, crop.batch, &mut step_rng(config.run.seed, step));
+                let batch = Batch::draw(&examples, crop, share, &mut step_rng(config.run.seed, step));
                 batch.ok_or_else(|| {
                     let reason = format!("no frame has at least {} pixels a side", crop.size);
                     Error::Data { place: "sequences".into(), reason }

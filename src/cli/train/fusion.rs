@@ -3,9 +3,8 @@
 use super::monitor::{FRAMES, Monitor};
 use super::reference::References;
 use super::sequences::Learns;
-use super::{Bars, Train};
+use super::{Session, Train};
 use crate::dataset::learning::Recipe;
-use crate::util::cancel::Cancel;
 use crate::util::picture;
 use anyhow::Result;
 use half::f16;
@@ -54,7 +53,8 @@ impl Learns for Config {
         Ok(self.validate()?)
     }
 
-    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()> {
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
+        let Session { team, bars, cancel } = *session;
         let start = train.from.as_deref().map(Fusion::load).transpose()?;
         let references = References::measure(&self.network, validation)?;
         let sheets = |weights: &Path| sheets(weights, validation);
@@ -65,7 +65,7 @@ impl Learns for Config {
             }
         }
         let tell = |progress: &_| monitor.tell(bars, progress);
-        bars.finish(&training::run(self, source, start.as_ref(), validation, &tell, cancel)?)
+        bars.finish(&training::run(self, source, start.as_ref(), validation, &tell, cancel, team)?)
     }
 }
 

@@ -36,6 +36,7 @@ use crate::train::optimizer::Optimizer;
 use crate::train::pool::{Make, Pool, PoolSettings, Stored};
 use crate::train::runner::{self, Objective, Runner};
 pub use crate::train::runner::{LogRecord, Progress, Summary};
+use crate::train::team::Team;
 use crate::{Error, Result};
 use autoencoder::{AutoencoderObjective, PictureBatch, StatisticsSample, new_autoencoder};
 use burn::module::Module;
@@ -52,7 +53,7 @@ use std::sync::atomic::AtomicBool;
 
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one.
 ///
-/// Batches depend on the seed and the step alone. `progress` is called from this thread, and during loading from others. Setting
+/// Batches depend on the seed and the step alone; each process of `team` makes its share of them. `progress` is called from this thread, and during loading from others. Setting
 /// `cancel` stops the run after the current step, with a checkpoint.
 ///
 /// # Errors
@@ -63,9 +64,12 @@ pub fn run(
     source: &dyn ClipSource,
     progress: &(dyn Fn(&Progress) + Sync),
     cancel: &AtomicBool,
+    team: &Team,
 ) -> Result<Summary> {
     config.validate()?;
-    let run = Run { config, source, progress, cancel, device: Device::flex().autodiff() };
+    config.batches.iter().try_for_each(|batch| team.check_batch("batches.items", batch.items))?;
+    let progress = team.report(progress);
+    let run = Run { config, source, progress, cancel, team, device: Device::flex().autodiff() };
     match &config.stage {
         Stage::Autoencoder { network, start, loss } => run.autoencoder(network, start.as_deref(), *loss),
         Stage::Base { network, start, latents } => run.base(network, start.as_deref(), latents),
@@ -104,6 +108,7 @@ struct Run<'a> {
     source: &'a dyn ClipSource,
     progress: &'a (dyn Fn(&Progress) + Sync),
     cancel: &'a AtomicBool,
+    team: &'a Team,
     device: Device,
 }
 
@@ -126,8 +131,10 @@ impl Run<'_> {
             let header = Network::WanVae(sample.measure(&network, &vae)?);
             self.save(&vae, header, &provenance, optimizer.steps)
         };
-        let draw =
-            |clips: &[_], step: u64| PictureBatch::draw(&network, &config.batches, clips, &mut step_rng(config.run.seed, step));
+        let share = self.team.share();
+        let draw = |clips: &[_], step: u64| {
+            PictureBatch::draw(&network, &config.batches, clips, share, &mut step_rng(config.run.seed, step))
+        };
         self.train(&objective, vae, &make, &draw, &save)
     }
 
@@ -176,7 +183,8 @@ impl Run<'_> {
             return Err(Error::config("stage.latents.autoencoder", reason));
         }
         self.check_batches(network.pixel_multiple(), &network.vae)?;
-        let sampler = BatchSampler { network: &network, latents, batches: &config.batches, task };
+        let share = self.team.share();
+        let sampler = BatchSampler { network: &network, latents, batches: &config.batches, task, share };
         let vae = vae.no_grad();
         let plain = vae.valid();
         let decodes = latents.pixels.weight > 0.0;
@@ -235,7 +243,7 @@ impl Run<'_> {
         let settings = PoolSettings { limit: config.cache_mib << 20, rotate_steps: config.rotate_steps, seed: config.run.seed };
         let loading = |done, total| (self.progress)(&Progress::Loading { done: done as u64, total: total as u64 });
         let (data, device) = (self.source.identity()?, self.device.clone());
-        let runner = Runner { config, data, device, progress: self.progress, cancel: self.cancel };
+        let runner = Runner { config, data, device, progress: self.progress, cancel: self.cancel, team: self.team };
         let batches = |first_step| {
             let mut pool = Pool::load(self.source, make, settings, first_step, self.cancel, &loading)?;
             Ok(move |step| draw(&pool.at(step)?, step))
