@@ -6,14 +6,16 @@ mod inverse;
 mod monitor;
 mod reference;
 mod sequences;
+mod slurm;
 mod wan;
 
 use super::program;
 use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::progress::{self, Display, Progress};
-use anyhow::{Context, Result, ensure};
-use clap::Args;
+use crate::util::stop;
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, Subcommand};
 use renderflow_frame::{file, words};
 use renderflow_model::fusion::training::Config as FusionConfig;
 use renderflow_model::inverse::training::Config as InverseConfig;
@@ -41,6 +43,9 @@ Examples for the paper's network, in its order of stages (with wan-1.3b, add --f
   renderflow train --preset wan-small --stage inverse --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
       --data data/train --minutes 60 -o runs/wan-inverse
 
+Several processes train together, each on a part of every batch (docs/scale-out.md; built with --features mpi):
+  mpirun -n 4 --bind-to none renderflow train --plan plan.toml --keep kept --minutes 120 -o runs/fusion --threads 4
+
 The inverse network, which invert uses, is trained by a file run.json that holds {\"network\": \"inverse\"}:
   renderflow train --config run.json --plan plan.toml --minutes 120 -o runs/inverse
 
@@ -52,8 +57,32 @@ A configuration file names its network: \"network\": \"fusion\", \"inverse\" or 
 /// it trains a stage of the paper's network on a dataset. The run writes checkpoints; the same command resumes a run that was
 /// stopped.
 #[derive(Args)]
-#[command(after_help = HELP)]
-pub struct Train {
+#[command(after_help = HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct TrainCommand {
+    #[command(subcommand)]
+    other: Option<Other>,
+    #[command(flatten)]
+    train: Option<Train>,
+}
+
+#[derive(Subcommand)]
+enum Other {
+    Slurm(slurm::SlurmArgs),
+}
+
+impl TrainCommand {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        match (self.other, self.train) {
+            (Some(Other::Slurm(command)), _) => command.run(allowed),
+            (None, Some(train)) => train.run(allowed, cancel),
+            (None, None) => bail!("name the data and the output folder; --help shows examples"),
+        }
+    }
+}
+
+/// The options of a training.
+#[derive(Args)]
+struct Train {
     /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from
     /// their scenes; it is validated on the split `val` beside it
     #[arg(long, required_unless_present_any = ["plan", "print_config"], help_heading = "Input")]
@@ -191,13 +220,14 @@ impl Bars {
 }
 
 impl Train {
-    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         if self.print_config {
             println!("{}", serde_json::to_string_pretty(&self.configuration()?)?);
             return Ok(());
         }
         let team = Team::from_environment()?;
-        end(&team, self.train(&team, allowed, cancel))
+        let done = self.train(&team, allowed, cancel);
+        end(team, done)
     }
 
     /// Trains as a process of `team`.
@@ -266,9 +296,17 @@ impl Train {
 /// Seconds for which the other processes let the first one say what is wrong: often it is the same with all.
 const FIRST_SPEAKS: Duration = Duration::from_secs(2);
 
-/// Returns the outcome of this process. If it has failed, this ends the other processes, which would wait for it for ever.
-fn end(team: &Team, done: Result<()>) -> Result<()> {
-    if done.is_ok() || team.size() == 1 || team.has_parted() {
+/// Returns the outcome of this process. If it has failed, this ends the other processes, which would wait for it for ever. If
+/// all were interrupted, one says so.
+fn end(team: Team, done: Result<()>) -> Result<()> {
+    if done.is_ok() || team.size() == 1 {
+        return done;
+    }
+    if team.has_parted() {
+        if !team.leads() {
+            drop(team);
+            std::process::exit(stop::RESUMABLE.into());
+        }
         return done;
     }
     if !team.leads() {

@@ -196,7 +196,7 @@ pub fn run(
     team: &Team,
 ) -> Result<Summary> {
     config.validate()?;
-    config.crops.iter().try_for_each(|crop| team.check_batch("crops.batch", crop.batch))?;
+    team.share().check_crops(&config.crops)?;
     let progress = team.report(progress);
     let device = Device::flex().autodiff();
     let model = match start {

@@ -207,8 +207,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
         let start = Instant::now();
         let elapsed = || before + start.elapsed().as_secs_f64();
         let (mut meter, mut last) = (Meter::default(), None);
-        let keep = |optimizer: &mut Optimizer, model: &O::Model, elapsed: f64| -> Result<()> {
-            self.team.level(optimizer)?;
+        let keep = |optimizer: &Optimizer, model: &O::Model, elapsed: f64| -> Result<()> {
             if !self.team.leads() {
                 return Ok(());
             }
@@ -245,8 +244,8 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     cancel.store(true, Ordering::Relaxed);
                 }
                 if share >= 1.0 || stop {
-                    keep(&mut optimizer, &model, elapsed())?;
-                    self.team.part();
+                    keep(&optimizer, &model, elapsed())?;
+                    self.team.part()?;
                     return Ok(share >= 1.0);
                 }
                 let batch = match receiver.recv() {
@@ -283,7 +282,10 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     meter = Meter::default();
                 }
                 if optimizer.steps.is_multiple_of(run.checkpoint_steps) {
-                    keep(&mut optimizer, &model, elapsed())?;
+                    if self.team.level(&mut optimizer)? {
+                        model = parameters::import_learning(model, &optimizer.values(), &self.device);
+                    }
+                    keep(&optimizer, &model, elapsed())?;
                 }
             }
         })?;

@@ -6,6 +6,7 @@
 
 use super::optimizer::Optimizer;
 use super::runner::{Progress, StepResult};
+use super::sequences::Crop;
 use crate::{Error, Result};
 use bytemuck::Pod;
 use half::f16;
@@ -45,9 +46,28 @@ impl Share {
     /// The share of a process that trains alone.
     pub const WHOLE: Self = Self { rank: 0, size: 1 };
 
-    /// The items of this process in a batch of `items`, which is a multiple of the number of processes ([`Team::check_batch`]).
+    /// The items of this process in a batch of `items`, which is a multiple of the number of processes ([`Self::check_batch`]).
     pub fn of(self, items: usize) -> Range<usize> {
         items * self.rank / self.size..items * (self.rank + 1) / self.size
+    }
+
+    /// Refuses batches that the processes cannot share equally: the mean over processes would not be the mean over items.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the `option` that holds the number of `items`.
+    pub fn check_batch(self, option: &'static str, items: usize) -> Result<()> {
+        if items.is_multiple_of(self.size) {
+            return Ok(());
+        }
+        Err(Error::config(option, format!("{items} cannot be shared equally by {} processes", self.size)))
+    }
+
+    /// Refuses kinds of crop that the processes cannot share equally.
+    ///
+    /// # Errors
+    /// As [`Self::check_batch`].
+    pub fn check_crops(self, crops: &[Crop]) -> Result<()> {
+        crops.iter().try_for_each(|crop| self.check_batch("crops.batch", crop.batch))
     }
 }
 
@@ -131,17 +151,6 @@ impl Team {
         if self.leads() { progress } else { &|_| () }
     }
 
-    /// Refuses batches that the processes cannot share equally: the mean over processes would not be the mean over items.
-    ///
-    /// # Errors
-    /// [`Error::Config`] naming the `option` that holds the number of `items`.
-    pub fn check_batch(&self, option: &'static str, items: usize) -> Result<()> {
-        if items.is_multiple_of(self.size()) {
-            return Ok(());
-        }
-        Err(Error::config(option, format!("{items} cannot be shared equally by {} processes", self.size())))
-    }
-
     /// Whether the processes have agreed that the run is over. Until then, one that ends must end the others
     /// ([`Self::abort`]), which would wait for it.
     pub fn has_parted(&self) -> bool {
@@ -174,9 +183,11 @@ impl Team {
         Ok((all[0], all.chunks_exact(2).any(|of| of[1] > 0.0)))
     }
 
-    /// Tells that the run is over.
-    pub(super) fn part(&self) {
+    /// Agrees that the run is over, when every process has done what it had to do.
+    pub(super) fn part(&self) -> Result<()> {
+        self.any(false)?;
         self.parted.set(true);
+        Ok(())
     }
 
     /// Refuses to begin where the processes differ in their options, data or weights. `options` holds all that must be equal
@@ -201,13 +212,13 @@ impl Team {
         Ok(())
     }
 
-    /// Gives every process the state of process 0 if any process has another one. Processors of different kinds round
-    /// differently.
-    pub(super) fn level(&self, optimizer: &mut Optimizer) -> Result<()> {
-        let Some(links) = &self.links else { return Ok(()) };
+    /// Gives every process the state of process 0 if any process has another one, and returns whether that was so. Processors of
+    /// different kinds round differently.
+    pub(super) fn level(&self, optimizer: &mut Optimizer) -> Result<bool> {
+        let Some(links) = &self.links else { return Ok(false) };
         let digests = self.gather(&[digest(optimizer)])?;
         if digests.iter().all(|digest| *digest == digests[0]) {
-            return Ok(());
+            return Ok(false);
         }
         for slot in &mut optimizer.slots {
             for values in [&mut slot.parameter.values, &mut slot.first, &mut slot.second, &mut slot.average] {
@@ -216,7 +227,7 @@ impl Team {
                 }
             }
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Replaces the loss, its terms and the gradients of the own share of a batch by the means over all shares. A missing gradient

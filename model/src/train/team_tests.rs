@@ -7,7 +7,6 @@ use crate::network::layers::Conv;
 use crate::parameters;
 use crate::train::config::{Decay, RunConfig};
 use crate::train::runner::{LogRecord, Objective, Runner, Summary};
-use crate::train::sequences::Crop;
 use burn::tensor::Device;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -281,7 +280,8 @@ fn processors_that_round_differently_are_brought_together() {
         let parameter =
             parameters::Parameter { name: "w".into(), shape: vec![2], values: vec![1.0 + team.share().rank as f32, 2.0] };
         let mut optimizer = Optimizer::new(vec![parameter]);
-        team.level(&mut optimizer).expect("all are there");
+        assert!(team.level(&mut optimizer).expect("all are there"));
+        assert!(!team.level(&mut optimizer).expect("all are there"));
         let slot = &optimizer.slots[0];
         [slot.parameter.values.clone(), slot.average.clone()]
     });
@@ -313,7 +313,7 @@ fn batches_are_shared_without_rest() {
     let parts: Vec<_> = (0..4).map(|rank| Share { rank, size: 4 }.of(8)).collect();
     assert_eq!(parts, [0..2, 2..4, 4..6, 6..8]);
     assert_eq!(Share::WHOLE.of(5), 0..5);
-    for refused in together(3, |team| team.check_batch("crops.batch", 8).map_err(|error| error.to_string())) {
+    for refused in together(3, |team| team.share().check_batch("crops.batch", 8).map_err(|error| error.to_string())) {
         assert_eq!(refused, Err("crops.batch: 8 cannot be shared equally by 3 processes".to_owned()));
     }
 }

@@ -93,7 +93,7 @@ impl Train {
         ensure!(counts.train > 0, "the plan has no training sequences");
         self.check_crop(plan.resolution.map(|side| side as usize), options.crop(), CROPS).context("the plan")?;
         let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
-        if self.is_done(&options.training, Some(&training.identity()))? {
+        if self.is_done(&options.training, Some(&training.identity()), team)? {
             return Ok(());
         }
         let bars = self.bars(team, options.training.first());
@@ -123,7 +123,7 @@ impl Train {
             self.check_crop(smallest(sequence), options.crop(), CROPS).with_context(|| sequence.folder.display().to_string())?;
         }
         let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
-        if self.is_done(&options.training, Some(&training.identity()))? {
+        if self.is_done(&options.training, Some(&training.identity()), team)? {
             return Ok(());
         }
         let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));

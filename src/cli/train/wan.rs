@@ -67,7 +67,7 @@ impl Train {
 
     pub(super) fn wan(&self, config: &Config, team: &Team, cancel: &Cancel) -> Result<()> {
         let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
-        if self.is_done(config, dataset.identity()?.as_deref())? {
+        if self.is_done(config, dataset.identity()?.as_deref(), team)? {
             return Ok(());
         }
         let bars = Bars::new(team, dataset.sequences.len() as u64);

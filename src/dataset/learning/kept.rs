@@ -300,6 +300,61 @@ mod tests {
         assert_eq!(source.0.load(Ordering::Relaxed), 2);
     }
 
+    /// Takes its time, so that the others find it at work.
+    struct Slow(Counted);
+
+    impl Source for Slow {
+        fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+            std::thread::sleep(Duration::from_millis(20));
+            self.0.make(i)
+        }
+
+        fn identity(&self) -> String {
+            self.0.identity()
+        }
+    }
+
+    impl Indexed for Slow {
+        fn content(&self) -> String {
+            self.0.content()
+        }
+
+        fn index(&self, i: u64) -> u64 {
+            self.0.index(i)
+        }
+    }
+
+    #[test]
+    fn processes_make_each_sequence_once_and_all_of_them_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let sources = [(); 3].map(|()| Slow(Counted(AtomicU64::new(0))));
+        std::thread::scope(|scope| {
+            for source in &sources {
+                scope.spawn(|| {
+                    let kept = Kept::new(source, folder.path()).unwrap().shared_by(3);
+                    (0..12).for_each(|i| assert!(same(&kept.records(i).unwrap(), &source.0.make(i).unwrap())));
+                });
+            }
+        });
+        // Each has compared all sequences.
+        let made = sources.map(|source| source.0.0.load(Ordering::Relaxed) - 12);
+        assert!(made.iter().sum::<u64>() == 12 && made.iter().all(|count| *count > 1), "{made:?}");
+        let kept = Kept::new(&Counted(AtomicU64::new(0)), folder.path()).unwrap().folder;
+        assert_eq!(std::fs::read_dir(kept).unwrap().count(), 12, "no lock stays");
+    }
+
+    #[test]
+    fn a_claim_ends_with_its_process() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("000007.safetensors");
+        let claim = Claim::of(&path).expect("nobody works at it");
+        assert!(Claim::of(&path).is_none());
+        drop(claim);
+        // A process that was killed leaves the file, but no lock.
+        std::fs::write(path.with_extension("lock"), b"").unwrap();
+        assert!(Claim::of(&path).is_some());
+    }
+
     #[test]
     fn a_damaged_sequence_is_made_once_more() {
         let folder = tempfile::tempdir().unwrap();

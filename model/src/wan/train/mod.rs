@@ -67,7 +67,7 @@ pub fn run(
     team: &Team,
 ) -> Result<Summary> {
     config.validate()?;
-    config.batches.iter().try_for_each(|batch| team.check_batch("batches.items", batch.items))?;
+    config.batches.iter().try_for_each(|batch| team.share().check_batch("batches.items", batch.items))?;
     let progress = team.report(progress);
     let run = Run { config, source, progress, cancel, team, device: Device::flex().autodiff() };
     match &config.stage {
