@@ -25,6 +25,7 @@ test-full: test build test-wheel dist
 	$(CARGO) test --release --workspace -- --ignored
 	sh tests/python/run.sh
 	sh tests/slurm/run.sh
+	sh tests/mpi/run.sh
 	python3 tests/readme/run.py
 	sh tests/browser/run.sh
 	sh tests/container/run.sh

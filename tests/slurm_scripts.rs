@@ -1,4 +1,4 @@
-//! The scripts of `dataset slurm`, run with stand-ins for Slurm's commands and for the program. The real Slurm:
+//! The scripts of `dataset slurm` and `train slurm`, run with stand-ins for Slurm's commands and for the program. The real Slurm:
 //! tests/slurm/run.sh.
 #![cfg(unix)]
 
@@ -232,6 +232,102 @@ fn a_signal_reaches_the_program() {
             assert_eq!(child.wait().unwrap().code(), Some(75), "{case}");
             assert_eq!(site.calls()[1..], ["scontrol [requeue] [41_7]"], "{case}");
         }
+    }
+}
+
+/// The options of a job that trains, up to the training's own.
+fn training<'a>(scripts: &'a str, program: &'a str, options: &[&'a str]) -> Vec<&'a str> {
+    let mut command = vec!["train", "slurm", "--overwrite", "--script-dir", scripts, "--program", program];
+    command.extend(options);
+    command.push("--");
+    command
+}
+
+#[test]
+fn what_follows_the_end_of_a_training() {
+    let site = Site::new(2, &[]);
+    let [plan, out, scripts, program] = ["plan.json", "run", "jobs", "program"].map(|name| site.path(name));
+    for launcher in ["srun", "mpirun"] {
+        site.stand_in(launcher, "exit \"$STATUS\"");
+        let options = ["--nodes", "2", "--processes", "4", "--cpus", "5", "--retries", "2", "--launcher", launcher];
+        let mut command = training(&scripts, &program, &options);
+        command.extend(["--plan", &plan, "-o", &out, "--steps", "7"]);
+        succeed(&command);
+        let launch = match launcher {
+            "srun" => "srun [--mpi=pmix] [--kill-on-bad-exit=1] [--cpus-per-task=5]",
+            _ => "mpirun [-n] [4] [--bind-to] [none]",
+        };
+        let launched = format!("{launch} [{program}] [train] [--plan] [{plan}] [-o] [{out}] [--steps] [7] [--threads] [5]");
+        let text = std::fs::read_to_string(site.path("jobs/job.sh")).unwrap();
+        let signal = if launcher == "srun" { "TERM@120" } else { "B:TERM@120" };
+        for line in ["#SBATCH --nodes=2", "#SBATCH --ntasks=4", "#SBATCH --requeue", &format!("#SBATCH --signal={signal}")] {
+            assert!(text.lines().any(|l| l == line), "{line}: {text}");
+        }
+        let requeue = "scontrol [requeue] [41]";
+        for shell in shells() {
+            for (status, restarts, follows) in [
+                (0, "0", vec![]),
+                (75, "1", vec![requeue]),
+                (143, "0", vec![requeue]),
+                // A process was killed, and the launcher ended the others.
+                (137, "0", vec![requeue]),
+                (1, "1", vec![requeue]),
+                (1, "2", vec![]),
+                (2, "0", vec![]),
+            ] {
+                let case = format!("{launcher}, {shell}, status {status}, restart {restarts}");
+                let mut command = site.script(shell, "job.sh", &[]);
+                let output = command.env("STATUS", status.to_string()).env("SLURM_RESTART_COUNT", restarts).output().unwrap();
+                assert_eq!(output.status.code(), Some(status), "{case}: {}", stderr(&output));
+                let calls = site.calls();
+                assert_eq!(calls[0], launched, "{case}");
+                assert_eq!(calls[1..], follows, "{case}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_training_that_cannot_work_is_not_written() {
+    let site = Site::new(2, &[]);
+    let [plan, out, scripts, program] = ["plan.json", "run", "other jobs", "program"].map(|name| site.path(name));
+    for (options, more, message) in [
+        (["--processes", "3"], ["--steps", "7"], "crops.batch: 8 cannot be shared equally by 3 processes"),
+        (["--time", "a b"], ["--steps", "7"], "--time \"a b\": not a word"),
+        (["--processes", "2"], ["--stepps", "7"], "--stepps"),
+        (["--processes", "2"], ["--vae", "x"], "--vae"),
+    ] {
+        let mut command = training(&scripts, &program, &options);
+        command.extend(["--plan", &plan, "-o", &out]);
+        command.extend(more);
+        let refused = renderflow(&command);
+        assert!(!refused.status.success() && stderr(&refused).contains(message), "{options:?}: {}", stderr(&refused));
+        assert!(!Path::new(&scripts).exists(), "{options:?}");
+    }
+}
+
+/// Processes that were started together and do not know each other would write into one folder.
+#[test]
+fn a_program_without_mpi_does_not_train_beside_others() {
+    let site = Site::new(2, &[]);
+    let train = |variables: &[(&str, &str)]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_renderflow"));
+        command.args(["train", "--plan", &site.path("plan.json"), "-o", &site.path("run"), "--steps", "0"]);
+        command.envs(variables.iter().copied()).output().unwrap()
+    };
+    for started in
+        [[("OMPI_COMM_WORLD_SIZE", "2"), ("OMPI_COMM_WORLD_RANK", "0")], [("SLURM_STEP_NUM_TASKS", "2"), ("SLURM_PROCID", "1")]]
+    {
+        let refused = train(&started);
+        let said = stderr(&refused);
+        assert!(!refused.status.success() && said.contains(" says that 2 processes were started to train together"), "{said}");
+    }
+    // One process is one, however it was started. It is refused for another reason.
+    for started in
+        [[("OMPI_COMM_WORLD_SIZE", "1"), ("OMPI_COMM_WORLD_RANK", "0")], [("SLURM_NTASKS", "2"), ("SLURM_PROCID", "0")]]
+    {
+        let said = stderr(&train(&started));
+        assert!(said.contains("steps: must be at least 1"), "{said}");
     }
 }
 

@@ -40,6 +40,12 @@ pub enum Error {
         /// The loss, or the gradient of a named parameter.
         what: String,
     },
+    /// The processes that train together cannot be joined, or do not fit together.
+    #[error("{reason}")]
+    Team {
+        /// What is wrong.
+        reason: String,
+    },
     /// A device cannot be used, or failed while it computed.
     #[error("device {device}: {reason}")]
     Device {

@@ -19,8 +19,8 @@ use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
 #[cfg(feature = "vulkan")]
 use renderflow_model::ops::Products;
-use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::{Progress, RunContext, Summary, Validation};
+use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::weights::Precision;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -113,7 +113,14 @@ fn learn(config: &Config, validation: &[Record<f16>], device: &NetworkDevice, st
             cancel.store(true, Ordering::Relaxed);
         }
     };
-    training::run(config, &Toy, None, validation, RunContext { device, progress: &progress, cancel: &cancel }).unwrap()
+    training::run(
+        config,
+        &Toy,
+        None,
+        validation,
+        RunContext { device, progress: &progress, cancel: &cancel, team: &Team::alone() },
+    )
+    .unwrap()
 }
 
 #[test]

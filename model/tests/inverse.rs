@@ -17,9 +17,9 @@ use renderflow_model::inverse::training::{self, Config, InverseObjective, valida
 use renderflow_model::inverse::{Inverse, InverseConfig, InverseNet};
 use renderflow_model::ops::Products;
 use renderflow_model::parameters;
-use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::{Objective, Progress, RunContext, Summary, Validation};
 use renderflow_model::train::sequences::Crop;
+use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::weights::Precision;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -95,7 +95,7 @@ fn learn(config: &Config, validation: &[Example], stop: u64) -> Summary {
             cancel.store(true, Ordering::Relaxed);
         }
     };
-    let context = RunContext { device: &NetworkDevice::cpu(), progress: &progress, cancel: &cancel };
+    let context = RunContext { device: &NetworkDevice::cpu(), progress: &progress, cancel: &cancel, team: &Team::alone() };
     training::run(config, &Toy, None, validation, context).unwrap()
 }
 

@@ -4,24 +4,22 @@ mod common;
 
 use burn::tensor::Device;
 use common::sequence::Memory;
-use common::{clip, encoder, lpips_folder};
+use common::{clip, encoder, learn, lpips_folder};
 use renderflow_frame::{DepthBounds, color, ibl};
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::renderer::{Options, Renderer};
-use renderflow_model::train::RunConfig;
-use renderflow_model::train::runner::RunContext;
+use renderflow_model::train::{RunConfig, Share};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig};
 use renderflow_model::wan::pictures::{BridgeStart, EnvironmentView, Pictures};
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
 use renderflow_model::wan::train::latents::{ClipLatents, Encoder};
-use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, PixelLoss, Stage, run};
+use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, PixelLoss, Stage};
 use renderflow_model::wan::video::WanRenderer;
 use renderflow_model::wan::weights::{Header, Network, Precision, Provenance, save};
 use renderflow_model::wan::{Vae, names::Naming};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 const SIZE: usize = 32;
 
@@ -49,7 +47,13 @@ fn settings() -> LatentConfig {
 fn drawn(vae: &Vae, start: BridgeStart, step: u64, settings: &LatentConfig) -> LatentBatch {
     let network = network(start);
     let batches = [BatchConfig { size: SIZE, frames: 5, items: 3, weight: 1.0 }];
-    let sampler = BatchSampler { network: &network, latents: settings, batches: &batches, task: Task::Render { gap: None } };
+    let sampler = BatchSampler {
+        network: &network,
+        latents: settings,
+        batches: &batches,
+        task: Task::Render { gap: None },
+        share: Share::WHOLE,
+    };
     sampler.draw(&latents(vae, start), step, &mut step_rng(7, step)).expect("batch")
 }
 
@@ -172,12 +176,7 @@ fn weights_keep_the_start_of_their_bridge() {
             batches: vec![BatchConfig { size: SIZE, frames: 1, items: 1, weight: 1.0 }],
             ..Config::default()
         };
-        let summary = run(
-            &config,
-            &vec![clip(2, SIZE)],
-            RunContext { device: &NetworkDevice::cpu(), progress: &|_| (), cancel: &AtomicBool::new(false) },
-        )
-        .expect("trains");
+        let summary = learn(&config, &[clip(2, SIZE)], &|_| false).expect("trains");
         let renderer = WanRenderer::load(&summary.weights, Some(&file), &NetworkDevice::cpu()).expect("renderer");
         assert_eq!(renderer.config().bridge_start, start);
         let text = serde_json::to_string(renderer.config()).expect("JSON");

@@ -8,22 +8,19 @@ use common::checkpoint::edit_configuration;
 use common::{clip, encoder, lpips_folder};
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
-use renderflow_model::device::NetworkDevice;
 use renderflow_model::lpips::Backbone;
 use renderflow_model::parameters::{self, to_vec};
-use renderflow_model::train::runner::RunContext;
-use renderflow_model::train::{Method, RunConfig};
+use renderflow_model::train::{Method, RunConfig, Share};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig, KeyframeConfig};
 use renderflow_model::wan::pictures::Kind;
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
 use renderflow_model::wan::train::latents::{ClipLatents, Encoder};
-use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, LogRecord, PixelLoss, Progress, Stage, Summary, run};
+use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, LogRecord, PixelLoss, Progress, Stage, Summary};
 use renderflow_model::wan::weights::Source;
 use renderflow_model::wan::{Vae, VaeConfig};
 use renderflow_model::{Clip, Error};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 const SIZE: usize = 64;
 
@@ -51,8 +48,7 @@ fn autoencoder() -> Stage {
 }
 
 fn learn(config: &Config, clips: &[Clip]) -> renderflow_model::Result<Summary> {
-    let context = RunContext { device: &NetworkDevice::cpu(), progress: &|_| (), cancel: &AtomicBool::new(false) };
-    run(config, &clips.to_vec(), context)
+    common::learn(config, clips, &|_| false)
 }
 
 fn train(config: &Config, clips: &[Clip]) -> Summary {
@@ -61,14 +57,8 @@ fn train(config: &Config, clips: &[Clip]) -> Summary {
 
 /// Runs until `step` and stops.
 fn interrupted(config: &Config, clips: &[Clip], step: u64) -> Summary {
-    let cancel = AtomicBool::new(false);
-    let stop = |progress: &Progress| {
-        if matches!(progress, Progress::Step(record) if record.step == step) {
-            cancel.store(true, Ordering::Relaxed);
-        }
-    };
-    run(config, &clips.to_vec(), RunContext { device: &NetworkDevice::cpu(), progress: &stop, cancel: &cancel })
-        .unwrap_or_else(|e| panic!("{e}"))
+    let stop = |progress: &Progress| matches!(progress, Progress::Step(record) if record.step == step);
+    common::learn(config, clips, &stop).unwrap_or_else(|e| panic!("{e}"))
 }
 
 fn losses(folder: &Path) -> Vec<(u64, f32)> {
@@ -388,7 +378,7 @@ fn recomputed_gradients_are_the_plain_ones() {
             Some(group) => flow.clone().learn_only(group),
             None => flow.clone(),
         };
-        let sampler = BatchSampler { network: &network, latents: &settings, batches: &batches(2), task };
+        let sampler = BatchSampler { network: &network, latents: &settings, batches: &batches(2), task, share: Share::WHOLE };
         for step in 0..3 {
             let batch = sampler.draw(&clips, step, &mut step_rng(7, step)).expect("batch");
             let plain = objective(false).step(&flow, batch.clone(), &device).expect("gradients");
@@ -421,7 +411,13 @@ fn batches_depend_on_seed_and_step_only() {
     let settings =
         LatentConfig { bridge: Bridge { times: Times::Four(table), ..Bridge::default() }, ..decoded(Path::new("unused")) };
     let kinds = batches(3);
-    let sampler = BatchSampler { network: &network, latents: &settings, batches: &kinds, task: Task::Render { gap: Some(4) } };
+    let sampler = BatchSampler {
+        network: &network,
+        latents: &settings,
+        batches: &kinds,
+        task: Task::Render { gap: Some(4) },
+        share: Share::WHOLE,
+    };
     let draw = |seed, step| sampler.draw(&clips, step, &mut step_rng(seed, step)).expect("batch");
     let all: Vec<LatentBatch> = (0..60).map(|step| draw(1, step)).collect();
     // In another order, and by other threads.
@@ -463,15 +459,7 @@ fn unusable_settings_and_data_are_named() {
     let folder = tempfile::tempdir().expect("folder");
     let clips = [clip(2, SIZE)];
     let vae = some_autoencoder(folder.path(), 1, &clips);
-    let fails = |config: &Config, clips: &[Clip]| {
-        run(
-            config,
-            &clips.to_vec(),
-            RunContext { device: &NetworkDevice::cpu(), progress: &|_| (), cancel: &AtomicBool::new(false) },
-        )
-        .expect_err("not usable")
-        .to_string()
-    };
+    let fails = |config: &Config, clips: &[Clip]| learn(config, clips).expect_err("not usable").to_string();
     let good = config(&folder.path().join("runs"), base(&vae), 1);
     let kinds = |size, frames| vec![BatchConfig { size, frames, items: 1, weight: 1.0 }];
     for (option, config) in [
@@ -558,7 +546,13 @@ fn learn_one_clip(folder: &Path, clip: &Clip, vae: &Path, steps: u64) -> [f32; 4
         };
         let flow = open(path);
         let kinds = [BatchConfig { size: SIZE, frames: 5, items: 1, weight: 1.0 }];
-        let sampler = BatchSampler { network: flow.config(), latents: &start, batches: &kinds, task: Task::Render { gap: None } };
+        let sampler = BatchSampler {
+            network: flow.config(),
+            latents: &start,
+            batches: &kinds,
+            task: Task::Render { gap: None },
+            share: Share::WHOLE,
+        };
         let batch = sampler.draw(&latents, 0, &mut step_rng(0, 0)).expect("batch");
         let tensor = |values: &[f32], channels: usize| {
             let [b, _, f, h, w] = batch.shape;

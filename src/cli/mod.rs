@@ -88,7 +88,7 @@ enum Command {
     #[command(subcommand, after_help = dataset::HELP)]
     Dataset(dataset::DatasetCommand),
     /// Train a network: the one that reads samples, or the paper's network with Wan's autoencoder and transformer
-    Train(train::Train),
+    Train(train::TrainCommand),
     /// Render the frames of sequence folders with a network
     Infer(infer::Infer),
     /// Find the albedo, normal, depth and material behind pictures

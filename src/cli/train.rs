@@ -6,19 +6,22 @@ mod inverse;
 mod monitor;
 mod reference;
 mod sequences;
+mod slurm;
 mod wan;
 
+use super::program;
 use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device::DeviceArgs;
-use crate::util::progress::Progress;
-use anyhow::{Context, Result, ensure};
-use clap::Args;
+use crate::util::progress::{self, Display, Progress};
+use crate::util::stop;
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, Subcommand};
 use renderflow_frame::{file, words};
 use renderflow_model::fusion::training::Config as FusionConfig;
 use renderflow_model::inverse::training::Config as InverseConfig;
-use renderflow_model::train::RunConfig;
 use renderflow_model::train::runner::Summary;
+use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::wan::FlowConfig;
 use renderflow_model::wan::train::{Config as WanConfig, StageName};
 use sequences::Options;
@@ -26,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::time::Duration;
 
 const HELP: &str = "\
 Examples for the fusion network, which reads samples, keyframes and deferred shading:
@@ -40,6 +44,9 @@ Examples for the paper's network, in its order of stages (with wan-1.3b, add --f
   renderflow train --preset wan-small --stage inverse --vae runs/vae/weights.safetensors --base runs/wan/weights.safetensors \\
       --data data/train --minutes 60 -o runs/wan-inverse
 
+Several processes train together, each on a part of every batch (docs/scale-out.md; built with --features mpi):
+  mpirun -n 4 --bind-to none renderflow train --plan plan.toml --keep kept --minutes 120 -o runs/fusion --threads 4
+
 The inverse network, which invert uses, is trained by a file run.json that holds {\"network\": \"inverse\"}:
   renderflow train --config run.json --plan plan.toml --minutes 120 -o runs/inverse
 
@@ -51,8 +58,32 @@ A configuration file names its network: \"network\": \"fusion\", \"inverse\" or 
 /// it trains a stage of the paper's network on a dataset. The run writes checkpoints; the same command resumes a run that was
 /// stopped.
 #[derive(Args)]
-#[command(after_help = HELP)]
-pub struct Train {
+#[command(after_help = HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct TrainCommand {
+    #[command(subcommand)]
+    other: Option<Other>,
+    #[command(flatten)]
+    train: Option<Train>,
+}
+
+#[derive(Subcommand)]
+enum Other {
+    Slurm(slurm::SlurmArgs),
+}
+
+impl TrainCommand {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        match (self.other, self.train) {
+            (Some(Other::Slurm(command)), _) => command.run(allowed),
+            (None, Some(train)) => train.run(allowed, cancel),
+            (None, None) => bail!("name the data and the output folder; --help shows examples"),
+        }
+    }
+}
+
+/// The options of a training.
+#[derive(Args)]
+struct Train {
     /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from
     /// their scenes; it is validated on the split `val` beside it
     #[arg(long, required_unless_present_any = ["plan", "print_config"], help_heading = "Input")]
@@ -129,16 +160,28 @@ impl Configuration {
     }
 }
 
-/// The progress bars of a run.
+/// What every training takes part in.
+struct Session<'a> {
+    team: &'a Team,
+    bars: &'a Bars,
+    cancel: &'a Cancel,
+}
+
+/// The progress bars of a run. Of several processes, one shows them.
 struct Bars {
+    /// Whether this process shows them.
+    shown: bool,
     loading: Progress,
     /// Begins with the first step, so that its time leaves out the loading.
     training: OnceLock<Progress>,
 }
 
 impl Bars {
-    fn new(sequences: u64) -> Self {
-        Self { loading: Progress::new("loading", sequences), training: OnceLock::new() }
+    fn new(team: &Team, sequences: u64) -> Self {
+        if !team.leads() {
+            progress::display(Display::Nothing);
+        }
+        Self { shown: team.leads(), loading: Progress::new("loading", sequences), training: OnceLock::new() }
     }
 
     fn loading(&self, done: u64, total: u64) {
@@ -147,7 +190,9 @@ impl Bars {
     }
 
     fn note(&self, note: &str) {
-        self.loading.hide(|| eprintln!("note: {note}"));
+        if self.shown {
+            self.loading.hide(|| eprintln!("note: {note}"));
+        }
     }
 
     /// Shows the share of the run that is done.
@@ -170,23 +215,32 @@ impl Bars {
         if let Some(training) = self.training.get() {
             training.finish();
         }
-        println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+        if self.shown {
+            println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+        }
         Ok(())
     }
 }
 
 impl Train {
-    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
-        let configuration = self.configuration()?;
+    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         if self.print_config {
-            println!("{}", serde_json::to_string_pretty(&configuration)?);
+            println!("{}", serde_json::to_string_pretty(&self.configuration()?)?);
             return Ok(());
         }
+        let team = Team::from_environment()?;
+        let done = self.train(&team, allowed, cancel);
+        end(team, done)
+    }
+
+    /// Trains as a process of `team`.
+    fn train(&self, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        let configuration = self.configuration()?;
         self.device.open()?;
         match configuration {
-            Configuration::Fusion(options) => self.sequences(&options, allowed, cancel),
-            Configuration::Inverse(options) => self.sequences(&options, allowed, cancel),
-            Configuration::Wan(config) => self.wan(&config, cancel),
+            Configuration::Fusion(options) => self.sequences(&options, team, allowed, cancel),
+            Configuration::Inverse(options) => self.sequences(&options, team, allowed, cancel),
+            Configuration::Wan(config) => self.wan(&config, team, cancel),
         }
     }
 
@@ -242,6 +296,30 @@ impl Train {
     fn data(&self) -> Result<&Path> {
         self.data.as_deref().context("--data is missing")
     }
+}
+
+/// Seconds for which the other processes let the first one say what is wrong: often it is the same with all.
+const FIRST_SPEAKS: Duration = Duration::from_secs(2);
+
+/// Returns the outcome of this process. If it has failed, this ends the other processes, which would wait for it for ever. If
+/// all were interrupted, one says so.
+fn end(team: Team, done: Result<()>) -> Result<()> {
+    if done.is_ok() || team.size() == 1 {
+        return done;
+    }
+    if team.has_parted() {
+        if !team.leads() {
+            drop(team);
+            std::process::exit(stop::RESUMABLE.into());
+        }
+        return done;
+    }
+    if !team.leads() {
+        std::thread::sleep(FIRST_SPEAKS);
+        eprint!("process {} of 0..{}: ", team.share().rank, team.size());
+    }
+    team.abort(program::exit_code(done));
+    Err(Interrupted.into())
 }
 
 /// Width and height of the smallest frame of a sequence.

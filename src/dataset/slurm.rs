@@ -100,7 +100,7 @@ impl Request {
             ("ALLOWED", allowed.collect::<Result<String>>()?),
             ("FOLDER", shell(&full(&self.folder)?)),
             ("LOGS", shell(&logs.replace('%', "%%"))),
-            ("DIRECTIVES", self.directives()?),
+            ("DIRECTIVES", directives(self.partition.as_deref(), self.account.as_deref(), &self.extra)?),
             ("TIME", word("--time", &self.time)?.into()),
             ("CPUS", self.cpus.to_string()),
             ("MEGABYTES", self.memory.megabytes.to_string()),
@@ -120,34 +120,34 @@ impl Request {
         }
         Ok(tasks)
     }
+}
 
-    /// Lines for `sbatch` that only some clusters need.
-    fn directives(&self) -> Result<String> {
-        let mut lines = vec!["#SBATCH --job-name=renderflow".to_owned()];
-        for (option, value) in [("--partition", &self.partition), ("--account", &self.account)] {
-            if let Some(value) = value {
-                lines.push(format!("#SBATCH {option}={}", word(option, value)?));
-            }
+/// Lines for `sbatch` that only some clusters need.
+pub(crate) fn directives(partition: Option<&str>, account: Option<&str>, extras: &[String]) -> Result<String> {
+    let mut lines = vec!["#SBATCH --job-name=renderflow".to_owned()];
+    for (option, value) in [("--partition", partition), ("--account", account)] {
+        if let Some(value) = value {
+            lines.push(format!("#SBATCH {option}={}", word(option, value)?));
         }
-        for extra in &self.extra {
-            let option = extra.strip_prefix("#SBATCH").unwrap_or(extra).trim();
-            let plain = option.starts_with('-') && !option.chars().any(char::is_control);
-            ensure!(plain, "--extra {extra:?}: not one option of sbatch, such as --qos=long");
-            lines.push(format!("#SBATCH {option}"));
-        }
-        Ok(lines.join("\n"))
     }
+    for extra in extras {
+        let option = extra.strip_prefix("#SBATCH").unwrap_or(extra).trim();
+        let plain = option.starts_with('-') && !option.chars().any(char::is_control);
+        ensure!(plain, "--extra {extra:?}: not one option of sbatch, such as --qos=long");
+        lines.push(format!("#SBATCH {option}"));
+    }
+    Ok(lines.join("\n"))
 }
 
 /// `value`, if it can stand in a line for `sbatch` as it is.
-fn word<'a>(option: &str, value: &'a str) -> Result<&'a str> {
+pub(crate) fn word<'a>(option: &str, value: &'a str) -> Result<&'a str> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-.,:+@/".contains(c);
     ensure!(!value.is_empty() && value.chars().all(plain), "{option} {value:?}: not a word");
     Ok(value)
 }
 
 /// `path` from the root.
-fn full(path: &Path) -> Result<String> {
+pub(crate) fn full(path: &Path) -> Result<String> {
     let full = std::path::absolute(path).with_context(|| format!("{}: has no full name", path.display()))?;
     let text = full.to_str().with_context(|| format!("{}: is not UTF-8", full.display()))?;
     ensure!(!text.contains('\0'), "{}: has a zero byte", full.display());
@@ -155,7 +155,7 @@ fn full(path: &Path) -> Result<String> {
 }
 
 /// `template` with every `@NAME@` replaced by its value; names are in capitals. Values are not searched.
-fn fill(template: &str, values: &[(&str, String)]) -> Result<String> {
+pub(crate) fn fill(template: &str, values: &[(&str, String)]) -> Result<String> {
     let mut filled = String::with_capacity(2 * template.len());
     let mut rest = template;
     while let Some((before, after)) = rest.split_once('@') {
@@ -177,13 +177,13 @@ fn fill(template: &str, values: &[(&str, String)]) -> Result<String> {
 }
 
 #[cfg(unix)]
-fn set_mode(path: &Path, mode: u32) -> std::io::Result<()> {
+pub(crate) fn set_mode(path: &Path, mode: u32) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode))
 }
 
 #[cfg(not(unix))]
-fn set_mode(_path: &Path, _mode: u32) -> std::io::Result<()> {
+pub(crate) fn set_mode(_path: &Path, _mode: u32) -> std::io::Result<()> {
     Ok(())
 }
 
@@ -210,26 +210,11 @@ mod tests {
 
     #[test]
     fn options_stay_in_their_line() {
-        let request = |extra: &str, partition: &str| Request {
-            program: "renderflow".into(),
-            plan: "plan.json".into(),
-            out: "out".into(),
-            allowed: Vec::new(),
-            folder: "scripts".into(),
-            partition: Some(partition.into()),
-            account: None,
-            time: "1".into(),
-            cpus: 1,
-            memory: Memory { megabytes: 1 },
-            tasks_at_once: None,
-            retries: 0,
-            grace: 60,
-            extra: vec![extra.into()],
-        };
-        let lines = request("#SBATCH --qos=long", "gpu,big").directives().unwrap();
-        assert_eq!(lines, "#SBATCH --job-name=renderflow\n#SBATCH --partition=gpu,big\n#SBATCH --qos=long");
+        let lines = |extra: &str, partition: &str| directives(Some(partition), None, &[extra.into()]);
+        let found = lines("#SBATCH --qos=long", "gpu,big").unwrap();
+        assert_eq!(found, "#SBATCH --job-name=renderflow\n#SBATCH --partition=gpu,big\n#SBATCH --qos=long");
         for (extra, partition) in [("--qos=a\nrm -r x", "p"), ("rm", "p"), ("", "p"), ("--qos=a", "p q"), ("--qos=a", "")] {
-            assert!(request(extra, partition).directives().is_err(), "{extra:?} {partition:?}");
+            assert!(lines(extra, partition).is_err(), "{extra:?} {partition:?}");
         }
     }
 }

@@ -18,6 +18,7 @@ use renderflow_frame::file;
 use renderflow_model::data::ClipSource;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
+use renderflow_model::train::Team;
 use renderflow_model::train::runner::RunContext;
 use renderflow_model::wan::train::{self, Config};
 use renderflow_model::wan::{self, Autoencoder};
@@ -148,9 +149,8 @@ impl<'a> Lab<'a> {
             train::Progress::Validated(_) => {}
         };
         let source: &dyn ClipSource = &dataset;
-        let summary =
-            train::run(config, source, RunContext { device: self.fusion.device(), progress: &tell, cancel: self.cancel })
-                .with_context(|| format!("training {}", run.name()))?;
+        let context = RunContext { device: self.fusion.device(), progress: &tell, cancel: self.cancel, team: &Team::alone() };
+        let summary = train::run(config, source, context).with_context(|| format!("training {}", run.name()))?;
         if !summary.finished {
             return Err(Interrupted.into());
         }

@@ -7,6 +7,8 @@ use super::record::{
     ALL_BEFORE, AROUND, CHANNELS, Groups, KEYS, NEIGHBOURS, PARTS, PixelInputs, Record, Selection, Stored, at, push_channels,
     radiance,
 };
+use crate::train::Share;
+use crate::train::sequences::Crop;
 use half::f16;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -130,9 +132,10 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Draws `items` crops of `size` x `size` pixels for one of `tiers`, or returns `None` if no record has the inputs of the
-    /// tier.
-    pub fn draw(records: &[&Record<f16>], tiers: &[Tier], size: usize, items: usize, rng: &mut Pcg64Mcg) -> Option<Self> {
+    /// Draws the crops of `kind` for one of `tiers`, and makes the `share` of this process. Returns `None` if no record has the
+    /// inputs of the tier.
+    pub fn draw(records: &[&Record<f16>], tiers: &[Tier], kind: Crop, share: Share, rng: &mut Pcg64Mcg) -> Option<Self> {
+        let (size, items) = (kind.size, share.of(kind.batch));
         let tier = &tiers[crate::train::draw_weighted(tiers.iter().map(|tier| tier.weight), rng)];
         let wanted = tier.groups;
         let fits = |record: &&&Record<f16>| {
@@ -144,19 +147,19 @@ impl Batch {
         if fitting.is_empty() {
             return None;
         }
-        let crops: Vec<_> = (0..items)
+        let crops: Vec<_> = (0..kind.batch)
             .map(|_| {
                 let (record, window) = draw_window(&fitting, size, rng);
                 (record, window, draw_selection(record, wanted, rng), Augmentation::draw(rng))
             })
             .collect();
-        let parts: Vec<Self> = crops
+        let parts: Vec<Self> = crops[items.clone()]
             .par_iter()
             .map(|(record, window, selection, augmentation)| Self::of(record, *window, selection, augmentation))
             .collect();
         let join = |field: fn(&Self) -> &Vec<f32>| parts.iter().flat_map(|part| field(part).iter().copied()).collect();
         Some(Self {
-            items,
+            items: items.len(),
             width: size,
             height: size,
             groups: wanted,
@@ -280,6 +283,10 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
+    fn crop(size: usize, batch: usize) -> Crop {
+        Crop { size, batch, from: 0.0 }
+    }
+
     fn record(width: usize, height: usize, seed: u64) -> Record<f32> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let mut record = Record::new(width, height);
@@ -326,15 +333,19 @@ mod tests {
         (bare.deferred, bare.distances) = (false, [None; KEYS]);
         for tier in TIERS {
             let mut rng = Pcg64Mcg::seed_from_u64(1);
-            let batch = Batch::draw(&[&bare, &record], &[tier], 32, 3, &mut rng).expect("a record has everything");
+            let batch =
+                Batch::draw(&[&bare, &record], &[tier], crop(32, 3), Share::WHOLE, &mut rng).expect("a record has everything");
             assert_eq!((batch.items, batch.pixels.len(), batch.groups), (3, 3 * 1024, tier.groups));
             assert_eq!(batch.input.len(), 3 * 1024 * tier.groups.channels());
             assert!(batch.pixels.iter().any(|pixel| pixel.own[3] > 0.0) == tier.groups.samples);
             assert!(batch.pixels.iter().any(|pixel| pixel.trust[0].is_finite()) == tier.groups.keys);
             assert!(batch.pixels.iter().all(|pixel| pixel.denoised.is_some()) == tier.groups.denoised);
-            assert!(Batch::draw(&[&bare], &[tier], 32, 1, &mut rng).is_some() != (tier.groups.deferred || tier.groups.keys));
+            assert!(
+                Batch::draw(&[&bare], &[tier], crop(32, 1), Share::WHOLE, &mut rng).is_some()
+                    != (tier.groups.deferred || tier.groups.keys)
+            );
         }
         let mut rng = Pcg64Mcg::seed_from_u64(1);
-        assert!(Batch::draw(&[&record], &TIERS, 64, 1, &mut rng).is_none());
+        assert!(Batch::draw(&[&record], &TIERS, crop(64, 1), Share::WHOLE, &mut rng).is_none());
     }
 }

@@ -202,7 +202,7 @@ type Slopes = (Vec<f32>, Vec<f32>);
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the records that are validated at each checkpoint.
 ///
-/// Batches depend on the seed, the step and the source alone.
+/// Batches depend on the seed, the step and the source alone. Each process of a team makes its share of them.
 ///
 /// # Errors
 /// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, a loss that stays not
@@ -215,6 +215,8 @@ pub fn run(
     context: RunContext,
 ) -> Result<Summary> {
     config.validate()?;
+    context.team.share().check_crops(&config.crops)?;
+    let context = context.reporting();
     let device = context.autodiff();
     let model = match start {
         None => FusionNet::new(&config.network, config.run.seed, &device)?,
@@ -226,12 +228,13 @@ pub fn run(
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
             let mut pool = config.rotation().load(scope, |i| source.make(i), first_step, context.cancel, context.progress)?;
+            let share = context.team.share();
             Ok(move |step: u64| {
                 let sequences = pool.at(step)?;
                 let records: Vec<&Record<f16>> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
                 let (mut rng, crop) = (step_rng(config.run.seed, step), Crop::at(&config.crops, config.run.share(step, 0.0)));
                 for _ in 0..64 {
-                    if let Some(batch) = Batch::draw(&records, &tiers, crop.size, crop.batch, &mut rng) {
+                    if let Some(batch) = Batch::draw(&records, &tiers, crop, share, &mut rng) {
                         return Ok(batch);
                     }
                 }

@@ -6,6 +6,8 @@ use super::graph::{CHANNELS, place};
 use super::head::Pixel;
 use super::loss::Target;
 use crate::network::init::normal;
+use crate::train::Share;
+use crate::train::sequences::Crop;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -87,14 +89,15 @@ pub(super) fn write_input(input: &mut [f32], rgb: [f32; 3], [x, y]: [usize; 2], 
 }
 
 impl Batch {
-    /// Draws `items` crops of `size` x `size` pixels, or returns `None` if no example is that large.
-    pub fn draw(examples: &[&Example], size: usize, items: usize, rng: &mut Pcg64Mcg) -> Option<Self> {
+    /// Draws the crops of `kind`, and makes the `share` of this process. Returns `None` if no example is as large as a crop.
+    pub fn draw(examples: &[&Example], kind: Crop, share: Share, rng: &mut Pcg64Mcg) -> Option<Self> {
+        let (size, items) = (kind.size, share.of(kind.batch));
         let fitting: Vec<&Example> =
             examples.iter().filter(|example| example.width.min(example.height) >= size).copied().collect();
         if fitting.is_empty() {
             return None;
         }
-        let crops: Vec<_> = (0..items)
+        let crops: Vec<_> = (0..kind.batch)
             .map(|_| {
                 let (example, corner) = draw_corner(&fitting, size, rng);
                 (example, corner, Augmentation::draw(rng))
@@ -103,9 +106,9 @@ impl Batch {
         let of = |(example, corner, augmentation): &(&Example, [usize; 2], Augmentation)| {
             Self::of(example, *corner, [size, size], augmentation)
         };
-        let parts: Vec<Self> = crops.par_iter().map(of).collect();
+        let parts: Vec<Self> = crops[items.clone()].par_iter().map(of).collect();
         Some(Self {
-            items,
+            items: items.len(),
             width: size,
             height: size,
             input: parts.iter().flat_map(|part| part.input.iter().copied()).collect(),
@@ -206,13 +209,19 @@ mod tests {
         }
     }
 
+    fn crop(size: usize, batch: usize) -> Crop {
+        Crop { size, batch, from: 0.0 }
+    }
+
     #[test]
     fn batches_depend_on_the_seed_alone() {
         let (small, large) = (example(32, 32, 1), example(80, 70, 2));
-        let draw = |seed: u64| Batch::draw(&[&small, &large], 64, 3, &mut Pcg64Mcg::seed_from_u64(seed)).expect("a crop fits");
+        let draw = |seed: u64| {
+            Batch::draw(&[&small, &large], crop(64, 3), Share::WHOLE, &mut Pcg64Mcg::seed_from_u64(seed)).expect("a crop fits")
+        };
         let (a, b) = (draw(4), draw(4));
         assert!(a.input == b.input && a.targets == b.targets && a.input != draw(5).input);
         assert_eq!((a.items, a.display.len()), (3, 3 * 64 * 64));
-        assert!(Batch::draw(&[&small], 64, 1, &mut Pcg64Mcg::seed_from_u64(1)).is_none());
+        assert!(Batch::draw(&[&small], crop(64, 1), Share::WHOLE, &mut Pcg64Mcg::seed_from_u64(1)).is_none());
     }
 }

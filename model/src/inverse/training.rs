@@ -178,7 +178,7 @@ impl Objective for InverseObjective {
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one. `start` holds weights to begin with,
 /// `validation` the frames that are validated at each checkpoint.
 ///
-/// Batches depend on the seed, the step and the source alone.
+/// Batches depend on the seed, the step and the source alone. Each process of a team makes its share of them.
 ///
 /// # Errors
 /// For invalid options or data, an output folder that cannot be written, a checkpoint of another run, a loss that stays not
@@ -191,6 +191,8 @@ pub fn run(
     context: RunContext,
 ) -> Result<Summary> {
     config.validate()?;
+    context.team.share().check_crops(&config.crops)?;
+    let context = context.reporting();
     let device = context.autodiff();
     let model = match start {
         None => InverseNet::new(&config.network, config.run.seed, &device)?,
@@ -202,11 +204,12 @@ pub fn run(
         let batches = |first_step: u64| {
             let make = |i: u64| Ok(source.make(i)?.iter().map(Example::of).collect::<Vec<Example>>());
             let mut pool = config.rotation().load(scope, make, first_step, context.cancel, context.progress)?;
+            let share = context.team.share();
             Ok(move |step: u64| {
                 let sequences = pool.at(step)?;
                 let examples: Vec<&Example> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
                 let crop = Crop::at(&config.crops, config.run.share(step, 0.0));
-                let batch = Batch::draw(&examples, crop.size, crop.batch, &mut step_rng(config.run.seed, step));
+                let batch = Batch::draw(&examples, crop, share, &mut step_rng(config.run.seed, step));
                 batch.ok_or_else(|| {
                     let reason = format!("no frame has at least {} pixels a side", crop.size);
                     Error::Data { place: "sequences".into(), reason }

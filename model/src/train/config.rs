@@ -1,6 +1,7 @@
 //! The options that every training run has, with their defaults and ranges. The configuration of a network holds them beside its
 //! own options; in a file, both are fields of one JSON object.
 
+use super::team::Gradients;
 use crate::{Error, Result};
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -59,6 +60,8 @@ pub struct RunConfig {
     pub checkpoint_steps: u64,
     /// Steps between log lines and progress reports, at least 1.
     pub log_steps: u64,
+    /// Number format in which processes that train together exchange gradients.
+    pub gradients: Gradients,
 }
 
 impl Default for RunConfig {
@@ -77,6 +80,7 @@ impl Default for RunConfig {
             ema_decay: 0.999,
             checkpoint_steps: 500,
             log_steps: 20,
+            gradients: Gradients::F32,
         }
     }
 }

@@ -1,15 +1,19 @@
-//! What the training of every network shares: options, the loop, the optimiser, checkpoints, the log, clips in memory.
+//! What the training of every network shares: options, the loop, the optimiser, checkpoints, the log, clips in memory, and
+//! processes that train together.
 
 pub mod checkpoint;
 pub mod config;
+mod launch;
 pub mod log;
 pub mod optimizer;
 pub mod pool;
 pub mod runner;
 pub mod schedule;
 pub mod sequences;
+pub mod team;
 
 pub use config::{Decay, Method, RunConfig, TrainingConfig};
+pub use team::{Share, Team};
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;

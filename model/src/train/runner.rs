@@ -6,6 +6,7 @@ use super::config::{RunConfig, TrainingConfig};
 use super::log::Log;
 use super::optimizer::Optimizer;
 use super::schedule;
+use super::team::Team;
 use crate::device::NetworkDevice;
 use crate::parameters;
 use crate::{Error, Result};
@@ -31,7 +32,7 @@ pub struct StepResult {
     pub terms: Vec<(&'static str, f32)>,
     /// Mean squared errors of pictures with values 0..=1, by name. The log shows them as PSNR.
     pub squares: Vec<(&'static str, f32)>,
-    /// Number of items in the batch.
+    /// Number of items in the batch of this process.
     pub items: usize,
     /// Gradients in the order of [`parameters::export_learning`].
     pub gradients: Vec<Option<Vec<f32>>>,
@@ -150,9 +151,16 @@ pub struct RunContext<'a> {
     pub progress: &'a (dyn Fn(&Progress) + Sync),
     /// Stops the run after the current step, with a checkpoint.
     pub cancel: &'a AtomicBool,
+    /// The processes that train together. Each makes its [`Share`](super::Share) of every batch.
+    pub team: &'a Team,
 }
 
 impl RunContext<'_> {
+    /// The same, where only the process that leads the team reports progress.
+    pub(crate) fn reporting(self) -> Self {
+        Self { progress: self.team.report(self.progress), ..self }
+    }
+
     /// The device, which records operations.
     pub fn autodiff(&self) -> Device {
         self.device.device().clone().autodiff()
@@ -177,7 +185,8 @@ impl<C: TrainingConfig> Runner<'_, C> {
     /// Trains `model`, and resumes from the checkpoint in the folder if there is one.
     ///
     /// `batches` receives the first step and returns the function that makes the batch of a step. That function is called for one
-    /// step after another, on a thread of its own. `save` is called after every checkpoint and at the end.
+    /// step after another, on a thread of its own. `save` is called after every checkpoint and at the end, on the process that
+    /// leads its team.
     ///
     /// # Errors
     /// When the objective, a batch or `save` fails, or when the folder cannot be written. [`Error::Diverged`] after eleven steps
@@ -211,7 +220,9 @@ impl<C: TrainingConfig> Runner<'_, C> {
         let first_step = optimizer.steps;
         // Everything that can be refused is refused before anything is written.
         let mut make = batches(first_step)?;
-        let mut log = Log::open(&log, optimizer.steps)?;
+        let options = serde_json::to_string(&(self.config, &self.data)).map_err(|e| Error::malformed(&path, e.to_string()))?;
+        self.context.team.check_start(&options, &optimizer)?;
+        let mut log = if self.context.team.leads() { Some(Log::open(&log, optimizer.steps)?) } else { None };
 
         let start = Instant::now();
         let elapsed = || before + start.elapsed().as_secs_f64();
@@ -222,6 +233,9 @@ impl<C: TrainingConfig> Runner<'_, C> {
             checkpoint::save(&path, &header, optimizer)
         };
         let keep = |optimizer: &Optimizer, model: &O::Model, elapsed: f64| -> Result<()> {
+            if !self.context.team.leads() {
+                return Ok(());
+            }
             checkpoint(optimizer, elapsed)?;
             save(optimizer, model)
         };
@@ -247,33 +261,41 @@ impl<C: TrainingConfig> Runner<'_, C> {
             let mut model = parameters::import_learning(model, &optimizer.values(), &device);
             let mut left_out = 0;
             loop {
-                let share = run.share(optimizer.steps, elapsed());
-                if share >= 1.0 || cancel.load(Ordering::Relaxed) {
+                let (elapsed_now, stop) = self.context.team.agree(elapsed(), cancel.load(Ordering::Relaxed))?;
+                let share = run.share(optimizer.steps, elapsed_now);
+                if stop {
+                    // Another process may have been told to stop. What is being made here is not needed any more.
+                    cancel.store(true, Ordering::Relaxed);
+                }
+                if share >= 1.0 || stop {
                     keep(&optimizer, &model, elapsed())?;
+                    self.context.team.part()?;
                     return Ok(share >= 1.0);
                 }
                 let batch = match receiver.recv() {
                     // The producer saw the request to stop first, perhaps while it made a batch.
-                    Ok(Err(_)) if cancel.load(Ordering::Relaxed) => continue,
-                    Ok(batch) => batch?,
-                    Err(_) if cancel.load(Ordering::Relaxed) => continue,
+                    Ok(Err(_)) | Err(_) if cancel.load(Ordering::Relaxed) => None,
+                    Ok(batch) => Some(batch?),
                     Err(_) => return Err(Error::Data { place: "batches".into(), reason: "producer stopped".into() }),
                 };
+                let lacking = self.context.team.any(batch.is_none())?;
+                let Some(batch) = batch.filter(|_| !lacking) else { continue };
                 let lr = schedule::rate(run, optimizer.steps, share);
-                let result = match objective.step(&model, batch, &device) {
+                let mut result = match objective.step(&model, batch, &device) {
                     // What was learned is in the memory of the host.
-                    Err(Error::Device { device, reason }) => {
+                    Err(Error::Device { device, reason }) if self.context.team.size() == 1 => {
                         checkpoint(&optimizer, elapsed())?;
                         let advice = "what was learned is kept; smaller or fewer crops in a batch need less memory";
                         return Err(Error::Device { device, reason: format!("{reason}; {advice}") });
                     }
                     result => result?,
                 };
+                self.context.team.mean(&mut result, &optimizer, run.gradients)?;
                 match self.update(&mut optimizer, &result, lr) {
                     Ok(norm) => {
                         left_out = 0;
                         model = parameters::import_learning(model, &optimizer.values(), &device);
-                        meter.add(&result, norm);
+                        meter.add(&result, self.context.team.size(), norm);
                     }
                     Err(what) if left_out == MOST_LEFT_OUT => {
                         return Err(Error::Diverged { step: optimizer.steps, what });
@@ -286,12 +308,15 @@ impl<C: TrainingConfig> Runner<'_, C> {
                 }
                 if optimizer.steps.is_multiple_of(run.log_steps) {
                     let record = self.record(&meter, optimizer.steps, lr, [before, elapsed()], first_step);
-                    log.append(&record)?;
+                    log.as_mut().map_or(Ok(()), |log| log.append(&record))?;
                     (self.context.progress)(&Progress::Step(record.clone()));
                     last = Some(record);
                     meter = Meter::default();
                 }
                 if optimizer.steps.is_multiple_of(run.checkpoint_steps) {
+                    if self.context.team.level(&mut optimizer)? {
+                        model = parameters::import_learning(model, &optimizer.values(), &device);
+                    }
                     keep(&optimizer, &model, elapsed())?;
                 }
             }
@@ -357,9 +382,10 @@ impl Default for Meter {
 }
 
 impl Meter {
-    fn add(&mut self, result: &StepResult, norm: f32) {
+    /// Adds a step of `processes`, whose mean is `result`.
+    fn add(&mut self, result: &StepResult, processes: usize, norm: f32) {
         self.steps += 1;
-        self.items += result.items;
+        self.items += result.items * processes;
         self.total += f64::from(result.total);
         self.norm += f64::from(norm);
         for (sums, values) in [(&mut self.terms, &result.terms), (&mut self.squares, &result.squares)] {
@@ -436,6 +462,7 @@ mod tests {
                 }
             },
             cancel: &AtomicBool::new(false),
+            team: &Team::alone(),
         };
         let model = Conv::new(&mut Init::new(1, &context.autodiff()), 1, 1, 1, 1.0);
         let runner = Runner { config: &config, data: None, context };

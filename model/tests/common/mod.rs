@@ -9,11 +9,16 @@ use renderflow_frame::ibl;
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::{Camera, Environment, Frame, FrameInfo, Light};
 use renderflow_model::Clip;
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::lpips::weights_folder;
+use renderflow_model::train::Team;
+use renderflow_model::train::runner::{Progress, RunContext, Summary};
 use renderflow_model::wan::Vae;
 use renderflow_model::wan::pictures::BridgeStart;
 use renderflow_model::wan::train::latents::Encoder;
+use renderflow_model::wan::train::{Config, run};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// An encoder of clips at one size: stills, clips and references, without pictures beside the latents.
 pub fn encoder(vae: &Vae, size: usize) -> Encoder<'_> {
@@ -28,6 +33,14 @@ pub fn encoder(vae: &Vae, size: usize) -> Encoder<'_> {
         pictures: &[],
         store: None,
     }
+}
+
+/// Trains a stage of the paper's network in this process alone, on the processor. The run stops where `stop` says so.
+pub fn learn(config: &Config, clips: &[Clip], stop: &(dyn Fn(&Progress) -> bool + Sync)) -> renderflow_model::Result<Summary> {
+    let cancel = AtomicBool::new(false);
+    let progress = |progress: &Progress| cancel.store(cancel.load(Ordering::Relaxed) || stop(progress), Ordering::Relaxed);
+    let context = RunContext { device: &NetworkDevice::cpu(), progress: &progress, cancel: &cancel, team: &Team::alone() };
+    run(config, &clips.to_vec(), context)
 }
 
 /// The folder with the weights of LPIPS: the one that the environment names, or the one of the test assets.

@@ -13,7 +13,8 @@ use renderflow_model::ops::Products;
 use renderflow_model::parameters;
 use renderflow_model::train::optimizer::Optimizer;
 use renderflow_model::train::runner::Objective;
-use renderflow_model::train::{Method, RunConfig};
+use renderflow_model::train::sequences::Crop;
+use renderflow_model::train::{Method, RunConfig, Share};
 use std::time::Instant;
 
 const CROP: usize = 96;
@@ -27,9 +28,10 @@ fn main() {
     let device = Device::flex().autodiff();
     let model = FusionNet::new(&config, 1, &device).expect("the default configuration is valid");
     let frame = record(256).to_half();
+    let crop = Crop { size: CROP, batch: ITEMS, from: 0.0 };
     for tier in TIERS {
         let mut rng = step_rng(1, 1);
-        let mut drawn = || Batch::draw(&[&frame], &[tier], CROP, ITEMS, &mut rng).expect("the record has everything");
+        let mut drawn = || Batch::draw(&[&frame], &[tier], crop, Share::WHOLE, &mut rng).expect("the record has everything");
         let batch = median(|| drop(drawn()));
         let one = drawn();
         let head = median(|| head_alone(&one));

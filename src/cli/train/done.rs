@@ -3,6 +3,7 @@
 use super::Train;
 use anyhow::Result;
 use renderflow_frame::file;
+use renderflow_model::train::Team;
 use renderflow_model::train::checkpoint::CheckpointHeader;
 use renderflow_model::train::config::TrainingConfig;
 use safetensors::SafeTensors;
@@ -14,7 +15,7 @@ impl Train {
     /// Prints where the weights are if the run in the output folder is at the end that `config` asks for. Then there is
     /// nothing to do. `data` is the identity of the training data. A run with other options or data, or one that cannot be
     /// read, is left to the training, which says what is wrong with it.
-    pub(super) fn is_done<C: TrainingConfig>(&self, config: &C, data: Option<&str>) -> Result<bool> {
+    pub(super) fn is_done<C: TrainingConfig>(&self, config: &C, data: Option<&str>, team: &Team) -> Result<bool> {
         let [checkpoint, weights] = ["checkpoint.safetensors", "weights.safetensors"].map(|name| self.out.join(name));
         if !weights.is_file() {
             return Ok(false);
@@ -34,7 +35,9 @@ impl Train {
         if !same || run.share(step, elapsed) < 1.0 {
             return Ok(false);
         }
-        println!("already done: {step} steps in {elapsed:.0} s: {}", weights.display());
+        if team.leads() {
+            println!("already done: {step} steps in {elapsed:.0} s: {}", weights.display());
+        }
         Ok(true)
     }
 }

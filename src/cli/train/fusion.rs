@@ -3,9 +3,8 @@
 use super::monitor::{FRAMES, Monitor};
 use super::reference::References;
 use super::sequences::Learns;
-use super::{Bars, Train};
+use super::{Session, Train};
 use crate::dataset::learning::Recipe;
-use crate::util::cancel::Cancel;
 use crate::util::picture;
 use anyhow::Result;
 use half::f16;
@@ -55,7 +54,8 @@ impl Learns for Config {
         Ok(self.validate()?)
     }
 
-    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()> {
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
+        let Session { team, bars, cancel } = *session;
         let start = train.from.as_deref().map(Fusion::load).transpose()?;
         let references = References::measure(&self.network, validation)?;
         let sheets = |weights: &Path| sheets(weights, validation);
@@ -66,7 +66,7 @@ impl Learns for Config {
             }
         }
         let tell = |progress: &_| monitor.tell(bars, progress);
-        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel };
+        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel, team };
         bars.finish(&training::run(self, source, start.as_ref(), validation, context)?)
     }
 }

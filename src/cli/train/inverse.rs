@@ -2,9 +2,8 @@
 
 use super::monitor::{FRAMES, Monitor};
 use super::sequences::Learns;
-use super::{Bars, Train};
+use super::{Session, Train};
 use crate::dataset::learning::Recipe;
-use crate::util::cancel::Cancel;
 use anyhow::Result;
 use half::f16;
 use renderflow_frame::color::{display, linear_to_srgb};
@@ -41,7 +40,8 @@ impl Learns for Config {
         Ok(self.validate()?)
     }
 
-    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()> {
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
+        let Session { team, bars, cancel } = *session;
         let start = train.from.as_deref().map(Inverse::load).transpose()?;
         let examples: Vec<Example> = validation.iter().map(Example::of).collect();
         let shown = &examples[..examples.len().min(FRAMES)];
@@ -52,7 +52,7 @@ impl Learns for Config {
         let none = BTreeMap::new();
         let monitor = Monitor::new(&self.run.output, &none, &sheets);
         let tell = |progress: &_| monitor.tell(bars, progress);
-        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel };
+        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel, team };
         bars.finish(&training::run(self, source, start.as_ref(), &examples, context)?)
     }
 }

@@ -1,6 +1,6 @@
 //! Training on sequences that are rendered during training: what the networks that learn from them share.
 
-use super::{Bars, Train, smallest};
+use super::{Bars, Session, Train, smallest};
 use crate::dataset::Dataset;
 use crate::dataset::learning::{Indexed, Kept, Planned, Recipe, Recorded};
 use crate::dataset::plan::Plan;
@@ -9,8 +9,8 @@ use anyhow::{Context, Result, ensure};
 use half::f16;
 use renderflow_model::fusion::Record;
 use renderflow_model::fusion::training::Source;
-use renderflow_model::train::TrainingConfig;
 use renderflow_model::train::sequences::Crop;
+use renderflow_model::train::{Team, TrainingConfig};
 use renderflow_scenes::procedural::Split;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -29,7 +29,7 @@ pub(super) trait Learns: TrainingConfig + Default {
     /// Checks every option.
     fn check(&self) -> Result<()>;
     /// Trains the network on `source`, and validates it on `validation`.
-    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], bars: &Bars, cancel: &Cancel) -> Result<()>;
+    fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()>;
 }
 
 /// The options of a run.
@@ -72,49 +72,58 @@ impl Train {
         Ok(())
     }
 
-    pub(super) fn sequences<C: Learns>(&self, options: &Options<C>, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+    pub(super) fn sequences<C: Learns>(
+        &self,
+        options: &Options<C>,
+        team: &Team,
+        allowed: &[PathBuf],
+        cancel: &Cancel,
+    ) -> Result<()> {
         let done = match &self.plan {
-            Some(plan) => self.learn_from_plan(options, plan, cancel),
-            None => self.learn_from_dataset(options, self.data()?, allowed, cancel),
+            Some(plan) => self.learn_from_plan(options, plan, team, cancel),
+            None => self.learn_from_dataset(options, self.data()?, team, allowed, cancel),
         };
         // A render that was cancelled may report any error.
         done.map_err(|error| if cancel.is_set() { Interrupted.into() } else { error })
     }
 
-    fn learn_from_plan<C: Learns>(&self, options: &Options<C>, plan: &Path, cancel: &Cancel) -> Result<()> {
+    fn learn_from_plan<C: Learns>(&self, options: &Options<C>, plan: &Path, team: &Team, cancel: &Cancel) -> Result<()> {
         let plan = Plan::read(plan)?;
         let counts = plan.sequences;
         ensure!(counts.train > 0, "the plan has no training sequences");
         self.check_crop(plan.resolution.map(|side| side as usize), options.crop(), CROPS).context("the plan")?;
         let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
-        if self.is_done(&options.training, Some(&training.identity()))? {
+        if self.is_done(&options.training, Some(&training.identity()), team)? {
             return Ok(());
         }
-        let bars = Bars::new(options.training.first());
+        let bars = self.bars(team, options.training.first());
         let tested = Planned::new(&plan, [counts.train, counts.val], C::validation_recipe(&options.recipe), cancel);
         if !tested.denoises() {
             bars.note("OIDN is not found: the network learns from noisy truth");
         }
-        let count = counts.val.min(options.validation);
-        let validation = self.kept(&tested, &|tested| validation(&bars, count, tested, cancel))?;
-        self.kept(&training, &|training| options.training.learn(self, training, &validation, &bars, cancel))
+        // The process that leads validates.
+        let count = if team.leads() { counts.val.min(options.validation) } else { 0 };
+        let validation = self.kept(&tested, 1, &|tested| validation(&bars, count, tested, cancel))?;
+        let session = Session { team, bars: &bars, cancel };
+        self.kept(&training, team.size(), &|training| options.training.learn(self, training, &validation, &session))
     }
 
     fn learn_from_dataset<C: Learns>(
         &self,
         options: &Options<C>,
         data: &Path,
+        team: &Team,
         allowed: &[PathBuf],
         cancel: &Cancel,
     ) -> Result<()> {
         let (dataset, notes) = Dataset::open_to_learn(data)?;
-        let bars = Bars::new(options.training.first());
+        let bars = self.bars(team, options.training.first());
         notes.iter().for_each(|note| bars.note(note));
         for sequence in &dataset.sequences {
             self.check_crop(smallest(sequence), options.crop(), CROPS).with_context(|| sequence.folder.display().to_string())?;
         }
         let training = Recorded::new(&dataset, allowed, options.recipe.clone(), cancel)?;
-        if self.is_done(&options.training, Some(&training.identity()))? {
+        if self.is_done(&options.training, Some(&training.identity()), team)? {
             return Ok(());
         }
         let beside = std::path::absolute(data).ok().and_then(|data| Some(data.parent()?.join(Split::Val.name())));
@@ -126,18 +135,29 @@ impl Train {
             }
         };
         let mut records = Vec::new();
-        if let Some(held_out) = &held_out {
+        if let Some(held_out) = held_out.as_ref().filter(|_| team.leads()) {
             let tested = Recorded::new(held_out, allowed, C::validation_recipe(&options.recipe), cancel)?;
             let count = options.validation.min(held_out.sequences.len() as u32);
-            records = self.kept(&tested, &|tested| validation(&bars, count, tested, cancel))?;
+            records = self.kept(&tested, 1, &|tested| validation(&bars, count, tested, cancel))?;
         }
-        self.kept(&training, &|training| options.training.learn(self, training, &records, &bars, cancel))
+        let session = Session { team, bars: &bars, cancel };
+        self.kept(&training, team.size(), &|training| options.training.learn(self, training, &records, &session))
     }
 
-    /// Calls `with` with a source, or with the folder that keeps its sequences if there is one.
-    fn kept<T>(&self, source: &dyn Indexed, with: &dyn Fn(&dyn Source) -> Result<T>) -> Result<T> {
+    /// The progress bars of a run that begins with `sequences`.
+    fn bars(&self, team: &Team, sequences: u64) -> Bars {
+        let bars = Bars::new(team, sequences);
+        if team.size() > 1 && self.keep.is_none() {
+            bars.note("every process renders all sequences: with --keep and a folder that all see, they share the rendering");
+        }
+        bars
+    }
+
+    /// Calls `with` with a source, or with the folder that keeps its sequences if there is one. So many `processes` ask for the
+    /// same sequences.
+    fn kept<T>(&self, source: &dyn Indexed, processes: usize, with: &dyn Fn(&dyn Source) -> Result<T>) -> Result<T> {
         match &self.keep {
-            Some(folder) => with(&Kept::new(source, folder)?),
+            Some(folder) => with(&Kept::new(source, folder)?.shared_by(processes)),
             None => with(source),
         }
     }

@@ -6,6 +6,7 @@ use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, bail};
 use renderflow_model::data::ClipSource;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
+use renderflow_model::train::Team;
 use renderflow_model::train::runner::RunContext;
 use renderflow_model::wan::train::{self, Config, Stage, StageName};
 
@@ -65,12 +66,12 @@ impl Train {
         Ok(config)
     }
 
-    pub(super) fn wan(&self, config: &Config, cancel: &Cancel) -> Result<()> {
+    pub(super) fn wan(&self, config: &Config, team: &Team, cancel: &Cancel) -> Result<()> {
         let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
-        if self.is_done(config, dataset.identity()?.as_deref())? {
+        if self.is_done(config, dataset.identity()?.as_deref(), team)? {
             return Ok(());
         }
-        let bars = Bars::new(dataset.sequences.len() as u64);
+        let bars = Bars::new(team, dataset.sequences.len() as u64);
         notes.iter().for_each(|note| bars.note(note));
         let picture = config.batches.iter().map(|batch| batch.size).max().unwrap_or(0);
         for sequence in &dataset.sequences {
@@ -88,7 +89,7 @@ impl Train {
             // This training has no validation.
             train::Progress::Validated(_) => {}
         };
-        let context = RunContext { device: &self.device.get()?, progress: &tell, cancel };
+        let context = RunContext { device: &self.device.get()?, progress: &tell, cancel, team };
         bars.finish(&train::run(config, &dataset, context)?)
     }
 }

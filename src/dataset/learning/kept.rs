@@ -15,8 +15,10 @@ use renderflow_model::fusion::training::Source;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
+use std::fs::{File, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Changes when sequences of the same plan and recipe get other numbers.
 const VERSION: u32 = 2;
@@ -24,6 +26,38 @@ const VERSION: u32 = 2;
 const HEADER: &str = "renderflow_records";
 /// Strength of the compression; more is slower and hardly smaller.
 const LEVEL: i32 = 1;
+
+/// Time between two looks at a sequence that another process makes.
+const WAIT: Duration = Duration::from_millis(100);
+
+/// A sequence that this process makes. The claim is a lock on a file beside the sequence's, which ends with the process.
+struct Claim {
+    /// `None` where files cannot be locked. Then each process makes the sequence.
+    lock: Option<(PathBuf, File)>,
+}
+
+impl Claim {
+    /// Claims the sequence in the file `path`, unless another process makes it.
+    fn of(path: &Path) -> Option<Self> {
+        let path = path.with_extension("lock");
+        let Ok(file) = File::options().create(true).append(true).open(&path) else { return Some(Self { lock: None }) };
+        match file.try_lock() {
+            Ok(()) => Some(Self { lock: Some((path, file)) }),
+            Err(TryLockError::WouldBlock) => None,
+            Err(TryLockError::Error(_)) => Some(Self { lock: None }),
+        }
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        if let Some((path, file)) = self.lock.take() {
+            // A file that stays does no harm, and the lock ends with the handle.
+            let _ = std::fs::remove_file(path);
+            drop(file);
+        }
+    }
+}
 
 /// A record without its pixels.
 #[derive(Debug, Serialize, Deserialize)]
@@ -42,6 +76,8 @@ struct Header {
 pub struct Kept<'a> {
     source: &'a dyn Indexed,
     folder: PathBuf,
+    /// Number of processes that ask for the same sequences, at least 1.
+    processes: u64,
 }
 
 impl<'a> Kept<'a> {
@@ -53,7 +89,17 @@ impl<'a> Kept<'a> {
         let name = blake3::hash(format!("{VERSION} {} {}", at::COUNT, source.content()).as_bytes()).to_hex();
         let folder = folder.join(&name[..16]);
         std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
-        Ok(Self { source, folder })
+        Ok(Self { source, folder, processes: 1 })
+    }
+
+    /// Tells that so many `processes` ask for the same sequences in the same order, at least 1. They share the work: while one
+    /// makes a sequence, the others make those that come next.
+    pub fn shared_by(self, processes: usize) -> Self {
+        Self { processes: processes as u64, ..self }
+    }
+
+    fn path(&self, i: u64) -> PathBuf {
+        self.folder.join(format!("{:06}.safetensors", self.source.index(i)))
     }
 
     /// The records of sequence `i`: from the folder, or made and then kept there.
@@ -61,18 +107,51 @@ impl<'a> Kept<'a> {
     /// # Errors
     /// When the sequence is not there and cannot be made. A file that cannot be read or written is reported as a warning.
     pub fn records(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
-        let path = self.folder.join(format!("{:06}.safetensors", self.source.index(i)));
-        if path.is_file() {
-            match file::read(&path).map_err(anyhow::Error::from).and_then(|bytes| decode(&bytes)) {
-                Ok(records) => return Ok(records),
-                Err(error) => tracing::warn!("{}: {error:#}; it is made once more", path.display()),
+        let path = self.path(i);
+        let mut damaged = false;
+        loop {
+            if path.is_file() && !damaged {
+                match file::read(&path).map_err(anyhow::Error::from).and_then(|bytes| decode(&bytes)) {
+                    Ok(records) => return Ok(records),
+                    Err(error) => tracing::warn!("{}: {error:#}; it is made once more", path.display()),
+                }
+                damaged = true;
+            }
+            match Claim::of(&path) {
+                // Another process has made it in between.
+                Some(_) if path.is_file() && !damaged => {}
+                Some(_claim) => return self.make_and_keep(i),
+                None => {
+                    damaged = false;
+                    self.work_ahead(i)?;
+                }
             }
         }
+    }
+
+    fn make_and_keep(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
         let records = self.source.make(i)?;
-        if let Err(error) = encode(&records).and_then(|bytes| Ok(file::write_atomic(&path, &bytes)?)) {
+        if let Err(error) = encode(&records).and_then(|bytes| Ok(file::write_atomic(&self.path(i), &bytes)?)) {
             tracing::warn!("the sequence is used but not kept: {error:#}");
         }
         Ok(records)
+    }
+
+    /// Makes one of the sequences after `i` that no process works at, or waits a moment if there is none.
+    fn work_ahead(&self, i: u64) -> renderflow_model::Result<()> {
+        for next in i + 1..i + self.processes {
+            let path = self.path(next);
+            if path.is_file() {
+                continue;
+            }
+            if let Some(_claim) = Claim::of(&path)
+                && !path.is_file()
+            {
+                return self.make_and_keep(next).map(drop);
+            }
+        }
+        std::thread::sleep(WAIT);
+        Ok(())
     }
 }
 
@@ -219,6 +298,61 @@ mod tests {
         // Another run finds it too.
         assert!(same(&Kept::new(&source, folder.path()).unwrap().records(2).unwrap(), &made));
         assert_eq!(source.0.load(Ordering::Relaxed), 2);
+    }
+
+    /// Takes its time, so that the others find it at work.
+    struct Slow(Counted);
+
+    impl Source for Slow {
+        fn make(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
+            std::thread::sleep(Duration::from_millis(20));
+            self.0.make(i)
+        }
+
+        fn identity(&self) -> String {
+            self.0.identity()
+        }
+    }
+
+    impl Indexed for Slow {
+        fn content(&self) -> String {
+            self.0.content()
+        }
+
+        fn index(&self, i: u64) -> u64 {
+            self.0.index(i)
+        }
+    }
+
+    #[test]
+    fn processes_make_each_sequence_once_and_all_of_them_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let sources = [(); 3].map(|()| Slow(Counted(AtomicU64::new(0))));
+        std::thread::scope(|scope| {
+            for source in &sources {
+                scope.spawn(|| {
+                    let kept = Kept::new(source, folder.path()).unwrap().shared_by(3);
+                    (0..12).for_each(|i| assert!(same(&kept.records(i).unwrap(), &source.0.make(i).unwrap())));
+                });
+            }
+        });
+        // Each has compared all sequences.
+        let made = sources.map(|source| source.0.0.load(Ordering::Relaxed) - 12);
+        assert!(made.iter().sum::<u64>() == 12 && made.iter().all(|count| *count > 1), "{made:?}");
+        let kept = Kept::new(&Counted(AtomicU64::new(0)), folder.path()).unwrap().folder;
+        assert_eq!(std::fs::read_dir(kept).unwrap().count(), 12, "no lock stays");
+    }
+
+    #[test]
+    fn a_claim_ends_with_its_process() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("000007.safetensors");
+        let claim = Claim::of(&path).expect("nobody works at it");
+        assert!(Claim::of(&path).is_none());
+        drop(claim);
+        // A process that was killed leaves the file, but no lock.
+        std::fs::write(path.with_extension("lock"), b"").unwrap();
+        assert!(Claim::of(&path).is_some());
     }
 
     #[test]

@@ -7,8 +7,8 @@ use crate::data::{ClipSource, step_rng};
 use crate::lpips::Lpips;
 use crate::network::init::normal;
 use crate::parameters::{self, read};
-use crate::train::draw_weighted;
 use crate::train::runner::{Objective, StepResult};
+use crate::train::{Share, draw_weighted};
 use crate::wan::config::VaeConfig;
 use crate::wan::pictures::Kind;
 use crate::wan::vae::Vae;
@@ -30,11 +30,18 @@ pub struct PictureBatch {
 }
 
 impl PictureBatch {
-    /// Draws a batch of one of the kinds in `batches`, by weight. Each item is a window of a random kind of picture.
+    /// Draws a batch of one of the kinds in `batches`, by weight, and makes the `share` of this process. Each item is a window of a
+    /// random kind of picture.
     ///
     /// # Errors
     /// When no clip has enough frames in a row.
-    pub fn draw(config: &VaeConfig, batches: &[BatchConfig], clips: &[Arc<ClipPictures>], rng: &mut Pcg64Mcg) -> Result<Self> {
+    pub fn draw(
+        config: &VaeConfig,
+        batches: &[BatchConfig],
+        clips: &[Arc<ClipPictures>],
+        share: Share,
+        rng: &mut Pcg64Mcg,
+    ) -> Result<Self> {
         let kind = batches[draw_weighted(batches.iter().map(|b| b.weight), rng)];
         let starts: Vec<(usize, usize)> = clips
             .iter()
@@ -45,8 +52,9 @@ impl PictureBatch {
             let reason = format!("no {} frames in a row in the clips in memory", kind.frames);
             return Err(Error::Data { place: "training data".into(), reason });
         }
-        let mut pictures = Vec::with_capacity(kind.items * 3 * kind.frames * kind.size * kind.size);
-        for _ in 0..kind.items {
+        let made = share.of(kind.items);
+        let mut pictures = Vec::with_capacity(made.len() * 3 * kind.frames * kind.size * kind.size);
+        for i in 0..kind.items {
             let (clip, frame) = starts[rng.random_range(0..starts.len())];
             let clip = &clips[clip];
             let picture = Kind::ALL[rng.random_range(0..Kind::ALL.len())];
@@ -56,12 +64,16 @@ impl PictureBatch {
                 height: kind.size,
                 width: kind.size,
             };
-            pictures.extend(clip.clip(frame, kind.frames, picture, window));
+            if made.contains(&i) {
+                pictures.extend(clip.clip(frame, kind.frames, picture, window));
+            }
         }
         let side = kind.size / config.spatial_factor();
         let frames = config.latent_frames(kind.frames).unwrap_or(1);
-        let noise = (0..kind.items * config.z_dim * frames * side * side).map(|_| normal(rng)).collect();
-        Ok(Self { shape: [kind.items, kind.frames, kind.size, kind.size], pictures, noise })
+        let values = config.z_dim * frames * side * side;
+        let noise: Vec<f32> = (0..made.end * values).map(|_| normal(rng)).collect();
+        let noise = noise[made.start * values..].to_vec();
+        Ok(Self { shape: [made.len(), kind.frames, kind.size, kind.size], pictures, noise })
     }
 
     fn tensor(&self, device: &Device) -> Tensor<5> {
@@ -148,7 +160,7 @@ impl StatisticsSample {
         let mut rng = step_rng(config.run.seed ^ 0x7374_6174, 0);
         let (mut batches, mut items) = (Vec::new(), 0);
         while items < SAMPLE_ITEMS {
-            let batch = PictureBatch::draw(network, &config.batches, &clips, &mut rng)?;
+            let batch = PictureBatch::draw(network, &config.batches, &clips, Share::WHOLE, &mut rng)?;
             items += batch.shape[0];
             batches.push(batch);
         }

@@ -5,7 +5,7 @@ use super::config::{BatchConfig, LatentConfig};
 use super::latents::ClipLatents;
 use crate::bridge::velocity;
 use crate::network::init::normal;
-use crate::train::draw_weighted;
+use crate::train::{Share, draw_weighted};
 use crate::wan::flow::{FlowConfig, Intrinsic, mask_cells};
 use crate::wan::pictures::{BridgeStart, Kind};
 use crate::{Error, Result};
@@ -73,6 +73,8 @@ pub struct BatchSampler<'a> {
     pub batches: &'a [BatchConfig],
     /// The task that batches are drawn for.
     pub task: Task,
+    /// Which items of a batch are made.
+    pub share: Share,
 }
 
 /// The first frame of an item.
@@ -108,7 +110,7 @@ impl BatchSampler<'_> {
         self.latents.pixels.weight > 0.0 && step.is_multiple_of(self.latents.pixels.period)
     }
 
-    /// Draws the batch of a step. `rng` holds the random numbers of that step.
+    /// Draws the batch of a step, and makes the share of this process. `rng` holds the random numbers of that step.
     ///
     /// # Errors
     /// When no clip in memory has the frames or keyframes that the batch needs.
@@ -138,8 +140,9 @@ impl BatchSampler<'_> {
         let vae = &self.network.vae;
         let (factor, patch) = (vae.spatial_factor(), self.network.dit.patch_size[1]);
         let (side, frames) = (kind.size / factor, vae.latent_frames(kind.frames).unwrap_or(1));
+        let made = self.share.of(kind.items);
         let mut batch = LatentBatch {
-            shape: [kind.items, vae.z_dim, frames, side, side],
+            shape: [made.len(), vae.z_dim, frames, side, side],
             keyframes: offsets
                 .iter()
                 .map(|&offset| (Vec::new(), offset as f64 / (stride * vae.temporal_factor()) as f64))
@@ -152,7 +155,7 @@ impl BatchSampler<'_> {
             let [top, left] = [(); 2].map(|()| rng.random_range(0..=side - window));
             batch.truth = Some(Truth { top, left, size: [window; 2], ..Truth::default() });
         }
-        for _ in 0..kind.items {
+        for i in 0..kind.items {
             let item = items[rng.random_range(0..items.len())];
             let clip = at(item);
             // Windows begin at corners of tokens, so that their tokens are tokens of the whole picture.
@@ -161,6 +164,9 @@ impl BatchSampler<'_> {
             let time = self.latents.bridge.times.draw(rng);
             let given = rng.random::<f32>() < self.latents.reference_probability && kind.frames > 1;
             let noise = Pcg64Mcg::seed_from_u64(rng.random());
+            if !made.contains(&i) {
+                continue;
+            }
             self.add(&mut batch, clip, item.frame, ItemDraw { time, given, noise, window });
             for (keyframe, offset) in batch.keyframes.iter_mut().zip(&offsets) {
                 if let Some(frame) = clip.offset(item.frame, *offset) {

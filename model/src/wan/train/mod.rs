@@ -51,13 +51,15 @@ use std::sync::Arc;
 
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one.
 ///
-/// Batches depend on the seed and the step alone. Progress is told from this thread, and during loading from others.
+/// Batches depend on the seed and the step alone. Each process of a team makes its share of them. Progress is told from this thread, and during loading from others.
 ///
 /// # Errors
 /// For invalid options or data, files that cannot be read or written, a checkpoint of another run, a loss that stays not finite,
 /// or a device that fails.
 pub fn run(config: &Config, source: &dyn ClipSource, context: RunContext) -> Result<Summary> {
     config.validate()?;
+    config.batches.iter().try_for_each(|batch| context.team.share().check_batch("batches.items", batch.items))?;
+    let context = context.reporting();
     let run = Run { config, source, context, device: context.autodiff() };
     match &config.stage {
         Stage::Autoencoder { network, start, loss } => run.autoencoder(network, start.as_deref(), *loss),
@@ -119,8 +121,10 @@ impl Run<'_> {
             let header = Network::WanVae(sample.measure(&network, &vae)?);
             self.save(&vae, header, &provenance, optimizer.steps)
         };
-        let draw =
-            |clips: &[_], step: u64| PictureBatch::draw(&network, &config.batches, clips, &mut step_rng(config.run.seed, step));
+        let share = self.context.team.share();
+        let draw = |clips: &[_], step: u64| {
+            PictureBatch::draw(&network, &config.batches, clips, share, &mut step_rng(config.run.seed, step))
+        };
         self.train(&objective, vae, &make, &draw, &save)
     }
 
@@ -169,7 +173,8 @@ impl Run<'_> {
             return Err(Error::config("stage.latents.autoencoder", reason));
         }
         self.check_batches(network.pixel_multiple(), &network.vae)?;
-        let sampler = BatchSampler { network: &network, latents, batches: &config.batches, task };
+        let share = self.context.team.share();
+        let sampler = BatchSampler { network: &network, latents, batches: &config.batches, task, share };
         let vae = vae.no_grad();
         let plain = vae.valid();
         let decodes = latents.pixels.weight > 0.0;
