@@ -63,9 +63,9 @@ impl<'a> Kept<'a> {
     pub fn records(&self, i: u64) -> renderflow_model::Result<Vec<Record<f16>>> {
         let path = self.folder.join(format!("{:06}.safetensors", self.source.index(i)));
         if path.is_file() {
-            match file::read(&path).map_err(anyhow::Error::from).and_then(|bytes| decode(&bytes)) {
+            match read(&path) {
                 Ok(records) => return Ok(records),
-                Err(error) => tracing::warn!("{}: {error:#}; it is made once more", path.display()),
+                Err(error) => tracing::warn!("{error:#}; it is made once more"),
             }
         }
         let records = self.source.make(i)?;
@@ -84,6 +84,15 @@ impl Source for Kept<'_> {
     fn identity(&self) -> String {
         self.source.identity()
     }
+}
+
+/// Reads the records of a sequence that was kept in the file `path`.
+///
+/// # Errors
+/// When the file cannot be read, or does not hold a sequence of this version of the program.
+pub fn read(path: &Path) -> Result<Vec<Record<f16>>> {
+    let bytes = file::read(path)?;
+    decode(&bytes).with_context(|| path.display().to_string())
 }
 
 /// The file of a sequence.
