@@ -20,6 +20,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import torch
@@ -309,7 +310,9 @@ def train(run: Run, stopped: list[int]) -> bool:
         batch = batches.at(step, size, items)
         return batch.pin_memory() if processes.device.type == "cuda" else batch
 
-    # A batch without samples has no use for the coarse kernels.
+    # Kernels of one pixel have strides of two layouts, between which nothing is lost.
+    warnings.filterwarnings("ignore", message="Grad strides do not match")
+    # A batch without samples has no use for the coarse kernels. PyTorch warns once where the first batch has.
     model = DistributedDataParallel(run.model, find_unused_parameters=True) if processes.world > 1 else run.model
     log, left_out = Log(run), 0
     for batch in prefetch(make, range(run.step, given.steps)):

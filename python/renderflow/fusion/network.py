@@ -141,6 +141,7 @@ class Fusion(nn.Module):
         """The pictures (items, height, width, 3) of a batch: exposed linear radiance, 0..65504."""
         outputs = self.outputs(batch)
         # The head divides by small coverages, for which half precision is too coarse.
+        exact = torch.promote_types(outputs.fine.dtype, batch.tint.dtype)
         with torch.autocast(batch.input.device.type, enabled=False):
-            coarse = None if outputs.coarse is None else outputs.coarse.float()
-            return head.draw(batch, outputs.fine.float(), coarse)
+            coarse = None if outputs.coarse is None else outputs.coarse.to(exact)
+            return head.draw(batch, outputs.fine.to(exact), coarse)
