@@ -3,7 +3,7 @@
     renderflow dataset plan --seed 5 --sequences 250 --frames 34 --resolution 256 --out plan.json
     renderflow train --config keep_sequences.json --plan plan.json --keep kept --out made
     torchrun --nproc-per-node 2 train_fusion.py kept --out run --steps 20000
-    renderflow infer --data data --weights run/weights.safetensors --out pictures
+    renderflow infer --data data/test --weights run/weights.safetensors --out pictures
 
 The folder `kept` holds the rendered sequences, one file each, which are dealt out to the processes. The output folder gets
 `weights.safetensors` (the averaged weights, which the program reads), `checkpoint.pt` and `log.jsonl`. The same command continues
