@@ -9,9 +9,9 @@ use pyo3::types::PyDict;
 use renderflow::dataset::learning::kept;
 use renderflow_model::fusion::batch::{self, Augmentation, TIERS, Window};
 use renderflow_model::fusion::graph::{FusionConfig, LEVELS, MULTIPLE};
-use renderflow_model::fusion::head::KERNEL;
+use renderflow_model::fusion::head::{self, KERNEL};
 use renderflow_model::fusion::loss::LossWeights;
-use renderflow_model::fusion::record::{PixelInputs, Record, Selection};
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PixelInputs, Record, Selection, TERMS};
 use renderflow_model::fusion::render::Header;
 use renderflow_model::fusion::training::{FusionObjective, gradients, variants};
 use renderflow_model::fusion::{Fusion, batch::Batch as Crops};
@@ -19,6 +19,7 @@ use renderflow_model::ops::Products;
 use renderflow_model::parameters::Parameter;
 use renderflow_model::train::sequences::Crop;
 use renderflow_model::weights::Precision;
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 /// The values as an array of this shape. Nothing is copied.
@@ -140,18 +141,18 @@ impl Batch {
         add("tint", of(|pixel| &pixel.tint), &[3])?;
         add("truth", truth.as_flattened().to_vec(), &[3])?;
         if groups.deferred {
-            add("terms", of(|pixel| pixel.terms.as_flattened()), &[PixelInputs::default().terms.len(), 3])?;
+            add("terms", of(|pixel| pixel.terms.as_flattened()), &[TERMS, 3])?;
         }
         if groups.keys {
-            add("keys", of(|pixel| pixel.keys.as_flattened()), &[PixelInputs::default().keys.len(), 3])?;
-            add("trust", of(|pixel| &pixel.trust), &[PixelInputs::default().trust.len()])?;
+            add("keys", of(|pixel| pixel.keys.as_flattened()), &[KEYS, 3])?;
+            add("trust", of(|pixel| &pixel.trust), &[KEYS])?;
         }
         if groups.samples {
             add("own", of(|pixel| &pixel.own), &[4])?;
             add("reflected", of(|pixel| &pixel.reflected), &[3])?;
         }
         if groups.neighbours {
-            add("others", of(|pixel| pixel.others.as_flattened()), &[PixelInputs::default().others.len(), 4])?;
+            add("others", of(|pixel| pixel.others.as_flattened()), &[NEIGHBOURS, 4])?;
         }
         if groups.denoised {
             add("denoised", of(|pixel| pixel.denoised.as_ref().map_or(&[0.0; 3], |rgb| rgb)), &[3])?;
@@ -161,6 +162,9 @@ impl Batch {
         Ok(arrays)
     }
 }
+
+/// Outputs of the network at half and at quarter size, and pictures.
+type Outputs<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>, Bound<'py, PyAny>);
 
 /// The fusion network with its weights.
 #[pyclass(frozen, module = "renderflow")]
@@ -193,7 +197,7 @@ impl Network {
         widths: [usize; LEVELS],
         steps: u64,
         seed: u64,
-        arrays: std::collections::HashMap<String, PyReadonlyArrayDyn<'_, f32>>,
+        arrays: HashMap<String, PyReadonlyArrayDyn<'_, f32>>,
     ) -> PyResult<Self> {
         let fresh = Fusion::fresh(header(widths, steps, seed)).map_err(failed)?;
         let mut parameters = Vec::new();
@@ -244,15 +248,10 @@ impl Network {
     }
 
     /// What this program computes for a batch: the outputs of the network at half and at quarter size, and the pictures.
-    #[allow(clippy::type_complexity)]
-    fn outputs<'py>(
-        &self,
-        py: Python<'py>,
-        batch: &Batch,
-    ) -> PyResult<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>, Bound<'py, PyAny>)> {
+    fn outputs<'py>(&self, py: Python<'py>, batch: &Batch) -> PyResult<Outputs<'py>> {
         let Crops { items, width, height, groups, .. } = batch.crops;
         let drawn = work::run(py, |_| Ok(self.network.draw_batch(batch.crops.clone())))?;
-        let fine = renderflow_model::fusion::head::fine(groups);
+        let fine = head::fine(groups);
         let coarse = groups.samples.then(|| array(py, drawn.coarse, &[items, height / 4, width / 4, KERNEL])).transpose()?;
         Ok((
             array(py, drawn.fine, &[items, height / 2, width / 2, fine])?,
