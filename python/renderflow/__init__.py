@@ -207,10 +207,11 @@ def deferred(scene: Scene, frame: int = 0) -> Picture:
 
 class Neural:
     """The neural renderer. ``weights`` is a file that ``renderflow train`` wrote; without it, the weights inside the program are
-    used. Raises :class:`Error` where the file is no network of this kind."""
+    used. ``device`` is where the network runs, as in ``renderflow --device``; GPUs need a wheel that was built with the feature
+    ``vulkan`` or ``cuda``. Raises :class:`Error` where the file is no network of this kind, or the device cannot be used."""
 
-    def __init__(self, weights: PathLike | None = None) -> None:
-        self._native = _Neural(None if weights is None else os.fspath(weights))
+    def __init__(self, weights: PathLike | None = None, device: str = "cpu") -> None:
+        self._native = _Neural(None if weights is None else os.fspath(weights), device)
 
     @property
     def parameters(self) -> int:

@@ -1,6 +1,7 @@
 //! The module `renderflow._renderflow`. The package in `python/renderflow` gives it its public form, with types and defaults.
 
 mod arrays;
+mod fusion;
 mod metrics;
 mod neural;
 mod render;
@@ -14,6 +15,8 @@ use pyo3::prelude::*;
 mod _renderflow {
     use super::*;
 
+    #[pymodule_export]
+    use super::fusion::{Batch, Network, Sequence, draw, tiers};
     #[pymodule_export]
     use super::metrics::Lpips;
     #[pymodule_export]

@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use renderflow::dataset::job::TruthSettings;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
+use renderflow_model::device::{DeviceChoice, NetworkDevice};
 use renderflow_model::fusion::{Fusion, Record};
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::{self as oidn, Denoiser, Options, Quality};
@@ -24,11 +25,14 @@ pub struct Neural {
 
 #[pymethods]
 impl Neural {
-    /// Reads weights; `None` takes those inside the program.
+    /// Reads weights; `None` takes those inside the program. `device` is where the network runs.
     #[new]
-    #[pyo3(signature = (weights=None))]
-    fn new(weights: Option<PathBuf>) -> PyResult<Self> {
+    #[pyo3(signature = (weights=None, device="cpu"))]
+    fn new(weights: Option<PathBuf>, device: &str) -> PyResult<Self> {
+        let choice: DeviceChoice =
+            device.parse().map_err(|reason| PyValueError::new_err(format!("device {device}: {reason}")))?;
         let network = weights.map_or_else(Fusion::shipped, |path| Fusion::load(&path));
+        let network = network.and_then(|network| network.to(&NetworkDevice::open(choice)?));
         Ok(Self { network: Arc::new(network.map_err(failed)?) })
     }
 

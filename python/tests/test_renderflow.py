@@ -198,6 +198,10 @@ def test_the_network_and_deferred_shading(scene):
         assert error(clean) > error(noisy) + 1
     with pytest.raises(rf.Error):
         rf.Neural(__file__)
+    with pytest.raises(rf.Error, match="device vulkan:7: "):
+        rf.Neural(device="vulkan:7")
+    with pytest.raises(ValueError, match="device gpu: expected cpu"):
+        rf.Neural(device="gpu")
 
 
 def test_threads_share_a_scene(scene):

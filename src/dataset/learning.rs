@@ -1,7 +1,7 @@
 //! Makes frames for training on the fly: composes them from a plan or reads them from a dataset, renders them with few samples
 //! and with many, shades them, and carries keyframes to them.
 
-mod kept;
+pub mod kept;
 
 pub use kept::Kept;
 

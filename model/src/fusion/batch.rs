@@ -7,8 +7,10 @@ use super::record::{
     ALL_BEFORE, AROUND, CHANNELS, Groups, KEYS, NEIGHBOURS, PARTS, PixelInputs, Record, Selection, Stored, at, push_channels,
     radiance,
 };
+use crate::data::step_rng;
 use crate::train::Share;
 use crate::train::sequences::Crop;
+use crate::{Error, Result};
 use half::f16;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -51,6 +53,21 @@ pub const TIERS: [Tier; 10] = [
     Tier { name: "denoised+around", groups: with_neighbours(DENOISED), weight: 0.15 },
     Tier { name: "denoised+around+keys", groups: with_keys(with_neighbours(DENOISED)), weight: 0.05 },
 ];
+
+/// The [`TIERS`] of these names; all of them if there is no name.
+///
+/// # Errors
+/// [`Error::Config`] with the first name that no tier has.
+pub fn tiers(names: &[String]) -> Result<Vec<Tier>> {
+    if names.is_empty() {
+        return Ok(TIERS.to_vec());
+    }
+    let find = |name: &String| {
+        let found = TIERS.into_iter().find(|tier| tier.name == name);
+        found.ok_or_else(|| Error::config("tiers", format!("there is no {name:?}")))
+    };
+    names.iter().map(find).collect()
+}
 
 /// Largest change of exposure in stops.
 const STOPS: f32 = 1.0;
@@ -167,6 +184,33 @@ impl Batch {
             pixels: parts.iter().flat_map(|part| part.pixels.iter().copied()).collect(),
             truth: parts.iter().flat_map(|part| part.truth.iter().copied()).collect(),
         })
+    }
+
+    /// The batch of number `number` of a run with the seed `seed`: [`Self::draw`], until a record has the inputs of the tier that
+    /// was drawn.
+    ///
+    /// # Errors
+    /// When no record of this size has the inputs of any tier.
+    pub fn numbered(
+        records: &[&Record<f16>],
+        tiers: &[Tier],
+        kind: Crop,
+        share: Share,
+        [seed, number]: [u64; 2],
+    ) -> Result<Self> {
+        let mut rng = step_rng(seed, number);
+        for _ in 0..64 {
+            if let Some(batch) = Self::draw(records, tiers, kind, share, &mut rng) {
+                return Ok(batch);
+            }
+        }
+        let reason = format!("no record of at least {} pixels a side has the inputs that are trained", kind.size);
+        Err(Error::Data { place: "sequences".into(), reason })
+    }
+
+    /// Name of the tier whose groups are given; "other" if there is none.
+    pub fn tier(&self) -> &'static str {
+        TIERS.iter().find(|tier| tier.groups == self.groups).map_or("other", |tier| tier.name)
     }
 
     /// A batch of one crop. Outside the record, its last row and column are repeated.

@@ -63,6 +63,17 @@ impl Described for FusionNet {
 /// The fusion network with its weights.
 pub type Fusion = Trained<FusionNet>;
 
+/// The crops of a batch as the network renders them.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// Outputs of the network at half size, `[items][height/2][width/2][head::fine(groups)]`.
+    pub fine: Vec<f32>,
+    /// Outputs at quarter size, `[items][height/4][width/4][head::KERNEL]`; empty without samples.
+    pub coarse: Vec<f32>,
+    /// Exposed linear radiance, `[items][height][width]`.
+    pub pixels: Vec<[f32; 3]>,
+}
+
 impl Trained<FusionNet> {
     /// An untrained network. It returns the best of its input pictures.
     ///
@@ -131,11 +142,19 @@ impl Trained<FusionNet> {
     }
 
     fn draw_window<T: Stored>(&self, record: &Record<T>, selection: &Selection, window: Window) -> Result<Vec<[f32; 3]>> {
-        let mut batch = Batch::of(record, window, selection, &Augmentation::NONE);
+        Ok(self.draw_batch(Batch::of(record, window, selection, &Augmentation::NONE))?.pixels)
+    }
+
+    /// Renders the crops of a batch.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn draw_batch(&self, mut batch: Batch) -> Result<Drawn> {
         let outputs = forward(&self.network, self.products, &mut batch, self.device.device());
         let fine = read(outputs.fine)?;
         let coarse = outputs.coarse.map(read).transpose()?.unwrap_or_default();
-        Ok(batch.picture(0, &fine, &coarse).draw().0)
+        let pixels = (0..batch.items).flat_map(|item| batch.picture(item, &fine, &coarse).draw().0).collect();
+        Ok(Drawn { fine, coarse, pixels })
     }
 }
 

@@ -1,12 +1,11 @@
 //! Training: sequences arrive from an endless source, the newest are kept in memory, and crops of their frames make the batches.
 //! The averaged weights are validated on a fixed set at every checkpoint.
 
-use super::batch::{Batch, TIERS, Tier};
+use super::batch::{self, Batch, TIERS};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE};
 use super::loss::{Loss, LossWeights, display, loss};
 use super::record::{AROUND, PARTS, Record, Selection, at};
 use super::render::{self, Fusion, Header};
-use crate::data::step_rng;
 use crate::ops::Products;
 use crate::parameters;
 use crate::train::config::{self, Method, RunConfig, TrainingConfig, first_difference};
@@ -117,21 +116,10 @@ impl Config {
     /// [`Error::Config`] naming the option.
     pub fn validate(&self) -> Result<()> {
         self.network.validate()?;
-        self.selected_tiers()?;
+        batch::tiers(&self.tiers)?;
         self.run.validate()?;
         Crop::check(&self.crops, MULTIPLE)?;
         self.rotation().validate()
-    }
-
-    fn selected_tiers(&self) -> Result<Vec<Tier>> {
-        if self.tiers.is_empty() {
-            return Ok(TIERS.to_vec());
-        }
-        let find = |name: &String| {
-            let found = TIERS.into_iter().find(|tier| tier.name == name);
-            found.ok_or_else(|| Error::config("tiers", format!("there is no {name:?}")))
-        };
-        self.tiers.iter().map(find).collect()
     }
 
     /// The sequences in memory.
@@ -185,15 +173,23 @@ impl Objective for FusionObjective {
             sum = sum + along(coarse, joined(|slopes| &slopes.1));
         }
         let mut gradients = sum.backward();
-        let name = TIERS.iter().find(|tier| tier.groups == batch.groups).map_or("other", |tier| tier.name);
         Ok(StepResult {
             total: mean(|loss| loss.total),
             terms: Vec::new(),
-            squares: vec![(name, mean(|loss| loss.display))],
+            squares: vec![(batch.tier(), mean(|loss| loss.display))],
             items: batch.items,
             gradients: parameters::gradients_learning(model, &mut gradients)?,
         })
     }
+}
+
+/// The loss of `fusion` on a batch, and its gradients in the order of the network's parameters.
+///
+/// # Errors
+/// When the configuration of the network is invalid.
+pub fn gradients(fusion: &Fusion, batch: Batch, objective: FusionObjective) -> Result<StepResult> {
+    let device = fusion.device().device().clone().autodiff();
+    objective.step(&fusion.on(&device)?, batch, &device)
 }
 
 /// Derivatives of the fine and the coarse outputs of a picture.
@@ -223,7 +219,7 @@ pub fn run(
         Some(start) if start.header().fusion == config.network => start.on(&device)?,
         Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
     };
-    let tiers = config.selected_tiers()?;
+    let tiers = batch::tiers(&config.tiers)?;
     let runner = Runner { config, data: Some(source.identity()), context };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
@@ -232,14 +228,8 @@ pub fn run(
             Ok(move |step: u64| {
                 let sequences = pool.at(step)?;
                 let records: Vec<&Record<f16>> = sequences.iter().flat_map(|sequence| sequence.iter()).collect();
-                let (mut rng, crop) = (step_rng(config.run.seed, step), Crop::at(&config.crops, config.run.share(step, 0.0)));
-                for _ in 0..64 {
-                    if let Some(batch) = Batch::draw(&records, &tiers, crop, share, &mut rng) {
-                        return Ok(batch);
-                    }
-                }
-                let reason = format!("no record of at least {} pixels a side has the inputs that are trained", crop.size);
-                Err(Error::Data { place: "sequences".into(), reason })
+                let crop = Crop::at(&config.crops, config.run.share(step, 0.0));
+                Batch::numbered(&records, &tiers, crop, share, [config.run.seed, step])
             })
         };
         let save = |optimizer: &Optimizer, _: &FusionNet| save(config, optimizer, validation, context);

@@ -111,9 +111,9 @@ impl<'a> Kept<'a> {
         let mut damaged = false;
         loop {
             if path.is_file() && !damaged {
-                match file::read(&path).map_err(anyhow::Error::from).and_then(|bytes| decode(&bytes)) {
+                match read(&path) {
                     Ok(records) => return Ok(records),
-                    Err(error) => tracing::warn!("{}: {error:#}; it is made once more", path.display()),
+                    Err(error) => tracing::warn!("{error:#}; it is made once more"),
                 }
                 damaged = true;
             }
@@ -163,6 +163,15 @@ impl Source for Kept<'_> {
     fn identity(&self) -> String {
         self.source.identity()
     }
+}
+
+/// Reads the records of a sequence that was kept in the file `path`.
+///
+/// # Errors
+/// When the file cannot be read, or does not hold a sequence of this version of the program.
+pub fn read(path: &Path) -> Result<Vec<Record<f16>>> {
+    let bytes = file::read(path)?;
+    decode(&bytes).with_context(|| path.display().to_string())
 }
 
 /// The file of a sequence.
