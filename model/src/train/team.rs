@@ -76,8 +76,8 @@ pub trait Links {
     /// The number of this process, and how many there are.
     fn share(&self) -> Share;
 
-    /// Sends part `i` of `sent` to process `i`, and stores what process `i` sends to this one in part `i` of `received`. Both have
-    /// one part for each process, and all parts are equally long.
+    /// Sends part `i` of `sent` to process `i`, and stores what process `i` sends to this one in part `i` of `received`. Both
+    /// have one part for each process, and all parts are equally long.
     ///
     /// # Errors
     /// When a process cannot be reached.
@@ -230,8 +230,8 @@ impl Team {
         Ok(true)
     }
 
-    /// Replaces the loss, its terms and the gradients of the own share of a batch by the means over all shares. A missing gradient
-    /// counts as zero. `optimizer` knows the sizes of the parameters.
+    /// Replaces the loss, its terms and the gradients of the own share of a batch by the means over all shares. A missing
+    /// gradient counts as zero. `optimizer` knows the sizes of the parameters.
     pub(super) fn mean(&self, result: &mut StepResult, optimizer: &Optimizer, format: Gradients) -> Result<()> {
         let Some(links) = &self.links else { return Ok(()) };
         let mut flat = Vec::with_capacity(optimizer.slots.iter().map(|slot| slot.first.len()).sum());

@@ -256,6 +256,11 @@ fn one_that_is_told_to_stop_stops_all_and_the_run_resumes() {
 
 #[test]
 fn all_processes_end_by_the_clock_of_the_first() {
+    let agreed = together(3, |team| {
+        let rank = team.share().rank;
+        team.agree(1.0 + rank as f64, rank == 2).expect("all are there")
+    });
+    assert_eq!(agreed, [(1.0, true); 3]);
     let outcomes = toy(folder().path(), 3, Disturbance { minutes: Some(0.005), ..Disturbance::default() });
     let steps: Vec<u64> = outcomes.into_iter().map(|outcome| outcome.expect("all end").0.steps).collect();
     assert!(steps[0] > 0 && steps.iter().all(|n| *n == steps[0]), "{steps:?}");

@@ -12,6 +12,9 @@ use std::path::{Path, PathBuf};
 
 const JOB: &str = include_str!("job.sh");
 
+const EXAMPLE: &str = "Example:\n  renderflow train slurm --nodes 2 --processes 4 --cpus 16 --script-dir jobs -- \
+    --plan plan.toml --keep kept -o runs/big";
+
 /// What starts the processes of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Launcher {
@@ -26,9 +29,7 @@ enum Launcher {
 /// What follows -- is the command line of the training. The job goes on from the last checkpoint when its time is up, when a
 /// process is killed and when a node dies.
 #[derive(Args)]
-#[command(
-    after_help = "Example: renderflow train slurm --nodes 2 --processes 4 --cpus 16 --script-dir jobs -- --plan plan.toml --keep kept -o runs/big"
-)]
+#[command(after_help = EXAMPLE)]
 pub struct SlurmArgs {
     /// Folder for job.sh
     #[arg(long, help_heading = "Output")]

@@ -30,8 +30,8 @@ pub struct PictureBatch {
 }
 
 impl PictureBatch {
-    /// Draws a batch of one of the kinds in `batches`, by weight, and makes the `share` of this process. Each item is a window of a
-    /// random kind of picture.
+    /// Draws a batch of one of the kinds in `batches`, by weight, and makes the `share` of this process. Each item is a window of
+    /// a random kind of picture.
     ///
     /// # Errors
     /// When no clip has enough frames in a row.

@@ -51,7 +51,8 @@ use std::sync::Arc;
 
 /// Trains a network, and resumes from the checkpoint in the output folder if there is one.
 ///
-/// Batches depend on the seed and the step alone. Each process of a team makes its share of them. Progress is told from this thread, and during loading from others.
+/// Batches depend on the seed and the step alone. Each process of a team makes its share of them. Progress is told from this
+/// thread, and during loading from others.
 ///
 /// # Errors
 /// For invalid options or data, files that cannot be read or written, a checkpoint of another run, a loss that stays not finite,
