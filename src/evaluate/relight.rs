@@ -37,12 +37,17 @@ const RECORD: &str = "relight.json";
 /// The metrics of the table.
 const SHOWN: [&str; 4] = ["psnr", "ssim_object", "lpips_alex", "flip_object"];
 /// Rows of the table, in the order of [`pictures`].
-const ROWS: [&str; 4] = ["network", "true buffers", "no network", "the old picture"];
+const ROWS: [&str; 5] = ["network", "network, ratio", "true buffers", "no network", "the old picture"];
+/// Display-linear light that is added to both sides of a ratio, so that black surfaces stay black.
+const LEAST: f32 = 0.02;
+/// Most that a ratio brightens.
+const MOST: f32 = 16.0;
 
 /// The round trip of relighting. The first frame of each sequence is inverted. Then the environment turns about the vertical, and
-/// the buffers are shaded under it with the split sum. The truth is path-traced with the turned environment. Beside the network's
-/// buffers stand the true ones, which show what shading costs, the picture itself as albedo of surfaces that face the camera,
-/// and the picture as it was. Writes relight.json and pictures, and prints a table.
+/// the buffers are shaded under it with the split sum. The truth is path-traced with the turned environment. Another row
+/// multiplies the picture by the ratio of the buffers' shading under the new and the old light, which must be known for it. Beside
+/// them stand the true buffers, which show what shading costs, the picture itself as albedo of surfaces that face the camera, and
+/// the picture as it was. Writes relight.json and pictures, and prints a table.
 #[derive(Args)]
 #[command(after_help = "Example:\n  renderflow evaluate relight --data data -o results-relight")]
 pub struct Options {
@@ -114,7 +119,7 @@ impl Options {
         let lpips = Networks::find()?;
 
         let progress = Progress::new("relight", 1000 * tests.len() as u64);
-        let mut found: Vec<[BTreeMap<String, f64>; 4]> = Vec::new();
+        let mut found: Vec<[BTreeMap<String, f64>; ROWS.len()]> = Vec::new();
         for test in &tests {
             let sequence = &test.sequence;
             progress.message(sequence.name.clone());
@@ -187,15 +192,28 @@ fn pictures(old: &Sequence, turned: &Sequence, network: &Inverter) -> Result<Vec
         material: Some(Rgb::filled(width, height, [0.5, 0.0, 0.5])),
     };
     let (light, exposure) = (turned.light()?, turned.exposure());
-    let shade = |frame: &Frame| ibl::shade(frame, light).image.map(|rgb| display(*rgb, exposure));
+    let shade = |frame: &Frame| ibl::shade(frame, light).image;
     let beauty = truth.beauty.as_ref().context("the truth has no beauty")?;
-    Ok(vec![
-        shade(&with(&frame, &found)),
-        shade(&frame),
-        shade(&with(&frame, &plain)),
-        shown,
-        beauty.map(|rgb| display(*rgb, exposure)),
-    ])
+    let recovered = with(&frame, &found);
+    let new = shade(&recovered);
+    let before = ibl::shade(&recovered, old.light()?).image;
+    let linear = shown.map(|p| p.map(|v| srgb_to_linear(v) / old.exposure()));
+    let made =
+        [new.clone(), ratio(&linear, [&before, &new], [old.exposure(), exposure]), shade(&frame), shade(&with(&frame, &plain))];
+    let displayed = |picture: &Rgb| picture.map(|rgb| display(*rgb, exposure));
+    let mut pictures: Vec<Rgb> = made.iter().map(displayed).collect();
+    pictures.extend([shown, displayed(beauty)]);
+    Ok(pictures)
+}
+
+/// The picture times the ratio of two shadings of the same surfaces, under the old light and the new. All are radiance, with the
+/// exposures of the two lights.
+fn ratio(picture: &Rgb, [old, new]: [&Rgb; 2], exposures: [f32; 2]) -> Rgb {
+    let [least_old, least_new] = exposures.map(|exposure| LEAST / exposure);
+    Rgb::from_fn(picture.width, picture.height, |x, y| {
+        let (picture, old, new) = (picture.at(x, y), old.at(x, y), new.at(x, y));
+        std::array::from_fn(|c| picture[c] * ((new[c] + least_new) / (old[c] + least_old)).clamp(0.0, MOST))
+    })
 }
 
 /// The picture of a frame, as a network sees it.
@@ -220,7 +238,7 @@ fn with(frame: &Frame, buffers: &Buffers) -> Frame {
     }
 }
 
-fn rows(found: &[[BTreeMap<String, f64>; 4]]) -> Vec<Row> {
+fn rows(found: &[[BTreeMap<String, f64>; ROWS.len()]]) -> Vec<Row> {
     let row = |(i, buffers): (usize, &'static str)| {
         let value = |id: &str| {
             let all: Vec<f64> = found.iter().filter_map(|rows| rows[i].get(id).copied()).collect();
@@ -277,5 +295,15 @@ mod tests {
             Buffers { albedo: Some(Rgb::filled(8, 8, [renderflow_frame::color::linear_to_srgb(0.6); 3])), ..Buffers::default() };
         assert!((mean(&with(&wall(0.2), &found)) - mean(&wall(0.6))).abs() < 1e-4);
         assert!((mean(&wall(0.2)) - mean(&wall(0.6))).abs() > 0.2);
+    }
+
+    /// Where the buffers are wrong by a factor, the ratio is not.
+    #[test]
+    fn a_ratio_keeps_what_the_picture_shows() {
+        let grey = |v: f32| Rgb::filled(1, 1, [v; 3]);
+        let relit = ratio(&grey(0.8), [&grey(10.0), &grey(5.0)], [1.0; 2]);
+        assert!((relit.pixels[0][0] - 0.4).abs() < 1e-3, "{relit:?}");
+        assert!(ratio(&grey(1.0), [&grey(0.0), &grey(9.0)], [1.0; 2]).pixels[0][0] <= MOST);
+        assert_eq!(ratio(&grey(0.0), [&grey(0.0), &grey(9.0)], [1.0; 2]).pixels[0], [0.0; 3]);
     }
 }
