@@ -249,18 +249,18 @@ fn what_follows_the_end_of_a_training() {
     let [plan, out, scripts, program] = ["plan.json", "run", "jobs", "program"].map(|name| site.path(name));
     for launcher in ["srun", "mpirun"] {
         site.stand_in(launcher, "exit \"$STATUS\"");
-        let options = ["--nodes", "2", "--processes", "4", "--cpus", "5", "--retries", "2", "--launcher", launcher];
+        let options = ["--nodes", "2", "--processes", "2", "--cpus", "5", "--retries", "2", "--launcher", launcher];
         let mut command = training(&scripts, &program, &options);
         command.extend(["--plan", &plan, "-o", &out, "--steps", "7"]);
         succeed(&command);
         let launch = match launcher {
             "srun" => "srun [--mpi=pmix] [--kill-on-bad-exit=1] [--cpus-per-task=5]",
-            _ => "mpirun [-n] [4] [--bind-to] [none]",
+            _ => "mpirun [-n] [2] [--bind-to] [none]",
         };
         let launched = format!("{launch} [{program}] [train] [--plan] [{plan}] [-o] [{out}] [--steps] [7] [--threads] [5]");
         let text = std::fs::read_to_string(site.path("jobs/job.sh")).unwrap();
         let signal = if launcher == "srun" { "TERM@120" } else { "B:TERM@120" };
-        for line in ["#SBATCH --nodes=2", "#SBATCH --ntasks=4", "#SBATCH --requeue", &format!("#SBATCH --signal={signal}")] {
+        for line in ["#SBATCH --nodes=2", "#SBATCH --ntasks=2", "#SBATCH --requeue", &format!("#SBATCH --signal={signal}")] {
             assert!(text.lines().any(|l| l == line), "{line}: {text}");
         }
         let requeue = "scontrol [requeue] [41]";

@@ -12,12 +12,13 @@ mod wan;
 use super::program;
 use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
-use crate::util::device::DeviceArgs;
+use crate::util::device::{self, DeviceArgs};
 use crate::util::progress::{self, Display, Progress};
 use crate::util::stop;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_frame::{file, words};
+use renderflow_model::device::DeviceChoice;
 use renderflow_model::fusion::training::Config as FusionConfig;
 use renderflow_model::inverse::training::Config as InverseConfig;
 use renderflow_model::train::runner::Summary;
@@ -45,7 +46,7 @@ Examples for the paper's network, in its order of stages (with wan-1.3b, add --f
       --data data/train --minutes 60 -o runs/wan-inverse
 
 Several processes train together, each on a part of every batch (docs/scale-out.md; built with --features mpi):
-  mpirun -n 4 --bind-to none renderflow train --plan plan.toml --keep kept --minutes 120 -o runs/fusion --threads 4
+  mpirun -n 2 --bind-to none renderflow train --plan plan.toml --keep kept --minutes 120 -o runs/fusion --threads 8
 
 The inverse network, which invert uses, is trained by a file run.json that holds {\"network\": \"inverse\"}:
   renderflow train --config run.json --plan plan.toml --minutes 120 -o runs/inverse
@@ -130,8 +131,9 @@ struct Train {
     /// Memory for the training data of the paper's network, MiB
     #[arg(long, help_heading = "Training")]
     cache_mib: Option<usize>,
-    #[command(flatten)]
-    device: DeviceArgs,
+    // A group of options inside of this one would hide from clap whether any option is there.
+    #[arg(long, help = device::HELP, help_heading = "Network")]
+    device: Option<DeviceChoice>,
     /// Print the configuration as JSON and exit
     #[arg(long, help_heading = "Output")]
     print_config: bool,
@@ -236,7 +238,7 @@ impl Train {
     /// Trains as a process of `team`.
     fn train(&self, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let configuration = self.configuration()?;
-        self.device.open()?;
+        DeviceArgs::from(self.device).open()?;
         match configuration {
             Configuration::Fusion(options) => self.sequences(&options, team, allowed, cancel),
             Configuration::Inverse(options) => self.sequences(&options, team, allowed, cancel),

@@ -4,13 +4,21 @@ use anyhow::Result;
 use clap::Args;
 use renderflow_model::device::{DeviceChoice, NetworkDevice};
 
+/// Help of the option.
+pub const HELP: &str = "Device that networks run on: cpu, vulkan or cuda; auto is the first GPU that is found, or the processor; \
+    vulkan:1 is the second GPU. GPUs need a build with the feature vulkan or cuda, and `renderflow doctor` lists them";
+
 /// Where networks run.
 #[derive(Args, Clone, Copy, Debug, Default)]
 pub struct DeviceArgs {
-    /// Device that networks run on: cpu, vulkan or cuda; auto is the first GPU that is found, or the processor; vulkan:1 is the
-    /// second GPU. GPUs need a build with the feature vulkan or cuda, and `renderflow doctor` lists them
-    #[arg(long, default_value_t, help_heading = "Network")]
+    #[arg(long, default_value_t, help = HELP, help_heading = "Network")]
     device: DeviceChoice,
+}
+
+impl From<Option<DeviceChoice>> for DeviceArgs {
+    fn from(device: Option<DeviceChoice>) -> Self {
+        Self { device: device.unwrap_or_default() }
+    }
 }
 
 impl DeviceArgs {

@@ -24,6 +24,9 @@ pub mod record;
 pub mod render;
 pub mod training;
 
+#[cfg(test)]
+mod team_tests;
+
 pub use graph::{FusionConfig, FusionNet};
 pub use record::{Groups, Record};
 pub use render::Fusion;

@@ -364,4 +364,4 @@ fn launched(variable: &dyn Fn(&str) -> Option<String>) -> Option<(&'static str, 
 
 #[cfg(test)]
 #[path = "team_tests.rs"]
-mod tests;
+pub(crate) mod tests;

@@ -1,8 +1,5 @@
 use super::*;
 use crate::device::NetworkDevice;
-use crate::fusion::record::{KEYS, NEIGHBOURS, PARTS, PICTURES};
-use crate::fusion::training::{self as fusion, Config, Source};
-use crate::fusion::{FusionConfig, Record};
 use crate::network::init::Init;
 use crate::network::layers::Conv;
 use crate::parameters;
@@ -78,7 +75,7 @@ impl Links for Threads {
 }
 
 /// What each member of a team of `size` does, in their order.
-fn together<T: Send>(size: usize, work: impl Fn(&Team) -> T + Sync) -> Vec<T> {
+pub(crate) fn together<T: Send>(size: usize, work: impl Fn(&Team) -> T + Sync) -> Vec<T> {
     if size == 1 {
         return vec![work(&Team::alone())];
     }
@@ -182,13 +179,13 @@ fn ended(mut outcomes: Vec<Outcome>) -> (Summary, Vec<f32>) {
     outcomes.remove(0).expect("a run")
 }
 
-fn log(folder: &Path) -> Vec<LogRecord> {
+pub(crate) fn log(folder: &Path) -> Vec<LogRecord> {
     let text = std::fs::read_to_string(folder.join("log.jsonl")).expect("a log");
     text.lines().map(|line| serde_json::from_str(line).expect("a line")).collect()
 }
 
 /// The largest difference of two logs, relative to the values.
-fn apart(a: &[LogRecord], b: &[LogRecord]) -> f32 {
+pub(crate) fn apart(a: &[LogRecord], b: &[LogRecord]) -> f32 {
     assert_eq!(a.iter().map(|line| line.step).collect::<Vec<_>>(), b.iter().map(|line| line.step).collect::<Vec<_>>());
     let values = |line: &LogRecord| {
         [line.loss, line.gradient_norm]
@@ -208,7 +205,7 @@ fn largest(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
-fn folder() -> tempfile::TempDir {
+pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().expect("a folder")
 }
 
@@ -335,59 +332,4 @@ fn launchers_say_how_many_processes_they_started() {
     assert_eq!(found(&[("OMPI_COMM_WORLD_SIZE", "4"), ("OMPI_COMM_WORLD_RANK", "3")]), Some(("OMPI_COMM_WORLD_SIZE", 4)));
     assert_eq!(found(&[("SLURM_STEP_NUM_TASKS", "2"), ("SLURM_PROCID", "0")]), Some(("SLURM_STEP_NUM_TASKS", 2)));
     assert_eq!(found(&[("PMI_SIZE", "many"), ("PMI_RANK", "0")]), None);
-}
-
-/// Frames of noise.
-struct Noise;
-
-impl Source for Noise {
-    fn make(&self, i: u64) -> Result<Vec<Record<f16>>> {
-        let mut rng = Pcg64Mcg::seed_from_u64(i);
-        let mut record = Record::<f32>::new(32, 32);
-        record.pixels.iter_mut().for_each(|v| *v = rng.random_range(0.1..1.0));
-        record.deferred = true;
-        record.distances = [Some(-3.0); KEYS];
-        record.parts = [2; PARTS];
-        record.neighbours = [2; NEIGHBOURS];
-        record.denoised = [true; PICTURES];
-        Ok(vec![record.to_half()])
-    }
-
-    fn identity(&self) -> String {
-        "noise".into()
-    }
-}
-
-#[test]
-fn two_processes_train_the_network_that_reads_samples_as_one_does() {
-    let run = |processes: usize, gradients: Gradients| {
-        let folder = folder();
-        let config = Config {
-            network: FusionConfig { widths: [16; 4] },
-            run: RunConfig {
-                output: folder.path().into(),
-                steps: 6,
-                warmup_steps: 2,
-                checkpoint_steps: 3,
-                log_steps: 1,
-                gradients,
-                ..Config::default().run
-            },
-            crops: vec![Crop { size: 16, batch: 8, from: 0.0 }],
-            first: 2,
-            rotate_steps: 2,
-            window: 3,
-            products: crate::ops::Products::F32,
-            ..Config::default()
-        };
-        let outcomes = together(processes, |team| {
-            let context = RunContext { device: &NetworkDevice::cpu(), progress: &|_| (), cancel: &AtomicBool::new(false), team };
-            fusion::run(&config, &Noise, None, &[], context)
-        });
-        outcomes.into_iter().for_each(|outcome| assert_eq!(outcome.expect("a run").steps, 6));
-        log(folder.path())
-    };
-    let alone = run(1, Gradients::F32);
-    let (pair, half) = (apart(&alone, &run(2, Gradients::F32)), apart(&alone, &run(2, Gradients::F16)));
-    assert!(pair < 1e-3 && half < 1e-2, "{pair} {half}");
 }

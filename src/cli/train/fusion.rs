@@ -5,6 +5,7 @@ use super::reference::References;
 use super::sequences::Learns;
 use super::{Session, Train};
 use crate::dataset::learning::Recipe;
+use crate::util::device::DeviceArgs;
 use crate::util::picture;
 use anyhow::Result;
 use half::f16;
@@ -66,7 +67,7 @@ impl Learns for Config {
             }
         }
         let tell = |progress: &_| monitor.tell(bars, progress);
-        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel, team };
+        let context = RunContext { device: &DeviceArgs::from(train.device).get()?, progress: &tell, cancel, team };
         bars.finish(&training::run(self, source, start.as_ref(), validation, context)?)
     }
 }

@@ -4,6 +4,7 @@ use super::monitor::{FRAMES, Monitor};
 use super::sequences::Learns;
 use super::{Session, Train};
 use crate::dataset::learning::Recipe;
+use crate::util::device::DeviceArgs;
 use anyhow::Result;
 use half::f16;
 use renderflow_frame::color::{display, linear_to_srgb};
@@ -52,7 +53,7 @@ impl Learns for Config {
         let none = BTreeMap::new();
         let monitor = Monitor::new(&self.run.output, &none, &sheets);
         let tell = |progress: &_| monitor.tell(bars, progress);
-        let context = RunContext { device: &train.device.get()?, progress: &tell, cancel, team };
+        let context = RunContext { device: &DeviceArgs::from(train.device).get()?, progress: &tell, cancel, team };
         bars.finish(&training::run(self, source, start.as_ref(), &examples, context)?)
     }
 }

@@ -3,6 +3,7 @@
 use super::{Bars, Train, smallest};
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
+use crate::util::device::DeviceArgs;
 use anyhow::{Context, Result, bail};
 use renderflow_model::data::ClipSource;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
@@ -89,7 +90,7 @@ impl Train {
             // This training has no validation.
             train::Progress::Validated(_) => {}
         };
-        let context = RunContext { device: &self.device.get()?, progress: &tell, cancel, team };
+        let context = RunContext { device: &DeviceArgs::from(self.device).get()?, progress: &tell, cancel, team };
         bars.finish(&train::run(config, &dataset, context)?)
     }
 }

@@ -40,12 +40,32 @@ impl Claim {
     /// Claims the sequence in the file `path`, unless another process makes it.
     fn of(path: &Path) -> Option<Self> {
         let path = path.with_extension("lock");
-        let Ok(file) = File::options().create(true).append(true).open(&path) else { return Some(Self { lock: None }) };
-        match file.try_lock() {
-            Ok(()) => Some(Self { lock: Some((path, file)) }),
-            Err(TryLockError::WouldBlock) => None,
-            Err(TryLockError::Error(_)) => Some(Self { lock: None }),
+        loop {
+            let Ok(file) = File::options().create(true).append(true).open(&path) else { return Some(Self { lock: None }) };
+            match file.try_lock() {
+                Ok(()) if is_at(&file, &path) => return Some(Self { lock: Some((path, file)) }),
+                // The process that had the lock removed its file after this one opened it.
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => return None,
+                Err(TryLockError::Error(_)) => return Some(Self { lock: None }),
+            }
         }
+    }
+}
+
+/// Whether `file` is what lies at `path`, and not a file that was removed.
+fn is_at(file: &File, path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let number = |found: std::io::Result<std::fs::Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
+        number(file.metadata()).is_some_and(|own| number(std::fs::metadata(path)) == Some(own))
+    }
+    #[cfg(not(unix))]
+    {
+        // An open file cannot be removed there.
+        let _ = file;
+        path.exists()
     }
 }
 
