@@ -1,12 +1,23 @@
 //! The options that every training run has, with their defaults and ranges. The configuration of a network holds them beside its
 //! own options; in a file, both are fields of one JSON object.
 
-use super::team::Gradients;
 use crate::{Error, Result};
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 use std::path::PathBuf;
+
+/// Number format in which gradients travel between processes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Gradients {
+    /// Single precision.
+    #[default]
+    F32,
+    /// Half precision, after a scaling that brings the largest gradient of a step to the top of its range. Sums are in single
+    /// precision.
+    F16,
+}
 
 /// The rule by which parameters are updated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

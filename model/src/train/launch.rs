@@ -1,11 +1,11 @@
 //! Joins the processes that a launcher has started, by MPI.
 
-use super::team::Team;
+use super::links::Links;
 use crate::{Error, Result};
 
 /// Without MPI, processes that were started together would train the same network into one folder.
 #[cfg(not(feature = "mpi"))]
-pub(super) fn join(variable: &str, size: usize) -> Result<Team> {
+pub(super) fn join(variable: &str, size: usize) -> Result<Box<dyn Links>> {
     let reason = format!(
         "{variable} says that {size} processes were started to train together, but this program was built without MPI. Build it with \
          `cargo build --release --features mpi`, or start one process"
@@ -13,9 +13,9 @@ pub(super) fn join(variable: &str, size: usize) -> Result<Team> {
     Err(Error::Team { reason })
 }
 
-/// The team of all `size` processes.
+/// What joins all `size` processes.
 #[cfg(feature = "mpi")]
-pub(super) fn join(variable: &str, size: usize) -> Result<Team> {
+pub(super) fn join(variable: &str, size: usize) -> Result<Box<dyn Links>> {
     use mpi::traits::Communicator;
     // The thread that trains makes all calls.
     let started = mpi::initialize_with_threading(mpi::Threading::Funneled);
@@ -33,13 +33,13 @@ pub(super) fn join(variable: &str, size: usize) -> Result<Team> {
         );
         return Err(Error::Team { reason });
     }
-    Ok(Team::new(links::Mpi::new(universe)))
+    Ok(Box::new(mpi_links::Mpi::new(universe)))
 }
 
 #[cfg(feature = "mpi")]
-mod links {
+mod mpi_links {
     use crate::Result;
-    use crate::train::team::{Links, Share};
+    use crate::train::links::{Links, Share};
     use mpi::environment::Universe;
     use mpi::topology::SimpleCommunicator;
     use mpi::traits::{Communicator, CommunicatorCollectives, Root};

@@ -4,9 +4,11 @@
 pub mod checkpoint;
 pub mod config;
 mod launch;
+mod links;
 pub mod log;
 pub mod optimizer;
 pub mod pool;
+pub mod report;
 pub mod runner;
 pub mod schedule;
 pub mod sequences;

@@ -1,7 +1,7 @@
 //! Sequences in memory: they arrive one after the other from a thread of their own, and the newest are kept.
 
 use super::config;
-use super::runner::Progress;
+use super::report::Progress;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
