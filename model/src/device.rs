@@ -372,7 +372,10 @@ mod tests {
     fn a_build_without_gpus_says_how_to_make_one_with() {
         for (choice, feature) in [("vulkan", "vulkan"), ("cuda:1", "cuda")] {
             let error = NetworkDevice::open(choice.parse().expect("a choice")).expect_err(choice).to_string();
-            assert!(error.starts_with(&format!("device {choice}: ")) && error.contains(&format!("--features {feature}")), "{error}");
+            assert!(
+                error.starts_with(&format!("device {choice}: ")) && error.contains(&format!("--features {feature}")),
+                "{error}"
+            );
         }
         assert!(NetworkDevice::open(DeviceChoice::Auto).expect("the processor").is_cpu());
         assert!(found().is_empty());
