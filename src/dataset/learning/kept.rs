@@ -367,9 +367,11 @@ mod tests {
         });
         // Each has compared all sequences.
         let made = sources.map(|source| source.0.0.load(Ordering::Relaxed) - 12);
-        assert!(made.iter().sum::<u64>() == 12 && made.iter().all(|count| *count > 1), "{made:?}");
+        let all = made.iter().sum::<u64>();
+        // While the last are made, the others may go on with the two that come next.
+        assert!((12..=14).contains(&all) && made.iter().all(|count| *count > 1), "{made:?}");
         let kept = Kept::new(&Counted(AtomicU64::new(0)), folder.path()).unwrap().folder;
-        assert_eq!(std::fs::read_dir(kept).unwrap().count(), 12, "no lock stays");
+        assert_eq!(std::fs::read_dir(kept).unwrap().count() as u64, all, "each is made once, and no lock stays");
     }
 
     #[test]
