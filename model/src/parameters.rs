@@ -86,8 +86,9 @@ fn gradients_some<M: Module>(module: &M, gradients: &mut Gradients, all: bool) -
 /// [`Error::Device`] when its device has run out of memory, or is lost. What failed may be an earlier operation, because GPUs
 /// compute later than they are told to.
 pub fn read<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>> {
-    let device = format!("{:?}", tensor.device());
-    tensor.try_into_vec_as::<f32>().map_err(|error| Error::Device { device, reason: words(&error.to_string()) })
+    let device = tensor.device();
+    let failed = |reason: String| Error::Device { device: format!("{device:?}"), reason: words(&reason) };
+    tensor.try_into_vec_as::<f32>().map_err(|error| failed(error.to_string()))
 }
 
 /// The message of a driver in one line, without what it says about its own code.

@@ -10,6 +10,8 @@ use renderflow_frame::words::shell;
 use std::path::{Path, PathBuf};
 
 const ARRAY: &str = include_str!("slurm/array.sh");
+/// Runs a program under Slurm: it passes signals on and waits.
+pub(crate) const WAIT: &str = include_str!("slurm/wait.sh");
 const MERGE: &str = include_str!("slurm/merge.sh");
 const SUBMIT: &str = include_str!("slurm/submit.sh");
 const KUBERNETES: &str = include_str!("slurm/kubernetes.yaml");
@@ -100,6 +102,7 @@ impl Request {
             ("ALLOWED", allowed.collect::<Result<String>>()?),
             ("FOLDER", shell(&full(&self.folder)?)),
             ("LOGS", shell(&logs.replace('%', "%%"))),
+            ("WAIT", WAIT.trim_end().to_owned()),
             ("DIRECTIVES", directives(self.partition.as_deref(), self.account.as_deref(), &self.extra)?),
             ("TIME", word("--time", &self.time)?.into()),
             ("CPUS", self.cpus.to_string()),

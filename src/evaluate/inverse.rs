@@ -8,7 +8,7 @@ use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
 use crate::metrics::{Networks, median};
 use crate::util::cancel::Cancel;
-use crate::util::device::DeviceArgs;
+use crate::util::device::{DeviceArgs, recorded};
 use crate::util::picture;
 use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
@@ -87,6 +87,9 @@ pub struct Row {
 #[derive(Serialize)]
 struct Results<'a> {
     columns: &'a [Column],
+    /// Device of the network; `None` for the processor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
     sets: Vec<Set>,
 }
 
@@ -159,12 +162,13 @@ pub fn measure(method: &Method, tests: &[TestSequence], every: u32, networks: &N
 impl Options {
     /// Measures and prints.
     pub fn run(self, cancel: &Cancel) -> Result<()> {
-        let method = match &self.buffers {
+        let (method, device) = match &self.buffers {
             None => {
                 let options = WanOptions { vae: self.vae.as_deref(), tile: None };
-                Method::Network(Inverter::open(self.weights.as_deref(), options, &self.device.open()?)?)
+                let device = self.device.open()?;
+                (Method::Network(Inverter::open(self.weights.as_deref(), options, &device)?), recorded(&device))
             }
-            Some(folder) => Method::Folder(folder),
+            Some(folder) => (Method::Folder(folder), None),
         };
         let tests = find::find(&self.data)?;
         if let Method::Folder(_) = method {
@@ -179,7 +183,7 @@ impl Options {
         }
         std::fs::create_dir_all(&self.out)?;
         let path = self.out.join("inverse.json");
-        let results = Results { columns: &COLUMNS, sets };
+        let results = Results { columns: &COLUMNS, device, sets };
         file::write_json(&path, &results)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&results)?);
@@ -264,16 +268,7 @@ fn read(name: &Path) -> Result<Buffers> {
 fn print(set: &Set) {
     println!("{}: {} frames", set.name, set.frames);
     for column in &COLUMNS {
-        let cell = |row: &Row| {
-            let digits = column.digits;
-            row.values.get(column.id).map_or_else(
-                || "-".to_owned(),
-                |value| match value.range {
-                    Some([low, high]) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", value.mean),
-                    None => format!("{:.digits$}", value.mean),
-                },
-            )
-        };
+        let cell = |row: &Row| row.values.get(column.id).map_or_else(|| "-".to_owned(), |value| value.shown(column.digits));
         let cells: Vec<String> = set.rows.iter().map(|row| format!("{} {:26}", row.method, cell(row))).collect();
         println!("  {:78} {}", column.name, cells.join(" "));
     }

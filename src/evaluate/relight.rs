@@ -11,7 +11,7 @@ use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::metrics::intrinsics::Buffers;
 use crate::metrics::{METRICS, Networks, Truth, values};
 use crate::util::cancel::Cancel;
-use crate::util::device::DeviceArgs;
+use crate::util::device::{DeviceArgs, recorded};
 use crate::util::output::Claim;
 use crate::util::picture;
 use crate::util::progress::Progress;
@@ -23,22 +23,23 @@ use renderflow_frame::color::{display, srgb_to_linear};
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
-use renderflow_frame::{DepthBounds, Frame, Light, file, ibl};
+use renderflow_frame::{DepthBounds, Frame, Image, Light, file, ibl};
 use renderflow_model::wan::flow::Intrinsic;
 use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
 use renderflow_renderer::Settings;
 use renderflow_scenes::description::Scene;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The file that says what the pictures in a folder show.
 const RECORD: &str = "relight.json";
 /// The metrics of the table.
 const SHOWN: [&str; 4] = ["psnr", "ssim_object", "lpips_alex", "flip_object"];
-/// Rows of the table, in the order of [`pictures`].
+/// Rows of the table.
 const ROWS: [&str; 5] = ["network", "network, ratio", "true buffers", "no network", "the old picture"];
-/// Display-linear light that is added to both sides of a ratio, so that black surfaces stay black.
+/// Display-linear light that is added to both sides of a ratio, so that a surface which is black under one light does not glow
+/// under the other.
 const LEAST: f32 = 0.02;
 /// Most that a ratio brightens.
 const MOST: f32 = 16.0;
@@ -97,6 +98,9 @@ struct Row {
 struct Results {
     #[serde(flatten)]
     about: About,
+    /// Device of the network; `None` for the processor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
     sequences: usize,
     rows: Vec<Row>,
 }
@@ -106,39 +110,37 @@ impl Options {
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         ensure!(self.turn.is_finite(), "--turn: {} is not a number of degrees", self.turn);
         let options = WanOptions { vae: self.vae.as_deref(), tile: None };
-        let network = Inverter::open(self.weights.as_deref(), options, &self.device.open()?)?;
+        let device = self.device.open()?;
+        let network = Inverter::open(self.weights.as_deref(), options, &device)?;
         let tests = find::find(&self.data)?;
         for test in &tests {
             let file = test.sequence.folder.join(SCENE);
             ensure!(file.is_file(), "{}: is missing; the scene is rendered under another light", file.display());
         }
-        let denoise = if renderflow_renderer::denoise::Denoiser::new().is_ok() { Denoise::Oidn } else { Denoise::None };
-        let settings = TruthSettings::quiet(Settings { spp: self.spp, ..Settings::default() }, denoise)?;
+        let settings = TruthSettings::quiet(Settings { spp: self.spp, ..Settings::default() }, Denoise::Auto)?;
         let about = || About { about: "truth under another light".into(), turn: self.turn, spp: self.spp };
         Claim::new(&self.out.join("truth"), RECORD, &about(), "pictures of another light")?.write()?;
         let lpips = Networks::find()?;
 
         let progress = Progress::new("relight", 1000 * tests.len() as u64);
-        let mut found: Vec<[BTreeMap<String, f64>; ROWS.len()]> = Vec::new();
+        let mut found = Vec::new();
         for test in &tests {
-            let sequence = &test.sequence;
-            progress.message(sequence.name.clone());
-            let turned = self.truth(&test.set, sequence, allowed, &settings, &progress, cancel);
-            let measured = turned.and_then(|turned| {
-                let pictures = pictures(sequence, &turned, &network)?;
-                let (truth, frame) = (&pictures[ROWS.len()], turned.frame(0)?);
-                let measured = Truth::new(truth, Some(&frame.alpha), None, &lpips)?;
-                let path = self.out.join(format!("{}-{}.png", test.set, sequence.name));
-                let names = ROWS.iter().chain(std::iter::once(&"truth"));
-                let tiles: Vec<Tile> = names.zip(&pictures).map(|(name, shown)| Tile::new(*name, shown.clone())).collect();
+            let name = Path::new(&test.set).join(&test.class).join(&test.sequence.name);
+            progress.message(name.display().to_string());
+            let measured = self.truth(&test.sequence, &name, allowed, &settings, &progress, cancel).and_then(|turned| {
+                let Shown { pictures, truth, alpha } = Shown::new(&test.sequence, &turned, &network)?;
+                let all = ROWS.iter().zip(&pictures).chain(std::iter::once((&"truth", &truth)));
+                let tiles: Vec<Tile> = all.map(|(name, picture)| Tile::new(*name, picture.clone())).collect();
+                let path = self.out.join(&name).with_extension("png");
+                std::fs::create_dir_all(path.parent().unwrap_or(&self.out))?;
                 file::write_atomic(&path, &picture::png(&sheet(&tiles, tiles.len()))?)?;
-                let errors = pictures[..ROWS.len()].iter().map(|shown| values(&measured.measure(shown, None)?));
-                Ok(errors.collect::<Result<Vec<_>>>()?.try_into().unwrap_or_default())
+                let measured = Truth::new(&truth, Some(&alpha), None, &lpips)?;
+                pictures.iter().map(|picture| values(&measured.measure(picture, None)?)).collect::<Result<Vec<_>>>()
             });
-            found.push(measured.with_context(|| sequence.folder.display().to_string())?);
+            found.push(measured.with_context(|| test.sequence.folder.display().to_string())?);
         }
         progress.finish();
-        let results = Results { about: about(), sequences: found.len(), rows: rows(&found) };
+        let results = Results { about: about(), device: recorded(&device), sequences: found.len(), rows: rows(&found) };
         let path = self.out.join(RECORD);
         file::write_json(&path, &results)?;
         if self.json {
@@ -150,11 +152,12 @@ impl Options {
         Ok(())
     }
 
-    /// The first frame of a sequence, path-traced under the turned environment. It is read where it is there already.
+    /// The first frame of a sequence, path-traced under the turned environment into the folder `name` of the truth. It is read
+    /// where it is there already.
     fn truth(
         &self,
-        set: &str,
         sequence: &Sequence,
+        name: &Path,
         allowed: &[PathBuf],
         settings: &TruthSettings,
         progress: &Progress,
@@ -166,7 +169,7 @@ impl Options {
         let job = SequenceJob {
             scene,
             base: Reach::of(&path).allow(allowed),
-            out: self.out.join("truth").join(set).join(&sequence.name),
+            out: self.out.join("truth").join(name),
             keyframe_gap: 0,
             // Only the first frame.
             frame_step: u32::MAX,
@@ -179,31 +182,44 @@ impl Options {
     }
 }
 
-/// Display values of the pictures of [`ROWS`], and of the truth.
-fn pictures(old: &Sequence, turned: &Sequence, network: &Inverter) -> Result<Vec<Rgb>> {
-    let (frame, truth) = (old.frame(0)?, turned.frame(0)?);
-    let shown = shown(&frame, old.light()?)?;
-    let found = network.find(std::slice::from_ref(&shown), &Intrinsic::ALL, 1)?.swap_remove(0);
-    let (width, height) = (shown.width, shown.height);
-    let plain = Buffers {
-        albedo: Some(shown.clone()),
-        normal: Some(Rgb::filled(width, height, [0.0, 0.0, 1.0])),
-        depth: None,
-        material: Some(Rgb::filled(width, height, [0.5, 0.0, 0.5])),
-    };
-    let (light, exposure) = (turned.light()?, turned.exposure());
-    let shade = |frame: &Frame| ibl::shade(frame, light).image;
-    let beauty = truth.beauty.as_ref().context("the truth has no beauty")?;
-    let recovered = with(&frame, &found);
-    let new = shade(&recovered);
-    let before = ibl::shade(&recovered, old.light()?).image;
-    let linear = shown.map(|p| p.map(|v| srgb_to_linear(v) / old.exposure()));
-    let made =
-        [new.clone(), ratio(&linear, [&before, &new], [old.exposure(), exposure]), shade(&frame), shade(&with(&frame, &plain))];
-    let displayed = |picture: &Rgb| picture.map(|rgb| display(*rgb, exposure));
-    let mut pictures: Vec<Rgb> = made.iter().map(displayed).collect();
-    pictures.extend([shown, displayed(beauty)]);
-    Ok(pictures)
+/// What is compared: display values.
+struct Shown {
+    /// The pictures of [`ROWS`].
+    pictures: [Rgb; ROWS.len()],
+    truth: Rgb,
+    /// Coverage.
+    alpha: Image<f32>,
+}
+
+impl Shown {
+    fn new(old: &Sequence, turned: &Sequence, network: &Inverter) -> Result<Self> {
+        let (frame, truth) = (old.frame(0)?, turned.frame(0)?);
+        let shown = shown(&frame, old.light()?)?;
+        let found = network.find(std::slice::from_ref(&shown), &Intrinsic::ALL, 1)?.swap_remove(0);
+        let (width, height) = (shown.width, shown.height);
+        let plain = Buffers {
+            albedo: Some(shown.clone()),
+            normal: Some(Rgb::filled(width, height, [0.0, 0.0, 1.0])),
+            depth: None,
+            material: Some(Rgb::filled(width, height, [0.5, 0.0, 0.5])),
+        };
+        let (light, exposure) = (turned.light()?, turned.exposure());
+        let shade = |frame: &Frame| ibl::shade(frame, light).image;
+        let displayed = |picture: &Rgb| picture.map(|rgb| display(*rgb, exposure));
+        let recovered = with(&frame, &found);
+        let new = shade(&recovered);
+        let before = ibl::shade(&recovered, old.light()?).image;
+        let linear = shown.map(|p| p.map(|v| srgb_to_linear(v) / old.exposure()));
+        let pictures = [
+            displayed(&new),
+            displayed(&ratio(&linear, [&before, &new], [old.exposure(), exposure])),
+            displayed(&shade(&frame)),
+            displayed(&shade(&with(&frame, &plain))),
+            shown,
+        ];
+        let beauty = truth.beauty.as_ref().context("the truth has no beauty")?;
+        Ok(Self { pictures, truth: displayed(beauty), alpha: truth.alpha })
+    }
 }
 
 /// The picture times the ratio of two shadings of the same surfaces, under the old light and the new. All are radiance, with the
@@ -238,7 +254,7 @@ fn with(frame: &Frame, buffers: &Buffers) -> Frame {
     }
 }
 
-fn rows(found: &[[BTreeMap<String, f64>; ROWS.len()]]) -> Vec<Row> {
+fn rows(found: &[Vec<BTreeMap<String, f64>>]) -> Vec<Row> {
     let row = |(i, buffers): (usize, &'static str)| {
         let value = |id: &str| {
             let all: Vec<f64> = found.iter().filter_map(|rows| rows[i].get(id).copied()).collect();
@@ -252,20 +268,12 @@ fn rows(found: &[[BTreeMap<String, f64>; ROWS.len()]]) -> Vec<Row> {
 fn print(results: &Results) {
     println!("{} sequences, light turned by {} degrees", results.sequences, results.about.turn);
     for metric in METRICS.iter().filter(|metric| SHOWN.contains(&metric.id)) {
-        let cell = |row: &Row| {
-            let digits = metric.digits;
-            row.values.get(metric.id).map_or_else(
-                || "-".to_owned(),
-                |value| match value.range {
-                    Some([low, high]) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", value.mean),
-                    None => format!("{:.digits$}", value.mean),
-                },
-            )
-        };
         println!("  {}: {}", metric.label, metric.meaning);
-        results.rows.iter().filter(|row| row.values.contains_key(metric.id)).for_each(|row| {
-            println!("    {:16} {}", row.buffers, cell(row));
-        });
+        for row in &results.rows {
+            if let Some(value) = row.values.get(metric.id) {
+                println!("    {:16} {}", row.buffers, value.shown(metric.digits));
+            }
+        }
     }
 }
 
@@ -273,7 +281,6 @@ fn print(results: &Results) {
 mod tests {
     use super::*;
     use renderflow_frame::Environment;
-    use renderflow_frame::image::Image;
 
     /// A wall under white light shows its albedo; recovered buffers replace the frame's own.
     #[test]

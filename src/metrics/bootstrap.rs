@@ -28,6 +28,12 @@ impl Interval {
     pub fn is_clear(&self) -> bool {
         self.range.is_some_and(|[low, high]| low > 0.0 || high < 0.0)
     }
+
+    /// The mean with so many `digits` behind the point, and the range in brackets if there is one.
+    pub fn shown(&self, digits: usize) -> String {
+        let range = self.range.map_or(String::new(), |[low, high]| format!(" ({low:.digits$} to {high:.digits$})"));
+        format!("{:.digits$}{range}", self.mean)
+    }
 }
 
 /// The interval of the mean of `sequences`; each value is the mean of a sequence's frames. `None` when there are none, or one is

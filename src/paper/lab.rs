@@ -12,6 +12,7 @@ use crate::evaluate::results::Results;
 use crate::evaluate::run;
 use crate::metrics::Networks;
 use crate::util::cancel::{Cancel, Interrupted};
+use crate::util::device;
 use crate::util::progress::Progress;
 use anyhow::{Context, Result};
 use renderflow_frame::file;
@@ -181,7 +182,7 @@ impl<'a> Lab<'a> {
     pub fn measure(&self, ask: &Ask) -> Result<Results> {
         let trained = ask.run.map(|run| self.train(run)).transpose()?;
         let folder = trained.as_ref().map(Trained::name);
-        let fusion = serde_json::to_string(self.fusion.header())?;
+        let fusion = (self.fusion.header(), device::recorded(self.fusion.device()));
         let recipe = digest(&(ask, &folder, self.scale.plan(ask.data)?, fusion, self.lpips.alex.is_some()))?;
         let name = ask.run.map_or_else(|| ask.data.name(), Run::name);
         let out = self.out.join("rows").join(format!("{name}-{recipe}"));

@@ -419,8 +419,7 @@ fn editing(lab: &Lab) -> Result<Table> {
         Table::new("Edits of materials", "PSNR, dB, at each step. The paper shows pictures of these edits and no numbers.", &[]);
     let steps = lab.scale.edit;
     let edits = sweep::published([lab.scale.side; 2]);
-    let denoise = if renderflow_renderer::denoise::Denoiser::new().is_ok() { Denoise::Oidn } else { Denoise::None };
-    let settings = TruthSettings::new(Settings { spp: lab.scale.spp[1], ..Settings::default() }, denoise, lab.fusion.device())?;
+    let settings = TruthSettings::quiet(Settings { spp: lab.scale.spp[1], ..Settings::default() }, Denoise::Auto)?;
     let base = lab.out.join("data/edits");
     let swept = sweep::render(&edits, steps, &Reach::folder("."), &base, &settings, lab.cancel)?;
     let test = |(class, sequence)| TestSequence { set: "edit".into(), class, sequence };

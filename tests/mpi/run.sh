@@ -110,16 +110,7 @@ print(f"{a.split('/')[-1]} and {b.split('/')[-1]}: losses and gradients {worst:.
 assert worst <= most and apart <= most, f"more than {most} apart"
 PYTHON
 }
-now() { date +%s.%N; }
-since() { awk "BEGIN { printf \"%.1f\", $(now) - $1 }"; }
-within() {
-    limit=$(($(date +%s) + $1))
-    shift
-    until "$@"; do
-        [ "$(date +%s)" -lt $limit ] || return 1
-        sleep 0.05
-    done
-}
+. tests/common/wait.sh
 
 if [ -n "${SCALE-}" ]; then
     unset OMPI_MCA_btl OMPI_MCA_btl_tcp_if_include

@@ -65,17 +65,7 @@ stopped() {
         ! running "$daemon" || return 1
     done
 }
-now() { date +%s.%N; }
-since() { awk "BEGIN { printf \"%.1f\", $(now) - $1 }"; }
-# within SECONDS COMMAND..: waits until the command succeeds.
-within() {
-    limit=$(($(date +%s) + $1))
-    shift
-    until "$@"; do
-        [ "$(date +%s)" -lt $limit ] || return 1
-        sleep 0.1
-    done
-}
+. tests/common/wait.sh
 trap cleanup EXIT
 trap 'exit 1' INT TERM HUP
 

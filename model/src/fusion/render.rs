@@ -33,9 +33,9 @@ const TILE: usize = 768;
 pub const TILE_PIXELS: usize = (TILE + 2 * MARGIN) * (TILE + 2 * MARGIN);
 /// Columns and rows of the smallest tile that is tried on a device with little memory.
 const SMALLEST_TILE: usize = 96;
-/// How many times the memory of the input a device needs for one tensor, at least: the inner products of a convolution are the
-/// largest.
-const TENSOR_PER_INPUT: usize = 4;
+/// The input of a tile takes at most this share of the largest tensor of a device, one part of so many. The input is the largest
+/// tensor of the network itself; the rest is for what convolutions store between their steps.
+const SHARE_OF_LARGEST: usize = 4;
 /// Largest distance in pixels of an input that a pixel depends on, rounded up to a [`MULTIPLE`]: 44 on the way down, 30 on the
 /// way up, and 11 for the kernels.
 const MARGIN: usize = 96;
@@ -98,23 +98,13 @@ impl Trained<FusionNet> {
     /// # Errors
     /// When the record is empty, and when the device fails.
     pub fn draw<T: Stored>(&self, record: &Record<T>, selection: &Selection) -> Result<Vec<[f32; 3]>> {
-        let mut side = self.largest_tile(selection.groups.channels());
+        let mut side = largest_tile(selection.groups.channels(), self.device.largest_tensor());
         loop {
             match self.draw_in_tiles(record, selection, side) {
-                Err(Error::Device { .. }) if side > SMALLEST_TILE => side = (side / 2).next_multiple_of(MULTIPLE),
+                Err(Error::Device { .. }) if side > SMALLEST_TILE => side = smaller(side),
                 drawn => return drawn,
             }
         }
-    }
-
-    /// Side of the largest tile whose tensors the device takes.
-    fn largest_tile(&self, channels: usize) -> usize {
-        let bytes = |side: usize| (TENSOR_PER_INPUT * size_of::<f32>() * channels * (side + 2 * MARGIN).pow(2)) as u64;
-        let mut side = TILE;
-        while side > SMALLEST_TILE && bytes(side) > self.device.largest_tensor() {
-            side = (side / 2).next_multiple_of(MULTIPLE);
-        }
-        side
     }
 
     /// [`Self::draw`] in tiles of `side` columns and rows, a multiple of [`MULTIPLE`].
@@ -158,6 +148,21 @@ impl Trained<FusionNet> {
     }
 }
 
+/// Side of the largest tile with so many input `channels` whose tensors a device takes. The `largest` tensor is in bytes.
+fn largest_tile(channels: usize, largest: u64) -> usize {
+    let bytes = |side: usize| (SHARE_OF_LARGEST * size_of::<f32>() * channels * (side + 2 * MARGIN).pow(2)) as u64;
+    let mut side = TILE;
+    while side > SMALLEST_TILE && bytes(side) > largest {
+        side = smaller(side);
+    }
+    side
+}
+
+/// Side of the next smaller tile.
+fn smaller(side: usize) -> usize {
+    (side / 2).next_multiple_of(MULTIPLE)
+}
+
 /// Runs the network on a batch, and takes the input out of it.
 pub(super) fn forward(network: &FusionNet, products: Products, batch: &mut Batch, device: &Device) -> Outputs {
     let shape = [batch.items, batch.height / 2, batch.width / 2, 4 * batch.groups.channels()];
@@ -171,6 +176,15 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
+
+    #[test]
+    fn tiles_fit_the_device() {
+        let input = |side: usize| (4 * 100 * (side + 2 * MARGIN).pow(2)) as u64;
+        assert_eq!(largest_tile(100, u64::MAX), TILE);
+        assert_eq!(largest_tile(100, 4 * input(384)), 384);
+        assert_eq!(largest_tile(100, 4 * input(384) - 1), 192);
+        assert_eq!(largest_tile(100, 0), SMALLEST_TILE);
+    }
 
     /// The margins of tiles are wide enough: the picture is the same to the last bit.
     #[test]

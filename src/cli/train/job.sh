@@ -19,38 +19,14 @@ say() { echo "$(date '+%Y-%m-%dT%H:%M:%S') job $job, restart $restarts: $*"; }
 # Where `train slurm` was called: paths are as they were there.
 cd @FOLDER@ || exit 2
 
-# Before the time is up or a node is taken away, Slurm tells all processes (srun) or this shell (mpirun). They finish the step and
-# write a checkpoint.
-signals=0
-child=
-forward() {
-    signals=$((signals + 1))
-    [ "$signals" -gt 1 ] || [ -z "$child" ] || kill -TERM "$child" 2>/dev/null
-}
-trap forward TERM
+# With srun, Slurm tells all processes; with mpirun, it tells this shell. They finish the step and write a checkpoint.
+@WAIT@
 
 # mpirun kills processes so many seconds after it has told them to stop; by default 1. Open MPI 4 and 5.
 export OMPI_MCA_odls_base_sigkill_timeout=@GRACE@ PRTE_MCA_odls_base_sigkill_timeout=@GRACE@
 
 say "starts on ${SLURM_JOB_NODELIST:-$(hostname)}"
-@LAUNCH@ "$program" train@ARGUMENTS@ --threads @CPUS@@ALLOWED@ &
-child=$!
-[ "$signals" -eq 0 ] || kill -TERM "$child" 2>/dev/null
-status=127
-seen=-1
-# A signal ends `wait` early: wait again for the processes. Of a child that is gone by then, some shells know nothing (127).
-while [ "$seen" -ne "$signals" ]; do
-    seen=$signals
-    code=0
-    wait "$child" || code=$?
-    if [ "$code" -ne 127 ] || [ "$seen" -eq 0 ]; then status=$code; fi
-done
-trap '' TERM
-
-give_up() {
-    say "$1; not tried again"
-    exit "$status"
-}
+run @LAUNCH@ "$program" train@ARGUMENTS@ --threads @CPUS@@ALLOWED@
 
 case $status in
 0)

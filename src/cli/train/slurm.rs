@@ -1,7 +1,7 @@
 //! `train slurm`: a job that trains with several processes.
 
 use super::{Configuration, Train};
-use crate::dataset::slurm::{Memory, directives, fill, full, set_mode, word};
+use crate::dataset::slurm::{Memory, WAIT, directives, fill, full, set_mode, word};
 use crate::util::output;
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Parser, ValueEnum};
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 const JOB: &str = include_str!("job.sh");
 
-const EXAMPLE: &str = "Example:\n  renderflow train slurm --nodes 2 --processes 4 --cpus 16 --script-dir jobs -- \
+const EXAMPLE: &str = "Example:\n  renderflow train slurm --nodes 2 --processes 2 --cpus 16 --script-dir jobs -- \
     --plan plan.toml --keep kept -o runs/big";
 
 /// What starts the processes of a job.
@@ -143,6 +143,7 @@ impl SlurmArgs {
         let mut values = vec![
             ("TIME", word("--time", &self.time)?.into()),
             ("SIGNAL", signal.to_owned()),
+            ("WAIT", WAIT.trim_end().to_owned()),
             ("DIRECTIVES", directives(self.partition.as_deref(), self.account.as_deref(), &self.extra)?),
             ("PROGRAM", shell(&full(&program)?)),
             ("FOLDER", shell(&full(folder)?)),

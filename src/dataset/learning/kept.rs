@@ -63,7 +63,7 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
     #[cfg(not(unix))]
     {
-        // An open file cannot be removed there.
+        // Files have no numbers here. If another process has put a new file there, a sequence may be made twice.
         let _ = file;
         path.exists()
     }

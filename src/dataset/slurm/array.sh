@@ -23,36 +23,10 @@ restarts=${SLURM_RESTART_COUNT:-0}
 memory=${SLURM_MEM_PER_NODE:-@MEGABYTES@}
 say() { echo "$(date '+%Y-%m-%dT%H:%M:%S') task $task, restart $restarts: $*"; }
 
-# Slurm tells the shell alone, before the time is up or the node is taken away; the frame at hand can still be finished. It may say
-# so twice, and a second signal would make the program drop the frame.
-signals=0
-child=
-forward() {
-    signals=$((signals + 1))
-    [ "$signals" -gt 1 ] || [ -z "$child" ] || kill -TERM "$child" 2>/dev/null
-}
-trap forward TERM
+@WAIT@
 
 say "starts on $(hostname)"
-"$program" dataset render --plan "$plan" --out "$out" --threads "${SLURM_CPUS_PER_TASK:-@CPUS@}"@ALLOWED@ &
-child=$!
-[ "$signals" -eq 0 ] || kill -TERM "$child" 2>/dev/null
-status=127
-seen=-1
-# A signal ends `wait` early: wait again for the program itself. Of a child that is gone by then, some shells know nothing (127).
-while [ "$seen" -ne "$signals" ]; do
-    seen=$signals
-    code=0
-    wait "$child" || code=$?
-    if [ "$code" -ne 127 ] || [ "$seen" -eq 0 ]; then status=$code; fi
-done
-# What is left to do is short, and a requeued task is sent the signal as well.
-trap '' TERM
-
-give_up() {
-    say "$1; not tried again"
-    exit "$status"
-}
+run "$program" dataset render --plan "$plan" --out "$out" --threads "${SLURM_CPUS_PER_TASK:-@CPUS@}"@ALLOWED@
 
 case $status in
 0)
