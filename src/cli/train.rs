@@ -15,8 +15,7 @@ use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device::{self, DeviceArgs};
 use crate::util::progress::{self, Display, Progress};
 use crate::util::stop;
-use anyhow::{Context, Result, ensure};
-use clap::error::ErrorKind;
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_frame::{file, words};
 use renderflow_model::device::DeviceChoice;
@@ -54,9 +53,6 @@ The inverse network, which invert uses, is trained by a file run.json that holds
 
 A configuration file names its network: \"network\": \"fusion\", \"inverse\" or \"wan\". --print-config shows every option.";
 
-/// Said where nothing is asked for.
-const NOTHING_NAMED: &str = "name the data (--plan or --data) and the output folder (--out); --help shows examples\n";
-
 /// Train a network.
 ///
 /// Without --preset, this trains the fusion network, or the network that --config names, on a plan or a dataset. With --preset,
@@ -81,7 +77,8 @@ impl TrainCommand {
         match (self.other, self.train) {
             (Some(Other::Slurm(command)), _) => command.run(allowed),
             (None, Some(train)) => train.run(allowed, cancel),
-            (None, None) => clap::Error::raw(ErrorKind::MissingRequiredArgument, NOTHING_NAMED).exit(),
+            // clap has asked for what is required.
+            (None, None) => bail!("--out is missing"),
         }
     }
 }
