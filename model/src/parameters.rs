@@ -1,8 +1,8 @@
-//! Parameters of a module by name, to the host's memory and back, and their gradients.
+//! Parameters of a module by name, to the host's memory and back, and their gradients on their device or in that memory.
 
 use crate::{Error, Result};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use burn::tensor::{Device, Gradients, Tensor};
 
 /// Characters of the longest message of a driver that is passed on.
 const LONGEST_REASON: usize = 400;
@@ -40,7 +40,7 @@ pub fn export_some<M: Module>(module: &M, wanted: &dyn Fn(&str, bool) -> bool) -
 /// # Panics
 /// When the number of parameters or of their values differs.
 pub fn import<M: Module>(module: M, values: &[&[f32]], device: &Device) -> M {
-    import_some(module, values, device, true)
+    replace(module, on(device, values), true)
 }
 
 /// Replaces the parameters that learn, in the order of [`export_learning`]. The other parameters stay as they are.
@@ -48,36 +48,56 @@ pub fn import<M: Module>(module: M, values: &[&[f32]], device: &Device) -> M {
 /// # Panics
 /// When the number of parameters or of their values differs.
 pub fn import_learning<M: Module>(module: M, values: &[&[f32]], device: &Device) -> M {
-    import_some(module, values, device, false)
+    replace(module, on(device, values), false)
 }
 
-fn import_some<M: Module>(module: M, values: &[&[f32]], device: &Device, all: bool) -> M {
-    let mut mapper = Import { values: values.iter(), device, all };
+/// As [`import_learning`], with values that are on a device already, each in one dimension. The module records operations there.
+///
+/// # Panics
+/// When the number of parameters or of their values differs.
+pub fn import_tensors<M: Module>(module: M, values: impl IntoIterator<Item = Tensor<1>>) -> M {
+    replace(module, values.into_iter().map(Tensor::from_inner), false)
+}
+
+/// The values as tensors of a device.
+fn on<'a>(device: &'a Device, values: &'a [&[f32]]) -> impl Iterator<Item = Tensor<1>> + 'a {
+    values.iter().map(move |values| Tensor::from_data(*values, device))
+}
+
+fn replace<M: Module>(module: M, values: impl Iterator<Item = Tensor<1>>, all: bool) -> M {
+    let mut mapper = Import { values, all };
     let module = module.map(&mut mapper);
     assert!(mapper.values.next().is_none(), "more values than parameters");
     module
 }
 
-/// Gradients in the order of [`export`]. A gradient is `None` if the loss does not depend on the parameter.
+/// The values of gradients in the order of [`export`]. A gradient is `None` if the loss does not depend on the parameter.
 ///
 /// # Errors
 /// As [`read`].
 pub fn gradients<M: Module>(module: &M, gradients: &mut Gradients) -> Result<Vec<Option<Vec<f32>>>> {
-    gradients_some(module, gradients, true)
+    let mut visitor = Collect { gradients, all: true, found: Vec::new() };
+    module.visit(&mut visitor);
+    read_gradients(visitor.found)
 }
 
+/// Gradients of the parameters that learn, on their device, each row-major in one dimension. A gradient is `None` if the loss does
+/// not depend on the parameter.
+pub type GradientList = Vec<Option<Tensor<1>>>;
+
 /// Gradients in the order of [`export_learning`].
+pub fn gradients_learning<M: Module>(module: &M, gradients: &mut Gradients) -> GradientList {
+    let mut visitor = Collect { gradients, all: false, found: Vec::new() };
+    module.visit(&mut visitor);
+    visitor.found
+}
+
+/// The values of gradients.
 ///
 /// # Errors
 /// As [`read`].
-pub fn gradients_learning<M: Module>(module: &M, gradients: &mut Gradients) -> Result<Vec<Option<Vec<f32>>>> {
-    gradients_some(module, gradients, false)
-}
-
-fn gradients_some<M: Module>(module: &M, gradients: &mut Gradients, all: bool) -> Result<Vec<Option<Vec<f32>>>> {
-    let mut visitor = Collect { gradients, all, found: Vec::new() };
-    module.visit(&mut visitor);
-    visitor.found.into_iter().map(Option::transpose).collect()
+pub fn read_gradients(gradients: GradientList) -> Result<Vec<Option<Vec<f32>>>> {
+    gradients.into_iter().map(|gradient| gradient.map(read).transpose()).collect()
 }
 
 /// The values of a float tensor, row-major.
@@ -126,13 +146,12 @@ impl ModuleVisitor for Export<'_> {
     }
 }
 
-struct Import<'a> {
-    values: std::slice::Iter<'a, &'a [f32]>,
-    device: &'a Device,
+struct Import<V> {
+    values: V,
     all: bool,
 }
 
-impl ModuleMapper for Import<'_> {
+impl<V: Iterator<Item = Tensor<1>>> ModuleMapper for Import<V> {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         if !self.all && !param.is_require_grad() {
             return param;
@@ -140,7 +159,7 @@ impl ModuleMapper for Import<'_> {
         let values = self.values.next().expect("as many values as parameters");
         let require_grad = param.is_require_grad();
         param.map(|old| {
-            let new = Tensor::from_data(TensorData::new(values.to_vec(), old.shape()), self.device);
+            let new = values.reshape(old.shape());
             if require_grad { new.require_grad() } else { new }
         })
     }
@@ -149,13 +168,13 @@ impl ModuleMapper for Import<'_> {
 struct Collect<'a> {
     gradients: &'a mut Gradients,
     all: bool,
-    found: Vec<Option<Result<Vec<f32>>>>,
+    found: GradientList,
 }
 
 impl ModuleVisitor for Collect<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         if self.all || param.is_require_grad() {
-            self.found.push(param.val().grad_remove(self.gradients).map(read));
+            self.found.push(param.val().grad_remove(self.gradients).map(|gradient| gradient.flatten(0, D - 1)));
         }
     }
 }

@@ -16,7 +16,7 @@ use renderflow_model::fusion::render::Header;
 use renderflow_model::fusion::training::{FusionObjective, gradients, variants};
 use renderflow_model::fusion::{Fusion, batch::Batch as Crops};
 use renderflow_model::ops::Products;
-use renderflow_model::parameters::Parameter;
+use renderflow_model::parameters::{self, Parameter};
 use renderflow_model::train::Share;
 use renderflow_model::train::sequences::Crop;
 use renderflow_model::weights::Precision;
@@ -272,11 +272,14 @@ impl Network {
     fn gradients<'py>(&self, py: Python<'py>, batch: &Batch, weights: [f32; 4]) -> PyResult<(f32, Bound<'py, PyDict>)> {
         let [psnr, display, log, gradient] = weights;
         let objective = FusionObjective { loss: LossWeights { psnr, display, log, gradient }, products: Products::F32 };
-        let step = work::run(py, |_| Ok(gradients(&self.network, batch.crops.clone(), objective)?))?;
+        let (loss, gradients) = work::run(py, |_| {
+            let step = gradients(&self.network, batch.crops.clone(), objective)?;
+            Ok((step.total, parameters::read_gradients(step.gradients)?))
+        })?;
         let arrays = PyDict::new(py);
-        for (Parameter { name, shape, values }, gradient) in self.network.parameters().into_iter().zip(step.gradients) {
+        for (Parameter { name, shape, values }, gradient) in self.network.parameters().into_iter().zip(gradients) {
             arrays.set_item(name, array(py, gradient.unwrap_or_else(|| vec![0.0; values.len()]), &shape)?)?;
         }
-        Ok((step.total, arrays))
+        Ok((loss, arrays))
     }
 }

@@ -178,7 +178,7 @@ impl Objective for FusionObjective {
             terms: Vec::new(),
             squares: vec![(batch.tier(), mean(|loss| loss.display))],
             items: batch.items,
-            gradients: parameters::gradients_learning(model, &mut gradients)?,
+            gradients: parameters::gradients_learning(model, &mut gradients),
         })
     }
 }

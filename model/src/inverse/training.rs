@@ -170,7 +170,7 @@ impl Objective for InverseObjective {
             ],
             squares: vec![("albedo", mean(|loss| loss.albedo))],
             items: batch.items,
-            gradients: parameters::gradients_learning(model, &mut gradients)?,
+            gradients: parameters::gradients_learning(model, &mut gradients),
         })
     }
 }

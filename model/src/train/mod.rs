@@ -9,6 +9,7 @@ pub mod log;
 pub mod optimizer;
 pub mod pool;
 pub mod report;
+mod resident;
 pub mod runner;
 pub mod schedule;
 pub mod sequences;

@@ -10,12 +10,12 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 
 /// Decay of the first and the second moment (Loshchilov and Hutter 2019).
-const BETA: [f32; 2] = [0.9, 0.99];
+pub(super) const BETA: [f32; 2] = [0.9, 0.99];
 /// Keeps AdamW's quotient finite.
-const EPSILON: f32 = 1e-8;
+pub(super) const EPSILON: f32 = 1e-8;
 
 /// Decay of Muon's momentum.
-const MOMENTUM: f32 = 0.95;
+pub(super) const MOMENTUM: f32 = 0.95;
 /// Coefficients of the odd polynomial that brings singular values close to 1 when it is applied repeatedly.
 const POLYNOMIAL: [f32; 3] = [3.4445, -4.7750, 2.0315];
 const ITERATIONS: usize = 5;
@@ -37,17 +37,9 @@ pub struct Slot {
 }
 
 impl Slot {
-    /// Rows and columns of the matrix that Muon updates, or `None` for a parameter that AdamW updates.
-    fn matrix(&self) -> Option<[usize; 2]> {
-        match self.parameter.shape[..] {
-            [height, width, inputs, outputs] if height * width > 1 => Some([height * width * inputs, outputs]),
-            _ => None,
-        }
-    }
-
-    /// Updates the value by AdamW; `correction` removes the bias of the moments' first steps.
-    fn update_adamw(&mut self, gradient: &Direction, correction: [f32; 2], rate: Rate) {
-        let decay = if self.parameter.shape.len() > 1 { 1.0 - rate.learning_rate * rate.weight_decay } else { 1.0 };
+    /// Updates the value by AdamW.
+    fn update_adamw(&mut self, gradient: &Direction, pace: &Pace) {
+        let decay = if self.parameter.shape.len() > 1 { 1.0 - pace.learning_rate * pace.weight_decay } else { 1.0 };
         for i in 0..self.first.len() {
             let g = gradient.at(i);
             let m = BETA[0] * self.first[i] + (1.0 - BETA[0]) * g;
@@ -55,12 +47,12 @@ impl Slot {
             self.first[i] = m;
             self.second[i] = v;
             self.parameter.values[i] = decay * self.parameter.values[i]
-                - rate.learning_rate * (m * correction[0]) / ((v * correction[1]).sqrt() + EPSILON);
+                - pace.learning_rate * (m * pace.correction[0]) / ((v * pace.correction[1]).sqrt() + EPSILON);
         }
     }
 
     /// Updates the value by Muon: along the orthogonal matrix nearest to the Nesterov momentum.
-    fn update_muon(&mut self, gradient: &Direction, [rows, columns]: [usize; 2], rate: Rate) {
+    fn update_muon(&mut self, gradient: &Direction, [rows, columns]: [usize; 2], pace: &Pace) {
         let momentum: Vec<f32> = (0..self.first.len())
             .map(|i| {
                 let g = gradient.at(i);
@@ -68,9 +60,9 @@ impl Slot {
                 MOMENTUM * self.first[i] + (1.0 - MOMENTUM) * g
             })
             .collect();
-        let length = rate.learning_rate * ADAMW_STEP * (rows.max(columns) as f32).sqrt();
-        let decay = 1.0 - rate.learning_rate * rate.weight_decay;
-        for (value, along) in self.parameter.values.iter_mut().zip(orthogonal(&momentum, rows, columns)) {
+        let length = pace.muon([rows, columns]);
+        let decay = 1.0 - pace.learning_rate * pace.weight_decay;
+        for (value, along) in self.parameter.values.iter_mut().zip(nearest_orthogonal(&momentum, [rows, columns])) {
             *value = decay * *value - length * along;
         }
     }
@@ -90,21 +82,63 @@ impl Direction<'_> {
     }
 }
 
-/// How far one step goes.
-#[derive(Clone, Copy)]
-struct Rate {
-    learning_rate: f32,
-    weight_decay: f32,
+/// How far one step goes, and what it remembers.
+pub(super) struct Pace {
+    /// Learning rate.
+    pub learning_rate: f32,
+    /// Weight decay per step and learning rate.
+    pub weight_decay: f32,
+    /// Factor that clips the norm of all gradients together.
+    pub clip: f32,
+    /// Factors that remove the bias of the moments' first steps.
+    pub correction: [f32; 2],
+    /// Decay of the average.
+    pub ema: f32,
 }
 
-/// Approximates the semi-orthogonal matrix nearest to `values` `[rows, columns]`: singular values come out between 0.7 and 1.2.
-fn orthogonal(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
+impl Pace {
+    /// Of step number `step`, counted from 1, whose gradients have the Euclidean norm `norm`.
+    pub fn new(step: u64, norm: f32, learning_rate: f32, run: &RunConfig) -> Self {
+        let t = step as f64;
+        Self {
+            learning_rate,
+            weight_decay: run.weight_decay,
+            clip: if norm > run.clip_norm { run.clip_norm / norm } else { 1.0 },
+            // In f64: 1 - beta^t is small at first.
+            correction: BETA.map(|beta| (1.0 / (1.0 - f64::from(beta).powf(t))) as f32),
+            // The memory is short at first, so that the average forgets the random start (as in TensorFlow's moving average).
+            ema: run.ema_decay.min((1.0 + t as f32) / (10.0 + t as f32)),
+        }
+    }
+
+    /// Length of a step of Muon in each direction.
+    pub fn muon(&self, [rows, columns]: [usize; 2]) -> f32 {
+        self.learning_rate * ADAMW_STEP * (rows.max(columns) as f32).sqrt()
+    }
+}
+
+/// Rows and columns of the matrix that Muon updates, or `None` for a parameter of a shape that AdamW updates.
+pub(super) fn matrix(shape: &[usize]) -> Option<[usize; 2]> {
+    match shape[..] {
+        [height, width, inputs, outputs] if height * width > 1 => Some([height * width * inputs, outputs]),
+        _ => None,
+    }
+}
+
+/// [`orthogonal`] of values of any norm.
+fn nearest_orthogonal(values: &[f32], shape: [usize; 2]) -> Vec<f32> {
     let norm = values.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>().sqrt() as f32;
     if norm == 0.0 {
         return vec![0.0; values.len()];
     }
-    let scaled: Vec<f32> = values.iter().map(|v| v / norm).collect();
-    let x: Tensor<2> = Tensor::from_data(TensorData::new(scaled, [rows, columns]), &Device::flex());
+    let unit: Vec<f32> = values.iter().map(|v| v / norm).collect();
+    to_vec(orthogonal(Tensor::from_data(TensorData::new(unit, shape), &Device::flex())))
+}
+
+/// Approximates the semi-orthogonal matrix nearest to `x`, a matrix whose Euclidean norm is 1: singular values come out between 0.7
+/// and 1.2. Zeros stay zeros.
+pub(super) fn orthogonal(x: Tensor<2>) -> Tensor<2> {
+    let [rows, columns] = x.dims();
     // With the shorter side first, the products below are small.
     let tall = rows > columns;
     let mut x = if tall { x.transpose() } else { x };
@@ -114,7 +148,7 @@ fn orthogonal(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
         let along = square.clone().mul_scalar(b) + square.clone().matmul(square).mul_scalar(c);
         x = x.clone().mul_scalar(a) + along.matmul(x);
     }
-    to_vec(if tall { x.transpose() } else { x })
+    if tall { x.transpose() } else { x }
 }
 
 /// Optimiser state of a whole module, in the order of [`crate::parameters::export`].
@@ -150,23 +184,16 @@ impl Optimizer {
             return Err(self.slots[i].parameter.name.clone());
         }
         let norm = squares.iter().sum::<f64>().sqrt() as f32;
-        let scale = if norm > run.clip_norm { run.clip_norm / norm } else { 1.0 };
-
         self.steps += 1;
-        let t = self.steps as f64;
-        // Bias corrections, in f64: 1 - beta^t is small at first.
-        let correction = BETA.map(|beta| (1.0 / (1.0 - f64::from(beta).powf(t))) as f32);
-        // The memory is short at first, so that the average forgets the random start (as in TensorFlow's moving average).
-        let ema = run.ema_decay.min((1.0 + t as f32) / (10.0 + t as f32));
-        let rate = Rate { learning_rate, weight_decay: run.weight_decay };
+        let pace = Pace::new(self.steps, norm, learning_rate, run);
         self.slots.par_iter_mut().zip(gradients).for_each(|(slot, gradient)| {
-            let direction = Direction { gradient: gradient.as_deref(), scale };
-            match slot.matrix().filter(|_| run.optimizer == Method::Muon) {
-                Some(matrix) => slot.update_muon(&direction, matrix, rate),
-                None => slot.update_adamw(&direction, correction, rate),
+            let direction = Direction { gradient: gradient.as_deref(), scale: pace.clip };
+            match matrix(&slot.parameter.shape).filter(|_| run.optimizer == Method::Muon) {
+                Some(matrix) => slot.update_muon(&direction, matrix, &pace),
+                None => slot.update_adamw(&direction, &pace),
             }
             for (average, value) in slot.average.iter_mut().zip(&slot.parameter.values) {
-                *average = ema * *average + (1.0 - ema) * value;
+                *average = pace.ema * *average + (1.0 - pace.ema) * value;
             }
         });
         Ok(norm)
@@ -199,14 +226,14 @@ mod tests {
         };
         let wide: Vec<f32> = (0..2).flat_map(|j| (0..3).map(move |i| tall([3.0, 0.2])[2 * i + j])).collect();
         let expected = tall([1.0, 1.0]);
-        let (of_tall, of_wide) = (orthogonal(&tall([3.0, 0.2]), 3, 2), orthogonal(&wide, 2, 3));
+        let (of_tall, of_wide) = (nearest_orthogonal(&tall([3.0, 0.2]), [3, 2]), nearest_orthogonal(&wide, [2, 3]));
         for i in 0..3 {
             for j in 0..2 {
                 assert!((of_tall[2 * i + j] - expected[2 * i + j]).abs() < 0.3, "{of_tall:?} {expected:?}");
                 assert!((of_wide[3 * j + i] - of_tall[2 * i + j]).abs() < 1e-5);
             }
         }
-        assert_eq!(orthogonal(&[0.0; 6], 3, 2), [0.0; 6]);
+        assert_eq!(nearest_orthogonal(&[0.0; 6], [3, 2]), [0.0; 6]);
     }
 
     /// Both methods descend a valley whose sides are a hundred times steeper than its bottom.

@@ -1,5 +1,6 @@
 //! What a step of training results in, and what a run reports.
 
+use crate::parameters::GradientList;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -17,7 +18,7 @@ pub struct StepResult {
     /// Number of items in the batch of this process.
     pub items: usize,
     /// Gradients in the order of [`crate::parameters::export_learning`].
-    pub gradients: Vec<Option<Vec<f32>>>,
+    pub gradients: GradientList,
 }
 
 /// One line of the log. Means are over the steps since the previous line.

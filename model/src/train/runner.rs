@@ -5,6 +5,7 @@ use super::checkpoint::{self, CheckpointHeader};
 use super::config::{RunConfig, TrainingConfig};
 use super::log::Log;
 use super::optimizer::Optimizer;
+use super::resident::{Refused, Resident};
 use super::schedule;
 use super::team::Team;
 use crate::device::NetworkDevice;
@@ -60,7 +61,8 @@ pub fn weights_path(output: &Path) -> PathBuf {
 /// What a run needs besides its configuration and its data. None of it is stored in checkpoints.
 #[derive(Clone, Copy)]
 pub struct RunContext<'a> {
-    /// Device that computes losses and gradients. The parameters and the optimiser stay in the memory of the host.
+    /// Device that computes gradients and takes the steps. The losses of the fusion and the inverse network are computed on the
+    /// host.
     pub device: &'a NetworkDevice,
     /// Receives progress.
     pub progress: &'a (dyn Fn(&Progress) + Sync),
@@ -131,6 +133,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
             return Err(Error::malformed(weights, reason));
         }
         Log::check(&log)?;
+        let resumed_at = resumed.as_ref().map(|header| header.step);
         let before = resumed.map_or(0.0, |header| header.elapsed);
         let first_step = optimizer.steps;
         // Everything that can be refused is refused before anything is written.
@@ -139,6 +142,8 @@ impl<C: TrainingConfig> Runner<'_, C> {
         self.context.team.check_start(&options, &optimizer)?;
         let mut log = if self.context.team.leads() { Some(Log::open(&log, optimizer.steps)?) } else { None };
 
+        let sizes: Vec<usize> = optimizer.slots.iter().map(|slot| slot.first.len()).collect();
+        let mut optimizer = Resident::new(optimizer, self.context.device);
         let start = Instant::now();
         let elapsed = || before + start.elapsed().as_secs_f64();
         let (mut meter, mut last) = (Meter::default(), None);
@@ -147,12 +152,13 @@ impl<C: TrainingConfig> Runner<'_, C> {
             let header = CheckpointHeader { config: self.config.clone(), step: optimizer.steps, elapsed, data };
             checkpoint::save(&path, &header, optimizer)
         };
-        let keep = |optimizer: &Optimizer, model: &O::Model, elapsed: f64| -> Result<()> {
+        let keep = |optimizer: &Resident, model: &O::Model, elapsed: f64| -> Result<()> {
             if !self.context.team.leads() {
                 return Ok(());
             }
-            checkpoint(optimizer, elapsed)?;
-            save(optimizer, model)
+            let optimizer = optimizer.on_host()?;
+            checkpoint(&optimizer, elapsed)?;
+            save(&optimizer, model)
         };
         // This reference may go to another thread; `self` may not.
         let cancel = self.context.cancel;
@@ -173,11 +179,11 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     }
                 }
             });
-            let mut model = parameters::import_learning(model, &optimizer.values(), &device);
-            let mut left_out = 0;
+            let mut model = optimizer.put_into(model, &device);
+            let (mut left_out, mut kept) = (0, resumed_at);
             loop {
                 let (elapsed_now, stop) = self.context.team.agree(elapsed(), cancel.load(Ordering::Relaxed))?;
-                let share = run.share(optimizer.steps, elapsed_now);
+                let share = run.share(optimizer.steps(), elapsed_now);
                 if stop {
                     // Another process may have been told to stop. What is being made here is not needed any more.
                     cancel.store(true, Ordering::Relaxed);
@@ -195,61 +201,83 @@ impl<C: TrainingConfig> Runner<'_, C> {
                 };
                 let lacking = self.context.team.any(batch.is_none())?;
                 let Some(batch) = batch.filter(|_| !lacking) else { continue };
-                let lr = schedule::rate(run, optimizer.steps, share);
-                let mut result = match objective.step(&model, batch, &device) {
-                    // What was learned is in the memory of the host.
+                let lr = schedule::rate(run, optimizer.steps(), share);
+                let taken = objective.step(&model, batch, &device).and_then(|mut result| {
+                    self.context.team.mean(&mut result, &sizes, run.gradients, self.context.device.device())?;
+                    let norm = self.update(&mut optimizer, &mut result, lr)?;
+                    Ok((result, norm))
+                });
+                let (result, norm) = match taken {
                     Err(Error::Device { device, reason }) if self.context.team.size() == 1 => {
-                        checkpoint(&optimizer, elapsed())?;
-                        let advice = "what was learned is kept; smaller or fewer crops in a batch need less memory";
-                        return Err(Error::Device { device, reason: format!("{reason}; {advice}") });
+                        let kept = match (&optimizer, kept) {
+                            (Resident::Host(optimizer), _) => {
+                                checkpoint(optimizer, elapsed())?;
+                                "what was learned is kept".to_owned()
+                            }
+                            (Resident::Device(_), Some(step)) => format!("what was learned until step {step} is kept"),
+                            (Resident::Device(_), None) => "this was before the first checkpoint".to_owned(),
+                        };
+                        let reason = format!("{reason}; {kept}; smaller or fewer crops in a batch need less memory");
+                        return Err(Error::Device { device, reason });
                     }
-                    result => result?,
+                    taken => taken?,
                 };
-                self.context.team.mean(&mut result, &optimizer, run.gradients)?;
-                match self.update(&mut optimizer, &result, lr) {
+                match norm {
                     Ok(norm) => {
                         left_out = 0;
-                        model = parameters::import_learning(model, &optimizer.values(), &device);
+                        model = optimizer.put_into(model, &device);
                         meter.add(&result, self.context.team.size(), norm);
                     }
                     Err(what) if left_out == MOST_LEFT_OUT => {
-                        return Err(Error::Diverged { step: optimizer.steps, what });
+                        return Err(Error::Diverged { step: optimizer.steps(), what });
                     }
                     Err(what) => {
                         left_out += 1;
-                        self.note(format!("step {}: {what} is not finite; the step is left out", optimizer.steps));
-                        optimizer.steps += 1;
+                        self.note(format!("step {}: {what} is not finite; the step is left out", optimizer.steps()));
+                        optimizer.pass();
                     }
                 }
-                if optimizer.steps.is_multiple_of(run.log_steps) {
-                    let record = self.record(&meter, optimizer.steps, lr, [before, elapsed()], first_step);
+                let steps = optimizer.steps();
+                if steps.is_multiple_of(run.log_steps) {
+                    let record = self.record(&meter, steps, lr, [before, elapsed()], first_step);
                     log.as_mut().map_or(Ok(()), |log| log.append(&record))?;
                     (self.context.progress)(&Progress::Step(record.clone()));
                     last = Some(record);
                     meter = Meter::default();
                 }
-                if optimizer.steps.is_multiple_of(run.checkpoint_steps) {
-                    if self.context.team.level(&mut optimizer)? {
-                        model = parameters::import_learning(model, &optimizer.values(), &device);
+                if steps.is_multiple_of(run.checkpoint_steps) {
+                    if self.context.team.size() > 1 {
+                        let mut own = optimizer.on_host()?.into_owned();
+                        if self.context.team.level(&mut own)? {
+                            optimizer.replace(own);
+                            model = optimizer.put_into(model, &device);
+                        }
                     }
                     keep(&optimizer, &model, elapsed())?;
+                    kept = Some(steps);
                 }
             }
         })?;
-        Ok(Summary { steps: optimizer.steps, elapsed: elapsed(), finished, last, weights })
+        Ok(Summary { steps: optimizer.steps(), elapsed: elapsed(), finished, last, weights })
     }
 
     fn note(&self, note: String) {
         (self.context.progress)(&Progress::Note(note));
     }
 
-    /// Takes a step. The error names what is not finite; the parameters are unchanged then.
-    fn update(&self, optimizer: &mut Optimizer, result: &StepResult, lr: f64) -> std::result::Result<f32, String> {
+    /// Takes a step with the gradients of `result`, and returns their norm or what is not finite; the parameters are unchanged then.
+    fn update(&self, optimizer: &mut Resident, result: &mut StepResult, lr: f64) -> Result<std::result::Result<f32, String>> {
+        let gradients = std::mem::take(&mut result.gradients);
         if !result.total.is_finite() {
-            return Err("the loss".into());
+            // A device that has failed says so when its gradients are read.
+            parameters::read_gradients(gradients)?;
+            return Ok(Err("the loss".into()));
         }
-        let step = optimizer.step(&result.gradients, lr as f32, self.config.run());
-        step.map_err(|parameter| format!("the gradient of {parameter}"))
+        match optimizer.step(gradients, lr as f32, self.config.run()) {
+            Ok(norm) => Ok(Ok(norm)),
+            Err(Refused::NotFinite(what)) => Ok(Err(what)),
+            Err(Refused::Failed(error)) => Err(error),
+        }
     }
 
     fn record(&self, meter: &Meter, step: u64, lr: f64, [before, elapsed]: [f64; 2], first_step: u64) -> LogRecord {
@@ -319,6 +347,7 @@ mod tests {
     use super::*;
     use crate::network::init::Init;
     use crate::network::layers::Conv;
+    use burn::tensor::Tensor;
     use std::sync::Mutex;
 
     /// Options of a run that has no others.
@@ -343,7 +372,9 @@ mod tests {
             if batch.is_infinite() {
                 return Err(Error::Device { device: "gpu".into(), reason: "lost".into() });
             }
-            let like = |parameter: &parameters::Parameter| Some(vec![batch; parameter.values.len()]);
+            let like = |parameter: &parameters::Parameter| {
+                Some(Tensor::from_data(vec![batch; parameter.values.len()].as_slice(), &Device::flex()))
+            };
             let gradients = parameters::export_learning(model).iter().map(like).collect();
             Ok(StepResult { total: 1.0, terms: vec![("one", 1.0)], squares: vec![("picture", 0.01)], items: 1, gradients })
         }

@@ -7,7 +7,8 @@
 use super::config::Gradients;
 use super::optimizer::Optimizer;
 use super::report::{Progress, StepResult};
-use crate::{Error, Result};
+use crate::{Error, Result, parameters};
+use burn::tensor::{Device, Tensor};
 use bytemuck::Pod;
 use half::f16;
 use std::cell::Cell;
@@ -65,6 +66,11 @@ impl Team {
     /// Number of processes, at least 1.
     pub fn size(&self) -> usize {
         self.share.size
+    }
+
+    /// The number of this process among those that a launcher has started on the same machine, counted from 0.
+    pub fn place_on_machine(&self) -> usize {
+        place(&|variable| std::env::var(variable).ok())
     }
 
     /// Whether this process writes the files of the run and reports its progress. One process of a team does.
@@ -157,14 +163,14 @@ impl Team {
     }
 
     /// Replaces the loss, its terms and the gradients of the own share of a batch by the means over all shares. A missing
-    /// gradient counts as zero. `optimizer` knows the sizes of the parameters.
-    pub(super) fn mean(&self, result: &mut StepResult, optimizer: &Optimizer, format: Gradients) -> Result<()> {
+    /// gradient counts as zero. `sizes` are those of the parameters; gradients come back on `device`.
+    pub(super) fn mean(&self, result: &mut StepResult, sizes: &[usize], format: Gradients, device: &Device) -> Result<()> {
         let Some(links) = &self.links else { return Ok(()) };
-        let mut flat = Vec::with_capacity(optimizer.slots.iter().map(|slot| slot.first.len()).sum());
-        for (slot, gradient) in optimizer.slots.iter().zip(&mut result.gradients) {
+        let mut flat = Vec::with_capacity(sizes.iter().sum());
+        for (gradient, size) in result.gradients.iter_mut().zip(sizes) {
             match gradient.take() {
-                Some(values) => flat.extend(values),
-                None => flat.resize(flat.len() + slot.first.len(), 0.0),
+                Some(values) => flat.extend(parameters::read(values)?),
+                None => flat.resize(flat.len() + size, 0.0),
             }
         }
         // Whether values are finite must be known to all, and NaN is no maximum.
@@ -193,9 +199,9 @@ impl Team {
             }
         }
         let mut rest = flat.as_slice();
-        for (slot, gradient) in optimizer.slots.iter().zip(&mut result.gradients) {
-            let (values, behind) = rest.split_at(slot.first.len());
-            (*gradient, rest) = (Some(values.to_vec()), behind);
+        for (gradient, size) in result.gradients.iter_mut().zip(sizes) {
+            let (values, behind) = rest.split_at(*size);
+            (*gradient, rest) = (Some(Tensor::from_data(values, device)), behind);
         }
         Ok(())
     }
@@ -273,6 +279,13 @@ fn mean_piece<W: Wire>(links: &dyn Links, piece: &mut [f32], scale: f32) -> Resu
     links.gather(bytemuck::cast_slice(&own), bytemuck::cast_slice_mut(&mut sent))?;
     piece.iter_mut().zip(&sent).for_each(|(value, mean)| *value = mean.unpack() / scale);
     Ok(())
+}
+
+/// The number of this process among those of its machine, counted from 0, as launchers store it: Open MPI; MPICH and Intel MPI;
+/// `srun`. 0 where none does.
+fn place(variable: &dyn Fn(&str) -> Option<String>) -> usize {
+    let names = ["OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID", "SLURM_LOCALID"];
+    names.iter().find_map(|name| variable(name)?.trim().parse().ok()).unwrap_or(0)
 }
 
 /// The variables in which launchers store how many processes they started: Open MPI; MPICH, Intel MPI and `srun --mpi=pmi2`;

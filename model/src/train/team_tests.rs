@@ -5,7 +5,7 @@ use crate::network::layers::Conv;
 use crate::parameters;
 use crate::train::config::{Decay, RunConfig};
 use crate::train::runner::{LogRecord, Objective, RunContext, Runner, Summary};
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::path::Path;
@@ -96,7 +96,9 @@ impl Objective for Toy {
     fn step(&self, model: &Conv, batch: Vec<f32>, _: &Device) -> Result<StepResult> {
         let mean = |of: &dyn Fn(f32) -> f32| batch.iter().map(|item| of(*item)).sum::<f32>() / batch.len() as f32;
         let slopes = |parameter: &parameters::Parameter| {
-            Some(parameter.values.iter().enumerate().map(|(i, v)| mean(&|item| v - item * (1.0 + i as f32))).collect())
+            let slope = |(i, v): (usize, &f32)| mean(&|item| v - item * (1.0 + i as f32));
+            let slopes: Vec<f32> = parameter.values.iter().enumerate().map(slope).collect();
+            Some(Tensor::from_data(slopes.as_slice(), &Device::flex()))
         };
         let gradients = parameters::export_learning(model).iter().map(slopes).collect();
         let total = mean(&|item| item * item);
@@ -298,12 +300,11 @@ fn half_floats_keep_gradients_of_any_size() {
         let means = together(2, |team| {
             let own: Vec<f32> =
                 (0..5).map(|i| size * [1.0, 1e-3, -0.25, 0.0, 0.7][i] * (1.0 + team.share().rank as f32)).collect();
-            let parameter = parameters::Parameter { name: "w".into(), shape: vec![5], values: vec![0.0; 5] };
-            let optimizer = Optimizer::new(vec![parameter]);
-            let mut result =
-                StepResult { total: 1.0, terms: Vec::new(), squares: Vec::new(), items: 1, gradients: vec![Some(own)] };
-            team.mean(&mut result, &optimizer, Gradients::F16).expect("both are there");
-            result.gradients.remove(0).expect("a gradient")
+            let device = Device::flex();
+            let gradients = vec![Some(Tensor::from_data(own.as_slice(), &device))];
+            let mut result = StepResult { total: 1.0, terms: Vec::new(), squares: Vec::new(), items: 1, gradients };
+            team.mean(&mut result, &[5], Gradients::F16, &device).expect("both are there");
+            parameters::to_vec(result.gradients.remove(0).expect("a gradient"))
         });
         assert_eq!(means[0], means[1]);
         for (mean, expected) in means[0].iter().zip([1.5, 1.5e-3, -0.375, 0.0, 1.05]) {
@@ -332,4 +333,10 @@ fn launchers_say_how_many_processes_they_started() {
     assert_eq!(found(&[("OMPI_COMM_WORLD_SIZE", "4"), ("OMPI_COMM_WORLD_RANK", "3")]), Some(("OMPI_COMM_WORLD_SIZE", 4)));
     assert_eq!(found(&[("SLURM_STEP_NUM_TASKS", "2"), ("SLURM_PROCID", "0")]), Some(("SLURM_STEP_NUM_TASKS", 2)));
     assert_eq!(found(&[("PMI_SIZE", "many"), ("PMI_RANK", "0")]), None);
+    let place = |variables: &[(&str, &str)]| {
+        place(&|name| variables.iter().find(|(known, _)| *known == name).map(|(_, value)| (*value).to_owned()))
+    };
+    assert_eq!(place(&[]), 0);
+    assert_eq!(place(&[("OMPI_COMM_WORLD_LOCAL_RANK", "3")]), 3);
+    assert_eq!(place(&[("MPI_LOCALRANKID", "?"), ("SLURM_LOCALID", " 1 ")]), 1);
 }

@@ -130,7 +130,7 @@ impl Objective for AutoencoderObjective {
         }
         sum.compare(shown, truth);
         let (report, loss) = sum.finish()?;
-        let gradients = parameters::gradients_learning(model, &mut loss.backward())?;
+        let gradients = parameters::gradients_learning(model, &mut loss.backward());
         Ok(report.result(batch.shape[0], gradients))
     }
 }

@@ -1,7 +1,7 @@
 //! Differentiable losses on pictures `[b, c, f, h, w]` with values -1..=1, and their weighted sum. Each loss is one number,
 //! `[1]`.
 
-use crate::parameters::read;
+use crate::parameters::{GradientList, read};
 use crate::train::runner::StepResult;
 use crate::{Error, Result};
 use burn::tensor::Tensor;
@@ -26,7 +26,7 @@ pub(super) struct LossReport {
 
 impl LossReport {
     /// The result of a step, with the gradients of a batch.
-    pub fn result(self, items: usize, gradients: Vec<Option<Vec<f32>>>) -> StepResult {
+    pub fn result(self, items: usize, gradients: GradientList) -> StepResult {
         StepResult { total: self.total, terms: self.terms, squares: self.squares, items, gradients }
     }
 }

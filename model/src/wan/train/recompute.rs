@@ -5,13 +5,10 @@
 //! activations of one block are in memory at any time (Chen et al. 2016, with one checkpoint per block).
 
 use crate::Result;
-use crate::parameters;
+use crate::parameters::{self, GradientList};
 use crate::wan::flow::{Flow, Shared};
 use burn::module::Module;
 use burn::tensor::{Gradients, Tensor};
-
-/// Gradients in the order of [`parameters::export_learning`].
-pub type GradientList = Vec<Option<Vec<f32>>>;
 
 /// The value of a loss function: a report to pass on, and the number to differentiate.
 pub type LossValue<T> = Result<(T, Tensor<1>)>;
@@ -20,7 +17,7 @@ pub type LossValue<T> = Result<(T, Tensor<1>)>;
 /// tensors ([`Flow::prepare`]). One backward pass runs through the whole network.
 ///
 /// # Errors
-/// When `loss` or the device fails.
+/// When `loss` fails.
 pub fn plain<T>(
     flow: &Flow,
     (mut tokens, shared): (Tensor<3>, Shared),
@@ -30,13 +27,13 @@ pub fn plain<T>(
         tokens = flow.block(i, tokens, &shared);
     }
     let (report, loss) = loss(flow.finish(tokens, &shared))?;
-    Ok((report, parameters::gradients_learning(flow, &mut loss.backward())?))
+    Ok((report, parameters::gradients_learning(flow, &mut loss.backward())))
 }
 
 /// The gradients of [`plain`], with the activations of one block in memory.
 ///
 /// # Errors
-/// When `loss` or the device fails.
+/// When `loss` fails.
 pub fn recomputed<T>(
     flow: &Flow,
     (first, shared): (Tensor<3>, Shared),
@@ -57,20 +54,20 @@ pub fn recomputed<T>(
     let mut slopes = vec![None; resting.tensors().len()];
     let leaves = Leaves::of(&kept.pop().unwrap_or(first.clone()), &resting);
     let (report, loss) = loss(flow.finish(leaves.tokens.clone(), &leaves.shared))?;
-    let mut slope = leaves.collect(flow, loss.backward(), &mut found, &mut slopes)?;
+    let mut slope = leaves.collect(flow, loss.backward(), &mut found, &mut slopes);
     drop(loss);
     for i in (0..layers).rev() {
         let leaves = Leaves::of(&kept.pop().unwrap_or(first.clone()), &resting);
         let tokens = flow.block(i, leaves.tokens.clone(), &leaves.shared);
         slope = match propagate([(tokens, slope)]) {
-            Some(gradients) => leaves.collect(flow, gradients, &mut found, &mut slopes)?,
+            Some(gradients) => leaves.collect(flow, gradients, &mut found, &mut slopes),
             None => None,
         };
     }
     // The operations before the blocks were recorded when they ran.
     let ends = shared.tensors().into_iter().zip(slopes);
     if let Some(mut gradients) = propagate([(first, slope)].into_iter().chain(ends)) {
-        add(&mut found, parameters::gradients_learning(flow, &mut gradients)?);
+        add(&mut found, parameters::gradients_learning(flow, &mut gradients));
     }
     Ok((report, found))
 }
@@ -94,7 +91,7 @@ impl Leaves {
         mut gradients: Gradients,
         found: &mut GradientList,
         slopes: &mut [Option<Tensor<3>>],
-    ) -> Result<Option<Tensor<3>>> {
+    ) -> Option<Tensor<3>> {
         for (slope, leaf) in slopes.iter_mut().zip(self.shared.tensors()) {
             let new = leaf.grad_remove(&mut gradients);
             *slope = match (slope.take(), new) {
@@ -102,8 +99,8 @@ impl Leaves {
                 (sum, new) => sum.or(new),
             };
         }
-        add(found, parameters::gradients_learning(flow, &mut gradients)?);
-        Ok(self.tokens.grad_remove(&mut gradients))
+        add(found, parameters::gradients_learning(flow, &mut gradients));
+        self.tokens.grad_remove(&mut gradients)
     }
 }
 
@@ -128,10 +125,9 @@ fn add(found: &mut GradientList, new: GradientList) {
         return;
     }
     for (sum, new) in found.iter_mut().zip(new) {
-        match (&mut *sum, new) {
-            (Some(sum), Some(new)) => sum.iter_mut().zip(new).for_each(|(sum, new)| *sum += new),
-            (sum @ None, new) => *sum = new,
-            (Some(_), None) => {}
-        }
+        *sum = match (sum.take(), new) {
+            (Some(sum), Some(new)) => Some(sum + new),
+            (sum, new) => sum.or(new),
+        };
     }
 }
