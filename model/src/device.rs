@@ -62,13 +62,36 @@ impl Interface {
 pub enum DeviceChoice {
     /// The first GPU of this build's interfaces, CUDA before Vulkan; the processor where there is none.
     Auto,
-    /// The device with this number, in the order of [`found`].
-    This(Interface, usize),
+    /// The device with this number, in the order of [`found`]. Without a number, it is the first one.
+    This(Interface, Option<usize>),
 }
 
 impl Default for DeviceChoice {
     fn default() -> Self {
-        Self::This(Interface::Cpu, 0)
+        Self::This(Interface::Cpu, None)
+    }
+}
+
+impl DeviceChoice {
+    /// The choice of process number `place`, counted from 0, among those that train together on this machine: they take one GPU
+    /// after the other, unless the choice has a number.
+    #[must_use]
+    pub fn of_process(self, place: usize) -> Self {
+        match self {
+            Self::Auto | Self::This(_, None) if self != Self::default() => self.among(&found(), place),
+            _ => self,
+        }
+    }
+
+    /// [`Self::of_process`] where these devices are found.
+    fn among(self, found: &[FoundDevice], place: usize) -> Self {
+        let interface = match (self, first(found)) {
+            (Self::This(interface, None), _) | (Self::Auto, Some(Self::This(interface, _))) => interface,
+            _ => return self,
+        };
+        let choices = found.iter().filter(|device| device.problem.is_none()).filter_map(|device| device.choice.parse().ok());
+        let same: Vec<Self> = choices.filter(|choice| matches!(choice, Self::This(of, _) if *of == interface)).collect();
+        if same.is_empty() { self } else { same[place % same.len()] }
     }
 }
 
@@ -76,8 +99,8 @@ impl fmt::Display for DeviceChoice {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Self::Auto => f.write_str("auto"),
-            Self::This(interface, 0) => f.write_str(interface.name()),
-            Self::This(interface, index) => write!(f, "{}:{index}", interface.name()),
+            Self::This(interface, None) => f.write_str(interface.name()),
+            Self::This(interface, Some(index)) => write!(f, "{}:{index}", interface.name()),
         }
     }
 }
@@ -92,12 +115,12 @@ impl FromStr for DeviceChoice {
         let (name, index) = text.split_once(':').map_or((text, None), |(name, index)| (name, Some(index)));
         let known = Interface::ALL.into_iter().find(|interface| interface.name() == name);
         let interface = known.ok_or("expected cpu, vulkan, cuda or auto, or the number of a GPU as in vulkan:1")?;
-        let Some(index) = index else { return Ok(Self::This(interface, 0)) };
+        let Some(index) = index else { return Ok(Self::This(interface, None)) };
         if interface == Interface::Cpu {
             return Err("the processor has no number; rayon's RAYON_NUM_THREADS sets how many cores are used".into());
         }
         let index = index.parse().map_err(|_| format!("{index:?} is not the number of a GPU, as in {name}:1"))?;
-        Ok(Self::This(interface, index))
+        Ok(Self::This(interface, Some(index)))
     }
 }
 
@@ -151,13 +174,15 @@ impl NetworkDevice {
         if interface == Interface::Cpu {
             return Ok(Self::cpu());
         }
+        let index = index.unwrap_or(0);
         let failed = |reason: String| Error::Device { device: choice.to_string(), reason };
         if let (false, Some(feature)) = (interface.is_built(), interface.feature()) {
             let build = format!("cargo build --release --features {feature}");
             return Err(failed(format!("this build runs networks on the processor only; `{build}` makes one for GPUs")));
         }
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(device) = open.iter().find(|device| device.choice == choice) {
+        let opened = DeviceChoice::This(interface, Some(index));
+        if let Some(device) = open.iter().find(|device| device.choice == opened) {
             return Ok(device.clone());
         }
         let device = Self::start(interface, index).map_err(failed)?;
@@ -261,7 +286,7 @@ mod wgpu {
 
     pub(super) fn found(interface: Interface) -> Vec<FoundDevice> {
         let found = |(index, info): (usize, AdapterInfo)| FoundDevice {
-            choice: DeviceChoice::This(interface, index).to_string(),
+            choice: DeviceChoice::This(interface, Some(index)).to_string(),
             driver: driver(&info),
             problem: problem(interface, &info),
             name: info.name,
@@ -297,7 +322,7 @@ mod wgpu {
         }
         let limits = setup.device.limits();
         let largest = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        Ok(NetworkDevice { choice: DeviceChoice::This(interface, index), name: opened.name, device, largest })
+        Ok(NetworkDevice { choice: DeviceChoice::This(interface, Some(index)), name: opened.name, device, largest })
     }
 }
 
@@ -323,7 +348,7 @@ mod cuda {
     pub(super) fn found() -> Vec<FoundDevice> {
         let count = catch_unwind(|| Device::enumerate(DeviceType::Cuda).len()).unwrap_or(0);
         let found = |index: usize| FoundDevice {
-            choice: DeviceChoice::This(Interface::Cuda, index).to_string(),
+            choice: DeviceChoice::This(Interface::Cuda, Some(index)).to_string(),
             name: format!("CUDA device {index}"),
             driver: String::new(),
             problem: works(index).err(),
@@ -333,7 +358,7 @@ mod cuda {
 
     pub(super) fn start(index: usize) -> Result<NetworkDevice, String> {
         let device = works(index)?;
-        let choice = DeviceChoice::This(Interface::Cuda, index);
+        let choice = DeviceChoice::This(Interface::Cuda, Some(index));
         Ok(NetworkDevice { choice, name: format!("CUDA device {index}"), device, largest: u64::MAX })
     }
 }
@@ -344,10 +369,10 @@ mod tests {
 
     #[test]
     fn choices_are_read_as_they_are_written() {
-        for text in ["cpu", "vulkan", "vulkan:1", "cuda", "cuda:7", "auto", "opengl"] {
+        for text in ["cpu", "vulkan", "vulkan:0", "vulkan:1", "cuda", "cuda:7", "auto", "opengl"] {
             assert_eq!(text.parse::<DeviceChoice>().expect(text).to_string(), text);
         }
-        assert_eq!("cuda:0".parse(), Ok(DeviceChoice::This(Interface::Cuda, 0)));
+        assert_eq!("cuda:0".parse(), Ok(DeviceChoice::This(Interface::Cuda, Some(0))));
         for text in ["", "gpu", "CPU", "cpu:1", "vulkan:", "vulkan:-1", "vulkan:x", "cuda:1:2", ":1", "auto:1"] {
             assert!(text.parse::<DeviceChoice>().is_err(), "{text}");
         }
@@ -361,10 +386,30 @@ mod tests {
             driver: String::new(),
             problem: problem.map(str::to_owned),
         };
-        let found = [device("cuda", Some("no driver")), device("vulkan", Some("software")), device("vulkan:1", None)];
-        assert_eq!(first(&found), Some(DeviceChoice::This(Interface::Vulkan, 1)));
-        assert_eq!(first(&[device("opengl", None)]), None);
+        let found = [device("cuda:0", Some("no driver")), device("vulkan:0", Some("software")), device("vulkan:1", None)];
+        assert_eq!(first(&found), Some(DeviceChoice::This(Interface::Vulkan, Some(1))));
+        assert_eq!(first(&[device("opengl:0", None)]), None);
         assert_eq!(first(&[]), None);
+    }
+
+    #[test]
+    fn processes_of_one_machine_take_one_gpu_after_the_other() {
+        let device = |choice: &str, works: bool| FoundDevice {
+            choice: choice.into(),
+            name: String::new(),
+            driver: String::new(),
+            problem: (!works).then(|| "none".to_owned()),
+        };
+        let found = [device("cuda:0", false), device("vulkan:0", true), device("vulkan:1", false), device("vulkan:2", true)];
+        let of = |choice: &str, place: usize| choice.parse::<DeviceChoice>().expect(choice).among(&found, place).to_string();
+        for choice in ["auto", "vulkan"] {
+            assert_eq!([0, 1, 2, 3].map(|place| of(choice, place)), ["vulkan:0", "vulkan:2", "vulkan:0", "vulkan:2"]);
+        }
+        assert_eq!(of("vulkan:1", 1), "vulkan:1");
+        // Opening it says what is wrong.
+        assert_eq!(of("cuda", 1), "cuda");
+        assert_eq!(DeviceChoice::Auto.among(&[], 1), DeviceChoice::Auto);
+        assert_eq!(DeviceChoice::default().of_process(1), DeviceChoice::default());
     }
 
     #[cfg(not(any(feature = "vulkan", feature = "cuda")))]

@@ -226,12 +226,15 @@ impl Bars {
 }
 
 impl Train {
-    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+    fn run(mut self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         if self.print_config {
             println!("{}", serde_json::to_string_pretty(&self.configuration()?)?);
             return Ok(());
         }
         let team = Team::from_environment()?;
+        if team.size() > 1 {
+            self.device = self.device.map(|choice| choice.of_process(team.place_on_machine()));
+        }
         let done = self.train(&team, allowed, cancel);
         end(team, done)
     }
