@@ -19,7 +19,8 @@ pub fn conv_by(products: Products, x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, str
     if kernels::fits(&x.device(), &[x.dtype(), w.dtype(), b.dtype()]) {
         kernels::conv(x, w, b, stride, silu, products)
     } else {
-        portable::conv(x, w, b, stride, silu)
+        let factors = portable::factors(products, &x.device());
+        portable::conv(x, w, b, stride, silu, factors)
     }
 }
 
@@ -70,7 +71,8 @@ pub fn decode(products: Products, x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b
     if kernels::fits(&x.device(), &[x.dtype(), skip.dtype(), w.dtype(), b.dtype()]) {
         kernels::decode(x, skip, w, b, products)
     } else {
-        portable::decode(x, skip, w, b)
+        let factors = portable::factors(products, &x.device());
+        portable::decode(x, skip, w, b, factors)
     }
 }
 

@@ -139,13 +139,17 @@ fn avx2() -> Option<Kernel> {
     None
 }
 
-/// Whether the kernels can take tensors of these element types on this device.
-pub(crate) fn fits(device: &Device, types: &[DType]) -> bool {
-    let on_cpu = match device.as_dispatch() {
+/// Whether this device is the processor.
+fn is_cpu(device: &Device) -> bool {
+    match device.as_dispatch() {
         DispatchDevice::Flex(_) => true,
         DispatchDevice::Autodiff(inner) => matches!(**inner, DispatchDevice::Flex(_)),
         #[allow(unreachable_patterns)] // Other devices exist only with their cargo features.
         _ => false,
-    };
-    on_cpu && types.iter().all(|t| *t == DType::F32) && Kernel::active().is_some()
+    }
+}
+
+/// Whether the kernels can take tensors of these element types on this device.
+pub(crate) fn fits(device: &Device, types: &[DType]) -> bool {
+    is_cpu(device) && types.iter().all(|t| *t == DType::F32) && Kernel::active().is_some()
 }

@@ -1,11 +1,18 @@
 //! The operations of [`crate::ops`] composed of burn's own, for every device and element type.
 use super::norm::LEAST_SQUARE;
-use super::options::Stride;
+use super::options::{Products, Stride};
 use burn::tensor::ops::ConvOptions;
-use burn::tensor::{Tensor, activation, module};
+use burn::tensor::{Device, FloatDType, Tensor, activation, module};
 
-/// See [`crate::ops::conv`].
-pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool) -> Tensor<4> {
+/// The type of the factors of a convolution on a device: bf16 where that is wanted and the device computes in it.
+pub fn factors(products: Products, device: &Device) -> FloatDType {
+    // On the processor, this type would only be converted to f32 and back.
+    let half = products == Products::Bf16 && !super::is_cpu(device) && device.supports_dtype(FloatDType::BF16);
+    if half { FloatDType::BF16 } else { FloatDType::F32 }
+}
+
+/// See [`crate::ops::conv`]. With factors in bf16, the sums are rounded to it too, and bias and SiLU are in f32.
+pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool, factors: FloatDType) -> Tensor<4> {
     let x = match stride {
         Stride::Up => up2(x),
         Stride::Half => beside_zeros(x),
@@ -14,7 +21,14 @@ pub fn conv(x: Tensor<4>, w: Tensor<4>, b: Tensor<1>, stride: Stride, silu: bool
     let step = if matches!(stride, Stride::Two | Stride::Half) { 2 } else { 1 };
     let half = if stride == Stride::Half { 0 } else { w.dims()[0] / 2 };
     let options = ConvOptions::new([step, step], [half, half], [1, 1], 1);
-    let y = module::conv2d(x.permute([0, 3, 1, 2]), w.permute([3, 2, 0, 1]), Some(b), options).permute([0, 2, 3, 1]);
+    let (x, w) = (x.permute([0, 3, 1, 2]), w.permute([3, 2, 0, 1]));
+    let y = if factors == FloatDType::F32 {
+        module::conv2d(x, w, Some(b), options).permute([0, 2, 3, 1])
+    } else {
+        let channels = b.dims()[0];
+        module::conv2d(x.cast(factors), w.cast(factors), None, options).permute([0, 2, 3, 1]).cast(FloatDType::F32)
+            + b.reshape([1, 1, 1, channels])
+    };
     if silu { activation::silu(y) } else { y }
 }
 
@@ -26,12 +40,13 @@ pub fn conv_over_time(x: Tensor<5>, w: Tensor<5>, b: Tensor<1>, step: usize, new
     let x = Tensor::cat(vec![before, x], 1);
     let window = |tap: usize| Tensor::cat((0..frames).map(|i| x.clone().narrow(1, newest + i * step + tap, 1)).collect(), 1);
     let pictures = Tensor::cat((0..taps).map(window).collect(), 4).reshape([batch * frames, height, width, taps * ci]);
-    conv(pictures, w.reshape([k, k, taps * ci, co]), b, Stride::One, false).reshape([batch, frames, height, width, co])
+    let w = w.reshape([k, k, taps * ci, co]);
+    conv(pictures, w, b, Stride::One, false, FloatDType::F32).reshape([batch, frames, height, width, co])
 }
 
 /// See [`crate::ops::decode`].
-pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>) -> Tensor<4> {
-    conv(Tensor::cat(vec![up2(x), skip], 3), w, b, Stride::One, true)
+pub fn decode(x: Tensor<4>, skip: Tensor<4>, w: Tensor<4>, b: Tensor<1>, factors: FloatDType) -> Tensor<4> {
+    conv(Tensor::cat(vec![up2(x), skip], 3), w, b, Stride::One, true, factors)
 }
 
 /// See [`crate::ops::linear`].
@@ -121,4 +136,41 @@ fn beside_zeros(x: Tensor<4>) -> Tensor<4> {
 pub fn up2(x: Tensor<4>) -> Tensor<4> {
     let [b, h, w, c] = x.dims();
     x.reshape([b, h, 1, w, 1, c]).expand([b, h, 2, w, 2, c]).reshape([b, 2 * h, 2 * w, c])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Factors in bf16 have 8 bits, and so have sums. Gradients reach every input in single precision.
+    #[test]
+    fn bf16_stays_close() {
+        let device = Device::flex().autodiff();
+        let wave = |n: usize, phase: f32| (0..n).map(|i| (i as f32 * 0.7 + phase).sin()).collect::<Vec<f32>>();
+        let tensor = |shape: [usize; 4], phase| {
+            Tensor::<1>::from_data(wave(shape.iter().product(), phase).as_slice(), &device).reshape(shape).detach().require_grad()
+        };
+        for (stride, k) in [(Stride::One, 3), (Stride::Two, 3), (Stride::Half, 3), (Stride::Up, 3), (Stride::One, 1)] {
+            let run = |factors: FloatDType| {
+                let (x, w) = (tensor([2, 8, 6, 5], 0.0), tensor([k, k, 5, 4], 0.3));
+                let b = Tensor::<1>::from_data(wave(4, 0.9).as_slice(), &device).require_grad();
+                let y = conv(x.clone(), w.clone(), b.clone(), stride, true, factors);
+                let mut gradients = (y.clone() * y.clone()).sum().backward();
+                let all = [
+                    y.without_autodiff().flatten(0, 3),
+                    x.grad_remove(&mut gradients).expect("a gradient").flatten(0, 3),
+                    w.grad_remove(&mut gradients).expect("a gradient").flatten(0, 3),
+                    b.grad_remove(&mut gradients).expect("a gradient"),
+                ];
+                all.map(|values: Tensor<1>| crate::parameters::to_vec(values))
+            };
+            let (exact, half) = (run(FloatDType::F32), run(FloatDType::BF16));
+            for (exact, half) in exact.iter().zip(&half) {
+                let largest = exact.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+                let far = exact.iter().zip(half).fold(0.0f32, |m, (a, b)| m.max((a - b).abs()));
+                assert!(far < 0.03 * largest && far > 1e-6 * largest, "{stride:?}: {far} of {largest}");
+            }
+        }
+        assert_eq!(factors(Products::Bf16, &device), FloatDType::F32);
+    }
 }
