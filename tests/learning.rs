@@ -10,15 +10,15 @@ use renderflow_model::fusion::Record;
 use std::num::NonZeroU64;
 
 #[test]
-fn sequences_are_bare_or_full_and_may_be_passed_over() {
+fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("plan.json");
     let sizes = ["--seed", "4", "--sequences", "4", "--frames", "18", "--resolution", "16", "--spp", "1"];
     succeed(&[&["dataset", "plan", "--denoise", "none", "-o", file.to_str().unwrap()][..], &sizes].concat());
     let (plan, cancel) = (Plan::read(&file).unwrap(), Cancel::default());
-    let small = Recipe { truth_spp: 2, bare_spp: 1, frames: 1, samples: Some([1; 4]), ..Recipe::default() };
+    let quick = Recipe { truth_spp: 2, bare_spp: 1, frames: 1, samples: Some([1; 4]), ..Recipe::default() };
     let records = |i: u64, bare: f64, skip: u64| -> Vec<Record<f32>> {
-        let recipe = Recipe { bare, skip, ..small.clone() };
+        let recipe = Recipe { bare, skip, ..quick.clone() };
         Planned::new(&plan, [0, 3], recipe, &cancel).records(i).unwrap()
     };
     let groups = |records: &[Record<f32>]| records.iter().map(Record::groups).collect::<Vec<_>>();
@@ -36,6 +36,22 @@ fn sequences_are_bare_or_full_and_may_be_passed_over() {
     assert!(found.contains(&true) && found.contains(&false), "{found:?}");
     assert_eq!(found, kinds());
 
+    // So are some of half the size.
+    let sides = |small: f64, full: bool| {
+        let recipe = Recipe { small, bare: if full { 0.0 } else { 1.0 }, ..quick.clone() };
+        let planned = Planned::new(&plan, [0, 3], recipe, &cancel);
+        let side = |i: u64| {
+            let records = planned.records(i).unwrap();
+            assert!(records.iter().all(|record| record.width == record.height && record.width == records[0].width));
+            records[0].width
+        };
+        (0..if full { 1 } else { 8 }).map(side).collect::<Vec<_>>()
+    };
+    let mixed = sides(0.5, false);
+    assert!(mixed.contains(&16) && mixed.contains(&8), "{mixed:?}");
+    assert_eq!(mixed, sides(0.5, false));
+    assert_eq!((sides(0.0, true), sides(1.0, true)), (vec![16], vec![8]));
+
     // The first sequence after two that are passed over is the third.
     let (passed, third) = (records(0, 1.0, 2), records(2, 1.0, 0));
     assert!(passed.iter().zip(&third).all(|(a, b)| a.pixels == b.pixels));
@@ -43,7 +59,7 @@ fn sequences_are_bare_or_full_and_may_be_passed_over() {
 
     // After two sequences, the first one comes again; and what was kept serves a run that passes others over.
     let kept = folder.path().join("kept");
-    let run = |skip: u64| Recipe { bare: 1.0, skip, count: NonZeroU64::new(2), ..small.clone() };
+    let run = |skip: u64| Recipe { bare: 1.0, skip, count: NonZeroU64::new(2), ..quick.clone() };
     let of = |skip: u64, i: u64| {
         let planned = Planned::new(&plan, [0, 3], run(skip), &cancel);
         Kept::new(&planned, &kept).unwrap().records(i).unwrap()

@@ -58,6 +58,9 @@ pub struct Recipe {
     pub bare: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
+    /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time, so
+    /// that a network sees more scenes. Crops that are larger than they are taken from the others.
+    pub small: f64,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,
     /// Number of sequences that follow each other before the first one comes again; `None` never repeats one.
@@ -66,7 +69,18 @@ pub struct Recipe {
 
 impl Default for Recipe {
     fn default() -> Self {
-        Self { truth_spp: 64, max_bounces: 6, frames: 3, samples: None, fast: 0.4, bare: 0.0, bare_spp: 16, skip: 0, count: None }
+        Self {
+            truth_spp: 64,
+            max_bounces: 6,
+            frames: 3,
+            samples: None,
+            fast: 0.4,
+            bare: 0.0,
+            bare_spp: 16,
+            small: 0.0,
+            skip: 0,
+            count: None,
+        }
     }
 }
 
@@ -149,7 +163,10 @@ impl<'a> Planned<'a> {
         let (round, index) = (i / u64::from(count), first + (i % u64::from(count)) as u32);
         let seed = Seed::root(self.plan.seed).child("learning", i);
         let plan = Plan { seed: self.plan.seed.wrapping_add(round), ..self.plan.clone() };
-        let composed = if round == 0 { plan.compose(&self.catalog, index)? } else { plan.compose(&plan.catalog(), index)? };
+        let mut composed = if round == 0 { plan.compose(&self.catalog, index)? } else { plan.compose(&plan.catalog(), index)? };
+        if seed.child("small", 0).rng().random_bool(self.maker.recipe.small) {
+            composed.scene.resolution = composed.scene.resolution.map(|side| (side / 2).max(1));
+        }
         let loaded = load::load(&composed.scene, &plan.reach())?;
         let frames = loaded.cameras.len();
         let gap = GAP.min(frames.saturating_sub(1));

@@ -66,7 +66,7 @@ impl Train {
         }
         options.training.check()?;
         let recipe = &options.recipe;
-        for (name, share) in [("fast", recipe.fast), ("bare", recipe.bare)] {
+        for (name, share) in [("fast", recipe.fast), ("bare", recipe.bare), ("small", recipe.small)] {
             ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
         }
         Ok(())
@@ -91,7 +91,9 @@ impl Train {
         let plan = Plan::read(plan)?;
         let counts = plan.sequences;
         ensure!(counts.train > 0, "the plan has no training sequences");
-        self.check_crop(plan.resolution.map(|side| side as usize), options.crop(), CROPS).context("the plan")?;
+        // Where not all sequences are small, large crops are taken from the others.
+        let part = if options.recipe.small < 1.0 { 1 } else { 2 };
+        self.check_crop(plan.resolution.map(|side| side as usize / part), options.crop(), CROPS).context("the plan")?;
         let training = Planned::new(&plan, [0, counts.train], options.recipe.clone(), cancel);
         if self.is_done(&options.training, Some(&training.identity()), team)? {
             return Ok(());
