@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 use std::cell::RefCell;
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 #[cfg(feature = "scenes")]
 mod check;
@@ -25,8 +26,18 @@ pub fn catch_in_readers() {
     std::panic::set_hook(Box::new(|info| LAST_PANIC.with(|last| *last.borrow_mut() = info.to_string())));
 }
 
+/// Makes this thread all of rayon's pool. A pool of its own would be woken for every piece of work, which takes longer than most pieces.
+fn work_here() {
+    static DONE: Once = Once::new();
+    DONE.call_once(|| {
+        // Somebody who has made a pool before keeps it.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global();
+    });
+}
+
 /// Runs a target; a panic that leaves it is printed and ends the process, for the fuzzer to see.
 pub fn watch(target: impl FnOnce()) {
+    work_here();
     if std::panic::catch_unwind(std::panic::AssertUnwindSafe(target)).is_err() {
         LAST_PANIC.with(|last| eprintln!("{}", last.borrow()));
         std::process::abort();
