@@ -61,8 +61,8 @@ fi
 # Root may start processes, more of them than cores, and they talk through the loopback interface.
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
 export OMPI_MCA_btl=self,tcp OMPI_MCA_btl_tcp_if_include=lo OMPI_MCA_oob_tcp_if_include=lo
-# Seconds from SIGTERM to SIGKILL: a step and a checkpoint must fit.
-export OMPI_MCA_odls_base_sigkill_timeout=20 PRTE_MCA_odls_base_sigkill_timeout=20
+# Seconds that mpirun waits before SIGTERM, and again before SIGKILL: a step and a checkpoint must fit.
+export OMPI_MCA_odls_base_sigkill_timeout=5 PRTE_MCA_odls_base_sigkill_timeout=5
 
 "$program" dataset plan --seed 5 --sequences 6 --frames 4 --resolution 64 --spp 4 --denoise none --out "$site/plan.json" >/dev/null
 "$program" train --plan "$site/plan.json" -o "$site/none" --print-config >"$site/default.json"
@@ -86,7 +86,8 @@ configure half "$small; training['gradients'] = 'f16'"
 training() { echo "$program" train --config "$site/${2:-run}.json" --plan "$site/plan.json" --keep "$site/kept" -o "$site/$1" --threads 1 -q; }
 alone() { $(training "$1") >"$site/$1.log" 2>&1; }
 together() { mpirun -n "$1" --bind-to none $(training "$2" "${3-}") >>"$site/$2.log" 2>&1; }
-# same A B TOLERANCE: losses and gradients of two logs, and values of two checkpoints.
+# same A B TOLERANCE: losses and gradients of the first 40 steps of two logs. Later on roundings have grown: losses may be 1 %
+# apart, and values of the checkpoints 5 %.
 same() {
     python3 - "$site/$1" "$site/$2" "$3" <<'PYTHON'
 import array, json, struct, sys
@@ -101,13 +102,19 @@ def values(folder):
     return {name: array.array("f", bytes[8 + size + x : 8 + size + y]) for name, (x, y) in parts.items()}
 one, other = log(a), log(b)
 assert [line["step"] for line in one] == [line["step"] for line in other] and len(one) > 10, "other steps"
-worst = max(abs(x[key] - y[key]) / max(abs(x[key]), 1e-6) for x, y in zip(one, other) for key in ("loss", "gradient_norm"))
+def apart(key, lines):
+    return max(abs(x[key] - y[key]) / max(abs(x[key]), 1e-6) for x, y in lines)
+lines = list(zip(one, other))
+early = [pair for pair in lines if pair[0]["step"] <= 40]
+first = max(apart("loss", early), apart("gradient_norm", early))
+later = apart("loss", lines)
 one, other = values(a), values(b)
 assert one.keys() == other.keys() and one
 scale = max(abs(v) for of in one.values() for v in of)
-apart = max(abs(x - y) for name in one for x, y in zip(one[name], other[name])) / scale
-print(f"{a.split('/')[-1]} and {b.split('/')[-1]}: losses and gradients {worst:.2g} apart, weights {apart:.2g}")
-assert worst <= most and apart <= most, f"more than {most} apart"
+weights = max(abs(x - y) for name in one for x, y in zip(one[name], other[name])) / scale
+print(f"{a.split('/')[-1]} and {b.split('/')[-1]}: losses and gradients of 40 steps {first:.2g} apart, losses of {lines[-1][0]['step']}"
+    f" steps {later:.2g}, weights {weights:.2g}")
+assert first <= most and later <= 0.01 and weights <= 0.05, "too far apart"
 PYTHON
 }
 . tests/common/wait.sh
@@ -160,8 +167,10 @@ start() {
     # The shell of `together`, then mpirun.
     job=$(pgrep -P $waiting -x mpirun || echo $waiting)
 }
+# The processes of the job.
+processes() { pgrep -P "$job" -x "$(basename "$program" | cut -c 1-15)"; }
 start killed
-victim=$(pgrep -P "$job" -x "$(basename "$program" | cut -c 1-15)" | tail -n 1)
+victim=$(processes | tail -n 1)
 [ -n "$victim" ] || fail "killed: there is no process to kill"
 begun=$(now)
 kill -KILL "$victim"
@@ -173,10 +182,10 @@ echo "killed: status $status after $(since "$begun") s, at step $(tail -n 1 "$si
 together 2 killed || fail "killed: does not go on"
 cmp "$site/two/weights.safetensors" "$site/killed/weights.safetensors" || fail "killed: differs from the run that was not"
 
-# 3. Ctrl-C.
+# 3. One process is told to stop: all do. (With Ctrl-C, mpirun tells all of them, after the seconds above.)
 start interrupted
 begun=$(now)
-kill -INT "$job"
+kill -TERM "$(processes | head -n 1)"
 status=0
 wait $waiting || status=$?
 job=
