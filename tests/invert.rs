@@ -175,11 +175,21 @@ fn buffers_are_shown_under_another_light() {
     let (still, turned) = (relight("0", &path("still")), relight("-120", &path("turned")));
     assert_eq!((&turned["sequences"], &turned["turn"]), (&json!(2), &json!(-120.0)));
     let names: Vec<&str> = turned["rows"].as_array().unwrap().iter().map(|row| row["buffers"].as_str().unwrap()).collect();
-    assert_eq!(names, ["network", "network, ratio", "true buffers", "no network", "the old picture"]);
+    let known = "network; network, ratio; network, traced; network, ratio traced; true buffers; true buffers, traced; no network; \
+        the old picture";
+    assert_eq!(names, known.split("; ").collect::<Vec<_>>());
+    let row = |results: &Value, name: &str| psnr(results, names.iter().position(|row| *row == name).unwrap());
     // Where nothing turned, the old picture is the truth but for noise.
-    assert!(psnr(&still, 4) > psnr(&turned, 4) + 3.0 && psnr(&still, 4) > psnr(&still, 2) + 3.0, "{still} {turned}");
+    let old = row(&still, "the old picture");
+    assert!(old > row(&turned, "the old picture") + 3.0 && old > row(&still, "true buffers") + 3.0, "{still} {turned}");
     // So is a ratio of two shadings that are the same.
-    assert!((psnr(&still, 1) - psnr(&still, 4)).abs() < 0.5, "{still}");
+    for ratio in ["network, ratio", "network, ratio traced"] {
+        assert!((row(&still, ratio) - old).abs() < 0.5, "{still}");
+    }
+    // Shadows and bounces are worth something.
+    for results in [&still, &turned] {
+        assert!(row(results, "true buffers, traced") > row(results, "true buffers") + 1.0, "{results}");
+    }
     let truth = |set: &str| files(&path(set).join("truth"));
     assert!(truth("still") != truth("turned"));
 

@@ -58,8 +58,8 @@ pub struct Recipe {
     pub bare: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
-    /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time, so
-    /// that a network sees more scenes. Crops that are larger than they are taken from the others.
+    /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time,
+    /// so that a network sees more scenes. Crops that do not fit them are taken from the others.
     pub small: f64,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,

@@ -12,3 +12,4 @@ pub mod relight;
 pub mod renderer;
 pub mod results;
 pub mod run;
+mod shell;

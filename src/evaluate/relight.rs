@@ -3,6 +3,7 @@
 
 use super::find;
 use super::inverter::{Inverter, WanOptions, image, unit};
+use super::shell;
 use crate::dataset::Sequence;
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::{SequenceJob, TruthSettings};
@@ -27,6 +28,7 @@ use renderflow_frame::{DepthBounds, Frame, Image, Light, file, ibl};
 use renderflow_model::wan::flow::Intrinsic;
 use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
 use renderflow_renderer::Settings;
+use renderflow_renderer::denoise::{self, Denoiser};
 use renderflow_scenes::description::Scene;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -37,7 +39,16 @@ const RECORD: &str = "relight.json";
 /// The metrics of the table.
 const SHOWN: [&str; 4] = ["psnr", "ssim_object", "lpips_alex", "flip_object"];
 /// Rows of the table.
-const ROWS: [&str; 5] = ["network", "network, ratio", "true buffers", "no network", "the old picture"];
+const ROWS: [&str; 8] = [
+    "network",
+    "network, ratio",
+    "network, traced",
+    "network, ratio traced",
+    "true buffers",
+    "true buffers, traced",
+    "no network",
+    "the old picture",
+];
 /// Display-linear light that is added to both sides of a ratio, so that a surface which is black under one light does not glow
 /// under the other.
 const LEAST: f32 = 0.02;
@@ -47,8 +58,9 @@ const MOST: f32 = 16.0;
 /// The round trip of relighting. The first frame of each sequence is inverted. Then the environment turns about the vertical, and
 /// the buffers are shaded under it with the split sum. The truth is path-traced with the turned environment. Another row
 /// multiplies the picture by the ratio of the buffers' shading under the new and the old light, which must be known for it.
-/// Beside them stand the true buffers, which show what shading costs, the picture itself as albedo of surfaces that face the
-/// camera, and the picture as it was. Writes relight.json and pictures, and prints a table.
+/// The rows `traced` path-trace the surfaces that the picture shows, so that they cast shadows on each other. Beside them stand
+/// the true buffers, which show what shading costs, the picture itself as albedo of surfaces that face the camera, and the picture
+/// as it was. Writes relight.json and pictures, and prints a table.
 #[derive(Args)]
 #[command(after_help = "Example:\n  renderflow evaluate relight --data data -o results-relight")]
 pub struct Options {
@@ -67,7 +79,7 @@ pub struct Options {
     /// Degrees that the environment turns
     #[arg(long, default_value_t = 120.0, allow_hyphen_values = true)]
     turn: f32,
-    /// Samples for each pixel of the truth
+    /// Samples for each pixel of the truth and of the traced surfaces
     #[arg(long, default_value_t = 64, value_parser = within(Settings::SPP))]
     spp: u32,
     /// Folder for the truth, the pictures and the results
@@ -121,6 +133,7 @@ impl Options {
         let about = || About { about: "truth under another light".into(), turn: self.turn, spp: self.spp };
         Claim::new(&self.out.join("truth"), RECORD, &about(), "pictures of another light")?.write()?;
         let lpips = Networks::find()?;
+        let mut tracer = Tracer { spp: self.spp, denoiser: Denoiser::with_options(denoise::Options::default()).ok(), cancel };
 
         let progress = Progress::new("relight", 1000 * tests.len() as u64);
         let mut found = Vec::new();
@@ -128,7 +141,7 @@ impl Options {
             let name = Path::new(&test.set).join(&test.class).join(&test.sequence.name);
             progress.message(name.display().to_string());
             let measured = self.truth(&test.sequence, &name, allowed, &settings, &progress, cancel).and_then(|turned| {
-                let Shown { pictures, truth, alpha } = Shown::new(&test.sequence, &turned, &network)?;
+                let Shown { pictures, truth, alpha } = Shown::new(&test.sequence, &turned, &network, &mut tracer)?;
                 let all = ROWS.iter().zip(&pictures).chain(std::iter::once((&"truth", &truth)));
                 let tiles: Vec<Tile> = all.map(|(name, picture)| Tile::new(*name, picture.clone())).collect();
                 let path = self.out.join(&name).with_extension("png");
@@ -182,6 +195,19 @@ impl Options {
     }
 }
 
+/// Path-traces the surfaces of frames.
+struct Tracer<'a> {
+    spp: u32,
+    denoiser: Option<Denoiser>,
+    cancel: &'a Cancel,
+}
+
+impl Tracer<'_> {
+    fn picture(&mut self, frame: &Frame, light: &Light) -> Result<Rgb> {
+        shell::traced(frame, &light.environment, self.spp, self.denoiser.as_mut(), self.cancel)
+    }
+}
+
 /// What is compared: display values.
 struct Shown {
     /// The pictures of [`ROWS`].
@@ -192,7 +218,7 @@ struct Shown {
 }
 
 impl Shown {
-    fn new(old: &Sequence, turned: &Sequence, network: &Inverter) -> Result<Self> {
+    fn new(old: &Sequence, turned: &Sequence, network: &Inverter, tracer: &mut Tracer) -> Result<Self> {
         let (frame, truth) = (old.frame(0)?, turned.frame(0)?);
         let shown = shown(&frame, old.light()?)?;
         let found = network.find(std::slice::from_ref(&shown), &Intrinsic::ALL, 1)?.swap_remove(0);
@@ -209,11 +235,16 @@ impl Shown {
         let recovered = with(&frame, &found);
         let new = shade(&recovered);
         let before = ibl::shade(&recovered, old.light()?).image;
+        let [traced, traced_before] = [tracer.picture(&recovered, light)?, tracer.picture(&recovered, old.light()?)?];
         let linear = shown.map(|p| p.map(|v| srgb_to_linear(v) / old.exposure()));
+        let turned_by = |shadings: [&Rgb; 2]| displayed(&ratio(&linear, shadings, [old.exposure(), exposure]));
         let pictures = [
             displayed(&new),
-            displayed(&ratio(&linear, [&before, &new], [old.exposure(), exposure])),
+            turned_by([&before, &new]),
+            displayed(&traced),
+            turned_by([&traced_before, &traced]),
             displayed(&shade(&frame)),
+            displayed(&tracer.picture(&frame, light)?),
             displayed(&shade(&with(&frame, &plain))),
             shown,
         ];
@@ -248,6 +279,8 @@ fn with(frame: &Frame, buffers: &Buffers) -> Frame {
         albedo: buffers.albedo.as_ref().map_or_else(|| frame.albedo.clone(), |albedo| albedo.map(|p| p.map(srgb_to_linear))),
         normal: or(&buffers.normal, &frame.normal),
         material: or(&buffers.material, &frame.material),
+        // Its scale is open, and does not matter to the light of an environment.
+        depth: buffers.depth.as_ref().map_or_else(|| frame.depth.clone(), |depth| depth.map(|v| v.exp())),
         guide_albedo: None,
         guide_normal: None,
         ..frame.clone()
@@ -271,7 +304,7 @@ fn print(results: &Results) {
         println!("  {}: {}", metric.label, metric.meaning);
         for row in &results.rows {
             if let Some(value) = row.values.get(metric.id) {
-                println!("    {:16} {}", row.buffers, value.shown(metric.digits));
+                println!("    {:22} {}", row.buffers, value.shown(metric.digits));
             }
         }
     }

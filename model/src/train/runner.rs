@@ -265,7 +265,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
         (self.context.progress)(&Progress::Note(note));
     }
 
-    /// Takes a step with the gradients of `result`, and returns their norm or what is not finite; the parameters are unchanged then.
+    /// Takes a step with the gradients of `result`, and returns their norm, or what is not finite; then nothing is changed.
     fn update(&self, optimizer: &mut Resident, result: &mut StepResult, lr: f64) -> Result<std::result::Result<f32, String>> {
         let gradients = std::mem::take(&mut result.gradients);
         if !result.total.is_finite() {
