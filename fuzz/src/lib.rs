@@ -26,7 +26,8 @@ pub fn catch_in_readers() {
     std::panic::set_hook(Box::new(|info| LAST_PANIC.with(|last| *last.borrow_mut() = info.to_string())));
 }
 
-/// Makes this thread all of rayon's pool. A pool of its own would be woken for every piece of work, which takes longer than most pieces.
+/// Makes this thread all of rayon's pool. A pool of its own would be woken for every piece of work, which takes longer than
+/// most pieces.
 fn work_here() {
     static DONE: Once = Once::new();
     DONE.call_once(|| {

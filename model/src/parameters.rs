@@ -81,8 +81,8 @@ pub fn gradients<M: Module>(module: &M, gradients: &mut Gradients) -> Result<Vec
     read_gradients(visitor.found)
 }
 
-/// Gradients of the parameters that learn, on their device, each row-major in one dimension. A gradient is `None` if the loss does
-/// not depend on the parameter.
+/// Gradients of the parameters that learn, on their device, each row-major in one dimension. A gradient is `None` if the loss
+/// does not depend on the parameter.
 pub type GradientList = Vec<Option<Tensor<1>>>;
 
 /// Gradients in the order of [`export_learning`].

@@ -55,11 +55,11 @@ const LEAST: f32 = 0.02;
 /// Most that a ratio brightens.
 const MOST: f32 = 16.0;
 
-/// The round trip of relighting. The first frame of each sequence is inverted. Then the environment turns about the vertical, and
-/// the buffers are shaded under it with the split sum. The truth is path-traced with the turned environment. Another row
-/// multiplies the picture by the ratio of the buffers' shading under the new and the old light, which must be known for it.
-/// The rows `traced` path-trace the surfaces that the picture shows, so that they cast shadows on each other. Beside them stand
-/// the true buffers, which show what shading costs, the picture itself as albedo of surfaces that face the camera, and the picture
+/// The round trip of relighting. The first frame of each sequence is inverted. Then the environment turns about the vertical,
+/// and the buffers are shaded under it with the split sum. The truth is path-traced with the turned environment. Another row
+/// multiplies the picture by the ratio of the buffers' shading under the new and the old light, which must be known for it. The
+/// rows `traced` path-trace the surfaces that the picture shows, so that they cast shadows on each other. Beside them stand the
+/// true buffers, which show what shading costs, the picture itself as albedo of surfaces that face the camera, and the picture
 /// as it was. Writes relight.json and pictures, and prints a table.
 #[derive(Args)]
 #[command(after_help = "Example:\n  renderflow evaluate relight --data data -o results-relight")]

@@ -1,5 +1,5 @@
-//! The surfaces that a frame shows, as a scene: what is behind them is open. Path tracing then gives recovered buffers shadows and
-//! bounced light, which shading pixel by pixel cannot.
+//! The surfaces that a frame shows, as a scene: what is behind them is open. Path tracing then gives recovered buffers shadows
+//! and bounced light, which shading pixel by pixel cannot.
 //!
 //! Pixels are vertices at their depth. Four neighbours are joined by two triangles, unless they belong to surfaces at different
 //! depths. There, and at the edge of the picture, each pixel ends in a patch of its own that faces the camera, so that the camera
@@ -20,7 +20,8 @@ const JOINED: f32 = 0.02;
 /// Of a larger share, this much must be explained by the slant of one of both surfaces.
 const EXPLAINED: f32 = 0.5;
 
-/// The picture of the surfaces of `frame` under `environment`, radiance, with `spp` samples for each pixel. `denoiser` denoises it.
+/// The picture of the surfaces of `frame` under `environment`, radiance, with `spp` samples for each pixel. `denoiser` denoises
+/// it.
 ///
 /// # Errors
 /// When nothing is shown, or `cancel` was set.

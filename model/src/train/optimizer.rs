@@ -135,8 +135,8 @@ fn nearest_orthogonal(values: &[f32], shape: [usize; 2]) -> Vec<f32> {
     to_vec(orthogonal(Tensor::from_data(TensorData::new(unit, shape), &Device::flex())))
 }
 
-/// Approximates the semi-orthogonal matrix nearest to `x`, a matrix whose Euclidean norm is 1: singular values come out between 0.7
-/// and 1.2. Zeros stay zeros.
+/// Approximates the semi-orthogonal matrix nearest to `x`, a matrix whose Euclidean norm is 1: singular values come out between
+/// 0.7 and 1.2. Zeros stay zeros.
 pub(super) fn orthogonal(x: Tensor<2>) -> Tensor<2> {
     let [rows, columns] = x.dims();
     // With the shorter side first, the products below are small.

@@ -55,8 +55,8 @@ impl Resident {
     /// Takes a step, as [`Optimizer::step`] does.
     ///
     /// # Errors
-    /// [`Refused::NotFinite`] for a gradient that is not finite, and [`Refused::Failed`] when the device fails, which may then have
-    /// lost the state.
+    /// [`Refused::NotFinite`] for a gradient that is not finite, and [`Refused::Failed`] when the device fails, which may then
+    /// have lost the state.
     pub fn step(&mut self, gradients: GradientList, learning_rate: f32, run: &RunConfig) -> std::result::Result<f32, Refused> {
         match self {
             Self::Host(optimizer) => {
