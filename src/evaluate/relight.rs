@@ -275,7 +275,7 @@ fn shown(frame: &Frame, light: &Light) -> Result<Rgb> {
 /// The frame with recovered buffers in the place of its own. Coverage stays, and so does what is seen through clear surfaces.
 fn with(frame: &Frame, buffers: &Buffers) -> Frame {
     let or = |found: &Option<Rgb>, own: &Rgb| found.clone().unwrap_or_else(|| own.clone());
-    Frame {
+    let mut recovered = Frame {
         albedo: buffers.albedo.as_ref().map_or_else(|| frame.albedo.clone(), |albedo| albedo.map(|p| p.map(srgb_to_linear))),
         normal: or(&buffers.normal, &frame.normal),
         material: or(&buffers.material, &frame.material),
@@ -284,7 +284,11 @@ fn with(frame: &Frame, buffers: &Buffers) -> Frame {
         guide_albedo: None,
         guide_normal: None,
         ..frame.clone()
+    };
+    if buffers.depth.is_some() {
+        recovered.depth = shell::fitted(&recovered);
     }
+    recovered
 }
 
 fn rows(found: &[Vec<BTreeMap<String, f64>>]) -> Vec<Row> {

@@ -8,7 +8,7 @@
 use anyhow::{Context, Result};
 use glam::{Affine3A, Vec2, Vec3, Vec3A, Vec4};
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Environment, Frame};
+use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{Channels, RenderScene, Settings, render};
 use renderflow_scenes::loaded::{Encoding, Instance, LoadReport, Material, Mesh, Texture, TextureSlot, Wrap};
@@ -75,6 +75,83 @@ fn byte(share: f32) -> u8 {
     (255.0 * share.clamp(0.0, 1.0)).round() as u8
 }
 
+/// How much the depths that are given count in a fit, relative to the slopes that normals give: slopes decide over less than some
+/// thirty pixels.
+const GIVEN: f64 = 1e-3;
+/// Difference between the steps of the given depth and those by normals, in the logarithm, from which on they stand for an edge.
+const EDGE: f64 = 0.02;
+/// Iterations of a fit.
+const ITERATIONS: usize = 300;
+
+/// The depth of `frame`, which a network has found, brought in accord with the normals that it has found: they have more detail,
+/// and path tracing shows every step between neighbours as a shadow. The logarithm `z` of the depth minimises
+/// `sum of w (z_j - z_i - s)^2 + GIVEN sum of (z - given)^2` over neighbours, where `s` is the step that both normals give, and
+/// `w` is small where the given depth has another step (bilateral normal integration, Cao et al. 2022, with weights that are
+/// given). The conjugate gradient method solves it.
+pub fn fitted(frame: &Frame) -> Image<f32> {
+    let points = points(frame);
+    let given: Vec<f64> = points.iter().map(|point| point.map_or(0.0, |point| f64::from(point.depth.ln()))).collect();
+    let width = frame.width;
+    // Neighbours, with the weight of their step and the step.
+    let mut links = Vec::new();
+    for (i, a) in points.iter().enumerate() {
+        let right = (i % width + 1 < width).then_some(i + 1);
+        for j in [right, Some(i + width)].into_iter().flatten() {
+            if let (Some(a), Some(b)) = (a, points.get(j).copied().flatten()) {
+                let step = f64::from(0.5 * (slant(frame, a.normal, i, j) - slant(frame, b.normal, j, i))).clamp(-0.5, 0.5);
+                let off: f64 = (given[j] - given[i] - step) / EDGE;
+                links.push((i, j, (1.0 + off * off).powi(-2), step));
+            }
+        }
+    }
+    let apply = |z: &[f64]| -> Vec<f64> {
+        let mut out: Vec<f64> = z.iter().map(|z| GIVEN * z).collect();
+        for &(i, j, weight, _) in &links {
+            let pull = weight * (z[j] - z[i]);
+            out[i] -= pull;
+            out[j] += pull;
+        }
+        out
+    };
+    let mut target: Vec<f64> = given.iter().map(|z| GIVEN * z).collect();
+    for &(i, j, weight, step) in &links {
+        target[i] -= weight * step;
+        target[j] += weight * step;
+    }
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut z = given;
+    let mut left: Vec<f64> = target.iter().zip(apply(&z)).map(|(target, now)| target - now).collect();
+    let mut along = left.clone();
+    let mut square = dot(&left, &left);
+    let enough = 1e-12 * dot(&target, &target);
+    for _ in 0..ITERATIONS {
+        if square <= enough {
+            break;
+        }
+        let curved = apply(&along);
+        let length = square / dot(&along, &curved);
+        z.iter_mut().zip(&along).for_each(|(z, along)| *z += length * along);
+        left.iter_mut().zip(&curved).for_each(|(left, curved)| *left -= length * curved);
+        let next = dot(&left, &left);
+        along.iter_mut().zip(&left).for_each(|(along, left)| *along = left + next / square * *along);
+        square = next;
+    }
+    let depth = |(point, z): (&Option<Point>, &f64)| if point.is_some() { z.exp() as f32 } else { f32::INFINITY };
+    Image { width, height: frame.height, pixels: points.iter().zip(&z).map(depth).collect() }
+}
+
+/// Image point of the centre of a pixel.
+fn place(frame: &Frame, index: usize) -> Vec2 {
+    Vec2::new((index % frame.width) as f32 + 0.5, (index / frame.width) as f32 + 0.5)
+}
+
+/// The step from pixel `from` to pixel `to` of the logarithm of depth on a plane of a normal; 0 where the plane is not seen from
+/// its front in both.
+fn slant(frame: &Frame, normal: Vec3A, from: usize, to: usize) -> f32 {
+    let [here, there] = [from, to].map(|index| normal.dot(frame.info.camera.direction_cam(place(frame, index))));
+    if here < 0.0 && there < 0.0 { (here / there).ln() } else { 0.0 }
+}
+
 /// A pixel of the frame that shows a surface.
 #[derive(Clone, Copy)]
 struct Point {
@@ -93,16 +170,20 @@ struct Builder<'a> {
     mesh: Mesh,
 }
 
-fn mesh(frame: &Frame) -> Mesh {
+/// The pixels that show a surface.
+fn points(frame: &Frame) -> Vec<Option<Point>> {
     let point = |i: usize| {
         let (depth, normal) = (frame.depth.pixels[i], Vec3A::from(frame.normal.pixels[i]));
         let seen = frame.alpha.pixels[i] > 0.5 && depth.is_finite() && depth > 0.0;
         seen.then(|| Point { depth, normal: normal.normalize_or(Vec3A::Z) })
     };
-    let count = frame.width * frame.height;
-    let points = (0..count).map(point).collect();
-    let mut builder =
-        Builder { frame, points, centres: vec![None; count], mesh: Mesh { name: "shell".into(), ..Mesh::default() } };
+    (0..frame.width * frame.height).map(point).collect()
+}
+
+fn mesh(frame: &Frame) -> Mesh {
+    let points = points(frame);
+    let centres = vec![None; points.len()];
+    let mut builder = Builder { frame, points, centres, mesh: Mesh { name: "shell".into(), ..Mesh::default() } };
     // Blocks of four pixels, and of what is there of them at the edge of the picture.
     for y in 0..=frame.height {
         for x in 0..=frame.width {
@@ -143,26 +224,16 @@ impl Builder<'_> {
         if apart.abs() < JOINED {
             return true;
         }
-        // Depth that the plane of `from` has in the other pixel, in the logarithm, relative to its own.
-        let direction = |index: usize| self.frame.info.camera.direction_cam(self.place(index));
-        let slant = |normal: Vec3A, from: usize, to: usize| {
-            let (here, there) = (normal.dot(direction(from)), normal.dot(direction(to)));
-            if here < 0.0 && there < 0.0 { (here / there).ln() } else { 0.0 }
-        };
         let left = |expected: f32| (apart - expected).abs();
-        left(slant(a.normal, i, j)).min(left(-slant(b.normal, j, i))) < (1.0 - EXPLAINED) * apart.abs()
-    }
-
-    /// Image point of the centre of a pixel.
-    fn place(&self, index: usize) -> Vec2 {
-        Vec2::new((index % self.frame.width) as f32 + 0.5, (index / self.frame.width) as f32 + 0.5)
+        let expected = [slant(self.frame, a.normal, i, j), -slant(self.frame, b.normal, j, i)];
+        left(expected[0]).min(left(expected[1])) < (1.0 - EXPLAINED) * apart.abs()
     }
 
     fn centre(&mut self, index: usize) -> u32 {
         if let Some(vertex) = self.centres[index] {
             return vertex;
         }
-        let place = self.place(index);
+        let place = place(self.frame, index);
         let depth = self.points[index].map_or(1.0, |point| point.depth);
         let vertex = self.vertex(index, place, depth);
         self.centres[index] = Some(vertex);
@@ -171,7 +242,7 @@ impl Builder<'_> {
 
     /// The quarter of a pixel towards `corner`, at the pixel's depth.
     fn patch(&mut self, index: usize, point: Point, corner: Vec2) {
-        let centre = self.place(index);
+        let centre = place(self.frame, index);
         let places = [centre, Vec2::new(corner.x, centre.y), corner, Vec2::new(centre.x, corner.y)];
         let [a, b, c, d] = places.map(|place| self.vertex(index, place, point.depth));
         let clockwise = (corner.x > centre.x) == (corner.y > centre.y);
@@ -193,7 +264,7 @@ impl Builder<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use renderflow_frame::{Camera, FrameInfo, Image};
+    use renderflow_frame::{Camera, FrameInfo};
 
     /// A frame that sees, in every pixel, the depth and the normal of `surface`.
     fn frame(size: usize, surface: impl Fn(usize, usize) -> Option<(f32, Vec3A)>) -> Frame {
@@ -259,6 +330,30 @@ mod tests {
         let bowl = traced(&frame(32, hollow), &white, 64, None, &cancel).unwrap();
         let plate = traced(&frame(32, |_, _| facing(3.6)), &white, 64, None, &cancel).unwrap();
         assert!(bowl.at(16, 16)[1] < 0.8 * plate.at(16, 16)[1], "{:?} {:?}", bowl.at(16, 16), plate.at(16, 16));
+    }
+
+    /// Depth with noise on a plane, and a step that normals do not explain.
+    #[test]
+    fn depth_follows_normals_and_keeps_steps() {
+        let noise = |x: usize, y: usize| 0.01 * ((x * 7919 + y * 104_729) as f32).sin();
+        let plane = ground(24);
+        let mut noisy = plane.clone();
+        noisy.depth = Image::from_fn(24, 24, |x, y| plane.depth.at(x, y) * noise(x, y).exp());
+        let fitted = fitted(&noisy);
+        let far = |depth: &Image<f32>| {
+            let seen = depth.pixels.iter().zip(&plane.depth.pixels).filter(|(_, truth)| truth.is_finite());
+            seen.map(|(found, truth)| (found / truth).ln().powi(2)).sum::<f32>().sqrt()
+        };
+        assert!(far(&fitted) < 0.25 * far(&noisy.depth), "{} of {}", far(&fitted), far(&noisy.depth));
+        assert!(fitted.pixels.iter().zip(&plane.depth.pixels).all(|(found, truth)| found.is_finite() == truth.is_finite()));
+        let steps = frame(24, |x, _| Some((if x < 12 { 3.0 } else { 6.0 }, Vec3A::Z)));
+        let kept = super::fitted(&steps);
+        assert!(
+            (kept.at(3, 3) - 3.0).abs() < 0.02 && (kept.at(20, 20) - 6.0).abs() < 0.02,
+            "{} {}",
+            kept.at(3, 3),
+            kept.at(20, 20)
+        );
     }
 
     #[test]

@@ -12,6 +12,7 @@ base=target/container/debian
 root=target/container/root
 if [ ! -f $base/.ready ]; then
     rm -rf $base
+    mkdir -p target/container
     debootstrap --variant=minbase --include=python3,python3-venv bookworm $base ${DEBIAN_MIRROR:-} >/dev/null
     touch $base/.ready
 fi
