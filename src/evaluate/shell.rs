@@ -20,6 +20,14 @@ const JOINED: f32 = 0.02;
 /// Of a larger share, this much must be explained by the slant of one of both surfaces.
 const EXPLAINED: f32 = 0.5;
 
+/// How much the depths that are given count in a fit, relative to the slopes that normals give: slopes decide over less than some
+/// thirty pixels.
+const GIVEN: f64 = 1e-3;
+/// Difference between the steps of the given depth and those by normals, in the logarithm, from which on they stand for an edge.
+const EDGE: f64 = 0.02;
+/// Iterations of a fit.
+const ITERATIONS: usize = 300;
+
 /// The picture of the surfaces of `frame` under `environment`, radiance, with `spp` samples for each pixel. `denoiser` denoises
 /// it.
 ///
@@ -75,19 +83,13 @@ fn byte(share: f32) -> u8 {
     (255.0 * share.clamp(0.0, 1.0)).round() as u8
 }
 
-/// How much the depths that are given count in a fit, relative to the slopes that normals give: slopes decide over less than some
-/// thirty pixels.
-const GIVEN: f64 = 1e-3;
-/// Difference between the steps of the given depth and those by normals, in the logarithm, from which on they stand for an edge.
-const EDGE: f64 = 0.02;
-/// Iterations of a fit.
-const ITERATIONS: usize = 300;
-
-/// The depth of `frame`, which a network has found, brought in accord with the normals that it has found: they have more detail,
-/// and path tracing shows every step between neighbours as a shadow. The logarithm `z` of the depth minimises
-/// `sum of w (z_j - z_i - s)^2 + GIVEN sum of (z - given)^2` over neighbours, where `s` is the step that both normals give, and
-/// `w` is small where the given depth has another step (bilateral normal integration, Cao et al. 2022, with weights that are
-/// given). The conjugate gradient method solves it.
+/// The planar depth of `frame`, which a network has found, brought in accord with the normals that it has found: they have more
+/// detail, and path tracing shows every step between neighbours as a shadow. Infinite where no surface is seen.
+///
+/// The logarithm `z` of the depth minimises `sum of w (z_j - z_i - s)^2 + GIVEN sum of (z - given)^2` over neighbours, where `s`
+/// is the step that both normals give, and `w = (1 + (d / EDGE)^2)^-2` for the difference `d` between the given step and `s`.
+/// This is the idea of bilateral normal integration (Cao et al. 2022) with other weights. The conjugate gradient method solves
+/// it.
 pub fn fitted(frame: &Frame) -> Image<f32> {
     let points = points(frame);
     let given: Vec<f64> = points.iter().map(|point| point.map_or(0.0, |point| f64::from(point.depth.ln()))).collect();
