@@ -7,6 +7,7 @@ use renderflow::dataset::learning::{Kept, Planned, Recipe};
 use renderflow::dataset::plan::Plan;
 use renderflow::util::cancel::Cancel;
 use renderflow_model::fusion::Record;
+use renderflow_model::fusion::record::at;
 use std::num::NonZeroU64;
 
 #[test]
@@ -29,6 +30,16 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
     assert!(bare.iter().chain(&full).all(|groups| groups.deferred), "every record is shaded");
     assert!(bare.iter().all(|groups| !groups.samples && !groups.denoised && !groups.keys), "{bare:?}");
     assert!(full[2].keys && full[2].samples && full[2].neighbours, "{full:?}");
+
+    // A bare sequence may have keyframes. Nothing else about it changes.
+    let keyed = Recipe { bare: 1.0, keyed: 1.0, ..quick.clone() };
+    let keyed = Planned::new(&plan, [0, 3], keyed, &cancel).records(1).unwrap();
+    let found = groups(&keyed);
+    assert!(found[2].keys && !found[2].samples && !found[2].denoised && !found[0].keys, "{found:?}");
+    let truth = |record: &Record<f32>| -> Vec<f32> {
+        record.pixels.chunks_exact(at::COUNT).flat_map(|pixel| pixel[at::TRUTH..].to_vec()).collect()
+    };
+    assert!(keyed.iter().zip(&records(1, 1.0, 0)).all(|(keyed, bare)| truth(keyed) == truth(bare)));
 
     // Some of many sequences are bare, the same ones each time.
     let kinds = || (0..8).map(|i| groups(&records(i, 0.5, 0))[2].samples).collect::<Vec<_>>();

@@ -56,6 +56,8 @@ pub struct Recipe {
     /// Share of the sequences, 0..=1, that have neither samples, denoised pictures nor keyframes. They take less time than the
     /// others, and train the tier that reads deferred shading alone.
     pub bare: f64,
+    /// Share of the bare sequences, 0..=1, that have keyframes after all.
+    pub keyed: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
     /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time,
@@ -76,6 +78,7 @@ impl Default for Recipe {
             samples: None,
             fast: 0.4,
             bare: 0.0,
+            keyed: 0.0,
             bare_spp: 16,
             small: 0.0,
             skip: 0,
@@ -262,8 +265,13 @@ impl<'a> Maker<'a> {
         seed.child("bare", 0).rng().random_bool(self.recipe.bare)
     }
 
+    /// Whether a bare sequence of a seed has keyframes.
+    fn keyed(&self, seed: Seed) -> bool {
+        seed.child("keyed", 0).rng().random_bool(self.recipe.keyed)
+    }
+
     /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with everything,
-    /// or without anything but deferred shading if the sequence is bare. `truth` gives the truth of a frame, at which the scene
+    /// or without samples and denoised pictures if the sequence is bare. `truth` gives the truth of a frame, at which the scene
     /// stands.
     fn records(
         &self,
@@ -299,7 +307,8 @@ impl<'a> Maker<'a> {
             let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
             record.add_deferred(&rendered.shaded.terms, exposure);
             record.add_truth(&truth, exposure);
-            if self.bare(seed) {
+            let bare = self.bare(seed);
+            if bare && !self.keyed(seed) {
                 records.push(record);
                 continue;
             }
@@ -313,6 +322,10 @@ impl<'a> Maker<'a> {
                     Some(&rendered.shaded.image),
                     exposure,
                 );
+            }
+            if bare {
+                records.push(record);
+                continue;
             }
             let alone = ibl::shade(&rendered.gbuffer, &light);
             record.add_environment(&alone, exposure);

@@ -37,6 +37,7 @@ impl Learns for Config {
             samples: Some(VALIDATION_SAMPLES),
             fast: 0.0,
             bare: 0.0,
+            keyed: 0.0,
             small: 0.0,
             skip: 0,
             count: None,

@@ -66,7 +66,8 @@ impl Train {
         }
         options.training.check()?;
         let recipe = &options.recipe;
-        for (name, share) in [("fast", recipe.fast), ("bare", recipe.bare), ("small", recipe.small)] {
+        let shares = [("fast", recipe.fast), ("bare", recipe.bare), ("keyed", recipe.keyed), ("small", recipe.small)];
+        for (name, share) in shares {
             ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
         }
         Ok(())
