@@ -84,7 +84,7 @@ impl Source for Toy {
 
 fn config(output: &Path, steps: u64) -> Config {
     Config {
-        network: FusionConfig { widths: SMALL },
+        network: FusionConfig { widths: SMALL, separate: true },
         run: RunConfig {
             output: output.into(),
             steps,
@@ -105,6 +105,11 @@ fn config(output: &Path, steps: u64) -> Config {
 
 /// Trains on a device, and stops after the step `stop`.
 fn learn(config: &Config, validation: &[Record<f16>], device: &NetworkDevice, stop: u64) -> Summary {
+    learn_from(config, None, validation, device, stop)
+}
+
+/// As [`learn`], beginning with the weights `start`.
+fn learn_from(config: &Config, start: Option<&Fusion>, validation: &[Record<f16>], device: &NetworkDevice, stop: u64) -> Summary {
     let cancel = AtomicBool::new(false);
     let progress = |progress: &Progress| {
         if let Progress::Step(record) = progress
@@ -116,7 +121,7 @@ fn learn(config: &Config, validation: &[Record<f16>], device: &NetworkDevice, st
     training::run(
         config,
         &Toy,
-        None,
+        start,
         validation,
         RunContext { device, progress: &progress, cancel: &cancel, team: &Team::alone() },
     )
@@ -276,9 +281,14 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     record
 }
 
-/// The pictures of a network of random weights, also of the last layers, which are 0 in an untrained one.
+/// A network of random weights, also in the last layers, which are 0 in an untrained one.
 fn random() -> Fusion {
-    let untrained = Fusion::untrained(&FusionConfig { widths: SMALL }, 7).unwrap();
+    random_of(true)
+}
+
+/// As [`random`], with or without a U-Net of its own for frames without samples.
+fn random_of(separate: bool) -> Fusion {
+    let untrained = Fusion::untrained(&FusionConfig { widths: SMALL, separate }, 7).unwrap();
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let mut parameters = untrained.parameters();
     for parameter in &mut parameters {
@@ -357,6 +367,39 @@ fn what_is_not_given_has_no_part() {
         stored[at::SAMPLES..at::TRUTH].iter_mut().for_each(|v| *v = noise.random());
     }
     assert!(without == network.render(&record).unwrap());
+}
+
+/// Weights of one U-Net may be the start of both. Then each learns from its own frames alone.
+#[test]
+fn one_network_becomes_two() {
+    let (joint, folder) = (random_of(false), tempfile::tempdir().unwrap());
+    let both = FusionConfig { widths: SMALL, separate: true };
+    let apart = joint.fitted(&both).unwrap();
+    assert_eq!((apart.header().fusion.clone(), both.values()), (both.clone(), count(&apart)));
+    assert_eq!(FusionConfig { separate: false, ..both.clone() }.values(), count(&joint));
+    let traced = toy(3);
+    let plain = Record { parts: [0; PARTS], neighbours: [0; NEIGHBOURS], ..traced.clone() };
+    for record in [&traced, &plain] {
+        assert!(joint.render(record).unwrap() == apart.render(record).unwrap());
+    }
+    for other in [FusionConfig { separate: false, ..both.clone() }, FusionConfig { widths: [16, 16, 16, 32], ..both.clone() }] {
+        let error = apart.fitted(&other).unwrap_err().to_string();
+        assert!(error.contains("another network"), "{error}");
+    }
+
+    let config = Config { tiers: vec!["deferred".into(), "deferred+keys".into()], ..config(folder.path(), 3) };
+    let summary = learn_from(&config, Some(&joint), &[], &NetworkDevice::cpu(), u64::MAX);
+    let learned = Fusion::load(&summary.weights).unwrap();
+    let halved = folder.path().join("halved.safetensors");
+    apart.save(&halved, Precision::F16).unwrap();
+    let before = Fusion::load(&halved).unwrap();
+    assert!(before.render(&traced).unwrap() == learned.render(&traced).unwrap());
+    assert!(before.render(&plain).unwrap() != learned.render(&plain).unwrap());
+}
+
+/// Number of values in the parameters of a network.
+fn count(network: &Fusion) -> usize {
+    network.parameters().iter().map(|parameter| parameter.values.len()).sum()
 }
 
 #[test]

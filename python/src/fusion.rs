@@ -173,8 +173,8 @@ pub struct Network {
     network: Fusion,
 }
 
-fn header(widths: [usize; LEVELS], steps: u64, seed: u64) -> Header {
-    Header { fusion: FusionConfig { widths }, steps, seed }
+fn header(widths: [usize; LEVELS], separate: bool, steps: u64, seed: u64) -> Header {
+    Header { fusion: FusionConfig { widths, separate }, steps, seed }
 }
 
 #[pymethods]
@@ -188,19 +188,20 @@ impl Network {
 
     /// Random weights, which the program begins with in a run with this seed.
     #[staticmethod]
-    fn untrained(widths: [usize; LEVELS], seed: u64) -> PyResult<Self> {
-        Ok(Self { network: Fusion::fresh(header(widths, 0, seed)).map_err(failed)? })
+    fn untrained(widths: [usize; LEVELS], separate: bool, seed: u64) -> PyResult<Self> {
+        Ok(Self { network: Fusion::fresh(header(widths, separate, 0, seed)).map_err(failed)? })
     }
 
     /// The network with the parameters in arrays, whose names and shapes must be those of [`Self::parameters`].
     #[staticmethod]
     fn of(
         widths: [usize; LEVELS],
+        separate: bool,
         steps: u64,
         seed: u64,
         arrays: HashMap<String, PyReadonlyArrayDyn<'_, f32>>,
     ) -> PyResult<Self> {
-        let fresh = Fusion::fresh(header(widths, steps, seed)).map_err(failed)?;
+        let fresh = Fusion::fresh(header(widths, separate, steps, seed)).map_err(failed)?;
         let mut parameters = Vec::new();
         for Parameter { name, shape, .. } in fresh.parameters() {
             let array = arrays.get(&name).ok_or_else(|| PyValueError::new_err(format!("{name}: missing")))?;
@@ -220,6 +221,12 @@ impl Network {
     #[getter]
     fn widths(&self) -> [usize; LEVELS] {
         self.network.header().fusion.widths
+    }
+
+    /// Whether frames without samples have a U-Net of their own.
+    #[getter]
+    fn separate(&self) -> bool {
+        self.network.header().fusion.separate
     }
 
     /// Number of training steps.

@@ -22,11 +22,13 @@ pub const MULTIPLE: usize = 16;
 pub struct FusionConfig {
     /// Channels of each level: multiples of 16, at most 1024.
     pub widths: [usize; LEVELS],
+    /// Whether frames without samples have a U-Net of their own.
+    pub separate: bool,
 }
 
 impl Default for FusionConfig {
     fn default() -> Self {
-        Self { widths: [48, 64, 96, 128] }
+        Self { widths: [48, 64, 96, 128], separate: true }
     }
 }
 
@@ -34,22 +36,37 @@ impl FusionConfig {
     /// Checks every option.
     ///
     /// # Errors
-    /// [`Error::Config`] naming the option.
+    /// [`Error::Config`](crate::Error::Config) naming the option.
     pub fn validate(&self) -> Result<()> {
         unet::check_widths(&self.widths)
     }
 
     /// Number of values in all parameters.
     pub fn values(&self) -> usize {
-        let w = self.widths;
-        let stem = conv_values(3, 4 * CHANNELS.iter().sum::<usize>(), w[0]);
-        stem + unet::values(&w) + conv_values(1, w[0], head::FINE) + conv_values(1, w[1], KERNEL)
+        let own = if self.separate { Branch::values(&self.widths, PLAIN) } else { 0 };
+        Branch::values(&self.widths, Groups::ALL) + own
     }
 }
+
+/// The groups of frames without samples.
+const PLAIN: Groups = Groups { samples: false, neighbours: false, denoised: false, ..Groups::ALL };
+
+/// What the names of the parameters of each U-Net begin with.
+pub(super) const SAMPLED_PREFIX: &str = "sampled.";
+pub(super) const PLAIN_PREFIX: &str = "plain.";
 
 /// The network.
 #[derive(Module, Debug)]
 pub struct FusionNet {
+    /// For frames with samples. If it is the only one, it is for all frames.
+    pub sampled: Branch,
+    /// For frames without samples.
+    pub plain: Option<Branch>,
+}
+
+/// One U-Net.
+#[derive(Module, Debug)]
+pub struct Branch {
     /// From the pixel-unshuffled inputs of all groups to the first level.
     pub stem: Conv,
     /// From each level to the next, with stride 2.
@@ -62,8 +79,8 @@ pub struct FusionNet {
     pub up: Vec<Refine>,
     /// Outputs at half size.
     pub fine: Conv,
-    /// Outputs at quarter size: kernels of the coarsest scale.
-    pub coarse: Conv,
+    /// Outputs at quarter size: kernels of the coarsest scale. Frames without samples have none.
+    pub coarse: Option<Conv>,
 }
 
 /// The outputs of the network; see [`head`] for the meaning of the channels.
@@ -83,38 +100,49 @@ impl FusionNet {
     pub fn new(config: &FusionConfig, seed: u64, device: &Device) -> Result<Self> {
         config.validate()?;
         let init = &mut Init::new(seed, device);
-        let w = config.widths;
-        let inputs: usize = 4 * CHANNELS.iter().sum::<usize>();
-        // About half of the groups are given at a time.
-        let stem = Conv::new(init, 3, inputs, w[0], 1.4);
-        let Layers { reduce, down, enter, up } = Layers::new(init, &w);
-        Ok(Self {
-            stem,
-            reduce,
-            down,
-            enter,
-            up,
-            fine: Conv::new(init, 1, w[0], head::FINE, 0.0),
-            coarse: Conv::new(init, 1, w[1], KERNEL, 0.0),
-        })
+        let sampled = Branch::new(init, &config.widths, Groups::ALL);
+        Ok(Self { sampled, plain: config.separate.then(|| Branch::new(init, &config.widths, PLAIN)) })
     }
 
     /// Runs the network on pixel-unshuffled inputs `[b, h/2, w/2, 4 groups.channels()]`. h and w are multiples of [`MULTIPLE`].
     pub fn forward(&self, products: Products, x: Tensor<4>, groups: Groups) -> Outputs {
+        self.plain.as_ref().filter(|_| !groups.samples).unwrap_or(&self.sampled).forward(products, x, groups)
+    }
+}
+
+impl Branch {
+    /// Random weights for frames with some of the groups `most`; the outputs are 0.
+    fn new(init: &mut Init, w: &[usize; LEVELS], most: Groups) -> Self {
+        // About half of the groups are given at a time.
+        let stem = Conv::new(init, 3, 4 * most.channels(), w[0], 1.4);
+        let Layers { reduce, down, enter, up } = Layers::new(init, w);
+        let fine = Conv::new(init, 1, w[0], head::fine(most), 0.0);
+        let coarse = most.samples.then(|| Conv::new(init, 1, w[1], KERNEL, 0.0));
+        Self { stem, reduce, down, enter, up, fine, coarse }
+    }
+
+    /// Number of values in all parameters of [`Self::new`].
+    fn values(w: &[usize; LEVELS], most: Groups) -> usize {
+        let coarse = if most.samples { conv_values(1, w[1], KERNEL) } else { 0 };
+        conv_values(3, 4 * most.channels(), w[0]) + unet::values(w) + conv_values(1, w[0], head::fine(most)) + coarse
+    }
+
+    fn forward(&self, products: Products, x: Tensor<4>, groups: Groups) -> Outputs {
         let x = ops::conv_by(products, x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
         let layers = unet::View { reduce: &self.reduce, down: &self.down, enter: &self.enter, up: &self.up };
         let mut levels = layers.forward(products, x).into_iter();
         let (half, quarter) = (levels.next().expect("the finest level"), levels.next());
         let outputs = head::fine(groups);
         let (weight, bias) = (self.fine.weight.val().narrow(3, 0, outputs), self.fine.bias.val().narrow(0, 0, outputs));
+        let coarse = self.coarse.as_ref().filter(|_| groups.samples).zip(quarter);
         Outputs {
             fine: ops::conv_by(products, half, weight, bias, Stride::One, false),
-            coarse: quarter.filter(|_| groups.samples).map(|x| self.coarse.forward(products, x, Stride::One, false)),
+            coarse: coarse.map(|(coarse, x)| coarse.forward(products, x, Stride::One, false)),
         }
     }
 }
 
-/// The weights of the inputs that are given. The other inputs would be zeros.
+/// The weights of the inputs that are given. The other inputs would be zeros. The groups that come last may have no weights.
 fn stem_of(weight: &Param<Tensor<4>>, groups: Groups) -> Tensor<4> {
     let weight = weight.val();
     let mut parts = Vec::new();

@@ -37,8 +37,6 @@ const MIXED: usize = CANDIDATES + 2;
 const BASE: usize = CANDIDATES + TERMS + 3;
 const TRACED: usize = KERNEL + SCALES + 3;
 const MERGE: usize = 1 + NEIGHBOURS;
-/// Number of outputs at half size with all groups: four pixels, and the kernel of scale 2.
-pub const FINE: usize = 4 * (BASE + TRACED + MERGE) + KERNEL;
 
 /// Largest absolute logarithm of a factor.
 const MOST: f32 = 4.0;
@@ -53,7 +51,7 @@ const FINEST: f32 = 1.0;
 /// Coverage up to here counts as none.
 const NOTHING: f32 = 1e-6;
 
-/// Number of outputs at half size for these groups.
+/// Number of outputs at half size for these groups: four pixels, and with samples the kernel of scale 2.
 pub fn fine(groups: Groups) -> usize {
     let traced = if groups.samples { 4 * TRACED + KERNEL } else { 0 };
     4 * BASE + traced + if groups.neighbours { 4 * MERGE } else { 0 }

@@ -89,6 +89,9 @@ pub struct Groups {
 pub const CHANNELS: [usize; 6] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS, 3];
 
 impl Groups {
+    /// All groups.
+    pub const ALL: Self = Self { deferred: true, keys: true, samples: true, neighbours: true, denoised: true };
+
     /// Whether each group of [`CHANNELS`] is given.
     pub fn flags(self) -> [bool; 6] {
         [true, self.deferred, self.keys, self.samples, self.neighbours, self.denoised]

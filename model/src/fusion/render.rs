@@ -1,7 +1,7 @@
 //! Inference: the network renders the frame of a record.
 
 use super::batch::{Augmentation, Batch, Window};
-use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
+use super::graph::{self, FusionConfig, FusionNet, MULTIPLE, Outputs};
 use super::record::{Record, Selection, Stored};
 use crate::network::trained::{Described, Trained};
 use crate::ops::Products;
@@ -83,6 +83,28 @@ impl Trained<FusionNet> {
         Self::fresh(Header { fusion: config.clone(), steps: 0, seed })
     }
 
+    /// This network with the configuration `config`: itself, or both of its U-Nets with the weights of its only one.
+    ///
+    /// # Errors
+    /// [`Error::Config`] where the configurations differ in anything else.
+    pub fn fitted(&self, config: &FusionConfig) -> Result<Self> {
+        let header = Header { fusion: config.clone(), ..self.header().clone() };
+        if *self.header() == header {
+            return Ok(self.clone());
+        }
+        if self.header().fusion != (FusionConfig { separate: false, ..config.clone() }) {
+            return Err(Error::config("network", "the weights to begin with are of another network"));
+        }
+        let own = self.parameters();
+        let mut parameters = Self::fresh(header.clone())?.parameters();
+        for parameter in &mut parameters {
+            let name = parameter.name.replacen(graph::PLAIN_PREFIX, graph::SAMPLED_PREFIX, 1);
+            let from = own.iter().find(|other| other.name == name).expect("the U-Net for all frames has every layer");
+            parameter.values = first_of(&from.values, &from.shape, &parameter.shape);
+        }
+        Self::with_parameters(header, &parameters)
+    }
+
     /// Renders the frame of a record from all of its inputs. The result is exposed linear radiance.
     ///
     /// # Errors
@@ -148,6 +170,16 @@ impl Trained<FusionNet> {
     }
 }
 
+/// The values of a tensor of shape `from` whose indices lie in the smaller shape `to`.
+fn first_of(values: &[f32], from: &[usize], to: &[usize]) -> Vec<f32> {
+    match (from.split_first(), to.split_first()) {
+        (Some((&rows, from)), Some((&kept, to))) => {
+            values.chunks_exact(values.len() / rows).take(kept).flat_map(|row| first_of(row, from, to)).collect()
+        }
+        _ => values.to_vec(),
+    }
+}
+
 /// Side of the largest tile with so many input `channels` whose tensors a device takes. The `largest` tensor is in bytes.
 fn largest_tile(channels: usize, largest: u64) -> usize {
     let bytes = |side: usize| (SHARE_OF_LARGEST * size_of::<f32>() * channels * (side + 2 * MARGIN).pow(2)) as u64;
@@ -197,7 +229,7 @@ mod tests {
         record.neighbours = [2; NEIGHBOURS];
         record.denoised = [true; PICTURES];
         // No weight is 0, so that distant pixels have an influence.
-        let fresh = Fusion::untrained(&FusionConfig { widths: [16; 4] }, 5).expect("a network");
+        let fresh = Fusion::untrained(&FusionConfig { widths: [16; 4], separate: true }, 5).expect("a network");
         let mut parameters = fresh.parameters();
         for parameter in &mut parameters {
             parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1));

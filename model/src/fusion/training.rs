@@ -216,8 +216,7 @@ pub fn run(
     let device = context.autodiff();
     let model = match start {
         None => FusionNet::new(&config.network, config.run.seed, &device)?,
-        Some(start) if start.header().fusion == config.network => start.on(&device)?,
-        Some(_) => return Err(Error::config("network", "the weights to begin with are of another size")),
+        Some(start) => start.fitted(&config.network)?.on(&device)?,
     };
     let tiers = batch::tiers(&config.tiers)?;
     let runner = Runner { config, data: Some(source.identity()), context };

@@ -38,10 +38,10 @@ pub struct Slot {
 
 impl Slot {
     /// Updates the value by AdamW.
-    fn update_adamw(&mut self, gradient: &Direction, pace: &Pace) {
+    fn update_adamw(&mut self, gradient: &[f32], pace: &Pace) {
         let decay = if self.parameter.shape.len() > 1 { 1.0 - pace.learning_rate * pace.weight_decay } else { 1.0 };
         for i in 0..self.first.len() {
-            let g = gradient.at(i);
+            let g = gradient[i] * pace.clip;
             let m = BETA[0] * self.first[i] + (1.0 - BETA[0]) * g;
             let v = BETA[1] * self.second[i] + (1.0 - BETA[1]) * g * g;
             self.first[i] = m;
@@ -52,10 +52,10 @@ impl Slot {
     }
 
     /// Updates the value by Muon: along the orthogonal matrix nearest to the Nesterov momentum.
-    fn update_muon(&mut self, gradient: &Direction, [rows, columns]: [usize; 2], pace: &Pace) {
+    fn update_muon(&mut self, gradient: &[f32], [rows, columns]: [usize; 2], pace: &Pace) {
         let momentum: Vec<f32> = (0..self.first.len())
             .map(|i| {
-                let g = gradient.at(i);
+                let g = gradient[i] * pace.clip;
                 self.first[i] = MOMENTUM * self.first[i] + (1.0 - MOMENTUM) * g;
                 MOMENTUM * self.first[i] + (1.0 - MOMENTUM) * g
             })
@@ -65,20 +65,6 @@ impl Slot {
         for (value, along) in self.parameter.values.iter_mut().zip(nearest_orthogonal(&momentum, [rows, columns])) {
             *value = decay * *value - length * along;
         }
-    }
-}
-
-/// The clipped gradient of one parameter.
-struct Direction<'a> {
-    /// `None` counts as zeros.
-    gradient: Option<&'a [f32]>,
-    /// Factor that clips the norm of all gradients together.
-    scale: f32,
-}
-
-impl Direction<'_> {
-    fn at(&self, i: usize) -> f32 {
-        self.gradient.map_or(0.0, |gradient| gradient[i]) * self.scale
     }
 }
 
@@ -137,17 +123,30 @@ fn nearest_orthogonal(values: &[f32], shape: [usize; 2]) -> Vec<f32> {
 
 /// Approximates the semi-orthogonal matrix nearest to `x`, a matrix whose Euclidean norm is 1: singular values come out between
 /// 0.7 and 1.2. Zeros stay zeros.
+///
+/// Each iteration multiplies `x` from the left by a polynomial `p` of `g`, the product of `x` and its transpose, so that `g`
+/// becomes `p g p`. All of these commute. The iterations are therefore carried out on square matrices of the shorter side, and
+/// `x` is multiplied once, by the product `q` of all polynomials.
 pub(super) fn orthogonal(x: Tensor<2>) -> Tensor<2> {
     let [rows, columns] = x.dims();
-    // With the shorter side first, the products below are small.
     let tall = rows > columns;
-    let mut x = if tall { x.transpose() } else { x };
+    let x = if tall { x.transpose() } else { x };
+    let one = Tensor::eye(rows.min(columns), &x.device());
+    let mut g = x.clone().matmul(x.clone().transpose());
+    let mut q: Option<Tensor<2>> = None;
     let [a, b, c] = POLYNOMIAL;
-    for _ in 0..ITERATIONS {
-        let square = x.clone().matmul(x.clone().transpose());
-        let along = square.clone().mul_scalar(b) + square.clone().matmul(square).mul_scalar(c);
-        x = x.clone().mul_scalar(a) + along.matmul(x);
+    for iteration in 1..=ITERATIONS {
+        let square = g.clone().matmul(g.clone());
+        let p = one.clone().mul_scalar(a) + g.clone().mul_scalar(b) + square.mul_scalar(c);
+        if iteration < ITERATIONS {
+            g = p.clone().matmul(p.clone().matmul(g));
+        }
+        q = Some(match q {
+            Some(q) => p.matmul(q),
+            None => p,
+        });
     }
+    let x = q.map_or(x.clone(), |q| q.matmul(x));
     if tall { x.transpose() } else { x }
 }
 
@@ -170,8 +169,8 @@ impl Optimizer {
         Self { slots: parameters.into_iter().map(slot).collect(), steps: 0 }
     }
 
-    /// Takes one step at this learning rate and returns the norm of the gradient before clipping. A missing gradient counts as
-    /// zero. Of `run`, the method, the weight decay, the largest norm and the decay of the average are read.
+    /// Takes one step at this learning rate and returns the norm of the gradient before clipping. A parameter whose gradient is
+    /// missing stays as it is, with its moments and its average. Of `run`, the method, the weight decay, the largest norm and the decay of the average are read.
     ///
     /// # Errors
     /// The name of the first parameter whose gradient is not finite. Nothing is changed then.
@@ -187,10 +186,10 @@ impl Optimizer {
         self.steps += 1;
         let pace = Pace::new(self.steps, norm, learning_rate, run);
         self.slots.par_iter_mut().zip(gradients).for_each(|(slot, gradient)| {
-            let direction = Direction { gradient: gradient.as_deref(), scale: pace.clip };
+            let Some(gradient) = gradient else { return };
             match matrix(&slot.parameter.shape).filter(|_| run.optimizer == Method::Muon) {
-                Some(matrix) => slot.update_muon(&direction, matrix, &pace),
-                None => slot.update_adamw(&direction, &pace),
+                Some(matrix) => slot.update_muon(gradient, matrix, &pace),
+                None => slot.update_adamw(gradient, &pace),
             }
             for (average, value) in slot.average.iter_mut().zip(&slot.parameter.values) {
                 *average = pace.ema * *average + (1.0 - pace.ema) * value;

@@ -160,18 +160,17 @@ impl DeviceOptimizer {
         self.steps += 1;
         let pace = Pace::new(self.steps, norm, learning_rate, run);
         for (slot, gradient) in self.slots.iter_mut().zip(gradients) {
-            slot.update(gradient.as_ref(), &pace, run.optimizer);
+            if let Some(gradient) = gradient {
+                slot.update(gradient, &pace, run.optimizer);
+            }
         }
         Ok(norm)
     }
 }
 
 impl DeviceSlot {
-    fn update(&mut self, gradient: Option<&Tensor<1>>, pace: &Pace, method: Method) {
-        let gradient = match gradient {
-            Some(gradient) => gradient.clone().mul_scalar(pace.clip),
-            None => self.value.zeros_like(),
-        };
+    fn update(&mut self, gradient: &Tensor<1>, pace: &Pace, method: Method) {
+        let gradient = gradient.clone().mul_scalar(pace.clip);
         let decayed = |value: Tensor<1>| value.mul_scalar(1.0 - pace.learning_rate * pace.weight_decay);
         match optimizer::matrix(&self.shape).filter(|_| method == Method::Muon) {
             Some([rows, columns]) => {

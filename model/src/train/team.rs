@@ -162,15 +162,16 @@ impl Team {
         Ok(true)
     }
 
-    /// Replaces the loss, its terms and the gradients of the own share of a batch by the means over all shares. A missing
-    /// gradient counts as zero. `sizes` are those of the parameters; gradients come back on `device`.
+    /// Replaces the loss, its terms and the gradients of the own share of a batch by the means over all shares. The same
+    /// gradients are missing in all of them, and stay missing. `sizes` are those of the parameters; gradients come back on
+    /// `device`.
     pub(super) fn mean(&self, result: &mut StepResult, sizes: &[usize], format: Gradients, device: &Device) -> Result<()> {
         let Some(links) = &self.links else { return Ok(()) };
         let mut flat = Vec::with_capacity(sizes.iter().sum());
-        for (gradient, size) in result.gradients.iter_mut().zip(sizes) {
-            match gradient.take() {
-                Some(values) => flat.extend(parameters::read(values)?),
-                None => flat.resize(flat.len() + size, 0.0),
+        let present: Vec<bool> = result.gradients.iter().map(Option::is_some).collect();
+        for gradient in &mut result.gradients {
+            if let Some(values) = gradient.take() {
+                flat.extend(parameters::read(values)?);
             }
         }
         // Whether values are finite must be known to all, and NaN is no maximum.
@@ -178,10 +179,11 @@ impl Team {
         let named = || result.terms.iter().chain(&result.squares);
         let mut hasher = DefaultHasher::new();
         named().for_each(|(name, _)| name.hash(&mut hasher));
+        present.hash(&mut hasher);
         let all = self.gather(&[hasher.finish(), named().count() as u64, largest.to_bits().into()])?;
         let all: Vec<&[u64]> = all.chunks_exact(3).collect();
         if all.iter().any(|of| of[..2] != all[0][..2]) {
-            return Err(Error::Team { reason: "the processes have different terms of the loss".into() });
+            return Err(Error::Team { reason: "the processes have different terms of the loss, or gradients".into() });
         }
         let largest = all.iter().map(|of| f32::from_bits(of[2] as u32)).fold(0.0, f32::max);
 
@@ -199,7 +201,8 @@ impl Team {
             }
         }
         let mut rest = flat.as_slice();
-        for (gradient, size) in result.gradients.iter_mut().zip(sizes) {
+        let given = result.gradients.iter_mut().zip(sizes).zip(present).filter(|(_, present)| *present);
+        for ((gradient, size), _) in given {
             let (values, behind) = rest.split_at(*size);
             (*gradient, rest) = (Some(Tensor::from_data(values, device)), behind);
         }

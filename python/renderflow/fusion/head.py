@@ -31,7 +31,6 @@ CANDIDATES = 2 + KEYS
 BASE = CANDIDATES + TERMS + 3
 TRACED = KERNEL + SCALES + 3
 MERGE = 1 + NEIGHBOURS
-FINE = 4 * (BASE + TRACED + MERGE) + KERNEL
 
 # Largest absolute logarithm of a factor.
 MOST = 4.0

@@ -19,6 +19,10 @@ WIDTHS = (48, 64, 96, 128)
 # Channels per pixel of each group: G-buffer, deferred, keys, samples, neighbours, denoised.
 _CHANNELS = (13, 18, 10, 11, 20, 3)
 
+# All groups, and those of frames without samples.
+_ALL = Groups(True, True, True, True, True)
+_PLAIN = Groups(True, True, False, False, False)
+
 
 @dataclasses.dataclass(frozen=True)
 class Outputs:
@@ -45,16 +49,62 @@ def _conv(inputs: int, outputs: int, stride: int = 1) -> nn.Conv2d:
     return nn.Conv2d(inputs, outputs, 3, stride, padding=1)
 
 
+class _UNet(nn.Module):
+    """The layers for frames with some of the groups ``most``."""
+
+    def __init__(self, w: tuple[int, ...], most: Groups) -> None:
+        super().__init__()
+        levels = len(w)
+        downwards = range(levels - 2, -1, -1)
+        self.stem = _conv(4 * sum(count for count, given in zip(_CHANNELS, (True, *most)) if given), w[0])
+        self.reduce = nn.ModuleList(_conv(w[level - 1], w[level], 2) for level in range(1, levels))
+        self.down = nn.ModuleList(_Refine(width) for width in w)
+        self.enter = nn.ModuleList(_conv(w[level + 1] + w[level], w[level]) for level in downwards)
+        self.up = nn.ModuleList(_Refine(w[level]) for level in downwards)
+        self.fine = nn.Conv2d(w[0], head.outputs(most), 1)
+        self.coarse = nn.Conv2d(w[1], head.KERNEL, 1) if most.samples else None
+
+    def forward(self, batch: Batch) -> Outputs:
+        groups = batch.groups
+        x = batch.input.permute(0, 3, 1, 2)
+        x = F.silu(F.conv2d(x, self._stem_weight(groups), self.stem.bias, padding=1))
+        skips = []
+        for level, down in enumerate(self.down):
+            if level > 0:
+                skips.append(x)
+                x = F.silu(self.reduce[level - 1](x))
+            x = down(x)
+        quarter = x
+        for enter, up in zip(self.enter, self.up):
+            quarter = x
+            x = torch.cat([F.interpolate(x, scale_factor=2.0, mode="nearest"), skips.pop()], 1)
+            x = up(F.silu(enter(x)))
+        count = head.outputs(groups)
+        fine = F.conv2d(x, self.fine.weight[:count], self.fine.bias[:count])
+        coarse = self.coarse(quarter).permute(0, 2, 3, 1) if self.coarse is not None and groups.samples else None
+        return Outputs(fine.permute(0, 2, 3, 1), coarse)
+
+    def _stem_weight(self, groups: Groups) -> Tensor:
+        """The weights of the inputs that are given. The other inputs would be zeros, and the last may have no weights."""
+        parts, start = [], 0
+        for channels, given in zip(_CHANNELS, (True, *groups)):
+            if given:
+                parts.append(self.stem.weight[:, 4 * start : 4 * (start + channels)])
+            start += channels
+        return torch.cat(parts, 1)
+
+
 class Fusion(nn.Module):
-    """The fusion network. ``widths`` are the channels of its four levels, multiples of 16 up to 1024.
+    """The fusion network. ``widths`` are the channels of its four levels, multiples of 16 up to 1024. Where it is ``separate``,
+    frames without samples have a U-Net of their own.
 
     A new network has the initial weights of the program's own training with this seed, and returns the best of its input
     pictures. Raises :class:`renderflow.Error` where a width is invalid.
     """
 
-    def __init__(self, widths: Iterable[int] = WIDTHS, seed: int = 1) -> None:
+    def __init__(self, widths: Iterable[int] = WIDTHS, seed: int = 1, separate: bool = True) -> None:
         super().__init__()
-        self._fill(_native.Network.untrained(list(widths), seed))
+        self._fill(_native.Network.untrained(list(widths), separate, seed))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Fusion:
@@ -82,15 +132,9 @@ class Fusion(nn.Module):
         self.steps: int = native.steps
         """Number of training steps, which a weights file records. Whoever trains the network counts them here."""
         self.seed: int = native.seed
-        w, levels = self.widths, len(self.widths)
-        downwards = range(levels - 2, -1, -1)
-        self.stem = _conv(4 * sum(_CHANNELS), w[0])
-        self.reduce = nn.ModuleList(_conv(w[level - 1], w[level], 2) for level in range(1, levels))
-        self.down = nn.ModuleList(_Refine(width) for width in w)
-        self.enter = nn.ModuleList(_conv(w[level + 1] + w[level], w[level]) for level in downwards)
-        self.up = nn.ModuleList(_Refine(w[level]) for level in downwards)
-        self.fine = nn.Conv2d(w[0], head.FINE, 1)
-        self.coarse = nn.Conv2d(w[1], head.KERNEL, 1)
+        self.separate: bool = native.separate
+        self.sampled = _UNet(self.widths, _ALL)
+        self.plain = _UNet(self.widths, _PLAIN) if self.separate else None
         # The program stores kernels as (rows, columns, inputs, outputs).
         values = {name: torch.from_numpy(array) for name, array in native.parameters().items()}
         self.load_state_dict({name: v.permute(3, 2, 0, 1) if v.ndim == 4 else v for name, v in values.items()})
@@ -101,7 +145,7 @@ class Fusion(nn.Module):
         for name, value in self.state_dict().items():
             value = value.detach().float().cpu()
             arrays[name] = (value.permute(2, 3, 1, 0) if value.ndim == 4 else value).contiguous().numpy()
-        return _native.Network.of(list(self.widths), self.steps, self.seed, arrays)
+        return _native.Network.of(list(self.widths), self.separate, self.steps, self.seed, arrays)
 
     def save(self, path: str | os.PathLike[str], half: bool = True) -> None:
         """Writes a weights file that the program reads, in half precision or, without ``half``, in single precision.
@@ -112,30 +156,8 @@ class Fusion(nn.Module):
         self._native().save(os.fspath(path), half)
 
     def outputs(self, batch: Batch) -> Outputs:
-        """Runs the U-Net."""
-        groups = batch.groups
-        x = batch.input.permute(0, 3, 1, 2)
-        x = F.silu(F.conv2d(x, self._stem_weight(groups), self.stem.bias, padding=1))
-        skips = []
-        for level, down in enumerate(self.down):
-            if level > 0:
-                skips.append(x)
-                x = F.silu(self.reduce[level - 1](x))
-            x = down(x)
-        quarter = x
-        for enter, up in zip(self.enter, self.up):
-            quarter = x
-            x = torch.cat([F.interpolate(x, scale_factor=2.0, mode="nearest"), skips.pop()], 1)
-            x = up(F.silu(enter(x)))
-        count = head.outputs(groups)
-        fine = F.conv2d(x, self.fine.weight[:count], self.fine.bias[:count])
-        coarse = self.coarse(quarter).permute(0, 2, 3, 1) if groups.samples else None
-        return Outputs(fine.permute(0, 2, 3, 1), coarse)
-
-    def _stem_weight(self, groups: Groups) -> Tensor:
-        """The weights of the inputs that are given. The other inputs would be zeros."""
-        parts = self.stem.weight.split([4 * channels for channels in _CHANNELS], 1)
-        return torch.cat([part for part, given in zip(parts, (True, *groups)) if given], 1)
+        """Runs the U-Net of the batch's groups."""
+        return (self.sampled if self.plain is None or batch.groups.samples else self.plain)(batch)
 
     def forward(self, batch: Batch) -> Tensor:
         """The pictures (items, height, width, 3) of a batch: exposed linear radiance, 0..65504."""
