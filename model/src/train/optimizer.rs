@@ -40,8 +40,8 @@ impl Slot {
     /// Updates the value by AdamW.
     fn update_adamw(&mut self, gradient: &[f32], pace: &Pace) {
         let decay = if self.parameter.shape.len() > 1 { 1.0 - pace.learning_rate * pace.weight_decay } else { 1.0 };
-        for i in 0..self.first.len() {
-            let g = gradient[i] * pace.clip;
+        for (i, gradient) in gradient.iter().enumerate() {
+            let g = gradient * pace.clip;
             let m = BETA[0] * self.first[i] + (1.0 - BETA[0]) * g;
             let v = BETA[1] * self.second[i] + (1.0 - BETA[1]) * g * g;
             self.first[i] = m;
