@@ -170,7 +170,8 @@ impl Optimizer {
     }
 
     /// Takes one step at this learning rate and returns the norm of the gradient before clipping. A parameter whose gradient is
-    /// missing stays as it is, with its moments and its average. Of `run`, the method, the weight decay, the largest norm and the decay of the average are read.
+    /// missing stays as it is, with its moments and its average. Of `run`, the method, the weight decay, the largest norm and the
+    /// decay of the average are read.
     ///
     /// # Errors
     /// The name of the first parameter whose gradient is not finite. Nothing is changed then.
