@@ -43,8 +43,8 @@ impl FusionConfig {
 
     /// Number of values in all parameters.
     pub fn values(&self) -> usize {
-        let own = if self.separate { Branch::values(&self.widths, PLAIN) } else { 0 };
-        Branch::values(&self.widths, Groups::ALL) + own
+        let own = if self.separate { UNet::values(&self.widths, PLAIN) } else { 0 };
+        UNet::values(&self.widths, Groups::ALL) + own
     }
 }
 
@@ -59,14 +59,14 @@ pub(super) const PLAIN_PREFIX: &str = "plain.";
 #[derive(Module, Debug)]
 pub struct FusionNet {
     /// For frames with samples. If it is the only one, it is for all frames.
-    pub sampled: Branch,
+    pub sampled: UNet,
     /// For frames without samples.
-    pub plain: Option<Branch>,
+    pub plain: Option<UNet>,
 }
 
 /// One U-Net.
 #[derive(Module, Debug)]
-pub struct Branch {
+pub struct UNet {
     /// From the pixel-unshuffled inputs of all groups to the first level.
     pub stem: Conv,
     /// From each level to the next, with stride 2.
@@ -100,8 +100,8 @@ impl FusionNet {
     pub fn new(config: &FusionConfig, seed: u64, device: &Device) -> Result<Self> {
         config.validate()?;
         let init = &mut Init::new(seed, device);
-        let sampled = Branch::new(init, &config.widths, Groups::ALL);
-        Ok(Self { sampled, plain: config.separate.then(|| Branch::new(init, &config.widths, PLAIN)) })
+        let sampled = UNet::new(init, &config.widths, Groups::ALL);
+        Ok(Self { sampled, plain: config.separate.then(|| UNet::new(init, &config.widths, PLAIN)) })
     }
 
     /// Runs the network on pixel-unshuffled inputs `[b, h/2, w/2, 4 groups.channels()]`. h and w are multiples of [`MULTIPLE`].
@@ -110,7 +110,7 @@ impl FusionNet {
     }
 }
 
-impl Branch {
+impl UNet {
     /// Random weights for frames with some of the groups `most`; the outputs are 0.
     fn new(init: &mut Init, w: &[usize; LEVELS], most: Groups) -> Self {
         // About half of the groups are given at a time.
