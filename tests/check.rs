@@ -211,7 +211,7 @@ fn weights() {
     let folder = folder();
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/fusion.safetensors");
     let values = format!("parameters {}", renderflow_model::fusion::FusionConfig::default().values());
-    accepted(&shipped, &["weights, network fusion", "tensors 32", &values]);
+    accepted(&shipped, &["weights, network fusion", "tensors 62", &values]);
     let bytes = std::fs::read(shipped).unwrap();
     refused(&file(folder.path(), "cut.safetensors", &bytes[..bytes.len() - 1000]), &["weights: "]);
     refused(
