@@ -121,7 +121,7 @@ impl Agreement {
         let found = correspond(this.frame, next.frame, Some(objects));
         let inside = found.source.pixels.iter().filter(|p| **p != [0.0; 2]).count();
         self.projected += inside as u64;
-        self.seen += found.valid.pixels.iter().filter(|v| **v > 0.0).count() as u64;
+        self.seen += found.valid.pixels.iter().filter(|v| **v >= 1.0).count() as u64;
     }
 
     fn compare(

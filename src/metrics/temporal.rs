@@ -1,7 +1,7 @@
 //! Flicker: how the error of a picture changes from one frame to the next, along the motion of the surfaces.
 
 use renderflow_frame::Frame;
-use renderflow_frame::image::Rgb;
+use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::warp::{self, Correspondence};
 
@@ -28,7 +28,7 @@ impl Pair<'_> {
     }
 }
 
-/// Mean over the valid pixels and channels of `|(picture - warp(previous picture)) - (truth - warp(previous truth))|`: how much
+/// Mean over the pixels whose surface the previous frame shows in the whole footprint, and over channels, of `|(picture - warp(previous picture)) - (truth - warp(previous truth))|`: how much
 /// more, or else, the picture changes on the surfaces than the truth does. `None` when nothing is valid or the sizes differ.
 ///
 /// It is fair to any method: what changes in the truth (highlights that travel, shadows that move) may change, and must; the
@@ -46,9 +46,10 @@ pub fn temporal(current: Pair<'_>, previous: Pair<'_>, correspondence: &Correspo
     }
     let before = warp::fetch(&previous.error(), correspondence);
     let change = current.error().pixels.into_iter().zip(before.pixels);
+    let whole = valid.pixels.iter().map(|share| f32::from(u8::from(*share >= 1.0))).collect();
     super::masked_mean(
         change.map(|(now, before)| (0..3).map(|c| f64::from((now[c] - before[c]).abs())).sum::<f64>() / 3.0),
-        valid,
+        &Image { pixels: whole, ..*valid },
     )
 }
 
@@ -56,7 +57,6 @@ pub fn temporal(current: Pair<'_>, previous: Pair<'_>, correspondence: &Correspo
 mod tests {
     use super::*;
     use glam::{Affine3A, Vec3};
-    use renderflow_frame::image::Image;
     use renderflow_frame::{Camera, FrameInfo};
 
     const WIDTH: usize = 24;
@@ -127,8 +127,8 @@ mod tests {
         let found = correspondence(&current, &previous, Movement::default());
         for x in 0..WIDTH {
             let expected = x != 5 && x != 9 && x != 10 && (x as f32) < WIDTH as f32 - 2.5;
-            assert_eq!(*found.valid.at(x, 0) > 0.0, expected, "column {x}");
-            assert_eq!(*found.valid.at(x, 1) > 0.0, (x as f32) < WIDTH as f32 - 2.5, "column {x}");
+            assert_eq!(*found.valid.at(x, 0) >= 1.0, expected, "column {x}");
+            assert_eq!(*found.valid.at(x, 1) >= 1.0, (x as f32) < WIDTH as f32 - 2.5, "column {x}");
         }
         let truth = pattern(0);
         let pair = Pair { picture: &truth, truth: &truth };

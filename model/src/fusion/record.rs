@@ -54,9 +54,10 @@ pub mod at {
     pub const SKY: usize = TERMS + 3 * super::TERMS;
     /// Visible share of the sky, of the near hemisphere, and of the strongest light.
     pub const OPEN: usize = SKY + 3;
-    /// For each keyframe, warped as a ratio to deferred shading: radiance of the surface, validity.
+    /// For each keyframe, warped as a ratio to deferred shading: radiance of the surface, and the share of the look-up that shows
+    /// this surface, 0..=1.
     pub const KEYS_SHADED: usize = OPEN + 3;
-    /// For each keyframe, warped as a ratio to the albedo: radiance of the surface, validity.
+    /// For each keyframe, warped as a ratio to the albedo: the same.
     pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
     /// For each part: radiance of the surface divided by its reflectance ([`super::tint`]), times coverage; coverage.
     pub const SAMPLES: usize = KEYS_TINTED + 4 * KEYS;
@@ -248,7 +249,7 @@ impl PixelInputs {
                 let valid = stored[from + 4 * k + 3];
                 if let (Some(age), true) = (selection.ages[k], valid > 0.0) {
                     pixel.keys[k] = three(from + 4 * k);
-                    pixel.trust[k] = -(age + 1.0 / AGE_UNIT).ln();
+                    pixel.trust[k] = valid.min(1.0).ln() - (age + 1.0 / AGE_UNIT).ln();
                 }
             }
         }
@@ -329,7 +330,7 @@ pub fn push_channels(stored: &[f32], pixel: &PixelInputs, selection: &Selection,
             // Dividing by the reflectance removes the texture, which would hide differences.
             let rgb: [f32; 3] = std::array::from_fn(|c| pixel.keys[k][c] / pixel.tint[c]);
             colour(rgb, out);
-            out.push(f32::from(u8::from(there)));
+            out.push(if there { stored[keys_at(groups) + 4 * k + 3] } else { 0.0 });
             out.push(if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(OLDEST) } else { 0.0 });
         }
     }

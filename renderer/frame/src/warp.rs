@@ -15,6 +15,8 @@ const SLOPE_TOLERANCE: f32 = 0.5;
 const MIN_NORMAL_COSINE: f32 = 0.866;
 /// Taps with less weight than this are left out, so that a still camera reads exactly one pixel in spite of rounding.
 const LEAST_WEIGHT: f32 = 1.0 / 128.0;
+/// Bits of the four taps of a bilinear look-up.
+const ALL_TAPS: u8 = 0b1111;
 /// Albedo of a pixel may differ by this, in each channel, from the albedo of the pixel that its samples come from ...
 const ALBEDO_TOLERANCE: f32 = 0.05;
 /// ... plus this share of the larger of the two.
@@ -72,8 +74,11 @@ pub fn age(distance: f32) -> f32 {
 pub struct Correspondence {
     /// Image point in the keyframe (pixels from its top left, centres at +0.5), (0, 0) where there is none.
     pub source: Image<[f32; 2]>,
-    /// 1 where depth, normal and object id agree on the whole bilinear footprint, else 0.
+    /// Share of the bilinear footprint that shows the surface, 0..=1: the sum of the weights of these taps. It is 1 where all
+    /// taps show it.
     pub valid: Image<f32>,
+    /// Whether each tap shows the surface, one bit for each: left above, right above, left below, right below.
+    taps: Image<u8>,
 }
 
 /// How objects moved between the current frame and the keyframe, see [`correspond`].
@@ -86,30 +91,33 @@ pub type ObjectMotion<'a> = dyn Fn(u32) -> Option<Affine3A> + Sync + 'a;
 /// world-space points at the current frame to where they were at the keyframe. `None`, for all objects or for one, means it did
 /// not move.
 ///
-/// A pixel is valid where its centre hit something, its point projects into the keyframe, and each tap of the bilinear footprint
-/// there shows the same object at the depth of the surface's plane (1 % and an allowance for slope) with a world-space normal
-/// within 30 degrees.
+/// A pixel has a source where its centre hit something and its point projects into the keyframe. A tap of the bilinear footprint
+/// there shows the surface if it has the same object at the depth of the surface's plane (1 % and an allowance for slope) with a
+/// world-space normal within 30 degrees. Next to silhouettes some taps do and others do not; only the former are looked up.
 pub fn correspond(current: &Frame, key: &Frame, object_motion: Option<&ObjectMotion<'_>>) -> Correspondence {
     let (width, height) = (current.width, current.height);
-    let mut out = Correspondence { source: Image::filled(width, height, [0.0; 2]), valid: Image::filled(width, height, 0.0) };
+    let mut out = Correspondence {
+        source: Image::filled(width, height, [0.0; 2]),
+        valid: Image::filled(width, height, 0.0),
+        taps: Image::filled(width, height, 0),
+    };
     let (camera, key_camera) = (&current.info.camera, &key.info.camera);
     if key.width == 0 || key.height == 0 {
         return out;
     }
     let view = KeyView { frame: key, camera: key_camera, world_to_key: key_camera.world_to_camera() };
     let row = width.max(1);
-    (out.source.pixels.par_chunks_mut(row), out.valid.pixels.par_chunks_mut(row)).into_par_iter().enumerate().for_each(
-        |(y, (source, valid))| {
-            let mut surfaces = Surfaces { current, camera, object_motion, last: None };
-            for x in 0..width {
-                let Some(surface) = surfaces.at(x, y) else { continue };
-                if let Some(point) = view.locate(surface.p_world) {
-                    source[x] = point.to_array();
-                    valid[x] = f32::from(u8::from(view.shows(point, &surface)));
-                }
+    let rows = (out.source.pixels.par_chunks_mut(row), out.valid.pixels.par_chunks_mut(row), out.taps.pixels.par_chunks_mut(row));
+    rows.into_par_iter().enumerate().for_each(|(y, (source, valid, taps))| {
+        let mut surfaces = Surfaces { current, camera, object_motion, last: None };
+        for x in 0..width {
+            let Some(surface) = surfaces.at(x, y) else { continue };
+            if let Some(point) = view.locate(surface.p_world) {
+                source[x] = point.to_array();
+                (valid[x], taps[x]) = view.shows(point, &surface);
             }
-        },
-    );
+        }
+    });
     out
 }
 
@@ -215,12 +223,12 @@ impl KeyView<'_> {
         inside.then_some(point)
     }
 
-    /// Whether the keyframe shows this surface at `point`.
-    fn shows(&self, point: Vec2, surface: &Surface) -> bool {
+    /// The taps around `point` in which the keyframe shows this surface: the share of the footprint, and a bit for each.
+    fn shows(&self, point: Vec2, surface: &Surface) -> (f32, u8) {
         let p = self.world_to_key.transform_point3a(surface.p_world);
         let n = self.world_to_key.matrix3 * surface.n_world;
         let depth = -p.z;
-        footprint(point, self.frame.width, self.frame.height).into_iter().filter(|(_, weight)| *weight > 0.0).all(|(i, _)| {
+        let shown = |i: usize| {
             let seen = self.frame.depth.pixels[i];
             if self.frame.object_id.pixels[i] != surface.id || !seen.is_finite() {
                 return false;
@@ -235,7 +243,17 @@ impl KeyView<'_> {
             let change = (plane - depth).abs().min(0.1 * depth);
             let expected = depth + change.copysign(plane - depth);
             (seen - expected).abs() <= DEPTH_TOLERANCE * depth + SLOPE_TOLERANCE * change
-        })
+        };
+        let (mut share, mut all, mut taps) = (0.0, 0.0, 0);
+        for (tap, (i, weight)) in footprint(point, self.frame.width, self.frame.height).into_iter().enumerate() {
+            all += weight;
+            // Taps without weight are not read, so they do no harm.
+            if weight <= 0.0 || shown(i) {
+                share += weight;
+                taps |= 1 << tap;
+            }
+        }
+        if share > 0.0 { (share / all, taps) } else { (0.0, 0) }
     }
 }
 
@@ -263,17 +281,33 @@ fn footprint(point: Vec2, width: usize, height: usize) -> [(usize, f32); 4] {
     ]
 }
 
-/// Bilinear value of `picture` at an image point.
-fn sample(picture: &Rgb, point: [f32; 2]) -> Vec3A {
-    footprint(Vec2::from_array(point), picture.width, picture.height)
-        .into_iter()
-        .map(|(i, weight)| if weight > 0.0 { Vec3A::from_array(picture.pixels[i]) * weight } else { Vec3A::ZERO })
-        .sum()
+/// A look-up between the pixels of a keyframe.
+#[derive(Clone, Copy)]
+struct Lookup {
+    point: [f32; 2],
+    /// The taps that are read, as in [`Correspondence`].
+    taps: u8,
 }
 
-/// Bilinear fetch of `picture` (of the keyframe) at each pixel's source; 0 where invalid.
+impl Lookup {
+    /// Bilinear value of `picture` from the taps that are read.
+    fn sample(self, picture: &Rgb) -> Vec3A {
+        let (mut sum, mut total) = (Vec3A::ZERO, 0.0);
+        let taps = footprint(Vec2::from_array(self.point), picture.width, picture.height);
+        for (_, (i, weight)) in taps.into_iter().enumerate().filter(|(tap, _)| self.taps >> tap & 1 == 1) {
+            if weight > 0.0 {
+                sum += Vec3A::from_array(picture.pixels[i]) * weight;
+                total += weight;
+            }
+        }
+        // The weights of all four taps are 1 in all, up to rounding.
+        if self.taps == ALL_TAPS || total <= 0.0 { sum } else { sum / total }
+    }
+}
+
+/// Bilinear fetch of `picture` (of the keyframe) at each pixel's source, from the taps that show the surface; 0 where none does.
 pub fn fetch(picture: &Rgb, correspondence: &Correspondence) -> Rgb {
-    per_pixel(correspondence, |_, source, valid| if valid { sample(picture, source) } else { Vec3A::ZERO })
+    per_pixel(correspondence, |_, lookup| lookup.map_or(Vec3A::ZERO, |lookup| lookup.sample(picture)))
 }
 
 /// The current start image, corrected by how far the keyframe's truth was from its own start there: `(start + e) * (key_truth +
@@ -284,12 +318,10 @@ pub fn fetch(picture: &Rgb, correspondence: &Correspondence) -> Rgb {
 /// The result is `current_start` where invalid, and exactly `key_truth` for an unmoved camera (inside the clamp).
 pub fn ratio_fetch(key_truth: &Rgb, key_start: &Rgb, current_start: &Rgb, correspondence: &Correspondence, exposure: f32) -> Rgb {
     let floor = if exposure > 0.0 && exposure.is_finite() { RATIO_FLOOR / exposure } else { RATIO_FLOOR };
-    per_pixel(correspondence, |i, source, valid| {
+    per_pixel(correspondence, |i, lookup| {
         let start = Vec3A::from_array(current_start.pixels[i]);
-        if !valid {
-            return start;
-        }
-        let ratio = (sample(key_truth, source) + floor) / (sample(key_start, source) + floor);
+        let Some(lookup) = lookup else { return start };
+        let ratio = (lookup.sample(key_truth) + floor) / (lookup.sample(key_start) + floor);
         let ratio = ratio.clamp(Vec3A::splat(1.0 / MAX_RATIO), Vec3A::splat(MAX_RATIO));
         ((start + floor) * ratio - floor).max(Vec3A::ZERO)
     })
@@ -329,12 +361,16 @@ pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) 
         })
         .collect();
     let scale = if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE };
+    let number = |name: &str, or: f32| std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(or);
+    let (least, power) = (number("RF_LEAST", 1e-6), number("RF_POWER", 1.0));
     let mix = |i: usize| {
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for (weight, picture, valid) in &warped {
             let radiance = picture.pixels[i];
             // Only surfaces are warped, and only finite radiance.
-            if frame.alpha.pixels[i] > 0.0 && valid.pixels[i] > 0.0 && radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            if frame.alpha.pixels[i] > 0.0 && valid.pixels[i] >= least && radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+                let share = valid.pixels[i].powf(power);
+                let weight = &(weight * share);
                 total += weight;
                 (0..3).for_each(|c| sum[c] += weight * (scale * radiance[c]).ln_1p());
             }
@@ -345,14 +381,14 @@ pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) 
     Rgb { width: frame.width, height: frame.height, pixels }
 }
 
-/// A picture of `f(index, source, valid)`.
-fn per_pixel(correspondence: &Correspondence, f: impl Fn(usize, [f32; 2], bool) -> Vec3A + Sync) -> Rgb {
+/// A picture of `f(index, lookup)`, without a look-up where nothing shows the surface.
+fn per_pixel(correspondence: &Correspondence, f: impl Fn(usize, Option<Lookup>) -> Vec3A + Sync) -> Rgb {
     let Image { width, height, pixels: sources } = &correspondence.source;
-    let pixels = (sources, &correspondence.valid.pixels)
+    let pixels = (sources, &correspondence.taps.pixels)
         .into_par_iter()
         .with_min_len(1024)
         .enumerate()
-        .map(|(i, (source, valid))| f(i, *source, *valid > 0.0).to_array())
+        .map(|(i, (point, taps))| f(i, (*taps != 0).then_some(Lookup { point: *point, taps: *taps })).to_array())
         .collect();
     Image { width: *width, height: *height, pixels }
 }
